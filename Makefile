@@ -1,0 +1,42 @@
+# Each target sets up .venv by itself, once; the stamp renews it when the dependencies change.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+DEMO := build/demo
+
+.PHONY: demo test bench lint format lock clean
+
+demo: $(STAMP)
+	@mkdir -p $(DEMO)
+	$(BIN)/gainroom example testbed > $(DEMO)/testbed.yaml
+	$(BIN)/gainroom joint $(DEMO)/testbed.yaml --report $(DEMO)/testbed.html
+
+test: lint
+	$(BIN)/pytest -n 2 -q
+
+lint: $(STAMP)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/pyright
+
+format: $(STAMP)
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+bench: $(STAMP)
+	$(BIN)/python -m benchmarks
+
+$(STAMP): pyproject.toml requirements-dev.lock scripts/setup.sh
+	@scripts/setup.sh $(VENV) $(PYTHON)
+	@touch $@
+
+# Newest versions that pyproject.toml allows, written down for everyone.
+lock:
+	rm -rf build/lock
+	$(PYTHON) -m venv build/lock
+	build/lock/bin/pip install -q --editable .[dev]
+	build/lock/bin/pip freeze --exclude-editable --exclude pip --exclude setuptools > requirements-dev.lock
+
+clean:
+	rm -rf $(VENV) build dist .pytest_cache .ruff_cache .hypothesis

@@ -1,0 +1,82 @@
+"""All margins of one loop: gainroom, python-control on 2000 exact frequency points, and python-control with Padé 5 for the delay."""
+
+import math
+from collections.abc import Callable
+
+import control as ct
+import numpy as np
+
+import gainroom as gr
+from gainroom.robustness import to_db
+
+from .measure import seconds
+from .table import Table
+
+POINTS = 2000  # over the four decades around the crossings
+PADE_ORDER = 5
+
+
+def example_loops() -> dict[str, gr.Loop]:
+    """theory.md's worked example first; then other kinds of loop."""
+    joint, drive = gr.ElasticJoint(0.2, 0.8, 1e4, 1.0), gr.Drive(4000.0, 0.9, 2.5e-3)
+    heavy = gr.ElasticJoint(1.0, 16.0, 1e4, 1.0)
+    soft = gr.ElasticJoint(1.0, 3.7, 100.0, 0.73, motor_viscous=3.7, link_viscous=1.1)
+    filtered = gr.PD(2000.0, 20.0, velocity_filter=gr.LowPass(1500.0, order=2), notches=(gr.Notch(250.0),))
+    return {
+        "testbed-like, T 2.5 ms": gr.build_loop(joint, drive, gr.PD(2000.0, 30.0)),
+        "Fig. 9, T 2 ms": gr.build_loop(heavy, gr.Drive(4000.0, 0.9, 2e-3), gr.PD(1e4, 300.0)),
+        "soft, P only, T 2 ms": gr.build_loop(soft, gr.Drive(delay=2e-3), gr.PD(141.0, 0.0)),
+        "PID, T 2.5 ms": gr.build_loop(joint, drive, gr.PID(1500.0, 2000.0, 25.0)),
+        "filter and notch, T 2.5 ms": gr.build_loop(joint, drive, filtered),
+    }
+
+
+def run(seed: int) -> Table:
+    """One row per loop and tool; `seed` is not used."""
+    gr.warmup()
+    table = Table("All margins of one loop")
+    for name, loop in example_loops().items():
+        exact = gr.margins(loop)
+        ours = seconds(lambda loop=loop: gr.margins(loop))
+        table.rows.append(_row(name, "gainroom", ours, ours, exact.gain_margin, exact.phase_margin, exact.delay_margin, exact))
+        for tool, work in _peers(loop, exact).items():
+            gain_margin, phase_degrees, _, _, gain_crossover, _ = work()
+            phase = math.radians(phase_degrees)
+            taken = seconds(work)
+            table.rows.append(_row(name, tool, taken, ours, gain_margin, phase, phase / gain_crossover, exact))
+    table.notes = [
+        "ratio: time of the tool / time of gainroom. Aim: at least 50 on points, at least 10 for Padé 5.",
+        "Delay margin of python-control: its phase margin over that crossing's frequency. gainroom's time also holds Ms, Mt, disk",
+        "margin, every crossing and the proof that none is missed. Errors are relative to gainroom's value, in percent.",
+    ]
+    return table
+
+
+def _peers(loop: gr.Loop, exact: gr.Margins) -> dict[str, Callable[[], tuple]]:
+    """The same zeros, poles and delay handed to python-control in its own types; only the margins are timed, with the Padé step."""
+    system = loop.scalar
+    assert system is not None
+    places = [c.omega for c in (*exact.phase_crossings, *exact.gain_crossings) if c.omega > 0]
+    middle = math.sqrt(min(places) * max(places))
+    omega = np.geomspace(middle / 100, middle * 100, POINTS)
+    points = ct.frd(loop.response(omega), omega)
+    rational = ct.zpk(system.zeros, system.poles, system.gain)
+
+    def with_pade() -> tuple:
+        return ct.stability_margins(ct.series(rational, ct.tf(*ct.pade(system.delay, PADE_ORDER))))
+
+    return {f"control, {POINTS} points": lambda: ct.stability_margins(points), f"control, Padé {PADE_ORDER}": with_pade}
+
+
+def _row(loop: str, tool: str, taken: float, ours: float, gain: float, phase: float, delay: float, exact: gr.Margins) -> dict:
+    return {
+        "loop": loop,
+        "tool": tool,
+        "time [ms]": 1e3 * taken,
+        "ratio": taken / ours,
+        "gain margin [dB]": to_db(gain),
+        "error [%]": 100 * abs(gain / exact.gain_margin - 1) if math.isfinite(exact.gain_margin) else None,
+        "phase margin [deg]": math.degrees(phase),
+        "delay margin [ms]": 1e3 * delay,
+        "error [%] ": 100 * abs(delay / exact.delay_margin - 1),
+    }

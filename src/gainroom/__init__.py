@@ -1,0 +1,87 @@
+"""gainroom: the largest stable gains of torque-controlled joints with elasticity and delay, exact and certified.
+
+The names below load on first use, so that `gainroom --help` does not wait for numpy.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .acceleration import warmup
+    from .controller import PD, PID, PPI, Compensator, LowPass, Notch
+    from .drive import Drive
+    from .errors import GainroomError
+    from .limits import GainLimit, gain_limit
+    from .loop import ClosedLoop, Loop, build_loop, closed_loop, loop_from
+    from .plant import ElasticJoint, Plant
+    from .recommend import Recommendation, Requirements, Uncertainty, recommend_pd
+    from .region import PDRegion, pd_region
+    from .robustness import Margins, margins
+    from .stability import Roots, is_stable, rightmost_roots
+    from .study import JointSpec, JointStudy, study_joint
+
+__version__ = "0.1.0"
+
+# In the order of the data flow: description, loop, verdict and margins, limits, recommendation.
+_HOME = {
+    "plant": ("ElasticJoint", "Plant"),
+    "drive": ("Drive",),
+    "controller": ("PD", "PID", "PPI", "Compensator", "LowPass", "Notch"),
+    "loop": ("Loop", "build_loop", "loop_from", "closed_loop", "ClosedLoop"),
+    "stability": ("is_stable", "rightmost_roots", "Roots"),
+    "robustness": ("margins", "Margins"),
+    "region": ("pd_region", "PDRegion"),
+    "limits": ("gain_limit", "GainLimit"),
+    "recommend": ("recommend_pd", "Recommendation", "Requirements", "Uncertainty"),
+    "study": ("study_joint", "JointSpec", "JointStudy"),
+    "acceleration": ("warmup",),
+    "errors": ("GainroomError",),
+}
+_MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
+
+__all__ = [
+    "PD",
+    "PID",
+    "PPI",
+    "ClosedLoop",
+    "Compensator",
+    "Drive",
+    "ElasticJoint",
+    "GainLimit",
+    "GainroomError",
+    "JointSpec",
+    "JointStudy",
+    "Loop",
+    "LowPass",
+    "Margins",
+    "Notch",
+    "PDRegion",
+    "Plant",
+    "Recommendation",
+    "Requirements",
+    "Roots",
+    "Uncertainty",
+    "build_loop",
+    "closed_loop",
+    "gain_limit",
+    "is_stable",
+    "loop_from",
+    "margins",
+    "pd_region",
+    "recommend_pd",
+    "rightmost_roots",
+    "study_joint",
+    "warmup",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module 'gainroom' has no attribute {name!r}")
+    value = getattr(import_module(f".{_MODULE_OF[name]}", __name__), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *__all__])

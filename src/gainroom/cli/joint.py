@@ -1,0 +1,224 @@
+"""gainroom joint: one joint, exactly."""
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ..io.numbers import decibels, digits, frequency, own_gains, plane_names, quantity, typed_gains
+from .options import AsJson, Report, command_line, report_stream
+from .output import emit, emit_json, render, table
+
+if TYPE_CHECKING:
+    from ..recommend import Recommendation
+    from ..robustness import Margins
+    from ..study import JointStudy
+
+
+def joint(
+    file: Annotated[
+        Path,
+        typer.Argument(metavar="FILE", help="A joint.yaml; `gainroom example testbed` prints one.", show_default=False),
+    ],
+    as_json: AsJson = False,
+    report: Report = None,
+) -> int:
+    """Is this joint stable, how much is left, what limits it, and which gains to use.
+
+    \b
+    Example:
+      gainroom joint joint.yaml --report joint.html
+
+    Exit status: 0 stable; 1 unstable; 2 the file or the call is wrong.
+    """
+    from ..config import load_joint
+
+    spec = load_joint(file)
+    with report_stream(report, [file]) as stream:
+        from ..study import study_joint
+
+        study = study_joint(spec)
+        if stream is not None:
+            from ..report import joint_page
+
+            stream.write(joint_page(study, command_line("joint", file, "--report", report)))
+    if as_json:
+        emit_json(_facts(study))
+    else:
+        emit(_terminal(study, report))
+    return 0 if study.margins.stable else 1
+
+
+def _facts(study: "JointStudy") -> dict[str, Any]:
+    """What --json prints."""
+    margins, requirements, rule = study.margins, study.spec.requirements, study.rule
+    sample_time, recommended = study.spec.sample_time, study.recommended
+    return {
+        "stable": margins.stable,
+        "sentence": study.sentence,
+        "model": "continuous" if sample_time is None else "sampled",
+        "sample_rate_hz": None if sample_time is None else 1 / sample_time,
+        "unstable_roots": margins.unstable_roots,
+        **_margin_facts(margins),
+        "max_kp": study.max_kp,
+        "max_kd": study.max_kd,
+        "gain_limit": study.limit.gain,
+        "lower_gain_limit": study.limit.lower_gain,
+        "limit_frequency_rad_s": study.limit.frequency,
+        "required": {
+            "gain_margin_db": None if requirements.gain_margin is None else decibels(requirements.gain_margin),
+            "phase_margin_deg": None if requirements.phase_margin is None else math.degrees(requirements.phase_margin),
+            "peak_sensitivity": requirements.peak_sensitivity,
+        },
+        "recommended": None if recommended is None else _recommended_facts(recommended),
+        "rule": {"kp": rule.kp, "kd": rule.kd, "stable": rule.margins.stable, "margins": _margin_facts(rule.margins)},
+        "warnings": list(study.warnings),
+    }
+
+
+def _recommended_facts(recommended: "Recommendation") -> dict[str, Any]:
+    controller = recommended.controller
+    gains = {name: value for name, value, _ in own_gains(controller)}
+    return {
+        **gains,
+        "controller": {"type": type(controller).__name__.lower(), **gains},
+        "plane": {"kp": recommended.kp, "kd": recommended.kd},
+        "margins": _margin_facts(recommended.worst),
+        "nominal": _margin_facts(recommended.nominal),
+        "worst_case": recommended.worst_case,
+        "binding": recommended.binding,
+        "costs": recommended.costs,
+    }
+
+
+def _margin_facts(margins: "Margins") -> dict[str, float]:
+    return {
+        "gain_margin_db": decibels(margins.gain_margin),
+        "lower_gain_margin_db": decibels(margins.lower_gain_margin),
+        "phase_crossover_rad_s": margins.phase_crossover,
+        "phase_margin_deg": math.degrees(margins.phase_margin),
+        "gain_crossover_rad_s": margins.gain_crossover,
+        "delay_margin_ms": 1e3 * margins.delay_margin,
+        "peak_sensitivity": margins.peak_sensitivity,
+        "disk_margin": margins.disk_margin,
+    }
+
+
+def _terminal(study: "JointStudy", report: Path | None) -> str:
+    sample_time = study.spec.sample_time
+    model = "continuous model" if sample_time is None else f"sampled model, {digits(1 / sample_time, 'Hz')}"
+    parts: list[Any] = [
+        study.sentence,
+        "",
+        table(f"Margins ({model})", ("", "value", "at", "required", "met"), _margin_rows(study)),
+        table("Gains", ("", *plane_names(study.spec.controller), "gain margin", "phase margin", "peak sensitivity"), _gain_rows(study)),
+    ]
+    if study.recommended is not None:
+        controller = study.recommended.controller
+        if len(controller.gain_names()) > 2:  # the table has two columns of gains
+            parts.append(f"Recommended controller: {typed_gains(controller)}.")
+        parts.append(_what_binds(study.recommended))
+    parts.append("10 Hz rule: kp = J ω², kd = 2 ζ J ω with ω = 2π·10 rad/s, ζ = 2, J the motor inertia.")
+    if report is not None:
+        parts.append(f"Report: {report}")
+    parts += [f"Warning: {warning}" for warning in study.warnings]
+    return render(*parts)
+
+
+def _what_binds(recommended: "Recommendation") -> str:
+    """Which requirement stops kp from going higher, and how far it would go without each."""
+    words = {name: "without the " + name.replace("_", " ") for name in recommended.costs} | {"uncertainty": "with exact parameters"}
+    kp_name, _ = plane_names(recommended.controller)
+    worst = ", ".join(quantity(name, value) for name, value in recommended.worst_case.items())
+    parts = [f"What binds the recommended gains: the {recommended.held_back_by()}" + (f" (tightest at {worst})." if worst else ".")]
+    felt = ", ".join(f"{digits(kp, 'N·m/rad')} {words[name]}" for name, kp in recommended.felt.items())
+    if felt:
+        parts.append(f"The largest {kp_name} would be {felt}.")
+    idle = [words[name].removeprefix("without ") for name in recommended.costs if name not in recommended.felt and name != "uncertainty"]
+    if idle:
+        parts.append(f"Dropping {' or '.join(idle)} alone changes nothing.")
+    if "uncertainty" in recommended.costs and "uncertainty" not in recommended.felt:
+        parts.append("The uncertainty costs nothing.")
+    return " ".join([*parts, f"Checked: {recommended.certificate}."])
+
+
+def _margin_rows(study: "JointStudy") -> list[tuple[str, str, str, str, str]]:
+    margins, required = study.margins, study.spec.requirements
+
+    def met(enough: bool) -> str:
+        return "yes" if margins.stable and enough else "no"
+
+    rows = [("stable", "yes" if margins.stable else "NO", "", "yes", met(True))]
+    needed = required.gain_margin
+    rows.append(
+        (
+            "gain margin",
+            digits(decibels(margins.gain_margin), "dB"),
+            frequency(margins.phase_crossover),
+            "" if needed is None else f"≥ {digits(decibels(needed), 'dB')}",
+            "" if needed is None else met(margins.gain_margin >= needed),
+        )
+    )
+    if margins.lower_gain_margin > 0:
+        rows.append(("gain may fall by", digits(-decibels(margins.lower_gain_margin), "dB"), "", "", ""))
+    needed = required.phase_margin
+    rows.append(
+        (
+            "phase margin",
+            digits(math.degrees(margins.phase_margin), "°"),
+            frequency(margins.gain_crossover),
+            "" if needed is None else f"≥ {digits(math.degrees(needed), '°')}",
+            "" if needed is None else met(abs(margins.phase_margin) >= needed),
+        )
+    )
+    rows.append(("delay margin", digits(1e3 * margins.delay_margin, "ms"), frequency(margins.delay_crossover), "", ""))
+    needed = required.peak_sensitivity
+    rows.append(
+        (
+            "peak sensitivity",
+            digits(margins.peak_sensitivity),
+            frequency(margins.peak_sensitivity_frequency),
+            "" if needed is None else f"≤ {digits(needed)}",
+            "" if needed is None else met(margins.peak_sensitivity <= needed),
+        )
+    )
+    rows.append(("disk margin", digits(margins.disk_margin), "", "", ""))
+    return rows
+
+
+def _gain_rows(study: "JointStudy") -> list[tuple[str, ...]]:
+    controller, recommended, rule = study.spec.controller, study.recommended, study.rule
+    kp_name, kd_name = plane_names(controller)
+    kp, kd = controller.plane_gains()
+    rows = [("this file's", digits(kp), digits(kd), *_margin_cells(study.margins))]
+    rows.append((f"largest {kd_name} at this {kp_name}", digits(kp), digits(study.max_kd), "", "", ""))
+    rows.append((f"largest {kp_name} of all", digits(study.max_kp), digits(_kd_at_the_top(study)), "", "", ""))
+    if recommended is not None:
+        gains = digits(recommended.kp), digits(recommended.kd)
+        if study.spec.uncertainty.names:
+            rows.append(("recommended (worst case)", *gains, *_margin_cells(recommended.worst)))
+            rows.append(("recommended (as stated)", *gains, *_margin_cells(recommended.nominal)))
+        else:
+            rows.append(("recommended", *gains, *_margin_cells(recommended.nominal)))
+    name = "10 Hz rule" if len(controller.gain_names()) == 2 else "10 Hz rule (plain PD)"
+    rows.append((name, digits(rule.kp), digits(rule.kd), *_margin_cells(rule.margins)))
+    return rows
+
+
+def _kd_at_the_top(study: "JointStudy") -> float:
+    """The kd at which the largest kp is stable; NaN where no kp is the largest or kd has no bound there."""
+    if not math.isfinite(study.max_kp):
+        return math.nan
+    (stable,) = study.region.columns(study.max_kp * (1 - 1e-6))
+    return float(stable[-1].mean()) if len(stable) and math.isfinite(stable[-1, 1]) else math.nan
+
+
+def _margin_cells(margins: "Margins") -> tuple[str, str, str]:
+    if not margins.stable:
+        return "unstable", "", ""
+    return (
+        digits(decibels(margins.gain_margin), "dB"),
+        digits(math.degrees(margins.phase_margin), "°"),
+        digits(margins.peak_sensitivity),
+    )

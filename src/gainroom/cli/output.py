@@ -1,0 +1,86 @@
+"""What every command prints with: strict JSON, numbers for people, tables, one-line messages."""
+
+import json
+import math
+import os
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+WIDTH = 100
+"""Columns, at most."""
+
+
+def one_line(text: str) -> str:
+    """`text` on one line, printable."""
+    return "".join(c if c.isprintable() else " " if c.isspace() else "?" for c in text).strip()
+
+
+def emit(text: str) -> None:
+    """`text` to standard output, which may close early without harm. Raises GainroomError on any other failure."""
+    try:
+        sys.stdout.write(text)
+        sys.stdout.flush()
+    except OSError as error:
+        # What is still buffered would fail again at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if not isinstance(error, BrokenPipeError):
+            from ..errors import GainroomError
+
+            raise GainroomError(f"standard output: {error.strerror}") from error
+
+
+def emit_json(value: Mapping[str, Any]) -> None:
+    """One strict JSON object: what is not finite (infinite margin, margin of an unstable loop) becomes null."""
+    emit(json.dumps(_strict(value), indent=2, allow_nan=False) + "\n")
+
+
+def _strict(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _strict(item) for key, item in value.items()}
+    if hasattr(value, "tolist"):  # numpy scalars and arrays
+        value = value.tolist()
+    if isinstance(value, list | tuple):
+        return [_strict(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]]) -> "Table":
+    """A quiet table: words to the left, numbers to the right; yes and no in the last column are coloured."""
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
+    result = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
+    for index, column in enumerate(columns):
+        result.add_column(column, justify="right" if index else "left", no_wrap=index > 0)
+    styles = {"yes": "bold blue", "no": "bold yellow"}  # never red against green
+    for row in rows:
+        result.add_row(*(Text(cell, style=styles.get(cell, "")) for cell in row))
+    return result
+
+
+def render(*parts: Any) -> str:
+    """Text and tables as they go to this terminal; plain where standard output is none, or NO_COLOR is set."""
+    from io import StringIO
+
+    from rich.console import Console
+
+    buffer = StringIO()
+    terminal = sys.stdout.isatty()
+    probe = Console(file=sys.stdout)
+    console = Console(
+        file=buffer,
+        width=min(WIDTH, probe.width) if terminal else WIDTH,
+        force_terminal=terminal,
+        no_color=probe.no_color or None,
+        highlight=False,
+        markup=False,
+        emoji=False,
+    )
+    for part in parts:
+        console.print(part)
+    return "\n".join(line.rstrip() for line in buffer.getvalue().splitlines()) + "\n"

@@ -1,0 +1,59 @@
+"""gainroom reproduce: the paper, row by row."""
+
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+from ..io.numbers import digits
+from .options import AsJson, Report, command_line, report_stream
+from .output import emit, emit_json, render, table
+
+if TYPE_CHECKING:
+    from ..reproduce import Row
+
+
+def reproduce(as_json: AsJson = False, report: Report = None) -> int:
+    """Compute the figures of Jung et al. (Humanoids 2017) on the spot and compare.
+
+    \b
+    Example:
+      gainroom reproduce --report reproduce.html
+    """
+    with report_stream(report) as stream:
+        from ..reproduce import run_reproduction
+
+        result = run_reproduction()
+        if stream is not None:
+            from ..reproduce.page import reproduction_page
+
+            stream.write(reproduction_page(result, command_line("reproduce", "--report", report)))
+    if as_json:
+        emit_json({"rows": [asdict(row) for row in result.rows]})
+    else:
+        emit(_terminal(result.rows))
+    return 0
+
+
+def _terminal(rows: "tuple[Row, ...]") -> str:
+    printed, further = [row.agrees for row in rows if row.printed], [row.agrees for row in rows if not row.printed]
+    cells = [(row.id, _paper(row), _cell(row.computed), row.unit, "yes" if row.agrees else "no") for row in rows]
+    notes = [f"{row.id}: {row.note}" for row in rows if row.note and not row.agrees]
+    return render(
+        f"{sum(printed)} of {len(printed)} numbers of the paper agree; {sum(further)} of {len(further)} further checks hold (in brackets).",
+        "",
+        table("Paper and computed", ("", "paper", "computed", "unit", "agrees"), cells),
+        *notes,
+    )
+
+
+def _paper(row: "Row") -> str:
+    """The paper's number or range with the tolerance; in brackets what must come out where the paper prints nothing."""
+    text = row.printed if row.is_range else _cell(row.paper)
+    if row.tolerance and not row.is_range:
+        text += f" ± {digits(row.tolerance, significant=2)}"
+    return text if row.printed else f"({text})"
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, bool):
+        return "stable" if value else "vibrates"
+    return digits(value) if isinstance(value, int | float) else "–" if value is None else str(value)

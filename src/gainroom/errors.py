@@ -1,0 +1,31 @@
+"""The one error that gainroom raises, and the checks that raise it."""
+
+import math
+
+import numpy as np
+
+
+class GainroomError(ValueError):
+    """An input or a call that gainroom cannot answer; the message is one line and names the thing, its value and what is allowed."""
+
+
+def require_positive(owner: str, name: str, value: float, unit: str = "", *, zero: bool = False, infinite: bool = False) -> float:
+    """Return `value` as a float when it is > 0 (>= 0 with `zero`) and finite (or +inf with `infinite`); raise GainroomError otherwise."""
+    allowed = f"a number {'>=' if zero else '>'} 0" + (" or inf" if infinite else "")
+    if isinstance(value, bool | str) or not np.isscalar(value) or isinstance(value, complex):
+        raise GainroomError(f"{owner}: {name} {value!r} must be {allowed}")
+    number = float(value)  # type: ignore[arg-type]
+    if math.isnan(number) or number < 0 or (number == 0 and not zero) or (math.isinf(number) and not infinite):
+        raise GainroomError(f"{owner}: {name} {number:g}{' ' + unit if unit else ''} must be {allowed}")
+    return number
+
+
+def require_finite(owner: str, name: str, value: object) -> np.ndarray:
+    """Return `value` as a float array when every element is a finite real number; raise GainroomError otherwise."""
+    try:
+        array = np.asarray(value, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise GainroomError(f"{owner}: {name} {value!r} must be a real number or an array of them") from error
+    if not np.all(np.isfinite(array)):
+        raise GainroomError(f"{owner}: {name} {value!r} must be finite")
+    return array

@@ -1,0 +1,122 @@
+"""Sections of a configuration file: what a key may hold, and one line that says what is wrong."""
+
+import difflib
+import math
+import re
+from typing import Annotated, Any, TypeVar
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, model_validator
+from pydantic_core import PydanticCustomError
+
+from ..errors import GainroomError
+from .yaml_text import shown
+
+SMALLEST, LARGEST = 1e-12, 1e12
+"""Beyond these a number in SI units is a slip of the pen, and its square may leave the range of a float."""
+
+
+def number(*, above: float | None = None, least: float | None = None, most: float = LARGEST, infinite: bool = False) -> BeforeValidator:
+    """A check: a number (no bool, no text) > `above` or >= `least`, and <= `most`; .inf only where `infinite`."""
+
+    def check(value: object) -> float:
+        if isinstance(value, str):
+            raise refusal(f"{shown(value)} is text and must be a number{_number_hint(value)}")
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise refusal(f"{shown(value)} is not a number")
+        if math.isnan(value):
+            raise refusal(f"{value} is not a number")
+        if value == math.inf and infinite:
+            return math.inf
+        if above is not None and value <= above:
+            raise refusal(f"{value} must be > {above:g}")
+        if least is not None and value < least:
+            raise refusal(f"{value} must be >= {least:g}")
+        if value > most:
+            raise refusal(f"{value} must be <= {most:g}" + (", or .inf" if infinite else ""))
+        if 0 < abs(value) < SMALLEST:
+            raise refusal(f"{value} must be >= {SMALLEST:g}" + ("" if above == 0 else ", or 0"))
+        return float(value)
+
+    return BeforeValidator(check)
+
+
+def _number_hint(text: str) -> str:
+    """What probably was meant by text in a number's place."""
+    if re.fullmatch(r"[-+]?[0-9]+,[0-9]+", text):
+        return f": the decimal sign is a point, {text.replace(',', '.')}"
+    return ", without a unit: it stands in the key's name" if text[:1].isdigit() else ""
+
+
+Positive = Annotated[float, number(above=0)]
+NotNegative = Annotated[float, number(least=0)]
+PositiveOrInfinite = Annotated[float, number(above=0, infinite=True)]
+
+
+def one_of(*words: str | int) -> BeforeValidator:
+    """A check: one of `words`, spelt exactly."""
+
+    def check(value: object) -> object:
+        if isinstance(value, bool) or value not in words:
+            nearest = difflib.get_close_matches(str(value), [str(word) for word in words], 1)
+            raise refusal(
+                f"{shown(value)} must be {' or '.join(str(word) for word in words)}" + (f"; did you mean {nearest[0]}?" if nearest else "")
+            )
+        return value
+
+    return BeforeValidator(check)
+
+
+def refusal(message: str, key: str = "") -> PydanticCustomError:
+    """An error to raise inside a check; `key` is appended to the path that the message names."""
+    return PydanticCustomError("refused", "{message}", {"message": message, "key": key})
+
+
+class Section(BaseModel):
+    """A mapping with known keys. A field's description says what a missing key would hold."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _check_keys(cls, data: Any) -> Any:
+        allowed = ", ".join(cls.model_fields)
+        if not isinstance(data, dict):
+            raise refusal(f"{shown(data)} must be a section with keys among {allowed}")
+        for key in data:
+            if key not in cls.model_fields:
+                nearest = difflib.get_close_matches(key, cls.model_fields, 1, cutoff=0.5)
+                hint = f"; did you mean {nearest[0]}?" if nearest else ""
+                raise refusal(f"unknown key{hint} (allowed: {allowed})", key=key if key.isidentifier() else shown(key))
+        for name, field in cls.model_fields.items():
+            if field.is_required() and name not in data:
+                raise refusal(f"is missing: {field.description}", key=name)
+        return data
+
+
+AnySection = TypeVar("AnySection", bound=Section)
+
+
+def validate(model: type[AnySection], data: object, source: str) -> AnySection:
+    """`data` as a `model`. Raises GainroomError about the first thing that is wrong: SOURCE: key.path: message."""
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_input=True)[0]
+        context = first.get("ctx", {})
+        path = _path(data, first["loc"], context.get("key", ""))
+        message = context["message"] if first["type"] == "refused" else f"{shown(first['input'])}: {first['msg']}"
+        raise GainroomError(": ".join(part for part in (source, path, message) if part)) from error
+
+
+def _path(data: Any, location: tuple[Any, ...], key: str) -> str:
+    """('control', 'notches', 0) and 'width' as control.notches[0].width, without pydantic's tags between."""
+    path = ""
+    for part in location:
+        if isinstance(data, list) and isinstance(part, int):
+            path += f"[{part}]"
+        elif isinstance(data, dict) and part in data:
+            path += f".{part}"
+        else:
+            continue
+        data = data[part]
+    return (f"{path}.{key}" if key else path).removeprefix(".")

@@ -1,0 +1,77 @@
+"""Numbers as a person reads them: three to four significant digits, thin spaces between thousands, always a unit."""
+
+import math
+from typing import Any
+
+THIN = "\u202f"
+
+
+def digits(value: float | None, unit: str = "", significant: int = 4) -> str:
+    """`value` with its unit; a dash where there is none."""
+    if value is None or math.isnan(value):
+        return "–"
+    if math.isinf(value):
+        return "∞" if value > 0 else "−∞"
+    rounded = float(f"{value:.{significant}g}")
+    if 1000 <= abs(rounded) < 1e7:
+        text = f"{rounded:,.0f}".replace(",", THIN)
+    elif rounded and (abs(rounded) < 1e-3 or abs(rounded) >= 1e7):
+        mantissa, exponent = f"{rounded:.{significant - 1}e}".split("e")
+        mantissa = mantissa.rstrip("0").rstrip(".") if "." in mantissa else mantissa
+        text = f"{mantissa}·10{str(int(exponent)).translate(_RAISED)}"
+    else:
+        text = f"{rounded:.{significant}g}"
+    text = text.replace("-", "−")
+    return text + (unit if unit == "°" else f" {unit}" if unit else "")
+
+
+def decibels(factor: float) -> float:
+    """20 log10 of a gain factor; −inf for 0."""
+    return 20 * math.log10(factor) if factor > 0 else -math.inf if factor == 0 else math.nan
+
+
+def hertz(omega: float, significant: int = 3) -> str:
+    """`omega` [rad/s] in Hz."""
+    return digits(omega / (2 * math.pi), "Hz", significant)
+
+
+def frequency(omega: float | None) -> str:
+    """`omega` [rad/s] in rad/s and Hz; a dash where there is none."""
+    if omega is None or not math.isfinite(omega):
+        return "–"
+    return f"{digits(omega, 'rad/s')} ({hertz(omega)})"
+
+
+def quantity(name: str, *values: float) -> str:
+    """A parameter of joint or drive (SI) by its field's name, with the unit a person expects: "delay 3 ms", or "delay 2 to 3 ms"."""
+    scale, unit = _QUANTITIES[name]
+    *first, last = values
+    return " ".join([name.replace("_", " "), *(f"{digits(scale * value)} to" for value in first), digits(scale * last, unit)])
+
+
+def own_gains(controller: Any) -> list[tuple[str, float, str]]:
+    """(name, value, unit) of a controller's own gains, in the order of its signature."""
+    units = {"kp": "N·m/rad", "kd": "N·m·s/rad", "ki": "N·m/(rad·s)", "kv": "N·m·s/rad"}
+    if hasattr(controller, "kv"):  # the P/PI cascade: kp turns position into velocity
+        units |= {"kp": "1/s", "ki": "N·m/rad"}
+    return [(name, float(getattr(controller, name)), units.get(name, "")) for name in controller.gain_names()]
+
+
+def plane_names(controller: Any) -> tuple[str, str]:
+    """What the axes of a controller's kp–kd plane are in its own gains."""
+    return ("kv·kp", "kv") if hasattr(controller, "kv") else ("kp", "kd")
+
+
+def typed_gains(controller: Any) -> str:
+    """Its own gains with units, in digits that can be typed into a file."""
+    return ", ".join(f"{name} {value:.6g} {unit}".rstrip() for name, value, unit in own_gains(controller))
+
+
+_QUANTITIES = {
+    "delay": (1e3, "ms"),
+    "stiffness": (1.0, "N·m/rad"),
+    "link_inertia": (1.0, "kg·m²"),
+    "motor_inertia": (1.0, "kg·m²"),
+    "damping": (1.0, "N·m·s/rad"),
+}
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")

@@ -1,0 +1,149 @@
+"""YAML in, with bounds: a file from anywhere costs little and says in one line what is wrong with it.
+
+Scalars are read by YAML 1.2's core rules, not PyYAML's 1.1: 1e4 is a number, `on` is a word, 010 and 1:30 are no
+numbers.
+Anchors, aliases, merge keys, duplicate keys and tags have no use in a configuration file and are refused.
+"""
+
+import math
+import os
+import re
+import stat
+from collections.abc import Hashable
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from ..errors import GainroomError
+
+MAX_BYTES = 1 << 20
+MAX_DEPTH = 20
+MAX_NODES = 20_000
+
+
+def shown(value: object, length: int = 60) -> str:
+    """`value` for a message: printable, on one line, not longer than `length`."""
+    if value is None or isinstance(value, bool):
+        return {None: "nothing", True: "true", False: "false"}[value]
+    text = ascii(value) if isinstance(value, str) and not value.isprintable() else repr(value)
+    text = "".join(c if c.isprintable() else " " for c in text)
+    return text if len(text) <= length else text[: length - 1] + "…"
+
+
+def read_text(path: Path) -> str:
+    """The text of a regular UTF-8 file of at most MAX_BYTES. Raises GainroomError."""
+    try:
+        # Opening a FIFO for reading would wait for its writer.
+        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    except FileNotFoundError as error:
+        raise GainroomError(f"{path}: no such file") from error
+    except (OSError, ValueError) as error:
+        raise GainroomError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
+    try:
+        mode = os.fstat(handle).st_mode
+        if not stat.S_ISREG(mode):
+            raise GainroomError(f"{path}: is {'a directory' if stat.S_ISDIR(mode) else 'not a regular file'}")
+        with open(handle, "rb", closefd=False) as stream:
+            content = stream.read(MAX_BYTES + 1)
+    except OSError as error:
+        raise GainroomError(f"{path}: cannot be read: {error.strerror}") from error
+    finally:
+        os.close(handle)
+    if len(content) > MAX_BYTES:
+        raise GainroomError(f"{path}: is larger than {MAX_BYTES} bytes; this is not a configuration file")
+    if b"\0" in content:
+        raise GainroomError(f"{path}: is binary, not text")
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise GainroomError(f"{path}: is not UTF-8 text (byte {error.start})") from error
+
+
+def parse_yaml(text: str, source: str) -> Any:
+    """The plain dicts, lists and scalars of a YAML text; None where it holds nothing.
+
+    `source` is named in messages. Raises GainroomError on anything malformed or out of bounds.
+    """
+    loader = None
+    try:
+        loader = _Loader(text)  # reading the first characters may already fail
+        return loader.get_single_data()
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        where = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
+        problem = " ".join((error.problem or error.context or "malformed YAML").split())
+        raise GainroomError(f"{source}: {where}{_printable(problem)}") from error
+    except yaml.reader.ReaderError as error:
+        raise GainroomError(f"{source}: character {error.position + 1} is not allowed in YAML") from error
+    except (ValueError, OverflowError) as error:
+        raise GainroomError(f"{source}: an escape names a character that does not exist") from error
+    finally:
+        if loader is not None:
+            loader.dispose()
+
+
+def _printable(text: str) -> str:
+    return "".join(c if c.isprintable() else "?" for c in text)
+
+
+class _Loader(yaml.SafeLoader):
+    """SafeLoader with bounds, without references, with YAML 1.2's scalars."""
+
+    yaml_implicit_resolvers: dict[str, Any] = {}  # noqa: RUF012 - PyYAML's own manner; filled below
+
+    def __init__(self, text: str) -> None:
+        super().__init__(text)
+        self._depth = 0
+        self._nodes = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        event = self.peek_event()
+        if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None) is not None:
+            raise self._refusal("anchors and aliases (&, *) are not allowed here", event.start_mark)
+        if getattr(event, "tag", None) is not None:
+            raise self._refusal("tags (!) are not allowed here", event.start_mark)
+        self._nodes += 1
+        self._depth += 1
+        if self._depth > MAX_DEPTH:
+            raise self._refusal(f"nested more than {MAX_DEPTH} deep", event.start_mark)
+        if self._nodes > MAX_NODES:
+            raise self._refusal(f"more than {MAX_NODES} values", event.start_mark)
+        try:
+            return super().compose_node(parent, index)
+        finally:
+            self._depth -= 1
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
+        seen: dict[Hashable, Any] = {}
+        for key_node, value_node in node.value:
+            key = self.construct_object(key_node, deep=True) if isinstance(key_node, yaml.ScalarNode) else None
+            if not isinstance(key, str):
+                raise self._refusal("a key must be a word", key_node.start_mark)
+            if key in seen:
+                raise self._refusal(f"key {shown(key)} is given twice", key_node.start_mark)
+            seen[key] = self.construct_object(value_node, deep=deep)
+        return seen
+
+    def construct_number(self, node: yaml.ScalarNode) -> int | float:
+        text = self.construct_scalar(node)
+        plain = text.lower().replace(".inf", "inf").replace(".nan", "nan")
+        number = float(plain)
+        if math.isinf(number) and "inf" not in plain:
+            raise self._refusal(f"{shown(text)} is too large a number; infinity is written .inf", node.start_mark)
+        return int(number) if re.fullmatch(r"[-+]?[0-9]{1,15}", text) else number
+
+    @staticmethod
+    def _refusal(problem: str, mark: yaml.Mark | None) -> yaml.MarkedYAMLError:
+        return yaml.MarkedYAMLError(problem=problem, problem_mark=mark)
+
+
+_SCALARS = (
+    ("float", r"[-+]?((0|[1-9][0-9]*)(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?", list("-+.0123456789")),
+    ("float", r"[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)", list("-+.")),
+    ("bool", r"true|True|TRUE|false|False|FALSE", list("tTfF")),
+    ("null", r"~|null|Null|NULL|", ["~", "n", "N", ""]),
+)
+for _name, _pattern, _first in _SCALARS:
+    _Loader.add_implicit_resolver(f"tag:yaml.org,2002:{_name}", re.compile(rf"^(?:{_pattern})$"), _first)
+_Loader.add_constructor("tag:yaml.org,2002:float", _Loader.construct_number)

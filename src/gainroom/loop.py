@@ -1,0 +1,342 @@
+"""The loop: plant, drive, delay and controller closed around n joints; continuous or sampled.
+
+Return ratio at the motor torque, motor-side feedback:  L(s) = P_M C e^{−sT} D   (link-side: P_L). For n = 1 the loop is kept as zeros,
+poles and exact delay; for any n it also has a state space with the delayed channels apart, from which roots come.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .arrays import Booleans, Complexes, Floats
+from .controller import PD, PID, PPI, Compensator, Controller, gain_matrix
+from .drive import Drive
+from .errors import GainroomError, require_finite, require_positive
+from .factored import Factored, ratio
+from .lti import factored_from, is_lti, sample_time_of
+from .plant import ElasticJoint, Plant
+from .sampling import sample
+from .statespace import StateSpace, hold, realize
+
+Feedback = Literal["motor", "link"]
+
+
+@dataclass(frozen=True)
+class Parts:
+    """What a loop was built from."""
+
+    plant: Plant
+    drives: tuple[Drive, ...]
+    controller: Controller
+    feedback: Feedback
+    sample_time: float | None
+
+
+@dataclass(frozen=True)
+class Loop:
+    """A return ratio L and what is known about it.
+
+    size          n; 1 for a scalar loop
+    sample_time   T_s [s]; None: continuous
+    actuated      from torque command to measured position, P C e^{−sT}; n = 1 only
+    control       D; n = 1 only
+    delays        (n,) [s] what open_loop leaves out
+    given         the state space of a loop that was not built from parts
+    function      for loops given as a callable L(s)
+    unstable_poles   of L; those on the stability boundary are not counted
+    parts         what it was built from, None for loops from elsewhere
+    gain          common factor on all controller gains
+    """
+
+    size: int
+    sample_time: float | None
+    actuated: Factored | None = None
+    control: Factored | None = None
+    delays: Floats | None = None
+    function: Callable[[Complexes], Any] | None = None
+    unstable_poles: int = 0
+    parts: Parts | None = None
+    given: StateSpace | None = None
+    gain: float = 1.0
+
+    @cached_property
+    def scalar(self) -> Factored | None:
+        """L of a scalar loop as zeros, poles, gain and delay; None for several joints and for callables."""
+        if self.actuated is None or self.control is None:
+            return None
+        return (self.actuated * self.control).scaled(self.gain)
+
+    @cached_property
+    def open_loop(self) -> StateSpace | None:
+        """From torque command to controller output without `delays` (in sampled time they are states); None for callables."""
+        return self.given if self.parts is None else _controller_state(self.parts) @ _body(self.parts)
+
+    def at(self, s: ArrayLike) -> Complexes:
+        """L at complex s [1/s] (k,); in sampled time at z = e^{s T_s}. Shape (k,) for n = 1, else (k, n, n)."""
+        points = np.atleast_1d(np.asarray(s, dtype=complex))
+        if self.scalar is not None:
+            return self.scalar.at(points)
+        if self.function is not None:
+            return self.gain * np.exp(-points * self._delays[0]) * np.asarray(self.function(points), dtype=complex)
+        assert self.parts is not None
+        v = points if self.sample_time is None else np.expm1(points * self.sample_time) / self.sample_time
+        return self.gain * self._actuated_at(points, v) @ self.parts.controller.matrix(points, v, self.size, self.sample_time)
+
+    def _actuated_at(self, s: Complexes, v: Complexes) -> Complexes:
+        """P C e^{−sT} (k, n, n) of several joints."""
+        assert self.parts is not None
+        if self.sample_time is not None:
+            return self._held.at(v)[:, : self.size]
+        currents = np.stack([_current_loop(drive).at(s) for drive in self.parts.drives], axis=1)
+        return self.parts.plant.response(s, self.parts.feedback) * (currents * np.exp(-s[:, None] * self._delays))[:, None, :]
+
+    @cached_property
+    def _held(self) -> StateSpace:
+        """The sampled plant with hold, current loops and delays."""
+        assert self.parts is not None
+        return _body(self.parts)
+
+    def response(self, omega: ArrayLike) -> Complexes:
+        """L(jω), or L(e^{jωT_s}), at omega [rad/s] (k,): (k,) for n = 1, else (k, n, n)."""
+        return self.at(1j * np.atleast_1d(np.asarray(omega, dtype=float)))
+
+    def scaled(self, factor: float) -> "Loop":
+        """The same loop with every controller gain multiplied by `factor`."""
+        require_finite("loop", "factor", factor)
+        return replace(self, gain=self.gain * factor)
+
+    @property
+    def _delays(self) -> Floats:
+        return np.zeros(self.size) if self.delays is None else self.delays
+
+
+def build_loop(
+    joint: ElasticJoint | Plant,
+    drive: Drive | Sequence[Drive],
+    controller: Any,
+    feedback: Feedback = "motor",
+    sample_time: float | None = None,
+) -> Loop:
+    """The loop of one joint or of n.
+
+    joint        ElasticJoint, or a Plant of n joints
+    drive        one for all joints, or one per joint
+    controller   PD, PID, PPI, Compensator, or any scalar LTI of python-control or scipy.signal
+    feedback     "motor" or "link": the side of the gearbox the encoder is on
+    sample_time  [s]; None: continuous. Sampled: torque held between ticks, any delay, exact
+
+    Raises GainroomError for input that does not fit together.
+    """
+    plant = joint.plant() if isinstance(joint, ElasticJoint) else joint
+    if not isinstance(plant, Plant):
+        raise GainroomError(f"joint {type(joint).__name__} must be an ElasticJoint or a Plant")
+    drives = (drive,) * plant.size if isinstance(drive, Drive) else tuple(drive)
+    if len(drives) != plant.size:
+        raise GainroomError(f"{len(drives)} drives must be one, or one for each of {plant.size} joints")
+    if feedback not in ("motor", "link"):
+        raise GainroomError(f"feedback {feedback!r} must be 'motor' or 'link'")
+    if sample_time is not None:
+        require_positive("loop", "sample_time", sample_time, "s")
+    if not isinstance(controller, PD | PID | PPI | Compensator):
+        controller = Compensator(system=factored_from(controller))
+    parts = Parts(plant, drives, controller, feedback, sample_time)
+    delays = np.array([drive.delay for drive in drives]) if sample_time is None else np.zeros(plant.size)
+    if plant.size > 1:
+        loop = Loop(plant.size, sample_time, delays=delays, parts=parts)
+        assert loop.open_loop is not None
+        return replace(loop, unstable_poles=np.count_nonzero(_unstable(np.linalg.eigvals(loop.open_loop.a), sample_time)))
+    actuated, control = _actuated_scalar(parts), controller.transfer(sample_time)
+    return Loop(1, sample_time, actuated, control, delays, unstable_poles=(actuated * control).unstable_poles, parts=parts)
+
+
+def loop_from(lti: Any, delay: float = 0.0, unstable_poles: int | None = None) -> Loop:
+    """A loop around any scalar return ratio.
+
+    lti             a python-control or scipy.signal LTI, continuous or discrete, or a callable L(s), vectorised over complex s
+    delay           [s], exact; in sampled time a whole number of sample times
+    unstable_poles  of L; counted where None is given with an LTI, taken as 0 for a callable
+    """
+    require_positive("loop", "delay", delay, "s", zero=True)
+    if not is_lti(lti):
+        if not callable(lti):
+            raise GainroomError(f"{type(lti).__name__} must be a python-control or scipy.signal LTI system, or a callable L(s)")
+        return Loop(1, None, function=lti, delays=np.array([delay]), unstable_poles=unstable_poles or 0)
+    system = factored_from(lti)
+    step = sample_time_of(lti) if not isinstance(lti, Factored) else lti.sample_time
+    if step is not None and abs(delay / step - round(delay / step)) > 1e-9:
+        raise GainroomError(f"loop: delay {delay:g} s must be a whole number of sample times of {step:g} s")
+    if system.relative_degree < 0:
+        raise GainroomError("loop: the return ratio has more zeros than poles and cannot be closed")
+    if system.relative_degree == 0 and system.delay + delay > 0 and step is None and abs(system.gain) >= 1:
+        raise GainroomError(f"loop: with a delay, |L(∞)| = {abs(system.gain):g} must be < 1 (else infinitely many roots are unstable)")
+    total = Factored(system.zeros, system.poles, system.gain, system.delay + delay, step)
+    open_loop = realize(total)
+    if step is not None:
+        lag = Drive(delay=total.delay)
+        open_loop, total_delay = open_loop @ _whole_ticks(lag.delay, step), 0.0
+    else:
+        total_delay = total.delay
+    count = total.unstable_poles if unstable_poles is None else unstable_poles
+    return Loop(1, step, total, ratio([1.0], [1.0], step), np.array([total_delay]), unstable_poles=count, given=open_loop)
+
+
+def _whole_ticks(delay: float, sample_time: float) -> StateSpace:
+    """A chain of whole ticks in front of a scalar sampled system."""
+    nothing = StateSpace.gain(np.eye(1))
+    return hold(nothing, np.array([delay]), sample_time)
+
+
+@dataclass(frozen=True)
+class ClosedLoop:
+    """Eq. (4) of Jung et al. 2017: x = L/(1+L) x_d − L/(1+L) n + C P e^{−sT}/(1+L) d; responses at omega [rad/s] (k,)."""
+
+    loop: Loop
+
+    def reference(self, omega: ArrayLike) -> Complexes:
+        """From reference to measured position."""
+        value = self.loop.response(omega)
+        return value / (1 + value)
+
+    def noise(self, omega: ArrayLike) -> Complexes:
+        """From measurement noise to the true position on the measured side."""
+        return -self.reference(omega)
+
+    def disturbance(self, omega: ArrayLike) -> Complexes:
+        """From a torque added to the command to measured position [rad/(N m)]."""
+        assert self.loop.actuated is not None
+        return self.loop.actuated.response(np.atleast_1d(omega)) / (1 + self.loop.response(omega))
+
+
+def closed_loop(loop: Loop) -> ClosedLoop:
+    """Reference, noise and disturbance responses of a scalar loop built from its parts."""
+    if loop.scalar is None:
+        raise GainroomError("closed_loop needs a loop of one joint built with build_loop or from an LTI system")
+    return ClosedLoop(loop)
+
+
+def _unstable(poles: Complexes, sample_time: float | None) -> Booleans:
+    """True where a pole in v grows by more than the round-off of an eigenvalue solver on repeated roots."""
+    rate = poles.real if sample_time is None else poles.real + np.abs(poles) ** 2 * sample_time / 2
+    return rate > 1e-5 * np.abs(poles).max(initial=0.0) * 1e-2
+
+
+def _body(parts: Parts) -> StateSpace:
+    """Torque command (n) → measured positions and velocities (2n); sampled exactly, delays included, where there is a sample time."""
+    body = _actuated_state(parts)
+    if parts.sample_time is None:
+        return body
+    return hold(body, np.array([drive.delay for drive in parts.drives]), parts.sample_time)
+
+
+def _actuated_state(parts: Parts) -> StateSpace:
+    """Current loops and plant: torque command (n) → measured positions, then velocities (2n)."""
+    form = parts.plant.mechanism()
+    states = len(form.mass)
+    inverse = np.linalg.inv(form.mass)
+    a = np.block([[np.zeros((states, states)), np.eye(states)], [-inverse @ form.stiffness, -inverse @ form.damping]])
+    b = np.vstack([np.zeros((states, parts.plant.size)), inverse @ form.force])
+    position = form.motor_position if parts.feedback == "motor" else form.link_position
+    nothing = np.zeros_like(position)
+    body = StateSpace(a, b, np.block([[position, nothing], [nothing, position]]), np.zeros((2 * parts.plant.size, parts.plant.size)))
+    currents = StateSpace.gain(np.zeros((0, 0)))
+    for drive in parts.drives:
+        currents = currents.beside(StateSpace.gain(np.eye(1)) if drive.is_ideal else realize(_current_loop(drive)))
+    return body @ currents
+
+
+def _current_loop(drive: Drive) -> Factored:
+    """C of eq. (3)."""
+    if drive.is_ideal:
+        return ratio([1.0], [1.0])
+    w = drive.bandwidth
+    return ratio([w * w], [1.0, 2 * drive.damping_ratio * w, w * w])
+
+
+def _actuated_scalar(parts: Parts) -> Factored:
+    """P C e^{−sT} of one joint from the exact polynomials of eq. (2), sampled exactly where there is a sample time."""
+    plant, drive = parts.plant, parts.drives[0]
+    continuous = _joint_transfer(plant, parts.feedback) * _current_loop(drive)
+    if parts.sample_time is None:
+        return Factored(continuous.zeros, continuous.poles, continuous.gain, drive.delay)
+    step = parts.sample_time
+    ticks = int(np.floor(drive.delay / step * (1 + 1e-12) + 1e-12))
+    fraction = drive.delay / step - ticks
+    # Whole ticks stay an exact delay; 4.0 ms / 0.5 ms is not a whole number in floating point.
+    sampled = sample(continuous, step, fraction if fraction >= 1e-9 else 0.0)
+    return replace(sampled, delay=ticks * step)
+
+
+def _joint_transfer(plant: Plant, feedback: Feedback) -> Factored:
+    """P_M or P_L of one joint: with w = W, eq. (2) in a form that holds for rigid joints (K = ∞) and locked outputs (w = 0)."""
+    w, motor = plant.link_inverse_inertia[0, 0], plant.motor_inertia[0]
+    stiffness, damping = plant.stiffness[0], plant.damping[0]
+    motor_viscous, link_viscous = plant.motor_viscous[0], plant.link_viscous[0]
+    gravity = 0.0 if plant.gravity_stiffness is None else plant.gravity_stiffness[0, 0]
+    link = np.array([1.0, w * link_viscous, w * gravity])  # s² q = w (τ_J − link_viscous s q − gravity q)
+    if np.isinf(stiffness):
+        return ratio([w], [1 + w * motor, w * (motor_viscous + link_viscous), w * gravity])
+    gearbox = np.array([damping, stiffness])
+    if w == 0:  # output locked
+        if feedback == "link":
+            raise GainroomError("a joint with its output locked (link_inertia inf) cannot be fed back from the link side")
+        return ratio([1.0], [motor, motor_viscous + damping, stiffness])
+    denominator = np.polymul([motor, motor_viscous, 0.0], np.polyadd(link, w * gearbox))
+    denominator = np.polyadd(denominator, np.polymul(gearbox, link))
+    numerator = np.polyadd(link, w * gearbox) if feedback == "motor" else w * gearbox
+    return ratio(numerator, denominator)
+
+
+def _controller_state(parts: Parts) -> StateSpace:
+    """Measured positions and velocities (2n) → torque command (n), for any filters and gain matrices."""
+    size, step, controller = parts.plant.size, parts.sample_time, parts.controller
+    terms = {powers: gain_matrix(f"gain {powers}", gain, size) for powers, gain in controller.terms().items()}
+    nothing = np.zeros((size, size))
+    # v: what the velocity gains act on; sampled controllers difference the position, continuous ones see the velocity itself
+    if step is None:
+        velocity = StateSpace.gain(np.eye(1))
+        if controller.velocity_filter is not None:
+            velocity = realize(ratio(*controller.velocity_filter.polynomials(None)))
+        pick = np.hstack([nothing, np.eye(size)])
+    else:
+        velocity = realize(ratio(*controller.velocity(step), step))
+        pick = np.hstack([np.eye(size), nothing])
+    position = StateSpace.gain(np.hstack([np.eye(size), nothing]))
+    signals = _stacked(position, velocity.repeated(size) @ StateSpace.gain(pick))
+    direct = np.hstack([terms.get((0, 0), nothing), terms.get((1, 0), nothing)])
+    integral = np.hstack([terms.get((0, 1), nothing), terms.get((1, 1), nothing)])
+    sum_of_terms = StateSpace.gain(direct)
+    if np.any(integral):
+        start = 0.0 if step is None else step  # backward Euler passes the newest value through
+        memory = StateSpace(np.zeros((size, size)), np.eye(size), np.eye(size), start * np.eye(size))
+        sum_of_terms = sum_of_terms + memory @ StateSpace.gain(integral)
+    shaping = controller.shaping(step)
+    if shaping.relative_degree >= 0:
+        return realize(shaping).repeated(size) @ sum_of_terms @ signals
+    return _improper(shaping, sum_of_terms, size)
+
+
+def _stacked(first: StateSpace, second: StateSpace) -> StateSpace:
+    """Same input to both, outputs stacked."""
+    split = StateSpace.gain(np.vstack([np.eye(first.b.shape[1]), np.eye(first.b.shape[1])]))
+    return first.beside(second) @ split
+
+
+def _improper(shaping: Factored, sum_of_terms: StateSpace, size: int) -> StateSpace:
+    """A continuous controller with one more zero than poles: a multiple of the velocity plus a proper rest."""
+    if shaping.relative_degree < -1 or shaping.sample_time is not None or len(sum_of_terms.a):
+        raise GainroomError(
+            f"controller: {len(shaping.zeros)} zeros and {len(shaping.poles)} poles; at most one zero more than poles is allowed in "
+            "continuous time, and none more in sampled time"
+        )
+    # D = gain·Π(s − z)/Π(s − p) = gain·s + rest; `rest` has its numerator one degree lower
+    numerator, denominator = np.real(np.poly(shaping.zeros)), np.real(np.poly(shaping.poles))
+    rest = shaping.gain * np.polysub(numerator, np.polymul([1.0, 0.0], denominator))
+    proper = realize(ratio(rest, denominator)).repeated(size)
+    direct = sum_of_terms.d[:, :size]
+    nothing = np.zeros((size, size))
+    by_position = StateSpace.gain(direct) @ proper @ StateSpace.gain(np.hstack([np.eye(size), nothing]))
+    return by_position + StateSpace.gain(np.hstack([nothing, shaping.gain * direct]))

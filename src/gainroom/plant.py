@@ -1,0 +1,229 @@
+"""The plant: n elastic joints between motors and links; a single joint is n = 1.
+
+Motor side θ, link side q, motor torque τ_m, joint torque τ_J, all on the joint (output) side of the gearbox:
+
+    J_m θ̈ = τ_m − τ_J − D_m θ̇
+    τ_J   = K (θ − q) + B (θ̇ − q̇)
+    q̈     = W (τ_J − D_l q̇ − G q)
+
+W is the inverse inertia of the links as the joints feel it. It may be singular (feet closed into a loop by the ground), so it is
+never inverted: it is factored as W = R Rᵀ and the links move in the range of R. A rigid joint (infinite stiffness) adds its motor
+inertia to the links. After Jung et al. 2017, eqs. (1) and (2); Spong 1987 for n joints.
+"""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .arrays import Booleans, Complexes, Floats
+from .errors import GainroomError, require_finite, require_positive
+
+
+@dataclass(frozen=True)
+class ElasticJoint:
+    """One motor, one gearbox, one load.
+
+    motor_inertia   reflected to the joint side: rotor inertia × gear ratio² [kg m²]
+    link_inertia    load inertia; inf: output locked [kg m²]
+    stiffness       of the gearbox; inf: rigid [N m/rad]
+    damping         of the gearbox [N m s/rad]
+    motor_viscous, link_viscous   viscous friction to ground on either side [N m s/rad]
+
+    Raises GainroomError where a value is not physical.
+    """
+
+    motor_inertia: float
+    link_inertia: float
+    stiffness: float = math.inf
+    damping: float = 0.0
+    motor_viscous: float = 0.0
+    link_viscous: float = 0.0
+    name: str = "joint"
+
+    def __post_init__(self) -> None:
+        owner = f"joint '{self.name}'"
+        require_positive(owner, "motor_inertia", self.motor_inertia, "kg·m²", zero=math.isinf(self.stiffness))
+        require_positive(owner, "link_inertia", self.link_inertia, "kg·m²", infinite=not math.isinf(self.stiffness))
+        require_positive(owner, "stiffness", self.stiffness, "N·m/rad", infinite=True)
+        require_positive(owner, "damping", self.damping, "N·m·s/rad", zero=True)
+        require_positive(owner, "motor_viscous", self.motor_viscous, "N·m·s/rad", zero=True)
+        require_positive(owner, "link_viscous", self.link_viscous, "N·m·s/rad", zero=True)
+
+    @classmethod
+    def from_motor(cls, rotor_inertia: float, gear_ratio: float, link_inertia: float, **others: float) -> "ElasticJoint":
+        """The joint of a rotor [kg m²] behind a gearbox: motor_inertia = rotor_inertia × gear_ratio²; `others` as for ElasticJoint."""
+        require_positive("joint", "rotor_inertia", rotor_inertia, "kg·m²")
+        require_positive("joint", "gear_ratio", gear_ratio)
+        return cls(motor_inertia=rotor_inertia * gear_ratio**2, link_inertia=link_inertia, **others)  # type: ignore[arg-type]
+
+    @property
+    def antiresonance(self) -> float:
+        """√(K/J_L) [rad/s]: the load swings against a motor held still. inf for a rigid joint."""
+        return math.sqrt(self.stiffness / self.link_inertia)
+
+    @property
+    def resonance(self) -> float:
+        """√(K (1/J_M + 1/J_L)) [rad/s]: motor and load swing against each other, undamped. inf for a rigid joint."""
+        if math.isinf(self.stiffness):
+            return math.inf
+        return math.sqrt(self.stiffness * (1 / self.motor_inertia + 1 / self.link_inertia))
+
+    def plant(self) -> "Plant":
+        """This joint as a plant of n = 1."""
+        return Plant(
+            link_inverse_inertia=np.array([[1 / self.link_inertia]]),
+            motor_inertia=np.array([self.motor_inertia]),
+            stiffness=np.array([self.stiffness]),
+            damping=np.array([self.damping]),
+            motor_viscous=np.array([self.motor_viscous]),
+            link_viscous=np.array([self.link_viscous]),
+            joint_names=(self.name,),
+        )
+
+
+@dataclass(frozen=True)
+class Mechanism:
+    """The plant in second-order form, M η̈ + D η̇ + S η = F τ_m, with η = (ξ, θ of the elastic joints) and q = R ξ.
+
+    Frequencies are never inverted through W, so singular W is an ordinary case. Shapes: mass, damping, stiffness (m, m); force
+    (m, n); motor_position, link_position (n, m).
+    """
+
+    mass: Floats
+    damping: Floats
+    stiffness: Floats
+    force: Floats
+    motor_position: Floats
+    link_position: Floats
+
+
+@dataclass(frozen=True)
+class Plant:
+    """n joints and the links that they move, linear about one posture.
+
+    link_inverse_inertia   W (n, n), symmetric, ≥ 0 [1/(kg m²)]
+    motor_inertia, stiffness, damping, motor_viscous, link_viscous   (n,) or a scalar for all, units as ElasticJoint
+    gravity_stiffness      G (n, n) [N m/rad], the derivative of the gravity torque; None: compensated or absent
+
+    Raises GainroomError on shapes that disagree and on values that are not physical.
+    """
+
+    link_inverse_inertia: Floats
+    motor_inertia: Floats
+    stiffness: Floats = field(default_factory=lambda: np.array(math.inf))
+    damping: Floats = field(default_factory=lambda: np.zeros(()))
+    motor_viscous: Floats = field(default_factory=lambda: np.zeros(()))
+    link_viscous: Floats = field(default_factory=lambda: np.zeros(()))
+    gravity_stiffness: Floats | None = None
+    joint_names: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        inverse_inertia = require_finite("plant", "link_inverse_inertia", self.link_inverse_inertia)
+        if inverse_inertia.ndim != 2 or inverse_inertia.shape[0] != inverse_inertia.shape[1] or not len(inverse_inertia):
+            raise GainroomError(f"plant: link_inverse_inertia of shape {inverse_inertia.shape} must be square, (n, n)")
+        size = len(inverse_inertia)
+        scale = np.abs(inverse_inertia).max()
+        if not np.allclose(inverse_inertia, inverse_inertia.T, atol=1e-9 * scale, rtol=0):
+            raise GainroomError("plant: link_inverse_inertia must be symmetric")
+        if np.linalg.eigvalsh(inverse_inertia)[0] < -1e-9 * scale:
+            raise GainroomError("plant: link_inverse_inertia must have no negative eigenvalue")
+        names = self.joint_names or tuple(f"joint{i + 1}" for i in range(size))
+        set_field = object.__setattr__  # the dataclass is frozen; this is the one place that completes it
+        set_field(self, "joint_names", names)
+        set_field(self, "link_inverse_inertia", (inverse_inertia + inverse_inertia.T) / 2)
+        for name, unit, infinite in _JOINT_FIELDS:
+            values = _per_joint(name, getattr(self, name), size)
+            for joint, value in zip(names, values, strict=True):
+                require_positive(f"joint '{joint}'", name, value, unit, zero=name != "stiffness", infinite=infinite)
+            set_field(self, name, values)
+        if self.gravity_stiffness is not None:
+            gravity = require_finite("plant", "gravity_stiffness", self.gravity_stiffness)
+            if gravity.shape != (size, size):
+                raise GainroomError(f"plant: gravity_stiffness of shape {gravity.shape} must be {(size, size)}")
+            set_field(self, "gravity_stiffness", gravity)
+        for joint, inertia in zip(names, self.motor_inertia[self.elastic], strict=False):
+            if inertia == 0:
+                raise GainroomError(f"joint '{joint}': motor_inertia 0 kg·m² must be > 0 on an elastic joint")
+
+    @property
+    def size(self) -> int:
+        """n, the number of joints."""
+        return len(self.motor_inertia)
+
+    @property
+    def elastic(self) -> Booleans:
+        """(n,) True where the gearbox is elastic."""
+        return np.isfinite(self.stiffness)
+
+    def response(self, s: ArrayLike, side: str) -> Complexes:
+        """P_M (side "motor") or P_L ("link"), torque → position, at complex s (k,): (k, n, n). W and K are not inverted.
+
+        P_M = (1/s²) Z (I + J Z)⁻¹,  P_L = (1/s²) W (I + J Z)⁻¹,  Z = W + s² diag(1/k(s)),  k = K + sB,  J = J_m + D_m/s,
+        and with link friction and gravity W(s) = (I + W (D_l/s + G/s²))⁻¹ W.
+        """
+        points = np.atleast_1d(np.asarray(s, dtype=complex))[:, None, None]
+        eye = np.eye(self.size)
+        links = np.broadcast_to(self.link_inverse_inertia.astype(complex), (len(points), self.size, self.size))
+        load = np.diag(self.link_viscous) / points
+        if self.gravity_stiffness is not None:
+            load = load + self.gravity_stiffness / points**2
+        if np.any(load):
+            links = np.linalg.solve(eye + self.link_inverse_inertia @ load, links)
+        gearbox = 1 / np.where(self.elastic, self.stiffness + points[:, 0] * self.damping, np.inf)  # 0 where rigid
+        admittance = links + points**2 * (gearbox[:, :, None] * eye)
+        motors = self.motor_inertia + self.motor_viscous / points[:, 0]
+        moved = admittance if side == "motor" else links
+        # X (I + J Z)⁻¹ = ((I + J Z)ᵀ \ Xᵀ)ᵀ
+        feedback = eye + motors[:, :, None] * admittance
+        return np.linalg.solve(feedback.swapaxes(1, 2), moved.swapaxes(1, 2)).swapaxes(1, 2) / points**2
+
+    def mechanism(self) -> Mechanism:
+        """The second-order form, exact for any mixture of rigid and elastic joints and for singular W."""
+        root = _factor(self.link_inverse_inertia)  # W = root rootᵀ
+        elastic = np.flatnonzero(self.elastic)
+        rigid = np.flatnonzero(~self.elastic)
+        links, size = root.shape[1], self.size
+        total = links + len(elastic)
+        motor_position = np.zeros((size, total))
+        motor_position[rigid, :links] = root[rigid]
+        motor_position[elastic, links + np.arange(len(elastic))] = 1.0
+        link_position = np.hstack([root, np.zeros((size, len(elastic)))])
+        twist = (motor_position - link_position)[elastic]
+
+        mass = np.zeros((total, total))
+        mass[:links, :links] = np.eye(links)
+        mass += motor_position.T @ (self.motor_inertia[:, None] * motor_position)
+        damping = twist.T @ (self.damping[elastic, None] * twist)
+        damping += motor_position.T @ (self.motor_viscous[:, None] * motor_position)
+        damping += link_position.T @ (self.link_viscous[:, None] * link_position)
+        stiffness = twist.T @ (self.stiffness[elastic, None] * twist)
+        if self.gravity_stiffness is not None:
+            stiffness = stiffness + link_position.T @ self.gravity_stiffness @ link_position
+        return Mechanism(mass, damping, stiffness, motor_position.T, motor_position, link_position)
+
+
+_JOINT_FIELDS = (
+    ("motor_inertia", "kg·m²", False),
+    ("stiffness", "N·m/rad", True),
+    ("damping", "N·m·s/rad", False),
+    ("motor_viscous", "N·m·s/rad", False),
+    ("link_viscous", "N·m·s/rad", False),
+)
+
+
+def _per_joint(name: str, value: ArrayLike, size: int) -> Floats:
+    """`value` as one number per joint."""
+    try:
+        return np.broadcast_to(np.asarray(value, dtype=float), (size,)).copy()
+    except (TypeError, ValueError) as error:
+        raise GainroomError(f"plant: {name} of shape {np.shape(value)} must be a number or {size} numbers") from error
+
+
+def _factor(inverse_inertia: Floats) -> Floats:
+    """R (n, r) of full column rank r with W = R Rᵀ."""
+    values, vectors = np.linalg.eigh(inverse_inertia)
+    # Round-off of a contact projection leaves eigenvalues of about 1e-16 of the largest; true ones are far above 1e-12 of it.
+    keep = values > 1e-12 * max(values[-1], 0.0)
+    return vectors[:, keep] * np.sqrt(values[keep])

@@ -1,0 +1,214 @@
+"""Boundary curves in the plane of two gains (D-decomposition).
+
+With L = kp A + kd B, where A and B do not depend on the gains, L(jω) = target is two real equations linear in (kp, kd): one point per ω.
+target = −1 bounds the stable gains; −1/g and −g bound a gain margin, −e^{±jφ} a phase margin. (Neimark 1949; Ackermann 2002, ch. 4.)
+"""
+
+import math
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from .arrays import Booleans, Complexes, Floats, Integers
+from .factored import Factored
+
+POINTS_PER_DECADE = 120
+DEEPEST = 1e-9  # the curve is followed down to this share of the lowest frequency sampled finely
+SMALL_TURN = 0.12  # [rad] largest turn of a curve, drawn to scale, between neighbouring samples
+
+
+@dataclass(frozen=True)
+class GainPlane:
+    """L = kp A + kd B over a grid of ω that resolves it.
+
+    omega   (k,) rising [rad/s]
+    last    the Nyquist frequency, or None in continuous time
+    curves  those drawn so far, by target
+    """
+
+    a: Factored
+    b: Factored
+    omega: Floats
+    last: float | None
+    curves: dict[complex, "Curve"] = field(default_factory=dict, compare=False, repr=False)
+
+    @classmethod
+    def of(cls, a: Factored, b: Factored) -> "GainPlane":
+        """A grid from well below every root to where both gains must exceed anything of interest."""
+        roots = np.abs(np.concatenate([a.zeros, a.poles, b.zeros, b.poles]))
+        roots = roots[roots > 0]
+        if a.sample_time is None:
+            slowest = min(roots.min(initial=np.inf), 1 / a.delay if a.delay else np.inf)
+            fastest = max(roots.max(initial=0.0), 1 / a.delay if a.delay else 0.0)
+            slowest, fastest = (slowest, fastest) if fastest else (1.0, 1.0)
+            last, high = None, _horizon(a, slowest, fastest)
+        else:
+            last = math.pi / a.sample_time
+            slowest, high = min(roots.min(initial=np.inf), last), last * (1 - 1e-9)
+        low = 1e-3 * slowest
+        grid = [np.geomspace(low, high, max(2, round(POINTS_PER_DECADE * math.log10(high / low))))]
+        low = DEEPEST * low  # where integrators rule, the curve runs straight into the origin; a few points follow it there
+        grid.append(np.geomspace(low, grid[0][0], 110))
+        for root in np.concatenate([a.zeros, a.poles]):  # resonances are sampled on their own scale
+            center = _frequency(root, a.sample_time)
+            if center > 0 and root.imag > 0:
+                width = max(abs(_damping(root, a.sample_time)), 1e-9 * center)
+                grid.append(center + width * np.sinh(np.linspace(-12, 12, 97)))
+        if a.delay:
+            grid.append(np.arange(low, high, 0.2 / a.delay)[:20000])
+        omega = np.unique(np.concatenate(grid))
+        for root in np.concatenate([a.zeros, a.poles]):  # an undamped resonance is stepped over
+            omega = omega[np.abs(omega - _frequency(root, a.sample_time)) > 1e-9 * omega]
+        return cls(a, b, omega[(omega >= low) & (omega <= high)], last)
+
+    def solve(self, target: complex, omega: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+        """(kp, kd, dkp/dω, dkd/dω) with L(jω) = target."""
+        a, da = self.a.response_and_slope(omega)
+        b, db = self.b.response_and_slope(omega)
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            kp, kd = _solve2(a, b, np.full(len(omega), complex(target)))
+            dkp, dkd = _solve2(a, b, -(kp * da + kd * db))
+        on_pole = ~np.isfinite(a)  # no gains are needed to reach the target there
+        return np.where(on_pole, 0.0, kp), np.where(on_pole, 0.0, kd), dkp, dkd
+
+
+def _frequency(root: complex, sample_time: float | None) -> float:
+    """The ω of the boundary point nearest to a root in v."""
+    return root.imag if sample_time is None else float(np.angle(1 + sample_time * root)) / sample_time
+
+
+def _damping(root: complex, sample_time: float | None) -> float:
+    """How far a root in v lies from the boundary [1/s]."""
+    size = 1.0 if sample_time is None else abs(1 + sample_time * root)
+    return root.real if sample_time is None else math.log(max(size, 1e-300)) / sample_time
+
+
+def _horizon(a: Factored, slowest: float, fastest: float) -> float:
+    """Where the curve has left every gain of interest: well past all roots, and several turns of the delay's phase."""
+    if not a.delay:
+        return 1e5 * fastest  # a joint without roll-off crosses at √(kp/J): far out for large gains
+    return max(4 * fastest, 8 * math.pi / a.delay, 10 * slowest)
+
+
+def _solve2(a: Complexes, b: Complexes, right: Complexes) -> tuple[Floats, Floats]:
+    """Real (x, y) with x a + y b = right."""
+    determinant = a.real * b.imag - a.imag * b.real
+    return (right.real * b.imag - right.imag * b.real) / determinant, (a.real * right.imag - a.imag * right.real) / determinant
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One boundary curve, cut where it runs through infinity. All arrays (k,)."""
+
+    plane: GainPlane
+    target: complex
+    omega: Floats
+    kp: Floats
+    kd: Floats
+    slope_kp: Floats
+    slope_kd: Floats
+
+    @classmethod
+    def of(cls, plane: GainPlane, target: complex) -> "Curve":
+        """The curve of one target, built once per plane."""
+        if target not in plane.curves:
+            plane.curves[target] = cls._built(plane, target)
+        return plane.curves[target]
+
+    @classmethod
+    def _built(cls, plane: GainPlane, target: complex) -> "Curve":
+        """The curve on the plane's grid, refined until it turns little between samples."""
+        omega = plane.omega
+        kp, kd, slope_kp, slope_kd = plane.solve(target, omega)
+        for _ in range(12):
+            # kp and ω kd are the two parts of D(jω): in these axes a curve that turns little is resolved
+            turn = np.abs(np.angle(np.exp(1j * np.diff(np.arctan2(omega * slope_kd, slope_kp)))))
+            rough = (turn > SMALL_TURN) & (np.diff(omega) > 1e-9 * omega[1:])
+            if not rough.any() or len(omega) > 40_000:
+                break
+            spots = np.flatnonzero(rough)
+            omega = np.insert(omega, spots + 1, 0.5 * (omega[spots] + omega[spots + 1]))
+            kp, kd, slope_kp, slope_kd = plane.solve(target, omega)
+        return cls(plane, target, omega, kp, kd, slope_kp, slope_kd)
+
+    def crossings(self, axis: str, values: Floats, polish: bool = True) -> tuple[Integers, Floats, Floats]:
+        """Where the curve meets the lines kp = value (axis 'kp') or kd = value ('kd').
+
+        Returns (index into values, ω, the other gain), each crossing polished to machine precision, or interpolated with polish=False.
+        """
+        omega, along, slope = self._monotone_kp if axis == "kp" else self._monotone_kd
+        # An interval that runs through infinity is no crossing.
+        low, high = np.minimum(along[:-1], along[1:]), np.maximum(along[:-1], along[1:])
+        through = np.isfinite(low) & np.isfinite(high) & ~_runs_through_infinity(along, slope, omega)
+        order = np.argsort(values, kind="stable")
+        ranked = values[order]
+        first, last = np.searchsorted(ranked, low, "left"), np.searchsorted(ranked, high, "left")
+        count = np.where(through, last - first, 0)
+        interval = np.repeat(np.arange(len(count)), count)
+        within = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+        index = order[first[interval] + within]
+        if not polish:
+            share = (values[index] - along[interval]) / (along[interval + 1] - along[interval])
+            omega_found = omega[interval] + share * (omega[interval + 1] - omega[interval])
+            kp, kd, _, _ = self.plane.solve(self.target, omega_found)
+            return index, omega_found, kd if axis == "kp" else kp
+        omega_found = self._polish(axis, values[index], omega[interval], omega[interval + 1], along[interval])
+        kp, kd, _, _ = self.plane.solve(self.target, omega_found)
+        return index, omega_found, kd if axis == "kp" else kp
+
+    @cached_property
+    def _monotone_kp(self) -> tuple[Floats, Floats, Floats]:
+        return self._with_extrema("kp", self.kp, self.slope_kp)
+
+    @cached_property
+    def _monotone_kd(self) -> tuple[Floats, Floats, Floats]:
+        return self._with_extrema("kd", self.kd, self.slope_kd)
+
+    def _with_extrema(self, axis: str, along: Floats, slope: Floats) -> tuple[Floats, Floats, Floats]:
+        """The samples with every extremum of kp(ω) or kd(ω) added, so that the curve is monotone between them."""
+        turning = np.flatnonzero((np.sign(slope[1:]) != np.sign(slope[:-1])) & np.isfinite(slope[1:]) & np.isfinite(slope[:-1]))
+        low, high = self.omega[turning].copy(), self.omega[turning + 1].copy()
+        rising = slope[turning] > 0
+        for _ in range(60):
+            middle = 0.5 * (low + high)
+            _, _, slope_kp, slope_kd = self.plane.solve(self.target, middle)
+            same = ((slope_kp if axis == "kp" else slope_kd) > 0) == rising
+            low, high = np.where(same, middle, low), np.where(same, high, middle)
+            if np.all(high - low <= 4e-16 * high):
+                break
+        kp, kd, slope_kp, slope_kd = self.plane.solve(self.target, low)
+        extra, extra_slope = (kp, slope_kp) if axis == "kp" else (kd, slope_kd)
+        return (
+            np.insert(self.omega, turning + 1, low),
+            np.insert(along, turning + 1, extra),
+            np.insert(slope, turning + 1, extra_slope * 0),
+        )
+
+    def _polish(self, axis: str, values: Floats, low: Floats, high: Floats, along_low: Floats) -> Floats:
+        """ω in [low, high] where the curve meets `values`, by Newton with bisection as the fallback."""
+        low, high, rising = low.copy(), high.copy(), along_low <= values
+        omega = 0.5 * (low + high)
+        active = np.arange(len(values))
+        for _ in range(80):
+            here, wanted = omega[active], values[active]
+            kp, kd, slope_kp, slope_kd = self.plane.solve(self.target, here)
+            along, slope = (kp, slope_kp) if axis == "kp" else (kd, slope_kd)
+            below = (along <= wanted) == rising[active]
+            low[active], high[active] = np.where(below, here, low[active]), np.where(below, high[active], here)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                step = here - (along - wanted) / slope
+            inside = (step > low[active]) & (step < high[active])
+            omega[active] = np.where(inside, step, 0.5 * (low[active] + high[active]))
+            moving = np.abs(omega[active] - here) > 1e-15 * here
+            active = active[moving & (high[active] - low[active] > 4e-16 * here)]
+            if not len(active):
+                break
+        return omega
+
+
+def _runs_through_infinity(along: Floats, slope: Floats, omega: Floats) -> Booleans:
+    """True where neighbouring samples lie on two sides of a pole of the curve: it jumps against its own slope, by more than its size."""
+    jump = np.diff(along)
+    against = (jump * slope[:-1] < 0) & (jump * slope[1:] < 0)
+    return against & (np.abs(jump) > np.minimum(np.abs(along[1:]), np.abs(along[:-1])))

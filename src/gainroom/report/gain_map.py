@@ -1,0 +1,194 @@
+"""The gain map: which (kp, kd) are stable, which keep the requirements, where the margins run, and where it would vibrate."""
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..arrays import Floats
+from ..crossings import scan_many
+from ..io.numbers import decibels, digits, hertz, plane_names
+from ..robustness import Margins, margins_of
+from ..study import JointStudy
+from . import style
+from .map_edge import vibration_edge
+from .map_lines import View, contours, outlines
+from .page import Html, figure
+
+HOVER = (15, 11)  # points of the map that tell their margins
+
+
+@dataclass(frozen=True)
+class Place:
+    """A pair of gains to be shown."""
+
+    name: str
+    kp: float
+    kd: float
+    symbol: str
+    color: str
+
+
+def gain_map(study: JointStudy) -> Html:
+    """The map as a figure with its caption."""
+    spots = places(study)
+    view = _view(study, spots)
+    stable = outlines(study.region, view)
+    traces, notes = _stable_area(stable, view)
+    if study.required_region.required.asked:
+        traces += _required_area(study, view)
+    names = plane_names(study.spec.controller)
+    marks, mark_notes = _marks(spots, view, names)
+    lines, line_notes = contours(study, view, mark_notes)
+    edge, edge_notes = vibration_edge(study.region, stable, view, mark_notes)
+    traces += [_hover(study, view), *lines, *edge, *marks]
+    picture = style.layout(
+        xaxis=style.axis(f"{names[0]} [N·m/rad]", range=[0, view.kp], constrain="domain"),
+        yaxis=style.axis(f"{names[1]} [N·m·s/rad]", range=[0, view.kd]),
+        annotations=[*edge_notes, *line_notes, *mark_notes, *notes],
+        margin={"l": 72, "r": 24, "t": 44, "b": 52},
+        updatemenus=[_zoom(view)] if view.whole_kp > 1.2 * view.kp else [],
+    )
+    title = "Which gains are stable, and how much margin they keep"
+    return figure({"data": traces, "layout": picture}, title, _caption(study), 620, style.NARROW)
+
+
+def places(study: JointStudy) -> list[Place]:
+    """The file's gains, the recommended ones and the 10 Hz rule's, as far as they exist and belong on this map."""
+    found = []
+    if study.max_kd is not None:
+        kp, kd = study.spec.controller.plane_gains()
+        found.append(Place("this file", float(kp), float(kd), "circle", style.BLACK))
+    if study.recommended is not None:
+        found.append(Place("recommended", study.recommended.kp, study.recommended.kd, "star", style.BLUE))
+    if not getattr(study.spec.controller, "ki", 0):  # the rule is a plain PD: the map of an integral controller tells nothing about it
+        found.append(Place("10 Hz rule", study.rule.kp, study.rule.kd, "x", style.VERMILION))
+    return found
+
+
+def _view(study: JointStudy, spots: list[Place]) -> View:
+    """Around the gains of interest, no wider than what is stable."""
+    outline = np.vstack(study.region.boundary) if study.region.boundary else np.zeros((1, 2))
+    widest = max(float(outline[:, 0].max()), 1e-12)
+    wanted = max(spot.kp for spot in spots)
+    kp = max(1.12 * wanted, min(1.06 * widest, 2.2 * wanted))
+    near = outline[outline[:, 0] <= kp]
+    top = float(near[:, 1].max()) if len(near) else 0.0
+    kd = 1.12 * max([top, *(spot.kd for spot in spots if spot.kd < 4 * top or top <= 0)])
+    return View(kp, kd, max(kp, 1.04 * widest), max(kd, 1.06 * float(outline[:, 1].max())))
+
+
+def _zoom(view: View) -> dict[str, Any]:
+    """Two buttons: around the gains, or everything."""
+    ranges = (("Around these gains", view.kp, view.kd), ("All stable gains", view.whole_kp, view.whole_kd))
+    buttons = [{"label": text, "method": "relayout", "args": [{"xaxis.range": [0, kp], "yaxis.range": [0, kd]}]} for text, kp, kd in ranges]
+    return {"type": "buttons", "direction": "right", "x": 0, "xanchor": "left", "y": 1.02, "yanchor": "bottom", "buttons": buttons}
+
+
+def _stable_area(stable: list[Floats], view: View) -> tuple[list[style.Trace], list[style.Annotation]]:
+    """Hatched ground, and the stable gains cut out of it."""
+    far_kp, far_kd = 3 * view.whole_kp, 3 * view.whole_kd
+    hatch = {"shape": "/", "fgcolor": "#b5b5b5", "bgcolor": "#efefef", "size": 9, "solidity": 0.18}
+    ground = style.line(
+        [0, far_kp, far_kp, 0, 0], [0, 0, far_kd, far_kd, 0], "#efefef", width=0, fill="toself", fillpattern=hatch, hoveron="points"
+    )
+    traces = [ground]
+    for outline in stable:
+        traces.append(style.line(outline[:, 0], outline[:, 1], "#fffdf3", width=0, fill="toself", fillcolor="#fffdf3", hoveron="points"))
+    word = style.label(0.985, 0.985, "unstable", style.INK, xref="paper", yref="paper", xanchor="right", yanchor="top")
+    return traces, [word | {"font": {"size": 15, "color": style.INK}}]
+
+
+def _required_area(study: JointStudy, view: View) -> list[style.Trace]:
+    return [
+        style.line(outline[:, 0], outline[:, 1], style.BLUE, width=0, fill="toself", fillcolor="rgba(86,180,233,0.38)", hoveron="points")
+        for outline in outlines(study.required_region, view)
+    ]
+
+
+def _marks(spots: list[Place], view: View, names: tuple[str, str]) -> tuple[list[style.Trace], list[style.Annotation]]:
+    """Dot, star and cross with their names; gains that coincide share one name."""
+    traces, notes, named = [], [], set()
+    for place, spot in enumerate(spots):
+        text = f"<b>{spot.name}</b><br>{names[0]} {digits(spot.kp, 'N·m/rad')}<br>{names[1]} {digits(spot.kd, 'N·m·s/rad')}"
+        size = 18 - 4 * place if spot.symbol != "star" else 17
+        traces.append(style.markers([spot.kp], [spot.kd], spot.symbol, spot.color, size, hoverinfo="text", text=text, cliponaxis=False))
+        same = [other for other in spots if math.hypot((other.kp - spot.kp) / view.kp, (other.kd - spot.kd) / view.kd) < 0.005]
+        name = " = ".join(other.name for other in same)
+        if name in named or spot.kp > view.kp or spot.kd > view.kd:
+            continue
+        named.add(name)
+        side = {"xanchor": "left", "xshift": 11} if spot.kp < 0.8 * view.kp else {"xanchor": "right", "xshift": -11}
+        notes.append(style.label(spot.kp, spot.kd, f"<b>{name}</b>", spot.color, **side))
+    return traces, notes
+
+
+def _hover(study: JointStudy, view: View) -> style.Trace:
+    """An invisible grid of points that tell their margins."""
+    kp, kd = ((np.arange(count) + 0.5) / count * end for count, end in zip(HOVER, (view.kp, view.kd), strict=True))
+    grid_kp, grid_kd = (part.ravel() for part in np.meshgrid(kp, kd))
+    stable = study.region.contains(grid_kp, grid_kd)
+    texts = np.full(len(grid_kp), "unstable", dtype=object)
+    index = np.flatnonzero(stable)
+    for k, found in zip(index, _margins_at(study, grid_kp[index], grid_kd[index]), strict=True):
+        texts[k] = _told(found)
+    kp_name, kd_name = plane_names(study.spec.controller)
+    words = [
+        f"{kp_name} {digits(x, '', 3)}, {kd_name} {digits(y, '', 3)}<br>{text}" for x, y, text in zip(grid_kp, grid_kd, texts, strict=True)
+    ]
+    rows = np.array(words, dtype=object).reshape(HOVER[1], HOVER[0]).tolist()
+    clear = [[0, "rgba(0,0,0,0)"], [1, "rgba(0,0,0,0)"]]
+    return {
+        "type": "heatmap",
+        "x": kp,
+        "y": kd,
+        "z": stable.reshape(HOVER[1], HOVER[0]).astype(int),
+        "text": rows,
+        "hoverinfo": "text",
+        "colorscale": clear,
+        "showscale": False,
+    }
+
+
+def _margins_at(study: JointStudy, kps: Floats, kds: Floats) -> list[Margins]:
+    template, step = study.region.template, study.region.actuated.sample_time
+    if not len(kps):
+        return []
+    controls = [template.in_plane(kp, kd, step) for kp, kd in zip(kps.tolist(), kds.tolist(), strict=True)]
+    systems = [study.region.actuated * control for control in controls]
+    loops = [
+        replace(study.loop, control=control, gain=1.0, unstable_poles=system.unstable_poles)
+        for control, system in zip(controls, systems, strict=True)
+    ]
+    scans = scan_many(systems)
+    return [margins_of(loop, scan) for loop, scan in zip(loops, scans, strict=True)]
+
+
+def _told(found: Margins) -> str:
+    if not found.stable:
+        return "unstable"
+    vibration = f", would vibrate at {hertz(found.phase_crossover)}" if math.isfinite(found.phase_crossover) else ""
+    return (
+        f"gain margin {digits(decibels(found.gain_margin), 'dB', 3)}{vibration}"
+        f"<br>phase margin {digits(math.degrees(found.phase_margin), '°', 3)}<br>Ms {digits(found.peak_sensitivity, '', 3)}"
+    )
+
+
+def _caption(study: JointStudy) -> str:
+    text = (
+        "Keep the dot off the hatched ground, where the joint vibrates; the thick edge is coloured, and labelled, by the frequency "
+        "at which it would."
+    )
+    if study.required_region.required.asked:
+        text += " Inside the blue area every requirement is met"
+        text += " for the stated joint alone, not over the uncertainty." if study.spec.uncertainty.names else " for the stated joint."
+    kp_name, kd_name = plane_names(study.spec.controller)
+    if study.recommended is not None:
+        text += f" The star has the largest {kp_name} that meets them"
+        text += " in every case screened over the stated ranges." if study.spec.uncertainty.names else "."
+    if study.max_kd is not None and math.isfinite(study.max_kd):
+        text += f" At this {kp_name}, {kd_name} may reach {digits(study.max_kd, 'N·m·s/rad', 3)}."
+    if study.spec.requirements.asked:
+        text += " Thick lines are the required margins, thin ones stricter levels."
+    return text + " Hover over the map for the margins at any point."

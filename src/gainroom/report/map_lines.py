@@ -1,0 +1,122 @@
+"""Outlines of what is allowed in the gain map, and the lines of equal margin, exact on every line kp = const that is drawn."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..arrays import Floats
+from ..forbidden import Requirements
+from ..io.numbers import decibels, digits
+from ..region import PDRegion, traced
+from ..study import JointStudy
+from . import style
+
+COLUMNS = 40  # lines kp = const on which a boundary is computed
+
+
+@dataclass(frozen=True)
+class View:
+    """What is drawn: from 0 to kp and kd; `whole_kp`, `whole_kd` with everything stable."""
+
+    kp: float
+    kd: float
+    whole_kp: float
+    whole_kd: float
+
+
+def outlines(region: PDRegion, view: View) -> list[Floats]:
+    """Closed outlines (m, 2) of the allowed gains within kp >= 0, kd >= 0."""
+    kps, columns = _columns(region, view)
+    if not len(kps):
+        return []
+    ceiling = 4 * view.whole_kd
+    return [np.clip(outline, 0.0, [np.inf, ceiling]) for outline in traced(kps, [np.clip(c, -ceiling, ceiling) for c in columns])]
+
+
+def _columns(region: PDRegion, view: View) -> tuple[Floats, list[Floats]]:
+    """Lines kp = const up to the region's tip, closer together near it, and the allowed kd on each."""
+    tip = _tip(region, view.whole_kp)
+    if tip <= 0:
+        return np.zeros(0), []
+    inner = min(tip, view.kp)
+    kps = inner * 0.5 * (1 - np.cos(np.linspace(0, math.pi, COLUMNS)))
+    kps[0] = 1e-6 * inner
+    if tip > view.kp:
+        kps = np.append(kps, np.linspace(inner, tip, 12)[1:])
+    kps[-1] = min(kps[-1], tip * (1 - 1e-7))
+    return kps, region.columns(kps)
+
+
+def _tip(region: PDRegion, widest: float) -> float:
+    """The largest allowed kp within [0, widest], to about 0.1 %; 0 where there is none. For drawing: the ends are not polished."""
+    inside, outside = 0.0, widest
+    kps = np.concatenate([np.geomspace(1e-3, 0.1, 9), np.linspace(0.13, 1, 16)]) * widest
+    for _ in range(3):
+        free = region.stable_columns(kps, polish=False)
+        for name in region.required.asked:
+            free = region.barred(name, kps, free, polish=False)
+        filled = np.flatnonzero([len(intervals) > 0 for intervals in free])
+        if len(filled):
+            inside = float(kps[filled[-1]])
+            outside = float(kps[min(filled[-1] + 1, len(kps) - 1)])
+        if outside <= inside:
+            break
+        kps = np.linspace(inside, outside, 12)[1:]
+    return inside
+
+
+def contours(study: JointStudy, view: View, taken: list[style.Annotation]) -> tuple[list[style.Trace], list[style.Annotation]]:
+    """Lines of equal gain margin, phase margin and Ms; those that are required are drawn thicker."""
+    traces, notes = [], []
+    for place, (level, text, color, dash, asked) in enumerate(_levels(study.spec.requirements)):
+        drawn = []
+        for outline in outlines(replace(study.region, required=level), view):
+            line = opened(outline)
+            drawn.append(line)
+            told = {"hoverinfo": "text", "text": text + (" (required)" if asked else "")}
+            traces.append(style.line(line[:, 0], line[:, 1], color, dash=dash, width=2.6 if asked else 1.4, **told))
+        spot = _label_spot(drawn, view, place, taken + notes)
+        if spot is not None:
+            notes.append(style.label(*spot, text, color, name="" if asked else "wide"))
+    return traces, notes
+
+
+def _levels(asked: Requirements) -> list[tuple[Requirements, str, str, str, bool]]:
+    """Contours to draw: (one requirement, label, colour, dash, whether it is the one asked for)."""
+    usual = Requirements.usual()
+    gain, phase, peak = (getattr(asked, name) or getattr(usual, name) for name in ("gain_margin", "phase_margin", "peak_sensitivity"))
+    result = []
+    for value in (gain, gain**2):
+        text = f"gain margin {digits(decibels(value), 'dB', 3)}"
+        result.append((Requirements(gain_margin=value), text, style.GREEN, "solid", value == asked.gain_margin))
+    for value in (phase, min(1.5 * phase, 3.0)):
+        text = f"phase margin {digits(math.degrees(value), '°', 3)}"
+        result.append((Requirements(phase_margin=value), text, style.BLUE, "dash", value == asked.phase_margin))
+    for value in (peak, 1 + (peak - 1) / 2):
+        text = f"Ms {digits(value, '', 3)}"
+        result.append((Requirements(peak_sensitivity=value), text, style.PURPLE, "dot", value == asked.peak_sensitivity))
+    return result
+
+
+def opened(outline: Floats) -> Floats:
+    """The outline without its edge along the first line kp = const and along kd = 0, which are no contours."""
+    line = outline.copy()
+    first = line[:, 0] == line[:, 0].min()
+    line[(line[:, 1] <= 0) | (first & np.roll(first, 1) & np.roll(first, -1))] = np.nan
+    return line[:-1] if first[0] and first[-1] else line
+
+
+def _label_spot(lines: list[Floats], view: View, place: int, taken: list[style.Annotation]) -> tuple[float, float] | None:
+    """The point of a line that is farthest from the labels already there, and not too near the frame."""
+    points = np.vstack(lines) if lines else np.zeros((0, 2))
+    scaled = points / [view.kp, view.kd]
+    good = np.flatnonzero(np.all((scaled > [0.1, 0.04]) & (scaled < [0.9, 0.95]), axis=1))
+    if not len(good):
+        return None
+    others = np.array([[note["x"] / view.kp, note["y"] / view.kd] for note in taken] or [[0.0, 2.0]])
+    # A label is about three times as wide as it is high: distance across counts a third
+    gap = np.abs(scaled[good][:, None] - others) * [1 / 0.3, 1 / 0.06]
+    room = np.minimum(gap.max(axis=2).min(axis=1), 1.6)
+    best = good[int(np.argmax(room + 0.6 * scaled[good, 1] - 0.2 * np.abs(scaled[good, 0] - (0.3 + 0.1 * place))))]
+    return float(points[best, 0]), float(points[best, 1])

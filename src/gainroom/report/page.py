@@ -1,0 +1,193 @@
+"""The skeleton of every report page: one self-contained HTML file with its style, its pictures and the library that draws them.
+
+A page is  page(title, lead, cards, sections, footer);  what goes into a section is made by figure, table, paragraph, facts and block.
+Plain strings are escaped wherever they enter; only Html, made here, passes as it is. Figures are dicts in plotly's own format
+({"data": [...], "layout": {...}}) or plotly figures; numpy arrays may stand anywhere in them.
+"""
+
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+from importlib.resources import files
+from typing import Any, Literal
+
+import numpy as np
+
+SIGNIFICANT = 6  # digits of every number in a picture: more cannot be seen
+
+
+class Html(str):
+    """Markup that is already safe to insert."""
+
+    __slots__ = ()
+
+
+@dataclass(frozen=True)
+class Lead:
+    """The answer: one sentence, and how it must look. `state` "bad" puts a banner with `headline` before everything else.
+
+    warnings   one line each, shown under the sentence
+    """
+
+    sentence: str
+    state: Literal["good", "warn", "bad"] = "good"
+    headline: str = ""
+    warnings: Sequence[str] = ()
+
+
+@dataclass(frozen=True)
+class Card:
+    """One number of the first glance. `met`: whether `requirement` is met; None where nothing is required."""
+
+    label: str
+    value: str
+    unit: str = ""
+    requirement: str = ""
+    met: bool | None = None
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Section:
+    """A heading and what stands under it: Html from the functions below, or plain text for a paragraph."""
+
+    title: str
+    parts: Sequence[str]
+
+
+def page(title: str, lead: Lead, cards: Sequence[Card], sections: Sequence[Section], footer: Sequence[str] = ()) -> str:
+    """The whole page. `footer`: closing lines, plain text or Html. The drawing library is put in once, where a figure needs it."""
+    body = "".join(_section(section) for section in sections)
+    script = _drawing_scripts() if 'class="plot"' in body else ""
+    return "\n".join(
+        [
+            "<!DOCTYPE html>",
+            '<html lang="en"><head><meta charset="utf-8">',
+            '<meta name="viewport" content="width=device-width, initial-scale=1">',
+            f"<title>{escape(title)}</title>",
+            f"<style>{_resource('page.css')}</style></head>",
+            f'<body class="{lead.state}"><main>',
+            f'<header><p class="kind">{escape(title)}</p>{_lead(lead)}{_cards(cards)}</header>',
+            body,
+            f"<footer>{''.join(map(_flow, footer))}</footer></main>",
+            script,
+            "</body></html>\n",
+        ]
+    )
+
+
+def figure(fig: Any, title: str, caption: str, height: int = 480, narrow: Mapping[str, Any] | None = None) -> Html:
+    """A picture with a title that says what it shows and a caption that says what to conclude.
+
+    fig      a plotly figure, or a dict in its format
+    height   [px]
+    narrow   changes of the layout on a phone, by dotted path ({"margin.l": 40}). Annotations with name="wide" and traces with
+             meta="wide" are left out there, annotations with name="narrow" are shown only there.
+    """
+    spec = fig if isinstance(fig, Mapping) else fig.to_plotly_json()
+    text = json.dumps({**_plain(spec), "narrow": _plain(narrow or {})}, separators=(",", ":"), allow_nan=False)
+    data = text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
+    return Html(
+        f'<figure><h3>{escape(title)}</h3><div class="plot" style="height:{height:d}px" role="img" aria-label="{escape(title)}"></div>'
+        f'<script type="application/json">{data}</script><figcaption>{_inline(caption)}</figcaption></figure>'
+    )
+
+
+def table(
+    headers: Sequence[str], rows: Iterable[Sequence[str]], caption: str = "", marks: Mapping[str, str] | None = None, sorts: bool = True
+) -> Html:
+    """A table. The first column is left-aligned, the others right.
+
+    marks   CSS class ("met", "unmet") of cells by their text, for example {"yes": "met", "no": "unmet"}
+    sorts   a click on a heading sorts the rows
+    """
+    classes = marks or {}
+
+    def cell(text: str) -> str:
+        kind = classes.get(text)
+        return f'<td class="{escape(kind)}">{_inline(text)}</td>' if kind else f"<td>{_inline(text)}</td>"
+
+    head = "".join(f'<th scope="col">{_inline(text)}</th>' for text in headers)
+    body = "".join(f"<tr>{''.join(map(cell, row))}</tr>" for row in rows)
+    described = f"<figcaption>{_inline(caption)}</figcaption>" if caption else ""
+    kind = ' class="sorts"' if sorts else ""
+    rows_and_head = f"<table{kind}><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+    return Html(f'<figure><div class="scroll">{rows_and_head}</div>{described}</figure>')
+
+
+def facts(pairs: Iterable[tuple[str, str]]) -> Html:
+    """Names and values, one pair per line."""
+    return Html("<dl>" + "".join(f"<dt>{_inline(name)}</dt><dd>{_inline(value)}</dd>" for name, value in pairs) + "</dl>")
+
+
+def paragraph(text: str) -> Html:
+    """One paragraph."""
+    return Html(f"<p>{_inline(text)}</p>")
+
+
+def block(text: str) -> Html:
+    """A command or a file as it is typed."""
+    return Html(f"<pre>{escape(text)}</pre>")
+
+
+def beside(*parts: str) -> Html:
+    """Parts next to each other where there is room, under each other on a phone."""
+    return Html('<div class="beside">' + "".join(map(_flow, parts)) + "</div>")
+
+
+def _inline(text: str) -> str:
+    return text if isinstance(text, Html) else escape(str(text))
+
+
+def _flow(text: str) -> str:
+    return text if isinstance(text, Html) else paragraph(text)
+
+
+def _section(section: Section) -> str:
+    return f"<section><h2>{_inline(section.title)}</h2>{''.join(map(_flow, section.parts))}</section>\n"
+
+
+def _lead(lead: Lead) -> str:
+    banner = f'<p class="banner" role="alert">{escape(lead.headline)}</p>' if lead.headline else ""
+    warnings = "".join(f'<p class="warning"><b>Note</b> {escape(text)}</p>' for text in lead.warnings)
+    return f"{banner}<h1>{escape(lead.sentence)}</h1>{warnings}"
+
+
+def _cards(cards: Sequence[Card]) -> str:
+    return f'<div class="cards">{"".join(map(_card, cards))}</div>' if cards else ""
+
+
+def _card(card: Card) -> str:
+    state, verdict = {True: ("met", "✓ met"), False: ("unmet", "✗ not met"), None: ("plain", "")}[card.met]
+    unit = f' <span class="unit">{escape(card.unit)}</span>' if card.unit else ""
+    below = [f"<b>{verdict}</b>" if verdict else "", escape(card.requirement)]
+    note = f'<p class="note">{escape(card.note)}</p>' if card.note else ""
+    return (
+        f'<div class="card {state}"><p class="label">{escape(card.label)}</p><p class="value">{escape(card.value)}{unit}</p>'
+        f'<p class="verdict">{" · ".join(filter(None, below)) or "&nbsp;"}</p>{note}</div>'
+    )
+
+
+def _plain(value: Any) -> Any:
+    """`value` as JSON can hold it: arrays as lists, floats rounded, what is not finite as null."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return _plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float):
+        return float(f"{value:.{SIGNIFICANT}g}") if math.isfinite(value) else None
+    return value
+
+
+def _drawing_scripts() -> str:
+    library = files("plotly").joinpath("package_data", "plotly.min.js").read_text("utf-8")
+    own = _resource("page.js")
+    return f"<noscript><p>The pictures need JavaScript.</p></noscript><script>{library}</script>\n<script>{own}</script>"
+
+
+def _resource(name: str) -> str:
+    return files("gainroom.report").joinpath(name).read_text("utf-8")

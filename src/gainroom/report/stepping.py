@@ -1,0 +1,216 @@
+"""The closed loop in time, scalar loops only.
+
+With a unit step w added at the torque command, the loop L obeys  z = L (w − z): z is the answer of the measured position to a unit step of
+the reference (L/(1+L), eq. (4) of Jung et al. 2017), and the position under that step of torque is P C e^{−sT} (w − z).
+
+Sampled: the exact discrete state space, stepped. Continuous without delay: exact (matrix exponential; the input is constant). Continuous
+with delay: method of steps. One delay is a whole number of steps, each step integrates the plant exactly with the delayed command
+taken as straight between two points. The error falls with the square of the step, which is halved until nothing changes any more.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arrays import Complexes, Floats
+from ..errors import GainroomError
+from ..loop import Loop
+from ..stability import rightmost_roots
+from ..statespace import StateSpace, realize
+
+SETTLE = 4.0  # time constants of the slowest root that are shown
+GROW = 3.4  # growth times of the fastest root of an unstable loop: a factor of 30
+MOST = 20_000  # steps
+POINTS = 1200  # without delay and sampling
+SMOOTH = 0.25  # [rad] largest turn of the fastest shown root within the first, coarsest step
+ENOUGH = 3e-4  # relative change by halving the step that ends the halving
+FINEST = 200  # steps per delay after which it ends anyway
+
+
+@dataclass(frozen=True)
+class StepResponse:
+    """Answers to unit steps at t = 0.
+
+    time         (k,) [s]
+    reference    (k,) measured position for a unit step of its reference
+    disturbance  (k,) measured position for 1 N m added to the torque command [rad]
+    change       largest change of `reference` by the last halving of the step, relative to its largest value; 0 where stepping is exact
+    growth, frequency   real and imaginary part of the rightmost root [1/s], [rad/s]
+    """
+
+    time: Floats
+    reference: Floats
+    disturbance: Floats
+    change: float
+    growth: float
+    frequency: float
+
+
+def step_response(loop: Loop, end: float | None = None) -> StepResponse:
+    """Both step responses up to `end` [s] (None: until settled, or until the vibration has grown thirtyfold).
+
+    Raises GainroomError for loops that were not built from a joint, and for several joints.
+    """
+    if loop.scalar is None or loop.open_loop is None or loop.actuated is None or loop.delays is None:
+        raise GainroomError("step_response needs a loop of one joint built with build_loop")
+    roots = rightmost_roots(loop, count=8).roots
+    end = _horizon(roots) if end is None else end
+    growth, frequency = float(roots[0].real), float(abs(roots[0].imag))
+    if loop.sample_time is not None:
+        step, count = loop.sample_time, min(math.ceil(end / loop.sample_time), MOST)
+        return StepResponse(step * np.arange(count + 1), *_sampled(loop, step, count), 0.0, growth, frequency)
+    delay = float(loop.delays[0])
+    if delay == 0:
+        return StepResponse(np.linspace(0, end, POINTS + 1), *_undelayed(loop, end / POINTS, POINTS), 0.0, growth, frequency)
+    late = max(8, math.ceil(delay * float(np.abs(roots[:4]).max()) / SMOOTH))
+    steps = min(math.ceil(end / delay), MOST // late + 1) * late
+    reference, disturbance = _delayed(loop, delay / late, late, steps)
+    while True:
+        coarse, late, steps = reference, 2 * late, 2 * steps
+        reference, disturbance = _delayed(loop, delay / late, late, steps)
+        change = float(np.abs(reference[::2] - coarse).max() / np.abs(reference).max())
+        if change < ENOUGH or late > FINEST:
+            return StepResponse(delay / late * np.arange(steps + 1), reference, disturbance, change, growth, frequency)
+
+
+def _horizon(roots: Complexes) -> float:
+    """A time after which nothing new is to be seen."""
+    growth = float(roots[0].real)
+    fastest = float(np.abs(roots).max()) or 1.0
+    if growth > 0:
+        turn = 2 * math.pi / abs(roots[0]) if roots[0] != 0 else 0.0
+        return min(max(GROW / growth, 4 * turn), max(40 * turn, 0.5 / growth))
+    return min(SETTLE / max(-growth, 1e-9 * fastest), 2000 * 2 * math.pi / fastest)
+
+
+def _sampled(loop: Loop, step: float, count: int) -> tuple[Floats, Floats]:
+    """`count` ticks of the exact discrete loop: (z, position), (count + 1,) each."""
+    assert loop.actuated is not None
+    both = _joined(loop, step, _stepped)
+    late = round(loop.actuated.delay / step)  # whole ticks, which the plant's part leaves out and the loop's has as states
+    table = np.zeros((count + 1, 2))
+    command = np.zeros(count + 1 + late)
+    state = np.zeros(len(both.a))
+    for k in range(count + 1):
+        free = both.c @ state
+        # z = c x + d u with u = 1 − z
+        table[k, 0] = (free[0] + both.d[0, 0]) / (1 + both.d[0, 0])
+        command[k + late] = 1 - table[k, 0]
+        now = np.array([command[k + late], command[k]])
+        table[k, 1] = free[1] + both.d[1] @ now
+        state = both.a @ state + both.before @ now
+    return table[:, 0], table[:, 1]
+
+
+def _delayed(loop: Loop, step: float, late: int, count: int) -> tuple[Floats, Floats]:
+    """`count` steps of a continuous loop whose delay is `late` of them: (z, position), (count + 1,) each.
+
+    One delay at a time is one product.
+    """
+    both = _joined(loop, step, _ramped)
+    block = _Block.of(both, late)
+    state, sent = np.zeros(len(both.a)), np.zeros(late)
+    rows = []
+    for turn in range(count // late + 1):
+        # The point that follows the block's last one is this block's own first command, known only when its outputs are.
+        # In the first block it is the unit step itself, which does not ramp up inside the interval before it.
+        following = np.append(sent[1:], 0.0)
+        output = block.output_state @ state + block.output_input @ np.concatenate([sent, following])
+        rows.append(output.reshape(late, 2))
+        command = 1.0 - rows[-1][:, 0]
+        following[-1] = command[0] if turn else 0.0
+        state = block.next_state @ state + block.next_input @ np.concatenate([sent, following])
+        sent = command
+    table = np.vstack(rows)[: count + 1]
+    return table[:, 0], table[:, 1]
+
+
+def _undelayed(loop: Loop, step: float, count: int) -> tuple[Floats, Floats]:
+    """Closed in continuous time, then sampled exactly: with constant input nothing is approximated. (z, position) as above."""
+    from scipy.linalg import expm
+
+    assert loop.open_loop is not None
+    assert loop.actuated is not None
+    part, plant = loop.open_loop, realize(loop.actuated)
+    c, d = loop.gain * part.c[0], loop.gain * part.d[0, 0]
+    # u = (1 − c x)/(1 + d) drives loop and plant alike; the constant 1 is the last state
+    states, moving = len(part.a), len(plant.a)
+    row = np.concatenate([-c, np.zeros(moving), [1.0]]) / (1 + d)
+    total = np.zeros((states + moving + 1,) * 2)
+    total[:states, :states] = part.a
+    total[states:-1, states:-1] = plant.a
+    total[:-1] += np.vstack([part.b, plant.b]) @ row[None]
+    transition = expm(total * step)
+    table = np.zeros((count + 1, len(total)))
+    table[0, -1] = 1.0
+    for k in range(count):
+        table[k + 1] = transition @ table[k]
+    return 1.0 - table @ row, table[:, states:-1] @ plant.c[0]
+
+
+@dataclass(frozen=True)
+class _Recursion:
+    """x⁺ = a x + before u + after u⁺, y = c x + d u."""
+
+    a: Floats
+    before: Floats
+    after: Floats
+    c: Floats
+    d: Floats
+
+
+def _joined(loop: Loop, step: float, convert: Callable[[StateSpace, float], _Recursion]) -> _Recursion:
+    """Loop (command → z) and plant (command → position) side by side, each with its own input."""
+    assert loop.open_loop is not None
+    assert loop.actuated is not None
+    part = loop.open_loop
+    scaled = StateSpace(part.a, part.b, loop.gain * part.c, loop.gain * part.d)
+    return convert(scaled.beside(realize(loop.actuated)), step)
+
+
+def _stepped(system: StateSpace, tick: float) -> _Recursion:
+    """One tick of a system in δ."""
+    return _Recursion(np.eye(len(system.a)) + tick * system.a, tick * system.b, 0 * system.b, system.c, system.d)
+
+
+def _ramped(system: StateSpace, step: float) -> _Recursion:
+    """One step of a continuous system whose inputs are straight in between (first-order hold; Franklin, Powell and Workman, sec. 6.3)."""
+    from scipy.linalg import expm
+
+    states, inputs = system.b.shape
+    total = np.zeros((states + 2 * inputs,) * 2)
+    total[:states, :states] = step * system.a
+    total[:states, states : states + inputs] = step * system.b
+    total[states : states + inputs, states + inputs :] = np.eye(inputs)
+    over = expm(total)
+    after = over[:states, states + inputs :]
+    return _Recursion(over[:states, :states], over[:states, states : states + inputs] - after, after, system.c, system.d)
+
+
+@dataclass(frozen=True)
+class _Block:
+    """`m` steps at once, both inputs fed alike: outputs at the m points (2m,) and the next state, from the state and [u (m), u⁺ (m)]."""
+
+    output_state: Floats
+    output_input: Floats
+    next_state: Floats
+    next_input: Floats
+
+    @classmethod
+    def of(cls, part: _Recursion, m: int) -> "_Block":
+        """Stepped once for every unit vector of state and input."""
+        states = len(part.a)
+        before, after, direct = part.before.sum(axis=1), part.after.sum(axis=1), part.d.sum(axis=1)
+        basis = np.eye(states, states + 2 * m)
+        outputs = []
+        for k in range(m):
+            rows = part.c @ basis
+            rows[:, states + k] += direct
+            outputs.append(rows)
+            basis = part.a @ basis
+            basis[:, states + k] += before
+            basis[:, states + m + k] += after
+        table = np.vstack(outputs)
+        return cls(table[:, :states], table[:, states:], basis[:, :states], basis[:, states:])

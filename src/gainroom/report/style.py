@@ -1,0 +1,136 @@
+"""How every picture looks: colours that all eyes can tell apart, a quiet grid, labels that sit on the lines."""
+
+import math
+from typing import Any
+
+from ..io.numbers import digits
+
+# Okabe and Ito, Color Universal Design (2008)
+BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILION, PURPLE = (
+    "#000000",
+    "#e69f00",
+    "#56b4e9",
+    "#009e73",
+    "#f0e442",
+    "#0072b2",
+    "#d55e00",
+    "#cc79a7",
+)
+INK, SOFT, GRID = "#1b1b1b", "#5a5a5a", "#e6e6e6"
+DARK = {PURPLE: "#96386f", GREEN: "#00704f", VERMILION: "#b34a00"}  # the same hues where they must be read as text
+TEXT = 13  # [px]
+NARROW = {"margin.l": 58, "margin.r": 8}
+
+Trace = dict[str, Any]
+Annotation = dict[str, Any]
+
+
+def layout(**parts: Any) -> dict[str, Any]:
+    """The common layout, with `parts` of the picture's own."""
+    base: dict[str, Any] = {
+        "font": {"family": 'system-ui, "Segoe UI", Roboto, Arial, sans-serif', "size": TEXT, "color": INK},
+        "paper_bgcolor": "white",
+        "plot_bgcolor": "white",
+        "margin": {"l": 72, "r": 24, "t": 16, "b": 52},
+        "hovermode": "closest",
+        "hoverlabel": {"bgcolor": "white", "font": {"size": TEXT}},
+        "showlegend": False,
+        "autosize": True,
+        "separators": ".\u202f",
+        "dragmode": False,
+    }
+    return base | parts
+
+
+def axis(title: str, **parts: Any) -> dict[str, Any]:
+    """A linear axis. Its title names quantity and unit."""
+    base: dict[str, Any] = {
+        "title": {"text": title, "standoff": 8},
+        "gridcolor": GRID,
+        "linecolor": "#888",
+        "showline": True,
+        "ticks": "outside",
+        "ticklen": 4,
+        "tickcolor": "#888",
+        "zeroline": False,
+        "tickformat": ",~r",
+        "automargin": True,
+    }
+    return base | parts
+
+
+def frequency_axis(title: str, low: float, high: float, scale: float = 1.0, **parts: Any) -> dict[str, Any]:
+    """A logarithmic axis over [low, high] rad/s with a tick at every 1, 2 and 5, written in units of `scale` rad/s (2π: Hz)."""
+    ticks, names = [], []
+    for decade in range(math.floor(math.log10(low / scale)), math.ceil(math.log10(high / scale)) + 1):
+        for step in (1, 2, 5):
+            value = step * 10.0**decade
+            if low <= value * scale <= high:
+                ticks.append(value * scale)
+                wide = high / low > 3e3
+                names.append(digits(value) if step == 1 or not wide else "")
+    span = [math.log10(low), math.log10(high)]
+    return axis(title, type="log", range=span, tickmode="array", tickvals=ticks, ticktext=names, **parts)
+
+
+def decades(name: str, low: float, high: float, scale: float = 1.0) -> dict[str, Any]:
+    """The ticks of such an axis on a phone: powers of ten only."""
+    exponents = range(math.ceil(math.log10(low / scale)), math.floor(math.log10(high / scale)) + 1)
+    values = [10.0**exponent for exponent in exponents]
+    return {f"{name}.tickvals": [value * scale for value in values], f"{name}.ticktext": [digits(value) for value in values]}
+
+
+def line(x: Any, y: Any, color: str, *, dash: str = "solid", width: float = 2, **parts: Any) -> Trace:
+    """A curve."""
+    return {
+        "type": "scatter",
+        "mode": "lines",
+        "x": x,
+        "y": y,
+        "line": {"color": color, "dash": dash, "width": width},
+        "hoverinfo": "skip",
+    } | parts
+
+
+def markers(x: Any, y: Any, symbol: str, color: str, size: float = 10, **parts: Any) -> Trace:
+    """Points."""
+    marker = {"symbol": symbol, "color": color, "size": size, "line": {"color": "white", "width": 1.5}}
+    return {"type": "scatter", "mode": "markers", "x": x, "y": y, "marker": marker, "hoverinfo": "skip"} | parts
+
+
+def label(x: float, y: float, text: str, color: str = INK, **parts: Any) -> Annotation:
+    """Text on the picture, on a white ground so that lines do not run through it."""
+    base = {
+        "x": x,
+        "y": y,
+        "text": text,
+        "showarrow": False,
+        "font": {"color": DARK.get(color, color), "size": TEXT},
+        "bgcolor": "rgba(255,255,255,0.82)",
+        "borderpad": 1,
+    }
+    return base | parts
+
+
+def arrow(start: tuple[float, float], end: tuple[float, float], color: str, **parts: Any) -> Annotation:
+    """An arrow in data coordinates (on a logarithmic axis: decimal logarithms, as plotly wants them)."""
+    base = {
+        "ax": start[0],
+        "ay": start[1],
+        "x": end[0],
+        "y": end[1],
+        "axref": "x",
+        "ayref": "y",
+        "text": "",
+        "showarrow": True,
+        "arrowhead": 2,
+        "arrowsize": 1,
+        "arrowwidth": 1.6,
+        "arrowcolor": color,
+    }
+    return base | parts
+
+
+def switches(y: float = 1.0, **parts: Any) -> dict[str, Any]:
+    """A legend above the picture whose entries switch their lines on and off."""
+    return {"orientation": "h", "x": 0, "xanchor": "left", "y": y, "yanchor": "bottom", "font": {"size": TEXT}, "itemwidth": 30} | parts

@@ -1,0 +1,172 @@
+"""The tables of a joint's page, and its inputs in words."""
+
+import math
+
+from ..controller import PD
+from ..io.numbers import decibels, digits, frequency, own_gains, plane_names, quantity
+from ..robustness import Margins
+from ..study import JointSpec, JointStudy
+from .bode import Case
+from .page import Html, facts, table
+
+MARKS = {"yes": "met", "no": "unmet", "unstable": "unmet", "not certified": "unmet"}
+
+
+def margin_table(study: JointStudy) -> Html:
+    """The margins of the file's gains beside the recommended ones and the 10 Hz rule's."""
+    names, found, gains = ["this file"], [study.margins], [_own_gains(study)]
+    recommended = study.recommended
+    if recommended is not None:
+        shown = [("recommended", recommended.nominal)]
+        if study.spec.uncertainty.names:
+            shown = [("recommended (worst case)", recommended.worst), ("recommended (as stated)", recommended.nominal)]
+        for name, margins in shown:
+            names.append(name)
+            found.append(margins)
+            gains.append((recommended.kp, recommended.kd))
+    names.append("10 Hz rule" if isinstance(study.spec.controller, PD) else "10 Hz rule (plain PD)")
+    found.append(study.rule.margins)
+    gains.append((study.rule.kp, study.rule.kd))
+    kp_name, kd_name = plane_names(study.spec.controller)
+    rows = [
+        (f"{kp_name} [N·m/rad]", *(digits(kp) for kp, _ in gains)),
+        (f"{kd_name} [N·m·s/rad]", *(digits(kd) for _, kd in gains)),
+        ("stable", *("yes" if one.stable else "unstable" for one in found)),
+        *([label, *(told(one) for one in found)] for label, told in _ROWS),
+    ]
+    caption = (
+        "The 10 Hz rule is kp = J ω², kd = 2 ζ J ω with ω = 2π·10 rad/s, ζ = 2 and J the motor inertia. "
+        "Margins of an unstable loop mean nothing."
+    )
+    if recommended is not None and study.spec.uncertainty.names:
+        caption += " Worst case: every margin where it is smallest over the screened cases, so a column may hold several of them."
+    return table(["", *names], rows, caption, MARKS, sorts=False)
+
+
+def _own_gains(study: JointStudy) -> tuple[float, float]:
+    if study.max_kd is None:
+        return math.nan, math.nan
+    kp, kd = study.spec.controller.plane_gains()
+    return float(kp), float(kd)
+
+
+_ROWS = (
+    ("gain margin [dB]", lambda m: digits(decibels(m.gain_margin))),
+    ("… at [rad/s]", lambda m: digits(m.phase_crossover)),
+    ("gain may fall by [dB]", lambda m: "any" if m.stable and m.lower_gain_margin == 0 else digits(-decibels(m.lower_gain_margin))),
+    ("phase margin [°]", lambda m: digits(math.degrees(m.phase_margin))),
+    ("… at [rad/s]", lambda m: digits(m.gain_crossover)),
+    ("delay margin [ms]", lambda m: digits(1e3 * m.delay_margin)),
+    ("… at [rad/s]", lambda m: digits(m.delay_crossover)),
+    ("peak sensitivity Ms [–]", lambda m: digits(m.peak_sensitivity)),
+    ("… at [rad/s]", lambda m: digits(m.peak_sensitivity_frequency)),
+    ("peak complementary sensitivity Mt [–]", lambda m: digits(m.peak_complementary)),
+    ("disk margin [–]", lambda m: digits(m.disk_margin)),
+)
+
+
+def crossing_table(found: Margins) -> Html:
+    """Every crossing of the file's loop, by frequency."""
+    rows = [
+        (c.omega, ("phase", digits(c.omega), digits(c.omega / (2 * math.pi)), digits(decibels(c.gain), "dB"), "–", "–"))
+        for c in found.phase_crossings
+    ]
+    for c in found.gain_crossings:
+        cells = (
+            digits(c.omega),
+            digits(c.omega / (2 * math.pi)),
+            "–",
+            digits(math.degrees(c.phase_margin), "°"),
+            digits(1e3 * c.delay_margin, "ms"),
+        )
+        rows.append((c.omega, ("gain", *cells)))
+    headers = ["crossing", "ω [rad/s]", "f [Hz]", "gain to −1", "phase to −1", "extra delay to −1"]
+    caption = (
+        "Phase crossings: L is real and negative. Gain crossings: |L| = 1. The last columns tell what it would take there to reach −1."
+    )
+    return table(headers, [row for _, row in sorted(rows)], caption)
+
+
+def case_table(shown: list[Case]) -> Html:
+    """The four cases of the Bode picture in numbers."""
+    rows = [
+        (
+            case.name,
+            digits(decibels(case.margins.gain_margin), "dB") if case.margins.stable else "unstable",
+            frequency(case.margins.phase_crossover),
+            digits(math.degrees(case.margins.phase_margin), "°"),
+            digits(1e3 * case.margins.delay_margin, "ms"),
+        )
+        for case in shown
+    ]
+    return table(["case", "gain margin", "would vibrate at", "phase margin", "delay margin"], rows, "", MARKS)
+
+
+def inputs(study: JointStudy) -> Html:
+    """The joint, the drive, the controller and what is required, as the page has used them."""
+    spec = study.spec
+    joint, drive = spec.joint, spec.drive
+    pairs = [
+        ("motor inertia, joint side", digits(joint.motor_inertia, "kg·m²")),
+        ("link inertia", digits(joint.link_inertia, "kg·m²")),
+        ("gearbox stiffness", "rigid" if math.isinf(joint.stiffness) else digits(joint.stiffness, "N·m/rad")),
+        ("gearbox damping", digits(joint.damping, "N·m·s/rad")),
+        ("viscous friction, motor and link", f"{digits(joint.motor_viscous)} and {digits(joint.link_viscous, 'N·m·s/rad')}"),
+        (
+            "anti-resonance, resonance",
+            f"{frequency(joint.antiresonance)}, {frequency(joint.resonance)}" if math.isfinite(joint.stiffness) else "none",
+        ),
+        (
+            "current loop",
+            "ideal" if drive.is_ideal else f"bandwidth ω_c {digits(drive.bandwidth, 'rad/s')}, ζ {digits(drive.damping_ratio)}",
+        ),
+        ("delay, target to demand torque", _delay(spec)),
+        ("controller", _controller(spec)),
+        ("encoder", f"{spec.feedback} side of the gearbox"),
+        ("time", _time(spec)),
+        ("required", _required(spec)),
+        ("uncertainty", _uncertainty(spec)),
+    ]
+    return facts(pairs)
+
+
+def _delay(spec: JointSpec) -> str:
+    text = digits(1e3 * spec.drive.delay, "ms")
+    return text if spec.sample_time is None else f"{text} = {digits(spec.drive.delay / spec.sample_time)} ticks"
+
+
+def _controller(spec: JointSpec) -> str:
+    controller = spec.controller
+    gains = ", ".join(f"{name} {digits(value, unit)}" for name, value, unit in own_gains(controller))
+    low_pass = controller.velocity_filter
+    filtered = "no velocity filter"
+    if low_pass is not None:
+        filtered = f"velocity filter of order {low_pass.order} at {digits(low_pass.bandwidth, 'rad/s')}"
+    notches = "".join(f", notch at {digits(notch.frequency, 'rad/s')}" for notch in controller.notches)
+    return f"{type(controller).__name__}: {gains}; {filtered}{notches}"
+
+
+def _time(spec: JointSpec) -> str:
+    if spec.sample_time is None:
+        return "continuous: no sampling, no hold, the velocity is known exactly; the delay is exact"
+    return (
+        f"sampled at {digits(1 / spec.sample_time, 'Hz')}: torque held between ticks, velocity by difference, plant and delay discretised "
+        "exactly; responses at the sample instants"
+    )
+
+
+def _required(spec: JointSpec) -> str:
+    asked = spec.requirements
+    told = []
+    if asked.gain_margin is not None:
+        told.append(f"gain margin ≥ {digits(decibels(asked.gain_margin), 'dB')}")
+    if asked.phase_margin is not None:
+        told.append(f"phase margin ≥ {digits(math.degrees(asked.phase_margin), '°')}")
+    if asked.peak_sensitivity is not None:
+        told.append(f"Ms ≤ {digits(asked.peak_sensitivity)}")
+    return ", ".join(told) or "stability alone"
+
+
+def _uncertainty(spec: JointSpec) -> str:
+    told = ", ".join(quantity(name, *getattr(spec.uncertainty, name)) for name in spec.uncertainty.names)
+    return told or "none stated: every value is taken as exact"

@@ -1,0 +1,49 @@
+"""One number of the paper beside the same number computed here."""
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Row:
+    """A comparison.
+
+    id         figure, case and quantity, joined by dots; the quantity names its unit
+    paper      the paper's number, the middle of its range, or what must come out where it prints nothing (the note says what)
+    computed   the same, computed on the spot
+    tolerance  how far `computed` may be from `paper`; the note says why where it is not half a unit of the last printed digit
+    printed    the paper's own digits, "" where it prints none
+    is_range   the paper gives a range, paper ± tolerance
+    """
+
+    id: str
+    paper: float | bool
+    computed: float | bool
+    unit: str
+    agrees: bool
+    note: str
+    tolerance: float
+    printed: str
+    is_range: bool = False
+
+    @property
+    def difference(self) -> float | None:
+        """computed − paper; None between verdicts."""
+        return None if isinstance(self.paper, bool) else float(self.computed) - self.paper
+
+
+def compare(key: str, paper: float, computed: float, unit: str, tolerance: float, note: str = "", printed: str = "") -> Row:
+    """A row that agrees when `computed` lies within `tolerance` of `paper`."""
+    agrees = math.isfinite(computed) and abs(computed - paper) <= tolerance
+    return Row(key, paper, float(computed), unit, agrees, note, tolerance, printed)
+
+
+def within(key: str, low: float, high: float, computed: float, unit: str, note: str) -> Row:
+    """A row that agrees when `computed` lies in the range that the paper gives."""
+    agrees = low <= computed <= high
+    return Row(key, (low + high) / 2, float(computed), unit, agrees, note, (high - low) / 2, f"{low:g} to {high:g}", is_range=True)
+
+
+def same(key: str, paper: bool, computed: bool, note: str) -> Row:
+    """A row of verdicts."""
+    return Row(key, paper, computed, "", paper is computed, note, 0.0, "stable" if paper else "vibrates")

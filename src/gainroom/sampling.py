@@ -1,0 +1,97 @@
+"""Exact sampling of a scalar transfer function behind a zero-order hold and a fraction of a tick of delay.
+
+With G(s) = Σ r_i/(s − p_i), a torque that is u_{k−1} for the first f T_s of a tick and u_k for the rest gives
+
+    G(z) = Σ r_i (b_i z + c_i) / (z (z − E_i)),
+    E_i = e^{p_i T_s},  b_i = (e^{p_i (1−f) T_s} − 1)/p_i,  c_i = (E_i − e^{p_i (1−f) T_s})/p_i.
+
+The numerator is a small difference of large terms (a plant that falls off as 1/s⁵ loses 15 digits at 2 kHz), so it is formed in extended
+precision; its zeros are then good to the last digit of a double.
+"""
+
+import numpy as np
+
+from .arrays import Complexes
+from .factored import Factored
+
+DIGITS = 90
+APART = 22  # coinciding poles (the two integrators among them) are moved apart by 1e-22/T_s: far below a double, far above DIGITS
+
+
+def sample(system: Factored, sample_time: float, fraction: float = 0.0) -> Factored:
+    """`system` (continuous, strictly proper, its delay left aside) sampled at T_s [s] with `fraction` in [0, 1) of a tick of delay."""
+    from mpmath import mp, mpc, mpf
+
+    with mp.workdps(DIGITS):
+        step = mpf(sample_time)
+        poles: list = []
+        for pole in system.poles.tolist():
+            place = mpc(pole.real, pole.imag)
+            while any(abs(place - other) * step < mpf(10) ** -APART for other in poles):
+                place += mpf(10) ** -APART / step
+            poles.append(place)
+        zeros = [mpc(zero.real, zero.imag) for zero in system.zeros.tolist()]
+        grown = [mp.exp(pole * step) for pole in poles]
+        late = mpf(fraction)
+        rows = []
+        for k, pole in enumerate(poles):
+            residue, row = mpf(system.gain), [mpf(1)]
+            for zero in zeros:
+                residue *= pole - zero
+            for j, other in enumerate(poles):
+                if j != k:
+                    residue /= pole - other
+                    row = _times(row, [1, -grown[j]])
+            partial = mp.exp(pole * (1 - late) * step) if fraction else grown[k]
+            now = (partial - 1) / pole if pole else step * (1 - late)
+            before = (grown[k] - partial) / pole if pole else step * late
+            rows.append(_times(row, [residue * now, residue * before] if fraction else [residue * now]))
+        numerator = [sum(column).real for column in zip(*rows, strict=True)]
+        roots = _roots(numerator)
+        gain = numerator[0] * step ** (len(roots) - len(poles) - (1 if fraction else 0))
+        places = [(root - 1) / step for root in roots]
+        zeros_v = np.array([float(place.real) for place in places]) + 1j * np.array([float(place.imag) for place in places])
+        poles_v = np.expm1(system.poles * sample_time) / sample_time
+        if fraction:
+            poles_v = np.append(poles_v, -1 / sample_time)
+        return Factored(_conjugate(zeros_v), poles_v, float(gain), 0.0, sample_time)
+
+
+def _times(first: list, second: list) -> list:
+    """Product of two polynomials, highest power first."""
+    product = [0] * (len(first) + len(second) - 1)
+    for i, left in enumerate(first):
+        for j, right in enumerate(second):
+            product[i + j] += left * right
+    return product
+
+
+def _roots(polynomial: list) -> list:
+    """Roots of a real polynomial: found in double precision, polished by Newton (Aberth's form keeps them apart) in extended precision."""
+    from mpmath import mp, mpc
+
+    roots = [mpc(root.real, root.imag) for root in np.roots([float(value / polynomial[0]) for value in polynomial])]
+    for _ in range(60):
+        largest = mp.mpf(0)
+        for k, root in enumerate(roots):
+            value, slope = mpc(polynomial[0]), mpc(0)
+            for coefficient in polynomial[1:]:
+                slope = slope * root + value
+                value = value * root + coefficient
+            if value == 0:
+                continue
+            crowd = sum(1 / (root - other) for j, other in enumerate(roots) if j != k and root != other)
+            push = slope / value - crowd
+            move = 1 / push if push else mp.mpf(10) ** -8 * (abs(root) + 1)  # a standstill between equal starts: step aside
+            roots[k] = root - move
+            largest = max(largest, abs(move) / (abs(root) + mp.mpf(10) ** -30))
+        if largest < mp.mpf(10) ** -25:
+            break
+    return roots
+
+
+def _conjugate(roots: Complexes) -> Complexes:
+    """`roots` made exactly closed under conjugation."""
+    real = np.abs(roots.imag) <= 1e-14 * np.abs(roots)
+    upper = roots[(roots.imag > 0) & ~real]
+    return np.concatenate([roots[real].real.astype(complex), upper, upper.conj()])

@@ -1,0 +1,228 @@
+"""Is the loop stable, and where are its rightmost roots? Exact with the delay in place; never Padé.
+
+Scalar loops: the Nyquist count over certified crossings (crossings.py). Roots, any n: the delay lines of the n delayed channels are
+discretised on Chebyshev points (Breda, Maset and Vermiglio 2005) to find candidates, which Newton then polishes on the exact
+characteristic matrix M(s) = sI − A + B e^{−sT} C.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from .arrays import Complexes, Floats
+from .crossings import Scan, scan_many
+from .errors import GainroomError
+from .factored import growth
+from .loop import Loop
+from .sampled_scan import scan_callable
+
+RESOLUTION = 1e-13  # of a root, relative to the largest element of the state matrix
+INFINITELY_MANY = 10**9
+MARGINAL = 1e-12  # a crossing with | |L| − 1 | below this puts a root on the boundary: not called stable
+
+
+@dataclass(frozen=True)
+class Roots:
+    """Rightmost closed-loop roots.
+
+    roots       (count,) complex, in s [1/s], largest real part first; sampled loops: ln(z)/T_s
+    residuals   (count,) last Newton step relative to |root|: how far each may be off
+    lost        candidates near or right of the boundary that could not be confirmed as roots; 0 where all is well
+    """
+
+    roots: Complexes
+    residuals: Floats
+    lost: int = 0
+
+
+def scan_loop(loop: Loop, with_peaks: bool = True) -> Scan:
+    """All crossings and peaks of a scalar loop: certified from zeros and poles, or sampled adaptively from a callable."""
+    if loop.scalar is not None and loop.scalar.gain == 0:
+        return _silent(with_peaks)
+    if loop.scalar is not None:
+        return _scan_one(loop, with_peaks)
+    if loop.function is not None:
+        return scan_callable(loop.response)
+    raise GainroomError(f"a loop of {loop.size} joints has no scalar response; use gain_limit or rightmost_roots")
+
+
+def _silent(with_peaks: bool) -> Scan:
+    """The scan of L = 0: no crossings, and nothing amplified."""
+    peaks = np.array([[0.0, 1.0], [0.0, math.inf], [0.0, 2.0]]) if with_peaks else np.zeros((3, 2))
+    return Scan(np.empty((0, 2)), np.empty((0, 3)), peaks, 0.0, True)
+
+
+def _scan_one(loop: Loop, with_peaks: bool) -> Scan:
+    from . import acceleration
+
+    assert loop.scalar is not None
+    return acceleration.scan_one(loop.scalar, with_peaks) or scan_many([loop.scalar], with_peaks)[0]
+
+
+def unstable_roots(loop: Loop, scan: Scan | None = None) -> int:
+    """Number of closed-loop roots right of the imaginary axis (outside the unit circle); those on it count as unstable."""
+    if loop.scalar is None and loop.function is None:
+        found = rightmost_roots(loop, count=loop.size + 4)
+        assert loop.open_loop is not None
+        # A joint left free to drift has a root at 0, known no better than this: it does not count as stable.
+        near = -10 * RESOLUTION * np.abs(loop.open_loop.a).max(initial=1.0)
+        return int(np.count_nonzero(found.roots.real >= near)) + found.lost
+    if _is_lost_at_infinity(loop):
+        return INFINITELY_MANY
+    if loop.scalar is not None and loop.scalar.gain == 0:
+        return int(np.count_nonzero(growth(loop.scalar.poles, loop.sample_time) >= 0))
+    scan = scan_loop(loop, with_peaks=False) if scan is None else scan
+    on_boundary = sum(abs(size - 1) < MARGINAL for size in scan.phases[:, 1].tolist())
+    if not on_boundary:  # L may also lie along the real axis, as 1/s² does, and meet −1 without crossing it
+        on_boundary = sum(abs(math.remainder(phase, 2 * math.pi)) > math.pi - MARGINAL for phase in scan.gains[:, 1].tolist())
+    return round(loop.unstable_poles - scan.half_turns) + on_boundary + _cancelled_on_boundary(loop)
+
+
+def _is_lost_at_infinity(loop: Loop) -> bool:
+    """True for a delayed continuous loop with |L(∞)| ≥ 1 (a neutral equation: its chain of roots runs off on the right)."""
+    system = loop.scalar
+    return system is not None and loop.sample_time is None and system.delay > 0 and system.relative_degree == 0 and abs(system.gain) >= 1
+
+
+def _cancelled_on_boundary(loop: Loop) -> int:
+    """Poles on the boundary that a zero of L hides: no gain moves them (kp = 0 leaves the joint free to drift)."""
+    if loop.scalar is None:
+        return 0
+    poles = loop.scalar.poles[growth(loop.scalar.poles, loop.sample_time) == 0]
+    hidden = np.abs(loop.scalar.zeros[:, None] - poles) <= 1e-13 * np.abs(poles)
+    return int(np.count_nonzero(hidden.any(axis=0)))
+
+
+def is_stable(loop: Loop) -> bool:
+    """True when every closed-loop root decays."""
+    return unstable_roots(loop) == 0
+
+
+def rightmost_roots(loop: Loop, count: int = 6) -> Roots:
+    """The `count` rightmost closed-loop roots, polished, with residuals.
+
+    Raises GainroomError for a loop given as a callable: it has no state space.
+    """
+    if loop.open_loop is None:
+        raise GainroomError("rightmost_roots needs a loop built with build_loop or from an LTI system, not a callable")
+    delays = np.zeros(loop.size) if loop.delays is None else loop.delays
+    system = _Characteristic(loop.open_loop.a, loop.open_loop.b, loop.gain * loop.open_loop.c, loop.gain * loop.open_loop.d, delays)
+    if loop.sample_time is not None or not np.any(delays > 0):
+        return _rightmost(*_newton(system, np.linalg.eigvals(system.collocated(0)), math.inf), count, loop.sample_time)
+    best: Complexes | None = None
+    for nodes in (12, 20, 32, 48, 72, 108):
+        found = _rightmost(*_newton(system, _candidates(system, nodes, count), 0.3), count, None)
+        if best is not None and len(best) == len(found.roots) and np.allclose(best, found.roots, rtol=1e-9, atol=1e-9):
+            return found
+        best = found.roots
+    return found
+
+
+@dataclass(frozen=True)
+class _Characteristic:
+    """Closed loop x' = a x + b u(t − T), u = −(c x + d u(t − T))."""
+
+    a: Floats
+    b: Floats
+    c: Floats
+    d: Floats
+    delays: Floats
+
+    def matrix(self, s: complex) -> tuple[Complexes, Complexes]:
+        """M(s) and dM/ds; det M = 0 at the roots."""
+        lag = np.exp(-s * self.delays)
+        inner = np.linalg.inv(np.eye(len(lag)) + self.d * lag)  # columns of d scaled: d E
+        passed = lag[:, None] * inner
+        change = -(self.delays * lag)[:, None] * inner + passed @ (self.d * (self.delays * lag)) @ inner
+        eye = np.eye(len(self.a))
+        return s * eye - self.a + self.b @ passed @ self.c, eye + self.b @ change @ self.c
+
+    def collocated(self, nodes: int) -> Floats:
+        """The generator with every delay line on `nodes` + 1 Chebyshev points; without delays, the closed-loop matrix."""
+        states, lines = len(self.a), np.flatnonzero(self.delays > 0)
+        direct = np.flatnonzero(self.delays == 0)
+        size = states + nodes * len(lines)
+        # what every channel delivers to the plant, as rows over [x, lines]
+        arriving = np.zeros((len(self.delays), size))
+        for place, line in enumerate(lines):
+            arriving[line, states + (place + 1) * nodes - 1] = 1.0
+        sent = -np.hstack([self.c, np.zeros((len(self.delays), size - states))]) - self.d[:, lines] @ arriving[lines]
+        if len(direct):
+            block = self.d[np.ix_(direct, direct)]
+            arriving[direct] = np.linalg.solve(np.eye(len(direct)) + block, sent[direct])
+            sent = sent - self.d[:, direct] @ arriving[direct]
+        result = np.zeros((size, size))
+        result[:states] = self.b @ arriving
+        result[:states, :states] += self.a
+        if len(lines):
+            differentiation = _chebyshev(nodes)
+            for place, line in enumerate(lines):
+                rows = slice(states + place * nodes, states + (place + 1) * nodes)
+                scaled = differentiation * (2 / self.delays[line])
+                result[rows, rows] = scaled[1:, 1:]
+                result[rows] += np.outer(scaled[1:, 0], sent[line])
+        return result
+
+
+def _chebyshev(nodes: int) -> Floats:
+    """Differentiation matrix (nodes+1)² on cos(πj/nodes), from 1 (now) to −1 (one delay ago). Trefethen, Spectral Methods, ch. 6."""
+    points = np.cos(np.pi * np.arange(nodes + 1) / nodes)
+    weights = np.append(2.0, np.append(np.ones(nodes - 1), 2.0)) * (-1.0) ** np.arange(nodes + 1)
+    gaps = points[:, None] - points[None, :] + np.eye(nodes + 1)
+    matrix = np.outer(weights, 1 / weights) / gaps
+    return matrix - np.diag(matrix.sum(axis=1))
+
+
+def _candidates(system: _Characteristic, nodes: int, count: int) -> Complexes:
+    """Eigenvalues of the discretised delay lines, rightmost first, upper half plane; more than asked for, as some are spurious."""
+    values = np.linalg.eigvals(system.collocated(nodes))
+    values = values[values.imag >= 0]
+    return values[np.argsort(-values.real)][: 2 * count + 10]
+
+
+def _newton(system: _Characteristic, starts: Complexes, reach: float) -> tuple[Complexes, Floats, int]:
+    """Roots of det M reached from `starts` without leaving their neighbourhood (`reach`, relative), and their last steps.
+
+    Also the number of starts near or right of the boundary from which none was reached: a verdict may not pass over them.
+    """
+    size = np.abs(system.a).max(initial=1.0)
+    roots, residuals, lost = [], [], 0
+    for start in starts[starts.imag >= 0]:
+        s, step = complex(start), math.inf
+        for _ in range(30):
+            matrix, slope = system.matrix(s)
+            try:
+                step = 1 / np.trace(np.linalg.solve(matrix, slope))
+            except np.linalg.LinAlgError:  # exactly singular: s is a root to the last digit
+                step = 0.0
+            s -= step
+            if abs(step) <= 1e-15 * abs(s):
+                break
+        scale = max(abs(s), abs(start))
+        arrived = np.isfinite(s) and abs(step) <= 1e-8 * scale + RESOLUTION * size
+        if arrived and abs(s - start) <= reach * scale + 1e-6 * size:
+            roots.append(s)
+            residuals.append(abs(step) / scale if scale else 0.0)
+        elif start.real > -1e-6 * size:
+            lost += 1
+    return np.array(roots, dtype=complex), np.array(residuals), lost
+
+
+def _rightmost(roots: Complexes, residuals: Floats, lost: int, count: int, sample_time: float | None) -> Roots:
+    """Distinct roots in s with their conjugates, sorted by real part, the first `count`."""
+    if sample_time is not None:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            roots = np.log(1 + sample_time * roots) / sample_time
+        keep = np.isfinite(roots)
+        roots, residuals = roots[keep], residuals[keep]
+    order = np.argsort(-roots.real, kind="stable")
+    kept: list[complex] = []
+    sizes: list[float] = []
+    for root, residual in zip(roots[order], residuals[order], strict=True):
+        real = abs(root.imag) <= 1e-9 * abs(root) or (sample_time is not None and abs(root.imag) >= math.pi / sample_time * (1 - 1e-12))
+        if any(abs(root - other) <= 1e-9 * abs(root) or abs(root.conjugate() - other) <= 1e-9 * abs(root) for other in kept):
+            continue
+        kept += [root] if real else [root, root.conjugate()]
+        sizes += [residual] if real else [residual, residual]
+    return Roots(np.array(kept[:count]), np.array(sizes[:count]), lost)

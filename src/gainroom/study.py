@@ -1,0 +1,205 @@
+"""One joint, studied: verdict, margins, limits, region, recommended gains, and a sentence that says what limits it."""
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from .controller import PD, PID, PPI
+from .drive import Drive
+from .limits import GainLimit, gain_limit
+from .loop import Feedback, Loop, build_loop
+from .plant import ElasticJoint
+from .recommend import Recommendation, Requirements, Uncertainty, recommend_pd
+from .region import PDRegion, pd_region
+from .robustness import Margins, margins, to_db
+
+RULE_FREQUENCY = 2 * math.pi * 10.0  # [rad/s] of the rule that reinforcement-learning teams copy: kp = J ω², kd = 2 ζ J ω
+RULE_DAMPING = 2.0
+
+
+@dataclass(frozen=True)
+class JointSpec:
+    """One joint with its drive and controller, what is required of it, and what is not known exactly. SI units."""
+
+    joint: ElasticJoint
+    drive: Drive
+    controller: Any
+    feedback: Feedback
+    sample_time: float | None = None
+    requirements: Requirements = field(default_factory=Requirements.usual)
+    uncertainty: Uncertainty = field(default_factory=Uncertainty)
+
+    def loop(self) -> Loop:
+        """The loop of this specification."""
+        return build_loop(self.joint, self.drive, self.controller, self.feedback, self.sample_time)
+
+
+@dataclass(frozen=True)
+class Rule:
+    """The 10 Hz rule's gains on this joint and the margins they have."""
+
+    kp: float
+    kd: float
+    margins: Margins
+
+
+@dataclass(frozen=True)
+class JointStudy:
+    """What `gainroom joint` tells.
+
+    loop, margins, limit   of the gains as given
+    region, required_region   stable PD gains; those that keep the requirements
+    max_kp                 largest stable kp over all kd
+    max_kd                 largest stable kd at the given kp; None for controllers without a kp–kd plane
+    recommended            None where nothing is required or no gains keep it
+    rule                   the 10 Hz rule on this joint
+    without                gain limit with an influence taken away: "delay", "elasticity", "delay and elasticity"
+    sentence, warnings     in words
+    """
+
+    spec: JointSpec
+    loop: Loop
+    margins: Margins
+    limit: GainLimit
+    region: PDRegion
+    required_region: PDRegion
+    max_kp: float
+    max_kd: float | None
+    recommended: Recommendation | None
+    rule: Rule
+    without: dict[str, float]
+    sentence: str
+    warnings: tuple[str, ...]
+
+
+def study_joint(spec: JointSpec) -> JointStudy:
+    """Everything about one joint."""
+    loop = spec.loop()
+    found, limit = margins(loop), gain_limit(loop)
+    template = spec.controller if isinstance(spec.controller, PD | PID | PPI) else PD(1.0, 1.0)
+    place = {"feedback": spec.feedback, "sample_time": spec.sample_time, "controller": template}
+    region = pd_region(spec.joint, spec.drive, **place)
+    asked = {name: getattr(spec.requirements, name) for name in spec.requirements.asked}
+    recommended = recommend_pd(spec.joint, spec.drive, spec.requirements, spec.uncertainty, **place) if asked else None
+    without = _without(spec)
+    study = JointStudy(
+        spec=spec,
+        loop=loop,
+        margins=found,
+        limit=limit,
+        region=region,
+        required_region=pd_region(spec.joint, spec.drive, **asked, **place),
+        max_kp=region.max_kp(),
+        max_kd=region.max_kd(spec.controller.plane_gains()[0]) if template is spec.controller else None,
+        recommended=recommended,
+        rule=_rule(spec, template),
+        without=without,
+        sentence=_sentence(found, limit, without),
+        warnings=(),
+    )
+    return replace(study, warnings=_warnings(study))
+
+
+def _rule(spec: JointSpec, template: PD | PID | PPI) -> Rule:
+    """The rule uses the reflected motor inertia alone; a joint without one falls back on the load's."""
+    inertia = spec.joint.motor_inertia or spec.joint.link_inertia
+    kp, kd = inertia * RULE_FREQUENCY**2, 2 * RULE_DAMPING * inertia * RULE_FREQUENCY
+    controller = PD(kp, kd, velocity_filter=template.velocity_filter, notches=template.notches)
+    return Rule(kp, kd, margins(build_loop(spec.joint, spec.drive, controller, spec.feedback, spec.sample_time)))
+
+
+def _without(spec: JointSpec) -> dict[str, float]:
+    """Gain limits of the same controller with influences taken away, as in Fig. 9 of Jung et al. 2017."""
+    rigid, instant = {"stiffness": math.inf, "damping": 0.0}, {"delay": 0.0}
+    changes = {"delay": ({}, instant), "elasticity": (rigid, {}), "delay and elasticity": (rigid, instant)}
+    if math.isinf(spec.joint.stiffness) or math.isinf(spec.joint.link_inertia):
+        changes = {"delay": ({}, instant)}
+    if spec.drive.delay == 0:
+        changes = {name: change for name, change in changes.items() if name == "elasticity"}
+    result = {}
+    for name, (joint, drive) in changes.items():
+        changed = replace(spec, joint=replace(spec.joint, **joint), drive=replace(spec.drive, **drive))
+        result[name] = gain_limit(changed.loop()).gain
+    return result
+
+
+def _no_gains(spec: JointSpec) -> str:
+    """That nothing can be recommended, and what would help."""
+    controller, uncertain = spec.controller, bool(spec.uncertainty.names)
+    kind, remedies = "PD", ["relax limits", "shorten the delay"]
+    if isinstance(controller, PID | PPI):
+        kind = "PID" if isinstance(controller, PID) else "P/PI"
+        if controller.ki != 0:
+            ratio = "ki/kp" if isinstance(controller, PID) else "ki/kv"
+            kind = f"{kind} gains with this file's {ratio}, which is held,"
+            remedies.insert(0, "lower ki")
+    if uncertain:
+        remedies.insert(-1, "shrink uncertainty")
+    return (
+        f"no {kind if kind.endswith(',') else kind + ' gains'} keep the required margins{' in every stated case' if uncertain else ''}: "
+        f"{', '.join(remedies[:-1])}, or {remedies[-1]}"
+    )
+
+
+def _sentence(found: Margins, limit: GainLimit, without: dict[str, float]) -> str:
+    """The answer in one sentence: verdict, room, frequency, cause."""
+    at = f"{limit.frequency / (2 * math.pi):.3g} Hz ({limit.frequency:.4g} rad/s)"
+    if found.stable and math.isinf(limit.gain):
+        return "Stable: no common factor on these gains makes the modelled joint vibrate."
+    if found.stable:
+        text = f"Stable: these gains can be multiplied by {limit.gain:.3g} ({to_db(limit.gain):.3g} dB) before the joint vibrates at {at}"
+        return text + _cause(limit.gain, without) + "."
+    if limit.gain > 0 and math.isfinite(limit.gain):
+        text = (
+            f"Unstable: with these gains the joint vibrates; it is stable below {limit.gain:.3g} times them, where it would vibrate at {at}"
+        )
+        return text + _cause(limit.gain, without) + "."
+    return "Unstable: with these gains the joint does not settle, and no common factor that lowers them makes it stable."
+
+
+def _cause(gain: float, without: dict[str, float]) -> str:
+    """What sets the limit, from how far it rises when one influence is taken away."""
+    rises = {name: to_db(limit / gain) for name, limit in without.items()}
+    told = ", ".join(f"{_change(rises[name])} without {name}" for name in ("delay", "elasticity") if name in rises)
+    strong = [name for name in ("delay", "elasticity") if rises.get(name, 0.0) > 3.0]
+    if len(strong) == 2:
+        return f"; delay and elasticity together set the limit ({told})"
+    if strong:
+        return f"; the {strong[0]} sets the limit ({told})"
+    return f"; motor inertia and current loop set the limit ({told})" if told else "; motor inertia and current loop set the limit"
+
+
+def _change(rise: float) -> str:
+    """A rise of the gain limit [dB] in words."""
+    if math.isinf(rise):
+        return "no limit" if rise > 0 else "never stable"
+    return f"{abs(rise):.3g} dB {'more' if rise >= 0 else 'less'}"
+
+
+def _warnings(study: JointStudy) -> tuple[str, ...]:
+    """What a user should know or do, each with the remedy."""
+    spec, found = study.spec, study.margins
+    warnings = []
+    if not found.stable and 0 < study.limit.gain < math.inf:
+        instead = "" if study.recommended is None else ", or use the recommended ones"
+        warnings.append(f"these gains are unstable: multiply all of them by less than {study.limit.gain:.3g}{instead}")
+    if spec.sample_time is None and spec.drive.delay > 0:
+        warnings.append(
+            "continuous model: a real controller's hold and velocity difference cost about one more tick of delay; "
+            "set control.sample_rate_hz for the sampled answer"
+        )
+    if spec.feedback == "link" and spec.joint.damping == 0 and not math.isinf(spec.joint.stiffness):
+        warnings.append(
+            "link-side feedback on an undamped elastic joint is unstable at any gain: measure damping, or close the loop on the motor side"
+        )
+    if math.isinf(study.max_kp):
+        warnings.append("nothing in this model limits kp: no gains are recommended; give the drive's delay and bandwidth")
+    elif spec.requirements.asked and study.recommended is None:
+        warnings.append(_no_gains(spec))
+    if study.max_kd is None:
+        warnings.append("the gain map, the largest gains and the recommendation are for a plain PD, as this controller has no kp–kd plane")
+    if not spec.uncertainty.names:
+        warnings.append("stiffness, damping and delay are taken as exact; give uncertainty: for gains that hold over a range")
+    if not found.certified:
+        warnings.append("a crossing or peak could not be certified: treat these margins as estimates and report the input")
+    return tuple(warnings)

@@ -1,0 +1,250 @@
+"""Whatever comes in: exit status 0, 1 or 2, one clear line for 2, never a traceback, and the old report left alone.
+
+`main` raises what it does not expect, so a call that returns is a call without a traceback.
+"""
+
+import contextlib
+import copy
+import os
+import socket
+from pathlib import Path
+
+import pytest
+import yaml
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from gainroom.cli import main
+from gainroom.cli.example import example_texts
+from gainroom.config import parse_joint
+from gainroom.errors import GainroomError
+from gainroom.io.yaml_text import MAX_BYTES, parse_yaml
+
+EXAMPLES = example_texts()
+TESTBED = EXAMPLES["testbed"]
+
+
+def complaint(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
+    """The one line on standard error of a call that must end with status 2."""
+    status = main([str(argument) for argument in arguments])
+    out, err = capsys.readouterr()
+    assert status == 2
+    assert out == ""
+    assert err.startswith("gainroom: error: ")
+    assert err.count("\n") == 1
+    return err
+
+
+@pytest.fixture
+def joint_file(tmp_path: Path) -> Path:
+    path = tmp_path / "joint.yaml"
+    path.write_text(TESTBED, "utf-8")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        (b"", "empty"),
+        (b"\n\n# nothing\n", "empty"),
+        (b"\x7fELF\x02\x01\x01\x00\x00", "binary"),
+        (b"joint: \xff\xfe", "UTF-8"),
+        (TESTBED.encode("utf-16"), "binary"),
+        (b"x" * (MAX_BYTES + 1), "larger than"),
+        (b"joint: [", "line 1"),
+        (TESTBED.replace("link_inertia: 0.8", "link_inertia: -0.8").encode(), "joint.link_inertia: -0.8 must be > 0"),
+        (TESTBED.replace("link_inertia: 0.8", "link_inertia: 0").encode(), "joint.link_inertia: 0 must be > 0"),
+        (TESTBED.replace("gear_ratio: 100", "gear_ratio: .nan").encode(), "joint.gear_ratio: nan is not a number"),
+        (TESTBED.replace("stiffness:", "stifness:").encode(), "did you mean stiffness?"),
+        (TESTBED.replace("delay_ms: 2.674", "delay_ticks: 4").encode(), "needs sample_rate_hz"),
+        (TESTBED.replace("delay_ms: 2.674", "delay_s: 2e-3").encode(), "did you mean delay_ms?"),
+        (TESTBED.replace("kp: 1600.0", "kp: 1600 Nm").encode(), "control.kp: '1600 Nm' is text"),
+    ],
+)
+def test_content(tmp_path: Path, capsys: pytest.CaptureFixture[str], content: bytes, says: str):
+    path = tmp_path / "joint.yaml"
+    path.write_bytes(content)
+    line = complaint(capsys, "joint", path)
+    assert str(path) in line
+    assert says in line
+
+
+def test_byte_order_mark_is_no_content(tmp_path: Path):
+    assert parse_joint("\ufeff".encode().decode("utf-8-sig") + TESTBED, "f") is not None
+
+
+def test_not_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    assert "no such file" in complaint(capsys, "joint", tmp_path / "nowhere.yaml")
+    assert "directory" in complaint(capsys, "joint", tmp_path)
+    os.mkfifo(tmp_path / "pipe")
+    assert "regular file" in complaint(capsys, "joint", tmp_path / "pipe")
+    assert "regular file" in complaint(capsys, "joint", "/dev/null")
+    assert "cannot be read" in complaint(capsys, "joint", "x" * 5000)
+    assert "null byte" in complaint(capsys, "joint", "nul\0byte")
+    with contextlib.chdir(tmp_path), socket.socket(socket.AF_UNIX) as server:
+        server.bind("socket")
+        assert "socket" in complaint(capsys, "joint", "socket")
+
+
+def test_a_strange_file_name_stays_on_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    path = tmp_path / "two\nlines\x1b[31m.yaml"
+    path.write_text("", "utf-8")
+    line = complaint(capsys, "joint", path)
+    assert line.rstrip("\n").isprintable()
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["joint"],
+        ["joint", "a", "b"],
+        ["join", "a"],
+        ["joint", "--jsn", "a"],
+        ["joint", "a", "--report"],
+        ["example", "nope"],
+        ["--verbose"],
+    ],
+)
+def test_wrong_calls(capsys: pytest.CaptureFixture[str], arguments: list[str]):
+    complaint(capsys, *arguments)
+
+
+@pytest.mark.parametrize(
+    "kind", ["directory", "no folder", "device", "the input itself", "read-only", "folder is a file", "long", "takes no files"]
+)
+def test_a_report_that_cannot_be_written(tmp_path: Path, joint_file: Path, capsys: pytest.CaptureFixture[str], kind: str):
+    report = {
+        "directory": tmp_path,
+        "no folder": tmp_path / "nowhere" / "out.html",
+        "device": Path("/dev/null"),
+        "the input itself": joint_file,
+        "read-only": tmp_path / "old.html",
+        "folder is a file": joint_file / "out.html",
+        "long": tmp_path / ("x" * 300),
+        "takes no files": Path("/proc/gainroom.html"),
+    }[kind]
+    if kind == "read-only":
+        report.write_text("the old report", "utf-8")
+        report.chmod(0o444)
+        if os.access(report, os.W_OK):
+            return  # root may write everything
+    before = sorted(os.listdir(tmp_path)), joint_file.read_text("utf-8")
+    line = complaint(capsys, "joint", joint_file, "--report", report)
+    assert str(report) in line
+    assert "written" in line or "overwrite" in line
+    assert (sorted(os.listdir(tmp_path)), joint_file.read_text("utf-8")) == before
+    if kind == "takes no files":
+        assert "the directory /proc takes no new files" in line
+    if kind == "read-only":
+        assert report.read_text("utf-8") == "the old report"
+
+
+def test_a_failed_run_leaves_the_old_report(tmp_path: Path, joint_file: Path, capsys: pytest.CaptureFixture[str]):
+    report = tmp_path / "out.html"
+    report.write_text("the old report", "utf-8")
+    joint_file.write_text(TESTBED.replace("kp: 1600.0", "kp: -1"), "utf-8")
+    complaint(capsys, "joint", joint_file, "--report", report)
+    assert report.read_text("utf-8") == "the old report"
+    assert sorted(os.listdir(tmp_path)) == ["joint.yaml", "out.html"]
+
+
+JUNK = st.one_of(
+    st.none(),
+    st.booleans(),
+    st.integers(-(10**20), 10**20),
+    st.floats(),
+    st.sampled_from([0, -1, 1e-300, 1e300, 1e12, 1e-12, 1e5, 1e-5, "20%", "2 ms", "motor", "link", "pid", "ppi", [1, 2], {"kp": 1}]),
+    st.text(max_size=8),
+    st.lists(st.floats(), max_size=3),
+    st.dictionaries(st.text(max_size=4), st.floats(), max_size=2),
+)
+ACTIONS = ("drop", "rename", "replace", "replace", "scale", "swap", "wrap")
+
+
+def mutated_data(draw: st.DrawFn, data: object) -> object:
+    """A file's data with one thing changed, somewhere."""
+    spots = []
+
+    def visit(node: object) -> None:
+        items = node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else ()
+        for key, value in items:
+            spots.append((node, key))
+            visit(value)
+
+    visit(data)
+    if not spots:
+        return copy.deepcopy(draw(JUNK))
+    node, key = draw(st.sampled_from(spots))
+    action = draw(st.sampled_from(ACTIONS))
+    if action == "drop":
+        del node[key]
+    elif action == "rename" and isinstance(node, dict):
+        node[draw(st.one_of(st.just(key + "s"), st.just(key[1:]), st.text(max_size=5)))] = node.pop(key)
+    elif action == "scale" and isinstance(node[key], int | float):
+        node[key] = node[key] * draw(st.sampled_from([-1, 1e-9, 1e-3, 0.1, 3, 10, 1e3, 1e9]))
+    elif action == "swap":
+        other, other_key = draw(st.sampled_from(spots))
+        # A node put inside itself would be no file.
+        if not isinstance(node[key], dict | list) and not isinstance(other[other_key], dict | list):
+            node[key], other[other_key] = other[other_key], node[key]
+    elif action == "wrap":
+        node[key] = [node[key]]
+    else:
+        node[key] = copy.deepcopy(draw(JUNK))  # it may be mutated next
+    return data
+
+
+@st.composite
+def mutated_files(draw: st.DrawFn) -> bytes:
+    text = draw(st.sampled_from(sorted(EXAMPLES.values())))
+    if draw(st.booleans()):
+        data = parse_yaml(text, "f")
+        for _ in range(draw(st.integers(1, 3))):
+            data = mutated_data(draw, data)
+        return yaml.safe_dump(data, allow_unicode=True).encode("utf-8", "surrogatepass")
+    bare = (line.partition("#")[0].rstrip() for line in text.splitlines())  # damage to a comment tests nothing
+    raw = bytearray("\n".join(line for line in bare if line), "utf-8")
+    for _ in range(draw(st.integers(1, 4))):
+        position = draw(st.integers(0, len(raw) - 1))
+        match draw(st.sampled_from(["flip", "drop", "double", "insert", "cut"])):
+            case "flip":
+                raw[position] ^= 1 << draw(st.integers(0, 7))
+            case "drop":
+                del raw[position : position + draw(st.integers(1, 20))]
+            case "double":
+                raw[position:position] = raw[position : position + 40]
+            case "insert":
+                raw[position:position] = draw(
+                    st.sampled_from([b"\0", b"&a ", b"*a", b"- ", b"{", b"]", b"\t", b": ", b"!!", b"1e400", b"\xff"])
+                )
+            case "cut":
+                del raw[position:]
+        if not raw:
+            break
+    return bytes(raw)
+
+
+@settings(max_examples=3000, deadline=None, suppress_health_check=list(HealthCheck))
+@given(content=mutated_files())
+def test_mutated_files_are_read_or_refused_in_one_line(content: bytes):
+    message = ""
+    with contextlib.suppress(UnicodeDecodeError):  # test_content has that case
+        text = content.decode("utf-8")
+        try:
+            parse_joint(text, "knee.yaml")
+        except GainroomError as error:
+            message = str(error)
+    assert not message or (message.startswith("knee.yaml") and "\n" not in message)
+
+
+@pytest.mark.slow
+@settings(max_examples=300, deadline=None, suppress_health_check=list(HealthCheck))
+@given(content=mutated_files())
+def test_mutated_files_run_to_an_answer_or_a_line(content: bytes, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    path = tmp_path / "joint.yaml"
+    path.write_bytes(content)
+    status = main(["joint", str(path), "--json"])
+    out, err = capsys.readouterr()
+    assert status in (0, 1, 2)
+    assert (out == "") == (status == 2)
+    assert status != 2 or (err.startswith("gainroom: error: ") and err.count("\n") == 1)

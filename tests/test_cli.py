@@ -1,0 +1,249 @@
+"""The command line's contract: keys, exit status, what goes to which stream, reports that are whole or absent."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from gainroom.cli import app, main
+from gainroom.cli.example import example_texts
+from gainroom.cli.output import emit_json, render, table
+from gainroom.io.numbers import digits, frequency
+
+EXAMPLES = example_texts()
+# Fixed names: scripts outside the project read them.
+JOINT_KEYS = {
+    "stable", "gain_margin_db", "phase_crossover_rad_s", "phase_margin_deg", "gain_crossover_rad_s", "delay_margin_ms",
+    "peak_sensitivity", "disk_margin", "max_kp", "max_kd", "recommended", "warnings", "model",
+}  # fmt: skip
+MARGIN_KEYS = {"gain_margin_db", "phase_margin_deg", "delay_margin_ms", "peak_sensitivity", "disk_margin"}
+UNSTABLE = EXAMPLES["testbed"].replace("kd: 70.0", "kd: 80.0")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("cli")
+    for name, text in {**EXAMPLES, "unstable": UNSTABLE}.items():
+        (path / f"{name}.yaml").write_text(text, "utf-8")
+    return path
+
+
+def reject_constant(name: str) -> None:
+    raise AssertionError(f"{name} is not JSON")
+
+
+def strict_json(text: str) -> dict:
+    return json.loads(text, parse_constant=reject_constant)
+
+
+@pytest.mark.parametrize("name", sorted(EXAMPLES))
+def test_joint_json(folder: Path, capsys: pytest.CaptureFixture[str], name: str):
+    assert main(["joint", str(folder / f"{name}.yaml"), "--json"]) == 0
+    facts = strict_json(capsys.readouterr().out)
+    assert set(facts) >= JOINT_KEYS
+    assert facts["stable"] is True
+    assert facts["model"] == ("sampled" if "sample_rate_hz: " in EXAMPLES[name] else "continuous")
+    assert set(facts["recommended"]) >= {"kp", "kd", "margins"}
+    assert set(facts["recommended"]["margins"]) >= MARGIN_KEYS
+    assert facts["max_kp"] > facts["recommended"]["kp"] > 0
+
+
+def test_unstable_is_status_1_and_says_so_first(folder: Path, capsys: pytest.CaptureFixture[str]):
+    assert main(["joint", str(folder / "unstable.yaml"), "--json"]) == 1
+    facts = strict_json(capsys.readouterr().out)
+    assert facts["stable"] is False
+    assert facts["unstable_roots"] >= 1
+    assert facts["gain_margin_db"] is None
+    assert main(["joint", str(folder / "unstable.yaml")]) == 1
+    assert "unstable" in capsys.readouterr().out.splitlines()[0].lower()
+
+
+@pytest.mark.parametrize("name", [*sorted(EXAMPLES), "unstable"])
+def test_joint_terminal(folder: Path, capsys: pytest.CaptureFixture[str], name: str):
+    main(["joint", str(folder / f"{name}.yaml")])
+    out, err = capsys.readouterr()
+    assert err == ""
+    assert max(map(len, out.splitlines())) <= 100
+    assert "\x1b" not in out
+    for word in ("gain margin", "phase margin", "delay margin", "recommended", "rad/s", "Hz"):
+        assert word in out
+
+
+def test_requirements_are_met_or_not(folder: Path, capsys: pytest.CaptureFixture[str]):
+    main(["joint", str(folder / "fig9.yaml")])  # 6.2 dB against 6 dB
+    row = next(line for line in capsys.readouterr().out.splitlines() if line.strip().startswith("gain margin"))
+    assert row.split()[-1] == "yes"
+
+
+PPI = EXAMPLES["testbed"].replace("type: pd", "type: ppi").replace("kp: 1600.0 ", "kp: 20.0 ").replace("kd: 70.0 ", "ki: 30.0\n  kv: 10.0 ")
+
+
+def test_recommended_controller_can_be_typed_back(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    file = tmp_path / "ppi.yaml"
+    file.write_text(PPI, "utf-8")
+    assert main(["joint", str(file), "--json"]) == 0
+    best = strict_json(capsys.readouterr().out)["recommended"]
+    assert best["controller"] == {"type": "ppi", "kp": best["kp"], "kv": best["kv"], "ki": best["ki"]}
+    assert best["plane"] == {"kp": pytest.approx(best["kp"] * best["kv"]), "kd": best["kv"]}
+    assert main(["joint", str(file)]) == 0
+    out = capsys.readouterr().out
+    line = next(line for line in out.splitlines() if line.startswith("Recommended controller: "))
+    kp, kv, ki = (float(gain.split()[1]) for gain in line.partition(": ")[2].split(", "))
+    assert "kv·kp" in out
+    file.write_text(PPI.replace("kp: 20.0", f"kp: {kp}").replace("kv: 10.0", f"kv: {kv}").replace("ki: 30.0", f"ki: {ki}"), "utf-8")
+    assert main(["joint", str(file), "--json"]) == 0
+    typed = strict_json(capsys.readouterr().out)
+    for name in ("gain_margin_db", "phase_margin_deg", "peak_sensitivity"):
+        assert typed[name] == pytest.approx(best["margins"][name], rel=1e-4)
+
+
+def test_uncertain_rows_keep_cases_apart(folder: Path, capsys: pytest.CaptureFixture[str]):
+    main(["joint", str(folder / "talos-knee.yaml")])
+    out = capsys.readouterr().out
+    assert "recommended (worst case)" in out
+    assert "recommended (as stated)" in out
+    assert "(tightest at delay 3 ms, stiffness 8\u202f000 N·m/rad" in " ".join(out.split("\n"))
+    assert "sampled model, 2\u202f000 Hz" in out
+    main(["joint", str(folder / "talos-knee.yaml"), "--json"])
+    best = strict_json(capsys.readouterr().out)["recommended"]
+    worst, stated = best["margins"], best["nominal"]
+    assert worst["gain_margin_db"] <= stated["gain_margin_db"]
+    assert abs(worst["phase_margin_deg"]) <= abs(stated["phase_margin_deg"])
+    assert worst["peak_sensitivity"] >= stated["peak_sensitivity"]
+    costs = {name: cost for name, cost in best["costs"].items() if name != "uncertainty"}
+    if max(costs.values()) > 1.01 * best["kp"]:
+        assert best["binding"] == max(costs, key=costs.__getitem__)
+
+
+def test_reproduce_counts_what_the_paper_prints_apart(capsys: pytest.CaptureFixture[str]):
+    assert main(["reproduce"]) == 0
+    out = capsys.readouterr().out
+    assert out.startswith("17 of 17 numbers of the paper agree; 15 of 15 further checks hold")
+    assert max(map(len, out.splitlines())) <= 100
+    assert next(line for line in out.splitlines() if "testbed.delay_ms" in line).split()[1:4] == ["2", "to", "3"]
+
+
+def test_report_is_one_page_and_keeps_stdout_pure(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    report = tmp_path / "out.html"
+    assert main(["joint", str(folder / "testbed.yaml"), "--json", "--report", str(report)]) == 0
+    strict_json(capsys.readouterr().out)
+    page = report.read_text("utf-8")
+    assert page.lstrip().lower().startswith("<!doctype html")
+    assert "gainroom joint" in page
+    assert len(page) < 6e6
+    assert os.listdir(tmp_path) == ["out.html"]
+
+
+def test_report_replaces_the_old_one_only_when_whole(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    report = tmp_path / "out.html"
+    report.write_text("the old report", "utf-8")
+    call = ["joint", str(folder / "testbed.yaml"), "--report", str(report)]
+
+    def broken_page(*_: object) -> str:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("gainroom.report.joint_page", broken_page)
+        assert main(call) == 130
+    assert report.read_text("utf-8") == "the old report"
+    assert os.listdir(tmp_path) == ["out.html"]
+    report.chmod(0o640)
+    assert main(call) == 0
+    assert report.read_text("utf-8") != "the old report"
+    assert report.stat().st_mode & 0o777 == 0o640
+    capsys.readouterr()
+
+
+def test_report_through_a_link_keeps_the_link(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    (tmp_path / "link.html").symlink_to("true.html")
+    assert main(["joint", str(folder / "testbed.yaml"), "--report", str(tmp_path / "link.html")]) == 0
+    assert (tmp_path / "link.html").is_symlink()
+    assert (tmp_path / "true.html").is_file()
+    capsys.readouterr()
+
+
+def test_example(capsys: pytest.CaptureFixture[str]):
+    assert main(["example"]) == 0
+    listing = capsys.readouterr().out
+    assert [line.split()[0] for line in listing.splitlines()] == sorted(EXAMPLES)
+    assert max(map(len, listing.splitlines())) <= 100
+    assert {"testbed", "fig9", "talos-knee"} <= set(EXAMPLES)
+    for name, text in EXAMPLES.items():
+        assert main(["example", name]) == 0
+        assert capsys.readouterr().out == text
+        assert main(["example", name, "--json"]) == 0
+        assert strict_json(capsys.readouterr().out)["text"] == text
+
+
+def test_every_command_has_help_with_an_example(capsys: pytest.CaptureFixture[str]):
+    commands = [info.name for info in app.registered_commands]
+    assert commands == ["joint", "example", "reproduce"]
+    for command in ([], *([name] for name in commands)):
+        assert main([*command, "--help"]) == 0
+        assert f"Example:\n{' ' * 4}gainroom {' '.join(command)}".rstrip() in capsys.readouterr().out
+
+
+def test_front(capsys: pytest.CaptureFixture[str]):
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out.startswith("gainroom 0.")
+    assert main([]) == 2
+    assert "Usage: gainroom" in capsys.readouterr().out
+
+
+def test_help_loads_nothing_heavy():
+    code = "import sys; from gainroom.cli import main; main(['--help']); print(*sys.modules, file=sys.stderr)"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    loaded = {name.partition(".")[0] for name in run.stderr.split()}
+    assert not loaded & {"numpy", "scipy", "numba", "pydantic", "plotly", "yaml", "control"}
+
+
+def test_a_reader_that_leaves_early_does_no_harm():
+    read, write = os.pipe()
+    os.close(read)
+    run = subprocess.run([sys.executable, "-m", "gainroom", "example", "fig9"], stdout=write, stderr=subprocess.PIPE, text=True)
+    os.close(write)
+    assert (run.returncode, run.stderr) == (0, "")
+
+
+def test_a_terminal_without_the_characters_still_gets_the_answer(folder: Path):
+    environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
+    call = [sys.executable, "-m", "gainroom", "joint", str(folder / "testbed.yaml")]
+    run = subprocess.run(call, capture_output=True, text=True, env=environment)
+    assert (run.returncode, run.stderr) == (0, "")
+
+
+def test_numbers_that_are_not_finite_become_null(capsys: pytest.CaptureFixture[str]):
+    emit_json({"a": float("nan"), "b": [float("inf"), 1.5], "c": {"d": -float("inf")}, "e": True})
+    assert strict_json(capsys.readouterr().out) == {"a": None, "b": [None, 1.5], "c": {"d": None}, "e": True}
+
+
+def test_numbers_for_people():
+    assert digits(0.12344321) == "0.1234"
+    assert digits(16000.8, "N") == "16\u202f000 N"
+    assert digits(float("nan")) == "–"
+    assert digits(float("inf")) == "∞"
+    assert digits(1.234e-7) == "1.234·10⁻⁷"
+    assert frequency(620.0) == "620 rad/s (98.7 Hz)"
+
+
+def test_colour_is_for_terminals_that_want_it(monkeypatch: pytest.MonkeyPatch):
+    rows = [("gain margin", "yes")]
+    assert "\x1b" not in render(table("T", ("", "met"), rows))
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
+    monkeypatch.setenv("TERM", "xterm-256color")
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    assert "\x1b[1;34m" in render(table("T", ("", "met"), rows))
+    monkeypatch.setenv("NO_COLOR", "1")
+    assert "\x1b[1;34m" not in render(table("T", ("", "met"), rows))
+
+
+def test_reproduce_json(capsys: pytest.CaptureFixture[str]):
+    assert main(["reproduce", "--json"]) == 0
+    rows = strict_json(capsys.readouterr().out)["rows"]
+    assert all(set(row) >= {"id", "paper", "computed", "unit", "agrees", "note"} for row in rows)
+    assert {row["id"].split(".")[0] for row in rows} >= {"fig4", "fig5", "fig7", "fig9", "testbed"}

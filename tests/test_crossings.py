@@ -1,0 +1,216 @@
+"""The certified scan: it finds every crossing and peak that a dense grid sees, twice (numpy and compiled), and its count is right."""
+
+from math import inf, pi
+
+import numpy as np
+import pytest
+
+import gainroom as gr
+from draws import draw_setup
+from gainroom import acceleration
+from gainroom.crossings import Scan, objective, scan_many
+from gainroom.factored import Factored, ratio
+
+
+def pairs(rng: np.random.Generator, count: int, low: float, high: float) -> np.ndarray:
+    """`count` complex pairs with damping ratios from 1e-4 to 1, half the time one of them on the boundary."""
+    size = np.exp(rng.uniform(np.log(low), np.log(high), count))
+    ratio_ = 10.0 ** rng.uniform(-4, 0, count)
+    if count and rng.random() < 0.5:
+        ratio_[0] = 0.0
+    upper = size * (-ratio_ + 1j * np.sqrt(1 - ratio_**2))
+    return np.concatenate([upper, upper.conj()])
+
+
+def draw_factored(rng: np.random.Generator) -> Factored:
+    """A proper rational function with delay: integrators, undamped and unstable poles, zeros on either side, either sign of gain."""
+    poles = np.concatenate([pairs(rng, int(rng.integers(0, 4)), 1, 1e3), -(10.0 ** rng.uniform(0, 3, int(rng.integers(0, 3))))])
+    if rng.random() < 0.3:
+        poles = np.append(poles, 10.0 ** rng.uniform(0, 2))
+    poles = np.concatenate([poles, np.zeros(int(rng.integers(0, 3)))])
+    zeros = np.concatenate(
+        [pairs(rng, int(rng.integers(0, 3)), 1, 1e3), rng.choice([-1, 1]) * 10.0 ** rng.uniform(0, 3, int(rng.integers(0, 3)))]
+    )
+    if not len(poles):
+        poles = np.array([-1.0])
+    while len(zeros) >= len(poles):
+        zeros = zeros[np.abs(zeros.imag) == 0][: len(poles) - 1] if np.any(zeros.imag == 0) else zeros[:0]
+    at = 10.0 ** rng.uniform(0, 2.5)
+    plain = Factored(zeros.astype(complex), poles.astype(complex), 1.0)
+    gain = rng.choice([-1, 1]) * 10.0 ** rng.uniform(-1, 1.5) / abs(plain.response(np.array([at]))[0])
+    # A slow roll-off with much delay has thousands of phase crossings, which both can list but no joint has.
+    delay = 0.0 if rng.random() < 0.2 else rng.uniform(0.05, 5.0) / at
+    if len(poles) - len(zeros) < 2:
+        poles = np.append(poles, -3 * at)
+        gain *= 3 * at
+    return Factored(zeros.astype(complex), poles.astype(complex), float(gain), float(delay))
+
+
+def draw_sampled(rng: np.random.Generator) -> Factored:
+    """Joints under sampled control, a third of them without any damping: poles on the unit circle."""
+    return draw_setup(rng, sampled=True).loop().scalar
+
+
+def draw_undamped(rng: np.random.Generator) -> Factored:
+    """An undamped joint, P control and an integrator: poles at ±jω and at 0, phase that jumps there."""
+    joint = gr.ElasticJoint(float(rng.uniform(0.1, 1)), float(rng.uniform(0.1, 5)), 10 ** rng.uniform(2, 4.5), 0.0)
+    step = None if rng.random() < 0.5 else 5e-4
+    drive = gr.Drive(inf if rng.random() < 0.5 else 2000.0, 0.9, float(rng.uniform(0, 5e-3)))
+    kp = 10 ** rng.uniform(1, 3)
+    return gr.build_loop(joint, drive, gr.PID(kp, 0.5 * kp, kp * rng.uniform(0, 0.05)), sample_time=step).scalar
+
+
+KINDS = {"any": draw_factored, "sampled": draw_sampled, "undamped": draw_undamped}
+
+
+def compiled(system: Factored, monkeypatch: pytest.MonkeyPatch) -> Scan | None:
+    monkeypatch.setattr(acceleration, "_enabled", True)
+    return acceleration.scan_one(system, True)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("batch", range(2))
+def test_compiled_and_numpy_scans_agree(kind, batch, monkeypatch):
+    for number in range(15):
+        system = KINDS[kind](np.random.default_rng([1, batch, number]))
+        one, many = compiled(system, monkeypatch), scan_many([system])[0]
+        where = f"{kind} {batch} {number}"
+        assert many.certified, where
+        if one is None:  # thousands of phase crossings: beyond its work space, and left to numpy
+            assert len(many.phases) > 900, where
+            continue
+        assert one.certified, where
+        assert one.half_turns == pytest.approx(many.half_turns, abs=1e-6), where
+        assert one.gains.shape == many.gains.shape, where
+        assert one.phases.shape == many.phases.shape, where
+        # Both polish to the last digit of L, whose rounding is magnified by a flat phase or magnitude there.
+        assert one.gains == pytest.approx(many.gains, rel=1e-7, abs=1e-9), where
+        assert one.phases == pytest.approx(many.phases, rel=1e-7, abs=1e-9), where
+        assert one.peaks[:, 1] == pytest.approx(many.peaks[:, 1], rel=1e-2, abs=1e-12), where  # each within 1 % of the true peak
+
+
+def dense_grid(system: Factored, points: int) -> np.ndarray:
+    """ω over everything that matters, and dense around every root near the boundary."""
+    roots = np.concatenate([system.zeros, system.poles])
+    if system.sample_time is not None:
+        z = 1 + system.sample_time * roots
+        roots = np.log(z[np.abs(z) > 1e-12]) / system.sample_time
+    sizes = np.append(np.abs(roots[np.abs(roots) > 0]), 1 / system.delay if system.delay else 1.0)
+    low, high = 1e-4 * sizes.min(), 30 * sizes.max()
+    if system.sample_time is not None:
+        high = pi / system.sample_time
+    parts = [np.geomspace(low, high, points)]
+    for root in roots[roots.imag > 0]:
+        width = max(abs(root.real), 1e-7 * abs(root))
+        parts.append(root.imag + width * np.sinh(np.linspace(-11, 11, points // 20)))
+    grid = np.unique(np.concatenate(parts))
+    return grid[(grid > low) & (grid < high)]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("seed", range(25))
+def test_a_dense_grid_sees_nothing_else(kind, seed):
+    system = KINDS[kind](np.random.default_rng([2, seed]))
+    scan = scan_many([system])[0]
+    omega = dense_grid(system, 100_000)
+    value = system.response(omega)
+    steps = np.flatnonzero((np.abs(value[1:]) > 1) != (np.abs(value[:-1]) > 1))
+    for k in steps:
+        assert np.any((scan.gains[:, 0] >= omega[k] * (1 - 1e-9)) & (scan.gains[:, 0] <= omega[k + 1] * (1 + 1e-9))), omega[k]
+    # The walk may end where |L| stays below 1e-3 in continuous time.
+    strong = np.abs(value) > (1e-3 if system.sample_time is None else 0.0)
+    turns = np.angle(-value[1:]) * np.angle(-value[:-1]) < 0
+    turns &= (np.abs(np.angle(value[1:] / value[:-1])) < 1) & strong[1:] & strong[:-1] & (value[1:].real < 0) & (value[:-1].real < 0)
+    for k in np.flatnonzero(turns):
+        assert np.any((scan.phases[:, 0] >= omega[k] * (1 - 1e-9)) & (scan.phases[:, 0] <= omega[k + 1] * (1 + 1e-9))), omega[k]
+    for kind_ in range(3):
+        # The claim is a minimum that nothing undercuts by more than 1 %, and that is reached.
+        assert objective(kind_, value).min() >= 0.99 * scan.peaks[kind_, 1] - 1e-12
+        if scan.peaks[kind_, 0] > 0:
+            assert objective(kind_, system.response(scan.peaks[kind_, :1]))[0] == pytest.approx(scan.peaks[kind_, 1], rel=1e-9, abs=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_listed_crossings_are_crossings(seed):
+    system = draw_factored(np.random.default_rng([3, seed]))
+    scan = scan_many([system])[0]
+    at_gain, at_phase = system.response(scan.gains[:, 0]), system.response(scan.phases[:, 0])
+    _, slope = system.response_and_slope(scan.gains[:, 0])
+    # Newton stops within 1e-15 of ω, whose rounding and that of ωT add a third; near an undamped root the slope magnifies it.
+    assert np.all(np.abs(np.abs(at_gain) - 1) < 1e-13 + 1.5e-15 * scan.gains[:, 0] * np.abs(slope))
+    assert np.abs(np.exp(1j * scan.gains[:, 1]) - at_gain / np.abs(at_gain)).max(initial=0.0) < 1e-6
+    inner = scan.phases[:, 0] > 0
+    _, slope = system.response_and_slope(scan.phases[:, 0][inner])
+    off = np.abs(at_phase.imag / np.abs(at_phase))[inner]
+    assert np.all(off < 1e-13 + 1.5e-15 * scan.phases[inner, 0] * np.abs(slope / at_phase[inner]))
+    assert scan.phases[:, 1] == pytest.approx(np.abs(at_phase), rel=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(80))
+def test_encirclements_of_a_rational_loop(seed):
+    """Without delay the closed-loop roots are those of a polynomial; unstable ones = unstable poles − half turns."""
+    system = draw_factored(np.random.default_rng([4, seed]))
+    system = Factored(system.zeros, system.poles, system.gain)
+    closed = np.polyadd(np.real(np.poly(system.poles)), system.gain * np.real(np.poly(system.zeros)))
+    roots = np.roots(closed)
+    if np.abs(roots.real / np.abs(roots)).min() < 1e-7:
+        pytest.skip("a closed-loop root too near the axis for polynomial roots to tell")
+    assert scan_many([system])[0].half_turns == pytest.approx(system.unstable_poles - np.sum(roots.real > 0), abs=1e-6)
+
+
+def test_batch_is_one_by_one():
+    systems = [draw_factored(np.random.default_rng([5, k])) for k in range(12)]
+    for together, alone in zip(scan_many(systems), (scan_many([s])[0] for s in systems), strict=True):
+        assert together.gains == pytest.approx(alone.gains, rel=1e-12)
+        assert together.phases == pytest.approx(alone.phases, rel=1e-12)
+        assert together.half_turns == pytest.approx(alone.half_turns, abs=1e-9)
+        assert together.peaks[:, 1] == pytest.approx(alone.peaks[:, 1], rel=1e-2)
+
+
+def test_narrow_resonance_between_grid_points():
+    """A mode of damping ratio 1e-7 is 6e-5 rad/s wide at 314 rad/s; it lifts |L| over one and back within that width."""
+    mode = np.array([1.0, 2e-7 * 314.0, 314.0**2])
+    system = ratio([30.0], np.polymul([1.0, 0.0], mode)) * ratio([100.0], [1.0, 100.0])
+    scan = scan_many([system])[0]
+    assert scan.certified
+    near = scan.gains[np.abs(scan.gains[:, 0] - 314) < 1, 0]
+    assert len(near) == 2
+    assert near[0] < 314 < near[1]
+
+
+def test_peak_at_low_frequency(monkeypatch):
+    """An integrator with the wrong sign: |1 + L|/|L| falls to one as ω → 0, and the search for it must end there, above zero."""
+    system = Factored(np.zeros(0, complex), np.zeros(1, complex), -105.48217392216715, 0.008518043908368026)
+    for scan in (compiled(system, monkeypatch), scan_many([system])[0]):
+        assert scan.peaks[1, 1] == pytest.approx(1.0, abs=1e-6)
+        assert np.all(scan.peaks[:, 0] >= 0)
+
+
+def test_undamped_sampled_zero_is_passed_once(monkeypatch):
+    """A zero of the hold 1e-12 beside the unit circle: the compiled walk must not count its turn several times."""
+    joint = gr.ElasticJoint(0.4, 4.0, 100.0, 0.0)
+    system = gr.build_loop(joint, gr.Drive(delay=4e-3), gr.PID(100.0, 50.0, 3.0), sample_time=5e-4).scalar
+    one, many = compiled(system, monkeypatch), scan_many([system])[0]
+    assert one.gains == pytest.approx(many.gains, rel=1e-9)
+    assert np.abs(one.gains[:, 1]).max() < 4 * pi  # one turn each for the zero and the pole, little for the delay
+
+
+def test_delay_alone():
+    """2 e^{-s}/(s + 1): |L| = 1 at √3; phase crossings where ω + atan ω = (2k+1)π."""
+    scan = scan_many([Factored(np.zeros(0, complex), np.array([-1.0 + 0j]), 2.0, 1.0)])[0]
+    assert scan.gains[:, 0] == pytest.approx([np.sqrt(3)], rel=1e-15)
+    omega = scan.phases[:, 0]
+    turns = (omega + np.arctan(omega) - pi) / (2 * pi)
+    assert len(omega) > 100  # down to |L| = 1e-3
+    assert turns == pytest.approx(np.arange(len(omega)), abs=1e-12)
+    assert scan.phases[:, 1] == pytest.approx(2 / np.hypot(1, omega), rel=1e-13)
+    assert set(scan.phases[:, 2]) == {-1.0}
+
+
+def test_ends_of_the_boundary():
+    """L(0) < 0 and L at the Nyquist frequency < 0 are crossings, with slope sign zero."""
+    scan = scan_many([ratio([-3.0], [1.0, 1.0])])[0]
+    assert scan.phases[0].tolist() == [0.0, 3.0, 0.0]
+    step = 0.1  # 0.5/(z + 0.5): L(−1) = −1
+    sampled = scan_many([Factored(np.zeros(0, complex), np.array([-1.5 / step + 0j]), 0.4 / step, 0.0, step)])[0]
+    assert sampled.phases[-1] == pytest.approx([pi / step, 0.8, 0.0], rel=1e-12)

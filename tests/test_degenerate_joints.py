@@ -1,0 +1,65 @@
+"""Joints at the edge of the model: rigid, undamped, output locked, nothing that rolls off, gains of zero, free to drift."""
+
+import math
+
+import numpy as np
+import pytest
+
+import gainroom as gr
+
+JOINTS = {
+    "rigid": gr.ElasticJoint(0.025, 0.15),
+    "undamped": gr.ElasticJoint(0.025, 0.15, 400.0),
+    "locked": gr.ElasticJoint(0.025, math.inf, 400.0, 0.5),
+    "locked, undamped": gr.ElasticJoint(0.025, math.inf, 400.0),
+    "ordinary": gr.ElasticJoint(0.025, 0.15, 400.0, 0.5),
+    "viscous": gr.ElasticJoint(0.025, 0.15, 400.0, 0.5, 0.01, 0.02),
+}
+DRIVES = {
+    "ideal": gr.Drive(),
+    "current loop": gr.Drive(4000.0),
+    "delay": gr.Drive(delay=3e-3),
+    "both": gr.Drive(4000.0, 0.9, 3e-3),
+}
+CONTROLLERS = {"PD": gr.PD(60.0, 1.5), "PID": gr.PID(60.0, 100.0, 1.5), "PPI": gr.PPI(40.0, 1.5, 9.0)}
+
+
+@pytest.mark.parametrize("sample_time", [None, 1e-3], ids=["continuous", "sampled"])
+@pytest.mark.parametrize("controller", CONTROLLERS)
+@pytest.mark.parametrize("drive", DRIVES)
+@pytest.mark.parametrize("joint", JOINTS)
+def test_region_is_the_certified_count(joint, drive, controller, sample_time):
+    """Carried across crossings, the count must be what the Nyquist count of each loop alone says, over nine decades of gains."""
+    rng = np.random.default_rng(len(joint) + 7 * len(drive) + 31 * len(controller))
+    for feedback in ("motor",) if "locked" in joint else ("motor", "link"):
+        region = gr.pd_region(JOINTS[joint], DRIVES[drive], controller=CONTROLLERS[controller], sample_time=sample_time, feedback=feedback)
+        kp = np.append(10 ** rng.uniform(-3, 5, 5), [-1.0, 1e-6])
+        kd = rng.choice([-1, 1], 7, p=[0.2, 0.8]) * 10 ** rng.uniform(-4, 3, 7)
+        expected = [gr.is_stable(gr.loop_from(region.scalar(p, d))) for p, d in zip(kp, kd, strict=True)]
+        assert region.contains(kp, kd).tolist() == expected
+
+
+def test_nothing_limits_an_ideal_rigid_joint():
+    region = gr.pd_region(JOINTS["rigid"], DRIVES["ideal"])
+    assert region.max_kp() == math.inf
+    assert region.max_kd(60.0) == math.inf
+    assert gr.recommend_pd(JOINTS["rigid"], DRIVES["ideal"]) is None
+
+
+def test_zero_gains_have_no_margins_and_are_not_stable():
+    loop = gr.build_loop(JOINTS["ordinary"], DRIVES["both"], gr.PD(0, 0))
+    found = gr.margins(loop)
+    assert (found.stable, found.unstable_roots) == (False, 2)  # the two integrators
+    assert not gr.is_stable(loop)
+    with pytest.raises(gr.GainroomError, match="zero"):
+        gr.gain_limit(loop)
+
+
+@pytest.mark.parametrize("sample_time", [None, 5e-4], ids=["continuous", "sampled"])
+@pytest.mark.parametrize(("kp", "stable"), [((1000, 1000), True), ((1000, 0), False), ((0, 0), False), ((1000, -1e-3), False)])
+def test_two_joints_one_of_them_slow(kp, stable, sample_time):
+    """A joint with kp = 0 drifts, with kp slightly below 0 it runs away slowly: roots at 0 and at 1e-5 among others at 1e3."""
+    plant = gr.Plant(np.array([[1 / 16, 0.01], [0.01, 1 / 8]]), np.ones(2), np.full(2, 1e4), np.ones(2))
+    loop = gr.build_loop(plant, gr.Drive(4000.0, 0.9, 2e-3), gr.PD(np.array(kp, float), 100.0), sample_time=sample_time)
+    assert gr.is_stable(loop) is stable
+    assert gr.rightmost_roots(loop).lost == 0

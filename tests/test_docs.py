@@ -1,0 +1,55 @@
+"""The documentation is true: its blocks run and print what they show, its links lead somewhere, every key has its line."""
+
+import importlib.util
+import re
+from pathlib import Path
+
+import pytest
+
+from gainroom import config
+
+ROOT = Path(__file__).parents[1]
+_spec = importlib.util.spec_from_file_location("docs_output", ROOT / "scripts" / "docs_output.py")
+assert _spec is not None
+assert _spec.loader is not None
+docs_output = importlib.util.module_from_spec(_spec)
+_spec.loader.exec_module(docs_output)
+
+DOCUMENTS = [*docs_output.documents(), ROOT / "CHANGELOG.md", ROOT / "CONTRIBUTING.md"]
+SECTIONS = [
+    config.JointSection,
+    config.DriveSection,
+    config.PDSection,
+    config.PIDSection,
+    config.PPISection,
+    config.LowPassSection,
+    config.NotchSection,
+    config.LimitsSection,
+    config.UncertaintySection,
+]
+
+
+@pytest.mark.parametrize("path", docs_output.documents(), ids=lambda path: path.name)
+def test_blocks_run_and_print_what_is_shown(path: Path):
+    text = path.read_text("utf-8")
+    assert docs_output.renewed(text) == text, f"run: python {Path(docs_output.__file__).relative_to(ROOT)}"
+
+
+@pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: path.name)
+def test_links_lead_somewhere(path: Path):
+    for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", path.read_text("utf-8")):
+        if not target.startswith("https://"):
+            assert (path.parent / target).exists(), target
+
+
+@pytest.mark.parametrize("section", SECTIONS, ids=lambda section: section.__name__)
+def test_every_key_of_a_joint_file_is_documented(section):
+    text = (ROOT / "docs" / "files.md").read_text("utf-8")
+    assert [key for key in section.model_fields if f"`{key}`" not in text] == []
+
+
+def test_the_documented_file_is_a_valid_one():
+    (block,) = re.findall(r"^```yaml\n(.*?)^```", (ROOT / "docs" / "files.md").read_text("utf-8"), re.MULTILINE | re.DOTALL)
+    spec = config.parse_joint(block, "docs/files.md")
+    assert spec.joint.motor_inertia == pytest.approx(1.0)
+    assert spec.uncertainty.stiffness == pytest.approx((8e3, 12e3))

@@ -1,0 +1,138 @@
+"""The largest and smallest factor on all gains, with a certificate from both sides; unstable loops; several joints."""
+
+from math import inf, isinf, isnan, pi
+
+import numpy as np
+import pytest
+import scipy.signal
+
+import gainroom as gr
+from draws import draw_plant, draw_setup
+from gainroom.stability import unstable_roots
+
+
+@pytest.mark.parametrize("sampled", [False, True], ids=["continuous", "sampled"])
+@pytest.mark.parametrize("seed", range(60))
+def test_limit_is_confirmed_from_both_sides(seed, sampled):
+    """Whatever the loop: inside the claimed interval of factors it is stable, just outside it is not, and the mode is at that frequency."""
+    loop = draw_setup(np.random.default_rng([1, seed]), sampled).loop()
+    limit = gr.gain_limit(loop)
+    assert limit.stable == gr.is_stable(loop)
+    if limit.gain == 0 or isnan(limit.lower_gain):
+        assert not limit.stable
+        for factor in (0.9, 0.3, 1e-2, 1e-4):
+            assert not gr.is_stable(loop.scaled(factor))
+        return
+    assert 0 <= limit.lower_gain < limit.gain
+    assert (limit.lower_gain < 1 < limit.gain) if limit.stable else (limit.gain < 1)
+    if isinf(limit.gain):
+        assert limit.certificate is None
+        assert gr.is_stable(loop.scaled(1e4))
+        return
+    assert limit.certificate is not None
+    assert limit.certificate.holds
+    assert unstable_roots(loop.scaled(limit.gain * (1 - 1e-8))) == 0
+    assert unstable_roots(loop.scaled(limit.gain * (1 + 1e-8))) > 0
+    if limit.lower_gain > 0:
+        assert unstable_roots(loop.scaled(limit.lower_gain * (1 + 1e-8))) == 0
+        assert unstable_roots(loop.scaled(limit.lower_gain * (1 - 1e-8))) > 0
+    critical = gr.rightmost_roots(loop.scaled(limit.gain), count=2).roots
+    assert abs(critical[0].real) < 1e-7 * max(abs(critical[0]), 1.0)
+    assert np.abs(np.abs(critical.imag) - limit.frequency).min() < 1e-6 * max(limit.frequency, 1.0)
+
+
+@pytest.mark.parametrize("seed", range(25))
+def test_limit_of_a_stable_loop_is_its_gain_margin(seed):
+    loop = draw_setup(np.random.default_rng([2, seed]), sampled=bool(seed % 2)).loop()
+    found, limit = gr.margins(loop), gr.gain_limit(loop)
+    if found.stable:
+        assert limit.gain == found.gain_margin
+        assert limit.lower_gain == found.lower_gain_margin
+        assert limit.frequency == found.phase_crossover or isinf(limit.gain)
+
+
+@pytest.mark.parametrize("factor", [1.5, 4.0, 50.0])
+def test_too_high_gains_get_a_factor_below_one(factor):
+    """Of an unstable loop the limit is the way back: the same gains, the same frequency."""
+    loop = gr.build_loop(gr.ElasticJoint(0.2, 0.8, 1e4, 1.0), gr.Drive(4000.0, 0.9, 2.5e-3), gr.PD(2000.0, 30.0))
+    first = gr.gain_limit(loop)
+    lost = gr.gain_limit(loop.scaled(first.gain * factor))
+    assert not lost.stable
+    assert lost.gain == pytest.approx(1 / factor, rel=1e-11)
+    assert lost.frequency == pytest.approx(first.frequency, rel=1e-11)
+    assert lost.certificate.holds
+
+
+def test_integrator_with_delay():
+    """s + g e^{−s}: g < π/2, at π/2 rad/s."""
+    loop = gr.loop_from(scipy.signal.TransferFunction([1.0], [1.0, 0.0]), delay=1.0)
+    limit = gr.gain_limit(loop)
+    assert limit.gain == pytest.approx(pi / 2, rel=1e-14)
+    assert limit.frequency == pytest.approx(pi / 2, rel=1e-14)
+    assert limit.lower_gain == 0.0
+    assert limit.mode == pytest.approx([1.0])
+
+
+def test_conditionally_stable_loops_have_both_ends():
+    """g (s + 1)²/s³ · 1/(s/50 + 1)²: stable between two factors, both roots of a polynomial in ω²."""
+    numerator, denominator = np.array([1.0, 2.0, 1.0]), np.polymul([1.0, 0, 0, 0], np.polymul([0.02, 1.0], [0.02, 1.0]))
+    limit = gr.gain_limit(gr.loop_from(scipy.signal.TransferFunction(3 * numerator, denominator)))
+    factors = []
+    for omega in np.roots(imaginary_part(numerator, denominator)):
+        if abs(omega.imag) < 1e-9 and omega.real > 1e-6:
+            s = 1j * omega.real
+            factors.append(-np.real(np.polyval(denominator, s) / np.polyval(numerator, s)) / 3)
+    assert [limit.lower_gain, limit.gain] == pytest.approx(sorted(factors), rel=1e-9)  # roots of a polynomial of degree seven
+    assert limit.stable
+
+
+def imaginary_part(numerator: np.ndarray, denominator: np.ndarray) -> np.ndarray:
+    """Polynomial in ω of Im(denominator(jω) · conj(numerator(jω)))."""
+    along = [p * (1j ** np.arange(len(p) - 1, -1, -1)) for p in (denominator, numerator)]
+    return np.imag(np.polymul(along[0], along[1].conj()))
+
+
+def test_unstable_at_any_gain():
+    """Link-side PD on an undamped joint: no factor helps."""
+    loop = gr.build_loop(gr.ElasticJoint(0.2, 0.8, 1e4, 0.0), gr.Drive(delay=1e-3), gr.PD(100.0, 1.0), feedback="link")
+    limit = gr.gain_limit(loop)
+    assert (limit.stable, limit.gain, limit.certificate) == (False, 0.0, None)
+    assert isnan(limit.lower_gain)
+    assert isnan(limit.frequency)
+
+
+def test_stable_at_any_gain():
+    limit = gr.gain_limit(gr.build_loop(gr.ElasticJoint(0.4, 0.6), gr.Drive(), gr.PD(25.0, 6.0)))
+    assert (limit.stable, limit.gain, limit.lower_gain, limit.certificate) == (True, inf, 0.0, None)
+
+
+def test_needs_gain_only():
+    """3/(s − 1): the lower end 1/3, no upper one; below it, unstable with no stable factor below."""
+    limit = gr.gain_limit(gr.loop_from(scipy.signal.TransferFunction([3.0], [1.0, -1.0])))
+    assert limit.lower_gain == pytest.approx(1 / 3, rel=1e-14)
+    assert isinf(limit.gain)
+    weak = gr.gain_limit(gr.loop_from(scipy.signal.TransferFunction([0.5], [1.0, -1.0])))
+    assert (weak.stable, weak.gain) == (False, 0.0)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_several_joints(seed):
+    """A critical root at the limit, its mode in the kernel of I + L, stable just below and not just above."""
+    rng = np.random.default_rng([3, seed])
+    size = int(rng.integers(2, 5))
+    plant = draw_plant(rng, size, rigid=int(seed % 2))
+    loop = gr.build_loop(plant, gr.Drive(3000.0, 0.9, 2e-3), gr.PD(rng.uniform(30, 90, size), rng.uniform(1, 4, size)))
+    limit = gr.gain_limit(loop)
+    assert limit.certificate.holds
+    if limit.stable:
+        assert gr.is_stable(loop)
+    assert gr.is_stable(loop.scaled(limit.gain * (1 - 1e-6)))
+    assert not gr.is_stable(loop.scaled(limit.gain * (1 + 1e-6)))
+    values = np.linalg.eigvals(loop.scaled(limit.gain).response(np.array([limit.frequency]))[0])
+    assert np.abs(values + 1).min() < 1e-7
+    assert np.abs(limit.mode).max() == pytest.approx(1.0, rel=1e-12)
+
+
+def test_zero_gains_have_no_limit():
+    with pytest.raises(gr.GainroomError, match="all gains are zero"):
+        gr.gain_limit(gr.build_loop(gr.ElasticJoint(0.4, 0.6), gr.Drive(), gr.PD(0.0, 0.0)))

@@ -1,0 +1,47 @@
+"""What is shipped is whole: the wheel alone, in an empty environment, runs the demo's commands."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+import tomllib
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+
+
+def run(*command: str | Path, cwd: Path) -> str:
+    environment = {key: value for key, value in os.environ.items() if key not in ("PYTHONPATH", "VIRTUAL_ENV")}
+    result = subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr[-2000:]
+    return result.stdout
+
+
+@pytest.mark.slow
+def test_the_wheel_alone_runs_the_demo(tmp_path: Path):
+    run(sys.executable, "-m", "build", "--wheel", "--outdir", tmp_path, ROOT, cwd=tmp_path)
+    (wheel,) = tmp_path.glob("*.whl")
+    names = zipfile.ZipFile(wheel).namelist()
+    assert {"gainroom/py.typed", "gainroom/examples/testbed.yaml"} <= set(names)
+    assert not [name for name in names if not re.match(r"gainroom(-[\d.]+\.dist-info)?/", name)]
+    run(sys.executable, "-m", "venv", "empty", cwd=tmp_path)
+    run("empty/bin/python", "-m", "pip", "install", "-q", wheel, cwd=tmp_path)
+    gainroom = tmp_path / "empty" / "bin" / "gainroom"
+    (tmp_path / "testbed.yaml").write_text(run(gainroom, "example", "testbed", cwd=tmp_path), "utf-8")
+    facts = json.loads(run(gainroom, "joint", "testbed.yaml", "--json", "--report", "testbed.html", cwd=tmp_path))
+    assert facts["stable"] is True
+    assert (tmp_path / "testbed.html").stat().st_size > 10_000
+
+
+def test_the_lock_pins_every_dependency_and_names_no_host():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    lines = (ROOT / "requirements-dev.lock").read_text("utf-8").splitlines()
+    assert all(re.fullmatch(r"[A-Za-z0-9._-]+==[A-Za-z0-9.+]+", line) for line in lines)
+    pinned = {re.sub(r"[-_.]+", "-", line.partition("==")[0]).lower() for line in lines}
+    wanted = [*project["dependencies"], *project["optional-dependencies"]["dev"]]
+    names = [re.match(r"[A-Za-z0-9._-]+", text)[0] for text in wanted]  # type: ignore[index]
+    assert {re.sub(r"[-_.]+", "-", name).lower() for name in names} <= pinned

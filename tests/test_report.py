@@ -1,0 +1,277 @@
+"""The report page: whole, self-contained, honest at first glance, and safe against what a user typed."""
+
+import json
+import re
+from dataclasses import replace
+from html import unescape
+
+import numpy as np
+import pytest
+from pytest import approx
+
+import gainroom as gr
+from gainroom.io.numbers import digits
+from gainroom.report import joint_page
+from gainroom.report.page import Card, Html, Lead, Section, figure, page, table
+from gainroom.report.stepping import step_response
+from gainroom.study import _change
+
+HOSTILE = "</script><script>alert(1)</script>'\"><img src=x onerror=alert(2)> & joint.yaml"
+COMMAND = f"gainroom joint '{HOSTILE}' --report out.html"
+
+
+def specification(kd: float = 70.0, sample_time: float | None = None, **joint: float) -> gr.JointSpec:
+    """The paper's testbed: kd 70 is stable, kd 80 is not."""
+    values = {"motor_inertia": 0.2, "link_inertia": 0.8, "stiffness": 1e4, "damping": 1.0} | joint
+    return gr.JointSpec(gr.ElasticJoint(**values), gr.Drive(4000.0, 0.9, 2.674e-3), gr.PD(1600.0, kd), "motor", sample_time)
+
+
+@pytest.fixture(scope="module")
+def stable() -> gr.JointStudy:
+    return gr.study_joint(specification())
+
+
+@pytest.fixture(scope="module")
+def stable_page(stable) -> str:
+    return joint_page(stable, COMMAND)
+
+
+@pytest.fixture(scope="module")
+def unstable_page() -> str:
+    return joint_page(gr.study_joint(specification(kd=80.0)), COMMAND)
+
+
+def without_library(html: str) -> str:
+    """The page without the drawing library, which is one script of several megabytes."""
+    scripts = re.findall(r"<script[^>]*>.*?</script>", html, re.S)
+    largest = max(scripts, key=len)
+    assert len(largest) > 1e6
+    assert html.count(largest) == 1
+    return html.replace(largest, "")
+
+
+def figures(html: str) -> list[dict]:
+    return [json.loads(text) for text in re.findall(r'<script type="application/json">(.*?)</script>', html, re.S)]
+
+
+def test_page_is_self_contained_and_small(stable_page):
+    assert len(stable_page.encode()) < 6e6
+    own = without_library(stable_page)
+    assert not re.findall(r"<(?:link|img|iframe|object|embed|audio|video|source)\b", own)
+    assert not re.findall(r"<[a-z][^>]*\s(?:src|href)\s*=", own)
+    assert "@import" not in own
+    assert "url(" not in own
+    assert "https://" not in own
+    assert "http://" not in own
+    assert own.startswith("<!DOCTYPE html>")
+    assert own.rstrip().endswith("</html>")
+
+
+def test_page_carries_answer_then_reason_in_order(stable, stable_page):
+    own = unescape(without_library(stable_page))
+    wanted = [
+        stable.sentence,
+        "gain margin",
+        "≥ 6 dB",
+        "Gain map",
+        "Open loop",
+        "Nyquist",
+        "Step of the reference",
+        "Margins",
+        "All crossings",
+        "Inputs and assumptions",
+        "What was certified",
+        "This page again",
+        COMMAND,
+        gr.__version__,
+    ]
+    positions, start = [], own.index("<body")
+    for part in wanted:
+        start = own.index(part, start)
+        positions.append(start)
+    assert positions == sorted(positions)
+    assert 3 <= own.count('<div class="card ') <= 5
+
+
+def test_unstable_says_so_first(unstable_page, stable_page):
+    own = without_library(unstable_page)
+    body = own[own.index("<body") :]
+    assert body.startswith('<body class="bad">')
+    assert 0 < body.index("UNSTABLE") < body.index("<h1>")
+    assert body.index("<h1>Unstable") < body.index('class="cards"') < body.index('class="plot"')
+    assert "✓ met" not in body  # margins of an unstable loop meet nothing
+    calm = without_library(stable_page)
+    assert 'class="bad"' not in calm
+    assert "UNSTABLE" not in calm
+
+
+def test_command_and_names_are_escaped(stable_page):
+    own = without_library(stable_page)
+    assert "<script>alert" not in own
+    assert "<img" not in own
+    shown = re.findall(r"<pre>(.*?)</pre>", own, re.S)
+    assert [unescape(text) for text in shown] == [COMMAND]
+
+
+def test_skeleton_escapes_every_plain_string():
+    fig = {"data": [{"type": "scatter", "x": np.array([1.0, np.nan]), "name": HOSTILE}], "layout": {"title": {"text": HOSTILE}}}
+    parts = [HOSTILE, figure(fig, HOSTILE, HOSTILE), table([HOSTILE], [[HOSTILE]], HOSTILE)]
+    html = page(
+        HOSTILE, Lead(HOSTILE, "bad", HOSTILE, [HOSTILE]), [Card(*[HOSTILE] * 4, True, HOSTILE)], [Section(HOSTILE, parts)], [HOSTILE]
+    )
+    own = without_library(html)
+    assert "<script>alert" not in own
+    assert "<img" not in own
+    (drawn,) = figures(html)
+    assert drawn["data"][0]["x"] == [1.0, None]  # strict JSON: no NaN
+    assert drawn["layout"]["title"]["text"] == HOSTILE
+
+
+def test_library_is_left_out_where_nothing_is_drawn():
+    html = page("title", Lead("sentence"), [], [Section("words", ["text", Html("<b>kept</b>")])])
+    assert len(html) < 20_000
+    assert "<b>kept</b>" in html
+
+
+def test_gain_map_draws_the_exact_boundary(stable, stable_page):
+    gain_map = figures(stable_page)[0]
+    edges = [trace for trace in gain_map["data"] if "vibrates at" in str(trace.get("text"))]
+    kp = [value for trace in edges for value in trace["x"] if value is not None]
+    kd = [value for trace in edges for value in trace["y"] if value is not None]
+    assert len(kp) > 50
+    # On the boundary a slightly smaller factor and a slightly larger one disagree; six digits are drawn.
+    inside, outside = stable.region.contains(np.array(kp), np.array(kd) - 1e-3), stable.region.contains(np.array(kp), np.array(kd) + 1e-3)
+    assert np.all(inside != outside)
+    marks = {trace["marker"]["symbol"]: (trace["x"][0], trace["y"][0]) for trace in gain_map["data"] if trace.get("mode") == "markers"}
+    assert marks["circle"] == (1600.0, 70.0)
+    assert marks["star"] == approx((stable.recommended.kp, stable.recommended.kd), rel=1e-5)
+    assert marks["x"] == approx((stable.rule.kp, stable.rule.kd), rel=1e-5)
+
+
+def test_gain_map_of_an_integral_controller_leaves_the_plain_pd_rule_out():
+    spec = replace(specification(), controller=gr.PPI(20.0, 10.0, 30.0), uncertainty=gr.Uncertainty(delay=(2e-3, 3e-3)))
+    html = joint_page(gr.study_joint(spec), "gainroom joint joint.yaml")
+    own = unescape(without_library(html))
+    drawn = figures(html)[0]
+    symbols = {trace["marker"]["symbol"] for trace in drawn["data"] if trace.get("mode") == "markers"}
+    assert symbols == {"circle", "star"}
+    assert drawn["layout"]["xaxis"]["title"]["text"] == "kv·kp [N·m/rad]"
+    for words in ("10 Hz rule (plain PD)", "for the stated joint alone", "recommended (worst case)", "recommended (as stated)"):
+        assert words in own
+
+
+def test_a_loop_that_no_factor_stabilises_says_so():
+    spec = replace(specification(), controller=gr.PID(100.0, 1e6, 5.0), requirements=gr.Requirements())
+    study = gr.study_joint(spec)
+    assert study.limit.gain == 0
+    assert "no factor makes it stable" in without_library(joint_page(study, "gainroom joint joint.yaml"))
+
+
+def test_no_gains_for_an_integral_controller_names_the_ratio_that_is_held():
+    spec = replace(specification(), controller=gr.PID(100.0, 20_000.0, 5.0))
+    warnings = " ".join(gr.study_joint(spec).warnings)
+    assert "ki/kp, which is held, keep the required margins: lower ki" in warnings
+    assert "uncertainty" not in warnings.partition("lower ki")[2].partition(" shorten")[0]
+
+
+def test_what_binds_is_what_costs_most(stable):
+    best = stable.recommended
+    assert best.binding == max(best.costs, key=best.costs.__getitem__)
+    assert best.held_back_by() == best.binding.replace("_", " ")
+    alike = replace(best, costs=dict.fromkeys(best.costs, best.kp))
+    assert alike.felt == {}
+    assert alike.held_back_by() == "gain margin, phase margin and peak sensitivity together"
+
+
+def test_influences_that_lower_the_limit_are_called_less():
+    assert [_change(rise) for rise in (1.25, -1.25, np.inf, -np.inf)] == ["1.25 dB more", "1.25 dB less", "no limit", "never stable"]
+
+
+@pytest.mark.parametrize("interval", [3.0, (1.0,), (1.0, 2.0, 3.0), ("1", "2"), (None, 1.0), (2.0, 1.0), (np.nan, 1.0), (True, 2.0)])
+def test_uncertainty_takes_two_numbers(interval):
+    with pytest.raises(gr.GainroomError, match="two numbers"):
+        gr.Uncertainty(delay=interval)
+
+
+def test_bode_shows_the_four_cases(stable_page):
+    names = {trace["name"] for trace in figures(stable_page)[1]["data"]}
+    assert names == {"with elasticity and delay", "without elasticity", "without delay", "without both"}
+
+
+@pytest.mark.parametrize(
+    "spec",
+    [
+        specification(sample_time=5e-4),
+        specification(stiffness=np.inf, damping=0.0),
+        replace(specification(), drive=gr.Drive(), requirements=gr.Requirements()),
+        replace(specification(), drive=gr.Drive(4000.0)),
+        replace(specification(), requirements=gr.Requirements()),
+        replace(specification(), controller=gr.PID(1600.0, 3000.0, 50.0, velocity_filter=gr.LowPass(2000.0))),
+        replace(specification(), controller=gr.PPI(20.0, 50.0, 100.0), feedback="link"),
+        replace(specification(), uncertainty=gr.Uncertainty(delay=(2e-3, 3e-3))),
+    ],
+    ids=["sampled", "rigid", "no limit at all", "no delay", "nothing required", "PID", "P/PI on the link", "uncertain"],
+)
+def test_every_kind_of_joint_has_a_page(spec):
+    study = gr.study_joint(spec)
+    html = joint_page(study, "gainroom joint joint.yaml --report joint.html")
+    own = unescape(without_library(html))
+    assert study.sentence in own
+    assert ("sampled at 2" in own) == (spec.sample_time is not None)
+    assert len(figures(html)) == 4
+    for drawn in figures(html):
+        assert any(value is not None for trace in drawn["data"] for value in trace["x"])
+
+
+def laplace_inverse(value_at, time: float) -> float:
+    """f(t) of F(s) by the damped Fourier series (Dubner and Abate 1968); its error is e^{−16} and the series' tail."""
+    span, shift = 4.0, 16 / 8.0
+    s = shift + 1j * np.pi / span * np.arange(2**19)
+    terms = (value_at(s) * np.exp(1j * s.imag * time)).real
+    return float(np.exp(shift * time) / span * (terms.sum() - terms[0] / 2))
+
+
+@pytest.mark.parametrize("delay", [0.0, 2e-3])
+def test_step_response_is_the_inverse_laplace_transform(delay):
+    joint = gr.ElasticJoint(motor_inertia=1.0, link_inertia=16.0, stiffness=1e4, damping=1.0)
+    loop = gr.build_loop(joint, gr.Drive(4000.0, 0.9, delay), gr.PD(1e4, 300.0))
+    response = step_response(loop, 0.3)
+    assert response.change < 1e-3
+    for time in (0.05, 0.1, 0.2):
+        reference = laplace_inverse(lambda s: loop.at(s) / (1 + loop.at(s)) / s, time)
+        disturbance = laplace_inverse(lambda s: loop.actuated.at(s) / (1 + loop.at(s)) / s, time)
+        # Linear reading between steps of 0.1 ms and the halved step's own error leave about 1e-5
+        assert np.interp(time, response.time, response.reference) == approx(reference, abs=3e-5)
+        assert np.interp(time, response.time, response.disturbance) == approx(disturbance, rel=3e-4)
+
+
+def test_sampled_step_response_obeys_the_loop():
+    """The z-transform of the response is L/(1+L)/(1 − 1/z): compared on a circle outside the unit circle, where the sum converges."""
+    tick = 5e-4
+    loop = specification(kd=50.0, sample_time=tick).loop()
+    response = step_response(loop, 2000 * tick)
+    s = 40.0 + 1j * np.array([0.0, 50.0, 400.0, 2000.0])  # e^{−40 t} at the end: 4e-18
+    weights = np.exp(-np.outer(s, response.time))
+    step = 1 / (1 - np.exp(-s * tick))
+    assert weights @ response.reference == approx(loop.at(s) / (1 + loop.at(s)) * step, rel=1e-9)
+    assert weights @ response.disturbance == approx(loop.actuated.at(s) / (1 + loop.at(s)) * step, rel=1e-9)
+
+
+def test_unstable_response_grows_at_the_rightmost_root():
+    loop = specification(kd=80.0).loop()
+    response = step_response(loop)
+    root = gr.rightmost_roots(loop, count=1).roots[0]
+    assert (response.growth, response.frequency) == (approx(root.real), approx(abs(root.imag)))
+    half = len(response.time) // 2
+    first, last = np.abs(response.reference[half // 2 : half]).max(), np.abs(response.reference[-half // 2 :]).max()
+    assert last > 1.5 * first
+
+
+def test_numbers_read_well():
+    assert digits(16001.2, "N·m/rad") == "16\u202f000 N·m/rad"
+    assert digits(26.7536, "°") == "26.75°"
+    assert digits(-0.5) == "−0.5"
+    assert digits(float("nan")) == "–"
+    assert digits(float("inf"), "dB") == "∞"
+    assert digits(2e-5, "kg·m²", 3) == "2·10⁻⁵ kg·m²"
+    assert digits(None) == "–"

@@ -1,0 +1,87 @@
+"""The paper's numbers, within what issue and paper allow; rows that say what they are."""
+
+import html
+import math
+import re
+
+import pytest
+
+from gainroom.reproduce import Reproduction, run_reproduction
+from gainroom.reproduce.page import reproduction_page
+from gainroom.reproduce.row import compare
+
+FIG9 = {"neither": (52.1, 3970), "elasticity": (27.5, 3970), "delay": (31.0, 619), "both": (6.2, 620)}
+PREFIXES = ("fig4.", "fig5.", "fig7.", *(f"fig9.{case}." for case in FIG9), "testbed.")
+
+
+@pytest.fixture(scope="module")
+def result() -> Reproduction:
+    return run_reproduction()
+
+
+@pytest.fixture(scope="module")
+def computed(result: Reproduction) -> dict[str, float | bool]:
+    return {row.id: row.computed for row in result.rows}
+
+
+def test_every_row_agrees_and_every_figure_is_there(result: Reproduction):
+    assert [row.id for row in result.rows if not row.agrees] == []
+    ids = [row.id for row in result.rows]
+    assert len(set(ids)) == len(ids)
+    assert all(name.startswith(PREFIXES) for name in ids)
+    assert all(any(name.startswith(prefix) for name in ids) for prefix in PREFIXES)
+
+
+@pytest.mark.parametrize("case", FIG9)
+def test_fig9_within_a_tenth_of_a_decibel_and_2_rad_s(computed, case: str):
+    margin, crossover = FIG9[case]
+    assert computed[f"fig9.{case}.gain_margin_db"] == pytest.approx(margin, abs=0.1)
+    assert computed[f"fig9.{case}.phase_crossover_rad_s"] == pytest.approx(crossover, abs=2)
+
+
+def test_testbed_limit(computed):
+    assert computed["testbed.phase_crossover_rad_s"] == pytest.approx(494, abs=1)
+    assert abs(computed["testbed.gain_margin_db"]) < 0.2
+    assert computed["testbed.kv_70.stable"] is True
+    assert computed["testbed.kv_80.stable"] is False
+    assert 2.0 < computed["testbed.delay_ms"] < 3.0  # the paper's "about 2 to 3 ms"
+
+
+def test_sampled_limits_lie_within_the_step_of_the_grid_that_found_them_first(computed):
+    for name, first_unstable in (("testbed.sampled.kv_limit", 78.25), ("testbed.sampled_4_ticks.kv_limit", 86.25)):
+        assert 0 < first_unstable - computed[name] <= 0.25
+    assert 0 < 65.25 - computed["testbed.sampled_5_ticks.kv_limit"] <= 0.25
+
+
+def test_resonances_are_those_of_the_closed_forms(computed):
+    # J_M 1, J_L 16, K 1e4; damping moves the extrema by parts in 1e5
+    assert computed["fig4.antiresonance_rad_s"] == pytest.approx(math.sqrt(1e4 / 16), rel=1e-4)
+    assert computed["fig4.resonance_rad_s"] == pytest.approx(math.sqrt(1e4 * 17 / 16), rel=1e-4)
+
+
+def test_what_is_not_printed_in_the_paper_says_so(result: Reproduction):
+    for row in result.rows:
+        if row.id.startswith(("fig4.", "fig5.", "fig7.")):  # plots without numbers
+            assert not row.printed
+        if row.id.startswith(("fig9.", "testbed.")) and row.id.endswith(("gain_margin_db", "stable", "kv_limit")) and row.printed:
+            assert "nferred" in row.note or "0.0768" in row.note
+
+
+def test_a_row_agrees_within_its_tolerance_and_not_beyond():
+    assert compare("a", 1.0, 1.05, "dB", 0.06).agrees
+    assert not compare("a", 1.0, 1.07, "dB", 0.06).agrees
+    assert not compare("a", 1.0, math.nan, "dB", 0.06).agrees
+    assert compare("a", True, True, "", 0.0).agrees
+    assert not compare("a", True, False, "", 0.0).agrees
+
+
+def test_the_page_is_whole(result: Reproduction):
+    page = reproduction_page(result, "gainroom reproduce --report r.html")
+    assert len(page) < 6e6
+    markup = re.sub(r"<script.*?</script>", "", page, flags=re.DOTALL)
+    assert not re.search(r"""(?:src|href)=["']?https?:""", markup)  # works with no network
+    assert "gainroom reproduce --report r.html" in page
+    for row in result.rows:
+        assert row.id in page
+    for picture in result.pictures:
+        assert html.escape(picture.title) in page
