@@ -216,7 +216,15 @@ def test_callables_give_the_same(make):
         assert getattr(found, name) == pytest.approx(getattr(expected, name), rel=1e-7)
 
 
-def test_callables_that_fail_are_named():
-    for bad in (lambda s: np.full(len(s), np.nan), lambda s: s[:2], lambda s: np.zeros(len(s))):
-        with pytest.raises(gr.GainroomError, match=r"callable must return .* finite, nonzero complex values"):
-            gr.margins(gr.loop_from(bad))
+@pytest.mark.parametrize(
+    ("bad", "words"),
+    [
+        (lambda s: np.full(len(s), np.nan), "finite, nonzero values"),
+        (lambda s: np.zeros(len(s)), "finite, nonzero values"),
+        (lambda s: s[:2], "one value per s: shape"),
+        (lambda s: 1.0, "one value per s: shape"),
+    ],
+)
+def test_callables_that_fail_are_named(bad, words):
+    with pytest.raises(gr.GainroomError, match=words):
+        gr.margins(gr.loop_from(bad))

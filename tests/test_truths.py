@@ -571,7 +571,7 @@ def inside_polygons(polygons, points: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("wanted", [{}, {"gain_margin": 1.8, "phase_margin": radians(25), "peak_sensitivity": 2.5}])
 @pytest.mark.parametrize("sample_time", [None, 1e-3], ids=["continuous", "sampled"])
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 def test_boundary_encloses_what_the_region_contains(seed, sample_time, wanted):
     """The polyline is drawn, the membership is exact: they may differ in a sliver along the line only."""
     joint, _ = stable_draw(2 * seed + 1)
@@ -626,13 +626,13 @@ REQUIREMENTS = {
 
 @pytest.mark.parametrize("sample_time", [None, 1e-3], ids=["continuous", "sampled"])
 @pytest.mark.parametrize("wanted", REQUIREMENTS.values(), ids=REQUIREMENTS.keys())
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(3))
 def test_required_region_is_where_the_margins_hold(seed, wanted, sample_time):
     joint, _ = stable_draw(2 * seed + 1)
     region = gr.pd_region(*parts(joint), feedback=joint.feedback, sample_time=sample_time, **wanted)
     if not region.boundary:
         pytest.skip("no gains meet this")
-    points = region_points(region, np.random.default_rng([25, seed]), 60)
+    points = region_points(region, np.random.default_rng([25, seed]), 30)
     inside = region.contains(points[:, 0], points[:, 1])
     near = 0
     for (kp, kd), claimed in zip(points, inside, strict=True):
@@ -650,4 +650,4 @@ def test_required_region_is_where_the_margins_hold(seed, wanted, sample_time):
             near += 1
         else:
             assert claimed == (min(room) > 1), (case, seen)
-    assert near <= 6  # most of the points must have been judged
+    assert near <= 4  # most of the points must have been judged

@@ -193,8 +193,10 @@ def _bounds(kind, width, at_a, at_b, delay, end_a, end_b):
 def _polish_minimum(kind, omega, lowest, roots, signs, gain, delay, sample_time, slopes):
     """The local minimum of an objective next to `omega`, by steps that grow downhill and shrink at the bottom: (ω, minimum)."""
     step = 0.01 * omega
-    while abs(step) > 1e-9 * omega:  # the minimum is flat: its value is then good to about 1e-16
-        trial = omega + step
+    for _ in range(200):
+        if abs(step) <= 1e-9 * omega:  # the minimum is flat: its value is then good to about 1e-16
+            break
+        trial = max(omega + step, 0.5 * omega)  # an infimum at ω → 0 is approached, never passed
         if sample_time > 0:
             trial = min(trial, math.pi / sample_time)
         value = objective(kind, evaluate(trial, roots, signs, gain, delay, sample_time, slopes))

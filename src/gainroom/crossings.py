@@ -461,7 +461,9 @@ def _polish_minimum(batch: _Batch, kind: int, owner: Integers, omega: Floats, lo
     for _ in range(200):
         if np.all(np.abs(step) <= 1e-9 * omega):  # the minimum is flat: its value is then good to about 1e-16
             break
-        trial = np.minimum(omega + step, math.pi / batch.sample_time) if batch.sample_time > 0 else omega + step
+        trial = np.maximum(omega + step, 0.5 * omega)  # an infimum at ω → 0 is approached, never passed
+        if batch.sample_time > 0:
+            trial = np.minimum(trial, math.pi / batch.sample_time)
         value = objective(kind, batch.evaluate(owner, trial)[0])
         better = value < lowest
         omega, lowest = np.where(better, trial, omega), np.where(better, value, lowest)

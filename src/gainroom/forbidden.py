@@ -93,11 +93,11 @@ def _circle(kp: Floats, a: Complexes, b: Complexes, center: float, radius: float
     """The kd, one of two, with |center + kp A + kd B| = radius, and where it exists."""
     with np.errstate(invalid="ignore"):  # on a pole of A and B nothing is defined, and nothing exists
         rest = center + kp * a
-        half = (rest * b.conj()).real
+        across = rest * b.conj()
         size = np.abs(b) ** 2
-        discriminant = half**2 - size * (np.abs(rest) ** 2 - radius**2)
+        discriminant = size * radius**2 - across.imag**2  # not half² − size (|rest|² − radius²), which cancels
         real = discriminant >= 0
-        return (-half + sign * np.sqrt(np.where(real, discriminant, 0.0))) / size, real
+        return (-across.real + sign * np.sqrt(np.where(real, discriminant, 0.0))) / size, real
 
 
 def _segment(gain_margin: float) -> Branch:
@@ -153,8 +153,9 @@ def _sweep(
     if polish:  # where kd(ω) turns back inside the set
         near = (kd >= window[:, :1]) & (kd <= window[:, 1:])
         column, k = np.nonzero(whole[:, 1:] & whole[:, :-1] & near[:, 1:-1] & (np.diff(kd)[:, 1:] * np.diff(kd)[:, :-1] < 0))
-        extremum = _extremum(plane, branch, kps[column], omega[k], omega[k + 2], kd[column, k + 1] > kd[column, k])
-        pieces.append((column, kd[column, k + 1], extremum))
+        sign = np.where(kd[column, k + 1] > kd[column, k], 1.0, -1.0)
+        _, height = _maximum(plane, lambda *at: sign * branch(*at)[0], kps[column], omega[k], omega[k + 1], omega[k + 2])
+        pieces.append((column, kd[column, k + 1], sign * height))
     return pieces
 
 
@@ -202,42 +203,76 @@ def _existence(plane: GainPlane, omega: Floats, a: Complexes, b: Complexes, kps:
 
 def _disk(plane: GainPlane, omega: Floats, a: Complexes, b: Complexes, radius: float, kps: Floats, polish: bool) -> list[Piece]:
     """Intervals of kd for which |1 + L| < radius at some ω."""
-    sides = [_circle(kps[:, None], a[None, :], b[None, :], 1.0, radius, sign) for sign in (-1.0, 1.0)]
-    column, k = np.nonzero(sides[0][1])
-    pieces = [(column, sides[0][0][column, k], sides[1][0][column, k])]
-    for (kd, real), sign in zip(sides, (-1.0, 1.0), strict=True) if polish else ():
-        kd = np.where(real, kd, -sign * np.inf)  # beside the disk's shadow nothing reaches farther
-        outer = sign * kd
-        column, k = np.nonzero((outer[:, 1:-1] >= outer[:, :-2]) & (outer[:, 1:-1] > outer[:, 2:]) & real[:, 1:-1])
+    (lower, real), (upper, _) = (_circle(kps[:, None], a[None, :], b[None, :], 1.0, radius, sign) for sign in (-1.0, 1.0))
+    column, k = np.nonzero(real)
+    pieces = [(column, lower[column, k], upper[column, k])]
+    # From one sample to the next the interval moves and sweeps what lies between, unless it leaves through infinity (a zero of B).
+    column, k = np.nonzero(real[:, 1:] & real[:, :-1] & ((lower[:, 1:] > upper[:, :-1]) | (upper[:, 1:] < lower[:, :-1])))
+    start, end = np.minimum(lower[column, k], lower[column, k + 1]), np.maximum(upper[column, k], upper[column, k + 1])
+    halfway = 0.5 * (omega[k] + omega[k + 1])
+    between, exists = _circle(kps[column], plane.a.response(halfway), plane.b.response(halfway), 1.0, radius, 1.0)
+    swept = exists & (between > start) & (between <= end)
+    pieces.append((column[swept], start[swept], end[swept]))
+    if not polish:
+        return pieces
+    column, point = _narrow_shadows(plane, omega, a, b, radius, kps)
+    cell = np.searchsorted(omega, point) - 1
+    at_point = kps[column], plane.a.response(point), plane.b.response(point)
+    low_end, high_end = (_circle(*at_point, 1.0, radius, sign)[0] for sign in (-1.0, 1.0))
+    pieces.append((column, low_end, high_end))
+    for sign, kd in ((-1.0, lower), (1.0, upper)):
 
-        def solve(kp: Floats, a: Complexes, b: Complexes, sign: float = sign) -> tuple[Floats, Booleans]:
+        def farthest(kp: Floats, a: Complexes, b: Complexes, sign: float = sign) -> Floats:
             kd, real = _circle(kp, a, b, 1.0, radius, sign)
-            return np.where(real, kd, -sign * np.inf), real
+            return np.where(real, sign * kd, -np.inf)  # beside the disk's shadow nothing is reached
 
-        extremum = _extremum(plane, Branch(solve, paired=True), kps[column], omega[k], omega[k + 2], np.full(len(k), sign > 0))
-        pieces.append((column, kd[column, k + 1], extremum))
+        reach = np.where(real, sign * kd, -np.inf)
+        top, k = np.nonzero((reach[:, 1:-1] >= reach[:, :-2]) & (reach[:, 1:-1] > reach[:, 2:]))
+        owner = np.append(top, column)
+        low, middle, high = np.append(omega[k], omega[cell]), np.append(omega[k + 1], point), np.append(omega[k + 2], omega[cell + 1])
+        _, height = _maximum(plane, farthest, kps[owner], low, middle, high)
+        pieces.append((owner, np.append(kd[top, k + 1], low_end if sign < 0 else high_end), sign * height))
     return pieces
 
 
-def _extremum(plane: GainPlane, branch: Branch, kp: Floats, low: Floats, high: Floats, maximum: Booleans) -> Floats:
-    """Extremal kd(ω) in (low, high), by golden section (the extremum is flat: ω to 1e-9 gives kd to the last digits)."""
-    golden = 0.6180339887498949
-    sign = np.where(maximum, 1.0, -1.0)
+def _narrow_shadows(plane: GainPlane, omega: Floats, a: Complexes, b: Complexes, radius: float, kps: Floats) -> tuple[Integers, Floats]:
+    """Column and ω of frequencies, between samples, at which the line of all L at one kp comes closest to −1, and nearer than `radius`."""
+
+    def nearness(kp: Floats, a: Complexes, b: Complexes) -> Floats:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return -np.abs(((1 + kp * a) * b.conj()).imag) / np.abs(b)
+
+    column, point, _ = Curve.of(plane, -1.0).crossings("kp", kps, True)
+    near = nearness(kps[:, None], a[None, :], b[None, :])
+    owner, k = np.nonzero((near[:, 1:-1] >= near[:, :-2]) & (near[:, 1:-1] > near[:, 2:]) & (near[:, 1:-1] < -radius))
+    touching, height = _maximum(plane, nearness, kps[owner], omega[k], omega[k + 1], omega[k + 2])
+    owner, touching = owner[height > -radius], touching[height > -radius]
+    column, point = np.append(column, owner), np.append(point, touching)
+    inside = (point > omega[0]) & (point < omega[-1])
+    return column[inside], point[inside]
+
+
+def _maximum(
+    plane: GainPlane, function: Callable[[Floats, Complexes, Complexes], Floats], kp: Floats, low: Floats, middle: Floats, high: Floats
+) -> tuple[Floats, Floats]:
+    """(ω, value) of the largest function(kp, A, B) in (low, high), by golden section from a first guess.
+
+    The maximum is flat: ω to 1e-9 gives the value to the last digits.
+    """
 
     def height(omega: Floats) -> Floats:
-        return sign * branch(kp, plane.a.response(omega), plane.b.response(omega))[0]
+        return function(kp, plane.a.response(omega), plane.b.response(omega))
 
-    inner, outer = high - golden * (high - low), low + golden * (high - low)
-    at_inner, at_outer = height(inner), height(outer)
-    for _ in range(42):
-        left = at_inner > at_outer
-        low, high = np.where(left, low, inner), np.where(left, outer, high)
-        fresh = np.where(left, high - golden * (high - low), low + golden * (high - low))
-        value = height(fresh)
-        inner, at_inner, outer, at_outer = (
-            np.where(left, fresh, outer), np.where(left, value, at_outer), np.where(left, inner, fresh), np.where(left, at_inner, value),
-        )  # fmt: skip
-    return sign * np.maximum(at_inner, at_outer)
+    best = height(middle)
+    for _ in range(55):
+        right = high - middle > middle - low
+        trial = middle + 0.381966011250105 * np.where(right, high - middle, low - middle)
+        value = height(trial)
+        better = value > best
+        end = np.where(better, middle, trial)  # a better trial takes the middle's place; otherwise it is the end on its own side
+        low, high = np.where(better == right, end, low), np.where(better == right, high, end)
+        middle, best = np.where(better, trial, middle), np.where(better, value, best)
+    return middle, best
 
 
 def _ends(plane: GainPlane) -> list[tuple[float, float]]:

@@ -81,7 +81,7 @@ class Loop:
         if self.scalar is not None:
             return self.scalar.at(points)
         if self.function is not None:
-            return self.gain * np.exp(-points * self._delays[0]) * np.asarray(self.function(points), dtype=complex)
+            return self.gain * np.exp(-points * self._delays[0]) * _called(self.function, points)
         assert self.parts is not None
         v = points if self.sample_time is None else np.expm1(points * self.sample_time) / self.sample_time
         return self.gain * self._actuated_at(points, v) @ self.parts.controller.matrix(points, v, self.size, self.sample_time)
@@ -112,6 +112,13 @@ class Loop:
     @property
     def _delays(self) -> Floats:
         return np.zeros(self.size) if self.delays is None else self.delays
+
+
+def _called(function: Callable[[Complexes], Any], points: Complexes) -> Complexes:
+    value = np.asarray(function(points), dtype=complex)
+    if value.shape != points.shape:
+        raise GainroomError(f"loop: the callable must return one value per s: shape {points.shape}, not {value.shape}")
+    return value
 
 
 def build_loop(

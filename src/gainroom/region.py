@@ -89,16 +89,16 @@ class PDRegion:
         anchor = self._row.kd
         counts = self._row.counts(kps)
         result = []
-        farthest = self.ladder[-1] / 0.99
+        lowest, highest = self._reach
         for m in range(len(kps)):
-            if abs(kps[m]) > farthest:  # beyond the curve nothing is known, and nothing allowed
+            if not lowest <= kps[m] <= highest:
                 result.append(np.empty((0, 2)))
                 continue
             edges, steps = kd[bounds[m] : bounds[m + 1]], change[bounds[m] : bounds[m + 1]]
             below = np.searchsorted(edges, anchor)
             unstable = counts[m] - steps[:below].sum() + np.append(0, np.cumsum(steps))
             ends = np.concatenate([[-np.inf], edges, [np.inf]])
-            result.append(np.stack([ends[:-1], ends[1:]], axis=1)[unstable == 0])
+            result.append(np.stack([ends[:-1], ends[1:]], axis=1)[(unstable == 0) & (ends[1:] > ends[:-1])])
         return result
 
     def contains(self, kp: ArrayLike, kd: ArrayLike) -> Booleans:
@@ -200,12 +200,29 @@ class PDRegion:
     @cached_property
     def ladder(self) -> Floats:
         """kp over all orders of magnitude at which the stability boundary lives, negative ones first."""
-        size = np.abs(self._curve.kp[np.isfinite(self._curve.kp) & (self._curve.kp != 0)])
-        top = 0.99 * size.max(initial=1.0)
-        rungs = np.geomspace(1e-12 * top, top, 121)
+        upward = self._rungs(1.0)
         if np.any(self._plane.a.poles == 0):  # with an integrator no kp < 0 is stable
-            return rungs
-        return np.concatenate([-rungs[::-1], rungs])
+            return upward
+        return np.concatenate([-self._rungs(-1.0)[::-1], upward])
+
+    def _rungs(self, sign: float) -> Floats:
+        """|kp| of one sign from far below to where the boundary ends; just beyond it, if it turns back there."""
+        omega, kp = self._curve.along("kp")
+        sizes = np.where(omega >= self._plane.resolved, sign * kp, 0.0)
+        if not np.any(sizes > 0):
+            sizes = np.abs(sizes)
+        sizes = sizes[np.isfinite(sizes) & (sizes > 0)]
+        lowest, highest = float(sizes.min(initial=1.0)), float(sizes.max(initial=0.0)) or 1.0
+        rungs = np.geomspace(1e-3 * lowest, 0.99 * highest, 121)
+        unlimited = self._plane.last is None and highest == sizes[-1]
+        return rungs if unlimited else np.append(rungs, 1.01 * highest)
+
+    @cached_property
+    def _reach(self) -> tuple[float, float]:
+        """Lowest and highest kp of the stability boundary: beyond it nothing is known, and nothing allowed."""
+        _, kp = self._curve.along("kp")
+        kp = kp[np.isfinite(kp)]
+        return float(kp.min(initial=0.0)), float(kp.max(initial=0.0))
 
     def _outermost(self, ladder: Floats) -> float:
         """The last allowed kp along `ladder`, to machine precision: between a filled column and the empty ones beyond."""
@@ -256,19 +273,17 @@ def without(free: Floats, barred: Floats) -> Floats:
 
 
 def traced(kps: Floats, columns: list[Floats]) -> tuple[Floats, ...]:
-    """Closed outlines from intervals on successive lines, linked where they overlap one to one."""
-    finished, active = [], []
+    """Closed outlines from intervals on successive lines, linked one to one where they overlap, and slanted strips by their order."""
+    finished: list[list[tuple[float, float, float]]] = []
+    active: list[list[tuple[float, float, float]]] = []
     ceiling = 2 * max((float(np.abs(c[np.isfinite(c)]).max(initial=0.0)) for c in columns), default=1.0) or 1.0
     for kp, intervals in zip(kps, columns, strict=True):
         intervals = np.clip(intervals, -ceiling, ceiling)
-        links = [[k for k, (low, high) in enumerate(intervals) if low < chain[-1][2] and high > chain[-1][1]] for chain in active]
-        continued = {
-            k[0]: chain for k, chain in zip(links, active, strict=True) if len(k) == 1 and sum(k[0] in other for other in links) == 1
-        }
-        finished += [chain for chain in active if not any(chain is kept for kept in continued.values())]
+        links = _links([chain[-1][1:] for chain in active], intervals)
+        finished += [chain for j, chain in enumerate(active) if j not in links.values()]
         following = []
         for k, (low, high) in enumerate(intervals):
-            chain = continued.get(k, [])
+            chain = active[links[k]] if k in links else []
             chain.append((kp, low, high))
             following.append(chain)
         active = following
@@ -278,3 +293,13 @@ def traced(kps: Floats, columns: list[Floats]) -> tuple[Floats, ...]:
         forth, back = table[:, [0, 1]], table[::-1][:, [0, 2]]
         outlines.append(np.vstack([forth, back, forth[:1]]))
     return tuple(outlines)
+
+
+def _links(before: list[tuple[float, float]], after: Floats) -> dict[int, int]:
+    """Which interval of one column continues which of the column before: index after → index before."""
+    over = np.array([[low < end and high > start for start, end in before] for low, high in after]).reshape(len(after), len(before))
+    links = {k: int(np.argmax(over[k])) for k in range(len(after)) if over[k].sum() == 1 and over[:, np.argmax(over[k])].sum() == 1}
+    loose_after, loose_before = np.flatnonzero(~over.any(axis=1)), np.flatnonzero(~over.any(axis=0))
+    if len(loose_after) == len(loose_before):
+        links.update(zip(loose_after.tolist(), loose_before.tolist(), strict=True))
+    return links

@@ -24,6 +24,7 @@ class GainPlane:
 
     omega   (k,) rising [rad/s]
     last    the Nyquist frequency, or None in continuous time
+    resolved  ω from which the grid is fine; below, a few points follow the curve into the origin
     curves  those drawn so far, by target
     """
 
@@ -31,6 +32,7 @@ class GainPlane:
     b: Factored
     omega: Floats
     last: float | None
+    resolved: float
     curves: dict[complex, "Curve"] = field(default_factory=dict, compare=False, repr=False)
 
     @classmethod
@@ -46,7 +48,7 @@ class GainPlane:
         else:
             last = math.pi / a.sample_time
             slowest, high = min(roots.min(initial=np.inf), last), last * (1 - 1e-9)
-        low = 1e-3 * slowest
+        low = resolved = 1e-3 * slowest
         grid = [np.geomspace(low, high, max(2, round(POINTS_PER_DECADE * math.log10(high / low))))]
         low = DEEPEST * low  # where integrators rule, the curve runs straight into the origin; a few points follow it there
         grid.append(np.geomspace(low, grid[0][0], 110))
@@ -60,7 +62,7 @@ class GainPlane:
         omega = np.unique(np.concatenate(grid))
         for root in np.concatenate([a.zeros, a.poles]):  # an undamped resonance is stepped over
             omega = omega[np.abs(omega - _frequency(root, a.sample_time)) > 1e-9 * omega]
-        return cls(a, b, omega[(omega >= low) & (omega <= high)], last)
+        return cls(a, b, omega[(omega >= low) & (omega <= high)], last, resolved)
 
     def solve(self, target: complex, omega: Floats) -> tuple[Floats, Floats, Floats, Floats]:
         """(kp, kd, dkp/dω, dkd/dω) with L(jω) = target."""
@@ -156,6 +158,10 @@ class Curve:
         omega_found = self._polish(axis, values[index], omega[interval], omega[interval + 1], along[interval])
         kp, kd, _, _ = self.plane.solve(self.target, omega_found)
         return index, omega_found, kd if axis == "kp" else kp
+
+    def along(self, axis: str) -> tuple[Floats, Floats]:
+        """(ω, kp or kd) at the samples and at every extremum between them."""
+        return (self._monotone_kp if axis == "kp" else self._monotone_kd)[:2]
 
     @cached_property
     def _monotone_kp(self) -> tuple[Floats, Floats, Floats]:

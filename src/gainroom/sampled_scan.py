@@ -68,9 +68,9 @@ def _sample(response: Response) -> tuple[Floats, Complexes]:
 
 
 def _checked(response: Response, omega: Floats) -> Complexes:
-    value = np.asarray(response(omega), dtype=complex)
-    if value.shape != omega.shape or not np.all(np.isfinite(value)) or np.any(value == 0):
-        raise GainroomError(f"loop: the callable must return {len(omega)} finite, nonzero complex values for {len(omega)} values of s")
+    value = response(omega)
+    if not np.all(np.isfinite(value)) or np.any(value == 0):
+        raise GainroomError("loop: the callable must return finite, nonzero values on the imaginary axis")
     return value
 
 
