@@ -190,12 +190,41 @@ def _bounds(kind, width, at_a, at_b, delay, end_a, end_b):
 
 
 @_jit
+def _inclination(kind, value, slopes, delay):
+    """d log(objective)/dω."""
+    rate = complex(0.0, -delay)
+    for k in range(len(slopes)):
+        rate += complex(slopes[k, 0], slopes[k, 1])
+    slope = (value * rate / (1 + value)).real
+    if kind == 1:
+        slope -= rate.real
+    elif kind == 2:
+        slope += (value * rate / (1 - value)).real
+    return slope
+
+
+@_jit
 def _polish_minimum(kind, omega, lowest, roots, signs, gain, delay, sample_time, slopes):
-    """The local minimum of an objective next to `omega`, by steps that grow downhill and shrink at the bottom: (ω, minimum)."""
-    step = 0.01 * omega
+    """The local minimum of an objective next to `omega`: (ω, minimum).
+
+    Steps grow downhill and shrink at the bottom; once they are small, a secant on the inclination jumps to the bottom, if it is one.
+    """
+    step, jumps = 0.01 * omega, 0
     for _ in range(200):
         if abs(step) <= 1e-9 * omega:  # the minimum is flat: its value is then good to about 1e-16
             break
+        if jumps < 6 and abs(step) < 1e-3 * omega:
+            jumps += 1
+            here = _inclination(kind, evaluate(omega, roots, signs, gain, delay, sample_time, slopes), slopes, delay)
+            beside = omega + 1e-3 * step
+            there = _inclination(kind, evaluate(beside, roots, signs, gain, delay, sample_time, slopes), slopes, delay)
+            trial = omega - here * (beside - omega) / (there - here) if there != here else omega
+            if abs(trial - omega) < 10 * abs(step):
+                value = objective(kind, evaluate(trial, roots, signs, gain, delay, sample_time, slopes))
+                if value <= lowest * (1 + 1e-15) and (sample_time == 0 or trial <= math.pi / sample_time):
+                    step = min(abs(step), max(abs(trial - omega), 1e-12 * omega))
+                    omega, lowest = trial, min(value, lowest)
+                    continue
         trial = max(omega + step, 0.5 * omega)  # an infimum at ω → 0 is approached, never passed
         if sample_time > 0:
             trial = min(trial, math.pi / sample_time)

@@ -264,7 +264,7 @@ def _maximum(
         return function(kp, plane.a.response(omega), plane.b.response(omega))
 
     best = height(middle)
-    for _ in range(55):
+    for _ in range(40):
         right = high - middle > middle - low
         trial = middle + 0.381966011250105 * np.where(right, high - middle, low - middle)
         value = height(trial)

@@ -15,6 +15,7 @@ from .factored import Factored
 
 POINTS_PER_DECADE = 120
 DEEPEST = 1e-9  # the curve is followed down to this share of the lowest frequency sampled finely
+ROUNDING = 4e-15  # of a gain that solves for L = target: closer than this to the wanted one, ω cannot be told apart
 SMALL_TURN = 0.12  # [rad] largest turn of a curve, drawn to scale, between neighbouring samples
 
 
@@ -181,7 +182,7 @@ class Curve:
             _, _, slope_kp, slope_kd = self.plane.solve(self.target, middle)
             same = ((slope_kp if axis == "kp" else slope_kd) > 0) == rising
             low, high = np.where(same, middle, low), np.where(same, high, middle)
-            if np.all(high - low <= 4e-16 * high):
+            if np.all(high - low <= 1e-10 * high):  # the extremum is flat: its gain is then good to the last digit
                 break
         kp, kd, slope_kp, slope_kd = self.plane.solve(self.target, low)
         extra, extra_slope = (kp, slope_kp) if axis == "kp" else (kd, slope_kd)
@@ -204,10 +205,10 @@ class Curve:
             low[active], high[active] = np.where(below, here, low[active]), np.where(below, high[active], here)
             with np.errstate(divide="ignore", invalid="ignore"):
                 step = here - (along - wanted) / slope
+            done = (np.abs(step - here) <= 1e-15 * here) | (np.abs(along - wanted) <= ROUNDING * np.abs(wanted))
             inside = (step > low[active]) & (step < high[active])
-            omega[active] = np.where(inside, step, 0.5 * (low[active] + high[active]))
-            moving = np.abs(omega[active] - here) > 1e-15 * here
-            active = active[moving & (high[active] - low[active] > 4e-16 * here)]
+            omega[active] = np.where(done, here, np.where(inside, step, 0.5 * (low[active] + high[active])))
+            active = active[~done & (high[active] - low[active] > 4e-16 * here)]
             if not len(active):
                 break
         return omega

@@ -33,20 +33,25 @@ def sample(system: Factored, sample_time: float, fraction: float = 0.0) -> Facto
         zeros = [mpc(zero.real, zero.imag) for zero in system.zeros.tolist()]
         grown = [mp.exp(pole * step) for pole in poles]
         late = mpf(fraction)
-        rows = []
+        everything = [mpf(1)]
+        for factor in grown:
+            everything = _times(everything, [1, -factor])
+        numerator = [mpf(0)] * (len(poles) + (1 if fraction else 0))
         for k, pole in enumerate(poles):
-            residue, row = mpf(system.gain), [mpf(1)]
+            if pole.imag < 0:  # the conjugate's row adds the same real part once more
+                continue
+            residue = mpf(system.gain)
             for zero in zeros:
                 residue *= pole - zero
             for j, other in enumerate(poles):
                 if j != k:
                     residue /= pole - other
-                    row = _times(row, [1, -grown[j]])
             partial = mp.exp(pole * (1 - late) * step) if fraction else grown[k]
             now = (partial - 1) / pole if pole else step * (1 - late)
             before = (grown[k] - partial) / pole if pole else step * late
-            rows.append(_times(row, [residue * now, residue * before] if fraction else [residue * now]))
-        numerator = [sum(column).real for column in zip(*rows, strict=True)]
+            row = _times(_without(everything, grown[k]), [residue * now, residue * before] if fraction else [residue * now])
+            share = 2 if pole.imag > 0 else 1
+            numerator = [total + share * entry.real for total, entry in zip(numerator, row, strict=True)]
         roots = _roots(numerator)
         gain = numerator[0] * step ** (len(roots) - len(poles) - (1 if fraction else 0))
         places = [(root - 1) / step for root in roots]
@@ -66,26 +71,47 @@ def _times(first: list, second: list) -> list:
     return product
 
 
-def _roots(polynomial: list) -> list:
-    """Roots of a real polynomial: found in double precision, polished by Newton (Aberth's form keeps them apart) in extended precision."""
-    from mpmath import mp, mpc
+def _without(polynomial: list, root) -> list:
+    """`polynomial` divided by (z − root), one of its roots."""
+    quotient = polynomial[:1]
+    for coefficient in polynomial[1:-1]:
+        quotient.append(coefficient + root * quotient[-1])
+    return quotient
 
-    roots = [mpc(root.real, root.imag) for root in np.roots([float(value / polynomial[0]) for value in polynomial])]
+
+def _roots(polynomial: list) -> list:
+    """Roots of a real polynomial: found in double precision, polished by Newton in extended precision.
+
+    Roots that lie close together are kept apart by Aberth's form of Newton's step.
+    """
+    from mpmath import mp, mpc, mpf
+
+    starts: Complexes = np.roots([float(value / polynomial[0]) for value in polynomial]).astype(complex)
+    gaps = np.abs(starts[:, None] - starts[None, :]) + np.where(np.eye(len(starts)), np.inf, 0.0)
+    crowded = np.min(gaps, axis=1, initial=np.inf) < 1e-2 * np.abs(starts)
+    # A real root stays real and a pair stays a pair, so neither needs all of complex arithmetic.
+    roots = [mpc(root.real, root.imag) if root.imag else mpf(root.real) for root in starts.tolist()]
+    partner = {k: int(np.argmin(np.abs(starts - root.conj()))) for k, root in enumerate(starts) if root.imag > 0}
     for _ in range(60):
-        largest = mp.mpf(0)
+        largest = mpf(0)
         for k, root in enumerate(roots):
-            value, slope = mpc(polynomial[0]), mpc(0)
+            if starts[k].imag < 0:
+                continue
+            value, slope = polynomial[0], mpf(0)
             for coefficient in polynomial[1:]:
                 slope = slope * root + value
                 value = value * root + coefficient
             if value == 0:
                 continue
-            crowd = sum(1 / (root - other) for j, other in enumerate(roots) if j != k and root != other)
-            push = slope / value - crowd
-            move = 1 / push if push else mp.mpf(10) ** -8 * (abs(root) + 1)  # a standstill between equal starts: step aside
+            push = slope / value
+            if crowded[k]:
+                push -= sum(1 / (root - other) for j, other in enumerate(roots) if j != k and root != other)
+            move = 1 / push if push else mpf(10) ** -8 * (abs(root) + 1)  # a standstill between equal starts: step aside
             roots[k] = root - move
-            largest = max(largest, abs(move) / (abs(root) + mp.mpf(10) ** -30))
-        if largest < mp.mpf(10) ** -25:
+            if k in partner:
+                roots[partner[k]] = mpc(roots[k].real, -roots[k].imag)
+            largest = max(largest, abs(move) / (abs(root) + mpf(10) ** -30))
+        if largest < mpf(10) ** -15:  # the next step would be of the order of its square
             break
     return roots
 
