@@ -235,6 +235,8 @@ def test_gravity_of_one_joint():
         (lambda: gr.Drive(delay=float("nan")), ["delay", "nan", ">= 0"]),
         (lambda: gr.build_loop(gr.ElasticJoint(1, 1), gr.Drive(), gr.PD(1.0, 1.0)).scaled(float("nan")), ["factor", "nan", "finite"]),
         (lambda: gr.closed_loop(gr.loop_from(lambda s: 1 / s)), ["closed_loop", "one joint"]),
+        (lambda: gr.loop_from(lambda s: 1 / s, unstable_poles=-1), ["unstable_poles", "-1", "whole number >= 0"]),
+        (lambda: gr.rightmost_roots(gr.build_loop(gr.ElasticJoint(1, 1), gr.Drive(), gr.PD(1.0, 1.0)), 0), ["count", "0", ">= 1"]),
     ],
 )
 def test_errors(make, words):

@@ -215,6 +215,8 @@ def test_from_motor_errors(rotor):
         ({"link_inverse_inertia": np.diag([1.0, np.nan])}, ["link_inverse_inertia", "finite"]),
         ({"motor_inertia": np.ones(3)}, ["motor_inertia", "(3,)", "2 numbers"]),
         ({"motor_inertia": np.array([1.0, 0.0])}, ["joint2", "motor_inertia", "0", "> 0"]),
+        ({"motor_inertia": np.array([0.0, 0.0]), "stiffness": np.array([np.inf, 1e4])}, ["joint2", "motor_inertia", "elastic"]),
+        ({"joint_names": ("hip",)}, ["1 joint_names", "2 joints"]),
         ({"stiffness": np.array([1e4, -1.0])}, ["joint2", "stiffness", "-1", "> 0"]),
         ({"gravity_stiffness": np.eye(3)}, ["gravity_stiffness", "(3, 3)", "(2, 2)"]),
     ],

@@ -20,6 +20,13 @@ def require_positive(owner: str, name: str, value: float, unit: str = "", *, zer
     return number
 
 
+def require_count(owner: str, name: str, value: object, least: int) -> int:
+    """Return `value` when it is a whole number >= `least`; raise GainroomError otherwise."""
+    if not isinstance(value, int | np.integer) or isinstance(value, bool) or value < least:
+        raise GainroomError(f"{owner}: {name} {value!r} must be a whole number >= {least}")
+    return int(value)
+
+
 def require_finite(owner: str, name: str, value: object) -> np.ndarray:
     """Return `value` as a float array when every element is a finite real number; raise GainroomError otherwise."""
     try:

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from .arrays import Booleans, Complexes, Floats
 from .controller import PD, PID, PPI, Compensator, Controller, gain_matrix
 from .drive import Drive
-from .errors import GainroomError, require_finite, require_positive
+from .errors import GainroomError, require_count, require_finite, require_positive
 from .factored import Factored, ratio
 from .lti import factored_from, is_lti, sample_time_of
 from .plant import ElasticJoint, Plant
@@ -168,6 +168,8 @@ def loop_from(lti: Any, delay: float = 0.0, unstable_poles: int | None = None) -
     unstable_poles  of L; counted where None is given with an LTI, taken as 0 for a callable
     """
     require_positive("loop", "delay", delay, "s", zero=True)
+    if unstable_poles is not None:
+        require_count("loop", "unstable_poles", unstable_poles, 0)
     if not is_lti(lti):
         if not callable(lti):
             raise GainroomError(f"{type(lti).__name__} must be a python-control or scipy.signal LTI system, or a callable L(s)")

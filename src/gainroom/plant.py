@@ -130,6 +130,8 @@ class Plant:
         if np.linalg.eigvalsh(inverse_inertia)[0] < -1e-9 * scale:
             raise GainroomError("plant: link_inverse_inertia must have no negative eigenvalue")
         names = self.joint_names or tuple(f"joint{i + 1}" for i in range(size))
+        if len(names) != size:
+            raise GainroomError(f"plant: {len(names)} joint_names for {size} joints")
         set_field = object.__setattr__  # the dataclass is frozen; this is the one place that completes it
         set_field(self, "joint_names", names)
         set_field(self, "link_inverse_inertia", (inverse_inertia + inverse_inertia.T) / 2)
@@ -143,8 +145,8 @@ class Plant:
             if gravity.shape != (size, size):
                 raise GainroomError(f"plant: gravity_stiffness of shape {gravity.shape} must be {(size, size)}")
             set_field(self, "gravity_stiffness", gravity)
-        for joint, inertia in zip(names, self.motor_inertia[self.elastic], strict=False):
-            if inertia == 0:
+        for joint, inertia, elastic in zip(names, self.motor_inertia, self.elastic, strict=True):
+            if inertia == 0 and elastic:
                 raise GainroomError(f"joint '{joint}': motor_inertia 0 kg·m² must be > 0 on an elastic joint")
 
     @property

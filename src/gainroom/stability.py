@@ -12,7 +12,7 @@ import numpy as np
 
 from .arrays import Complexes, Floats
 from .crossings import Scan, scan_many
-from .errors import GainroomError
+from .errors import GainroomError, require_count
 from .factored import growth
 from .loop import Loop
 from .sampled_scan import scan_callable
@@ -104,6 +104,7 @@ def rightmost_roots(loop: Loop, count: int = 6) -> Roots:
 
     Raises GainroomError for a loop given as a callable: it has no state space.
     """
+    require_count("rightmost_roots", "count", count, 1)
     if loop.open_loop is None:
         raise GainroomError("rightmost_roots needs a loop built with build_loop or from an LTI system, not a callable")
     delays = np.zeros(loop.size) if loop.delays is None else loop.delays
