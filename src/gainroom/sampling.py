@@ -84,7 +84,7 @@ def _roots(polynomial: list) -> list:
 
     Roots that lie close together are kept apart by Aberth's form of Newton's step.
     """
-    from mpmath import mp, mpc, mpf
+    from mpmath import mpc, mpf
 
     starts: Complexes = np.roots([float(value / polynomial[0]) for value in polynomial]).astype(complex)
     gaps = np.abs(starts[:, None] - starts[None, :]) + np.where(np.eye(len(starts)), np.inf, 0.0)
