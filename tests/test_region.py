@@ -10,6 +10,7 @@ from scipy.optimize import brentq
 
 import gainroom as gr
 from draws import Setup, draw_setup
+from refusals import assert_refused
 
 REQUIREMENTS = {
     "stable": {},
@@ -279,8 +280,4 @@ def test_phase_margin_of_a_rigid_joint_without_delay():
     ],
 )
 def test_errors(make, words):
-    with pytest.raises(gr.GainroomError) as caught:
-        make()
-    for word in words:
-        assert word in str(caught.value)
-    assert "\n" not in str(caught.value)
+    assert_refused(make, words)

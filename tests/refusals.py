@@ -1,0 +1,17 @@
+"""How every bad call is refused."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import pytest
+
+import gainroom as gr
+
+
+def assert_refused(make: Callable[[], Any], words: Sequence[str]) -> None:
+    """`make()` raises GainroomError with one line that holds every word."""
+    with pytest.raises(gr.GainroomError) as caught:
+        make()
+    for word in words:
+        assert word in str(caught.value)
+    assert "\n" not in str(caught.value)
