@@ -7,11 +7,13 @@ import numpy as np
 
 from .arrays import Complexes
 from .errors import GainroomError
-from .loci import Critical, critical_points
 from .loop import Loop
 from .stability import scan_loop, unstable_roots
+from .sweep import FLOOR, Sweep
 
 NUDGE = 1e-6  # the certificate counts roots at limit·(1 ± NUDGE)
+HIGHEST = 1 / FLOOR  # of the factors that are looked at on coupled loops
+CLOSE = 0.03  # relative distance within which crossings, interpolated between samples, may change places when polished
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,8 @@ class GainLimit:
     frequency    of the vibration at the upper end [rad/s], NaN where there is none
     mode         (n,) complex, the joints' parts in that vibration, the largest 1
     certificate  of the upper end, None where there is none
+
+    Coupled loops: roots that the gains do not move (joints left free) are not counted; factors up to 1e3 are looked at.
     """
 
     stable: bool
@@ -49,28 +53,41 @@ class GainLimit:
     certificate: Certificate | None
 
 
+@dataclass(frozen=True)
+class Critical:
+    """All gains times `gain` put a root at jω; `mode` (n,) complex: the measured positions in that vibration, the largest 1."""
+
+    gain: float
+    omega: float
+    mode: Complexes
+
+
 def gain_limit(loop: Loop) -> GainLimit:
     """The largest and smallest factor on all gains that keep the loop stable.
 
     For an unstable loop: the nearest stable interval below g = 1. Raises GainroomError where L is zero.
     """
+    return _scalar_limit(loop) if loop.size == 1 else coupled_limit(Sweep(loop))
+
+
+def _scalar_limit(loop: Loop) -> GainLimit:
+    """From the crossings of the certified scan: between neighbouring ones the number of unstable roots is constant."""
     if loop.scalar is not None and loop.scalar.gain == 0:
         raise GainroomError("gain_limit: all gains are zero")
-    points = _scalar_points(loop) if loop.size == 1 else critical_points(loop)
+    crossings = scan_loop(loop, with_peaks=False).phases.tolist()
+    points = sorted((Critical(1 / size, omega, np.ones(1, dtype=complex)) for omega, size, _ in crossings if size > 0), key=lambda p: p.gain)
     stable = unstable_roots(loop) == 0
-    # Between neighbouring critical factors the number of unstable roots is constant: find the stable stretch at or below g = 1.
     factors = [0.0, *(point.gain for point in points), math.inf]
     upper = next(k for k, factor in enumerate(factors) if factor > 1)
     if not stable:
         upper -= 1
         while upper > 0 and unstable_roots(loop.scaled(_between(factors[upper - 1], factors[upper]))) > 0:
             upper -= 1
-    none = np.ones(loop.size, dtype=complex)
     if upper == 0:
-        return GainLimit(False, 0.0, math.nan, math.nan, none, None)
+        return _no_limit(loop, False, 0.0, math.nan)
     gain, lower = factors[upper], factors[upper - 1]
     if math.isinf(gain):
-        return GainLimit(stable, gain, lower, math.nan, none, None)
+        return _no_limit(loop, stable, gain, lower)
     certificate = Certificate(unstable_roots(loop.scaled(gain * (1 - NUDGE))), unstable_roots(loop.scaled(gain * (1 + NUDGE))))
     return GainLimit(stable, gain, lower, points[upper - 1].omega, points[upper - 1].mode, certificate)
 
@@ -80,8 +97,105 @@ def _between(low: float, high: float) -> float:
     return math.sqrt(low * high) if low > 0 else high / 2
 
 
-def _scalar_points(loop: Loop) -> list[Critical]:
-    """The crossings of a scalar loop, by rising gain: all of them, from the certified scan."""
-    crossings = scan_loop(loop, with_peaks=False).phases.tolist()
-    found = [Critical(1 / size, omega, np.ones(1, dtype=complex)) for omega, size, _ in crossings if size > 0]
-    return sorted(found, key=lambda point: point.gain)
+def _no_limit(loop: Loop, stable: bool, gain: float, lower: float) -> GainLimit:
+    return GainLimit(stable, gain, lower, math.nan, np.ones(loop.size, dtype=complex), None)
+
+
+def coupled_limit(sweep: Sweep) -> GainLimit:
+    """gain_limit of several joints, from where their loci cross the negative real axis."""
+    if not np.any(sweep.loci):
+        raise GainroomError("gain_limit: all gains are zero")
+    rough = _crossings(sweep)
+    stable = sweep.unstable(1.0) == 0
+    factors = [0.0, *(gain for gain, _, _ in rough), math.inf]
+    upper = next(k for k, factor in enumerate(factors) if factor > 1)
+    if not stable:
+        upper -= 1
+        while upper > 0 and sweep.unstable(_between(factors[upper - 1], min(factors[upper], HIGHEST))) > 0:
+            upper -= 1
+    if upper == 0:
+        return _no_limit(sweep.loop, False, 0.0, math.nan)
+    lower = _pinned(sweep, rough, upper - 1, down=True) if upper > 1 else None
+    lowest = lower[0].gain if lower else 0.0
+    if upper == len(factors) - 1:
+        return _no_limit(sweep.loop, stable, math.inf, lowest)
+    point, certificate = _pinned(sweep, rough, upper, down=False)
+    return GainLimit(stable, point.gain, lowest, point.omega, point.mode, certificate)
+
+
+Rough = tuple[float, float, complex]
+"""A crossing between two samples: factor, ω and λ, by linear interpolation."""
+
+
+def _crossings(sweep: Sweep) -> list[Rough]:
+    """Crossings of the negative real axis by all loci, by rising factor."""
+    steps = sweep.steps()
+    crosses = ((steps.start.imag > 0) != (steps.end.imag > 0)) & (np.maximum(np.abs(steps.start), np.abs(steps.end)) > 1 / HIGHEST)
+    k, branch = np.nonzero(crosses)
+    start, end = steps.start[k, branch], steps.end[k, branch]
+    share = start.imag / (start.imag - end.imag)
+    value = (start + share * (end - start)).real
+    omega = sweep.omega[k] + share * (sweep.omega[k + 1] - sweep.omega[k])
+    found = [(-1 / v, w, complex(v)) for v, w in zip(value.tolist(), omega.tolist(), strict=True) if v < 0]
+    if sweep.last is not None:
+        at_end = sweep.loci[-1]
+        real = (np.abs(at_end.imag) < 1e-9 * np.abs(at_end)) & (at_end.real < -1 / HIGHEST)
+        found += [(-1 / v, sweep.last, complex(v)) for v in at_end.real[real].tolist()]
+    return sorted(found, key=lambda one: one[0])
+
+
+def _pinned(sweep: Sweep, rough: list[Rough], place: int, down: bool) -> tuple[Critical, Certificate]:
+    """The end of a stable interval, polished, with its certificate; `place` counts from 1 along the rough crossings.
+
+    Near-equal legs cross at nearly the same factor: the rough order decides nothing among those close together.
+    """
+    gain, omega, value = rough[place - 1]
+    near = [_polished(sweep, omega, start) for start in _values_near(sweep, omega, value)]
+    found = [point for point in near if point is not None and abs(point.gain / gain - 1) < 2 * CLOSE]
+    if not found:
+        raise GainroomError(f"gain_limit: the crossing near {omega:.4g} rad/s could not be pinned down")
+    point = (max if down else min)(found, key=lambda one: one.gain)
+    sweep.add(point.omega * (1 + np.array([sign * 10.0**-k for k in range(2, 9) for sign in (-1, 1)])))
+    inward = 1 + NUDGE if down else 1 - NUDGE
+    return point, Certificate(sweep.unstable(point.gain * inward), sweep.unstable(point.gain * (2 - inward)))
+
+
+def _values_near(sweep: Sweep, omega: float, value: complex) -> list[complex]:
+    """The eigenvalues of L(jω) that may cross at about the same factor as the one at `value`."""
+    values = np.linalg.eigvals(_at(sweep, omega))
+    return values[np.abs(values - value) < CLOSE * np.abs(value)].tolist()
+
+
+def _at(sweep: Sweep, omega: float) -> Complexes:
+    """L(jω) (n, n)."""
+    return sweep.loop.response(omega).reshape(sweep.loop.size, sweep.loop.size)
+
+
+def _polished(sweep: Sweep, omega: float, wanted: complex) -> Critical | None:
+    """The crossing of the negative real axis by the locus that is at `wanted` at `omega`, by a secant on its argument.
+
+    A locus is followed by its vector: near-equal legs have loci that lie closer together than they move in one step.
+    """
+    values, vectors = np.linalg.eig(_at(sweep, omega))
+    k = int(np.argmin(np.abs(values - wanted)))
+    value, mode = complex(values[k]), vectors[:, k]
+    if omega != sweep.last:
+        before, first = omega, value
+        omega = omega * (1 - 1e-6)
+        for _ in range(40):
+            values, vectors = np.linalg.eig(_at(sweep, omega))
+            k = int(np.argmax(np.abs(mode.conj() @ vectors)))
+            value, mode = complex(values[k]), vectors[:, k]
+            slope = (value.imag / value.real - first.imag / first.real) / (omega - before)
+            step = value.imag / value.real / slope if slope else 0.0
+            if abs(step) <= 1e-14 * omega:
+                break
+            before, first = omega, value
+            omega = min(max(omega - step, 0.5 * omega), 2 * omega)
+            if sweep.last is not None:
+                omega = min(omega, sweep.last)
+            if omega == before:
+                break
+    if value.real >= 0 or abs(value.imag) > 1e-9 * abs(value):
+        return None
+    return Critical(-1 / value.real, omega, mode / mode[np.argmax(np.abs(mode))])

@@ -75,6 +75,20 @@ class Loop:
         """From torque command to controller output without `delays` (in sampled time they are states); None for callables."""
         return self.given if self.parts is None else _controller_state(self.parts) @ _body(self.parts)
 
+    @cached_property
+    def bends(self) -> Complexes:
+        """Roughly where the response bends, in s: resonances (Im > 0), current loops, filters; for placing samples."""
+        if self.parts is None:
+            assert self.given is not None
+            poles = np.linalg.eigvals(self.given.a)
+            if self.sample_time is not None:
+                z = 1 + self.sample_time * poles
+                poles = np.log(z[np.abs(z) > 1e-6]) / self.sample_time
+            return poles
+        shaping = self.parts.controller.shaping(None)
+        currents = [-drive.bandwidth + 0j for drive in self.parts.drives if not drive.is_ideal]
+        return np.concatenate([self.parts.plant.resonances(), currents, shaping.poles, shaping.zeros])
+
     def at(self, s: ArrayLike) -> Complexes:
         """L at complex s [1/s] (k,); in sampled time at z = e^{s T_s}. Shape (k,) for n = 1, else (k, n, n)."""
         points = np.atleast_1d(np.asarray(s, dtype=complex))
@@ -91,7 +105,10 @@ class Loop:
         assert self.parts is not None
         if self.sample_time is not None:
             return self._held.at(v)[:, : self.size]
-        currents = np.stack([_current_loop(drive).at(s) for drive in self.parts.drives], axis=1)
+        bandwidth = np.array([drive.bandwidth for drive in self.parts.drives])
+        damping = np.array([drive.damping_ratio for drive in self.parts.drives])
+        lag = s[:, None] / bandwidth  # 0 where the current loop is ideal
+        currents = 1 / (lag * lag + 2 * damping * lag + 1)  # eq. (3)
         return self.parts.plant.response(s, self.parts.feedback) * (currents * np.exp(-s[:, None] * self._delays))[:, None, :]
 
     @cached_property
@@ -154,6 +171,8 @@ def build_loop(
     delays = np.array([drive.delay for drive in drives]) if sample_time is None else np.zeros(plant.size)
     if plant.size > 1:
         loop = Loop(plant.size, sample_time, delays=delays, parts=parts)
+        if plant.gravity_stiffness is None and controller.shaping(sample_time).unstable_poles == 0:
+            return loop  # springs, dampers and masses alone are passive
         assert loop.open_loop is not None
         return replace(loop, unstable_poles=np.count_nonzero(_unstable(np.linalg.eigvals(loop.open_loop.a), sample_time)))
     actuated, control = _actuated_scalar(parts), controller.transfer(sample_time)

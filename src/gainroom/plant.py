@@ -206,6 +206,17 @@ class Plant:
         return Mechanism(mass, damping, stiffness, motor_position.T, motor_position, link_position)
 
 
+    def resonances(self) -> Complexes:
+        """Where the response bends: roughly the poles with motors free, then with motors held (zeros of the motor's response), Im > 0.
+
+        Undamped modes with their modal damping: good for placing samples, not exact.
+        """
+        form = self.mechanism()
+        held = np.flatnonzero(~np.any(form.force, axis=1))
+        parts = [np.arange(len(form.mass)), *([held] if len(held) else [])]
+        return np.concatenate([_modes(*(matrix[np.ix_(part, part)] for matrix in (form.mass, form.damping, form.stiffness))) for part in parts])
+
+
 _JOINT_FIELDS = (
     ("motor_inertia", "kg·m²", False),
     ("stiffness", "N·m/rad", True),
@@ -221,6 +232,16 @@ def _per_joint(name: str, value: ArrayLike, size: int) -> Floats:
         return np.broadcast_to(np.asarray(value, dtype=float), (size,)).copy()
     except (TypeError, ValueError) as error:
         raise GainroomError(f"plant: {name} of shape {np.shape(value)} must be a number or {size} numbers") from error
+
+
+def _modes(mass: Floats, damping: Floats, stiffness: Floats) -> Complexes:
+    """−δ + jω of each undamped mode that oscillates."""
+    from scipy.linalg import eigh
+
+    squares, shapes = eigh((stiffness + stiffness.T) / 2, mass)
+    oscillates = squares > 1e-9 * np.abs(squares).max(initial=0.0)
+    rates = np.einsum("im,ij,jm->m", shapes, damping, shapes)
+    return -rates[oscillates] / 2 + 1j * np.sqrt(squares[oscillates])
 
 
 def _factor(inverse_inertia: Floats) -> Floats:

@@ -1,0 +1,154 @@
+"""The characteristic loci of coupled loops along the stability boundary: the eigenvalues λ of L(jω), sampled and followed.
+
+det(I + z L(jω)) = 0 exactly where an eigenvalue equals −1/z. So the loci tell where any common factor z puts a root on the boundary: a
+gain where they cross the negative real axis, a phase or a delay where they cross the unit circle; and their turns around −1/z count the
+unstable roots (Nyquist, MacFarlane and Postlethwaite 1977). L is sampled once, as finely as the loci need, for all of these.
+
+Between neighbouring samples each eigenvalue moves by a small part of itself, and less where it is near the negative real axis. That is
+a check, not a proof as for one joint (crossings.py); what is reported is polished, and counted on both sides.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from .arrays import Booleans, Complexes, Floats, Integers
+from .errors import GainroomError
+from .loop import Loop
+
+SMOOTH, WATCHFUL = 0.35, 0.12  # largest relative move of an eigenvalue between samples: anywhere, and near the negative real axis
+NEAR = 0.5  # |Im λ| / |λ| below which an eigenvalue with Re λ < 0 counts as near that axis
+FLOOR = 1e-3  # eigenvalues smaller than this are not followed: gains could rise by 60 dB there
+PER_DECADE = 8
+AROUND = np.array([-20.0, -6.0, -2.5, -1.0, 0.0, 1.0, 2.5, 6.0, 20.0])  # half-widths of a resonance that are sampled
+CLOSEST = 1e-10  # relative distance of samples at which refinement stops
+MOST = 30_000
+
+
+@dataclass(frozen=True)
+class Steps:
+    """Every eigenvalue from one sample to the next. All arrays (k − 1, n).
+
+    start, end   λ at both samples, paired by nearness
+    """
+
+    start: Complexes
+    end: Complexes
+
+
+class Sweep:
+    """Samples of the loci of a loop, refined on demand. `omega` (k,) [rad/s] rising, `loci` (k, n)."""
+
+    def __init__(self, loop: Loop) -> None:
+        self.loop = loop
+        self.last = None if loop.sample_time is None else math.pi / loop.sample_time
+        self.omega = _first_grid(loop, self.last)
+        self.loci = self._eigenvalues(self.omega)
+        self._reach_ends()
+        for _ in range(60):
+            rough = self._rough()
+            if not len(rough) or len(self.omega) > MOST:
+                break
+            self.add(_middle(self.omega[rough], self.omega[rough + 1]))
+
+    def add(self, omega: Floats) -> None:
+        """Take samples at more frequencies."""
+        fresh = np.setdiff1d(omega, self.omega)
+        if self.last is not None:
+            fresh = fresh[fresh <= self.last]
+        place = np.searchsorted(self.omega, fresh)
+        self.loci = np.insert(self.loci, place, self._eigenvalues(fresh), axis=0)
+        self.omega = np.insert(self.omega, place, fresh)
+
+    def steps(self) -> Steps:
+        """The loci from sample to sample."""
+        return Steps(self.loci[:-1], np.take_along_axis(self.loci[1:], _pairing(self.loci), axis=1))
+
+    def unstable(self, gain: float) -> int:
+        """Unstable closed-loop roots with every gain multiplied by `gain`, as far as the gains move them."""
+        target = -1 / gain
+        for _ in range(60):
+            steps = self.steps()
+            close = np.any(_passes(steps, target), axis=1) & (np.diff(self.omega) > CLOSEST * self.omega[1:])
+            if not close.any():
+                break
+            places = np.flatnonzero(close)
+            self.add(_middle(self.omega[places], self.omega[places + 1]))
+        one = 1 + gain * self.loci[0]
+        integrators = round(-float(np.sum(np.log(np.abs(1 + gain * self.loci[1]) / np.abs(one)))) / math.log(self.omega[1] / self.omega[0]))
+        turned = float(np.sum(np.angle((1 + gain * steps.end) * (1 + gain * steps.start).conj())))
+        if self.last is None:
+            turned -= float(np.sum(np.angle(1 + gain * self.loci[-1])))  # from the last sample to infinity, where L is 0
+        return round(self.loop.unstable_poles + integrators / 2 - turned / math.pi)
+
+    def _eigenvalues(self, omega: Floats) -> Complexes:
+        values = self.loop.response(omega).reshape(len(omega), self.loop.size, self.loop.size)
+        if not np.all(np.isfinite(values)):
+            raise GainroomError("loop: the return ratio is not finite on the stability boundary")
+        return np.linalg.eigvals(values)
+
+    def _reach_ends(self) -> None:
+        """Down to where integrators rule, up to where the loci have become small."""
+        for _ in range(40):
+            sizes = np.abs(self.loci[:2])
+            follows = (sizes[0] > 1e-9) & (np.abs(sizes[1] - sizes[0]) > 1e-3 * sizes[0])
+            if not np.any(follows & (sizes[0] < 1e4)) or self.omega[0] < 1e-9 * self.omega[-1]:
+                break
+            self.add(self.omega[0] / np.array([4.0, 16.0]))
+        while self.last is None and np.abs(self.loci[-1]).max() > FLOOR and self.omega[-1] < 1e12 * self.omega[0]:
+            self.add(self.omega[-1] * np.array([1.5, 2.0]))
+
+    def _rough(self) -> Integers:
+        """Intervals on which a locus moves too far."""
+        steps = self.steps()
+        size = np.maximum(np.abs(steps.start), np.abs(steps.end))
+        watched = np.zeros(size.shape, dtype=bool)
+        for value in (steps.start, steps.end):
+            watched |= (value.real < 0) & (np.abs(value.imag) < NEAR * np.abs(value)) & (np.abs(value) < 1e3)
+        # Far beyond −1 the loci of integrators fall along straight lines, on which a step of a decade loses nothing.
+        allowed = np.where(watched, WATCHFUL, SMOOTH)
+        move = np.where(size > 1e3, np.abs(np.angle(steps.end * steps.start.conj())), np.abs(steps.end - steps.start) / np.maximum(size, 1e-300))
+        rough = np.any((move > allowed) & (size > FLOOR), axis=1)
+        return np.flatnonzero(rough & (np.diff(self.omega) > CLOSEST * self.omega[1:]))
+
+
+def _pairing(loci: Complexes) -> Integers:
+    """(k − 1, n) which eigenvalue of the next sample continues each: the nearest, or the nearest as a whole where that is not one to one."""
+    from scipy.optimize import linear_sum_assignment
+
+    distance = np.abs(loci[:-1, :, None] - loci[1:, None, :])
+    pairs = np.argmin(distance, axis=2)
+    size = loci.shape[1]
+    for k in np.flatnonzero(np.any(np.sort(pairs, axis=1) != np.arange(size), axis=1)):
+        pairs[k] = linear_sum_assignment(distance[k])[1]
+    return pairs
+
+
+def _passes(steps: Steps, target: float) -> Booleans:
+    """True where a step passes `target` at less than a third of its own length: which side it passes is not to be told from its ends."""
+    move = steps.end - steps.start
+    length = np.maximum(np.abs(move), 1e-300)
+    along = np.clip(((target - steps.start) * move.conj()).real / length**2, 0.0, 1.0)
+    return np.abs(steps.start + along * move - target) < 0.33 * length
+
+
+def _middle(low: Floats, high: Floats) -> Floats:
+    return np.where(high > 4 * low, np.sqrt(low * high), 0.5 * (low + high))
+
+
+def _first_grid(loop: Loop, last: float | None) -> Floats:
+    """Every order of magnitude, every resonance on its own scale, and several samples per turn of the delay."""
+    bends = loop.bends
+    longest = float(loop.delays.max(initial=0.0)) if loop.delays is not None else 0.0
+    sizes = np.append(np.abs(bends)[np.abs(bends) > 0], 1 / longest if longest else [])
+    low, high = (0.1 * sizes.min(), 3 * sizes.max()) if len(sizes) else (0.1, 10.0)
+    high = high if last is None else last
+    low = min(low, 1e-2 * high)
+    grid = [np.geomspace(low, high, max(8, round(PER_DECADE * math.log10(high / low))))]
+    center = bends.imag[bends.imag > 0]
+    width = np.maximum(np.abs(bends.real[bends.imag > 0]), 1e-6 * center)
+    grid.append((center[:, None] + width[:, None] * AROUND).ravel())
+    omega = np.unique(np.concatenate(grid))
+    omega = omega[(omega >= low) & (omega <= high)]
+    return omega[np.append(True, np.diff(omega) > 1e-7 * omega[1:])]
