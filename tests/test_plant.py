@@ -227,3 +227,32 @@ def test_plant_errors(arguments, words):
         gr.Plant(**{**good, **arguments})
     for word in words:
         assert word in str(caught.value)
+
+
+def soft_plant() -> gr.Plant:
+    """Two joints on a base that rests on three springs: W, W_c and W_cc from one positive definite matrix."""
+    root = np.random.default_rng(8).normal(size=(5, 6))
+    whole = root @ root.T / 5
+    soft = gr.Compliance(whole[:2, 2:], whole[2:, 2:], np.array([3e4, 5e4, 800.0]), np.array([40.0, 10.0, 2.0]))
+    return gr.Plant(whole[:2, :2], np.array([0.3, 0.8]), 1e4, 1.0, link_viscous=0.4, compliance=soft)
+
+
+def test_springs_to_the_ground_are_the_equations_of_motion():
+    """P_M from the second-order form, written out, against the response that eliminates the springs."""
+    plant = soft_plant()
+    for side, part in (("motor", 0), ("link", 1)):
+        for point, found in zip(S_POINTS, plant.response(S_POINTS, side), strict=True):
+            expected = from_mechanism(plant, point)[part]
+            assert found == pytest.approx(expected, abs=1e-10 * np.abs(expected).max())
+
+
+def test_stiff_springs_are_a_constraint():
+    """K_c → ∞: W − W_c W_cc⁻¹ W_cᵀ, the projection of a rigid contact."""
+    plant = soft_plant()
+    soft = plant.compliance
+    stiff = replace(plant, compliance=replace(soft, stiffness=1e14 * np.ones(3), damping=np.zeros(3)))
+    projected = plant.link_inverse_inertia - soft.coupling @ np.linalg.solve(soft.inverse_inertia, soft.coupling.T)
+    rigid = replace(plant, link_inverse_inertia=projected, compliance=None)
+    s = 1j * np.array([3.0, 70.0, 400.0])
+    # the springs give way by s²/(K_c W_cc), 1e-8 at most here
+    assert stiff.response(s, "motor") == pytest.approx(rigid.response(s, "motor"), rel=1e-7)

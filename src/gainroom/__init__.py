@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from .acceleration import warmup
     from .controller import PD, PID, PPI, Compensator, LowPass, Notch
+    from .coupled import JointMargins, joint_margins
     from .drive import Drive
     from .errors import GainroomError
     from .limits import GainLimit, gain_limit
     from .loop import ClosedLoop, Loop, build_loop, closed_loop, loop_from
-    from .plant import ElasticJoint, Plant
+    from .plant import Compliance, ElasticJoint, Plant
     from .recommend import Recommendation, Requirements, Uncertainty, recommend_pd
     from .region import PDRegion, pd_region
     from .robustness import Margins, margins
@@ -24,7 +25,7 @@ __version__ = "0.1.0"
 
 # In the order of the data flow: description, loop, verdict and margins, limits, recommendation.
 _HOME = {
-    "plant": ("ElasticJoint", "Plant"),
+    "plant": ("ElasticJoint", "Plant", "Compliance"),
     "drive": ("Drive",),
     "controller": ("PD", "PID", "PPI", "Compensator", "LowPass", "Notch"),
     "loop": ("Loop", "build_loop", "loop_from", "closed_loop", "ClosedLoop"),
@@ -32,6 +33,7 @@ _HOME = {
     "robustness": ("margins", "Margins"),
     "region": ("pd_region", "PDRegion"),
     "limits": ("gain_limit", "GainLimit"),
+    "coupled": ("joint_margins", "JointMargins"),
     "recommend": ("recommend_pd", "Recommendation", "Requirements", "Uncertainty"),
     "study": ("study_joint", "JointSpec", "JointStudy"),
     "acceleration": ("warmup",),
@@ -44,11 +46,13 @@ __all__ = [
     "PID",
     "PPI",
     "ClosedLoop",
+    "Compliance",
     "Compensator",
     "Drive",
     "ElasticJoint",
     "GainLimit",
     "GainroomError",
+    "JointMargins",
     "JointSpec",
     "JointStudy",
     "Loop",
@@ -65,6 +69,7 @@ __all__ = [
     "closed_loop",
     "gain_limit",
     "is_stable",
+    "joint_margins",
     "loop_from",
     "margins",
     "pd_region",

@@ -75,7 +75,9 @@ def _scalar_limit(loop: Loop) -> GainLimit:
     if loop.scalar is not None and loop.scalar.gain == 0:
         raise GainroomError("gain_limit: all gains are zero")
     crossings = scan_loop(loop, with_peaks=False).phases.tolist()
-    points = sorted((Critical(1 / size, omega, np.ones(1, dtype=complex)) for omega, size, _ in crossings if size > 0), key=lambda p: p.gain)
+    points = sorted(
+        (Critical(1 / size, omega, np.ones(1, dtype=complex)) for omega, size, _ in crossings if size > 0), key=lambda p: p.gain
+    )
     stable = unstable_roots(loop) == 0
     factors = [0.0, *(point.gain for point in points), math.inf]
     upper = next(k for k, factor in enumerate(factors) if factor > 1)
@@ -162,40 +164,13 @@ def _pinned(sweep: Sweep, rough: list[Rough], place: int, down: bool) -> tuple[C
 
 def _values_near(sweep: Sweep, omega: float, value: complex) -> list[complex]:
     """The eigenvalues of L(jω) that may cross at about the same factor as the one at `value`."""
-    values = np.linalg.eigvals(_at(sweep, omega))
+    values, _ = sweep.eigen(omega)
     return values[np.abs(values - value) < CLOSE * np.abs(value)].tolist()
 
 
-def _at(sweep: Sweep, omega: float) -> Complexes:
-    """L(jω) (n, n)."""
-    return sweep.loop.response(omega).reshape(sweep.loop.size, sweep.loop.size)
-
-
 def _polished(sweep: Sweep, omega: float, wanted: complex) -> Critical | None:
-    """The crossing of the negative real axis by the locus that is at `wanted` at `omega`, by a secant on its argument.
-
-    A locus is followed by its vector: near-equal legs have loci that lie closer together than they move in one step.
-    """
-    values, vectors = np.linalg.eig(_at(sweep, omega))
-    k = int(np.argmin(np.abs(values - wanted)))
-    value, mode = complex(values[k]), vectors[:, k]
-    if omega != sweep.last:
-        before, first = omega, value
-        omega = omega * (1 - 1e-6)
-        for _ in range(40):
-            values, vectors = np.linalg.eig(_at(sweep, omega))
-            k = int(np.argmax(np.abs(mode.conj() @ vectors)))
-            value, mode = complex(values[k]), vectors[:, k]
-            slope = (value.imag / value.real - first.imag / first.real) / (omega - before)
-            step = value.imag / value.real / slope if slope else 0.0
-            if abs(step) <= 1e-14 * omega:
-                break
-            before, first = omega, value
-            omega = min(max(omega - step, 0.5 * omega), 2 * omega)
-            if sweep.last is not None:
-                omega = min(omega, sweep.last)
-            if omega == before:
-                break
+    """The crossing of the negative real axis by the locus that is at `wanted` at `omega`."""
+    omega, value, mode = sweep.crossing(omega, wanted, lambda value: value.imag / value.real)
     if value.real >= 0 or abs(value.imag) > 1e-9 * abs(value):
         return None
-    return Critical(-1 / value.real, omega, mode / mode[np.argmax(np.abs(mode))])
+    return Critical(-1 / value.real, omega, mode)

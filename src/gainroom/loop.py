@@ -97,8 +97,19 @@ class Loop:
         if self.function is not None:
             return self.gain * np.exp(-points * self._delays[0]) * _called(self.function, points)
         assert self.parts is not None
-        v = points if self.sample_time is None else np.expm1(points * self.sample_time) / self.sample_time
+        v = self.variable(points)
         return self.gain * self._actuated_at(points, v) @ self.parts.controller.matrix(points, v, self.size, self.sample_time)
+
+    def variable(self, s: Complexes) -> Complexes:
+        """v at complex s (k,): s itself, or (e^{s T_s} − 1)/T_s in sampled time."""
+        return s if self.sample_time is None else np.expm1(s * self.sample_time) / self.sample_time
+
+    def actuated_response(self, omega: Floats) -> Complexes:
+        """P C e^{−sT}, torque command → measured position, (k, n, n) of a loop built with build_loop [rad/(N m)]."""
+        points = 1j * np.asarray(omega, dtype=float)
+        if self.actuated is not None:
+            return self.actuated.at(points).reshape(-1, 1, 1)
+        return self._actuated_at(points, self.variable(points))
 
     def _actuated_at(self, s: Complexes, v: Complexes) -> Complexes:
         """P C e^{−sT} (k, n, n) of several joints."""

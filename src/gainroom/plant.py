@@ -100,12 +100,39 @@ class Mechanism:
 
 
 @dataclass(frozen=True)
+class Compliance:
+    """c directions in which the links rest on springs and dampers to the ground, beside the joints.
+
+    coupling         (n, c) S A⁻¹ J_cᵀ: acceleration of the joints by forces along those directions
+    inverse_inertia  (c, c) J_c A⁻¹ J_cᵀ, symmetric, ≥ 0
+    stiffness, damping   (c,) [N/m, N m/rad], [N s/m, N m s/rad]
+
+    With forces −(K_c + s B_c) x on the directions, the joints see W(s) = W − W_c (W_cc + s² diag(1/(K_c + s B_c)))⁻¹ W_cᵀ.
+    """
+
+    coupling: Floats
+    inverse_inertia: Floats
+    stiffness: Floats
+    damping: Floats
+
+    def __post_init__(self) -> None:
+        count = np.shape(self.coupling)[-1]
+        for name in ("coupling", "inverse_inertia", "stiffness", "damping"):
+            object.__setattr__(self, name, require_finite("compliance", name, getattr(self, name)))
+        if self.inverse_inertia.shape != (count, count) or self.stiffness.shape != (count,) or self.damping.shape != (count,):
+            raise GainroomError(f"compliance: {count} directions need inverse_inertia ({count}, {count}), stiffness and damping ({count},)")
+        if np.any(self.stiffness <= 0) or np.any(self.damping < 0):
+            raise GainroomError("compliance: stiffness must be > 0 and damping >= 0 in every direction")
+
+
+@dataclass(frozen=True)
 class Plant:
     """n joints and the links that they move, linear about one posture.
 
     link_inverse_inertia   W (n, n), symmetric, ≥ 0 [1/(kg m²)]
     motor_inertia, stiffness, damping, motor_viscous, link_viscous   (n,) or a scalar for all, units as ElasticJoint
     gravity_stiffness      G (n, n) [N m/rad], the derivative of the gravity torque; None: compensated or absent
+    compliance             ground or other springs that the links rest on; W is then what the joints feel without them
 
     Raises GainroomError on shapes that disagree and on values that are not physical.
     """
@@ -117,6 +144,7 @@ class Plant:
     motor_viscous: Floats = field(default_factory=lambda: np.zeros(()))
     link_viscous: Floats = field(default_factory=lambda: np.zeros(()))
     gravity_stiffness: Floats | None = None
+    compliance: Compliance | None = None
     joint_names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -140,6 +168,8 @@ class Plant:
             for joint, value in zip(names, values, strict=True):
                 require_positive(f"joint '{joint}'", name, value, unit, zero=name != "stiffness", infinite=infinite)
             set_field(self, name, values)
+        if self.compliance is not None and self.compliance.coupling.shape[0] != size:
+            raise GainroomError(f"plant: compliance couples {self.compliance.coupling.shape[0]} joints, not {size}")
         if self.gravity_stiffness is not None:
             gravity = require_finite("plant", "gravity_stiffness", self.gravity_stiffness)
             if gravity.shape != (size, size):
@@ -168,11 +198,18 @@ class Plant:
         points = np.atleast_1d(np.asarray(s, dtype=complex))[:, None, None]
         eye = np.eye(self.size)
         links = np.broadcast_to(self.link_inverse_inertia.astype(complex), (len(points), self.size, self.size))
+        if self.compliance is not None:
+            soft = self.compliance
+            springs = soft.stiffness + points[:, 0] * soft.damping
+            resisted = soft.inverse_inertia + (points[:, 0] ** 2 / springs)[:, :, None] * np.eye(len(soft.stiffness))
+            links = links - soft.coupling @ np.linalg.solve(
+                resisted, np.broadcast_to(soft.coupling.T, (len(points), *soft.coupling.T.shape))
+            )
         load = np.diag(self.link_viscous) / points
         if self.gravity_stiffness is not None:
             load = load + self.gravity_stiffness / points**2
         if np.any(load):
-            links = np.linalg.solve(eye + self.link_inverse_inertia @ load, links)
+            links = np.linalg.solve(eye + links @ load, links)
         gearbox = 1 / np.where(self.elastic, self.stiffness + points[:, 0] * self.damping, np.inf)  # 0 where rigid
         admittance = links + points**2 * (gearbox[:, :, None] * eye)
         motors = self.motor_inertia + self.motor_viscous / points[:, 0]
@@ -183,7 +220,12 @@ class Plant:
 
     def mechanism(self) -> Mechanism:
         """The second-order form, exact for any mixture of rigid and elastic joints and for singular W."""
-        root = _factor(self.link_inverse_inertia)  # W = root rootᵀ
+        soft = self.compliance
+        whole = self.link_inverse_inertia
+        if soft is not None:
+            whole = np.block([[whole, soft.coupling], [soft.coupling.T, soft.inverse_inertia]])
+        roots = _factor(whole)  # of W and what rests on springs: roots rootsᵀ
+        root, rest = roots[: self.size], roots[self.size :]
         elastic = np.flatnonzero(self.elastic)
         rigid = np.flatnonzero(~self.elastic)
         links, size = root.shape[1], self.size
@@ -201,10 +243,12 @@ class Plant:
         damping += motor_position.T @ (self.motor_viscous[:, None] * motor_position)
         damping += link_position.T @ (self.link_viscous[:, None] * link_position)
         stiffness = twist.T @ (self.stiffness[elastic, None] * twist)
+        if soft is not None:
+            damping[:links, :links] += rest.T @ (soft.damping[:, None] * rest)
+            stiffness[:links, :links] += rest.T @ (soft.stiffness[:, None] * rest)
         if self.gravity_stiffness is not None:
             stiffness = stiffness + link_position.T @ self.gravity_stiffness @ link_position
         return Mechanism(mass, damping, stiffness, motor_position.T, motor_position, link_position)
-
 
     def resonances(self) -> Complexes:
         """Where the response bends: roughly the poles with motors free, then with motors held (zeros of the motor's response), Im > 0.
@@ -214,7 +258,9 @@ class Plant:
         form = self.mechanism()
         held = np.flatnonzero(~np.any(form.force, axis=1))
         parts = [np.arange(len(form.mass)), *([held] if len(held) else [])]
-        return np.concatenate([_modes(*(matrix[np.ix_(part, part)] for matrix in (form.mass, form.damping, form.stiffness))) for part in parts])
+        return np.concatenate(
+            [_modes(*(matrix[np.ix_(part, part)] for matrix in (form.mass, form.damping, form.stiffness))) for part in parts]
+        )
 
 
 _JOINT_FIELDS = (

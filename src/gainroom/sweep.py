@@ -9,6 +9,7 @@ a check, not a proof as for one joint (crossings.py); what is reported is polish
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -82,6 +83,34 @@ class Sweep:
             turned -= float(np.sum(np.angle(1 + gain * self.loci[-1])))  # from the last sample to infinity, where L is 0
         return round(self.loop.unstable_poles + integrators / 2 - turned / math.pi)
 
+    def eigen(self, omega: float) -> tuple[Complexes, Complexes]:
+        """Eigenvalues (n,) and vectors (n, n) of L(jω)."""
+        return np.linalg.eig(self.loop.response(omega).reshape(self.loop.size, self.loop.size))
+
+    def crossing(self, omega: float, wanted: complex, height: Callable[[complex], float]) -> tuple[float, complex, Complexes]:
+        """Where `height` of the locus that is at `wanted` at `omega` is zero, by a secant: ω, λ and its vector, the largest part 1.
+
+        A locus is followed by its vector: near-equal legs have loci that lie closer together than they move in one step. The caller
+        checks what has been reached.
+        """
+        values, vectors = self.eigen(omega)
+        k = int(np.argmin(np.abs(values - wanted)))
+        value, mode = complex(values[k]), vectors[:, k]
+        before, first, omega = omega, height(value), omega if omega == self.last else omega * (1 - 1e-6)
+        for _ in range(40):
+            if omega == before:
+                break
+            values, vectors = self.eigen(omega)
+            k = int(np.argmax(np.abs(mode.conj() @ vectors)))
+            value, mode = complex(values[k]), vectors[:, k]
+            slope = (height(value) - first) / (omega - before)
+            step = height(value) / slope if slope else 0.0
+            if abs(step) <= 1e-14 * omega:
+                break
+            before, first = omega, height(value)
+            omega = min(max(omega - step, 0.5 * omega), 2 * omega, math.inf if self.last is None else self.last)
+        return omega, value, mode / mode[np.argmax(np.abs(mode))]
+
     def _eigenvalues(self, omega: Floats) -> Complexes:
         values = self.loop.response(omega).reshape(len(omega), self.loop.size, self.loop.size)
         if not np.all(np.isfinite(values)):
@@ -108,13 +137,15 @@ class Sweep:
             watched |= (value.real < 0) & (np.abs(value.imag) < NEAR * np.abs(value)) & (np.abs(value) < 1e3)
         # Far beyond −1 the loci of integrators fall along straight lines, on which a step of a decade loses nothing.
         allowed = np.where(watched, WATCHFUL, SMOOTH)
-        move = np.where(size > 1e3, np.abs(np.angle(steps.end * steps.start.conj())), np.abs(steps.end - steps.start) / np.maximum(size, 1e-300))
+        move = np.where(
+            size > 1e3, np.abs(np.angle(steps.end * steps.start.conj())), np.abs(steps.end - steps.start) / np.maximum(size, 1e-300)
+        )
         rough = np.any((move > allowed) & (size > FLOOR), axis=1)
         return np.flatnonzero(rough & (np.diff(self.omega) > CLOSEST * self.omega[1:]))
 
 
 def _pairing(loci: Complexes) -> Integers:
-    """(k − 1, n) which eigenvalue of the next sample continues each: the nearest, or the nearest as a whole where that is not one to one."""
+    """(k − 1, n) which eigenvalue of the next sample continues each: the nearest, or the nearest as a whole where two claim the same."""
     from scipy.optimize import linear_sum_assignment
 
     distance = np.abs(loci[:-1, :, None] - loci[1:, None, :])

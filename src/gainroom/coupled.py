@@ -1,0 +1,170 @@
+"""What several coupled loops keep before they vibrate: all together, and each with the others closed."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .arrays import Complexes, Floats
+from .controller import PD, PID, gain_matrix
+from .errors import GainroomError
+from .limits import GainLimit, coupled_limit
+from .loop import Loop
+from .sweep import Sweep
+
+Curves = Callable[[Floats], Complexes]
+"""ω (k,) → (k, n): one scalar response per joint."""
+RELATIVE_MOVE = 0.25  # of a curve between samples, near the negative real axis
+LARGEST = 1e6  # factors on one loop above this count as no limit
+
+
+@dataclass(frozen=True)
+class JointMargins:
+    """Margins of n coupled loops.
+
+    limit          of the common factor on all gains (see GainLimit)
+    phase_margin   [rad] the smallest common phase, of either sign, that makes them vibrate, at `phase_frequency` [rad/s]
+    delay_margin   [s] the smallest extra delay in all of them, at `delay_frequency`; in sampled time a fraction of a tick counts as the
+                   phase that it costs
+    others_closed  (n,) largest factor on one joint's gains while all other loops stay as they are; inf: none
+    largest_kp, largest_kd   (n,) largest diagonal gains of one joint, the other gains as they are [N m/rad], [N m s/rad]; None where
+                   the controller is neither PD nor PID
+    The last three and both margins are NaN for unstable loops.
+    """
+
+    limit: GainLimit
+    phase_margin: float
+    phase_frequency: float
+    delay_margin: float
+    delay_frequency: float
+    others_closed: Floats
+    largest_kp: Floats | None
+    largest_kd: Floats | None
+
+    @property
+    def stable(self) -> bool:
+        """At the gains as they are."""
+        return self.limit.stable
+
+
+def joint_margins(loop: Loop) -> JointMargins:
+    """All margins of a loop built with build_loop, n >= 1. Raises GainroomError for callables and for gains that are all zero."""
+    if loop.parts is None:
+        raise GainroomError("joint_margins needs a loop built with build_loop; use margins for a scalar return ratio")
+    sweep = Sweep(loop)
+    limit = coupled_limit(sweep)
+    if not limit.stable:
+        nothing = np.full(loop.size, math.nan)
+        return JointMargins(limit, math.nan, math.nan, math.nan, math.nan, nothing, nothing, nothing)
+    crossings = _unit_crossings(sweep)
+    phase = min(crossings, key=lambda one: abs(_signed(one[1])), default=None)
+    delay = min(crossings, key=lambda one: _positive(one[1]) / one[0], default=None)
+    largest_kp, largest_kd = _largest_gains(sweep)
+    return JointMargins(
+        limit,
+        abs(_signed(phase[1])) if phase else math.inf,
+        phase[0] if phase else math.nan,
+        _positive(delay[1]) / delay[0] if delay else math.inf,
+        delay[0] if delay else math.nan,
+        1 + _room(sweep, lambda omega: _diagonal(_complementary(loop, omega))),
+        largest_kp,
+        largest_kd,
+    )
+
+
+def _positive(value: complex) -> float:
+    """The lag [rad] in [0, 2π) that turns λ on the unit circle to −1."""
+    return (float(np.angle(value)) + math.pi) % (2 * math.pi)
+
+
+def _signed(value: complex) -> float:
+    lag = _positive(value)
+    return lag - 2 * math.pi if lag > math.pi else lag
+
+
+def _unit_crossings(sweep: Sweep) -> list[tuple[float, complex]]:
+    """(ω, λ) of every crossing of the unit circle by a locus."""
+    steps = sweep.steps()
+    start, end = np.log(np.maximum(np.abs(steps.start), 1e-300)), np.log(np.maximum(np.abs(steps.end), 1e-300))
+    found = []
+    for k, branch in np.argwhere((start > 0) != (end > 0)).tolist():
+        share = start[k, branch] / (start[k, branch] - end[k, branch])
+        omega = float(sweep.omega[k] + share * (sweep.omega[k + 1] - sweep.omega[k]))
+        wanted = complex(steps.start[k, branch] + share * (steps.end[k, branch] - steps.start[k, branch]))
+        omega, value, _ = sweep.crossing(omega, wanted, lambda value: math.log(abs(value)))
+        if abs(abs(value) - 1) < 1e-9:
+            found.append((omega, value))
+    return found
+
+
+def _complementary(loop: Loop, omega: Floats) -> Complexes:
+    """T = (I + L)⁻¹ L (k, n, n)."""
+    response = loop.response(omega).reshape(len(omega), loop.size, loop.size)
+    return np.linalg.solve(np.eye(loop.size) + response, response)
+
+
+def _diagonal(matrices: Complexes) -> Complexes:
+    return np.diagonal(matrices, axis1=1, axis2=2)
+
+
+def _largest_gains(sweep: Sweep) -> tuple[Floats | None, Floats | None]:
+    """Largest diagonal gains of one joint: a change δ of its gain adds δ times one entry of (I + L)⁻¹ P to the return difference."""
+    loop = sweep.loop
+    assert loop.parts is not None
+    controller = loop.parts.controller
+    if not isinstance(controller, PD | PID):
+        return None, None
+
+    others = {"ki": 0.0} if isinstance(controller, PID) else {}
+
+    def entries(omega: Floats, kp: float, kd: float) -> Complexes:
+        s = 1j * omega
+        unit = replace(controller, kp=kp, kd=kd, **others).matrix(s, loop.variable(s), 1, loop.sample_time)[:, 0, 0]
+        actuated = loop.actuated_response(omega)
+        response = loop.response(omega).reshape(actuated.shape)
+        return unit[:, None] * _diagonal(np.linalg.solve(np.eye(loop.size) + response, actuated))
+
+    kp, kd = (np.diagonal(gain_matrix(name, getattr(controller, name), loop.size)) * loop.gain for name in ("kp", "kd"))
+    return kp + _room(sweep, lambda omega: entries(omega, 1.0, 0.0)), kd + _room(sweep, lambda omega: entries(omega, 0.0, 1.0))
+
+
+def _room(sweep: Sweep, curves: Curves) -> Floats:
+    """(n,) the smallest δ > 0 with 1 + δ c(jω) = 0, where c (one per joint) first meets the negative real axis; inf where none does."""
+    omega, values = _resolved(sweep, curves)
+    crosses = ((values.imag[1:] > 0) != (values.imag[:-1] > 0)) & ((values.real[1:] < 0) | (values.real[:-1] < 0))
+    room = np.full(values.shape[1], math.inf)
+    if sweep.last is not None:
+        at_end = curves(np.array([sweep.last]))[0].real
+        room = np.where(at_end < -1 / LARGEST, -1 / np.minimum(at_end, -1 / LARGEST), room)
+    rows, joints = np.nonzero(crosses)
+    low, high = omega[rows], omega[rows + 1]
+    rising = values.imag[rows + 1, joints] > 0
+    value = np.zeros(len(rows), dtype=complex)
+    for _ in range(48 if len(rows) else 0):
+        middle = 0.5 * (low + high)
+        value = curves(middle)[np.arange(len(rows)), joints]
+        above = (value.imag > 0) == rising
+        low, high = np.where(above, low, middle), np.where(above, middle, high)
+    for joint, found in zip(joints.tolist(), value.tolist(), strict=True):
+        if found.real < -1 / LARGEST:
+            room[joint] = min(room[joint], -1 / found.real)
+    return room
+
+
+def _resolved(sweep: Sweep, curves: Curves) -> tuple[Floats, Complexes]:
+    """Samples of the curves fine enough where they come near the negative real axis."""
+    omega = sweep.omega
+    values = curves(omega)
+    for _ in range(12):
+        start, end = values[:-1], values[1:]
+        size = np.maximum(np.abs(start), np.abs(end))
+        near = (np.minimum(start.real, end.real) < 0) & (np.minimum(np.abs(start.imag), np.abs(end.imag)) < size)
+        rough = np.any(near & (np.abs(end - start) > RELATIVE_MOVE * size) & (size > 1 / LARGEST), axis=1)
+        rough &= np.diff(omega) > 1e-9 * omega[1:]
+        if not rough.any() or len(omega) > 20_000:
+            break
+        spots = np.flatnonzero(rough)
+        middle = 0.5 * (omega[spots] + omega[spots + 1])
+        values, omega = np.insert(values, spots + 1, curves(middle), axis=0), np.insert(omega, spots + 1, middle)
+    return omega, values

@@ -1,0 +1,105 @@
+"""Margins of coupled loops: against single joints where nothing couples, against roots of the delayed system where everything does."""
+
+from dataclasses import replace
+from math import inf
+
+import numpy as np
+import pytest
+
+import gainroom as gr
+from draws import draw_plant
+
+DRIVE = gr.Drive(4000.0, 0.9, 2e-3)
+
+
+def unstable(loop: gr.Loop) -> int:
+    return int(np.count_nonzero(gr.rightmost_roots(loop, 3 * loop.size).roots.real > 0))
+
+
+def coupled(seed: int, sample_time: float | None = None) -> gr.Loop:
+    rng = np.random.default_rng([31, seed])
+    size = int(rng.integers(2, 5))
+    plant = draw_plant(rng, size, rigid=seed % 2)
+    return gr.build_loop(plant, DRIVE, gr.PD(rng.uniform(30, 90, size), rng.uniform(1, 4, size)), sample_time=sample_time)
+
+
+@pytest.mark.parametrize("sample_time", [None, 5e-4])
+def test_joints_that_do_not_couple_are_single_joints(sample_time):
+    joints = [gr.ElasticJoint(0.2, 0.8, 1e4, 1.0), gr.ElasticJoint(0.5, 0.3, 4e3, 0.5), gr.ElasticJoint(0.3, 2.0)]
+    gains = [(200.0, 10.0), (500.0, 12.0), (900.0, 40.0)]
+    plant = gr.Plant(
+        np.diag([1 / joint.link_inertia for joint in joints]),
+        np.array([joint.motor_inertia for joint in joints]),
+        np.array([joint.stiffness for joint in joints]),
+        np.array([joint.damping for joint in joints]),
+    )
+    kp, kd = np.array(gains).T
+    found = gr.joint_margins(gr.build_loop(plant, DRIVE, gr.PD(kp, kd), sample_time=sample_time))
+    alone = [gr.build_loop(joint, DRIVE, gr.PD(*gain), sample_time=sample_time) for joint, gain in zip(joints, gains, strict=True)]
+    margins = [gr.margins(loop) for loop in alone]
+    regions = [gr.pd_region(joint, DRIVE, sample_time=sample_time) for joint in joints]
+    assert found.limit.gain == pytest.approx(min(one.gain_margin for one in margins), rel=1e-9)
+    assert found.phase_margin == pytest.approx(min(abs(one.phase_margin) for one in margins), rel=1e-8)
+    assert found.others_closed == pytest.approx([one.gain_margin for one in margins], rel=1e-8)
+    assert found.largest_kd == pytest.approx([region.max_kd(p) for region, p in zip(regions, kp, strict=True)], rel=1e-8)
+    if sample_time is None:  # a fraction of a tick is not just a phase
+        assert found.delay_margin == pytest.approx(min(one.delay_margin for one in margins), rel=1e-8)
+    for joint, p, d, largest in zip(joints, kp, kd, found.largest_kp, strict=True):
+        assert gr.is_stable(gr.build_loop(joint, DRIVE, gr.PD(p + (largest - p) * (1 - 1e-6), d), sample_time=sample_time))
+        assert not gr.is_stable(gr.build_loop(joint, DRIVE, gr.PD(p + (largest - p) * (1 + 1e-6), d), sample_time=sample_time))
+
+
+def test_one_joint_is_a_robot_with_one():
+    loop = gr.build_loop(gr.ElasticJoint(0.2, 0.8, 1e4, 1.0), gr.Drive(4000.0, 0.9, 2.5e-3), gr.PD(2000.0, 30.0))
+    found, alone = gr.joint_margins(loop), gr.margins(loop)
+    assert found.limit.gain == pytest.approx(alone.gain_margin, rel=1e-9)
+    assert found.limit.gain == pytest.approx(2.5650059284821042, rel=1e-9)
+    assert found.delay_margin == pytest.approx(alone.delay_margin, rel=1e-9)
+    assert found.others_closed[0] == pytest.approx(alone.gain_margin, rel=1e-8)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_delay_margin_is_the_delay_that_can_be_added(seed):
+    loop = coupled(seed)
+    found = gr.joint_margins(loop)
+    assert found.stable
+    parts = loop.parts
+    for share, stays in ((1 - 1e-4, True), (1 + 1e-4, False)):
+        later = replace(DRIVE, delay=DRIVE.delay + share * found.delay_margin)
+        assert (unstable(gr.build_loop(parts.plant, later, parts.controller)) == 0) is stays
+
+
+@pytest.mark.parametrize("sample_time", [None, 1e-3])
+@pytest.mark.parametrize("seed", range(6))
+def test_each_loop_with_the_others_closed(seed, sample_time):
+    """One joint's gains, its kp alone and its kd alone, raised to just below and just above what is reported."""
+    loop = coupled(seed, sample_time)
+    found, parts = gr.joint_margins(loop), loop.parts
+    assert found.stable
+    kp, kd = parts.controller.kp, parts.controller.kd
+
+    def with_gains(kp, kd) -> gr.Loop:
+        return gr.build_loop(parts.plant, DRIVE, gr.PD(kp, kd), sample_time=sample_time)
+
+    for i in range(loop.size):
+        own = np.arange(loop.size) == i
+        for share, stays in ((1 - 1e-4, True), (1 + 1e-4, False)):
+            factor = np.where(own, 1 + share * (found.others_closed[i] - 1), 1.0)
+            cases = [(kp * factor, kd * factor, found.others_closed[i])]
+            cases.append((kp + own * share * (found.largest_kp[i] - kp[i]), kd, found.largest_kp[i]))
+            cases.append((kp, kd + own * share * (found.largest_kd[i] - kd[i]), found.largest_kd[i]))
+            for raised_kp, raised_kd, limit in cases:
+                if limit < inf:
+                    assert (unstable(with_gains(raised_kp, raised_kd)) == 0) is stays
+
+
+def test_nothing_is_told_of_an_unstable_loop():
+    found = gr.joint_margins(coupled(0).scaled(1e3))
+    assert not found.stable
+    assert found.limit.gain < 1
+    assert np.isnan([found.phase_margin, found.delay_margin, *found.others_closed]).all()
+
+
+def test_callables_are_refused():
+    with pytest.raises(gr.GainroomError, match="build_loop"):
+        gr.joint_margins(gr.loop_from(lambda s: 1 / s))
