@@ -107,6 +107,19 @@ def coupled_limit(sweep: Sweep) -> GainLimit:
     """gain_limit of several joints, from where their loci cross the negative real axis."""
     if not np.any(sweep.loci):
         raise GainroomError("gain_limit: all gains are zero")
+    found = None
+    for _ in range(4):
+        found, doubtful = _limit_once(sweep)
+        if found is not None and (found.certificate is None or found.certificate.holds):
+            return found
+        sweep.add(doubtful * (1 + np.linspace(-0.06, 0.06, 121)))  # the crossing was not where its neighbours promised: look closer
+    if found is None:
+        raise GainroomError("gain_limit: the crossing that ends the stable interval could not be pinned down")
+    return found
+
+
+def _limit_once(sweep: Sweep) -> tuple[GainLimit | None, float]:
+    """The limit with the present samples, and the frequency on which it rests; None where a crossing is not found on polishing."""
     rough = _crossings(sweep)
     stable = sweep.unstable(1.0) == 0
     factors = [0.0, *(gain for gain, _, _ in rough), math.inf]
@@ -116,13 +129,20 @@ def coupled_limit(sweep: Sweep) -> GainLimit:
         while upper > 0 and sweep.unstable(_between(factors[upper - 1], min(factors[upper], HIGHEST))) > 0:
             upper -= 1
     if upper == 0:
-        return _no_limit(sweep.loop, False, 0.0, math.nan)
-    lower = _pinned(sweep, rough, upper - 1, down=True) if upper > 1 else None
-    lowest = lower[0].gain if lower else 0.0
+        return _no_limit(sweep.loop, False, 0.0, math.nan), math.nan
+    lowest = 0.0
+    if upper > 1:
+        lower = _pinned(sweep, rough[upper - 2], down=True)
+        if lower is None:
+            return None, rough[upper - 2][1]
+        lowest = lower[0].gain
     if upper == len(factors) - 1:
-        return _no_limit(sweep.loop, stable, math.inf, lowest)
-    point, certificate = _pinned(sweep, rough, upper, down=False)
-    return GainLimit(stable, point.gain, lowest, point.omega, point.mode, certificate)
+        return _no_limit(sweep.loop, stable, math.inf, lowest), math.nan
+    pinned = _pinned(sweep, rough[upper - 1], down=False)
+    if pinned is None:
+        return None, rough[upper - 1][1]
+    point, certificate = pinned
+    return GainLimit(stable, point.gain, lowest, point.omega, point.mode, certificate), point.omega
 
 
 Rough = tuple[float, float, complex]
@@ -146,16 +166,16 @@ def _crossings(sweep: Sweep) -> list[Rough]:
     return sorted(found, key=lambda one: one[0])
 
 
-def _pinned(sweep: Sweep, rough: list[Rough], place: int, down: bool) -> tuple[Critical, Certificate]:
-    """The end of a stable interval, polished, with its certificate; `place` counts from 1 along the rough crossings.
+def _pinned(sweep: Sweep, rough: Rough, down: bool) -> tuple[Critical, Certificate] | None:
+    """The lower (`down`) or upper end of a stable interval, polished, with its certificate; None where no crossing is found.
 
     Near-equal legs cross at nearly the same factor: the rough order decides nothing among those close together.
     """
-    gain, omega, value = rough[place - 1]
+    gain, omega, value = rough
     near = [_polished(sweep, omega, start) for start in _values_near(sweep, omega, value)]
     found = [point for point in near if point is not None and abs(point.gain / gain - 1) < 2 * CLOSE]
     if not found:
-        raise GainroomError(f"gain_limit: the crossing near {omega:.4g} rad/s could not be pinned down")
+        return None
     point = (max if down else min)(found, key=lambda one: one.gain)
     sweep.add(point.omega * (1 + np.array([sign * 10.0**-k for k in range(2, 9) for sign in (-1, 1)])))
     inward = 1 + NUDGE if down else 1 - NUDGE

@@ -4,8 +4,8 @@ det(I + z L(jω)) = 0 exactly where an eigenvalue equals −1/z. So the loci tel
 gain where they cross the negative real axis, a phase or a delay where they cross the unit circle; and their turns around −1/z count the
 unstable roots (Nyquist, MacFarlane and Postlethwaite 1977). L is sampled once, as finely as the loci need, for all of these.
 
-Between neighbouring samples each eigenvalue moves by a small part of itself, and less where it is near the negative real axis. That is
-a check, not a proof as for one joint (crossings.py); what is reported is polished, and counted on both sides.
+Between neighbouring samples an eigenvalue moves by a small part of its distance from the negative real axis, or of itself. That is a
+check, not a proof as for one joint (crossings.py); what is reported is polished, and counted on both sides.
 """
 
 import math
@@ -18,11 +18,12 @@ from .arrays import Booleans, Complexes, Floats, Integers
 from .errors import GainroomError
 from .loop import Loop
 
-SMOOTH, WATCHFUL = 0.35, 0.12  # largest relative move of an eigenvalue between samples: anywhere, and near the negative real axis
-NEAR = 0.5  # |Im λ| / |λ| below which an eigenvalue with Re λ < 0 counts as near that axis
+SMOOTH = 0.12  # largest relative move of an eigenvalue between samples near the negative real axis
+DETOUR = 0.5  # of its distance from that axis: a move that stays shorter does not reach the axis in between
+LARGE = 1e3  # eigenvalues beyond this belong to integrators
 FLOOR = 1e-3  # eigenvalues smaller than this are not followed: gains could rise by 60 dB there
-PER_DECADE = 8
-AROUND = np.array([-20.0, -6.0, -2.5, -1.0, 0.0, 1.0, 2.5, 6.0, 20.0])  # half-widths of a resonance that are sampled
+PER_DECADE = 6
+AROUND = np.array([-6.0, -1.5, 0.0, 1.5, 6.0])  # half-widths of a resonance that are sampled
 CLOSEST = 1e-10  # relative distance of samples at which refinement stops
 MOST = 30_000
 
@@ -68,14 +69,14 @@ class Sweep:
 
     def unstable(self, gain: float) -> int:
         """Unstable closed-loop roots with every gain multiplied by `gain`, as far as the gains move them."""
-        target = -1 / gain
+        target, steps = -1 / gain, self.steps()
         for _ in range(60):
-            steps = self.steps()
             close = np.any(_passes(steps, target), axis=1) & (np.diff(self.omega) > CLOSEST * self.omega[1:])
             if not close.any():
                 break
             places = np.flatnonzero(close)
             self.add(_middle(self.omega[places], self.omega[places + 1]))
+            steps = self.steps()
         one = 1 + gain * self.loci[0]
         integrators = round(-float(np.sum(np.log(np.abs(1 + gain * self.loci[1]) / np.abs(one)))) / math.log(self.omega[1] / self.omega[0]))
         turned = float(np.sum(np.angle((1 + gain * steps.end) * (1 + gain * steps.start).conj())))
@@ -129,19 +130,20 @@ class Sweep:
             self.add(self.omega[-1] * np.array([1.5, 2.0]))
 
     def _rough(self) -> Integers:
-        """Intervals on which a locus moves too far."""
+        """Intervals on which a locus moves so far, and so near the negative real axis, that where it crosses is in doubt."""
         steps = self.steps()
         size = np.maximum(np.abs(steps.start), np.abs(steps.end))
-        watched = np.zeros(size.shape, dtype=bool)
-        for value in (steps.start, steps.end):
-            watched |= (value.real < 0) & (np.abs(value.imag) < NEAR * np.abs(value)) & (np.abs(value) < 1e3)
+        distance = np.minimum(_from_axis(steps.start), _from_axis(steps.end))
+        move = np.abs(steps.end - steps.start)
         # Far beyond −1 the loci of integrators fall along straight lines, on which a step of a decade loses nothing.
-        allowed = np.where(watched, WATCHFUL, SMOOTH)
-        move = np.where(
-            size > 1e3, np.abs(np.angle(steps.end * steps.start.conj())), np.abs(steps.end - steps.start) / np.maximum(size, 1e-300)
-        )
-        rough = np.any((move > allowed) & (size > FLOOR), axis=1)
+        turn = np.where(size > LARGE, np.abs(np.angle(steps.end * steps.start.conj())) * size, move)
+        rough = np.any((move > DETOUR * distance) & (turn > SMOOTH * size) & (size > FLOOR), axis=1)
         return np.flatnonzero(rough & (np.diff(self.omega) > CLOSEST * self.omega[1:]))
+
+
+def _from_axis(value: Complexes) -> Floats:
+    """Distance from the negative real axis."""
+    return np.where(value.real < 0, np.abs(value.imag), np.abs(value))
 
 
 def _pairing(loci: Complexes) -> Integers:
