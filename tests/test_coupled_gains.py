@@ -1,0 +1,60 @@
+"""The largest scale of gains: against single joints where nothing couples, and against its own definition where everything does."""
+
+import itertools
+from math import inf, pi
+
+import numpy as np
+import pytest
+
+import gainroom as gr
+from draws import draw_plant
+from gainroom.coupled_gains import kept_by, largest_scale
+
+DRIVE = gr.Drive(4000.0, 0.9, 2e-3)
+REQUIRED = gr.Requirements.usual()
+
+
+def scalable(plant, kp, kd, delay=2e-3):
+    return lambda scale: gr.build_loop(plant, gr.Drive(4000.0, 0.9, delay), gr.PD(scale**2 * kp, scale * kd))
+
+
+@pytest.mark.parametrize("gains", [(200.0, 10.0), (3000.0, 40.0), (900.0, 45.0)])
+def test_one_joint_keeps_its_margins(gains):
+    loop = gr.build_loop(gr.ElasticJoint(0.2, 0.8, 1e4, 1.0), DRIVE, gr.PD(*gains))
+    kept, exact = kept_by(loop), gr.margins(loop)
+    lower = 1 / exact.lower_gain_margin if exact.lower_gain_margin else inf
+    assert kept.gain_margin == pytest.approx(min(exact.gain_margin, lower), rel=5e-3)
+    assert kept.phase_margin == pytest.approx(abs(exact.phase_margin), rel=5e-3)
+    assert kept.peak_sensitivity == pytest.approx(exact.peak_sensitivity, rel=5e-3)
+
+
+def test_an_unstable_loop_keeps_nothing():
+    loop = gr.build_loop(gr.ElasticJoint(0.2, 0.8, 1e4, 1.0), DRIVE, gr.PD(2000.0, 300.0))
+    assert not kept_by(loop).stable
+    assert not kept_by(loop).meets(REQUIRED)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_just_above_the_scale_a_requirement_breaks(seed):
+    rng = np.random.default_rng([41, seed])
+    size = int(rng.integers(2, 5))
+    kp, kd = rng.uniform(30, 90, size), rng.uniform(1, 4, size)
+    cases = [scalable(draw_plant(rng, size), kp, kd, delay) for delay in (2e-3, 3e-3)]
+    found = largest_scale(cases, REQUIRED)
+    assert found.scale > 0
+    assert all(kept_by(case(found.scale)).meets(REQUIRED) for case in cases)
+    assert not all(kept_by(case(1.012 * found.scale)).meets(REQUIRED) for case in cases)
+    assert not kept_by(cases[found.binding](1.012 * found.scale)).meets(REQUIRED)
+
+
+def test_more_cases_never_allow_more():
+    rng = np.random.default_rng(42)
+    cases = [scalable(draw_plant(rng, 3), 60.0, 3.0) for _ in range(4)]
+    scales = [largest_scale(cases[:count], REQUIRED).scale for count in (1, 2, 3, 4)]
+    assert all(later <= earlier * 1.01 for earlier, later in itertools.pairwise(scales))
+    assert scales[-1] == pytest.approx(min(largest_scale([case], REQUIRED).scale for case in cases), rel=0.011)  # each to 1 %
+
+
+def test_what_no_scale_meets():
+    required = gr.Requirements(phase_margin=0.95 * pi)
+    assert largest_scale([scalable(gr.ElasticJoint(0.2, 0.8, 1e4, 1.0), 2000.0, 30.0)], required).scale == 0
