@@ -43,16 +43,16 @@ def test_just_above_the_scale_a_requirement_breaks(seed):
     found = largest_scale(cases, REQUIRED)
     assert found.scale > 0
     assert all(kept_by(case(found.scale)).meets(REQUIRED) for case in cases)
-    assert not all(kept_by(case(1.012 * found.scale)).meets(REQUIRED) for case in cases)
-    assert not kept_by(cases[found.binding](1.012 * found.scale)).meets(REQUIRED)
+    assert not all(kept_by(case(1.022 * found.scale)).meets(REQUIRED) for case in cases)
+    assert not kept_by(cases[found.binding](1.022 * found.scale)).meets(REQUIRED)
 
 
 def test_more_cases_never_allow_more():
     rng = np.random.default_rng(42)
     cases = [scalable(draw_plant(rng, 3), 60.0, 3.0) for _ in range(4)]
     scales = [largest_scale(cases[:count], REQUIRED).scale for count in (1, 2, 3, 4)]
-    assert all(later <= earlier * 1.01 for earlier, later in itertools.pairwise(scales))
-    assert scales[-1] == pytest.approx(min(largest_scale([case], REQUIRED).scale for case in cases), rel=0.011)  # each to 1 %
+    assert all(later <= earlier * 1.02 for earlier, later in itertools.pairwise(scales))
+    assert scales[-1] == pytest.approx(min(largest_scale([case], REQUIRED).scale for case in cases), rel=0.021)  # each to 2 %
 
 
 def test_what_no_scale_meets():

@@ -1,8 +1,8 @@
 """Gains for several coupled loops: how far a shape of gains can be scaled while every requirement holds, in every case.
 
-A shape is a controller for each scale σ > 0, by convention kp ∝ σ² and kd ∝ σ, which keeps the damping of a rigid joint. A case is a
-posture, a contact state and a place in the uncertainty. The largest σ is bracketed and bisected on the case that stands in the way;
-the others are screened with the answer, and any that breaks a requirement takes its place.
+A shape is a controller for each scale σ > 0; here only the stiffness grows with it, for several dampings in turn, and the stiffest result
+is taken. A case is a posture, a contact state and a place in the uncertainty. The largest σ is bracketed and bisected on the case that
+stands in the way; the others are screened with the answer, and any that breaks a requirement takes its place.
 """
 
 import math
@@ -19,8 +19,8 @@ from .sweep import Sweep
 
 Case = Callable[[float], Loop]
 """σ → the loop with gains of that scale."""
-SMALLEST, LARGEST = 1e-3, 1e3  # of the scales that are tried
-ACCURACY = 0.01  # relative, of the scale; the answer is rounded towards the safe side
+SMALLEST, LARGEST = 1e-4, 1e4  # of the scales that are tried
+ACCURACY = 0.02  # relative, of the scale; the answer is rounded towards the safe side
 
 
 @dataclass(frozen=True)
@@ -114,8 +114,16 @@ def _nearest_phase(start: Complexes, end: Complexes) -> float:
     return float(np.abs(np.angle(-value)).min(initial=math.inf))
 
 
-def largest_scale(cases: Sequence[Case], required: Requirements, progress: Callable[[], None] = lambda: None) -> Scaled:
+def largest_scale(
+    cases: Sequence[Case],
+    required: Requirements,
+    progress: Callable[[], None] = lambda: None,
+    start: float = 1.0,
+    first: int = 0,
+) -> Scaled:
     """The largest scale of gains that keeps `required` in every case. `progress` is called after every loop that is looked at.
+
+    start, first   a guess at the scale, and at the case that stands in the way
 
     Assumes that a smaller scale is safer, as it is for PD gains around a plant without gravity; the answer itself is checked in every case.
     Raises GainroomError without cases or requirements.
@@ -128,7 +136,7 @@ def largest_scale(cases: Sequence[Case], required: Requirements, progress: Calla
         progress()
         return found
 
-    binding, scale = 0, _largest_of_one(lambda scale: look(cases[0], scale).meets(required), 1.0)
+    binding, scale = first, _largest_of_one(lambda scale: look(cases[first], scale).meets(required), start)
     for _ in range(3 * len(cases)):
         if scale == 0:
             return Scaled(0.0, binding, ())
@@ -144,9 +152,10 @@ def largest_scale(cases: Sequence[Case], required: Requirements, progress: Calla
 
 def _largest_of_one(holds: Callable[[float], bool], start: float) -> float:
     """The largest scale at which `holds`, within ACCURACY below it, from a first guess; 0 where none does."""
-    inside, outside = (start, None) if holds(start) else (None, start)
+    inside, outside, step = (start, None, 1.0) if holds(start) else (None, start, 1.0)
     while inside is None or outside is None:
-        trial = 1.6 * inside if inside is not None else (outside or start) / 1.6
+        step *= 1.5  # a poor guess is left behind quickly
+        trial = step * inside if inside is not None else (outside or start) / step
         if not SMALLEST < trial < LARGEST:
             return inside or 0.0
         if holds(trial):

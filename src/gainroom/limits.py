@@ -110,11 +110,16 @@ def coupled_limit(sweep: Sweep) -> GainLimit:
     found = None
     for _ in range(4):
         found, doubtful = _limit_once(sweep)
-        if found is not None and (found.certificate is None or found.certificate.holds):
+        if found is not None and (found.certificate.holds if found.certificate else found.gain > 0):
             return found
+        if found is not None and found.certificate is None:
+            break
         sweep.add(doubtful * (1 + np.linspace(-0.06, 0.06, 121)))  # the crossing was not where its neighbours promised: look closer
-    if found is None:
-        raise GainroomError("gain_limit: the crossing that ends the stable interval could not be pinned down")
+    if found is None or (not found.stable and unstable_roots(sweep.loop) == 0):
+        raise GainroomError(
+            "gain_limit: the loci could not be followed to a certified limit; gains many orders of magnitude apart on joints that work "
+            "against each other do this"
+        )
     return found
 
 

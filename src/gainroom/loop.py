@@ -111,6 +111,36 @@ class Loop:
             return self.actuated.at(points).reshape(-1, 1, 1)
         return self._actuated_at(points, self.variable(points))
 
+    @cached_property
+    def _controlled(self) -> tuple[Floats, Floats] | None:
+        """U (n, r), V (n, r), orthonormal, with every gain matrix = U M Vᵀ and r < n; None where the gains reach all n motions."""
+        if self.parts is None or self.size == 1:
+            return None
+        gains = [gain_matrix("gain", gain, self.size) for gain in self.parts.controller.terms().values()]
+        if not gains or all(np.count_nonzero(gain - np.diag(np.diagonal(gain))) == 0 and np.all(np.diagonal(gain)) for gain in gains):
+            return None
+        spans = []
+        for stacked in (np.hstack(gains), np.hstack([gain.T for gain in gains])):
+            left, sizes, _ = np.linalg.svd(stacked, full_matrices=False)
+            spans.append((left, int(np.count_nonzero(sizes > 1e-11 * sizes[0]))))
+        rank = max(rank for _, rank in spans)
+        return None if rank == self.size else (spans[0][0][:, :rank], spans[1][0][:, :rank])
+
+    def core(self, omega: Floats) -> Complexes:
+        """L at omega (k, r, r) as far as the gains reach: the eigenvalues of L without those that are zero because no gain acts there."""
+        if self._controlled is None:
+            return self.response(omega).reshape(len(omega), self.size, self.size)
+        return self._controlled[1].T @ self._partly(omega)
+
+    def lifted(self, omega: float, vector: Complexes) -> Complexes:
+        """The measured positions (n,) that belong to an eigenvector of `core`."""
+        return vector if self._controlled is None else self._partly(np.array([omega]))[0] @ vector
+
+    def _partly(self, omega: Floats) -> Complexes:
+        """P C e^{−sT} D V (k, n, r)."""
+        assert self._controlled is not None
+        return self.response(omega) @ self._controlled[1]
+
     def _actuated_at(self, s: Complexes, v: Complexes) -> Complexes:
         """P C e^{−sT} (k, n, n) of several joints."""
         assert self.parts is not None

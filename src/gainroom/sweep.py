@@ -40,13 +40,14 @@ class Steps:
 
 
 class Sweep:
-    """Samples of the loci of a loop, refined on demand. `omega` (k,) [rad/s] rising, `loci` (k, n)."""
+    """Samples of the loci of a loop, refined on demand. `omega` (k,) [rad/s] rising, `loci` (k, r), r <= n of them."""
 
     def __init__(self, loop: Loop) -> None:
         self.loop = loop
         self.last = None if loop.sample_time is None else math.pi / loop.sample_time
         self.omega = _first_grid(loop, self.last)
         self.loci = self._eigenvalues(self.omega)
+        self._pairs = _pairing(self.loci[:-1], self.loci[1:])
         self._reach_ends()
         for _ in range(60):
             rough = self._rough()
@@ -59,13 +60,21 @@ class Sweep:
         fresh = np.setdiff1d(omega, self.omega)
         if self.last is not None:
             fresh = fresh[fresh <= self.last]
+        if not len(fresh):
+            return
         place = np.searchsorted(self.omega, fresh)
-        self.loci = np.insert(self.loci, place, self._eigenvalues(fresh), axis=0)
-        self.omega = np.insert(self.omega, place, fresh)
+        values = self._eigenvalues(fresh)
+        omega = np.insert(self.omega, place, fresh)
+        kept = np.isin(omega[:-1], self.omega[:-1]) & np.isin(omega[1:], self.omega[1:])  # both ends known, and nothing between them
+        self.loci = np.insert(self.loci, place, values, axis=0)
+        pairs = np.empty((len(omega) - 1, self.loci.shape[1]), dtype=int)
+        pairs[kept] = self._pairs[np.searchsorted(self.omega, omega[:-1][kept])]
+        pairs[~kept] = _pairing(self.loci[:-1][~kept], self.loci[1:][~kept])
+        self.omega, self._pairs = omega, pairs
 
     def steps(self) -> Steps:
         """The loci from sample to sample."""
-        return Steps(self.loci[:-1], np.take_along_axis(self.loci[1:], _pairing(self.loci), axis=1))
+        return Steps(self.loci[:-1], np.take_along_axis(self.loci[1:], self._pairs, axis=1))
 
     def unstable(self, gain: float) -> int:
         """Unstable closed-loop roots with every gain multiplied by `gain`, as far as the gains move them."""
@@ -85,8 +94,8 @@ class Sweep:
         return round(self.loop.unstable_poles + integrators / 2 - turned / math.pi)
 
     def eigen(self, omega: float) -> tuple[Complexes, Complexes]:
-        """Eigenvalues (n,) and vectors (n, n) of L(jω)."""
-        return np.linalg.eig(self.loop.response(omega).reshape(self.loop.size, self.loop.size))
+        """Eigenvalues (r,) and vectors (r, r) of the core of L(jω)."""
+        return np.linalg.eig(self.loop.core(np.array([omega]))[0])
 
     def crossing(self, omega: float, wanted: complex, height: Callable[[complex], float]) -> tuple[float, complex, Complexes]:
         """Where `height` of the locus that is at `wanted` at `omega` is zero, by a secant: ω, λ and its vector, the largest part 1.
@@ -110,10 +119,11 @@ class Sweep:
                 break
             before, first = omega, height(value)
             omega = min(max(omega - step, 0.5 * omega), 2 * omega, math.inf if self.last is None else self.last)
+        mode = self.loop.lifted(omega, mode)
         return omega, value, mode / mode[np.argmax(np.abs(mode))]
 
     def _eigenvalues(self, omega: Floats) -> Complexes:
-        values = self.loop.response(omega).reshape(len(omega), self.loop.size, self.loop.size)
+        values = self.loop.core(omega)
         if not np.all(np.isfinite(values)):
             raise GainroomError("loop: the return ratio is not finite on the stability boundary")
         return np.linalg.eigvals(values)
@@ -146,13 +156,13 @@ def _from_axis(value: Complexes) -> Floats:
     return np.where(value.real < 0, np.abs(value.imag), np.abs(value))
 
 
-def _pairing(loci: Complexes) -> Integers:
-    """(k − 1, n) which eigenvalue of the next sample continues each: the nearest, or the nearest as a whole where two claim the same."""
+def _pairing(before: Complexes, after: Complexes) -> Integers:
+    """(k, n) which eigenvalue `after` continues each one `before`: the nearest, or the nearest as a whole where two claim the same."""
     from scipy.optimize import linear_sum_assignment
 
-    distance = np.abs(loci[:-1, :, None] - loci[1:, None, :])
+    distance = np.abs(before[:, :, None] - after[:, None, :])
     pairs = np.argmin(distance, axis=2)
-    size = loci.shape[1]
+    size = before.shape[1]
     for k in np.flatnonzero(np.any(np.sort(pairs, axis=1) != np.arange(size), axis=1)):
         pairs[k] = linear_sum_assignment(distance[k])[1]
     return pairs
@@ -161,7 +171,7 @@ def _pairing(loci: Complexes) -> Integers:
 def _passes(steps: Steps, target: float) -> Booleans:
     """True where a step passes `target` at less than a third of its own length: which side it passes is not to be told from its ends."""
     move = steps.end - steps.start
-    length = np.maximum(np.abs(move), 1e-300)
+    length = np.maximum(np.abs(move), 1e-150)
     along = np.clip(((target - steps.start) * move.conj()).real / length**2, 0.0, 1.0)
     return np.abs(steps.start + along * move - target) < 0.33 * length
 
