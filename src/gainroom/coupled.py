@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .arrays import Complexes, Floats
+from .arrays import Complexes, Floats, Integers
 from .controller import PD, PID, gain_matrix
 from .errors import GainroomError
 from .limits import GainLimit, coupled_limit
@@ -67,7 +67,7 @@ def joint_margins(loop: Loop) -> JointMargins:
         phase[0] if phase else math.nan,
         _positive(delay[1]) / delay[0] if delay else math.inf,
         delay[0] if delay else math.nan,
-        1 + _room(sweep, lambda omega: _diagonal(_complementary(loop, omega))),
+        1 + room(sweep, lambda omega: _diagonal(_complementary(loop, omega))),
         largest_kp,
         largest_kd,
     )
@@ -126,10 +126,10 @@ def _largest_gains(sweep: Sweep) -> tuple[Floats | None, Floats | None]:
         return unit[:, None] * _diagonal(np.linalg.solve(np.eye(loop.size) + response, actuated))
 
     kp, kd = (np.diagonal(gain_matrix(name, getattr(controller, name), loop.size)) * loop.gain for name in ("kp", "kd"))
-    return kp + _room(sweep, lambda omega: entries(omega, 1.0, 0.0)), kd + _room(sweep, lambda omega: entries(omega, 0.0, 1.0))
+    return kp + room(sweep, lambda omega: entries(omega, 1.0, 0.0)), kd + room(sweep, lambda omega: entries(omega, 0.0, 1.0))
 
 
-def _room(sweep: Sweep, curves: Curves) -> Floats:
+def room(sweep: Sweep, curves: Curves) -> Floats:
     """(n,) the smallest δ > 0 with 1 + δ c(jω) = 0, where c (one per joint) first meets the negative real axis; inf where none does."""
     omega, values = _resolved(sweep, curves)
     crosses = ((values.imag[1:] > 0) != (values.imag[:-1] > 0)) & ((values.real[1:] < 0) | (values.real[:-1] < 0))
@@ -138,18 +138,25 @@ def _room(sweep: Sweep, curves: Curves) -> Floats:
         at_end = curves(np.array([sweep.last]))[0].real
         room = np.where(at_end < -1 / LARGEST, -1 / np.minimum(at_end, -1 / LARGEST), room)
     rows, joints = np.nonzero(crosses)
-    low, high = omega[rows], omega[rows + 1]
-    rising = values.imag[rows + 1, joints] > 0
-    value = np.zeros(len(rows), dtype=complex)
-    for _ in range(48 if len(rows) else 0):
-        middle = 0.5 * (low + high)
-        value = curves(middle)[np.arange(len(rows)), joints]
-        above = (value.imag > 0) == rising
-        low, high = np.where(above, low, middle), np.where(above, middle, high)
+    value = _on_axis(curves, joints, (omega[rows], values[rows, joints]), (omega[rows + 1], values[rows + 1, joints]))
     for joint, found in zip(joints.tolist(), value.tolist(), strict=True):
         if found.real < -1 / LARGEST:
             room[joint] = min(room[joint], -1 / found.real)
     return room
+
+
+def _on_axis(curves: Curves, joints: Integers, low: tuple[Floats, Complexes], high: tuple[Floats, Complexes]) -> Complexes:
+    """The real values of curves between samples (ω, c) on two sides of the real axis, by the Illinois method."""
+    (left, value), (right, other) = low, high
+    first, second = value.imag, other.imag
+    for _ in range(16 if len(joints) else 0):
+        share = np.divide(first, first - second, out=np.full(len(joints), 0.5), where=first != second)
+        omega = left + share * (right - left)
+        value = curves(omega)[np.arange(len(joints)), joints]
+        same = (value.imag > 0) == (first > 0)
+        left, right = np.where(same, omega, left), np.where(same, right, omega)
+        first, second = np.where(same, value.imag, 0.5 * first), np.where(same, 0.5 * second, value.imag)
+    return value
 
 
 def _resolved(sweep: Sweep, curves: Curves) -> tuple[Floats, Complexes]:
