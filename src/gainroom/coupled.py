@@ -149,13 +149,19 @@ def _on_axis(curves: Curves, joints: Integers, low: tuple[Floats, Complexes], hi
     """The real values of curves between samples (ω, c) on two sides of the real axis, by the Illinois method."""
     (left, value), (right, other) = low, high
     first, second = value.imag, other.imag
-    for _ in range(16 if len(joints) else 0):
+    moved_left, moved_right = np.zeros(len(joints), dtype=bool), np.zeros(len(joints), dtype=bool)
+    for _ in range(20 if len(joints) else 0):
         share = np.divide(first, first - second, out=np.full(len(joints), 0.5), where=first != second)
         omega = left + share * (right - left)
         value = curves(omega)[np.arange(len(joints)), joints]
+        if np.all(np.abs(value.imag) <= 1e-14 * np.abs(value)):
+            break
         same = (value.imag > 0) == (first > 0)
         left, right = np.where(same, omega, left), np.where(same, right, omega)
-        first, second = np.where(same, value.imag, 0.5 * first), np.where(same, 0.5 * second, value.imag)
+        # An end that stays for a second time counts half: else it might stay for ever
+        first = np.where(same, value.imag, np.where(moved_right, 0.5 * first, first))
+        second = np.where(same, np.where(moved_left, 0.5 * second, second), value.imag)
+        moved_left, moved_right = same, ~same
     return value
 
 
