@@ -22,6 +22,7 @@ SMOOTH = 0.12  # largest relative move of an eigenvalue between samples near the
 DETOUR = 0.5  # of its distance from that axis: a move that stays shorter does not reach the axis in between
 LARGE = 1e3  # eigenvalues beyond this belong to integrators
 FLOOR = 1e-3  # eigenvalues smaller than this are not followed: gains could rise by 60 dB there
+NOISE = 1e-10  # of the largest eigenvalue: smaller ones are no better than round-off
 PER_DECADE = 6
 AROUND = np.array([-6.0, -1.5, 0.0, 1.5, 6.0])  # half-widths of a resonance that are sampled
 CLOSEST = 1e-10  # relative distance of samples at which refinement stops
@@ -132,7 +133,7 @@ class Sweep:
         """Down to where integrators rule, up to where the loci have become small."""
         for _ in range(40):
             sizes = np.abs(self.loci[:2])
-            follows = (sizes[0] > 1e-9) & (np.abs(sizes[1] - sizes[0]) > 1e-3 * sizes[0])
+            follows = (sizes[0] > max(1e-9, NOISE * sizes[0].max())) & (np.abs(sizes[1] - sizes[0]) > 1e-3 * sizes[0])
             if not np.any(follows & (sizes[0] < 1e4)) or self.omega[0] < 1e-9 * self.omega[-1]:
                 break
             self.add(self.omega[0] / np.array([4.0, 16.0]))
@@ -147,7 +148,8 @@ class Sweep:
         move = np.abs(steps.end - steps.start)
         # Far beyond −1 the loci of integrators fall along straight lines, on which a step of a decade loses nothing.
         turn = np.where(size > LARGE, np.abs(np.angle(steps.end * steps.start.conj())) * size, move)
-        rough = np.any((move > DETOUR * distance) & (turn > SMOOTH * size) & (size > FLOOR), axis=1)
+        seen = size > np.maximum(FLOOR, NOISE * size.max(axis=1, keepdims=True))
+        rough = np.any((move > DETOUR * distance) & (turn > SMOOTH * size) & seen, axis=1)
         return np.flatnonzero(rough & (np.diff(self.omega) > CLOSEST * self.omega[1:]))
 
 
