@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 
 from gainroom.cli import app, main
-from gainroom.cli.example import example_texts
+from gainroom.cli.example import example_texts, joint_examples
 from gainroom.cli.output import emit_json, render, table
 from gainroom.io.numbers import digits, frequency
 
-EXAMPLES = example_texts()
+EXAMPLES = joint_examples()
 # Fixed names: scripts outside the project read them.
 JOINT_KEYS = {
     "stable", "gain_margin_db", "phase_crossover_rad_s", "phase_margin_deg", "gain_crossover_rad_s", "delay_margin_ms",
@@ -170,10 +170,10 @@ def test_report_through_a_link_keeps_the_link(folder: Path, tmp_path: Path, caps
 def test_example(capsys: pytest.CaptureFixture[str]):
     assert main(["example"]) == 0
     listing = capsys.readouterr().out
-    assert [line.split()[0] for line in listing.splitlines()] == sorted(EXAMPLES)
+    assert [line.split()[0] for line in listing.splitlines()] == sorted(example_texts())
     assert max(map(len, listing.splitlines())) <= 100
     assert {"testbed", "fig9", "talos-knee"} <= set(EXAMPLES)
-    for name, text in EXAMPLES.items():
+    for name, text in example_texts().items():
         assert main(["example", name]) == 0
         assert capsys.readouterr().out == text
         assert main(["example", name, "--json"]) == 0
@@ -182,7 +182,7 @@ def test_example(capsys: pytest.CaptureFixture[str]):
 
 def test_every_command_has_help_with_an_example(capsys: pytest.CaptureFixture[str]):
     commands = [info.name for info in app.registered_commands]
-    assert commands == ["joint", "example", "reproduce"]
+    assert commands == ["joint", "robot", "audit", "example", "reproduce"]
     for command in ([], *([name] for name in commands)):
         assert main([*command, "--help"]) == 0
         assert f"Example:\n{' ' * 4}gainroom {' '.join(command)}".rstrip() in capsys.readouterr().out

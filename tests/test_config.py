@@ -6,7 +6,7 @@ import pytest
 import yaml
 from pytest import approx
 
-from gainroom.cli.example import example_texts
+from gainroom.cli.example import joint_examples
 from gainroom.config import JointFile, parse_joint
 from gainroom.errors import GainroomError
 from gainroom.io.checked import validate
@@ -69,7 +69,7 @@ def test_every_key_arrives_in_si():
     assert spec.uncertainty.damping == (0.0, 2.0)
 
 
-@pytest.mark.parametrize("text", [FULL, *example_texts().values()])
+@pytest.mark.parametrize("text", [FULL, *joint_examples().values()])
 def test_a_file_written_back_means_the_same(text: str):
     file = validate(JointFile, parse_yaml(text, "knee.yaml"), "knee.yaml")
     written = yaml.safe_dump(file.model_dump(exclude_none=True))
@@ -208,4 +208,4 @@ def test_scalars_follow_yaml_1_2():
 
 def test_a_decimal_comma_is_recognised():
     with pytest.raises(GainroomError, match=r"control.kp: '6,0' is text and must be a number: the decimal sign is a point, 6\.0$"):
-        parse_joint(example_texts()["testbed"].replace("kp: 1600.0", "kp: 6,0"), "f")
+        parse_joint(joint_examples()["testbed"].replace("kp: 1600.0", "kp: 6,0"), "f")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from gainroom import config
+from gainroom import config, config_sections
 
 ROOT = Path(__file__).parents[1]
 _spec = importlib.util.spec_from_file_location("docs_output", ROOT / "scripts" / "docs_output.py")
@@ -18,13 +18,13 @@ _spec.loader.exec_module(docs_output)
 DOCUMENTS = [*docs_output.documents(), ROOT / "CHANGELOG.md", ROOT / "CONTRIBUTING.md"]
 SECTIONS = [
     config.JointSection,
-    config.DriveSection,
+    config_sections.DriveSection,
     config.PDSection,
     config.PIDSection,
     config.PPISection,
-    config.LowPassSection,
-    config.NotchSection,
-    config.LimitsSection,
+    config_sections.LowPassSection,
+    config_sections.NotchSection,
+    config_sections.LimitsSection,
     config.UncertaintySection,
 ]
 

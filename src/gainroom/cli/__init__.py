@@ -8,10 +8,12 @@ from typing import Annotated
 
 import typer
 
+from .audit import audit
 from .example import example
 from .joint import joint
 from .output import one_line
 from .reproduce import reproduce
+from .robot import robot
 
 # Our matrices are small: on a busy machine, threads inside the linear algebra make each of them a hundred times slower.
 # Read when numpy loads, so it is set before; a value of the user's own stays.
@@ -26,6 +28,8 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
 app.command(name="joint", short_help="One joint: stable or not, margins, largest gains, gains to use.")(joint)
+app.command(name="robot", short_help="A whole robot: limits with all joints closed, by posture and contact state.")(robot)
+app.command(name="audit", short_help="Are the gains that a robot already has safe?")(audit)
 app.command(name="example", short_help="Print a ready file to start from.")(example)
 app.command(name="reproduce", short_help="The paper's figures, computed and compared.")(reproduce)
 

@@ -46,3 +46,8 @@ def example_texts() -> dict[str, str]:
     folder = files("gainroom") / "examples"
     found = {entry.name.removesuffix(".yaml"): entry for entry in folder.iterdir() if entry.name.endswith(".yaml")}
     return {name: found[name].read_text("utf-8") for name in sorted(found)}
+
+
+def joint_examples() -> dict[str, str]:
+    """Those for `gainroom joint`."""
+    return {name: text for name, text in example_texts().items() if "\njoint:" in text}

@@ -86,7 +86,7 @@ class Section(BaseModel):
             if key not in cls.model_fields:
                 nearest = difflib.get_close_matches(key, cls.model_fields, 1, cutoff=0.5)
                 hint = f"; did you mean {nearest[0]}?" if nearest else ""
-                raise refusal(f"unknown key{hint} (allowed: {allowed})", key=key if key.isidentifier() else shown(key))
+                raise refusal(f"unknown key{hint} (allowed: {allowed})", key=dotted(key))
         for name, field in cls.model_fields.items():
             if field.is_required() and name not in data:
                 raise refusal(f"is missing: {field.description}", key=name)
@@ -108,6 +108,19 @@ def validate(model: type[AnySection], data: object, source: str) -> AnySection:
         raise GainroomError(": ".join(part for part in (source, path, message) if part)) from error
 
 
+def checked(owner: str, value: object, check: BeforeValidator) -> float:
+    """`value` as one of this module's checks lets it pass. Raises GainroomError that names `owner`."""
+    try:
+        return check.func(value)  # type: ignore[call-arg]
+    except PydanticCustomError as error:
+        raise GainroomError(f"{owner}: {error.message()}") from error
+
+
+def dotted(*keys: str) -> str:
+    """The path of keys that lead to a value, as messages write it; a key that is no plain word stands in quotes."""
+    return ".".join(key if re.fullmatch(r"[\w/-]+", key) else shown(key) for key in keys)
+
+
 def _path(data: Any, location: tuple[Any, ...], key: str) -> str:
     """('control', 'notches', 0) and 'width' as control.notches[0].width, without pydantic's tags between."""
     path = ""
@@ -115,7 +128,7 @@ def _path(data: Any, location: tuple[Any, ...], key: str) -> str:
         if isinstance(data, list) and isinstance(part, int):
             path += f"[{part}]"
         elif isinstance(data, dict) and part in data:
-            path += f".{part}"
+            path += f".{dotted(part)}"
         else:
             continue
         data = data[part]

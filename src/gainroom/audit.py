@@ -1,0 +1,177 @@
+"""Gains that a robot already runs with: which are safe, how much room is left, and how much delay would make it vibrate.
+
+A joint is safe where its gains keep the required margin on it alone, its neighbours free, and where it takes no part in the vibration of
+a robot that does not keep it as a whole.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .coupled import JointMargins, joint_margins
+from .limits import GainLimit
+from .robot_spec import RobotSpec
+from .robot_study import Progress, limiting_joints, single_joint_limits
+from .robustness import to_db
+
+MARGIN = 2.0
+"""The factor on all gains that safe gains survive where none is asked for: 6 dB."""
+
+
+@dataclass(frozen=True)
+class AuditState:
+    """One posture in one contact state; single (n,): see single_joint_limits. delay_limit [s]: the total delay at which it vibrates."""
+
+    posture: str
+    contact: str
+    margins: JointMargins
+    single: np.ndarray
+    delay_limit: float
+
+    @property
+    def limit(self) -> GainLimit:
+        """Of the common factor on all gains."""
+        return self.margins.limit
+
+
+@dataclass(frozen=True)
+class AuditedJoint:
+    """One joint's gains, and the factor on them that it survives alone and with the others closed, in the worst state."""
+
+    name: str
+    kp: float
+    kd: float
+    ki: float
+    motor_inertia: float
+    safe: bool
+    gain_limit: float
+    limit_others_closed: float
+
+
+@dataclass(frozen=True)
+class Audit:
+    """What `gainroom audit` tells.
+
+    margin        the factor that was asked for
+    safe          every state and every joint keeps it
+    gain_limit, delay_limit   of the worst state; [s] of total delay
+    """
+
+    spec: RobotSpec
+    margin: float
+    states: tuple[AuditState, ...]
+    joints: tuple[AuditedJoint, ...]
+    safe: bool
+    sentence: str
+    warnings: tuple[str, ...]
+
+    @property
+    def worst(self) -> AuditState:
+        """The state with the least room."""
+        return min(self.states, key=lambda state: (state.limit.stable, state.limit.gain))
+
+    @property
+    def delay_limit(self) -> float:
+        """[s], over all states."""
+        return min(state.delay_limit for state in self.states)
+
+    @property
+    def limiting_joints(self) -> tuple[str, ...]:
+        """Those that vibrate at the worst state's limit, the strongest first."""
+        return limiting_joints(self.worst.limit, self.spec.robot.joint_names)
+
+
+def audit(spec: RobotSpec, margin: float = MARGIN, progress: Progress | None = None) -> Audit:
+    """Every state of `spec`, whose control must be in joint space, against a required gain margin (a factor)."""
+    names = spec.robot.states
+    states = []
+    for index, (posture, contact) in enumerate(names):
+        if progress is not None:
+            progress(index, len(names), contact)
+        states.append(_state(spec, posture, contact))
+    if progress is not None:
+        progress(len(names), len(names), "")
+    result = Audit(spec, margin, tuple(states), (), False, "", ())
+    joints = _joints(result)
+    safe = all(_keeps(state.limit, margin) for state in states) and all(joint.safe for joint in joints)
+    result = replace(result, joints=joints, safe=safe)
+    return replace(result, sentence=_sentence(result), warnings=_warnings(result))
+
+
+def _state(spec: RobotSpec, posture: str, contact: str) -> AuditState:
+    model = spec.robot.linearize(posture, contact)
+    controller = spec.controller(model)
+    margins = joint_margins(spec.loop(model, controller))
+    longest = max(drive.delay for drive in spec.drives)
+    if margins.stable:
+        limit = longest + margins.delay_margin
+    else:
+        at_once = replace(spec, drives=tuple(replace(drive, delay=0.0) for drive in spec.drives))
+        without = joint_margins(at_once.loop(model, controller))
+        limit = without.delay_margin if without.stable else 0.0
+    return AuditState(posture, contact, margins, single_joint_limits(spec, model, controller), limit)
+
+
+def _keeps(limit: GainLimit, margin: float) -> bool:
+    return limit.stable and limit.gain >= margin
+
+
+def _joints(result: Audit) -> tuple[AuditedJoint, ...]:
+    """Joint by joint, each in its worst state."""
+    spec = result.spec
+    controller = spec.control.joints
+    assert controller is not None
+    gains = {name: getattr(controller, name, 0.0) for name in ("kp", "kd", "ki")}
+    columns = {name: np.broadcast_to(gain, len(spec.robot.joint_names)) for name, gain in gains.items()}
+    alone = np.min([state.single for state in result.states], axis=0)
+    closed = np.min([state.margins.others_closed for state in result.states], axis=0)
+    vibrating = {
+        name
+        for state in result.states
+        if not _keeps(state.limit, result.margin)
+        for name in limiting_joints(state.limit, spec.robot.joint_names)
+    }
+    return tuple(
+        AuditedJoint(
+            name=name,
+            **{key: float(column[k]) for key, column in columns.items()},
+            motor_inertia=float(spec.robot.actuators.motor_inertia[k]),
+            safe=bool(alone[k] >= result.margin) and name not in vibrating,
+            gain_limit=float(alone[k]),
+            limit_others_closed=float(closed[k]),
+        )
+        for k, name in enumerate(spec.robot.joint_names)
+    )
+
+
+def _sentence(result: Audit) -> str:
+    """The answer in one sentence."""
+    worst, count = result.worst, sum(not joint.safe for joint in result.joints)
+    limit = worst.limit
+    delays = f"it vibrates from {1e3 * result.delay_limit:.3g} ms of delay" if math.isfinite(result.delay_limit) else "no delay does"
+    given = f"{1e3 * max(drive.delay for drive in result.spec.drives):.3g} ms"
+    if not limit.stable:
+        room = f"multiply them by less than {limit.gain:.3g}" if limit.gain > 0 else "no lower gains in the same ratio help"
+        return f"Not safe: the robot vibrates with these gains at {given} of delay ({delays}); {room}; {_count(count, result)}."
+    at = f" at {limit.frequency / (2 * math.pi):.3g} Hz" if math.isfinite(limit.frequency) else ""
+    room = f"all gains can be multiplied by {limit.gain:.3g} ({to_db(limit.gain):.3g} dB) before it vibrates{at}"
+    asked = f"{result.margin:.3g} ({to_db(result.margin):.2g} dB)"
+    if not result.safe:
+        return f"Not safe: {room}, less than {asked} is asked for or a joint has less alone; {delays}; {_count(count, result)}."
+    return f"Safe: {room}; {delays}, and has {given}."
+
+
+def _count(unsafe: int, result: Audit) -> str:
+    return f"{unsafe} of {len(result.joints)} joints are not safe"
+
+
+def _warnings(result: Audit) -> tuple[str, ...]:
+    """What was assumed, and what a user should do about it."""
+    spec = result.spec
+    warnings = list(spec.warnings)
+    if spec.control.sample_time is None:
+        warnings.append("continuous model: hold and velocity difference of a real controller cost about one more tick; give --rate-hz")
+    if any(state.limit.certificate is not None and not state.limit.certificate.holds for state in result.states):
+        warnings.append("a limit could not be confirmed from both sides: treat it as an estimate and report the input")
+    return tuple(warnings)

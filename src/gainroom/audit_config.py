@@ -1,0 +1,135 @@
+"""What `gainroom audit` is asked, without a configuration file: a model, the gains it runs with, and a few numbers, as a RobotSpec."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .config_sections import DELAY_MS, RATE, refuse_long_delay
+from .controller import PD, PID
+from .drive import Drive
+from .errors import GainroomError
+from .gain_files import JointGains, gains_of, read_gains
+from .io.checked import checked, number
+from .robot.actuators import ActuatorEntry, Actuators, actuators_of, listed
+from .robot.body import Base, RigidBody
+from .robot.contact import Contact
+from .robot.packages import load_model, locate
+from .robot.patterns import nearest
+from .robot_config import base_of
+from .robot_spec import Posture, Robot, RobotControl, RobotSpec
+
+POSITIVE = number(above=0)
+
+
+@dataclass(frozen=True)
+class AuditOptions:
+    """As they are typed: ms, Hz, otherwise SI; None: not given. `contacts` are frames on the ground, all at once."""
+
+    delay_ms: float
+    rate_hz: float | None = None
+    stiffness: float | None = None
+    damping: float | None = None
+    motor_inertia: float | None = None
+    bandwidth: float | None = None
+    base: Base | Any = None
+    contacts: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        checked("--delay-ms", self.delay_ms, DELAY_MS)
+        if self.base not in (None, "fixed", "floating"):
+            raise GainroomError(f"--base {self.base}: must be fixed or floating")
+        checks = {"rate_hz": RATE, "stiffness": number(above=0, infinite=True), "damping": number(least=0), "motor_inertia": POSITIVE}
+        for name, check in {**checks, "bandwidth": number(above=0, infinite=True)}.items():
+            if getattr(self, name) is not None:
+                checked(f"--{name.replace('_', '-')}", getattr(self, name), check)
+        if self.damping is not None and not self.is_elastic:
+            raise GainroomError(f"--damping {self.damping:g}: is of elastic gearboxes; give --stiffness too")
+        if self.rate_hz is not None:
+            refuse_long_delay(1e-3 * self.delay_ms, 1 / self.rate_hz, "--delay-ms")
+
+    @property
+    def is_elastic(self) -> bool:
+        """Whether the gearboxes bend."""
+        return self.stiffness is not None and math.isfinite(self.stiffness)
+
+
+def margin_factor(decibels: float) -> float:
+    """The factor of a gain margin in dB. Raises GainroomError."""
+    return 10 ** (checked("--margin-db", decibels, number(least=0, most=100)) / 20)
+
+
+def audit_spec(model: str, gains: Path | None, options: AuditOptions) -> RobotSpec:
+    """A robot with the gains it has; joints without gains are held still.
+
+    model   a URDF or MJCF, or a name of robot_descriptions
+    gains   where they are (see gain_files.py); None: in the model, an MJCF
+
+    Raises GainroomError, one line that names the file or option, the value and what is allowed.
+    """
+    path = locate(model)
+    base, guessed = base_of(options.base, path, bool(options.contacts))
+    body = load_model(path, base)
+    found = gains_of(read_gains(path if gains is None else gains), (*body.joint_names, *body.locked))
+    held = [name for name, given in zip(body.joint_names, found.given, strict=False) if not given]
+    kept = [k for k, name in enumerate(body.joint_names) if name not in held]
+    if not kept:
+        raise GainroomError(f"{path}: no joint that can move has gains")
+    if held:
+        body = load_model(path, base, held)
+    actuators, notes = _actuators(body, found.motor_inertia[kept], options)
+    robot = Robot(name=str(path), actuators=actuators, postures={"zero": Posture(body)}, contacts=_contacts(body, options.contacts))
+    drive = Drive(delay=1e-3 * options.delay_ms, bandwidth=math.inf if options.bandwidth is None else options.bandwidth)
+    return RobotSpec(
+        robot=robot,
+        drives=(drive,) * body.size,
+        control=RobotControl("joint", _controller(found, kept), "motor", None if options.rate_hz is None else 1 / options.rate_hz),
+        assumptions=(*(guessed or (f"the base is {body.base}",)), *_assumptions(body, held, options), *notes),
+        warnings=(*found.notes, *body.notes, *body.beyond_limits(body.neutral())),
+    )
+
+
+def _actuators(body: RigidBody, inertia: np.ndarray, options: AuditOptions) -> tuple[Actuators, tuple[str, ...]]:
+    """Motor inertia from the gains' file, else from the option, else from the model's armature; one gearbox for all."""
+    entries = [
+        ActuatorEntry(
+            motor_inertia=options.motor_inertia if np.isnan(value) else float(value),
+            stiffness=math.inf if options.stiffness is None else options.stiffness,
+            damping=options.damping,
+        )
+        for value in inertia
+    ]
+    return actuators_of(entries, body.joint_names, body.armature)
+
+
+def _contacts(body: RigidBody, frames: Sequence[str]) -> dict[str, tuple[Contact, ...]]:
+    """In the air, and on the named frames where there are any."""
+    for frame in frames:
+        if frame not in body.frames:
+            raise GainroomError(f"--contact {frame}: the robot has no such frame{nearest(frame, body.frames, 'frame')}")
+        if frames.count(frame) > 1:
+            raise GainroomError(f"--contact {frame}: is given twice")
+    in_air = {"flight" if body.base == "floating" else "free": ()}
+    return in_air | ({"contact": tuple(Contact(frame) for frame in frames)} if frames else {})
+
+
+def _controller(found: JointGains, kept: Sequence[int]) -> PD | PID:
+    kp, kd, ki = (column[list(kept)] for column in (found.kp, found.kd, found.ki))
+    return PID(kp=kp, ki=ki, kd=kd) if np.any(ki) else PD(kp=kp, kd=kd)
+
+
+def _assumptions(body: RigidBody, held: Sequence[str], options: AuditOptions) -> tuple[str, ...]:
+    """What is taken for granted where nothing was said, each with how to say it."""
+    notes = ["every joint stands at 0; the encoders are on the motor side"]
+    if held:
+        notes.append(f"these joints are held still, as they have no gains: {listed(held)}")
+    if not options.is_elastic:
+        notes.append("gearboxes are rigid, which flatters: give --stiffness and --damping")
+    if options.bandwidth is None:
+        notes.append("current loops are infinitely fast: give --bandwidth [rad/s]")
+    if body.base == "floating" and not options.contacts:
+        notes.append("the robot is in flight only: name the frames on the ground with --contact")
+    return tuple(notes)

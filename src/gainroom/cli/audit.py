@@ -1,0 +1,125 @@
+"""gainroom audit: whether the gains that a robot already has are safe."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ..io.numbers import decibels, digits, frequency
+from .options import AsJson
+from .output import emit, emit_json, render, table
+from .progress import progress_bar
+
+if TYPE_CHECKING:
+    from ..audit import Audit
+
+Number = float | None
+LEGEND = (
+    "Limits are factors on gains, in the worst state. alone: no other loop, neighbours free; closed: all other loops as they are. "
+    "kp [N·m/rad], kd [N·m·s/rad], motor inertia on the joint side [kg·m²]; delay limit: total delay at which the robot vibrates."
+)
+
+
+def audit(
+    model: Annotated[str, typer.Argument(metavar="MODEL", help="A URDF or MJCF.", show_default=False)],
+    delay_ms: Annotated[float, typer.Option(help="From torque command to motor torque [ms].", show_default=False)],
+    gains: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Gains as plain or ros2_control YAML; without it, the MJCF's own actuators.")
+    ] = None,
+    rate_hz: Annotated[Number, typer.Option(help="Of the controller [Hz]; without it, continuous time.")] = None,
+    stiffness: Annotated[Number, typer.Option(help="Of every gearbox [N m/rad]; without it, rigid.")] = None,
+    damping: Annotated[Number, typer.Option(help="Of every gearbox [N m s/rad].")] = None,
+    motor_inertia: Annotated[Number, typer.Option(help="Joint side [kg m²], where the gains' file names none.")] = None,
+    bandwidth: Annotated[Number, typer.Option(help="Of the current loops [rad/s]; without it, ideal.")] = None,
+    base: Annotated[str | None, typer.Option(help="fixed or floating; an MJCF says it itself.")] = None,
+    contact: Annotated[list[str] | None, typer.Option(metavar="NAME", help="A frame on the ground; may be given again.")] = None,
+    margin_db: Annotated[float, typer.Option(help="Gain margin that safe gains have [dB].")] = 6.0,
+    as_json: AsJson = False,
+) -> int:
+    """Which of the gains that a robot already has are safe, how much room is left, and how much delay would make it vibrate.
+
+    \b
+    Example:
+      gainroom audit robot.xml --delay-ms 2 --gains gains.yaml
+
+    Exit status: 0 safe; 1 not safe; 2 a file or the call is wrong.
+    """
+    from ..audit import audit as run_audit
+    from ..audit_config import AuditOptions, audit_spec, margin_factor
+
+    options = AuditOptions(delay_ms, rate_hz, stiffness, damping, motor_inertia, bandwidth, base, tuple(contact or ()))
+    margin = margin_factor(margin_db)
+    spec = audit_spec(model, gains, options)
+    with progress_bar("audit:") as progress:
+        result = run_audit(spec, margin, progress)
+    if as_json:
+        emit_json(_facts(result))
+    else:
+        emit(_terminal(result))
+    return 0 if result.safe else 1
+
+
+def _facts(result: "Audit") -> dict[str, Any]:
+    """What --json prints."""
+    sample_time = result.spec.control.sample_time
+    return {
+        "safe": result.safe,
+        "sentence": result.sentence,
+        "model": "continuous" if sample_time is None else "sampled",
+        "margin_db": decibels(result.margin),
+        "stable": all(state.limit.stable for state in result.states),
+        "gain_limit": result.worst.limit.gain,
+        "limit_frequency_rad_s": result.worst.limit.frequency,
+        "delay_limit_ms": 1e3 * result.delay_limit,
+        "limiting_joints": list(result.limiting_joints),
+        "joints": [{name: getattr(joint, name) for name in joint.__dataclass_fields__} for joint in result.joints],
+        "states": [
+            {
+                "posture": state.posture,
+                "contact": state.contact,
+                "stable": state.limit.stable,
+                "gain_limit": state.limit.gain,
+                "limit_frequency_rad_s": state.limit.frequency,
+                "delay_limit_ms": 1e3 * state.delay_limit,
+            }
+            for state in result.states
+        ],
+        "assumptions": list(result.spec.assumptions),
+        "warnings": list(result.warnings),
+    }
+
+
+def _terminal(result: "Audit") -> str:
+    sample_time = result.spec.control.sample_time
+    model = "continuous model" if sample_time is None else f"sampled model, {digits(1 / sample_time, 'Hz')}"
+    states = [
+        (
+            state.contact,
+            digits(state.limit.gain),
+            frequency(state.limit.frequency),
+            digits(1e3 * state.delay_limit, "ms"),
+            "yes" if state.limit.stable and state.limit.gain >= result.margin else "no",
+        )
+        for state in result.states
+    ]
+    joints = [
+        (
+            joint.name,
+            digits(joint.kp),
+            digits(joint.kd),
+            digits(joint.motor_inertia),
+            digits(joint.gain_limit),
+            digits(joint.limit_others_closed),
+            "yes" if joint.safe else "no",
+        )
+        for joint in result.joints
+    ]
+    return render(
+        result.sentence,
+        "",
+        table(f"All joints together ({model}); factor on all gains", ("", "limit", "vibrates at", "delay limit", "safe"), states),
+        table("Joint by joint", ("", "kp", "kd", "motor inertia", "alone", "closed", "safe"), joints),
+        LEGEND,
+        *(f"Assumed: {assumption}" for assumption in result.spec.assumptions),
+        *(f"Warning: {warning}" for warning in result.warnings),
+    )

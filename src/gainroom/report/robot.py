@@ -1,0 +1,288 @@
+"""The page of a robot: answer, numbers, how it would vibrate, what is left where, why, gains to use, tables, and how it was computed."""
+
+import math
+from collections.abc import Sequence
+from datetime import UTC, datetime
+
+import numpy as np
+
+from .. import __version__
+from ..coupled_gains import Kept, kept_by
+from ..io.numbers import decibels, digits, hertz
+from ..robot_study import RobotStudy, StateStudy
+from .page import Card, Html, Lead, Section, beside, block, facts, page, paragraph
+from .robot_coupling import coupling
+from .robot_drawing import common_view, hero, small
+from .robot_loci import loci, loci_window
+from .robot_room import heat_map, joint_factors, task_factors
+from .robot_tables import folded, gain_tables, inputs, joint_table, state_table, task_table
+
+FEW = 4
+"""States of which each has a picture; of more, the tightest posture of each contact state has one."""
+MOST_PICTURES = 8
+ON_TOP = 4
+"""Warnings shown before everything else; the others stand with the assumptions."""
+
+
+def robot_page(study: RobotStudy, command: str) -> str:
+    """The report of a study as one HTML page; `command` is what a reader types to get it again."""
+    kept = [kept_by(state.loop) for state in study.states]
+    shown = _shown(study)
+    sections = [
+        Section("How it would vibrate", _vibrations(study, shown)),
+        Section("How much room is left", _room(study, kept)),
+        Section("Why: the characteristic loci", [_loci_words(), beside(*(loci(state, loci_window(shown)) for state in shown))]),
+        Section("What the coupling costs", [*_coupling(study)]),
+        Section("Gains to use", _gains(study)),
+        *_tasks(study, shown),
+        Section("Joints", _joints(study)),
+        Section("Inputs and assumptions", [inputs(study.spec), _assumptions(study), *_words(study)]),
+        Section("What was certified, and how", [_certificate(study)]),
+        Section("This page again", [block(command)]),
+    ]
+    today = datetime.now(UTC).date().isoformat()
+    kind = "sampled" if study.spec.control.sample_time is not None else "continuous"
+    title = f"gainroom robot: gains of {study.spec.robot.body.size} joints, {kind} model"
+    return page(title, _lead(study, kept), _cards(study, kept), sections, [f"gainroom {__version__}, {today}"])
+
+
+def _tightest(states: Sequence[StateStudy]) -> StateStudy:
+    return min(states, key=lambda state: (state.limit.stable, state.limit.gain))
+
+
+def _shown(study: RobotStudy) -> list[StateStudy]:
+    """All states if they are few; else the tightest posture of each contact state; of many contact states, the tightest."""
+    if len(study.states) <= FEW:
+        return list(study.states)
+    contacts = dict.fromkeys(state.contact for state in study.states)
+    found = [_tightest([state for state in study.states if state.contact == contact]) for contact in contacts]
+    order = sorted(found, key=lambda state: (state.limit.stable, state.limit.gain))[:MOST_PICTURES]
+    return [state for state in found if state in order]
+
+
+def _vibrations(study: RobotStudy, shown: Sequence[StateStudy]) -> list[Html]:
+    parts = [hero(study.tightest, len(study.states) == 1)]
+    if len(shown) > 1:
+        view = common_view(shown)
+        parts.append(
+            beside(*(small(state, state.limit, view, 0 if len(shown) == len(study.states) else _others(study, state)) for state in shown))
+        )
+    hidden = len({state.contact for state in study.states}) - len(shown)
+    return [*parts, paragraph(f"{hidden} contact states with more room are not drawn.")] if hidden else parts
+
+
+def _others(study: RobotStudy, state: StateStudy) -> int:
+    """Postures in the same contact state."""
+    return sum(other.contact == state.contact for other in study.states) - 1
+
+
+def _room(study: RobotStudy, kept: Sequence[Kept]) -> list[Html]:
+    return [heat_map(joint_factors(study), "joint"), state_table(study, kept)]
+
+
+def _loci_words() -> Html:
+    return paragraph(
+        "The eigenvalues λ of L(jω), all loops together, for ω > 0. Multiplying all gains by g multiplies every locus by g: the robot "
+        "vibrates where a locus passes through −1, so the limit is one over the distance at which it crosses the thin axis to the left of "
+        "0. A crossing on the thick line, beyond −1, comes with gains that are too high already."
+    )
+
+
+def _coupling(study: RobotStudy) -> list[Html]:
+    return [beside(*coupling(joint_factors(study), "joint"))]
+
+
+def _tasks(study: RobotStudy, shown: Sequence[StateStudy]) -> list[Section]:
+    """The operational space, where the file has tasks."""
+    factors = task_factors(study)
+    if factors is None:
+        return []
+    parts: list[Html] = []
+    if study.spec.control.space == "joint":
+        words = "The file's controller closes the joints; here its tasks are closed in their place, with their own gains."
+        view = common_view(shown)
+        tightest = _tightest_tasks(study)
+        drawings = [small(state, state.tasks.limit, view, 0) for state in tightest if state.tasks is not None]
+        parts += [paragraph(words), beside(*drawings)]
+    parts += [heat_map(factors, "task direction"), beside(*coupling(factors, "task direction"))]
+    first = _tightest_tasks(study)
+    parts.append(task_table(first))
+    if len(first) < len(study.states):
+        parts.append(folded("Tasks in every posture and contact state", task_table(study.states)))
+    return [Section("Operational space", parts)]
+
+
+def _tightest_tasks(study: RobotStudy) -> list[StateStudy]:
+    """Of each contact state the posture in which the tasks have the least room, at most MOST_PICTURES."""
+    found: dict[str, StateStudy] = {}
+    for state in study.states:
+        if state.tasks is not None and (state.contact not in found or _task_room(state) < _task_room(found[state.contact])):
+            found[state.contact] = state
+    order = sorted(found.values(), key=_task_room)[:MOST_PICTURES]
+    return [state for state in found.values() if state in order]
+
+
+def _task_room(state: StateStudy) -> tuple[bool, float]:
+    return (True, math.inf) if state.tasks is None else (state.tasks.limit.stable, state.tasks.limit.gain)
+
+
+def _gains(study: RobotStudy) -> list[Html]:
+    if not study.recommended:
+        return [paragraph("No gains are recommended: nothing is required, or none were looked for.")]
+    parts = []
+    for gains in study.recommended:
+        words = "Joint space: gains per joint." if gains.space == "joint" else "Operational space: gains per task direction."
+        parts += [paragraph(words + " They keep the requirements with every loop closed."), *gain_tables(gains, study)]
+    return parts
+
+
+def _joints(study: RobotStudy) -> list[Html]:
+    tight = study.tightest
+    words = (
+        f"{tight.title}. Load: 1/W_ii, what the joint moves with its neighbours free. Alone: the factor on its gains if it were the only "
+        "joint; others closed: with all others as they are. Largest kp and kd: one at a time, everything else as it is. Part: in the "
+        "vibration at the limit."
+    )
+    parts = [joint_table([tight], words)]
+    if len(study.states) > 1:
+        parts.append(folded("Joints in every posture and contact state", joint_table(study.states)))
+    return parts
+
+
+def _lead(study: RobotStudy, kept: Sequence[Kept]) -> Lead:
+    warnings = study.warnings[:ON_TOP]
+    unstable = [state.title for state in study.states if not state.limit.stable]
+    if unstable:
+        count, states = len(unstable), len(study.states)
+        where = "" if states == 1 else f" in all {states} states" if count == states else f" in {'; '.join(unstable[:3])}"
+        more = f" and {count - 3} more" if 3 < count < states else ""
+        return Lead(study.sentence, "bad", f"UNSTABLE{where}{more}: do not run these gains", warnings)
+    unmet = [card.label for card in _cards(study, kept) if card.met is False]
+    if unmet:
+        return Lead(study.sentence, "warn", f"Stable, but not as required: {', '.join(unmet)}", warnings)
+    return Lead(study.sentence, "good", "", warnings)
+
+
+def _cards(study: RobotStudy, kept: Sequence[Kept]) -> list[Card]:
+    """Three to five numbers for the first glance, each the worst of all states."""
+    cards = _stable_cards(study, kept) if study.stable else _unstable_cards(study)
+    found = [state for state in study.states if state.tasks is not None]
+    if found and study.spec.control.space == "joint":
+        state = min(found, key=_task_room)
+        assert state.tasks is not None
+        limit = state.tasks.limit
+        note = f"{hertz(limit.frequency)}, {state.title}" if math.isfinite(limit.frequency) else state.title
+        cards.append(Card("tasks' gains, at most", digits(limit.gain, "", 3), "×", "stable: ≥ 1", limit.stable, note))
+    elif study.stable:
+        state = min(study.states, key=lambda state: state.disk_margin)
+        cards.append(Card("disk margin", digits(state.disk_margin, "", 3), note=f"all loops at once, {state.title}"))
+    return cards
+
+
+def _unstable_cards(study: RobotStudy) -> list[Card]:
+    tight, asked = study.tightest, study.spec.requirements.gain_margin
+    limit, count = tight.limit, sum(not state.limit.stable for state in study.states)
+    required = "" if asked is None else f"gain margin ≥ {digits(decibels(asked), 'dB', 3)}"
+    lowered = 0 < limit.gain < math.inf
+    room = Card("stable only below", digits(limit.gain, "", 3), "×", required, False, f"times these gains, {tight.title}")
+    if not lowered:
+        room = Card("stable factor on these gains", "none", "", required, False, f"no factor makes {tight.title} stable")
+    at = f"{', '.join(tight.limiting_joints[:2])}" if lowered else "no vibration to tell"
+    return [
+        room,
+        Card("unstable states", f"{count}", f"of {len(study.states)}", "none", False),
+        Card("vibrates at", digits(limit.frequency / (2 * math.pi), "", 3), "Hz" if lowered else "", note=at),
+    ]
+
+
+def _stable_cards(study: RobotStudy, kept: Sequence[Kept]) -> list[Card]:
+    asked, states = study.spec.requirements, study.states
+    room = [_worse(_common_room(state), one.gain_margin) for state, one in zip(states, kept, strict=True)]
+    phase = [_worse(state.margins.phase_margin, one.phase_margin) for state, one in zip(states, kept, strict=True)]
+    peaks = [one.peak_sensitivity for one in kept]
+    delays = [state.margins.delay_margin for state in states]
+    least, narrow, high, late = int(np.argmin(room)), int(np.argmin(phase)), int(np.argmax(peaks)), int(np.argmin(delays))
+
+    def at(omega: float) -> str:
+        return f"{hertz(omega)}, " if math.isfinite(omega) else ""
+
+    return [
+        Card(
+            "gain margin",
+            digits(decibels(room[least]), "", 3),
+            "dB",
+            "" if asked.gain_margin is None else f"≥ {digits(decibels(asked.gain_margin), 'dB', 3)}",
+            None if asked.gain_margin is None else room[least] >= asked.gain_margin,
+            f"{at(states[least].limit.frequency)}{states[least].title}",
+        ),
+        Card(
+            "phase margin",
+            digits(math.degrees(phase[narrow]), "°", 3),
+            "",
+            "" if asked.phase_margin is None else f"≥ {digits(math.degrees(asked.phase_margin), '°', 3)}",
+            None if asked.phase_margin is None else phase[narrow] >= asked.phase_margin,
+            f"{at(states[narrow].margins.phase_frequency)}{states[narrow].title}",
+        ),
+        Card(
+            "peak sensitivity Ms",
+            digits(peaks[high], "", 3),
+            "",
+            "" if asked.peak_sensitivity is None else f"≤ {digits(asked.peak_sensitivity, '', 3)}",
+            None if asked.peak_sensitivity is None else peaks[high] <= asked.peak_sensitivity,
+            f"one loop, others closed, {states[high].title}",
+        ),
+        Card(
+            "delay margin",
+            digits(1e3 * delays[late], "", 3),
+            "ms" if math.isfinite(delays[late]) else "",
+            note=f"{at(states[late].margins.delay_frequency)}{states[late].title}",
+        ),
+    ]
+
+
+def _common_room(state: StateStudy) -> float:
+    """The smallest factor, up or down, on all gains or on one loop's, that makes it vibrate."""
+    lower = state.limit.lower_gain
+    return min([state.limit.gain, 1 / lower if lower > 0 else math.inf, *(g for g in state.margins.others_closed.tolist() if g > 0)])
+
+
+def _worse(exact: float, sampled: float) -> float:
+    """The smaller of two: the first is polished, the second, interpolated between samples, counts only where it tells of another loop."""
+    return sampled if sampled < 0.99 * exact else exact
+
+
+def _assumptions(study: RobotStudy) -> str:
+    text = (
+        "Linear about each posture, small motions: no friction other than viscous, no torque limit, no backlash, no quantisation; contacts "
+        "hold and do not slip or lift. The delay is exact, never approximated by a rational function."
+    )
+    if study.spec.control.sample_time is None:
+        text += " The model is continuous; a sampled controller is worse by about one more tick of delay."
+    return text
+
+
+def _words(study: RobotStudy) -> list[Html]:
+    """What the file left open, and the warnings that do not stand on top."""
+    taken = [facts([("taken for granted", text) for text in study.spec.assumptions])] if study.spec.assumptions else []
+    return [*taken, *map(paragraph, study.warnings[ON_TOP:])]
+
+
+def _certificate(study: RobotStudy) -> Html:
+    proofs = [state.limit.certificate for state in study.states]
+    known = [proof for proof in proofs if proof is not None]
+    holding = sum(proof.holds for proof in known)
+    pairs = [("verdict", "unstable closed-loop roots counted from the turns of the characteristic loci about −1 (Nyquist), state by state")]
+    if known:
+        count = "confirmed" if holding == len(known) else "confirmed, the rest NOT"
+        words = (
+            f"crossings polished to machine precision, roots counted on both sides, at (1 ± {digits(known[0].nudge)}) times each limit: "
+        )
+        pairs.append(("gain limits", f"{words}{holding} of {len(known)} {count}"))
+    if len(known) < len(proofs):
+        pairs.append(("no limit", f"{len(proofs) - len(known)} states have none to confirm; factors up to 1000 were looked at"))
+    pairs += [
+        ("others closed, largest gains", "each loop's own curve with the others closed, sampled until smooth; its crossings polished"),
+        ("phase and Ms of single loops", "interpolated between refined samples: good to about a part in a thousand"),
+        ("recommended gains", "checked in every posture, contact state and corner of the uncertainty; between the corners not proved"),
+    ]
+    return facts(pairs)

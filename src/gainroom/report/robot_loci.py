@@ -1,0 +1,171 @@
+"""The characteristic loci of a state near the critical point: which of them comes close, and at which frequency."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from ..arrays import Complexes, Floats
+from ..io.numbers import digits, hertz
+from ..robot_study import StateStudy
+from ..sweep import Sweep
+from . import style
+from .page import Html, figure
+from .robot_drawing import UNSTABLE_GROUND
+
+WIDEST = 6.0  # |Re L| beyond which nothing is drawn: crossings far outside are told in words
+TO_DRAW = 0.012  # longest step between samples, relative to the window
+TO_TELL = 0.005  # points closer than this are not written into the page
+AROUND = math.log(3)  # of the frequency at the limit: the stretch of the leading locus that is drawn strong
+MOST = 40_000  # eigenvalues in one sweep
+
+
+def loci_window(states: Sequence[StateStudy]) -> tuple[float, float]:
+    """(left end, half the height) of a window that shows −1 and where the loci cross, the same for every state."""
+    crossings = [1 / state.limit.gain for state in states if 0 < state.limit.gain < math.inf]
+    left = -min(max([1.25, *(1.2 * one for one in crossings)]), WIDEST)
+    return left, 0.4 * (0.35 - left)
+
+
+def loci(state: StateStudy, window: tuple[float, float]) -> Html:
+    """The loci for ω > 0; the one that sets the limit strong around it."""
+    left, half = window
+    right = left + 1.15 * (0.35 - left)
+    sweep = _fine(state, window)
+    curves, omega = _followed(sweep), sweep.omega
+    leading = _leading(state, omega, curves)
+    traces = [_background(curves, window)]
+    if leading is not None:
+        near = np.abs(np.log(omega / state.limit.frequency)) < AROUND
+        traces.append(_strong(omega[near], curves[near, leading], window))
+    traces.append(style.markers([-1], [0], "x", style.VERMILION, 13, hoverinfo="text", text="the critical point −1", cliponaxis=False))
+    notes = [style.label(-1, 0, "−1", style.VERMILION, xanchor="right", yanchor="top", xshift=-5, yshift=-4)]
+    crossing, told = _crossing(state, window)
+    wide = {"zeroline": True, "zerolinecolor": "#999", "fixedrange": True}
+    picture = style.layout(
+        xaxis=style.axis("Re λ(L)", range=[left, right], constrain="domain", **wide),
+        yaxis=style.axis("Im λ(L)", range=[-half, half], scaleanchor="x", constrain="domain", **wide),
+        annotations=[*notes, *told],
+        shapes=[_beyond(left)],
+        plot_bgcolor="white" if state.limit.stable else UNSTABLE_GROUND,
+        margin={"l": 62, "r": 8, "t": 8, "b": 48},
+    )
+    return figure({"data": [*traces, *crossing], "layout": picture}, _title(state), _caption(state, leading), 370, style.NARROW)
+
+
+def _fine(state: StateStudy, window: tuple[float, float]) -> Sweep:
+    """The sweep of the state's loop with samples close enough to be joined by straight lines inside the window."""
+    sweep = Sweep(state.loop)
+    longest = -TO_DRAW * window[0]
+    for _ in range(8):
+        steps = sweep.steps()
+        near = np.minimum(np.abs(steps.start), np.abs(steps.end)) < -1.6 * window[0]
+        rough = np.any(near & (np.abs(steps.end - steps.start) > longest), axis=1) & (np.diff(sweep.omega) > 1e-6 * sweep.omega[1:])
+        if not rough.any() or sweep.loci.size > MOST:
+            break
+        places = np.flatnonzero(rough)
+        sweep.add(0.5 * (sweep.omega[places] + sweep.omega[places + 1]))
+    return sweep
+
+
+def _followed(sweep: Sweep) -> Complexes:
+    """(k, r) the eigenvalues, each column one locus: the next one is that closest to where the last two point."""
+    omega, curves = sweep.omega, sweep.loci.copy()
+    for k in range(1, len(omega)):
+        ahead = curves[k - 1]
+        if k > 1:
+            ahead = ahead + (curves[k - 1] - curves[k - 2]) * min((omega[k] - omega[k - 1]) / (omega[k - 1] - omega[k - 2]), 2.0)
+        distance = np.abs(ahead[:, None] - curves[k])
+        order = np.argmin(distance, axis=1)
+        curves[k] = curves[k, order if len(set(order.tolist())) == len(order) else linear_sum_assignment(distance)[1]]
+    return curves
+
+
+def _leading(state: StateStudy, omega: Floats, curves: Complexes) -> int | None:
+    """The locus that crosses the negative real axis at the limit; None where there is no limit."""
+    if not math.isfinite(state.limit.frequency):
+        return None
+    k = int(np.clip(np.searchsorted(omega, state.limit.frequency), 1, len(omega) - 1))
+    share = (state.limit.frequency - omega[k - 1]) / (omega[k] - omega[k - 1])
+    there = curves[k - 1] + share * (curves[k] - curves[k - 1])
+    return int(np.argmin(np.abs(there + 1 / state.limit.gain)))
+
+
+def _visible(curve: Complexes, window: tuple[float, float]) -> list[int]:
+    """Samples to write: those that the window may show, none nearly on the one before; −1 where the line is broken."""
+    reach, close = -1.6 * window[0], -TO_TELL * window[0]
+    kept, last = [], complex(math.inf, 0)
+    for k, value in enumerate(curve.tolist()):
+        if abs(value) > reach:
+            if kept and kept[-1] >= 0:
+                kept += [k, -1]
+            last = complex(math.inf, 0)
+            continue
+        if not math.isfinite(last.real) and k:
+            kept.append(k - 1)  # from outside into the picture
+        if abs(value - last) > close or not math.isfinite(last.real):
+            kept.append(k)
+            last = value
+    return kept
+
+
+def _background(curves: Complexes, window: tuple[float, float]) -> style.Trace:
+    x, y = [], []
+    for curve in curves.T:
+        for k in [*_visible(curve, window), -1]:
+            x.append(None if k < 0 else _short(curve[k].real))
+            y.append(None if k < 0 else _short(curve[k].imag))
+    return style.line(x, y, "#9a9a9a", width=1.3, name="other loci")
+
+
+def _short(value: float) -> float:
+    return round(float(value), 4)
+
+
+def _strong(omega: Floats, curve: Complexes, window: tuple[float, float]) -> style.Trace:
+    """The stretch of a locus around the limit, with the frequencies on it."""
+    kept = _visible(curve, window)
+    x, y = ([None if k < 0 else _short(part[k]) for k in kept] for part in (curve.real, curve.imag))
+    text = ["" if k < 0 else f"{digits(omega[k], 'rad/s')} ({hertz(omega[k])})" for k in kept]
+    return style.line(x, y, style.BLACK, width=2.8, hoverinfo="text", text=text)
+
+
+def _crossing(state: StateStudy, window: tuple[float, float]) -> tuple[list[style.Trace], list[style.Annotation]]:
+    """The point where the limit is read off, with its frequency."""
+    limit = state.limit
+    if not math.isfinite(limit.frequency):
+        return [], []
+    at = -1 / limit.gain
+    text = f"λ = {digits(at, '', 3)} at {digits(limit.frequency, 'rad/s', 3)} ({hertz(limit.frequency)})<br>limit 1/{digits(-at, '', 3)} = "
+    text += f"<b>{digits(limit.gain, '', 3)} ×</b>"
+    half = window[1]
+    inside = at > window[0]
+    place = {"axref": "x", "ayref": "y", "showarrow": True, "arrowhead": 2, "arrowwidth": 1.4, "arrowcolor": style.INK, "standoff": 6}
+    reach = 0.62 * window[0] if at > 0.4 * window[0] else 0.3 * window[0]
+    note = style.label(max(at, window[0]), 0, text, style.INK, ax=reach, ay=0.72 * half, **place)
+    if not inside:
+        note["text"] = f"left of the picture:<br>{text}"
+    return [style.markers([at], [0], "circle", style.BLACK, 10)] if inside else [], [note]
+
+
+def _beyond(left: float) -> dict:
+    """From −1 to the left: a locus that crosses there is already unstable, as far as no other turn makes up for it."""
+    line = {"color": style.VERMILION, "width": 4}
+    return {"type": "line", "x0": left, "x1": -1, "y0": 0, "y1": 0, "line": line, "opacity": 0.55, "layer": "below"}
+
+
+def _title(state: StateStudy) -> str:
+    verdict = "" if state.limit.stable else "UNSTABLE; "
+    if not math.isfinite(state.limit.frequency):
+        return f"{state.title}: {verdict}no crossing sets a limit"
+    return f"{state.title}: {verdict}{'crosses' if state.limit.stable else 'crossed'} at {digits(-1 / state.limit.gain, '', 3)}"
+
+
+def _caption(state: StateStudy, leading: int | None) -> str:
+    limit = state.limit
+    if leading is None:
+        return "None of the loci crosses the negative real axis where it would set a limit."
+    if limit.stable:
+        return f"With all gains {digits(limit.gain, '', 3)} times as large the strong locus would go through −1."
+    return f"The loci turn about −1; below {digits(limit.gain, '', 3)} times these gains they no longer do."

@@ -1,0 +1,187 @@
+"""What is left of the gains, by joint or task direction and state: the numbers, and their heat map."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arrays import Floats
+from ..io.numbers import digits
+from ..robot_study import RobotStudy, StateStudy
+from . import style
+from .page import Html, figure
+from .robot_drawing import UNSTABLE_GROUND, shown
+
+# Vermilion and blue of Okabe and Ito around white: too much, and room. Light enough for dark numbers everywhere.
+ROOM = [[0, "#e07a2f"], [0.25, "#f3b98e"], [0.5, "#ffffff"], [0.75, "#b5d7ee"], [1, "#62a9d8"]]
+DECADE = 1.0  # factors from 0.1 to 10 are told apart by colour
+MOST_STATES = 16  # in one picture
+TOGETHER = "all together"
+
+
+@dataclass(frozen=True)
+class Factors:
+    """Factors on the gains of one space until the robot vibrates, in several states.
+
+    parts    names of the joints or directions
+    alone    (states, parts) with nothing else closed
+    closed   (states, parts) with everything else as it is; NaN where the state is unstable
+    whole    (states,) on all gains together
+    """
+
+    states: tuple[StateStudy, ...]
+    parts: tuple[str, ...]
+    alone: Floats
+    closed: Floats
+    whole: Floats
+    stable: tuple[bool, ...]
+
+    @property
+    def tightest(self) -> int:
+        """Index of the state with the least room."""
+        return min(range(len(self.states)), key=lambda k: (self.stable[k], self.whole[k]))
+
+    def few(self) -> "Factors":
+        """At most MOST_STATES states, the tightest, in their order."""
+        order = sorted(range(len(self.states)), key=lambda k: (self.stable[k], self.whole[k]))
+        kept = sorted(order[:MOST_STATES])
+        return Factors(
+            tuple(self.states[k] for k in kept),
+            self.parts,
+            self.alone[kept],
+            self.closed[kept],
+            self.whole[kept],
+            tuple(self.stable[k] for k in kept),
+        )
+
+
+def joint_factors(study: RobotStudy) -> Factors:
+    """Of the loops that the file closes, joint by joint."""
+    return Factors(
+        study.states,
+        study.spec.robot.joint_names,
+        np.array([[row.single_joint_limit for row in state.joints] for state in study.states]),
+        np.array([[row.limit_others_closed for row in state.joints] for state in study.states]),
+        np.array([state.limit.gain for state in study.states]),
+        tuple(state.limit.stable for state in study.states),
+    )
+
+
+def task_factors(study: RobotStudy) -> Factors | None:
+    """Of the tasks, direction by direction; None without tasks."""
+    found = [(state, state.tasks) for state in study.states if state.tasks is not None]
+    if not found:
+        return None
+    return Factors(
+        tuple(state for state, _ in found),
+        tuple(f"{row.name} {row.direction}" for row in found[0][1].rows),
+        np.array([[row.gain_limit for row in tasks.rows] for _, tasks in found]),
+        np.array([[row.limit_others_closed for row in tasks.rows] for _, tasks in found]),
+        np.array([tasks.limit.gain for _, tasks in found]),
+        tuple(tasks.limit.stable for _, tasks in found),
+    )
+
+
+def heat_map(factors: Factors, what: str) -> Html:
+    """Rows: all together, then every part; columns: states. `what` is scaled: "joint" or "task direction"."""
+    total, factors = len(factors.states), factors.few()
+    known = any(factors.stable)  # where nothing is stable, single parts have no factor
+    values = np.vstack([factors.whole, factors.closed.T]) if known else factors.whole[None]
+    names = [f"<b>{TOGETHER}</b>", *(shown(part) for part in factors.parts if known)]
+    columns = list(range(len(factors.states)))
+    rows, wide = list(range(len(names))), len(columns) > 8
+    with np.errstate(divide="ignore"):
+        colors = np.clip(np.log10(values), -DECADE, DECADE)
+    text = [["" if math.isnan(value) else digits(value, "", 3) for value in row] for row in values.tolist()]
+    cells = {"type": "heatmap", "x": columns, "y": rows, "z": colors, "coloraxis": "coloraxis", "xgap": 1, "ygap": 1}
+    cells |= {"hoverinfo": "text", "hovertext": _hover(factors, values)}
+    look = {"size": style.TEXT if len(columns) <= 12 else 12, "color": style.INK}
+    written = cells | {"text": text, "texttemplate": "%{text}", "textfont": look}
+    traces = [cells, written | {"meta": "wide"}] if wide else [written]
+    labels, high = _columns(factors.states)
+    picture = style.layout(
+        xaxis=style.axis("", tickvals=columns, ticktext=labels, side="top", showgrid=False, ticks="", showline=False, fixedrange=True)
+        | {"range": [-0.5, len(columns) - 0.5], "tickangle": -90 if high else 0},
+        yaxis=style.axis("", tickvals=rows, ticktext=names, showgrid=False, ticks="", showline=False, fixedrange=True)
+        | {"range": [len(rows) - 0.5, -0.5]},
+        shapes=[_rule(len(columns)), *_unstable_columns(factors)] if known else [],
+        annotations=[*_unstable_words(factors), *_nothing(factors)] if known else [],
+        coloraxis={"colorscale": ROOM, "cmin": -DECADE, "cmax": DECADE, "showscale": known, "colorbar": _colour_bar()},
+        plot_bgcolor="#efefef",
+        margin={"l": 20, "r": 8, "t": 24, "b": 12},
+    )
+    narrow = {"margin.l": 8, "margin.r": 4, "coloraxis.showscale": False} | (
+        {"xaxis.tickangle": -90, "margin.t": 70} if len(columns) > 4 else {}
+    )
+    title = f"Factor on the gains of each {what} until the robot vibrates, all others as they are"
+    if not known:
+        title = "Factor on all gains below which the robot is stable"
+    height = round(26 * len(rows) + 90 + (60 if high else 0))
+    return figure({"data": traces, "layout": picture}, title, _map_caption(factors, total, what), height, narrow)
+
+
+def _hover(factors: Factors, values: Floats) -> list[list[str]]:
+    names = [TOGETHER, *factors.parts]
+    return [
+        [f"{shown(name)}<br>{shown(state.title)}<br>{digits(value, '×', 4)}" for state, value in zip(factors.states, row, strict=True)]
+        for name, row in zip(names, values.tolist(), strict=False)  # the sum alone where nothing is stable
+    ]
+
+
+def _colour_bar() -> dict:
+    marks = (0.1, 0.2, 0.5, 1, 2, 5, 10)
+    text = ["≤ 0.1", "0.2", "0.5", "1: the limit", "2", "5", "≥ 10"]
+    return {"tickvals": [math.log10(mark) for mark in marks], "ticktext": text, "thickness": 12, "outlinewidth": 0, "len": 0.9}
+
+
+def _columns(states: Sequence[StateStudy]) -> tuple[list[str], bool]:
+    """Names of the columns, and whether they have to stand upright."""
+    postures = len({state.posture for state in states}) > 1
+    labels = [f"<b>{shown(state.contact)}</b>" + (f"<br>{shown(state.posture)}" if postures else "") for state in states]
+    longest = max(len(word) for state in states for word in (state.contact, state.posture if postures else ""))
+    return labels, longest * len(states) > 90
+
+
+def _rule(columns: int) -> dict:
+    """A line between the sum and its parts."""
+    return {"type": "line", "x0": -0.5, "x1": columns - 0.5, "y0": 0.5, "y1": 0.5, "line": {"color": style.INK, "width": 2}}
+
+
+def _unstable_columns(factors: Factors) -> list[dict]:
+    line = {"color": style.VERMILION, "width": 3}
+    place = {"type": "rect", "y0": 0.5, "y1": len(factors.parts) + 0.5, "line": line, "fillcolor": UNSTABLE_GROUND, "layer": "above"}
+    return [{**place, "x0": k - 0.48, "x1": k + 0.48} for k, stable in enumerate(factors.stable) if not stable]
+
+
+def _unstable_words(factors: Factors) -> list[style.Annotation]:
+    middle = 0.5 + 0.5 * len(factors.parts)
+    look = {"textangle": -90, "bgcolor": "rgba(0,0,0,0)"}
+    return [style.label(k, middle, "<b>UNSTABLE</b>", style.VERMILION, **look) for k, stable in enumerate(factors.stable) if not stable]
+
+
+def _nothing(factors: Factors) -> list[style.Annotation]:
+    """A dash where a stable state has no gains to scale."""
+    empty = [(k, row) for k, row in np.argwhere(np.isnan(factors.closed)).tolist() if factors.stable[k]]
+    return [style.label(k, row + 1, "–", style.SOFT, bgcolor="rgba(0,0,0,0)") for k, row in empty]
+
+
+def _map_caption(factors: Factors, total: int, what: str) -> str:
+    words = (
+        "White is the limit: 1 means that these gains are at it. Blue has room, vermilion has too much gain. The first row scales every "
+        f"{what} at once."
+    )
+    if not any(factors.stable):
+        words = f"Every state is unstable: no single {what} has a factor of its own before all gains are lowered."
+    elif not all(factors.stable):
+        words += f" Where a state is unstable, no single {what} has a factor of its own: lower all gains below the factor in the first row."
+    tightest = factors.tightest
+    closed = factors.closed[tightest]
+    if factors.stable[tightest] and np.any(np.isfinite(closed)):
+        k = int(np.nanargmin(closed))
+        words += f" Least room for one alone in {factors.states[tightest].title}: {factors.parts[k]}, {digits(closed[k], '', 3)}."
+    if _nothing(factors):
+        words += f" A dash: no gain acts on that {what} there."
+    if total > len(factors.states):
+        words += f" The {len(factors.states)} tightest of {total} states are shown; the tables have all."
+    return words

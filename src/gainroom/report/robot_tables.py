@@ -1,0 +1,285 @@
+"""The tables of a robot's page, and its inputs in words."""
+
+import math
+from collections.abc import Mapping, Sequence
+from html import escape
+
+import numpy as np
+
+from ..arrays import Floats
+from ..coupled_gains import Kept
+from ..io.numbers import decibels, digits, frequency, quantity
+from ..robot_gains import GainSet, RobotGains
+from ..robot_spec import RobotSpec
+from ..robot_study import RobotStudy, StateStudy
+from .page import Html, facts, paragraph, table
+
+MARKS = {"yes": "met", "no": "unmet", "UNSTABLE": "unmet", "not confirmed": "unmet"}
+MOST_ROWS = 600
+"""Of one table: beyond it a page becomes slow; --json has everything."""
+Column = tuple[str, GainSet | None]
+"""A set of gains under its name."""
+
+
+def folded(summary: str, *parts: Html) -> Html:
+    """Parts that open on a click."""
+    return Html(f"<details><summary>{escape(summary)}</summary>{''.join(parts)}</details>")
+
+
+def state_table(study: RobotStudy, kept: Sequence[Kept]) -> Html:
+    """Every state: how far all gains together may go, and what else is left."""
+    headers = ["posture, contact", "stable", "limit [×]", "vibrates at", "most of all", "phase margin", "delay margin", "Ms", "disk margin"]
+    rows = [_state_row(state, one) for state, one in zip(study.states, kept, strict=True)]
+    caption = (
+        "Limit: the factor on all gains together. Phase and delay margin: the same change in all loops at once. Ms: the largest peak "
+        "sensitivity of one loop with the others closed. Disk margin: all loops changed at once, each in its own way. Margins of an "
+        "unstable robot mean nothing."
+    )
+    return table(headers, rows[:MOST_ROWS], caption + _cut(len(rows)), MARKS)
+
+
+def _state_row(state: StateStudy, kept: Kept) -> tuple[str, ...]:
+    limit, joints = state.limit, state.limiting_joints
+    most = joints[0] + (f", +{len(joints) - 1}" if len(joints) > 1 else "") if joints else "–"
+    return (
+        state.title.replace(" ", "\u00a0"),
+        "yes" if limit.stable else "UNSTABLE",
+        digits(limit.gain),
+        frequency(limit.frequency),
+        most,
+        digits(math.degrees(state.margins.phase_margin), "°", 3),
+        digits(1e3 * state.margins.delay_margin, "ms", 3),
+        digits(kept.peak_sensitivity, "", 3),
+        digits(state.disk_margin, "", 3),
+    )
+
+
+def joint_table(states: Sequence[StateStudy], caption: str = "") -> Html:
+    """Every joint in the given states."""
+    several = len(states) > 1
+    headers = [
+        "joint",
+        "load [kg·m²]",
+        "alone [×]",
+        "others closed [×]",
+        "kp [N·m/rad]",
+        "largest kp",
+        "kd [N·m·s/rad]",
+        "largest kd",
+        "part",
+    ]
+    rows = []
+    for state in states:
+        for row in state.joints:
+            numbers = (row.link_inertia, row.single_joint_limit, row.limit_others_closed, row.kp, row.kp_max, row.kd, row.kd_max)
+            name = f"{row.name}, {state.title}" if several else row.name
+            rows.append((name, *map(digits, numbers), digits(row.participation, "", 2) if row.participation >= 1e-3 else "–"))
+    return table(headers, rows[:MOST_ROWS], caption + _cut(len(rows)), MARKS)
+
+
+def _cut(rows: int) -> str:
+    return f" The first {MOST_ROWS} of {rows} rows; --json has them all." if rows > MOST_ROWS else ""
+
+
+def task_table(states: Sequence[StateStudy]) -> Html:
+    """Every task direction in the given states."""
+    found = [(state, state.tasks) for state in states if state.tasks is not None]
+    cascade = any(bool(tasks.tasks.cascade.any()) for _, tasks in found)
+    gains = ["kp [1/s² or 1/s]", "kd, kv [1/s]", "ki [1/s²]"] if cascade else ["kp [1/s²]", "kd [1/s]"]
+    rows = []
+    for state, tasks in found:
+        for row in tasks.rows:
+            own = (row.kp, row.kd, row.ki) if cascade else (row.kp, row.kd)
+            together = digits(tasks.limit.gain) if tasks.limit.stable else f"{digits(tasks.limit.gain)} UNSTABLE"
+            name = f"{row.name} {row.direction}, {state.title}"
+            rows.append(
+                (
+                    name,
+                    *map(digits, own),
+                    digits(row.gain_limit),
+                    digits(row.limit_others_closed),
+                    together,
+                    frequency(tasks.limit.frequency),
+                )
+            )
+    marks = {row[-2]: "unmet" for row in rows if row[-2].endswith("UNSTABLE")}
+    caption = (
+        "Factors on the gains until the robot vibrates: this direction with no other closed, with the others as they are, and all "
+        "directions together. Gains act on accelerations of the task: inertia is taken out by the controller's model."
+    )
+    headers = ["direction", *gains, "alone [×]", "others closed [×]", "all together [×]", "vibrates at"]
+    return table(headers, rows[:MOST_ROWS], caption + _cut(len(rows)), marks)
+
+
+def gain_tables(gains: RobotGains, study: RobotStudy) -> list[Html]:
+    """Gains to use: the one safe set and one per contact state, in both unit systems, and what each set keeps."""
+    columns: list[Column] = [("safe in all", gains.everywhere), *gains.per_contact.items()]
+    kept = _kept_table(columns, study.spec)
+    if all(one is None for _, one in columns):
+        return [kept]
+    idle = _idle(gains, study)
+    if gains.inertia is None:
+        return [paragraph("kp [1/s²], kd [1/s]:"), _gain_table(gains, columns, idle, None, _gain_caption(gains)), kept]
+    words = (
+        "The same, divided by what each joint has to move, J_m + J_L with J_L = 1/W_ii in the first state: kp [1/s²], kd [1/s]. Joints of "
+        "one robot, and robots, can be compared in these."
+    )
+    return [
+        paragraph("kp [N·m/rad], kd [N·m·s/rad]:"),
+        _gain_table(gains, columns, idle, None, _gain_caption(gains)),
+        paragraph(words),
+        _gain_table(gains, columns, idle, gains.inertia, ""),
+        kept,
+    ]
+
+
+def _idle(gains: RobotGains, study: RobotStudy) -> dict[str, set[int]]:
+    """By contact state, the task directions that no joint can move there: their gains do nothing."""
+    found: dict[str, set[int]] = {contact: set() for contact in gains.per_contact}
+    if gains.space == "task":
+        for contact in found:
+            dead = [
+                {k for k, row in enumerate(state.tasks.rows) if math.isnan(row.gain_limit)}
+                for state in study.states
+                if state.contact == contact and state.tasks is not None
+            ]
+            found[contact] = set.intersection(*dead) if dead else set()
+    return found
+
+
+def _gain_table(gains: RobotGains, columns: Sequence[Column], idle: Mapping[str, set[int]], divisor: Floats | None, caption: str) -> Html:
+    """Rows: joints or directions; a pair of columns per set."""
+    headers = [gains.space if gains.space == "joint" else "direction"]
+    for name, _ in columns:
+        headers += [f"{name}: kp", "kd"]
+    rows = []
+    for k, part in enumerate(gains.names):
+        scale = 1.0 if divisor is None else 1 / float(divisor[k])
+        pairs = (("–", "–") if k in idle.get(name, ()) else _pair(one, k, scale) for name, one in columns)
+        rows.append((part, *(cell for pair in pairs for cell in pair)))
+    if any(idle.values()):
+        caption += " A dash: no joint can move that direction there."
+    return table(headers, rows, caption)
+
+
+def _pair(gains: GainSet | None, k: int, scale: float) -> tuple[str, str]:
+    if gains is None:
+        return "none", "none"
+    return digits(scale * float(gains.kp[k])), digits(scale * float(gains.kd[k]))
+
+
+def _gain_caption(gains: RobotGains) -> str:
+    # what is safe everywhere is safe here: a factor below 1 is the search's accuracy
+    known = {name: max(cost, 1.0) for name, cost in gains.cost.items() if math.isfinite(cost)}
+    if gains.everywhere is None:
+        return "No single set keeps the requirements in every state: change gains with the contacts."
+    if not known:
+        return "One set for every state."
+    name = max(known, key=known.__getitem__)
+    if known[name] < 1.02:
+        return "The one safe set costs nothing: every contact state of its own would allow the same gains."
+    costs = ", ".join(f"{digits(cost, '', 3)} ({contact})" for contact, cost in known.items())
+    return (
+        f"What the one safe set costs: gains chosen for each contact state by itself may have a kp larger by a factor of {costs}. "
+        f"Switching gains with the contacts pays most in {name}."
+    )
+
+
+def _kept_table(columns: Sequence[Column], spec: RobotSpec) -> Html:
+    """What every set keeps, beside what is required."""
+    asked = spec.requirements
+    required = [
+        "" if asked.gain_margin is None else f" (≥ {digits(decibels(asked.gain_margin), 'dB', 3)})",
+        "" if asked.phase_margin is None else f" (≥ {digits(math.degrees(asked.phase_margin), '°', 3)})",
+        "" if asked.peak_sensitivity is None else f" (≤ {digits(asked.peak_sensitivity, '', 3)})",
+    ]
+    headers = [
+        "set",
+        *(name + need for name, need in zip(("gain margin", "phase margin", "Ms"), required, strict=True)),
+        "held back by",
+        "cases",
+    ]
+    rows = []
+    for name, one in columns:
+        if one is None:
+            rows.append((name, "–", "–", "–", "no scale of these gains keeps the requirements", "–"))
+            continue
+        kept = one.kept
+        margins = (
+            digits(decibels(kept.gain_margin), "dB", 3),
+            digits(math.degrees(kept.phase_margin), "°", 3),
+            digits(kept.peak_sensitivity, "", 3),
+        )
+        rows.append((name, *margins, one.binding, str(one.cases)))
+    caption = (
+        "The least of each margin over all loops, all together and one by one with the others closed, in every case that was looked at."
+    )
+    return table(headers, rows, caption, sorts=False)
+
+
+def inputs(spec: RobotSpec) -> Html:
+    """The robot, its actuators, drives and control as the page has used them."""
+    body, actuators = spec.robot.body, spec.robot.actuators
+    rigid = int(np.count_nonzero(np.isinf(actuators.stiffness)))
+    drives = spec.drives
+    pairs = [
+        ("file", spec.robot.name),
+        ("model", body.source),
+        ("joints", f"{body.size} actuated, {len(body.locked)} locked; {body.base} base; {digits(body.total_mass, 'kg')}"),
+        ("motor inertia, joint side", _span(actuators.motor_inertia, "kg·m²")),
+        (
+            "gearbox stiffness",
+            _span(actuators.stiffness[np.isfinite(actuators.stiffness)], "N·m/rad") + (f"; {rigid} rigid" if rigid else ""),
+        ),
+        ("gearbox damping", _span(actuators.damping, "N·m·s/rad")),
+        ("viscous friction, motor and link", f"{_span(actuators.motor_viscous)} and {_span(actuators.link_viscous, 'N·m·s/rad')}"),
+        ("current loops", _span([d.bandwidth for d in drives], "rad/s") + f", ζ {_span([d.damping_ratio for d in drives])}"),
+        ("delay, target to demand torque", _span([1e3 * drive.delay for drive in drives], "ms")),
+        ("control", _control(spec)),
+        ("encoders", f"{spec.control.feedback} side of the gearboxes"),
+        ("gravity", "its stiffness is counted" if spec.robot.gravity else "left out"),
+        *((f"posture {name}", _angles(posture.angles)) for name, posture in list(spec.robot.postures.items())[:12]),
+        *((f"contact {name}", _contacts(contacts)) for name, contacts in list(spec.robot.contacts.items())[:12]),
+        ("uncertainty", _uncertainty(spec)),
+    ]
+    return facts(pairs)
+
+
+def _span(values, unit: str = "") -> str:
+    """One value where all are the same, else from the least to the largest."""
+    values = np.asarray(values, dtype=float)
+    if not len(values):
+        return "none"
+    low, high = float(values.min()), float(values.max())
+    return digits(low, unit) if low == high else f"{digits(low)} to {digits(high, unit)}"
+
+
+def _control(spec: RobotSpec) -> str:
+    control = spec.control
+    kind = "tasks" if control.joints is None else type(control.joints).__name__
+    low_pass = control.velocity_filter
+    filtered = (
+        "no velocity filter" if low_pass is None else f"velocity filter of order {low_pass.order} at {digits(low_pass.bandwidth, 'rad/s')}"
+    )
+    notches = "".join(f", notch at {digits(notch.frequency, 'rad/s')}" for notch in control.notches)
+    time = "continuous" if control.sample_time is None else f"sampled at {digits(1 / control.sample_time, 'Hz')}"
+    rotors = "" if not spec.robot.stack else f"; the tasks' model {'counts' if control.rotors else 'leaves out'} the rotors"
+    return f"{kind} in {control.space} space; {filtered}{notches}; {time}{rotors}"
+
+
+def _angles(angles) -> str:
+    told = ", ".join(f"{name} {digits(angle, '', 3)}" for name, angle in list(angles.items())[:40])
+    return f"{told} rad; others 0" if told else "all joints at 0"
+
+
+def _contacts(contacts) -> str:
+    return "; ".join(f"{one.frame}, {one.kind}, {'rigid' if one.stiffness is None else 'on springs'}" for one in contacts) or "none"
+
+
+def _uncertainty(spec: RobotSpec) -> str:
+    told = []
+    for name in spec.uncertainty.names:
+        low, high = getattr(spec.uncertainty, name)
+        finite = np.isfinite(high)
+        told.append(quantity(name, float(np.min(low[finite])), float(np.max(high[finite]))) if finite.any() else f"{name}: rigid")
+    return ", ".join(told) or "none stated: every value is taken as exact"

@@ -1,0 +1,149 @@
+"""What drives the joints: motor inertia, gearbox and friction per joint, and the drives, from entries by joint-name pattern.
+
+Entries are merged joint by joint, key by key: `default` first, then every pattern that matches, the later one winning. A motor is given
+either by its inertia on the joint side or by rotor inertia and gear ratio: J_m = J_r N².
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+
+import numpy as np
+
+from ..arrays import Floats
+from ..drive import Drive
+from ..errors import GainroomError, require_positive
+from .patterns import MOST_SHOWN, assign
+
+
+@dataclass(frozen=True)
+class Actuators:
+    """Motors and gearboxes of n joints, all on the joint side; each (n,).
+
+    motor_inertia   reflected: rotor inertia × gear ratio² [kg m²]; 0 only on rigid joints
+    stiffness       of the gearbox [N m/rad], inf: rigid
+    damping         of the gearbox [N m s/rad]
+    motor_viscous, link_viscous   viscous friction to ground [N m s/rad]
+    """
+
+    motor_inertia: Floats
+    stiffness: Floats
+    damping: Floats
+    motor_viscous: Floats
+    link_viscous: Floats
+
+    def __post_init__(self) -> None:
+        shapes = {name: np.shape(value) for name, value in asdict(self).items()}
+        if len(set(shapes.values())) != 1 or len(shapes["stiffness"]) != 1:
+            raise GainroomError(f"actuators: shapes {shapes} must all be (n,)")
+        for name in shapes:
+            for value in getattr(self, name):
+                require_positive("actuators", name, value, zero=name != "stiffness", infinite=name == "stiffness")
+        if np.any((self.motor_inertia == 0) & np.isfinite(self.stiffness)):
+            raise GainroomError("actuators: motor_inertia 0 kg·m² must be > 0 on an elastic joint")
+
+
+@dataclass(frozen=True)
+class ActuatorEntry:
+    """What one entry says; None: nothing. Units as Actuators and Drive.
+
+    motor_inertia, or rotor_inertia [kg m², motor side] with gear_ratio; bandwidth, damping_ratio, delay override the drive's
+    """
+
+    motor_inertia: float | None = None
+    rotor_inertia: float | None = None
+    gear_ratio: float | None = None
+    stiffness: float | None = None
+    damping: float | None = None
+    motor_viscous: float | None = None
+    link_viscous: float | None = None
+    bandwidth: float | None = None
+    damping_ratio: float | None = None
+    delay: float | None = None
+
+    def over(self, weaker: "ActuatorEntry") -> "ActuatorEntry":
+        """This entry's values where it has any, `weaker`'s elsewhere. A motor inertia replaces a rotor with its gear, and vice versa."""
+        given = {name: value for name, value in asdict(self).items() if value is not None}
+        if "motor_inertia" in given:
+            weaker = replace(weaker, rotor_inertia=None, gear_ratio=None)
+        elif "rotor_inertia" in given and "gear_ratio" in given:
+            weaker = replace(weaker, motor_inertia=None)
+        return replace(weaker, **given)
+
+    def reflected(self, owner: str) -> float | None:
+        """J_m on the joint side, None where nothing is said. Raises GainroomError where only half of it is."""
+        halves = {"rotor_inertia": self.rotor_inertia, "gear_ratio": self.gear_ratio}
+        said = [name for name, value in halves.items() if value is not None]
+        if self.motor_inertia is not None and said:
+            raise GainroomError(f"{owner}: {said[0]} has no meaning beside motor_inertia; give either")
+        if self.motor_inertia is not None or not said:
+            return self.motor_inertia
+        if self.rotor_inertia is None or self.gear_ratio is None:
+            missing = "gear_ratio" if self.gear_ratio is None else "rotor_inertia"
+            raise GainroomError(f"{owner}: {said[0]} needs {missing}, or give motor_inertia (joint side) instead of both")
+        return self.rotor_inertia * self.gear_ratio**2
+
+
+def merge_entries(entries: Mapping[str, ActuatorEntry], joint_names: Sequence[str], owner: str = "joints") -> tuple[ActuatorEntry, ...]:
+    """One entry per joint, merged from those whose pattern matches its name.
+
+    Raises GainroomError, naming `owner`, where a pattern is malformed or matches nothing.
+    """
+    merged = []
+    for matches in assign(entries, joint_names, owner):
+        entry = ActuatorEntry()
+        for stronger in matches:
+            entry = stronger.over(entry)
+        merged.append(entry)
+    return tuple(merged)
+
+
+def actuators_of(entries: Sequence[ActuatorEntry], joint_names: Sequence[str], armature: Floats) -> tuple[Actuators, tuple[str, ...]]:
+    """The actuators of merged entries, one per joint, and what had to be assumed, in words.
+
+    armature   (n,) reflected rotor inertia found in the model file, 0 where none [kg m²]: used where an entry names no inertia
+
+    Raises GainroomError where a joint's motor is half described, or an elastic joint has no inertia.
+    """
+    inertia = np.zeros(len(joint_names))
+    from_file, without, bare, undamped = [], [], [], []
+    for k, (name, entry) in enumerate(zip(joint_names, entries, strict=True)):
+        owner = f"joint {name!r}"
+        given = entry.reflected(owner)
+        inertia[k] = armature[k] if given is None else given
+        elastic = entry.stiffness is not None and math.isfinite(entry.stiffness)
+        if given is None and armature[k] > 0:
+            from_file.append(f"{name} {armature[k]:.4g}")
+        elif given is None and elastic:
+            raise GainroomError(
+                f"{owner}: stiffness {entry.stiffness:g} N·m/rad needs a motor inertia, and the model file has no armature: give "
+                "motor_inertia, or rotor_inertia with gear_ratio"
+            )
+        elif given is None:
+            (without if entry.stiffness is None else bare).append(name)
+        if elastic and not entry.damping:
+            undamped.append(name)
+    warnings = []
+    if from_file:
+        warnings.append(f"motor inertia [kg m²] is the model file's armature where none is given: {listed(from_file)}")
+    if without:
+        warnings.append(f"joints without actuator data are rigid with motor inertia 0: {listed(without)}; give motor_inertia and stiffness")
+    if bare:
+        warnings.append(f"motor inertia is 0 where none is given: {listed(bare)}; give motor_inertia")
+    if undamped:
+        warnings.append(f"elastic joints have no damping, so resonances no width: {listed(undamped)}; measure damping")
+    columns = {name: np.array([getattr(entry, name) or 0.0 for entry in entries]) for name in ("damping", "motor_viscous", "link_viscous")}
+    stiffness = np.array([math.inf if entry.stiffness is None else entry.stiffness for entry in entries])
+    return Actuators(motor_inertia=inertia, stiffness=stiffness, **columns), tuple(warnings)
+
+
+def drives_of(entries: Sequence[ActuatorEntry], common: Drive) -> tuple[Drive, ...]:
+    """One drive per joint: `common`, with what its entry overrides."""
+    names = ("bandwidth", "damping_ratio", "delay")
+    overrides = ({name: getattr(entry, name) for name in names if getattr(entry, name) is not None} for entry in entries)
+    return tuple(replace(common, **changes) for changes in overrides)
+
+
+def listed(names: Sequence[str]) -> str:
+    """Names for a message, not too many."""
+    return ", ".join(names[:MOST_SHOWN]) + (f", … {len(names)} in all" if len(names) > MOST_SHOWN else "")

@@ -1,0 +1,207 @@
+"""From what a robot file describes to the rigid body that is studied: which joints move, which are held, and whether it makes sense."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ..arrays import Floats
+from ..errors import GainroomError, require_finite
+from .body import Base, Bone, RigidBody, library, put_position
+from .patterns import MOST_SHOWN, nearest, select
+
+MAX_JOINTS = 150
+"""Pinocchio's workspace grows with the third power of the joints: 150 take about 250 MB."""
+
+# Scaled to a unit diagonal, the mass matrices of public robots have eigenvalues above 1e-4; massless links leave round-off, about 1e-16.
+SINGULAR = 1e-12
+MASSLESS = 1e-14
+"""Inertia of a joint [kg m², kg] below which nothing hangs on it: a grain of sand at 1 mm has 1e-12."""
+
+LINK = "link:"
+
+
+@dataclass(frozen=True)
+class Description:
+    """What a reader found in a file.
+
+    model   Pinocchio's, with every joint; a floating base, if there is one, is its first. Rotors in `armature`, not in the links
+    held    joints that cannot be actuated, and why
+    """
+
+    source: str
+    model: Any
+    held: Mapping[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+
+def assemble(
+    description: Description,
+    base: Base | None = None,
+    locked: Sequence[str] = (),
+    selected: Sequence[str] | None = None,
+    posture_for_locked: Mapping[str, float] | None = None,
+) -> RigidBody:
+    """The body whose joints are the `selected` ones (None: all) without the `locked` ones; see load_model. Raises GainroomError."""
+    source, model = description.source, description.model
+    _require_few(source, model)
+    _require_finite_model(source, model)
+    first = 2 if _floats(model) else 1
+    names = tuple(model.names[first:])
+    positions = _positions(source, names, posture_for_locked or {})
+    held = _held(description, names, locked, selected)
+    kept = tuple(name for name in names if name not in held)
+    _require_actuated(source, model, names, kept)
+
+    welded = (model.names[1],) if base == "fixed" and first == 2 else ()
+    reduced, armature = _reduce(model, (*welded, *held), positions)
+    ids = [model.getJointId(name) for name in kept]
+    body = RigidBody(
+        source=source,
+        model=reduced,
+        joint_names=kept,
+        base="floating" if _floats(reduced) else "fixed",
+        armature=np.array([armature[model.joints[index].idx_v] for index in ids]),
+        locked={name: positions.get(name, 0.0) for name in held},
+        notes=_notes(description, held, positions, model),
+        bones=tuple(_bone(model, index, first) for index in range(first, model.njoints)),
+    )
+    _require_mass(body)
+    return body
+
+
+def _floats(model: Any) -> bool:
+    """Whether the first joint is a free one."""
+    return model.njoints > 1 and model.joints[1].nv == 6
+
+
+def _held(description: Description, names: Sequence[str], locked: Sequence[str], selected: Sequence[str] | None) -> tuple[str, ...]:
+    """Joints that do not move, in the model's order."""
+    source = description.source
+    chosen = set(range(len(names)))
+    if selected is not None:
+        chosen = {index for pattern in selected for index in select(pattern, names, f"{source}: selected")}
+    chosen -= {index for pattern in locked for index in select(pattern, names, f"{source}: locked")}
+    return tuple(name for index, name in enumerate(names) if index not in chosen or name in description.held)
+
+
+def _positions(source: str, names: Sequence[str], posture: Mapping[str, float]) -> dict[str, float]:
+    """The posture's positions, checked."""
+    for name in posture:
+        if name not in names:
+            raise GainroomError(f"{source}: no joint {name!r}{nearest(name, names, 'joint')}")
+    return {name: float(require_finite(source, f"position of joint {name!r}", value)) for name, value in posture.items()}
+
+
+def _reduce(model: Any, held: Sequence[str], positions: Mapping[str, float]) -> tuple[Any, Floats]:
+    """A model in which the held joints are rigid, without rotors; and the rotors (by the full model's velocities)."""
+    pin = library("pinocchio", "Pinocchio")
+    q = pin.neutral(model)
+    for name in held:
+        joint = model.joints[model.getJointId(name)]
+        if joint.nv == 1:
+            put_position(q, joint, positions.get(name, 0.0))
+    rotors = np.array(model.armature) + np.array(model.rotorInertia) * np.array(model.rotorGearRatio) ** 2
+    reduced = _hold(pin, model, [model.getJointId(name) for name in held], q)
+    # Pinocchio adds the armature to the mass matrix; here it is the motors' own degree of freedom.
+    reduced.armature = np.zeros(reduced.nv)
+    reduced.rotorInertia = np.zeros(reduced.nv)
+    return reduced, rotors
+
+
+def _hold(pin: Any, model: Any, joints: list[int], q: Floats) -> Any:
+    """buildReducedModel, which gives up where a joint has the name of a link."""
+    renamed = pin.Model(model)
+    for frame in renamed.frames:
+        if frame.type in (pin.FrameType.BODY, pin.FrameType.OP_FRAME):
+            frame.name = f"{LINK}{frame.name}"
+    reduced = pin.buildReducedModel(renamed, joints, q)
+    for frame in reduced.frames:
+        frame.name = frame.name.removeprefix(LINK)
+    return reduced
+
+
+def _bone(model: Any, index: int, first: int) -> Bone:
+    """Joint `index` for a drawing. The end of a chain is its farthest frame, or else as far beyond its centre of mass as that is off."""
+    parent = model.parents[index]
+    name_of_parent = model.names[parent] if parent >= first else None
+    if index in list(model.parents):
+        return Bone(model.names[index], name_of_parent, None)
+    points = [frame.placement.translation for frame in model.frames if frame.parentJoint == index]
+    tip = max(points, key=np.linalg.norm, default=np.zeros(3))
+    if np.linalg.norm(tip) < np.linalg.norm(model.inertias[index].lever):
+        tip = 2 * model.inertias[index].lever
+    return Bone(model.names[index], name_of_parent, np.array(tip))
+
+
+def _notes(description: Description, held: Sequence[str], positions: Mapping[str, float], model: Any) -> tuple[str, ...]:
+    notes = []
+    followers = [f"{name!r} {why}, at {positions.get(name, 0.0):g}" for name, why in description.held.items() if name in held]
+    if followers:
+        notes.append(f"held, as they follow others: {_listed(followers)}")
+    strange = [model.names[index] for index in range(1, model.njoints) if not _is_physical(model.inertias[index])]
+    if strange:
+        notes.append(f"no solid has the inertia of the links on these joints, taken as given: {_listed([repr(name) for name in strange])}")
+    return (*description.notes, *notes)
+
+
+def _listed(items: Sequence[str]) -> str:
+    """The first of many things, and how many there are."""
+    return ", ".join(items[:MOST_SHOWN]) + (f", … {len(items)} in all" if len(items) > MOST_SHOWN else "")
+
+
+def _is_physical(inertia: Any) -> bool:
+    """Whether principal inertias are >= 0 and none exceeds the sum of the other two."""
+    a, b, c = np.linalg.eigvalsh(inertia.inertia)
+    slack = 1e-6 * abs(c)  # files carry about six digits
+    return a >= -slack and a + b >= c - slack
+
+
+def _require_few(source: str, model: Any) -> None:
+    if model.njoints - 1 > MAX_JOINTS:
+        raise GainroomError(f"{source}: has {model.njoints - 1} joints and must have at most {MAX_JOINTS}")
+
+
+def _require_finite_model(source: str, model: Any) -> None:
+    for index in range(model.njoints):
+        inertia, placement = model.inertias[index], model.jointPlacements[index]
+        values = (inertia.mass, *inertia.lever, *inertia.inertia.ravel(), *placement.homogeneous.ravel())
+        if not np.all(np.isfinite(values)):
+            raise GainroomError(f"{source}: joint {model.names[index]!r}: placement and inertia of its links must be finite")
+        if inertia.mass < 0:
+            raise GainroomError(f"{source}: joint {model.names[index]!r}: mass {inertia.mass:g} kg of its links must be >= 0")
+
+
+def _require_actuated(source: str, model: Any, names: Sequence[str], kept: Sequence[str]) -> None:
+    if not kept:
+        there = f"all {len(names)} joints are locked" if names else "it has no joints"
+        raise GainroomError(f"{source}: no actuated joint: {there}")
+    for name in kept:
+        freedom = model.joints[model.getJointId(name)].nv
+        if freedom != 1:
+            raise GainroomError(f"{source}: joint {name!r} has {freedom} degrees of freedom; lock it, as an actuated joint has one")
+
+
+def _require_mass(body: RigidBody) -> None:
+    """Raise GainroomError, naming joints, where the mass matrix is singular in every posture."""
+    # A wrist of massless links is singular in a few postures only, one of which may be the neutral one.
+    generic = np.sin(1.0 + np.arange(body.nv)) * (np.arange(body.nv) >= body.nv - body.size)
+    for q in (body.neutral(), body.integrate(body.neutral(), generic)):
+        culprits = _massless(body.mass_matrix(q))
+        if not culprits:
+            return
+    base = body.nv - body.size
+    names = [repr(body.joint_names[index - base]) for index in culprits if index >= base]
+    what = f"joint{'s' * (len(names) > 1)} {_listed(names)}" if names else "floating base"
+    raise GainroomError(f"{body.source}: no mass moves with the {what} (singular mass matrix); give the links inertia, or lock it")
+
+
+def _massless(mass_matrix: Floats) -> list[int]:
+    """Degrees of freedom without inertia of their own: those with none at all, or else the foremost in a motion that has none."""
+    diagonal = np.diag(mass_matrix)
+    if np.any(diagonal < MASSLESS):
+        return np.flatnonzero(diagonal < MASSLESS).tolist()
+    scale = np.sqrt(diagonal)
+    values, vectors = np.linalg.eigh(mass_matrix / scale / scale[:, None])
+    return [int(np.argmax(np.abs(vectors[:, 0])))] if values[0] < SINGULAR else []

@@ -1,0 +1,45 @@
+"""The robot linear about one posture in one contact state: a plant of n joints, and what the operational space needs besides."""
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..arrays import Booleans, Floats
+from ..plant import Plant
+from .contact import Contact, rigid_rows
+
+if TYPE_CHECKING:
+    from .body import RigidBody
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotModel(Plant):
+    """A Plant that remembers the robot it was taken from.
+
+    body               the links
+    q                  posture, in the body's configuration (nq,)
+    inertia            A (N, N) of the links, rotors apart; N = n, or 6 + n on a floating base, whose 6 come first [kg m² and so on]
+    contacts           in the order of contact_jacobian
+    contact_jacobian   J_c (c, N), all contacts, rigid and compliant
+    posture, contact   their names, for tables
+    """
+
+    body: "RigidBody"
+    q: Floats
+    inertia: Floats
+    contacts: tuple[Contact, ...] = ()
+    contact_jacobian: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+    posture: str = ""
+    contact: str = ""
+
+    @property
+    def selection(self) -> Floats:
+        """S (n, N): the actuated joints among all degrees of freedom, [0 I] on a floating base."""
+        total = len(self.inertia)
+        return np.eye(total)[total - self.size :]
+
+    @property
+    def rigid(self) -> Booleans:
+        """(c,) which rows of the contact Jacobian are held rigidly; the others are springs and enter as `compliance`."""
+        return rigid_rows(self.contacts)

@@ -1,0 +1,257 @@
+"""Operational space: tasks stacked by strict priority, consistent with the contacts, and the joint gains that they amount to.
+
+The controller has its own model of the links, A' (A, or A + Sᵀ J_m S with rotors), and takes every contact as rigid. With P' and W' of
+contact.py from A', a task of Jacobian J (m, N) reaches the joints through the motion that the contacts leave (Khatib 1987; Sentis, Park
+and Khatib 2010, "Compliant control of multicontact and center-of-mass behaviors in humanoid robots"):
+
+    E = W'⁺ S P' Jᵀ,    Λ = (Eᵀ W' E)⁺,    Γ = E Λ a,    a = K'p x_e + K'v ẋ_e,    x_e = Eᵀ q_e
+
+Where the contacts hold the base, Λ = (J P' Jᵀ)⁻¹; on a fixed base E = Jᵀ: eqs. (5) to (10) of Jung et al. 2017,
+
+    Kpq = E Λ K'p Eᵀ,    Kvq = E Λ K'v Eᵀ
+
+Task k below others acts in their null space (N the product of I − Eᵢ Λᵢ Eᵢᵀ W' over those above, each itself so projected), and allows
+for what they already do to it:
+
+    Ê_k = N E_k,    Λ̂_k = (Ê_kᵀ W' Ê_k)⁺,    Γ_k = Ê_k Λ̂_k (a_k − E_kᵀ W' (Γ_1 + … + Γ_{k−1}))
+
+so tasks above never feel it, and tasks that do not conflict all get the acceleration they ask for: then the whole stack obeys (9) and
+(10) with one E and one Λ.
+"""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..arrays import Booleans, Floats
+from ..controller import PD, PPI
+from ..errors import GainroomError, require_finite
+from .contact import free_motion
+from .model import RobotModel
+from .patterns import nearest
+
+Kind = Literal["com", "position", "orientation", "posture"]
+_FRAMED = ("position", "orientation")
+
+# A direction counts as movable when the joints move it by more than this, relative to the task's most movable direction without contact.
+# Conflicts and singular legs come out at round-off (1e-13); a direction a million times harder to move than another is no task either.
+MOVABLE = 1e-6
+
+
+@dataclass(frozen=True, kw_only=True)
+class Task:
+    """What one task controls, and its gains per direction, each a number for all directions or one per direction (m,).
+
+    name    for tables
+    kind    "com": centre of mass, "position" or "orientation" of a frame, all three along x, y, z of the world, whose axes are the base's;
+            "posture": every joint's angle
+    frame   for position and orientation
+    kp, kd  PD: accelerations asked for per error, K'p [1/s²] and K'v [1/s]
+    ki      not None: P/PI, a = (kd + ki/s)(kp x_e − ẋ): kp [1/s], kd [1/s], ki [1/s²] (Fig. 13 of Jung et al. 2017)
+
+    Raises GainroomError for an unknown kind, a frame missing or out of place, and gains that are not finite.
+    """
+
+    name: str
+    kind: Kind
+    frame: str | None = None
+    kp: Any
+    kd: Any
+    ki: Any = None
+
+    def __post_init__(self) -> None:
+        if self.kind not in get_args(Kind):
+            raise GainroomError(f"task {self.name!r}: type {self.kind!r} must be one of {', '.join(get_args(Kind))}")
+        if self.kind in _FRAMED and self.frame is None:
+            raise GainroomError(f"task {self.name!r}: type {self.kind} needs a frame")
+        if self.kind not in _FRAMED and self.frame is not None:
+            raise GainroomError(f"task {self.name!r}: type {self.kind} takes no frame, but got {self.frame!r}")
+        for gain in ("kp", "kd", "ki"):
+            if getattr(self, gain) is not None:
+                require_finite(f"task {self.name!r}", gain, getattr(self, gain))
+
+
+@dataclass(frozen=True)
+class TaskPPI(PPI):
+    """P/PI per task direction as a controller of n joints: Γ = X (Kv + Ki/s)(Kp + s) Eᵀ q_e, with kp, kv, ki (m,).
+
+    torque     X (n, m), as Tasks
+    jacobian   Eᵀ (m, n)
+    """
+
+    torque: Floats = field(kw_only=True)
+    jacobian: Floats = field(kw_only=True)
+
+    def terms(self) -> dict[tuple[int, int], Floats]:
+        return {powers: self.torque @ (gain[:, None] * self.jacobian) for powers, gain in super().terms().items()}
+
+
+@dataclass(frozen=True)
+class Tasks:
+    """A stack of tasks at one posture and contact state, as a controller of n joints; m directions in all.
+
+    tasks       by falling priority
+    directions  (m,) their names, "com x" and so on; a posture's end in the joint's name
+    jacobian    Eᵀ (m, n): joint errors → task errors, the base following the joints
+    torque      X (n, m): accelerations asked for → joint torques; E Λ where tasks do not conflict
+    kp, kd, ki  (m,) the tasks' own gains
+    cascade     (m,) True where they are P/PI
+    warnings    directions that cannot be moved, in words
+    """
+
+    tasks: tuple[Task, ...]
+    directions: tuple[str, ...]
+    jacobian: Floats
+    torque: Floats
+    kp: Floats
+    kd: Floats
+    ki: Floats
+    cascade: Booleans
+    warnings: tuple[str, ...]
+
+    def joint_gains(self, kp: ArrayLike | None = None, kd: ArrayLike | None = None) -> tuple[Floats, Floats]:
+        """Kpq, Kvq (n, n) [N m/rad, N m s/rad] of PD gains, eqs. (9) and (10).
+
+        kp, kd   K'p [1/s²], K'v [1/s]: a number or (m,); None: the tasks' own, which must then all be PD
+        """
+        return self._matrix(self._given("kp", kp)), self._matrix(self._given("kd", kd))
+
+    def direction_gains(self, direction: str, kp: ArrayLike | None = None, kd: ArrayLike | None = None) -> tuple[Floats, Floats]:
+        """The share (n, n) of Kpq and Kvq that one of `directions` has, of rank one; the shares add up to joint_gains."""
+        only = np.eye(len(self.directions))[self._index(direction)]
+        return self._matrix(only * self._given("kp", kp)), self._matrix(only * self._given("kd", kd))
+
+    def scaled(self, direction: str, factor: float) -> "Tasks":
+        """The same tasks with all gains of one direction multiplied, PD or P/PI."""
+        torque = self.torque.copy()
+        torque[:, self._index(direction)] *= require_finite("tasks", "factor", factor)
+        return replace(self, torque=torque)
+
+    def controller(self) -> PD | PPI:
+        """The tasks with their own gains as a controller of n joints: PD, or P/PI where any task is.
+
+        A PD direction beside P/PI ones is P/PI with ki 0 and kp divided by kd. Raises GainroomError where it has no kd.
+        """
+        if not self.cascade.any():
+            return PD(*self.joint_gains())
+        for direction, cascade, kp, kd in zip(self.directions, self.cascade, self.kp, self.kd, strict=True):
+            if not cascade and kp and not kd:
+                raise GainroomError(f"task direction {direction!r}: kd must not be 0 in a stack with P/PI tasks")
+        outer = self.kp / np.where(self.cascade | (self.kd == 0), 1.0, self.kd)
+        return TaskPPI(kp=outer, kv=self.kd, ki=self.ki, torque=self.torque, jacobian=self.jacobian)
+
+    def _given(self, name: str, gain: ArrayLike | None) -> Floats:
+        if gain is not None:
+            return _per_direction("tasks", name, gain, len(self.directions))
+        if self.cascade.any():
+            raise GainroomError(f"tasks: {name} of P/PI tasks is no PD gain; use controller(), or give PD gains")
+        return getattr(self, name)
+
+    def _index(self, direction: str) -> int:
+        if direction not in self.directions:
+            raise GainroomError(f"tasks: no direction {direction!r}{nearest(direction, self.directions, 'direction')}")
+        return self.directions.index(direction)
+
+    def _matrix(self, gains: Floats) -> Floats:
+        return self.torque @ (gains[:, None] * self.jacobian)
+
+
+def tasks_of(model: RobotModel, tasks: Sequence[Task], rotors: bool = False) -> Tasks:
+    """The stack of `tasks`, first first, on a linearised robot.
+
+    rotors   True: the controller's model A' counts the motors' reflected inertia
+
+    Raises GainroomError for no task at all, a name used twice, an unknown frame, and gains that do not match their directions.
+    """
+    tasks = tuple(tasks)
+    if not tasks:
+        raise GainroomError("tasks: there must be at least one")
+    for name, count in Counter(task.name for task in tasks).items():
+        if count > 1:
+            raise GainroomError(f"task {name!r}: the name is used {count} times; give each task its own")
+    inertia = model.inertia.copy()
+    if rotors:
+        inertia += model.selection.T @ np.diag(model.motor_inertia) @ model.selection
+    motion = free_motion(inertia, model.contact_jacobian)
+    joints = model.selection @ motion  # M = S R', with W' = M Mᵀ
+    follow = motion @ np.linalg.pinv(joints, rcond=MOVABLE)  # P' Sᵀ W'⁺: how everything moves with the joints
+    jacobians = [_jacobian(model, task) for task in tasks]
+    rows = [jacobian @ follow for jacobian in jacobians]
+    alone = free_motion(inertia, np.zeros((0, len(inertia))))
+    scales = [float(np.linalg.norm(jacobian @ alone, 2)) for jacobian in jacobians]
+    force, warnings = _stack(tasks, [row @ joints for row in rows], scales)
+    sizes = [len(row) for row in rows]
+    return Tasks(
+        tasks=tasks,
+        directions=tuple(name for task in tasks for name in _directions(model, task)),
+        jacobian=np.vstack(rows),
+        torque=np.linalg.pinv(joints.T, rcond=MOVABLE) @ force,
+        kp=_gains("kp", tasks, sizes),
+        kd=_gains("kd", tasks, sizes),
+        ki=_gains("ki", tasks, sizes),
+        cascade=np.repeat([task.ki is not None for task in tasks], sizes),
+        warnings=warnings,
+    )
+
+
+def _stack(tasks: Sequence[Task], rows: Sequence[Floats], scales: Sequence[float]) -> tuple[Floats, tuple[str, ...]]:
+    """Accelerations asked for → Mᵀ Γ, (r, m), by strict priority, and what cannot be moved.
+
+    rows     Eᵀ M of each task (W' = M Mᵀ). Seen so, W' is the identity: tasks above are plain orthogonal directions, and Ê Λ̂ is a
+             pseudo-inverse
+    scales   how far each task can be moved at all, were nothing in contact
+    """
+    total, width = sum(len(row) for row in rows), rows[0].shape[1]
+    taken = np.zeros((width, 0))  # orthonormal: what tasks above use
+    force = np.zeros((width, total))
+    warnings = []
+    start = 0
+    for task, row, scale in zip(tasks, rows, scales, strict=True):
+        outer, sizes, inner = np.linalg.svd(row - (row @ taken) @ taken.T, full_matrices=False)
+        rank = int(np.count_nonzero(sizes > MOVABLE * scale))
+        reach = inner[:rank].T
+        asked = np.eye(total)[start : start + len(row)]
+        force = force + reach @ ((outer[:, :rank] / sizes[:rank]).T @ (asked - row @ force))
+        taken = np.hstack([taken, reach])
+        start += len(row)
+        if rank < len(row) and (task.kind != "posture" or not rank):  # a posture fills what others leave
+            beside = " beside the tasks above it" if start > len(row) else ""
+            warnings.append(
+                f"task {task.name!r}: the joints can move {rank} of its {len(row)} directions in this posture and contact{beside}; "
+                "its gains act on those alone"
+            )
+    return force, tuple(warnings)
+
+
+def _jacobian(model: RobotModel, task: Task) -> Floats:
+    """J (m, N) of one task, in world axes."""
+    if task.kind == "posture":
+        return model.selection
+    if task.kind == "com":
+        return model.body.com_jacobian(model.q)
+    assert task.frame is not None
+    rotation = model.body.frame_placement(model.q, task.frame)[0]
+    local = model.body.frame_jacobian(model.q, task.frame)
+    return rotation @ (local[:3] if task.kind == "position" else local[3:])
+
+
+def _directions(model: RobotModel, task: Task) -> tuple[str, ...]:
+    parts = model.joint_names if task.kind == "posture" else ("x", "y", "z")
+    return tuple(f"{task.name} {part}" for part in parts)
+
+
+def _gains(name: str, tasks: Sequence[Task], sizes: Sequence[int]) -> Floats:
+    """One gain of all tasks, (m,); 0 where a task has none."""
+    given = ((task, getattr(task, name), size) for task, size in zip(tasks, sizes, strict=True))
+    return np.concatenate([_per_direction(f"task {task.name!r}", name, 0.0 if gain is None else gain, size) for task, gain, size in given])
+
+
+def _per_direction(owner: str, name: str, gain: ArrayLike, size: int) -> Floats:
+    values = require_finite(owner, name, gain)
+    if values.ndim and values.shape != (size,):
+        raise GainroomError(f"{owner}: {name} of shape {values.shape} must be a number or {size} numbers, one per direction")
+    return np.broadcast_to(values, (size,)).copy()

@@ -1,0 +1,232 @@
+"""robot.yaml: a robot, how it stands, its actuators and control, and what is asked of them, turned into a RobotSpec.
+
+SI and radians except where a key's name carries another unit. Keys that name joints are patterns: see robot/patterns.py.
+"""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+
+from .arrays import Floats
+from .config_sections import delay_of, refuse_long_delay, spread, tick_of
+from .controller import PD, PID, PPI
+from .drive import Drive
+from .errors import GainroomError
+from .io.checked import dotted, validate
+from .io.yaml_text import parse_yaml, read_text, shown
+from .recommend import Requirements
+from .robot.actuators import Actuators, actuators_of, drives_of, listed, merge_entries
+from .robot.body import Base, RigidBody
+from .robot.contact import Contact
+from .robot.packages import load_model, locate
+from .robot.patterns import assign, nearest
+from .robot.tasks import Task
+from .robot_sections import GAINS, ContactSection, ModelSection, RobotControlSection, RobotFile
+from .robot_spec import Posture, Range, Ranges, Robot, RobotControl, RobotSpec
+
+MOST_STATES = 500
+CONTROLLERS = {"pd": PD, "pid": PID, "ppi": PPI}
+
+
+def load_robot(path: Path | str) -> Robot:
+    """The robot that a robot.yaml describes; its `spec` has control, limits and warnings.
+
+    Raises GainroomError, one line that names the file, the key, the value and what is allowed.
+    """
+    spec = load_robot_spec(Path(path))
+    return replace(spec.robot, spec=spec)
+
+
+def load_robot_spec(path: Path) -> RobotSpec:
+    """As load_robot: everything in the file."""
+    return parse_robot(read_text(path), str(path), path.parent)
+
+
+def parse_robot(text: str, source: str, folder: Path = Path()) -> RobotSpec:
+    """As load_robot_spec, for the text of a file that messages call `source`; a model's path is relative to `folder`."""
+    data = parse_yaml(text, source)
+    if data is None:
+        raise GainroomError(f"{source}: is empty; `gainroom example biped` prints a file to start from")
+    file = validate(RobotFile, data, source)
+    try:
+        return _spec(file, source, folder)
+    except GainroomError as error:
+        raise GainroomError(f"{source}: {error}") from error
+
+
+def _spec(file: RobotFile, source: str, folder: Path) -> RobotSpec:
+    tick = tick_of(file.control, file.drive)
+    sampled = tick if file.control.sample_rate_hz is not None else None
+    common = Drive(bandwidth=file.drive.bandwidth, damping_ratio=file.drive.damping_ratio, delay=delay_of(file.drive, tick))
+    robot, drives, assumptions, warnings = _robot(file, source, folder, common)
+    for name, drive in zip(robot.joint_names, drives, strict=True):
+        refuse_long_delay(drive.delay, sampled, f"joint {name!r}")
+    return RobotSpec(
+        robot=robot,
+        drives=drives,
+        control=_control(file.control, robot.body, sampled),
+        requirements=Requirements.usual() if file.limits is None else file.limits.requirements(),
+        uncertainty=_ranges(file, robot.actuators, drives, tick),
+        assumptions=assumptions,
+        warnings=warnings,
+    )
+
+
+def _robot(file: RobotFile, source: str, folder: Path, common: Drive) -> tuple[Robot, tuple[Drive, ...], tuple[str, ...], tuple[str, ...]]:
+    """The machine, its drives, assumptions and warnings."""
+    path = _model_path(file.model, folder)
+    base, assumed = base_of(file.model.base, path, any((file.contacts or {}).values()))
+    body = load_model(path, base, file.joints.locked)
+    names = (*body.joint_names, *body.locked)
+    postures = {name: _posture(name, patterns, path, base, file, body) for name, patterns in (file.postures or {"zero": {}}).items()}
+    contacts = {name: _contacts(name, sections, body) for name, sections in (file.contacts or {"free": []}).items()}
+    if len(postures) * len(contacts) > MOST_STATES:
+        raise GainroomError(f"postures and contacts: {len(postures) * len(contacts)} combinations must be at most {MOST_STATES}")
+    # Patterns may name joints that are locked: to lock a joint, one line is enough.
+    entries = merge_entries({key: section.entry() for key, section in file.joints.entries.items()}, names)[: body.size]
+    actuators, guessed = actuators_of(entries, body.joint_names, body.armature)
+    robot = Robot(
+        name=source,
+        actuators=actuators,
+        postures=postures,
+        contacts=contacts,
+        stack=_tasks(file, body),
+        gravity=file.model.gravity_stiffness,
+    )
+    return robot, drives_of(entries, common), (*assumed, *guessed), (*body.notes, *_outside(postures))
+
+
+def _model_path(section: ModelSection, folder: Path) -> Path:
+    """Where the model is: beside the file that names it, in a package, or in the catalogue of robots."""
+    if section.package == "gainroom":
+        return _shipped(section.file)
+    if section.package is not None:
+        return locate({"package": section.package, "file": section.file})
+    path = folder / section.file
+    return path if path.exists() or not section.file.isidentifier() else locate(section.file)
+
+
+def _shipped(file: str) -> Path:
+    """A model that comes with gainroom."""
+    folder = Path(str(files("gainroom") / "robots"))
+    names = tuple(sorted(path.name for path in folder.iterdir() if path.suffix in (".urdf", ".xml")))
+    if file not in names:
+        raise GainroomError(f"model.file: gainroom ships no {shown(file)}{nearest(file, names, 'model')}")
+    return folder / file
+
+
+def base_of(given: Base | None, path: Path, stands: bool) -> tuple[Base | None, tuple[str, ...]]:
+    """The base as given; where a URDF's is not, floating if it `stands` on something. An MJCF says it itself. And a note of the guess."""
+    if given is not None or path.suffix == ".xml":
+        return given, ()
+    base: Base = "floating" if stands else "fixed"
+    return base, (f"the base is {base}, as none is given and {'there are contacts' if stands else 'nothing touches the ground'}",)
+
+
+def _posture(name: str, patterns: Mapping[str, float], path: Path, base: Base | None, file: RobotFile, body: RigidBody) -> Posture:
+    """One posture, with links whose locked joints stand as it says."""
+    angles = _angles(name, patterns, (*body.joint_names, *body.locked))
+    held = {joint: angles.pop(joint) for joint in body.locked if joint in angles}
+    if any(held[joint] != body.locked[joint] for joint in held):
+        body = load_model(path, base, file.joints.locked, posture_for_locked=held)
+    return Posture(body, angles)
+
+
+def _angles(name: str, patterns: Mapping[str, float], joint_names: Sequence[str]) -> dict[str, float]:
+    """One posture's angles by joint name."""
+    matches = assign(patterns, joint_names, f"postures.{dotted(name)}")
+    return {joint: found[-1] for joint, found in zip(joint_names, matches, strict=True) if found}
+
+
+def _outside(postures: Mapping[str, Posture]) -> tuple[str, ...]:
+    """Warnings for postures beyond the joints' limits."""
+    warnings = []
+    for name, posture in postures.items():
+        beyond = posture.body.beyond_limits(posture.body.configuration(posture.angles))
+        if beyond:
+            warnings.append(f"posture {shown(name)}: {listed(beyond)}; move it inside, or check the model")
+    return tuple(warnings)
+
+
+def _contacts(name: str, sections: Sequence[ContactSection], body: RigidBody) -> tuple[Contact, ...]:
+    """One contact state, its frames there and each used once."""
+    owner = f"contacts.{dotted(name)}"
+    for frame, count in Counter(section.frame for section in sections).items():
+        if count > 1:
+            raise GainroomError(f"{owner}: frame {shown(frame)} is used {count} times; give each contact frame once")
+    contacts = []
+    for index, section in enumerate(sections):
+        place = f"{owner}[{index}]"
+        _require_frame(section.frame, body, place)
+        try:
+            contact = section.contact()
+        except GainroomError as error:
+            raise GainroomError(f"{place}: {error}") from error
+        contacts.append(contact)
+    return tuple(contacts)
+
+
+def _require_frame(frame: str, body: RigidBody, owner: str) -> None:
+    if frame not in body.frames:
+        raise GainroomError(f"{owner}: the robot has no frame {shown(frame)}{nearest(frame, body.frames, 'frame')}")
+
+
+def _tasks(file: RobotFile, body: RigidBody) -> tuple[Task, ...]:
+    """The stack, with frames that are there and as many gains as directions."""
+    for index, section in enumerate(file.tasks):
+        place = f"tasks[{index}]"
+        if section.frame is not None:
+            _require_frame(section.frame, body, f"{place}.frame")
+        size = len(body.joint_names) if section.type == "posture" else 3
+        for key in ("kp", "kd", "kv", "ki"):
+            given = getattr(section, key)
+            if isinstance(given, list) and len(given) != size:
+                raise GainroomError(f"{place}.{key}: {shown(given)} must be a number, or {size} numbers, one per direction")
+    return tuple(section.task() for section in file.tasks)
+
+
+def _control(section: RobotControlSection, body: RigidBody, sample_time: float | None) -> RobotControl:
+    """Gains per joint, or nothing but filters in task space."""
+    low_pass = None if section.velocity_filter is None else section.velocity_filter.low_pass()
+    notches = tuple(notch.notch() for notch in section.notches)
+    joints = None
+    if section.space == "joint":
+        gains = {name: _per_joint(f"control.{name}", getattr(section, name), body) for name in GAINS[section.type]}
+        joints = CONTROLLERS[section.type](**gains, velocity_filter=low_pass, notches=notches)
+    return RobotControl(section.space, joints, section.feedback, sample_time, low_pass, notches, section.rotors)
+
+
+def _per_joint(owner: str, patterns: Mapping[str, float], body: RigidBody) -> Floats:
+    """One gain per joint (n,). Raises GainroomError where a joint has none, or all are 0."""
+    matches = assign(patterns, (*body.joint_names, *body.locked), owner)[: body.size]
+    without = [name for name, found in zip(body.joint_names, matches, strict=True) if not found]
+    if without:
+        raise GainroomError(f"{owner}: no value for joint {listed(without)}; give default, or patterns that match every joint")
+    gains = np.array([found[-1] for found in matches])
+    if owner == "control.kp" and not np.any(gains):
+        raise GainroomError(f"{owner}: must be > 0 on some joint")
+    return gains
+
+
+def _ranges(file: RobotFile, actuators: Actuators, drives: Sequence[Drive], tick: float | None) -> Ranges:
+    """Each joint's own range around its own value."""
+    section = file.uncertainty
+    key, delay, unit = section.delay_range(tick)
+    given = {"stiffness": section.stiffness, "motor_inertia": section.motor_inertia, "damping": section.damping}
+    ranges = {name: _range(name, value, getattr(actuators, name), 1.0) for name, value in given.items()}
+    return Ranges(delay=_range(key, delay, np.array([drive.delay for drive in drives]), unit), **ranges)
+
+
+def _range(key: str, given: str | list[float] | None, nominal: Floats, unit: float) -> Range | None:
+    """(low, high), each (n,); rigid joints stay rigid."""
+    if given is None:
+        return None
+    if np.all(np.isinf(nominal)):
+        spread(key, given, np.inf, unit)
+    ends = [(value, value) if np.isinf(value) else spread(key, given, float(value), unit) for value in nominal]
+    low, high = np.array(ends, dtype=float).T
+    return low, high

@@ -1,0 +1,230 @@
+"""The sections of robot.yaml as they are written: keys, bounds, and what excludes what. Keys that name joints are patterns."""
+
+import math
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+
+from .config_sections import ControlSection, DelayMs, DriveSection, LimitsSection, RangesSection
+from .io.checked import NotNegative, Positive, PositiveOrInfinite, Section, number, one_of, refusal
+from .io.yaml_text import shown
+from .robot.actuators import ActuatorEntry
+from .robot.contact import Contact
+from .robot.patterns import DEFAULT
+from .robot.tasks import Task
+
+MOST_NAMES = 50
+"""Postures, contact states or tasks in one file."""
+GAINS = {"pd": ("kp", "kd"), "pid": ("kp", "ki", "kd"), "ppi": ("kp", "kv", "ki")}
+FRAMED = ("position", "orientation")
+
+
+def _word(value: object) -> str:
+    if not isinstance(value, str) or not value or len(value) > 200:
+        raise refusal(f"{shown(value)} must be a name")
+    return value
+
+
+def _flag(value: object) -> bool:
+    if not isinstance(value, bool):
+        raise refusal(f"{shown(value)} must be true or false")
+    return value
+
+
+def _rigid(value: object) -> object:
+    return math.inf if value == "rigid" else value
+
+
+def _each(end: BeforeValidator) -> BeforeValidator:
+    """A check: a number, or a list of them, each as `end` allows."""
+
+    def check(value: object) -> float | list[float]:
+        if isinstance(value, list) and value:
+            return [end.func(item) for item in value]  # type: ignore[call-arg]
+        return end.func(value)  # type: ignore[call-arg]
+
+    return BeforeValidator(check)
+
+
+def _mapping(value: object) -> object:
+    if not isinstance(value, dict):
+        raise refusal(f"{shown(value)} must be a section")
+    return value
+
+
+def _list(value: object) -> object:
+    if not isinstance(value, list):
+        raise refusal(f"{shown(value)} must be a list")
+    return value
+
+
+def _at_most(value: Any) -> Any:
+    if len(value) > MOST_NAMES:
+        raise refusal(f"{len(value)} entries must be at most {MOST_NAMES}")
+    return value
+
+
+def _named(value: Any) -> Any:
+    """A section with one entry or more, each under a name."""
+    if not _mapping(value):
+        raise refusal("is empty; give at least one, or leave the section out")
+    return _at_most(value)
+
+
+Name = Annotated[str, BeforeValidator(_word)]
+Flag = Annotated[bool, BeforeValidator(_flag)]
+Angle = Annotated[float, number(least=-1e4, most=1e4)]
+Stiffness = Annotated[float, number(above=0, infinite=True), BeforeValidator(_rigid)]
+PerJoint = Annotated[dict[str, NotNegative], BeforeValidator(lambda value: value if isinstance(value, dict) else {DEFAULT: value})]
+Several = Annotated[float | list[float], _each(number(least=0))]
+Springs = Annotated[float | list[float], _each(number(above=0, infinite=True))]
+
+
+class ModelSection(Section):
+    """Where the links come from."""
+
+    file: Name = Field(description="a URDF or MJCF, beside this file or in package")
+    package: Name | None = Field(None, description="an installed Python package that has the file")
+    base: Annotated[Literal["fixed", "floating"], one_of("fixed", "floating")] | None = None
+    gravity_stiffness: Flag = False
+
+
+class ActuatorSection(Section):
+    """What one pattern says of its joints: motor and gearbox, and where its drive differs from the others."""
+
+    motor_inertia: Positive | None = Field(None, description="on the joint side [kg m²]")
+    rotor_inertia: Positive | None = Field(None, description="of the rotor itself [kg m²]")
+    gear_ratio: Positive | None = None
+    stiffness: Stiffness | None = Field(None, description="of the gearbox [N m/rad], rigid for none")
+    damping: NotNegative | None = None
+    motor_viscous: NotNegative | None = None
+    link_viscous: NotNegative | None = None
+    bandwidth: PositiveOrInfinite | None = None
+    damping_ratio: Annotated[float, number(above=0, most=100)] | None = None
+    delay_ms: DelayMs | None = None
+
+    def entry(self) -> ActuatorEntry:
+        """In SI."""
+        values = self.model_dump(exclude={"delay_ms"})
+        return ActuatorEntry(**values, delay=None if self.delay_ms is None else 1e-3 * self.delay_ms)
+
+
+class JointsSection(BaseModel):
+    """`default` and patterns with their data, and the joints that do not move."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    entries: dict[str, ActuatorSection] = {}
+    locked: Annotated[list[Name], BeforeValidator(_list)] = []
+
+    @model_validator(mode="before")
+    @classmethod
+    def _patterns(cls, data: Any) -> Any:
+        data = _mapping(data)
+        return {"entries": {key: value for key, value in data.items() if key != "locked"}, "locked": data.get("locked", [])}
+
+
+class ContactSection(Section):
+    """One frame on the ground."""
+
+    frame: Name = Field(description="the frame's name")
+    type: Annotated[Literal["flat", "line", "point"], one_of("flat", "line", "point")] = "flat"
+    stiffness: Springs | None = None
+    damping: Several | None = None
+
+    def contact(self) -> Contact:
+        """In SI. Raises GainroomError where numbers do not fit the type."""
+        return Contact(self.frame, self.type, self.stiffness, self.damping)
+
+
+class TaskSection(Section):
+    """One task of the operational space, PD (kp, kd) or P/PI (kp, kv, ki)."""
+
+    name: Name = Field(description="for the tables")
+    type: Annotated[Literal["com", "position", "orientation", "posture"], one_of("com", "position", "orientation", "posture")] = Field(
+        description="com, position, orientation or posture"
+    )
+    frame: Name | None = None
+    kp: Several = Field(description="[1/s²], with kv [1/s]; a number, or one per direction")
+    kd: Several | None = Field(None, description="[1/s]")
+    kv: Several | None = None
+    ki: Several | None = None
+
+    @model_validator(mode="after")
+    def _one_law(self) -> "TaskSection":
+        if (self.kd is None) == (self.kv is None):
+            raise refusal("give either kd (PD), or kv and ki (P/PI)")
+        if self.kd is not None and self.ki is not None:
+            raise refusal("is for P/PI: give kv in place of kd", key="ki")
+        if (self.type in FRAMED) != (self.frame is not None):
+            raise refusal(f"{'is missing: ' if self.frame is None else 'has no meaning for '}type {self.type}", key="frame")
+        return self
+
+    def task(self) -> Task:
+        """In SI."""
+        ki = self.ki if self.kv is None or self.ki is not None else 0.0
+        return Task(name=self.name, kind=self.type, frame=self.frame, kp=self.kp, kd=self.kd if self.kv is None else self.kv, ki=ki)
+
+
+class RobotControlSection(ControlSection):
+    """The controller: with its gains in joint space, with those of the tasks in task space."""
+
+    type: Annotated[Literal["pd", "pid", "ppi"], one_of("pd", "pid", "ppi")] = Field(description="pd, pid or ppi")
+    space: Annotated[Literal["joint", "task"], one_of("joint", "task")] = "joint"
+    kp: PerJoint | None = None
+    kd: PerJoint | None = None
+    kv: PerJoint | None = None
+    ki: PerJoint | None = None
+    rotors: Flag = False
+
+    @model_validator(mode="after")
+    def _gains_of_the_type(self) -> "RobotControlSection":
+        wanted = GAINS[self.type] if self.space == "joint" else ()
+        for name in ("kp", "kd", "kv", "ki"):
+            given = getattr(self, name) is not None
+            if given and self.space == "task":
+                raise refusal("is for space joint; in task space the gains stand with the tasks", key=name)
+            if given and name not in wanted:
+                raise refusal(f"is not a gain of type {self.type}, which has {', '.join(wanted)}", key=name)
+            if not given and name in wanted:
+                raise refusal(f"is missing: type {self.type} has {', '.join(wanted)}; a number, or one per pattern", key=name)
+        if self.space == "task" and self.type == "pid":
+            raise refusal("pid has no meaning in task space: pd, or ppi", key="type")
+        return self
+
+
+Postures = Annotated[dict[str, Annotated[dict[str, Angle], BeforeValidator(_mapping)]], BeforeValidator(_named)]
+ContactList = Annotated[
+    list[Annotated[ContactSection, BeforeValidator(lambda value: {"frame": value} if isinstance(value, str) else value)]],
+    BeforeValidator(lambda value: _at_most(_list(value))),
+]
+
+
+class RobotFile(Section):
+    """robot.yaml as it is written."""
+
+    model: ModelSection = Field(description="the file with the links")
+    joints: JointsSection = JointsSection()
+    drive: DriveSection = Field(description="the current loops and the delay")
+    postures: Postures | None = None
+    contacts: Annotated[dict[str, ContactList], BeforeValidator(_named)] | None = None
+    control: RobotControlSection = Field(description="the controller and its gains")
+    tasks: Annotated[list[TaskSection], BeforeValidator(lambda value: _at_most(_list(value)))] = Field([])
+    limits: LimitsSection | None = None
+    uncertainty: RangesSection = RangesSection()
+
+    @model_validator(mode="after")
+    def _tasks_fit(self) -> "RobotFile":
+        names = [task.name for task in self.tasks]
+        for index, name in enumerate(names):
+            if name in names[:index]:
+                raise refusal(f"{shown(name)} is the name of two tasks", key=f"tasks[{index}].name")
+        if self.control.rotors and not self.tasks:
+            raise refusal("is for tasks: whether their model counts the motors' inertia", key="control.rotors")
+        if self.control.space == "task":
+            if not self.tasks:
+                raise refusal("task needs tasks", key="control.space")
+            cascades = [task.name for task in self.tasks if task.kv is not None]
+            if cascades and self.control.type == "pd":
+                raise refusal(f"pd, but task {shown(cascades[0])} has kv; give ppi, or kd in the task", key="control.type")
+        return self

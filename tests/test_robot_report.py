@@ -1,0 +1,403 @@
+"""A robot's page: whole, honest at first glance, its pictures true to geometry, loci and limits, and safe against what a user typed."""
+
+import math
+import re
+from dataclasses import replace
+from html import escape, unescape
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from pytest import approx
+
+import gainroom as gr
+from gainroom.coupled_gains import kept_by
+from gainroom.io.numbers import digits
+from gainroom.limits import GainLimit
+from gainroom.report.robot import MOST_PICTURES, robot_page
+from gainroom.report.robot_drawing import common_view
+from gainroom.report.robot_room import MOST_STATES
+from gainroom.robot_config import parse_robot
+from gainroom.robot_study import RobotStudy, study_robot
+from robot_truths import hinge, link, write_robot
+from test_report import figures, without_library
+
+HOSTILE = "</script><script>alert(1)</script>'\"><img src=x onerror=alert(2)> & <b>leg"
+COMMAND = f"gainroom robot '{HOSTILE}' --report out.html"
+BIPED = """\
+model: {package: gainroom, file: biped.urdf, base: floating}
+joints: {default: {motor_inertia: 1.0, stiffness: 1.0e4, damping: 1.0}}
+drive: {bandwidth: 4000.0, damping_ratio: 0.9, delay_ms: 2.0}
+postures: {stand: {".*_hip_pitch": -0.3, ".*_knee": 0.6, ".*_ankle_pitch": -0.3}}
+contacts: {double: [left_sole, right_sole], left: [left_sole], flight: []}
+"""
+JOINT_SPACE = "control: {type: pd, feedback: motor, kp: 2000.0, kd: 100.0}\n"
+# theory: harmless on a rigid robot, unstable with elasticity and delay, least of all on one foot
+TASK_SPACE = "control: {type: pd, space: task, feedback: motor}\ntasks: [{name: com, type: com, kp: 100, kd: 20}]\n"
+THIGH = 0.35  # published; the robot's legs move in planes that the side view shows in true size
+ARM = """\
+model: {file: robot.urdf, base: fixed}
+joints: {default: {motor_inertia: 0.5, stiffness: 5e3, damping: 2}}
+drive: {bandwidth: 3000, delay_ms: 2}
+postures: {bent: {"hip.*": 0.3, knee: -0.8}}
+control: {type: pd, feedback: motor, kp: 400, kd: 20}
+tasks: [{name: tip, type: position, frame: tip, kp: 200, kd: 20}]
+"""
+
+
+def arm(folder: Path, text: str = ARM, hip: str = "hip", recommend: bool = False) -> RobotStudy:
+    """Two links in a plane."""
+    links = link("base") + link("upper", 4.0, (0, 0, 0.25), (0.1, 0.1, 0.01)) + link("lower", 3.0, (0, 0, 0.2), (0.05, 0.05, 0.01))
+    joints = hinge(escape(hip), "base", "upper") + hinge("knee", "upper", "lower", (0, 0, 0.5))
+    write_robot(folder, links + link("tip"), joints + hinge("end", "lower", "tip", (0, 0, 0.4), kind="fixed"))
+    return study_robot(parse_robot(text, "robot.yaml", folder), recommend=recommend)
+
+
+@pytest.fixture(scope="module")
+def biped() -> RobotStudy:
+    return study_robot(parse_robot(BIPED + JOINT_SPACE, "biped.yaml"), recommend=False)
+
+
+@pytest.fixture(scope="module")
+def page(biped) -> str:
+    return robot_page(biped, COMMAND)
+
+
+@pytest.fixture(scope="module")
+def unstable() -> RobotStudy:
+    return study_robot(parse_robot(BIPED.replace(", flight: []", "") + TASK_SPACE, "biped.yaml"), recommend=False)
+
+
+@pytest.fixture(scope="module")
+def unstable_page(unstable) -> str:
+    return robot_page(unstable, COMMAND)
+
+
+@pytest.fixture(scope="module")
+def small_arm(tmp_path_factory) -> RobotStudy:
+    return arm(tmp_path_factory.mktemp("arm"), recommend=True)
+
+
+def traces(figure: dict, kind: str) -> list[dict]:
+    """The traces of a drawing: "joints", "patches", "bars"."""
+    found = {
+        "joints": lambda one: one.get("marker", {}).get("coloraxis") and one["type"] == "scatter",
+        "patches": lambda one: one.get("fill") == "toself",
+        "bars": lambda one: one["type"] == "bar",
+    }
+    return [one for one in figure["data"] if found[kind](one)]
+
+
+def drawings(html: str) -> list[dict]:
+    return [one for one in figures(html) if traces(one, "joints")]
+
+
+def places(trace: dict) -> dict[str, tuple[float, float, float]]:
+    """x, y and colour of every joint by name."""
+    names = [text.partition(":")[0] for text in trace["text"]]
+    return {name: values for name, *values in zip(names, trace["x"], trace["y"], trace["marker"]["color"], strict=True)}
+
+
+def cells(html: str, heading: str) -> dict[str, list[str]]:
+    """The rows of the table whose first column is called `heading`, by their first cell."""
+    for table in re.findall(r"<table.*?</table>", html, re.S):
+        if re.search(r'<th scope="col">(.*?)</th>', table).group(1) == heading:
+            rows = (re.findall(r"<td[^>]*>(.*?)</td>", row) for row in re.findall(r"<tr>(?=<td)(.*?)</tr>", table))
+            return {unescape(first): [unescape(cell) for cell in rest] for first, *rest in rows}
+    raise AssertionError(heading)
+
+
+def test_page_is_self_contained_and_small(page):
+    assert len(page.encode()) < 6e6
+    own = without_library(page)
+    assert not re.findall(r"<(?:link|img|iframe|object|embed|audio|video|source)\b", own)
+    assert not re.findall(r"<[a-z][^>]*\s(?:src|href)\s*=", own)
+    for outside in ("@import", "url(", "https://", "http://"):
+        assert outside not in own
+
+
+def test_page_carries_answer_then_reason_in_order(page, biped):
+    own = unescape(without_library(page))
+    wanted = [
+        biped.sentence,
+        "gain margin",
+        "≥ 6 dB",
+        "How it would vibrate",
+        "How much room is left",
+        "characteristic loci",
+        "What the coupling costs",
+        "Gains to use",
+        "Joints",
+        "Inputs and assumptions",
+        "What was certified",
+        "This page again",
+        COMMAND,
+        gr.__version__,
+    ]
+    start = own.index("<body")
+    for part in wanted:
+        start = own.index(part, start)
+    assert 3 <= own.count('<div class="card ') <= 5
+    assert own.count("<figure>") == own.count("<figcaption>") + own.count("</tbody></table></div></figure>")  # pictures have captions
+
+
+def test_all_text_in_pictures_is_at_least_12_px(page, unstable_page):
+    def sizes(value):
+        if isinstance(value, dict):
+            for key, item in value.items():
+                if key in ("font", "textfont", "tickfont") and "size" in item:
+                    yield item["size"]
+                yield from sizes(item)
+        elif isinstance(value, list):
+            for item in value:
+                yield from sizes(item)
+
+    found = [size for html in (page, unstable_page) for figure in figures(html) for size in sizes(figure)]
+    assert found
+    assert min(found) >= 12
+
+
+def test_drawing_is_in_proportion(page, biped):
+    hero, *others = drawings(page)
+    assert len(others) == len(biped.states)
+    side, front = (places(trace) for trace in traces(hero, "joints"))
+    for leg in ("left", "right"):
+        hip, knee = np.array(side[f"{leg}_hip_pitch"][:2]), np.array(side[f"{leg}_knee"][:2])
+        assert np.linalg.norm(hip - knee) == approx(THIGH, rel=1e-4)  # six digits are written
+    # Depth: half scale at 30°, the far leg higher; the hips are 0.205 m apart.
+    away = np.subtract(side["left_knee"][:2], side["right_knee"][:2])
+    assert_allclose(away, 0.5 * 0.205 * np.array([math.cos(math.pi / 6), 0.5]), rtol=1e-4)
+    across = np.subtract(front["left_knee"][:2], front["right_knee"][:2])
+    assert_allclose(across, (0.205, 0.0), atol=1e-5)
+    for figure in others:  # common axes
+        assert figure["layout"]["xaxis"]["range"] == others[0]["layout"]["xaxis"]["range"]
+        assert figure["layout"]["yaxis"]["range"] == others[0]["layout"]["yaxis"]["range"]
+        assert figure["layout"]["yaxis"]["scaleanchor"] == "x"
+
+
+def test_view_holds_both_sides_apart(biped):
+    view = common_view(biped.states)
+    points = np.vstack([state.model.body.skeleton(state.model.q).positions for state in biped.states])
+    side, front = view.side(points), view.front(points)
+    assert side[:, 0].max() < front[:, 0].min()
+    for plane in (side, front):
+        assert np.all(plane > view.low)
+        assert np.all(plane < view.high)
+
+
+def test_joints_are_coloured_by_their_part(page, biped):
+    for figure, state in zip(drawings(page), (biped.tightest, *biped.states), strict=True):
+        parts = dict(zip(state.model.joint_names, np.abs(state.limit.mode), strict=True))
+        for trace in traces(figure, "joints"):
+            found = places(trace)
+            assert found.keys() == parts.keys()
+            for name, (_, _, color) in found.items():
+                assert color == approx(parts[name], rel=1e-5, abs=1e-9)
+        assert figure["layout"]["coloraxis"]["cmin"] == 0
+        assert figure["layout"]["coloraxis"]["cmax"] == 1
+    double = places(traces(drawings(page)[1], "joints")[0])
+    for joint in ("hip_pitch", "knee", "ankle_pitch"):  # the critical mode of a symmetric stance is symmetric, left against right
+        assert double[f"left_{joint}"][2] == approx(double[f"right_{joint}"][2], rel=1e-4)
+    (bars,) = traces(drawings(page)[0], "bars")
+    assert bars["x"] == sorted(bars["x"], reverse=True)
+    assert bars["x"][0] == 1
+
+
+def test_colours_run_from_light_to_dark_for_all_eyes(page):
+    scale = drawings(page)[0]["layout"]["coloraxis"]["colorscale"]
+    light = [sum(w * int(color[k : k + 2], 16) for w, k in zip((0.2126, 0.7152, 0.0722), (1, 3, 5), strict=True)) for _, color in scale]
+    assert light == sorted(light, reverse=True)
+
+
+def test_contacts_are_marked(page, biped):
+    for figure, state in zip(drawings(page)[1:], biped.states, strict=True):
+        assert len(traces(figure, "patches")) == 2 * len(state.model.contacts)  # two views
+        words = " ".join(note["text"] for note in figure["layout"]["annotations"])
+        assert ("no contact" in words) == (not state.model.contacts)
+
+
+def test_heat_map_tells_what_is_left(page, biped):
+    (heat,) = [one for figure in figures(page) for one in figure["data"] if one["type"] == "heatmap"]
+    together = [digits(state.limit.gain, "", 3) for state in biped.states]
+    assert heat["text"][0] == together
+    state, joint = biped.states[1], 10  # the lifted foot's ankle, the lightest load
+    factor = 10 ** heat["z"][1 + joint][1]
+    assert heat["text"][1 + joint][1] == digits(factor, "", 3)
+
+    def loop(scale: float) -> gr.Loop:
+        kp, kd = np.full(12, 2000.0), np.full(12, 100.0)
+        kp[joint], kd[joint] = scale * kp[joint], scale * kd[joint]
+        return gr.build_loop(state.model, biped.spec.drives, gr.PD(kp, kd), "motor")
+
+    assert gr.is_stable(loop(0.999 * factor))
+    assert not gr.is_stable(loop(1.001 * factor))
+
+
+def test_one_is_the_neutral_colour(page):
+    (axis,) = [figure["layout"]["coloraxis"] for figure in figures(page) if figure["data"][0]["type"] == "heatmap"]
+    assert axis["cmin"] == -axis["cmax"]
+    assert dict(axis["colorscale"])[0.5] == "#ffffff"
+    assert "1: the limit" in axis["colorbar"]["ticktext"][axis["colorbar"]["tickvals"].index(0)]
+
+
+def loci_figures(html: str) -> list[dict]:
+    return [one for one in figures(html) if one["layout"]["xaxis"].get("title", {}).get("text") == "Re λ(L)"]
+
+
+def test_loci_are_eigenvalues_of_the_loop(page, biped):
+    found = loci_figures(page)
+    assert len(found) == len(biped.states)
+    for figure, state in zip(found, biped.states, strict=True):
+        (strong,) = [one for one in figure["data"] if one.get("hoverinfo") == "text" and one["mode"] == "lines"]
+        points = [(x, y, text) for x, y, text in zip(strong["x"], strong["y"], strong["text"], strict=True) if x is not None]
+        assert len(points) > 30
+        for x, y, text in points[::10]:
+            omega = float(re.match(r"[\d.\u202f]+", text).group().replace("\u202f", ""))
+            around = omega * (1 + np.linspace(-5e-4, 5e-4, 41))  # ω is told to four digits
+            values = np.linalg.eigvals(state.loop.response(around))
+            # resonances are damped by B ω / 2 K > 0.5 %, 200 of these steps: in one a locus moves by at most as much of itself
+            assert np.abs(values - complex(x, y)).min() < 5e-3 * max(1.0, math.hypot(x, y))
+        (crossing,) = [one for one in figure["data"] if one["mode"] == "markers" and one["marker"]["symbol"] == "circle"]
+        assert crossing["x"][0] == approx(-1 / state.limit.gain, rel=1e-5)
+        assert crossing["y"] == [0]
+        words = " ".join(note["text"] for note in figure["layout"]["annotations"])
+        assert digits(state.limit.frequency, "rad/s", 3) in words
+        assert figure["layout"]["xaxis"]["range"] == found[0]["layout"]["xaxis"]["range"]
+
+
+def test_all_loci_are_drawn(page, biped):
+    """The grey lines hold every eigenvalue in the window at any frequency."""
+    figure, state = loci_figures(page)[1], biped.states[1]
+    grey = next(one for one in figure["data"] if one["line"]["color"] == "#9a9a9a")
+    drawn = np.array([complex(x, y) for x, y in zip(grey["x"], grey["y"], strict=True) if x is not None])
+    (left, right), (bottom, top) = figure["layout"]["xaxis"]["range"], figure["layout"]["yaxis"]["range"]
+    for omega in np.geomspace(10, 2000, 9):
+        for value in np.linalg.eigvals(state.loop.response(omega)[0]):
+            if left < value.real < right and bottom < value.imag < top:
+                assert np.abs(drawn - value).min() < 0.03  # half the longest step between points, 0.012 + 0.005 of the window
+
+
+def test_unstable_says_so_first(unstable_page, unstable, page):
+    own = without_library(unstable_page)
+    body = own[own.index("<body") :]
+    assert not unstable.stable
+    assert body.startswith('<body class="bad">')
+    assert 0 < body.index("UNSTABLE") < body.index("<h1>")
+    assert body.index("<h1>Unstable") < body.index('class="cards"') < body.index('class="plot"')
+    assert "✓ met" not in body
+    for figure, state in zip(drawings(unstable_page)[1:], unstable.states, strict=True):
+        words = " ".join(note["text"] for note in figure["layout"]["annotations"])
+        assert ("UNSTABLE" in words) == (not state.limit.stable)
+        assert (figure["layout"]["plot_bgcolor"] == "white") == state.limit.stable
+    calm = without_library(page)
+    assert "UNSTABLE" not in calm
+    assert 'class="bad"' not in calm
+
+
+def test_unmet_requirements_are_told(page, biped):
+    """Phase margin and peak sensitivity of the supporting leg fall short; the verdict is that of the states' own loops."""
+    own = without_library(page)
+    assert '<body class="warn">' in own
+    kept = [kept_by(state.loop) for state in biped.states]
+    assert not all(one.meets(biped.spec.requirements) for one in kept)
+    peak = max(one.peak_sensitivity for one in kept)
+    assert f'<p class="value">{digits(peak, "", 3)}</p>' in own
+
+
+def test_state_and_joint_tables_hold_the_study(page, biped):
+    rows = cells(without_library(page), "posture, contact")
+    assert [name.replace("\u00a0", " ") for name in rows] == [state.title for state in biped.states]
+    for row, state in zip(rows.values(), biped.states, strict=True):
+        assert row[:2] == ["yes", digits(state.limit.gain)]
+        assert row[-1] == digits(state.disk_margin, "", 3)
+    joints = cells(without_library(page), "joint")
+    assert list(joints) == list(biped.spec.robot.joint_names)
+    for name, row in zip(joints, biped.tightest.joints, strict=True):
+        assert joints[name][:5] == [
+            digits(v) for v in (row.link_inertia, row.single_joint_limit, row.limit_others_closed, row.kp, row.kp_max)
+        ]
+
+
+def test_recommended_gains_in_both_units(small_arm):
+    html = robot_page(small_arm, COMMAND)
+    own = without_library(html)
+    joint, task = small_arm.recommended
+    state = small_arm.states[0]
+    load = state.model.motor_inertia + 1 / np.diagonal(np.linalg.inv(state.model.body.mass_matrix(state.model.q)))
+    tables = re.findall(r"<table.*?</table>", own[own.index("Gains to use") : own.index("Operational space</h2>")], re.S)
+    plain, normalised, kept, tasks, _ = (re.findall(r"<td[^>]*>(.*?)</td>", table) for table in tables)
+    best = joint.everywhere
+    assert best is not None
+    for k in range(2):
+        assert plain[5 * k : 5 * k + 3] == [joint.names[k], digits(best.kp[k]), digits(best.kd[k])]
+        assert normalised[5 * k + 1 : 5 * k + 3] == [digits(best.kp[k] / load[k]), digits(best.kd[k] / load[k])]
+    assert kept[0] == "safe in all"
+    assert "≥ 6 dB" in tables[2]
+    assert task.names == ("tip x", "tip y", "tip z")
+    assert tasks[5:10] == ["tip y", "–", "–", "–", "–"] or tasks[6] != "–"  # y is across the plane in which the arm moves
+    directions = cells(own, "direction")
+    assert "–" in directions["tip y"]
+
+
+def test_coupling_marks_are_the_factors(unstable_page, unstable):
+    by_state = next(one for one in figures(unstable_page) if one["layout"].get("showlegend") and len(one["layout"]["shapes"]) == 1)
+    marks = {one["name"]: one for one in by_state["data"] if one["mode"] == "markers"}
+    assert marks["all together"]["x"] == approx([state.limit.gain for state in unstable.states], rel=1e-5)
+    left = 10 ** by_state["layout"]["xaxis"]["range"][0]
+    for drawn, state in zip(marks["alone"]["x"], unstable.states, strict=True):
+        alone = min(row.single_joint_limit for row in state.joints)
+        assert drawn == approx(alone, rel=1e-5) if alone > left else drawn < 1.2 * left  # 0: no factor makes it stable
+    assert "others closed" not in marks
+
+
+def test_gains_that_nothing_limits(tmp_path):
+    study = arm(tmp_path, ARM.replace("delay_ms: 2", "delay_ms: 0").replace("bandwidth: 3000", "bandwidth: .inf"))
+    assert math.isinf(study.tightest.limit.gain)
+    html = robot_page(study, COMMAND)
+    own = without_library(html)
+    assert "does not vibrate at any factor" in own
+    assert "None of the loci crosses" in own
+    for trace in traces(drawings(html)[0], "joints"):
+        assert trace["marker"]["color"] == "white"
+    assert not re.search(r">nan\b|\bnan<", own)
+
+
+def test_gains_that_no_factor_saves(small_arm):
+    (state,) = small_arm.states
+    nothing = np.full(2, math.nan)
+    limit = GainLimit(False, 0.0, math.nan, math.nan, np.ones(2, dtype=complex), None)
+    margins = replace(state.margins, limit=limit, phase_margin=math.nan, delay_margin=math.nan, others_closed=nothing)
+    study = replace(small_arm, states=(replace(state, margins=margins, disk_margin=math.nan),))
+    html = robot_page(study, COMMAND)
+    own = without_library(html)
+    assert '<body class="bad">' in own
+    assert "no factor that lowers the gains helps" in own
+    assert "no factor makes" in own
+    assert not re.search(r">nan\b|\bnan<", own)
+
+
+def test_what_a_user_typed_is_text(tmp_path):
+    text = ARM.replace("bent:", f"{HOSTILE!r}:".replace("\\'", "''")).replace("name: tip", 'name: "<b>tip"')
+    study = arm(tmp_path, text, hip="hip<script>alert(1)</script>&")
+    html = robot_page(study, COMMAND)
+    own = without_library(html)
+    assert "<script>alert" not in own
+    assert "<img" not in own
+    for figure in figures(html):
+        for words in re.findall(r"<(?!/?b>|br>)[^<>]*>", str(figure)):
+            pytest.fail(f"markup in a picture: {words}")
+
+
+def test_many_states_stay_readable(biped):
+    """Two postures in nine contact states: the tightest are drawn, the tables have all."""
+    states = tuple(replace(state, posture=f"posture {k // 9}", contact=f"contact {k % 9}") for k, state in enumerate(6 * biped.states))
+    study = replace(biped, states=states)
+    html = robot_page(study, COMMAND)
+    assert len(html.encode()) < 6e6
+    assert len(drawings(html)) == 1 + MOST_PICTURES
+    assert len(loci_figures(html)) == MOST_PICTURES
+    heat = next(one for figure in figures(html) for one in figure["data"] if one["type"] == "heatmap")
+    assert len(heat["x"]) == MOST_STATES
+    assert len(cells(without_library(html), "posture, contact")) == len(states)
+    assert "contact states with more room are not drawn" in without_library(html)

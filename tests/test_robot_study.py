@@ -1,0 +1,326 @@
+"""What `gainroom robot` and `gainroom audit` tell: limits mean what they say, and a robot of one joint is that joint."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from pytest import approx
+
+import gainroom as gr
+from gainroom.audit import audit
+from gainroom.audit_config import AuditOptions, audit_spec, margin_factor
+from gainroom.cli import main
+from gainroom.io.yaml_text import parse_yaml
+from gainroom.robot_config import parse_robot
+from gainroom.robot_spec import RobotSpec
+from gainroom.robot_study import RobotStudy, study_robot
+from mutations import mutated_data
+from refusals import assert_refused
+from robot_truths import hinge, link, write_robot
+
+# Roots found independently of the limits (Chebyshev points and Newton) must lie on either side of the boundary this near to a limit.
+NEAR = 1e-3
+ROBOT = """\
+model: {file: robot.urdf, base: fixed}
+joints: {default: {motor_inertia: 0.5, stiffness: 5e3, damping: 2}}
+drive: {bandwidth: 3000, delay_ms: 2}
+postures: {bent: {hip: 0.3, knee: -0.8}}
+control: {type: pd, feedback: motor, kp: {hip: 900, knee: 400}, kd: {hip: 40, knee: 20}}
+tasks:
+  - {name: tip, type: position, frame: tip, kp: [200, 200, 200], kd: [20, 20, 20]}
+"""
+GAINS = "hip: {kp: 900, kd: 40, motor_inertia: 0.5}\nknee: {kp: 400, kd: 20}\n"
+STATE_KEYS = {"posture", "contact", "stable", "gain_limit", "limit_frequency_rad_s", "limiting_joints", "disk_margin", "joints", "tasks"}
+JOINT_KEYS = {"name", "link_inertia", "single_joint_limit", "limit_others_closed", "kp", "kd", "kp_max", "kd_max"}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two links in a plane."""
+    path = tmp_path_factory.mktemp("arm")
+    links = (
+        link("base")
+        + link("upper", 4.0, (0, 0, 0.25), (0.1, 0.1, 0.01))
+        + link("lower", 3.0, (0, 0, 0.2), (0.05, 0.05, 0.01))
+        + link("tip")
+    )
+    joints = (
+        hinge("hip", "base", "upper")
+        + hinge("knee", "upper", "lower", (0, 0, 0.5))
+        + hinge("end", "lower", "tip", (0, 0, 0.4), kind="fixed")
+    )
+    write_robot(path, links, joints)
+    (path / "robot.yaml").write_text(ROBOT, "utf-8")
+    (path / "gains.yaml").write_text(GAINS, "utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def spec(folder: Path) -> RobotSpec:
+    return parse_robot(ROBOT, "f", folder)
+
+
+@pytest.fixture(scope="module")
+def study(spec: RobotSpec) -> RobotStudy:
+    return study_robot(spec, recommend=False)
+
+
+def crosses(inside: gr.Loop, outside: gr.Loop) -> bool:
+    return gr.rightmost_roots(inside).roots[0].real < 0 < gr.rightmost_roots(outside).roots[0].real
+
+
+def test_one_joint_is_the_joint_of_issue_one(tmp_path: Path):
+    """An arm of one hinge with inertia I + m l² about its axis."""
+    write_robot(tmp_path, link("base") + link("arm", 3.0, (0, 0, 0.4), (0.2, 0.32, 0.1)), hinge("elbow", "base", "arm"))
+    lines = (line for line in ROBOT.partition("tasks:")[0].splitlines() if not line.startswith(("postures", "control")))
+    text = "\n".join([*lines, "control: {type: pd, feedback: motor, kp: 900, kd: 40}"])
+    (state,) = study_robot(parse_robot(text, "f", tmp_path), recommend=False).states
+    joint = gr.ElasticJoint(motor_inertia=0.5, link_inertia=0.32 + 3.0 * 0.4**2, stiffness=5e3, damping=2.0)
+    loop = gr.build_loop(joint, gr.Drive(3000.0, 0.9, 2e-3), gr.PD(900.0, 40.0))
+    margins = gr.margins(loop)
+    (row,) = state.joints
+    assert state.limit.gain == approx(margins.gain_margin, rel=1e-9)
+    assert state.limit.frequency == approx(margins.phase_crossover, rel=1e-9)
+    assert state.margins.delay_margin == approx(margins.delay_margin, rel=1e-9)
+    assert row.single_joint_limit == approx(margins.gain_margin, rel=1e-9)
+    assert row.limit_others_closed == approx(margins.gain_margin, rel=1e-6)
+    assert row.link_inertia == approx(joint.link_inertia, rel=1e-12)
+    assert state.disk_margin == approx(margins.disk_margin, rel=1e-6)
+    assert row.kd_max == approx(gr.pd_region(joint, gr.Drive(3000.0, 0.9, 2e-3)).max_kd(900.0), rel=1e-6)
+
+
+def test_every_limit_is_where_the_roots_cross(spec: RobotSpec, study: RobotStudy):
+    (state,) = study.states
+    model, controller = state.model, spec.control.joints
+    assert isinstance(controller, gr.PD)
+    assert crosses(*(state.loop.scaled((1 + sign * NEAR) * state.limit.gain) for sign in (-1, 1)))
+
+    def with_gains(**changes: np.ndarray) -> gr.Loop:
+        return spec.loop(model, replace(controller, **changes))
+
+    for k, row in enumerate(state.joints):
+        one = np.eye(2)[k]
+        factors = [1 + (row.limit_others_closed * (1 + sign * NEAR) - 1) * one for sign in (-1, 1)]
+        assert crosses(*(with_gains(kp=controller.kp * factor, kd=controller.kd * factor) for factor in factors))
+        for name, limit in (("kp", row.kp_max), ("kd", row.kd_max)):
+            own = getattr(controller, name)
+            assert crosses(*(with_gains(**{name: np.where(one, limit * (1 + sign * NEAR), own)}) for sign in (-1, 1)))
+        assert (row.kp, row.kd) == (controller.kp[k], controller.kd[k])
+        alone = gr.ElasticJoint(0.5, row.link_inertia, 5e3, 2.0)
+        assert row.link_inertia == approx(1 / model.link_inverse_inertia[k, k])
+        single = gr.build_loop(alone, spec.drives[k], gr.PD(row.kp, row.kd))
+        assert row.single_joint_limit == approx(gr.margins(single).gain_margin, rel=1e-9)
+
+
+def test_every_task_direction_too(spec: RobotSpec, study: RobotStudy):
+    (state,) = study.states
+    found = state.tasks
+    assert found is not None
+    assert [(row.name, row.direction) for row in found.rows] == [("tip", "x"), ("tip", "y"), ("tip", "z")]
+    loop = spec.loop(state.model, found.tasks.controller())
+    assert crosses(*(loop.scaled((1 + sign * NEAR) * found.limit.gain) for sign in (-1, 1)))
+    for row in found.rows:
+        if row.direction == "y":  # the arm moves in the plane of x and z
+            assert np.isnan(row.gain_limit)
+            assert np.isnan(row.limit_others_closed)
+            continue
+        ends = (found.tasks.scaled(f"tip {row.direction}", row.limit_others_closed * (1 + sign * NEAR)) for sign in (-1, 1))
+        assert crosses(*(spec.loop(state.model, tasks.controller()) for tasks in ends))
+    assert any("tip" in warning for warning in study.warnings)
+
+
+def test_control_in_task_space_is_the_tasks_limit(folder: Path, study: RobotStudy):
+    control = "control: {type: pd, feedback: motor, kp: {hip: 900, knee: 400}, kd: {hip: 40, knee: 20}}"
+    (state,) = study_robot(
+        parse_robot(ROBOT.replace(control, "control: {type: pd, space: task, feedback: motor}"), "f", folder), recommend=False
+    ).states
+    assert study.states[0].tasks is not None
+    assert state.limit.gain == approx(study.states[0].tasks.limit.gain)
+    gains = state.tasks.tasks.joint_gains() if state.tasks else ()
+    assert [row.kp for row in state.joints] == approx(np.diagonal(gains[0]))
+    assert [row.kd for row in state.joints] == approx(np.diagonal(gains[1]))
+
+
+def test_progress_counts_states(spec: RobotSpec):
+    said: list[tuple[int, int, str]] = []
+    study_robot(spec, lambda done, total, what: said.append((done, total, what)), recommend=False)
+    assert said == [(0, 1, "state bent, free"), (1, 1, "")]
+
+
+def test_sentence_and_status(folder: Path, study: RobotStudy, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    assert study.sentence.startswith(f"Stable: these gains can be multiplied by {study.states[0].limit.gain:.3g} (")
+    text = ROBOT.replace("kd: {hip: 40, knee: 20}", "kd: {hip: 40, knee: 4000}").replace("robot.urdf", str(folder / "robot.urdf"))
+    (tmp_path / "robot.yaml").write_text(text, "utf-8")
+    assert main(["robot", str(tmp_path / "robot.yaml")]) == 1
+    out, err = capsys.readouterr()
+    assert err == ""
+    assert out.startswith("Unstable: ")
+    assert max(map(len, out.splitlines())) <= 100
+
+
+def test_robot_json(folder: Path, study: RobotStudy, capsys: pytest.CaptureFixture[str]):
+    assert main(["robot", str(folder / "robot.yaml"), "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert set(facts) >= {"states", "recommended", "warnings"}
+    (state,) = facts["states"]
+    assert set(state) >= STATE_KEYS
+    assert all(set(row) >= JOINT_KEYS for row in state["joints"])
+    assert all(set(row) >= {"name", "direction", "kp", "kd", "gain_limit"} for row in state["tasks"])
+    assert state["gain_limit"] == approx(study.states[0].limit.gain)
+    assert state["limiting_joints"] == list(study.states[0].limiting_joints)
+
+
+def test_robot_terminal(folder: Path, capsys: pytest.CaptureFixture[str]):
+    assert main(["robot", str(folder / "robot.yaml")]) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    assert "\x1b" not in out
+    assert max(map(len, out.splitlines())) <= 100
+    for word in ("hip", "knee", "tip x", "bent, free", "Hz"):
+        assert word in out
+
+
+def test_report_is_one_page(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    report = tmp_path / "out.html"
+    assert main(["robot", str(folder / "robot.yaml"), "--json", "--report", str(report)]) == 0
+    json.loads(capsys.readouterr().out)
+    assert report.read_text("utf-8").lstrip().lower().startswith("<!doctype html")
+
+
+def test_audit_agrees_with_the_robot_file(folder: Path, study: RobotStudy):
+    """The same arm, standing at 0, from a gains' file and options."""
+    options = AuditOptions(2.0, stiffness=5e3, damping=2.0, motor_inertia=0.5, bandwidth=3000.0)
+    result = audit(audit_spec(str(folder / "robot.urdf"), folder / "gains.yaml", options))
+    text = ROBOT.replace("bent: {hip: 0.3, knee: -0.8}", "zero: {hip: 0}")
+    (state,) = study_robot(parse_robot(text, "f", folder), recommend=False).states
+    assert result.worst.limit.gain == approx(state.limit.gain, rel=1e-9)
+    assert [joint.gain_limit for joint in result.joints] == approx([row.single_joint_limit for row in state.joints])
+    assert [joint.limit_others_closed for joint in result.joints] == approx([row.limit_others_closed for row in state.joints])
+    assert result.delay_limit == approx(2e-3 + state.margins.delay_margin)
+    assert result.safe == (state.limit.gain >= 2 and all(joint.gain_limit >= 2 for joint in result.joints))
+
+
+def test_audit_vibrates_from_its_delay_limit(folder: Path):
+    def spec_at(delay: float) -> RobotSpec:
+        return audit_spec(str(folder / "robot.urdf"), folder / "gains.yaml", AuditOptions(1e3 * delay, motor_inertia=0.5))
+
+    for delay in (2e-3, 30e-3):  # stable, and unstable: then the limit is below
+        limit = audit(spec_at(delay)).delay_limit
+        assert limit > delay or delay == 30e-3
+        loops = []
+        for sign in (-1, 1):
+            spec = spec_at(limit * (1 + sign * NEAR))
+            loops.append(spec.loop(spec.robot.linearize()))
+        assert crosses(*loops)
+
+
+def test_audit_margin_decides(folder: Path):
+    spec = audit_spec(str(folder / "robot.urdf"), folder / "gains.yaml", AuditOptions(2.0, motor_inertia=0.5))
+    limit = audit(spec).worst.limit.gain
+    assert audit(spec, 0.99 * limit).safe
+    tighter = audit(spec, 1.01 * limit)
+    assert not tighter.safe
+    assert {joint.name for joint in tighter.joints if not joint.safe} >= set(tighter.limiting_joints) != set()
+    assert tighter.sentence.startswith("Not safe")
+
+
+def test_joints_without_gains_are_held_still(folder: Path, tmp_path: Path):
+    (tmp_path / "hip.yaml").write_text("hip: {kp: 900, kd: 40}", "utf-8")
+    result = audit(audit_spec(str(folder / "robot.urdf"), tmp_path / "hip.yaml", AuditOptions(2.0, motor_inertia=0.5)))
+    assert [joint.name for joint in result.joints] == ["hip"]
+    assert any("held still, as they have no gains: knee" in assumption for assumption in result.spec.assumptions)
+
+
+def test_audit_json_and_status(folder: Path, capsys: pytest.CaptureFixture[str]):
+    call = ["audit", str(folder / "robot.urdf"), "--gains", str(folder / "gains.yaml"), "--motor-inertia", "0.5", "--rate-hz", "2000"]
+    assert main([*call, "--delay-ms", "2", "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert set(facts) >= {"safe", "gain_limit", "delay_limit_ms", "limiting_joints", "joints", "warnings"}
+    assert all(set(joint) >= {"name", "kp", "kd", "safe", "gain_limit"} for joint in facts["joints"])
+    assert facts["model"] == "sampled"
+    assert main([*call, "--delay-ms", "30"]) == 1
+    out, err = capsys.readouterr()
+    assert err == ""
+    assert out.startswith("Not safe: ")
+    assert max(map(len, out.splitlines())) <= 100
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"delay_ms": -1.0}, ["--delay-ms: -1.0 must be >= 0"]),
+        ({"delay_ms": float("nan")}, ["--delay-ms: nan is not a number"]),
+        ({"rate_hz": 0.0}, ["--rate-hz: 0.0 must be >= 1"]),
+        ({"rate_hz": 1e6, "delay_ms": 5.0}, ["--delay-ms", "5000 ticks"]),
+        ({"stiffness": 0.0}, ["--stiffness: 0.0 must be > 0"]),
+        ({"motor_inertia": -1.0}, ["--motor-inertia: -1.0 must be > 0"]),
+        ({"bandwidth": 0.0}, ["--bandwidth: 0.0 must be > 0"]),
+        ({"damping": 1.0}, ["--damping 1", "give --stiffness too"]),
+        ({"base": "floor"}, ["--base floor", "fixed or floating"]),
+        ({"base": "fixed", "contacts": ("toe",)}, ["--contact toe: the robot has no such frame", "frames: base"]),
+        ({"base": "fixed", "contacts": ("tip", "tip")}, ["--contact tip: is given twice"]),
+        ({"stiffness": 1e4}, ["joint 'knee'", "motor_inertia"]),
+    ],
+)
+def test_bad_options(folder: Path, options: dict, words: list[str]):
+    def make() -> RobotSpec:
+        return audit_spec(str(folder / "robot.urdf"), folder / "gains.yaml", AuditOptions(**{"delay_ms": 2.0, **options}))
+
+    assert_refused(make, words)
+
+
+def test_bad_margin():
+    assert margin_factor(20.0) == approx(10.0)
+    assert_refused(lambda: margin_factor(-1.0), ["--margin-db: -1.0 must be >= 0"])
+
+
+def test_bad_calls_are_one_line(folder: Path, capsys: pytest.CaptureFixture[str]):
+    for call in (
+        ["audit", str(folder / "robot.urdf")],
+        ["audit", str(folder / "robot.urdf"), "--delay-ms", "2"],
+        ["audit", str(folder / "gains.yaml"), "--delay-ms", "2", "--gains", str(folder / "gains.yaml")],
+        ["audit", str(folder / "nowhere.xml"), "--delay-ms", "2"],
+        ["audit", str(folder), "--delay-ms", "2"],
+        ["robot", str(folder / "gains.yaml")],
+        ["robot", str(folder / "robot.urdf")],
+    ):
+        assert main(call) == 2
+        out, err = capsys.readouterr()
+        assert out == ""
+        assert err.startswith("gainroom: error: ")
+        assert err.count("\n") == 1
+
+
+@st.composite
+def mutated_arms(draw: st.DrawFn) -> tuple[str, str]:
+    """A robot file and a gains file, one of them damaged."""
+    texts = [ROBOT, GAINS]
+    which = draw(st.integers(0, 1))
+    data = parse_yaml(texts[which], "f")
+    for _ in range(draw(st.integers(1, 2))):
+        data = mutated_data(draw, data)
+    texts[which] = yaml.safe_dump(data, allow_unicode=True, sort_keys=False)
+    return texts[0], texts[1]
+
+
+@pytest.mark.slow
+@settings(max_examples=15, deadline=None, suppress_health_check=list(HealthCheck))
+@given(texts=mutated_arms())
+def test_mutated_files_run_to_an_answer_or_a_line(texts: tuple[str, str], folder: Path, capsys: pytest.CaptureFixture[str]):
+    robot, gains = folder / "mutated.yaml", folder / "mutated_gains.yaml"
+    robot.write_bytes(texts[0].encode("utf-8", "surrogatepass"))
+    gains.write_bytes(texts[1].encode("utf-8", "surrogatepass"))
+    for call in (
+        ["robot", str(robot), "--json"],
+        ["audit", str(folder / "robot.urdf"), "--delay-ms", "2", "--motor-inertia", "0.5", "--gains", str(gains), "--json"],
+    ):
+        status = main(call)
+        out, err = capsys.readouterr()
+        assert status in (0, 1, 2)
+        assert (out == "") == (status == 2)
+        assert status != 2 or (err.startswith("gainroom: error: ") and err.count("\n") == 1)
