@@ -136,3 +136,15 @@ def test_several_joints(seed):
 def test_zero_gains_have_no_limit():
     with pytest.raises(gr.GainroomError, match="all gains are zero"):
         gr.gain_limit(gr.build_loop(gr.ElasticJoint(0.4, 0.6), gr.Drive(), gr.PD(0.0, 0.0)))
+
+
+@pytest.mark.parametrize(("feedback", "stable"), [("motor", True), ("link", False)])
+def test_several_joints_without_damping(feedback, stable):
+    """Poles on the boundary itself: without delay the link side drives the resonances whatever the gains, the motor side damps them."""
+    plant = gr.Plant(np.array([[2.0, -0.7], [-0.7, 1.5]]), np.array([0.5, 0.4]), 5e3, 0.0)
+    loop = gr.build_loop(plant, gr.Drive(), gr.PD(40.0, 20.0), feedback=feedback)
+    limit = gr.gain_limit(loop)
+    assert limit.stable is stable
+    assert bool(gr.rightmost_roots(loop).roots.real.max() < 0) is stable
+    if not stable:
+        assert limit.gain == 0

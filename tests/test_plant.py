@@ -255,3 +255,15 @@ def test_stiff_springs_are_a_constraint():
     s = 1j * np.array([3.0, 70.0, 400.0])
     # the springs give way by s²/(K_c W_cc), 1e-8 at most here
     assert stiff.response(s, "motor") == pytest.approx(rigid.response(s, "motor"), rel=1e-7)
+
+
+@pytest.mark.parametrize("feedback", ["motor", "link"])
+def test_one_joint_on_springs_is_not_taken_for_a_free_one(feedback):
+    """The scalar loop of n = 1 against the plant's own response."""
+    two = soft_plant()
+    soft = two.compliance
+    plant = gr.Plant(two.link_inverse_inertia[:1, :1], 0.3, 1e4, 1.0, compliance=replace(soft, coupling=soft.coupling[:1]))
+    omega = np.array([3.0, 40.0, 300.0, 2000.0])
+    loop = gr.build_loop(plant, gr.Drive(), gr.PD(1.0, 0.0), feedback=feedback)
+    # zeros and poles come from eigenvalues: a few digits fewer than the response itself
+    assert loop.response(omega) == pytest.approx(plant.response(1j * omega, feedback)[:, 0, 0], rel=1e-6)

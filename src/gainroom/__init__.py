@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from .plant import Compliance, ElasticJoint, Plant
     from .recommend import Recommendation, Requirements, Uncertainty, recommend_pd
     from .region import PDRegion, pd_region
+    from .robot_config import load_robot
     from .robustness import Margins, margins
     from .stability import Roots, is_stable, rightmost_roots
     from .study import JointSpec, JointStudy, study_joint
@@ -36,6 +37,7 @@ _HOME = {
     "coupled": ("joint_margins", "JointMargins"),
     "recommend": ("recommend_pd", "Recommendation", "Requirements", "Uncertainty"),
     "study": ("study_joint", "JointSpec", "JointStudy"),
+    "robot_config": ("load_robot",),
     "acceleration": ("warmup",),
     "errors": ("GainroomError",),
 }
@@ -70,6 +72,7 @@ __all__ = [
     "gain_limit",
     "is_stable",
     "joint_margins",
+    "load_robot",
     "loop_from",
     "margins",
     "pd_region",

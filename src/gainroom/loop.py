@@ -20,7 +20,7 @@ from .factored import Factored, ratio
 from .lti import factored_from, is_lti, sample_time_of
 from .plant import ElasticJoint, Plant
 from .sampling import sample
-from .statespace import StateSpace, hold, realize
+from .statespace import StateSpace, factored, hold, realize
 
 Feedback = Literal["motor", "link"]
 
@@ -341,6 +341,8 @@ def _actuated_scalar(parts: Parts) -> Factored:
 
 def _joint_transfer(plant: Plant, feedback: Feedback) -> Factored:
     """P_M or P_L of one joint: with w = W, eq. (2) in a form that holds for rigid joints (K = ∞) and locked outputs (w = 0)."""
+    if plant.compliance is not None:
+        return _resting_transfer(plant, feedback)
     w, motor = plant.link_inverse_inertia[0, 0], plant.motor_inertia[0]
     stiffness, damping = plant.stiffness[0], plant.damping[0]
     motor_viscous, link_viscous = plant.motor_viscous[0], plant.link_viscous[0]
@@ -357,6 +359,18 @@ def _joint_transfer(plant: Plant, feedback: Feedback) -> Factored:
     denominator = np.polyadd(denominator, np.polymul(gearbox, link))
     numerator = np.polyadd(link, w * gearbox) if feedback == "motor" else w * gearbox
     return ratio(numerator, denominator)
+
+
+def _resting_transfer(plant: Plant, feedback: Feedback) -> Factored:
+    """P_M or P_L of one joint whose links rest on springs, from the second-order form."""
+    form = plant.mechanism()
+    states, inverse = len(form.mass), np.linalg.inv(form.mass)
+    a = np.block([[np.zeros((states, states)), np.eye(states)], [-inverse @ form.stiffness, -inverse @ form.damping]])
+    position = form.motor_position if feedback == "motor" else form.link_position
+    system = StateSpace(a, np.vstack([np.zeros((states, 1)), inverse @ form.force]), np.hstack([position, 0 * position]), np.zeros((1, 1)))
+    poles = np.linalg.eigvals(a)
+    poles[np.abs(poles) < 1e-6 * np.abs(poles).max()] = 0.0  # a joint free to turn: its double integrator comes out to half the digits
+    return factored(system, poles, None)
 
 
 def _controller_state(parts: Parts) -> StateSpace:

@@ -26,7 +26,7 @@ SCALAR_TOLERANCE = 1 / 0.99 - 1  # the same of the scan of one loop (crossings.p
 SAMPLES, CHECKS = 100, 12  # of S − T: from which the search for the peak starts; at which modes and response are compared
 MOST_TRIED, MOST_POLISHED = 48, 4  # samples whose D is improved, local peaks that are climbed
 RUNGS = 60  # intervals that the certificate starts from
-AT_ONCE, MOST_INTERVALS = 128, 20_000  # bounds of memory and of time
+AT_ONCE, MOST_INTERVALS = 128, 5_000  # bounds of memory and of time
 SMOOTH, FINEST = 0.05, 1e-6  # neighbouring samples of a plain response: largest relative step of σ_max, least relative distance
 
 Response = Callable[[Floats], Complexes]

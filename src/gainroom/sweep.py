@@ -17,11 +17,13 @@ import numpy as np
 from .arrays import Booleans, Complexes, Floats, Integers
 from .errors import GainroomError
 from .loop import Loop
+from .stability import unstable_roots
 
 SMOOTH = 0.12  # largest relative move of an eigenvalue between samples near the negative real axis
 DETOUR = 0.5  # of its distance from that axis: a move that stays shorter does not reach the axis in between
 LARGE = 1e3  # eigenvalues beyond this belong to integrators
 FLOOR = 1e-3  # eigenvalues smaller than this are not followed: gains could rise by 60 dB there
+UNDAMPED = 1e-8  # damping ratio below which a resonance counts as undamped
 NOISE = 1e-10  # of the largest eigenvalue: smaller ones are no better than round-off
 PER_DECADE = 6
 AROUND = np.array([-6.0, -1.5, 0.0, 1.5, 6.0])  # half-widths of a resonance that are sampled
@@ -46,6 +48,9 @@ class Sweep:
     def __init__(self, loop: Loop) -> None:
         self.loop = loop
         self.last = None if loop.sample_time is None else math.pi / loop.sample_time
+        bends = loop.bends
+        # A resonance without damping is a pole on the boundary, which the loci pass at infinity: their turns do not tell on which side.
+        self.undamped = bool(np.any((bends.imag > 0) & (np.abs(bends.real) < UNDAMPED * bends.imag)))
         self.omega = _first_grid(loop, self.last)
         self.loci = self._eigenvalues(self.omega)
         self._pairs = _pairing(self.loci[:-1], self.loci[1:])
@@ -78,7 +83,12 @@ class Sweep:
         return Steps(self.loci[:-1], np.take_along_axis(self.loci[1:], self._pairs, axis=1))
 
     def unstable(self, gain: float) -> int:
-        """Unstable closed-loop roots with every gain multiplied by `gain`, as far as the gains move them."""
+        """Unstable closed-loop roots with every gain multiplied by `gain`, as far as the gains move them.
+
+        With an undamped resonance the roots themselves are counted, those that no gain moves among them.
+        """
+        if self.undamped:
+            return unstable_roots(self.loop.scaled(gain))
         target, steps = -1 / gain, self.steps()
         for _ in range(60):
             close = np.any(_passes(steps, target), axis=1) & (np.diff(self.omega) > CLOSEST * self.omega[1:])

@@ -78,7 +78,7 @@ def hero(state: StateStudy, alone: bool) -> Html:
     bar = {"orientation": "h", "x": 0.5 * part, "xanchor": "center", "y": 0, "yanchor": "top", "len": 0.3}
     picture = _layout(limit, notes, view, [0, part], bar)
     picture |= {
-        "xaxis2": style.axis("part in the vibration, largest 1", domain=[part + 0.24, 1], range=[0, 1.7], anchor="y2", dtick=0.5),
+        "xaxis2": style.axis("part in the vibration [–]", domain=[part + 0.24, 1], range=[0, 1.7], anchor="y2", tickvals=[0, 0.5, 1]),
         "yaxis2": style.axis("", range=[len(names) - 0.4, -0.6], tickvals=list(range(len(names))), ticktext=names, anchor="x2", ticks="")
         | {"showgrid": False},
     }
