@@ -11,7 +11,7 @@ from scipy.optimize import minimize
 import gainroom as gr
 from draws import draw_plant, draw_setup
 from gainroom import _disk_modes, multiloop_disk
-from gainroom._disk_modes import expanded, modes_of
+from gainroom._disk_modes import Modes, expanded, opened_at_torques
 from gainroom._mu import balanced, improved, largest, scaled, structured_singular_value
 from gainroom.multiloop_disk import TOLERANCE, disk_margin, disk_margin_of
 
@@ -301,7 +301,7 @@ KINDS = {
 def test_bounds_hold_between_frequencies(kind):
     """σ_max of D (S − T) D⁻¹ on intervals of any width, anywhere, with S − T from the state space in full, stays below the bound."""
     loop = robot(21, 5, **KINDS[kind])
-    modes = modes_of(loop)
+    modes = opened_at_torques(loop).modes()
     rng = np.random.default_rng(22)
     highest = 2e4 if loop.sample_time is None else pi / loop.sample_time
     middle = np.exp(rng.uniform(np.log(0.3), np.log(0.9 * highest), 60))
@@ -324,6 +324,19 @@ def test_bounds_hold_between_frequencies(kind):
 
 
 @pytest.mark.parametrize("kind", KINDS)
+def test_modes_give_back_the_response(kind):
+    """S − T has the same trace wherever the loops are opened; `response` knows no state space in continuous time, nor modes."""
+    loop = robot(20, 5, **KINDS[kind])
+    modes = opened_at_torques(loop).modes()
+    omega = np.geomspace(0.1, 2e4 if loop.sample_time is None else pi / loop.sample_time, 60)
+    direct = 2 * np.linalg.inv(np.eye(5) + loop.response(omega)) - np.eye(5)
+    found = modes.matrices(omega)
+    # what remains is rounding, largest in the response of a closed chain at low frequency
+    assert np.trace(found, axis1=1, axis2=2) == pytest.approx(np.trace(direct, axis1=1, axis2=2), abs=1e-7)
+    assert np.abs(np.linalg.det(found)) == pytest.approx(np.abs(np.linalg.det(direct)), rel=1e-6, abs=1e-7)
+
+
+@pytest.mark.parametrize("kind", KINDS)
 def test_nothing_higher_on_a_fine_grid(kind):
     """The least σ_max over D at 2000 more frequencies never exceeds what was proved, and the proof is within its tolerance."""
     loop = robot(23, 5, **KINDS[kind])
@@ -331,7 +344,7 @@ def test_nothing_higher_on_a_fine_grid(kind):
     assert found.certified
     assert 0 <= found.gap <= TOLERANCE * (1 + 1e-9)
     assert found.lower_margin == pytest.approx(found.margin, rel=TOLERANCE)
-    modes = modes_of(loop)
+    modes = opened_at_torques(loop).modes()
     omega = np.geomspace(1e-2, min(1e5, modes.last), 2000)
     values = modes.matrices(omega)
     x = balanced(values)
@@ -348,7 +361,7 @@ def test_bounds_hold_while_only_the_delay_turns():
     for _ in range(40):
         turn, through = complex_normal(rng, 2, 2, 2) * 0.35
         poles = np.full(2, -1e6 + 0j)
-        modes = _disk_modes.Modes(poles, turn, -through * poles, delays, np.array([0.9, 1.1]), 0.0)
+        modes = Modes(poles, turn, -through * poles, delays, np.array([0.9, 1.1]), 0.0)
         middle, half = rng.uniform(20, 200, 30), np.exp(rng.uniform(np.log(0.1), np.log(10), 30))
         expansion = expanded(modes, middle - half, middle + half)
         x = balanced(expansion.matrices[0])
@@ -365,7 +378,7 @@ def test_bounds_hold_while_only_the_delay_turns():
 def test_distances_of_poles(sample_time):
     rng = np.random.default_rng(28)
     poles = rng.uniform(-20, 5, 40) + 1j * rng.uniform(-30, 30, 40)
-    modes = _disk_modes.Modes(poles, np.ones((40, 2)), np.ones((2, 40)), np.zeros(2), np.ones(2), sample_time)
+    modes = Modes(poles, np.ones((40, 2)), np.ones((2, 40)), np.zeros(2), np.ones(2), sample_time)
     low = rng.uniform(0, 25, 50)
     high = np.minimum(low + rng.uniform(0, 20, 50), modes.last)
     omega = np.linspace(low, high, 4001)
@@ -379,7 +392,7 @@ def test_tail():
     """Beyond `end` the loop is too weak, whatever the delays; and `end` is not much farther than it has to be."""
     rng = np.random.default_rng(29)
     for drive in (gr.Drive(3000.0, 0.9, 2e-3), gr.Drive(delay=2e-3)):
-        modes = modes_of(replace(robot(24, 4), parts=replace(robot(24, 4).parts, drives=(drive,) * 4)))
+        modes = opened_at_torques(replace(robot(24, 4), parts=replace(robot(24, 4).parts, drives=(drive,) * 4))).modes()
         for height in (1.001, 1.1, 2.0):
             end = modes.end(height)
             later = [replace(modes, delays=rng.uniform(0, 0.01, 4)) for _ in range(20)]

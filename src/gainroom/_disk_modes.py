@@ -19,12 +19,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ._mu import balanced, largest
+from ._mu import balanced, largest, scaled
 from .arrays import Complexes, Floats, Integers
 from .loop import Loop
 from .statespace import StateSpace
 
-AGREEMENT = 1e-6  # of the modes with the loop's response, relative
+AGREEMENT = 1e-6  # of the modes with the state space that they come from, relative
 SPREAD = 0.1  # of R about I
 NEAREST = 1e-100  # distance of a pole on the boundary [1/s]
 ORDER = 4  # of the expansion of N in 1/s: current loops make N fall with the third power of s
@@ -62,10 +62,7 @@ class Modes:
 
     def variable(self, omega: Floats) -> Complexes:
         """v at ω (k,)."""
-        if not self.sample_time:
-            return 1j * omega
-        half = 0.5 * omega * self.sample_time
-        return np.exp(1j * half) * (2j / self.sample_time) * np.sin(half)
+        return _variable(omega, self.sample_time)
 
     def matrices(self, omega: Floats) -> Complexes:
         """X Y⁻¹ (k, n, n): S − T up to the phases of E, which no bound of μ feels."""
@@ -104,41 +101,62 @@ class Modes:
         return float(omega[np.argmax(below)]) if below.any() else math.inf
 
 
-def modes_of(loop: Loop) -> Modes:
-    """The modes of the loops closed without delay. Defective ones come out wrong: compare with the response (`agree`)."""
-    system, delays = _without_delay(loop)
-    out = loop.gain * system.c
-    share = 1 + SPREAD * np.linspace(-1, 1, loop.size)
-    poles, vectors = np.linalg.eig(system.a - (system.b * share) @ out)
-    try:
-        into = np.linalg.solve(vectors, system.b)
-    except np.linalg.LinAlgError:  # parallel eigenvectors
-        into = np.zeros(system.b.shape)
-    moving = np.abs(poles) > 1e-15 * np.abs(poles).max(initial=0.0)  # what rests at 0 whatever the gains is no part of the loop
-    return Modes(poles[moving], into[moving], (out @ vectors)[:, moving], delays, share, loop.sample_time or 0.0)
+@dataclass(frozen=True)
+class Opened:
+    """The loops opened at the motor torques, L = G E: G (n, n) a state space, delays (n,) [s], sample_time [s] (0: continuous)."""
+
+    system: StateSpace
+    delays: Floats
+    sample_time: float
+
+    def response(self, omega: Floats) -> Complexes:
+        """L at ω (k,): (k, n, n)."""
+        return self.system.at(_variable(omega, self.sample_time)) * np.exp(-1j * omega[:, None] * self.delays)[:, None, :]
+
+    def modes(self) -> Modes:
+        """The modes of the loops closed without delay. Defective ones come out wrong: `agrees` tells."""
+        system, size = self.system, len(self.delays)
+        share = 1 + SPREAD * np.linspace(-1, 1, size)
+        poles, vectors = np.linalg.eig(system.a - (system.b * share) @ system.c)
+        try:
+            into = np.linalg.solve(vectors, system.b)
+        except np.linalg.LinAlgError:  # parallel eigenvectors
+            into = np.zeros(system.b.shape)
+        moving = np.abs(poles) > 1e-15 * np.abs(poles).max(initial=0.0)  # what rests at 0 whatever the gains is no part of the loop
+        return Modes(poles[moving], into[moving], (system.c @ vectors)[:, moving], self.delays, share, self.sample_time)
+
+    def agrees(self, modes: Modes, omega: Floats) -> bool:
+        """Whether the modes give back S − T at ω (k,)."""
+        eye, lag = np.eye(len(self.delays)), np.exp(-1j * omega[:, None] * self.delays)
+        direct = 2 * np.linalg.inv(eye + self.response(omega)) - eye
+        error = modes.matrices(omega) - lag[:, :, None] * direct / lag[:, None, :]
+        x = balanced(direct)
+        # one by one: a NaN is no agreement
+        return bool(np.all(np.isfinite(error)) and np.all(_norm(scaled(error, x)) <= AGREEMENT * _norm(scaled(direct, x))))
 
 
-def _without_delay(loop: Loop) -> tuple[StateSpace, Floats]:
-    """From torque command to controller output without delays (n,) [s]; in sampled time only whole ticks are left out."""
+def opened_at_torques(loop: Loop) -> Opened:
+    """A loop of several joints; in sampled time E holds the whole ticks."""
     if loop.sample_time is None:
         assert loop.open_loop is not None
-        return loop.open_loop, np.zeros(loop.size) if loop.delays is None else loop.delays
-    assert loop.parts is not None
-    step = loop.sample_time
-    ticks = [math.floor(drive.delay / step * (1 + 1e-12) + 1e-12) for drive in loop.parts.drives]
-    rest = [replace(drive, delay=max(drive.delay - tick * step, 0.0)) for drive, tick in zip(loop.parts.drives, ticks, strict=True)]
-    shorter = replace(loop, parts=replace(loop.parts, drives=tuple(rest))).open_loop
-    assert shorter is not None
-    return shorter, step * np.array(ticks)
+        system, delays = loop.open_loop, np.zeros(loop.size) if loop.delays is None else loop.delays
+    else:
+        assert loop.parts is not None
+        step = loop.sample_time
+        ticks = [math.floor(drive.delay / step * (1 + 1e-12) + 1e-12) for drive in loop.parts.drives]
+        rest = [replace(drive, delay=max(drive.delay - tick * step, 0.0)) for drive, tick in zip(loop.parts.drives, ticks, strict=True)]
+        shorter = replace(loop, parts=replace(loop.parts, drives=tuple(rest))).open_loop
+        assert shorter is not None
+        system, delays = shorter, step * np.array(ticks)
+    return Opened(StateSpace(system.a, system.b, loop.gain * system.c, loop.gain * system.d), delays, loop.sample_time or 0.0)
 
 
-def agree(modes: Modes, loop: Loop, omega: Floats) -> bool:
-    """Whether the modes give the trace of S − T that the response gives, which is the same wherever the loops are opened."""
-    eye = np.eye(loop.size)
-    direct = np.trace(2 * np.linalg.inv(eye + loop.response(omega)) - eye, axis1=1, axis2=2)
-    values = modes.matrices(omega)
-    error = np.abs(np.trace(values, axis1=1, axis2=2) - direct)
-    return bool(np.all(error <= AGREEMENT * _norm(values)))  # False for NaN
+def _variable(omega: Floats, sample_time: float) -> Complexes:
+    """v at ω (k,)."""
+    if not sample_time:
+        return 1j * omega
+    half = 0.5 * omega * sample_time
+    return np.exp(1j * half) * (2j / sample_time) * np.sin(half)
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ._disk_modes import AGREEMENT, Expansion, Modes, agree, expanded, modes_of
+from ._disk_modes import AGREEMENT, Expansion, Modes, expanded, opened_at_torques
 from ._mu import balanced, from_below, improved, largest, scaled
 from .arrays import Complexes, Floats, Integers
 from .errors import GainroomError
@@ -23,7 +23,7 @@ from .stability import scan_loop
 
 TOLERANCE = 1e-3  # a peak between the frequencies looked at may be higher than the one reported by this share of it
 SCALAR_TOLERANCE = 1 / 0.99 - 1  # the same of the scan of one loop (crossings.py)
-SAMPLES, CHECKS = 100, 12  # of S − T: from which the search for the peak starts; at which modes and response are compared
+SAMPLES, CHECKS = 100, 12  # of S − T: from which the search for the peak starts; at which the modes are checked
 MOST_TRIED, MOST_POLISHED = 48, 4  # samples whose D is improved, local peaks that are climbed
 RUNGS = 60  # intervals that the certificate starts from
 AT_ONCE, MOST_INTERVALS = 128, 5_000  # bounds of memory and of time
@@ -68,15 +68,15 @@ def disk_margin(loop: Loop) -> MultiLoopDisk:
     Certified for loops built from parts, with exact delays or sampled, ω → 0 and ω → ∞ included: proved in real arithmetic, evaluated in
     doubles, not rounded outwards. What is proved is that σ_max stays below the peak (1 + gap); that D is the best one is not part of it,
     and does not have to be: any D gives a margin that holds. `certified` is False where the work limit stopped the proof, for callables,
-    and where the modes of the loops closed without delay (some may be defective) do not give back the response: that is then sampled, at
-    the measured positions.
+    and where the modes of the loops closed without delay (some may be defective) do not give back S − T, which is then sampled.
     """
     if loop.size == 1:
         return _of_one(loop)
-    modes = modes_of(loop)
+    opened = opened_at_torques(loop)
+    modes = opened.modes()
     omega = modes.frequencies(SAMPLES)
-    if not agree(modes, loop, omega[SAMPLES // CHECKS :: SAMPLES // CHECKS]):
-        return disk_margin_of(loop.response, omega[1:])
+    if not opened.agrees(modes, omega[SAMPLES // CHECKS :: SAMPLES // CHECKS]):
+        return disk_margin_of(opened.response, omega[1:])
     peak = _peak_from(modes.matrices, omega, (0.0, modes.last))
     if not modes.sample_time and peak.height < 1:
         peak = _Peak(1.0, math.inf, np.zeros(loop.size))  # L → 0: S − T → I
