@@ -5,11 +5,11 @@ import json
 import sys
 from pathlib import Path
 
-from . import disk, maps, margins, startup
+from . import coupled, disk, maps, margins, startup
 from .measure import machine_facts
 from .table import print_table
 
-PARTS = {"margins": margins.run, "disk": disk.run, "maps": maps.run, "startup": startup.run}
+PARTS = {"margins": margins.run, "coupled": coupled.run, "disk": disk.run, "maps": maps.run, "startup": startup.run}
 OUTPUT = Path("build/benchmarks.json")
 
 

@@ -17,6 +17,7 @@ LAYERS = (
     ("crossings", "acceleration", "sampled_scan"),
     ("loop",),
     ("stability", "region_curves", "_disk_modes"),
+    ("calm",),
     ("robustness", "sweep", "forbidden", "multiloop_disk"),
     ("limits",),
     ("coupled",),

@@ -1,5 +1,6 @@
 """The largest and smallest factor on all gains, with a certificate from both sides; unstable loops; several joints."""
 
+import contextlib
 from math import inf, isinf, isnan, pi
 
 import numpy as np
@@ -8,7 +9,9 @@ import scipy.signal
 
 import gainroom as gr
 from draws import draw_plant, draw_setup
+from gainroom.limits import coupled_limit
 from gainroom.stability import unstable_roots
+from gainroom.sweep import AT_ONCE, MOST, Sweep, in_blocks
 
 
 @pytest.mark.parametrize("sampled", [False, True], ids=["continuous", "sampled"])
@@ -148,3 +151,51 @@ def test_several_joints_without_damping(feedback, stable):
     assert bool(gr.rightmost_roots(loop).roots.real.max() < 0) is stable
     if not stable:
         assert limit.gain == 0
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_undamped_joints_that_do_not_couple_are_single_joints(seed):
+    """Poles on the boundary, link side, with delay: the stable factors of two such joints are those that both of them stand."""
+    rng = np.random.default_rng([5, seed])
+    joints = [gr.ElasticJoint(rng.uniform(0.1, 0.5), rng.uniform(0.2, 2), rng.uniform(2e3, 9e3)) for _ in range(2)]
+    gains = [(rng.uniform(50, 400), rng.uniform(0.0, 1.0)) for _ in joints]
+    drive, side = gr.Drive(4000.0, 0.9, rng.uniform(1e-3, 4e-3)), "link" if seed % 2 else "motor"
+    plant = gr.Plant(
+        np.diag([1 / joint.link_inertia for joint in joints]),
+        np.array([joint.motor_inertia for joint in joints]),
+        np.array([joint.stiffness for joint in joints]),
+    )
+    together = gr.gain_limit(gr.build_loop(plant, drive, gr.PD(*np.array(gains).T), feedback=side))
+    alone = [gr.gain_limit(gr.build_loop(joint, drive, gr.PD(*gain), feedback=side)) for joint, gain in zip(joints, gains, strict=True)]
+    if all(one.stable for one in alone):
+        assert together.gain == pytest.approx(min(one.gain for one in alone), rel=1e-7)
+        assert together.lower_gain == pytest.approx(max(one.lower_gain for one in alone), rel=1e-7)
+    assert together.stable == all(one.stable for one in alone)
+
+
+def test_no_work_is_done_on_more_matrices_than_fit():
+    blocks = []
+
+    def function(omega):
+        blocks.append(len(omega))
+        return omega[:, None] * np.ones(3)
+
+    size = 40
+    omega = np.linspace(1, 2, 3 * AT_ONCE // size**2 + 5)
+    assert np.array_equal(in_blocks(function, omega, size), omega[:, None] * np.ones(3))
+    assert max(blocks) * size**2 <= AT_ONCE
+    assert in_blocks(function, omega[:0], size).shape == (0, 3)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_wild_gains_are_bounded_work(seed):
+    """Gains over five decades on a closed chain: an answer or one clear sentence, from a bounded number of samples."""
+    rng = np.random.default_rng([6, seed])
+    plant = draw_plant(rng, 6, rank=4)
+    controller = gr.PPI(10 ** rng.uniform(-1, 3, 6), 10 ** rng.uniform(-1, 4, 6), 10 ** rng.uniform(-2, 5, 6))
+    loop = gr.build_loop(plant, gr.Drive(2000.0, 0.3, 1e-2), controller)
+    sweep = Sweep(loop)
+    with contextlib.suppress(gr.GainroomError):
+        limit = coupled_limit(sweep)
+        assert limit.gain == 0 or limit.certificate is None or limit.certificate.holds
+    assert len(sweep.omega) < 3 * MOST

@@ -34,6 +34,23 @@ def test_algebra_is_that_of_transfer_matrices():
     assert StateSpace.gain(np.array([[2.0]])).at(S)[:, 0, 0].tolist() == [2.0] * len(S)
 
 
+@pytest.mark.parametrize("first", [0, 3, 5])
+def test_states_that_nothing_acts_on_are_solved_first(first):
+    """Current loops before a plant: the same response as from the whole matrix, which a random change of basis leaves full."""
+    rng = np.random.default_rng([3, first])
+    system = random_system(rng, 8, 2, 2)
+    system.a[:first, first:] = 0.0
+    assert system.lead == first
+    turn = np.linalg.qr(rng.normal(size=(8, 8)))[0]
+    full = StateSpace(turn.T @ system.a @ turn, turn.T @ system.b, system.c @ turn, system.d)
+    assert full.lead == 0
+    assert system.at(S) == pytest.approx(full.at(S), rel=1e-10)
+    held = hold(StateSpace(system.a, system.b, system.c, np.zeros((2, 2))), np.zeros(2), 0.1)
+    assert held.lead == first
+    steps = hold(StateSpace(full.a, full.b, full.c, np.zeros((2, 2))), np.zeros(2), 0.1)
+    assert held.at(S) == pytest.approx(steps.at(S), rel=1e-9)
+
+
 @pytest.mark.parametrize("seed", range(30))
 def test_realize_is_the_ratio(seed):
     """Poles and zeros over four decades, pairs and reals, some at zero."""

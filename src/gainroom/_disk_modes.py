@@ -22,7 +22,7 @@ import numpy as np
 from ._mu import balanced, largest, scaled
 from .arrays import Complexes, Floats, Integers
 from .loop import Loop
-from .statespace import StateSpace
+from .statespace import StateSpace, whole_ticks
 
 AGREEMENT = 1e-6  # of the modes with the state space that they come from, relative
 SPREAD = 0.1  # of R about I
@@ -143,11 +143,11 @@ def opened_at_torques(loop: Loop) -> Opened:
     else:
         assert loop.parts is not None
         step = loop.sample_time
-        ticks = [math.floor(drive.delay / step * (1 + 1e-12) + 1e-12) for drive in loop.parts.drives]
-        rest = [replace(drive, delay=max(drive.delay - tick * step, 0.0)) for drive, tick in zip(loop.parts.drives, ticks, strict=True)]
+        ticks, fractions = whole_ticks([drive.delay for drive in loop.parts.drives], step)
+        rest = [replace(drive, delay=step * part) for drive, part in zip(loop.parts.drives, fractions.tolist(), strict=True)]
         shorter = replace(loop, parts=replace(loop.parts, drives=tuple(rest))).open_loop
         assert shorter is not None
-        system, delays = shorter, step * np.array(ticks)
+        system, delays = shorter, step * ticks
     return Opened(StateSpace(system.a, system.b, loop.gain * system.c, loop.gain * system.d), delays, loop.sample_time or 0.0)
 
 

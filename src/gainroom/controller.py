@@ -15,6 +15,7 @@ mapped by Tustin's rule, exact at their own frequency.
 
 import math
 from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -84,8 +85,7 @@ class _Feedback:
     notches: tuple[Notch, ...] = field(default=(), kw_only=True)
 
     def __post_init__(self) -> None:
-        if isinstance(self.notches, Notch):
-            object.__setattr__(self, "notches", (self.notches,))
+        object.__setattr__(self, "notches", (self.notches,) if isinstance(self.notches, Notch) else tuple(self.notches))
         for name in self.gain_names():
             object.__setattr__(self, name, _gain(type(self).__name__, name, getattr(self, name)))
 
@@ -100,16 +100,11 @@ class _Feedback:
 
     def velocity(self, sample_time: float | None) -> Ratio:
         """V in v. Continuous: s F(s), improper where there is no filter."""
-        num, den = (np.ones(1), np.ones(1)) if self.velocity_filter is None else self.velocity_filter.polynomials(sample_time)
-        difference = np.ones(1) if sample_time is None else np.array([sample_time, 1.0])
-        return np.polymul([1.0, 0.0], num), np.polymul(difference, den)
+        return _velocity(self.velocity_filter, sample_time)
 
     def shaping(self, sample_time: float | None) -> Factored:
         """N in v: the notches."""
-        product = ratio([1.0], [1.0], sample_time)
-        for notch in self.notches:
-            product = product * ratio(*notch.polynomials(sample_time), sample_time)
-        return product
+        return _notched(self.notches, sample_time)
 
     def transfer(self, sample_time: float | None) -> Factored:
         """D for one joint (n = 1). Raises GainroomError where a gain is a matrix."""
@@ -119,9 +114,33 @@ class _Feedback:
         """D of `size` joints at complex s (k,), with v the same points in this module's variable: (k, n, n)."""
         velocity, integral = (np.polyval(num, v) / np.polyval(den, v) for num, den in (self.velocity(sample_time), integrator(sample_time)))
         total = np.zeros((len(v), size, size), dtype=complex)
-        for (power_v, power_i), gain in self.terms().items():
-            total += (velocity**power_v * integral**power_i)[:, None, None] * gain_matrix("gain", gain, size)
-        return self.shaping(sample_time).at(s)[:, None, None] * total
+        for (power_v, power_i), gain in self._matrices(size).items():
+            total += (velocity**power_v * integral**power_i)[:, None, None] * gain
+        shaping = self.shaping(sample_time)
+        return total if shaping.is_one else shaping.at(s)[:, None, None] * total
+
+    def _matrices(self, size: int) -> Terms:
+        """`terms` as (n, n) matrices; kept, as responses are asked for many times."""
+        if size not in self._sized:
+            self._sized[size] = {powers: gain_matrix("gain", gain, size) for powers, gain in self.terms().items()}
+        return self._sized[size]
+
+    @cached_property
+    def _sized(self) -> dict[int, Terms]:
+        return {}
+
+    def slowest(self, size: int) -> float:
+        """The lowest frequency [rad/s] at which one term takes over from another on some joint; inf where there is but one."""
+        by_order: dict[int, Floats] = {}
+        for (power_v, power_i), gain in self._matrices(size).items():
+            by_order[power_v - power_i] = by_order.get(power_v - power_i, 0.0) + np.linalg.norm(gain, axis=1)
+        corners = [
+            (by_order[low][both] / by_order[high][both]) ** (1 / (high - low))
+            for low in by_order
+            for high in by_order
+            if low < high and np.any(both := (by_order[low] > 0) & (by_order[high] > 0))
+        ]
+        return min((float(corner.min()) for corner in corners), default=math.inf)
 
     def combine(self, terms: Terms, sample_time: float | None) -> Factored:
         """N · Σ terms, with this controller's filters, for scalar gains."""
@@ -278,6 +297,21 @@ class Compensator(_Feedback):
 
 
 Controller = PD | PID | PPI | Compensator
+
+
+@lru_cache(256)
+def _velocity(velocity_filter: LowPass | None, sample_time: float | None) -> Ratio:
+    num, den = (np.ones(1), np.ones(1)) if velocity_filter is None else velocity_filter.polynomials(sample_time)
+    difference = np.ones(1) if sample_time is None else np.array([sample_time, 1.0])
+    return np.polymul([1.0, 0.0], num), np.polymul(difference, den)
+
+
+@lru_cache(256)
+def _notched(notches: tuple[Notch, ...], sample_time: float | None) -> Factored:
+    product = ratio([1.0], [1.0], sample_time)
+    for notch in notches:
+        product = product * ratio(*notch.polynomials(sample_time), sample_time)
+    return product
 
 
 def integrator(sample_time: float | None) -> Ratio:

@@ -6,15 +6,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .arrays import Complexes, Floats, Integers
+from .arrays import Booleans, Complexes, Floats, Integers
 from .controller import PD, PID, gain_matrix
 from .errors import GainroomError
 from .limits import GainLimit, coupled_limit
 from .loop import Loop
-from .sweep import Sweep
+from .sweep import MOST, Sweep, in_blocks
 
 Curves = Callable[[Floats], Complexes]
-"""ω (k,) → (k, n): one scalar response per joint."""
+"""ω (k,) → (k, m): m scalar responses."""
 RELATIVE_MOVE = 0.25  # of a curve between samples, near the negative real axis
 LARGEST = 1e6  # factors on one loop above this count as no limit
 
@@ -60,14 +60,14 @@ def joint_margins(loop: Loop) -> JointMargins:
     crossings = _unit_crossings(sweep)
     phase = min(crossings, key=lambda one: abs(_signed(one[1])), default=None)
     delay = min(crossings, key=lambda one: _positive(one[1]) / one[0], default=None)
-    largest_kp, largest_kd = _largest_gains(sweep)
+    factors, largest_kp, largest_kd = _one_at_a_time(sweep)
     return JointMargins(
         limit,
         abs(_signed(phase[1])) if phase else math.inf,
         phase[0] if phase else math.nan,
         _positive(delay[1]) / delay[0] if delay else math.inf,
         delay[0] if delay else math.nan,
-        1 + room(sweep, lambda omega: _diagonal(_complementary(loop, omega))),
+        factors,
         largest_kp,
         largest_kd,
     )
@@ -86,63 +86,74 @@ def _signed(value: complex) -> float:
 def _unit_crossings(sweep: Sweep) -> list[tuple[float, complex]]:
     """(ω, λ) of every crossing of the unit circle by a locus."""
     steps = sweep.steps()
-    start, end = np.log(np.maximum(np.abs(steps.start), 1e-300)), np.log(np.maximum(np.abs(steps.end), 1e-300))
-    found = []
-    for k, branch in np.argwhere((start > 0) != (end > 0)).tolist():
-        share = start[k, branch] / (start[k, branch] - end[k, branch])
-        omega = float(sweep.omega[k] + share * (sweep.omega[k + 1] - sweep.omega[k]))
-        wanted = complex(steps.start[k, branch] + share * (steps.end[k, branch] - steps.start[k, branch]))
-        omega, value, _ = sweep.crossing(omega, wanted, lambda value: math.log(abs(value)))
-        if abs(abs(value) - 1) < 1e-9:
-            found.append((omega, value))
-    return found
+    low, high = np.log(np.maximum(np.abs(steps.start), 1e-300)), np.log(np.maximum(np.abs(steps.end), 1e-300))
+    k, branch = np.nonzero((low > 0) != (high > 0))
+    share = low[k, branch] / (low[k, branch] - high[k, branch])
+    omega = sweep.omega[k] + share * (sweep.omega[k + 1] - sweep.omega[k])
+    wanted = steps.start[k, branch] + share * (steps.end[k, branch] - steps.start[k, branch])
+    omega, value, _ = sweep.crossings(omega, wanted, lambda value: np.log(np.abs(value)))
+    reached = np.abs(np.abs(value) - 1) < 1e-9
+    return list(zip(omega[reached].tolist(), value[reached].tolist(), strict=True))
 
 
-def _complementary(loop: Loop, omega: Floats) -> Complexes:
-    """T = (I + L)⁻¹ L (k, n, n)."""
-    response = loop.response(omega).reshape(len(omega), loop.size, loop.size)
-    return np.linalg.solve(np.eye(loop.size) + response, response)
+def _one_at_a_time(sweep: Sweep) -> tuple[Floats, Floats | None, Floats | None]:
+    """Largest factor on one joint's gains, then its largest diagonal kp and kd where there are such, all other gains as they are.
 
-
-def _diagonal(matrices: Complexes) -> Complexes:
-    return np.diagonal(matrices, axis1=1, axis2=2)
-
-
-def _largest_gains(sweep: Sweep) -> tuple[Floats | None, Floats | None]:
-    """Largest diagonal gains of one joint: a change δ of its gain adds δ times one entry of (I + L)⁻¹ P to the return difference."""
+    A factor 1 + δ on joint i's gains adds δ T_ii to the determinant of the return difference, relative to itself, T = (I + L)⁻¹ L; a
+    change δ of one of its diagonal gains adds δ times (I + L)⁻¹ P C e^{−sT} at (i, i), times what that gain multiplies.
+    """
     loop = sweep.loop
     assert loop.parts is not None
-    controller = loop.parts.controller
-    if not isinstance(controller, PD | PID):
-        return None, None
+    controller, size, sample_time = loop.parts.controller, loop.size, loop.sample_time
+    units = []
+    if isinstance(controller, PD | PID):
+        others = {"ki": 0.0} if isinstance(controller, PID) else {}
+        units = [replace(controller, kp=kp, kd=kd, **others) for kp, kd in ((1.0, 0.0), (0.0, 1.0))]
 
-    others = {"ki": 0.0} if isinstance(controller, PID) else {}
-
-    def entries(omega: Floats, kp: float, kd: float) -> Complexes:
+    def curves(omega: Floats) -> Complexes:
         s = 1j * omega
-        unit = replace(controller, kp=kp, kd=kd, **others).matrix(s, loop.variable(s), 1, loop.sample_time)[:, 0, 0]
+        v = loop.variable(s)
         actuated = loop.actuated_response(omega)
-        response = loop.response(omega).reshape(actuated.shape)
-        return unit[:, None] * _diagonal(np.linalg.solve(np.eye(loop.size) + response, actuated))
+        law = loop.gain * controller.matrix(s, v, size, sample_time)
+        sensitive = np.linalg.solve(np.eye(size) + actuated @ law, actuated)
+        own = np.diagonal(sensitive, axis1=1, axis2=2)
+        alone = [own * unit.matrix(s, v, 1, sample_time)[:, 0] for unit in units]
+        return np.hstack([np.einsum("kij,kji->ki", sensitive, law), *alone])
 
-    kp, kd = (np.diagonal(gain_matrix(name, getattr(controller, name), loop.size)) * loop.gain for name in ("kp", "kd"))
-    return kp + room(sweep, lambda omega: entries(omega, 1.0, 0.0)), kd + room(sweep, lambda omega: entries(omega, 0.0, 1.0))
+    rooms = room(sweep, curves).reshape(-1, size)
+    if not units:
+        return 1 + rooms[0], None, None
+    kp, kd = (np.diagonal(gain_matrix(name, getattr(controller, name), size)) * loop.gain for name in ("kp", "kd"))
+    return 1 + rooms[0], kp + rooms[1], kd + rooms[2]
 
 
 def room(sweep: Sweep, curves: Curves) -> Floats:
-    """(n,) the smallest δ > 0 with 1 + δ c(jω) = 0, where c (one per joint) first meets the negative real axis; inf where none does."""
-    omega, values = _resolved(sweep, curves)
+    """(m,) the smallest δ > 0 with 1 + δ c(jω) = 0 for each curve c: where it first meets the negative real axis; inf where none does."""
+    size = sweep.loop.size
+
+    def curves_in_blocks(omega: Floats) -> Complexes:
+        return in_blocks(curves, omega, size)
+
+    omega, values = _resolved(sweep, curves_in_blocks)
     crosses = ((values.imag[1:] > 0) != (values.imag[:-1] > 0)) & ((values.real[1:] < 0) | (values.real[:-1] < 0))
     room = np.full(values.shape[1], math.inf)
     if sweep.last is not None:
         at_end = curves(np.array([sweep.last]))[0].real
         room = np.where(at_end < -1 / LARGEST, -1 / np.minimum(at_end, -1 / LARGEST), room)
-    rows, joints = np.nonzero(crosses)
+    rows, joints = np.nonzero(_foremost(values, crosses))
     value = _on_axis(curves, joints, (omega[rows], values[rows, joints]), (omega[rows + 1], values[rows + 1, joints]))
     for joint, found in zip(joints.tolist(), value.tolist(), strict=True):
         if found.real < -1 / LARGEST:
             room[joint] = min(room[joint], -1 / found.real)
     return room
+
+
+def _foremost(values: Complexes, crosses: Booleans) -> Booleans:
+    """Of the steps (k − 1, m) that cross the real axis, those that may hold a curve's leftmost crossing."""
+    spread = 1 + RELATIVE_MOVE  # how far beyond its ends a step may reach
+    left = spread * np.minimum(values.real[:-1], values.real[1:])
+    surely = np.where(crosses, np.maximum(values.real[:-1], values.real[1:]) / spread, 0.0).min(axis=0, initial=0.0)
+    return crosses & (left <= surely)
 
 
 def _on_axis(curves: Curves, joints: Integers, low: tuple[Floats, Complexes], high: tuple[Floats, Complexes]) -> Complexes:
@@ -175,7 +186,7 @@ def _resolved(sweep: Sweep, curves: Curves) -> tuple[Floats, Complexes]:
         near = (np.minimum(start.real, end.real) < 0) & (np.minimum(np.abs(start.imag), np.abs(end.imag)) < size)
         rough = np.any(near & (np.abs(end - start) > RELATIVE_MOVE * size) & (size > 1 / LARGEST), axis=1)
         rough &= np.diff(omega) > 1e-9 * omega[1:]
-        if not rough.any() or len(omega) > 20_000:
+        if not rough.any() or len(omega) > MOST:
             break
         spots = np.flatnonzero(rough)
         middle = 0.5 * (omega[spots] + omega[spots + 1])

@@ -15,7 +15,7 @@ from .arrays import Complexes, Floats
 from .errors import GainroomError
 from .forbidden import Requirements
 from .loop import Loop
-from .sweep import Sweep
+from .sweep import MOST, Sweep, in_blocks
 
 Case = Callable[[float], Loop]
 """σ → the loop with gains of that scale."""
@@ -86,14 +86,15 @@ def _sensitivity(sweep: Sweep) -> Complexes:
         response = loop.response(omega).reshape(len(omega), loop.size, loop.size)
         return np.diagonal(np.linalg.inv(np.eye(loop.size) + response), axis1=1, axis2=2)
 
-    values = diagonal(omega)
+    values = in_blocks(diagonal, omega, loop.size)
     for _ in range(10):
         move = np.abs(np.diff(values, axis=0)).max(axis=1)
         rough = np.flatnonzero((move > 0.1) & (np.diff(omega) > 1e-7 * omega[1:]))
-        if not len(rough) or len(omega) > 10_000:
+        if not len(rough) or len(omega) > MOST:
             break
         middle = 0.5 * (omega[rough] + omega[rough + 1])
-        values, omega = np.insert(values, rough + 1, diagonal(middle), axis=0), np.insert(omega, rough + 1, middle)
+        values = np.insert(values, rough + 1, in_blocks(diagonal, middle, loop.size), axis=0)
+        omega = np.insert(omega, rough + 1, middle)
     return values
 
 

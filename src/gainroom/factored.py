@@ -45,6 +45,11 @@ class Factored:
             self.sample_time,
         )
 
+    @property
+    def is_one(self) -> bool:
+        """True for the system that passes everything through."""
+        return not len(self.zeros) and not len(self.poles) and self.gain == 1 and self.delay == 0
+
     def scaled(self, factor: float) -> "Factored":
         """The same system with its gain multiplied by `factor`."""
         return Factored(self.zeros, self.poles, self.gain * factor, self.delay, self.sample_time)

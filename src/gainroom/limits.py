@@ -5,14 +5,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .arrays import Complexes
+from .arrays import Booleans, Complexes, Floats
 from .errors import GainroomError
 from .loop import Loop
-from .stability import scan_loop, unstable_roots
-from .sweep import FLOOR, Sweep
+from .stability import has_growing_root, scan_loop, unstable_roots
+from .sweep import HIGHEST, Sweep
 
 NUDGE = 1e-6  # the certificate counts roots at limit·(1 ± NUDGE)
-HIGHEST = 1 / FLOOR  # of the factors that are looked at on coupled loops
+NEAREST = 10.0  # of the factors that are looked at first on coupled loops; most limits lie below
+LOWEST = 1e-6  # factors on coupled loops below this count as none
+# Relative distances from a crossing at which samples tell on which side of it ±NUDGE lies: no step is longer than 3 times its distance.
+TOWARDS = np.concatenate([sign * np.geomspace(0.2 * NUDGE, 0.03, 10) for sign in (-1, 1)])
 CLOSE = 0.03  # relative distance within which crossings, interpolated between samples, may change places when polished
 
 
@@ -67,7 +70,10 @@ def gain_limit(loop: Loop) -> GainLimit:
 
     For an unstable loop: the nearest stable interval below g = 1. Raises GainroomError where L is zero.
     """
-    return _scalar_limit(loop) if loop.size == 1 else coupled_limit(Sweep(loop))
+    if loop.size == 1:
+        return _scalar_limit(loop)
+    limit = coupled_limit(Sweep(loop, NEAREST, for_limit=True))
+    return limit if limit.gain < math.inf else coupled_limit(Sweep(loop, HIGHEST, for_limit=True))
 
 
 def _scalar_limit(loop: Loop) -> GainLimit:
@@ -104,23 +110,24 @@ def _no_limit(loop: Loop, stable: bool, gain: float, lower: float) -> GainLimit:
 
 
 def coupled_limit(sweep: Sweep) -> GainLimit:
-    """gain_limit of several joints, from where their loci cross the negative real axis."""
-    if not np.any(sweep.loci):
+    """gain_limit of several joints, from where their loci cross the negative real axis; factors up to `sweep.highest` are looked at."""
+    if not sweep.largest:
         raise GainroomError("gain_limit: all gains are zero")
-    found = None
     for _ in range(4):
         found, doubtful = _limit_once(sweep)
         if found is not None and (found.certificate.holds if found.certificate else found.gain > 0):
             return found
+        if sweep.full:
+            break
         if found is not None and found.certificate is None:
+            if has_growing_root(sweep.loop):
+                return found
             break
         sweep.add(doubtful * (1 + np.linspace(-0.06, 0.06, 121)))  # the crossing was not where its neighbours promised: look closer
-    if found is None or (not found.stable and unstable_roots(sweep.loop) == 0):
-        raise GainroomError(
-            "gain_limit: the loci could not be followed to a certified limit; gains many orders of magnitude apart on joints that work "
-            "against each other do this"
-        )
-    return found
+    raise GainroomError(
+        "gain_limit: the loci could not be followed to a certified limit; gains many orders of magnitude apart on joints that work "
+        "against each other do this"
+    )
 
 
 def _limit_once(sweep: Sweep) -> tuple[GainLimit | None, float]:
@@ -131,7 +138,7 @@ def _limit_once(sweep: Sweep) -> tuple[GainLimit | None, float]:
     upper = next(k for k, factor in enumerate(factors) if factor > 1)
     if not stable:
         upper -= 1
-        while upper > 0 and sweep.unstable(_between(factors[upper - 1], min(factors[upper], HIGHEST))) > 0:
+        while upper > 0 and sweep.unstable(_between(factors[upper - 1], min(factors[upper], sweep.highest))) > 0:
             upper -= 1
     if upper == 0:
         return _no_limit(sweep.loop, False, 0.0, math.nan), math.nan
@@ -157,18 +164,24 @@ Rough = tuple[float, float, complex]
 def _crossings(sweep: Sweep) -> list[Rough]:
     """Crossings of the negative real axis by all loci, by rising factor."""
     steps = sweep.steps()
-    crosses = ((steps.start.imag > 0) != (steps.end.imag > 0)) & (np.maximum(np.abs(steps.start), np.abs(steps.end)) > 1 / HIGHEST)
-    k, branch = np.nonzero(crosses)
+    k, branch = np.nonzero(((steps.start.imag > 0) != (steps.end.imag > 0)) & ~sweep.calm[:, None])
     start, end = steps.start[k, branch], steps.end[k, branch]
     share = start.imag / (start.imag - end.imag)
     value = (start + share * (end - start)).real
     omega = sweep.omega[k] + share * (sweep.omega[k + 1] - sweep.omega[k])
-    found = [(-1 / v, w, complex(v)) for v, w in zip(value.tolist(), omega.tolist(), strict=True) if v < 0]
+    found = _reached(sweep, value)
+    crossings = zip(-1 / value[found], omega[found], value[found], strict=True)
+    rough = [(float(gain), float(at), complex(there)) for gain, at, there in crossings]
     if sweep.last is not None:
         at_end = sweep.loci[-1]
-        real = (np.abs(at_end.imag) < 1e-9 * np.abs(at_end)) & (at_end.real < -1 / HIGHEST)
-        found += [(-1 / v, sweep.last, complex(v)) for v in at_end.real[real].tolist()]
-    return sorted(found, key=lambda one: one[0])
+        real = (np.abs(at_end.imag) < 1e-9 * np.abs(at_end)) & _reached(sweep, at_end.real)
+        rough += [(-1 / there, sweep.last, complex(there)) for there in at_end.real[real].tolist()]
+    return sorted(rough, key=lambda one: one[0])
+
+
+def _reached(sweep: Sweep, value: Floats) -> Booleans:
+    """True where −1/`value` is a factor that is looked at."""
+    return (value < -1 / sweep.highest) & (value > -1 / LOWEST)
 
 
 def _pinned(sweep: Sweep, rough: Rough, down: bool) -> tuple[Critical, Certificate] | None:
@@ -176,26 +189,22 @@ def _pinned(sweep: Sweep, rough: Rough, down: bool) -> tuple[Critical, Certifica
 
     Near-equal legs cross at nearly the same factor: the rough order decides nothing among those close together.
     """
-    gain, omega, value = rough
-    near = [_polished(sweep, omega, start) for start in _values_near(sweep, omega, value)]
-    found = [point for point in near if point is not None and abs(point.gain / gain - 1) < 2 * CLOSE]
-    if not found:
+    gain, omega, there = rough
+    values = sweep.eigen(np.array([omega]))[0][0]
+    near = values[np.abs(values - there) < CLOSE * np.abs(there)]
+    at, value, _ = sweep.crossings(np.full(len(near), omega), near, _slope, rounds=3)
+    factors = np.where((value.real < 0) & (np.abs(value.imag) < CLOSE * np.abs(value)), -1 / value.real, math.nan)
+    if np.all(np.isnan(factors)):
         return None
-    point = (max if down else min)(found, key=lambda one: one.gain)
-    sweep.add(point.omega * (1 + np.array([sign * 10.0**-k for k in range(2, 9) for sign in (-1, 1)])))
+    first = (np.nanargmax if down else np.nanargmin)(factors)
+    at, value, modes = sweep.crossings(at[[first]], value[[first]], _slope)
+    if value[0].real >= 0 or abs(value[0].imag) > 1e-9 * abs(value[0]) or abs(-1 / value[0].real / gain - 1) > 2 * CLOSE:
+        return None
+    point = Critical(-1 / float(value[0].real), float(at[0]), modes[0])
+    sweep.add(point.omega * (1 + TOWARDS))
     inward = 1 + NUDGE if down else 1 - NUDGE
     return point, Certificate(sweep.unstable(point.gain * inward), sweep.unstable(point.gain * (2 - inward)))
 
 
-def _values_near(sweep: Sweep, omega: float, value: complex) -> list[complex]:
-    """The eigenvalues of L(jω) that may cross at about the same factor as the one at `value`."""
-    values, _ = sweep.eigen(omega)
-    return values[np.abs(values - value) < CLOSE * np.abs(value)].tolist()
-
-
-def _polished(sweep: Sweep, omega: float, wanted: complex) -> Critical | None:
-    """The crossing of the negative real axis by the locus that is at `wanted` at `omega`."""
-    omega, value, mode = sweep.crossing(omega, wanted, lambda value: value.imag / value.real)
-    if value.real >= 0 or abs(value.imag) > 1e-9 * abs(value):
-        return None
-    return Critical(-1 / value.real, omega, mode)
+def _slope(value: Complexes) -> Floats:
+    return value.imag / value.real

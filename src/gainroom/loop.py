@@ -20,7 +20,7 @@ from .factored import Factored, ratio
 from .lti import factored_from, is_lti, sample_time_of
 from .plant import ElasticJoint, Plant
 from .sampling import sample
-from .statespace import StateSpace, factored, hold, realize
+from .statespace import StateSpace, factored, hold, realize, whole_ticks
 
 Feedback = Literal["motor", "link"]
 
@@ -126,26 +126,26 @@ class Loop:
         rank = max(rank for _, rank in spans)
         return None if rank == self.size else (spans[0][0][:, :rank], spans[1][0][:, :rank])
 
-    def core(self, omega: Floats) -> Complexes:
-        """L at omega (k, r, r) as far as the gains reach: the eigenvalues of L without those that are zero because no gain acts there."""
+    def core(self, s: Complexes) -> Complexes:
+        """L at complex s (k, r, r) as far as the gains reach: with all eigenvalues of L but those that are 0 as no gain acts there."""
         if self._controlled is None:
-            return self.response(omega).reshape(len(omega), self.size, self.size)
-        return self._controlled[1].T @ self._partly(omega)
+            return self.at(s).reshape(len(s), self.size, self.size)
+        return self._controlled[1].T @ self._partly(s)
 
-    def lifted(self, omega: float, vector: Complexes) -> Complexes:
+    def lifted(self, s: complex, vector: Complexes) -> Complexes:
         """The measured positions (n,) that belong to an eigenvector of `core`."""
-        return vector if self._controlled is None else self._partly(np.array([omega]))[0] @ vector
+        return vector if self._controlled is None else self._partly(np.array([s]))[0] @ vector
 
-    def _partly(self, omega: Floats) -> Complexes:
+    def _partly(self, s: Complexes) -> Complexes:
         """P C e^{−sT} D V (k, n, r)."""
         assert self._controlled is not None
-        return self.response(omega) @ self._controlled[1]
+        return self.at(s) @ self._controlled[1]
 
     def _actuated_at(self, s: Complexes, v: Complexes) -> Complexes:
         """P C e^{−sT} (k, n, n) of several joints."""
         assert self.parts is not None
         if self.sample_time is not None:
-            return self._held.at(v)[:, : self.size]
+            return self._held.at(v) * np.exp(-s[:, None, None] * (self._ticks * self.sample_time))
         bandwidth = np.array([drive.bandwidth for drive in self.parts.drives])
         damping = np.array([drive.damping_ratio for drive in self.parts.drives])
         lag = s[:, None] / bandwidth  # 0 where the current loop is ideal
@@ -153,10 +153,21 @@ class Loop:
         return self.parts.plant.response(s, self.parts.feedback) * (currents * np.exp(-s[:, None] * self._delays))[:, None, :]
 
     @cached_property
-    def _held(self) -> StateSpace:
-        """The sampled plant with hold, current loops and delays."""
+    def _ticks(self) -> Floats:
+        """(n,) whole ticks of delay in sampled time."""
         assert self.parts is not None
-        return _body(self.parts)
+        assert self.sample_time is not None
+        return whole_ticks(np.array([drive.delay for drive in self.parts.drives]), self.sample_time)[0]
+
+    @cached_property
+    def _held(self) -> StateSpace:
+        """Torque command → measured positions with hold, current loops and the delays beyond whole ticks."""
+        assert self.parts is not None
+        assert self.sample_time is not None
+        body = _actuated_state(self.parts)
+        _, fraction = whole_ticks(np.array([drive.delay for drive in self.parts.drives]), self.sample_time)
+        positions = StateSpace(body.a, body.b, body.c[: self.size], body.d[: self.size])
+        return hold(positions, fraction * self.sample_time, self.sample_time)
 
     def response(self, omega: ArrayLike) -> Complexes:
         """L(jω), or L(e^{jωT_s}), at omega [rad/s] (k,): (k,) for n = 1, else (k, n, n)."""
@@ -332,11 +343,8 @@ def _actuated_scalar(parts: Parts) -> Factored:
     if parts.sample_time is None:
         return Factored(continuous.zeros, continuous.poles, continuous.gain, drive.delay)
     step = parts.sample_time
-    ticks = int(np.floor(drive.delay / step * (1 + 1e-12) + 1e-12))
-    fraction = drive.delay / step - ticks
-    # Whole ticks stay an exact delay; 4.0 ms / 0.5 ms is not a whole number in floating point.
-    sampled = sample(continuous, step, fraction if fraction >= 1e-9 else 0.0)
-    return replace(sampled, delay=ticks * step)
+    ticks, fraction = whole_ticks(drive.delay, step)
+    return replace(sample(continuous, step, float(fraction)), delay=float(ticks) * step)  # whole ticks stay an exact delay
 
 
 def _joint_transfer(plant: Plant, feedback: Feedback) -> Factored:

@@ -19,13 +19,16 @@ def part_limits(loop: Loop, parts: Sequence[Loop]) -> Floats:
 
     parts   the same plant and drives under a part of the controller alone, of rank one
     """
-    size = loop.size
+    controllers = [part.parts.controller for part in parts if part.parts is not None]
+    assert loop.parts is not None
+    own = loop.parts.controller
 
     def traces(omega: Floats) -> Complexes:
-        difference = np.eye(size) + loop.response(omega).reshape(len(omega), size, size)
-        columns = [
-            np.trace(np.linalg.solve(difference, part.response(omega).reshape(difference.shape)), axis1=1, axis2=2) for part in parts
-        ]
-        return np.stack(columns, axis=1)
+        s = 1j * omega
+        v = loop.variable(s)
+        actuated = loop.actuated_response(omega)
+        law, *laws = (one.matrix(s, v, loop.size, loop.sample_time) for one in (own, *controllers))
+        sensitive = np.linalg.solve(np.eye(loop.size) + loop.gain * actuated @ law, actuated)
+        return np.stack([np.einsum("kij,kji->k", sensitive, one) for one in laws], axis=1)
 
     return 1 + room(Sweep(loop), traces) if parts else np.zeros(0)

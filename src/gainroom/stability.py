@@ -18,6 +18,7 @@ from .loop import Loop
 from .sampled_scan import scan_callable
 
 RESOLUTION = 1e-13  # of a root, relative to the largest element of the state matrix
+MOST_STATES = 1000  # with discretised delay lines, for a proof that may as well be had from elsewhere
 INFINITELY_MANY = 10**9
 MARGINAL = 1e-12  # a crossing with | |L| − 1 | below this puts a root on the boundary: not called stable
 
@@ -107,9 +108,8 @@ def rightmost_roots(loop: Loop, count: int = 6) -> Roots:
     require_count("rightmost_roots", "count", count, 1)
     if loop.open_loop is None:
         raise GainroomError("rightmost_roots needs a loop built with build_loop or from an LTI system, not a callable")
-    delays = np.zeros(loop.size) if loop.delays is None else loop.delays
-    system = _Characteristic(loop.open_loop.a, loop.open_loop.b, loop.gain * loop.open_loop.c, loop.gain * loop.open_loop.d, delays)
-    if loop.sample_time is not None or not np.any(delays > 0):
+    system = _characteristic(loop)
+    if loop.sample_time is not None or not np.any(system.delays > 0):
         return _rightmost(*_newton(system, np.linalg.eigvals(system.collocated(0)), math.inf), count, loop.sample_time)
     best: Complexes | None = None
     for nodes in (12, 20, 32, 48, 72, 108):
@@ -118,6 +118,33 @@ def rightmost_roots(loop: Loop, count: int = 6) -> Roots:
             return found
         best = found.roots
     return found
+
+
+def has_growing_root(loop: Loop) -> bool:
+    """True where a polished closed-loop root proves a loop of several joints unstable; False proves nothing."""
+    system = _characteristic(loop)
+    plain = loop.sample_time is not None or not np.any(system.delays > 0)
+    for nodes in (0,) if plain else (12, 20, 32):
+        starts = np.linalg.eigvals(system.collocated(0)) if plain else _candidates(system, nodes, loop.size + 4)
+        likely = starts[np.argsort(-_rate(starts, loop.sample_time))][: loop.size + 4]
+        roots = _newton(system, likely, math.inf if plain else 0.3)[0]
+        if np.any(_rate(roots, loop.sample_time) > 10 * RESOLUTION * np.abs(system.a).max(initial=1.0)):
+            return True
+        if len(system.a) + 2 * nodes * loop.size > MOST_STATES:
+            break
+    return False
+
+
+def _rate(roots: Complexes, sample_time: float | None) -> Floats:
+    """How fast roots in v grow [1/s]."""
+    with np.errstate(divide="ignore"):
+        return roots.real if sample_time is None else np.log(np.abs(1 + sample_time * roots)) / sample_time
+
+
+def _characteristic(loop: Loop) -> "_Characteristic":
+    assert loop.open_loop is not None
+    delays = np.zeros(loop.size) if loop.delays is None else loop.delays
+    return _Characteristic(loop.open_loop.a, loop.open_loop.b, loop.gain * loop.open_loop.c, loop.gain * loop.open_loop.d, delays)
 
 
 @dataclass(frozen=True)

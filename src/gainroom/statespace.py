@@ -2,9 +2,11 @@
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .arrays import Complexes, Floats
 from .errors import GainroomError
@@ -48,11 +50,33 @@ class StateSpace:
         """Both side by side: inputs and outputs stacked."""
         return StateSpace(*(_block_diagonal(getattr(self, name), getattr(other, name)) for name in "abcd"))
 
+    @cached_property
+    def lead(self) -> int:
+        """How many states come first that the others do not act on (current loops before a plant), where that halves the work; or 0."""
+        size = len(self.a)
+        if size < 2:
+            return 0
+        reached = np.where(np.any(self.a, axis=1), size - np.argmax(self.a[:, ::-1] != 0, axis=1), 0)  # (size,) one past the last that acts
+        leads = [k for k, last in enumerate(np.maximum.accumulate(reached).tolist(), start=1) if last <= k < size]
+        best = min(leads, key=lambda k: k**3 + (size - k) ** 3, default=0)
+        return best if best**3 + (size - best) ** 3 < 0.5 * size**3 else 0
+
     def at(self, v: Complexes) -> Complexes:
         """The transfer matrix at complex v (k,): (k, outputs, inputs)."""
         v = np.asarray(v, dtype=complex)
-        resolvent = v[:, None, None] * np.eye(len(self.a)) - self.a
-        return self.c @ np.linalg.solve(resolvent, np.broadcast_to(self.b.astype(complex), (len(v), *self.b.shape))) + self.d
+        first, rest = slice(0, self.lead), slice(self.lead, None)
+        pushed = np.broadcast_to(self.b[rest].astype(complex), (len(v), *self.b[rest].shape))
+        moved = np.zeros((len(v), 0, self.b.shape[1]))
+        if self.lead:
+            moved = np.linalg.solve(
+                self._resolvent(v, first), np.broadcast_to(self.b[first].astype(complex), (len(v), *self.b[first].shape))
+            )
+            pushed = pushed + self.a[rest, first] @ moved
+        return self.c[:, first] @ moved + self.c[:, rest] @ np.linalg.solve(self._resolvent(v, rest), pushed) + self.d
+
+    def _resolvent(self, v: Complexes, part: slice) -> Complexes:
+        block = self.a[part, part]
+        return v[:, None, None] * np.eye(len(block)) - block
 
 
 def _block_diagonal(first: Floats, second: Floats) -> Floats:
@@ -102,6 +126,14 @@ def _section(numerator: Floats, denominator: Floats) -> StateSpace:
     return StateSpace(a, np.array([[0.0], [1.0]]), np.array([[rest[1] / size, rest[0]]]), np.array([[feedthrough]]))
 
 
+def whole_ticks(delays: ArrayLike, sample_time: float) -> tuple[Floats, Floats]:
+    """Delays [s] as whole ticks and the fraction of a tick beyond, in [0, 1)."""
+    share = np.asarray(delays, dtype=float) / sample_time
+    ticks = np.floor(share * (1 + 1e-12) + 1e-12)
+    fraction = np.maximum(share - ticks, 0.0)
+    return ticks, np.where(fraction < 1e-9, 0.0, fraction)  # 4.0 ms / 0.5 ms is not a whole number in floating point
+
+
 def hold(system: StateSpace, delays: Floats, sample_time: float) -> StateSpace:
     """`system` (continuous, strictly proper) behind a zero-order hold and one delay per input, sampled exactly, in v = δ.
 
@@ -111,13 +143,12 @@ def hold(system: StateSpace, delays: Floats, sample_time: float) -> StateSpace:
     from scipy.linalg import expm
 
     states, inputs = system.b.shape
-    ticks = np.floor(delays / sample_time * (1 + 1e-12) + 1e-12).astype(int)
-    fraction = np.maximum(delays / sample_time - ticks, 0.0)
-    fraction[fraction < 1e-9] = 0.0  # 4.0 ms / 0.5 ms is not a whole number in floating point
+    ticks, fraction = whole_ticks(delays, sample_time)
     total = sample_time * np.block([[system.a, system.b], [np.zeros((inputs, states + inputs))]])
 
     def over(part: float) -> tuple[Floats, Floats]:
         both = expm(total * part)
+        both[: system.lead, system.lead : states] = 0.0  # round-off
         return both[:states, :states], both[:states, states:]
 
     transition, whole = over(1.0)
@@ -138,7 +169,7 @@ def hold(system: StateSpace, delays: Floats, sample_time: float) -> StateSpace:
         split = StateSpace(tick.a, tick.b @ pick, np.vstack([np.zeros((inputs, len(late))), tick.c]), np.vstack([np.eye(inputs), 0 * pick]))
         plain = both @ split
     chain = StateSpace.gain(np.zeros((0, 0)))
-    for count in ticks:
+    for count in ticks.astype(int):
         line = StateSpace.gain(np.eye(1))
         for _ in range(count):
             line = _tick(sample_time) @ line

@@ -6,6 +6,9 @@ unstable roots (Nyquist, MacFarlane and Postlethwaite 1977). L is sampled once, 
 
 Between neighbouring samples an eigenvalue moves by a small part of its distance from the negative real axis, or of itself. That is a
 check, not a proof as for one joint (crossings.py); what is reported is polished, and counted on both sides.
+
+A limit alone needs few samples: loci too small to matter are told by a norm, and where a passive mechanism under PD keeps them off the
+negative real axis by itself (`calm`) there is nothing to follow.
 """
 
 import math
@@ -15,20 +18,23 @@ from dataclasses import dataclass
 import numpy as np
 
 from .arrays import Booleans, Complexes, Floats, Integers
+from .calm import calm_spans
 from .errors import GainroomError
 from .loop import Loop
-from .stability import unstable_roots
 
+HIGHEST = 1e3  # of the factors that are looked at
 SMOOTH = 0.12  # largest relative move of an eigenvalue between samples near the negative real axis
 DETOUR = 0.5  # of its distance from that axis: a move that stays shorter does not reach the axis in between
 LARGE = 1e3  # eigenvalues beyond this belong to integrators
-FLOOR = 1e-3  # eigenvalues smaller than this are not followed: gains could rise by 60 dB there
 UNDAMPED = 1e-8  # damping ratio below which a resonance counts as undamped
+TILT = 1e-9  # damping ratio, negative, of the ray that takes the place of the boundary then
+HUGE = 1e9  # eigenvalues beyond this drown the small ones in round-off
 NOISE = 1e-10  # of the largest eigenvalue: smaller ones are no better than round-off
 PER_DECADE = 6
 AROUND = np.array([-6.0, -1.5, 0.0, 1.5, 6.0])  # half-widths of a resonance that are sampled
 CLOSEST = 1e-10  # relative distance of samples at which refinement stops
-MOST = 30_000
+MOST = 12_000  # samples
+AT_ONCE = 2_000_000  # entries of all matrices that are held at a time
 
 
 @dataclass(frozen=True)
@@ -43,111 +49,177 @@ class Steps:
 
 
 class Sweep:
-    """Samples of the loci of a loop, refined on demand. `omega` (k,) [rad/s] rising, `loci` (k, r), r <= n of them."""
+    """Samples of the loci of a loop, refined on demand. `omega` (k,) [rad/s] rising, `loci` (k, r), r <= n of them.
 
-    def __init__(self, loop: Loop) -> None:
-        self.loop = loop
+    highest    of the factors that are asked for: eigenvalues smaller than 1/highest are not followed
+    for_limit  what a limit needs and no more: those smaller ones are set to 0, and nothing is sampled where the loop is calm
+    """
+
+    def __init__(self, loop: Loop, highest: float = HIGHEST, for_limit: bool = False) -> None:
+        self.loop, self.highest, self._for_limit = loop, highest, for_limit
         self.last = None if loop.sample_time is None else math.pi / loop.sample_time
         bends = loop.bends
-        # A resonance without damping is a pole on the boundary, which the loci pass at infinity: their turns do not tell on which side.
-        self.undamped = bool(np.any((bends.imag > 0) & (np.abs(bends.real) < UNDAMPED * bends.imag)))
-        self.omega = _first_grid(loop, self.last)
+        # A resonance without damping is a pole on the boundary, which the loci pass at infinity: then the boundary leans, and what grows
+        # slower than TILT tells is not counted.
+        undamped = bool(np.any((bends.imag > 0) & (np.abs(bends.real) < UNDAMPED * bends.imag)))
+        self._ray = 1j + TILT if undamped else 1j
+        grid = _first_grid(loop, self.last)
+        self._calm = calm_spans(loop, 1e-4 * grid[0], grid[-1]) if for_limit else np.zeros((0, 2))
+        self.omega = _without_inside(grid, self._calm)
+        self.largest = 0.0
+        self._lowest = (math.nan, np.zeros(0))
         self.loci = self._eigenvalues(self.omega)
         self._pairs = _pairing(self.loci[:-1], self.loci[1:])
         self._reach_ends()
         for _ in range(60):
             rough = self._rough()
-            if not len(rough) or len(self.omega) > MOST:
+            if not len(rough) or self.full:
                 break
             self.add(_middle(self.omega[rough], self.omega[rough + 1]))
+
+    @property
+    def full(self) -> bool:
+        """No more samples are taken: the loci of this loop cannot be followed."""
+        return len(self.omega) > MOST
 
     def add(self, omega: Floats) -> None:
         """Take samples at more frequencies."""
         fresh = np.setdiff1d(omega, self.omega)
         if self.last is not None:
             fresh = fresh[fresh <= self.last]
-        if not len(fresh):
+        if not len(fresh) or self.full:
             return
         place = np.searchsorted(self.omega, fresh)
         values = self._eigenvalues(fresh)
-        omega = np.insert(self.omega, place, fresh)
-        kept = np.isin(omega[:-1], self.omega[:-1]) & np.isin(omega[1:], self.omega[1:])  # both ends known, and nothing between them
+        split = np.zeros(len(self.omega) + 1, dtype=bool)  # intervals of before, with what lies outside on either side
+        split[place] = True
+        is_new = np.insert(np.zeros(len(self.omega), dtype=bool), place, True)
+        kept = ~is_new[:-1] & ~is_new[1:]
+        self.omega = np.insert(self.omega, place, fresh)
         self.loci = np.insert(self.loci, place, values, axis=0)
-        pairs = np.empty((len(omega) - 1, self.loci.shape[1]), dtype=int)
-        pairs[kept] = self._pairs[np.searchsorted(self.omega, omega[:-1][kept])]
+        pairs = np.empty((len(self.omega) - 1, self.loci.shape[1]), dtype=int)
+        pairs[kept] = self._pairs[~split[1:-1]]
         pairs[~kept] = _pairing(self.loci[:-1][~kept], self.loci[1:][~kept])
-        self.omega, self._pairs = omega, pairs
+        self._pairs = pairs
 
     def steps(self) -> Steps:
         """The loci from sample to sample."""
         return Steps(self.loci[:-1], np.take_along_axis(self.loci[1:], self._pairs, axis=1))
 
-    def unstable(self, gain: float) -> int:
-        """Unstable closed-loop roots with every gain multiplied by `gain`, as far as the gains move them.
+    @property
+    def calm(self) -> Booleans:
+        """(k − 1,) True where no locus can meet the negative real axis between two samples."""
+        if not len(self._calm):
+            return np.zeros(len(self.omega) - 1, dtype=bool)
+        span = np.searchsorted(self._calm[:, 0], self.omega[:-1], side="right") - 1
+        return (span >= 0) & (self.omega[1:] <= self._calm[span, 1])
 
-        With an undamped resonance the roots themselves are counted, those that no gain moves among them.
-        """
-        if self.undamped:
-            return unstable_roots(self.loop.scaled(gain))
+    def unstable(self, gain: float) -> int:
+        """Unstable closed-loop roots with every gain multiplied by `gain` <= highest, as far as the gains move them."""
+        for _ in range(20):  # down to where double integrators rule at this gain too
+            falls = np.round(self._falls()) > 1
+            if not np.any(falls & (gain * np.abs(self.loci[0]) < 100)) or self.omega[0] < 1e-9 * self.omega[-1]:
+                break
+            self.add(self.omega[0] / np.array([4.0, 16.0]))
         target, steps = -1 / gain, self.steps()
         for _ in range(60):
-            close = np.any(_passes(steps, target), axis=1) & (np.diff(self.omega) > CLOSEST * self.omega[1:])
-            if not close.any():
+            close = np.any(_passes(steps, target), axis=1) & (np.diff(self.omega) > CLOSEST * self.omega[1:]) & ~self.calm
+            if not close.any() or self.full:
                 break
             places = np.flatnonzero(close)
             self.add(_middle(self.omega[places], self.omega[places + 1]))
             steps = self.steps()
-        one = 1 + gain * self.loci[0]
-        integrators = round(-float(np.sum(np.log(np.abs(1 + gain * self.loci[1]) / np.abs(one)))) / math.log(self.omega[1] / self.omega[0]))
-        turned = float(np.sum(np.angle((1 + gain * steps.end) * (1 + gain * steps.start).conj())))
+        before, after = 1 + gain * steps.start, 1 + gain * steps.end
+        # 1 + gλ stays off the negative real axis where λ does: its principal angles may be subtracted.
+        calm = self.calm[:, None]
+        turned = float(np.sum(np.where(calm, np.angle(after) - np.angle(before), np.angle(after * before.conj()))))
+        # From ω = 0+, where 1 + gλ points along 1/jᵏ, to the first sample.
+        orders = np.round(self._falls())
+        turned += float(np.sum(np.where(orders > 0, np.angle(before[0] * 1j**orders), 0.0)))
         if self.last is None:
             turned -= float(np.sum(np.angle(1 + gain * self.loci[-1])))  # from the last sample to infinity, where L is 0
-        return round(self.loop.unstable_poles + integrators / 2 - turned / math.pi)
+        return round(self.loop.unstable_poles + float(orders.sum()) / 2 - turned / math.pi)
 
-    def eigen(self, omega: float) -> tuple[Complexes, Complexes]:
-        """Eigenvalues (r,) and vectors (r, r) of the core of L(jω)."""
-        return np.linalg.eig(self.loop.core(np.array([omega]))[0])
+    def _falls(self) -> Floats:
+        """(r,) how each locus falls at the lowest sample, as 1/ωᵏ: k; 0 where it is lost in round-off."""
+        if self._lowest[0] != self.omega[0]:
+            here, step = self.loci[0], 1.02  # so short that the nearest is the same locus, or falls alike
+            there = self._eigenvalues(self.omega[:1] * step)
+            size, after = np.abs(here), np.abs(there[0][_pairing(here[None], there)[0]])
+            told = (size > max(1e-9, NOISE * size.max())) & (after > 0)
+            falls = np.log(np.divide(size, after, out=np.ones(len(size)), where=told)) / math.log(step)
+            self._lowest = float(self.omega[0]), falls
+        return self._lowest[1]
 
-    def crossing(self, omega: float, wanted: complex, height: Callable[[complex], float]) -> tuple[float, complex, Complexes]:
-        """Where `height` of the locus that is at `wanted` at `omega` is zero, by a secant: ω, λ and its vector, the largest part 1.
+    def eigen(self, omega: Floats) -> tuple[Complexes, Complexes]:
+        """Eigenvalues (k, r) and vectors (k, r, r) of the core of L at omega (k,)."""
+        return np.linalg.eig(self.loop.core(self._ray * omega))
+
+    def crossings(
+        self, omega: Floats, wanted: Complexes, height: Callable[[Complexes], Floats], rounds: int = 40
+    ) -> tuple[Floats, Complexes, list[Complexes]]:
+        """Where `height` of the loci that are at `wanted` (k,) at `omega` (k,) is zero, by secants: ω, λ and vectors, the largest part 1.
 
         A locus is followed by its vector: near-equal legs have loci that lie closer together than they move in one step. The caller
         checks what has been reached.
         """
-        values, vectors = self.eigen(omega)
-        k = int(np.argmin(np.abs(values - wanted)))
-        value, mode = complex(values[k]), vectors[:, k]
-        before, first, omega = omega, height(value), omega if omega == self.last else omega * (1 - 1e-6)
-        for _ in range(40):
-            if omega == before:
+        values, vectors = self._eigen_where_they_differ(omega)
+        rows = np.arange(len(omega))
+        which = np.argmin(np.abs(values - wanted[:, None]), axis=1)
+        value, mode = values[rows, which], vectors[rows, :, which]
+        before, first = omega, height(value)
+        omega = np.where(omega == self.last, omega, omega * (1 - 1e-6))
+        top = math.inf if self.last is None else self.last
+        for _ in range(rounds):
+            moving = np.flatnonzero(omega != before)
+            if not len(moving):
                 break
-            values, vectors = self.eigen(omega)
-            k = int(np.argmax(np.abs(mode.conj() @ vectors)))
-            value, mode = complex(values[k]), vectors[:, k]
-            slope = (height(value) - first) / (omega - before)
-            step = height(value) / slope if slope else 0.0
-            if abs(step) <= 1e-14 * omega:
-                break
-            before, first = omega, height(value)
-            omega = min(max(omega - step, 0.5 * omega), 2 * omega, math.inf if self.last is None else self.last)
-        mode = self.loop.lifted(omega, mode)
-        return omega, value, mode / mode[np.argmax(np.abs(mode))]
+            values, vectors = self._eigen_where_they_differ(omega[moving])
+            which = np.argmax(np.abs(np.einsum("ki,kij->kj", mode[moving].conj(), vectors)), axis=1)
+            value[moving], mode[moving] = values[rows[: len(moving)], which], vectors[rows[: len(moving)], :, which]
+            now = height(value)
+            rise, run = now - first, omega - before
+            step = np.divide(now * run, rise, out=np.zeros(len(omega)), where=rise != 0)
+            step = np.where(np.abs(step) <= 1e-14 * omega, 0.0, step)
+            step[omega == before] = 0.0
+            first = np.where(omega == before, first, now)
+            before, omega = omega, np.clip(omega - step, 0.5 * omega, np.minimum(2 * omega, top))
+        modes = [self.loop.lifted(self._ray * at, one) for at, one in zip(omega.tolist(), mode, strict=True)]
+        return omega, value, [one / one[np.argmax(np.abs(one))] for one in modes]
+
+    def _eigen_where_they_differ(self, omega: Floats) -> tuple[Complexes, Complexes]:
+        """`eigen`, once for frequencies that are the same."""
+        distinct, place = np.unique(omega, return_inverse=True)
+        values, vectors = self.eigen(distinct)
+        return values[place], vectors[place]
 
     def _eigenvalues(self, omega: Floats) -> Complexes:
-        values = self.loop.core(omega)
-        if not np.all(np.isfinite(values)):
+        return in_blocks(self._eigenvalues_of, omega, self.loop.size)
+
+    def _eigenvalues_of(self, omega: Floats) -> Complexes:
+        matrices = self.loop.core(self._ray * omega)
+        sizes = np.abs(matrices)
+        bound = np.minimum(sizes.sum(axis=1).max(axis=1), sizes.sum(axis=2).max(axis=1))
+        if not np.all(np.isfinite(bound)):
             raise GainroomError("loop: the return ratio is not finite on the stability boundary")
-        return np.linalg.eigvals(values)
+        self.largest = max(self.largest, float(bound.max()))
+        if not self._for_limit:
+            return np.linalg.eigvals(matrices)
+        values = np.zeros(matrices.shape[:2], dtype=complex)
+        matters = bound * self.highest >= 0.5  # of the others none comes near −1/highest
+        values[matters] = np.linalg.eigvals(matrices[matters])
+        return values
 
     def _reach_ends(self) -> None:
         """Down to where integrators rule, up to where the loci have become small."""
+        slowest = 0.1 * self.loop.parts.controller.slowest(self.loop.size) if self.loop.parts is not None else math.inf
         for _ in range(40):
-            sizes = np.abs(self.loci[:2])
-            follows = (sizes[0] > max(1e-9, NOISE * sizes[0].max())) & (np.abs(sizes[1] - sizes[0]) > 1e-3 * sizes[0])
-            if not np.any(follows & (sizes[0] < 1e4)) or self.omega[0] < 1e-9 * self.omega[-1]:
+            falls = self._falls()
+            settled = np.all(np.abs(falls - np.round(falls)) < 0.05) and self.omega[0] < slowest
+            if settled or np.abs(self.loci[0]).max() > HUGE or self.omega[0] < 1e-9 * self.omega[-1]:
                 break
             self.add(self.omega[0] / np.array([4.0, 16.0]))
-        while self.last is None and np.abs(self.loci[-1]).max() > FLOOR and self.omega[-1] < 1e12 * self.omega[0]:
+        while self.last is None and np.abs(self.loci[-1]).max() * self.highest > 1 and self.omega[-1] < 1e12 * self.omega[0]:
             self.add(self.omega[-1] * np.array([1.5, 2.0]))
 
     def _rough(self) -> Integers:
@@ -158,9 +230,24 @@ class Sweep:
         move = np.abs(steps.end - steps.start)
         # Far beyond −1 the loci of integrators fall along straight lines, on which a step of a decade loses nothing.
         turn = np.where(size > LARGE, np.abs(np.angle(steps.end * steps.start.conj())) * size, move)
-        seen = size > np.maximum(FLOOR, NOISE * size.max(axis=1, keepdims=True))
+        seen = size > np.maximum(1 / self.highest, NOISE * size.max(axis=1, keepdims=True))
         rough = np.any((move > DETOUR * distance) & (turn > SMOOTH * size) & seen, axis=1)
-        return np.flatnonzero(rough & (np.diff(self.omega) > CLOSEST * self.omega[1:]))
+        return np.flatnonzero(rough & ~self.calm & (np.diff(self.omega) > CLOSEST * self.omega[1:]))
+
+
+def in_blocks(function: Callable[[Floats], Complexes], omega: Floats, size: int) -> Complexes:
+    """`function` (k,) → (k, …), which needs a few matrices (size, size) for each ω, over any number of them in bounded memory."""
+    rows = max(1, AT_ONCE // size**2)
+    return np.concatenate([function(omega[k : k + rows]) for k in range(0, max(len(omega), 1), rows)])
+
+
+def _without_inside(omega: Floats, spans: Floats) -> Floats:
+    """`omega` without what lies inside the spans, their ends in its place; the lowest stays."""
+    span = np.searchsorted(spans[:, 0], omega, side="right") - 1
+    inside = (span >= 0) & (omega < np.append(spans[:, 1], 0.0)[span])
+    inside[0] = False
+    ends = spans[(spans > omega[0]) & (spans < omega[-1])]
+    return np.unique(np.concatenate([omega[~inside], ends]))
 
 
 def _from_axis(value: Complexes) -> Floats:
