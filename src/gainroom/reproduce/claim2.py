@@ -39,7 +39,7 @@ def rows() -> list[Row]:
 
 def pictures() -> list[CurvePicture]:
     """The gain limit over the load ratio, against that of the heaviest load."""
-    places = ((0.024, "left"), (0.051, "below"), (0.22, "right"))  # where there is room for the names
+    places = ((0.024, "left"), (0.046, "left"), (0.22, "right"))  # where there is room for the names
     curves = tuple(Curve(f"T = {1e3 * delay:g} ms", RATIOS, change(delay), *place) for delay, place in zip(DELAYS, places, strict=True))
     caption = (
         "Flat to the right: heavy loads leave the limit to the motor alone, as the paper says. It stops being true where the resonance "

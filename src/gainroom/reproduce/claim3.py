@@ -98,13 +98,7 @@ def pictures() -> list[CurvePicture]:
     below = tuple(Spot(edge.load, edge.rate, name, kind, side) for edge, name, kind, side in marked)
     panels = (
         Panel("largest kd (N m s/rad)", (0.0, 800.0), (Curve("set by motor and delay", loads, kd, 3.0, "below"),), above),
-        Panel(
-            "largest K'v (1/s)",
-            (4.0, 1500.0),
-            (Curve("kd / (J_M + J_L)", loads, kd / (MOTOR_INERTIA + loads), 0.15, "below"),),
-            below,
-            logarithmic=True,
-        ),
+        Panel("K'v = kd/(J_M + J_L) (1/s)", (4.0, 1500.0), (Curve("", loads, kd / (MOTOR_INERTIA + loads), 1.0),), below, logarithmic=True),
     )
     one = supporting("left", "ankle_pitch")
     caption = (

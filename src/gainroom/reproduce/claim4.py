@@ -100,9 +100,9 @@ def pictures() -> list[DotPicture]:
     )
     double, single = (standing_limits(contact, "table1_gains").coupling for contact in SUPPORTS)
     caption = (
-        f"Left of 1 these gains make the robot vibrate. On two legs the off-diagonal entries cost a factor of {double:.2g}: whoever "
-        f"looks at one joint at a time expects the open marks. On one leg they cost {100 * (1 - 1 / single):.0f} %: the supporting ankle "
-        "roll is at its limit by itself. With rigid gearboxes none of these gains would matter."
+        "Left of 1 these gains make the robot vibrate. On two legs the off-diagonal entries cost Table I's gains a factor of "
+        f"{double:.2g}: whoever looks at one joint at a time expects the open marks. On one leg they cost {100 * (1 - 1 / single):.0f} "
+        "%: the supporting ankle roll is at its limit by itself. With rigid gearboxes none of these gains would matter."
     )
     title = "Claim 4. Limits of centre-of-mass control: below the joints' own on two legs, at the ankle's own on one"
     return [DotPicture("claim4", title, caption, "factor on the gains at the edge of stability", (0.2, 200.0), lines, series)]

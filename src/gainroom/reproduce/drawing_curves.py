@@ -38,7 +38,7 @@ def curve_drawing(picture: CurvePicture) -> dict[str, Any]:
         )
         traces += [_line(curve, place, name) for place, curve in enumerate(panel.curves)]
         traces += _spots(panel, name, picture.kinds if index == 0 else ())
-        notes += [_named(curve, place, panel, name, len(panel.curves) > 1) for place, curve in enumerate(panel.curves)]
+        notes += [_named(curve, place, panel, name, len(panel.curves) > 1) for place, curve in enumerate(panel.curves) if curve.label]
         notes += [_spot_name(spot, panel, name) for spot in panel.spots if spot.label]
         if panel.band is not None:
             ends = {"x0": 0, "x1": 1, "xref": "paper", "y0": panel.band[0], "y1": panel.band[1], "yref": name}

@@ -107,7 +107,9 @@ def _figure(picture: Picture) -> Html:
 def _cells(row: Row) -> tuple[str, ...]:
     name = Html(f'{escape(row.id)}<div style="max-width: 62ch; color: var(--soft); font-size: 13px">{escape(row.note)}</div>')
     paper = row.printed or f"({'≥ ' if row.is_least else ''}{_value(row.paper)})"
-    difference = "inside" if row.is_range and row.agrees else "–" if row.difference is None else _difference(row.difference)
+    difference = "–" if row.difference is None else _difference(row.difference)
+    if row.agrees and (row.is_range or row.is_least):
+        difference = "inside" if row.is_range else "above"
     return name, paper, _value(row.computed), difference, row.unit or "–", "yes" if row.agrees else "no"
 
 
@@ -127,7 +129,8 @@ def _claims(rows: tuple[Row, ...]) -> Section:
     """The paper's conclusions that a number here confirms or corrects."""
     notes = sorted(row.note for row in rows if row.is_claim)
     return Section(
-        "What the paper concludes, checked", [facts([(name, text) for name, _, text in (note.partition(": ") for note in notes)])]
+        "What the paper concludes, checked",
+        [facts([(name, text[0].upper() + text[1:]) for name, _, text in (note.partition(": ") for note in notes)])],
     )
 
 
@@ -183,7 +186,7 @@ def _robot_assumptions() -> list[tuple[str, str]]:
             "Printed: the task's gains, and a motion of 6 cm in x, y and z at once. Assumed: the centre of mass alone, in the world's "
             "axes; both feet flat and rigid, straight ahead under the hips; y to the left; the largest diagonal entry of Kpq and Kvq "
             f"along the motion. Inferred, by matching the table: a start {-start[0]:g} m behind the ankles and {start[2]:g} m above the "
-            "soles (the paper's 0.83 m has another origin: with the soles here the legs could not rise 6 cm from it), a pelvis that "
+            "soles (the paper's 0.83 m must have another origin: with the soles here the legs could not rise 6 cm from it), a pelvis that "
             f"leans back {-lean.pitch:g} rad, and rotors in the controller's model. Tolerance a quarter: the rotors alone make up to "
             f"{100 * table1.unsettled():.0f} % of a gain.",
         ),

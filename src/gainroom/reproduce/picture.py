@@ -75,7 +75,7 @@ class GainPicture:
 
 @dataclass(frozen=True)
 class Curve:
-    """y over x, both (k,), with its name at x = `named_at`, to one `side` of the line as with Spot."""
+    """y over x, both (k,), with its name, if it needs one, at x = `named_at` on one `side` of the line as with Spot."""
 
     label: str
     x: Array
