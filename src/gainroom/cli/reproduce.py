@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def reproduce(as_json: AsJson = False, report: Report = None) -> int:
-    """Compute the figures of Jung et al. (Humanoids 2017) on the spot and compare.
+    """Compute the figures, Table I and the claims of Jung et al. (Humanoids 2017) on the spot and compare.
 
     \b
     Example:

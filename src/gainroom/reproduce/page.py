@@ -187,7 +187,6 @@ def _robot_assumptions() -> list[tuple[str, str]]:
             "axes; both feet flat and rigid, straight ahead under the hips; y to the left; the largest diagonal entry of Kpq and Kvq "
             f"along the motion. Inferred, by matching the table: a start {-start[0]:g} m behind the ankles and {start[2]:g} m above the "
             "soles (the paper's 0.83 m must have another origin: with the soles here the legs could not rise 6 cm from it), a pelvis that "
-            f"leans back {-lean.pitch:g} rad, and rotors in the controller's model. Tolerance a quarter: the rotors alone make up to "
-            f"{100 * table1.unsettled():.0f} % of a gain.",
+            f"leans back {-lean.pitch:g} rad, and rotors in the controller's model; {table1.why_a_quarter()}.",
         ),
     ]
