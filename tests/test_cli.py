@@ -121,7 +121,7 @@ def test_uncertain_rows_keep_cases_apart(folder: Path, capsys: pytest.CaptureFix
 def test_reproduce_counts_what_the_paper_prints_apart(capsys: pytest.CaptureFixture[str]):
     assert main(["reproduce"]) == 0
     out = capsys.readouterr().out
-    assert out.startswith("17 of 17 numbers of the paper agree; 15 of 15 further checks hold")
+    assert out.startswith("33 of 42 numbers of the paper agree; 41 of 49 further checks hold")
     assert max(map(len, out.splitlines())) <= 100
     assert next(line for line in out.splitlines() if "testbed.delay_ms" in line).split()[1:4] == ["2", "to", "3"]
 

@@ -8,11 +8,11 @@ from .options import AsJson, Report, command_line, report_stream
 from .output import emit, emit_json, render, table
 
 if TYPE_CHECKING:
-    from ..reproduce import Row
+    from ..reproduce import Reproduction, Row
 
 
 def reproduce(as_json: AsJson = False, report: Report = None) -> int:
-    """Compute the figures of Jung et al. (Humanoids 2017) on the spot and compare.
+    """Compute the figures, Table I and the claims of Jung et al. (Humanoids 2017) on the spot and compare.
 
     \b
     Example:
@@ -27,29 +27,35 @@ def reproduce(as_json: AsJson = False, report: Report = None) -> int:
 
             stream.write(reproduction_page(result, command_line("reproduce", "--report", report)))
     if as_json:
-        emit_json({"rows": [asdict(row) for row in result.rows]})
+        emit_json({"rows": [asdict(row) for row in result.rows], "warnings": list(result.warnings)})
     else:
-        emit(_terminal(result.rows))
+        emit(_terminal(result))
     return 0
 
 
-def _terminal(rows: "tuple[Row, ...]") -> str:
-    printed, further = [row.agrees for row in rows if row.printed], [row.agrees for row in rows if not row.printed]
+def _terminal(result: "Reproduction") -> str:
+    from ..reproduce.row import split
+
+    rows = result.rows
+    printed, further = ([row.agrees for row in part] for part in split(rows))
     cells = [(row.id, _paper(row), _cell(row.computed), row.unit, "yes" if row.agrees else "no") for row in rows]
-    notes = [f"{row.id}: {row.note}" for row in rows if row.note and not row.agrees]
+    claims = sorted(row.note for row in rows if row.is_claim)
+    apart = [f"{row.id}: {row.note}" for row in rows if not (row.is_claim or row.agrees)]
     return render(
         f"{sum(printed)} of {len(printed)} numbers of the paper agree; {sum(further)} of {len(further)} further checks hold (in brackets).",
         "",
         table("Paper and computed", ("", "paper", "computed", "unit", "agrees"), cells),
-        *notes,
+        *(["What the paper concludes, checked", "", *claims, ""] if claims else []),
+        *(["What does not agree, and why", "", *apart] if apart else []),
+        *(f"Warning: {warning}" for warning in result.warnings),
     )
 
 
 def _paper(row: "Row") -> str:
     """The paper's number or range with the tolerance; in brackets what must come out where the paper prints nothing."""
-    text = row.printed if row.is_range else _cell(row.paper)
+    text = row.printed if row.is_range else f"≥ {_cell(row.paper)}" if row.is_least else _cell(row.paper)
     if row.tolerance and not row.is_range:
-        text += f" ± {digits(row.tolerance, significant=2)}"
+        text += f" ± {digits(float(f'{row.tolerance:.2g}'))}"
     return text if row.printed else f"({text})"
 
 

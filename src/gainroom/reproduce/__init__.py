@@ -3,33 +3,49 @@
 Jung, Hwang, Lee, Sim and Park, "Analysis of Position Tracking in Torque Control of Humanoid Robots Considering Joint Elasticity and
 Time Delay", Humanoids 2017.
 
-Every number is computed when it is asked for. One module per figure, each with `rows()` and `pictures()`; a further figure is one
-more module, and its name in FIGURES.
+Every number is computed when it is asked for. One module per figure, table or claim, each with `rows()` and `pictures()`; a further one
+is one more module, and its name in FIGURES, and in ON_THE_ROBOT where it needs the robot's libraries.
 """
 
 from dataclasses import dataclass
 
-from . import fig4, fig5, fig7, fig9, testbed
+from ..errors import GainroomError
+from ..robot.body import library
+from . import claim2, claim2_biped, claim3, claim4, fig4, fig5, fig7, fig9, table1, testbed
 from .picture import Picture
 from .row import Row
 
-FIGURES = (fig4, fig5, fig7, fig9, testbed)
+FIGURES = (fig4, fig5, fig7, fig9, testbed, table1, claim2, claim2_biped, claim3, claim4)
+ON_THE_ROBOT = (table1, claim2_biped, claim3, claim4)
 
 
 @dataclass(frozen=True)
 class Reproduction:
-    """All rows and all pictures, in the paper's order."""
+    """All rows and all pictures, in the paper's order; `warnings` say what was left out, and what to do about it."""
 
     rows: tuple[Row, ...]
     pictures: tuple[Picture, ...]
+    warnings: tuple[str, ...] = ()
 
 
 def run_reproduction() -> Reproduction:
-    """Compute every figure."""
+    """Compute every figure; those of the whole robot only where Pinocchio is installed."""
+    warnings = _robot_missing()
+    figures = [figure for figure in FIGURES if not warnings or figure not in ON_THE_ROBOT]
     return Reproduction(
-        rows=tuple(row for figure in FIGURES for row in figure.rows()),
-        pictures=tuple(picture for figure in FIGURES for picture in figure.pictures()),
+        rows=tuple(row for figure in figures for row in figure.rows()),
+        pictures=tuple(picture for figure in figures for picture in figure.pictures()),
+        warnings=warnings,
     )
+
+
+def _robot_missing() -> tuple[str, ...]:
+    """Why the whole robot cannot be computed; nothing where it can."""
+    try:
+        library("pinocchio", "Pinocchio")
+    except GainroomError as error:
+        return (f"Table I and what the claims say about the biped are left out: {error}",)
+    return ()
 
 
 __all__ = ["Picture", "Reproduction", "Row", "run_reproduction"]

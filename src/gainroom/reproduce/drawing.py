@@ -1,19 +1,28 @@
-"""Pictures of the reproduction in plotly's format: Bode plots as the paper has them, and gain maps."""
+"""Pictures of the reproduction in plotly's format: Bode plots as the paper has them, gain maps, and the claims' own."""
 
 import math
 from typing import Any
 
-from .picture import AXIS, BodePicture, GainPicture, Picture
+from .drawing_curves import curve_drawing
+from .drawing_factors import factor_drawing
+from .picture import AXIS, BodePicture, CurvePicture, GainPicture, Picture
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7")  # Okabe and Ito
 DASHES = ("solid", "dash", "dashdot", "dot")
 INK, GRID = "#1b1b1b", "#e4e4e4"
 TURN = 2 * math.pi
+TALL = 620
 
 
-def drawing(picture: Picture) -> dict[str, Any]:
-    """`picture` as a plotly figure."""
-    return _bode(picture) if isinstance(picture, BodePicture) else _gain_map(picture)
+def drawing(picture: Picture) -> tuple[dict[str, Any], int]:
+    """`picture` as a plotly figure, and its height [px]."""
+    if isinstance(picture, BodePicture):
+        return _bode(picture), TALL
+    if isinstance(picture, GainPicture):
+        return _gain_map(picture), TALL
+    if isinstance(picture, CurvePicture):
+        return curve_drawing(picture), TALL if len(picture.panels) > 1 else 440
+    return factor_drawing(picture), 110 + (1 + max(line.count("<br>") for line in picture.lines)) * 26 * len(picture.lines)
 
 
 def _bode(picture: BodePicture) -> dict[str, Any]:

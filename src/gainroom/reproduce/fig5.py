@@ -49,7 +49,7 @@ def _claim() -> Row:
     """Sec. II-A: the gain margin depends on the motor inertia only."""
     spread, slow = _spread(DRIVE.delay, GAINS), _spread(SLOW_DELAY, SLOW_GAINS)
     note = (
-        f"Claim: the gain margin does not depend on the load; with Fig. 9's drive and gains it varies by {spread:.2f} dB over the three "
+        f"The gain margin does not depend on the load (claim 2): with Fig. 9's drive and gains it varies by {spread:.2f} dB over the three "
         f"ratios. It holds only while the phase crossover lies well above the resonance: with {1e3 * SLOW_DELAY:g} ms of delay "
         f"(kp {SLOW_GAINS.kp:g}, kd {SLOW_GAINS.kd:g}) it varies by {slow:.1f} dB. Tolerance: a tenth of the factor 2 usually required."
     )

@@ -71,8 +71,8 @@ def _claim(found: dict[str, Margins]) -> Row:
     lost = {case: start - to_db(found[case].gain_margin) for case in ("elasticity", "delay", "both")}
     together = lost["elasticity"] + lost["delay"]
     note = (
-        f"Claim: far less margin is left with both than with either. True: elasticity alone costs {lost['elasticity']:.2f} dB, delay alone "
-        f"{lost['delay']:.2f} dB. But one hardly amplifies the other: the sum of the two is {together:.2f} dB, "
-        f"only {lost['both'] - together:.2f} dB short of what both cost; the factors multiply. Paper: 52.1 − 6.2, two rounded numbers."
+        f"Claim 1: far less margin is left with both than with either. True: elasticity alone costs {lost['elasticity']:.2f} dB, delay "
+        f"alone {lost['delay']:.2f} dB. But one hardly amplifies the other: the sum of the two is {together:.2f} dB, only "
+        f"{lost['both'] - together:.2f} dB short of what both cost; the factors multiply. Paper: 52.1 − 6.2, two rounded numbers."
     )
     return compare("fig9.both.gain_margin_loss_db", 52.1 - 6.2, lost["both"], "dB", 0.1, note, "52.1 − 6.2")

@@ -6,9 +6,9 @@ from html import escape
 from .. import __version__
 from ..io.numbers import digits
 from ..report.page import Card, Html, Lead, Section, block, facts, figure, page, table
-from . import Reproduction, joints
+from . import Picture, Reproduction, joints, table1
 from .drawing import drawing
-from .row import Row
+from .row import Row, split
 
 TITLES = {
     "fig4": "Fig. 4: elasticity",
@@ -16,6 +16,10 @@ TITLES = {
     "fig7": "Fig. 7: delay",
     "fig9": "Fig. 9: the open loop with PD control",
     "testbed": "Testbed: how large the gains can be",
+    "table1": "Table I: joint gains of centre-of-mass control",
+    "claim2": "Claim 2: the motor's inertia decides",
+    "claim3": "Claim 3: a large load cannot track",
+    "claim4": "Claim 4: limits in operational space",
 }
 FIRST = "fig9"  # what a reader came for
 SOURCE = (
@@ -29,9 +33,14 @@ def reproduction_page(result: Reproduction, command: str) -> str:
     figures = sorted({figure_of(row): None for row in result.rows}, key=lambda name: name != FIRST)
     return page(
         "Jung et al., Humanoids 2017, reproduced",
-        _lead(result.rows),
+        _lead(result),
         _cards(result.rows),
-        [*(_section(name, result) for name in figures), _claims(result.rows), _assumptions(command)],
+        [
+            _section(figures[0], result),
+            _claims(result.rows),
+            *(_section(name, result) for name in figures[1:]),
+            _assumptions(result, command),
+        ],
         (SOURCE, f"gainroom {__version__}, {datetime.date.today():%d %B %Y}."),
     )
 
@@ -41,16 +50,16 @@ def figure_of(row: Row) -> str:
     return row.id.partition(".")[0]
 
 
-def _lead(rows: tuple[Row, ...]) -> Lead:
-    wrong = [row.id for row in rows if not row.agrees]
-    if not wrong:
-        printed = sum(bool(row.printed) for row in rows)
-        others = len(rows) - printed
-        return Lead(
-            f"With the inputs that it does not print inferred, all {printed} numbers of the paper come out; {others} further checks hold."
-        )
-    few = ", ".join(wrong[:4]) + (" and more" if len(wrong) > 4 else "")
-    return Lead(f"{len(rows) - len(wrong)} of {len(rows)} numbers agree with the paper; {few} do not.", "warn")
+def _lead(result: Reproduction) -> Lead:
+    printed, further = split(result.rows)
+    agree, hold = (sum(row.agrees for row in rows) for rows in (printed, further))
+    numbers = f"all {len(printed)}" if agree == len(printed) else f"{agree} of {len(printed)}"
+    sentence = f"With the inputs that it does not print inferred, {numbers} numbers of the paper come out"
+    missed = {TITLES.get(figure_of(row), figure_of(row)).partition(":")[0] for row in printed if not row.agrees}
+    if missed:
+        sentence += f" (the others: {', '.join(sorted(missed))})"
+    checks = f"all {len(further)}" if hold == len(further) else f"{hold} of {len(further)}"
+    return Lead(f"{sentence}; {checks} further checks hold.", "good" if agree == len(printed) else "warn", warnings=result.warnings)
 
 
 def _cards(rows: tuple[Row, ...]) -> list[Card]:
@@ -61,17 +70,24 @@ def _cards(rows: tuple[Row, ...]) -> list[Card]:
         ("Fig. 9, it would vibrate at", "fig9.both.phase_crossover_rad_s"),
         ("Testbed, it would vibrate at", "testbed.phase_crossover_rad_s"),
         ("Testbed, largest Kv at Kp 1600, 2 kHz", "testbed.sampled.kv_limit"),
+        ("Table I, typically off by a factor of", "table1.leaning_pelvis.typical_factor"),
     )
     return [
-        Card(label, _value(row.computed), row.unit, f"the paper: {row.printed}", None if row.agrees else False)
-        for label, row in ((label, named[name]) for label, name in wanted)
+        Card(
+            label,
+            _value(row.computed),
+            row.unit,
+            f"the paper: {row.printed}" if row.printed else "24 gains, posture inferred",
+            None if row.agrees else False,
+        )
+        for label, row in ((label, named[name]) for label, name in wanted if name in named)
     ]
 
 
 def _section(name: str, result: Reproduction) -> Section:
     rows = [row for row in result.rows if figure_of(row) == name]
     pictures = [picture for picture in result.pictures if picture.id == name]
-    parts: list[str] = [figure(drawing(picture), picture.title, picture.caption, 620, {"margin.r": 8}) for picture in pictures]
+    parts: list[str] = [_figure(picture) for picture in pictures]
     parts.append(
         table(
             ("Quantity", "Paper", "Computed", "Difference", "Unit", "Agrees"),
@@ -83,10 +99,17 @@ def _section(name: str, result: Reproduction) -> Section:
     return Section(TITLES.get(name, name), parts)
 
 
+def _figure(picture: Picture) -> Html:
+    drawn, height = drawing(picture)
+    return figure(drawn, picture.title, picture.caption, height, {"margin.r": 8})
+
+
 def _cells(row: Row) -> tuple[str, ...]:
     name = Html(f'{escape(row.id)}<div style="max-width: 62ch; color: var(--soft); font-size: 13px">{escape(row.note)}</div>')
-    paper = row.printed or f"({_value(row.paper)})"
-    difference = "inside" if row.is_range and row.agrees else "–" if row.difference is None else _difference(row.difference)
+    paper = row.printed or f"({'≥ ' if row.is_least else ''}{_value(row.paper)})"
+    difference = "–" if row.difference is None else _difference(row.difference)
+    if row.agrees and (row.is_range or row.is_least):
+        difference = "inside" if row.is_range else "above"
     return name, paper, _value(row.computed), difference, row.unit or "–", "yes" if row.agrees else "no"
 
 
@@ -99,15 +122,19 @@ def _value(value: float | bool) -> str:
 def _difference(value: float) -> str:
     if abs(value) < 1e-9:
         return "0"
-    return ("+" if value > 0 else "") + digits(value, significant=2)
+    return ("+" if value > 0 else "") + digits(float(f"{value:.2g}"))
 
 
 def _claims(rows: tuple[Row, ...]) -> Section:
     """The paper's conclusions that a number here confirms or corrects."""
-    return Section("What the paper concludes, checked", [row.note for row in rows if row.note.startswith("Claim:")])
+    notes = sorted(row.note for row in rows if row.is_claim)
+    return Section(
+        "What the paper concludes, checked",
+        [facts([(name, text[0].upper() + text[1:]) for name, _, text in (note.partition(": ") for note in notes)])],
+    )
 
 
-def _assumptions(command: str) -> Section:
+def _assumptions(result: Reproduction, command: str) -> Section:
     joint, drive, gains = joints.joint_with_load(16.0), joints.DRIVE, joints.GAINS
     testbed, testbed_delay = joints.TESTBED, 1e3 * joints.TESTBED_DRIVE.delay
     stiffness, damping, bandwidth, kp, kd = map(digits, (joint.stiffness, joint.damping, drive.bandwidth, gains.kp, gains.kd))
@@ -130,9 +157,9 @@ def _assumptions(command: str) -> Section:
         ),
         (
             "Continuous or sampled",
-            "The paper's model is continuous, and so are all rows here except testbed.sampled. Those hold the torque between ticks of "
-            "0.5 ms and difference the position backwards, as the hardware does; in the continuous model these two half ticks are part of "
-            "the delay.",
+            "The paper's model is continuous, and so are all rows here except those of testbed.sampled. Those hold the torque between "
+            "ticks of 0.5 ms and difference the position backwards, as the hardware does; in the continuous model these two half ticks "
+            "are part of the delay.",
         ),
         (
             "How it was computed",
@@ -140,4 +167,26 @@ def _assumptions(command: str) -> Section:
             "frequencies can be missed) and polished to machine precision. Resonances are searched on the exact response.",
         ),
     ]
+    if not result.warnings:
+        pairs[3:3] = _robot_assumptions()
     return Section("Inputs, assumptions, and how it was computed", [facts(pairs), block(command)])
+
+
+def _robot_assumptions() -> list[tuple[str, str]]:
+    lean, start = table1.LEAN, table1.START
+    return [
+        (
+            "The biped",
+            "Dimensions, masses and centres of mass as published for the paper's robot; the shapes of the links, and soles 0.1 m below "
+            "the ankles, are assumed. Every joint with the motor, gearbox and drive of Fig. 9 (inferred). Claims 2 to 4: knees at 0.6 "
+            "rad, pelvis level, feet flat and rigid on the ground, both or the left one; the controller's model counts the rotors.",
+        ),
+        (
+            "Table I",
+            "Printed: the task's gains, and a motion of 6 cm in x, y and z at once. Assumed: the centre of mass alone, in the world's "
+            "axes; both feet flat and rigid, straight ahead under the hips; y to the left; the largest diagonal entry of Kpq and Kvq "
+            f"along the motion. Inferred, by matching the table: a start {-start[0]:g} m behind the ankles and {start[2]:g} m above the "
+            "soles (the paper's 0.83 m must have another origin: with the soles here the legs could not rise 6 cm from it), a pelvis that "
+            f"leans back {-lean.pitch:g} rad, and rotors in the controller's model; {table1.why_a_quarter()}.",
+        ),
+    ]

@@ -73,7 +73,76 @@ class GainPicture:
     kd_range: tuple[float, float]
 
 
-Picture = BodePicture | GainPicture
+@dataclass(frozen=True)
+class Curve:
+    """y over x, both (k,), with its name, if it needs one, at x = `named_at` on one `side` of the line as with Spot."""
+
+    label: str
+    x: Array
+    y: Array
+    named_at: float
+    side: str = "above"
+
+
+@dataclass(frozen=True)
+class Spot:
+    """A point of interest with its name to the "left", "right", "above" or "below"; `kind` 0, 1, 2 … tells sorts of points apart."""
+
+    x: float
+    y: float
+    label: str
+    kind: int = 0
+    side: str = "right"
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One picture of several above each other; `band`: heights between which a claim holds."""
+
+    title: str
+    heights: tuple[float, float]
+    curves: tuple[Curve, ...]
+    spots: tuple[Spot, ...] = ()
+    band: tuple[float, float] | None = None
+    logarithmic: bool = False
+
+
+@dataclass(frozen=True)
+class CurvePicture:
+    """Panels over one logarithmic axis; `kinds` names the sorts of spots."""
+
+    id: str
+    title: str
+    caption: str
+    x_title: str
+    x_range: tuple[float, float]
+    panels: tuple[Panel, ...]
+    kinds: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Dots:
+    """One sort of dots, one value per line of the picture, NaN where it has none."""
+
+    label: str
+    values: Array
+
+
+@dataclass(frozen=True)
+class DotPicture:
+    """Factors, line by line, on a logarithmic axis with 1 marked; `band`: what counts as agreeing."""
+
+    id: str
+    title: str
+    caption: str
+    x_title: str
+    x_range: tuple[float, float]
+    lines: tuple[str, ...]
+    series: tuple[Dots, ...]
+    band: tuple[float, float] | None = None
+
+
+Picture = BodePicture | GainPicture | CurvePicture | DotPicture
 
 
 def bode_curve(label: str, loop: Loop) -> BodeCurve:

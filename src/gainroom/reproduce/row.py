@@ -1,6 +1,7 @@
 """One number of the paper beside the same number computed here."""
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 
@@ -14,6 +15,7 @@ class Row:
     tolerance  how far `computed` may be from `paper`; the note says why where it is not half a unit of the last printed digit
     printed    the paper's own digits, "" where it prints none
     is_range   the paper gives a range, paper ± tolerance
+    is_least   `paper` is the least that a claim asks for
     """
 
     id: str
@@ -25,6 +27,12 @@ class Row:
     tolerance: float
     printed: str
     is_range: bool = False
+    is_least: bool = False
+
+    @property
+    def is_claim(self) -> bool:
+        """The note says what becomes of one of the paper's conclusions."""
+        return self.note.startswith("Claim ")
 
     @property
     def difference(self) -> float | None:
@@ -44,6 +52,17 @@ def within(key: str, low: float, high: float, computed: float, unit: str, note: 
     return Row(key, (low + high) / 2, float(computed), unit, agrees, note, (high - low) / 2, f"{low:g} to {high:g}", is_range=True)
 
 
+def at_least(key: str, least: float, computed: float, unit: str, note: str) -> Row:
+    """A row that agrees when `computed` is no less than a claim asks for."""
+    return Row(key, least, float(computed), unit, computed >= least, note, 0.0, "", is_least=True)
+
+
 def same(key: str, paper: bool, computed: bool, note: str) -> Row:
     """A row of verdicts."""
     return Row(key, paper, computed, "", paper is computed, note, 0.0, "stable" if paper else "vibrates")
+
+
+def split(rows: Iterable[Row]) -> tuple[list[Row], list[Row]]:
+    """Numbers that the paper prints, and further checks."""
+    rows = list(rows)
+    return [row for row in rows if row.printed], [row for row in rows if not row.printed]
