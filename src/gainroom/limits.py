@@ -192,13 +192,13 @@ def _pinned(sweep: Sweep, rough: Rough, down: bool) -> tuple[Critical, Certifica
     gain, omega, there = rough
     values = sweep.eigen(np.array([omega]))[0][0]
     near = values[np.abs(values - there) < CLOSE * np.abs(there)]
-    at, value, _ = sweep.crossings(np.full(len(near), omega), near, _slope, rounds=3)
-    factors = np.where((value.real < 0) & (np.abs(value.imag) < CLOSE * np.abs(value)), -1 / value.real, math.nan)
-    if np.all(np.isnan(factors)):
-        return None
-    first = (np.nanargmax if down else np.nanargmin)(factors)
-    at, value, modes = sweep.crossings(at[[first]], value[[first]], _slope)
-    if value[0].real >= 0 or abs(value[0].imag) > 1e-9 * abs(value[0]) or abs(-1 / value[0].real / gain - 1) > 2 * CLOSE:
+
+    def foremost(value: Complexes) -> int | None:
+        factors = np.where((value.real < 0) & (np.abs(value.imag) < CLOSE * np.abs(value)), -1 / value.real, math.nan)
+        return None if np.all(np.isnan(factors)) else int((np.nanargmax if down else np.nanargmin)(factors))
+
+    at, value, modes = sweep.crossings(np.full(len(near), omega), near, _slope, foremost)
+    if not len(at) or value[0].real >= 0 or abs(value[0].imag) > 1e-9 * abs(value[0]) or abs(-1 / value[0].real / gain - 1) > 2 * CLOSE:
         return None
     point = Critical(-1 / float(value[0].real), float(at[0]), modes[0])
     sweep.add(point.omega * (1 + TOWARDS))

@@ -23,6 +23,7 @@ from .sampling import sample
 from .statespace import StateSpace, factored, hold, realize, whole_ticks
 
 Feedback = Literal["motor", "link"]
+NO_GAIN = 1e-11  # of the largest gain: less is what round-off leaves of none, and spoils eigenvectors
 
 
 @dataclass(frozen=True)
@@ -117,12 +118,12 @@ class Loop:
         if self.parts is None or self.size == 1:
             return None
         gains = [gain_matrix("gain", gain, self.size) for gain in self.parts.controller.terms().values()]
-        if not gains or all(np.count_nonzero(gain - np.diag(np.diagonal(gain))) == 0 and np.all(np.diagonal(gain)) for gain in gains):
+        if not gains or all(_is_diagonal_without_gaps(gain) for gain in gains):
             return None
         spans = []
         for stacked in (np.hstack(gains), np.hstack([gain.T for gain in gains])):
             left, sizes, _ = np.linalg.svd(stacked, full_matrices=False)
-            spans.append((left, int(np.count_nonzero(sizes > 1e-11 * sizes[0]))))
+            spans.append((left, int(np.count_nonzero(sizes > NO_GAIN * sizes[0]))))
         rank = max(rank for _, rank in spans)
         return None if rank == self.size else (spans[0][0][:, :rank], spans[1][0][:, :rank])
 
@@ -181,6 +182,11 @@ class Loop:
     @property
     def _delays(self) -> Floats:
         return np.zeros(self.size) if self.delays is None else self.delays
+
+
+def _is_diagonal_without_gaps(gain: Floats) -> bool:
+    own = np.abs(np.diagonal(gain))
+    return np.count_nonzero(gain) == np.count_nonzero(own) and bool(own.min() > NO_GAIN * own.max())
 
 
 def _called(function: Callable[[Complexes], Any], points: Complexes) -> Complexes:

@@ -32,6 +32,7 @@ HUGE = 1e9  # eigenvalues beyond this drown the small ones in round-off
 NOISE = 1e-10  # of the largest eigenvalue: smaller ones are no better than round-off
 PER_DECADE = 6
 AROUND = np.array([-6.0, -1.5, 0.0, 1.5, 6.0])  # half-widths of a resonance that are sampled
+TELLING = 3  # steps after which crossings that differ are told apart
 CLOSEST = 1e-10  # relative distance of samples at which refinement stops
 MOST = 12_000  # samples
 AT_ONCE = 2_000_000  # entries of all matrices that are held at a time
@@ -156,12 +157,17 @@ class Sweep:
         return np.linalg.eig(self.loop.core(self._ray * omega))
 
     def crossings(
-        self, omega: Floats, wanted: Complexes, height: Callable[[Complexes], Floats], rounds: int = 40
+        self,
+        omega: Floats,
+        wanted: Complexes,
+        height: Callable[[Complexes], Floats],
+        foremost: Callable[[Complexes], int | None] | None = None,
     ) -> tuple[Floats, Complexes, list[Complexes]]:
         """Where `height` of the loci that are at `wanted` (k,) at `omega` (k,) is zero, by secants: ω, λ and vectors, the largest part 1.
 
-        A locus is followed by its vector: near-equal legs have loci that lie closer together than they move in one step. The caller
-        checks what has been reached.
+        A locus is followed by its vector: near-equal legs have loci that lie closer together than they move in one step. `foremost`:
+        which of the λ alone matters, as soon as they are known well enough to tell; None for none of them. The caller checks what has
+        been reached.
         """
         values, vectors = self._eigen_where_they_differ(omega)
         rows = np.arange(len(omega))
@@ -170,8 +176,13 @@ class Sweep:
         before, first = omega, height(value)
         omega = np.where(omega == self.last, omega, omega * (1 - 1e-6))
         top = math.inf if self.last is None else self.last
-        for _ in range(rounds):
+        for k in range(40):
             moving = np.flatnonzero(omega != before)
+            if k == TELLING and foremost is not None:
+                one = foremost(value)
+                keep = np.zeros(0, dtype=int) if one is None else np.array([one])
+                omega, before, first, value, mode = omega[keep], before[keep], first[keep], value[keep], mode[keep]
+                moving = np.flatnonzero(omega != before)
             if not len(moving):
                 break
             values, vectors = self._eigen_where_they_differ(omega[moving])
@@ -180,8 +191,7 @@ class Sweep:
             now = height(value)
             rise, run = now - first, omega - before
             step = np.divide(now * run, rise, out=np.zeros(len(omega)), where=rise != 0)
-            step = np.where(np.abs(step) <= 1e-14 * omega, 0.0, step)
-            step[omega == before] = 0.0
+            step[(np.abs(step) <= 1e-14 * omega) | (omega == before)] = 0.0
             first = np.where(omega == before, first, now)
             before, omega = omega, np.clip(omega - step, 0.5 * omega, np.minimum(2 * omega, top))
         modes = [self.loop.lifted(self._ray * at, one) for at, one in zip(omega.tolist(), mode, strict=True)]
