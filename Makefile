@@ -9,6 +9,8 @@ DEMO := build/demo
 
 demo: $(STAMP)
 	@mkdir -p $(DEMO)
+	$(BIN)/gainroom example biped > $(DEMO)/biped.yaml
+	$(BIN)/gainroom robot $(DEMO)/biped.yaml --report $(DEMO)/biped.html
 	$(BIN)/gainroom example testbed > $(DEMO)/testbed.yaml
 	$(BIN)/gainroom joint $(DEMO)/testbed.yaml --report $(DEMO)/testbed.html
 

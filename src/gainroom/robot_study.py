@@ -190,7 +190,7 @@ def limiting_joints(limit: GainLimit, names: tuple[str, ...]) -> tuple[str, ...]
     if not math.isfinite(limit.frequency):
         return ()
     parts = np.abs(limit.mode)
-    return tuple(names[k] for k in np.argsort(-parts, kind="stable") if parts[k] >= STRONG * parts.max())
+    return tuple(names[k] for k in np.argsort(-np.round(parts / parts.max(), 6), kind="stable") if parts[k] >= STRONG * parts.max())
 
 
 def single_joint_limits(spec: RobotSpec, model: "RobotModel", controller: PD | PID | PPI) -> Floats:
