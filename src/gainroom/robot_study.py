@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -19,11 +19,11 @@ from .plant import Compliance, Plant
 from .robot_gains import RobotGains, recommend_robot
 from .robot_spec import RobotSpec
 from .robustness import to_db
+from .study import CONTINUOUS
 
 if TYPE_CHECKING:
     from .robot.model import RobotModel
     from .robot.tasks import Tasks
-    from .robot_gains import RobotGains
 
 STRONG = 0.5
 """A joint takes part in a vibration where it moves by at least this share of the one that moves most."""
@@ -132,7 +132,14 @@ class RobotStudy:
     @property
     def tightest(self) -> StateStudy:
         """The state with the least room."""
-        return min(self.states, key=lambda state: (state.limit.stable, state.limit.gain))
+        return min(self.states, key=lambda state: by_room(state.limit))
+
+    @property
+    def tightest_by_contact(self) -> tuple[StateStudy, ...]:
+        """Of each contact state the posture with the least room, in the file's order."""
+        contacts = dict.fromkeys(state.contact for state in self.states)
+        groups = ([state for state in self.states if state.contact == contact] for contact in contacts)
+        return tuple(min(group, key=lambda state: by_room(state.limit)) for group in groups)
 
 
 def study_robot(spec: RobotSpec, progress: Progress | None = None, recommend: bool = True) -> RobotStudy:
@@ -165,6 +172,11 @@ def _recommended(spec: RobotSpec, tell: Progress) -> tuple[RobotGains, ...]:
         return recommend_robot(spec, space, count)
 
     return tuple(of(space) for space in (("joint", "task") if spec.robot.stack else ("joint",)))
+
+
+def by_room(limit: GainLimit) -> tuple[bool, float]:
+    """Sorts limits: unstable ones first, then the one with the least room."""
+    return limit.stable, limit.gain
 
 
 def study_state(spec: RobotSpec, posture: str, contact: str) -> StateStudy:
@@ -327,6 +339,13 @@ def _and(names: tuple[str, ...], most: int = 4) -> str:
     return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else "".join(names)
 
 
+def unconfirmed(limits: Iterable[GainLimit]) -> list[str]:
+    """A warning where a limit's certificate does not hold."""
+    if all(limit.certificate is None or limit.certificate.holds for limit in limits):
+        return []
+    return ["a limit could not be confirmed from both sides: treat it as an estimate and report the input"]
+
+
 def _warnings(study: RobotStudy) -> tuple[str, ...]:
     """What a user should know or do, each with the remedy."""
     spec = study.spec
@@ -335,10 +354,7 @@ def _warnings(study: RobotStudy) -> tuple[str, ...]:
     if unstable and 0 < study.tightest.limit.gain < math.inf:
         warnings.insert(0, f"these gains are unstable: multiply all of them by less than {study.tightest.limit.gain:.3g}")
     if spec.control.sample_time is None and any(drive.delay > 0 for drive in spec.drives):
-        warnings.append(
-            "continuous model: a real controller's hold and velocity difference cost about one more tick of delay; "
-            "set control.sample_rate_hz for the sampled answer"
-        )
+        warnings.append(CONTINUOUS)
     undamped = np.isfinite(spec.robot.actuators.stiffness) & (spec.robot.actuators.damping == 0)
     if spec.control.feedback == "link" and np.any(undamped):
         warnings.append(
@@ -349,8 +365,7 @@ def _warnings(study: RobotStudy) -> tuple[str, ...]:
             warnings += [f"{state.title}: {text}" for text in state.tasks.tasks.warnings]
             if not state.tasks.limit.stable and spec.control.space == "joint":
                 warnings.append(f"{state.title}: the tasks' gains are unstable; they may be scaled by {state.tasks.limit.gain:.3g} at most")
-    if any(state.limit.certificate is not None and not state.limit.certificate.holds for state in study.states):
-        warnings.append("a limit could not be confirmed from both sides: treat it as an estimate and report the input")
+    warnings += unconfirmed(state.limit for state in study.states)
     if not spec.uncertainty.names:
         warnings.append("stiffness, damping, inertia and delay are taken as exact; give uncertainty: for gains that hold over a range")
     return tuple(dict.fromkeys(warnings))

@@ -15,6 +15,11 @@ from .robustness import Margins, margins, to_db
 
 RULE_FREQUENCY = 2 * math.pi * 10.0  # [rad/s] of the rule that reinforcement-learning teams copy: kp = J ω², kd = 2 ζ J ω
 RULE_DAMPING = 2.0
+CONTINUOUS = (
+    "continuous model: a real controller's hold and velocity difference cost about one more tick of delay; "
+    "set control.sample_rate_hz for the sampled answer"
+)
+"""A warning, for a joint and for a robot."""
 
 
 @dataclass(frozen=True)
@@ -184,10 +189,7 @@ def _warnings(study: JointStudy) -> tuple[str, ...]:
         instead = "" if study.recommended is None else ", or use the recommended ones"
         warnings.append(f"these gains are unstable: multiply all of them by less than {study.limit.gain:.3g}{instead}")
     if spec.sample_time is None and spec.drive.delay > 0:
-        warnings.append(
-            "continuous model: a real controller's hold and velocity difference cost about one more tick of delay; "
-            "set control.sample_rate_hz for the sampled answer"
-        )
+        warnings.append(CONTINUOUS)
     if spec.feedback == "link" and spec.joint.damping == 0 and not math.isinf(spec.joint.stiffness):
         warnings.append(
             "link-side feedback on an undamped elastic joint is unstable at any gain: measure damping, or close the loop on the motor side"

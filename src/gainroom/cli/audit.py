@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..io.numbers import decibels, digits, frequency
+from ..io.numbers import decibels, digits, frequency, model_in_words, model_kind
 from .options import AsJson
 from .output import emit, emit_json, render, table
 from .progress import progress_bar
@@ -65,7 +65,7 @@ def _facts(result: "Audit") -> dict[str, Any]:
     return {
         "safe": result.safe,
         "sentence": result.sentence,
-        "model": "continuous" if sample_time is None else "sampled",
+        "model": model_kind(sample_time),
         "margin_db": decibels(result.margin),
         "stable": all(state.limit.stable for state in result.states),
         "gain_limit": result.worst.limit.gain,
@@ -90,8 +90,7 @@ def _facts(result: "Audit") -> dict[str, Any]:
 
 
 def _terminal(result: "Audit") -> str:
-    sample_time = result.spec.control.sample_time
-    model = "continuous model" if sample_time is None else f"sampled model, {digits(1 / sample_time, 'Hz')}"
+    model = model_in_words(result.spec.control.sample_time)
     states = [
         (
             state.contact,

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..io.numbers import decibels, digits, frequency, own_gains, plane_names, quantity, typed_gains
+from ..io.numbers import decibels, digits, frequency, model_in_words, model_kind, own_gains, plane_names, quantity, typed_gains
 from .options import AsJson, Report, command_line, report_stream
 from .output import emit, emit_json, render, table
 
@@ -57,7 +57,7 @@ def _facts(study: "JointStudy") -> dict[str, Any]:
     return {
         "stable": margins.stable,
         "sentence": study.sentence,
-        "model": "continuous" if sample_time is None else "sampled",
+        "model": model_kind(sample_time),
         "sample_rate_hz": None if sample_time is None else 1 / sample_time,
         "unstable_roots": margins.unstable_roots,
         **_margin_facts(margins),
@@ -106,8 +106,7 @@ def _margin_facts(margins: "Margins") -> dict[str, float]:
 
 
 def _terminal(study: "JointStudy", report: Path | None) -> str:
-    sample_time = study.spec.sample_time
-    model = "continuous model" if sample_time is None else f"sampled model, {digits(1 / sample_time, 'Hz')}"
+    model = model_in_words(study.spec.sample_time)
     parts: list[Any] = [
         study.sentence,
         "",

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..io.numbers import decibels, digits, hertz
+from ..io.numbers import decibels, digits, hertz, model_in_words, model_kind
 from .options import AsJson, Report, command_line, report_stream
 from .output import emit, emit_json, render, table
 from .progress import progress_bar
@@ -65,7 +65,7 @@ def _facts(study: "RobotStudy") -> dict[str, Any]:
     return {
         "stable": study.stable,
         "sentence": study.sentence,
-        "model": "continuous" if sample_time is None else "sampled",
+        "model": model_kind(sample_time),
         "sample_rate_hz": None if sample_time is None else 1 / sample_time,
         "states": [_state_facts(state) for state in study.states],
         "recommended": [_gains_facts(gains) for gains in study.recommended] or None,
@@ -123,16 +123,14 @@ def _row_facts(row: "JointRow | TaskRow") -> dict[str, Any]:
 
 
 def _terminal(study: "RobotStudy", report: Path | None) -> str:
-    sample_time = study.spec.control.sample_time
-    model = "continuous model" if sample_time is None else f"sampled model, {digits(1 / sample_time, 'Hz')}"
+    model = model_in_words(study.spec.control.sample_time)
     states = table(
         f"All joints together ({model}); factor on all gains",
         ("posture, contact", "limit", "at", "delay", "disk", "most of all", "stable"),
         [_state_row(state) for state in study.states],
     )
     parts: list[Any] = [study.sentence, "", states]
-    for contact in study.spec.robot.contacts:
-        state = min((state for state in study.states if state.contact == contact), key=lambda state: (state.limit.stable, state.limit.gain))
+    for state in study.tightest_by_contact:
         parts += _contact_tables(state)
     for gains in study.recommended:
         parts += _gains_parts(gains)

@@ -49,6 +49,17 @@ def quantity(name: str, *values: float) -> str:
     return " ".join([name.replace("_", " "), *(f"{digits(scale * value)} to" for value in first), digits(scale * last, unit)])
 
 
+def model_kind(sample_time: float | None) -> str:
+    """Which of the two models of time a loop is studied in; `sample_time` [s], None: continuous."""
+    return "continuous" if sample_time is None else "sampled"
+
+
+def model_in_words(sample_time: float | None) -> str:
+    """The same with its rate, for titles."""
+    rate = "" if sample_time is None else f", {digits(1 / sample_time, 'Hz')}"
+    return f"{model_kind(sample_time)} model{rate}"
+
+
 def own_gains(controller: Any) -> list[tuple[str, float, str]]:
     """(name, value, unit) of a controller's own gains, in the order of its signature."""
     units = {"kp": "N·m/rad", "kd": "N·m·s/rad", "ki": "N·m/(rad·s)", "kv": "N·m·s/rad"}

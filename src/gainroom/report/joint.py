@@ -4,7 +4,7 @@ import math
 from datetime import UTC, datetime
 
 from .. import __version__
-from ..io.numbers import decibels, digits, frequency, hertz, own_gains, plane_names, typed_gains
+from ..io.numbers import decibels, digits, frequency, hertz, model_kind, own_gains, plane_names, typed_gains
 from ..robustness import Margins
 from ..study import JointStudy
 from .bode import bode, cases
@@ -30,8 +30,7 @@ def joint_page(study: JointStudy, command: str) -> str:
         Section("This page again", [block(command)]),
     ]
     today = datetime.now(UTC).date().isoformat()
-    kind = "sampled" if study.spec.sample_time is not None else "continuous"
-    title = f"gainroom joint: gains of one joint, {kind} model"
+    title = f"gainroom joint: gains of one joint, {model_kind(study.spec.sample_time)} model"
     return page(title, _lead(study), _cards(study), sections, [f"gainroom {__version__}, {today}"])
 
 

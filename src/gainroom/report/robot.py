@@ -8,8 +8,8 @@ import numpy as np
 
 from .. import __version__
 from ..coupled_gains import Kept, kept_by
-from ..io.numbers import decibels, digits, hertz
-from ..robot_study import RobotStudy, StateStudy
+from ..io.numbers import decibels, digits, hertz, model_kind
+from ..robot_study import RobotStudy, StateStudy, by_room
 from .page import Card, Html, Lead, Section, beside, block, facts, page, paragraph
 from .robot_coupling import coupling
 from .robot_drawing import common_view, hero, small
@@ -41,22 +41,16 @@ def robot_page(study: RobotStudy, command: str) -> str:
         Section("This page again", [block(command)]),
     ]
     today = datetime.now(UTC).date().isoformat()
-    kind = "sampled" if study.spec.control.sample_time is not None else "continuous"
-    title = f"gainroom robot: gains of {study.spec.robot.body.size} joints, {kind} model"
+    title = f"gainroom robot: gains of {study.spec.robot.body.size} joints, {model_kind(study.spec.control.sample_time)} model"
     return page(title, _lead(study, kept), _cards(study, kept), sections, [f"gainroom {__version__}, {today}"])
-
-
-def _tightest(states: Sequence[StateStudy]) -> StateStudy:
-    return min(states, key=lambda state: (state.limit.stable, state.limit.gain))
 
 
 def _shown(study: RobotStudy) -> list[StateStudy]:
     """All states if they are few; else the tightest posture of each contact state; of many contact states, the tightest."""
     if len(study.states) <= FEW:
         return list(study.states)
-    contacts = dict.fromkeys(state.contact for state in study.states)
-    found = [_tightest([state for state in study.states if state.contact == contact]) for contact in contacts]
-    order = sorted(found, key=lambda state: (state.limit.stable, state.limit.gain))[:MOST_PICTURES]
+    found = study.tightest_by_contact
+    order = sorted(found, key=lambda state: by_room(state.limit))[:MOST_PICTURES]
     return [state for state in found if state in order]
 
 
