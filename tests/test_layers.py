@@ -8,7 +8,9 @@ import gainroom
 
 PACKAGE = Path(gainroom.__path__[0])
 LAYERS = (
-    ("errors", "arrays"),
+    ("messages", "arrays"),
+    ("errors",),
+    ("text_file",),
     ("factored", "_scan", "_mu"),
     ("plant", "drive", "controller"),
     ("robot",),

@@ -14,11 +14,11 @@ from .drive import Drive
 from .errors import GainroomError
 from .gain_files import JointGains, gains_of, read_gains
 from .io.checked import checked, number
-from .robot.actuators import ActuatorEntry, Actuators, actuators_of, listed
+from .messages import listed, nearest
+from .robot.actuators import ActuatorEntry, Actuators, actuators_of
 from .robot.body import Base, RigidBody
 from .robot.contact import Contact
 from .robot.packages import load_model, locate
-from .robot.patterns import nearest
 from .robot_config import base_of
 from .robot_spec import Posture, Robot, RobotControl, RobotSpec
 

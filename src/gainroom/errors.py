@@ -4,6 +4,8 @@ import math
 
 import numpy as np
 
+from .messages import one_line
+
 
 class GainroomError(ValueError):
     """An input or a call that gainroom cannot answer; the message is one line and names the thing, its value and what is allowed."""
@@ -32,13 +34,7 @@ def require_finite(owner: str, name: str, value: object) -> np.ndarray:
     try:
         array = np.asarray(value, dtype=float)
     except (TypeError, ValueError) as error:
-        raise GainroomError(f"{owner}: {name} {_brief(value)} must be a real number or an array of them") from error
+        raise GainroomError(f"{owner}: {name} {one_line(repr(value), 120)} must be a real number or an array of them") from error
     if not np.all(np.isfinite(array)):
-        raise GainroomError(f"{owner}: {name} {_brief(value)} must be finite")
+        raise GainroomError(f"{owner}: {name} {one_line(repr(value), 120)} must be finite")
     return array
-
-
-def _brief(value: object) -> str:
-    """`value` on one line, however large an array it is."""
-    text = " ".join(repr(value).split())
-    return text if len(text) <= 120 else f"{text[:117]}..."

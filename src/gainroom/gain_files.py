@@ -23,7 +23,7 @@ from .arrays import Booleans, Floats
 from .errors import GainroomError
 from .io.checked import NotNegative, Positive, Section, checked, dotted, number, refusal, validate
 from .io.yaml_text import parse_yaml, read_text, shown
-from .robot.actuators import listed
+from .messages import listed
 from .robot.patterns import assign
 
 TERMS = {"p": "kp", "i": "ki", "d": "kd"}

@@ -18,12 +18,13 @@ from .drive import Drive
 from .errors import GainroomError
 from .io.checked import dotted, validate
 from .io.yaml_text import parse_yaml, read_text, shown
+from .messages import listed, nearest
 from .recommend import Requirements
-from .robot.actuators import Actuators, actuators_of, drives_of, listed, merge_entries
+from .robot.actuators import Actuators, actuators_of, drives_of, merge_entries
 from .robot.body import Base, RigidBody
 from .robot.contact import Contact
 from .robot.packages import load_model, locate
-from .robot.patterns import assign, nearest
+from .robot.patterns import assign
 from .robot.tasks import Task
 from .robot_sections import GAINS, ContactSection, ModelSection, RobotControlSection, RobotFile
 from .robot_spec import Posture, Range, Ranges, Robot, RobotControl, RobotSpec

@@ -11,8 +11,8 @@ from .controller import PD, PID, PPI, LowPass, Notch
 from .drive import Drive
 from .errors import GainroomError
 from .loop import Feedback, Loop, build_loop
+from .messages import nearest
 from .recommend import Requirements
-from .robot.patterns import nearest
 
 if TYPE_CHECKING:
     from .robot.actuators import Actuators

@@ -8,10 +8,10 @@ from typing import Annotated
 
 import typer
 
+from ..messages import printable
 from .audit import audit
 from .example import example
 from .joint import joint
-from .output import one_line
 from .reproduce import reproduce
 from .robot import robot
 
@@ -78,5 +78,5 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _complain(message: str) -> int:
-    print(f"gainroom: error: {one_line(message)}", file=sys.stderr)
+    print(f"gainroom: error: {printable(message).strip()}", file=sys.stderr)
     return 2

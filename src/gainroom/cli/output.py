@@ -14,11 +14,6 @@ WIDTH = 100
 """Columns, at most."""
 
 
-def one_line(text: str) -> str:
-    """`text` on one line, printable."""
-    return "".join(c if c.isprintable() else " " if c.isspace() else "?" for c in text).strip()
-
-
 def emit(text: str) -> None:
     """`text` to standard output, which may close early without harm. Raises GainroomError on any other failure."""
     try:

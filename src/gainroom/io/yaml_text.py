@@ -6,9 +6,7 @@ Anchors, aliases, merge keys, duplicate keys and tags have no use in a configura
 """
 
 import math
-import os
 import re
-import stat
 from collections.abc import Hashable
 from pathlib import Path
 from typing import Any
@@ -16,6 +14,8 @@ from typing import Any
 import yaml
 
 from ..errors import GainroomError
+from ..messages import printable
+from ..text_file import bounded_text
 
 MAX_BYTES = 1 << 20
 MAX_DEPTH = 20
@@ -32,32 +32,8 @@ def shown(value: object, length: int = 60) -> str:
 
 
 def read_text(path: Path) -> str:
-    """The text of a regular UTF-8 file of at most MAX_BYTES. Raises GainroomError."""
-    try:
-        # Opening a FIFO for reading would wait for its writer.
-        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-    except FileNotFoundError as error:
-        raise GainroomError(f"{path}: no such file") from error
-    except (OSError, ValueError) as error:
-        raise GainroomError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
-    try:
-        mode = os.fstat(handle).st_mode
-        if not stat.S_ISREG(mode):
-            raise GainroomError(f"{path}: is {'a directory' if stat.S_ISDIR(mode) else 'not a regular file'}")
-        with open(handle, "rb", closefd=False) as stream:
-            content = stream.read(MAX_BYTES + 1)
-    except OSError as error:
-        raise GainroomError(f"{path}: cannot be read: {error.strerror}") from error
-    finally:
-        os.close(handle)
-    if len(content) > MAX_BYTES:
-        raise GainroomError(f"{path}: is larger than {MAX_BYTES} bytes; this is not a configuration file")
-    if b"\0" in content:
-        raise GainroomError(f"{path}: is binary, not text")
-    try:
-        return content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise GainroomError(f"{path}: is not UTF-8 text (byte {error.start})") from error
+    """The text of a configuration file, within bounds. Raises GainroomError."""
+    return bounded_text(path, MAX_BYTES, "a configuration file")
 
 
 def parse_yaml(text: str, source: str) -> Any:
@@ -73,7 +49,7 @@ def parse_yaml(text: str, source: str) -> Any:
         mark = error.problem_mark or error.context_mark
         where = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
         problem = " ".join((error.problem or error.context or "malformed YAML").split())
-        raise GainroomError(f"{source}: {where}{_printable(problem)}") from error
+        raise GainroomError(f"{source}: {where}{printable(problem)}") from error
     except yaml.reader.ReaderError as error:
         raise GainroomError(f"{source}: character {error.position + 1} is not allowed in YAML") from error
     except (ValueError, OverflowError) as error:
@@ -81,10 +57,6 @@ def parse_yaml(text: str, source: str) -> Any:
     finally:
         if loader is not None:
             loader.dispose()
-
-
-def _printable(text: str) -> str:
-    return "".join(c if c.isprintable() else "?" for c in text)
 
 
 class _Loader(yaml.SafeLoader):

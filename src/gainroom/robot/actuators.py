@@ -13,7 +13,8 @@ import numpy as np
 from ..arrays import Floats
 from ..drive import Drive
 from ..errors import GainroomError, require_positive
-from .patterns import MOST_SHOWN, assign
+from ..messages import listed
+from .patterns import assign
 
 
 @dataclass(frozen=True)
@@ -142,8 +143,3 @@ def drives_of(entries: Sequence[ActuatorEntry], common: Drive) -> tuple[Drive, .
     names = ("bandwidth", "damping_ratio", "delay")
     overrides = ({name: getattr(entry, name) for name in names if getattr(entry, name) is not None} for entry in entries)
     return tuple(replace(common, **changes) for changes in overrides)
-
-
-def listed(names: Sequence[str]) -> str:
-    """Names for a message, not too many."""
-    return ", ".join(names[:MOST_SHOWN]) + (f", … {len(names)} in all" if len(names) > MOST_SHOWN else "")

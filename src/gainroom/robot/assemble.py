@@ -8,8 +8,9 @@ import numpy as np
 
 from ..arrays import Floats
 from ..errors import GainroomError, require_finite
+from ..messages import listed, nearest
 from .body import Base, Bone, RigidBody, library, put_position
-from .patterns import MOST_SHOWN, nearest, select
+from .patterns import select
 
 MAX_JOINTS = 150
 """Pinocchio's workspace grows with the third power of the joints: 150 take about 250 MB."""
@@ -139,16 +140,11 @@ def _notes(description: Description, held: Sequence[str], positions: Mapping[str
     notes = []
     followers = [f"{name!r} {why}, at {positions.get(name, 0.0):g}" for name, why in description.held.items() if name in held]
     if followers:
-        notes.append(f"held, as they follow others: {_listed(followers)}")
+        notes.append(f"held, as they follow others: {listed(followers)}")
     strange = [model.names[index] for index in range(1, model.njoints) if not _is_physical(model.inertias[index])]
     if strange:
-        notes.append(f"no solid has the inertia of the links on these joints, taken as given: {_listed([repr(name) for name in strange])}")
+        notes.append(f"no solid has the inertia of the links on these joints, taken as given: {listed([repr(name) for name in strange])}")
     return (*description.notes, *notes)
-
-
-def _listed(items: Sequence[str]) -> str:
-    """The first of many things, and how many there are."""
-    return ", ".join(items[:MOST_SHOWN]) + (f", … {len(items)} in all" if len(items) > MOST_SHOWN else "")
 
 
 def _is_physical(inertia: Any) -> bool:
@@ -193,7 +189,7 @@ def _require_mass(body: RigidBody) -> None:
             return
     base = body.nv - body.size
     names = [repr(body.joint_names[index - base]) for index in culprits if index >= base]
-    what = f"joint{'s' * (len(names) > 1)} {_listed(names)}" if names else "floating base"
+    what = f"joint{'s' * (len(names) > 1)} {listed(names)}" if names else "floating base"
     raise GainroomError(f"{body.source}: no mass moves with the {what} (singular mass matrix); give the links inertia, or lock it")
 
 

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Floats, Integers
 from ..errors import GainroomError, require_finite
-from .patterns import nearest
+from ..messages import nearest
 
 Base = Literal["fixed", "floating"]
 BASE_SIZE = {"fixed": 0, "floating": 6}

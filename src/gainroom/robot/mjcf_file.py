@@ -16,9 +16,10 @@ from typing import Any
 from xml.etree.ElementTree import Element, tostring
 
 from ..errors import GainroomError
+from ..messages import one_line
 from .assemble import MAX_JOINTS
 from .body import library
-from .xml_text import MAX_BYTES, MAX_DEPTH, MAX_ELEMENTS, one_line, read_xml
+from .xml_text import MAX_BYTES, MAX_DEPTH, MAX_ELEMENTS, read_xml
 
 SECTIONS = ("compiler", "option", "default", "asset", "worldbody", "equality", "actuator")
 MULTIPLIERS = ("replicate", "composite", "flexcomp", "attach")

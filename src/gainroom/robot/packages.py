@@ -11,12 +11,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from ..errors import GainroomError
+from ..messages import nearest, one_line
 from .assemble import assemble
 from .body import Base, RigidBody
 from .mjcf import read_mjcf
-from .patterns import nearest
 from .urdf import read_urdf
-from .xml_text import one_line, read_xml
+from .xml_text import read_xml
 
 ENDINGS = (".urdf", ".xml")
 CATALOGUE = "robot_descriptions"

@@ -4,7 +4,6 @@ Patterns come from files, and Python's matcher may try exponentially many ways. 
 multiply, those of alternatives add up, and what can be matched in several ways must not be repeated.
 """
 
-import difflib
 import math
 import re
 import warnings
@@ -12,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from typing import TypeVar
 
 from ..errors import GainroomError
+from ..messages import nearest
 
 DEFAULT = "default"
 """The key that stands for every joint, before all patterns."""
@@ -20,7 +20,6 @@ LONGEST = 200
 MOST_WAYS = 1e5
 TYPICAL = 40
 """Characters of a name, for counting what a repeat may try."""
-MOST_SHOWN = 8
 _CLASS_OR_ESCAPE = re.compile(r"\\.|\[\^?\]?(?:\\.|[^\]\\])*\]", re.DOTALL)
 _TOKEN = re.compile(r"\(\?(?:[:=!]|<[=!])|[*+?]\??|\{[0-9]*,?[0-9]*\}\??|.", re.DOTALL)
 
@@ -98,11 +97,3 @@ def assign(values: Mapping[str, Value], names: Sequence[str], owner: str) -> lis
             for index in select(pattern, names, f"{owner}.{pattern!r}"):
                 result[index].append(value)
     return result
-
-
-def nearest(name: str, names: Sequence[str], kind: str) -> str:
-    """What may have been meant, and what there is: the end of a message about an unknown name."""
-    close = difflib.get_close_matches(name, names, 1, cutoff=0.5)
-    hint = f"; did you mean {close[0]!r}?" if close else ""
-    listed = ", ".join(names[:MOST_SHOWN]) + (f", … {len(names)} in all" if len(names) > MOST_SHOWN else "")
-    return f"{hint} ({kind}s: {listed or 'none'})"

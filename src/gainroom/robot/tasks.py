@@ -30,9 +30,9 @@ from numpy.typing import ArrayLike
 from ..arrays import Booleans, Floats
 from ..controller import PD, PPI
 from ..errors import GainroomError, require_finite
+from ..messages import nearest
 from .contact import free_motion
 from .model import RobotModel
-from .patterns import nearest
 
 Kind = Literal["com", "position", "orientation", "posture"]
 _FRAMED = ("position", "orientation")

@@ -16,10 +16,9 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from ..errors import GainroomError
+from ..messages import nearest, one_line
 from .assemble import Description
 from .body import Base, library
-from .patterns import nearest
-from .xml_text import one_line
 
 MAX_LINKS = 2000
 """Pinocchio walks down a chain of links by recursion, and the stack ends at about 4000."""

@@ -4,26 +4,24 @@ Document types and entities have no use in a robot file and are refused before t
 part of a name, bound or not, as robot files have them.
 """
 
-import os
 import re
-import stat
 from pathlib import Path
 from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
 
 from ..errors import GainroomError
+from ..text_file import bounded_text
 
 MAX_BYTES = 50 * 2**20
 MAX_ELEMENTS = 100_000
 MAX_ATTRIBUTES = 200
 MAX_DEPTH = 400
 """Below tinyxml2's own limit of 500, at which MuJoCo and Pinocchio stop with a message of theirs."""
-MAX_MESSAGE = 240
 
 
 def read_xml(path: Path) -> tuple[str, Element]:
     """Text and root element of a UTF-8 XML file. Raises GainroomError, one line that names the file."""
-    text = _read_text(path)
+    text = bounded_text(path, MAX_BYTES, "a robot file")
     return text, parse_xml(text, str(path))
 
 
@@ -37,12 +35,6 @@ def parse_xml(text: str, source: str) -> Element:
     except expat.ExpatError as error:
         raise GainroomError(f"{source}: line {error.lineno}, column {error.offset + 1}: {expat.ErrorString(error.code)}") from error
     return reader.builder.close()
-
-
-def one_line(error: object) -> str:
-    """A library's message on one line, printable and not too long."""
-    text = " ".join("".join(c if c.isprintable() else " " for c in str(error)).split())
-    return text if len(text) <= MAX_MESSAGE else text[: MAX_MESSAGE - 1] + "…"
 
 
 class _Reader:
@@ -82,31 +74,3 @@ class _Reader:
 
     def _refusal(self, problem: str) -> GainroomError:
         return GainroomError(f"{self.source}: line {self.parser.CurrentLineNumber}: {problem}")
-
-
-def _read_text(path: Path) -> str:
-    try:
-        # Opening a FIFO for reading would wait for its writer.
-        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-    except FileNotFoundError as error:
-        raise GainroomError(f"{path}: no such file") from error
-    except (OSError, ValueError) as error:
-        raise GainroomError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
-    try:
-        mode = os.fstat(handle).st_mode
-        if not stat.S_ISREG(mode):
-            raise GainroomError(f"{path}: is {'a directory' if stat.S_ISDIR(mode) else 'not a regular file'}")
-        with open(handle, "rb", closefd=False) as stream:
-            content = stream.read(MAX_BYTES + 1)
-    except OSError as error:
-        raise GainroomError(f"{path}: cannot be read: {error.strerror}") from error
-    finally:
-        os.close(handle)
-    if len(content) > MAX_BYTES:
-        raise GainroomError(f"{path}: is larger than {MAX_BYTES} bytes; this is not a robot file")
-    if b"\0" in content:
-        raise GainroomError(f"{path}: is binary, not XML text")
-    try:
-        return content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise GainroomError(f"{path}: is not UTF-8 text (byte {error.start})") from error
