@@ -74,12 +74,12 @@ def balanced(matrices: Complexes) -> Floats:
     return _centred(scaling)
 
 
-def improved(matrices: Complexes, start: Floats, tolerance: float = TOLERANCE, first_power: float = FIRST_POWER) -> tuple[Floats, Floats]:
+def improved(matrices: Complexes, start: Floats, tolerance: float = TOLERANCE) -> tuple[Floats, Floats]:
     """x (k, n) and σ_max(D M D⁻¹) (k,), within `tolerance` (relative) of the least where Newton's method gets there."""
     count = len(start)
     x, trial, anchor, best_x = start.copy(), start.copy(), start.copy(), start.copy()
     best, height = np.full(count, np.inf), np.full(count, np.inf)
-    power, damping, levels = np.full(count, first_power), np.full(count, 1e-3), np.zeros(count, dtype=int)
+    power, damping, levels = np.full(count, FIRST_POWER), np.full(count, 1e-3), np.zeros(count, dtype=int)
     slope, curvature = np.zeros(start.shape), np.zeros((*start.shape, start.shape[1]))
     active = np.arange(count)
     for _ in range(NEWTON_STEPS):

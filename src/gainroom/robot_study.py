@@ -333,9 +333,9 @@ def _coupling(state: StateStudy) -> str:
     return ""
 
 
-def _and(names: tuple[str, ...], most: int = 4) -> str:
-    if len(names) > most:
-        return f"{', '.join(names[:most])} and {len(names) - most} more"
+def _and(names: tuple[str, ...]) -> str:
+    if len(names) > 4:
+        return f"{', '.join(names[:4])} and {len(names) - 4} more"
     return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else "".join(names)
 
 

@@ -30,9 +30,9 @@ def decibels(factor: float) -> float:
     return 20 * math.log10(factor) if factor > 0 else -math.inf if factor == 0 else math.nan
 
 
-def hertz(omega: float, significant: int = 3) -> str:
+def hertz(omega: float) -> str:
     """`omega` [rad/s] in Hz."""
-    return digits(omega / (2 * math.pi), "Hz", significant)
+    return digits(omega / (2 * math.pi), "Hz", 3)
 
 
 def frequency(omega: float | None) -> str:

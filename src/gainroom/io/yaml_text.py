@@ -20,15 +20,17 @@ from ..text_file import bounded_text
 MAX_BYTES = 1 << 20
 MAX_DEPTH = 20
 MAX_NODES = 20_000
+LONGEST = 60
+"""Characters of a value in a message."""
 
 
-def shown(value: object, length: int = 60) -> str:
-    """`value` for a message: printable, on one line, not longer than `length`."""
+def shown(value: object) -> str:
+    """`value` for a message: printable, on one line, not longer than LONGEST."""
     if value is None or isinstance(value, bool):
         return {None: "nothing", True: "true", False: "false"}[value]
     text = ascii(value) if isinstance(value, str) and not value.isprintable() else repr(value)
     text = "".join(c if c.isprintable() else " " for c in text)
-    return text if len(text) <= length else text[: length - 1] + "…"
+    return text if len(text) <= LONGEST else text[: LONGEST - 1] + "…"
 
 
 def read_text(path: Path) -> str:

@@ -85,13 +85,13 @@ class ActuatorEntry:
         return self.rotor_inertia * self.gear_ratio**2
 
 
-def merge_entries(entries: Mapping[str, ActuatorEntry], joint_names: Sequence[str], owner: str = "joints") -> tuple[ActuatorEntry, ...]:
+def merge_entries(entries: Mapping[str, ActuatorEntry], joint_names: Sequence[str]) -> tuple[ActuatorEntry, ...]:
     """One entry per joint, merged from those whose pattern matches its name.
 
-    Raises GainroomError, naming `owner`, where a pattern is malformed or matches nothing.
+    Raises GainroomError where a pattern is malformed or matches nothing.
     """
     merged = []
-    for matches in assign(entries, joint_names, owner):
+    for matches in assign(entries, joint_names, "joints"):
         entry = ActuatorEntry()
         for stronger in matches:
             entry = stronger.over(entry)

@@ -19,7 +19,6 @@ from ..errors import GainroomError, require_finite
 from ..messages import nearest
 
 Base = Literal["fixed", "floating"]
-BASE_SIZE = {"fixed": 0, "floating": 6}
 UNLIMITED = 1e300  # Pinocchio writes the largest float where a joint has no limit
 
 

@@ -67,19 +67,19 @@ def _ways(bare: str) -> float:
     return done + sequence * last
 
 
-def select(pattern: str, names: Sequence[str], owner: str, kind: str = "joint") -> tuple[int, ...]:
-    """Indices of the `names` that `pattern` matches from end to end; a pattern that is itself one of the names means that one.
+def select(pattern: str, names: Sequence[str], owner: str) -> tuple[int, ...]:
+    """Indices of the joint `names` that `pattern` matches from end to end; a pattern that is itself one of the names means that one.
 
-    Raises GainroomError, naming `owner`, where the pattern is malformed or matches none; `kind` says what the names are.
+    Raises GainroomError, naming `owner`, where the pattern is malformed or matches none.
     """
     if pattern in names:
         return (names.index(pattern),)
     matcher = compile_pattern(pattern, owner)
     if any(len(name) > LONGEST for name in names):
-        raise GainroomError(f"{owner}: a {kind}'s name must have at most {LONGEST} characters to be matched with patterns")
+        raise GainroomError(f"{owner}: a joint's name must have at most {LONGEST} characters to be matched with patterns")
     found = tuple(index for index, name in enumerate(names) if matcher.fullmatch(name))
     if not found:
-        raise GainroomError(f"{owner}: {pattern!r} matches no {kind}{nearest(pattern, names, kind)}")
+        raise GainroomError(f"{owner}: {pattern!r} matches no joint{nearest(pattern, names, 'joint')}")
     return found
 
 
