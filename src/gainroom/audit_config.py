@@ -22,7 +22,15 @@ from .robot.packages import load_model, locate
 from .robot_config import base_of
 from .robot_spec import Posture, Robot, RobotControl, RobotSpec
 
-POSITIVE = number(above=0)
+POSITIVE_OR_INFINITE = number(above=0, infinite=True)
+CHECKS = {
+    "rate_hz": RATE,
+    "stiffness": POSITIVE_OR_INFINITE,
+    "damping": number(least=0),
+    "motor_inertia": number(above=0),
+    "bandwidth": POSITIVE_OR_INFINITE,
+}
+"""What options that may be left out may hold."""
 
 
 @dataclass(frozen=True)
@@ -42,8 +50,7 @@ class AuditOptions:
         checked("--delay-ms", self.delay_ms, DELAY_MS)
         if self.base not in (None, "fixed", "floating"):
             raise GainroomError(f"--base {self.base}: must be fixed or floating")
-        checks = {"rate_hz": RATE, "stiffness": number(above=0, infinite=True), "damping": number(least=0), "motor_inertia": POSITIVE}
-        for name, check in {**checks, "bandwidth": number(above=0, infinite=True)}.items():
+        for name, check in CHECKS.items():
             if getattr(self, name) is not None:
                 checked(f"--{name.replace('_', '-')}", getattr(self, name), check)
         if self.damping is not None and not self.is_elastic:

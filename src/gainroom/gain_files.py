@@ -12,7 +12,7 @@ Controllers that command position or velocity are left out: their gains are no N
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -65,7 +65,7 @@ class JointGains:
     kd: Floats
     ki: Floats
     motor_inertia: Floats
-    notes: tuple[str, ...] = field(default=())
+    notes: tuple[str, ...] = ()
 
     @property
     def given(self) -> Booleans:
@@ -191,16 +191,14 @@ def _mjcf(path: Path) -> GainFile:
     for joint, (kp, kd) in found.items():
         owner = f"{path}: actuator of joint {shown(joint)}"
         gains[joint] = Gain(checked(f"{owner}: kp", kp, NOT_NEGATIVE), checked(f"{owner}: kd", kd, NOT_NEGATIVE))
+    notes = []
     undamped = [joint for joint, gain in gains.items() if gain.kd == 0]
-    notes = (
-        ()
-        if not undamped
-        else (
+    if undamped:
+        notes.append(
             f"actuators without velocity feedback: {listed(undamped)}; damping of the joint itself, where the model has any, is not the "
-            "controller's and is not counted: give kv",
+            "controller's and is not counted: give kv"
         )
-    )
-    return GainFile(str(path), "MJCF", gains, notes)
+    return GainFile(str(path), "MJCF", gains, tuple(notes))
 
 
 def _mappings(node: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], dict[str, Any]]]:

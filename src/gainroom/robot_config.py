@@ -13,7 +13,6 @@ import numpy as np
 
 from .arrays import Floats
 from .config_sections import delay_of, refuse_long_delay, spread, tick_of
-from .controller import PD, PID, PPI
 from .drive import Drive
 from .errors import GainroomError
 from .io.checked import dotted, validate
@@ -26,11 +25,10 @@ from .robot.contact import Contact
 from .robot.packages import load_model, locate
 from .robot.patterns import assign
 from .robot.tasks import Task
-from .robot_sections import GAINS, ContactSection, ModelSection, RobotControlSection, RobotFile
+from .robot_sections import CONTROLLERS, ContactSection, ModelSection, RobotControlSection, RobotFile
 from .robot_spec import Posture, Range, Ranges, Robot, RobotControl, RobotSpec
 
 MOST_STATES = 500
-CONTROLLERS = {"pd": PD, "pid": PID, "ppi": PPI}
 
 
 def load_robot(path: Path | str) -> Robot:
@@ -192,13 +190,12 @@ def _tasks(file: RobotFile, body: RigidBody) -> tuple[Task, ...]:
 
 def _control(section: RobotControlSection, body: RigidBody, sample_time: float | None) -> RobotControl:
     """Gains per joint, or nothing but filters in task space."""
-    low_pass = None if section.velocity_filter is None else section.velocity_filter.low_pass()
-    notches = tuple(notch.notch() for notch in section.notches)
-    joints = None
+    filters, joints = section.filters(), None
     if section.space == "joint":
-        gains = {name: _per_joint(f"control.{name}", getattr(section, name), body) for name in GAINS[section.type]}
-        joints = CONTROLLERS[section.type](**gains, velocity_filter=low_pass, notches=notches)
-    return RobotControl(section.space, joints, section.feedback, sample_time, low_pass, notches, section.rotors)
+        kind = CONTROLLERS[section.type]
+        gains = {name: _per_joint(f"control.{name}", getattr(section, name), body) for name in kind.gain_names()}
+        joints = kind(**gains, **filters)
+    return RobotControl(section.space, joints, section.feedback, sample_time, **filters, rotors=section.rotors)
 
 
 def _per_joint(owner: str, patterns: Mapping[str, float], body: RigidBody) -> Floats:

@@ -1,33 +1,29 @@
 """The sections of robot.yaml as they are written: keys, bounds, and what excludes what. Keys that name joints are patterns."""
 
 import math
-from typing import Annotated, Any, Literal
+from collections.abc import Callable
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from .config_sections import ControlSection, DelayMs, DriveSection, LimitsSection, RangesSection
+from .controller import PD, PID, PPI
 from .io.checked import NotNegative, Positive, PositiveOrInfinite, Section, number, one_of, refusal
 from .io.yaml_text import shown
 from .robot.actuators import ActuatorEntry
-from .robot.contact import Contact
+from .robot.body import Base
+from .robot.contact import Contact, ContactKind
 from .robot.patterns import DEFAULT
-from .robot.tasks import Task
+from .robot.tasks import FRAMED, Task, TaskKind
 
 MOST_NAMES = 50
 """Postures, contact states or tasks in one file."""
-GAINS = {"pd": ("kp", "kd"), "pid": ("kp", "ki", "kd"), "ppi": ("kp", "kv", "ki")}
-FRAMED = ("position", "orientation")
+CONTROLLERS = {"pd": PD, "pid": PID, "ppi": PPI}
 
 
 def _word(value: object) -> str:
     if not isinstance(value, str) or not value or len(value) > 200:
         raise refusal(f"{shown(value)} must be a name")
-    return value
-
-
-def _flag(value: object) -> bool:
-    if not isinstance(value, bool):
-        raise refusal(f"{shown(value)} must be true or false")
     return value
 
 
@@ -46,16 +42,18 @@ def _each(end: BeforeValidator) -> BeforeValidator:
     return BeforeValidator(check)
 
 
-def _mapping(value: object) -> object:
-    if not isinstance(value, dict):
-        raise refusal(f"{shown(value)} must be a section")
-    return value
+def _of(kind: type, words: str) -> Callable[[Any], Any]:
+    """A check: a value of this type."""
+
+    def check(value: Any) -> Any:
+        if not isinstance(value, kind):
+            raise refusal(f"{shown(value)} must be {words}")
+        return value
+
+    return check
 
 
-def _list(value: object) -> object:
-    if not isinstance(value, list):
-        raise refusal(f"{shown(value)} must be a list")
-    return value
+_flag, _mapping, _list = _of(bool, "true or false"), _of(dict, "a section"), _of(list, "a list")
 
 
 def _at_most(value: Any) -> Any:
@@ -85,7 +83,7 @@ class ModelSection(Section):
 
     file: Name = Field(description="a URDF or MJCF, beside this file or in package")
     package: Name | None = Field(None, description="an installed Python package that has the file")
-    base: Annotated[Literal["fixed", "floating"], one_of("fixed", "floating")] | None = None
+    base: Annotated[Base, one_of(*get_args(Base))] | None = None
     gravity_stiffness: Flag = False
 
 
@@ -128,7 +126,7 @@ class ContactSection(Section):
     """One frame on the ground."""
 
     frame: Name = Field(description="the frame's name")
-    type: Annotated[Literal["flat", "line", "point"], one_of("flat", "line", "point")] = "flat"
+    type: Annotated[ContactKind, one_of(*get_args(ContactKind))] = "flat"
     stiffness: Springs | None = None
     damping: Several | None = None
 
@@ -141,9 +139,7 @@ class TaskSection(Section):
     """One task of the operational space, PD (kp, kd) or P/PI (kp, kv, ki)."""
 
     name: Name = Field(description="for the tables")
-    type: Annotated[Literal["com", "position", "orientation", "posture"], one_of("com", "position", "orientation", "posture")] = Field(
-        description="com, position, orientation or posture"
-    )
+    type: Annotated[TaskKind, one_of(*get_args(TaskKind))] = Field(description="com, position, orientation or posture")
     frame: Name | None = None
     kp: Several = Field(description="[1/s²], with kv [1/s]; a number, or one per direction")
     kd: Several | None = Field(None, description="[1/s]")
@@ -169,7 +165,7 @@ class TaskSection(Section):
 class RobotControlSection(ControlSection):
     """The controller: with its gains in joint space, with those of the tasks in task space."""
 
-    type: Annotated[Literal["pd", "pid", "ppi"], one_of("pd", "pid", "ppi")] = Field(description="pd, pid or ppi")
+    type: Annotated[Literal["pd", "pid", "ppi"], one_of(*CONTROLLERS)] = Field(description="pd, pid or ppi")
     space: Annotated[Literal["joint", "task"], one_of("joint", "task")] = "joint"
     kp: PerJoint | None = None
     kd: PerJoint | None = None
@@ -179,7 +175,7 @@ class RobotControlSection(ControlSection):
 
     @model_validator(mode="after")
     def _gains_of_the_type(self) -> "RobotControlSection":
-        wanted = GAINS[self.type] if self.space == "joint" else ()
+        wanted = CONTROLLERS[self.type].gain_names() if self.space == "joint" else ()
         for name in ("kp", "kd", "kv", "ki"):
             given = getattr(self, name) is not None
             if given and self.space == "task":

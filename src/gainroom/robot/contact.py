@@ -22,7 +22,7 @@ from ..errors import GainroomError, require_positive
 if TYPE_CHECKING:
     from .body import RigidBody
 
-Kind = Literal["flat", "line", "point"]
+ContactKind = Literal["flat", "line", "point"]
 _ROWS = {"flat": (0, 1, 2, 3, 4, 5), "line": (0, 1, 2, 3, 5), "point": (0, 1, 2)}  # of a twist: linear x y z, angular x y z
 _LINEAR = 3
 
@@ -45,13 +45,13 @@ class Contact:
     """
 
     frame: str
-    kind: Kind = "flat"
+    kind: ContactKind = "flat"
     stiffness: Any = None
     damping: Any = None
 
     def __post_init__(self) -> None:
-        if self.kind not in get_args(Kind):
-            raise GainroomError(f"contact {self.frame!r}: type {self.kind!r} must be one of {', '.join(get_args(Kind))}")
+        if self.kind not in get_args(ContactKind):
+            raise GainroomError(f"contact {self.frame!r}: type {self.kind!r} must be one of {', '.join(get_args(ContactKind))}")
         if self.stiffness is None and self.damping is not None:
             raise GainroomError(f"contact {self.frame!r}: damping needs a stiffness; a contact without stiffness is rigid")
         for value in self.springs:

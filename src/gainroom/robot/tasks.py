@@ -34,8 +34,8 @@ from ..messages import nearest
 from .contact import free_motion
 from .model import RobotModel
 
-Kind = Literal["com", "position", "orientation", "posture"]
-_FRAMED = ("position", "orientation")
+TaskKind = Literal["com", "position", "orientation", "posture"]
+FRAMED = ("position", "orientation")
 
 # A direction counts as movable when the joints move it by more than this, relative to the task's most movable direction without contact.
 # Conflicts and singular legs come out at round-off (1e-13); a direction a million times harder to move than another is no task either.
@@ -57,18 +57,18 @@ class Task:
     """
 
     name: str
-    kind: Kind
+    kind: TaskKind
     frame: str | None = None
     kp: Any
     kd: Any
     ki: Any = None
 
     def __post_init__(self) -> None:
-        if self.kind not in get_args(Kind):
-            raise GainroomError(f"task {self.name!r}: type {self.kind!r} must be one of {', '.join(get_args(Kind))}")
-        if self.kind in _FRAMED and self.frame is None:
+        if self.kind not in get_args(TaskKind):
+            raise GainroomError(f"task {self.name!r}: type {self.kind!r} must be one of {', '.join(get_args(TaskKind))}")
+        if self.kind in FRAMED and self.frame is None:
             raise GainroomError(f"task {self.name!r}: type {self.kind} needs a frame")
-        if self.kind not in _FRAMED and self.frame is not None:
+        if self.kind not in FRAMED and self.frame is not None:
             raise GainroomError(f"task {self.name!r}: type {self.kind} takes no frame, but got {self.frame!r}")
         for gain in ("kp", "kd", "ki"):
             if getattr(self, gain) is not None:
