@@ -48,7 +48,7 @@ def assemble(
     source, model = description.source, description.model
     _require_few(source, model)
     _require_finite_model(source, model)
-    first = 2 if _floats(model) else 1
+    first = 2 if floats(model) else 1
     names = tuple(model.names[first:])
     positions = _positions(source, names, posture_for_locked or {})
     held = _held(description, names, locked, selected)
@@ -62,7 +62,7 @@ def assemble(
         source=source,
         model=reduced,
         joint_names=kept,
-        base="floating" if _floats(reduced) else "fixed",
+        base="floating" if floats(reduced) else "fixed",
         armature=np.array([armature[model.joints[index].idx_v] for index in ids]),
         locked={name: positions.get(name, 0.0) for name in held},
         notes=_notes(description, held, positions, model),
@@ -72,7 +72,7 @@ def assemble(
     return body
 
 
-def _floats(model: Any) -> bool:
+def floats(model: Any) -> bool:
     """Whether the first joint is a free one."""
     return model.njoints > 1 and model.joints[1].nv == 6
 
@@ -184,7 +184,7 @@ def _require_mass(body: RigidBody) -> None:
     # A wrist of massless links is singular in a few postures only, one of which may be the neutral one.
     generic = np.sin(1.0 + np.arange(body.nv)) * (np.arange(body.nv) >= body.nv - body.size)
     for q in (body.neutral(), body.integrate(body.neutral(), generic)):
-        culprits = _massless(body.mass_matrix(q))
+        culprits = massless(body.mass_matrix(q))
         if not culprits:
             return
     base = body.nv - body.size
@@ -193,7 +193,7 @@ def _require_mass(body: RigidBody) -> None:
     raise GainroomError(f"{body.source}: no mass moves with the {what} (singular mass matrix); give the links inertia, or lock it")
 
 
-def _massless(mass_matrix: Floats) -> list[int]:
+def massless(mass_matrix: Floats) -> list[int]:
     """Degrees of freedom without inertia of their own: those with none at all, or else the foremost in a motion that has none."""
     diagonal = np.diag(mass_matrix)
     if np.any(diagonal < MASSLESS):

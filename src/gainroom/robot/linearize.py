@@ -16,7 +16,7 @@ import numpy as np
 from ..arrays import Floats
 from ..errors import GainroomError, require_finite
 from ..plant import Compliance
-from .assemble import MASSLESS, SINGULAR
+from .assemble import massless
 from .contact import REDUNDANT, Contact, contact_jacobian, free_motion, rigid_rows
 from .model import RobotModel
 
@@ -131,6 +131,5 @@ def _compliance(motion: Floats, joints: Floats, jacobian: Floats, contacts: Sequ
 
 def _require_mass(body: "RigidBody", inertia: Floats) -> None:
     """Raise GainroomError where some motion has no inertia in this posture; loading has only looked at two others."""
-    scale = np.sqrt(np.diag(inertia))
-    if np.any(scale**2 < MASSLESS) or np.linalg.eigvalsh(inertia / scale / scale[:, None])[0] < SINGULAR:
+    if massless(inertia):
         raise GainroomError(f"{body.source}: singular mass matrix in this posture: no mass moves with some of its joints")

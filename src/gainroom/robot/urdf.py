@@ -17,7 +17,7 @@ import numpy as np
 
 from ..errors import GainroomError
 from ..messages import nearest, one_line
-from .assemble import Description
+from .assemble import Description, floats
 from .body import Base, library
 
 MAX_LINKS = 2000
@@ -34,7 +34,7 @@ def read_urdf(text: str, root: Element, source: str, base: Base | None = None) -
     joints = root.findall("joint")
     _check(links, joints, root, source)
     model = _parse(pin, text, source)
-    if base == "floating" and not (model.njoints > 1 and model.joints[1].nv == 6):
+    if base == "floating" and not floats(model):
         names = {joint.get("name") for joint in joints}
         # Pinocchio mixes two joints up that have one name.
         model = _parse(pin, text, source, pin.JointModelFreeFlyer(), "root_joint" if "root_joint" not in names else "floating base")
