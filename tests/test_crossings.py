@@ -8,7 +8,8 @@ import pytest
 import gainroom as gr
 from draws import draw_setup
 from gainroom import acceleration
-from gainroom.crossings import Scan, objective, scan_many
+from gainroom._peaks import objective
+from gainroom.crossings import Scan, scan_many
 from gainroom.factored import Factored, ratio
 
 

@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from ._peaks import objective
 from .arrays import Complexes, Floats
-from .crossings import Scan, half_encirclements, objective
+from .crossings import Scan, half_encirclements
 from .errors import GainroomError
 
 LOWEST, HIGHEST, PER_DECADE = 1e-5, 1e7, 60  # [rad/s], [rad/s], points
