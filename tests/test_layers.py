@@ -16,6 +16,7 @@ LAYERS = (
     ("_walk",),
     ("_peaks",),
     ("plant", "drive", "controller"),
+    ("uncertainty",),
     ("robot",),
     ("statespace", "sampling"),
     ("lti",),

@@ -12,15 +12,17 @@ if TYPE_CHECKING:
     from .coupled import JointMargins, joint_margins
     from .drive import Drive
     from .errors import GainroomError
+    from .forbidden import Requirements
     from .limits import GainLimit, gain_limit
     from .loop import ClosedLoop, Loop, build_loop, closed_loop, loop_from
     from .plant import Compliance, ElasticJoint, Plant
-    from .recommend import Recommendation, Requirements, Uncertainty, recommend_pd
+    from .recommend import Recommendation, recommend_pd
     from .region import PDRegion, pd_region
     from .robot_config import load_robot
     from .robustness import Margins, margins
     from .stability import Roots, is_stable, rightmost_roots
     from .study import JointSpec, JointStudy, study_joint
+    from .uncertainty import Uncertainty
 
 __version__ = "0.1.0"
 
@@ -35,7 +37,9 @@ _HOME = {
     "region": ("pd_region", "PDRegion"),
     "limits": ("gain_limit", "GainLimit"),
     "coupled": ("joint_margins", "JointMargins"),
-    "recommend": ("recommend_pd", "Recommendation", "Requirements", "Uncertainty"),
+    "recommend": ("recommend_pd", "Recommendation"),
+    "forbidden": ("Requirements",),
+    "uncertainty": ("Uncertainty",),
     "study": ("study_joint", "JointSpec", "JointStudy"),
     "robot_config": ("load_robot",),
     "acceleration": ("warmup",),

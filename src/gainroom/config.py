@@ -22,11 +22,12 @@ from .config_sections import (
 from .controller import PD, PID, PPI
 from .drive import Drive
 from .errors import GainroomError
+from .forbidden import Requirements
 from .io.checked import NotNegative, Positive, PositiveOrInfinite, Section, refusal, validate
 from .io.yaml_text import parse_yaml, read_text, shown
 from .plant import ElasticJoint
-from .recommend import Requirements, Uncertainty
 from .study import JointSpec
+from .uncertainty import Uncertainty
 
 
 def load_joint(path: Path) -> JointSpec:

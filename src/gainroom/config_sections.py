@@ -8,9 +8,9 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from .controller import LowPass, Notch
 from .errors import GainroomError
+from .forbidden import Requirements
 from .io.checked import Positive, PositiveOrInfinite, Section, number, one_of, refusal
 from .io.yaml_text import shown
-from .recommend import Requirements
 
 PERCENTAGE = re.compile(r"(?:±|\+/-)?\s*([0-9]{1,3}(?:\.[0-9]{0,9})?)\s*%")
 MAX_TICKS = 1000

@@ -6,7 +6,6 @@ and a local search from the worst of them. A case that breaks a requirement beco
 at every screened case; between them it has been searched, not proved, and the certificate says so.
 """
 
-import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -24,50 +23,10 @@ from .loop import Feedback, Loop, build_loop
 from .plant import ElasticJoint
 from .region import PDRegion, pd_region
 from .robustness import Margins, margins_of
-
-__all__ = ["Recommendation", "Requirements", "Uncertainty", "recommend_pd"]
+from .uncertainty import STATED, Case, Place, Uncertainty
 
 COST_ACCURACY = 0.01
 FILLING = 16  # cases inside the uncertainty beside corners and centre
-Case = tuple[ElasticJoint, Drive]
-Place = tuple[float, ...]
-"""Where in the uncertainty: one number in [0, 1] per uncertain quantity."""
-STATED: Place = ()
-"""The place of the stated values."""
-
-
-@dataclass(frozen=True)
-class Uncertainty:
-    """Intervals (low, high) that contain the true values, SI units; None: known exactly.
-
-    delay [s], stiffness [N m/rad], link_inertia and motor_inertia [kg m²], damping [N m s/rad]
-    """
-
-    delay: tuple[float, float] | None = None
-    stiffness: tuple[float, float] | None = None
-    link_inertia: tuple[float, float] | None = None
-    motor_inertia: tuple[float, float] | None = None
-    damping: tuple[float, float] | None = None
-
-    def __post_init__(self) -> None:
-        for name in self.__dataclass_fields__:
-            interval = getattr(self, name)
-            if interval is not None and not _is_interval(interval):
-                raise GainroomError(f"uncertainty: {name} {interval!r} must be two numbers (low, high) with 0 <= low <= high")
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """What is uncertain."""
-        return tuple(name for name in self.__dataclass_fields__ if getattr(self, name) is not None)
-
-    def case(self, joint: ElasticJoint, drive: Drive, place: Sequence[float]) -> Case:
-        """The joint and drive at `place`, one number in [0, 1] per uncertain quantity; geometric between ends that are > 0."""
-        values = {}
-        for name, share in zip(self.names, place, strict=True):
-            low, high = getattr(self, name)
-            values[name] = low * (high / low) ** share if low > 0 else low + (high - low) * share
-        delay = values.pop("delay", drive.delay)
-        return replace(joint, **values), replace(drive, delay=delay)
 
 
 @dataclass(frozen=True)
@@ -159,17 +118,14 @@ class _Search:
         asked = {name: getattr(self.requirements, name) for name in self.requirements.asked}
         return pd_region(*case, feedback=self.feedback, sample_time=self.sample_time, controller=self.template, **asked)
 
-    def corners(self) -> list[Place]:
-        return list(itertools.product((0.0, 1.0), repeat=len(self.uncertainty.names)))
-
     def likely_worst(self) -> Place:
         """A corner to start from: the one that moderate gains, for the delay there is, bring nearest to a requirement."""
         if not self.uncertainty.names:
             return STATED
-        lag = max(self.case(place)[1].delay for place in self.corners()) + 2 / self.drive.bandwidth + (self.sample_time or 0.0)
+        lag = max(self.case(place)[1].delay for place in self.uncertainty.corners) + 2 / self.drive.bandwidth + (self.sample_time or 0.0)
         crossover = 0.2 / lag if lag else 2 * math.pi
         inertia = self.joint.motor_inertia + min(self.joint.link_inertia, self.joint.motor_inertia)
-        return self.least(self.corners(), inertia * crossover**2, 2 * inertia * crossover)[0]
+        return self.least(self.uncertainty.corners, inertia * crossover**2, 2 * inertia * crossover)[0]
 
     def run(self) -> Recommendation | None:
         rungs = self.active[0].ladder
@@ -234,9 +190,9 @@ class _Search:
         """The screened case with the least slack: (place, margins, slack). Stops at the first screening that finds one below zero."""
         count = len(self.uncertainty.names)
         self.seen, self.checked = [], set()
-        places = self.corners()
+        places = self.uncertainty.corners
         if count:  # without uncertainty the one corner is STATED already
-            places += [STATED, (0.5,) * count, *map(tuple, _halton(count, FILLING).tolist())]
+            places = [*places, STATED, *self.uncertainty.inside(FILLING)]
         best = self.least(places, kp, kd)
         step = 0.25
         while count and step > 0.01 and best[2] >= 0:
@@ -338,28 +294,6 @@ def worst_of(found: Sequence[Margins]) -> Margins:
     values = {name: getattr(case, name) for names, case in closest.items() for name in names.split()}
     certified = all(one.certified for one in found)
     return found[0]._replace(**values, phase_crossings=(), gain_crossings=(), certified=certified)
-
-
-def _is_interval(value: object) -> bool:
-    """Whether `value` is (low, high), two finite real numbers with 0 <= low <= high."""
-    if not isinstance(value, tuple | list) or len(value) != 2:
-        return False
-    if not all(isinstance(end, int | float | np.integer | np.floating) and not isinstance(end, bool) for end in value):
-        return False
-    return 0 <= value[0] <= value[1] < math.inf
-
-
-def _halton(count: int, points: int) -> Floats:
-    """(points, count) Halton sequence in [0, 1]: fills a box evenly (Halton 1960)."""
-    result = np.zeros((points, count))
-    for axis, base in enumerate((2, 3, 5, 7, 11)[:count]):
-        for k in range(points):
-            share, rest = 1.0, k + 1
-            while rest:
-                share /= base
-                result[k, axis] += share * (rest % base)
-                rest //= base
-    return result
 
 
 def _value(case: Case, name: str) -> float:

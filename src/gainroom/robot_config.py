@@ -15,10 +15,10 @@ from .arrays import Floats
 from .config_sections import delay_of, refuse_long_delay, spread, tick_of
 from .drive import Drive
 from .errors import GainroomError
+from .forbidden import Requirements
 from .io.checked import dotted, validate
 from .io.yaml_text import parse_yaml, read_text, shown
 from .messages import listed, nearest
-from .recommend import Requirements
 from .robot.actuators import Actuators, actuators_of, drives_of, merge_entries
 from .robot.body import Base, RigidBody
 from .robot.contact import Contact

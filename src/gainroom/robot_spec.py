@@ -10,9 +10,10 @@ from .arrays import Floats
 from .controller import PD, PID, PPI, LowPass, Notch
 from .drive import Drive
 from .errors import GainroomError
+from .forbidden import Requirements
 from .loop import Feedback, Loop, build_loop
 from .messages import nearest
-from .recommend import Requirements
+from .uncertainty import between
 
 if TYPE_CHECKING:
     from .robot.actuators import Actuators
@@ -125,19 +126,10 @@ class Ranges:
         values = {}
         for name, share in zip(self.names, place, strict=True):
             low, high = getattr(self, name)
-            values[name] = _between(low, high, share)
+            values[name] = between(low, high, share)
         delays = values.pop("delay", np.array([drive.delay for drive in drives]))
         moved = tuple(replace(drive, delay=float(delay)) for drive, delay in zip(drives, delays, strict=True))
         return replace(actuators, **values), moved
-
-
-def _between(low: Floats, high: Floats, share: float) -> Floats:
-    """A point between, geometric where both ends are > 0; a rigid joint's inf stays."""
-    value = low.copy()
-    scaled, shifted = (low > 0) & np.isfinite(low), low == 0
-    value[scaled] *= (high[scaled] / low[scaled]) ** share
-    value[shifted] = high[shifted] * share
-    return value
 
 
 @dataclass(frozen=True)

@@ -6,12 +6,14 @@ from typing import Any
 
 from .controller import PD, PID, PPI
 from .drive import Drive
+from .forbidden import Requirements
 from .limits import GainLimit, gain_limit
 from .loop import Feedback, Loop, build_loop
 from .plant import ElasticJoint
-from .recommend import Recommendation, Requirements, Uncertainty, recommend_pd
+from .recommend import Recommendation, recommend_pd
 from .region import PDRegion, pd_region
 from .robustness import Margins, margins, to_db
+from .uncertainty import Uncertainty
 
 RULE_FREQUENCY = 2 * math.pi * 10.0  # [rad/s] of the rule that reinforcement-learning teams copy: kp = J ω², kd = 2 ζ J ω
 RULE_DAMPING = 2.0
