@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..io.numbers import decibels, digits, frequency, model_in_words, model_kind, own_gains, plane_names, quantity, typed_gains
+from ..io.numbers import decibels, digits, frequency, model_in_words, model_kind, own_gains, plane_names, quantity, requirement, typed_gains
 from .options import AsJson, Report, command_line, report_stream
 from .output import emit, emit_json, render, table
 
@@ -155,7 +155,7 @@ def _margin_rows(study: "JointStudy") -> list[tuple[str, str, str, str, str]]:
             "gain margin",
             digits(decibels(margins.gain_margin), "dB"),
             frequency(margins.phase_crossover),
-            "" if needed is None else f"≥ {digits(decibels(needed), 'dB')}",
+            requirement(required, "gain_margin"),
             "" if needed is None else met(margins.gain_margin >= needed),
         )
     )
@@ -167,7 +167,7 @@ def _margin_rows(study: "JointStudy") -> list[tuple[str, str, str, str, str]]:
             "phase margin",
             digits(math.degrees(margins.phase_margin), "°"),
             frequency(margins.gain_crossover),
-            "" if needed is None else f"≥ {digits(math.degrees(needed), '°')}",
+            requirement(required, "phase_margin"),
             "" if needed is None else met(abs(margins.phase_margin) >= needed),
         )
     )
@@ -178,7 +178,7 @@ def _margin_rows(study: "JointStudy") -> list[tuple[str, str, str, str, str]]:
             "peak sensitivity",
             digits(margins.peak_sensitivity),
             frequency(margins.peak_sensitivity_frequency),
-            "" if needed is None else f"≤ {digits(needed)}",
+            requirement(required, "peak_sensitivity"),
             "" if needed is None else met(margins.peak_sensitivity <= needed),
         )
     )

@@ -49,6 +49,16 @@ def quantity(name: str, *values: float) -> str:
     return " ".join([name.replace("_", " "), *(f"{digits(scale * value)} to" for value in first), digits(scale * last, unit)])
 
 
+def requirement(asked: Any, name: str, significant: int = 4) -> str:
+    """A required margin by its field's name in Requirements: "≥ 6 dB"; empty where nothing is required."""
+    value = getattr(asked, name)
+    if value is None:
+        return ""
+    if name == "gain_margin":
+        return f"≥ {digits(decibels(value), 'dB', significant)}"
+    return f"≥ {digits(math.degrees(value), '°', significant)}" if name == "phase_margin" else f"≤ {digits(value, '', significant)}"
+
+
 def model_kind(sample_time: float | None) -> str:
     """Which of the two models of time a loop is studied in; `sample_time` [s], None: continuous."""
     return "continuous" if sample_time is None else "sampled"

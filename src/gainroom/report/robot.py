@@ -2,13 +2,11 @@
 
 import math
 from collections.abc import Sequence
-from datetime import UTC, datetime
 
 import numpy as np
 
-from .. import __version__
 from ..coupled_gains import Kept, kept_by
-from ..io.numbers import decibels, digits, hertz, model_kind
+from ..io.numbers import digits, hertz, model_kind
 from ..robot_study import RobotStudy, StateStudy, by_room
 from .page import Card, Html, Lead, Section, beside, block, facts, page, paragraph
 from .robot_coupling import coupling
@@ -16,6 +14,7 @@ from .robot_drawing import common_view, hero, small
 from .robot_loci import loci, loci_window
 from .robot_room import heat_map, joint_factors, task_factors
 from .robot_tables import folded, gain_tables, inputs, joint_table, state_table, task_table
+from .shared import assumptions, footer, margin_card, unstable_card
 
 FEW = 4
 """States of which each has a picture; of more, the tightest posture of each contact state has one."""
@@ -27,22 +26,22 @@ ON_TOP = 4
 def robot_page(study: RobotStudy, command: str) -> str:
     """The report of a study as one HTML page; `command` is what a reader types to get it again."""
     kept = [kept_by(state.loop) for state in study.states]
-    shown = _shown(study)
+    shown, sample_time = _shown(study), study.spec.control.sample_time
+    taken = assumptions("Linear about each posture", sample_time, "; contacts hold and do not slip or lift")
     sections = [
         Section("How it would vibrate", _vibrations(study, shown)),
         Section("How much room is left", _room(study, kept)),
         Section("Why: the characteristic loci", [_loci_words(), beside(*(loci(state, loci_window(shown)) for state in shown))]),
-        Section("What the coupling costs", [*_coupling(study)]),
+        Section("What the coupling costs", [beside(*coupling(joint_factors(study), "joint"))]),
         Section("Gains to use", _gains(study)),
         *_tasks(study, shown),
         Section("Joints", _joints(study)),
-        Section("Inputs and assumptions", [inputs(study.spec), _assumptions(study), *_words(study)]),
+        Section("Inputs and assumptions", [inputs(study.spec), taken, *_words(study)]),
         Section("What was certified, and how", [_certificate(study)]),
         Section("This page again", [block(command)]),
     ]
-    today = datetime.now(UTC).date().isoformat()
-    title = f"gainroom robot: gains of {study.spec.robot.body.size} joints, {model_kind(study.spec.control.sample_time)} model"
-    return page(title, _lead(study, kept), _cards(study, kept), sections, [f"gainroom {__version__}, {today}"])
+    title = f"gainroom robot: gains of {study.spec.robot.body.size} joints, {model_kind(sample_time)} model"
+    return page(title, _lead(study, kept), _cards(study, kept), sections, footer())
 
 
 def _shown(study: RobotStudy) -> list[StateStudy]:
@@ -82,26 +81,21 @@ def _loci_words() -> Html:
     )
 
 
-def _coupling(study: RobotStudy) -> list[Html]:
-    return [beside(*coupling(joint_factors(study), "joint"))]
-
-
 def _tasks(study: RobotStudy, shown: Sequence[StateStudy]) -> list[Section]:
     """The operational space, where the file has tasks."""
     factors = task_factors(study)
     if factors is None:
         return []
     parts: list[Html] = []
+    tightest = _tightest_tasks(study)
     if study.spec.control.space == "joint":
         words = "The file's controller closes the joints; here its tasks are closed in their place, with their own gains."
         view = common_view(shown)
-        tightest = _tightest_tasks(study)
         drawings = [small(state, state.tasks.limit, view, 0) for state in tightest if state.tasks is not None]
         parts += [paragraph(words), beside(*drawings)]
     parts += [heat_map(factors, "task direction"), beside(*coupling(factors, "task direction"))]
-    first = _tightest_tasks(study)
-    parts.append(task_table(first))
-    if len(first) < len(study.states):
+    parts.append(task_table(tightest))
+    if len(tightest) < len(study.states):
         parts.append(folded("Tasks in every posture and contact state", task_table(study.states)))
     return [Section("Operational space", parts)]
 
@@ -117,7 +111,7 @@ def _tightest_tasks(study: RobotStudy) -> list[StateStudy]:
 
 
 def _task_room(state: StateStudy) -> tuple[bool, float]:
-    return (True, math.inf) if state.tasks is None else (state.tasks.limit.stable, state.tasks.limit.gain)
+    return (True, math.inf) if state.tasks is None else by_room(state.tasks.limit)
 
 
 def _gains(study: RobotStudy) -> list[Html]:
@@ -174,16 +168,11 @@ def _cards(study: RobotStudy, kept: Sequence[Kept]) -> list[Card]:
 
 
 def _unstable_cards(study: RobotStudy) -> list[Card]:
-    tight, asked = study.tightest, study.spec.requirements.gain_margin
-    limit, count = tight.limit, sum(not state.limit.stable for state in study.states)
-    required = "" if asked is None else f"gain margin ≥ {digits(decibels(asked), 'dB', 3)}"
-    lowered = 0 < limit.gain < math.inf
-    room = Card("stable only below", digits(limit.gain, "", 3), "×", required, False, f"times these gains, {tight.title}")
-    if not lowered:
-        room = Card("stable factor on these gains", "none", "", required, False, f"no factor makes {tight.title} stable")
+    tight, limit = study.tightest, study.tightest.limit
+    lowered, count = 0 < limit.gain < math.inf, sum(not state.limit.stable for state in study.states)
     at = f"{', '.join(tight.limiting_joints[:2])}" if lowered else "no vibration to tell"
     return [
-        room,
+        unstable_card(study.spec.requirements, limit, f", {tight.title}", tight.title),
         Card("unstable states", f"{count}", f"of {len(study.states)}", "none", False),
         Card("vibrates at", digits(limit.frequency / (2 * math.pi), "", 3), "Hz" if lowered else "", note=at),
     ]
@@ -201,30 +190,9 @@ def _stable_cards(study: RobotStudy, kept: Sequence[Kept]) -> list[Card]:
         return f"{hertz(omega)}, " if math.isfinite(omega) else ""
 
     return [
-        Card(
-            "gain margin",
-            digits(decibels(room[least]), "", 3),
-            "dB",
-            "" if asked.gain_margin is None else f"≥ {digits(decibels(asked.gain_margin), 'dB', 3)}",
-            None if asked.gain_margin is None else room[least] >= asked.gain_margin,
-            f"{at(states[least].limit.frequency)}{states[least].title}",
-        ),
-        Card(
-            "phase margin",
-            digits(math.degrees(phase[narrow]), "°", 3),
-            "",
-            "" if asked.phase_margin is None else f"≥ {digits(math.degrees(asked.phase_margin), '°', 3)}",
-            None if asked.phase_margin is None else phase[narrow] >= asked.phase_margin,
-            f"{at(states[narrow].margins.phase_frequency)}{states[narrow].title}",
-        ),
-        Card(
-            "peak sensitivity Ms",
-            digits(peaks[high], "", 3),
-            "",
-            "" if asked.peak_sensitivity is None else f"≤ {digits(asked.peak_sensitivity, '', 3)}",
-            None if asked.peak_sensitivity is None else peaks[high] <= asked.peak_sensitivity,
-            f"one loop, others closed, {states[high].title}",
-        ),
+        margin_card(asked, "gain_margin", room[least], f"{at(states[least].limit.frequency)}{states[least].title}"),
+        margin_card(asked, "phase_margin", phase[narrow], f"{at(states[narrow].margins.phase_frequency)}{states[narrow].title}"),
+        margin_card(asked, "peak_sensitivity", peaks[high], f"one loop, others closed, {states[high].title}"),
         Card(
             "delay margin",
             digits(1e3 * delays[late], "", 3),
@@ -245,20 +213,10 @@ def _worse(exact: float, sampled: float) -> float:
     return sampled if sampled < 0.99 * exact else exact
 
 
-def _assumptions(study: RobotStudy) -> str:
-    text = (
-        "Linear about each posture, small motions: no friction other than viscous, no torque limit, no backlash, no quantisation; contacts "
-        "hold and do not slip or lift. The delay is exact, never approximated by a rational function."
-    )
-    if study.spec.control.sample_time is None:
-        text += " The model is continuous; a sampled controller is worse by about one more tick of delay."
-    return text
-
-
 def _words(study: RobotStudy) -> list[Html]:
     """What the file left open, and the warnings that do not stand on top."""
-    taken = [facts([("taken for granted", text) for text in study.spec.assumptions])] if study.spec.assumptions else []
-    return [*taken, *map(paragraph, study.warnings[ON_TOP:])]
+    assumed = [facts([("taken for granted", text) for text in study.spec.assumptions])] if study.spec.assumptions else []
+    return [*assumed, *map(paragraph, study.warnings[ON_TOP:])]
 
 
 def _certificate(study: RobotStudy) -> Html:

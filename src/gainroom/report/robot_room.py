@@ -8,7 +8,8 @@ import numpy as np
 
 from ..arrays import Floats
 from ..io.numbers import digits
-from ..robot_study import RobotStudy, StateStudy
+from ..limits import GainLimit
+from ..robot_study import RobotStudy, StateStudy, by_room
 from . import style
 from .page import Html, figure
 from .robot_drawing import UNSTABLE_GROUND, shown
@@ -27,32 +28,44 @@ class Factors:
     parts    names of the joints or directions
     alone    (states, parts) with nothing else closed
     closed   (states, parts) with everything else as it is; NaN where the state is unstable
-    whole    (states,) on all gains together
+    limits   (states,) of all gains together
     """
 
     states: tuple[StateStudy, ...]
     parts: tuple[str, ...]
     alone: Floats
     closed: Floats
-    whole: Floats
-    stable: tuple[bool, ...]
+    limits: tuple[GainLimit, ...]
+
+    @property
+    def whole(self) -> Floats:
+        """(states,) the factor on all gains together."""
+        return np.array([limit.gain for limit in self.limits])
+
+    @property
+    def stable(self) -> tuple[bool, ...]:
+        """(states,) with the gains as they are."""
+        return tuple(limit.stable for limit in self.limits)
+
+    @property
+    def by_room(self) -> list[int]:
+        """Indices of the states, the one with the least room first."""
+        return sorted(range(len(self.states)), key=lambda k: by_room(self.limits[k]))
 
     @property
     def tightest(self) -> int:
         """Index of the state with the least room."""
-        return min(range(len(self.states)), key=lambda k: (self.stable[k], self.whole[k]))
+        return self.by_room[0]
 
     def few(self) -> "Factors":
         """At most MOST_STATES states, the tightest, in their order."""
-        order = sorted(range(len(self.states)), key=lambda k: (self.stable[k], self.whole[k]))
-        kept = sorted(order[:MOST_STATES])
+        kept = sorted(self.by_room[:MOST_STATES])
         return Factors(
             tuple(self.states[k] for k in kept),
             self.parts,
             self.alone[kept],
             self.closed[kept],
-            self.whole[kept],
-            tuple(self.stable[k] for k in kept),
+            tuple(self.limits[k] for k in kept),
         )
 
 
@@ -63,8 +76,7 @@ def joint_factors(study: RobotStudy) -> Factors:
         study.spec.robot.joint_names,
         np.array([[row.single_joint_limit for row in state.joints] for state in study.states]),
         np.array([[row.limit_others_closed for row in state.joints] for state in study.states]),
-        np.array([state.limit.gain for state in study.states]),
-        tuple(state.limit.stable for state in study.states),
+        tuple(state.limit for state in study.states),
     )
 
 
@@ -78,8 +90,7 @@ def task_factors(study: RobotStudy) -> Factors | None:
         tuple(f"{row.name} {row.direction}" for row in found[0][1].rows),
         np.array([[row.gain_limit for row in tasks.rows] for _, tasks in found]),
         np.array([[row.limit_others_closed for row in tasks.rows] for _, tasks in found]),
-        np.array([tasks.limit.gain for _, tasks in found]),
-        tuple(tasks.limit.stable for _, tasks in found),
+        tuple(tasks.limit for _, tasks in found),
     )
 
 

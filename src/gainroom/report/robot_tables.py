@@ -8,11 +8,13 @@ import numpy as np
 
 from ..arrays import Floats
 from ..coupled_gains import Kept
-from ..io.numbers import decibels, digits, frequency, quantity
+from ..io.numbers import decibels, digits, frequency, quantity, requirement
 from ..robot_gains import GainSet, RobotGains
 from ..robot_spec import RobotSpec
 from ..robot_study import RobotStudy, StateStudy
 from .page import Html, facts, paragraph, table
+from .shared import filters
+from .tables import MARGIN_NAMES
 
 MARKS = {"yes": "met", "no": "unmet", "UNSTABLE": "unmet", "not confirmed": "unmet"}
 MOST_ROWS = 600
@@ -187,18 +189,8 @@ def _gain_caption(gains: RobotGains) -> str:
 
 def _kept_table(columns: Sequence[Column], spec: RobotSpec) -> Html:
     """What every set keeps, beside what is required."""
-    asked = spec.requirements
-    required = [
-        "" if asked.gain_margin is None else f" (≥ {digits(decibels(asked.gain_margin), 'dB', 3)})",
-        "" if asked.phase_margin is None else f" (≥ {digits(math.degrees(asked.phase_margin), '°', 3)})",
-        "" if asked.peak_sensitivity is None else f" (≤ {digits(asked.peak_sensitivity, '', 3)})",
-    ]
-    headers = [
-        "set",
-        *(name + need for name, need in zip(("gain margin", "phase margin", "Ms"), required, strict=True)),
-        "held back by",
-        "cases",
-    ]
+    needs = {title: requirement(spec.requirements, name, 3) for name, title in MARGIN_NAMES.items()}
+    headers = ["set", *(f"{title} ({need})" if need else title for title, need in needs.items()), "held back by", "cases"]
     rows = []
     for name, one in columns:
         if one is None:
@@ -257,14 +249,9 @@ def _span(values, unit: str = "") -> str:
 def _control(spec: RobotSpec) -> str:
     control = spec.control
     kind = "tasks" if control.joints is None else type(control.joints).__name__
-    low_pass = control.velocity_filter
-    filtered = (
-        "no velocity filter" if low_pass is None else f"velocity filter of order {low_pass.order} at {digits(low_pass.bandwidth, 'rad/s')}"
-    )
-    notches = "".join(f", notch at {digits(notch.frequency, 'rad/s')}" for notch in control.notches)
     time = "continuous" if control.sample_time is None else f"sampled at {digits(1 / control.sample_time, 'Hz')}"
     rotors = "" if not spec.robot.stack else f"; the tasks' model {'counts' if control.rotors else 'leaves out'} the rotors"
-    return f"{kind} in {control.space} space; {filtered}{notches}; {time}{rotors}"
+    return f"{kind} in {control.space} space; {filters(control)}; {time}{rotors}"
 
 
 def _angles(angles) -> str:

@@ -3,12 +3,14 @@
 import math
 
 from ..controller import PD
-from ..io.numbers import decibels, digits, frequency, own_gains, plane_names, quantity
+from ..io.numbers import decibels, digits, frequency, own_gains, plane_names, quantity, requirement
 from ..robustness import Margins
 from ..study import JointSpec, JointStudy
 from .bode import Case
 from .page import Html, facts, table
+from .shared import filters
 
+MARGIN_NAMES = {"gain_margin": "gain margin", "phase_margin": "phase margin", "peak_sensitivity": "Ms"}
 MARKS = {"yes": "met", "no": "unmet", "unstable": "unmet", "not certified": "unmet"}
 
 
@@ -138,12 +140,7 @@ def _delay(spec: JointSpec) -> str:
 def _controller(spec: JointSpec) -> str:
     controller = spec.controller
     gains = ", ".join(f"{name} {digits(value, unit)}" for name, value, unit in own_gains(controller))
-    low_pass = controller.velocity_filter
-    filtered = "no velocity filter"
-    if low_pass is not None:
-        filtered = f"velocity filter of order {low_pass.order} at {digits(low_pass.bandwidth, 'rad/s')}"
-    notches = "".join(f", notch at {digits(notch.frequency, 'rad/s')}" for notch in controller.notches)
-    return f"{type(controller).__name__}: {gains}; {filtered}{notches}"
+    return f"{type(controller).__name__}: {gains}; {filters(controller)}"
 
 
 def _time(spec: JointSpec) -> str:
@@ -157,14 +154,7 @@ def _time(spec: JointSpec) -> str:
 
 def _required(spec: JointSpec) -> str:
     asked = spec.requirements
-    told = []
-    if asked.gain_margin is not None:
-        told.append(f"gain margin ≥ {digits(decibels(asked.gain_margin), 'dB')}")
-    if asked.phase_margin is not None:
-        told.append(f"phase margin ≥ {digits(math.degrees(asked.phase_margin), '°')}")
-    if asked.peak_sensitivity is not None:
-        told.append(f"Ms ≤ {digits(asked.peak_sensitivity)}")
-    return ", ".join(told) or "stability alone"
+    return ", ".join(f"{MARGIN_NAMES[name]} {requirement(asked, name)}" for name in asked.asked) or "stability alone"
 
 
 def _uncertainty(spec: JointSpec) -> str:

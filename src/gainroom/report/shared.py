@@ -1,0 +1,63 @@
+"""What the pages of a joint and of a whole robot share: cards of margins, and words on the model."""
+
+import math
+from datetime import UTC, datetime
+from typing import Any
+
+from .. import __version__
+from ..forbidden import Requirements
+from ..io.numbers import decibels, digits, requirement
+from ..limits import GainLimit
+from .page import Card
+
+
+def footer() -> list[str]:
+    """The closing line: what wrote the page, and when."""
+    return [f"gainroom {__version__}, {datetime.now(UTC).date().isoformat()}"]
+
+
+def margin_card(asked: Requirements, name: str, value: float, note: str, kept: float | None = None) -> Card:
+    """A margin (`name`: a field of Requirements) beside what is required of it.
+
+    value   as it is shown: factor, rad, factor
+    kept    what is held against the requirement, where that is not the value itself
+    """
+    label, shown, unit = {
+        "gain_margin": ("gain margin", digits(decibels(value), "", 3), "dB"),
+        "phase_margin": ("phase margin", digits(math.degrees(value), "°", 3), ""),
+        "peak_sensitivity": ("peak sensitivity Ms", digits(value, "", 3), ""),
+    }[name]
+    needed, kept = getattr(asked, name), value if kept is None else kept
+    met = None
+    if needed is not None:
+        met = bool(kept <= needed if name == "peak_sensitivity" else kept >= needed)
+    return Card(label, shown, unit, requirement(asked, name, 3), met, note)
+
+
+def unstable_card(asked: Requirements, limit: GainLimit, where: str, what: str) -> Card:
+    """How far the gains of something unstable would have to be lowered. `where` ends the note, `what` is not to be made stable."""
+    required = requirement(asked, "gain_margin", 3)
+    required = f"gain margin {required}" if required else ""
+    if 0 < limit.gain < math.inf:
+        return Card("stable only below", digits(limit.gain, "", 3), "×", required, False, f"times these gains{where}")
+    return Card("stable factor on these gains", "none", "", required, False, f"no factor makes {what} stable")
+
+
+def assumptions(model: str, sample_time: float | None, further: str = "") -> str:
+    """What the answer takes for granted; `model` begins the sentence, `further` ends it."""
+    text = (
+        f"{model}, small motions: no friction other than viscous, no torque limit, no backlash, no quantisation{further}. The delay is "
+        "exact, never approximated by a rational function."
+    )
+    if sample_time is None:
+        text += " The model is continuous; a sampled controller is worse by about one more tick of delay."
+    return text
+
+
+def filters(controller: Any) -> str:
+    """The velocity filter and the notches of a controller, in words."""
+    low_pass = controller.velocity_filter
+    told = (
+        "no velocity filter" if low_pass is None else f"velocity filter of order {low_pass.order} at {digits(low_pass.bandwidth, 'rad/s')}"
+    )
+    return told + "".join(f", notch at {digits(notch.frequency, 'rad/s')}" for notch in controller.notches)
