@@ -16,8 +16,8 @@ from gainroom.coupled_gains import kept_by
 from gainroom.io.numbers import digits
 from gainroom.limits import GainLimit
 from gainroom.report.robot import MOST_PICTURES, robot_page
-from gainroom.report.robot_drawing import common_view
 from gainroom.report.robot_room import MOST_STATES
+from gainroom.report.robot_skeleton import common_view
 from gainroom.robot_config import parse_robot
 from gainroom.robot_study import RobotStudy, study_robot
 from robot_truths import hinge, link, write_robot

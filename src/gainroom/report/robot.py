@@ -10,9 +10,10 @@ from ..io.numbers import digits, hertz, model_kind
 from ..robot_study import RobotStudy, StateStudy, by_room
 from .page import Card, Html, Lead, Section, beside, block, facts, page, paragraph
 from .robot_coupling import coupling
-from .robot_drawing import common_view, hero, small
+from .robot_drawing import hero, small
 from .robot_loci import loci, loci_window
 from .robot_room import heat_map, joint_factors, task_factors
+from .robot_skeleton import common_view
 from .robot_tables import folded, gain_tables, inputs, joint_table, state_table, task_table
 from .shared import assumptions, footer, margin_card, unstable_card
 

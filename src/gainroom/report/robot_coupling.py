@@ -9,7 +9,6 @@ from ..arrays import Floats
 from ..io.numbers import digits
 from . import style
 from .page import Html, figure
-from .robot_drawing import shown
 from .robot_room import Factors
 
 WIDEST = 1e3  # ratio of the factors on one axis; what lies beyond is drawn at its end
@@ -27,10 +26,10 @@ def coupling(factors: Factors, what: str) -> tuple[Html, Html]:
     """What scaling one part alone, one with the others closed, and all together allow: by state, and by part in the tightest state."""
     few, tight = factors.few(), factors.tightest
     by_state: list[Row] = [
-        (shown(state.title), (_least(few.alone[k]), _least(few.closed[k]), float(few.whole[k]))) for k, state in enumerate(few.states)
+        (style.shown(state.title), (_least(few.alone[k]), _least(few.closed[k]), float(few.whole[k]))) for k, state in enumerate(few.states)
     ]
     parts = zip(factors.parts, factors.alone[tight].tolist(), factors.closed[tight].tolist(), strict=True)
-    by_part: list[Row] = [(shown(part), (alone, closed, math.nan)) for part, alone, closed in parts]
+    by_part: list[Row] = [(style.shown(part), (alone, closed, math.nan)) for part, alone, closed in parts]
     title = f"Each {what} in {factors.states[tight].title}"
     return (
         _dumbbells(by_state, math.nan, f"Tightest {what}, state by state", _cost_caption(factors, what)),

@@ -1,69 +1,21 @@
-"""The robot as a skeleton, from its right and from the front, its joints coloured by their part in the critical vibration."""
+"""How a robot would vibrate, in pictures: the tightest state, large, and one for each of the others."""
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
-from html import escape
 
 import numpy as np
 
-from ..arrays import Floats, Integers
 from ..io.numbers import digits, hertz
 from ..limits import GainLimit
 from ..robot.model import RobotModel
 from ..robot_study import StateStudy, limiting_joints
 from . import style
 from .page import Html, figure
+from .robot_skeleton import View, common_view, drawn, labels, part_in_words, vibration
 
 # ColorBrewer's YlOrBr (Brewer 2013): light to dark in grey too, and to all eyes
 PARTICIPATION = [[0, "#fffbe6"], [0.15, "#fee391"], [0.35, "#fec44f"], [0.55, "#fe9929"], [0.75, "#cc4c02"], [1, "#662506"]]
-DEPTH = 0.5 * np.array([math.cos(math.pi / 6), math.sin(math.pi / 6)])  # cabinet projection: what is farther stands higher, at half scale
-SAME_PLACE = 0.015  # of the robot's size: joints closer than this are drawn around one point
-NEAR, FAR = "#7d7d7d", "#bdbdbd"  # links
-UNSTABLE_GROUND = "#fdf1e9"
-FELT = 0.05  # smaller parts get no name
 MOST_BARS, FEW_BARS = 14, 6  # beside the drawing, and on a phone
-LONGEST = 26  # characters of a name in a picture
 WIDTH = 1028  # [px] of a picture on a wide screen
-LINE = 17  # [px] a line of text is high
-
-
-@dataclass(frozen=True)
-class View:
-    """Both views side by side in one plane, the same for every state. The front view is moved to the right by `shift`.
-
-    low, high   (2,) corners of the whole drawing [m]
-    """
-
-    low: Floats
-    high: Floats
-    shift: float
-    size: float
-
-    def side(self, points: Floats) -> Floats:
-        """(k, 2) of points (k, 3): seen from its right, forward to the right."""
-        return points[:, [0, 2]] + points[:, [1]] * DEPTH
-
-    def front(self, points: Floats) -> Floats:
-        """(k, 2): seen from the front, its left on the right."""
-        return points[:, [1, 2]] - points[:, [0]] * DEPTH + np.array([self.shift, 0.0])
-
-
-def shown(name: str) -> str:
-    """A name as a picture can hold it: plain text, not too long."""
-    return escape(name if len(name) <= LONGEST else name[: LONGEST - 1] + "…", quote=False)
-
-
-def common_view(states: Sequence[StateStudy], gap: float = 0.3) -> View:
-    """A view that holds the robot in each of `states`, with `gap` of its size between the two sides."""
-    nodes = np.vstack([_outline(state.model) for state in states])
-    size = float(np.ptp(nodes, axis=0).max()) or 1.0
-    bare = View(np.zeros(2), np.zeros(2), 0.0, size)
-    side, front = bare.side(nodes), bare.front(nodes)
-    shift = float(side[:, 0].max() - front[:, 0].min()) + gap * size
-    both = np.vstack([side, front + np.array([shift, 0.0])])
-    low, high = np.array([0.1, 0.18]), np.array([0.7 * gap - 0.1, 0.16])  # room for words
-    return View(both.min(axis=0) - low * size, both.max(axis=0) + high * size, shift, size)
 
 
 def hero(state: StateStudy, alone: bool) -> Html:
@@ -71,9 +23,9 @@ def hero(state: StateStudy, alone: bool) -> Html:
     view, limit = common_view([state], 0.65), state.limit  # names stand between the sides
     wide, high = view.high - view.low
     part = min(0.54, max(0.4, 0.42 * wide / high))
-    traces, notes = _drawing(state.model, limit, view, 17)
+    traces, notes = drawn(state.model, limit, view, 17)
     bars, names = _bars(state.model, limit)
-    notes += [] if _vibration(limit) is None else _labels(state.model, limit, view, float(part * WIDTH / wide))
+    notes += [] if vibration(limit) is None else labels(state.model, limit, view, float(part * WIDTH / wide))
     height = round(min(max(part * WIDTH * high / wide, 27 * len(names)), 420)) + 60
     bar = {"orientation": "h", "x": 0.5 * part, "xanchor": "center", "y": 0, "yanchor": "top", "len": 0.3}
     picture = _layout(limit, notes, view, [0, part], bar)
@@ -98,7 +50,7 @@ def small(state: StateStudy, limit: GainLimit, view: View, others: int) -> Html:
 
     others   postures of this contact state that have more room
     """
-    traces, notes = _drawing(state.model, limit, view, 12)
+    traces, notes = drawn(state.model, limit, view, 12)
     picture = _layout(limit, notes, view, [0, 1], {"len": 0.7, "xpad": 4})
     wide, high = view.high - view.low
     height = round(min(max(430 * high / wide, 220), 420)) + 16
@@ -143,20 +95,9 @@ def _hero_caption(state: StateStudy) -> str:
     return f"{lead}: start there if more room is needed. {text}"
 
 
-def _vibration(limit: GainLimit) -> Floats | None:
-    """(n,) part of each joint in the vibration at the limit; None where there is none."""
-    return np.abs(limit.mode) if math.isfinite(limit.frequency) else None
-
-
-def _outline(model: RobotModel) -> Floats:
-    """(k, 3) what must be in the picture."""
-    body, q = model.body, model.q
-    return np.vstack([body.skeleton(q).positions, body.com(q), *(body.frame_placement(q, one.frame)[1] for one in model.contacts)])
-
-
 def _layout(limit: GainLimit, notes: list[style.Annotation], view: View, domain: list[float], bar: dict) -> dict:
     hidden = {"showgrid": False, "showline": False, "showticklabels": False, "ticks": "", "zeroline": False, "fixedrange": True}
-    ground = "white" if limit.stable else UNSTABLE_GROUND
+    ground = "white" if limit.stable else style.UNSTABLE_GROUND
     return style.layout(
         xaxis=hidden | {"range": [view.low[0], view.high[0]], "domain": domain, "constrain": "domain"},
         yaxis=hidden | {"range": [view.low[1], view.high[1]], "scaleanchor": "x", "constrain": "domain"},
@@ -167,160 +108,15 @@ def _layout(limit: GainLimit, notes: list[style.Annotation], view: View, domain:
             "colorscale": PARTICIPATION,
             "cmin": 0,
             "cmax": 1,
-            "showscale": _vibration(limit) is not None,
+            "showscale": vibration(limit) is not None,
             "colorbar": {"title": {"text": "part"}, "thickness": 10, "tickvals": [0, 0.5, 1], "outlinewidth": 0} | bar,
         },
     )
 
 
-def _drawing(model: RobotModel, limit: GainLimit, view: View, size: int) -> tuple[list[style.Trace], list[style.Annotation]]:
-    """Links, contacts, joints, centre of mass and a scale."""
-    points = model.body.skeleton(model.q).positions
-    traces: list[style.Trace] = []
-    for project, depth in ((view.side, points[:, 1]), (view.front, -points[:, 0])):
-        traces += _contacts(model, view, project)
-        traces += _links(model, project(points), depth, view)
-        traces += _joints(model, limit, project(points), depth, size, view)
-        traces.append(_centre(model, project))
-    return [*traces, _scale(view)], _names(model, limit, view)
-
-
-def _links(model: RobotModel, plane: Floats, depth: Floats, view: View) -> list[style.Trace]:
-    """Lines from every node to the one it hangs on; those in the farther half lighter, and first."""
-    parents = model.body.skeleton(model.q).parents
-    ends = [(k, int(parent)) for k, parent in enumerate(parents) if parent >= 0]
-    middle = 0.5 * (depth.min() + depth.max())
-    flat = np.ptp(depth) < 0.15 * view.size
-    traces = []
-    for color, far in ((FAR, True), (NEAR, False)):
-        drawn = [(a, b) for a, b in ends if bool(not flat and depth[a] + depth[b] > 2 * middle + 1e-9) == far]
-        if drawn:
-            x, y = ([value for a, b in drawn for value in (plane[a, axis], plane[b, axis], None)] for axis in (0, 1))
-            traces.append(style.line(x, y, color, width=5))
-    return traces
-
-
-def _joints(model: RobotModel, limit: GainLimit, plane: Floats, depth: Floats, size: int, view: View) -> list[style.Trace]:
-    """Every joint as a disc; those at one place as rings around each other. Base, locked joints and ends of chains are small and grey."""
-    skeleton, parts, mode = model.body.skeleton(model.q), _vibration(limit), limit.mode
-    rings = _rings(skeleton.positions, skeleton.joints, view.size)
-    order = sorted(range(len(plane)), key=lambda k: (-round(float(depth[k]) / view.size, 2), -rings[k], k))
-    moving = [k for k in order if skeleton.joints[k] >= 0]
-    still = [k for k in order if skeleton.joints[k] < 0]
-    told = [shown(skeleton.names[k]) + ("" if parts is None else f": {_part(mode[skeleton.joints[k]])}") for k in moving]
-    discs = style.markers(plane[moving, 0], plane[moving, 1], "circle", "white", hoverinfo="text", text=told, cliponaxis=False)
-    discs["marker"] |= {
-        "size": [size * (1 + 0.62 * rings[k]) for k in moving],
-        "color": "white" if parts is None else [float(parts[skeleton.joints[k]]) for k in moving],
-        "coloraxis": "coloraxis",
-        "opacity": 1,
-        "line": {"color": "#4a4a4a", "width": 1.2},
-    }
-    names = [shown(skeleton.names[k]) for k in still]
-    held = style.markers(plane[still, 0], plane[still, 1], "circle", NEAR, hoverinfo="text", text=names, cliponaxis=False)
-    held["marker"] |= {
-        "size": [0.75 * size if k == 0 else 0.4 * size for k in still],
-        "symbol": ["square" if k == 0 else "circle" for k in still],
-        "opacity": 1,
-        "line": {"width": 0},
-    }
-    return [held, discs]
-
-
-def _rings(positions: Floats, joints: Integers, size: float) -> list[int]:
-    """How many joints further down the chain share the place of each one."""
-    moving = [k for k in range(len(positions)) if joints[k] >= 0]
-    close = {k: [j for j in moving if np.linalg.norm(positions[j] - positions[k]) < SAME_PLACE * size] for k in moving}
-    return [sum(j > k for j in close[k]) if k in close else 0 for k in range(len(positions))]
-
-
-def _part(part: complex) -> str:
-    """A joint's part in words: how much, and how far behind the strongest."""
-    angle = round(math.degrees(-np.angle(part))) % 360
-    lag = f", {angle}°" if abs(part) >= FELT else ""
-    return f"{100 * abs(part):.0f} %{lag}"
-
-
-def _contacts(model: RobotModel, view: View, project) -> list[style.Trace]:
-    """A patch under each contact: flat, a line about which it rolls, or a point; not to scale. A fixed base stands on one, too."""
-    body, q = model.body, model.q
-    half = 0.075 * view.size
-    marks = []
-    for contact in model.contacts:
-        axes, place = body.frame_placement(q, contact.frame)
-        long, across = {"flat": (half, 0.6 * half), "line": (0.12 * half, half), "point": (0.25 * half, 0.25 * half)}[contact.kind]
-        kind = f"{contact.kind} contact" + ("" if contact.stiffness is None else ", on springs")
-        marks.append((place, axes[:, 0] * long, axes[:, 1] * across, f"{shown(contact.frame)}: {kind}"))
-    if body.base == "fixed":
-        marks.append((body.skeleton(q).positions[0], np.array([half, 0, 0]), np.array([0, half, 0]), "fixed base"))
-    traces = []
-    for place, long, across, text in marks:
-        corners = project(np.array([place + a * long + b * across for a, b in ((1, 1), (1, -1), (-1, -1), (-1, 1), (1, 1))]))
-        patch = {"fill": "toself", "fillcolor": "#2b2b2b", "hoveron": "fills", "hoverinfo": "text", "text": text}
-        traces.append(style.line(corners[:, 0], corners[:, 1], "#2b2b2b", width=3, **patch))
-    return traces
-
-
-def _centre(model: RobotModel, project) -> style.Trace:
-    plane = project(model.body.com(model.q)[None])
-    trace = style.markers(plane[:, 0], plane[:, 1], "circle-cross-open", style.BLUE, 13, hoverinfo="text", text="centre of mass")
-    trace["marker"]["line"] = {"width": 1.8, "color": style.BLUE}
-    return trace
-
-
-def _scale(view: View) -> style.Trace:
-    """A bar of a round length at the foot of the picture."""
-    length = _round_length(0.35 * view.size)
-    x, y = view.low[0] + 0.04 * view.size, view.low[1] + 0.05 * view.size
-    bar = style.line([x, x + length], [y, y], style.SOFT, width=2, mode="lines+text", text=["", f"  {digits(length, 'm')}"])
-    return bar | {"textposition": "middle right", "textfont": {"color": style.SOFT, "size": style.TEXT}}
-
-
-def _round_length(length: float) -> float:
-    decade = 10.0 ** math.floor(math.log10(length))
-    return decade * max(step for step in (1, 2, 5) if step * decade <= length)
-
-
-def _names(model: RobotModel, limit: GainLimit, view: View) -> list[style.Annotation]:
-    """Which view is which, and whether it is unstable."""
-    middle = view.side(_outline(model))[:, 0], view.front(_outline(model))[:, 0]
-    notes = []
-    for across, name in zip(middle, ("from its right", "from the front"), strict=True):
-        x = 0.5 * float(across.min() + across.max())
-        notes.append(style.label(x, float(view.high[1]), name, style.SOFT, yanchor="top", bgcolor="rgba(0,0,0,0)"))
-    if not limit.stable:
-        place = {"xref": "x domain", "yref": "y domain", "xanchor": "right", "yanchor": "bottom"}
-        notes.append(style.label(1, 0, "<b>UNSTABLE</b>", style.VERMILION, **place) | {"font": {"size": 18, "color": "#b34a00"}})
-    if not model.contacts and model.body.base == "floating":
-        x = 0.5 * float(middle[1].min() + middle[1].max())
-        notes.append(style.label(x, float(view.low[1]), "no contact", style.SOFT, yanchor="bottom", bgcolor="rgba(0,0,0,0)"))
-    return notes
-
-
-def _labels(model: RobotModel, limit: GainLimit, view: View, scale: float) -> list[style.Annotation]:
-    """The limiting joints by name beside the front view, left ones to the right, none over another. `scale` [px/m]."""
-    skeleton = model.body.skeleton(model.q)
-    plane = view.front(skeleton.positions)
-    strong = set(limiting_joints(limit, model.joint_names)[:8])
-    nodes = [k for k, joint in enumerate(skeleton.joints) if joint >= 0 and model.joint_names[joint] in strong]
-    middle = 0.5 * float(plane[:, 0].min() + plane[:, 0].max())
-    notes = []
-    for right in (True, False):
-        own = sorted((k for k in nodes if bool(plane[k, 0] >= middle) == right), key=lambda k: plane[k, 1])
-        edge = (plane[:, 0].max() if right else plane[:, 0].min()) + (0.06 if right else -0.06) * view.size
-        last = -math.inf
-        for k in own:
-            last = max(float(plane[k, 1]), last + LINE / scale)
-            side = {"xanchor": "left" if right else "right", "axref": "x", "ayref": "y", "showarrow": True, "name": "wide"}
-            line = {"arrowhead": 0, "arrowwidth": 1, "arrowcolor": "#8a8a8a", "ax": edge, "ay": last}
-            note = style.label(float(plane[k, 0]), float(plane[k, 1]), shown(skeleton.names[k]), style.INK, **side, **line)
-            notes.append(note)
-    return notes
-
-
 def _bars(model: RobotModel, limit: GainLimit) -> tuple[style.Trace, list[str]]:
     """The strongest joints with their part, the strongest on top."""
-    parts = _vibration(limit)
+    parts = vibration(limit)
     mode = limit.mode
     chosen = np.argsort(-np.abs(mode), kind="stable")[:MOST_BARS] if parts is not None else np.arange(min(len(mode), MOST_BARS))
     values = [0.0 if parts is None else float(parts[k]) for k in chosen]
@@ -332,11 +128,11 @@ def _bars(model: RobotModel, limit: GainLimit) -> tuple[style.Trace, list[str]]:
         "xaxis": "x2",
         "yaxis": "y2",
         "width": 0.72,
-        "text": ["" if parts is None else _part(complex(mode[k])) for k in chosen],
+        "text": ["" if parts is None else part_in_words(complex(mode[k])) for k in chosen],
         "textposition": "outside",
         "constraintext": "none",
         "cliponaxis": False,
         "hoverinfo": "skip",
         "marker": {"color": values, "coloraxis": "coloraxis", "line": {"color": "#4a4a4a", "width": 1}},
     }
-    return bars, [shown(model.joint_names[k]) for k in chosen]
+    return bars, [style.shown(model.joint_names[k]) for k in chosen]

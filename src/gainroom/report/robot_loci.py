@@ -12,7 +12,6 @@ from ..robot_study import StateStudy
 from ..sweep import Sweep
 from . import style
 from .page import Html, figure
-from .robot_drawing import UNSTABLE_GROUND
 
 WIDEST = 6.0  # |Re L| beyond which nothing is drawn: crossings far outside are told in words
 TO_DRAW = 0.012  # longest step between samples, relative to the window
@@ -48,7 +47,7 @@ def loci(state: StateStudy, window: tuple[float, float]) -> Html:
         yaxis=style.axis("Im λ(L)", range=[-half, half], scaleanchor="x", constrain="domain", **wide),
         annotations=[*notes, *told],
         shapes=[_beyond(left)],
-        plot_bgcolor="white" if state.limit.stable else UNSTABLE_GROUND,
+        plot_bgcolor="white" if state.limit.stable else style.UNSTABLE_GROUND,
         margin={"l": 62, "r": 8, "t": 8, "b": 48},
     )
     return figure({"data": [*traces, *crossing], "layout": picture}, _title(state), _caption(state, leading), 370, style.NARROW)

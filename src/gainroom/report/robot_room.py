@@ -12,7 +12,6 @@ from ..limits import GainLimit
 from ..robot_study import RobotStudy, StateStudy, by_room
 from . import style
 from .page import Html, figure
-from .robot_drawing import UNSTABLE_GROUND, shown
 
 # Vermilion and blue of Okabe and Ito around white: too much, and room. Light enough for dark numbers everywhere.
 ROOM = [[0, "#e07a2f"], [0.25, "#f3b98e"], [0.5, "#ffffff"], [0.75, "#b5d7ee"], [1, "#62a9d8"]]
@@ -99,7 +98,7 @@ def heat_map(factors: Factors, what: str) -> Html:
     total, factors = len(factors.states), factors.few()
     known = any(factors.stable)  # where nothing is stable, single parts have no factor
     values = np.vstack([factors.whole, factors.closed.T]) if known else factors.whole[None]
-    names = [f"<b>{TOGETHER}</b>", *(shown(part) for part in factors.parts if known)]
+    names = [f"<b>{TOGETHER}</b>", *(style.shown(part) for part in factors.parts if known)]
     columns = list(range(len(factors.states)))
     rows, wide = list(range(len(names))), len(columns) > 8
     with np.errstate(divide="ignore"):
@@ -133,9 +132,10 @@ def heat_map(factors: Factors, what: str) -> Html:
 
 
 def _hover(factors: Factors, values: Floats) -> list[list[str]]:
-    names = [TOGETHER, *factors.parts]
+    names = [style.shown(name) for name in (TOGETHER, *factors.parts)]
+    titles = [style.shown(state.title) for state in factors.states]
     return [
-        [f"{shown(name)}<br>{shown(state.title)}<br>{digits(value, '×', 4)}" for state, value in zip(factors.states, row, strict=True)]
+        [f"{name}<br>{title}<br>{digits(value, '×', 4)}" for title, value in zip(titles, row, strict=True)]
         for name, row in zip(names, values.tolist(), strict=False)  # the sum alone where nothing is stable
     ]
 
@@ -149,7 +149,7 @@ def _colour_bar() -> dict:
 def _columns(states: Sequence[StateStudy]) -> tuple[list[str], bool]:
     """Names of the columns, and whether they have to stand upright."""
     postures = len({state.posture for state in states}) > 1
-    labels = [f"<b>{shown(state.contact)}</b>" + (f"<br>{shown(state.posture)}" if postures else "") for state in states]
+    labels = [f"<b>{style.shown(state.contact)}</b>" + (f"<br>{style.shown(state.posture)}" if postures else "") for state in states]
     longest = max(len(word) for state in states for word in (state.contact, state.posture if postures else ""))
     return labels, longest * len(states) > 90
 
@@ -161,7 +161,7 @@ def _rule(columns: int) -> dict:
 
 def _unstable_columns(factors: Factors) -> list[dict]:
     line = {"color": style.VERMILION, "width": 3}
-    place = {"type": "rect", "y0": 0.5, "y1": len(factors.parts) + 0.5, "line": line, "fillcolor": UNSTABLE_GROUND, "layer": "above"}
+    place = {"type": "rect", "y0": 0.5, "y1": len(factors.parts) + 0.5, "line": line, "fillcolor": style.UNSTABLE_GROUND, "layer": "above"}
     return [{**place, "x0": k - 0.48, "x1": k + 0.48} for k, stable in enumerate(factors.stable) if not stable]
 
 
@@ -194,5 +194,5 @@ def _map_caption(factors: Factors, total: int, what: str) -> str:
     if _nothing(factors):
         words += f" A dash: no gain acts on that {what} there."
     if total > len(factors.states):
-        words += f" The {len(factors.states)} tightest of {total} states are shown; the tables have all."
+        words += f" The {len(factors.states)} tightest of {total} states are style.shown; the tables have all."
     return words

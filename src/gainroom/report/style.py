@@ -1,6 +1,7 @@
 """How every picture looks: colours that all eyes can tell apart, a quiet grid, labels that sit on the lines."""
 
 import math
+from html import escape
 from typing import Any
 
 from ..io.numbers import digits
@@ -18,7 +19,9 @@ BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILION, PURPLE = (
 )
 INK, SOFT, GRID = "#1b1b1b", "#5a5a5a", "#e6e6e6"
 DARK = {PURPLE: "#96386f", GREEN: "#00704f", VERMILION: "#b34a00"}  # the same hues where they must be read as text
+UNSTABLE_GROUND = "#fdf1e9"
 TEXT = 13  # [px]
+LONGEST = 26  # characters of a name in a picture
 NARROW = {"margin.l": 58, "margin.r": 8}
 
 Trace = dict[str, Any]
@@ -134,3 +137,8 @@ def arrow(start: tuple[float, float], end: tuple[float, float], color: str, **pa
 def switches(y: float = 1.0, **parts: Any) -> dict[str, Any]:
     """A legend above the picture whose entries switch their lines on and off."""
     return {"orientation": "h", "x": 0, "xanchor": "left", "y": y, "yanchor": "bottom", "font": {"size": TEXT}, "itemwidth": 30} | parts
+
+
+def shown(name: str) -> str:
+    """A name as a picture can hold it: plain text, not too long."""
+    return escape(name if len(name) <= LONGEST else name[: LONGEST - 1] + "…", quote=False)
