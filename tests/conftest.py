@@ -1,6 +1,17 @@
-"""Small matrices and parallel tests: threads inside the linear algebra only get in each other's way. Set before numpy loads."""
+"""What every test runs with, and the robot that several of them look at."""
 
 import os
 
+import pytest
+
+# Small matrices and parallel tests: threads inside the linear algebra only get in each other's way. Set before numpy loads.
 for variable in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
     os.environ.setdefault(variable, "1")
+
+
+@pytest.fixture(scope="session")
+def body():
+    """The biped that ships with gainroom."""
+    from robot_truths import biped
+
+    return biped()

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 
 from gainroom.robot.linearize import linearize
 from gainroom.robot.tasks import Task, tasks_of
-from robot_truths import BOTH, JOINTS, MIRROR, SIDES, STAND, actuators, biped, biped_posture, feet
+from robot_truths import BOTH, JOINTS, MIRROR, SIDES, STAND, actuators, biped_posture, feet
 
 HIP, THIGH, SHANK = (0.0, 0.1025, -0.1225), 0.35, 0.35
 MASSES = (2.68, 2.67, 5.37, 3.88, 2.51, 3.46)  # hip yaw link to foot
@@ -18,11 +18,6 @@ TEXT = (files("gainroom") / "robots" / "biped.urdf").read_text("utf-8")
 ROOT = ET.fromstring(TEXT)
 LINKS = {link.get("name"): link for link in ROOT.iter("link")}
 MOVED_LINKS = {joint.get("name"): joint.find("child").get("link") for joint in ROOT.iter("joint")}
-
-
-@pytest.fixture(scope="module")
-def body():
-    return biped()
 
 
 def numbers(element, path: str, key: str) -> list[float]:

@@ -123,7 +123,7 @@ class Witness:
         return local[:, self.columns], np.column_stack([rotation, place])
 
 
-def close(found: np.ndarray, truth: np.ndarray, tolerance: float = AGREE) -> None:
+def assert_close(found: np.ndarray, truth: np.ndarray, tolerance: float = AGREE) -> None:
     np.testing.assert_allclose(found, truth, rtol=0, atol=tolerance * max(1.0, np.abs(truth).max()))
 
 
@@ -153,13 +153,13 @@ def test_an_mjcf_has_mujocos_dynamics(tmp_path: Path, name: str, seed: int):
     angles = random_angles(body, seed)
     q = body.configuration(angles)
     witness = Witness.of(compiled(FAMILY[name]), body, angles)
-    close(body.mass_matrix(q), witness.mass_matrix())
-    close(body.gravity_torque(q), witness.data.qfrc_bias[witness.columns])
+    assert_close(body.mass_matrix(q), witness.mass_matrix())
+    assert_close(body.gravity_torque(q), witness.data.qfrc_bias[witness.columns])
     assert {"back", "tip", "tool"} & set(body.frames) or name not in ("tree", "slides", "compound")
     for frame in body.frames:
         jacobian, placement = witness.jacobian(frame)
-        close(body.frame_jacobian(q, frame), jacobian)
-        close(np.column_stack(body.frame_placement(q, frame)), placement)
+        assert_close(body.frame_jacobian(q, frame), jacobian)
+        assert_close(np.column_stack(body.frame_placement(q, frame)), placement)
 
 
 @pytest.mark.parametrize("name", ["tree", "slides", "compound"])
@@ -170,8 +170,8 @@ def test_the_centre_of_mass_is_mujocos(tmp_path: Path, name: str):
     witness = Witness.of(compiled(FAMILY[name]), body, angles)
     rows = np.zeros((3, witness.model.nv))
     mujoco.mj_jacSubtreeCom(witness.model, witness.data, rows, 1)
-    close(body.com(q), witness.data.subtree_com[1])
-    close(body.com_jacobian(q), rows[:, witness.columns])
+    assert_close(body.com(q), witness.data.subtree_com[1])
+    assert_close(body.com_jacobian(q), rows[:, witness.columns])
     assert body.total_mass == pytest.approx(witness.model.body_subtreemass[1], rel=1e-14)
 
 
@@ -221,15 +221,15 @@ def test_a_urdf_has_mujocos_dynamics(file: str, base: Any):
     angles = random_angles(body, 4)
     q = body.configuration(angles)
     witness = Witness.of(mujoco_from_urdf(example_path(file), base == "floating"), body, angles)
-    close(body.mass_matrix(q), witness.mass_matrix())
-    close(body.gravity_torque(q), witness.data.qfrc_bias[witness.columns])
+    assert_close(body.mass_matrix(q), witness.mass_matrix())
+    assert_close(body.gravity_torque(q), witness.data.qfrc_bias[witness.columns])
     known = {witness.model.body(index).name for index in range(witness.model.nbody)}
     frames = [frame for frame in body.frames if frame in known]
     assert len(frames) > body.size
     for frame in frames:
         jacobian, placement = witness.jacobian(frame)
-        close(body.frame_jacobian(q, frame), jacobian)
-        close(np.column_stack(body.frame_placement(q, frame)), placement)
+        assert_close(body.frame_jacobian(q, frame), jacobian)
+        assert_close(np.column_stack(body.frame_placement(q, frame)), placement)
 
 
 PLANAR_URDF = """<robot name="planar"><link name="base"/>
@@ -262,17 +262,17 @@ def test_a_two_link_arm_follows_the_textbook(planar: RigidBody):
     a22 = i2 + m2 * c2**2
     a12 = a22 + m2 * l1 * c2 * np.cos(q2)
     a11 = i1 + m1 * c1**2 + m2 * l1**2 + m2 * l1 * c2 * np.cos(q2) + a12
-    close(planar.mass_matrix(q), np.array([[a11, a12], [a12, a22]]), 1e-14)
+    assert_close(planar.mass_matrix(q), np.array([[a11, a12], [a12, a22]]), 1e-14)
     g2 = m2 * 9.81 * c2 * np.sin(q1 + q2)
-    close(planar.gravity_torque(q), np.array([(m1 * c1 + m2 * l1) * 9.81 * np.sin(q1) + g2, g2]), 1e-14)
+    assert_close(planar.gravity_torque(q), np.array([(m1 * c1 + m2 * l1) * 9.81 * np.sin(q1) + g2, g2]), 1e-14)
     place = -np.array([l1 * np.sin(q1) + l2 * np.sin(q1 + q2), 0, l1 * np.cos(q1) + l2 * np.cos(q1 + q2)])
-    close(planar.frame_placement(q, "tip")[1], place, 1e-14)
+    assert_close(planar.frame_placement(q, "tip")[1], place, 1e-14)
     from_shoulder, from_elbow = (l1 * np.sin(q2), -l1 * np.cos(q2) - l2), (0, -l2)  # x and z in the tip's axes
     linear = np.array([[z, 0, -x] for x, z in (from_shoulder, from_elbow)]).T  # e_y × r
-    close(planar.frame_jacobian(q, "tip"), np.vstack([linear, [[0, 0], [1, 1], [0, 0]]]), 1e-14)
+    assert_close(planar.frame_jacobian(q, "tip"), np.vstack([linear, [[0, 0], [1, 1], [0, 0]]]), 1e-14)
     points = -np.array([[0, 0], [0, 0], [l1 * np.sin(q1), l1 * np.cos(q1)], place[[0, 2]] * -1])
     skeleton = planar.skeleton(q)
-    close(skeleton.positions[:, [0, 2]], points, 1e-14)
+    assert_close(skeleton.positions[:, [0, 2]], points, 1e-14)
     assert skeleton.names == ("base", "shoulder", "elbow", "end of elbow")
     assert (skeleton.parents.tolist(), skeleton.joints.tolist()) == ([-1, 0, 1, 2], [-1, 0, 1, -1])
 
@@ -302,7 +302,7 @@ def test_a_frame_jacobian_is_the_derivative_of_its_placement(tmp_path: Path, nam
             (after, there), (before, here) = (body.frame_placement(body.integrate(q, sign * direction), frame) for sign in (1, -1))
             spin = rotation.T @ (after - before) / (2 * step)
             columns.append([*rotation.T @ (there - here) / (2 * step), spin[2, 1], spin[0, 2], spin[1, 0]])
-        close(body.frame_jacobian(q, frame), np.array(columns).T, 1e-8)
+        assert_close(body.frame_jacobian(q, frame), np.array(columns).T, 1e-8)
 
 
 def test_a_floating_base_feels_the_whole_mass(tmp_path: Path):
@@ -310,9 +310,9 @@ def test_a_floating_base_feels_the_whole_mass(tmp_path: Path):
     body = load_model(write(tmp_path, TREE))
     q = body.configuration(random_angles(body, 6))
     inertia, (x, y, z) = body.mass_matrix(q), body.com(q)
-    close(inertia[:3, :3], body.total_mass * np.eye(3), 1e-14)
-    close(inertia[:3, 3:6], -body.total_mass * np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]), 1e-13)
-    close(body.gravity_torque(q)[:3], -body.total_mass * np.array([0.3, -0.2, -9.7]), 1e-13)
+    assert_close(inertia[:3, :3], body.total_mass * np.eye(3), 1e-14)
+    assert_close(inertia[:3, 3:6], -body.total_mass * np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]), 1e-13)
+    assert_close(body.gravity_torque(q)[:3], -body.total_mass * np.array([0.3, -0.2, -9.7]), 1e-13)
 
 
 def test_the_base_is_what_the_call_says(tmp_path: Path):
@@ -320,12 +320,12 @@ def test_the_base_is_what_the_call_says(tmp_path: Path):
     floating, fixed = load_model(tree, "floating"), load_model(tree, "fixed")
     angles = random_angles(fixed, 7)
     assert (floating.nv, fixed.nv) == (9, 3)
-    close(fixed.mass_matrix(fixed.configuration(angles)), floating.mass_matrix(floating.configuration(angles))[6:, 6:])
-    close(fixed.frame_placement(fixed.neutral(), "trunk")[1], np.array([0.1, 0.2, 1.0]))  # welded where the file has it
+    assert_close(fixed.mass_matrix(fixed.configuration(angles)), floating.mass_matrix(floating.configuration(angles))[6:, 6:])
+    assert_close(fixed.frame_placement(fixed.neutral(), "trunk")[1], np.array([0.1, 0.2, 1.0]))  # welded where the file has it
     grounded = write(tmp_path, TREE.replace("<freejoint/>", ""))
     freed = load_model(grounded, "floating")
     assert load_model(grounded).base == "fixed"
-    close(freed.mass_matrix(freed.configuration(angles)), floating.mass_matrix(floating.configuration(angles)))
+    assert_close(freed.mass_matrix(freed.configuration(angles)), floating.mass_matrix(floating.configuration(angles)))
 
 
 @pytest.mark.parametrize("value", [0.0, 0.8])
@@ -341,13 +341,13 @@ def test_locking_removes_rows_and_columns(value: float):
     assert dict(body.locked) == dict.fromkeys(held, value)
     # A posture may name locked joints too, where it agrees with them.
     q, q_full = body.configuration(angles), full.configuration(angles)
-    close(body.mass_matrix(q), full.mass_matrix(q_full)[np.ix_(keep, keep)])
-    close(body.gravity_torque(q), full.gravity_torque(q_full)[keep])
+    assert_close(body.mass_matrix(q), full.mass_matrix(q_full)[np.ix_(keep, keep)])
+    assert_close(body.gravity_torque(q), full.gravity_torque(q_full)[keep])
     for frame in full.frames:
-        close(body.frame_jacobian(q, frame), full.frame_jacobian(q_full, frame)[:, keep])
+        assert_close(body.frame_jacobian(q, frame), full.frame_jacobian(q_full, frame)[:, keep])
     drawn, drawn_full = body.skeleton(q), full.skeleton(q_full)
     assert drawn.names == drawn_full.names
-    close(drawn.positions, drawn_full.positions)
+    assert_close(drawn.positions, drawn_full.positions)
     assert_refused(lambda: body.configuration({held[0]: value + 0.1}), [held[0], "locked", f"{value:g}"])
 
 
@@ -394,7 +394,7 @@ def test_a_rotor_before_a_gear_is_reflected_as_mujoco_does(tmp_path: Path):
     body = load_model(write(tmp_path, text))
     witness = Witness.of(mujoco.MjModel.from_xml_string(text), body, {})
     links = Witness.of(mujoco.MjModel.from_xml_string(TWO_ARMS), body, {})
-    close(np.diag(body.armature), witness.mass_matrix() - links.mass_matrix())
+    assert_close(np.diag(body.armature), witness.mass_matrix() - links.mass_matrix())
     assert body.armature[1] == pytest.approx(0.02 * 3**2, rel=1e-15)
 
 
@@ -404,7 +404,7 @@ def test_shapes_weigh_what_their_closed_form_says(tmp_path: Path):
       <joint name="swing" axis="0 1 0"/><geom class="lead" size="0.05" pos="0 0 -0.7"/></body></worldbody></mujoco>"""
     mass = 11340 * 4 / 3 * np.pi * 0.05**3
     body = load_model(write(tmp_path, text))
-    close(body.mass_matrix(body.neutral()), np.array([[0.4 * mass * 0.05**2 + mass * 0.7**2]]), 1e-13)
+    assert_close(body.mass_matrix(body.neutral()), np.array([[0.4 * mass * 0.05**2 + mass * 0.7**2]]), 1e-13)
 
 
 def test_missing_meshes_do_not_matter_where_inertia_is_explicit(tmp_path: Path):
@@ -431,7 +431,7 @@ def test_a_mesh_that_is_there_gives_its_inertia(tmp_path: Path):
       <geom type="mesh" mesh="cube" density="6"/></body></worldbody></mujoco>"""
     body = load_model(write(tmp_path, text))
     # MuJoCo keeps the vertices of meshes in single precision.
-    close(body.mass_matrix(body.neutral()), np.array([[6 * 2 / 3]]), 1e-6)
+    assert_close(body.mass_matrix(body.neutral()), np.array([[6 * 2 / 3]]), 1e-6)
 
 
 def test_gains_of_position_servos(tmp_path: Path):
@@ -487,4 +487,4 @@ def test_a_body_travels_and_is_shared(planar: RigidBody):
 
 def test_robots_cost_nothing_until_one_is_read():
     check = "import sys, gainroom.robot; sys.exit(bool({'pinocchio', 'mujoco'} & set(sys.modules)))"
-    subprocess.run([sys.executable, "-c", check], check=True)
+    assert subprocess.run([sys.executable, "-c", check]).returncode == 0

@@ -18,7 +18,6 @@ from robot_truths import (
     accelerations,
     actuators,
     any_posture,
-    biped,
     biped_posture,
     feet,
     hinge,
@@ -39,11 +38,6 @@ CONTACTS = {
     "pelvis held": feet("pelvis", "left_sole"),
     "flight": [],
 }
-
-
-@pytest.fixture(scope="module")
-def body():
-    return biped()
 
 
 def two_links(folder, m1=3.0, m2=2.0, l1=0.5, c1=0.3, c2=0.25, i1=0.04, i2=0.02, base="fixed"):

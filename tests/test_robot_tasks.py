@@ -18,7 +18,6 @@ from robot_truths import (
     accelerations,
     actuators,
     any_posture,
-    biped,
     biped_posture,
     feet,
     hinge,
@@ -33,11 +32,6 @@ PELVIS = Task(name="pelvis", kind="orientation", frame="pelvis", kp=100, kd=20)
 SWING = Task(name="swing", kind="position", frame="right_sole", kp=200, kd=30)
 TURN = Task(name="turn", kind="orientation", frame="right_sole", kp=50, kd=10)
 POSTURE = Task(name="posture", kind="posture", kp=10, kd=1)
-
-
-@pytest.fixture(scope="module")
-def body():
-    return biped()
 
 
 def standing(body, contacts, seed=0):
