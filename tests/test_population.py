@@ -82,21 +82,21 @@ def disagreements(case: Case) -> list[str]:
     return found
 
 
-def confirm(indices: range) -> None:
+def assert_confirmed(indices: range) -> None:
     wrong = {index: found for index in indices if (found := disagreements(Case.draw(index)))}
     assert not wrong, f"population {SEED}: {wrong}"
 
 
 @pytest.mark.parametrize("start", range(0, SHARE, BATCH))
 def test_share_of_the_population(start):
-    confirm(range(start, min(start + BATCH, SHARE)))
+    assert_confirmed(range(start, min(start + BATCH, SHARE)))
 
 
 @pytest.mark.population
 @pytest.mark.skipif("'population' not in config.getoption('markexpr')", reason="runs with -m population")
 @pytest.mark.parametrize("start", range(0, WHOLE, BATCH))
 def test_whole_population(start):
-    confirm(range(start, min(start + BATCH, WHOLE)))
+    assert_confirmed(range(start, min(start + BATCH, WHOLE)))
 
 
 @pytest.mark.parametrize("index", [648, 1112, 462, 1538])

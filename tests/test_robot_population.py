@@ -113,7 +113,7 @@ def draw(number: int) -> Draw:
     return Draw(model, kp, kd, drive, SAMPLE_TIME if sampled else None)
 
 
-def confirm(number: int) -> None:
+def assert_confirmed(number: int) -> None:
     case = draw(number)
     limit = gr.gain_limit(case.loop())
     if np.isinf(limit.gain):  # more than 60 dB of room: weak gains on a quick robot
@@ -128,7 +128,7 @@ def confirm(number: int) -> None:
 
 @pytest.mark.parametrize("number", range(0, COUNT, COUNT // SHARE))
 def test_share_of_the_robots(number):
-    confirm(number)
+    assert_confirmed(number)
 
 
 @pytest.mark.population
@@ -136,4 +136,4 @@ def test_share_of_the_robots(number):
 @pytest.mark.parametrize("batch", range(20))
 def test_limits_are_confirmed_by_an_independent_count(batch):
     for number in range(batch, COUNT, 20):
-        confirm(number)
+        assert_confirmed(number)

@@ -576,8 +576,7 @@ def test_boundary_encloses_what_the_region_contains(seed, sample_time, wanted):
     """The polyline is drawn, the membership is exact: they may differ in a sliver along the line only."""
     joint, _ = stable_draw(2 * seed + 1)
     region = gr.pd_region(*parts(joint), feedback=joint.feedback, sample_time=sample_time, **wanted)
-    if not region.boundary and (wanted or sample_time):
-        pytest.skip("no gains meet this")
+    assert region.boundary  # some gains meet this
     points = region_points(region, np.random.default_rng([26, seed]), 1500)
     differ = inside_polygons(region.boundary, points) != region.contains(points[:, 0], points[:, 1])
     assert differ.mean() < 5e-3  # seven points; a polyline of a few hundred is within 1e-3 of the curve
@@ -630,8 +629,7 @@ REQUIREMENTS = {
 def test_required_region_is_where_the_margins_hold(seed, wanted, sample_time):
     joint, _ = stable_draw(2 * seed + 1)
     region = gr.pd_region(*parts(joint), feedback=joint.feedback, sample_time=sample_time, **wanted)
-    if not region.boundary:
-        pytest.skip("no gains meet this")
+    assert region.boundary  # some gains meet this
     points = region_points(region, np.random.default_rng([25, seed]), 30)
     inside = region.contains(points[:, 0], points[:, 1])
     near = 0
