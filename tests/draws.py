@@ -96,6 +96,22 @@ def draw_plant(rng: np.random.Generator, size: int, rank: int | None = None, rig
     )
 
 
+def draw_robot(seed: int, size: int, delay: float = 2e-3, sample_time: float | None = None, full: bool = False, **plant) -> gr.Loop:
+    """A stable loop of coupled joints of any gains, lowered until it has some room."""
+    rng = np.random.default_rng([11, seed])
+    kp, kd = rng.uniform(50, 200, size), rng.uniform(2, 10, size)
+    if full:
+        turn = np.linalg.qr(rng.normal(size=(size, size)))[0]
+        kp, kd = (turn @ np.diag(gain) @ turn.T for gain in (kp, kd))
+    drive = gr.Drive(3000.0, 0.9, delay)
+    loop = gr.build_loop(draw_plant(rng, size, **plant), drive, gr.PD(kp, kd), sample_time=sample_time)
+    return next(loop.scaled(factor) for factor in 0.5 ** np.arange(20) if gr.is_stable(loop.scaled(factor * 1.2)))
+
+
+def complex_normal(rng: np.random.Generator, *shape: int) -> np.ndarray:
+    return rng.normal(size=shape) + 1j * rng.normal(size=shape)
+
+
 def resonance_of(joint: gr.ElasticJoint) -> float:
     """√(K (1/J_M + 1/J_L)), written out."""
     return sqrt(joint.stiffness / joint.motor_inertia + joint.stiffness / joint.link_inertia)

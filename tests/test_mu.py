@@ -1,0 +1,99 @@
+"""The structured singular value: brute force, slycot, closed forms and symmetries."""
+
+from math import pi
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+from draws import complex_normal
+from gainroom._mu import balanced, improved, largest, scaled, structured_singular_value
+
+
+@pytest.mark.parametrize("size", [2, 3])
+@pytest.mark.parametrize("seed", range(6))
+def test_small_matrices_against_brute_force(seed, size):
+    """μ = max ρ(M diag(q)) over phases q (Doyle 1982), searched on a grid and polished; for n ≤ 3 both bounds must meet it."""
+    matrix = complex_normal(np.random.default_rng([1, seed, size]), size, size)
+
+    def radius(phases: np.ndarray) -> float:
+        return np.abs(np.linalg.eigvals(matrix * np.exp(1j * np.append(0.0, phases)))).max()
+
+    grid = np.stack(np.meshgrid(*[np.linspace(-pi, pi, 37)[:-1]] * (size - 1)), axis=-1).reshape(-1, size - 1)
+    tallest = sorted(grid, key=radius)[-4:]
+    options = {"xatol": 1e-9, "fatol": 1e-13}
+    mu = max(-minimize(lambda x: -radius(x), start, method="Nelder-Mead", options=options).fun for start in tallest)
+    found = structured_singular_value(matrix)
+    assert found.upper == pytest.approx(mu, rel=1e-7)  # the tolerance of the search for D
+    assert found.lower == pytest.approx(mu, rel=1e-7)
+    # the δ behind the lower bound makes I − M diag(δ) singular; none smaller does
+    values = np.linalg.eigvals(matrix * found.phases)
+    delta = found.phases / values[np.argmax(np.abs(values))]
+    assert np.abs(delta) == pytest.approx(np.full(size, 1 / found.lower), rel=1e-12)
+    assert abs(np.linalg.det(np.eye(size) - matrix * delta)) < 1e-10
+    rng = np.random.default_rng(seed)
+    for _ in range(300):
+        smaller = np.exp(2j * pi * rng.random(size)) * (1 - 1e-3) / mu
+        assert np.abs(np.linalg.eigvals(matrix * smaller)).max() < 1
+
+
+@pytest.mark.parametrize("size", range(2, 8))
+def test_slycot_finds_the_same_upper_bound(size):
+    """AB13MD (Fan, Tits and Doyle 1991) minimises the same bound by another method: it may stop above the least one, never below."""
+    slycot = pytest.importorskip("slycot")
+    rng = np.random.default_rng([2, size])
+    for _ in range(12):
+        matrix = complex_normal(rng, size, size) * np.exp(2 * rng.normal(size=(size, 1)))
+        found, other = structured_singular_value(matrix), slycot.ab13md(matrix, np.full(size, 1), np.full(size, 2))[0]
+        assert found.upper == pytest.approx(other, rel=1e-3)
+        assert found.upper <= other * (1 + 2e-7)  # the tolerance of ours
+        assert 0.9 * found.upper < found.lower <= found.upper  # how good the power iteration is; no theorem
+
+
+@pytest.mark.parametrize("size", [2, 5, 12, 32])
+def test_closed_forms(size):
+    """Diagonal: the largest entry. u vᴴ: Σ|u_i v_i|. Unitary: 1. Upper triangular: the largest of the diagonal (D sends the rest to 0)."""
+    rng = np.random.default_rng([3, size])
+    u, v = complex_normal(rng, size), complex_normal(rng, size)
+    unitary = np.linalg.qr(complex_normal(rng, size, size))[0]
+    for matrix, mu in (
+        (np.diag(u), np.abs(u).max()),
+        (np.outer(u, v.conj()), np.abs(u * v).sum()),
+        (unitary, 1.0),
+        (np.zeros((size, size), dtype=complex), 0.0),
+    ):
+        found = structured_singular_value(matrix)
+        assert found.upper == pytest.approx(mu, rel=1e-6, abs=1e-12)
+        assert found.lower <= found.upper
+    triangular = np.triu(complex_normal(rng, size, size))
+    # the infimum is not reached: D stays within what ROOM = 1e-9 leaves it
+    assert structured_singular_value(triangular).upper == pytest.approx(np.abs(np.diag(triangular)).max(), rel=1e-3)
+
+
+@pytest.mark.parametrize("size", [2, 3, 6, 12])
+def test_symmetries(size):
+    """μ does not change under D M D⁻¹, diagonal unitary factors, permutation, transposition; it scales with M; equal blocks add nothing."""
+    rng = np.random.default_rng([4, size])
+    matrix = complex_normal(rng, size, size)
+    mu = structured_singular_value(matrix).upper
+    scale, order = np.exp(3 * rng.normal(size=size)), rng.permutation(size)
+    turned = np.exp(2j * pi * rng.random((2, size)))
+    same = (
+        matrix * scale[:, None] / scale,
+        matrix * turned[0][:, None] * turned[1],
+        matrix[np.ix_(order, order)],
+        matrix.T,
+        matrix.conj().T,
+        np.kron(np.eye(2), matrix),
+    )
+    for other in same:
+        assert structured_singular_value(other).upper == pytest.approx(mu, rel=5e-7)  # both within TOLERANCE of the least
+    assert structured_singular_value(1e-7j * matrix).upper == pytest.approx(1e-7 * mu, rel=5e-7)
+
+
+def test_many_at_once_are_as_good_as_one_by_one():
+    rng = np.random.default_rng(5)
+    matrices = complex_normal(rng, 9, 6, 6) * np.exp(2 * rng.normal(size=(9, 6, 1)))
+    x, upper = improved(matrices, balanced(matrices))
+    assert upper == pytest.approx(largest(scaled(matrices, x)), rel=1e-12)
+    assert upper == pytest.approx([structured_singular_value(one).upper for one in matrices], rel=5e-7)
