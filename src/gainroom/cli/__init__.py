@@ -39,14 +39,14 @@ def _front(
     context: typer.Context,
     version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False,
 ) -> None:
-    """How large the gains of a torque-controlled joint can be, with elasticity and time delay, exactly.
+    """How large the gains of a torque-controlled joint or robot can be, with elasticity and time delay, exactly.
 
     \b
     Example:
       gainroom example testbed > joint.yaml
       gainroom joint joint.yaml --report joint.html
 
-    Exit status: 0 done; 1 the answer is "unstable"; 2 the input or the call is wrong.
+    Exit status: 0 done; 1 the answer is "unstable" or "not safe"; 2 the input or the call is wrong.
     """
     if version:
         from .. import __version__
