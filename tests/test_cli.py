@@ -78,6 +78,23 @@ def test_requirements_are_met_or_not(folder: Path, capsys: pytest.CaptureFixture
     assert row.split()[-1] == "yes"
 
 
+def test_a_gain_that_may_hardly_fall_has_no_gain_margin(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """6 dB means a factor of 2 up and down: with much integral action the first is kept and the second is not."""
+    path = tmp_path / "joint.yaml"
+    edits = (("type: pd", "type: pid"), ("kp: 1600.0", "ki: 6000.0\n  kp: 400.0"), ("kd: 70.0", "kd: 20.0"))
+    text = EXAMPLES["testbed"]
+    for old, new in edits:
+        text = text.replace(old, new, 1)
+    path.write_text(text, "utf-8")
+    main(["joint", str(path), "--json"])
+    facts = strict_json(capsys.readouterr().out)
+    assert facts["gain_margin_db"] > 6
+    assert -6 < facts["lower_gain_margin_db"] < 0
+    main(["joint", str(path)])
+    row = next(line for line in capsys.readouterr().out.splitlines() if line.strip().startswith("gain margin"))
+    assert row.split()[-1] == "no"
+
+
 PPI = EXAMPLES["testbed"].replace("type: pd", "type: ppi").replace("kp: 1600.0 ", "kp: 20.0 ").replace("kd: 70.0 ", "ki: 30.0\n  kv: 10.0 ")
 
 

@@ -271,8 +271,7 @@ def slack(margins: Margins, requirements: Requirements) -> dict[str, float]:
         return dict.fromkeys(requirements.asked, -math.inf)
     slacks = {}
     if requirements.gain_margin is not None:
-        lower = 1 / margins.lower_gain_margin if margins.lower_gain_margin > 0 else math.inf
-        slacks["gain_margin"] = min(margins.gain_margin, lower) / requirements.gain_margin - 1
+        slacks["gain_margin"] = margins.gain_room / requirements.gain_margin - 1
     if requirements.phase_margin is not None:
         slacks["phase_margin"] = abs(margins.phase_margin) / requirements.phase_margin - 1
     if requirements.peak_sensitivity is not None:

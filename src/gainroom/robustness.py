@@ -61,6 +61,11 @@ class Margins(NamedTuple):
     gain_crossings: tuple[GainCrossing, ...]
     certified: bool
 
+    @property
+    def gain_room(self) -> float:
+        """The smallest factor, up or down, on all gains that is lost."""
+        return min(self.gain_margin, 1 / self.lower_gain_margin if self.lower_gain_margin > 0 else math.inf)
+
 
 def margins(loop: Loop) -> Margins:
     """All margins of a scalar loop, every crossing polished to machine precision.

@@ -156,7 +156,7 @@ def _margin_rows(study: "JointStudy") -> list[tuple[str, str, str, str, str]]:
             digits(decibels(margins.gain_margin), "dB"),
             frequency(margins.phase_crossover),
             requirement(required, "gain_margin"),
-            "" if needed is None else met(margins.gain_margin >= needed),
+            "" if needed is None else met(margins.gain_room >= needed),
         )
     )
     if margins.lower_gain_margin > 0:

@@ -45,8 +45,7 @@ def _cards(study: JointStudy) -> list[Card]:
     """Three to five numbers for the first glance."""
     found, asked = study.margins, study.spec.requirements
     if found.stable:
-        held = min(found.gain_margin, _inverse(found.lower_gain_margin))
-        first = margin_card(asked, "gain_margin", found.gain_margin, _at(found.phase_crossover), held)
+        first = margin_card(asked, "gain_margin", found.gain_margin, _at(found.phase_crossover), found.gain_room)
     else:
         first = unstable_card(asked, study.limit, f"; there it would vibrate {_at(study.limit.frequency)}", "it")
     cards = [
@@ -62,10 +61,6 @@ def _cards(study: JointStudy) -> list[Card]:
         with_ = ", ".join(f"{other} {digits(gain, its_unit, 3)}" for other, gain, its_unit in others)
         cards.append(Card(f"recommended {name}", digits(value, "", 3), unit, note=f"with {with_}"))
     return cards
-
-
-def _inverse(factor: float) -> float:
-    return 1 / factor if factor > 0 else math.inf
 
 
 def _at(omega: float) -> str:
