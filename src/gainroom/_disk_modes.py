@@ -22,7 +22,7 @@ import numpy as np
 from ._mu import balanced, largest, scaled
 from .arrays import Complexes, Floats, Integers
 from .loop import Loop
-from .statespace import StateSpace, whole_ticks
+from .statespace import StateSpace, split_delay
 
 AGREEMENT = 1e-6  # of the modes with the state space that they come from, relative
 SPREAD = 0.1  # of R about I
@@ -143,7 +143,7 @@ def opened_at_torques(loop: Loop) -> Opened:
     else:
         assert loop.parts is not None
         step = loop.sample_time
-        ticks, fractions = whole_ticks([drive.delay for drive in loop.parts.drives], step)
+        ticks, fractions = split_delay([drive.delay for drive in loop.parts.drives], step)
         rest = [replace(drive, delay=step * part) for drive, part in zip(loop.parts.drives, fractions.tolist(), strict=True)]
         shorter = replace(loop, parts=replace(loop.parts, drives=tuple(rest))).open_loop
         assert shorter is not None

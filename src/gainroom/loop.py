@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .arrays import Booleans, Complexes, Floats
+from .arrays import Booleans, Complexes, Floats, Integers
 from .controller import PD, PID, PPI, Compensator, Controller, gain_matrix
 from .drive import Drive
 from .errors import GainroomError, require_count, require_finite, require_positive
@@ -20,7 +20,7 @@ from .factored import Factored, ratio
 from .lti import factored_from, is_lti, sample_time_of
 from .plant import ElasticJoint, Plant
 from .sampling import sample
-from .statespace import StateSpace, factored, hold, realize, whole_ticks
+from .statespace import StateSpace, factored, hold, realize, split_delay
 
 Feedback = Literal["motor", "link"]
 NO_GAIN = 1e-11  # of the largest gain: less is what round-off leaves of none, and spoils eigenvectors
@@ -154,11 +154,11 @@ class Loop:
         return self.parts.plant.response(s, self.parts.feedback) * (currents * np.exp(-s[:, None] * self._delays))[:, None, :]
 
     @cached_property
-    def _ticks(self) -> Floats:
+    def _ticks(self) -> Integers:
         """(n,) whole ticks of delay in sampled time."""
         assert self.parts is not None
         assert self.sample_time is not None
-        return whole_ticks(np.array([drive.delay for drive in self.parts.drives]), self.sample_time)[0]
+        return split_delay(np.array([drive.delay for drive in self.parts.drives]), self.sample_time)[0]
 
     @cached_property
     def _held(self) -> StateSpace:
@@ -166,7 +166,7 @@ class Loop:
         assert self.parts is not None
         assert self.sample_time is not None
         body = _actuated_state(self.parts)
-        _, fraction = whole_ticks(np.array([drive.delay for drive in self.parts.drives]), self.sample_time)
+        _, fraction = split_delay(np.array([drive.delay for drive in self.parts.drives]), self.sample_time)
         positions = StateSpace(body.a, body.b, body.c[: self.size], body.d[: self.size])
         return hold(positions, fraction * self.sample_time, self.sample_time)
 
@@ -348,9 +348,8 @@ def _actuated_scalar(parts: Parts) -> Factored:
     continuous = _joint_transfer(plant, parts.feedback) * _current_loop(drive)
     if parts.sample_time is None:
         return Factored(continuous.zeros, continuous.poles, continuous.gain, drive.delay)
-    step = parts.sample_time
-    ticks, fraction = whole_ticks(drive.delay, step)
-    return replace(sample(continuous, step, float(fraction)), delay=float(ticks) * step)  # whole ticks stay an exact delay
+    ticks, fraction = split_delay(drive.delay, parts.sample_time)
+    return replace(sample(continuous, parts.sample_time, float(fraction)), delay=float(ticks) * parts.sample_time)  # whole ticks stay exact
 
 
 def _joint_transfer(plant: Plant, feedback: Feedback) -> Factored:

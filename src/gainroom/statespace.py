@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .arrays import Complexes, Floats
+from .arrays import Complexes, Floats, Integers
 from .errors import GainroomError
 from .factored import Factored
 
@@ -126,12 +126,12 @@ def _section(numerator: Floats, denominator: Floats) -> StateSpace:
     return StateSpace(a, np.array([[0.0], [1.0]]), np.array([[rest[1] / size, rest[0]]]), np.array([[feedthrough]]))
 
 
-def whole_ticks(delays: ArrayLike, sample_time: float) -> tuple[Floats, Floats]:
-    """Delays [s] as whole ticks and the fraction of a tick beyond, in [0, 1)."""
-    share = np.asarray(delays, dtype=float) / sample_time
-    ticks = np.floor(share * (1 + 1e-12) + 1e-12)
-    fraction = np.maximum(share - ticks, 0.0)
-    return ticks, np.where(fraction < 1e-9, 0.0, fraction)  # 4.0 ms / 0.5 ms is not a whole number in floating point
+def split_delay(delays: ArrayLike, sample_time: float) -> tuple[Integers, Floats]:
+    """Whole ticks, and the rest as a fraction of a tick in [0, 1), of delays [s]; shapes as `delays`."""
+    ticks = np.asarray(delays, dtype=float) / sample_time
+    whole = np.floor(ticks * (1 + 1e-12) + 1e-12).astype(int)
+    fraction = np.maximum(ticks - whole, 0.0)
+    return whole, np.where(fraction < 1e-9, 0.0, fraction)  # 4.0 ms / 0.5 ms is not a whole number in floating point
 
 
 def hold(system: StateSpace, delays: Floats, sample_time: float) -> StateSpace:
@@ -143,7 +143,7 @@ def hold(system: StateSpace, delays: Floats, sample_time: float) -> StateSpace:
     from scipy.linalg import expm
 
     states, inputs = system.b.shape
-    ticks, fraction = whole_ticks(delays, sample_time)
+    ticks, fraction = split_delay(delays, sample_time)
     total = sample_time * np.block([[system.a, system.b], [np.zeros((inputs, states + inputs))]])
 
     def over(part: float) -> tuple[Floats, Floats]:
@@ -169,7 +169,7 @@ def hold(system: StateSpace, delays: Floats, sample_time: float) -> StateSpace:
         split = StateSpace(tick.a, tick.b @ pick, np.vstack([np.zeros((inputs, len(late))), tick.c]), np.vstack([np.eye(inputs), 0 * pick]))
         plain = both @ split
     chain = StateSpace.gain(np.zeros((0, 0)))
-    for count in ticks.astype(int):
+    for count in ticks:
         line = StateSpace.gain(np.eye(1))
         for _ in range(count):
             line = _tick(sample_time) @ line
