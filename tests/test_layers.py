@@ -25,6 +25,8 @@ LAYERS = (
     ("recommend", "coupled_gains"),
     ("robot_spec",),
     ("robot_gains",),
+    ("robot_states",),
+    ("robot_words",),
     ("study", "robot_study"),
     ("audit",),
     ("io",),

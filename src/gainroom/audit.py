@@ -12,7 +12,9 @@ import numpy as np
 from .coupled import JointMargins, joint_margins
 from .limits import GainLimit
 from .robot_spec import RobotSpec
-from .robot_study import Progress, limiting_joints, single_joint_limits
+from .robot_states import by_room, limiting_joints
+from .robot_study import Progress, single_joint_limits
+from .robot_words import unconfirmed
 from .robustness import to_db
 
 MARGIN = 2.0
@@ -69,7 +71,7 @@ class Audit:
     @property
     def worst(self) -> AuditState:
         """The state with the least room."""
-        return min(self.states, key=lambda state: (state.limit.stable, state.limit.gain))
+        return min(self.states, key=lambda state: by_room(state.limit))
 
     @property
     def delay_limit(self) -> float:
@@ -172,6 +174,4 @@ def _warnings(result: Audit) -> tuple[str, ...]:
     warnings = list(spec.warnings)
     if spec.control.sample_time is None:
         warnings.append("continuous model: hold and velocity difference of a real controller cost about one more tick; give --rate-hz")
-    if any(state.limit.certificate is not None and not state.limit.certificate.holds for state in result.states):
-        warnings.append("a limit could not be confirmed from both sides: treat it as an estimate and report the input")
-    return tuple(warnings)
+    return (*warnings, *unconfirmed(state.limit for state in result.states))

@@ -9,7 +9,8 @@ import numpy as np
 from .. import __version__
 from ..coupled_gains import Kept, kept_by
 from ..io.numbers import decibels, digits, hertz
-from ..robot_study import RobotStudy, StateStudy
+from ..robot_states import RobotStudy, StateStudy, by_room
+from ..robot_words import listed
 from .page import Card, Html, Lead, Section, beside, block, facts, page, paragraph
 from .robot_coupling import coupling
 from .robot_drawing import common_view, hero, small
@@ -46,17 +47,12 @@ def robot_page(study: RobotStudy, command: str) -> str:
     return page(title, _lead(study, kept), _cards(study, kept), sections, [f"gainroom {__version__}, {today}"])
 
 
-def _tightest(states: Sequence[StateStudy]) -> StateStudy:
-    return min(states, key=lambda state: (state.limit.stable, state.limit.gain))
-
-
 def _shown(study: RobotStudy) -> list[StateStudy]:
     """All states if they are few; else the tightest posture of each contact state; of many contact states, the tightest."""
     if len(study.states) <= FEW:
         return list(study.states)
-    contacts = dict.fromkeys(state.contact for state in study.states)
-    found = [_tightest([state for state in study.states if state.contact == contact]) for contact in contacts]
-    order = sorted(found, key=lambda state: (state.limit.stable, state.limit.gain))[:MOST_PICTURES]
+    found = study.tightest_by_contact
+    order = sorted(found, key=lambda state: by_room(state.limit))[:MOST_PICTURES]
     return [state for state in found if state in order]
 
 
@@ -94,10 +90,13 @@ def _coupling(study: RobotStudy) -> list[Html]:
 
 def _tasks(study: RobotStudy, shown: Sequence[StateStudy]) -> list[Section]:
     """The operational space, where the file has tasks."""
+    if not study.spec.robot.stack:
+        return []
     factors = task_factors(study)
     if factors is None:
-        return []
-    parts: list[Html] = []
+        return [Section("Operational space", [paragraph("The tasks move nothing in any posture and contact state.")])]
+    still = [state.title for state in study.states if not _task_moves(state)] if study.spec.control.space == "joint" else []
+    parts = [paragraph(f"The tasks move nothing in {listed(still)}: nothing is told of them there.")] if still else []
     if study.spec.control.space == "joint":
         words = "The file's controller closes the joints; here its tasks are closed in their place, with their own gains."
         view = common_view(shown)
@@ -113,17 +112,21 @@ def _tasks(study: RobotStudy, shown: Sequence[StateStudy]) -> list[Section]:
 
 
 def _tightest_tasks(study: RobotStudy) -> list[StateStudy]:
-    """Of each contact state the posture in which the tasks have the least room, at most MOST_PICTURES."""
+    """Of each contact state the posture in which the tasks have the least room, at most MOST_PICTURES; none where nothing moves."""
     found: dict[str, StateStudy] = {}
     for state in study.states:
-        if state.tasks is not None and (state.contact not in found or _task_room(state) < _task_room(found[state.contact])):
+        if _task_moves(state) and (state.contact not in found or _task_room(state) < _task_room(found[state.contact])):
             found[state.contact] = state
     order = sorted(found.values(), key=_task_room)[:MOST_PICTURES]
     return [state for state in found.values() if state in order]
 
 
+def _task_moves(state: StateStudy) -> bool:
+    return state.tasks is not None and state.tasks.moves
+
+
 def _task_room(state: StateStudy) -> tuple[bool, float]:
-    return (True, math.inf) if state.tasks is None else (state.tasks.limit.stable, state.tasks.limit.gain)
+    return (True, math.inf) if state.tasks is None else by_room(state.tasks.limit)
 
 
 def _gains(study: RobotStudy) -> list[Html]:
@@ -132,7 +135,7 @@ def _gains(study: RobotStudy) -> list[Html]:
     parts = []
     for gains in study.recommended:
         words = "Joint space: gains per joint." if gains.space == "joint" else "Operational space: gains per task direction."
-        parts += [paragraph(words + " They keep the requirements with every loop closed."), *gain_tables(gains, study)]
+        parts += [paragraph(words + " They keep the requirements with every loop closed."), *gain_tables(gains, study.spec)]
     return parts
 
 
@@ -166,7 +169,7 @@ def _lead(study: RobotStudy, kept: Sequence[Kept]) -> Lead:
 def _cards(study: RobotStudy, kept: Sequence[Kept]) -> list[Card]:
     """Three to five numbers for the first glance, each the worst of all states."""
     cards = _stable_cards(study, kept) if study.stable else _unstable_cards(study)
-    found = [state for state in study.states if state.tasks is not None]
+    found = [state for state in study.states if _task_moves(state)]
     if found and study.spec.control.space == "joint":
         state = min(found, key=_task_room)
         assert state.tasks is not None
@@ -278,6 +281,8 @@ def _certificate(study: RobotStudy) -> Html:
             f"crossings polished to machine precision, roots counted on both sides, at (1 ± {digits(known[0].nudge)}) times each limit: "
         )
         pairs.append(("gain limits", f"{words}{holding} of {len(known)} {count}"))
+    if study.still:
+        pairs.append(("no verdict", f"{listed([state.title for state in study.still])}: {study.still[0].reason}, so no loop is closed"))
     if len(known) < len(proofs):
         pairs.append(("no limit", f"{len(proofs) - len(known)} states have none to confirm; factors up to 1000 were looked at"))
     pairs += [

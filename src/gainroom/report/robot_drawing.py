@@ -11,7 +11,7 @@ from ..arrays import Floats, Integers
 from ..io.numbers import digits, hertz
 from ..limits import GainLimit
 from ..robot.model import RobotModel
-from ..robot_study import StateStudy, limiting_joints
+from ..robot_states import StateStudy, limiting_joints
 from . import style
 from .page import Html, figure
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..arrays import Floats
 from ..io.numbers import digits
-from ..robot_study import RobotStudy, StateStudy
+from ..robot_states import RobotStudy, StateStudy
 from . import style
 from .page import Html, figure
 from .robot_drawing import UNSTABLE_GROUND, shown
@@ -69,8 +69,8 @@ def joint_factors(study: RobotStudy) -> Factors:
 
 
 def task_factors(study: RobotStudy) -> Factors | None:
-    """Of the tasks, direction by direction; None without tasks."""
-    found = [(state, state.tasks) for state in study.states if state.tasks is not None]
+    """Of the tasks, direction by direction, in the states in which they move something; None without any."""
+    found = [(state, state.tasks) for state in study.states if state.tasks is not None and state.tasks.moves]
     if not found:
         return None
     return Factors(

@@ -1,0 +1,200 @@
+"""States in which the gains move nothing, and directions that nothing moves: told as what they are, beside the others as if alone."""
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+from pytest import approx
+
+from gainroom.cli import main
+from gainroom.coupled_gains import kept_by
+from gainroom.report.robot import robot_page
+from gainroom.robot_config import parse_robot
+from gainroom.robot_study import RobotStudy, study_robot
+from refusals import assert_refused
+from robot_truths import hinge, link, write_robot
+
+LEG = """\
+model: {file: robot.urdf, base: floating}
+joints: {default: {motor_inertia: 0.5, stiffness: 5e3, damping: 2}}
+drive: {bandwidth: 3000, delay_ms: 2}
+postures: {bent: {hip: 0.4, knee: -0.8, ankle: 0.4}}
+contacts: {flight: [], stand: [foot]}
+control: {type: pd, space: task, feedback: motor}
+tasks: [{name: com, type: com, kp: [100, 100, 60], kd: [10, 10, 5]}]
+"""
+JOINTS = "control: {type: pd, feedback: motor, kp: 300, kd: 20}"
+HELD = """\
+model: {file: robot.urdf, base: fixed}
+joints: {default: {motor_inertia: 0.5}}
+drive: {bandwidth: 3000, delay_ms: 2}
+postures: {bent: {hip: 0.4, knee: -0.8, ankle: 0.4}}
+contacts: {free: [], held: [foot]}
+control: {type: pd, feedback: motor, kp: 300, kd: 20}
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A trunk on a leg that moves in a plane."""
+    path = tmp_path_factory.mktemp("leg")
+    links = (
+        link("base")
+        + link("trunk", 20.0, (0, 0, 0.2), (0.5, 0.5, 0.2))
+        + link("thigh", 4.0, (0, 0, -0.2), (0.1, 0.1, 0.01))
+        + link("shank", 3.0, (0, 0, -0.2), (0.05, 0.05, 0.01))
+        + link("foot", 1.0, (0.05, 0, -0.05), (0.01, 0.01, 0.01))
+    )
+    joints = (
+        hinge("seat", "base", "trunk", kind="fixed")
+        + hinge("hip", "trunk", "thigh")
+        + hinge("knee", "thigh", "shank", (0, 0, -0.4))
+        + hinge("ankle", "shank", "foot", (0, 0, -0.4))
+    )
+    write_robot(path, links, joints)
+    (path / "leg.yaml").write_text(LEG, "utf-8")
+    return path
+
+
+def studied(folder: Path, text: str, recommend: bool = False) -> RobotStudy:
+    return study_robot(parse_robot(text, "f", folder), recommend=recommend)
+
+
+@pytest.fixture(scope="module")
+def leg(folder: Path) -> RobotStudy:
+    return studied(folder, LEG, recommend=True)
+
+
+@pytest.fixture(scope="module")
+def without(folder: Path) -> RobotStudy:
+    """The same without the state in which nothing moves."""
+    return studied(folder, LEG.replace("flight: [], ", ""), recommend=True)
+
+
+def test_a_state_in_which_nothing_moves_is_apart(leg: RobotStudy, without: RobotStudy):
+    (state,), (alone,), (still,) = leg.states, without.states, leg.still
+    assert (still.title, still.reason) == ("bent, flight", "the tasks move nothing")
+    assert (state.limit.gain, state.limit.frequency, state.disk_margin) == (alone.limit.gain, alone.limit.frequency, alone.disk_margin)
+    assert state.joints == alone.joints
+    assert leg.stable == without.stable
+    assert not without.still
+    assert leg.sentence.endswith("In bent, flight the tasks move nothing.")
+    (warning,) = [text for text in leg.warnings if "bent, flight" in text]
+    for word in ("no verdict and no limit", "posture task"):
+        assert word in warning
+
+
+def test_gains_are_told_only_where_they_move_something(leg: RobotStudy, without: RobotStudy):
+    joint, task = leg.recommended
+    assert joint.per_contact["flight"] is not None  # the joints do move there
+    assert joint.per_contact["flight"].moves
+    flight, stand, everywhere = task.per_contact["flight"], task.per_contact["stand"], task.everywhere
+    assert flight is not None
+    assert not flight.moves
+    assert np.isnan([*flight.kp, *flight.kd, flight.kept.gain_margin]).all()
+    assert math.isnan(task.cost["flight"])
+    alone = without.recommended[1].everywhere
+    assert stand is not None
+    assert everywhere is not None
+    assert alone is not None
+    assert_array_equal(everywhere.kp, alone.kp)
+    assert np.isnan(everywhere.kp).tolist() == [False, True, False]  # the leg moves in the plane of x and z
+    assert everywhere.binding == "bent, stand"
+    assert everywhere.cases == 1
+
+
+@pytest.fixture
+def at_once(leg: RobotStudy, monkeypatch: pytest.MonkeyPatch):
+    """The command has studied the leg already."""
+    monkeypatch.setattr("gainroom.robot_study.study_robot", lambda spec, progress: leg)
+
+
+@pytest.mark.usefixtures("at_once")
+def test_json_keeps_its_keys(folder: Path, capsys: pytest.CaptureFixture[str]):
+    assert main(["robot", str(folder / "leg.yaml"), "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    flight, stand = facts["states"]
+    assert (flight["contact"], stand["contact"]) == ("flight", "stand")
+    assert flight.keys() == stand.keys()
+    assert (flight["moves"], stand["moves"]) == (False, True)
+    for key in ("stable", "gain_limit", "limit_frequency_rad_s", "disk_margin"):
+        assert flight[key] is None
+        assert stand[key] is not None
+    for name in ("joints", "tasks"):
+        assert [row.keys() for row in flight[name]] == [row.keys() for row in stand[name]]
+    assert [row["moves"] for row in flight["tasks"]] == [False] * 3
+    assert [row["moves"] for row in stand["tasks"]] == [True, False, True]
+    sets = {one["contact"]: one for one in facts["recommended"][1]["sets"]}
+    assert sets["flight"]["kp"] == sets["flight"]["kd"] == [None] * 3
+    assert sets["flight"]["moves"] is False
+    assert sets["everywhere"]["kp"][1] is None
+    assert sets["everywhere"]["kp"][0] > 0
+
+
+@pytest.mark.usefixtures("at_once")
+def test_terminal_and_page_say_it_in_words(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    report = tmp_path / "out.html"
+    assert main(["robot", str(folder / "leg.yaml"), "--report", str(report)]) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    assert max(map(len, out.splitlines())) <= 100
+    words = " ".join(out.split())
+    for text in ("bent, flight – – – – nothing moves –", "No gains for com y: nothing can move there", "Nothing moves in contact flight"):
+        assert text in words
+    page = report.read_text("utf-8")
+    for text in ("<td>bent,\u00a0flight</td><td>nothing moves</td>", "nothing moves there: gains do nothing", "no loop is closed"):
+        assert text in page
+
+
+def test_joint_control_with_idle_tasks(folder: Path):
+    """The joints are judged in every state, the tasks in those where they move something."""
+    study = studied(folder, LEG.replace(LEG.splitlines()[5], JOINTS))
+    assert not study.still
+    assert [state.tasks is not None and state.tasks.moves for state in study.states] == [False, True]
+    assert "The tasks move nothing in bent, flight" in robot_page(study, "again")
+
+
+def test_contacts_that_hold_every_joint(folder: Path):
+    study = studied(folder, HELD, recommend=True)
+    assert ([state.contact for state in study.states], [state.contact for state in study.still]) == (["free"], ["held"])
+    assert study.sentence.endswith("In bent, held no joint that has gains can move.")
+    (gains,) = study.recommended
+    assert {name: one is not None and one.moves for name, one in gains.per_contact.items()} == {"free": True, "held": False}
+    assert gains.everywhere is not None
+    assert np.isfinite(gains.everywhere.kp).all()
+
+
+def test_nothing_moves_anywhere(folder: Path):
+    text = LEG.replace("flight: [], stand: [foot]", "flight: []")
+    assert_refused(lambda: studied(folder, text), ["f: the tasks move nothing in any posture and contact state"])
+
+
+def test_a_direction_without_gains_has_no_limit(folder: Path):
+    """Control along z alone: the same limit whether x is in the task without gains, or its gains do nothing."""
+    (state,) = studied(folder, LEG.replace("[100, 100, 60]", "[0, 100, 60]").replace("[10, 10, 5]", "[0, 10, 5]")).states
+    assert state.tasks is not None
+    x, y, z = state.tasks.rows
+    assert (x.moves, y.moves, z.moves) == (True, False, True)
+    assert math.isnan(x.gain_limit)
+    assert math.isnan(x.limit_others_closed)
+    assert z.gain_limit == approx(state.limit.gain, rel=1e-9)
+    assert z.limit_others_closed == approx(state.limit.gain, rel=1e-6)  # sampled and polished on another curve
+
+
+def test_cascade_gains_are_those_that_were_checked(folder: Path):
+    """Put back into the tasks, recommended P/PI gains keep what is said of them."""
+    text = LEG.replace("type: pd", "type: ppi").replace("kp: [100, 100, 60], kd: [10, 10, 5]", "kp: 10, kv: [10, 10, 4], ki: 5")
+    text = text.replace("flight: [], ", "")
+    study = studied(folder, text, recommend=True)
+    (state,), spec = study.states, study.spec
+    found = study.recommended[1].everywhere
+    assert found is not None
+    assert found.ki is not None
+    tasks = spec.robot.tasks(state.model)
+    gains = {name: np.nan_to_num(getattr(found, name)) for name in ("kp", "kd", "ki")}
+    kept = kept_by(spec.loop(state.model, spec.shaped(replace(tasks, **gains).controller())))
+    assert kept == found.kept
