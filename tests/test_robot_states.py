@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,6 +11,9 @@ import pytest
 from numpy.testing import assert_array_equal
 from pytest import approx
 
+import gainroom as gr
+from gainroom.audit import Audit, audit
+from gainroom.audit_config import AuditOptions, audit_spec
 from gainroom.cli import main
 from gainroom.coupled_gains import kept_by
 from gainroom.report.robot import robot_page
@@ -198,3 +202,93 @@ def test_cascade_gains_are_those_that_were_checked(folder: Path):
     gains = {name: np.nan_to_num(getattr(found, name)) for name in ("kp", "kd", "ki")}
     kept = kept_by(spec.loop(state.model, spec.shaped(replace(tasks, **gains).controller())))
     assert kept == found.kept
+
+
+ARM = """\
+model: {file: robot.urdf, base: fixed}
+joints: {default: {motor_inertia: 0.5, stiffness: 2e5}}
+drive: {bandwidth: 3000, delay_ms: 2}
+postures: {bent: {hip: 0.3, knee: -0.8}}
+control: {type: pd, feedback: link, kp: 1, kd: 0.4}
+tasks: [{name: trunk, type: posture, kp: 200, kd: 20}]
+"""
+
+
+def test_a_limit_that_cannot_be_followed_leaves_the_verdict(folder: Path):
+    """Undamped springs, small gains: the verdict is that of the roots, whether or not a limit is found beside it."""
+    (state,) = studied(folder, ARM.replace("joints: {", "joints: {locked: [ankle], ")).states
+    assert state.limit.stable == (gr.rightmost_roots(state.loop, 8).roots.real < 0).all()
+
+
+def test_what_is_not_known_is_said(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    def lost(loop: gr.Loop) -> None:
+        raise gr.GainroomError("the loci could not be followed")
+
+    alone = LEG.replace("flight: [], ", "")
+    for text in (alone, alone.replace("delay_ms: 2", "delay_ms: 200")):
+        (folder / "lost.yaml").write_text(text, "utf-8")
+        monkeypatch.undo()
+        word = "Stable" if studied(folder, text).stable else "Unstable"
+        for name in ("joint_margins", "gain_limit"):
+            monkeypatch.setattr(f"gainroom.robot_study.{name}", lost)
+        study = studied(folder, text)
+        (state,) = study.states
+        assert state.limit.stable == (word == "Stable") == (text == alone)
+        assert math.isnan(state.limit.gain)
+        assert study.sentence.startswith(word)
+        assert study.sentence.endswith("In bent, stand only the verdict is known, not how far the gains may go.")
+        assert any("counted from the roots" in warning for warning in study.warnings)
+        page = robot_page(study, "again")
+        assert not re.search(r">nan\b|\bnan<|>∞ ×", page[page.index("<body") :])
+        monkeypatch.setattr("gainroom.robot_study.study_robot", lambda spec, progress, study=study: study)
+        assert main(["robot", str(folder / "lost.yaml"), "--json"]) == (word == "Unstable")
+        (told,) = json.loads(capsys.readouterr().out)["states"]
+        assert (told["stable"], told["gain_limit"], told["limit_certified"]) == (word == "Stable", None, False)
+        assert main(["robot", str(folder / "lost.yaml")]) == (word == "Unstable")
+        assert "nan" not in capsys.readouterr().out
+
+
+def audited(folder: Path, *contacts: str) -> Audit:
+    (folder / "gains.yaml").write_text('".*": {kp: 300, kd: 20}', "utf-8")
+    options = AuditOptions(2.0, motor_inertia=0.5, base="fixed", contacts=contacts)
+    return audit(audit_spec(str(folder / "robot.urdf"), folder / "gains.yaml", options))
+
+
+def test_audit_says_where_contacts_hold_every_joint(folder: Path, capsys: pytest.CaptureFixture[str]):
+    free, held = audited(folder), audited(folder, "thigh", "shank", "foot")
+    assert held.still == (("zero", "contact"),)
+    assert (held.safe, held.joints, held.delay_limit) == (free.safe, free.joints, free.delay_limit)
+    assert any("contact: no joint that has gains can move" in warning for warning in held.warnings)
+    call = ["audit", str(folder / "robot.urdf"), "--gains", str(folder / "gains.yaml"), "--delay-ms", "2", "--base", "fixed"]
+    call += ["--motor-inertia", "0.5", "--contact", "thigh", "--contact", "shank", "--contact", "foot"]
+    assert main([*call, "--json"]) == 0
+    first, second = json.loads(capsys.readouterr().out)["states"]
+    assert first.keys() == second.keys()
+    assert (first["moves"], second["moves"], second["stable"]) == (True, False, None)
+    assert main(call) == 0
+    assert "contact – nothing moves – –" in " ".join(capsys.readouterr().out.split())
+
+
+def test_audit_without_a_limit_is_not_safe(folder: Path, monkeypatch: pytest.MonkeyPatch):
+    def lost(loop: gr.Loop) -> None:
+        raise gr.GainroomError("the loci could not be followed")
+
+    monkeypatch.setattr("gainroom.robot_study.joint_margins", lost)
+    result = audited(folder)
+    assert result.worst.limit.stable
+    assert not result.safe
+    assert "how far these gains may go in free is not known" in result.sentence
+
+
+@pytest.mark.parametrize("resonance", [300.0, 600.0, 900.0, 1500.0, 2000.0, 3000.0])
+@pytest.mark.parametrize("delay", [0.0, 2e-3])
+def test_lag_decides_about_an_undamped_spring_under_link_side_feedback(resonance: float, delay: float):
+    """At small gains the pole at jω_r moves by minus the residue of L = K D e^{−sT}/(J_m J_l s² (s² + ω_r²)): by hand, no current loop."""
+    motor, load, kp, kd = 0.5, 0.8, 9.0, 0.4
+    stiffness = resonance**2 / (1 / motor + 1 / load)
+    joint = gr.ElasticJoint(motor, load, stiffness, 0.0)
+    loop = gr.build_loop(joint, gr.Drive(delay=delay), gr.PD(kp, kd), feedback="link")
+    s = 1j * resonance
+    residue = stiffness * (kp + kd * s) * np.exp(-s * delay) / (motor * load * s**2 * 2 * s)
+    assert gr.is_stable(loop) == (residue.real > 0)
+    assert delay or residue.real < 0

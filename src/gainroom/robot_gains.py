@@ -31,7 +31,7 @@ EVERYWHERE = ""
 """The contact state of the set that is safe in all."""
 _JOINT = ("motor_inertia", "stiffness", "damping", "motor_viscous", "link_viscous")
 NOTHING_KEPT = Kept(True, math.nan, math.nan, math.nan)
-HELD = 1e-12
+ROUND_OFF = 1e-12
 """Mobility of a joint, relative to the largest, below which the contacts hold it: they leave round-off."""
 HEAVIEST = 1e3  # times the motor's inertia: loads beyond this, or a joint that the contacts hold, do not change a PD's limits
 
@@ -170,7 +170,7 @@ def _set(contact: str, chosen: Sequence[_Closed], shape: _Shape, required: Requi
 def joints_that_move(model: Plant, feedback: str) -> Booleans:
     """(n,) False where contacts hold a joint, so that no gain on it is felt: rigid, or measured on the link's side."""
     own = np.diagonal(model.link_inverse_inertia)
-    free = own > HELD * np.abs(model.link_inverse_inertia).max()
+    free = own > ROUND_OFF * np.abs(model.link_inverse_inertia).max()
     return free if feedback == "link" else free | model.elastic
 
 

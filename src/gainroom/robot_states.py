@@ -49,7 +49,7 @@ class TaskRow:
 
     moves        False where no joint can move it in this state: its gains do nothing, and both limits are NaN
     kp, kd       its own gains [1/s²], [1/s]; P/PI: [1/s], [1/s], with ki [1/s²]; ki None: PD
-    gain_limit   factor on them with no other direction closed; NaN where its gains are 0
+    gain_limit   factor on them with no other direction closed; NaN where its gains are 0, and where it is not known
     limit_others_closed   factor on them with all others as they are; NaN where the stack is unstable
     """
 
@@ -92,7 +92,7 @@ class StateStudy:
 
     @property
     def limit(self) -> GainLimit:
-        """Of the common factor on all gains."""
+        """Of the common factor on all gains; its numbers are NaN where only the verdict is known."""
         return self.margins.limit
 
     @property

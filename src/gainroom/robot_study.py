@@ -17,10 +17,12 @@ from .loop import Loop, build_loop
 from .multiloop_disk import disk_margin
 from .part_limits import part_limits
 from .plant import Compliance, Plant
-from .robot_gains import HELD, RobotGains, joints_that_move, recommend_robot
+from .robot_gains import ROUND_OFF, RobotGains, joints_that_move, recommend_robot
 from .robot_spec import RobotSpec
 from .robot_states import JointRow, RobotStudy, StateStudy, StillState, TaskRow, TaskStudy
 from .robot_words import sentence, warnings
+from .stability import unstable_roots
+from .sweep import Sweep
 
 if TYPE_CHECKING:
     from .robot.model import RobotModel
@@ -29,6 +31,8 @@ EXPECTED_LOOKS = 40
 """Loops that the search for gains looks at per state and corner of the uncertainty, roughly: for the progress bar."""
 ANYWHERE = np.array([0.7, 1.3, 2.1])
 """Frequencies [rad/s] at which a loop that moves anything does not vanish altogether."""
+HELD = "no joint that has gains can move"
+IDLE = "the tasks move nothing"
 Progress = Callable[[int, int, str], None]
 """Called with (states done, states in all, the next one's name)."""
 
@@ -76,9 +80,9 @@ def study_state(spec: RobotSpec, posture: str, contact: str) -> StateStudy | Sti
     loop = spec.loop(model, controller)
     tasks = _tasks(spec, model) if spec.robot.stack else None
     if not moves(loop):
-        reason = "the tasks move nothing" if spec.control.space == "task" else "no joint that has gains can move"
+        reason = IDLE if spec.control.space == "task" else HELD
         return StillState(posture, contact, reason, _joints(spec, model, controller, _no_margins(_no_limit(model.size))), tasks)
-    margins = joint_margins(loop)
+    margins = margins_of(loop)
     return StateStudy(
         posture=posture,
         contact=contact,
@@ -94,6 +98,33 @@ def study_state(spec: RobotSpec, posture: str, contact: str) -> StateStudy | Sti
 def moves(loop: Loop) -> bool:
     """Whether the gains move anything at all: not where contacts hold all that they act on."""
     return bool(np.any(loop.response(ANYWHERE)))
+
+
+def margins_of(loop: Loop) -> JointMargins:
+    """joint_margins; where the loci cannot be followed, the verdict alone, with NaN for all else."""
+    try:
+        return joint_margins(loop)
+    except GainroomError as error:
+        return _no_margins(_verdict(loop, error))
+
+
+def _limit_of(loop: Loop) -> GainLimit:
+    """gain_limit, or the verdict alone."""
+    try:
+        return gain_limit(loop)
+    except GainroomError as error:
+        return _verdict(loop, error)
+
+
+def _verdict(loop: Loop, error: GainroomError) -> GainLimit:
+    """Whether the loop is stable where nothing else could be found: as gain_limit has it, roots that no gain moves are not counted.
+
+    Raises `error` where the roots cannot be found, either.
+    """
+    try:
+        return _no_limit(loop.size, unstable_roots(loop) == 0 or Sweep(loop).unstable(1.0) == 0)
+    except (np.linalg.LinAlgError, ValueError):  # gains so absurd that the state matrix is not finite
+        raise error from None
 
 
 def _no_limit(size: int, stable: bool = True) -> GainLimit:
@@ -118,7 +149,7 @@ def single_joint_limits(spec: RobotSpec, model: "RobotModel", controller: PD | P
             limits[k] = math.inf
             continue
         alone = single_joint(model, k)
-        limits[k] = gain_limit(build_loop(alone, spec.drives[k], own, spec.control.feedback, spec.control.sample_time)).gain
+        limits[k] = _limit_of(build_loop(alone, spec.drives[k], own, spec.control.feedback, spec.control.sample_time)).gain
     return limits
 
 
@@ -137,7 +168,7 @@ def single_joint(model: Plant, k: int) -> Plant:
 
 def _at_least_zero(entry: Floats, whole: Floats) -> Floats:
     """W_kk, 0 where the contacts leave round-off."""
-    return np.where(entry > HELD * np.abs(whole).max(), entry, 0.0)
+    return np.where(entry > ROUND_OFF * np.abs(whole).max(), entry, 0.0)
 
 
 def joint_controller(controller: PD | PID | PPI, k: int, size: int) -> PD | PID | PPI:
@@ -145,17 +176,24 @@ def joint_controller(controller: PD | PID | PPI, k: int, size: int) -> PD | PID 
     gains = {name: getattr(controller, name) for name in controller.gain_names()}
     if type(controller) is PPI and all(np.ndim(gain) < 2 for gain in gains.values()):
         return replace(controller, **{name: float(np.broadcast_to(gain, size)[k]) for name, gain in gains.items()})
-    terms = {powers: float(gain_matrix("gain", gain, size)[k, k]) for powers, gain in controller.terms().items()}
+    terms = {powers: float(_own(gain, size)[k]) for powers, gain in controller.terms().items()}
     # velocity and integral of the same error make its position
     kp, ki, kd = terms.get((0, 0), 0.0) + terms.get((1, 1), 0.0), terms.get((0, 1), 0.0), terms.get((1, 0), 0.0)
     filters = {"velocity_filter": controller.velocity_filter, "notches": controller.notches}
     return PID(kp=kp, ki=ki, kd=kd, **filters) if ki else PD(kp=kp, kd=kd, **filters)
 
 
+def _own(gain: Floats, size: int) -> Floats:
+    """(n,) what a gain does on each joint alone. Matrices of tasks leave round-off on joints that no task moves."""
+    matrix = gain_matrix("gain", gain, size)
+    own = np.diagonal(matrix)
+    return own if np.ndim(gain) < 2 else np.where(np.abs(own) > ROUND_OFF * np.abs(matrix).max(), own, 0.0)
+
+
 def _joints(spec: RobotSpec, model: "RobotModel", controller: PD | PID | PPI, margins: JointMargins) -> tuple[JointRow, ...]:
     size = model.size
     terms = controller.terms()
-    kp, kd = (np.diagonal(gain_matrix("gain", terms.get(powers, np.zeros(())), size)) for powers in ((0, 0), (1, 0)))
+    kp, kd = (_own(terms.get(powers, np.zeros(())), size) for powers in ((0, 0), (1, 0)))
     nothing = np.full(size, math.nan)
     own = np.diagonal(_at_least_zero(model.link_inverse_inertia, model.link_inverse_inertia))
     with np.errstate(divide="ignore"):
@@ -173,6 +211,12 @@ def _joints(spec: RobotSpec, model: "RobotModel", controller: PD | PID | PPI, ma
     return tuple(JointRow(name, **{key: float(column[k]) for key, column in columns.items()}) for k, name in enumerate(model.joint_names))
 
 
+def _alone(model: Plant, limit: GainLimit) -> float:
+    """The limit of one direction, NaN where it is not known: on undamped joints the verdict is that of all roots, free motions included."""
+    undamped = np.any(model.elastic & (model.damping == 0))
+    return math.nan if undamped and model.size > 1 and not limit.stable and limit.gain == 0 else limit.gain
+
+
 def _tasks(spec: RobotSpec, model: "RobotModel") -> TaskStudy:
     """All tasks together, and each direction by itself."""
     tasks = spec.robot.tasks(model, spec.control.rotors)
@@ -180,11 +224,11 @@ def _tasks(spec: RobotSpec, model: "RobotModel") -> TaskStudy:
     movable = tasks.movable
     acting = np.flatnonzero(movable & ((tasks.kp != 0) | (tasks.kd != 0) | (tasks.ki != 0))).tolist()
     loop = spec.loop(model, spec.shaped(tasks.controller()))
-    limit = gain_limit(loop) if acting else _no_limit(model.size)
+    limit = _limit_of(loop) if acting else _no_limit(model.size)
     shares = [replace(tasks, torque=tasks.torque * np.eye(count)[k]) for k in acting]
     parts = [spec.loop(model, spec.shaped(share.controller())) for share in shares]
     alone, closed = np.full(count, math.nan), np.full(count, math.nan)
-    alone[acting] = [gain_limit(part).gain for part in parts]
+    alone[acting] = [_alone(model, _limit_of(part)) for part in parts]
     if limit.stable:
         closed[acting] = part_limits(loop, parts)
     owners = [task.name for task in tasks.tasks for _ in range(model.size if task.kind == "posture" else 3)]

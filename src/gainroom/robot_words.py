@@ -14,14 +14,19 @@ COUPLED = 0.95
 
 
 def sentence(study: RobotStudy) -> str:
-    """The answer in one sentence: verdict, room, frequency, joints, and what the coupling costs; a second one where nothing moves."""
-    if not study.still:
-        return _verdict(study)
-    return f"{_verdict(study)} In {listed(_titles(study))} {study.still[0].reason}."
+    """The answer in one sentence: verdict, room, frequency, joints, and what the coupling costs; more where something is not known."""
+    told = [_verdict(study)]
+    blind = _blind(study)
+    if blind:
+        told.append(f"In {listed(blind)} only the verdict is known, not how far the gains may go.")
+    if study.still:
+        told.append(f"In {listed([state.title for state in study.still])} {study.still[0].reason}.")
+    return " ".join(told)
 
 
-def _titles(study: RobotStudy) -> tuple[str, ...]:
-    return tuple(state.title for state in study.still)
+def _blind(study: RobotStudy) -> list[str]:
+    """The states whose limit is not known."""
+    return [state.title for state in study.states if math.isnan(state.limit.gain)]
 
 
 def _verdict(study: RobotStudy) -> str:
@@ -29,21 +34,22 @@ def _verdict(study: RobotStudy) -> str:
     where = f"in posture {worst.posture}, contact {worst.contact}"
     limit = worst.limit
     act = " in which the gains act" if study.still else ""
-    every = (" in the one state" if act else "") if count == 1 else f" in all {count} states"
+    every = f"{' in the one state' if act else ''}{act}" if count == 1 else f" in all {count} states{act}"
     unstable = sum(not state.limit.stable for state in study.states)
-    if not unstable and not math.isfinite(limit.gain):
-        told = "no common factor on these gains makes the modelled robot vibrate" if math.isinf(limit.gain) else "how far is not known"
-        return f"Stable{every}{act}: {told}."
+    if not unstable and _blind(study) and not math.isfinite(limit.gain):
+        return f"Stable{every}."
+    if not unstable and math.isinf(limit.gain):
+        return f"Stable{every}: no common factor on these gains makes the modelled robot vibrate."
     at = f"{limit.frequency / (2 * math.pi):.3g} Hz ({limit.frequency:.4g} rad/s)"
     joints = listed(worst.limiting_joints)
     if not unstable:
         return (
-            f"Stable{every}{act}: these gains can be multiplied by {limit.gain:.3g} ({to_db(limit.gain):.3g} dB) before the robot "
-            f"vibrates, first {where}, at {at}, most of all {joints}{_coupling(worst)}."
+            f"Stable{every}: these gains can be multiplied by {limit.gain:.3g} ({to_db(limit.gain):.3g} dB) before the robot vibrates, "
+            f"first {where}, at {at}, most of all {joints}{_coupling(worst)}."
         )
-    start = f"Unstable{every and act and every + act}" if count == 1 else f"Unstable in {unstable} of {count} states{act}"
+    start = f"Unstable{every}" if count == 1 else f"Unstable in {unstable} of {count} states{act}"
     if math.isnan(limit.gain):
-        return f"{start}: with these gains the robot vibrates {where}; whether lower gains would be stable is not known."
+        return f"{start}: with these gains the robot vibrates {where}."
     if limit.gain > 0 and math.isfinite(limit.gain):
         return (
             f"{start}: with these gains the robot vibrates; {where} it is stable below {limit.gain:.3g} times them, where {joints} would "
@@ -76,12 +82,7 @@ def warnings(study: RobotStudy) -> tuple[str, ...]:
             "continuous model: a real controller's hold and velocity difference cost about one more tick of delay; "
             "set control.sample_rate_hz for the sampled answer"
         )
-    undamped = np.isfinite(spec.robot.actuators.stiffness) & (spec.robot.actuators.damping == 0)
-    if spec.control.feedback == "link" and np.any(undamped):
-        found.append(
-            "link-side feedback on undamped elastic joints: whether their resonances settle depends on the delay alone, and without delay "
-            "they never do: measure damping, or close the loops on the motor side"
-        )
+    found += _undamped(study)
     for state in study.states:
         if state.tasks is not None:
             found += [f"{state.title}: {text}" for text in state.tasks.tasks.warnings]
@@ -115,14 +116,33 @@ def _still(study: RobotStudy) -> list[str]:
         if study.spec.control.space == "task":
             remedy = "control it in joint space or with a posture task, or leave it out"
         reason = study.still[0].reason
-        found.append(f"{listed(_titles(study))}: {reason} in this contact state: no verdict and no limit there; {remedy}")
-    blind = [state.title for state in study.states if math.isnan(state.limit.gain)]
+        titles = listed([state.title for state in study.still])
+        found.append(f"{titles}: {reason} in this contact state: no verdict and no limit there; {remedy}")
+    blind = _blind(study)
     if blind:
         found.append(
-            f"{listed(blind)}: the verdict is that of the roots, but the loci could not be followed to a limit: how far the gains may go "
-            "is not known; give undamped joints their damping, and gains of like size to joints that work together"
+            f"{listed(blind)}: the verdict is counted from the roots, but the loci could not be followed to a limit, so how far the gains "
+            "may go is not known; give undamped joints their damping, and gains of like size to joints that work together"
         )
     return found
+
+
+def _undamped(study: RobotStudy) -> list[str]:
+    """What springs without damping mean for the answer."""
+    actuators = study.spec.robot.actuators
+    if not np.any(np.isfinite(actuators.stiffness) & (actuators.damping == 0)):
+        return []
+    if study.spec.control.feedback == "link":
+        return [
+            "link-side feedback on undamped elastic joints: whether their resonances settle hangs on the lag of delay and drive alone, "
+            "and without lag they never do: measure damping, or close the loops on the motor side"
+        ]
+    if any(not state.limit.stable and state.limit.gain == 0 for state in study.states):
+        return [
+            "undamped elastic joints ring for ever where no gain reaches them, and vibrate where the lag of delay and drive turns torque "
+            "against their motion, at any gain: measure damping and give it"
+        ]
+    return []
 
 
 def _at_most(gain: float) -> str:
