@@ -16,6 +16,7 @@ from gainroom.audit import Audit, audit
 from gainroom.audit_config import AuditOptions, audit_spec
 from gainroom.cli import main
 from gainroom.coupled_gains import kept_by
+from gainroom.multiloop_disk import disk_margin_of
 from gainroom.report.robot import robot_page
 from gainroom.robot_config import parse_robot
 from gainroom.robot_study import RobotStudy, study_robot
@@ -246,6 +247,52 @@ def test_what_is_not_known_is_said(folder: Path, monkeypatch: pytest.MonkeyPatch
         assert (told["stable"], told["gain_limit"], told["limit_certified"]) == (word == "Stable", None, False)
         assert main(["robot", str(folder / "lost.yaml")]) == (word == "Unstable")
         assert "nan" not in capsys.readouterr().out
+
+
+def test_disk_margin_is_that_of_the_motors_torques(folder: Path):
+    """A stack that moves everything: the margin of D P, each torque with a factor of its own; opened at the positions it is another."""
+    stack = "tasks: [{name: com, type: com, kp: [10, 1, 10], kd: [0.5, 1, 5]}, {name: rest, type: posture, kp: 0.5, kd: 1}]"
+    text = (
+        LEG.replace("base: floating", "base: fixed").replace(LEG.splitlines()[-1], stack).replace("flight: [], stand: [foot]", "free: []")
+    )
+    (state,) = studied(folder, text).states
+    loop = state.loop
+    assert loop.parts is not None
+    control = loop.parts.controller
+
+    def at_torques(omega: np.ndarray) -> np.ndarray:
+        s = 1j * omega
+        return control.matrix(s, s, loop.size, None) @ loop.actuated_response(omega)
+
+    omega = np.geomspace(1e-2, 1e4, 400)
+    assert state.disk_margin_certified
+    assert state.disk_margin == approx(disk_margin_of(at_torques, omega).margin, rel=2e-3)  # certified and sampled, each to a thousandth
+    assert state.disk_margin != approx(disk_margin_of(loop.response, omega).margin, rel=0.02)
+
+
+def test_what_each_state_keeps(folder: Path, leg: RobotStudy, at_once: None, capsys: pytest.CaptureFixture[str]):
+    (state,) = leg.states
+    assert state.kept == kept_by(state.loop)
+    assert main(["robot", str(folder / "leg.yaml"), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)["states"][1]
+    assert 10 ** (told["kept"]["gain_margin_db"] / 20) == approx(state.kept.gain_margin)
+    assert told["kept"]["phase_margin_deg"] == approx(math.degrees(state.kept.phase_margin))
+    assert told["kept"]["peak_sensitivity"] == state.kept.peak_sensitivity
+    assert told["disk_margin_certified"] is state.disk_margin_certified
+
+
+@pytest.mark.parametrize(("certified", "shown"), [(True, " 0.25 "), (False, " ~0.25 ")])
+def test_a_disk_margin_that_is_not_certified_says_so(
+    folder: Path, leg: RobotStudy, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], certified: bool, shown: str
+):
+    (state,) = leg.states
+    study = replace(leg, states=(replace(state, disk_margin=0.25, disk_margin_certified=certified),))
+    monkeypatch.setattr("gainroom.robot_study.study_robot", lambda spec, progress: study)
+    main(["robot", str(folder / "leg.yaml")])
+    assert shown in capsys.readouterr().out
+    page = robot_page(study, "again")
+    assert ("<td>0.25, not certified</td>" in page) == (not certified)
+    assert f"proved between frequencies, too, in {'all' if certified else '0 of 1'} stable states" in page
 
 
 def audited(folder: Path, *contacts: str) -> Audit:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .coupled import JointMargins
+from .coupled_gains import Kept
 from .limits import GainLimit
 from .loop import Loop
 from .robot_gains import RobotGains
@@ -79,7 +80,13 @@ class TaskStudy:
 
 @dataclass(frozen=True)
 class StateStudy:
-    """One posture in one contact state; `disk_margin` of all loops, changed at once and independently, NaN for an unstable robot."""
+    """One posture in one contact state.
+
+    kept          what all loops together and each with the others closed keep of gain, phase and sensitivity
+    disk_margin   of all loops, each motor's torque multiplied by a factor of its own (multiloop_disk.py): how far gain and phase of all
+                  actuators may be off, independently of each other; NaN for an unstable robot
+    disk_margin_certified   proved between the frequencies that were looked at; None for an unstable robot
+    """
 
     posture: str
     contact: str
@@ -88,7 +95,9 @@ class StateStudy:
     margins: JointMargins
     joints: tuple[JointRow, ...]
     tasks: TaskStudy | None
+    kept: Kept
     disk_margin: float
+    disk_margin_certified: bool | None
 
     @property
     def limit(self) -> GainLimit:

@@ -11,6 +11,7 @@ import numpy as np
 from .arrays import Floats
 from .controller import PD, PID, PPI, gain_matrix
 from .coupled import JointMargins, joint_margins
+from .coupled_gains import kept_by
 from .errors import GainroomError
 from .limits import GainLimit, gain_limit
 from .loop import Loop, build_loop
@@ -83,6 +84,7 @@ def study_state(spec: RobotSpec, posture: str, contact: str) -> StateStudy | Sti
         reason = IDLE if spec.control.space == "task" else HELD
         return StillState(posture, contact, reason, _joints(spec, model, controller, _no_margins(_no_limit(model.size))), tasks)
     margins = margins_of(loop)
+    disk = disk_margin(loop) if margins.stable else None
     return StateStudy(
         posture=posture,
         contact=contact,
@@ -91,7 +93,9 @@ def study_state(spec: RobotSpec, posture: str, contact: str) -> StateStudy | Sti
         margins=margins,
         joints=_joints(spec, model, controller, margins),
         tasks=tasks,
-        disk_margin=disk_margin(loop).margin if margins.stable else math.nan,
+        kept=kept_by(loop),
+        disk_margin=math.nan if disk is None else disk.margin,
+        disk_margin_certified=None if disk is None else disk.certified,
     )
 
 

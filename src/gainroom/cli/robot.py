@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 LEGEND = (
     "Limits are factors on gains. alone: no other loop, neighbours free; closed: all other loops as they are. load: link inertia with "
     "neighbours free [kg·m²]; kp [N·m/rad], kd [N·m·s/rad], of tasks [1/s²], [1/s]; max: with all other gains as they are; part: share in "
-    "the vibration at the limit; delay: what may be added before the robot vibrates; disk: disk margin of all loops, changed independently."
+    "the vibration at the limit; delay: what may be added before the robot vibrates; disk: disk margin with every motor's torque off by a "
+    "factor of its own (~: not certified)."
 )
 
 
@@ -91,6 +92,8 @@ def _state_facts(state: "StateStudy") -> dict[str, Any]:
         "phase_margin_deg": math.degrees(margins.phase_margin),
         "delay_margin_ms": 1e3 * margins.delay_margin,
         "disk_margin": state.disk_margin,
+        "disk_margin_certified": state.disk_margin_certified,
+        "kept": _kept_facts(state.kept),
         "joints": [_row_facts(row) for row in state.joints],
         "tasks": [] if tasks is None else [_row_facts(row) for row in tasks.rows],
         "tasks_gain_limit": None if tasks is None else tasks.limit.gain,
@@ -107,6 +110,8 @@ _NO_LOOP = (
     "phase_margin_deg",
     "delay_margin_ms",
     "disk_margin",
+    "disk_margin_certified",
+    "kept",
     "tasks_gain_limit",
     "tasks_limit_frequency_rad_s",
 )
@@ -191,7 +196,7 @@ def _state_row(state: "StateStudy") -> tuple[str, ...]:
         digits(limit.gain),
         hertz(limit.frequency) if math.isfinite(limit.frequency) else "–",
         f"+{digits(1e3 * state.margins.delay_margin, 'ms', 3)}" if limit.stable else "–",
-        digits(state.disk_margin, significant=3),
+        ("~" if state.disk_margin_certified is False else "") + digits(state.disk_margin, significant=3),
         f"{first}, +{len(others)}" if others else first,
         "yes" if limit.stable else "no",
     )

@@ -7,7 +7,6 @@ from html import escape
 import numpy as np
 
 from ..arrays import Floats
-from ..coupled_gains import Kept
 from ..io.numbers import decibels, digits, frequency, quantity
 from ..robot_gains import GainSet, RobotGains
 from ..robot_spec import RobotSpec
@@ -26,21 +25,21 @@ def folded(summary: str, *parts: Html) -> Html:
     return Html(f"<details><summary>{escape(summary)}</summary>{''.join(parts)}</details>")
 
 
-def state_table(study: RobotStudy, kept: Sequence[Kept]) -> Html:
+def state_table(study: RobotStudy) -> Html:
     """Every state: how far all gains together may go, and what else is left."""
     headers = ["posture, contact", "stable", "limit [×]", "vibrates at", "most of all", "phase margin", "delay margin", "Ms", "disk margin"]
-    rows = [_state_row(state, one) for state, one in zip(study.states, kept, strict=True)]
+    rows = [_state_row(state) for state in study.states]
     caption = (
         "Limit: the factor on all gains together. Phase and delay margin: the same change in all loops at once. Ms: the largest peak "
-        "sensitivity of one loop with the others closed. Disk margin: all loops changed at once, each in its own way. Margins of an "
-        "unstable robot mean nothing."
+        "sensitivity of one loop with the others closed. Disk margin: every motor's torque off in gain and phase at once, each in its own "
+        "way; not certified: only at the frequencies that were looked at. Margins of an unstable robot mean nothing."
     )
     nothing = ("–",) * (len(headers) - 2)
     rows += [(state.title.replace(" ", "\u00a0"), "nothing moves", *nothing) for state in study.still]
     return table(headers, rows[:MOST_ROWS], caption + _cut(len(rows)), MARKS)
 
 
-def _state_row(state: StateStudy, kept: Kept) -> tuple[str, ...]:
+def _state_row(state: StateStudy) -> tuple[str, ...]:
     limit, joints = state.limit, state.limiting_joints
     most = joints[0] + (f", +{len(joints) - 1}" if len(joints) > 1 else "") if joints else "–"
     return (
@@ -51,8 +50,8 @@ def _state_row(state: StateStudy, kept: Kept) -> tuple[str, ...]:
         most,
         digits(math.degrees(state.margins.phase_margin), "°", 3),
         digits(1e3 * state.margins.delay_margin, "ms", 3),
-        digits(kept.peak_sensitivity, "", 3),
-        digits(state.disk_margin, "", 3),
+        digits(state.kept.peak_sensitivity, "", 3),
+        digits(state.disk_margin, "", 3) + (", not certified" if state.disk_margin_certified is False else ""),
     )
 
 
