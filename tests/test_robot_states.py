@@ -19,6 +19,7 @@ from gainroom.coupled_gains import kept_by
 from gainroom.multiloop_disk import disk_margin_of
 from gainroom.report.robot import robot_page
 from gainroom.robot_config import parse_robot
+from gainroom.robot_gains import recommend_robot
 from gainroom.robot_study import RobotStudy, study_robot
 from refusals import assert_refused
 from robot_truths import hinge, link, write_robot
@@ -188,6 +189,18 @@ def test_a_direction_without_gains_has_no_limit(folder: Path):
     assert math.isnan(x.limit_others_closed)
     assert z.gain_limit == approx(state.limit.gain, rel=1e-9)
     assert z.limit_others_closed == approx(state.limit.gain, rel=1e-6)  # sampled and polished on another curve
+
+
+def test_the_one_safe_set_never_costs_less_than_nothing(folder: Path):
+    """What is safe in all states is safe in each, though every search stops within 2 %."""
+    contacts = "flight: [], stand: [foot], toe: [{frame: foot, type: point}], knee: [shank]"
+    text = LEG.replace("flight: [], stand: [foot]", contacts).replace(LEG.splitlines()[5], JOINTS) + "limits: {gain_margin_db: 6}\n"
+    gains = recommend_robot(parse_robot(text, "f", folder))
+    assert min(gains.cost.values()) >= 1
+    assert max(gains.cost.values()) > 1.05  # or nothing was tried
+    for one in gains.per_contact.values():
+        assert one is not None
+        assert one.kept.gain_margin >= 10 ** (6 / 20)
 
 
 def test_cascade_gains_are_those_that_were_checked(folder: Path):

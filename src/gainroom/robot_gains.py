@@ -43,7 +43,7 @@ class GainSet:
     kp, kd    joint space: (n,) [N m/rad], [N m s/rad]; task space: (m,) K'p [1/s²], K'v [1/s]; NaN where nothing can move that joint or
               direction in any state of the set: its gains would do nothing
     ki        (m,) where a task is P/PI [1/s²]; None otherwise
-    scale     factor on the stiffness of the shape; NaN where nothing moves at all
+    scale, damping   factors on the stiffness and on the damping of the shape; NaN where nothing moves at all
     kept      the worst of what any case keeps
     binding   posture, contact state and place in the uncertainty that stand in the way, in words
     cases     number of cases in which the requirements were checked
@@ -54,6 +54,7 @@ class GainSet:
     kd: Floats
     ki: Floats | None
     scale: float
+    damping: float
     kept: Kept
     binding: str
     cases: int
@@ -82,7 +83,7 @@ class RobotGains:
 
     @property
     def cost(self) -> dict[str, float]:
-        """By contact state: how much stiffer its own set is than the one that is safe everywhere; NaN where either is missing."""
+        """By contact state: how much stiffer its own set is than the one that is safe everywhere, >= 1; NaN where either is missing."""
         safe = math.nan if self.everywhere is None else self.everywhere.scale
         return {name: math.nan if own is None else own.scale / safe for name, own in self.per_contact.items()}
 
@@ -138,24 +139,38 @@ def recommend_robot(spec: RobotSpec, space: str = "joint", progress: Callable[[]
         shape = _Shape(tasks.kp, tasks.kd, tasks.ki, tasks.cascade)
         names, inertia = tasks.directions, None
         closed = [_task_case(state, shape) for state in states]
+    required = spec.requirements
+    safe = _set(EVERYWHERE, closed, shape, required, progress)
+    per_contact = {}
+    for contact in spec.robot.contacts:
+        chosen = [state for state in closed if state.contact == contact]
+        alone = len(chosen) == len(closed)
+        per_contact[contact] = safe and replace(safe, contact=contact) if alone else _set(contact, chosen, shape, required, progress, safe)
+    return RobotGains(space, tuple(names), per_contact, safe, inertia)
 
-    def of(contact: str, chosen: Sequence[_Closed]) -> GainSet | None:
-        return _set(contact, chosen, shape, spec.requirements, progress)
 
-    per_contact = {contact: of(contact, [state for state in closed if state.contact == contact]) for contact in spec.robot.contacts}
-    return RobotGains(space, tuple(names), per_contact, of(EVERYWHERE, closed), inertia)
+def _set(
+    contact: str,
+    chosen: Sequence[_Closed],
+    shape: _Shape,
+    required: Requirements,
+    progress: Callable[[], None],
+    safe: GainSet | None = None,
+) -> GainSet | None:
+    """The stiffest gains that keep what is required in all `chosen` states; None where no scale of the shape does.
 
-
-def _set(contact: str, chosen: Sequence[_Closed], shape: _Shape, required: Requirements, progress: Callable[[], None]) -> GainSet | None:
-    """The stiffest gains that keep what is required in all `chosen` states; None where no scale of the shape does."""
+    safe   gains known to keep it, of the same shape: the answer is as stiff at least
+    """
     acting = [state for state in chosen if np.any(state.movable & ((shape.kp != 0) | (shape.kd != 0)))]
     cascade = bool(shape.cascade.any())
     if not acting:
         nothing = np.full(len(shape.kp), math.nan)
-        return GainSet(contact, nothing, nothing, nothing if cascade else None, math.nan, NOTHING_KEPT, "", 0)
-    best, damping, start, first = None, 0.0, 1.0, 0
+        return GainSet(contact, nothing, nothing, nothing if cascade else None, math.nan, math.nan, NOTHING_KEPT, "", 0)
+    best, damping, first = None, 0.0, 0
+    start = safe.scale if safe is not None and safe.moves else 1.0
     for trial in DAMPINGS:
-        found = largest_scale([_damped(state.loop, trial) for state in acting], required, progress, start, first)
+        known = safe.scale if safe is not None and safe.damping == trial else 0.0
+        found = largest_scale([_damped(state.loop, trial) for state in acting], required, progress, max(start, known), first, known)
         if found.scale > 0 and (best is None or found.scale > best.scale):
             best, damping = found, trial
         start, first = found.scale or start, found.binding
@@ -164,7 +179,7 @@ def _set(contact: str, chosen: Sequence[_Closed], shape: _Shape, required: Requi
     still = ~np.any([state.movable for state in acting], axis=0)
     kp, kd, ki = (np.where(still, math.nan, gain) for gain in shape.at(best.scale, damping))
     binding = acting[best.binding].title
-    return GainSet(contact, kp, kd, ki if cascade else None, best.scale, _worst(best.kept), binding, len(acting))
+    return GainSet(contact, kp, kd, ki if cascade else None, best.scale, damping, _worst(best.kept), binding, len(acting))
 
 
 def joints_that_move(model: Plant, feedback: str) -> Booleans:

@@ -163,8 +163,7 @@ def _cells(gains: GainSet | None, k: int, scale: float, cascade: bool) -> tuple[
 
 
 def _gain_caption(gains: RobotGains) -> str:
-    # what is safe everywhere is safe here: a factor below 1 is the search's accuracy
-    known = {name: max(cost, 1.0) for name, cost in gains.cost.items() if math.isfinite(cost)}
+    known = {name: cost for name, cost in gains.cost.items() if math.isfinite(cost)}
     if gains.everywhere is None:
         return "No single set keeps the requirements in every state: change gains with the contacts."
     if not known:
