@@ -211,9 +211,10 @@ def _with(robot: Robot, actuators) -> Robot:
 
 
 def _link_inertia(model: "RobotModel") -> Floats:
-    """(n,) 1/W_ii, bounded where the contacts hold a joint."""
+    """(n,) 1/W_ii, bounded where the contacts hold a joint: by its motor's inertia or, without one, by the heaviest load that can move."""
     own = np.diagonal(model.link_inverse_inertia)
-    heaviest = HEAVIEST * np.where(model.motor_inertia > 0, model.motor_inertia, 1.0)
+    free = own[own > ROUND_OFF * own.max()]
+    heaviest = HEAVIEST * np.where(model.motor_inertia > 0, model.motor_inertia, 1 / free.min() if len(free) else 1.0)
     return np.minimum(1 / np.maximum(own, 1 / heaviest), heaviest)
 
 
@@ -222,11 +223,13 @@ def _joint_shape(spec: RobotSpec, models: Sequence["RobotModel"]) -> _Shape:
     size = models[0].size
     lightest = np.min([_link_inertia(model) for model in models], axis=0)
     latest = [drive.delay for drive in spec.drives] if spec.uncertainty.delay is None else spec.uncertainty.delay[1].tolist()
+    heaviest = float(lightest.max())
     known: dict[tuple, tuple[float, float]] = {}
     kp, kd = np.zeros(size), np.zeros(size)
     for k in range(size):
         parts: dict[str, Any] = {name: float(getattr(models[0], name)[k]) for name in _JOINT}
-        joint = ElasticJoint(link_inertia=float(f"{lightest[k]:.3g}"), **parts)  # legs that differ by round-off are one joint
+        share = float(f"{lightest[k] / heaviest:.3g}")  # legs that differ by round-off are one joint
+        joint = ElasticJoint(link_inertia=share * heaviest, **parts)
         drive = replace(spec.drives[k], delay=latest[k])
         key = (*parts.values(), joint.link_inertia, drive)
         if key not in known:
