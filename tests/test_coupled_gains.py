@@ -55,6 +55,20 @@ def test_more_cases_never_allow_more():
     assert scales[-1] == pytest.approx(min(largest_scale([case], REQUIRED).scale for case in cases), rel=0.021)  # each to 2 %
 
 
+@pytest.mark.parametrize("accuracy", [0.02, 0.5])
+def test_what_is_safe_in_all_cases_is_allowed_in_each(monkeypatch: pytest.MonkeyPatch, accuracy: float):
+    """However coarsely every search stops."""
+    monkeypatch.setattr("gainroom.coupled_gains.ACCURACY", accuracy)
+    rng = np.random.default_rng(43)
+    cases = [scalable(draw_plant(rng, 3), 60.0, 3.0) for _ in range(4)]
+    safe = largest_scale(cases, REQUIRED)
+    for group in ([0], [1], [2, 3], [3, 0]):
+        own = largest_scale([cases[k] for k in group], REQUIRED, start=safe.scale, known=safe.scale)
+        assert own.scale >= safe.scale
+        assert all(kept.meets(REQUIRED) for kept in own.kept)
+        assert [kept_by(cases[k](own.scale)) for k in group] == list(own.kept)
+
+
 def test_what_no_scale_meets():
     required = gr.Requirements(phase_margin=0.95 * pi)
     assert largest_scale([scalable(gr.ElasticJoint(0.2, 0.8, 1e4, 1.0), 2000.0, 30.0)], required).scale == 0

@@ -9,10 +9,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .coupled import JointMargins, joint_margins
+from .coupled import JointMargins
+from .errors import GainroomError
 from .limits import GainLimit
 from .robot_spec import RobotSpec
-from .robot_study import Progress, by_room, limiting_joints, single_joint_limits, unconfirmed
+from .robot_states import by_room, limiting_joints
+from .robot_study import HELD, Progress, margins_of, moves, single_joint_limits
+from .robot_words import listed, unconfirmed
 from .robustness import to_db
 
 MARGIN = 2.0
@@ -54,8 +57,9 @@ class Audit:
     """What `gainroom audit` tells.
 
     margin        the factor that was asked for
+    states        those in which the gains move something: one or more
     safe          every state and every joint keeps it
-    gain_limit, delay_limit   of the worst state; [s] of total delay
+    still         (posture, contact) of the other states: contacts hold every joint that has gains
     """
 
     spec: RobotSpec
@@ -65,6 +69,7 @@ class Audit:
     safe: bool
     sentence: str
     warnings: tuple[str, ...]
+    still: tuple[tuple[str, str], ...] = ()
 
     @property
     def worst(self) -> AuditState:
@@ -73,8 +78,8 @@ class Audit:
 
     @property
     def delay_limit(self) -> float:
-        """[s], over all states."""
-        return min(state.delay_limit for state in self.states)
+        """[s], over all states; NaN where none is known."""
+        return min((state.delay_limit for state in self.states if not math.isnan(state.delay_limit)), default=math.nan)
 
     @property
     def limiting_joints(self) -> tuple[str, ...]:
@@ -83,32 +88,43 @@ class Audit:
 
 
 def audit(spec: RobotSpec, margin: float = MARGIN, progress: Progress | None = None) -> Audit:
-    """Every state of `spec`, whose control must be in joint space, against a required gain margin (a factor)."""
+    """Every state of `spec`, whose control must be in joint space, against a required gain margin (a factor).
+
+    Raises GainroomError for a state that cannot be linearised, and where the contacts hold every joint in all of them.
+    """
     names = spec.robot.states
-    states = []
+    found = []
     for index, (posture, contact) in enumerate(names):
         if progress is not None:
             progress(index, len(names), contact)
-        states.append(_state(spec, posture, contact))
+        found.append(_state(spec, posture, contact))
     if progress is not None:
         progress(len(names), len(names), "")
-    result = Audit(spec, margin, tuple(states), (), False, "", ())
+    states = tuple(state for state in found if state is not None)
+    if not states:
+        raise GainroomError(f"{spec.robot.name}: {HELD} in any state, so there is nothing to audit")
+    still = tuple(name for name, state in zip(names, found, strict=True) if state is None)
+    result = Audit(spec, margin, states, (), False, "", (), still)
     joints = _joints(result)
     safe = all(_keeps(state.limit, margin) for state in states) and all(joint.safe for joint in joints)
     result = replace(result, joints=joints, safe=safe)
     return replace(result, sentence=_sentence(result), warnings=_warnings(result))
 
 
-def _state(spec: RobotSpec, posture: str, contact: str) -> AuditState:
+def _state(spec: RobotSpec, posture: str, contact: str) -> AuditState | None:
+    """One state; None where the gains move nothing."""
     model = spec.robot.linearize(posture, contact)
     controller = spec.controller(model)
-    margins = joint_margins(spec.loop(model, controller))
+    loop = spec.loop(model, controller)
+    if not moves(loop):
+        return None
+    margins = margins_of(loop)
     longest = max(drive.delay for drive in spec.drives)
     if margins.stable:
         limit = longest + margins.delay_margin
     else:
         at_once = replace(spec, drives=tuple(replace(drive, delay=0.0) for drive in spec.drives))
-        without = joint_margins(at_once.loop(model, controller))
+        without = margins_of(at_once.loop(model, controller))
         limit = without.delay_margin if without.stable else 0.0
     return AuditState(posture, contact, margins, single_joint_limits(spec, model, controller), limit)
 
@@ -150,12 +166,18 @@ def _sentence(result: Audit) -> str:
     worst, count = result.worst, sum(not joint.safe for joint in result.joints)
     limit = worst.limit
     delays = f"it vibrates from {1e3 * result.delay_limit:.3g} ms of delay" if math.isfinite(result.delay_limit) else "no delay does"
+    delays = "from which delay is not known" if math.isnan(result.delay_limit) else delays
     given = f"{1e3 * max(drive.delay for drive in result.spec.drives):.3g} ms"
     if not limit.stable:
         room = f"multiply them by less than {limit.gain:.3g}" if limit.gain > 0 else "no lower gains in the same ratio help"
+        room = "whether lower gains help is not known" if math.isnan(limit.gain) else room
         return f"Not safe: the robot vibrates with these gains at {given} of delay ({delays}); {room}; {_count(count, result)}."
+    unknown = [state.contact for state in result.states if math.isnan(state.limit.gain)]
+    if unknown:
+        return f"Not safe: it is stable, but how far these gains may go in {listed(unknown)} is not known; {_count(count, result)}."
     at = f" at {limit.frequency / (2 * math.pi):.3g} Hz" if math.isfinite(limit.frequency) else ""
     room = f"all gains can be multiplied by {limit.gain:.3g} ({to_db(limit.gain):.3g} dB) before it vibrates{at}"
+    room = "no common factor on all gains makes it vibrate" if math.isinf(limit.gain) else room
     asked = f"{result.margin:.3g} ({to_db(result.margin):.2g} dB)"
     if not result.safe:
         return f"Not safe: {room}, less than {asked} is asked for or a joint has less alone; {delays}; {_count(count, result)}."
@@ -172,4 +194,7 @@ def _warnings(result: Audit) -> tuple[str, ...]:
     warnings = list(spec.warnings)
     if spec.control.sample_time is None:
         warnings.append("continuous model: hold and velocity difference of a real controller cost about one more tick; give --rate-hz")
+    if result.still:
+        contacts = listed([contact for _, contact in result.still])
+        warnings.append(f"{contacts}: {HELD} in this contact state: nothing is judged there; check the contacts")
     return (*warnings, *unconfirmed(state.limit for state in result.states))

@@ -121,10 +121,12 @@ def largest_scale(
     progress: Callable[[], None] = lambda: None,
     start: float = 1.0,
     first: int = 0,
+    known: float = 0.0,
 ) -> Scaled:
     """The largest scale of gains that keeps `required` in every case. `progress` is called after every loop that is looked at.
 
     start, first   a guess at the scale, and at the case that stands in the way
+    known          a scale that is known to keep them in every case: the answer is not smaller
 
     Assumes that a smaller scale is safer, as it is for PD gains around a plant without gravity; the answer itself is checked in every case.
     Raises GainroomError without cases or requirements.
@@ -137,7 +139,7 @@ def largest_scale(
         progress()
         return found
 
-    binding, scale = first, _largest_of_one(lambda scale: look(cases[first], scale).meets(required), start)
+    binding, scale = first, _largest_of_one(lambda scale: look(cases[first], scale).meets(required), start, known)
     for _ in range(3 * len(cases)):
         if scale == 0:
             return Scaled(0.0, binding, ())
@@ -147,13 +149,15 @@ def largest_scale(
             return Scaled(scale, binding, tuple(kept))
         binding = max(broken, key=lambda k: (not kept[k].stable, kept[k].peak_sensitivity))
         case = cases[binding]
-        scale = _largest_of_one(lambda scale, case=case: look(case, scale).meets(required), scale / (1 + ACCURACY))
-    return Scaled(0.0, binding, ())
+        scale = _largest_of_one(lambda scale, case=case: look(case, scale).meets(required), scale / (1 + ACCURACY), known)
+    return Scaled(known, binding, tuple(look(case, known) for case in cases)) if known else Scaled(0.0, binding, ())
 
 
-def _largest_of_one(holds: Callable[[float], bool], start: float) -> float:
-    """The largest scale at which `holds`, within ACCURACY below it, from a first guess; 0 where none does."""
-    inside, outside, step = (start, None, 1.0) if holds(start) else (None, start, 1.0)
+def _largest_of_one(holds: Callable[[float], bool], start: float, known: float) -> float:
+    """The largest scale at which `holds`, within ACCURACY below it and >= `known`, at which it is known to; 0 where none does."""
+    inside, outside, step = known or None, None, 1.0
+    if start > known:
+        inside, outside = (start, None) if holds(start) else (inside, start)
     while inside is None or outside is None:
         step *= 1.5  # a poor guess is left behind quickly
         trial = step * inside if inside is not None else (outside or start) / step

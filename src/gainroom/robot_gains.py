@@ -12,22 +12,27 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .arrays import Floats
+from .arrays import Booleans, Floats
 from .controller import PD
 from .coupled_gains import Case, Kept, largest_scale
 from .loop import Loop
-from .plant import ElasticJoint
-from .recommend import recommend_pd
+from .plant import ElasticJoint, Plant
+from .recommend import Requirements, recommend_pd
 from .robot_spec import Robot, RobotSpec
 
 if TYPE_CHECKING:
     from .robot.model import RobotModel
 
+Family = Callable[[float, float], Loop]
+"""(factor on the stiffness, factor on the damping) → loop."""
 DAMPINGS = (1.0, 0.7, 0.45)
 """Factors on the damping of the shape that are tried."""
 EVERYWHERE = ""
 """The contact state of the set that is safe in all."""
 _JOINT = ("motor_inertia", "stiffness", "damping", "motor_viscous", "link_viscous")
+NOTHING_KEPT = Kept(True, math.nan, math.nan, math.nan)
+ROUND_OFF = 1e-12
+"""Mobility of a joint, relative to the largest, below which the contacts hold it: they leave round-off."""
 HEAVIEST = 1e3  # times the motor's inertia: loads beyond this, or a joint that the contacts hold, do not change a PD's limits
 
 
@@ -35,7 +40,10 @@ HEAVIEST = 1e3  # times the motor's inertia: loads beyond this, or a joint that 
 class GainSet:
     """Gains for one contact state, or for all of them (contact "").
 
-    kp, kd    joint space: (n,) [N m/rad], [N m s/rad]; task space: (m,) K'p [1/s²], K'v [1/s]
+    kp, kd    joint space: (n,) [N m/rad], [N m s/rad]; task space: (m,) K'p [1/s²], K'v [1/s]; NaN where nothing can move that joint or
+              direction in any state of the set: its gains would do nothing
+    ki        (m,) where a task is P/PI [1/s²]; None otherwise
+    scale, damping   factors on the stiffness and on the damping of the shape; NaN where nothing moves at all
     kept      the worst of what any case keeps
     binding   posture, contact state and place in the uncertainty that stand in the way, in words
     cases     number of cases in which the requirements were checked
@@ -44,9 +52,17 @@ class GainSet:
     contact: str
     kp: Floats
     kd: Floats
+    ki: Floats | None
+    scale: float
+    damping: float
     kept: Kept
     binding: str
     cases: int
+
+    @property
+    def moves(self) -> bool:
+        """False where nothing moves in any state of the set, so that there are no gains to tell."""
+        return self.cases > 0
 
 
 @dataclass(frozen=True)
@@ -67,12 +83,23 @@ class RobotGains:
 
     @property
     def cost(self) -> dict[str, float]:
-        """By contact state: how much stiffer (factor on kp) its own set is than the one that is safe everywhere."""
-        if self.everywhere is None:
-            return dict.fromkeys(self.per_contact, math.nan)
-        return {
-            name: math.nan if own is None else float(np.max(own.kp) / np.max(self.everywhere.kp)) for name, own in self.per_contact.items()
-        }
+        """By contact state: how much stiffer its own set is than the one that is safe everywhere, >= 1; NaN where either is missing."""
+        safe = math.nan if self.everywhere is None else self.everywhere.scale
+        return {name: math.nan if own is None else own.scale / safe for name, own in self.per_contact.items()}
+
+
+@dataclass(frozen=True)
+class _Shape:
+    """Gains of stiffness and damping 1. Of a direction that is P/PI (`cascade`), whose stiffness is kp·kv, kp is their quotient."""
+
+    kp: Floats
+    kd: Floats
+    ki: Floats
+    cascade: Booleans
+
+    def at(self, stiffness: float, damping: float) -> tuple[Floats, Floats, Floats]:
+        """kp, kd, ki: ki/kv goes as kp does in a cascade."""
+        return np.where(self.cascade, stiffness / damping, stiffness) * self.kp, damping * self.kd, stiffness * self.ki
 
 
 @dataclass(frozen=True)
@@ -85,6 +112,16 @@ class _State:
     model: "RobotModel"
 
 
+@dataclass(frozen=True)
+class _Closed:
+    """One state with its loops: `loop` by factors on stiffness and damping; `movable` (m,) which joints or directions can move."""
+
+    title: str
+    contact: str
+    loop: Family
+    movable: Booleans
+
+
 def recommend_robot(spec: RobotSpec, space: str = "joint", progress: Callable[[], None] = lambda: None) -> RobotGains:
     """Gains for the joints, or for the file's tasks (space "task").
 
@@ -92,30 +129,64 @@ def recommend_robot(spec: RobotSpec, space: str = "joint", progress: Callable[[]
     """
     states = _states(spec)
     if space == "joint":
-        kp, kd = _joint_shape(spec, [state.model for state in states])
+        shape = _joint_shape(spec, [state.model for state in states])
         names = spec.robot.joint_names
-        cases = {state.title: _joint_case(state, kp, kd) for state in states}
+        closed = [_joint_case(state, shape) for state in states]
         first = states[0].model
         inertia = first.motor_inertia + _link_inertia(first)
     else:
         tasks = spec.robot.tasks(states[0].model, spec.control.rotors)
-        kp, kd, names, inertia = tasks.kp, tasks.kd, tasks.directions, None
-        cases = {state.title: _task_case(state) for state in states}
+        shape = _Shape(tasks.kp, tasks.kd, tasks.ki, tasks.cascade)
+        names, inertia = tasks.directions, None
+        closed = [_task_case(state, shape) for state in states]
+    required = spec.requirements
+    safe = _set(EVERYWHERE, closed, shape, required, progress)
+    per_contact = {}
+    for contact in spec.robot.contacts:
+        chosen = [state for state in closed if state.contact == contact]
+        alone = len(chosen) == len(closed)
+        per_contact[contact] = safe and replace(safe, contact=contact) if alone else _set(contact, chosen, shape, required, progress, safe)
+    return RobotGains(space, tuple(names), per_contact, safe, inertia)
 
-    def of(contact: str, chosen: Sequence[_State]) -> GainSet | None:
-        best, damping, start, first = None, 0.0, 1.0, 0
-        for trial in DAMPINGS:
-            own = [_damped(cases[state.title], trial) for state in chosen]
-            found = largest_scale(own, spec.requirements, progress, start, first)
-            if found.scale > 0 and (best is None or found.scale > best.scale):
-                best, damping = found, trial
-            start, first = found.scale or start, found.binding
-        if best is None:
-            return None
-        return GainSet(contact, best.scale * kp, damping * kd, _worst(best.kept), chosen[best.binding].title, len(chosen))
 
-    per_contact = {contact: of(contact, [state for state in states if state.contact == contact]) for contact in spec.robot.contacts}
-    return RobotGains(space, tuple(names), per_contact, of(EVERYWHERE, states), inertia)
+def _set(
+    contact: str,
+    chosen: Sequence[_Closed],
+    shape: _Shape,
+    required: Requirements,
+    progress: Callable[[], None],
+    safe: GainSet | None = None,
+) -> GainSet | None:
+    """The stiffest gains that keep what is required in all `chosen` states; None where no scale of the shape does.
+
+    safe   gains known to keep it, of the same shape: the answer is as stiff at least
+    """
+    acting = [state for state in chosen if np.any(state.movable & ((shape.kp != 0) | (shape.kd != 0)))]
+    cascade = bool(shape.cascade.any())
+    if not acting:
+        nothing = np.full(len(shape.kp), math.nan)
+        return GainSet(contact, nothing, nothing, nothing if cascade else None, math.nan, math.nan, NOTHING_KEPT, "", 0)
+    best, damping, first = None, 0.0, 0
+    start = safe.scale if safe is not None and safe.moves else 1.0
+    for trial in DAMPINGS:
+        known = safe.scale if safe is not None and safe.damping == trial else 0.0
+        found = largest_scale([_damped(state.loop, trial) for state in acting], required, progress, max(start, known), first, known)
+        if found.scale > 0 and (best is None or found.scale > best.scale):
+            best, damping = found, trial
+        start, first = found.scale or start, found.binding
+    if best is None:
+        return None
+    still = ~np.any([state.movable for state in acting], axis=0)
+    kp, kd, ki = (np.where(still, math.nan, gain) for gain in shape.at(best.scale, damping))
+    binding = acting[best.binding].title
+    return GainSet(contact, kp, kd, ki if cascade else None, best.scale, damping, _worst(best.kept), binding, len(acting))
+
+
+def joints_that_move(model: Plant, feedback: str) -> Booleans:
+    """(n,) False where contacts hold a joint, so that no gain on it is felt: rigid, or measured on the link's side."""
+    own = np.diagonal(model.link_inverse_inertia)
+    free = own > ROUND_OFF * np.abs(model.link_inverse_inertia).max()
+    return free if feedback == "link" else free | model.elastic
 
 
 def _states(spec: RobotSpec) -> list[_State]:
@@ -140,28 +211,31 @@ def _with(robot: Robot, actuators) -> Robot:
 
 
 def _link_inertia(model: "RobotModel") -> Floats:
-    """(n,) 1/W_ii, bounded where the contacts hold a joint."""
+    """(n,) 1/W_ii, bounded where the contacts hold a joint: by its motor's inertia or, without one, by the heaviest load that can move."""
     own = np.diagonal(model.link_inverse_inertia)
-    heaviest = HEAVIEST * np.where(model.motor_inertia > 0, model.motor_inertia, 1.0)
+    free = own[own > ROUND_OFF * own.max()]
+    heaviest = HEAVIEST * np.where(model.motor_inertia > 0, model.motor_inertia, 1 / free.min() if len(free) else 1.0)
     return np.minimum(1 / np.maximum(own, 1 / heaviest), heaviest)
 
 
-def _joint_shape(spec: RobotSpec, models: Sequence["RobotModel"]) -> tuple[Floats, Floats]:
+def _joint_shape(spec: RobotSpec, models: Sequence["RobotModel"]) -> _Shape:
     """(n,) kp and kd of each joint alone: the recommended ones with its lightest load and its longest delay."""
     size = models[0].size
     lightest = np.min([_link_inertia(model) for model in models], axis=0)
     latest = [drive.delay for drive in spec.drives] if spec.uncertainty.delay is None else spec.uncertainty.delay[1].tolist()
+    heaviest = float(lightest.max())
     known: dict[tuple, tuple[float, float]] = {}
     kp, kd = np.zeros(size), np.zeros(size)
     for k in range(size):
         parts: dict[str, Any] = {name: float(getattr(models[0], name)[k]) for name in _JOINT}
-        joint = ElasticJoint(link_inertia=float(f"{lightest[k]:.3g}"), **parts)  # legs that differ by round-off are one joint
+        share = float(f"{lightest[k] / heaviest:.3g}")  # legs that differ by round-off are one joint
+        joint = ElasticJoint(link_inertia=share * heaviest, **parts)
         drive = replace(spec.drives[k], delay=latest[k])
         key = (*parts.values(), joint.link_inertia, drive)
         if key not in known:
             known[key] = _alone(spec, joint, drive)
         kp[k], kd[k] = known[key]
-    return kp, kd
+    return _Shape(kp, kd, np.zeros(size), np.zeros(size, dtype=bool))
 
 
 def _alone(spec: RobotSpec, joint: ElasticJoint, drive) -> tuple[float, float]:
@@ -175,30 +249,29 @@ def _alone(spec: RobotSpec, joint: ElasticJoint, drive) -> tuple[float, float]:
     return inertia * crossover**2, 2 * inertia * crossover
 
 
-Family = Callable[[float, float], Loop]
-"""(factor on the stiffness, factor on the damping) → loop."""
-
-
 def _damped(family: Family, damping: float) -> Case:
     return lambda stiffness: family(stiffness, damping)
 
 
-def _joint_case(state: _State, kp: Floats, kd: Floats) -> Family:
+def _joint_case(state: _State, shape: _Shape) -> _Closed:
     spec = state.spec
-    return lambda stiffness, damping: spec.loop(state.model, spec.shaped(PD(stiffness * kp, damping * kd)))
+
+    def at(stiffness: float, damping: float) -> Loop:
+        kp, kd, _ = shape.at(stiffness, damping)
+        return spec.loop(state.model, spec.shaped(PD(kp, kd)))
+
+    return _Closed(state.title, state.contact, at, joints_that_move(state.model, spec.control.feedback))
 
 
-def _task_case(state: _State) -> Family:
-    """The tasks' own gains. Of a P/PI direction, whose stiffness is the product kp·kv, kp and ki/kv go with stiffness over damping."""
+def _task_case(state: _State, shape: _Shape) -> _Closed:
     spec = state.spec
     tasks = spec.robot.tasks(state.model, spec.control.rotors)
 
     def at(stiffness: float, damping: float) -> Loop:
-        kp = np.where(tasks.cascade, stiffness / damping, stiffness) * tasks.kp
-        moved = replace(tasks, kp=kp, kd=damping * tasks.kd, ki=stiffness * tasks.ki)
-        return spec.loop(state.model, spec.shaped(moved.controller()))
+        kp, kd, ki = shape.at(stiffness, damping)
+        return spec.loop(state.model, spec.shaped(replace(tasks, kp=kp, kd=kd, ki=ki).controller()))
 
-    return at
+    return _Closed(state.title, state.contact, at, tasks.movable)
 
 
 def _worst(kept: Sequence[Kept]) -> Kept:

@@ -194,7 +194,8 @@ def _warnings(study: JointStudy) -> tuple[str, ...]:
         warnings.append(CONTINUOUS)
     if spec.feedback == "link" and spec.joint.damping == 0 and not math.isinf(spec.joint.stiffness):
         warnings.append(
-            "link-side feedback on an undamped elastic joint is unstable at any gain: measure damping, or close the loop on the motor side"
+            "link-side feedback on an undamped elastic joint: whether its resonance settles hangs on the lag of delay and drive alone, "
+            "and without lag it never does: measure damping, or close the loop on the motor side"
         )
     if math.isinf(study.max_kp):
         warnings.append("nothing in this model limits kp: no gains are recommended; give the drive's delay and bandwidth")

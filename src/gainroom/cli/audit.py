@@ -77,16 +77,21 @@ def _facts(result: "Audit") -> dict[str, Any]:
             {
                 "posture": state.posture,
                 "contact": state.contact,
+                "moves": True,
                 "stable": state.limit.stable,
                 "gain_limit": state.limit.gain,
                 "limit_frequency_rad_s": state.limit.frequency,
                 "delay_limit_ms": 1e3 * state.delay_limit,
             }
             for state in result.states
-        ],
+        ]
+        + [{"posture": posture, "contact": contact, "moves": False, **dict.fromkeys(_NO_LOOP)} for posture, contact in result.still],
         "assumptions": list(result.spec.assumptions),
         "warnings": list(result.warnings),
     }
+
+
+_NO_LOOP = ("stable", "gain_limit", "limit_frequency_rad_s", "delay_limit_ms")
 
 
 def _terminal(result: "Audit") -> str:
@@ -101,6 +106,7 @@ def _terminal(result: "Audit") -> str:
         )
         for state in result.states
     ]
+    states += [(contact, "–", "nothing moves", "–", "–") for _, contact in result.still]
     joints = [
         (
             joint.name,

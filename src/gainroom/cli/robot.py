@@ -14,13 +14,14 @@ from .progress import progress_bar
 if TYPE_CHECKING:
     from ..coupled_gains import Kept
     from ..robot_gains import RobotGains
-    from ..robot_study import JointRow, RobotStudy, StateStudy, TaskRow
+    from ..robot_states import JointRow, RobotStudy, StateStudy, StillState, TaskRow
 
 
 LEGEND = (
     "Limits are factors on gains. alone: no other loop, neighbours free; closed: all other loops as they are. load: link inertia with "
     "neighbours free [kg·m²]; kp [N·m/rad], kd [N·m·s/rad], of tasks [1/s²], [1/s]; max: with all other gains as they are; part: share in "
-    "the vibration at the limit; delay: what may be added before the robot vibrates; disk: disk margin of all loops, changed independently."
+    "the vibration at the limit; delay: what may be added before the robot vibrates; disk: disk margin with every motor's torque off by a "
+    "factor of its own (~: not certified)."
 )
 
 
@@ -62,12 +63,14 @@ def robot(
 def _facts(study: "RobotStudy") -> dict[str, Any]:
     """What --json prints."""
     sample_time = study.spec.control.sample_time
+    states = [*map(_state_facts, study.states), *map(_still_facts, study.still)]
+    order = study.spec.robot.states
     return {
         "stable": study.stable,
         "sentence": study.sentence,
         "model": model_kind(sample_time),
         "sample_rate_hz": None if sample_time is None else 1 / sample_time,
-        "states": [_state_facts(state) for state in study.states],
+        "states": sorted(states, key=lambda facts: order.index((facts["posture"], facts["contact"]))),
         "recommended": [_gains_facts(gains) for gains in study.recommended] or None,
         "assumptions": list(study.spec.assumptions),
         "warnings": list(study.warnings),
@@ -79,6 +82,7 @@ def _state_facts(state: "StateStudy") -> dict[str, Any]:
     return {
         "posture": state.posture,
         "contact": state.contact,
+        "moves": True,
         "stable": limit.stable,
         "gain_limit": limit.gain,
         "lower_gain_limit": limit.lower_gain,
@@ -88,10 +92,41 @@ def _state_facts(state: "StateStudy") -> dict[str, Any]:
         "phase_margin_deg": math.degrees(margins.phase_margin),
         "delay_margin_ms": 1e3 * margins.delay_margin,
         "disk_margin": state.disk_margin,
+        "disk_margin_certified": state.disk_margin_certified,
+        "kept": _kept_facts(state.kept),
         "joints": [_row_facts(row) for row in state.joints],
         "tasks": [] if tasks is None else [_row_facts(row) for row in tasks.rows],
         "tasks_gain_limit": None if tasks is None else tasks.limit.gain,
         "tasks_limit_frequency_rad_s": None if tasks is None else tasks.limit.frequency,
+    }
+
+
+_NO_LOOP = (
+    "stable",
+    "gain_limit",
+    "lower_gain_limit",
+    "limit_frequency_rad_s",
+    "limit_certified",
+    "phase_margin_deg",
+    "delay_margin_ms",
+    "disk_margin",
+    "disk_margin_certified",
+    "kept",
+    "tasks_gain_limit",
+    "tasks_limit_frequency_rad_s",
+)
+
+
+def _still_facts(state: "StillState") -> dict[str, Any]:
+    """A state in which the gains move nothing: the same keys, null where there is no number."""
+    return {
+        "posture": state.posture,
+        "contact": state.contact,
+        "moves": False,
+        **dict.fromkeys(_NO_LOOP),
+        "limiting_joints": [],
+        "joints": [_row_facts(row) for row in state.joints],
+        "tasks": [] if state.tasks is None else [_row_facts(row) for row in state.tasks.rows],
     }
 
 
@@ -102,7 +137,15 @@ def _gains_facts(gains: "RobotGains") -> dict[str, Any]:
         "space": gains.space,
         "names": list(gains.names),
         "sets": [
-            {"contact": name, "kp": found.kp, "kd": found.kd, "binding": found.binding, **_kept_facts(found.kept)}
+            {
+                "contact": name,
+                "moves": found.moves,
+                "kp": found.kp,
+                "kd": found.kd,
+                "ki": found.ki,
+                "binding": found.binding or None,
+                **_kept_facts(found.kept),
+            }
             for name, found in sets.items()
             if found is not None
         ],
@@ -127,7 +170,7 @@ def _terminal(study: "RobotStudy", report: Path | None) -> str:
     states = table(
         f"All joints together ({model}); factor on all gains",
         ("posture, contact", "limit", "at", "delay", "disk", "most of all", "stable"),
-        [_state_row(state) for state in study.states],
+        [*map(_state_row, study.states), *((state.title, *4 * ("–",), "nothing moves", "–") for state in study.still)],
     )
     parts: list[Any] = [study.sentence, "", states]
     for state in study.tightest_by_contact:
@@ -152,7 +195,7 @@ def _state_row(state: "StateStudy") -> tuple[str, ...]:
         digits(limit.gain),
         hertz(limit.frequency) if math.isfinite(limit.frequency) else "–",
         f"+{digits(1e3 * state.margins.delay_margin, 'ms', 3)}" if limit.stable else "–",
-        digits(state.disk_margin, significant=3),
+        ("~" if state.disk_margin_certified is False else "") + digits(state.disk_margin, significant=3),
         f"{first}, +{len(others)}" if others else first,
         "yes" if limit.stable else "no",
     )
@@ -161,7 +204,7 @@ def _state_row(state: "StateStudy") -> tuple[str, ...]:
 def _contact_tables(state: "StateStudy") -> list[Any]:
     columns = ("", "load", "alone", "closed", "kp", "max", "kd", "max", "part")
     parts: list[Any] = [table(f"Joints, {state.title}", columns, [_joint_row(row) for row in state.joints])]
-    if state.tasks is not None and not all(math.isnan(row.gain_limit) for row in state.tasks.rows):
+    if state.tasks is not None and state.tasks.moves:
         title = f"Tasks, {state.title}; together {digits(state.tasks.limit.gain)}"
         columns = ("", "kp", "kd or kv", "ki", "alone", "closed")
         parts.append(table(title, columns, [_task_row(row) for row in state.tasks.rows]))
@@ -183,19 +226,33 @@ def _gains_parts(gains: "RobotGains") -> list[Any]:
     found = gains.everywhere
     if found is None:
         return [f"No gains of the shape tried keep the required margins in every state, {gains.space} space."]
+    if not found.moves:
+        return [f"No gains to tell in {gains.space} space: nothing moves in any posture and contact state."]
     columns, scale = ("", "kp", "kd"), gains.inertia
+    numbers = [found.kp, found.kd]
+    if found.ki is not None:
+        columns, numbers = ("", "kp", "kv or kd", "ki"), [*numbers, found.ki]
     if scale is not None:
-        columns = (*columns, "kp/J [1/s²]", "kd/J [1/s]")
-    rows = [
-        (name, digits(kp), digits(kd), *(() if scale is None else (digits(kp / scale[k]), digits(kd / scale[k]))))
-        for k, (name, kp, kd) in enumerate(zip(gains.names, found.kp, found.kd, strict=True))
-    ]
+        columns, numbers = (*columns, "kp/J [1/s²]", "kd/J [1/s]"), [*numbers, found.kp / scale, found.kd / scale]
+    rows = [(name, *map(digits, row)) for name, *row in zip(gains.names, *(column.tolist() for column in numbers), strict=True)]
     kept = found.kept
     margins = f"{digits(decibels(kept.gain_margin), 'dB', 3)}, {digits(math.degrees(kept.phase_margin), '°', 3)}"
     words = (
         f"In every state they keep {margins} and a peak sensitivity of {digits(kept.peak_sensitivity, significant=3)}, all loops together "
         f"and each with the others closed; {found.binding} stands in the way of more."
     )
-    more = ", ".join(f"{name} {digits(cost, significant=3)}" for name, cost in gains.cost.items() if math.isfinite(cost))
-    alone = [f"By itself each contact state would allow this many times these kp: {more}."] if len(gains.cost) > 1 and more else []
-    return [table(f"Gains to use, {gains.space} space", columns, rows), words, *alone]
+    return [table(f"Gains to use, {gains.space} space", columns, rows), words, *_still_words(gains), *_cost_words(gains)]
+
+
+def _still_words(gains: "RobotGains") -> list[str]:
+    """What has no gains, as nothing moves it."""
+    found = gains.everywhere
+    still = [] if found is None else [name for name, kp in zip(gains.names, found.kp.tolist(), strict=True) if math.isnan(kp)]
+    nowhere = [name for name, one in gains.per_contact.items() if one is not None and not one.moves]
+    words = [f"No gains for {', '.join(still)}: nothing can move there in any state."] if still else []
+    return words + ([f"Nothing moves in contact {', '.join(nowhere)}: gains do nothing there."] if nowhere else [])
+
+
+def _cost_words(gains: "RobotGains") -> list[str]:
+    more = [f"{name} {digits(cost, significant=3)}" for name, cost in gains.cost.items() if math.isfinite(cost)]
+    return [f"By itself each contact state would allow this many times these kp: {', '.join(more)}."] if len(more) > 1 else []

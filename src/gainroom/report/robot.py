@@ -5,9 +5,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..coupled_gains import Kept, kept_by
 from ..io.numbers import digits, hertz, model_kind
-from ..robot_study import RobotStudy, StateStudy, by_room
+from ..robot_states import RobotStudy, StateStudy, by_room
+from ..robot_words import listed
 from .page import Card, Html, Lead, Section, beside, block, facts, page, paragraph
 from .robot_coupling import coupling
 from .robot_drawing import hero, small
@@ -26,12 +26,11 @@ ON_TOP = 4
 
 def robot_page(study: RobotStudy, command: str) -> str:
     """The report of a study as one HTML page; `command` is what a reader types to get it again."""
-    kept = [kept_by(state.loop) for state in study.states]
     shown, sample_time = _shown(study), study.spec.control.sample_time
     taken = assumptions("Linear about each posture", sample_time, "; contacts hold and do not slip or lift")
     sections = [
         Section("How it would vibrate", _vibrations(study, shown)),
-        Section("How much room is left", _room(study, kept)),
+        Section("How much room is left", _room(study)),
         Section("Why: the characteristic loci", [_loci_words(), beside(*(loci(state, loci_window(shown)) for state in shown))]),
         Section("What the coupling costs", [beside(*coupling(joint_factors(study), "joint"))]),
         Section("Gains to use", _gains(study)),
@@ -42,7 +41,7 @@ def robot_page(study: RobotStudy, command: str) -> str:
         Section("This page again", [block(command)]),
     ]
     title = f"gainroom robot: gains of {study.spec.robot.body.size} joints, {model_kind(sample_time)} model"
-    return page(title, _lead(study, kept), _cards(study, kept), sections, footer())
+    return page(title, _lead(study), _cards(study), sections, footer())
 
 
 def _shown(study: RobotStudy) -> list[StateStudy]:
@@ -70,8 +69,8 @@ def _others(study: RobotStudy, state: StateStudy) -> int:
     return sum(other.contact == state.contact for other in study.states) - 1
 
 
-def _room(study: RobotStudy, kept: Sequence[Kept]) -> list[Html]:
-    return [heat_map(joint_factors(study), "joint"), state_table(study, kept)]
+def _room(study: RobotStudy) -> list[Html]:
+    return [heat_map(joint_factors(study), "joint"), state_table(study)]
 
 
 def _loci_words() -> Html:
@@ -84,11 +83,14 @@ def _loci_words() -> Html:
 
 def _tasks(study: RobotStudy, shown: Sequence[StateStudy]) -> list[Section]:
     """The operational space, where the file has tasks."""
+    if not study.spec.robot.stack:
+        return []
     factors = task_factors(study)
     if factors is None:
-        return []
-    parts: list[Html] = []
+        return [Section("Operational space", [paragraph("The tasks move nothing in any posture and contact state.")])]
     tightest = _tightest_tasks(study)
+    still = [state.title for state in study.states if not _task_moves(state)] if study.spec.control.space == "joint" else []
+    parts = [paragraph(f"The tasks move nothing in {listed(still)}: nothing is told of them there.")] if still else []
     if study.spec.control.space == "joint":
         words = "The file's controller closes the joints; here its tasks are closed in their place, with their own gains."
         view = common_view(shown)
@@ -102,13 +104,17 @@ def _tasks(study: RobotStudy, shown: Sequence[StateStudy]) -> list[Section]:
 
 
 def _tightest_tasks(study: RobotStudy) -> list[StateStudy]:
-    """Of each contact state the posture in which the tasks have the least room, at most MOST_PICTURES."""
+    """Of each contact state the posture in which the tasks have the least room, at most MOST_PICTURES; none where nothing moves."""
     found: dict[str, StateStudy] = {}
     for state in study.states:
-        if state.tasks is not None and (state.contact not in found or _task_room(state) < _task_room(found[state.contact])):
+        if _task_moves(state) and (state.contact not in found or _task_room(state) < _task_room(found[state.contact])):
             found[state.contact] = state
     order = sorted(found.values(), key=_task_room)[:MOST_PICTURES]
     return [state for state in found.values() if state in order]
+
+
+def _task_moves(state: StateStudy) -> bool:
+    return state.tasks is not None and state.tasks.moves
 
 
 def _task_room(state: StateStudy) -> tuple[bool, float]:
@@ -121,7 +127,7 @@ def _gains(study: RobotStudy) -> list[Html]:
     parts = []
     for gains in study.recommended:
         words = "Joint space: gains per joint." if gains.space == "joint" else "Operational space: gains per task direction."
-        parts += [paragraph(words + " They keep the requirements with every loop closed."), *gain_tables(gains, study)]
+        parts += [paragraph(words + " They keep the requirements with every loop closed."), *gain_tables(gains, study.spec)]
     return parts
 
 
@@ -138,7 +144,7 @@ def _joints(study: RobotStudy) -> list[Html]:
     return parts
 
 
-def _lead(study: RobotStudy, kept: Sequence[Kept]) -> Lead:
+def _lead(study: RobotStudy) -> Lead:
     warnings = study.warnings[:ON_TOP]
     unstable = [state.title for state in study.states if not state.limit.stable]
     if unstable:
@@ -146,16 +152,16 @@ def _lead(study: RobotStudy, kept: Sequence[Kept]) -> Lead:
         where = "" if states == 1 else f" in all {states} states" if count == states else f" in {'; '.join(unstable[:3])}"
         more = f" and {count - 3} more" if 3 < count < states else ""
         return Lead(study.sentence, "bad", f"UNSTABLE{where}{more}: do not run these gains", warnings)
-    unmet = [card.label for card in _cards(study, kept) if card.met is False]
+    unmet = [card.label for card in _cards(study) if card.met is False]
     if unmet:
         return Lead(study.sentence, "warn", f"Stable, but not as required: {', '.join(unmet)}", warnings)
     return Lead(study.sentence, "good", "", warnings)
 
 
-def _cards(study: RobotStudy, kept: Sequence[Kept]) -> list[Card]:
+def _cards(study: RobotStudy) -> list[Card]:
     """Three to five numbers for the first glance, each the worst of all states."""
-    cards = _stable_cards(study, kept) if study.stable else _unstable_cards(study)
-    found = [state for state in study.states if state.tasks is not None]
+    cards = _stable_cards(study) if study.stable else _unstable_cards(study)
+    found = [state for state in study.states if _task_moves(state)]
     if found and study.spec.control.space == "joint":
         state = min(found, key=_task_room)
         assert state.tasks is not None
@@ -164,7 +170,8 @@ def _cards(study: RobotStudy, kept: Sequence[Kept]) -> list[Card]:
         cards.append(Card("tasks' gains, at most", digits(limit.gain, "", 3), "×", "stable: ≥ 1", limit.stable, note))
     elif study.stable:
         state = min(study.states, key=lambda state: state.disk_margin)
-        cards.append(Card("disk margin", digits(state.disk_margin, "", 3), note=f"all loops at once, {state.title}"))
+        proved = "" if state.disk_margin_certified else ", not certified"
+        cards.append(Card("disk margin", digits(state.disk_margin, "", 3), note=f"all motors at once, {state.title}{proved}"))
     return cards
 
 
@@ -179,11 +186,11 @@ def _unstable_cards(study: RobotStudy) -> list[Card]:
     ]
 
 
-def _stable_cards(study: RobotStudy, kept: Sequence[Kept]) -> list[Card]:
+def _stable_cards(study: RobotStudy) -> list[Card]:
     asked, states = study.spec.requirements, study.states
-    room = [_worse(_common_room(state), one.gain_margin) for state, one in zip(states, kept, strict=True)]
-    phase = [_worse(state.margins.phase_margin, one.phase_margin) for state, one in zip(states, kept, strict=True)]
-    peaks = [one.peak_sensitivity for one in kept]
+    room = [_worse(_common_room(state), state.kept.gain_margin) for state in states]
+    phase = [_worse(state.margins.phase_margin, state.kept.phase_margin) for state in states]
+    peaks = [state.kept.peak_sensitivity for state in states]
     delays = [state.margins.delay_margin for state in states]
     least, narrow, high, late = int(np.argmin(room)), int(np.argmin(phase)), int(np.argmax(peaks)), int(np.argmin(delays))
 
@@ -220,6 +227,16 @@ def _words(study: RobotStudy) -> list[Html]:
     return [*assumed, *map(paragraph, study.warnings[ON_TOP:])]
 
 
+def _disk_words(study: RobotStudy) -> str:
+    """Where it opens the loops, and how it was proved."""
+    known = [state.disk_margin_certified for state in study.states if state.disk_margin_certified is not None]
+    words = "every motor's torque is multiplied by a complex factor of its own (2 + δ)/(2 − δ); no factors with |δ| below the margin"
+    if not known:
+        return f"{words} would lose the robot; an unstable robot has none"
+    count = "all" if all(known) else f"{sum(known)} of {len(known)}"
+    return f"{words} lose the robot: a bound with scalings, proved between frequencies, too, in {count} stable states"
+
+
 def _certificate(study: RobotStudy) -> Html:
     proofs = [state.limit.certificate for state in study.states]
     known = [proof for proof in proofs if proof is not None]
@@ -231,10 +248,13 @@ def _certificate(study: RobotStudy) -> Html:
             f"crossings polished to machine precision, roots counted on both sides, at (1 ± {digits(known[0].nudge)}) times each limit: "
         )
         pairs.append(("gain limits", f"{words}{holding} of {len(known)} {count}"))
+    if study.still:
+        pairs.append(("no verdict", f"{listed([state.title for state in study.still])}: {study.still[0].reason}, so no loop is closed"))
     if len(known) < len(proofs):
         pairs.append(("no limit", f"{len(proofs) - len(known)} states have none to confirm; factors up to 1000 were looked at"))
     pairs += [
         ("others closed, largest gains", "each loop's own curve with the others closed, sampled until smooth; its crossings polished"),
+        ("disk margin", _disk_words(study)),
         ("phase and Ms of single loops", "interpolated between refined samples: good to about a part in a thousand"),
         ("recommended gains", "checked in every posture, contact state and corner of the uncertainty; between the corners not proved"),
     ]

@@ -7,7 +7,7 @@ import numpy as np
 from ..io.numbers import digits, hertz
 from ..limits import GainLimit
 from ..robot.model import RobotModel
-from ..robot_study import StateStudy, limiting_joints
+from ..robot_states import StateStudy, limiting_joints
 from . import style
 from .page import Html, figure
 from .robot_skeleton import View, common_view, drawn, labels, part_in_words, vibration

@@ -8,7 +8,7 @@ from scipy.optimize import linear_sum_assignment
 
 from ..arrays import Complexes, Floats
 from ..io.numbers import digits, hertz
-from ..robot_study import StateStudy
+from ..robot_states import StateStudy
 from ..sweep import Sweep
 from . import style
 from .page import Html, figure

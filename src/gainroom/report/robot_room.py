@@ -9,7 +9,7 @@ import numpy as np
 from ..arrays import Floats
 from ..io.numbers import digits
 from ..limits import GainLimit
-from ..robot_study import RobotStudy, StateStudy, by_room
+from ..robot_states import RobotStudy, StateStudy, by_room
 from . import style
 from .page import Html, figure
 
@@ -80,8 +80,8 @@ def joint_factors(study: RobotStudy) -> Factors:
 
 
 def task_factors(study: RobotStudy) -> Factors | None:
-    """Of the tasks, direction by direction; None without tasks."""
-    found = [(state, state.tasks) for state in study.states if state.tasks is not None]
+    """Of the tasks, direction by direction, in the states in which they move something; None without any."""
+    found = [(state, state.tasks) for state in study.states if state.tasks is not None and state.tasks.moves]
     if not found:
         return None
     return Factors(

@@ -10,7 +10,7 @@ from ..arrays import Floats, Integers
 from ..io.numbers import digits
 from ..limits import GainLimit
 from ..robot.model import RobotModel
-from ..robot_study import StateStudy, limiting_joints
+from ..robot_states import StateStudy, limiting_joints
 from . import style
 
 DEPTH = 0.5 * np.array([math.cos(math.pi / 6), math.sin(math.pi / 6)])  # cabinet projection: what is farther stands higher, at half scale

@@ -1,17 +1,16 @@
 """The tables of a robot's page, and its inputs in words."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from html import escape
 
 import numpy as np
 
 from ..arrays import Floats
-from ..coupled_gains import Kept
 from ..io.numbers import decibels, digits, frequency, quantity, requirement
 from ..robot_gains import GainSet, RobotGains
 from ..robot_spec import RobotSpec
-from ..robot_study import RobotStudy, StateStudy
+from ..robot_states import RobotStudy, StateStudy
 from .page import Html, facts, paragraph, table
 from .shared import filters
 from .tables import MARGIN_NAMES
@@ -28,19 +27,21 @@ def folded(summary: str, *parts: Html) -> Html:
     return Html(f"<details><summary>{escape(summary)}</summary>{''.join(parts)}</details>")
 
 
-def state_table(study: RobotStudy, kept: Sequence[Kept]) -> Html:
+def state_table(study: RobotStudy) -> Html:
     """Every state: how far all gains together may go, and what else is left."""
     headers = ["posture, contact", "stable", "limit [×]", "vibrates at", "most of all", "phase margin", "delay margin", "Ms", "disk margin"]
-    rows = [_state_row(state, one) for state, one in zip(study.states, kept, strict=True)]
+    rows = [_state_row(state) for state in study.states]
     caption = (
         "Limit: the factor on all gains together. Phase and delay margin: the same change in all loops at once. Ms: the largest peak "
-        "sensitivity of one loop with the others closed. Disk margin: all loops changed at once, each in its own way. Margins of an "
-        "unstable robot mean nothing."
+        "sensitivity of one loop with the others closed. Disk margin: every motor's torque off in gain and phase at once, each in its own "
+        "way; not certified: only at the frequencies that were looked at. Margins of an unstable robot mean nothing."
     )
+    nothing = ("–",) * (len(headers) - 2)
+    rows += [(state.title.replace(" ", "\u00a0"), "nothing moves", *nothing) for state in study.still]
     return table(headers, rows[:MOST_ROWS], caption + _cut(len(rows)), MARKS)
 
 
-def _state_row(state: StateStudy, kept: Kept) -> tuple[str, ...]:
+def _state_row(state: StateStudy) -> tuple[str, ...]:
     limit, joints = state.limit, state.limiting_joints
     most = joints[0] + (f", +{len(joints) - 1}" if len(joints) > 1 else "") if joints else "–"
     return (
@@ -51,8 +52,8 @@ def _state_row(state: StateStudy, kept: Kept) -> tuple[str, ...]:
         most,
         digits(math.degrees(state.margins.phase_margin), "°", 3),
         digits(1e3 * state.margins.delay_margin, "ms", 3),
-        digits(kept.peak_sensitivity, "", 3),
-        digits(state.disk_margin, "", 3),
+        digits(state.kept.peak_sensitivity, "", 3),
+        digits(state.disk_margin, "", 3) + (", not certified" if state.disk_margin_certified is False else ""),
     )
 
 
@@ -113,66 +114,58 @@ def task_table(states: Sequence[StateStudy]) -> Html:
     return table(headers, rows[:MOST_ROWS], caption + _cut(len(rows)), marks)
 
 
-def gain_tables(gains: RobotGains, study: RobotStudy) -> list[Html]:
+def gain_tables(gains: RobotGains, spec: RobotSpec) -> list[Html]:
     """Gains to use: the one safe set and one per contact state, in both unit systems, and what each set keeps."""
     columns: list[Column] = [("safe in all", gains.everywhere), *gains.per_contact.items()]
-    kept = _kept_table(columns, study.spec)
-    if all(one is None for _, one in columns):
+    kept = _kept_table(columns, spec)
+    if all(one is None or not one.moves for _, one in columns):
         return [kept]
-    idle = _idle(gains, study)
     if gains.inertia is None:
-        return [paragraph("kp [1/s²], kd [1/s]:"), _gain_table(gains, columns, idle, None, _gain_caption(gains)), kept]
+        return [paragraph(_units(columns)), _gain_table(gains, columns, None, _gain_caption(gains)), kept]
     words = (
         "The same, divided by what each joint has to move, J_m + J_L with J_L = 1/W_ii in the first state: kp [1/s²], kd [1/s]. Joints of "
         "one robot, and robots, can be compared in these."
     )
     return [
         paragraph("kp [N·m/rad], kd [N·m·s/rad]:"),
-        _gain_table(gains, columns, idle, None, _gain_caption(gains)),
+        _gain_table(gains, columns, None, _gain_caption(gains)),
         paragraph(words),
-        _gain_table(gains, columns, idle, gains.inertia, ""),
+        _gain_table(gains, columns, gains.inertia, ""),
         kept,
     ]
 
 
-def _idle(gains: RobotGains, study: RobotStudy) -> dict[str, set[int]]:
-    """By contact state, the task directions that no joint can move there: their gains do nothing."""
-    found: dict[str, set[int]] = {contact: set() for contact in gains.per_contact}
-    if gains.space == "task":
-        for contact in found:
-            dead = [
-                {k for k, row in enumerate(state.tasks.rows) if math.isnan(row.gain_limit)}
-                for state in study.states
-                if state.contact == contact and state.tasks is not None
-            ]
-            found[contact] = set.intersection(*dead) if dead else set()
-    return found
+def _units(columns: Sequence[Column]) -> str:
+    if any(one is not None and one.ki is not None for _, one in columns):
+        return "PD: kp [1/s²], kd [1/s]; P/PI: kp [1/s], kv [1/s], ki [1/s²]:"
+    return "kp [1/s²], kd [1/s]:"
 
 
-def _gain_table(gains: RobotGains, columns: Sequence[Column], idle: Mapping[str, set[int]], divisor: Floats | None, caption: str) -> Html:
-    """Rows: joints or directions; a pair of columns per set."""
+def _gain_table(gains: RobotGains, columns: Sequence[Column], divisor: Floats | None, caption: str) -> Html:
+    """Rows: joints or directions; two or three columns per set."""
+    cascade = any(one is not None and one.ki is not None for _, one in columns)
     headers = [gains.space if gains.space == "joint" else "direction"]
     for name, _ in columns:
-        headers += [f"{name}: kp", "kd"]
+        headers += [f"{name}: kp", *(("kd or kv", "ki") if cascade else ("kd",))]
     rows = []
     for k, part in enumerate(gains.names):
         scale = 1.0 if divisor is None else 1 / float(divisor[k])
-        pairs = (("–", "–") if k in idle.get(name, ()) else _pair(one, k, scale) for name, one in columns)
-        rows.append((part, *(cell for pair in pairs for cell in pair)))
-    if any(idle.values()):
-        caption += " A dash: no joint can move that direction there."
+        rows.append((part, *(cell for _, one in columns for cell in _cells(one, k, scale, cascade))))
+    known = [one for _, one in columns if one is not None]
+    if any(np.isnan(one.kp).any() for one in known):
+        caption += f" A dash: nothing can move that {headers[0]} there, so its gains do nothing."
     return table(headers, rows, caption)
 
 
-def _pair(gains: GainSet | None, k: int, scale: float) -> tuple[str, str]:
+def _cells(gains: GainSet | None, k: int, scale: float, cascade: bool) -> tuple[str, ...]:
     if gains is None:
-        return "none", "none"
-    return digits(scale * float(gains.kp[k])), digits(scale * float(gains.kd[k]))
+        return ("none",) * (3 if cascade else 2)
+    columns = (gains.kp, gains.kd) if gains.ki is None else (gains.kp, gains.kd, gains.ki)
+    return tuple(digits(scale * float(column[k])) for column in columns)
 
 
 def _gain_caption(gains: RobotGains) -> str:
-    # what is safe everywhere is safe here: a factor below 1 is the search's accuracy
-    known = {name: max(cost, 1.0) for name, cost in gains.cost.items() if math.isfinite(cost)}
+    known = {name: cost for name, cost in gains.cost.items() if math.isfinite(cost)}
     if gains.everywhere is None:
         return "No single set keeps the requirements in every state: change gains with the contacts."
     if not known:
@@ -195,6 +188,9 @@ def _kept_table(columns: Sequence[Column], spec: RobotSpec) -> Html:
     for name, one in columns:
         if one is None:
             rows.append((name, "–", "–", "–", "no scale of these gains keeps the requirements", "–"))
+            continue
+        if not one.moves:
+            rows.append((name, "–", "–", "–", "nothing moves there: gains do nothing", "–"))
             continue
         kept = one.kept
         margins = (

@@ -187,6 +187,10 @@ def _require_mass(body: RigidBody) -> None:
         culprits = massless(body.mass_matrix(q))
         if not culprits:
             return
+    if body.base == "floating" and body.model.inertias[1].mass < MASSLESS:
+        raise GainroomError(
+            f"{body.source}: the link of the floating base has no mass (singular mass matrix); give it some, or fix the base"
+        )
     base = body.nv - body.size
     names = [repr(body.joint_names[index - base]) for index in culprits if index >= base]
     what = f"joint{'s' * (len(names) > 1)} {listed(names)}" if names else "floating base"

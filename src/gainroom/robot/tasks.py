@@ -40,6 +40,8 @@ FRAMED = ("position", "orientation")
 # A direction counts as movable when the joints move it by more than this, relative to the task's most movable direction without contact.
 # Conflicts and singular legs come out at round-off (1e-13); a direction a million times harder to move than another is no task either.
 MOVABLE = 1e-6
+# A direction across what a task can move gets a torque of this share of the others' at most, by round-off.
+ROUND_OFF = 1e-10
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,6 +114,14 @@ class Tasks:
     ki: Floats
     cascade: Booleans
     warnings: tuple[str, ...]
+
+    @property
+    def movable(self) -> Booleans:
+        """(m,) False where the joints cannot move a direction, or tasks above it take all that could."""
+        torques = np.linalg.norm(self.torque, axis=0)
+        owners = np.repeat(np.arange(len(self.tasks)), [len(self.torque) if task.kind == "posture" else 3 for task in self.tasks])
+        largest = np.array([torques[owners == owner].max() for owner in owners])
+        return torques > ROUND_OFF * largest
 
     def joint_gains(self, kp: ArrayLike | None = None, kd: ArrayLike | None = None) -> tuple[Floats, Floats]:
         """Kpq, Kvq (n, n) [N m/rad, N m s/rad] of PD gains, eqs. (9) and (10).
@@ -222,7 +232,7 @@ def _stack(tasks: Sequence[Task], rows: Sequence[Floats], scales: Sequence[float
             beside = " beside the tasks above it" if start > len(row) else ""
             warnings.append(
                 f"task {task.name!r}: the joints can move {rank} of its {len(row)} directions in this posture and contact{beside}; "
-                "its gains act on those alone"
+                f"its gains {'act on those alone' if rank else 'do nothing there'}"
             )
     return force, tuple(warnings)
 

@@ -1,0 +1,182 @@
+"""What is known of a robot in each posture and contact state: the records that a study is made of."""
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .coupled import JointMargins
+from .coupled_gains import Kept
+from .limits import GainLimit
+from .loop import Loop
+from .robot_gains import RobotGains
+from .robot_spec import RobotSpec
+
+if TYPE_CHECKING:
+    from .robot.model import RobotModel
+    from .robot.tasks import Tasks
+
+STRONG = 0.5
+"""A joint takes part in a vibration where it moves by at least this share of the one that moves most."""
+
+
+@dataclass(frozen=True)
+class JointRow:
+    """One joint in one state.
+
+    link_inertia        1/W_ii: the load with every neighbour free [kg m²]; inf where the contacts hold the joint
+    participation       its part in the vibration at the limit, relative to the largest
+    single_joint_limit  factor on its gains if it were the only joint, with that load
+    limit_others_closed factor on its gains with all other loops as they are; NaN for an unstable robot
+    kp, kd              what the controller does on this joint alone: N m/rad, N m s/rad
+    kp_max, kd_max      largest, the other gains as they are; NaN where unstable, or the controller has none
+    """
+
+    name: str
+    link_inertia: float
+    participation: float
+    single_joint_limit: float
+    limit_others_closed: float
+    kp: float
+    kd: float
+    kp_max: float
+    kd_max: float
+
+
+@dataclass(frozen=True)
+class TaskRow:
+    """One direction of a task.
+
+    moves        False where no joint can move it in this state: its gains do nothing, and both limits are NaN
+    kp, kd       its own gains [1/s²], [1/s]; P/PI: [1/s], [1/s], with ki [1/s²]; ki None: PD
+    gain_limit   factor on them with no other direction closed; NaN where its gains are 0, and where it is not known
+    limit_others_closed   factor on them with all others as they are; NaN where the stack is unstable
+    """
+
+    name: str
+    direction: str
+    moves: bool
+    kp: float
+    kd: float
+    ki: float | None
+    gain_limit: float
+    limit_others_closed: float
+
+
+@dataclass(frozen=True)
+class TaskStudy:
+    """The operational space in one state: the limit of all tasks together (NaN where they move nothing), and each direction."""
+
+    tasks: "Tasks"
+    limit: GainLimit
+    rows: tuple[TaskRow, ...]
+
+    @property
+    def moves(self) -> bool:
+        """Whether any direction can be moved in this state."""
+        return any(row.moves for row in self.rows)
+
+
+@dataclass(frozen=True)
+class StateStudy:
+    """One posture in one contact state.
+
+    kept          what all loops together and each with the others closed keep of gain, phase and sensitivity
+    disk_margin   of all loops, each motor's torque multiplied by a factor of its own (multiloop_disk.py): how far gain and phase of all
+                  actuators may be off, independently of each other; NaN for an unstable robot
+    disk_margin_certified   proved between the frequencies that were looked at; None for an unstable robot
+    """
+
+    posture: str
+    contact: str
+    model: "RobotModel"
+    loop: Loop
+    margins: JointMargins
+    joints: tuple[JointRow, ...]
+    tasks: TaskStudy | None
+    kept: Kept
+    disk_margin: float
+    disk_margin_certified: bool | None
+
+    @property
+    def limit(self) -> GainLimit:
+        """Of the common factor on all gains; its numbers are NaN where only the verdict is known."""
+        return self.margins.limit
+
+    @property
+    def limiting_joints(self) -> tuple[str, ...]:
+        """Those that take part in the vibration at the limit, the strongest first."""
+        return limiting_joints(self.limit, self.model.joint_names)
+
+    @property
+    def title(self) -> str:
+        """For tables and messages."""
+        return f"{self.posture}, {self.contact}"
+
+
+@dataclass(frozen=True)
+class StillState:
+    """One posture in one contact state in which the gains move nothing: no loop is closed, so there is no verdict and no limit.
+
+    reason   why, in words
+    joints, tasks   their rows: all that depends on a loop is NaN
+    """
+
+    posture: str
+    contact: str
+    reason: str
+    joints: tuple[JointRow, ...]
+    tasks: TaskStudy | None
+
+    @property
+    def title(self) -> str:
+        """For tables and messages."""
+        return f"{self.posture}, {self.contact}"
+
+
+@dataclass(frozen=True)
+class RobotStudy:
+    """What `gainroom robot` tells.
+
+    states        in the file's order, those in which the gains move something: one or more
+    still         the others
+    recommended   by space
+    """
+
+    spec: RobotSpec
+    states: tuple[StateStudy, ...]
+    sentence: str
+    warnings: tuple[str, ...]
+    recommended: tuple[RobotGains, ...] = ()
+    still: tuple[StillState, ...] = ()
+
+    @property
+    def stable(self) -> bool:
+        """In every state in which the gains move something."""
+        return all(state.limit.stable for state in self.states)
+
+    @property
+    def tightest(self) -> StateStudy:
+        """The state with the least room."""
+        return min(self.states, key=lambda state: by_room(state.limit))
+
+    @property
+    def tightest_by_contact(self) -> tuple[StateStudy, ...]:
+        """Of each contact state the posture with the least room, in the file's order."""
+        contacts = dict.fromkeys(state.contact for state in self.states)
+        groups = ([state for state in self.states if state.contact == contact] for contact in contacts)
+        return tuple(min(group, key=lambda state: by_room(state.limit)) for group in groups)
+
+
+def by_room(limit: GainLimit) -> tuple[bool, float]:
+    """Sorts limits: unstable ones first, then the one with the least room. One that is not known (NaN) counts as far away."""
+    return limit.stable, math.inf if math.isnan(limit.gain) else limit.gain
+
+
+def limiting_joints(limit: GainLimit, names: tuple[str, ...]) -> tuple[str, ...]:
+    """The joints that take part in the vibration at a limit, the strongest first; none where there is no limit."""
+    if not math.isfinite(limit.frequency):
+        return ()
+    parts = np.abs(limit.mode)
+    return tuple(names[k] for k in np.argsort(-parts, kind="stable") if parts[k] >= STRONG * parts.max())

@@ -1,0 +1,149 @@
+"""The answer of a study in words: one sentence, and what a user should know or do."""
+
+import math
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from .limits import GainLimit
+from .robot_states import RobotStudy, StateStudy
+from .robustness import to_db
+from .study import CONTINUOUS
+
+COUPLED = 0.95
+"""Below this share of the tightest joint's own limit, coupling between joints costs something worth saying."""
+
+
+def sentence(study: RobotStudy) -> str:
+    """The answer in one sentence: verdict, room, frequency, joints, and what the coupling costs; more where something is not known."""
+    told = [_verdict(study)]
+    blind = _blind(study)
+    if blind:
+        told.append(f"In {listed(blind)} only the verdict is known, not how far the gains may go.")
+    if study.still:
+        told.append(f"In {listed([state.title for state in study.still])} {study.still[0].reason}.")
+    return " ".join(told)
+
+
+def _blind(study: RobotStudy) -> list[str]:
+    """The states whose limit is not known."""
+    return [state.title for state in study.states if math.isnan(state.limit.gain)]
+
+
+def _verdict(study: RobotStudy) -> str:
+    worst, count = study.tightest, len(study.states)
+    where = f"in posture {worst.posture}, contact {worst.contact}"
+    limit = worst.limit
+    act = " in which the gains act" if study.still else ""
+    every = f"{' in the one state' if act else ''}{act}" if count == 1 else f" in all {count} states{act}"
+    unstable = sum(not state.limit.stable for state in study.states)
+    if not unstable and _blind(study) and not math.isfinite(limit.gain):
+        return f"Stable{every}."
+    if not unstable and math.isinf(limit.gain):
+        return f"Stable{every}: no common factor on these gains makes the modelled robot vibrate."
+    at = f"{limit.frequency / (2 * math.pi):.3g} Hz ({limit.frequency:.4g} rad/s)"
+    joints = listed(worst.limiting_joints)
+    if not unstable:
+        return (
+            f"Stable{every}: these gains can be multiplied by {limit.gain:.3g} ({to_db(limit.gain):.3g} dB) before the robot vibrates, "
+            f"first {where}, at {at}, most of all {joints}{_coupling(worst)}."
+        )
+    start = f"Unstable{every}" if count == 1 else f"Unstable in {unstable} of {count} states{act}"
+    if math.isnan(limit.gain):
+        return f"{start}: with these gains the robot vibrates {where}."
+    if limit.gain > 0 and math.isfinite(limit.gain):
+        return (
+            f"{start}: with these gains the robot vibrates; {where} it is stable below {limit.gain:.3g} times them, where {joints} would "
+            f"vibrate at {at}{_coupling(worst)}."
+        )
+    return f"{start}: with these gains the robot does not settle {where}, and no common factor that lowers them makes it stable."
+
+
+def _coupling(state: StateStudy) -> str:
+    """What the joints cost each other, against the tightest of them alone."""
+    alone = min((row.single_joint_limit for row in state.joints if not math.isnan(row.single_joint_limit)), default=math.nan)
+    if state.limit.gain < COUPLED * alone:
+        return f"; joint by joint it would be {alone:.3g}: the coupling costs the rest"
+    return ""
+
+
+def listed(names: Sequence[str], most: int = 4) -> str:
+    """Names in a sentence, not too many."""
+    if len(names) > most:
+        return f"{', '.join(names[:most])} and {len(names) - most} more"
+    return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else "".join(names)
+
+
+def warnings(study: RobotStudy) -> tuple[str, ...]:
+    """What a user should know or do, each with the remedy."""
+    spec = study.spec
+    found = [*_unstable(study), *_still(study), *spec.warnings]
+    if spec.control.sample_time is None and any(drive.delay > 0 for drive in spec.drives):
+        found.append(CONTINUOUS)
+    found += _undamped(study)
+    for state in study.states:
+        if state.tasks is not None:
+            found += [f"{state.title}: {text}" for text in state.tasks.tasks.warnings]
+            if not state.tasks.limit.stable and spec.control.space == "joint":
+                found.append(f"{state.title}: the tasks' gains are unstable{_at_most(state.tasks.limit.gain)}")
+    found += unconfirmed(state.limit for state in study.states)
+    if not spec.uncertainty.names:
+        found.append("stiffness, damping, inertia and delay are taken as exact; give uncertainty: for gains that hold over a range")
+    return tuple(dict.fromkeys(found))
+
+
+def unconfirmed(limits: Iterable[GainLimit]) -> list[str]:
+    """A warning where a limit's certificate does not hold."""
+    if all(limit.certificate is None or limit.certificate.holds for limit in limits):
+        return []
+    return ["a limit could not be confirmed from both sides: treat it as an estimate and report the input"]
+
+
+def _unstable(study: RobotStudy) -> list[str]:
+    limit = study.tightest.limit
+    if limit.stable or not 0 < limit.gain < math.inf:
+        return []
+    return [f"these gains are unstable: multiply all of them by less than {limit.gain:.3g}"]
+
+
+def _still(study: RobotStudy) -> list[str]:
+    """The states without a verdict, and those whose verdict has no limit."""
+    found = []
+    if study.still:
+        remedy = "lock those joints, or check the contacts"
+        if study.spec.control.space == "task":
+            remedy = "control it in joint space or with a posture task, or leave it out"
+        reason = study.still[0].reason
+        titles = listed([state.title for state in study.still])
+        found.append(f"{titles}: {reason} in this contact state: no verdict and no limit there; {remedy}")
+    blind = _blind(study)
+    if blind:
+        found.append(
+            f"{listed(blind)}: the verdict is counted from the roots, but the loci could not be followed to a limit, so how far the gains "
+            "may go is not known; give undamped joints their damping, and gains of like size to joints that work together"
+        )
+    return found
+
+
+def _undamped(study: RobotStudy) -> list[str]:
+    """What springs without damping mean for the answer."""
+    actuators = study.spec.robot.actuators
+    if not np.any(np.isfinite(actuators.stiffness) & (actuators.damping == 0)):
+        return []
+    if study.spec.control.feedback == "link":
+        return [
+            "link-side feedback on undamped elastic joints: whether their resonances settle hangs on the lag of delay and drive alone, "
+            "and without lag they never do: measure damping, or close the loops on the motor side"
+        ]
+    if any(not state.limit.stable and state.limit.gain == 0 for state in study.states):
+        return [
+            "undamped elastic joints ring for ever where no gain reaches them, and vibrate where the lag of delay and drive turns torque "
+            "against their motion, at any gain: measure damping and give it"
+        ]
+    return []
+
+
+def _at_most(gain: float) -> str:
+    if math.isnan(gain):
+        return "; how far they would have to be lowered is not known"
+    return f"; they may be scaled by {gain:.3g} at most" if gain > 0 else ", and no factor that lowers them makes them stable"

@@ -1,0 +1,354 @@
+"""States in which the gains move nothing, and directions that nothing moves: told as what they are, beside the others as if alone."""
+
+import json
+import math
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+from pytest import approx
+
+import gainroom as gr
+from gainroom.audit import Audit, audit
+from gainroom.audit_config import AuditOptions, audit_spec
+from gainroom.cli import main
+from gainroom.coupled_gains import kept_by
+from gainroom.multiloop_disk import disk_margin_of
+from gainroom.report.robot import robot_page
+from gainroom.robot_config import parse_robot
+from gainroom.robot_gains import recommend_robot
+from gainroom.robot_study import RobotStudy, study_robot
+from refusals import assert_refused
+from robot_truths import hinge, link, write_robot
+
+LEG = """\
+model: {file: robot.urdf, base: floating}
+joints: {default: {motor_inertia: 0.5, stiffness: 5e3, damping: 2}}
+drive: {bandwidth: 3000, delay_ms: 2}
+postures: {bent: {hip: 0.4, knee: -0.8, ankle: 0.4}}
+contacts: {flight: [], stand: [foot]}
+control: {type: pd, space: task, feedback: motor}
+tasks: [{name: com, type: com, kp: [100, 100, 60], kd: [10, 10, 5]}]
+"""
+JOINTS = "control: {type: pd, feedback: motor, kp: 300, kd: 20}"
+HELD = """\
+model: {file: robot.urdf, base: fixed}
+joints: {default: {motor_inertia: 0.5}}
+drive: {bandwidth: 3000, delay_ms: 2}
+postures: {bent: {hip: 0.4, knee: -0.8, ankle: 0.4}}
+contacts: {free: [], held: [foot]}
+control: {type: pd, feedback: motor, kp: 300, kd: 20}
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A trunk on a leg that moves in a plane."""
+    path = tmp_path_factory.mktemp("leg")
+    links = (
+        link("base")
+        + link("trunk", 20.0, (0, 0, 0.2), (0.5, 0.5, 0.2))
+        + link("thigh", 4.0, (0, 0, -0.2), (0.1, 0.1, 0.01))
+        + link("shank", 3.0, (0, 0, -0.2), (0.05, 0.05, 0.01))
+        + link("foot", 1.0, (0.05, 0, -0.05), (0.01, 0.01, 0.01))
+    )
+    joints = (
+        hinge("seat", "base", "trunk", kind="fixed")
+        + hinge("hip", "trunk", "thigh")
+        + hinge("knee", "thigh", "shank", (0, 0, -0.4))
+        + hinge("ankle", "shank", "foot", (0, 0, -0.4))
+    )
+    write_robot(path, links, joints)
+    (path / "leg.yaml").write_text(LEG, "utf-8")
+    return path
+
+
+def studied(folder: Path, text: str, recommend: bool = False) -> RobotStudy:
+    return study_robot(parse_robot(text, "f", folder), recommend=recommend)
+
+
+@pytest.fixture(scope="module")
+def leg(folder: Path) -> RobotStudy:
+    return studied(folder, LEG, recommend=True)
+
+
+@pytest.fixture(scope="module")
+def without(folder: Path) -> RobotStudy:
+    """The same without the state in which nothing moves."""
+    return studied(folder, LEG.replace("flight: [], ", ""), recommend=True)
+
+
+def test_a_state_in_which_nothing_moves_is_apart(leg: RobotStudy, without: RobotStudy):
+    (state,), (alone,), (still,) = leg.states, without.states, leg.still
+    assert (still.title, still.reason) == ("bent, flight", "the tasks move nothing")
+    assert (state.limit.gain, state.limit.frequency, state.disk_margin) == (alone.limit.gain, alone.limit.frequency, alone.disk_margin)
+    assert state.joints == alone.joints
+    assert leg.stable == without.stable
+    assert not without.still
+    assert leg.sentence.endswith("In bent, flight the tasks move nothing.")
+    (warning,) = [text for text in leg.warnings if "bent, flight" in text]
+    for word in ("no verdict and no limit", "posture task"):
+        assert word in warning
+
+
+def test_gains_are_told_only_where_they_move_something(leg: RobotStudy, without: RobotStudy):
+    joint, task = leg.recommended
+    assert joint.per_contact["flight"] is not None  # the joints do move there
+    assert joint.per_contact["flight"].moves
+    flight, stand, everywhere = task.per_contact["flight"], task.per_contact["stand"], task.everywhere
+    assert flight is not None
+    assert not flight.moves
+    assert np.isnan([*flight.kp, *flight.kd, flight.kept.gain_margin]).all()
+    assert math.isnan(task.cost["flight"])
+    alone = without.recommended[1].everywhere
+    assert stand is not None
+    assert everywhere is not None
+    assert alone is not None
+    assert_array_equal(everywhere.kp, alone.kp)
+    assert np.isnan(everywhere.kp).tolist() == [False, True, False]  # the leg moves in the plane of x and z
+    assert everywhere.binding == "bent, stand"
+    assert everywhere.cases == 1
+
+
+@pytest.fixture
+def at_once(leg: RobotStudy, monkeypatch: pytest.MonkeyPatch):
+    """The command has studied the leg already."""
+    monkeypatch.setattr("gainroom.robot_study.study_robot", lambda spec, progress: leg)
+
+
+@pytest.mark.usefixtures("at_once")
+def test_json_keeps_its_keys(folder: Path, capsys: pytest.CaptureFixture[str]):
+    assert main(["robot", str(folder / "leg.yaml"), "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    flight, stand = facts["states"]
+    assert (flight["contact"], stand["contact"]) == ("flight", "stand")
+    assert flight.keys() == stand.keys()
+    assert (flight["moves"], stand["moves"]) == (False, True)
+    for key in ("stable", "gain_limit", "limit_frequency_rad_s", "disk_margin"):
+        assert flight[key] is None
+        assert stand[key] is not None
+    for name in ("joints", "tasks"):
+        assert [row.keys() for row in flight[name]] == [row.keys() for row in stand[name]]
+    assert [row["moves"] for row in flight["tasks"]] == [False] * 3
+    assert [row["moves"] for row in stand["tasks"]] == [True, False, True]
+    sets = {one["contact"]: one for one in facts["recommended"][1]["sets"]}
+    assert sets["flight"]["kp"] == sets["flight"]["kd"] == [None] * 3
+    assert sets["flight"]["moves"] is False
+    assert sets["everywhere"]["kp"][1] is None
+    assert sets["everywhere"]["kp"][0] > 0
+
+
+@pytest.mark.usefixtures("at_once")
+def test_terminal_and_page_say_it_in_words(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    report = tmp_path / "out.html"
+    assert main(["robot", str(folder / "leg.yaml"), "--report", str(report)]) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    assert max(map(len, out.splitlines())) <= 100
+    words = " ".join(out.split())
+    for text in ("bent, flight – – – – nothing moves –", "No gains for com y: nothing can move there", "Nothing moves in contact flight"):
+        assert text in words
+    page = report.read_text("utf-8")
+    for text in ("<td>bent,\u00a0flight</td><td>nothing moves</td>", "nothing moves there: gains do nothing", "no loop is closed"):
+        assert text in page
+
+
+def test_joint_control_with_idle_tasks(folder: Path):
+    """The joints are judged in every state, the tasks in those where they move something."""
+    study = studied(folder, LEG.replace(LEG.splitlines()[5], JOINTS))
+    assert not study.still
+    assert [state.tasks is not None and state.tasks.moves for state in study.states] == [False, True]
+    assert "The tasks move nothing in bent, flight" in robot_page(study, "again")
+
+
+def test_contacts_that_hold_every_joint(folder: Path):
+    study = studied(folder, HELD, recommend=True)
+    assert ([state.contact for state in study.states], [state.contact for state in study.still]) == (["free"], ["held"])
+    assert study.sentence.endswith("In bent, held no joint that has gains can move.")
+    (gains,) = study.recommended
+    assert {name: one is not None and one.moves for name, one in gains.per_contact.items()} == {"free": True, "held": False}
+    assert gains.everywhere is not None
+    assert np.isfinite(gains.everywhere.kp).all()
+
+
+def test_nothing_moves_anywhere(folder: Path):
+    text = LEG.replace("flight: [], stand: [foot]", "flight: []")
+    assert_refused(lambda: studied(folder, text), ["f: the tasks move nothing in any posture and contact state"])
+
+
+def test_a_direction_without_gains_has_no_limit(folder: Path):
+    """Control along z alone: the same limit whether x is in the task without gains, or its gains do nothing."""
+    (state,) = studied(folder, LEG.replace("[100, 100, 60]", "[0, 100, 60]").replace("[10, 10, 5]", "[0, 10, 5]")).states
+    assert state.tasks is not None
+    x, y, z = state.tasks.rows
+    assert (x.moves, y.moves, z.moves) == (True, False, True)
+    assert math.isnan(x.gain_limit)
+    assert math.isnan(x.limit_others_closed)
+    assert z.gain_limit == approx(state.limit.gain, rel=1e-9)
+    assert z.limit_others_closed == approx(state.limit.gain, rel=1e-6)  # sampled and polished on another curve
+
+
+def test_the_one_safe_set_never_costs_less_than_nothing(folder: Path):
+    """What is safe in all states is safe in each, though every search stops within 2 %."""
+    contacts = "flight: [], stand: [foot], toe: [{frame: foot, type: point}], knee: [shank]"
+    text = LEG.replace("flight: [], stand: [foot]", contacts).replace(LEG.splitlines()[5], JOINTS) + "limits: {gain_margin_db: 6}\n"
+    gains = recommend_robot(parse_robot(text, "f", folder))
+    assert min(gains.cost.values()) >= 1
+    assert max(gains.cost.values()) > 1.05  # or nothing was tried
+    for one in gains.per_contact.values():
+        assert one is not None
+        assert one.kept.gain_margin >= 10 ** (6 / 20)
+
+
+def test_cascade_gains_are_those_that_were_checked(folder: Path):
+    """Put back into the tasks, recommended P/PI gains keep what is said of them."""
+    text = LEG.replace("type: pd", "type: ppi").replace("kp: [100, 100, 60], kd: [10, 10, 5]", "kp: 10, kv: [10, 10, 4], ki: 5")
+    text = text.replace("flight: [], ", "")
+    study = studied(folder, text, recommend=True)
+    (state,), spec = study.states, study.spec
+    found = study.recommended[1].everywhere
+    assert found is not None
+    assert found.ki is not None
+    tasks = spec.robot.tasks(state.model)
+    gains = {name: np.nan_to_num(getattr(found, name)) for name in ("kp", "kd", "ki")}
+    kept = kept_by(spec.loop(state.model, spec.shaped(replace(tasks, **gains).controller())))
+    assert kept == found.kept
+
+
+ARM = """\
+model: {file: robot.urdf, base: fixed}
+joints: {default: {motor_inertia: 0.5, stiffness: 2e5}}
+drive: {bandwidth: 3000, delay_ms: 2}
+postures: {bent: {hip: 0.3, knee: -0.8}}
+control: {type: pd, feedback: link, kp: 1, kd: 0.4}
+tasks: [{name: trunk, type: posture, kp: 200, kd: 20}]
+"""
+
+
+def test_a_limit_that_cannot_be_followed_leaves_the_verdict(folder: Path):
+    """Undamped springs, small gains: the verdict is that of the roots, whether or not a limit is found beside it."""
+    (state,) = studied(folder, ARM.replace("joints: {", "joints: {locked: [ankle], ")).states
+    assert state.limit.stable == (gr.rightmost_roots(state.loop, 8).roots.real < 0).all()
+
+
+def test_what_is_not_known_is_said(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    def lost(loop: gr.Loop) -> None:
+        raise gr.GainroomError("the loci could not be followed")
+
+    alone = LEG.replace("flight: [], ", "")
+    for text in (alone, alone.replace("delay_ms: 2", "delay_ms: 200")):
+        (folder / "lost.yaml").write_text(text, "utf-8")
+        monkeypatch.undo()
+        word = "Stable" if studied(folder, text).stable else "Unstable"
+        for name in ("joint_margins", "gain_limit"):
+            monkeypatch.setattr(f"gainroom.robot_study.{name}", lost)
+        study = studied(folder, text)
+        (state,) = study.states
+        assert state.limit.stable == (word == "Stable") == (text == alone)
+        assert math.isnan(state.limit.gain)
+        assert study.sentence.startswith(word)
+        assert study.sentence.endswith("In bent, stand only the verdict is known, not how far the gains may go.")
+        assert any("counted from the roots" in warning for warning in study.warnings)
+        page = robot_page(study, "again")
+        assert not re.search(r">nan\b|\bnan<|>∞ ×", page[page.index("<body") :])
+        monkeypatch.setattr("gainroom.robot_study.study_robot", lambda spec, progress, study=study: study)
+        assert main(["robot", str(folder / "lost.yaml"), "--json"]) == (word == "Unstable")
+        (told,) = json.loads(capsys.readouterr().out)["states"]
+        assert (told["stable"], told["gain_limit"], told["limit_certified"]) == (word == "Stable", None, False)
+        assert main(["robot", str(folder / "lost.yaml")]) == (word == "Unstable")
+        assert "nan" not in capsys.readouterr().out
+
+
+def test_disk_margin_is_that_of_the_motors_torques(folder: Path):
+    """A stack that moves everything: the margin of D P, each torque with a factor of its own; opened at the positions it is another."""
+    stack = "tasks: [{name: com, type: com, kp: [10, 1, 10], kd: [0.5, 1, 5]}, {name: rest, type: posture, kp: 0.5, kd: 1}]"
+    text = (
+        LEG.replace("base: floating", "base: fixed").replace(LEG.splitlines()[-1], stack).replace("flight: [], stand: [foot]", "free: []")
+    )
+    (state,) = studied(folder, text).states
+    loop = state.loop
+    assert loop.parts is not None
+    control = loop.parts.controller
+
+    def at_torques(omega: np.ndarray) -> np.ndarray:
+        s = 1j * omega
+        return control.matrix(s, s, loop.size, None) @ loop.actuated_response(omega)
+
+    omega = np.geomspace(1e-2, 1e4, 400)
+    assert state.disk_margin_certified
+    assert state.disk_margin == approx(disk_margin_of(at_torques, omega).margin, rel=2e-3)  # certified and sampled, each to a thousandth
+    assert state.disk_margin != approx(disk_margin_of(loop.response, omega).margin, rel=0.02)
+
+
+def test_what_each_state_keeps(folder: Path, leg: RobotStudy, at_once: None, capsys: pytest.CaptureFixture[str]):
+    (state,) = leg.states
+    assert state.kept == kept_by(state.loop)
+    assert main(["robot", str(folder / "leg.yaml"), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)["states"][1]
+    assert 10 ** (told["kept"]["gain_margin_db"] / 20) == approx(state.kept.gain_margin)
+    assert told["kept"]["phase_margin_deg"] == approx(math.degrees(state.kept.phase_margin))
+    assert told["kept"]["peak_sensitivity"] == state.kept.peak_sensitivity
+    assert told["disk_margin_certified"] is state.disk_margin_certified
+
+
+@pytest.mark.parametrize(("certified", "shown"), [(True, " 0.25 "), (False, " ~0.25 ")])
+def test_a_disk_margin_that_is_not_certified_says_so(
+    folder: Path, leg: RobotStudy, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], certified: bool, shown: str
+):
+    (state,) = leg.states
+    study = replace(leg, states=(replace(state, disk_margin=0.25, disk_margin_certified=certified),))
+    monkeypatch.setattr("gainroom.robot_study.study_robot", lambda spec, progress: study)
+    main(["robot", str(folder / "leg.yaml")])
+    assert shown in capsys.readouterr().out
+    page = robot_page(study, "again")
+    assert ("<td>0.25, not certified</td>" in page) == (not certified)
+    assert f"proved between frequencies, too, in {'all' if certified else '0 of 1'} stable states" in page
+
+
+def audited(folder: Path, *contacts: str) -> Audit:
+    (folder / "gains.yaml").write_text('".*": {kp: 300, kd: 20}', "utf-8")
+    options = AuditOptions(2.0, motor_inertia=0.5, base="fixed", contacts=contacts)
+    return audit(audit_spec(str(folder / "robot.urdf"), folder / "gains.yaml", options))
+
+
+def test_audit_says_where_contacts_hold_every_joint(folder: Path, capsys: pytest.CaptureFixture[str]):
+    free, held = audited(folder), audited(folder, "thigh", "shank", "foot")
+    assert held.still == (("zero", "contact"),)
+    assert (held.safe, held.joints, held.delay_limit) == (free.safe, free.joints, free.delay_limit)
+    assert any("contact: no joint that has gains can move" in warning for warning in held.warnings)
+    call = ["audit", str(folder / "robot.urdf"), "--gains", str(folder / "gains.yaml"), "--delay-ms", "2", "--base", "fixed"]
+    call += ["--motor-inertia", "0.5", "--contact", "thigh", "--contact", "shank", "--contact", "foot"]
+    assert main([*call, "--json"]) == 0
+    first, second = json.loads(capsys.readouterr().out)["states"]
+    assert first.keys() == second.keys()
+    assert (first["moves"], second["moves"], second["stable"]) == (True, False, None)
+    assert main(call) == 0
+    assert "contact – nothing moves – –" in " ".join(capsys.readouterr().out.split())
+
+
+def test_audit_without_a_limit_is_not_safe(folder: Path, monkeypatch: pytest.MonkeyPatch):
+    def lost(loop: gr.Loop) -> None:
+        raise gr.GainroomError("the loci could not be followed")
+
+    monkeypatch.setattr("gainroom.robot_study.joint_margins", lost)
+    result = audited(folder)
+    assert result.worst.limit.stable
+    assert not result.safe
+    assert "how far these gains may go in free is not known" in result.sentence
+
+
+@pytest.mark.parametrize("resonance", [300.0, 600.0, 900.0, 1500.0, 2000.0, 3000.0])
+@pytest.mark.parametrize("delay", [0.0, 2e-3])
+def test_lag_decides_about_an_undamped_spring_under_link_side_feedback(resonance: float, delay: float):
+    """At small gains the pole at jω_r moves by minus the residue of L = K D e^{−sT}/(J_m J_l s² (s² + ω_r²)): by hand, no current loop."""
+    motor, load, kp, kd = 0.5, 0.8, 9.0, 0.4
+    stiffness = resonance**2 / (1 / motor + 1 / load)
+    joint = gr.ElasticJoint(motor, load, stiffness, 0.0)
+    loop = gr.build_loop(joint, gr.Drive(delay=delay), gr.PD(kp, kd), feedback="link")
+    s = 1j * resonance
+    residue = stiffness * (kp + kd * s) * np.exp(-s * delay) / (motor * load * s**2 * 2 * s)
+    assert gr.is_stable(loop) == (residue.real > 0)
+    assert delay or residue.real < 0
