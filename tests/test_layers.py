@@ -21,6 +21,7 @@ LAYERS = (
     ("statespace", "sampling"),
     ("lti",),
     ("crossings", "acceleration", "sampled_scan"),
+    ("assembly",),
     ("loop",),
     ("stability", "region_curves", "_disk_modes"),
     ("calm",),

@@ -7,13 +7,14 @@ poles and exact delay; for any n it also has a state space with the delayed chan
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .arrays import Booleans, Complexes, Floats, Integers
-from .controller import PD, PID, PPI, Compensator, Controller, gain_matrix
+from .assembly import Feedback, Parts, actuated_state, controller_state, current_loop
+from .controller import PD, PID, PPI, Compensator, gain_matrix
 from .drive import Drive
 from .errors import GainroomError, require_count, require_finite, require_positive
 from .factored import Factored, ratio
@@ -22,19 +23,7 @@ from .plant import ElasticJoint, Plant
 from .sampling import sample
 from .statespace import StateSpace, factored, hold, realize, split_delay
 
-Feedback = Literal["motor", "link"]
 NO_GAIN = 1e-11  # of the largest gain: less is what round-off leaves of none, and spoils eigenvectors
-
-
-@dataclass(frozen=True)
-class Parts:
-    """What a loop was built from."""
-
-    plant: Plant
-    drives: tuple[Drive, ...]
-    controller: Controller
-    feedback: Feedback
-    sample_time: float | None
 
 
 @dataclass(frozen=True)
@@ -74,7 +63,7 @@ class Loop:
     @cached_property
     def open_loop(self) -> StateSpace | None:
         """From torque command to controller output without `delays` (in sampled time they are states); None for callables."""
-        return self.given if self.parts is None else _controller_state(self.parts) @ _body(self.parts)
+        return self.given if self.parts is None else controller_state(self.parts) @ _body(self.parts)
 
     @cached_property
     def bends(self) -> Complexes:
@@ -165,10 +154,8 @@ class Loop:
         """Torque command → measured positions with hold, current loops and the delays beyond whole ticks."""
         assert self.parts is not None
         assert self.sample_time is not None
-        body = _actuated_state(self.parts)
         _, fraction = split_delay(np.array([drive.delay for drive in self.parts.drives]), self.sample_time)
-        positions = StateSpace(body.a, body.b, body.c[: self.size], body.d[: self.size])
-        return hold(positions, fraction * self.sample_time, self.sample_time)
+        return hold(_measured(self.parts, "position"), fraction * self.sample_time, self.sample_time)
 
     def response(self, omega: ArrayLike) -> Complexes:
         """L(jω), or L(e^{jωT_s}), at omega [rad/s] (k,): (k,) for n = 1, else (k, n, n)."""
@@ -311,41 +298,28 @@ def _unstable(poles: Complexes, sample_time: float | None) -> Booleans:
 
 
 def _body(parts: Parts) -> StateSpace:
-    """Torque command (n) → measured positions and velocities (2n); sampled exactly, delays included, where there is a sample time."""
-    body = _actuated_state(parts)
+    """Torque command (n) → measured positions, then what velocity is made from (2n): velocities, or in sampled time positions again.
+
+    Sampled exactly, delays included, where there is a sample time.
+    """
     if parts.sample_time is None:
-        return body
-    return hold(body, np.array([drive.delay for drive in parts.drives]), parts.sample_time)
+        return _measured(parts, "position", "velocity")
+    return hold(_measured(parts, "position", "position"), np.array([drive.delay for drive in parts.drives]), parts.sample_time)
 
 
-def _actuated_state(parts: Parts) -> StateSpace:
-    """Current loops and plant: torque command (n) → measured positions, then velocities (2n)."""
-    form = parts.plant.mechanism()
-    states = len(form.mass)
-    inverse = np.linalg.inv(form.mass)
-    a = np.block([[np.zeros((states, states)), np.eye(states)], [-inverse @ form.stiffness, -inverse @ form.damping]])
-    b = np.vstack([np.zeros((states, parts.plant.size)), inverse @ form.force])
-    position = form.motor_position if parts.feedback == "motor" else form.link_position
-    nothing = np.zeros_like(position)
-    body = StateSpace(a, b, np.block([[position, nothing], [nothing, position]]), np.zeros((2 * parts.plant.size, parts.plant.size)))
-    currents = StateSpace.gain(np.zeros((0, 0)))
-    for drive in parts.drives:
-        currents = currents.beside(StateSpace.gain(np.eye(1)) if drive.is_ideal else realize(_current_loop(drive)))
-    return body @ currents
-
-
-def _current_loop(drive: Drive) -> Factored:
-    """C of eq. (3)."""
-    if drive.is_ideal:
-        return ratio([1.0], [1.0])
-    w = drive.bandwidth
-    return ratio([w * w], [1.0, 2 * drive.damping_ratio * w, w * w])
+def _measured(parts: Parts, *quantities: str) -> StateSpace:
+    """Torque command (n), not delayed → what is measured, "position" or "velocity" (n each)."""
+    size = parts.plant.size
+    first = {"position": 0, "velocity": 2 * size}
+    side = 0 if parts.feedback == "motor" else size
+    rows = [first[quantity] + side + np.arange(size) for quantity in quantities]
+    return actuated_state(parts.plant, parts.drives).between(np.arange(size), np.concatenate(rows))
 
 
 def _actuated_scalar(parts: Parts) -> Factored:
     """P C e^{−sT} of one joint from the exact polynomials of eq. (2), sampled exactly where there is a sample time."""
     plant, drive = parts.plant, parts.drives[0]
-    continuous = _joint_transfer(plant, parts.feedback) * _current_loop(drive)
+    continuous = _joint_transfer(plant, parts.feedback) * current_loop(drive)
     if parts.sample_time is None:
         return Factored(continuous.zeros, continuous.poles, continuous.gain, drive.delay)
     ticks, fraction = split_delay(drive.delay, parts.sample_time)
@@ -384,55 +358,3 @@ def _resting_transfer(plant: Plant, feedback: Feedback) -> Factored:
     poles = np.linalg.eigvals(a)
     poles[np.abs(poles) < 1e-6 * np.abs(poles).max()] = 0.0  # a joint free to turn: its double integrator comes out to half the digits
     return factored(system, poles, None)
-
-
-def _controller_state(parts: Parts) -> StateSpace:
-    """Measured positions and velocities (2n) → torque command (n), for any filters and gain matrices."""
-    size, step, controller = parts.plant.size, parts.sample_time, parts.controller
-    terms = {powers: gain_matrix(f"gain {powers}", gain, size) for powers, gain in controller.terms().items()}
-    nothing = np.zeros((size, size))
-    # v: what the velocity gains act on; sampled controllers difference the position, continuous ones see the velocity itself
-    if step is None:
-        velocity = StateSpace.gain(np.eye(1))
-        if controller.velocity_filter is not None:
-            velocity = realize(ratio(*controller.velocity_filter.polynomials(None)))
-        pick = np.hstack([nothing, np.eye(size)])
-    else:
-        velocity = realize(ratio(*controller.velocity(step), step))
-        pick = np.hstack([np.eye(size), nothing])
-    position = StateSpace.gain(np.hstack([np.eye(size), nothing]))
-    signals = _stacked(position, velocity.repeated(size) @ StateSpace.gain(pick))
-    direct = np.hstack([terms.get((0, 0), nothing), terms.get((1, 0), nothing)])
-    integral = np.hstack([terms.get((0, 1), nothing), terms.get((1, 1), nothing)])
-    sum_of_terms = StateSpace.gain(direct)
-    if np.any(integral):
-        start = 0.0 if step is None else step  # backward Euler passes the newest value through
-        memory = StateSpace(np.zeros((size, size)), np.eye(size), np.eye(size), start * np.eye(size))
-        sum_of_terms = sum_of_terms + memory @ StateSpace.gain(integral)
-    shaping = controller.shaping(step)
-    if shaping.relative_degree >= 0:
-        return realize(shaping).repeated(size) @ sum_of_terms @ signals
-    return _improper(shaping, sum_of_terms, size)
-
-
-def _stacked(first: StateSpace, second: StateSpace) -> StateSpace:
-    """Same input to both, outputs stacked."""
-    split = StateSpace.gain(np.vstack([np.eye(first.b.shape[1]), np.eye(first.b.shape[1])]))
-    return first.beside(second) @ split
-
-
-def _improper(shaping: Factored, sum_of_terms: StateSpace, size: int) -> StateSpace:
-    """A continuous controller with one more zero than poles: a multiple of the velocity plus a proper rest."""
-    if shaping.relative_degree < -1 or shaping.sample_time is not None or len(sum_of_terms.a):
-        raise GainroomError(
-            f"controller: {len(shaping.zeros)} zeros and {len(shaping.poles)} poles; at most one zero more than poles is allowed in "
-            "continuous time, and none more in sampled time"
-        )
-    # D = gain·Π(s − z)/Π(s − p) = gain·s + rest; `rest` has its numerator one degree lower
-    numerator, denominator = np.real(np.poly(shaping.zeros)), np.real(np.poly(shaping.poles))
-    rest = shaping.gain * np.polysub(numerator, np.polymul([1.0, 0.0], denominator))
-    proper = realize(ratio(rest, denominator)).repeated(size)
-    direct = sum_of_terms.d[:, :size]
-    nothing = np.zeros((size, size))
-    by_position = StateSpace.gain(direct) @ proper @ StateSpace.gain(np.hstack([np.eye(size), nothing]))
-    return by_position + StateSpace.gain(np.hstack([nothing, shaping.gain * direct]))

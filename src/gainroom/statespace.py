@@ -46,6 +46,10 @@ class StateSpace:
         eye = np.eye(count)
         return StateSpace(*(np.kron(eye, part) for part in (self.a, self.b, self.c, self.d)))
 
+    def between(self, inputs: Integers, outputs: Integers) -> "StateSpace":
+        """The same system with these inputs and outputs only, in this order."""
+        return StateSpace(self.a, self.b[:, inputs], self.c[outputs], self.d[np.ix_(outputs, inputs)])
+
     def beside(self, other: "StateSpace") -> "StateSpace":
         """Both side by side: inputs and outputs stacked."""
         return StateSpace(*(_block_diagonal(getattr(self, name), getattr(other, name)) for name in "abcd"))
@@ -138,7 +142,7 @@ def hold(system: StateSpace, delays: Floats, sample_time: float) -> StateSpace:
     """`system` (continuous, strictly proper) behind a zero-order hold and one delay per input, sampled exactly, in v = δ.
 
     delays (inputs,) [s]: any value; the part beyond whole ticks changes the torque between samples (Åström and Wittenmark, Computer-
-    Controlled Systems, sec. 2.3), whole ticks become a chain of 1/(1 + T_s δ) = 1/z.
+    Controlled Systems, sec. 2.3), whole ticks become a chain of 1/(1 + T_s δ) = 1/z. The states of `system` come last.
     """
     from scipy.linalg import expm
 
