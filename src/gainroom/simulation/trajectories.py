@@ -1,0 +1,255 @@
+"""Reference signals as functions of time: step, spline, chirp, multisine; each for n joints, with velocity and acceleration.
+
+Every signal holds still outside its own time; a step has no velocity at its edge.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..arrays import Floats
+from ..errors import GainroomError, require_count, require_finite, require_positive
+
+NANOSECOND = 1e-9  # the 600th tick of 0.5 ms is at 0.3 s, also where its product is rounded down
+
+
+class Trajectory:
+    """A function of time t [s] (k,) with values (k, n) in the unit of what it stands for: rad, or N m for a torque."""
+
+    @property
+    def size(self) -> int:
+        """n; 1 goes with any number of joints."""
+        raise NotImplementedError
+
+    def position(self, time: ArrayLike) -> Floats:
+        """The value at `time` (k,): (k, n)."""
+        return self.motion(time)[0]
+
+    def velocity(self, time: ArrayLike) -> Floats:
+        """Its first derivative: (k, n)."""
+        return self.motion(time)[1]
+
+    def acceleration(self, time: ArrayLike) -> Floats:
+        """Its second derivative: (k, n)."""
+        return self.motion(time)[2]
+
+    def motion(self, time: ArrayLike) -> tuple[Floats, Floats, Floats]:
+        """(position, velocity, acceleration) at `time` (k,), each (k, n)."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class Step(Trajectory):
+    """`base` before `start` [s], `base` + `height` from then on; both numbers or (n,). With height 0: a constant."""
+
+    height: Any = 1.0
+    start: float = 0.0
+    base: Any = 0.0
+
+    def __post_init__(self) -> None:
+        _start("step", self)
+        _complete(self, "step", "height", "base")
+
+    @property
+    def size(self) -> int:
+        return len(self.height)
+
+    def motion(self, time: ArrayLike) -> tuple[Floats, Floats, Floats]:
+        after = _column(time) >= self.start - NANOSECOND
+        still = np.zeros((len(after), self.size))
+        return self.base + self.height * after, still, still.copy()
+
+
+@dataclass(frozen=True)
+class Spline(Trajectory):
+    """Through points at given times, starting and ending at rest.
+
+    times    (p,) [s], rising
+    points   (p,) or (p, n)
+    order    3: cubic, 5: quintic; a quintic starts and ends without acceleration too
+    pause    come to rest at every point; else run through them with as many continuous derivatives as the order has room for
+
+    Between two points these are the usual 3τ² − 2τ³ and 10τ³ − 15τ⁴ + 6τ⁵.
+    """
+
+    times: Any
+    points: Any
+    order: int = 3
+    pause: bool = False
+
+    def __post_init__(self) -> None:
+        times = require_finite("spline", "times", self.times)
+        points = require_finite("spline", "points", self.points)
+        points = points[:, None] if points.ndim == 1 else points
+        if times.ndim != 1 or len(times) < 2 or np.any(np.diff(times) <= 0):
+            raise GainroomError(f"spline: times {times.tolist()} must be two or more, rising")
+        if points.ndim != 2 or len(points) != len(times):
+            raise GainroomError(f"spline: points of shape {np.shape(self.points)} must be one row for each of {len(times)} times")
+        if self.order not in (3, 5):
+            raise GainroomError(f"spline: order {self.order!r} must be 3 or 5")
+        object.__setattr__(self, "times", times)
+        object.__setattr__(self, "points", points)
+        object.__setattr__(self, "_curves", self._interpolated())
+
+    @classmethod
+    def move(cls, by: ArrayLike, duration: float, start: float = 0.0, order: int = 3, base: ArrayLike = 0.0) -> "Spline":
+        """From `base` to `base` + `by` (numbers or (n,)) in `duration` [s], beginning at `start` [s]."""
+        require_positive("spline", "duration", duration, "s")
+        begin, way = np.broadcast_arrays(np.atleast_1d(require_finite("spline", "base", base)), require_finite("spline", "by", by))
+        return cls((start, start + duration), np.stack([begin, begin + way]), order)
+
+    @property
+    def size(self) -> int:
+        return self.points.shape[1]
+
+    def _interpolated(self) -> tuple[Any, Any, Any]:
+        """The curve and its first two derivatives."""
+        from scipy.interpolate import BPoly, make_interp_spline
+
+        still = range(1, (self.order + 1) // 2)  # derivatives that are 0 at rest
+        if self.pause:
+            rows = np.stack([self.points, *(np.zeros_like(self.points) for _ in still)], axis=1)
+            curve: Any = BPoly.from_derivatives(self.times, rows)
+        else:
+            rest = [(derivative, np.zeros(self.size)) for derivative in still]
+            curve = make_interp_spline(self.times, self.points, k=self.order, bc_type=(rest, rest))  # type: ignore[arg-type]
+        return curve, curve.derivative(1), curve.derivative(2)
+
+    def motion(self, time: ArrayLike) -> tuple[Floats, Floats, Floats]:
+        t = _column(time)
+        inside = np.clip(t[:, 0], self.times[0], self.times[-1])
+        moving = (t >= self.times[0]) & (t <= self.times[-1])
+        position, velocity, acceleration = (curve(inside) for curve in self._curves)  # type: ignore[attr-defined]
+        return position, velocity * moving, acceleration * moving
+
+
+@dataclass(frozen=True)
+class Chirp(Trajectory):
+    """amplitude · sin φ(t) with a frequency that sweeps from `first` to `last` [rad/s] in `duration` [s], then stops where it is.
+
+    amplitude   a number or (n,); all joints move in phase
+    sweep       "linear": ω changes by the same amount every second; "exponential": by the same factor
+    """
+
+    amplitude: Any
+    first: float
+    last: float
+    duration: float
+    sweep: str = "linear"
+    start: float = 0.0
+    base: Any = 0.0
+
+    def __post_init__(self) -> None:
+        for name, unit in (("first", "rad/s"), ("last", "rad/s"), ("duration", "s")):
+            require_positive("chirp", name, getattr(self, name), unit)
+        if self.sweep not in ("linear", "exponential"):
+            raise GainroomError(f"chirp: sweep {self.sweep!r} must be 'linear' or 'exponential'")
+        _start("chirp", self)
+        _complete(self, "chirp", "amplitude", "base")
+
+    @property
+    def size(self) -> int:
+        return len(self.amplitude)
+
+    def motion(self, time: ArrayLike) -> tuple[Floats, Floats, Floats]:
+        t = _column(time) - self.start
+        moving = (t >= 0) & (t <= self.duration)
+        t = np.clip(t, 0.0, self.duration)
+        growth = math.log(self.last / self.first) / self.duration
+        if self.sweep == "linear" or growth == 0:
+            rate = (self.last - self.first) / self.duration
+            omega, change = self.first + rate * t, np.full_like(t, rate)
+            phase = (self.first + rate * t / 2) * t
+        else:
+            omega = self.first * np.exp(growth * t)
+            phase, change = self.first * np.expm1(growth * t) / growth, growth * omega
+        sine, cosine = np.sin(phase), np.cos(phase)
+        return (
+            self.base + self.amplitude * sine,
+            self.amplitude * (omega * cosine * moving),
+            self.amplitude * ((change * cosine - omega**2 * sine) * moving),
+        )
+
+
+@dataclass(frozen=True)
+class Multisine(Trajectory):
+    """Σ amplitude_m · sin(ω_m t + φ_m) from `start` [s] on, with phases drawn from `seed`, other ones for every joint.
+
+    frequencies   ω (m,) [rad/s]
+    amplitudes    a number, (m,), or (m, n)
+    joints        n, where the amplitudes do not say
+
+    The sum begins at 0, so the loop is not struck: its value at `start` is taken off.
+    """
+
+    frequencies: Any
+    amplitudes: Any
+    seed: int = 0
+    joints: int = 1
+    start: float = 0.0
+    base: Any = 0.0
+
+    def __post_init__(self) -> None:
+        require_count("multisine", "seed", self.seed, 0)
+        require_count("multisine", "joints", self.joints, 1)
+        _start("multisine", self)
+        frequencies = np.atleast_1d(require_finite("multisine", "frequencies", self.frequencies))
+        if frequencies.ndim != 1 or np.any(frequencies <= 0):
+            raise GainroomError(f"multisine: frequencies {frequencies.tolist()} must be > 0 rad/s, in one row")
+        amplitudes = require_finite("multisine", "amplitudes", self.amplitudes)
+        amplitudes = amplitudes[:, None] if amplitudes.ndim == 1 else amplitudes
+        columns = amplitudes.shape[1] if amplitudes.ndim == 2 and amplitudes.shape[1] > 1 else self.joints
+        try:
+            amplitudes = np.broadcast_to(amplitudes, (len(frequencies), columns))
+        except ValueError as error:
+            raise GainroomError(
+                f"multisine: amplitudes of shape {np.shape(self.amplitudes)} must be a number or one row for each of "
+                f"{len(frequencies)} frequencies"
+            ) from error
+        object.__setattr__(self, "frequencies", frequencies)
+        object.__setattr__(self, "amplitudes", amplitudes)
+        object.__setattr__(self, "base", _values("multisine", "base", self.base, columns))
+        phases = np.random.default_rng(self.seed).uniform(0, 2 * np.pi, amplitudes.shape)
+        object.__setattr__(self, "_phases", phases)
+
+    @property
+    def size(self) -> int:
+        return self.amplitudes.shape[1]
+
+    def motion(self, time: ArrayLike) -> tuple[Floats, Floats, Floats]:
+        t = _column(time) - self.start
+        moving = t >= 0
+        omega, phases = self.frequencies[:, None], self._phases  # type: ignore[attr-defined]
+        angle = omega * np.maximum(t, 0.0)[:, :, None] + phases
+        sine, cosine = np.sin(angle), np.cos(angle)
+        position = self.base + (self.amplitudes * (sine - np.sin(phases))).sum(axis=1)
+        velocity, acceleration = (self.amplitudes * omega * cosine).sum(axis=1), -(self.amplitudes * omega**2 * sine).sum(axis=1)
+        return position, velocity * moving, acceleration * moving
+
+
+def _column(time: ArrayLike) -> Floats:
+    """`time` as (k, 1)."""
+    return np.atleast_1d(np.asarray(time, dtype=float))[:, None]
+
+
+def _start(owner: str, signal: Any) -> None:
+    if require_finite(owner, "start", signal.start).ndim:
+        raise GainroomError(f"{owner}: start {signal.start!r} must be one number")
+
+
+def _complete(signal: Any, owner: str, *names: str) -> None:
+    """Make the named values (n,) arrays of one length."""
+    values = [np.atleast_1d(require_finite(owner, name, getattr(signal, name))) for name in names]
+    size = max(len(value) for value in values)
+    for name, value in zip(names, values, strict=True):
+        object.__setattr__(signal, name, _values(owner, name, value, size))
+
+
+def _values(owner: str, name: str, value: ArrayLike, size: int) -> Floats:
+    value = np.atleast_1d(require_finite(owner, name, value))
+    if value.shape not in ((1,), (size,)):
+        raise GainroomError(f"{owner}: {name} of shape {value.shape} must be a number or {size} numbers")
+    return np.broadcast_to(value, (size,))
