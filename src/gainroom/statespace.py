@@ -168,22 +168,22 @@ def hold(system: StateSpace, delays: Floats, sample_time: float) -> StateSpace:
     if len(late):
         # Inputs that change between samples enter twice: now, and with their value of one tick ago.
         both = StateSpace(a, np.hstack([now, before[:, late]]) / sample_time, system.c, np.zeros((len(system.c), inputs + len(late))))
-        tick = _tick(sample_time).repeated(len(late))
+        tick = _ticks(1, sample_time).repeated(len(late))
         pick = np.eye(inputs)[late]
         split = StateSpace(tick.a, tick.b @ pick, np.vstack([np.zeros((inputs, len(late))), tick.c]), np.vstack([np.eye(inputs), 0 * pick]))
         plain = both @ split
     chain = StateSpace.gain(np.zeros((0, 0)))
     for count in ticks:
-        line = StateSpace.gain(np.eye(1))
-        for _ in range(count):
-            line = _tick(sample_time) @ line
-        chain = chain.beside(line)
+        chain = chain.beside(_ticks(count, sample_time))
     return plain @ chain
 
 
-def _tick(sample_time: float) -> StateSpace:
-    """One tick of delay, 1/(1 + T_s δ)."""
-    return StateSpace(np.array([[-1 / sample_time]]), np.array([[1 / sample_time]]), np.ones((1, 1)), np.zeros((1, 1)))
+def _ticks(count: int, sample_time: float) -> StateSpace:
+    """`count` ticks of delay, each 1/(1 + T_s δ)."""
+    if count == 0:
+        return StateSpace.gain(np.eye(1))
+    a = (np.eye(count, k=-1) - np.eye(count)) / sample_time
+    return StateSpace(a, np.eye(count, 1) / sample_time, np.eye(1, count, count - 1), np.zeros((1, 1)))
 
 
 def zeros_of(system: StateSpace) -> Complexes:

@@ -9,7 +9,6 @@ taken as straight between two points. The error falls with the square of the ste
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +16,9 @@ import numpy as np
 from ..arrays import Complexes, Floats
 from ..errors import GainroomError
 from ..loop import Loop
+from ..simulation.scenario import Scenario
+from ..simulation.simulate import simulate
+from ..simulation.trajectories import Step
 from ..stability import rightmost_roots
 from ..statespace import StateSpace, realize
 
@@ -87,21 +89,9 @@ def _horizon(roots: Complexes) -> float:
 
 def _sampled(loop: Loop, step: float, count: int) -> tuple[Floats, Floats]:
     """`count` ticks of the exact discrete loop: (z, position), (count + 1,) each."""
-    assert loop.actuated is not None
-    both = _joined(loop, step, _stepped)
-    late = round(loop.actuated.delay / step)  # whole ticks, which the plant's part leaves out and the loop's has as states
-    table = np.zeros((count + 1, 2))
-    command = np.zeros(count + 1 + late)
-    state = np.zeros(len(both.a))
-    for k in range(count + 1):
-        free = both.c @ state
-        # z = c x + d u with u = 1 − z
-        table[k, 0] = (free[0] + both.d[0, 0]) / (1 + both.d[0, 0])
-        command[k + late] = 1 - table[k, 0]
-        now = np.array([command[k + late], command[k]])
-        table[k, 1] = free[1] + both.d[1] @ now
-        state = both.a @ state + both.before @ now
-    return table[:, 0], table[:, 1]
+    reference = simulate(loop, Scenario(Step(1.0), count * step, reference_velocity=True, limit=math.inf))
+    disturbance = simulate(loop, Scenario(0.0, count * step, feedforward=1.0, limit=math.inf))
+    return reference.measured[:, 0], disturbance.measured[:, 0]
 
 
 def _delayed(loop: Loop, step: float, late: int, count: int) -> tuple[Floats, Floats]:
@@ -109,7 +99,7 @@ def _delayed(loop: Loop, step: float, late: int, count: int) -> tuple[Floats, Fl
 
     One delay at a time is one product.
     """
-    both = _joined(loop, step, _ramped)
+    both = _joined(loop, step)
     block = _Block.of(both, late)
     state, sent = np.zeros(len(both.a)), np.zeros(late)
     rows = []
@@ -161,18 +151,13 @@ class _Recursion:
     d: Floats
 
 
-def _joined(loop: Loop, step: float, convert: Callable[[StateSpace, float], _Recursion]) -> _Recursion:
+def _joined(loop: Loop, step: float) -> _Recursion:
     """Loop (command → z) and plant (command → position) side by side, each with its own input."""
     assert loop.open_loop is not None
     assert loop.actuated is not None
     part = loop.open_loop
     scaled = StateSpace(part.a, part.b, loop.gain * part.c, loop.gain * part.d)
-    return convert(scaled.beside(realize(loop.actuated)), step)
-
-
-def _stepped(system: StateSpace, tick: float) -> _Recursion:
-    """One tick of a system in δ."""
-    return _Recursion(np.eye(len(system.a)) + tick * system.a, tick * system.b, 0 * system.b, system.c, system.d)
+    return _ramped(scaled.beside(realize(loop.actuated)), step)
 
 
 def _ramped(system: StateSpace, step: float) -> _Recursion:

@@ -1,0 +1,156 @@
+"""What came of a run, tick by tick, and the numbers that sum it up."""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from ..arrays import Floats
+from ..errors import GainroomError
+from ..loop import Feedback
+
+SETTLED = 0.02  # of the move: the usual band of the settling time
+LAST = 0.1  # of the run: what the steady state is averaged over
+LOGGED = ("target_torque", "demand_torque", "actual_torque", "motor_position", "link_position")
+"""The columns of a log beside time, in their order."""
+
+
+@dataclass(frozen=True)
+class Response:
+    """One row per tick, joint side, SI.
+
+    time             (k,) [s]
+    reference        (k, n) x_d [rad]
+    motor_position, link_position   (k, n) where the two sides are [rad]
+    motor_reading, link_reading     (k, n) what their encoders say [rad]
+    target_torque    (k, n) what the controller asks for [N m]
+    demand_torque    (k, n) what has arrived at the current loop: the target, delayed and limited
+    actual_torque    (k, n) what the current loop has made of it
+    sample_time      [s]
+    feedback         the side that the controller measures
+    joint_names      (n,)
+    diverged_at      [s] when a joint passed the scenario's limit, which ended the run; None where none did
+    """
+
+    time: Floats
+    reference: Floats
+    motor_position: Floats
+    link_position: Floats
+    motor_reading: Floats
+    link_reading: Floats
+    target_torque: Floats
+    demand_torque: Floats
+    actual_torque: Floats
+    sample_time: float
+    feedback: Feedback
+    joint_names: tuple[str, ...]
+    diverged_at: float | None = None
+
+    @property
+    def diverged(self) -> bool:
+        """True where the run ended because a joint went out of bounds."""
+        return self.diverged_at is not None
+
+    @property
+    def measured(self) -> Floats:
+        """(k, n) what the controller saw [rad]."""
+        return self.motor_reading if self.feedback == "motor" else self.link_reading
+
+    @property
+    def error(self) -> Floats:
+        """(k, n) x_d − x on the side that is fed back, true position [rad]."""
+        return self.reference - (self.motor_position if self.feedback == "motor" else self.link_position)
+
+    def columns(self) -> dict[str, Floats]:
+        """What a log holds: `time` (k,), then each of LOGGED (k, n); positions as the encoders read them."""
+        return {
+            "time": self.time,
+            "target_torque": self.target_torque,
+            "demand_torque": self.demand_torque,
+            "actual_torque": self.actual_torque,
+            "motor_position": self.motor_reading,
+            "link_position": self.link_reading,
+        }
+
+
+def cut(response: Response, limit: float, ticks: int) -> Response:
+    """`response` up to where it diverges, if it does.
+
+    That is before the first row in which a position lies beyond `limit` [rad] or a number is not finite, or where fewer than `ticks` rows
+    came, before the first that did not.
+    """
+    good = np.ones(ticks, dtype=bool)
+    good[len(response.time) :] = False
+    for name in ("motor_position", "link_position", "target_torque", "actual_torque"):
+        bound = limit if name.endswith("position") else np.finfo(float).max
+        good[: len(response.time)] &= (np.abs(getattr(response, name)) <= bound).all(axis=1)  # nan is not <= anything
+    if good.all():
+        return response
+    end = int(np.argmin(good))
+    rows = {name: getattr(response, name)[:end] for name in _rows()}
+    return replace(response, **rows, diverged_at=float(response.time[0] + end * response.sample_time))
+
+
+def joined(parts: Iterable[Response]) -> Response:
+    """Parts of one run, one after the other. Raises GainroomError where there is none."""
+    parts = list(parts)
+    if not parts:
+        raise GainroomError("a response needs at least one part")
+    rows = {name: np.concatenate([getattr(part, name) for part in parts]) for name in _rows()}
+    return replace(parts[-1], **rows)
+
+
+def _rows() -> list[str]:
+    """The fields with one row per tick."""
+    others = ("sample_time", "feedback", "joint_names", "diverged_at")
+    return [field.name for field in fields(Response) if field.name not in others]
+
+
+@dataclass(frozen=True)
+class Tracking:
+    """How the side that is fed back follows its reference; each (n,).
+
+    rms, peak       of x_d − x over the whole run [rad]
+    steady_state    mean of x_d − x over the last tenth of the run [rad]
+    overshoot       furthest beyond the final reference, as a part of the way there from where x began; nan where there is no way
+    settling_time   from the reference's first change until x stays within 2 % of that way around the final reference [s]; inf where it
+                    does not until the end, nan where there is no way
+    """
+
+    rms: Floats
+    peak: Floats
+    steady_state: Floats
+    overshoot: Floats
+    settling_time: Floats
+
+
+def track(response: Response) -> Tracking:
+    """The numbers of a run, however it ended."""
+    error = response.error
+    last = max(1, round(LAST * len(error)))
+    over, settled = np.transpose([_arrival(response, joint) for joint in range(error.shape[1])])
+    return Tracking(
+        rms=np.sqrt(np.mean(error**2, axis=0)),
+        peak=np.abs(error).max(axis=0),
+        steady_state=error[-last:].mean(axis=0),
+        overshoot=over,
+        settling_time=settled,
+    )
+
+
+def _arrival(response: Response, joint: int) -> tuple[float, float]:
+    """(overshoot, settling time) of one joint."""
+    reference = response.reference[:, joint]
+    position = reference - response.error[:, joint]
+    way = reference[-1] - position[0]
+    if way == 0:
+        return math.nan, math.nan
+    beyond = (position - reference[-1]) / way  # −1 at the start, 0 at the goal
+    outside = np.flatnonzero(np.abs(beyond) > SETTLED)
+    if len(outside) and outside[-1] == len(beyond) - 1:
+        return max(0.0, float(beyond.max())), math.inf
+    moved = np.flatnonzero(reference != reference[0])
+    begin = response.time[moved[0]] if len(moved) else response.time[0]
+    end = response.time[outside[-1] + 1] if len(outside) else begin
+    return max(0.0, float(beyond.max())), max(0.0, float(end - begin))

@@ -1,0 +1,146 @@
+"""What happens to a loop: where it starts, where it is to go, what disturbs it; evaluated tick by tick."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ..arrays import Floats
+from ..controller import PPI
+from ..errors import GainroomError, require_count, require_finite, require_positive
+from ..loop import Loop
+from ..statespace import split_delay
+from .trajectories import Step, Trajectory
+
+DIVERGED = 1e4  # [rad] further than any joint turns, and far from where a double overflows
+
+
+@dataclass(frozen=True)
+class Start:
+    """The state at t = 0: positions [rad] and velocities [rad/s] of both sides, each a number or (n,).
+
+    None: positions where the reference was before t = 0, velocities 0. Until t = 0 everything had stood still there; current loops and
+    delay lines hold no torque, integrators are empty. A velocity given here is a kick.
+    """
+
+    motor_position: Any = None
+    link_position: Any = None
+    motor_velocity: Any = None
+    link_velocity: Any = None
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """One run.
+
+    reference           x_d [rad]: a Trajectory, a number, or (k, n) values, one row per tick (held before the first, after the last)
+    duration            [s]
+    reference_velocity  True: velocity gains act on the velocity error, D (x_d − x) as in eq. (4) of Jung et al. 2017; False: on the
+                        measured velocity only; None: False for the P/PI cascade, as its Fig. 13, True for every other controller
+    feedforward         torque added to the target torque [N m]; eq. (4)'s d
+    motor_torque, link_torque   torques on either side of the gearbox from outside, held from tick to tick [N m]
+    noise               standard deviation of the measured position [rad], a number or (n,)
+    seed                of the noise
+    start               see Start
+    limit               a joint further away than this has diverged, which ends the run [rad]
+
+    Torques as reference: a Trajectory, a number, or (k, n) values.
+    """
+
+    reference: Any
+    duration: float
+    reference_velocity: bool | None = None
+    feedforward: Any = 0.0
+    motor_torque: Any = 0.0
+    link_torque: Any = 0.0
+    noise: Any = 0.0
+    seed: int = 0
+    start: Start = field(default_factory=Start)
+    limit: float = DIVERGED
+
+    def __post_init__(self) -> None:
+        require_positive("scenario", "duration", self.duration, "s")
+        require_positive("scenario", "limit", self.limit, "rad", infinite=True)
+        require_count("scenario", "seed", self.seed, 0)
+        if np.any(require_finite("scenario", "noise", self.noise) < 0):
+            raise GainroomError(f"scenario: noise {self.noise!r} must be >= 0 rad")
+        for name in ("reference", "feedforward", "motor_torque", "link_torque"):
+            value = getattr(self, name)
+            if isinstance(value, Trajectory):
+                continue
+            value = require_finite("scenario", name, value)
+            if value.ndim > 2 or value.size == 0:
+                raise GainroomError(f"scenario: {name} of shape {value.shape} must be a Trajectory, a number, or (ticks, n) values")
+            object.__setattr__(self, name, Step(0.0, base=value) if value.ndim == 0 else value.reshape(len(value), -1))
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """What enters the loop at k ticks in a row, each (k, n).
+
+    reference   what position gains compare with the measured position [rad]
+    motion      what the controller's differences compare with it [rad]
+    feedforward, motor_torque, link_torque   [N m]
+    noise       added to the measured position [rad]
+    """
+
+    reference: Floats
+    motion: Floats
+    feedforward: Floats
+    motor_torque: Floats
+    link_torque: Floats
+    noise: Floats
+
+
+class Signals:
+    """A scenario's inputs in the order of time, a block of ticks after the other."""
+
+    def __init__(self, scenario: Scenario, loop: Loop) -> None:
+        assert loop.parts is not None
+        assert loop.sample_time is not None
+        self.scenario, self.size, self.sample_time = scenario, loop.size, loop.sample_time
+        whole, fraction = split_delay(scenario.duration, self.sample_time)
+        self.ticks = int(whole) + (1 if fraction > 0 else 0)
+        self.before = self._at(scenario.reference, "reference", -1, 1)[0]
+        follows = scenario.reference_velocity
+        self._follows = not isinstance(loop.parts.controller, PPI) if follows is None else follows
+        self._random = np.random.default_rng([scenario.seed, 0])
+        self._noise = self._per_joint("noise", scenario.noise)
+
+    def start(self) -> tuple[Floats, Floats, Floats, Floats]:
+        """Motor and link positions, then their velocities, each (n,)."""
+        given = self.scenario.start
+        names = ("motor_position", "link_position", "motor_velocity", "link_velocity")
+        missing = (self.before, self.before, 0.0, 0.0)
+        values = [
+            self._per_joint(f"start.{name}", other if getattr(given, name) is None else getattr(given, name))
+            for name, other in zip(names, missing, strict=True)
+        ]
+        return values[0], values[1], values[2], values[3]
+
+    def block(self, first: int, count: int) -> Inputs:
+        """The inputs of ticks `first` to `first` + `count`; blocks must follow one another, for the noise is drawn as time passes."""
+        scenario = self.scenario
+        reference = self._at(scenario.reference, "reference", first, count)
+        torques = {name: self._at(getattr(scenario, name), name, first, count) for name in ("feedforward", "motor_torque", "link_torque")}
+        noise = self._noise * self._random.standard_normal((count, self.size)) if self._noise.any() else np.zeros((count, self.size))
+        # Differences of a constant are zero: taking the past off leaves the velocity, and filters that start empty are at rest.
+        motion = reference - self.before if self._follows else np.zeros_like(reference)
+        return Inputs(reference, motion, noise=noise, **torques)
+
+    def _at(self, signal: Any, name: str, first: int, count: int) -> Floats:
+        if isinstance(signal, Step) and not signal.height.any():
+            values = signal.base[None]  # most disturbances are none
+        elif isinstance(signal, Trajectory):
+            values = signal.position((first + np.arange(count)) * self.sample_time)
+        else:
+            values = signal[np.clip(first + np.arange(count), 0, len(signal) - 1)]
+        if values.shape[1] not in (1, self.size):
+            raise GainroomError(f"scenario: {name} for {values.shape[1]} joints does not fit a loop of {self.size}")
+        return np.broadcast_to(values, (count, self.size))
+
+    def _per_joint(self, name: str, value: Any) -> Floats:
+        value = require_finite("scenario", name, value)
+        if value.shape not in ((), (1,), (self.size,)):
+            raise GainroomError(f"scenario: {name} of shape {value.shape} must be a number or {self.size} numbers")
+        return np.broadcast_to(value, (self.size,)).astype(float)

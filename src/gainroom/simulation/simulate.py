@@ -1,0 +1,37 @@
+"""A loop or a testbed through a scenario: all at once, or block after block."""
+
+from collections.abc import Iterator
+
+from ..errors import GainroomError
+from ..loop import Loop
+from .response import Response, cut, joined
+from .scenario import Scenario, Signals
+from .stepping import LinearStepper
+
+BLOCK = 2000  # ticks
+
+
+def simulate(loop: Loop, scenario: Scenario) -> Response:
+    """The whole run.
+
+    loop      sampled, built with gainroom.build_loop: stepped exactly
+
+    Raises GainroomError where loop and scenario do not go together.
+    """
+    return joined(stream(loop, scenario))
+
+
+def stream(loop: Loop, scenario: Scenario, block: int = BLOCK) -> Iterator[Response]:
+    """The run in parts of `block` ticks, as they are computed; ends early where the loop diverges, which the last part says."""
+    if loop.parts is None or loop.sample_time is None:
+        raise GainroomError("simulation needs a loop built with build_loop and a sample_time: the controller works tick by tick")
+    signals = Signals(scenario, loop)
+    stepper = LinearStepper(loop, signals)
+    first, total = 0, signals.ticks + 1  # both ends of the run are rows
+    while first < total:
+        count = min(block, total - first)
+        part = cut(stepper.advance(signals.block(first, count), first), scenario.limit, count)
+        yield part
+        if part.diverged:
+            return
+        first += count

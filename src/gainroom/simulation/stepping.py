@@ -1,0 +1,164 @@
+"""The sampled linear loop, tick by tick, without an integrator: what lies between two ticks is a matrix exponential.
+
+Plant, current loops and delays are sampled exactly (statespace.hold), whatever the delay; with the controller they make one matrix A,
+and a run is x_{k+1} = A x_k + f_k. The reference enters as the controller's equation says:
+
+    u = D (x_d − x)                          eq. (4) of Jung et al. 2017, PD and PID: velocity gains act on the velocity error
+    u = (Kv + Ki/s)(Kp (x_d − x) − ẋ)        Fig. 13, P/PI
+
+with velocities formed from positions by the controller's own difference and filter, the reference's likewise.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ..arrays import Floats
+from ..assembly import actuated_state, controller_state
+from ..errors import GainroomError
+from ..loop import Loop
+from ..statespace import StateSpace, hold, split_delay
+from .response import Response
+from .scenario import Inputs, Signals
+
+SHORT = 5000  # ticks of a run that numpy steps sooner than numba is loaded
+HUGE = 1e150  # states beyond are about to overflow
+
+
+class LinearStepper:
+    """A sampled loop of n joints, built from parts, at some tick. Raises GainroomError where it cannot start as the scenario says."""
+
+    def __init__(self, loop: Loop, signals: Signals) -> None:
+        parts, step = loop.parts, loop.sample_time
+        assert parts is not None
+        assert step is not None
+        self.loop, self.size = loop, loop.size
+        size, delays = self.size, np.array([drive.delay for drive in parts.drives])
+        body = hold(actuated_state(parts.plant, parts.drives), np.concatenate([delays, np.zeros(2 * size)]), step)
+        control = controller_state(parts)
+        control = StateSpace(control.a, control.b, loop.gain * control.c, loop.gain * control.d)
+        self._system = _closed(body, control, parts.feedback, size)
+        self._transition = np.eye(len(self._system.a)) + step * self._system.a
+        self._entry = step * self._system.b
+        self.ideal = np.array([drive.is_ideal for drive in parts.drives])
+        whole, fraction = split_delay(delays, step)
+        self.late = whole + (fraction > 0)  # a torque that comes between two ticks is there at the second
+        self._sent = np.zeros((max(self.late), size))
+        self._state = np.zeros(len(self._system.a))
+        self._state[: len(body.a)] = self._at_rest(len(body.a), signals)
+        self._offset: Floats | None = None
+        self._short = signals.ticks <= SHORT
+
+    def _at_rest(self, states: int, signals: Signals) -> Floats:
+        """The body's states at the scenario's start."""
+        assert self.loop.parts is not None
+        form = self.loop.parts.plant.mechanism()
+        motor, link, motor_rate, link_rate = signals.start()
+        sides = np.vstack([form.motor_position, form.link_position])
+        state = np.zeros(states)
+        for name, values, place in (
+            ("position", np.concatenate([motor, link]), states - 2 * sides.shape[1]),
+            ("velocity", np.concatenate([motor_rate, link_rate]), states - sides.shape[1]),
+        ):
+            coordinates = np.linalg.lstsq(sides, values, rcond=None)[0]
+            if not np.allclose(sides @ coordinates, values, rtol=0, atol=1e-9 * max(1.0, np.abs(values).max())):
+                raise GainroomError(f"scenario: start.motor_{name} and start.link_{name} are not possible together for this plant")
+            state[place : place + sides.shape[1]] = coordinates
+        return state
+
+    def advance(self, inputs: Inputs, first: int) -> Response:
+        """The rows of the next ticks, of which the first has number `first`; rows past the first number that is not finite are left out."""
+        assert self.loop.parts is not None
+        assert self.loop.sample_time is not None
+        if self._offset is None:  # the difference's first past is the first reading
+            side = slice(0, self.size) if self.loop.parts.feedback == "motor" else slice(self.size, 2 * self.size)
+            self._offset = (self._system.c @ self._state)[side] + inputs.noise[0]
+        entering = np.hstack(
+            [
+                inputs.reference - inputs.noise,
+                inputs.motion - inputs.noise + self._offset,
+                inputs.feedforward,
+                inputs.motor_torque,
+                inputs.link_torque,
+            ]
+        )
+        states = np.empty((len(entering) + 1, len(self._state)))
+        states[0] = self._state
+        count = (recur if self._short else _compiled())(self._transition.T.copy(), entering @ self._entry.T, states)
+        self._state = states[count]
+        return self._rows(states[: min(count + 1, len(entering))], entering, inputs, first)
+
+    def _rows(self, states: Floats, entering: Floats, inputs: Inputs, first: int) -> Response:
+        """A response from states (k, m)."""
+        parts, step, size, count = self.loop.parts, self.loop.sample_time, self.size, len(states)
+        assert parts is not None
+        assert step is not None
+        output = states @ self._system.c.T + entering[:count] @ self._system.d.T
+        motor, link, actual, target = (output[:, k * size : (k + 1) * size] for k in (0, 1, 4, 5))
+        demand = self._delayed(target)
+        noise = inputs.noise[:count]
+        return Response(
+            time=step * (first + np.arange(count)),
+            reference=inputs.reference[:count],
+            motor_position=motor,
+            link_position=link,
+            motor_reading=motor + noise if parts.feedback == "motor" else motor,
+            link_reading=link + noise if parts.feedback == "link" else link,
+            target_torque=target,
+            demand_torque=demand,
+            actual_torque=np.where(self.ideal, demand, actual),
+            sample_time=step,
+            feedback=parts.feedback,
+            joint_names=parts.plant.joint_names,
+        )
+
+    def _delayed(self, target: Floats) -> Floats:
+        """What has arrived of `target` (k, n) at each tick."""
+        longest = len(self._sent)
+        history = np.vstack([self._sent, target])
+        self._sent = history[len(history) - longest :]
+        rows = np.arange(len(target))[:, None] + longest - self.late
+        return history[rows, np.arange(self.size)]
+
+
+def recur(transposed: Floats, forcing: Floats, states: Floats) -> int:
+    """Fill states (k + 1, m) from states[0] by x⁺ = A x + f, with A transposed (m, m) and f (k, m).
+
+    Returns the number of steps made: k, or fewer where the next state is beyond HUGE (that one is not counted).
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        for k in range(len(forcing)):
+            np.dot(states[k], transposed, out=states[k + 1])
+            states[k + 1] += forcing[k]
+        beyond = ~(np.abs(states[1:]) < HUGE).all(axis=1)
+    return int(np.argmax(beyond)) if beyond.any() else len(forcing)
+
+
+def _compiled() -> Callable[[Floats, Floats, Floats], int]:
+    """The same, some ten times faster, from the first run that is long enough to wait for it."""
+    from ._stepping import recur
+
+    return recur
+
+
+def _closed(body: StateSpace, control: StateSpace, feedback: str, size: int) -> StateSpace:
+    """The loop closed.
+
+    Inputs (5n): what position gains act on and what velocity is made from, both without the measurement; torque added to the target;
+    torques on motors and links. Outputs (6n): those of actuated_state, then the target torque. The body's states come first.
+    """
+    measured = body.c[:size] if feedback == "motor" else body.c[size : 2 * size]
+    nothing = np.zeros((size, size))
+    # target = C x_c + D (signals − [x; x]) + feedforward
+    target_state = np.hstack([-control.d @ np.vstack([measured, measured]), control.c])
+    target_input = np.hstack([control.d, np.eye(size), nothing, nothing])
+    torques = np.zeros((2 * size, 5 * size))
+    torques[:, 3 * size :] = np.eye(2 * size)
+    to_body_input = np.vstack([target_input, torques])
+    body_a = np.hstack([body.a, np.zeros((len(body.a), len(control.a)))]) + body.b[:, :size] @ target_state
+    control_a = np.hstack([-control.b @ np.vstack([measured, measured]), control.a])
+    signals = np.eye(2 * size, 5 * size)
+    # Behind an ideal current loop the actual torque is the demanded one, which the delay makes; it has no row here.
+    c = np.vstack([np.hstack([body.c, np.zeros((len(body.c), len(control.a)))]), target_state])
+    d = np.vstack([np.zeros((len(body.c), 5 * size)), target_input])
+    return StateSpace(np.vstack([body_a, control_a]), np.vstack([body.b @ to_body_input, control.b @ signals]), c, d)

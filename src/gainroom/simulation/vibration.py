@@ -1,0 +1,127 @@
+"""The dominant oscillation in a signal: its frequency and its growth rate.
+
+Matrix pencil (Hua and Sarkar 1990): a signal that is a sum of p damped or growing exponentials makes a Hankel matrix of rank p, whose
+row space turns by the poles from one column to the next. Singular values at the level of the noise are dropped (Gavish and Donoho 2014).
+"""
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..arrays import Complexes, Floats
+from ..errors import GainroomError, require_finite, require_positive
+
+if TYPE_CHECKING:
+    from .response import Response
+
+LAGS = 100  # columns of the Hankel matrix at most
+LONGEST = 4000  # samples from the end that are looked at
+SHORTEST = 24
+NOISE = 2.858  # times the median singular value: what is noise in a square matrix; in a tall one even a little less
+PERIODS = 1.5  # that the window must hold of an oscillation
+SIGNIFICANT = 4.0  # times what the strongest of all frequencies explains in white noise
+FLOOR = 1e-12  # of the signal's largest value: rounding
+
+
+@dataclass(frozen=True)
+class Vibration:
+    """frequency [rad/s]; growth_rate [1/s], negative where it dies away; amplitude at the end of the signal, in its unit."""
+
+    frequency: float
+    growth_rate: float
+    amplitude: float
+
+
+def vibration(signal: ArrayLike, sample_time: float) -> Vibration | None:
+    """The oscillation that is strongest in the last third of `signal` (k,) or (k, n), of which at most 4000 samples are used.
+
+    None where there is nothing that oscillates for at least one and a half periods and stands out of the noise.
+    """
+    require_positive("vibration", "sample_time", sample_time, "s")
+    table = require_finite("vibration", "signal", signal)
+    table = table[:, None] if table.ndim == 1 else table
+    if table.ndim != 2:
+        raise GainroomError(f"vibration: signal of shape {table.shape} must be (k,) or (k, n)")
+    table = table[-LONGEST:]
+    scale = np.abs(table).max(initial=0.0)
+    if len(table) < SHORTEST or scale == 0:
+        return None
+    table = table / scale
+    table = table - table.mean(axis=0)
+    rates = _poles(table, 1)
+    found = _strongest(table, rates)
+    if found is None:
+        return None
+    # Once more, with lags that span about a twelfth of a period each: noise then shifts the pole far less.
+    stride = min(int(2 * math.pi / found[0].imag / 12), len(table) // (3 * 12))
+    if stride > 1:
+        finer = _unfolded(_poles(table, stride), stride, found[0])
+        if abs(finer - found[0]) < 0.1 * abs(found[0]):
+            others = rates[(rates != found[0]) & (rates != found[0].conjugate())]
+            found = _strongest(table, np.append(others, [finer, finer.conjugate()])) or found
+    rate, amplitude = found
+    if amplitude < FLOOR:
+        return None
+    return Vibration(abs(rate.imag) / sample_time, rate.real / sample_time, float(amplitude * scale))
+
+
+def response_vibration(response: "Response") -> Vibration | None:
+    """Of the tracking error after the reference has come to rest, or where it moves to the end, of the last half of the run."""
+    moving = np.flatnonzero((np.diff(response.reference, axis=0) != 0).any(axis=1))
+    begin = int(moving[-1]) + 1 if len(moving) else 0
+    if len(response.time) - begin < max(SHORTEST, len(response.time) // 10):
+        begin = len(response.time) // 2
+    return vibration(response.error[begin:], response.sample_time)
+
+
+def _poles(table: Floats, stride: int) -> Complexes:
+    """Rates ln(z) per sample of the exponentials in `table` (k, n), from lags of `stride` samples; imaginary parts within ±π/stride."""
+    lags = max(2, min(LAGS, len(table) // (3 * stride)))
+    rows = len(table) - lags * stride
+    places = np.arange(rows)[:, None] + stride * np.arange(lags + 1)
+    hankel = np.concatenate(list(table.T[:, places]))
+    _, sizes, right = np.linalg.svd(hankel, full_matrices=False)
+    rounding = max(hankel.shape) * np.finfo(float).eps * sizes[0]
+    rank = int(np.count_nonzero(sizes > max(NOISE * float(np.median(sizes)), rounding)))
+    if rank == 0:
+        return np.zeros(0, dtype=complex)
+    space = right[: min(rank, lags)].T
+    turn = np.linalg.lstsq(space[:-1], space[1:], rcond=None)[0]
+    z = np.linalg.eigvals(turn).astype(complex)
+    return np.log(z[np.abs(z) > 1e-6]) / stride
+
+
+def _unfolded(rates: Complexes, stride: int, near: complex) -> complex:
+    """That of `rates`, moved by whole turns of 2π/stride, which is closest to `near`."""
+    turn = 2 * math.pi / stride
+    moved = rates + 1j * turn * np.round((near.imag - rates.imag) / turn)
+    return complex(moved[np.argmin(np.abs(moved - near))]) if len(moved) else 0j
+
+
+def _strongest(table: Floats, rates: Complexes) -> tuple[complex, float] | None:
+    """(rate per sample, amplitude at the end) of the oscillation with most energy in the last third; None where none is significant."""
+    count, upper, others = len(table), rates[rates.imag > 0], rates[rates.imag == 0]
+    if not len(upper):
+        return None
+    shapes, pairs = _shapes(upper, count), len(upper)
+    basis = np.hstack([shapes.real, shapes.imag, _shapes(others, count).real, np.ones((count, 1))])
+    weights = np.linalg.lstsq(basis, table, rcond=1e-12)[0]
+    left_over = table - basis @ weights
+    squares = (weights[:pairs] ** 2 + weights[pairs : 2 * pairs] ** 2) / 2
+    swing = np.abs(shapes) ** 2
+    explained, latest = swing.sum(axis=0) * squares.sum(axis=1), swing[-(count // 3) :].sum(axis=0) * squares.sum(axis=1)
+    noise = SIGNIFICANT * 2 * math.log(count) * np.mean(left_over**2) * table.shape[1]
+    good = (upper.imag * count >= PERIODS * 2 * math.pi) & (explained > noise)
+    if not good.any():
+        return None
+    best = int(np.argmax(np.where(good, latest, -1.0)))
+    return complex(upper[best]), float(np.sqrt(2 * squares[best].max() * swing[-1, best]))
+
+
+def _shapes(rates: Complexes, count: int) -> Complexes:
+    """e^{rate k} for k = 0 to `count` − 1, in columns, each with a largest value of 1 in magnitude."""
+    steps = np.arange(count)[:, None]
+    return np.exp(rates.real * np.where(rates.real > 0, steps - (count - 1), steps) + 1j * rates.imag * steps)
