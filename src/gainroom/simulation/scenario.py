@@ -99,6 +99,7 @@ class Signals:
         assert loop.parts is not None
         assert loop.sample_time is not None
         self.scenario, self.size, self.sample_time = scenario, loop.size, loop.sample_time
+        self._form = loop.parts.plant.mechanism()
         whole, fraction = split_delay(scenario.duration, self.sample_time)
         self.ticks = int(whole) + (1 if fraction > 0 else 0)
         self.before = self._at(scenario.reference, "reference", -1, 1)[0]
@@ -107,16 +108,24 @@ class Signals:
         self._random = np.random.default_rng([scenario.seed, 0])
         self._noise = self._per_joint("noise", scenario.noise)
 
-    def start(self) -> tuple[Floats, Floats, Floats, Floats]:
-        """Motor and link positions, then their velocities, each (n,)."""
-        given = self.scenario.start
-        names = ("motor_position", "link_position", "motor_velocity", "link_velocity")
-        missing = (self.before, self.before, 0.0, 0.0)
-        values = [
-            self._per_joint(f"start.{name}", other if getattr(given, name) is None else getattr(given, name))
-            for name, other in zip(names, missing, strict=True)
-        ]
-        return values[0], values[1], values[2], values[3]
+    def start(self) -> Floats:
+        """The plant's coordinates η, then their rates (plant.mechanism), where the run starts.
+
+        Raises GainroomError where motors and links cannot be there, or move so, together (a rigid joint; links in a closed chain).
+        """
+        given, states = self.scenario.start, []
+        sides = np.vstack([self._form.motor_position, self._form.link_position])
+        for name, still in (("position", self.before), ("velocity", 0.0)):
+            values = []
+            for side in ("motor", "link"):
+                value = getattr(given, f"{side}_{name}")
+                values.append(self._per_joint(f"start.{side}_{name}", still if value is None else value))
+            both = np.concatenate(values)
+            coordinates = np.linalg.lstsq(sides, both, rcond=None)[0]
+            if not np.allclose(sides @ coordinates, both, rtol=0, atol=1e-9 * max(1.0, np.abs(both).max())):
+                raise GainroomError(f"scenario: start.motor_{name} and start.link_{name} are not possible together for this plant")
+            states.append(coordinates)
+        return np.concatenate(states)
 
     def block(self, first: int, count: int) -> Inputs:
         """The inputs of ticks `first` to `first` + `count`; blocks must follow one another, for the noise is drawn as time passes."""

@@ -7,26 +7,28 @@ from ..loop import Loop
 from .response import Response, cut, joined
 from .scenario import Scenario, Signals
 from .stepping import LinearStepper
+from .testbed import Testbed, TestbedStepper
 
 BLOCK = 2000  # ticks
 
 
-def simulate(loop: Loop, scenario: Scenario) -> Response:
+def simulate(system: Loop | Testbed, scenario: Scenario) -> Response:
     """The whole run.
 
-    loop      sampled, built with gainroom.build_loop: stepped exactly
+    system    a sampled loop of any number of joints, built with gainroom.build_loop: stepped exactly; or a Testbed
 
-    Raises GainroomError where loop and scenario do not go together.
+    Raises GainroomError where system and scenario do not go together.
     """
-    return joined(stream(loop, scenario))
+    return joined(stream(system, scenario))
 
 
-def stream(loop: Loop, scenario: Scenario, block: int = BLOCK) -> Iterator[Response]:
-    """The run in parts of `block` ticks, as they are computed; ends early where the loop diverges, which the last part says."""
+def stream(system: Loop | Testbed, scenario: Scenario, block: int = BLOCK) -> Iterator[Response]:
+    """The run in parts of `block` ticks, as they are computed; ends early where it diverges, which the last part then says."""
+    loop = system.loop if isinstance(system, Testbed) else system
     if loop.parts is None or loop.sample_time is None:
         raise GainroomError("simulation needs a loop built with build_loop and a sample_time: the controller works tick by tick")
     signals = Signals(scenario, loop)
-    stepper = LinearStepper(loop, signals)
+    stepper = TestbedStepper(system, signals) if isinstance(system, Testbed) else LinearStepper(system, signals)
     first, total = 0, signals.ticks + 1  # both ends of the run are rows
     while first < total:
         count = min(block, total - first)

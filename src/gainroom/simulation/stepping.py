@@ -15,7 +15,6 @@ import numpy as np
 
 from ..arrays import Floats
 from ..assembly import actuated_state, controller_state
-from ..errors import GainroomError
 from ..loop import Loop
 from ..statespace import StateSpace, hold, split_delay
 from .response import Response
@@ -45,26 +44,10 @@ class LinearStepper:
         self.late = whole + (fraction > 0)  # a torque that comes between two ticks is there at the second
         self._sent = np.zeros((max(self.late), size))
         self._state = np.zeros(len(self._system.a))
-        self._state[: len(body.a)] = self._at_rest(len(body.a), signals)
+        start = signals.start()
+        self._state[len(body.a) - len(start) : len(body.a)] = start  # the plant's states are the body's last
         self._offset: Floats | None = None
         self._short = signals.ticks <= SHORT
-
-    def _at_rest(self, states: int, signals: Signals) -> Floats:
-        """The body's states at the scenario's start."""
-        assert self.loop.parts is not None
-        form = self.loop.parts.plant.mechanism()
-        motor, link, motor_rate, link_rate = signals.start()
-        sides = np.vstack([form.motor_position, form.link_position])
-        state = np.zeros(states)
-        for name, values, place in (
-            ("position", np.concatenate([motor, link]), states - 2 * sides.shape[1]),
-            ("velocity", np.concatenate([motor_rate, link_rate]), states - sides.shape[1]),
-        ):
-            coordinates = np.linalg.lstsq(sides, values, rcond=None)[0]
-            if not np.allclose(sides @ coordinates, values, rtol=0, atol=1e-9 * max(1.0, np.abs(values).max())):
-                raise GainroomError(f"scenario: start.motor_{name} and start.link_{name} are not possible together for this plant")
-            state[place : place + sides.shape[1]] = coordinates
-        return state
 
     def advance(self, inputs: Inputs, first: int) -> Response:
         """The rows of the next ticks, of which the first has number `first`; rows past the first number that is not finite are left out."""
