@@ -20,7 +20,7 @@ def replacing(path: Path) -> Iterator[TextIO]:
     Raises GainroomError where `path` cannot be written.
     """
     target = Path(os.path.realpath(path))  # a link stays a link; what it points to is replaced
-    _refuse_unwritable(path, target)
+    refuse_unwritable(path)
     temporary = target.parent / f".gainroom-{secrets.token_hex(6)}.tmp"
     try:
         stream = open(temporary, "x", encoding="utf-8", newline="\n")  # noqa: SIM115 - closed below, before the replacement
@@ -37,8 +37,9 @@ def replacing(path: Path) -> Iterator[TextIO]:
         temporary.unlink(missing_ok=True)
 
 
-def _refuse_unwritable(path: Path, target: Path) -> None:
-    """Refuse what can be told from the names alone."""
+def refuse_unwritable(path: Path) -> None:
+    """Refuse what can be told from the names alone. Raises GainroomError."""
+    target = Path(os.path.realpath(path))
     try:
         if target.is_dir():
             raise GainroomError(f"{path}: cannot be written: it is a directory")
