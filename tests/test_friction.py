@@ -9,11 +9,11 @@ from scipy.optimize import brentq
 from scipy.special import ellipk
 
 import gainroom as gr
-from gainroom.simulation import _motion, testbed
+from gainroom.simulation import _motion, testbed_stepping
 from gainroom.simulation.friction import Friction
 from gainroom.simulation.response import Response
+from gainroom.simulation.run import simulate
 from gainroom.simulation.scenario import Scenario, Start
-from gainroom.simulation.simulate import simulate
 from gainroom.simulation.testbed import Testbed
 from gainroom.simulation.trajectories import Spline
 from independent import dry_friction
@@ -165,7 +165,7 @@ def test_friction_creates_no_energy(joint, bristles, width):
     moment = 6.0
     friction = Friction(0.5, 0.8, 0.1, bristle_stiffness=3e3) if bristles else Friction(0.5, 0.8, 0.1)
     bed = free(joint, motor_friction=friction, link_friction=friction, gravity=moment)
-    body, hardware = testbed._body(bed)[0], testbed._hardware(bed, math.inf)
+    body, hardware = testbed_stepping._body(bed)[0], testbed_stepping._hardware(bed, math.inf)
     transition = np.empty_like(body.system)
     _motion.propagator(body.system, width, transition)
     for seed in range(20):

@@ -16,8 +16,8 @@ import gainroom as gr
 from gainroom.io.logs import Log, open_log, read_log
 from gainroom.simulation.friction import Friction
 from gainroom.simulation.response import LOGGED
+from gainroom.simulation.run import simulate, stream
 from gainroom.simulation.scenario import Scenario
-from gainroom.simulation.simulate import simulate, stream
 from gainroom.simulation.testbed import Testbed
 from gainroom.simulation.trajectories import Spline, Step
 from refusals import assert_refused

@@ -8,11 +8,11 @@ from scipy import signal
 
 import gainroom as gr
 from gainroom.simulation import _stepping, stepping
+from gainroom.simulation.oscillation import response_vibration
 from gainroom.simulation.response import Response, joined, track
+from gainroom.simulation.run import simulate, stream
 from gainroom.simulation.scenario import Scenario, Start
-from gainroom.simulation.simulate import simulate, stream
 from gainroom.simulation.trajectories import Multisine, Spline, Step
-from gainroom.simulation.vibration import response_vibration
 from independent.time_domain import Joints, run
 from refusals import assert_refused
 

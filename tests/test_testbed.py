@@ -10,12 +10,12 @@ from scipy.integrate import solve_ivp
 import gainroom as gr
 from gainroom.simulation import _contact, _motion, _testbed
 from gainroom.simulation.friction import Friction
+from gainroom.simulation.oscillation import response_vibration
 from gainroom.simulation.response import joined, track
+from gainroom.simulation.run import simulate, stream
 from gainroom.simulation.scenario import Scenario, Start
-from gainroom.simulation.simulate import simulate, stream
 from gainroom.simulation.testbed import Testbed
 from gainroom.simulation.trajectories import Chirp, Spline, Step
-from gainroom.simulation.vibration import response_vibration
 from refusals import assert_refused
 
 TICK = 5e-4
@@ -92,7 +92,7 @@ def test_compiled_kernel_is_the_python_that_it_was_compiled_from(monkeypatch):
         for name, value in inspect.getmembers(module):
             if hasattr(value, "py_func"):
                 monkeypatch.setattr(module, name, value.py_func)
-    monkeypatch.setattr("gainroom.simulation.testbed.advance", _testbed.advance)
+    monkeypatch.setattr("gainroom.simulation.testbed_stepping.advance", _testbed.advance)
     plain = simulate(bed, scenario)
     for name in COLUMNS:
         assert getattr(compiled, name) == pytest.approx(getattr(plain, name), rel=1e-9, abs=1e-12)  # the same sums, contracted or not

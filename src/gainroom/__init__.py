@@ -20,13 +20,14 @@ if TYPE_CHECKING:
     from .region import PDRegion, pd_region
     from .robot_config import load_robot
     from .robustness import Margins, margins
+    from .simulation import Friction, Scenario, Testbed, simulate
     from .stability import Roots, is_stable, rightmost_roots
     from .study import JointSpec, JointStudy, study_joint
     from .uncertainty import Uncertainty
 
 __version__ = "0.1.0"
 
-# In the order of the data flow: description, loop, verdict and margins, limits, recommendation.
+# In the order of the data flow: description, loop, verdict and margins, limits, recommendation, time domain.
 _HOME = {
     "plant": ("ElasticJoint", "Plant", "Compliance"),
     "drive": ("Drive",),
@@ -42,6 +43,7 @@ _HOME = {
     "uncertainty": ("Uncertainty",),
     "study": ("study_joint", "JointSpec", "JointStudy"),
     "robot_config": ("load_robot",),
+    "simulation": ("Scenario", "simulate", "Testbed", "Friction"),
     "acceleration": ("warmup",),
     "errors": ("GainroomError",),
 }
@@ -56,6 +58,7 @@ __all__ = [
     "Compensator",
     "Drive",
     "ElasticJoint",
+    "Friction",
     "GainLimit",
     "GainroomError",
     "JointMargins",
@@ -70,6 +73,8 @@ __all__ = [
     "Recommendation",
     "Requirements",
     "Roots",
+    "Scenario",
+    "Testbed",
     "Uncertainty",
     "build_loop",
     "closed_loop",
@@ -82,6 +87,7 @@ __all__ = [
     "pd_region",
     "recommend_pd",
     "rightmost_roots",
+    "simulate",
     "study_joint",
     "warmup",
 ]

@@ -16,8 +16,8 @@ import numpy as np
 from ..arrays import Complexes, Floats
 from ..errors import GainroomError
 from ..loop import Loop
+from ..simulation.run import simulate
 from ..simulation.scenario import Scenario
-from ..simulation.simulate import simulate
 from ..simulation.trajectories import Step
 from ..stability import rightmost_roots
 from ..statespace import StateSpace, realize

@@ -1,1 +1,29 @@
-"""Time domain: the sampled linear loop stepped exactly, and the virtual drive and testbed with friction, limits and encoders."""
+"""Time domain: the sampled linear loop stepped exactly, and the virtual testbed with friction, limits and encoders."""
+
+from .friction import Friction
+from .oscillation import Vibration, response_vibration, vibration
+from .response import Response, Tracking, track
+from .run import simulate, stream
+from .scenario import Scenario, Start
+from .testbed import Testbed
+from .trajectories import Chirp, Multisine, Spline, Step, Trajectory
+
+__all__ = [
+    "Chirp",
+    "Friction",
+    "Multisine",
+    "Response",
+    "Scenario",
+    "Spline",
+    "Start",
+    "Step",
+    "Testbed",
+    "Tracking",
+    "Trajectory",
+    "Vibration",
+    "response_vibration",
+    "simulate",
+    "stream",
+    "track",
+    "vibration",
+]

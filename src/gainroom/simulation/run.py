@@ -7,7 +7,7 @@ from ..loop import Loop
 from .response import Response, cut, joined
 from .scenario import Scenario, Signals
 from .stepping import LinearStepper
-from .testbed import Testbed, TestbedStepper
+from .testbed import Testbed
 
 BLOCK = 2000  # ticks
 
@@ -28,7 +28,7 @@ def stream(system: Loop | Testbed, scenario: Scenario, block: int = BLOCK) -> It
     if loop.parts is None or loop.sample_time is None:
         raise GainroomError("simulation needs a loop built with build_loop and a sample_time: the controller works tick by tick")
     signals = Signals(scenario, loop)
-    stepper = TestbedStepper(system, signals) if isinstance(system, Testbed) else LinearStepper(system, signals)
+    stepper = _testbed_stepper(system, signals) if isinstance(system, Testbed) else LinearStepper(system, signals)
     first, total = 0, signals.ticks + 1  # both ends of the run are rows
     while first < total:
         count = min(block, total - first)
@@ -37,3 +37,9 @@ def stream(system: Loop | Testbed, scenario: Scenario, block: int = BLOCK) -> It
         if part.diverged:
             return
         first += count
+
+
+def _testbed_stepper(testbed: Testbed, signals: Signals):
+    from .testbed_stepping import TestbedStepper  # loads numba
+
+    return TestbedStepper(testbed, signals)

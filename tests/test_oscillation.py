@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from gainroom.simulation.vibration import vibration
+from gainroom.simulation.oscillation import vibration
 from refusals import assert_refused
 
 TICK = 5e-4

@@ -1,0 +1,139 @@
+"""The testbed tick by tick: what the compiled kernel needs, and what it gives back."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from ..arrays import Floats, Integers
+from ..assembly import actuated_state, controller_state
+from ..loop import Feedback, Loop
+from ..statespace import split_delay
+from ._testbed import Body, Control, Hardware, Memory, advance
+from .response import Response
+from .scenario import Inputs, Signals
+from .testbed import Testbed
+
+
+class TestbedStepper:
+    """A testbed at some tick."""
+
+    __test__ = False  # not a test class, whatever its name
+
+    def __init__(self, testbed: Testbed, signals: Signals) -> None:
+        loop = testbed.loop
+        assert loop.parts is not None
+        assert loop.sample_time is not None
+        self.testbed, self.sample_time = testbed, loop.sample_time
+        self.feedback: Feedback = loop.parts.feedback
+        self.joint_names = loop.parts.plant.joint_names
+        self._body, back = _body(testbed)
+        self._control, self._hardware = _control(loop), _hardware(testbed, signals.scenario.limit)
+        self._delays = np.random.default_rng([signals.scenario.seed, 1])
+        state = np.zeros(len(self._body.current))
+        start = signals.start()
+        state[len(state) - len(start) :] = start
+        state = np.linalg.solve(back, state)
+        ticks = math.ceil((loop.parts.drives[0].delay + testbed.jitter) / self.sample_time) + 2
+        self._memory = Memory(
+            state,
+            np.zeros(2),
+            np.zeros(len(self._control.a)),
+            np.zeros(2),
+            np.array([ticks - 1.0, 0.0]),
+            np.zeros(ticks),
+            np.zeros(ticks, dtype=np.int64),
+            np.zeros(ticks),
+        )
+
+    def advance(self, inputs: Inputs, first: int) -> Response:
+        """The rows of the next ticks, of which the first has number `first`; rows past the first out of bounds are left out."""
+        count, past = len(inputs.reference), len(self._memory.sent)
+        still = np.zeros(count)
+        noises = (inputs.noise[:, 0], still) if self.feedback == "motor" else (still, inputs.noise[:, 0])
+        columns = (inputs.reference, inputs.motion, inputs.feedforward, inputs.motor_torque, inputs.link_torque)
+        given = np.column_stack([*(column[:, 0] for column in columns), *noises])
+        whole, fraction = self._drawn(count)
+        memory = self._memory._replace(
+            sent=np.append(self._memory.sent, still),
+            whole=np.append(self._memory.whole, whole),
+            fraction=np.append(self._memory.fraction, fraction),
+        )
+        out = np.empty((count, 7))
+        made = advance(self._body, self._control, self._hardware, memory, given, out)
+        memory.demand[0] = max(memory.demand[0] - count, -1)  # places are counted from the oldest command that is kept
+        self._memory = memory._replace(**{name: getattr(memory, name)[-past:].copy() for name in ("sent", "whole", "fraction")})
+        rows = [out[:made, [k]] for k in range(7)]
+        return Response(
+            time=self.sample_time * (first + np.arange(made)),
+            reference=inputs.reference[:made],
+            motor_position=rows[0],
+            link_position=rows[1],
+            motor_reading=rows[2],
+            link_reading=rows[3],
+            target_torque=rows[4],
+            demand_torque=rows[5],
+            actual_torque=rows[6],
+            sample_time=self.sample_time,
+            feedback=self.feedback,
+            joint_names=self.joint_names,
+        )
+
+    def _drawn(self, count: int) -> tuple[Integers, Floats]:
+        """Delays of `count` commands: whole ticks and fractions of a tick."""
+        assert self.testbed.loop.parts is not None
+        delays = self.testbed.loop.parts.drives[0].delay + self.testbed.jitter * self._delays.uniform(-1, 1, count)
+        if self.testbed.whole_ticks:
+            delays = self.sample_time * np.round(delays / self.sample_time)
+        whole, fraction = split_delay(np.maximum(delays, 0.0), self.sample_time)
+        return whole.astype(np.int64), fraction
+
+
+def _body(testbed: Testbed) -> tuple[Body, Floats]:
+    """Plant with the frictions' viscous parts and current loop; and the matrix that takes its states to actuated_state's."""
+    parts = testbed.loop.parts
+    assert parts is not None
+    plant = replace(
+        parts.plant,
+        motor_viscous=parts.plant.motor_viscous + testbed.motor_friction.viscous,
+        link_viscous=parts.plant.link_viscous + testbed.link_friction.viscous,
+    )
+    state = actuated_state(plant, parts.drives)
+    form = plant.mechanism()
+    coordinates = form.mass.shape[0]
+    # Coordinates that are the positions themselves, where that is all there is: a side that friction holds then stays to the last digit.
+    sides = np.vstack([form.motor_position, form.link_position])[: min(coordinates, 2)]
+    turn = np.linalg.inv(sides) if len(sides) == coordinates and np.linalg.matrix_rank(sides) == coordinates else np.eye(coordinates)
+    size = len(state.a)
+    back = np.eye(size)
+    for first in (size - 2 * coordinates, size - coordinates):
+        back[first : first + coordinates, first : first + coordinates] = turn
+    a, b, c = np.linalg.solve(back, state.a @ back), np.linalg.solve(back, state.b), state.c @ back
+    system = np.zeros((size + 3, size + 3))
+    system[:size] = np.hstack([a, b])
+    return Body(system, c[0:2], c[2:4], b[:, 1:3].T.copy(), c[4], parts.drives[0].is_ideal, coordinates), back
+
+
+def _control(loop: Loop) -> Control:
+    """The controller's difference equation."""
+    assert loop.parts is not None
+    assert loop.sample_time is not None
+    state = controller_state(loop.parts)
+    transition = np.eye(len(state.a)) + loop.sample_time * state.a
+    side = 0 if loop.parts.feedback == "motor" else 1
+    return Control(transition, loop.sample_time * state.b, loop.gain * state.c[0], loop.gain * state.d[0], side)
+
+
+def _hardware(testbed: Testbed, limit: float) -> Hardware:
+    """Everything else, for the kernel."""
+    assert testbed.loop.sample_time is not None
+    tick = testbed.loop.sample_time
+    return Hardware(
+        tick,
+        max(1, math.ceil(tick / testbed.substep * (1 - 1e-9))),
+        np.stack([testbed.motor_friction.law(), testbed.link_friction.law()]),
+        np.array([float(testbed.gravity), float(testbed.hanging_at)]),
+        float(testbed.torque_limit),
+        np.array([testbed.motor_resolution, testbed.link_resolution]),
+        float(min(limit, 1e150)),
+    )
