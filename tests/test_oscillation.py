@@ -47,6 +47,17 @@ def test_which_grows_is_found_before_which_fades():
     assert found.frequency == pytest.approx(300.0, abs=1e-4)
 
 
+def test_the_one_that_grows_is_found_while_it_is_weak():
+    """A million times smaller than one that fades, and still the one that will matter."""
+    signal = wave(800.0, -1.0, 5.0) + wave(300.0, 2.0, 1e-6)
+    strongest, growing = vibration(signal, TICK), vibration(signal, TICK, growing=True)
+    assert strongest is not None
+    assert growing is not None
+    assert strongest.frequency == pytest.approx(800.0, abs=1e-6)
+    assert growing.frequency == pytest.approx(300.0, abs=1e-3)
+    assert growing.growth_rate == pytest.approx(2.0, abs=1e-3)
+
+
 def test_several_signals_share_one_vibration():
     """Joints that swing together with other amplitudes, one of them not at all."""
     found = vibration(np.stack([wave(400.0, 1.0, 0.2), 0 * TIME + 7.0, wave(400.0, 1.0, 3.0, 2.0)], axis=1), TICK)

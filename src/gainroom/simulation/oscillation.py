@@ -35,8 +35,10 @@ class Vibration:
     amplitude: float
 
 
-def vibration(signal: ArrayLike, sample_time: float) -> Vibration | None:
+def vibration(signal: ArrayLike, sample_time: float, growing: bool = False) -> Vibration | None:
     """The oscillation that is strongest in the last third of `signal` (k,) or (k, n), of which at most 4000 samples are used.
+
+    growing   rather the one that grows most, or dies away least, however weak it still is
 
     None where there is nothing that oscillates for at least one and a half periods and stands out of the noise.
     """
@@ -52,7 +54,7 @@ def vibration(signal: ArrayLike, sample_time: float) -> Vibration | None:
     table = table / scale
     table = table - table.mean(axis=0)
     rates = _poles(table, 1)
-    found = _strongest(table, rates)
+    found = _strongest(table, rates, growing)
     if found is None:
         return None
     # Once more, with lags that span about a twelfth of a period each: noise then shifts the pole far less.
@@ -61,7 +63,7 @@ def vibration(signal: ArrayLike, sample_time: float) -> Vibration | None:
         finer = _unfolded(_poles(table, stride), stride, found[0])
         if abs(finer - found[0]) < 0.1 * abs(found[0]):
             others = rates[(rates != found[0]) & (rates != found[0].conjugate())]
-            found = _strongest(table, np.append(others, [finer, finer.conjugate()])) or found
+            found = _strongest(table, np.append(others, [finer, finer.conjugate()]), growing) or found
     rate, amplitude = found
     if amplitude < FLOOR:
         return None
@@ -101,8 +103,11 @@ def _unfolded(rates: Complexes, stride: int, near: complex) -> complex:
     return complex(moved[np.argmin(np.abs(moved - near))]) if len(moved) else 0j
 
 
-def _strongest(table: Floats, rates: Complexes) -> tuple[complex, float] | None:
-    """(rate per sample, amplitude at the end) of the oscillation with most energy in the last third; None where none is significant."""
+def _strongest(table: Floats, rates: Complexes, growing: bool) -> tuple[complex, float] | None:
+    """(rate per sample, amplitude at the end) of the oscillation with most energy in the last third, or of that which grows most.
+
+    None where none is significant.
+    """
     count, upper, others = len(table), rates[rates.imag > 0], rates[rates.imag == 0]
     if not len(upper):
         return None
@@ -117,7 +122,7 @@ def _strongest(table: Floats, rates: Complexes) -> tuple[complex, float] | None:
     good = (upper.imag * count >= PERIODS * 2 * math.pi) & (explained > noise)
     if not good.any():
         return None
-    best = int(np.argmax(np.where(good, latest, -1.0)))
+    best = int(np.argmax(np.where(good, upper.real if growing else latest, -np.inf)))
     return complex(upper[best]), float(np.sqrt(2 * squares[best].max() * swing[-1, best]))
 
 

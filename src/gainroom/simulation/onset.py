@@ -1,0 +1,105 @@
+"""Where vibration begins, found by running a system again and again: the witness against a computed limit.
+
+Nothing here knows of frequency responses. A run is struck once; the fastest-growing oscillation in it tells on which side of the limit the
+gains are, and by how much.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import GainroomError, require_positive
+from ..loop import Loop
+from .oscillation import Vibration, vibration
+from .run import simulate
+from .scenario import Scenario
+
+FURTHEST = 1e3  # factors on the gains beyond this, or below its inverse, are not tried
+ENOUGH = 100  # runs
+
+
+@dataclass(frozen=True)
+class Onset:
+    """gain where growth changes its sign, between `stable` and `growing`; frequency there [rad/s]; runs it took."""
+
+    gain: float
+    frequency: float
+    stable: float
+    growing: float
+    runs: int
+
+
+def find_onset(shaken: Callable[[float], Vibration | None], stable: float, growing: float, tolerance: float = 1e-6) -> Onset:
+    """The gain between `stable` and `growing` at which the vibration `shaken(gain)` neither grows nor dies away.
+
+    shaken      what a run with that gain shows; None: nothing is left of it
+    tolerance   of the gain, relative
+
+    Raises GainroomError where the two ends are not what they are called.
+    """
+    low, high = shaken(stable), shaken(growing)
+    rates = [_rate(low), _rate(high)]
+    if rates[0] >= 0 or rates[1] <= 0:
+        raise GainroomError(
+            f"onset: the vibration must die away at {stable:g} and grow at {growing:g}, not at {rates[0]:g}/s and {rates[1]:g}/s"
+        )
+    weights, latest, runs, last = list(rates), high, 2, 0
+    while abs(growing - stable) > tolerance * abs(growing) and runs < ENOUGH:
+        middle = (stable + growing) / 2
+        if np.isfinite(weights).all():  # Illinois: growth is all but straight in the gain near the limit
+            chord = (stable * weights[1] - growing * weights[0]) / (weights[1] - weights[0])
+            # a hair to the side of the older end, so that both ends close in on the limit
+            hair = tolerance / 3 * (growing - stable) / abs(growing - stable) * abs(growing)
+            middle = min(max(chord + (hair if last < 0 else -hair), min(stable, growing)), max(stable, growing))
+        here = shaken(middle)
+        runs, rate = runs + 1, _rate(here)
+        latest = here or latest
+        side = 1 if rate > 0 else -1
+        if side == last:
+            weights[0 if side > 0 else 1] /= 2
+        if side > 0:
+            growing, weights[1] = middle, rate
+        else:
+            stable, weights[0] = middle, rate
+        last = side
+    assert latest is not None
+    return Onset((stable + growing) / 2, latest.frequency, stable, growing, runs)
+
+
+def _rate(found: Vibration | None) -> float:
+    return -math.inf if found is None else found.growth_rate
+
+
+def linear_vibration(loop: Loop, duration: float = 2.0, seed: int = 0) -> Vibration | None:
+    """What is left of a knock on every joint's torque after `duration` [s], in the sampled linear loop: the fastest-growing oscillation."""
+    require_positive("onset", "duration", duration, "s")
+    knock = np.vstack([np.random.default_rng(seed).choice([-1.0, 1.0], size=loop.size), np.zeros(loop.size)])
+    response = simulate(loop, Scenario(0.0, duration, feedforward=knock))
+    half = len(response.time) // 2
+    found = vibration(response.error[half:], response.sample_time, growing=True)
+    if response.diverged and _rate(found) <= 0:
+        return Vibration(0.0, math.inf, response.diverged_at or 0.0)  # it ran off without swinging
+    return found
+
+
+def linear_onset(loop: Loop, duration: float = 2.0, tolerance: float = 1e-6) -> Onset:
+    """The common factor on all gains of a sampled loop at which its linear simulation begins to vibrate.
+
+    duration   of a run [s]: some tens of the vibration's periods
+
+    Raises GainroomError where no factor between 1/1000 and 1000 does.
+    """
+
+    def shaken(factor: float) -> Vibration | None:
+        return linear_vibration(loop.scaled(factor), duration)
+
+    factor = 1.0
+    direction = 0.5 if _rate(shaken(factor)) > 0 else 2.0
+    while 1 / FURTHEST < factor * direction < FURTHEST:
+        factor *= direction
+        if (_rate(shaken(factor)) > 0) == (direction > 1):
+            ends = (factor / direction, factor) if direction > 1 else (factor, factor / direction)
+            return find_onset(shaken, *ends, tolerance)
+    raise GainroomError(f"onset: the loop {'dies away' if direction > 1 else 'grows'} at every factor up to {factor:g}")
