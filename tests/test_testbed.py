@@ -227,6 +227,9 @@ def test_divergence_ends_the_run(friction):
     for name in COLUMNS:
         assert np.isfinite(getattr(found, name)).all()
     assert np.abs(found.motor_position).max() <= 1e4
+    in_parts = joined(stream(Testbed(loop, friction), Scenario(Step(0.01), 30.0), block=1))  # its last part has no row at all
+    assert in_parts.diverged_at == found.diverged_at
+    assert np.array_equal(in_parts.motor_position, found.motor_position)
 
 
 def test_log_columns_are_what_the_encoders_say():

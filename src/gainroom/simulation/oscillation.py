@@ -34,6 +34,11 @@ class Vibration:
     growth_rate: float
     amplitude: float
 
+    @property
+    def damping_ratio(self) -> float:
+        """−cos of the pole's angle: 0 where it neither grows nor dies away, negative where it grows."""
+        return -self.growth_rate / math.hypot(self.growth_rate, self.frequency) if math.isfinite(self.growth_rate) else -1.0
+
 
 def vibration(signal: ArrayLike, sample_time: float, growing: bool = False) -> Vibration | None:
     """The oscillation that is strongest in the last third of `signal` (k,) or (k, n), of which at most 4000 samples are used.

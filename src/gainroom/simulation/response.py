@@ -74,8 +74,8 @@ class Response:
         }
 
 
-def cut(response: Response, limit: float, ticks: int) -> Response:
-    """`response` up to where it diverges, if it does.
+def cut(response: Response, limit: float, first: int, ticks: int) -> Response:
+    """`response`, which begins at tick `first`, up to where it diverges, if it does.
 
     That is before the first row in which a position lies beyond `limit` [rad] or a number is not finite, or where fewer than `ticks` rows
     came, before the first that did not.
@@ -89,7 +89,7 @@ def cut(response: Response, limit: float, ticks: int) -> Response:
         return response
     end = int(np.argmin(good))
     rows = {name: getattr(response, name)[:end] for name in _rows()}
-    return replace(response, **rows, diverged_at=float(response.time[0] + end * response.sample_time))
+    return replace(response, **rows, diverged_at=(first + end) * response.sample_time)
 
 
 def joined(parts: Iterable[Response]) -> Response:

@@ -32,7 +32,7 @@ def stream(system: Loop | Testbed, scenario: Scenario, block: int = BLOCK) -> It
     first, total = 0, signals.ticks + 1  # both ends of the run are rows
     while first < total:
         count = min(block, total - first)
-        part = cut(stepper.advance(signals.block(first, count), first), scenario.limit, count)
+        part = cut(stepper.advance(signals.block(first, count), first), scenario.limit, first, count)
         yield part
         if part.diverged:
             return

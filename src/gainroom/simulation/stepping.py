@@ -100,8 +100,7 @@ class LinearStepper:
         longest = len(self._sent)
         history = np.vstack([self._sent, target])
         self._sent = history[len(history) - longest :]
-        rows = np.arange(len(target))[:, None] + longest - self.late
-        return history[rows, np.arange(self.size)]
+        return np.column_stack([history[longest - late : len(history) - late, joint] for joint, late in enumerate(self.late)])
 
 
 def recur(transposed: Floats, forcing: Floats, states: Floats) -> int:
