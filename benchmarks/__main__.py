@@ -9,7 +9,14 @@ from . import coupled, disk, maps, margins, startup, stepping
 from .measure import machine_facts
 from .table import print_table
 
-PARTS = {"margins": margins.run, "coupled": coupled.run, "disk": disk.run, "maps": maps.run, "startup": startup.run, "stepping": stepping.run}
+PARTS = {
+    "margins": margins.run,
+    "coupled": coupled.run,
+    "disk": disk.run,
+    "maps": maps.run,
+    "startup": startup.run,
+    "stepping": stepping.run,
+}
 OUTPUT = Path("build/benchmarks.json")
 
 
