@@ -179,4 +179,5 @@ def limiting_joints(limit: GainLimit, names: tuple[str, ...]) -> tuple[str, ...]
     if not math.isfinite(limit.frequency):
         return ()
     parts = np.abs(limit.mode)
-    return tuple(names[k] for k in np.argsort(-parts, kind="stable") if parts[k] >= STRONG * parts.max())
+    order = np.argsort(-np.round(parts / parts.max(), 6), kind="stable")  # equal legs differ by round-off: the first comes first
+    return tuple(names[k] for k in order if parts[k] >= STRONG * parts.max())
