@@ -115,10 +115,10 @@ def coupled_limit(sweep: Sweep) -> GainLimit:
         raise GainroomError("gain_limit: all gains are zero")
     for _ in range(4):
         found, doubtful = _limit_once(sweep)
-        if found is not None and (found.certificate.holds if found.certificate else found.gain > 0):
-            return found
         if sweep.full:
             break
+        if found is not None and (found.certificate.holds if found.certificate else found.gain > 0):
+            return found
         if found is not None and found.certificate is None:
             if has_growing_root(sweep.loop):
                 return found

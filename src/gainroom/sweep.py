@@ -178,8 +178,8 @@ class Sweep:
         top = math.inf if self.last is None else self.last
         for k in range(40):
             moving = np.flatnonzero(omega != before)
-            if k == TELLING and foremost is not None:
-                one = foremost(value)
+            if foremost is not None and (k == TELLING or not len(moving)):
+                one, foremost = foremost(value), None
                 keep = np.zeros(0, dtype=int) if one is None else np.array([one])
                 omega, before, first, value, mode = omega[keep], before[keep], first[keep], value[keep], mode[keep]
                 moving = np.flatnonzero(omega != before)
