@@ -9,6 +9,7 @@ import scipy.signal
 
 import gainroom as gr
 from draws import draw_plant, draw_setup
+from gainroom.coupled_gains import kept_by
 from gainroom.limits import coupled_limit
 from gainroom.stability import unstable_roots
 from gainroom.sweep import AT_ONCE, MOST, Sweep, in_blocks
@@ -199,3 +200,50 @@ def test_wild_gains_are_bounded_work(seed):
         limit = coupled_limit(sweep)
         assert limit.gain == 0 or limit.certificate is None or limit.certificate.holds
     assert len(sweep.omega) < 3 * MOST
+
+
+@pytest.mark.parametrize("sample_time", [None, 1e-3], ids=["continuous", "sampled"])
+def test_pendula_topple_below_a_factor(sample_time):
+    """Rigid inverted pendula that do not couple: each stands while g kp > m g l, and the first to topple sets the lower end."""
+    plant = gr.Plant(np.eye(2), np.zeros(2), gravity_stiffness=np.diag([-500.0, -400.0]))
+    for kp in (450.0, 550.0, 1000.0):
+        loop = gr.build_loop(plant, gr.Drive(delay=1e-3), gr.PD(kp, 40.0), sample_time=sample_time)
+        limit = gr.gain_limit(loop)
+        if kp < 500:
+            assert not limit.stable
+            continue
+        assert limit.stable
+        assert limit.lower_gain == pytest.approx(500 / kp, rel=1e-10)
+        assert kept_by(loop).gain_margin == pytest.approx(kp / 500, rel=1e-3)  # interpolated, good to that
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_gravity_holds_coupled_joints_up_to_their_static_balance(seed):
+    """The lower end: where g Kp in series with the gearboxes no longer holds the weight, det((g Kp)⁻¹ + K⁻¹ + G⁻¹) = 0 by scalars."""
+    rng = np.random.default_rng([8, seed])
+    half = rng.normal(size=(2, 2))
+    weight = -(half @ half.T) * 120 - 40 * np.eye(2)
+    stiffness, kp = rng.uniform(4e3, 9e3, 2), rng.uniform(900, 1500, 2)
+    plant = gr.Plant(np.array([[1.0, 0.3], [0.3, 2.0]]), np.full(2, 0.5), stiffness, np.full(2, 2.0), gravity_stiffness=weight)
+    limit = gr.gain_limit(gr.build_loop(plant, gr.Drive(4000.0, 0.9, 1e-3), gr.PD(kp, 60.0)))
+
+    def upright(factor: float) -> bool:  # both sides in one: the potential has a minimum
+        springs = np.diag(stiffness)
+        return bool(np.linalg.eigvalsh(np.block([[np.diag(factor * kp) + springs, -springs], [-springs, springs + weight]]))[0] > 0)
+
+    low, high = 0.0, 1.0
+    for _ in range(60):
+        low, high = (low, 0.5 * (low + high)) if upright(0.5 * (low + high)) else (0.5 * (low + high), high)
+    assert upright(1.0)
+    assert limit.stable
+    assert limit.lower_gain == pytest.approx(high, rel=1e-9)
+
+
+def test_no_gain_is_stable_beside_an_undamped_gearbox_that_is_driven():
+    """Sampled, undamped, motor side, at a frequency where delay outweighs the lead: however small the gain, the resonance grows with it."""
+    plant = gr.Plant(np.diag([5.0, 3.0]), np.full(2, 0.05), 5e4, 0.0)
+    limit = gr.gain_limit(gr.build_loop(plant, gr.Drive(delay=2e-3), gr.PD(100.0, 1.0), sample_time=1e-3))
+    for factor in (1.0, 1e-2, 1e-4):
+        loop = gr.build_loop(plant, gr.Drive(delay=2e-3), gr.PD(100.0 * factor, factor), sample_time=1e-3)
+        assert gr.rightmost_roots(loop).roots.real.max() > 0
+    assert (limit.stable, limit.gain) == (False, 0.0)

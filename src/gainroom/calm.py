@@ -1,12 +1,14 @@
 """Where the characteristic loci cannot meet the negative real axis, whatever the plant: a passive mechanism under PD of enough lead.
 
-Measured at the motors, the mechanism's A = jω P_M takes no energy out: Re(y* A y) ≥ 0. With gains on the diagonal alone
-L = A B, B = diag(b_i), b_i = C_i e^{−jωT_i} D_i/(jω). An eigenvalue λ of A B with A B x = λ x and y = B x fulfils
+Measured at the motors, the mechanism's mobility X = jω P_M gives out no energy: Re(y* X y) ≥ 0. With gains on the diagonal alone
+L = X Y, Y = diag(b_i), b_i = C_i e^{−jωT_i} D_i/(jω). An eigenvalue λ ≠ 0 of X Y with X Y x = λ x and y = Y x fulfils
 
-    y* A y = λ y* B⁻¹ y,    so  arg λ = arg(y* A y) − arg(y* B⁻¹ y),
+    y* X y = λ y* Y⁻¹ y,    so  arg λ = arg(y* X y) − arg(y* Y⁻¹ y).
 
-which lies in [−90° + min ψ_i, 90° + max ψ_i], ψ_i = arg b_i: where all −90° < ψ_i < 90°, not on the negative real axis. (Joints without
-gain drop out with their rows.) For PD this is every frequency at which the lead atan(ω kd/kp) outweighs what current loop and delay lag.
+The second angle lies between the −ψ_i, ψ_i = arg b_i, as long as these span less than 180°. So arg λ is in [−90° + min ψ_i, 90° + max ψ_i]:
+where all −90° < ψ_i < 90°, not on the negative real axis. (Joints without gain drop out with their rows and columns; y* X y = 0 is λ = 0.)
+For PD this is every frequency at which the lead atan(ω kd/kp) outweighs what current loop and delay lag. To the right of jω, where the
+boundary leans (sweep.py), the mechanism is passive too.
 """
 
 import numpy as np
@@ -16,13 +18,12 @@ from .controller import PD, PID, PPI, gain_matrix, integrator
 from .loop import Loop
 
 PER_DECADE = 40  # of the frequencies at which lead and lag are compared
-FILTER = 0.06  # [rad] that a velocity filter of second order can turn within one such step: ln(10)/40 for both its poles
 
 
 def calm_spans(loop: Loop, low: float, high: float) -> Floats:
     """(k, 2) the spans of [low, high] rad/s in which no eigenvalue of L(jω) is real and negative, whatever W is; none where not known.
 
-    Known for continuous loops with motor-side feedback, PD, PID or PPI without notches and with diagonal gains, without gravity.
+    Known for continuous loops with motor-side feedback, PD, PID or PPI without filters, with diagonal gains >= 0, without gravity.
     """
     parts = loop.parts
     if (
@@ -32,10 +33,11 @@ def calm_spans(loop: Loop, low: float, high: float) -> Floats:
         or parts.plant.gravity_stiffness is not None
         or not isinstance(parts.controller, PD | PID | PPI)
         or parts.controller.notches
+        or parts.controller.velocity_filter is not None
     ):
         return np.zeros((0, 2))
     gains = {powers: gain_matrix("gain", gain, loop.size) for powers, gain in parts.controller.terms().items()}
-    if any(np.count_nonzero(gain - np.diag(np.diagonal(gain))) for gain in gains.values()):
+    if any(np.count_nonzero(gain) != np.count_nonzero(np.diagonal(gain)) or np.any(gain < 0) for gain in gains.values()):
         return np.zeros((0, 2))
     omega = np.geomspace(low, high, max(2, round(PER_DECADE * np.log10(high / low))))
     s = 1j * omega
@@ -50,10 +52,8 @@ def calm_spans(loop: Loop, low: float, high: float) -> Floats:
     ratio = omega[:, None] / bandwidth
     delays = np.array([drive.delay for drive in parts.drives])[driven]
     lag = np.arctan2(2 * damping * ratio, 1 - ratio * ratio) + omega[:, None] * delays
-    # Lead and lag each change one way within a step, a velocity filter aside.
-    slack = 0.0 if parts.controller.velocity_filter is None else FILTER
-    least = np.minimum(lead[:-1], lead[1:]) - lag[1:] - slack
-    most = np.maximum(lead[:-1], lead[1:]) - lag[:-1] + slack
+    # The zeros of D lie to the left, so the lead only rises, and the lag only grows: within a step both stay between their ends.
+    least, most = lead[:-1] - lag[1:], lead[1:] - lag[:-1]
     calm = np.all((least > -np.pi / 2) & (most < np.pi / 2), axis=1)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], calm, [False]])))
     return omega[edges].reshape(-1, 2)

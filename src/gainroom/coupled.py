@@ -89,8 +89,9 @@ def _unit_crossings(sweep: Sweep) -> list[tuple[float, complex]]:
     low, high = np.log(np.maximum(np.abs(steps.start), 1e-300)), np.log(np.maximum(np.abs(steps.end), 1e-300))
     k, branch = np.nonzero((low > 0) != (high > 0))
     share = low[k, branch] / (low[k, branch] - high[k, branch])
-    omega = sweep.omega[k] + share * (sweep.omega[k + 1] - sweep.omega[k])
-    wanted = steps.start[k, branch] + share * (steps.end[k, branch] - steps.start[k, branch])
+    omega = sweep.omega[k] * (sweep.omega[k + 1] / sweep.omega[k]) ** share
+    turned = np.angle(steps.end[k, branch] * steps.start[k, branch].conj())
+    wanted = np.exp(1j * (np.angle(steps.start[k, branch]) + share * turned))
     omega, value, _ = sweep.crossings(omega, wanted, lambda value: np.log(np.abs(value)))
     reached = np.abs(np.abs(value) - 1) < 1e-9
     return list(zip(omega[reached].tolist(), value[reached].tolist(), strict=True))

@@ -74,6 +74,8 @@ def kept_by(loop: Loop) -> Kept:
     starts = (steps.start, single[:-1])
     ends = (steps.end, single[1:])
     factor = min(_nearest_factor(start, end) for start, end in zip(starts, ends, strict=True))
+    if loop.parts is not None and loop.parts.plant.gravity_stiffness is not None:
+        factor = min(factor, *(_factor_at_rest(values) for values in (sweep.at_rest(), single[0])))
     phase = min(_nearest_phase(start, end) for start, end in zip(starts, ends, strict=True))
     return Kept(True, factor, phase, float(np.abs(sensitivity).max()))
 
@@ -106,13 +108,20 @@ def _nearest_factor(start: Complexes, end: Complexes) -> float:
     return float(np.exp(np.abs(np.log(-value[value < 0])).min(initial=math.inf)))
 
 
+def _factor_at_rest(values: Complexes | Floats) -> float:
+    """The smallest max(g, 1/g) with −1/g among the values at ω → 0 that are real: there gravity topples."""
+    real = np.real(values[np.abs(np.imag(values)) < 0.01 * np.abs(values)])
+    return float(np.exp(np.abs(np.log(-real[real < 0])).min(initial=math.inf)))
+
+
 def _nearest_phase(start: Complexes, end: Complexes) -> float:
     """The smallest |arg(−L)| at which a step crosses the unit circle [rad]."""
     low, high = np.log(np.maximum(np.abs(start), 1e-300)), np.log(np.maximum(np.abs(end), 1e-300))
     crosses = (low > 0) != (high > 0)
     share = low[crosses] / (low[crosses] - high[crosses])
-    value = start[crosses] + share * (end[crosses] - start[crosses])
-    return float(np.abs(np.angle(-value)).min(initial=math.inf))
+    start, end = start[crosses], end[crosses]
+    lag = np.angle(-start) + share * np.angle(end * start.conj())  # size and direction change evenly where curves are powers of ω
+    return float(np.abs(np.angle(np.exp(1j * lag))).min(initial=math.inf))
 
 
 def largest_scale(

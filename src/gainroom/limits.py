@@ -14,6 +14,7 @@ from .sweep import HIGHEST, Sweep
 NUDGE = 1e-6  # the certificate counts roots at limit·(1 ± NUDGE)
 NEAREST = 10.0  # of the factors that are looked at first on coupled loops; most limits lie below
 LOWEST = 1e-6  # factors on coupled loops below this count as none
+LOWEST_UNDAMPED = 1e-3  # likewise, beside an undamped resonance: smaller ones may only tell how far the boundary leans there
 # Relative distances from a crossing at which samples tell on which side of it ±NUDGE lies: no step is longer than 3 times its distance.
 TOWARDS = np.concatenate([sign * np.geomspace(0.2 * NUDGE, 0.03, 10) for sign in (-1, 1)])
 CLOSE = 0.03  # relative distance within which crossings, interpolated between samples, may change places when polished
@@ -40,8 +41,8 @@ class GainLimit:
     stable       at g = 1
     gain         its upper end: > 1 where the loop is stable; < 1 where it is not, and lowering the gains to it would make it so;
                  0 where no lower gain is stable; inf where no higher gain is unstable
-    lower_gain   its lower end, 0 where every lower gain is stable
-    frequency    of the vibration at the upper end [rad/s], NaN where there is none
+    lower_gain   its lower end, 0 where every lower gain is stable, NaN where no factor below 1 is
+    frequency    of the vibration at the upper end [rad/s], 0 where the robot topples, NaN where there is none
     mode         (n,) complex, the joints' parts in that vibration, the largest 1
     certificate  of the upper end, None where there is none
 
@@ -124,10 +125,17 @@ def coupled_limit(sweep: Sweep) -> GainLimit:
                 return found
             break
         sweep.add(doubtful * (1 + np.linspace(-0.06, 0.06, 121)))  # the crossing was not where its neighbours promised: look closer
-    raise GainroomError(
-        "gain_limit: the loci could not be followed to a certified limit; gains many orders of magnitude apart on joints that work "
-        "against each other do this"
-    )
+    raise GainroomError(f"gain_limit: the loci could not be followed to a certified limit: {_why_not(sweep)}")
+
+
+def _why_not(sweep: Sweep) -> str:
+    """The likeliest reason, and what to do."""
+    longest = 0.0 if sweep.loop.delays is None else float(sweep.loop.delays.max(initial=0.0))
+    if sweep.undamped:
+        return "a resonance has no damping at all; give its gearbox some"
+    if sweep.full:
+        return f"they need over {len(sweep.omega) - 1} samples, as with very light damping or a very long delay (here {1e3 * longest:g} ms)"
+    return "the loop is as good as marginal at any gain (kd 0?), or gains lie many orders of magnitude apart"
 
 
 def _limit_once(sweep: Sweep) -> tuple[GainLimit | None, float]:
@@ -176,12 +184,14 @@ def _crossings(sweep: Sweep) -> list[Rough]:
         at_end = sweep.loci[-1]
         real = (np.abs(at_end.imag) < 1e-9 * np.abs(at_end)) & _reached(sweep, at_end.real)
         rough += [(-1 / there, sweep.last, complex(there)) for there in at_end.real[real].tolist()]
+    at_rest = sweep.at_rest()
+    rough += [(-1 / there, 0.0, complex(there)) for there in at_rest[_reached(sweep, at_rest)].tolist()]
     return sorted(rough, key=lambda one: one[0])
 
 
 def _reached(sweep: Sweep, value: Floats) -> Booleans:
     """True where −1/`value` is a factor that is looked at."""
-    return (value < -1 / sweep.highest) & (value > -1 / LOWEST)
+    return (value < -1 / sweep.highest) & (value > -1 / (LOWEST_UNDAMPED if sweep.undamped else LOWEST))
 
 
 def _pinned(sweep: Sweep, rough: Rough, down: bool) -> tuple[Critical, Certificate] | None:
@@ -190,6 +200,9 @@ def _pinned(sweep: Sweep, rough: Rough, down: bool) -> tuple[Critical, Certifica
     Near-equal legs cross at nearly the same factor: the rough order decides nothing among those close together.
     """
     gain, omega, there = rough
+    if omega == 0:  # toppled, or held, by gravity: known as it stands
+        point = Critical(gain, 0.0, sweep.mode_at_rest(there))
+        return point, _certified(sweep, gain, down)
     values = sweep.eigen(np.array([omega]))[0][0]
     near = values[np.abs(values - there) < CLOSE * np.abs(there)]
 
@@ -202,8 +215,12 @@ def _pinned(sweep: Sweep, rough: Rough, down: bool) -> tuple[Critical, Certifica
         return None
     point = Critical(-1 / float(value[0].real), float(at[0]), modes[0])
     sweep.add(point.omega * (1 + TOWARDS))
+    return point, _certified(sweep, point.gain, down)
+
+
+def _certified(sweep: Sweep, gain: float, down: bool) -> Certificate:
     inward = 1 + NUDGE if down else 1 - NUDGE
-    return point, Certificate(sweep.unstable(point.gain * inward), sweep.unstable(point.gain * (2 - inward)))
+    return Certificate(sweep.unstable(gain * inward), sweep.unstable(gain * (2 - inward)))
 
 
 def _slope(value: Complexes) -> Floats:

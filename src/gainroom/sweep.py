@@ -4,8 +4,8 @@ det(I + z L(jω)) = 0 exactly where an eigenvalue equals −1/z. So the loci tel
 gain where they cross the negative real axis, a phase or a delay where they cross the unit circle; and their turns around −1/z count the
 unstable roots (Nyquist, MacFarlane and Postlethwaite 1977). L is sampled once, as finely as the loci need, for all of these.
 
-Between neighbouring samples an eigenvalue moves by a small part of its distance from the negative real axis, or of itself. That is a
-check, not a proof as for one joint (crossings.py); what is reported is polished, and counted on both sides.
+Between neighbouring samples an eigenvalue turns by a part of its angle to the negative real axis, or moves by a small part of itself. That
+is a check, not a proof as for one joint (crossings.py); what is reported is polished, and counted on both sides.
 
 A limit alone needs few samples: loci too small to matter are told by a norm, and where a passive mechanism under PD keeps them off the
 negative real axis by itself (`calm`) there is nothing to follow.
@@ -24,17 +24,20 @@ from .loop import Loop
 
 HIGHEST = 1e3  # of the factors that are looked at
 SMOOTH = 0.12  # largest relative move of an eigenvalue between samples near the negative real axis
-DETOUR = 0.5  # of its distance from that axis: a move that stays shorter does not reach the axis in between
+DETOUR = 0.5  # of its angle to that axis: a turn that stays smaller does not reach the axis in between
+GROWTH = 0.7  # largest change of ln|λ| between samples
 LARGE = 1e3  # eigenvalues beyond this belong to integrators
 UNDAMPED = 1e-8  # damping ratio below which a resonance counts as undamped
 TILT = 1e-9  # damping ratio, negative, of the ray that takes the place of the boundary then
 HUGE = 1e9  # eigenvalues beyond this drown the small ones in round-off
+NOTHING = 1e-150  # eigenvalues smaller than this are zero
 NOISE = 1e-10  # of the largest eigenvalue: smaller ones are no better than round-off
 PER_DECADE = 6
 AROUND = np.array([-6.0, -1.5, 0.0, 1.5, 6.0])  # half-widths of a resonance that are sampled
 TELLING = 3  # steps after which crossings that differ are told apart
+LOWEST = 1e-12  # of the highest frequency
 CLOSEST = 1e-10  # relative distance of samples at which refinement stops
-MOST = 12_000  # samples
+MOST = 12_000  # samples of large matrices; of small ones more, up to as many entries
 AT_ONCE = 2_000_000  # entries of all matrices that are held at a time
 
 
@@ -62,8 +65,8 @@ class Sweep:
         bends = loop.bends
         # A resonance without damping is a pole on the boundary, which the loci pass at infinity: then the boundary leans, and what grows
         # slower than TILT tells is not counted.
-        undamped = bool(np.any((bends.imag > 0) & (np.abs(bends.real) < UNDAMPED * bends.imag)))
-        self._ray = 1j + TILT if undamped else 1j
+        self.undamped = bool(np.any((bends.imag > 0) & (np.abs(bends.real) < UNDAMPED * bends.imag)))
+        self._ray = 1j + TILT if self.undamped else 1j  # s = ω (j + TILT)
         grid = _first_grid(loop, self.last)
         self._calm = calm_spans(loop, 1e-4 * grid[0], grid[-1]) if for_limit else np.zeros((0, 2))
         self.omega = _without_inside(grid, self._calm)
@@ -81,7 +84,7 @@ class Sweep:
     @property
     def full(self) -> bool:
         """No more samples are taken: the loci of this loop cannot be followed."""
-        return len(self.omega) > MOST
+        return len(self.omega) > max(MOST, 30 * MOST // self.loop.size**2)
 
     def add(self, omega: Floats) -> None:
         """Take samples at more frequencies."""
@@ -107,6 +110,21 @@ class Sweep:
         """The loci from sample to sample."""
         return Steps(self.loci[:-1], np.take_along_axis(self.loci[1:], self._pairs, axis=1))
 
+    def at_rest(self) -> Floats:
+        """The loci that settle as ω → 0, which are real there: gravity holds the joints, or topples them, against these."""
+        plant = None if self.loop.parts is None else self.loop.parts.plant
+        if plant is None or plant.gravity_stiffness is None:
+            return np.zeros(0)
+        here, settled = self._eigenvalues(1e-6 * self.omega[:1])[0], self.loci[0][np.abs(self._falls()) < 0.5]
+        return here[np.any(np.abs(np.abs(here[:, None]) / np.abs(settled) - 1) < 0.1, axis=1)].real
+
+    def mode_at_rest(self, value: complex) -> Complexes:
+        """The measured positions (n,) of the locus that settles at `value`, the largest part 1."""
+        omega = 1e-6 * self.omega[:1]
+        values, vectors = self.eigen(omega)
+        mode = self.loop.lifted(self._ray * float(omega[0]), vectors[0][:, np.argmin(np.abs(values[0] - value))])
+        return mode / mode[np.argmax(np.abs(mode))]
+
     @property
     def calm(self) -> Booleans:
         """(k − 1,) True where no locus can meet the negative real axis between two samples."""
@@ -117,11 +135,7 @@ class Sweep:
 
     def unstable(self, gain: float) -> int:
         """Unstable closed-loop roots with every gain multiplied by `gain` <= highest, as far as the gains move them."""
-        for _ in range(20):  # down to where double integrators rule at this gain too
-            falls = np.round(self._falls()) > 1
-            if not np.any(falls & (gain * np.abs(self.loci[0]) < 100)) or self.omega[0] < 1e-9 * self.omega[-1]:
-                break
-            self.add(self.omega[0] / np.array([4.0, 16.0]))
+        self._reach_down(gain)
         target, steps = -1 / gain, self.steps()
         for _ in range(60):
             close = np.any(_passes(steps, target), axis=1) & (np.diff(self.omega) > CLOSEST * self.omega[1:]) & ~self.calm
@@ -135,11 +149,20 @@ class Sweep:
         calm = self.calm[:, None]
         turned = float(np.sum(np.where(calm, np.angle(after) - np.angle(before), np.angle(after * before.conj()))))
         # From ω = 0+, where 1 + gλ points along 1/jᵏ, to the first sample.
-        orders = np.round(self._falls())
+        orders = np.maximum(np.round(self._falls()), 0.0)
         turned += float(np.sum(np.where(orders > 0, np.angle(before[0] * 1j**orders), 0.0)))
         if self.last is None:
             turned -= float(np.sum(np.angle(1 + gain * self.loci[-1])))  # from the last sample to infinity, where L is 0
         return round(self.loop.unstable_poles + float(orders.sum()) / 2 - turned / math.pi)
+
+    def _reach_down(self, gain: float) -> None:
+        """Down to where double integrators rule at this gain too, and to where what settles has told on which side of −1/gain."""
+        for _ in range(20):
+            orders, one = np.round(self._falls()), 1 + gain * self.loci[0]
+            unsettled = ((orders > 1) & (gain * np.abs(self.loci[0]) < 100)) | ((orders == 0) & (np.abs(one.imag) > 0.1 * np.abs(one.real)))
+            if not unsettled.any() or self.omega[0] < LOWEST * self.omega[-1]:
+                break
+            self.add(self.omega[0] / np.array([4.0, 16.0]))
 
     def _falls(self) -> Floats:
         """(r,) how each locus falls at the lowest sample, as 1/ωᵏ: k; 0 where it is lost in round-off."""
@@ -226,7 +249,7 @@ class Sweep:
         for _ in range(40):
             falls = self._falls()
             settled = np.all(np.abs(falls - np.round(falls)) < 0.05) and self.omega[0] < slowest
-            if settled or np.abs(self.loci[0]).max() > HUGE or self.omega[0] < 1e-9 * self.omega[-1]:
+            if settled or np.abs(self.loci[0]).max() > HUGE or self.omega[0] < 1e3 * LOWEST * self.omega[-1]:
                 break
             self.add(self.omega[0] / np.array([4.0, 16.0]))
         while self.last is None and np.abs(self.loci[-1]).max() * self.highest > 1 and self.omega[-1] < 1e12 * self.omega[0]:
@@ -236,12 +259,13 @@ class Sweep:
         """Intervals on which a locus moves so far, and so near the negative real axis, that where it crosses is in doubt."""
         steps = self.steps()
         size = np.maximum(np.abs(steps.start), np.abs(steps.end))
-        distance = np.minimum(_from_axis(steps.start), _from_axis(steps.end))
+        away = math.pi - np.maximum(np.abs(np.angle(steps.start)), np.abs(np.angle(steps.end)))
+        turned, grown = np.abs(np.angle(steps.end * steps.start.conj())), np.abs(_size(steps.end) - _size(steps.start))
         move = np.abs(steps.end - steps.start)
         # Far beyond −1 the loci of integrators fall along straight lines, on which a step of a decade loses nothing.
-        turn = np.where(size > LARGE, np.abs(np.angle(steps.end * steps.start.conj())) * size, move)
+        far = np.where(size > LARGE, turned * size, move) > SMOOTH * size
         seen = size > np.maximum(1 / self.highest, NOISE * size.max(axis=1, keepdims=True))
-        rough = np.any((move > DETOUR * distance) & (turn > SMOOTH * size) & seen, axis=1)
+        rough = np.any(((turned > DETOUR * away) | (grown > GROWTH)) & far & seen, axis=1)
         return np.flatnonzero(rough & ~self.calm & (np.diff(self.omega) > CLOSEST * self.omega[1:]))
 
 
@@ -260,16 +284,21 @@ def _without_inside(omega: Floats, spans: Floats) -> Floats:
     return np.unique(np.concatenate([omega[~inside], ends]))
 
 
-def _from_axis(value: Complexes) -> Floats:
-    """Distance from the negative real axis."""
-    return np.where(value.real < 0, np.abs(value.imag), np.abs(value))
+def _size(value: Complexes) -> Floats:
+    """ln|λ|."""
+    return np.log(np.maximum(np.abs(value), NOTHING))
 
 
 def _pairing(before: Complexes, after: Complexes) -> Integers:
-    """(k, n) which eigenvalue `after` continues each one `before`: the nearest, or the nearest as a whole where two claim the same."""
+    """(k, n) which eigenvalue `after` continues each one `before`: the nearest, or the nearest as a whole where two claim the same.
+
+    Near in size and direction: at low frequencies all loci fall alike, and each may come to where the next one was.
+    """
     from scipy.optimize import linear_sum_assignment
 
-    distance = np.abs(before[:, :, None] - after[:, None, :])
+    grown = _size(after)[:, None, :] - _size(before)[:, :, None]
+    turned = np.angle(after)[:, None, :] - np.angle(before)[:, :, None]
+    distance = grown**2 + (np.abs(np.abs(turned) - math.pi) - math.pi) ** 2
     pairs = np.argmin(distance, axis=2)
     size = before.shape[1]
     for k in np.flatnonzero(np.any(np.sort(pairs, axis=1) != np.arange(size), axis=1)):
