@@ -17,6 +17,7 @@ from gainroom.audit_config import AuditOptions, audit_spec, margin_factor
 from gainroom.cli import main
 from gainroom.io.yaml_text import parse_yaml
 from gainroom.robot_config import parse_robot
+from gainroom.robot_gains import recommend_robot
 from gainroom.robot_spec import RobotSpec
 from gainroom.robot_study import RobotStudy, study_robot
 from mutations import mutated_data
@@ -325,3 +326,14 @@ def test_mutated_files_run_to_an_answer_or_a_line(texts: tuple[str, str], folder
         assert status in (0, 1, 2)
         assert (out == "") == (status == 2)
         assert status != 2 or (err.startswith("gainroom: error: ") and err.count("\n") == 1)
+
+
+def test_a_poor_kd_in_the_file_costs_little(folder: Path):
+    """Recommended task gains depend on the kp of the file; a kd ten times too low, or too high, leaves them nearly as stiff."""
+    stiffness = []
+    for kd in ("[20, 20, 20]", "[2, 2, 2]", "[200, 200, 200]"):
+        gains = recommend_robot(parse_robot(ROBOT.replace("kd: [20, 20, 20]", f"kd: {kd}"), "f", folder), "task")
+        assert gains.everywhere is not None
+        stiffness.append(gains.everywhere.kp[0])
+    # Dampings are tried in steps of 1.5, and stiffness changes by less than that between two of them.
+    assert min(stiffness) > max(stiffness) / 1.5

@@ -1,7 +1,8 @@
 """Gains to use on a robot: one set per contact state and one that is safe in all, with every loop closed, over the stated uncertainty.
 
 The shape of the joint gains comes from each joint alone, with the lightest load that any state gives it and the longest delay; the shape
-of the task gains from the file. Each shape is then scaled as a whole (coupled_gains.py) until a requirement stands in the way.
+of the task gains from the file: its kp with its kd, or with a kd that damps all directions alike. For several dampings each shape is scaled
+as a whole (coupled_gains.py) until a requirement stands in the way; the stiffest is told. Not the stiffest of all shapes.
 """
 
 import itertools
@@ -25,8 +26,10 @@ if TYPE_CHECKING:
 
 Family = Callable[[float, float], Loop]
 """(factor on the stiffness, factor on the damping) → loop."""
-DAMPINGS = (1.0, 0.7, 0.45)
-"""Factors on the damping of the shape that are tried."""
+DAMPING_STEP = 1.5
+"""Between the factors on the damping of a shape that are tried, up or down, as long as that helps."""
+MOST_DAMPINGS = 7
+"""In either direction."""
 EVERYWHERE = ""
 """The contact state of the set that is safe in all."""
 _JOINT = ("motor_inertia", "stiffness", "damping", "motor_viscous", "link_viscous")
@@ -141,6 +144,13 @@ def recommend_robot(spec: RobotSpec, space: str = "joint", progress: Callable[[]
         closed = [_task_case(state, shape) for state in states]
     required = spec.requirements
     safe = _set(EVERYWHERE, closed, shape, required, progress)
+    if space == "task" and not shape.cascade.any():
+        # The file's kd may fit its kp badly; the same kp, all directions as well damped, may be stiffer.
+        even = replace(shape, kd=np.where(shape.kp > 0, 2 * np.sqrt(shape.kp), shape.kd))
+        evenly = [_task_case(state, even) for state in states]
+        other = _set(EVERYWHERE, evenly, even, required, progress)
+        if other is not None and other.moves and (safe is None or other.scale > safe.scale):
+            safe, shape, closed = other, even, evenly
     per_contact = {}
     for contact in spec.robot.contacts:
         chosen = [state for state in closed if state.contact == contact]
@@ -168,12 +178,27 @@ def _set(
         return GainSet(contact, nothing, nothing, nothing if cascade else None, math.nan, math.nan, NOTHING_KEPT, "", 0)
     best, damping, first = None, 0.0, 0
     start = safe.scale if safe is not None and safe.moves else 1.0
-    for trial in DAMPINGS:
+
+    def tried(trial: float) -> bool:
+        """Whether this damping allows more stiffness than any before."""
+        nonlocal best, damping, start, first
         known = safe.scale if safe is not None and safe.damping == trial else 0.0
         found = largest_scale([_damped(state.loop, trial) for state in acting], required, progress, max(start, known), first, known)
-        if found.scale > 0 and (best is None or found.scale > best.scale):
+        better = found.scale > 0 and (best is None or found.scale > best.scale)
+        if better:
             best, damping = found, trial
         start, first = found.scale or start, found.binding
+        return better
+
+    centre, lowered = safe.damping if safe is not None and safe.moves else 1.0, 0
+    while not tried(centre) and lowered < MOST_DAMPINGS:  # too much damping may be unstable at any stiffness
+        centre, lowered = centre / DAMPING_STEP, lowered + 1
+    for step in (1 / DAMPING_STEP,) if lowered else (DAMPING_STEP, 1 / DAMPING_STEP):
+        went = 0
+        while best is not None and went < MOST_DAMPINGS and tried(centre * step ** (went + 1)):
+            went += 1
+        if went:
+            break
     if best is None:
         return None
     still = ~np.any([state.movable for state in acting], axis=0)
