@@ -149,7 +149,11 @@ def test_terminal_and_page_say_it_in_words(folder: Path, tmp_path: Path, capsys:
     assert err == ""
     assert max(map(len, out.splitlines())) <= 100
     words = " ".join(out.split())
-    for text in ("bent, flight – – – – nothing moves –", "No gains for com y: nothing can move there", "Nothing moves in contact flight"):
+    for text in (
+        "bent, flight – – – – – – nothing moves –",
+        "No gains for com y: nothing can move there",
+        "Nothing moves in contact flight",
+    ):
         assert text in words
     page = report.read_text("utf-8")
     for text in ("<td>bent,\u00a0flight</td><td>nothing moves</td>", "nothing moves there: gains do nothing", "no loop is closed"):

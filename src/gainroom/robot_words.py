@@ -16,13 +16,28 @@ COUPLED = 0.95
 
 def sentence(study: RobotStudy) -> str:
     """The answer in one sentence: verdict, room, frequency, joints, and what the coupling costs; more where something is not known."""
-    told = [_verdict(study)]
+    told = [_verdict(study), *_unmet(study)]
     blind = _blind(study)
     if blind:
         told.append(f"In {listed(blind)} only the verdict is known, not how far the gains may go.")
     if study.still:
         told.append(f"In {listed([state.title for state in study.still])} {study.still[0].reason}.")
     return " ".join(told)
+
+
+def _unmet(study: RobotStudy) -> list[str]:
+    """What is asked for and not kept."""
+    asked, parts = study.spec.requirements, []
+    for name, state in study.unmet.items():
+        value, needed = getattr(state.room, name), getattr(asked, name)
+        if name == "gain_margin":
+            figures = f"{to_db(value):.3g} dB of {to_db(needed):.3g} dB"
+        elif name == "phase_margin":
+            figures = f"{math.degrees(value):.3g}° of {math.degrees(needed):.3g}°"
+        else:
+            figures = f"{value:.3g}, at most {needed:.3g}"
+        parts.append(f"{name.replace('_', ' ')} ({figures}, {state.title})")
+    return [f"Not as required: {listed(parts)}."] if parts else []
 
 
 def _blind(study: RobotStudy) -> list[str]:
@@ -80,7 +95,7 @@ def warnings(study: RobotStudy) -> tuple[str, ...]:
     found = [*_unstable(study), *_still(study), *spec.warnings]
     if spec.control.sample_time is None and any(drive.delay > 0 for drive in spec.drives):
         found.append(CONTINUOUS)
-    found += _undamped(study)
+    found += [*_weightless(study), *_undamped(study)]
     for state in study.states:
         if state.tasks is not None:
             found += [f"{state.title}: {text}" for text in state.tasks.tasks.warnings]
@@ -123,6 +138,16 @@ def _still(study: RobotStudy) -> list[str]:
             "may go is not known; give undamped joints their damping, and gains of like size to joints that work together"
         )
     return found
+
+
+def _weightless(study: RobotStudy) -> list[str]:
+    """What leaving gravity out means for a robot that stands."""
+    robot = study.spec.robot
+    if robot.gravity or robot.body.base == "fixed" or not any(robot.contacts.values()):
+        return []
+    return [
+        "gravity is left out: a robot on its feet keeps less at a few hertz and below, and may topple; set model.gravity_stiffness (no flight then)"
+    ]
 
 
 def _undamped(study: RobotStudy) -> list[str]:

@@ -68,6 +68,8 @@ def _facts(study: "RobotStudy") -> dict[str, Any]:
     return {
         "stable": study.stable,
         "sentence": study.sentence,
+        "requirements_met": study.stable and not study.unmet,
+        "unmet": list(study.unmet),
         "model": model_kind(sample_time),
         "sample_rate_hz": None if sample_time is None else 1 / sample_time,
         "states": sorted(states, key=lambda facts: order.index((facts["posture"], facts["contact"]))),
@@ -169,8 +171,8 @@ def _terminal(study: "RobotStudy", report: Path | None) -> str:
     model = model_in_words(study.spec.control.sample_time)
     states = table(
         f"All joints together ({model}); factor on all gains",
-        ("posture, contact", "limit", "at", "delay", "disk", "most of all", "stable"),
-        [*map(_state_row, study.states), *((state.title, *4 * ("–",), "nothing moves", "–") for state in study.still)],
+        ("state", "limit", "at", "delay", "phase", "Ms", "disk", "most of all", "stable"),
+        [*map(_state_row, study.states), *((state.title, *6 * ("–",), "nothing moves", "–") for state in study.still)],
     )
     parts: list[Any] = [study.sentence, "", states]
     for state in study.tightest_by_contact:
@@ -195,6 +197,8 @@ def _state_row(state: "StateStudy") -> tuple[str, ...]:
         digits(limit.gain),
         hertz(limit.frequency) if math.isfinite(limit.frequency) else "–",
         f"+{digits(1e3 * state.margins.delay_margin, 'ms', 3)}" if limit.stable else "–",
+        digits(math.degrees(state.room.phase_margin), "°", 3) if limit.stable else "–",
+        digits(state.room.peak_sensitivity, significant=3) if limit.stable else "–",
         ("~" if state.disk_margin_certified is False else "") + digits(state.disk_margin, significant=3),
         f"{first}, +{len(others)}" if others else first,
         "yes" if limit.stable else "no",

@@ -3,8 +3,6 @@
 import math
 from collections.abc import Sequence
 
-import numpy as np
-
 from ..io.numbers import digits, hertz, model_kind
 from ..robot_states import RobotStudy, StateStudy, by_room
 from ..robot_words import listed
@@ -152,9 +150,13 @@ def _lead(study: RobotStudy) -> Lead:
         where = "" if states == 1 else f" in all {states} states" if count == states else f" in {'; '.join(unstable[:3])}"
         more = f" and {count - 3} more" if 3 < count < states else ""
         return Lead(study.sentence, "bad", f"UNSTABLE{where}{more}: do not run these gains", warnings)
-    unmet = [card.label for card in _cards(study) if card.met is False]
-    if unmet:
-        return Lead(study.sentence, "warn", f"Stable, but not as required: {', '.join(unmet)}", warnings)
+    if study.unmet:
+        return Lead(
+            study.sentence, "warn", f"Stable, but not as required: {', '.join(name.replace('_', ' ') for name in study.unmet)}", warnings
+        )
+    lost = [state.title for state in study.states if state.tasks is not None and state.tasks.moves and not state.tasks.limit.stable]
+    if lost:
+        return Lead(study.sentence, "warn", f"Stable in joint space; the tasks' gains are UNSTABLE in {listed(lost)}", warnings)
     return Lead(study.sentence, "good", "", warnings)
 
 
@@ -187,38 +189,24 @@ def _unstable_cards(study: RobotStudy) -> list[Card]:
 
 
 def _stable_cards(study: RobotStudy) -> list[Card]:
-    asked, states = study.spec.requirements, study.states
-    room = [_worse(_common_room(state), state.kept.gain_margin) for state in states]
-    phase = [_worse(state.margins.phase_margin, state.kept.phase_margin) for state in states]
-    peaks = [state.kept.peak_sensitivity for state in states]
-    delays = [state.margins.delay_margin for state in states]
-    least, narrow, high, late = int(np.argmin(room)), int(np.argmin(phase)), int(np.argmax(peaks)), int(np.argmin(delays))
+    asked, worst = study.spec.requirements, study.worst
+    least, narrow, high = worst["gain_margin"], worst["phase_margin"], worst["peak_sensitivity"]
+    late = min(study.states, key=lambda state: state.margins.delay_margin)
 
     def at(omega: float) -> str:
         return f"{hertz(omega)}, " if math.isfinite(omega) else ""
 
     return [
-        margin_card(asked, "gain_margin", room[least], f"{at(states[least].limit.frequency)}{states[least].title}"),
-        margin_card(asked, "phase_margin", phase[narrow], f"{at(states[narrow].margins.phase_frequency)}{states[narrow].title}"),
-        margin_card(asked, "peak_sensitivity", peaks[high], f"one loop, others closed, {states[high].title}"),
+        margin_card(asked, "gain_margin", least.room.gain_margin, f"{at(least.limit.frequency)}{least.title}"),
+        margin_card(asked, "phase_margin", narrow.room.phase_margin, f"{at(narrow.margins.phase_frequency)}{narrow.title}"),
+        margin_card(asked, "peak_sensitivity", high.room.peak_sensitivity, f"one loop, others closed, {high.title}"),
         Card(
             "delay margin",
-            digits(1e3 * delays[late], "", 3),
-            "ms" if math.isfinite(delays[late]) else "",
-            note=f"{at(states[late].margins.delay_frequency)}{states[late].title}",
+            digits(1e3 * late.margins.delay_margin, "", 3),
+            "ms" if math.isfinite(late.margins.delay_margin) else "",
+            note=f"{at(late.margins.delay_frequency)}{late.title}",
         ),
     ]
-
-
-def _common_room(state: StateStudy) -> float:
-    """The smallest factor, up or down, on all gains or on one loop's, that makes it vibrate."""
-    lower = state.limit.lower_gain
-    return min([state.limit.gain, 1 / lower if lower > 0 else math.inf, *(g for g in state.margins.others_closed.tolist() if g > 0)])
-
-
-def _worse(exact: float, sampled: float) -> float:
-    """The smaller of two: the first is polished, the second, interpolated between samples, counts only where it tells of another loop."""
-    return sampled if sampled < 0.99 * exact else exact
 
 
 def _words(study: RobotStudy) -> list[Html]:
