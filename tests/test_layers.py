@@ -33,6 +33,7 @@ LAYERS = (
     ("recommend", "coupled_gains"),
     ("study",),
     ("robot_spec",),
+    ("simulation",),
     ("robot_gains",),
     ("robot_states",),
     ("robot_words",),
