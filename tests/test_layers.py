@@ -24,7 +24,7 @@ LAYERS = (
     ("assembly",),
     ("loop",),
     ("stability", "region_curves", "_disk_modes"),
-    ("calm", "simulation"),
+    ("calm",),
     ("robustness", "sweep", "forbidden", "multiloop_disk"),
     ("limits",),
     ("coupled",),

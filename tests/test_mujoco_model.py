@@ -37,8 +37,22 @@ def mass_matrix(robot, data):
         mujoco.mj_fullM(robot.model, data, whole)
     except TypeError:  # before MuJoCo 4
         mujoco.mj_fullM(robot.model, whole, data.qM)
-    mapped = robot.velocity_map(data)
+    mapped = velocity_map(robot, data)
     return mapped.T @ whole @ mapped
+
+
+def velocity_map(robot, data):
+    """(nv, N + e) from the body's velocity (N,), followed by that of the e springs, to MuJoCo's, in the present posture."""
+    body = robot.body
+    free = body.nv - body.size
+    whole = np.zeros((robot.model.nv, body.nv + len(robot.spring_v)))
+    if free:  # MuJoCo has the base's linear velocity in world axes, Pinocchio in the base's own
+        rotation = np.zeros(9)
+        mujoco.mju_quat2Mat(rotation, data.qpos[3:7])
+        whole[:3, :3], whole[3:6, 3:6] = rotation.reshape(3, 3), np.eye(3)
+    whole[robot.motor_v, free + np.arange(body.size)] = 1.0
+    whole[robot.spring_v, body.nv + np.arange(len(robot.spring_v))] = 1.0
+    return whole
 
 
 def random_posture(body, seed):
@@ -87,7 +101,7 @@ def test_positions_and_weight_are_the_bodys(body, seed):
     assert_allclose(robot.motor_position(data) - robot.link_position(data), torque / 1e4, atol=1e-14)  # wound up by τ_J/K
     assert_allclose(robot.joint_torque(data), torque, rtol=1e-9)
     mujoco.mj_forward(robot.model, data)
-    mapped = robot.velocity_map(data)[:, : body.nv]
+    mapped = velocity_map(robot, data)[:, : body.nv]
     assert_allclose(mapped.T @ data.qfrc_bias, body.gravity_torque(q), atol=1e-11 * np.abs(body.gravity_torque(q)).max())
     mujoco.mj_comPos(robot.model, data)
     assert_allclose(data.subtree_com[0], body.com(q), atol=1e-13)

@@ -125,19 +125,6 @@ class MujocoRobot:
             put_position(q, joint, angle)
         return q
 
-    def velocity_map(self, data: Any) -> Floats:
-        """(nv, N + e) from the body's velocity (N,), followed by that of the e springs, to MuJoCo's, in the present posture."""
-        free = self.body.nv - self.body.size
-        whole = np.zeros((self.model.nv, self.body.nv + len(self.spring_v)))
-        if free:
-            rotation = np.zeros(9)
-            library("mujoco", "MuJoCo").mju_quat2Mat(rotation, data.qpos[3:7])
-            whole[:3, :3] = rotation.reshape(3, 3)  # MuJoCo has the base's linear velocity in world axes, Pinocchio in the base's own
-            whole[3:6, 3:6] = np.eye(3)
-        whole[self.motor_v, free + np.arange(self.body.size)] = 1.0
-        whole[self.spring_v, self.body.nv + np.arange(len(self.spring_v))] = 1.0
-        return whole
-
 
 def build_mujoco(
     body: RigidBody,

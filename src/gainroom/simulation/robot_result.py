@@ -1,0 +1,81 @@
+"""What a simulated robot did, tick by tick."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from ..arrays import Floats
+from ..errors import GainroomError
+from .robot_setup import RobotSetup
+from .whole_body import values_of
+
+Ending = Literal["completed", "fell", "diverged"]
+
+
+@dataclass(frozen=True, eq=False)
+class RobotRun:
+    """What happened; one row per tick, k rows, all finite.
+
+    channels        (m,) names: joints, or directions of the tasks
+    time            (k,) [s]
+    desired, measured   (k, m) what the controller wanted and saw
+    command         (k, n) torques asked for [N m]
+    motor_torque    (k, n) what the drives gave at the ticks [N m]
+    joint_torque    (k, n) through the gearboxes [N m]; NaN of rigid joints, where nothing measures it
+    motor_position, link_position   (k, n) [rad]
+    base            (k, 7) position [m] and quaternion x, y, z, w of a floating base; (k, 0) of a fixed one
+    ending, reason  "completed", or why and when it stopped by itself
+    """
+
+    setup: RobotSetup
+    channels: tuple[str, ...]
+    time: Floats
+    desired: Floats
+    measured: Floats
+    command: Floats
+    motor_torque: Floats
+    joint_torque: Floats
+    motor_position: Floats
+    link_position: Floats
+    base: Floats
+    ending: Ending
+    reason: str
+
+    @property
+    def error(self) -> Floats:
+        """(k, m) desired less measured."""
+        return self.desired - self.measured
+
+    def steady_error(self, last: float = 0.1) -> Floats:
+        """(m,) mean error over the `last` seconds. Raises GainroomError for a run that did not last to its end."""
+        if self.ending != "completed":
+            raise GainroomError(f"simulation: no steady state: {self.reason}")
+        return self.error[self.time > self.time[-1] - last].mean(axis=0)
+
+    def posture(self, row: int) -> Floats:
+        """(nq,) of the links at one tick."""
+        body = self.setup.body
+        q = body.configuration(dict(zip(body.joint_names, self.link_position[row], strict=True)))
+        q[: self.base.shape[1]] = self.base[row]
+        return q
+
+    @cached_property
+    def actual(self) -> Floats:
+        """(k, m) the channels' values of the links themselves, which encoders before elastic gearboxes do not see."""
+        if self.setup.control.space == "joint":
+            return self.link_position
+        values = values_of(self.setup.body, self.setup.stack, self.setup.q)
+        return np.array([values(self.posture(row)) for row in range(len(self.time))])
+
+    @cached_property
+    def slip(self) -> Floats:
+        """(k, c) how far each contact frame is from where it started [m]."""
+        body = self.setup.body
+        frames = [contact.frame for contact in self.setup.contacts]
+        start = [body.frame_placement(self.setup.q, frame)[1] for frame in frames]
+        rows = (self.posture(row) for row in range(len(self.time)))
+        return np.array(
+            [[np.linalg.norm(body.frame_placement(q, frame)[1] - at) for frame, at in zip(frames, start, strict=True)] for q in rows]
+        )
