@@ -121,7 +121,7 @@ class MujocoRobot:
         q = self.body.neutral()
         if self.body.base == "floating":
             q[:3], q[3:7] = data.qpos[:3], data.qpos[[4, 5, 6, 3]]
-        for joint, angle in zip(_joints(self.body), self.link_position(data), strict=True):
+        for joint, angle in zip(self.body.joints, self.link_position(data), strict=True):
             put_position(q, joint, angle)
         return q
 
@@ -183,11 +183,6 @@ def _motor(name: str) -> str:
 
 def _spring(name: str) -> str:
     return f"{name}/spring"
-
-
-def _joints(body: RigidBody) -> list[Any]:
-    """Pinocchio's record of each actuated joint."""
-    return list(body.model.joints)[body.model.njoints - body.size :]
 
 
 def _rubbing(body: RigidBody, actuators: Actuators) -> list[str]:

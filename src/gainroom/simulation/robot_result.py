@@ -1,5 +1,6 @@
 """What a simulated robot did, tick by tick."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
@@ -8,6 +9,8 @@ import numpy as np
 
 from ..arrays import Floats
 from ..errors import GainroomError
+from ..robot.body import put_position
+from ..robot.tasks import Task
 from .robot_setup import RobotSetup
 from .whole_body import values_of
 
@@ -56,26 +59,27 @@ class RobotRun:
 
     def posture(self, row: int) -> Floats:
         """(nq,) of the links at one tick."""
-        body = self.setup.body
-        q = body.configuration(dict(zip(body.joint_names, self.link_position[row], strict=True)))
+        q = self.setup.body.neutral()
         q[: self.base.shape[1]] = self.base[row]
+        for joint, position in zip(self.setup.body.joints, self.link_position[row], strict=True):
+            put_position(q, joint, position)
         return q
 
     @cached_property
     def actual(self) -> Floats:
         """(k, m) the channels' values of the links themselves, which encoders before elastic gearboxes do not see."""
-        if self.setup.control.space == "joint":
-            return self.link_position
-        values = values_of(self.setup.body, self.setup.stack, self.setup.q)
-        return np.array([values(self.posture(row)) for row in range(len(self.time))])
+        return self.link_position if self.setup.control.space == "joint" else self._values(self.setup.stack)
 
     @cached_property
     def slip(self) -> Floats:
         """(k, c) how far each contact frame is from where it started [m]."""
-        body = self.setup.body
-        frames = [contact.frame for contact in self.setup.contacts]
-        start = [body.frame_placement(self.setup.q, frame)[1] for frame in frames]
-        rows = (self.posture(row) for row in range(len(self.time)))
-        return np.array(
-            [[np.linalg.norm(body.frame_placement(q, frame)[1] - at) for frame, at in zip(frames, start, strict=True)] for q in rows]
-        )
+        frames = [Task(name=contact.frame, kind="position", frame=contact.frame, kp=0.0, kd=0.0) for contact in self.setup.contacts]
+        if not frames:
+            return np.zeros((len(self.time), 0))
+        start = np.concatenate([self.setup.body.frame_placement(self.setup.q, contact.frame)[1] for contact in self.setup.contacts])
+        away = self._values(frames) - start
+        return np.linalg.norm(away.reshape(len(self.time), len(frames), 3), axis=2)
+
+    def _values(self, tasks: Sequence[Task]) -> Floats:
+        values = values_of(self.setup.body, tasks, self.setup.q)
+        return np.array([values(self.posture(row)) for row in range(len(self.time))])

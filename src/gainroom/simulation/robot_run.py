@@ -61,10 +61,10 @@ def run_robot(
 
 
 class RobotSimulation:
-    """Plant, drives and controller, tick by tick."""
+    """Plant (`robot`, `data`, `step`), drives (`line`) and controller (`control`), tick by tick."""
 
     def __init__(self, setup: RobotSetup, *, gain: float = 1.0, kick: ArrayLike = 0.0):
-        self._mujoco = library("mujoco", "MuJoCo")
+        self.step: Callable[[Any, Any], None] = library("mujoco", "MuJoCo").mj_step
         substeps = substeps_for(setup) if setup.substeps is None else require_count("simulation", "substeps", setup.substeps, 1)
         require_positive("simulation", "encoder_step", setup.encoder_step, "rad", zero=True)
         self.setup = setup
@@ -78,7 +78,7 @@ class RobotSimulation:
             gravity=setup.gravity,
             ground=setup.ground,
         )
-        self._control = WholeBodyControl(
+        self.control = WholeBodyControl(
             setup.body,
             setup.actuators.motor_inertia,
             setup.contacts,
@@ -89,10 +89,10 @@ class RobotSimulation:
             refresh=setup.refresh,
             gain=gain,
         )
-        self.channels = self._control.channels
-        start = self._control.holding_torque
-        self._line = TorqueLine(setup.drives, setup.sample_time, substeps, setup.torque_limit)
-        self._line.rest(start)
+        self.channels = self.control.channels
+        start = self.control.holding_torque
+        self.line = TorqueLine(setup.drives, setup.sample_time, substeps, setup.torque_limit)
+        self.line.rest(start)
         self.data: Any = self.robot.new_data(setup.q, start)
         self.data.qvel[self.robot.motor_v] = require_finite("simulation", "kick", kick)
         self._size = setup.body.size
@@ -104,11 +104,11 @@ class RobotSimulation:
         positions = data.qpos[robot.motor_q] if self.setup.control.feedback == "motor" else robot.link_position(data)
         if self.setup.encoder_step:
             positions = np.round(positions / self.setup.encoder_step) * self.setup.encoder_step
-        torque, desired, measured = self._control.tick(positions, offset)
-        row = (data.qpos.copy(), data.qvel.copy(), desired, measured, torque, self._line.torque)
-        step, control = self._mujoco.mj_step, data.ctrl
-        for mean in self._line.tick(torque):
-            control[: self._size] = mean
+        torque, desired, measured = self.control.tick(positions, offset)
+        row = (data.qpos.copy(), data.qvel.copy(), desired, measured, torque, self.line.torque)
+        step, inputs = self.step, data.ctrl
+        for mean in self.line.tick(torque):
+            inputs[: self._size] = mean
             step(model, data)
         return row
 

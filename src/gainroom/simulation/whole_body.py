@@ -66,7 +66,7 @@ class PostureEstimate:
     def __init__(self, body: RigidBody, contacts: Sequence[Contact], start: ArrayLike):
         self._pin: Any = library("pinocchio", "Pinocchio")
         self._body, self._model, self._data = body, body.model, body.model.createData()
-        self._joints = list(body.model.joints)[body.model.njoints - body.size :]
+        self._joints = body.joints
         self._plain = None if any(is_continuous(joint) for joint in self._joints) else slice(body.nq - body.size, body.nq)
         self._base = body.nv - body.size
         self.q = require_finite(body.source, "posture", start).copy()
