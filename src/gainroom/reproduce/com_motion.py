@@ -16,6 +16,7 @@ from ..simulation.mujoco_model import Ground, Sole
 from ..simulation.robot_result import RobotRun
 from ..simulation.robot_run import run_robot
 from ..simulation.robot_setup import RobotSetup
+from ..simulation.trajectories import Spline
 from .biped import COM_KD, COM_KP, NAMES, biped
 from .motion import on_both_feet
 from .row import Row, compare, same
@@ -36,20 +37,15 @@ TOLERANCE = 1.0  # [mm]
 
 @dataclass(frozen=True)
 class ComMotion:
-    """One run; time (k,) counts from the beginning of the motion [s], the rest is of the centre of mass in x, y, z [m].
-
-    desired, measured   (k, 3) as the controller sees them, from encoders before the gearboxes
-    error   (k, 3) desired less measured
-    """
+    """One run; time (k,) counts from the beginning of the motion [s], the rest is of the centre of mass in x, y, z [m]."""
 
     run: RobotRun
     time: Floats
-    desired: Floats
-    measured: Floats
 
     @property
     def error(self) -> Floats:
-        return self.desired - self.measured
+        """(k, 3) reference less measured, from encoders before the gearboxes, as the controller sees it."""
+        return self.run.error[:, :3]
 
     @property
     def steady(self) -> Floats:
@@ -96,21 +92,10 @@ def motion(controller: str) -> ComMotion:
     """The run under "pd" or "ppi"."""
     ticks = round((WAIT + MOTION + REST) / SAMPLE_TIME)
     time = SAMPLE_TIME * np.arange(ticks) - WAIT
-    asked = setup(controller)
     offsets = np.zeros((ticks, 6))
-    offsets[:, :3] = cubic(np.zeros(3), MOVE, MOTION)(time)
-    run = run_robot(asked, offsets)
-    return ComMotion(run, time[: len(run.time)], run.desired[:, :3], run.measured[:, :3])
-
-
-def cubic(start: Floats, end: Floats, duration: float):
-    """The cubic from `start` to `end` (n,) that begins and ends at rest: a function of time (k,) [s] with values (k, n)."""
-
-    def position(time: Floats) -> Floats:
-        share = np.clip(time / duration, 0.0, 1.0)[:, None]
-        return start + (end - start) * share**2 * (3 - 2 * share)
-
-    return position
+    offsets[:, :3] = Spline.move(MOVE, MOTION).position(time)
+    run = run_robot(setup(controller), offsets)
+    return ComMotion(run, time[: len(run.time)])
 
 
 def rows() -> list[Row]:

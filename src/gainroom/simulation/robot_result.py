@@ -1,7 +1,7 @@
 """What a simulated robot did, tick by tick."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Literal
 
@@ -11,6 +11,7 @@ from ..arrays import Floats
 from ..errors import GainroomError
 from ..robot.body import put_position
 from ..robot.tasks import Task
+from .response import LAST
 from .robot_setup import RobotSetup
 from .whole_body import values_of
 
@@ -19,26 +20,26 @@ Ending = Literal["completed", "fell", "diverged"]
 
 @dataclass(frozen=True, eq=False)
 class RobotRun:
-    """What happened; one row per tick, k rows, all finite.
+    """One row per tick, k rows, all finite; of part of a run, or of all of it.
 
     channels        (m,) names: joints, or directions of the tasks
     time            (k,) [s]
-    desired, measured   (k, m) what the controller wanted and saw
-    command         (k, n) torques asked for [N m]
-    motor_torque    (k, n) what the drives gave at the ticks [N m]
+    reference, measured   (k, m) what the controller wanted and saw
+    target_torque, demand_torque, actual_torque   (k, n) what it asked for, what had arrived at the current loops, what they gave [N m]
     joint_torque    (k, n) through the gearboxes [N m]; NaN of rigid joints, where nothing measures it
     motor_position, link_position   (k, n) [rad]
     base            (k, 7) position [m] and quaternion x, y, z, w of a floating base; (k, 0) of a fixed one
-    ending, reason  "completed", or why and when it stopped by itself
+    ending, reason  "completed" (or: goes on), or why and when it stopped by itself
     """
 
     setup: RobotSetup
     channels: tuple[str, ...]
     time: Floats
-    desired: Floats
+    reference: Floats
     measured: Floats
-    command: Floats
-    motor_torque: Floats
+    target_torque: Floats
+    demand_torque: Floats
+    actual_torque: Floats
     joint_torque: Floats
     motor_position: Floats
     link_position: Floats
@@ -48,14 +49,25 @@ class RobotRun:
 
     @property
     def error(self) -> Floats:
-        """(k, m) desired less measured."""
-        return self.desired - self.measured
+        """(k, m) reference less measured."""
+        return self.reference - self.measured
 
-    def steady_error(self, last: float = 0.1) -> Floats:
-        """(m,) mean error over the `last` seconds. Raises GainroomError for a run that did not last to its end."""
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """(n,) the body's joints."""
+        return self.setup.body.joint_names
+
+    def columns(self) -> dict[str, Floats]:
+        """What a log holds: `time` (k,), then torques and positions (k, n)."""
+        names = ("time", "target_torque", "demand_torque", "actual_torque", "motor_position", "link_position")
+        return {name: getattr(self, name) for name in names}
+
+    def steady_error(self, last: float | None = None) -> Floats:
+        """(m,) mean error over the `last` seconds; None: the last tenth. Raises GainroomError for a run that did not last to its end."""
         if self.ending != "completed":
             raise GainroomError(f"simulation: no steady state: {self.reason}")
-        return self.error[self.time > self.time[-1] - last].mean(axis=0)
+        rows = round(LAST * len(self.time)) if last is None else round(last / self.setup.sample_time)
+        return self.error[-max(1, rows) :].mean(axis=0)
 
     def posture(self, row: int) -> Floats:
         """(nq,) of the links at one tick."""
@@ -83,3 +95,12 @@ class RobotRun:
     def _values(self, tasks: Sequence[Task]) -> Floats:
         values = values_of(self.setup.body, tasks, self.setup.q)
         return np.array([values(self.posture(row)) for row in range(len(self.time))])
+
+
+def joined_runs(parts: Iterable[RobotRun]) -> RobotRun:
+    """Parts of one run, one after the other. Raises GainroomError where there is none."""
+    parts = list(parts)
+    if not parts:
+        raise GainroomError("a run needs at least one part")
+    names = [field.name for field in fields(RobotRun) if field.name not in ("setup", "channels", "ending", "reason")]
+    return replace(parts[-1], **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})

@@ -1,7 +1,7 @@
 """A whole robot in time: MuJoCo between the controller's ticks, drives between commands and motors, encoders on the motor side."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,13 +12,13 @@ from ..arrays import Floats
 from ..errors import GainroomError, require_count, require_finite, require_positive
 from ..robot.body import library
 from .mujoco_model import MujocoRobot, build_mujoco
-from .robot_result import Ending, RobotRun
+from .robot_result import Ending, RobotRun, joined_runs
 from .robot_setup import RobotSetup, substeps_for
 from .torque_line import TorqueLine
 from .whole_body import WholeBodyControl
 
 BLOCK = 200
-"""Ticks between two calls of `progress`."""
+"""Ticks of a part."""
 TOO_FAST = 50.0
 """A motor that turns faster than this has run away [rad/s]."""
 FALLEN = 0.5
@@ -31,33 +31,37 @@ Progress = Callable[[int, int], None]
 def run_robot(
     setup: RobotSetup, offsets: ArrayLike, *, gain: float = 1.0, kick: ArrayLike = 0.0, progress: Progress | None = None
 ) -> RobotRun:
-    """The robot from rest in its posture, gearboxes wound up by its weight and drives holding it, for as many ticks as `offsets` has rows.
+    """The whole run, as stream_robot has it; `progress` is called after each part."""
+    tell = progress or (lambda done, total: None)
+    parts, done = [], 0
+    for part in stream_robot(setup, offsets, gain=gain, kick=kick):
+        parts.append(part)
+        done += len(part.time)
+        tell(done, len(np.atleast_1d(offsets)))
+    return joined_runs(parts)
 
-    offsets   (k, m) where each channel shall be from where it starts; see `hold`
+
+def stream_robot(
+    setup: RobotSetup, offsets: ArrayLike, *, gain: float = 1.0, kick: ArrayLike = 0.0, block: int = BLOCK
+) -> Iterator[RobotRun]:
+    """The robot from rest in its posture, gearboxes wound up by its weight and drives holding it, in parts of `block` ticks.
+
+    offsets   (k, m) where each channel shall be from where it starts, one row per tick; see `hold`
     gain      common factor on all gains
     kick      (n,) speed of the motors at the start [rad/s]
 
-    Stops by itself when the robot falls, runs away or is no longer finite, and says so; what was recorded until then is finite.
+    Ends early where the robot falls, runs away or is no longer finite, which the last part then says; what it holds is finite.
     Raises GainroomError for input that does not fit.
     """
     plan = require_finite("simulation", "offsets", offsets)
     simulation = RobotSimulation(setup, gain=gain, kick=kick)
     if plan.ndim != 2 or plan.shape[1] != len(simulation.channels) or not len(plan):
         raise GainroomError(f"simulation: offsets of shape {plan.shape} must be (ticks, {len(simulation.channels)})")
-    record = _Record(len(plan), simulation)
-    ending: Ending = "completed"
-    reason = ""
-    for tick, offset in enumerate(plan):
-        if progress is not None and tick % BLOCK == 0:
-            progress(tick, len(plan))
-        record.keep(tick, *simulation.tick(offset))
-        problem = simulation.problem()
-        if problem is not None:
-            ending, reason = problem[0], f"{problem[1]} after {(tick + 1) * setup.sample_time:.4g} s"
-            break
-    if progress is not None:
-        progress(len(plan), len(plan))
-    return record.run(ending, reason)
+    for first in range(0, len(plan), require_count("simulation", "block", block, 1)):
+        part = simulation.part(plan[first : first + block], first)
+        yield part
+        if part.ending != "completed":
+            return
 
 
 class RobotSimulation:
@@ -98,19 +102,30 @@ class RobotSimulation:
         self._size = setup.body.size
         self._upright = _upright(setup)
 
+    def part(self, offsets: Floats, first: int) -> RobotRun:
+        """The ticks of `offsets` (k, m), of which the first has number `first`, or those until the robot cannot go on."""
+        rows = _Rows(len(offsets), self)
+        for index, offset in enumerate(offsets):
+            rows.keep(index, *self.tick(offset))
+            problem = self.problem()
+            if problem is not None:
+                return rows.run(first, *problem)
+        return rows.run(first, "completed", "")
+
     def tick(self, offset: Floats) -> tuple[Floats, ...]:
-        """One tick of the controller and the simulation up to the next: what `_Record.keep` keeps."""
+        """One tick of the controller and the simulation up to the next: what `_Rows.keep` keeps."""
         data, robot, model = self.data, self.robot, self.robot.model
         positions = data.qpos[robot.motor_q] if self.setup.control.feedback == "motor" else robot.link_position(data)
         if self.setup.encoder_step:
             positions = np.round(positions / self.setup.encoder_step) * self.setup.encoder_step
-        torque, desired, measured = self.control.tick(positions, offset)
-        row = (data.qpos.copy(), data.qvel.copy(), desired, measured, torque, self.line.torque)
+        target, reference, measured = self.control.tick(positions, offset)
+        before = data.qpos.copy(), data.qvel.copy(), reference, measured, target, self.line.torque
+        means = self.line.tick(target)
         step, inputs = self.step, data.ctrl
-        for mean in self.line.tick(torque):
+        for mean in means:
             inputs[: self._size] = mean
             step(model, data)
-        return row
+        return *before, self.line.demand
 
     def problem(self) -> tuple[Ending, str] | None:
         """Why the simulation cannot go on; None while it can."""
@@ -151,41 +166,42 @@ def _upright(setup: RobotSetup) -> _Upright | None:
     return _Upright(float(setup.q[2]) - ground, ground, up)
 
 
-class _Record:
+class _Rows:
     """Rows as they come; turned into a RobotRun at the end."""
 
     def __init__(self, ticks: int, simulation: RobotSimulation):
         self._simulation = simulation
         model, size, channels = simulation.robot.model, simulation.setup.body.size, len(simulation.channels)
-        self._columns = [np.zeros((ticks, width)) for width in (model.nq, model.nv, channels, channels, size, size)]
+        self._columns = [np.zeros((ticks, width)) for width in (model.nq, model.nv, channels, channels, size, size, size)]
         self._count = 0
 
-    def keep(self, tick: int, *row: Floats) -> None:
+    def keep(self, index: int, *row: Floats) -> None:
         for column, values in zip(self._columns, row, strict=True):
-            column[tick] = values
-        self._count = tick + 1
+            column[index] = values
+        self._count = index + 1
 
-    def run(self, ending: Ending, reason: str) -> RobotRun:
+    def run(self, first: int, ending: Ending, reason: str) -> RobotRun:
         count = self._count
         finite = np.logical_and.reduce([np.isfinite(column[:count]).all(axis=1) for column in self._columns])
         count = count if finite.all() else int(np.argmin(finite))
-        qpos, qvel, desired, measured, command, torque = (column[:count] for column in self._columns)
+        qpos, qvel, reference, measured, target, actual, demand = (column[:count] for column in self._columns)
         robot, setup = self._simulation.robot, self._simulation.setup
-        motors, links, through = qpos[:, robot.motor_q], qpos[:, robot.motor_q], np.full(command.shape, math.nan)
+        motors, links, through = qpos[:, robot.motor_q], qpos[:, robot.motor_q], np.full(target.shape, math.nan)
         links[:, robot.elastic] += qpos[:, robot.spring_q]
         through[:, robot.elastic] = -robot.stiffness * qpos[:, robot.spring_q] - robot.damping * qvel[:, robot.spring_v]
         return RobotRun(
             setup=setup,
             channels=self._simulation.channels,
-            time=setup.sample_time * np.arange(count),
-            desired=desired,
+            time=setup.sample_time * (first + np.arange(count)),
+            reference=reference,
             measured=measured,
-            command=command,
-            motor_torque=torque,
+            target_torque=target,
+            demand_torque=demand,
+            actual_torque=actual,
             joint_torque=through,
             motor_position=motors,
             link_position=links,
             base=qpos[:, [0, 1, 2, 4, 5, 6, 3]] if setup.body.base == "floating" else np.zeros((count, 0)),
             ending=ending,
-            reason=reason,
+            reason=f"{reason} after {(first + self._count) * setup.sample_time:.4g} s" if reason else "",
         )

@@ -1,16 +1,10 @@
-"""A controller that runs: the D(z) of controller.py, tick by tick, on several channels at once."""
+"""A controller that runs: D(z), tick by tick, on several channels at once."""
 
 import numpy as np
 
 from ..arrays import Floats
-from ..controller import PPI, Controller, gain_matrix
-from ..errors import GainroomError
-from ..factored import ratio
-from ..statespace import StateSpace, realize
-from ._kernels import filter_tick, sum_terms
-
-Signal = Floats
-"""(m,) one number per channel."""
+from ..assembly import controller_state
+from ..controller import PPI, Controller
 
 
 class SampledControl:
@@ -24,46 +18,21 @@ class SampledControl:
     """
 
     def __init__(self, controller: Controller, channels: int, sample_time: float):
-        shaping = controller.shaping(sample_time)
-        if shaping.relative_degree < 0:
-            raise GainroomError("controller: more zeros than poles cannot run")
-        terms = {powers: gain_matrix(f"gain {powers}", gain, channels) for powers, gain in controller.terms().items()}
-        nothing = np.zeros((channels, channels))
-        self._gains = np.array([terms.get(powers, nothing) for powers in ((0, 0), (1, 0), (0, 1), (1, 1))])
+        system = controller_state(controller, channels, sample_time)
+        # (state, error, motion) → (next state, output), in one product
+        self._step = np.block([[np.eye(len(system.a)) + sample_time * system.a, sample_time * system.b], [system.c, system.d]])
         self._of_error = not isinstance(controller, PPI)
-        self._velocity = _Filter(realize(ratio(*controller.velocity(sample_time), sample_time)), channels, sample_time)
-        self._shaping = _Filter(realize(shaping), channels, sample_time) if len(shaping.poles) else None
-        self._integral, self._sample_time = np.zeros(channels), sample_time
+        self._state = np.zeros(len(system.a))
+        self._from = np.zeros(channels)
 
-    def rest(self, error: Signal, value: Signal) -> None:
-        """As if `error` and measured `value` had stood still since ever; integrators are empty."""
-        self._velocity.rest(error if self._of_error else -value)
-        self._integral[:] = 0.0
-        if self._shaping is not None:
-            self._shaping.rest(self._gains[0] @ error)
+    def rest(self, error: Floats, value: Floats) -> None:
+        """As if `error` and measured `value`, each (m,), had stood still: what velocity is made from begins there; the rest is empty."""
+        self._state[:] = 0.0
+        self._from = error if self._of_error else -value
 
-    def tick(self, error: Signal, value: Signal) -> Signal:
+    def tick(self, error: Floats, value: Floats) -> Floats:
         """Output (m,) on this tick's error x_d − x and measured value x."""
-        velocity = self._velocity.tick(error if self._of_error else -value)
-        output = np.empty(len(velocity))
-        sum_terms(self._gains, error, velocity, self._integral, self._sample_time, output)
-        return output if self._shaping is None else self._shaping.tick(output)
-
-
-class _Filter:
-    """One scalar system in δ = (z − 1)/T_s on every channel."""
-
-    def __init__(self, system: StateSpace, channels: int, sample_time: float):
-        self._a = np.eye(len(system.a)) + sample_time * system.a
-        self._b = sample_time * system.b[:, 0]
-        self._c, self._d = system.c[0].copy(), float(system.d[0, 0])
-        self._still = -np.linalg.pinv(system.a) @ system.b  # state in which a constant input leaves it
-        self._state = np.zeros((len(system.a), channels))
-
-    def rest(self, value: Signal) -> None:
-        self._state = self._still * value
-
-    def tick(self, value: Signal) -> Signal:
-        output = np.empty(len(value))
-        filter_tick(self._a, self._b, self._c, self._d, self._state, value, output)
-        return output
+        motion = (error if self._of_error else -value) - self._from
+        moved = self._step @ np.concatenate([self._state, error, motion])
+        self._state = moved[: len(self._state)]
+        return moved[len(self._state) :]

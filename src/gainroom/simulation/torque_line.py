@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from ..arrays import Floats
 from ..drive import Drive
 from ..errors import GainroomError, require_count, require_finite, require_positive
-from ._kernels import line_tick
+from ..statespace import split_delay
 
 
 class TorqueLine:
@@ -23,6 +23,8 @@ class TorqueLine:
     sample_time   between ticks [s]
     substeps      steps of the simulation per tick
     limit         (n,) or one for all: commands are cut to ± this [N m]
+
+    `demand` (n,) is what had arrived at the current loops at the last tick [N m].
     """
 
     def __init__(self, drives: Sequence[Drive], sample_time: float, substeps: int, limit: ArrayLike = np.inf):
@@ -31,43 +33,43 @@ class TorqueLine:
         self._limit = np.broadcast_to(np.asarray(limit, dtype=float), (len(drives),)).copy()
         if not np.all(self._limit > 0):
             raise GainroomError(f"simulation: torque limit {self._limit.min():g} N·m must be > 0 or inf")
-        ticks, fractions = zip(*(_split(drive.delay, sample_time) for drive in drives), strict=True)
-        self._maps = np.array([_tick_map(drive, sample_time, substeps, part) for drive, part in zip(drives, fractions, strict=True)])
-        self._length = max(ticks) + 2  # the newest command, and the one before the oldest that still acts
-        self._late = np.array(ticks)
+        size = len(drives)
+        ticks, fractions = split_delay([drive.delay for drive in drives], sample_time)
         self._step = sample_time / substeps
-        self._means = np.zeros((substeps, len(drives)))
+        # One product for all: torques, their rates τ̇/ω_c, the commands of this tick and those before → torques and rates at the next
+        # tick, ∫τ dt over the parts of this one, commands that have arrived; each (n,).
+        self._map = np.zeros((substeps + 4, size, int(ticks.max()) + 4, size))
+        for joint, (drive, late, part) in enumerate(zip(drives, ticks, fractions, strict=True)):
+            # states, the command before and the command now, as seen behind the delay
+            self._map[:-1, joint, [0, 1, 3 + late, 2 + late], joint] = _tick_map(drive, sample_time, substeps, part)
+            self._map[-1, joint, 2 + late + (part > 0), joint] = 1.0
+        self._rows, self._size = len(self._map), size
+        self._map = self._map.reshape(self._rows * size, -1)
         self.rest(0.0)
 
     def rest(self, torque: ArrayLike) -> None:
         """As if `torque`, (n,) or one for all [N m], had been asked for since ever."""
-        start = np.broadcast_to(require_finite("simulation", "torque", torque), self._late.shape).copy()
-        self._commands = np.tile(start, (self._length, 1))
-        self._newest = 0
-        self._states = np.zeros((len(start), 2))  # τ and τ̇/ω_c of the current loops
-        self._states[:, 0] = start
+        start = np.broadcast_to(require_finite("simulation", "torque", torque), (self._size,))
+        self._signals = np.tile(start, self._map.shape[1] // self._size)
+        self._signals[self._size : 2 * self._size] = 0.0
         self._over = start * self._step / 2  # ∫τ over the half step before this tick
+        self.demand = start.copy()
 
     def tick(self, command: Floats) -> Floats:
-        """Mean torques (substeps, n) [N m] around the steps of the tick that begins now, on a new `command` (n,).
-
-        The next call overwrites them.
-        """
-        self._newest = (self._newest + 1) % self._length
-        means = self._means
-        line_tick(self._maps, self._commands, self._newest, self._late, self._limit, command, self._states, self._over, means, self._step)
-        return means
+        """Mean torques (substeps, n) [N m] around the steps of the tick that begins now, on a new `command` (n,)."""
+        size, signals = self._size, self._signals
+        signals[3 * size :] = signals[2 * size : -size]
+        signals[2 * size : 3 * size] = np.minimum(np.maximum(command, -self._limit), self._limit)
+        out = (self._map @ signals).reshape(self._rows, size)
+        signals[:size], signals[size : 2 * size] = out[0], out[1]
+        out[2] += self._over
+        self._over, self.demand = out[-2], out[-1]
+        return out[2:-2] / self._step
 
     @property
     def torque(self) -> Floats:
         """(n,) the motors' torque at this moment [N m]."""
-        return self._states[:, 0].copy()
-
-
-def _split(delay: float, sample_time: float) -> tuple[int, float]:
-    """Whole ticks and the rest as a part of a tick; 4.0 ms / 0.5 ms is not a whole number in floating point."""
-    ticks = int(np.floor(delay / sample_time + 1e-9))
-    return ticks, max(delay / sample_time - ticks, 0.0)
+        return self._signals[: self._size].copy()
 
 
 def _tick_map(drive: Drive, sample_time: float, substeps: int, fraction: float) -> Floats:

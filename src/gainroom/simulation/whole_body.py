@@ -171,7 +171,7 @@ class WholeBodyControl:
         return self._pin.computeGeneralizedGravity(self._body.model, self._data, self._estimate.q) @ self._follow
 
     def tick(self, positions: Floats, offset: Floats) -> tuple[Floats, Floats, Floats]:
-        """Torques (n,) on the encoders' `positions` (n,), then desired and measured values (m,).
+        """Torques (n,) on the encoders' `positions` (n,), then reference and measured values (m,).
 
         offset   (m,) where each channel shall be from where the first tick found it
         """
@@ -186,10 +186,10 @@ class WholeBodyControl:
         if first:
             self._start = value
             self._running.rest(np.zeros(len(value)), value)
-        desired = self._start + offset
-        wanted = self._gain * self._running.tick(desired - value, value)
+        reference = self._start + offset
+        wanted = self._gain * self._running.tick(reference - value, value)
         torque = self._tasks.torque @ wanted if self._tasks else wanted
-        return torque + self.holding_torque if self._gravity else torque, desired, value
+        return torque + self.holding_torque if self._gravity else torque, reference, value
 
     def _renew(self) -> None:
         """Jacobians and inertia of the present posture."""
