@@ -68,10 +68,28 @@ def slider_on_a_wheel(folder: Path):
     return load_model(write_robot(folder, wheel, spin + slide), base="fixed")
 
 
+MJCF = """<mujoco><worldbody>
+<body name="trunk" pos="0 0 1"><freejoint/><inertial pos="0.1 0 0.05" mass="5" fullinertia="0.3 0.2 0.25 0.02 0.01 -0.03"/>
+  <body name="leg" pos="0 0.1 -0.2" quat="0.9 0.1 0.3 -0.2">
+    <joint name="roll" axis="1 0 0" pos="0.02 0 0.03"/><joint name="pitch" axis="0 1 0.2" ref="0.3"/>
+    <inertial pos="0 0.01 -0.2" mass="2" diaginertia="0.03 0.04 0.01"/>
+    <body name="foot" pos="0 0 -0.4"><joint name="shift" type="slide" axis="0 0 1"/>
+      <inertial pos="0.05 0 0" mass="1" diaginertia="0.01 0.02 0.02"/><site name="sole" pos="0 0 -0.05"/></body>
+  </body>
+</body></worldbody></mujoco>"""
+
+
+def from_mjcf(folder: Path):
+    """Two joints in one body, off its origin, one with a reference position, and a slide."""
+    path = folder / "robot.xml"
+    path.write_text(MJCF, "utf-8")
+    return load_model(path)
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_mass_matrix_of_the_links_is_pinocchios(body, tmp_path, seed):
     """With the springs stiffly named but still (q̇ = θ̇), the links' share of M is A; the rotors add J_m."""
-    for robot_body in (body, catalogue("panda_description/urdf/panda.urdf"), slider_on_a_wheel(tmp_path)):
+    for robot_body in (body, catalogue("panda_description/urdf/panda.urdf"), slider_on_a_wheel(tmp_path), from_mjcf(tmp_path)):
         size = robot_body.size
         q = random_posture(robot_body, seed)
         rotors = np.linspace(0.2, 1.4, size)
@@ -163,6 +181,13 @@ def test_linearised_it_is_the_plant(body, held):
     q = any_posture(body, 4)
     robot = build_mujoco(body, motors, q, CONTACTS[held], timestep=STEP, gravity=False)
     assert_same_response(robot, linearize(body, motors, q, CONTACTS[held]), q)
+
+
+def test_a_robot_from_mjcf_is_its_plant(tmp_path):
+    small = from_mjcf(tmp_path)
+    motors, q = actuators(3, 0.5, 2e3, 1.0), random_posture(small, 5)
+    robot = build_mujoco(small, motors, q, feet("sole"), timestep=STEP, gravity=False)
+    assert_same_response(robot, linearize(small, motors, q, feet("sole")), q)
 
 
 def test_a_fixed_base_arm_is_its_plant():

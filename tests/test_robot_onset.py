@@ -24,8 +24,10 @@ from gainroom.robot.contact import Contact
 from gainroom.robot.linearize import linearize
 from gainroom.robot.tasks import Task, tasks_of
 from gainroom.robot_spec import RobotControl
+from gainroom.simulation.mujoco_model import Ground, Sole
 from gainroom.simulation.robot_onset import motionless, robot_onset, robot_vibration
-from gainroom.simulation.robot_setup import RobotSetup, joint_setup, robot_setup
+from gainroom.simulation.robot_run import run_robot
+from gainroom.simulation.robot_setup import RobotSetup, hold, joint_setup, robot_setup
 from robot_truths import BOTH, actuators, any_posture, feet, hinge, link, write_robot
 
 TICK = 5e-4
@@ -94,6 +96,30 @@ def test_biped_in_general_posture_with_a_cascade(spec, held):
         body=body, actuators=spec.robot.actuators, drives=spec.drives, control=control, q=q, contacts=tuple(held), stack=stack
     )
     assert_witnessed(limit, setup)
+
+
+def test_talos():
+    """Another robot with feet: arms and head locked, centre of mass and base under a posture task, the catalogue's gearboxes."""
+    body = load_model(
+        {"package": "example-robot-data", "file": "talos_data/robots/talos_reduced.urdf"},
+        base="floating",
+        locked=["arm_.*", "head_.*", "gripper_.*"],
+    )
+    q = body.configuration(
+        {f"leg_{side}_{k}_joint": angle for side in ("left", "right") for k, angle in ((3, -0.45), (4, 0.9), (5, -0.45))}
+    )
+    motors, drives = actuators(body.size, 2.0, 1e4, 20.0), (Drive(4000.0, 0.9, 1.5e-3),) * body.size
+    com = Task(name="com", kind="com", kp=30, kd=8)
+    stack = (com, Task(name="base", kind="orientation", frame="base_link", kp=40, kd=10), Task(name="rest", kind="posture", kp=20, kd=5))
+    model = linearize(body, motors, q, feet("left_sole_link", "right_sole_link"))
+    limit = gain_limit(build_loop(model, drives, tasks_of(model, stack).controller(), "motor", TICK))
+    control = RobotControl("task", None, "motor", TICK)
+    setup = RobotSetup(body=body, actuators=motors, drives=drives, control=control, q=q, contacts=model.contacts, stack=stack)
+    assert_witnessed(limit, setup)
+    soles = {contact.frame: Sole(length=0.2, width=0.12) for contact in model.contacts}
+    run = run_robot(replace(setup, ground=Ground(soles=soles)), hold(setup, 0.5))
+    assert run.ending == "completed"
+    assert run.slip.max() < 1e-3
 
 
 def arm_setup(arm, motors, q, controller, drive):
