@@ -5,7 +5,7 @@ import json
 import sys
 from pathlib import Path
 
-from . import coupled, disk, maps, margins, startup, stepping
+from . import biped, coupled, disk, maps, margins, startup, stepping
 from .measure import machine_facts
 from .table import print_table
 
@@ -16,6 +16,7 @@ PARTS = {
     "maps": maps.run,
     "startup": startup.run,
     "stepping": stepping.run,
+    "biped": biped.run,
 }
 OUTPUT = Path("build/benchmarks.json")
 

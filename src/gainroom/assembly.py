@@ -61,14 +61,13 @@ def current_loop(drive: Drive) -> Factored:
     return ratio([w * w], [1.0, 2 * drive.damping_ratio * w, w * w])
 
 
-def controller_state(parts: Parts) -> StateSpace:
-    """D, for any filters and gain matrices: two signals (2n) → torque command (n).
+def controller_state(controller: Controller, size: int, step: float | None) -> StateSpace:
+    """D of n = `size` channels, for any filters and gain matrices, sampled every `step` [s] or continuous: two signals (2n) → output (n).
 
     The first (n) are what position gains act on, the second (n) what velocity is made from: sampled controllers difference positions,
     continuous ones get the velocities themselves. Feeding the negated measurement into both closes the loop; a reference need not
     enter both (eq. (4) has D act on x_d − x, the P/PI cascade of Fig. 13 only position gains on x_d).
     """
-    size, step, controller = parts.plant.size, parts.sample_time, parts.controller
     terms = {powers: gain_matrix(f"gain {powers}", gain, size) for powers, gain in controller.terms().items()}
     nothing = np.zeros((size, size))
     velocity = StateSpace.gain(np.eye(1))

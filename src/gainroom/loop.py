@@ -63,7 +63,9 @@ class Loop:
     @cached_property
     def open_loop(self) -> StateSpace | None:
         """From torque command to controller output without `delays` (in sampled time they are states); None for callables."""
-        return self.given if self.parts is None else controller_state(self.parts) @ _body(self.parts)
+        if self.parts is None:
+            return self.given
+        return controller_state(self.parts.controller, self.size, self.sample_time) @ _body(self.parts)
 
     @cached_property
     def bends(self) -> Complexes:

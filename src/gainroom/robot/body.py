@@ -145,13 +145,13 @@ class RigidBody:
                 if not np.isclose(value, self.locked[name], rtol=1e-9, atol=1e-9):
                     raise GainroomError(f"{self.source}: joint {name!r} is locked at {self.locked[name]:g} and cannot stand at {value:g}")
                 continue
-            put_position(q, self._joints[self._index(name)], value)
+            put_position(q, self.joints[self._index(name)], value)
         return q
 
     def angles(self, q: ArrayLike) -> Floats:
         """(n,) joint positions in posture `q` [rad; m for a slide]; of a continuous joint within ±π."""
         q = self._posture(q)
-        return np.array([np.arctan2(q[j.idx_q + 1], q[j.idx_q]) if is_continuous(j) else q[j.idx_q] for j in self._joints])
+        return np.array([np.arctan2(q[j.idx_q + 1], q[j.idx_q]) if is_continuous(j) else q[j.idx_q] for j in self.joints])
 
     def beyond_limits(self, q: ArrayLike) -> tuple[str, ...]:
         """One warning for each joint that stands outside its limits in posture `q`."""
@@ -240,7 +240,7 @@ class RigidBody:
         return {name: value for name, value in self.__dict__.items() if name not in ("_pinocchio", "_scratch")}
 
     @property
-    def _joints(self) -> list[Any]:
+    def joints(self) -> list[Any]:
         """Pinocchio's record of each actuated joint."""
         return list(self.model.joints)[self.model.njoints - self.size :]
 
@@ -282,5 +282,5 @@ class RigidBody:
         return self._data
 
     def _limits(self, bounds: Sequence[float], side: int) -> Floats:
-        values = [side * np.inf if is_continuous(joint) else bounds[joint.idx_q] for joint in self._joints]
+        values = [side * np.inf if is_continuous(joint) else bounds[joint.idx_q] for joint in self.joints]
         return np.array([side * np.inf if abs(value) > UNLIMITED else value for value in values], dtype=float)

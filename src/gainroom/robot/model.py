@@ -1,7 +1,7 @@
 """The robot linear about one posture in one contact state: a plant of n joints, and what the operational space needs besides."""
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -11,6 +11,25 @@ from .contact import Contact, rigid_rows
 
 if TYPE_CHECKING:
     from .body import RigidBody
+
+
+class Stance(Protocol):
+    """What a controller's own model of the robot needs of one posture on its contacts; members as RobotModel has them."""
+
+    @property
+    def body(self) -> "RigidBody": ...
+    @property
+    def q(self) -> Floats: ...
+    @property
+    def inertia(self) -> Floats: ...
+    @property
+    def motor_inertia(self) -> Floats: ...
+    @property
+    def contact_jacobian(self) -> Floats: ...
+    @property
+    def selection(self) -> Floats: ...
+    @property
+    def joint_names(self) -> tuple[str, ...]: ...
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -32,7 +32,7 @@ from ..controller import PD, PPI
 from ..errors import GainroomError, require_finite
 from ..messages import nearest
 from .contact import free_motion
-from .model import RobotModel
+from .model import Stance
 
 TaskKind = Literal["com", "position", "orientation", "posture"]
 FRAMED = ("position", "orientation")
@@ -100,6 +100,7 @@ class Tasks:
     directions  (m,) their names, "com x" and so on; a posture's end in the joint's name
     jacobian    Eᵀ (m, n): joint errors → task errors, the base following the joints
     torque      X (n, m): accelerations asked for → joint torques; E Λ where tasks do not conflict
+    follow      (N, n) how everything moves with the joints, see `following`
     kp, kd, ki  (m,) the tasks' own gains
     cascade     (m,) True where they are P/PI
     warnings    directions that cannot be moved, in words
@@ -109,6 +110,7 @@ class Tasks:
     directions: tuple[str, ...]
     jacobian: Floats
     torque: Floats
+    follow: Floats
     kp: Floats
     kd: Floats
     ki: Floats
@@ -170,7 +172,7 @@ class Tasks:
         return self.torque @ (gains[:, None] * self.jacobian)
 
 
-def tasks_of(model: RobotModel, tasks: Sequence[Task], rotors: bool = False) -> Tasks:
+def tasks_of(model: Stance, tasks: Sequence[Task], rotors: bool = False) -> Tasks:
     """The stack of `tasks`, first first, on a linearised robot.
 
     rotors   True: the controller's model A' counts the motors' reflected inertia
@@ -183,12 +185,11 @@ def tasks_of(model: RobotModel, tasks: Sequence[Task], rotors: bool = False) -> 
     for name, count in Counter(task.name for task in tasks).items():
         if count > 1:
             raise GainroomError(f"task {name!r}: the name is used {count} times; give each task its own")
-    inertia = model.inertia.copy()
-    if rotors:
-        inertia += model.selection.T @ np.diag(model.motor_inertia) @ model.selection
+    inertia = _modelled_inertia(model, rotors)
     motion = free_motion(inertia, model.contact_jacobian)
     joints = model.selection @ motion  # M = S R', with W' = M Mᵀ
-    follow = motion @ np.linalg.pinv(joints, rcond=MOVABLE)  # P' Sᵀ W'⁺: how everything moves with the joints
+    inverse = np.linalg.pinv(joints, rcond=MOVABLE)
+    follow = motion @ inverse
     jacobians = [_jacobian(model, task) for task in tasks]
     rows = [jacobian @ follow for jacobian in jacobians]
     alone = free_motion(inertia, np.zeros((0, len(inertia))))
@@ -199,13 +200,30 @@ def tasks_of(model: RobotModel, tasks: Sequence[Task], rotors: bool = False) -> 
         tasks=tasks,
         directions=tuple(name for task in tasks for name in _directions(model, task)),
         jacobian=np.vstack(rows),
-        torque=np.linalg.pinv(joints.T, rcond=MOVABLE) @ force,
+        torque=inverse.T @ force,
+        follow=follow,
         kp=_gains("kp", tasks, sizes),
         kd=_gains("kd", tasks, sizes),
         ki=_gains("ki", tasks, sizes),
         cascade=np.repeat([task.ki is not None for task in tasks], sizes),
         warnings=warnings,
     )
+
+
+def following(model: Stance, rotors: bool = False) -> Floats:
+    """(N, n) P' Sᵀ W'⁺: how everything moves with the joints on the contacts; `rotors` as for tasks_of.
+
+    Its transpose takes forces on everything to the smallest joint torques that do the same.
+    """
+    motion = free_motion(_modelled_inertia(model, rotors), model.contact_jacobian)
+    return motion @ np.linalg.pinv(model.selection @ motion, rcond=MOVABLE)
+
+
+def _modelled_inertia(model: Stance, rotors: bool) -> Floats:
+    """A' (N, N)."""
+    if not rotors:
+        return model.inertia
+    return model.inertia + model.selection.T @ np.diag(model.motor_inertia) @ model.selection
 
 
 def _stack(tasks: Sequence[Task], rows: Sequence[Floats], scales: Sequence[float]) -> tuple[Floats, tuple[str, ...]]:
@@ -237,7 +255,7 @@ def _stack(tasks: Sequence[Task], rows: Sequence[Floats], scales: Sequence[float
     return force, tuple(warnings)
 
 
-def _jacobian(model: RobotModel, task: Task) -> Floats:
+def _jacobian(model: Stance, task: Task) -> Floats:
     """J (m, N) of one task, in world axes."""
     if task.kind == "posture":
         return model.selection
@@ -249,7 +267,7 @@ def _jacobian(model: RobotModel, task: Task) -> Floats:
     return rotation @ (local[:3] if task.kind == "position" else local[3:])
 
 
-def _directions(model: RobotModel, task: Task) -> tuple[str, ...]:
+def _directions(model: Stance, task: Task) -> tuple[str, ...]:
     parts = model.joint_names if task.kind == "posture" else ("x", "y", "z")
     return tuple(f"{task.name} {part}" for part in parts)
 

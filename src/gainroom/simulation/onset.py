@@ -91,13 +91,18 @@ def linear_onset(loop: Loop, duration: float = 2.0, tolerance: float = 1e-6) -> 
 
     Raises GainroomError where no factor between 1/1000 and 1000 does.
     """
+    return search_onset(lambda factor: linear_vibration(loop.scaled(factor), duration), tolerance)
 
-    def shaken(factor: float) -> Vibration | None:
-        return linear_vibration(loop.scaled(factor), duration)
 
-    factor = 1.0
-    direction = 0.5 if _rate(shaken(factor)) > 0 else 2.0
-    while 1 / FURTHEST < factor * direction < FURTHEST:
+def search_onset(shaken: Callable[[float], Vibration | None], tolerance: float, near: float = 1.0, step: float = 2.0) -> Onset:
+    """find_onset between ends that are looked for from `near` on, `step` by `step`: up where all dies away, else down.
+
+    Raises GainroomError where no factor between near/1000 and 1000 near does.
+    """
+    require_positive("onset", "near", near)
+    factor = near
+    direction = 1 / step if _rate(shaken(factor)) > 0 else step
+    while near / FURTHEST < factor * direction < FURTHEST * near:
         factor *= direction
         if (_rate(shaken(factor)) > 0) == (direction > 1):
             ends = (factor / direction, factor) if direction > 1 else (factor, factor / direction)

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
+from typing import Protocol
 
 import numpy as np
 
@@ -109,10 +110,10 @@ def _rows() -> list[str]:
 
 @dataclass(frozen=True)
 class Tracking:
-    """How the side that is fed back follows its reference; each (n,).
+    """How what is fed back follows its reference; each (n,), in its unit: rad, and m for tasks in space.
 
-    rms, peak       of x_d − x over the whole run [rad]
-    steady_state    mean of x_d − x over the last tenth of the run [rad]
+    rms, peak       of x_d − x over the whole run
+    steady_state    mean of x_d − x over the last tenth of the run
     overshoot       furthest beyond the final reference, as a part of the way there from where x began; nan where there is no way
     settling_time   from the reference's first change until x stays within 2 % of that way around the final reference [s]; inf where it
                     does not until the end, nan where there is no way
@@ -125,7 +126,18 @@ class Tracking:
     settling_time: Floats
 
 
-def track(response: Response) -> Tracking:
+class Tracked(Protocol):
+    """A run of k ticks and what it was to follow."""
+
+    @property
+    def time(self) -> Floats: ...
+    @property
+    def reference(self) -> Floats: ...
+    @property
+    def error(self) -> Floats: ...
+
+
+def track(response: Tracked) -> Tracking:
     """The numbers of a run, however it ended."""
     error = response.error
     last = max(1, round(LAST * len(error)))
@@ -139,7 +151,7 @@ def track(response: Response) -> Tracking:
     )
 
 
-def _arrival(response: Response, joint: int) -> tuple[float, float]:
+def _arrival(response: Tracked, joint: int) -> tuple[float, float]:
     """(overshoot, settling time) of one joint."""
     reference = response.reference[:, joint]
     position = reference - response.error[:, joint]

@@ -34,7 +34,7 @@ class LinearStepper:
         self.loop, self.size = loop, loop.size
         size, delays = self.size, np.array([drive.delay for drive in parts.drives])
         body = hold(actuated_state(parts.plant, parts.drives), np.concatenate([delays, np.zeros(2 * size)]), step)
-        control = controller_state(parts)
+        control = controller_state(parts.controller, size, step)
         control = StateSpace(control.a, control.b, loop.gain * control.c, loop.gain * control.d)
         self._system = _closed(body, control, parts.feedback, size)
         self._transition = np.eye(len(self._system.a)) + step * self._system.a

@@ -118,7 +118,7 @@ def _control(loop: Loop) -> Control:
     """The controller's difference equation."""
     assert loop.parts is not None
     assert loop.sample_time is not None
-    state = controller_state(loop.parts)
+    state = controller_state(loop.parts.controller, loop.size, loop.sample_time)
     transition = np.eye(len(state.a)) + loop.sample_time * state.a
     side = 0 if loop.parts.feedback == "motor" else 1
     return Control(transition, loop.sample_time * state.b, loop.gain * state.c[0], loop.gain * state.d[0], side)

@@ -1,0 +1,67 @@
+"""Where vibration begins in MuJoCo: the factor on all gains at which, after a small kick, the robot no longer comes to rest.
+
+A witness for gain_limit that knows nothing of loci, linear models or delays in z: bodies, springs, drives and the running controller, and
+the growth of what the motors do. Without gravity, friction or feet that lift, as the limits are those of small motions.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from .onset import Onset, search_onset
+from .oscillation import Vibration, vibration
+from .robot_run import run_robot
+from .robot_setup import RobotSetup, hold
+
+KICK = 1e-4
+"""Speed of the motors at the start [rad/s]: small enough that what is nonlinear, a millionth, is not seen, and far above rounding."""
+SETTLED = 0.1
+"""Share of a run that is not looked at, so that what dies quickly is gone."""
+FINE_STEPS = 4
+"""Substeps per tick at least: vibrations at 500 rad/s are then heard 2e-4 too high."""
+DURATION = 0.5
+"""Of a run [s]: long enough to tell the vibrations of nearly equal legs apart."""
+STEP = 1.5
+"""Factor between the gains tried while looking for one that vibrates and one that does not."""
+ACCURACY = 1e-3
+"""Of the factor."""
+
+
+def robot_onset(setup: RobotSetup, near: float = 1.0, progress: Callable[[int, float], None] | None = None) -> Onset:
+    """The factor on all gains at which vibration begins.
+
+    near       where to look first; any factor does
+    progress   called with (runs made, the factor tried next)
+
+    Raises GainroomError where no factor between near/1000 and 1000 near does.
+    """
+    still = motionless(setup)
+    made = 0
+
+    def shaken(gain: float) -> Vibration | None:
+        nonlocal made
+        if progress is not None:
+            progress(made, gain)
+        made += 1
+        return robot_vibration(still, gain)
+
+    return search_onset(shaken, ACCURACY, near, STEP)
+
+
+def motionless(setup: RobotSetup) -> RobotSetup:
+    """The same robot where nothing but its gains can move it or hold it, in fine steps."""
+    fine = max(FINE_STEPS, setup.substeps or 0)
+    return replace(setup, gravity=False, coulomb=0.0, torque_limit=math.inf, encoder_step=0.0, ground=None, substeps=fine)
+
+
+def robot_vibration(setup: RobotSetup, gain: float) -> Vibration | None:
+    """What a kick of all motors leaves with all gains times `gain`: the fastest-growing vibration; None: nothing."""
+    kick = KICK * np.random.default_rng(0).standard_normal(setup.body.size)
+    run = run_robot(setup, hold(setup, DURATION), gain=gain, kick=kick)
+    shaking = np.diff(run.motor_position, n=2, axis=0)[int(SETTLED * len(run.time)) :]  # without what drifts at constant speed
+    found = vibration(shaking, setup.sample_time, growing=True) if len(shaking) else None
+    if run.ending != "completed" and (found is None or found.growth_rate <= 0):
+        return Vibration(0.0, math.inf, 0.0)  # it ran off without swinging
+    return found

@@ -1,0 +1,207 @@
+"""A whole robot in time: MuJoCo between the controller's ticks, drives between commands and motors, encoders on the motor side."""
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..arrays import Floats
+from ..errors import GainroomError, require_count, require_finite, require_positive
+from ..robot.body import library
+from .mujoco_model import MujocoRobot, build_mujoco
+from .robot_result import Ending, RobotRun, joined_runs
+from .robot_setup import RobotSetup, substeps_for
+from .torque_line import TorqueLine
+from .whole_body import WholeBodyControl
+
+BLOCK = 200
+"""Ticks of a part."""
+TOO_FAST = 50.0
+"""A motor that turns faster than this has run away [rad/s]."""
+FALLEN = 0.5
+"""A floating base that has sunk or risen by this share of its height above the feet, or tilted by this many radians, has fallen."""
+
+Progress = Callable[[int, int], None]
+"""Called with (ticks done, ticks in all)."""
+
+
+def run_robot(
+    setup: RobotSetup, offsets: ArrayLike, *, gain: float = 1.0, kick: ArrayLike = 0.0, progress: Progress | None = None
+) -> RobotRun:
+    """The whole run, as stream_robot has it; `progress` is called after each part."""
+    tell = progress or (lambda done, total: None)
+    parts, done = [], 0
+    for part in stream_robot(setup, offsets, gain=gain, kick=kick):
+        parts.append(part)
+        done += len(part.time)
+        tell(done, len(np.atleast_1d(offsets)))
+    return joined_runs(parts)
+
+
+def stream_robot(
+    setup: RobotSetup, offsets: ArrayLike, *, gain: float = 1.0, kick: ArrayLike = 0.0, block: int = BLOCK
+) -> Iterator[RobotRun]:
+    """The robot from rest in its posture, gearboxes wound up by its weight and drives holding it, in parts of `block` ticks.
+
+    offsets   (k, m) where each channel shall be from where it starts, one row per tick; see `hold`
+    gain      common factor on all gains
+    kick      (n,) speed of the motors at the start [rad/s]
+
+    Ends early where the robot falls, runs away or is no longer finite, which the last part then says; what it holds is finite.
+    Raises GainroomError for input that does not fit.
+    """
+    plan = require_finite("simulation", "offsets", offsets)
+    simulation = RobotSimulation(setup, gain=gain, kick=kick)
+    if plan.ndim != 2 or plan.shape[1] != len(simulation.channels) or not len(plan):
+        raise GainroomError(f"simulation: offsets of shape {plan.shape} must be (ticks, {len(simulation.channels)})")
+    for first in range(0, len(plan), require_count("simulation", "block", block, 1)):
+        part = simulation.part(plan[first : first + block], first)
+        yield part
+        if part.ending != "completed":
+            return
+
+
+class RobotSimulation:
+    """Plant (`robot`, `data`, `step`), drives (`line`) and controller (`control`), tick by tick."""
+
+    def __init__(self, setup: RobotSetup, *, gain: float = 1.0, kick: ArrayLike = 0.0):
+        self.step: Callable[[Any, Any], None] = library("mujoco", "MuJoCo").mj_step
+        substeps = substeps_for(setup) if setup.substeps is None else require_count("simulation", "substeps", setup.substeps, 1)
+        require_positive("simulation", "encoder_step", setup.encoder_step, "rad", zero=True)
+        self.setup = setup
+        self.robot: MujocoRobot = build_mujoco(
+            setup.body,
+            setup.actuators,
+            setup.q,
+            setup.contacts,
+            timestep=setup.sample_time / substeps,
+            coulomb=setup.coulomb,
+            gravity=setup.gravity,
+            ground=setup.ground,
+        )
+        self.control = WholeBodyControl(
+            setup.body,
+            setup.actuators.motor_inertia,
+            setup.contacts,
+            setup.q,
+            setup.control,
+            setup.stack,
+            gravity=setup.gravity,
+            refresh=setup.refresh,
+            gain=gain,
+        )
+        self.channels = self.control.channels
+        start = self.control.holding_torque
+        self.line = TorqueLine(setup.drives, setup.sample_time, substeps, setup.torque_limit)
+        self.line.rest(start)
+        self.data: Any = self.robot.new_data(setup.q, start)
+        self.data.qvel[self.robot.motor_v] = require_finite("simulation", "kick", kick)
+        self._size = setup.body.size
+        self._upright = _upright(setup)
+
+    def part(self, offsets: Floats, first: int) -> RobotRun:
+        """The ticks of `offsets` (k, m), of which the first has number `first`, or those until the robot cannot go on."""
+        rows = _Rows(len(offsets), self)
+        for index, offset in enumerate(offsets):
+            rows.keep(index, *self.tick(offset))
+            problem = self.problem()
+            if problem is not None:
+                return rows.run(first, *problem)
+        return rows.run(first, "completed", "")
+
+    def tick(self, offset: Floats) -> tuple[Floats, ...]:
+        """One tick of the controller and the simulation up to the next: what `_Rows.keep` keeps."""
+        data, robot, model = self.data, self.robot, self.robot.model
+        positions = data.qpos[robot.motor_q] if self.setup.control.feedback == "motor" else robot.link_position(data)
+        if self.setup.encoder_step:
+            positions = np.round(positions / self.setup.encoder_step) * self.setup.encoder_step
+        target, reference, measured = self.control.tick(positions, offset)
+        before = data.qpos.copy(), data.qvel.copy(), reference, measured, target, self.line.torque
+        means = self.line.tick(target)
+        step, inputs = self.step, data.ctrl
+        for mean in means:
+            inputs[: self._size] = mean
+            step(model, data)
+        return *before, self.line.demand
+
+    def problem(self) -> tuple[Ending, str] | None:
+        """Why the simulation cannot go on; None while it can."""
+        data, robot = self.data, self.robot
+        speeds = data.qvel
+        if not speeds @ speeds <= TOO_FAST**2:  # true of NaN, too
+            motors = np.abs(data.qvel[robot.motor_v])
+            worst = robot.body.joint_names[int(np.argmax(motors))]  # argmax finds NaN first
+            return "diverged", f"the simulation diverged: joint {worst!r} turns faster than {TOO_FAST:g} rad/s"
+        if self._upright is not None and not self._upright.holds(data.qpos[:7].tolist()):
+            return "fell", "the robot fell"
+        return None
+
+
+@dataclass(frozen=True)
+class _Upright:
+    """Where a floating base started: height over the contacts, their height, and the vertical in its own axes."""
+
+    height: float
+    ground: float
+    up: tuple[float, float, float]
+
+    def holds(self, base: list[float]) -> bool:
+        """Whether the base, at position and quaternion w, x, y, z, is about where it started."""
+        _, _, z, qw, qx, qy, qz = base
+        a, b, c = self.up
+        vertical = 2 * (qx * qz - qy * qw) * a + 2 * (qy * qz + qx * qw) * b + (1 - 2 * (qx * qx + qy * qy)) * c
+        return abs(z - self.ground - self.height) < FALLEN * self.height and vertical > math.cos(FALLEN)
+
+
+def _upright(setup: RobotSetup) -> _Upright | None:
+    """None where nothing can fall: a fixed base, or none that stands on anything."""
+    if setup.body.base == "fixed" or not setup.contacts or not setup.gravity:
+        return None
+    ground = float(np.mean([setup.body.frame_placement(setup.q, contact.frame)[1][2] for contact in setup.contacts]))
+    x, y, z, w = setup.q[3:7]
+    up = (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y))
+    return _Upright(float(setup.q[2]) - ground, ground, up)
+
+
+class _Rows:
+    """Rows as they come; turned into a RobotRun at the end."""
+
+    def __init__(self, ticks: int, simulation: RobotSimulation):
+        self._simulation = simulation
+        model, size, channels = simulation.robot.model, simulation.setup.body.size, len(simulation.channels)
+        self._columns = [np.zeros((ticks, width)) for width in (model.nq, model.nv, channels, channels, size, size, size)]
+        self._count = 0
+
+    def keep(self, index: int, *row: Floats) -> None:
+        for column, values in zip(self._columns, row, strict=True):
+            column[index] = values
+        self._count = index + 1
+
+    def run(self, first: int, ending: Ending, reason: str) -> RobotRun:
+        count = self._count
+        finite = np.logical_and.reduce([np.isfinite(column[:count]).all(axis=1) for column in self._columns])
+        count = count if finite.all() else int(np.argmin(finite))
+        qpos, qvel, reference, measured, target, actual, demand = (column[:count] for column in self._columns)
+        robot, setup = self._simulation.robot, self._simulation.setup
+        motors, links, through = qpos[:, robot.motor_q], qpos[:, robot.motor_q], np.full(target.shape, math.nan)
+        links[:, robot.elastic] += qpos[:, robot.spring_q]
+        through[:, robot.elastic] = -robot.stiffness * qpos[:, robot.spring_q] - robot.damping * qvel[:, robot.spring_v]
+        return RobotRun(
+            setup=setup,
+            channels=self._simulation.channels,
+            time=setup.sample_time * (first + np.arange(count)),
+            reference=reference,
+            measured=measured,
+            target_torque=target,
+            demand_torque=demand,
+            actual_torque=actual,
+            joint_torque=through,
+            motor_position=motors,
+            link_position=links,
+            base=qpos[:, [0, 1, 2, 4, 5, 6, 3]] if setup.body.base == "floating" else np.zeros((count, 0)),
+            ending=ending,
+            reason=f"{reason} after {(first + self._count) * setup.sample_time:.4g} s" if reason else "",
+        )

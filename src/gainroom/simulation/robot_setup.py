@@ -1,0 +1,129 @@
+"""What a simulated robot is: links, actuators, drives, controller, ground; and how long its steps may be."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..arrays import Floats
+from ..drive import Drive
+from ..errors import GainroomError, require_positive
+from ..loop import Feedback
+from ..plant import ElasticJoint
+from ..robot.actuators import Actuators
+from ..robot.body import RigidBody, library
+from ..robot.contact import Contact
+from ..robot.linearize import linearize
+from ..robot.tasks import Task
+from ..robot_spec import RobotControl, RobotSpec
+from .mujoco_model import Ground
+
+FINEST = 0.5
+"""Steps are so short that the fastest vibration of the plant turns by no more than this in one [rad]: it is heard 1 % too high."""
+MOST_SUBSTEPS = 64
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotSetup:
+    """Everything about a simulated robot but what it is asked to do.
+
+    q           (nq,) posture at the start
+    contacts    frames on the ground
+    ground      None: rigid contacts are held where they are; else feet may slip and lift
+    coulomb     (n,) or one for all: Coulomb friction on the motor side [N m]
+    torque_limit  likewise: of the commands [N m]
+    encoder_step  resolution of the encoders, joint side; 0: ideal [rad]
+    gravity     False: none acts and none is compensated
+    substeps    of MuJoCo per tick; None: as many as the fastest vibration needs
+    refresh     ticks between new Jacobians and inertia in the controller
+    """
+
+    body: RigidBody
+    actuators: Actuators
+    drives: tuple[Drive, ...]
+    control: RobotControl
+    q: Floats
+    contacts: tuple[Contact, ...] = ()
+    stack: tuple[Task, ...] = ()
+    coulomb: ArrayLike = 0.0
+    torque_limit: ArrayLike = math.inf
+    encoder_step: float = 0.0
+    gravity: bool = True
+    ground: Ground | None = None
+    substeps: int | None = None
+    refresh: int = 40
+
+    @property
+    def sample_time(self) -> float:
+        """Of the controller [s]. Raises GainroomError where it is continuous."""
+        if self.control.sample_time is None:
+            raise GainroomError("control: the simulation runs a sampled controller; give sample_rate_hz")
+        return self.control.sample_time
+
+
+def robot_setup(spec: RobotSpec, posture: str | None = None, contact: str | None = None, **options: Any) -> RobotSetup:
+    """A setup of one state of a robot.yaml; `options` are RobotSetup's own."""
+    model = spec.robot.linearize(posture, contact)
+    return RobotSetup(
+        body=model.body,
+        actuators=spec.robot.actuators,
+        drives=spec.drives,
+        control=spec.control,
+        q=model.q,
+        contacts=model.contacts,
+        stack=spec.robot.stack,
+        **options,
+    )
+
+
+def joint_setup(
+    joint: ElasticJoint, drive: Drive, controller: Any, feedback: Feedback = "motor", sample_time: float = 5e-4, **options: Any
+) -> RobotSetup:
+    """One joint with its load on a fixed base, as a robot; `options` are RobotSetup's own, the rest as for build_loop.
+
+    Raises GainroomError for a locked output (link_inertia inf), which is no body.
+    """
+    pin = library("pinocchio", "Pinocchio")
+    if math.isinf(joint.link_inertia):
+        raise GainroomError(f"joint '{joint.name}': link_inertia inf cannot be simulated as a body")
+    model = pin.Model()
+    model.gravity.linear = np.zeros(3)
+    index = model.addJoint(0, pin.JointModelRZ(), pin.SE3.Identity(), joint.name)
+    model.appendBodyToJoint(index, pin.Inertia(1.0, np.zeros(3), np.diag([1.0, 1.0, 1.0]) * joint.link_inertia), pin.SE3.Identity())
+    values = (joint.motor_inertia, joint.stiffness, joint.damping, joint.motor_viscous, joint.link_viscous)
+    return RobotSetup(
+        body=RigidBody(f"joint '{joint.name}'", model, (joint.name,), "fixed", np.zeros(1)),
+        actuators=Actuators(*(np.array([value]) for value in values)),
+        drives=(drive,),
+        control=RobotControl("joint", controller, feedback, sample_time),
+        q=np.zeros(1),
+        **options,
+    )
+
+
+def hold(setup: RobotSetup, duration: float) -> Floats:
+    """(k, m) offsets of zero for `duration` [s]."""
+    ticks = math.ceil(require_positive("simulation", "duration", duration, "s") / setup.sample_time - 1e-9)
+    return np.zeros((ticks, channel_count(setup)))
+
+
+def channel_count(setup: RobotSetup) -> int:
+    """m: joints, or directions of the tasks."""
+    if setup.control.space == "joint":
+        return setup.body.size
+    return sum(setup.body.size if task.kind == "posture" else 3 for task in setup.stack)
+
+
+def substeps_for(setup: RobotSetup) -> int:
+    """Steps per tick that the fastest vibration of the linear model needs. Raises GainroomError where they are too many."""
+    plant = linearize(setup.body, setup.actuators, setup.q, setup.contacts)
+    fastest = np.abs(plant.resonances()).max(initial=0.0)
+    needed = max(1, math.ceil(fastest * setup.sample_time / FINEST))
+    if needed > MOST_SUBSTEPS:
+        raise GainroomError(
+            f"simulation: the fastest vibration, {fastest:.3g} rad/s, needs {needed} steps per tick, at most {MOST_SUBSTEPS} are taken: "
+            "a stiff gearbox on a light link; make the joint rigid, or its stiffness fit its inertia"
+        )
+    return needed

@@ -1,0 +1,237 @@
+"""The controller of a whole robot at its ticks: encoders in, motor torques out.
+
+It knows what the real one knows: the encoders, its own model of the links, and that the contacts do not move. Where the base is follows
+from that: with the joints taken as the encoders read, base and joints are moved until the contact frames are back in place, the joints
+as little as possible (in front of elastic gearboxes, encoders of legs closed into a loop contradict each other a little). That is one
+Newton step per tick, as little happens in between, by
+
+    C = (I − Y S) J_c⁺,    Y = P' Sᵀ W'⁺
+
+so that to first order everything moves as Y θ, as robot/tasks.py has it. The torques are
+
+    Γ = X D(z) x_e + Yᵀ g(q)
+
+what the tasks' accelerations take (or, in joint space, D(z) θ_e) and the smallest torques that hold the weight.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..arrays import Floats
+from ..controller import PD, PPI
+from ..errors import GainroomError, require_count, require_finite
+from ..robot.body import RigidBody, is_continuous, library, put_position
+from ..robot.contact import Contact, contact_jacobian
+from ..robot.tasks import Task, TaskPPI, Tasks, following, tasks_of
+from ..robot_spec import RobotControl
+from .sampled_control import SampledControl
+
+EXACT = 4
+"""Newton steps at the first tick, when gearboxes that carry weight are already wound up."""
+
+
+@dataclass(frozen=True)
+class BodyStance:
+    """A posture on its contacts as the controller's model wants it, see robot.model.Stance."""
+
+    body: RigidBody
+    q: Floats
+    motor_inertia: Floats
+    inertia: Floats
+    contact_jacobian: Floats
+    selection: Floats
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """As the body's."""
+        return self.body.joint_names
+
+
+def stance_of(body: RigidBody, q: Floats, motor_inertia: Floats, contacts: Sequence[Contact]) -> BodyStance:
+    """The body in posture `q` (nq,), standing on `contacts`, all taken as rigid."""
+    selection = np.eye(body.nv)[body.nv - body.size :]
+    return BodyStance(body, q, motor_inertia, body.mass_matrix(q), contact_jacobian(body, q, contacts), selection)
+
+
+class PostureEstimate:
+    """Base and joints from encoders, on contact frames that stay where `start` (nq,) has them.
+
+    Motion of the base that neither encoders nor contacts show (in flight, on points) is counted on from tick to tick as `follow` has it.
+    """
+
+    def __init__(self, body: RigidBody, contacts: Sequence[Contact], start: ArrayLike):
+        self._pin: Any = library("pinocchio", "Pinocchio")
+        self._body, self._model, self._data = body, body.model, body.model.createData()
+        self._joints = body.joints
+        self._plain = None if any(is_continuous(joint) for joint in self._joints) else slice(body.nq - body.size, body.nq)
+        self._base = body.nv - body.size
+        self.q = require_finite(body.source, "posture", start).copy()
+        self._positions = body.angles(self.q)
+        base = contact_jacobian(body, self.q, contacts)[:, : self._base]
+        self._held = self._base == 0 or (len(base) > 0 and np.linalg.matrix_rank(base, tol=1e-6) == self._base)
+        self._goals = []
+        for contact in contacts:
+            rotation, place = body.frame_placement(self.q, contact.frame)
+            goal = self._pin.SE3(rotation, place)
+            self._goals.append((body.model.getFrameId(contact.frame), goal, None if len(contact.rows) == 6 else list(contact.rows)))
+
+    def renew(self, stance: BodyStance, follow: Floats) -> None:
+        """Take Y = `follow` (N, n) and the contact Jacobian from now on."""
+        jacobian = stance.contact_jacobian
+        back = np.linalg.pinv(jacobian, rcond=1e-9)
+        self._back = back - follow @ back[self._base :]
+        self._counted = None if self._held else follow[: self._base]
+
+    def update(self, positions: Floats) -> Floats:
+        """The posture (nq,) that the encoders' `positions` (n,) show."""
+        pin, model = self._pin, self._model
+        if self._counted is None:
+            q = self.q.copy()
+        else:
+            moved = np.zeros(model.nv)
+            moved[: self._base] = self._counted @ (positions - self._positions)
+            q = pin.integrate(model, self.q, moved)
+        self._positions = positions
+        if self._plain is not None:
+            q[self._plain] = positions
+        else:
+            for joint, position in zip(self._joints, positions, strict=True):
+                put_position(q, joint, position)
+        if self._goals:
+            q = pin.integrate(model, q, self._back @ self._away(q))
+        self.q = q
+        return q
+
+    def _away(self, q: Floats) -> Floats:
+        """How far each contact frame is from its place, along the directions it is held in, in its own axes."""
+        pin, model, data = self._pin, self._model, self._data
+        pin.forwardKinematics(model, data, q)
+        parts = []
+        for frame, goal, rows in self._goals:
+            left = pin.updateFramePlacement(model, data, frame).actInv(goal)
+            if rows is None:
+                parts.append(pin.log6(left).vector)
+            else:  # free directions may have turned far
+                parts.append(np.concatenate([left.translation, pin.log3(left.rotation)])[rows])
+        return np.concatenate(parts)
+
+
+class WholeBodyControl:
+    """What runs on the robot's computer.
+
+    body, motor_inertia   its model of the robot; the inertia counts where control.rotors says so
+    contacts    frames on the ground; springs under them are not known to it
+    start       (nq,) posture at the first tick
+    control     joint or task space, filters, feedback, sample time
+    stack       tasks by falling priority, in task space
+    gravity     True: the weight is compensated
+    refresh     ticks after which Jacobians and inertia are computed anew; errors and weight are at every tick
+    gain        common factor on all gains
+
+    Orientations count as rotation vectors from the first tick's, in world axes. Raises GainroomError as tasks_of, and for control without
+    a sample time.
+    """
+
+    def __init__(
+        self,
+        body: RigidBody,
+        motor_inertia: Floats,
+        contacts: Sequence[Contact],
+        start: ArrayLike,
+        control: RobotControl,
+        stack: Sequence[Task] = (),
+        *,
+        gravity: bool = True,
+        refresh: int = 40,
+        gain: float = 1.0,
+    ):
+        if control.sample_time is None:
+            raise GainroomError("control: the simulation runs a sampled controller; give sample_rate_hz")
+        self._body, self._motor_inertia, self._contacts = body, motor_inertia, tuple(contacts)
+        self._control, self._stack = control, tuple(stack) if control.space == "task" else ()
+        self._gravity, self._gain = gravity, gain
+        self._refresh, self._age = require_count("simulation", "refresh", refresh, 1), 0
+        self._estimate = PostureEstimate(body, contacts, start)
+        self._pin, self._data = library("pinocchio", "Pinocchio"), body.model.createData()
+        self._renew()
+        self._values = values_of(body, self._stack, self._estimate.q)
+        self.channels = self._tasks.directions if self._tasks else body.joint_names
+        self._running = SampledControl(self._law(), len(self.channels), control.sample_time)
+        self._start: Floats | None = None
+
+    @property
+    def holding_torque(self) -> Floats:
+        """(n,) what holds the weight in the posture last seen [N m]; zeros where gravity is not compensated."""
+        if not self._gravity:
+            return np.zeros(self._body.size)
+        return self._pin.computeGeneralizedGravity(self._body.model, self._data, self._estimate.q) @ self._follow
+
+    def tick(self, positions: Floats, offset: Floats) -> tuple[Floats, Floats, Floats]:
+        """Torques (n,) on the encoders' `positions` (n,), then reference and measured values (m,).
+
+        offset   (m,) where each channel shall be from where the first tick found it
+        """
+        first = self._start is None
+        if self._stack or self._gravity:
+            self._age += 1
+            if self._age > self._refresh:
+                self._renew()
+            for _ in range(EXACT if first else 1):
+                self._estimate.update(positions)
+        value = self._values(self._estimate.q) if self._stack else positions
+        if first:
+            self._start = value
+            self._running.rest(np.zeros(len(value)), value)
+        reference = self._start + offset
+        wanted = self._gain * self._running.tick(reference - value, value)
+        torque = self._tasks.torque @ wanted if self._tasks else wanted
+        return torque + self.holding_torque if self._gravity else torque, reference, value
+
+    def _renew(self) -> None:
+        """Jacobians and inertia of the present posture."""
+        self._age = 1
+        stance = stance_of(self._body, self._estimate.q, self._motor_inertia, self._contacts)
+        self._tasks: Tasks | None = tasks_of(stance, self._stack, self._control.rotors) if self._stack else None
+        self._follow = self._tasks.follow if self._tasks else following(stance)
+        self._estimate.renew(stance, self._follow)
+
+    def _law(self) -> Any:
+        """D(z) of the channels."""
+        control = self._control
+        if not self._tasks:
+            return control.joints
+        filters = {"velocity_filter": control.velocity_filter, "notches": control.notches}
+        law = self._tasks.controller()
+        if isinstance(law, TaskPPI):
+            return PPI(law.kp, law.kv, law.ki, **filters)
+        return PD(self._tasks.kp, self._tasks.kd, **filters)
+
+
+def values_of(body: RigidBody, stack: Sequence[Task], start: Floats) -> Callable[[Floats], Floats]:
+    """From a posture (nq,) to the tasks' values (m,); orientations as rotation vectors from posture `start`, in world axes."""
+    pin: Any = library("pinocchio", "Pinocchio")
+    model, data = body.model, body.model.createData()
+
+    def reader(task: Task) -> Callable[[Floats], Floats]:
+        if task.kind == "com":
+            return lambda q: data.com[0]
+        if task.kind == "posture":
+            return body.angles
+        assert task.frame is not None
+        frame = model.getFrameId(task.frame)
+        if task.kind == "position":
+            return lambda q: pin.updateFramePlacement(model, data, frame).translation
+        first = body.frame_placement(start, task.frame)[0].T
+        return lambda q: pin.log3(pin.updateFramePlacement(model, data, frame).rotation @ first)
+
+    readers = [reader(task) for task in stack]
+
+    def values(q: Floats) -> Floats:
+        pin.centerOfMass(model, data, q)  # places the joints, too
+        return np.concatenate([read(q) for read in readers])
+
+    return values
