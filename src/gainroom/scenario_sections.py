@@ -31,6 +31,11 @@ def _whole(value: object) -> int:
 Seed = Annotated[int, BeforeValidator(_whole)]
 
 
+def _word(value: object) -> str:
+    """A value as it would be typed."""
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
 class ReferenceSection(Section):
     """What every reference has."""
 
@@ -214,7 +219,16 @@ class ScenarioSection(Section):
             noise=self.noise,
             seed=self.seed,
         )
-        return SimulationSpec(joint, scenario, self._hardware(), self.reference.ends(), self.reference.fastest())
+        return SimulationSpec(joint, scenario, self._hardware(), self.reference.ends(), self.reference.fastest(), self._described())
+
+    def _described(self) -> dict[str, str]:
+        """Key by key what is not left at its default, and the reference."""
+        data = self.model_dump(exclude_defaults=True)
+        data = {"duration": self.duration, "reference": self.reference.model_dump(), **data}
+        for side, friction in data.pop("friction", {}).items():
+            data[f"friction.{side}"] = friction
+        words = {name: value if isinstance(value, dict) else {"": value} for name, value in data.items()}
+        return {name: ", ".join(f"{key} {_word(value)}".strip() for key, value in each.items()) for name, each in words.items()}
 
     def _hardware(self) -> dict[str, Any]:
         """What is not the linear loop."""

@@ -20,6 +20,7 @@ class SimulationSpec:
     hardware    arguments of simulation.Testbed beside the loop; empty: the linear loop, stepped exactly
     moves_until    [s] when the reference comes to rest
     own_frequency  [rad/s] the highest in the reference itself; 0 for a move
+    described      what the file says of the scenario, key by key, for a page
     """
 
     joint: JointSpec
@@ -27,6 +28,7 @@ class SimulationSpec:
     hardware: Mapping[str, Any] = field(default_factory=dict)
     moves_until: float = 0.0
     own_frequency: float = 0.0
+    described: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.joint.sample_time is None:

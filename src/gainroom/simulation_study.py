@@ -15,11 +15,12 @@ from .simulation_spec import SimulationSpec
 PORTION = 0.25  # [s] played between two looks at progress and interruption, where a block of ticks would be longer
 NOTICED = 10.0  # times an encoder's step, or the noise's deviation: a vibration below that is their own doing
 LASTING = 1e-3  # damping ratio below which a vibration on hardware keeps up: what ends its growth there is friction or the torque limit
+SETTLING = 0.1  # damping ratio above which an oscillation is a joint coming to rest
 GONE = 1e-9  # [rad] what has died away so far is none
 HARMONICS = 5.0  # times a moving reference's own frequency: what friction makes of it lies below
 
 
-class Interrupted(Exception):
+class Interrupted(Exception):  # noqa: N818 - asked for, not an error
     """The run was asked to end; `time` [s] is what was played, and is in the log."""
 
     def __init__(self, time: float) -> None:
@@ -35,7 +36,7 @@ class SimulationStudy:
     response      the run, tick by tick
     tracking      numbers of the side that is fed back
     torque_peak   (n,) of the actual torque [N m]
-    vibration     the strongest after the reference came to rest, also one that dies away; None where nothing oscillates
+    vibration     the strongest after the reference came to rest, also one that slowly dies away; None where nothing rings
     vibrates      it grows, or keeps up: see `LASTING`
     limit         what the linear sampled loop predicts, as a factor on the gains played
     sentence, warnings   in words
@@ -87,7 +88,7 @@ def simulate_joint(
     if spec.moves_until > 0.75 * spec.scenario.duration:  # too little rest to look at
         above = spec.own_frequency * (1.0 if spec.is_linear else HARMONICS)
     vibration = response_vibration(response, above)
-    if vibration is not None and vibration.growth_rate < 0 and vibration.amplitude < GONE:
+    if vibration is not None and (vibration.damping_ratio > SETTLING or (vibration.growth_rate < 0 and vibration.amplitude < GONE)):
         vibration = None
     vibrates = vibration is not None and _vibrates(spec, vibration)
     tracking, limit = track(response), gain_limit(spec.loop(gain))
@@ -129,7 +130,9 @@ def _sentence(
         text = f"Vibrates at {_frequency(shakes.frequency)}, {growth}"
     else:
         peak, rms, last = (float(np.abs(value).max()) for value in (tracking.peak, tracking.rms, tracking.steady_state))
-        text = f"Tracks: {side} stays within {_mrad(peak)} of its reference (RMS {_mrad(rms)}), ends {_mrad(last)} off, and does not vibrate"
+        text = (
+            f"Tracks: {side} stays within {_mrad(peak)} of its reference (RMS {_mrad(rms)}), ends {_mrad(last)} off, and does not vibrate"
+        )
     return f"{text}; {_prediction(limit)}."
 
 

@@ -7,14 +7,20 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
+
+from .arrays import Floats
 from .errors import GainroomError
 from .limits import GainLimit, gain_limit
 from .loop import Loop
-from .simulation.onset import FURTHEST, linear_onset
+from .simulation.onset import FURTHEST, linear_onset, linear_vibration
+from .stability import rightmost_roots
 from .study import JointSpec
 
 TOLERANCES = {"linear": 1e-3, "mujoco": 2e-2}
 """By witness: how far, relatively, gain and frequency may be from the prediction."""
+LOWERED = (1.0, 0.3, 0.1)  # factors at which a loop that no lower gains steady is run
+SLOW = 2.0  # [s] of such a run at factor 1
 PERIODS = 100.0  # of the predicted vibration in one run: enough to tell growth of 1e-6 per period from none
 
 
@@ -47,7 +53,7 @@ class Case:
     @property
     def frequency_difference(self) -> float:
         """As gain_difference."""
-        if math.isinf(self.predicted_gain) and math.isinf(self.simulated_gain):
+        if self.predicted_gain == self.simulated_gain:  # 0 or inf: no vibration to have one
             return 0.0
         return _difference(self.predicted_frequency, self.simulated_frequency)
 
@@ -81,6 +87,24 @@ def verify_joint(spec: JointSpec, progress: Callable[[int, int, str], None] = la
     return Verification(cases, sentence_of(cases))
 
 
+@dataclass(frozen=True)
+class Growth:
+    """How fast a vibration grows, by the factor on all gains (k,): `predicted` from the rightmost root, and `simulated` [1/s]."""
+
+    gain: Floats
+    predicted: Floats
+    simulated: Floats
+
+
+def growth_about(loop: Loop, limit: float, count: int = 9) -> Growth:
+    """Over the tenth of the gain to either side of `limit`, for a picture; NaN where a run shows no vibration."""
+    gains = limit * np.linspace(0.9, 1.1, count)
+    found = [linear_vibration(loop.scaled(gain)) for gain in gains]
+    simulated = [math.nan if one is None else one.growth_rate for one in found]
+    predicted = [float(rightmost_roots(loop.scaled(gain)).roots[0].real) for gain in gains]
+    return Growth(gains, np.array(predicted), np.array(simulated))
+
+
 def linear_case(what: str, loop: Loop) -> Case:
     """A sampled loop of any number of joints, stepped linearly."""
     limit = gain_limit(loop)
@@ -96,7 +120,11 @@ def linear_case(what: str, loop: Loop) -> Case:
 
 
 def _without_limit(what: str, loop: Loop, limit: GainLimit) -> Case:
-    """No factor changes the predicted verdict; none may change the simulated one."""
+    """No factor changes the predicted verdict; none that is tried may change the simulated one."""
+    if limit.gain == 0:  # it grows at every factor, and the more slowly the lower the gains
+        grown = [linear_vibration(loop.scaled(factor), SLOW / math.sqrt(factor)) for factor in LOWERED]
+        grows = all(found is not None and found.growth_rate > 0 for found in grown)
+        return Case(what, "linear", 0.0, 0.0 if grows else math.nan, math.nan, math.nan, len(LOWERED))
     try:
         onset = linear_onset(loop)
     except GainroomError:
@@ -111,8 +139,9 @@ def sentence_of(cases: tuple[Case, ...]) -> str:
     if wrong:
         names = ", ".join(case.what for case in wrong[:3]) + (" and others" if len(wrong) > 3 else "")
         return f"Simulation and prediction differ by more than the tolerance in {len(wrong)} of {len(cases)} cases: {names}."
-    if math.isinf(worst.predicted_gain):
-        return "Simulation agrees with the prediction: no common factor on these gains makes the joint vibrate."
+    if not 0 < worst.predicted_gain < math.inf:
+        told = "no common factor on these gains makes the joint vibrate" if worst.predicted_gain else "no lower gains are stable"
+        return f"Simulation agrees with the prediction: {told}."
     return (
         f"Simulation agrees with the prediction: vibration begins at {worst.simulated_gain:.5g} times these gains, predicted "
         f"{worst.predicted_gain:.5g}, {apart(worst.gain_difference)} apart"
@@ -132,6 +161,6 @@ def _size(value: float) -> float:
 
 
 def _difference(predicted: float, simulated: float) -> float:
-    if math.isinf(predicted) and math.isinf(simulated):
+    if predicted == simulated:
         return 0.0
     return simulated / predicted - 1 if math.isfinite(predicted) and predicted > 0 else math.nan

@@ -17,4 +17,6 @@ def refuse_robot(file: Path) -> None:
     from ..errors import GainroomError
 
     if kind_of(file) == "robot":
-        raise GainroomError(f"{file}: describes a robot (section model); simulation of robots is not there yet, only of one joint (section joint)")
+        raise GainroomError(
+            f"{file}: describes a robot (section model); simulation of robots is not there yet, only of one joint (section joint)"
+        )

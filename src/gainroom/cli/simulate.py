@@ -125,7 +125,7 @@ def _terminal(study: "SimulationStudy", report: Path | None, log: Path | None) -
     parts: list[Any] = [
         study.sentence,
         "",
-        table(title, columns, [_row(study, k) for k in range(len(response.joint_names))]),
+        *([] if response.diverged else [table(title, columns, [_row(study, k) for k in range(len(response.joint_names))])]),
         table("Vibration", ("", "frequency", "growth"), shaking),
     ]
     parts += [f"{name}: {path}" for name, path in (("Log", log), ("Report", report)) if path is not None]
