@@ -54,6 +54,11 @@ class SimulationStudy:
     warnings: tuple[str, ...]
 
     @property
+    def keeps_up(self) -> bool:
+        """It vibrates, and hardware holds the vibration at its size."""
+        return self.vibrates and self.vibration is not None and _keeps_up(self.spec, self.vibration)
+
+    @property
     def sound(self) -> bool:
         """It neither ran away nor vibrates."""
         return not (self.response.diverged or self.vibrates)
@@ -116,6 +121,10 @@ def _vibrates(spec: SimulationSpec, found: Vibration) -> bool:
     return found.growth_rate > 0 if spec.is_linear else found.damping_ratio < LASTING
 
 
+def _keeps_up(spec: SimulationSpec, found: Vibration) -> bool:
+    return not spec.is_linear and abs(found.damping_ratio) < LASTING
+
+
 def _sentence(
     spec: SimulationSpec, response: Response, tracking: Tracking, vibration: Vibration | None, vibrates: bool, limit: GainLimit
 ) -> str:
@@ -125,8 +134,11 @@ def _sentence(
         shaking = "" if shakes is None else f", vibrating at {_frequency(shakes.frequency)}"
         text = f"Diverges: {side} runs away within {response.diverged_at:.3g} s{shaking}"
     elif shakes is not None:
-        keeps = not spec.is_linear and abs(shakes.damping_ratio) < LASTING
-        growth = f"keeping up at {_mrad(shakes.amplitude)}" if keeps else f"doubling every {math.log(2) / shakes.growth_rate:.3g} s"
+        growth = (
+            f"keeping up at {_mrad(shakes.amplitude)}"
+            if _keeps_up(spec, shakes)
+            else f"doubling every {math.log(2) / shakes.growth_rate:.3g} s"
+        )
         text = f"Vibrates at {_frequency(shakes.frequency)}, {growth}"
     else:
         peak, rms, last = (float(np.abs(value).max()) for value in (tracking.peak, tracking.rms, tracking.steady_state))

@@ -118,15 +118,15 @@ def _terminal(study: "SimulationStudy", report: Path | None, log: Path | None) -
     kind = "linear, exact" if study.spec.is_linear else "testbed"
     title = f"Tracking of the {response.feedback} side ({kind}, {digits(1 / response.sample_time, 'Hz')})"
     columns = ("[mrad]", "RMS", "peak", "steady state", "overshoot", "settles in", "torque peak")
-    shaking = [
-        ("simulated", frequency(vibration.frequency), digits(vibration.growth_rate, "1/s", 3)) if vibration else ("simulated", "none", ""),
-        ("linear limit", frequency(limit.frequency), f"at {digits(limit.gain)} × these gains"),
-    ]
+    seen = ("none", "")
+    if vibration is not None:
+        seen = frequency(vibration.frequency), "keeps up" if study.keeps_up else digits(vibration.growth_rate, "1/s", 3)
+    predicted = (frequency(limit.frequency), f"from {digits(limit.gain)} × these gains on" if limit.gain > 0 else "at all gains")
     parts: list[Any] = [
         study.sentence,
         "",
         *([] if response.diverged else [table(title, columns, [_row(study, k) for k in range(len(response.joint_names))])]),
-        table("Vibration", ("", "frequency", "growth"), shaking),
+        table("Vibration", ("", "frequency", "growth"), [("simulated", *seen), ("linear loop", *predicted)]),
     ]
     parts += [f"{name}: {path}" for name, path in (("Log", log), ("Report", report)) if path is not None]
     parts += [f"Warning: {warning}" for warning in study.warnings]

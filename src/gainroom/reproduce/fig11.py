@@ -83,9 +83,12 @@ def pictures() -> list[CurvePicture]:
         ("torque [N m]", (-190.0, 190.0), "actual_torque", 1.0),
     ):
         curves = []
-        for (kv, run), at in zip(runs.items(), (2.95, 3.3), strict=True):
+        for kv, run in runs.items():
             kept = (run.time >= SHOWN[0]) & (run.time <= SHOWN[1])
-            curves.append(Curve(f"Kv {kv:g}", run.time[kept], scale * getattr(run, pick)[kept, 0], at))
+            time, values = run.time[kept], scale * getattr(run, pick)[kept, 0]
+            middle = slice(len(time) // 4, 3 * len(time) // 4)
+            top = float(time[middle][values[middle].argmax()]) if kv == SHAKEN_KV else 3.3  # named above a peak
+            curves.append(Curve(f"Kv {kv:g}", time, values, top))
         panels.append(Panel(title, heights, tuple(curves)))
     seen = trial(SHAKEN_KV).vibration
     frequency = "" if seen is None else f" at {seen.frequency:.4g} rad/s ({seen.frequency / (2 * math.pi):.3g} Hz)"
