@@ -14,6 +14,7 @@ from .study import JointSpec
 FURTHEST = 1000.0  # [rad] that a reference may reach; a run has diverged at ten times as much
 LONGEST = 3600.0  # [s]
 MOST_SINES = 200
+SWINGING = ("chirp", "multisine")
 
 Angle = Annotated[float, number(least=-FURTHEST, most=FURTHEST)]
 Size = Annotated[float, number(least=0, most=FURTHEST)]
@@ -50,7 +51,7 @@ class ReferenceSection(Section):
         raise NotImplementedError
 
     def fastest(self) -> float:
-        """The highest frequency in it [rad/s]; 0 for a move."""
+        """About the highest frequency in it [rad/s]; 0 where it does not move, or at once."""
         return 0.0
 
 
@@ -93,6 +94,9 @@ class MoveSection(ReferenceSection):
 
     def ends(self) -> float:
         return self.start + self.duration
+
+    def fastest(self) -> float:
+        return 4 * math.pi / self.duration  # beyond it a spline has next to nothing
 
 
 class ChirpSection(ReferenceSection):
@@ -207,7 +211,7 @@ class ScenarioSection(Section):
         if 1e-3 * self.jitter_ms > joint.drive.delay:
             raise GainroomError(f"scenario.jitter_ms: {self.jitter_ms:g} must be <= the drive's delay, {1e3 * joint.drive.delay:g} ms")
         highest = math.inf if joint.sample_time is None else math.pi / joint.sample_time
-        if self.reference.fastest() >= highest:
+        if self.reference.type in SWINGING and self.reference.fastest() >= highest:
             raise GainroomError(
                 f"scenario.reference: {self.reference.fastest():g} rad/s must be below half the sample rate, {highest:.6g} rad/s"
             )
@@ -219,7 +223,15 @@ class ScenarioSection(Section):
             noise=self.noise,
             seed=self.seed,
         )
-        return SimulationSpec(joint, scenario, self._hardware(), self.reference.ends(), self.reference.fastest(), self._described())
+        return SimulationSpec(
+            joint,
+            scenario,
+            self._hardware(),
+            self.reference.ends(),
+            self.reference.fastest(),
+            self.reference.type in SWINGING,
+            self._described(),
+        )
 
     def _described(self) -> dict[str, str]:
         """Key by key what is not left at its default, and the reference."""

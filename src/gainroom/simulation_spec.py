@@ -19,7 +19,8 @@ class SimulationSpec:
 
     hardware    arguments of simulation.Testbed beside the loop; empty: the linear loop, stepped exactly
     moves_until    [s] when the reference comes to rest
-    own_frequency  [rad/s] the highest in the reference itself; 0 for a move
+    own_frequency  [rad/s] about the highest in the reference itself
+    swings         the reference is a chirp or a multisine, which goes nowhere
     described      what the file says of the scenario, key by key, for a page
     """
 
@@ -28,6 +29,7 @@ class SimulationSpec:
     hardware: Mapping[str, Any] = field(default_factory=dict)
     moves_until: float = 0.0
     own_frequency: float = 0.0
+    swings: bool = False
     described: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -50,6 +52,11 @@ class SimulationSpec:
     def ticks(self) -> int:
         """Of the whole run, about."""
         return round(self.scenario.duration / self.sample_time)
+
+    @property
+    def moves_late(self) -> bool:
+        """Too little of the run is left to look at when the reference has come to rest."""
+        return self.moves_until > 0.75 * self.scenario.duration
 
     @property
     def is_linear(self) -> bool:

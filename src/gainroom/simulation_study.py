@@ -5,11 +5,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from .arrays import Floats
 from .limits import GainLimit, gain_limit
-from .simulation.oscillation import Vibration, response_vibration
+from .simulation.oscillation import LONGEST, Vibration, response_vibration, vibration
 from .simulation.response import Response, Tracking, joined, track
-from .simulation.run import BLOCK, stream
+from .simulation.run import BLOCK, simulate, stream
+from .simulation.trajectories import Trajectory
 from .simulation_spec import SimulationSpec
 
 PORTION = 0.25  # [s] played between two looks at progress and interruption, where a block of ticks would be longer
@@ -17,7 +20,7 @@ NOTICED = 10.0  # times an encoder's step, or the noise's deviation: a vibration
 LASTING = 1e-3  # damping ratio below which a vibration on hardware keeps up: what ends its growth there is friction or the torque limit
 SETTLING = 0.1  # damping ratio above which an oscillation is a joint coming to rest
 GONE = 1e-9  # [rad] what has died away so far is none
-HARMONICS = 5.0  # times a moving reference's own frequency: what friction makes of it lies below
+HARMONICS = 5.0  # times a moving reference's own frequency: most of what friction makes of it lies below
 
 
 class Interrupted(Exception):  # noqa: N818 - asked for, not an error
@@ -46,7 +49,7 @@ class SimulationStudy:
     gain: float
     response: Response
     tracking: Tracking
-    torque_peak: np.ndarray
+    torque_peak: Floats
     vibration: Vibration | None
     vibrates: bool
     limit: GainLimit
@@ -89,15 +92,12 @@ def simulate_joint(
         if interrupted():
             raise Interrupted(done * spec.sample_time)
     response = joined(parts)
-    above = 0.0
-    if spec.moves_until > 0.75 * spec.scenario.duration:  # too little rest to look at
-        above = spec.own_frequency * (1.0 if spec.is_linear else HARMONICS)
-    vibration = response_vibration(response, above)
-    if vibration is not None and (vibration.damping_ratio > SETTLING or (vibration.growth_rate < 0 and vibration.amplitude < GONE)):
-        vibration = None
-    vibrates = vibration is not None and _vibrates(spec, vibration)
+    found = _vibration(spec, gain, response)
+    if found is not None and (found.damping_ratio > SETTLING or (found.growth_rate < 0 and found.amplitude < GONE)):
+        found = None
+    vibrates = found is not None and _vibrates(spec, found)
     tracking, limit = track(response), gain_limit(spec.loop(gain))
-    if spec.own_frequency > 0:  # such a reference goes nowhere
+    if spec.swings:  # such a reference goes nowhere
         tracking = replace(tracking, overshoot=np.full(1, math.nan), settling_time=np.full(1, math.nan))
     return SimulationStudy(
         spec,
@@ -105,12 +105,44 @@ def simulate_joint(
         response,
         tracking,
         np.abs(response.actual_torque).max(axis=0),
-        vibration,
+        found,
         vibrates,
         limit,
-        _sentence(spec, response, tracking, vibration, vibrates, limit),
+        _sentence(spec, response, tracking, found, vibrates, limit),
         _warnings(spec, response, vibrates, limit),
     )
+
+
+@dataclass(frozen=True)
+class _Resting(Trajectory):
+    """`moving` until `end` [s], and held where it is then."""
+
+    moving: Trajectory
+    end: float
+
+    @property
+    def size(self) -> int:
+        return self.moving.size
+
+    def position(self, time: ArrayLike) -> Floats:
+        return self.moving.position(np.minimum(time, self.end))
+
+
+def _vibration(spec: SimulationSpec, gain: float, response: Response) -> Vibration | None:
+    """What is left once the reference rests.
+
+    Where it moves to the end, what follows it is no vibration: a linear loop is run on for a while with the reference held; on hardware,
+    where friction might stop it then, only what is much faster than the reference counts.
+    """
+    if response.diverged or not spec.moves_late:
+        return response_vibration(response)
+    if not spec.is_linear:
+        return response_vibration(response, HARMONICS * spec.own_frequency)
+    scenario, rest = spec.scenario, min(spec.ticks, LONGEST)
+    assert isinstance(scenario.reference, Trajectory)
+    longer = scenario.duration + rest * spec.sample_time
+    after = simulate(spec.loop(gain), replace(scenario, reference=_Resting(scenario.reference, scenario.duration), duration=longer))
+    return vibration(after.error[-rest:], spec.sample_time)
 
 
 def _vibrates(spec: SimulationSpec, found: Vibration) -> bool:
@@ -168,7 +200,7 @@ def _prediction(limit: GainLimit) -> str:
 def _warnings(spec: SimulationSpec, response: Response, vibrates: bool, limit: GainLimit) -> tuple[str, ...]:
     """What a user should know or do, each with the remedy."""
     told = []
-    if spec.own_frequency == 0 and spec.moves_until > 0.75 * spec.scenario.duration and not response.diverged:
+    if spec.moves_late and not (spec.swings or response.diverged):
         told.append("the reference comes to rest late or not at all: lengthen scenario.duration for a steady state worth the name")
     if limit.stable and vibrates and not spec.is_linear:
         told.append("the linear loop is stable: friction, encoder steps or the torque limit keep this vibration up; raise one at a time")

@@ -48,16 +48,17 @@ def simulate(
     from ..config import load_simulation
 
     spec = load_simulation(file)
-    with report_stream(report, [file] if log is None else [file, log]) as stream, stop_signals() as stopped:
+    with report_stream(report, [file] if log is None else [file, log]) as stream:
         from ..simulation_study import Interrupted, simulate_joint
 
-        try:
-            with _rows(log, file, spec.joint.joint.name) as rows, progress_bar("simulate:") as progress:
-                study = simulate_joint(spec, gain, rows, progress, lambda: stopped() != 0)
-        except Interrupted as end:
-            kept = "" if log is None else f"; {log} holds what was done"
-            print(f"gainroom: interrupted at {end.time:g} s of {spec.scenario.duration:g} s{kept}", file=sys.stderr)
-            raise typer.Exit(128 + stopped()) from end
+        with stop_signals() as stopped:
+            try:
+                with _rows(log, file, spec.joint.joint.name) as rows, progress_bar("simulate:") as progress:
+                    study = simulate_joint(spec, gain, rows, progress, lambda: stopped() != 0)
+            except Interrupted as end:
+                kept = "" if log is None else f"; {log} holds what was done"
+                print(f"gainroom: interrupted at {end.time:g} s of {spec.scenario.duration:g} s{kept}", file=sys.stderr)
+                raise typer.Exit(128 + stopped()) from end
         if stream is not None:
             from ..report.simulation import simulation_page
 
