@@ -138,7 +138,7 @@ def test_uncertain_rows_keep_cases_apart(folder: Path, capsys: pytest.CaptureFix
 def test_reproduce_counts_what_the_paper_prints_apart(capsys: pytest.CaptureFixture[str]):
     assert main(["reproduce"]) == 0
     out = capsys.readouterr().out
-    assert out.startswith("33 of 42 numbers of the paper agree; 41 of 49 further checks hold")
+    assert out.startswith("39 of 48 numbers of the paper agree; 43 of 51 further checks hold")
     assert max(map(len, out.splitlines())) <= 100
     assert next(line for line in out.splitlines() if "testbed.delay_ms" in line).split()[1:4] == ["2", "to", "3"]
 
@@ -199,7 +199,7 @@ def test_example(capsys: pytest.CaptureFixture[str]):
 
 def test_every_command_has_help_with_an_example(capsys: pytest.CaptureFixture[str]):
     commands = [info.name for info in app.registered_commands]
-    assert commands == ["joint", "robot", "audit", "example", "reproduce"]
+    assert commands == ["joint", "robot", "audit", "simulate", "verify", "example", "reproduce"]
     for command in ([], *([name] for name in commands)):
         assert main([*command, "--help"]) == 0
         assert f"Example:\n{' ' * 4}gainroom {' '.join(command)}".rstrip() in capsys.readouterr().out

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from gainroom import config, config_sections
+from gainroom import config, config_sections, scenario_sections
 
 ROOT = Path(__file__).parents[1]
 _spec = importlib.util.spec_from_file_location("docs_output", ROOT / "scripts" / "docs_output.py")
@@ -26,6 +26,14 @@ SECTIONS = [
     config_sections.NotchSection,
     config_sections.LimitsSection,
     config.UncertaintySection,
+    scenario_sections.ScenarioSection,
+    scenario_sections.StepSection,
+    scenario_sections.MoveSection,
+    scenario_sections.ChirpSection,
+    scenario_sections.MultisineSection,
+    scenario_sections.DisturbanceSection,
+    scenario_sections.FrictionSection,
+    scenario_sections.FrictionsSection,
 ]
 
 
@@ -49,7 +57,10 @@ def test_every_key_of_a_joint_file_is_documented(section):
 
 
 def test_the_documented_file_is_a_valid_one():
-    (block,) = re.findall(r"^```yaml\n(.*?)^```", (ROOT / "docs" / "files.md").read_text("utf-8"), re.MULTILINE | re.DOTALL)
+    block, scenario = re.findall(r"^```yaml\n(.*?)^```", (ROOT / "docs" / "files.md").read_text("utf-8"), re.MULTILINE | re.DOTALL)
     spec = config.parse_joint(block, "docs/files.md")
     assert spec.joint.motor_inertia == pytest.approx(1.0)
     assert spec.uncertainty.stiffness == pytest.approx((8e3, 12e3))
+    played = config.parse_simulation(block.replace("feedback: motor", "feedback: motor, sample_rate_hz: 2000") + scenario, "docs/files.md")
+    assert played.scenario.duration == 2.0
+    assert not played.is_linear

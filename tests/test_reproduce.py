@@ -12,7 +12,7 @@ from gainroom.reproduce.page import reproduction_page
 from gainroom.reproduce.row import at_least, compare
 
 FIG9 = {"neither": (52.1, 3970), "elasticity": (27.5, 3970), "delay": (31.0, 619), "both": (6.2, 620)}
-PREFIXES = ("fig4.", "fig5.", "fig7.", *(f"fig9.{case}." for case in FIG9), "testbed.")
+PREFIXES = ("fig4.", "fig5.", "fig6.", "fig7.", *(f"fig9.{case}." for case in FIG9), "testbed.", "fig11.")
 ROBOT_PREFIXES = ("table1.", "claim2.", "claim3.", "claim4.")
 
 

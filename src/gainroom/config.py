@@ -3,10 +3,11 @@
 Everything is SI and radians except where a key's name carries another unit (delay_ms, sample_rate_hz, gain_margin_db).
 """
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, TypeVar
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import Field, model_validator
 
 from .config_sections import (
     ControlSection,
@@ -23,11 +24,15 @@ from .controller import PD, PID, PPI
 from .drive import Drive
 from .errors import GainroomError
 from .forbidden import Requirements
-from .io.checked import NotNegative, Positive, PositiveOrInfinite, Section, refusal, validate
-from .io.yaml_text import parse_yaml, read_text, shown
+from .io.checked import NotNegative, Positive, PositiveOrInfinite, Section, refusal, typed, validate
+from .io.yaml_text import parse_yaml, read_text
 from .plant import ElasticJoint
+from .scenario_sections import ScenarioSection
+from .simulation_spec import SimulationSpec
 from .study import JointSpec
 from .uncertainty import Uncertainty
+
+Spec = TypeVar("Spec")
 
 
 def load_joint(path: Path) -> JointSpec:
@@ -40,12 +45,26 @@ def load_joint(path: Path) -> JointSpec:
 
 def parse_joint(text: str, source: str) -> JointSpec:
     """As load_joint, for the text of a file that messages call `source`."""
+    return _parsed(text, source, lambda file: file.spec())
+
+
+def load_simulation(path: Path) -> SimulationSpec:
+    """As load_joint: the joint with its scenario, the usual one where the file has none."""
+    return parse_simulation(read_text(path), str(path))
+
+
+def parse_simulation(text: str, source: str) -> SimulationSpec:
+    """As load_simulation, for the text of a file that messages call `source`."""
+    return _parsed(text, source, lambda file: file.scenario.spec(file.spec()))
+
+
+def _parsed(text: str, source: str, made: Callable[["JointFile"], Spec]) -> Spec:
     data = parse_yaml(text, source)
     if data is None:
         raise GainroomError(f"{source}: is empty; `gainroom example testbed` prints a file to start from")
     file = validate(JointFile, data, source)
     try:
-        return file.spec()
+        return made(file)
     except GainroomError as error:
         raise GainroomError(f"{source}: {error}") from error
 
@@ -123,18 +142,11 @@ class PPISection(JointControlSection):
         return PPI(kp=self.kp, kv=self.kv, ki=self.ki, **self.filters())
 
 
-def check_type(value: object) -> object:
-    """The controller's type comes first: it decides which other keys there are."""
-    if not isinstance(value, dict):
-        raise refusal(f"{shown(value)} must be a section with the keys type, feedback and the gains of that type")
-    if "type" not in value:
-        raise refusal("is missing: pd, pid or ppi", key="type")
-    if value["type"] not in ("pd", "pid", "ppi"):
-        raise refusal(f"{shown(value['type'])} must be pd, pid or ppi", key="type")
-    return value
-
-
-Control = Annotated[PDSection | PIDSection | PPISection, Field(discriminator="type"), BeforeValidator(check_type)]
+Control = Annotated[
+    PDSection | PIDSection | PPISection,
+    Field(discriminator="type"),
+    typed("pd", "pid", "ppi", beside="feedback and the gains of that type"),
+]
 
 
 class UncertaintySection(RangesSection):
@@ -162,6 +174,7 @@ class JointFile(Section):
     control: Control = Field(description="the controller and its gains")
     limits: LimitsSection | None = None
     uncertainty: UncertaintySection = UncertaintySection()
+    scenario: ScenarioSection = ScenarioSection()
 
     def spec(self) -> JointSpec:
         """In SI units. Raises GainroomError where sections contradict each other."""

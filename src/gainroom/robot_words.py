@@ -145,9 +145,7 @@ def _weightless(study: RobotStudy) -> list[str]:
     robot = study.spec.robot
     if robot.gravity or robot.body.base == "fixed" or not any(robot.contacts.values()):
         return []
-    return [
-        "gravity is left out: a robot on its feet keeps less at a few hertz and below, and may topple; set model.gravity_stiffness (no flight then)"
-    ]
+    return ["gravity is left out: on its feet the robot keeps less at low frequencies, and may topple; set model.gravity_stiffness: true"]
 
 
 def _undamped(study: RobotStudy) -> list[str]:

@@ -66,6 +66,23 @@ def one_of(*words: str | int) -> BeforeValidator:
     return BeforeValidator(check)
 
 
+def typed(*kinds: str, beside: str) -> BeforeValidator:
+    """A check of a section whose `type`, one of `kinds`, decides which keys it has `beside`: the type comes first."""
+    *others, last = kinds
+    allowed = f"{', '.join(others)} or {last}"
+
+    def check(value: object) -> object:
+        if not isinstance(value, dict):
+            raise refusal(f"{shown(value)} must be a section with the keys type, {beside}")
+        if "type" not in value:
+            raise refusal(f"is missing: {allowed}", key="type")
+        if value["type"] not in kinds:
+            raise refusal(f"{shown(value['type'])} must be {allowed}", key="type")
+        return value
+
+    return BeforeValidator(check)
+
+
 def refusal(message: str, key: str = "") -> PydanticCustomError:
     """An error to raise inside a check; `key` is appended to the path that the message names."""
     return PydanticCustomError("refused", "{message}", {"message": message, "key": key})

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 from ..errors import GainroomError
 from ..robot.body import library
-from . import claim2, claim2_biped, claim3, claim4, fig4, fig5, fig7, fig9, table1, testbed
+from . import claim2, claim2_biped, claim3, claim4, fig4, fig5, fig6, fig7, fig9, fig11, table1, testbed
 from .picture import Picture
 from .row import Row
 
-FIGURES = (fig4, fig5, fig7, fig9, testbed, table1, claim2, claim2_biped, claim3, claim4)
+FIGURES = (fig4, fig5, fig6, fig7, fig9, testbed, fig11, table1, claim2, claim2_biped, claim3, claim4)
 ON_THE_ROBOT = (table1, claim2_biped, claim3, claim4)
 
 

@@ -1,6 +1,7 @@
-"""Curves above each other over one logarithmic axis: claims 2 and 3."""
+"""Curves above each other over one axis: claims 2 and 3, Figs. 6 and 11."""
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,8 @@ PLACES = {  # of a spot's name: plotly's anchors, and a shift [px]
     "below": {"yanchor": "top", "yshift": -8},
 }
 BAND = "rgba(0,0,0,0.07)"
+Across = Callable[[float], float]
+"""From a place on the common axis to where plotly wants an annotation: a logarithmic axis counts decades."""
 GAP = 0.08  # of the height, between panels
 ROUNDING = 1e-9  # of the logarithm of a power of ten
 
@@ -38,14 +41,13 @@ def curve_drawing(picture: CurvePicture) -> dict[str, Any]:
         )
         traces += [_line(curve, place, name) for place, curve in enumerate(panel.curves)]
         traces += _spots(panel, name, picture.kinds if index == 0 else ())
-        notes += [_named(curve, place, panel, name, len(panel.curves) > 1) for place, curve in enumerate(panel.curves) if curve.label]
-        notes += [_spot_name(spot, panel, name) for spot in panel.spots if spot.label]
+        across = math.log10 if picture.logarithmic else float
+        notes += [_named(curve, place, panel, name, across) for place, curve in enumerate(panel.curves) if curve.label]
+        notes += [_spot_name(spot, panel, name, across) for spot in panel.spots if spot.label]
         if panel.band is not None:
             ends = {"x0": 0, "x1": 1, "xref": "paper", "y0": panel.band[0], "y1": panel.band[1], "yref": name}
             shapes.append({"type": "rect", **ends, "fillcolor": BAND, "line": {"width": 0}, "layer": "below"})
-    across = [math.log10(end) for end in picture.x_range]
-    below = f"y{count}" if count > 1 else "y"
-    axes["xaxis"] = style.axis(picture.x_title, type="log", range=across, anchor=below, fixedrange=True) | _ticks(*picture.x_range)
+    axes["xaxis"] = style.axis(picture.x_title, anchor=f"y{count}" if count > 1 else "y", fixedrange=True) | _across(picture)
     layout = style.layout(
         **axes,
         shapes=shapes,
@@ -55,6 +57,13 @@ def curve_drawing(picture: CurvePicture) -> dict[str, Any]:
         margin={"l": 72, "r": 16, "t": 40 if picture.kinds else 12, "b": 52},
     )
     return {"data": traces, "layout": layout}
+
+
+def _across(picture: CurvePicture) -> dict[str, Any]:
+    """The common axis's kind and range."""
+    if not picture.logarithmic:
+        return {"range": list(picture.x_range)}
+    return {"type": "log", "range": [math.log10(end) for end in picture.x_range]} | _ticks(*picture.x_range)
 
 
 def _line(curve: Curve, place: int, axis: str) -> style.Trace:
@@ -76,15 +85,15 @@ def _spots(panel: Panel, axis: str, kinds: tuple[str, ...]) -> list[style.Trace]
     return traces
 
 
-def _named(curve: Curve, place: int, panel: Panel, axis: str, coloured: bool) -> style.Annotation:
-    """The name of a curve, beside it."""
-    height = float(np.interp(math.log(curve.named_at), np.log(curve.x), curve.y))
-    color = COLOURS[place] if coloured else style.INK
-    return style.label(math.log10(curve.named_at), _height(height, panel), curve.label, color, yref=axis, **PLACES[curve.side])
+def _named(curve: Curve, place: int, panel: Panel, axis: str, across: Across) -> style.Annotation:
+    """The name of a curve, beside it; in its colour where there are others."""
+    height = float(np.interp(across(curve.named_at), [across(x) for x in curve.x.tolist()], curve.y))
+    color = COLOURS[place] if len(panel.curves) > 1 else style.INK
+    return style.label(across(curve.named_at), _height(height, panel), curve.label, color, yref=axis, **PLACES[curve.side])
 
 
-def _spot_name(spot: Spot, panel: Panel, axis: str) -> style.Annotation:
-    return style.label(math.log10(spot.x), _height(spot.y, panel), spot.label, yref=axis, **PLACES[spot.side])
+def _spot_name(spot: Spot, panel: Panel, axis: str, across: Across) -> style.Annotation:
+    return style.label(across(spot.x), _height(spot.y, panel), spot.label, yref=axis, **PLACES[spot.side])
 
 
 def _height(value: float, panel: Panel) -> float:

@@ -109,7 +109,7 @@ class Panel:
 
 @dataclass(frozen=True)
 class CurvePicture:
-    """Panels over one logarithmic axis; `kinds` names the sorts of spots."""
+    """Panels over one logarithmic axis, or a linear one; `kinds` names the sorts of spots."""
 
     id: str
     title: str
@@ -118,6 +118,7 @@ class CurvePicture:
     x_range: tuple[float, float]
     panels: tuple[Panel, ...]
     kinds: tuple[str, ...] = ()
+    logarithmic: bool = True
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..errors import GainroomError, require_positive
 from ..loop import Loop
-from .oscillation import Vibration, vibration
+from .oscillation import LONGEST, Vibration, vibration
 from .run import simulate
 from .scenario import Scenario
 
@@ -77,8 +77,9 @@ def linear_vibration(loop: Loop, duration: float = 2.0, seed: int = 0) -> Vibrat
     require_positive("onset", "duration", duration, "s")
     knock = np.vstack([np.random.default_rng(seed).choice([-1.0, 1.0], size=loop.size), np.zeros(loop.size)])
     response = simulate(loop, Scenario(0.0, duration, feedforward=knock))
-    half = len(response.time) // 2
-    found = vibration(response.error[half:], response.sample_time, growing=True)
+    later = response.error[len(response.time) // 2 :]
+    stride = -(-len(later) // LONGEST)  # a fast tick and a slow vibration: the whole half counts, not its last samples
+    found = vibration(later[::stride], stride * response.sample_time, growing=True)
     if response.diverged and _rate(found) <= 0:
         return Vibration(0.0, math.inf, response.diverged_at or 0.0)  # it ran off without swinging
     return found

@@ -40,10 +40,11 @@ class Vibration:
         return -self.growth_rate / math.hypot(self.growth_rate, self.frequency) if math.isfinite(self.growth_rate) else -1.0
 
 
-def vibration(signal: ArrayLike, sample_time: float, growing: bool = False) -> Vibration | None:
+def vibration(signal: ArrayLike, sample_time: float, growing: bool = False, above: float = 0.0) -> Vibration | None:
     """The oscillation that is strongest in the last third of `signal` (k,) or (k, n), of which at most 4000 samples are used.
 
     growing   rather the one that grows most, or dies away least, however weak it still is
+    above     only one of a higher frequency than this [rad/s]
 
     None where there is nothing that oscillates for at least one and a half periods and stands out of the noise.
     """
@@ -59,7 +60,8 @@ def vibration(signal: ArrayLike, sample_time: float, growing: bool = False) -> V
     table = table / scale
     table = table - table.mean(axis=0)
     rates = _poles(table, 1)
-    found = _strongest(table, rates, growing)
+    lowest = above * sample_time
+    found = _strongest(table, rates, growing, lowest)
     if found is None:
         return None
     # Once more, with lags that span about a twelfth of a period each: noise then shifts the pole far less.
@@ -68,20 +70,23 @@ def vibration(signal: ArrayLike, sample_time: float, growing: bool = False) -> V
         finer = _unfolded(_poles(table, stride), stride, found[0])
         if abs(finer - found[0]) < 0.1 * abs(found[0]):
             others = rates[(rates != found[0]) & (rates != found[0].conjugate())]
-            found = _strongest(table, np.append(others, [finer, finer.conjugate()]), growing) or found
+            found = _strongest(table, np.append(others, [finer, finer.conjugate()]), growing, lowest) or found
     rate, amplitude = found
     if amplitude < FLOOR:
         return None
     return Vibration(abs(rate.imag) / sample_time, rate.real / sample_time, float(amplitude * scale))
 
 
-def response_vibration(response: "Response") -> Vibration | None:
-    """Of the tracking error after the reference has come to rest, or where it moves to the end, of the last half of the run."""
+def response_vibration(response: "Response", above: float = 0.0) -> Vibration | None:
+    """Of the tracking error after the reference has come to rest, or where it moves to the end, of the last half of the run.
+
+    above   only one of a higher frequency than this [rad/s], such as the reference's own
+    """
     moving = np.flatnonzero((np.diff(response.reference, axis=0) != 0).any(axis=1))
     begin = int(moving[-1]) + 1 if len(moving) else 0
     if len(response.time) - begin < max(SHORTEST, len(response.time) // 10):
         begin = len(response.time) // 2
-    return vibration(response.error[begin:], response.sample_time)
+    return vibration(response.error[begin:], response.sample_time, above=above)
 
 
 def _poles(table: Floats, stride: int) -> Complexes:
@@ -108,10 +113,10 @@ def _unfolded(rates: Complexes, stride: int, near: complex) -> complex:
     return complex(moved[np.argmin(np.abs(moved - near))]) if len(moved) else 0j
 
 
-def _strongest(table: Floats, rates: Complexes, growing: bool) -> tuple[complex, float] | None:
+def _strongest(table: Floats, rates: Complexes, growing: bool, lowest: float) -> tuple[complex, float] | None:
     """(rate per sample, amplitude at the end) of the oscillation with most energy in the last third, or of that which grows most.
 
-    None where none is significant.
+    None where none above `lowest` [rad per sample] is significant.
     """
     count, upper, others = len(table), rates[rates.imag > 0], rates[rates.imag == 0]
     if not len(upper):
@@ -124,7 +129,7 @@ def _strongest(table: Floats, rates: Complexes, growing: bool) -> tuple[complex,
     swing = np.abs(shapes) ** 2
     explained, latest = swing.sum(axis=0) * squares.sum(axis=1), swing[-(count // 3) :].sum(axis=0) * squares.sum(axis=1)
     noise = SIGNIFICANT * 2 * math.log(count) * np.mean(left_over**2) * table.shape[1]
-    good = (upper.imag * count >= PERIODS * 2 * math.pi) & (explained > noise)
+    good = (upper.imag * count >= PERIODS * 2 * math.pi) & (upper.imag > lowest) & (explained > noise)
     if not good.any():
         return None
     best = int(np.argmax(np.where(good, upper.real if growing else latest, -np.inf)))

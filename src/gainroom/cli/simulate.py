@@ -1,0 +1,150 @@
+"""gainroom simulate: a joint's scenario, played."""
+
+import contextlib
+import math
+import os
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ..io.numbers import digits, frequency
+from .interrupts import stop_signals
+from .kinds import refuse_robot
+from .options import AsJson, Report, command_line, report_stream
+from .output import emit, emit_json, render, table
+from .progress import progress_bar
+
+if TYPE_CHECKING:
+    from ..simulation import Response
+    from ..simulation_study import SimulationStudy
+
+
+def simulate(
+    file: Annotated[
+        Path,
+        typer.Argument(metavar="FILE", help="A joint.yaml; `gainroom example testbed-simulated` prints one.", show_default=False),
+    ],
+    as_json: AsJson = False,
+    report: Report = None,
+    log: Annotated[Path | None, typer.Option("--log", metavar="LOG", help="Also write every tick: .csv, .parquet or .mcap.")] = None,
+    gain: Annotated[float, typer.Option("--gain", metavar="FACTOR", help="Multiply all gains by this.")] = 1.0,
+) -> int:
+    """Play a joint's scenario: how well it tracks, and whether it vibrates or runs away.
+
+    \b
+    Example:
+      gainroom simulate joint.yaml --gain 1.2 --log run.csv --report run.html
+
+    Exit status: 0 tracks; 1 diverges or vibrates; 2 the file or the call is wrong; 130 interrupted (the log holds what was done).
+    """
+    from ..errors import GainroomError
+
+    if not 1e-6 <= gain <= 1e6:  # not a number is refused too
+        raise GainroomError(f"--gain: {gain:g} must be a factor from 1e-06 to 1e+06")
+    refuse_robot(file)
+    from ..config import load_simulation
+
+    spec = load_simulation(file)
+    with report_stream(report, [file] if log is None else [file, log]) as stream:
+        from ..simulation_study import Interrupted, simulate_joint
+
+        with stop_signals() as stopped:
+            try:
+                with _rows(log, file, spec.joint.joint.name) as rows, progress_bar("simulate:") as progress:
+                    study = simulate_joint(spec, gain, rows, progress, lambda: stopped() != 0)
+            except Interrupted as end:
+                kept = "" if log is None else f"; {log} holds what was done"
+                print(f"gainroom: interrupted at {end.time:g} s of {spec.scenario.duration:g} s{kept}", file=sys.stderr)
+                raise typer.Exit(128 + stopped()) from end
+        if stream is not None:
+            from ..report.simulation import simulation_page
+
+            factor = ("--gain", f"{gain:g}") if gain != 1 else ()
+            stream.write(simulation_page(study, command_line("simulate", file, *factor, "--report", report)))
+    if as_json:
+        emit_json(_facts(study, log))
+    else:
+        emit(_terminal(study, report, log))
+    return 0 if study.sound else 1
+
+
+@contextlib.contextmanager
+def _rows(log: Path | None, file: Path, joint: str) -> Iterator[Callable[["Response"], None]]:
+    """What takes the parts of a run and writes them. Raises GainroomError where `log` cannot be written."""
+    if log is None:
+        yield lambda part: None
+        return
+    from ..errors import GainroomError
+    from ..io.logs import open_log
+
+    if os.path.realpath(log) == os.path.realpath(file):
+        raise GainroomError(f"{log}: the log would overwrite the input")
+    with open_log(log, [joint]) as writer:
+        yield lambda part: writer.write(part.columns())
+
+
+def _facts(study: "SimulationStudy", log: Path | None) -> dict[str, Any]:
+    """What --json prints."""
+    response, found, limit, vibration = study.response, study.tracking, study.limit, study.vibration
+    names = response.joint_names
+    columns = ("rms", "peak", "steady_state", "overshoot", "settling_time")
+    return {
+        "diverged": response.diverged,
+        "diverged_at": response.diverged_at,
+        "vibrates": study.vibrates,
+        "sentence": study.sentence,
+        "model": "linear" if study.spec.is_linear else "testbed",
+        "sample_rate_hz": 1 / response.sample_time,
+        "gain": study.gain,
+        "tracking": {name: {column: getattr(found, column)[k] for column in columns} for k, name in enumerate(names)},
+        "torque_peak": dict(zip(names, study.torque_peak.tolist(), strict=True)),
+        "vibration": None
+        if vibration is None
+        else {
+            "frequency_rad_s": vibration.frequency,
+            "growth_rate": vibration.growth_rate,
+            "amplitude": vibration.amplitude,
+        },
+        "predicted": {"stable": limit.stable, "gain_limit": limit.gain, "limit_frequency_rad_s": limit.frequency},
+        "log": None if log is None else str(log),
+        "warnings": list(study.warnings),
+    }
+
+
+def _terminal(study: "SimulationStudy", report: Path | None, log: Path | None) -> str:
+    response, vibration, limit = study.response, study.vibration, study.limit
+    kind = "linear, exact" if study.spec.is_linear else "testbed"
+    title = f"Tracking of the {response.feedback} side ({kind}, {digits(1 / response.sample_time, 'Hz')})"
+    columns = ("[mrad]", "RMS", "peak", "steady state", "overshoot", "settles in", "torque peak")
+    seen = ("none", "")
+    if vibration is not None:
+        seen = frequency(vibration.frequency), "keeps up" if study.keeps_up else digits(vibration.growth_rate, "1/s", 3)
+    predicted = (frequency(limit.frequency), f"from {digits(limit.gain)} × these gains on" if limit.gain > 0 else "at all gains")
+    parts: list[Any] = [
+        study.sentence,
+        "",
+        *([] if response.diverged else [table(title, columns, [_row(study, k) for k in range(len(response.joint_names))])]),
+        table("Vibration", ("", "frequency", "growth"), [("simulated", *seen), ("linear loop", *predicted)]),
+    ]
+    parts += [f"{name}: {path}" for name, path in (("Log", log), ("Report", report)) if path is not None]
+    parts += [f"Warning: {warning}" for warning in study.warnings]
+    return render(*parts)
+
+
+def _row(study: "SimulationStudy", k: int) -> tuple[str, ...]:
+    found = study.tracking
+    return (
+        study.response.joint_names[k],
+        *(milli(float(value[k])) for value in (found.rms, found.peak, found.steady_state)),
+        digits(100 * float(found.overshoot[k]), "%", 3),
+        "never" if math.isinf(found.settling_time[k]) else digits(float(found.settling_time[k]), "s", 3),
+        digits(float(study.torque_peak[k]), "N·m", 3),
+    )
+
+
+def milli(angle: float) -> str:
+    """An angle [rad] in mrad, with rounding errors as 0."""
+    return digits(0.0 if abs(angle) < 1e-9 else 1e3 * angle, significant=3)

@@ -1,0 +1,103 @@
+"""gainroom verify: the predicted limit against simulation."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ..io.numbers import digits, frequency
+from .kinds import refuse_robot
+from .options import AsJson, Report, command_line, report_stream
+from .output import emit, emit_json, render, table
+from .progress import progress_bar
+
+if TYPE_CHECKING:
+    from ..verification import Case, Verification
+
+
+def verify(
+    file: Annotated[
+        Path,
+        typer.Argument(metavar="FILE", help="A joint.yaml with control.sample_rate_hz.", show_default=False),
+    ],
+    as_json: AsJson = False,
+    report: Report = None,
+) -> int:
+    """Find by simulation the gains at which vibration begins, and set them against the predicted limit.
+
+    \b
+    Example:
+      gainroom verify joint.yaml --report verify.html
+
+    Exit status: 0 they agree within the tolerance (linear simulation: 0.1 %); 1 they do not; 2 the file or the call is wrong.
+    """
+    refuse_robot(file)
+    from ..config import load_simulation
+
+    spec = load_simulation(file).joint
+    with report_stream(report, [file]) as stream:
+        from ..verification import verify_joint
+
+        with progress_bar("verify:") as progress:
+            result = verify_joint(spec, progress)
+        if stream is not None:
+            from ..report.verification import verification_page
+
+            stream.write(verification_page(spec, result, command_line("verify", file, "--report", report)))
+    if as_json:
+        emit_json(_facts(result))
+    else:
+        emit(_terminal(result, report))
+    return 0 if result.agrees else 1
+
+
+def _facts(result: "Verification") -> dict[str, Any]:
+    """What --json prints."""
+    return {
+        "agrees": result.agrees,
+        "sentence": result.sentence,
+        "cases": [
+            {
+                "what": case.what,
+                "witness": case.witness,
+                "predicted_gain": case.predicted_gain,
+                "simulated_gain": case.simulated_gain,
+                "predicted_frequency_rad_s": case.predicted_frequency,
+                "simulated_frequency_rad_s": case.simulated_frequency,
+                "gain_difference": case.gain_difference,
+                "frequency_difference": case.frequency_difference,
+                "tolerance": case.tolerance,
+                "agrees": case.agrees,
+            }
+            for case in result.cases
+        ],
+    }
+
+
+def _terminal(result: "Verification", report: Path | None) -> str:
+    columns = ("", "witness", "predicted", "simulated", "apart", "allowed", "agrees")
+    parts: list[Any] = [
+        result.sentence,
+        "",
+        table("Vibration begins at this factor on all gains", columns, [_gain_row(case) for case in result.cases]),
+        table("and has this frequency", columns, [_frequency_row(case) for case in result.cases]),
+    ]
+    if report is not None:
+        parts.append(f"Report: {report}")
+    return render(*parts)
+
+
+def _gain_row(case: "Case") -> tuple[str, ...]:
+    gains = digits(case.predicted_gain, significant=6), digits(case.simulated_gain, significant=6)
+    return case.what, case.witness, *gains, *_verdict(case, case.gain_difference)
+
+
+def _frequency_row(case: "Case") -> tuple[str, ...]:
+    frequencies = frequency(case.predicted_frequency), frequency(case.simulated_frequency)
+    return case.what, case.witness, *frequencies, *_verdict(case, case.frequency_difference)
+
+
+def _verdict(case: "Case", difference: float) -> tuple[str, str, str]:
+    from ..verification import apart
+
+    return apart(difference), f"{digits(100 * case.tolerance)} %", "yes" if abs(difference) <= case.tolerance else "no"

@@ -1,0 +1,166 @@
+"""The predicted gain limit against where simulation begins to vibrate: two ways to one number that share nothing but the model.
+
+The prediction comes from the frequency response, the simulation from tick after tick in time.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from .arrays import Floats
+from .errors import GainroomError
+from .limits import GainLimit, gain_limit
+from .loop import Loop
+from .simulation.onset import FURTHEST, linear_onset, linear_vibration
+from .stability import rightmost_roots
+from .study import JointSpec
+
+TOLERANCES = {"linear": 1e-3, "mujoco": 2e-2}
+"""By witness: how far, relatively, gain and frequency may be from the prediction."""
+LOWERED = (1.0, 0.3, 0.1)  # factors at which a loop that no lower gains steady is run
+SLOW = 2.0  # [s] of such a run at factor 1
+PERIODS = 100.0  # of the predicted vibration in one run: enough to tell growth of 1e-6 per period from none
+
+
+@dataclass(frozen=True)
+class Case:
+    """One limit, predicted and simulated. Gains: factors on the file's; infinite, with frequency NaN, where none vibrates.
+
+    what       in words
+    witness    "linear" or "mujoco"
+    """
+
+    what: str
+    witness: str
+    predicted_gain: float
+    simulated_gain: float
+    predicted_frequency: float
+    simulated_frequency: float
+    runs: int = 0
+
+    @property
+    def tolerance(self) -> float:
+        """Relative."""
+        return TOLERANCES[self.witness]
+
+    @property
+    def gain_difference(self) -> float:
+        """Simulated over predicted, less 1; 0 where neither vibrates."""
+        return _difference(self.predicted_gain, self.simulated_gain)
+
+    @property
+    def frequency_difference(self) -> float:
+        """As gain_difference."""
+        if self.predicted_gain == self.simulated_gain:  # 0 or inf: no vibration to have one
+            return 0.0
+        return _difference(self.predicted_frequency, self.simulated_frequency)
+
+    @property
+    def agrees(self) -> bool:
+        """Both within the tolerance."""
+        return abs(self.gain_difference) <= self.tolerance and abs(self.frequency_difference) <= self.tolerance
+
+
+@dataclass(frozen=True)
+class Verification:
+    """What `gainroom verify` tells."""
+
+    cases: tuple[Case, ...]
+    sentence: str
+
+    @property
+    def agrees(self) -> bool:
+        """Every case does."""
+        return all(case.agrees for case in self.cases)
+
+
+def verify_joint(spec: JointSpec, progress: Callable[[int, int, str], None] = lambda done, total, what: None) -> Verification:
+    """The common factor on a joint's gains at which it begins to vibrate, predicted and by linear simulation.
+
+    Raises GainroomError for a continuous joint, which has no ticks to simulate.
+    """
+    progress(0, 1, "one joint")
+    cases = (linear_case("one joint", spec.loop()),)
+    progress(1, 1, "")
+    return Verification(cases, sentence_of(cases))
+
+
+@dataclass(frozen=True)
+class Growth:
+    """How fast a vibration grows, by the factor on all gains (k,): `predicted` from the rightmost root, and `simulated` [1/s]."""
+
+    gain: Floats
+    predicted: Floats
+    simulated: Floats
+
+
+def growth_about(loop: Loop, limit: float, count: int = 9) -> Growth:
+    """Over the tenth of the gain to either side of `limit`, for a picture; NaN where a run shows no vibration."""
+    gains = limit * np.linspace(0.9, 1.1, count)
+    found = [linear_vibration(loop.scaled(gain)) for gain in gains]
+    simulated = [math.nan if one is None else one.growth_rate for one in found]
+    predicted = [float(rightmost_roots(loop.scaled(gain)).roots[0].real) for gain in gains]
+    return Growth(gains, np.array(predicted), np.array(simulated))
+
+
+def linear_case(what: str, loop: Loop) -> Case:
+    """A sampled loop of any number of joints, stepped linearly."""
+    limit = gain_limit(loop)
+    if not 0 < limit.gain < FURTHEST:
+        return _without_limit(what, loop, limit)
+    assert loop.sample_time is not None
+    duration = max(PERIODS * 2 * math.pi / limit.frequency if limit.frequency > 0 else 0.0, 200 * loop.sample_time)
+    try:
+        onset = linear_onset(loop, duration)
+    except GainroomError:  # no factor that was tried changes the verdict
+        return Case(what, "linear", limit.gain, math.nan, limit.frequency, math.nan)
+    return Case(what, "linear", limit.gain, onset.gain, limit.frequency, onset.frequency, onset.runs)
+
+
+def _without_limit(what: str, loop: Loop, limit: GainLimit) -> Case:
+    """No factor changes the predicted verdict; none that is tried may change the simulated one."""
+    if limit.gain == 0:  # it grows at every factor, and the more slowly the lower the gains
+        grown = [linear_vibration(loop.scaled(factor), SLOW / math.sqrt(factor)) for factor in LOWERED]
+        grows = all(found is not None and found.growth_rate > 0 for found in grown)
+        return Case(what, "linear", 0.0, 0.0 if grows else math.nan, math.nan, math.nan, len(LOWERED))
+    try:
+        onset = linear_onset(loop)
+    except GainroomError:
+        return Case(what, "linear", math.inf, math.inf, math.nan, math.nan)
+    return Case(what, "linear", limit.gain, onset.gain, limit.frequency, onset.frequency, onset.runs)
+
+
+def sentence_of(cases: tuple[Case, ...]) -> str:
+    """The answer in one sentence."""
+    wrong = [case for case in cases if not case.agrees]
+    worst = max(cases, key=lambda case: _size(case.gain_difference))
+    if wrong:
+        names = ", ".join(case.what for case in wrong[:3]) + (" and others" if len(wrong) > 3 else "")
+        return f"Simulation and prediction differ by more than the tolerance in {len(wrong)} of {len(cases)} cases: {names}."
+    if not 0 < worst.predicted_gain < math.inf:
+        told = "no common factor on these gains makes the joint vibrate" if worst.predicted_gain else "no lower gains are stable"
+        return f"Simulation agrees with the prediction: {told}."
+    return (
+        f"Simulation agrees with the prediction: vibration begins at {worst.simulated_gain:.5g} times these gains, predicted "
+        f"{worst.predicted_gain:.5g}, {apart(worst.gain_difference)} apart"
+        + (f" in the worst of {len(cases)} cases." if len(cases) > 1 else ".")
+    )
+
+
+def apart(difference: float) -> str:
+    """A relative difference in words; what is below a thousandth of a percent is not worth its digits."""
+    if math.isnan(difference):
+        return "–"
+    return "< 0.001 %" if abs(difference) < 1e-5 else f"{100 * abs(difference):.2g} %"
+
+
+def _size(value: float) -> float:
+    return math.inf if math.isnan(value) else abs(value)
+
+
+def _difference(predicted: float, simulated: float) -> float:
+    if predicted == simulated:
+        return 0.0
+    return simulated / predicted - 1 if math.isfinite(predicted) and predicted > 0 else math.nan

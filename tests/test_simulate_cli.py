@@ -1,0 +1,305 @@
+"""gainroom simulate: keys, exit status, numbers that can be told in advance, logs that can be read however a run ends."""
+
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import gainroom as gr
+from gainroom.cli import main
+from gainroom.cli.example import joint_examples
+from gainroom.cli.interrupts import stop_signals
+from gainroom.config import parse_simulation
+from gainroom.errors import GainroomError
+from gainroom.io.logs import read_log
+from gainroom.report.simulation import simulation_page, thinned
+from gainroom.simulation import vibration
+from gainroom.simulation_study import Interrupted, simulate_joint
+from mutations import mutated_data
+
+EXAMPLES = joint_examples()
+LINEAR, HARDWARE = EXAMPLES["testbed-sampled"], EXAMPLES["testbed-simulated"]
+SHAKEN = LINEAR.replace("kd: 70.0", "kd: 80.0")
+KP = 1600.0
+KEYS = {"diverged", "tracking", "vibration", "log"}  # fixed names: scripts outside the project read them
+LONG = HARDWARE.replace("duration: 4.0,", "duration: 900.0,").replace("duration: 4.0 ", "duration: 900.0 ")
+
+
+def write(folder: Path, text: str) -> Path:
+    path = folder / "joint.yaml"
+    path.write_text(text, "utf-8")
+    return path
+
+
+def played(text: str, gain: float = 1.0):
+    return simulate_joint(parse_simulation(text, "joint.yaml"), gain)
+
+
+def run_json(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> tuple[int, dict]:
+    status = main(["simulate", *map(str, arguments), "--json"])
+    out, err = capsys.readouterr()
+    assert err == ""
+    return status, json.loads(out, parse_constant=pytest.fail)
+
+
+def test_json_of_a_run_that_tracks(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    status, facts = run_json(capsys, write(tmp_path, LINEAR))
+    assert status == 0
+    assert set(facts) >= KEYS
+    assert facts["diverged"] is False
+    assert facts["vibration"] is None
+    assert facts["log"] is None
+    assert set(facts["tracking"]) == {"joint"}
+    assert set(facts["tracking"]["joint"]) >= {"rms", "peak", "steady_state"}
+
+
+def test_vibration_is_that_of_the_rightmost_root(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """Fig. 11's 1600:80 on the linear loop: without noise the matrix pencil is exact to far below 1e-4."""
+    status, facts = run_json(capsys, write(tmp_path, SHAKEN))
+    root = gr.rightmost_roots(parse_simulation(SHAKEN, "").loop()).roots[0]
+    assert status == 1
+    assert not facts["diverged"]
+    assert facts["vibration"]["frequency_rad_s"] == pytest.approx(abs(root.imag), rel=1e-4)
+    assert facts["vibration"]["growth_rate"] == pytest.approx(root.real, rel=1e-3)
+
+
+@pytest.mark.parametrize("ending", ["csv", "parquet", "mcap"])
+def test_the_log_of_a_run_that_diverges_holds_numbers_only(tmp_path: Path, capsys: pytest.CaptureFixture[str], ending: str):
+    log = tmp_path / f"run.{ending}"
+    status, facts = run_json(capsys, write(tmp_path, LINEAR), "--gain", "1.5", "--log", log)
+    assert status == 1
+    assert facts["diverged"] is True
+    assert facts["log"] == str(log)
+    kept = read_log(log)  # which refuses what is not finite
+    assert kept.complete
+    assert kept.time[-1] + 5e-4 == pytest.approx(facts["diverged_at"])
+    assert np.abs(kept.signals["motor_position"]).max() > 100
+
+
+def test_tracking_is_what_the_log_says(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """The default move, 3τ² − 2τ³ by 0.1 rad in 0.5 s, against the logged positions; CSV has every digit."""
+    log = tmp_path / "run.csv"
+    _, facts = run_json(capsys, write(tmp_path, LINEAR), "--log", log)
+    kept = read_log(log)
+    part = np.minimum(kept.time / 0.5, 1.0)
+    error = 0.1 * (3 * part**2 - 2 * part**3) - kept.signals["motor_position"][:, 0]
+    found = facts["tracking"]["joint"]
+    assert found["rms"] == pytest.approx(math.sqrt(np.mean(error**2)), rel=1e-9)
+    assert found["peak"] == pytest.approx(np.abs(error).max(), rel=1e-9)
+    assert found["overshoot"] == pytest.approx(max(kept.signals["motor_position"].max() / 0.1 - 1, 0), rel=1e-9)
+    assert facts["torque_peak"]["joint"] == np.abs(kept.signals["actual_torque"]).max()
+
+
+def test_a_lasting_torque_bends_a_pd_by_its_share_of_kp(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """At rest kp e balances the torque on the link; two seconds are twenty time constants of the slowest root."""
+    text = LINEAR + "scenario: {duration: 3.0, reference: {type: hold}, disturbance: {torque: 8.0, start: 0.5}}\n"
+    status, facts = run_json(capsys, write(tmp_path, text))
+    assert status == 0
+    assert facts["tracking"]["joint"]["steady_state"] == pytest.approx(-8.0 / KP, rel=1e-6)
+
+
+def test_gravity_bends_it_by_its_torque():
+    """Level, a quarter turn from where it hangs. The link sags under 1 %: cos of 0.014 rad is 1 within 1e-4."""
+    text = LINEAR + f"scenario: {{duration: 3.0, reference: {{type: hold}}, gravity: 20.0, hanging_at: {-math.pi / 2}}}\n"
+    study = played(text)
+    assert study.sound
+    assert study.tracking.steady_state[0] == pytest.approx(20.0 / KP, rel=1e-3)
+
+
+def test_hardware_vibrates_where_the_linear_loop_does_and_keeps_it_up():
+    """Friction does not hide it once the joint moves; the torque limit ends its growth. Its frequency stays within 3 %."""
+    assert played(HARDWARE).sound
+    shaken = played(HARDWARE, 1.15)
+    assert shaken.vibrates
+    assert not shaken.response.diverged
+    assert shaken.vibration is not None
+    assert shaken.vibration.frequency == pytest.approx(shaken.limit.frequency, rel=0.03)
+    assert shaken.limit.gain < 1
+
+
+@pytest.mark.parametrize(("gain", "sound"), [(1.05, True), (1.15, False)])
+@pytest.mark.parametrize(
+    "reference",
+    [
+        "{type: multisine, amplitude: 0.01, frequencies: [3.0, 9.0, 20.0]}",
+        "{type: chirp, amplitude: 0.05, first: 1.0, last: 60.0, duration: 2.0}",
+        "{type: step, by: 0.01}",
+        "{type: quintic, by: 0.3, duration: 2.0}",
+    ],
+)
+def test_what_the_reference_does_is_not_called_a_vibration(reference: str, gain: float, sound: bool):
+    """The limit is at 1.11."""
+    assert played(LINEAR + f"scenario: {{reference: {reference}}}\n", gain).sound is sound
+
+
+def test_oscillations_above_a_frequency():
+    t = 1e-3 * np.arange(3000)
+    signal = np.sin(20 * t) + 0.1 * np.sin(150 * t)
+    found = vibration(signal, 1e-3, above=30.0)
+    assert found is not None
+    assert found.frequency == pytest.approx(150, rel=1e-6)
+    assert vibration(signal, 1e-3, above=200.0) is None
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ("scenario: {duration: 0}", "scenario.duration: 0 must be > 0"),
+        ("scenario: {duration: 3600}", "at most 2000000"),
+        ("scenario: {reference: {type: ramp}}", "scenario.reference.type: 'ramp' must be hold, step"),
+        ("scenario: {reference: {type: cubic, by: 1}}", "scenario.reference.duration: is missing"),
+        ("scenario: {reference: {type: chirp, amplitude: 1, first: 1, last: 7000, duration: 1}}", "below half the sample rate"),
+        ("scenario: {referense: {}}", "did you mean reference?"),
+        ("scenario: {jitter_ms: 3}", "scenario.jitter_ms: 3 must be <= the drive's delay, 2.174 ms"),
+        ("scenario: {friction: {motor: {coulomb: 2, static: 1}}}", "scenario.friction.motor: static 1"),
+        ("scenario: {whole_ticks: 1}", "scenario.whole_ticks: must be true or false"),
+        ("scenario: {seed: 1.5}", "scenario.seed: 1.5 must be a whole number"),
+        ("scenario: {noise: 2 mrad}", "scenario.noise: '2 mrad' is text"),
+    ],
+)
+def test_a_wrong_scenario_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str], change: str, says: str):
+    path = write(tmp_path, LINEAR + change)
+    assert main(["simulate", str(path)]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.count("\n") == 1
+    assert says in err
+    assert str(path) in err
+
+
+@pytest.mark.parametrize("command", ["simulate", "verify"])
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (EXAMPLES["testbed"], "control.sample_rate_hz: is missing"),
+        ("model: {file: a.urdf}\n", "robots is not there yet"),
+        ("", "is empty"),
+    ],
+)
+def test_what_cannot_be_played(tmp_path: Path, capsys: pytest.CaptureFixture[str], command: str, text: str, says: str):
+    path = write(tmp_path, text)
+    assert main([command, str(path)]) == 2
+    err = capsys.readouterr().err
+    assert err.count("\n") == 1
+    assert says in err
+    assert str(path) in err
+
+
+@pytest.mark.parametrize("options", [["--gain", "0"], ["--gain", "nan"], ["--gain", "-1"], ["--log", "run.txt"], ["--log", "no/run.csv"]])
+def test_a_wrong_call_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str]):
+    assert main(["simulate", str(write(tmp_path, LINEAR)), *options]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_neither_log_nor_report_takes_the_place_of_an_input(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    path = tmp_path / "joint.csv"
+    path.write_text(LINEAR, "utf-8")
+    assert main(["simulate", str(path), "--log", str(path)]) == 2
+    assert main(["simulate", str(path), "--report", str(path)]) == 2
+    assert path.read_text("utf-8") == LINEAR
+    assert capsys.readouterr().err.count("\n") == 2
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(st.data())
+def test_a_damaged_file_is_refused_in_one_line_or_read(data: st.DataObject):
+    damaged = data.draw(st.composite(mutated_data)(yaml.safe_load(HARDWARE)))
+    message = ""
+    try:
+        parse_simulation(yaml.safe_dump(damaged), "joint.yaml")
+    except GainroomError as error:
+        message = str(error)
+    assert "\n" not in message
+
+
+@pytest.mark.parametrize(
+    ("ending", "number"), [("csv", signal.SIGINT), ("parquet", signal.SIGINT), ("mcap", signal.SIGINT), ("csv", signal.SIGTERM)]
+)
+def test_an_interrupted_run_leaves_a_log_that_can_be_read(tmp_path: Path, ending: str, number: signal.Signals):
+    """Stopped once it is known to be writing, far from its end; the report that was asked for is not begun."""
+    log, page = tmp_path / f"run.{ending}", tmp_path / "run.html"
+    command = [sys.executable, "-m", "gainroom", "simulate", str(write(tmp_path, LONG)), "--log", str(log), "--report", str(page)]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment)
+    try:
+        while process.poll() is None and not any(path.stat().st_size > 20_000 for path in files(tmp_path)):
+            time.sleep(0.02)  # however long that takes
+        process.send_signal(number)
+        out, err = process.communicate()
+    finally:
+        process.kill()
+    assert process.returncode == 128 + number
+    assert out == ""
+    assert err.startswith("gainroom: interrupted at ")
+    assert str(log) in err
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["joint.yaml", log.name]
+    kept = read_log(log)
+    assert kept.complete
+    assert 0 < kept.time[-1] < 890
+    assert np.diff(kept.time) == pytest.approx(5e-4)
+
+
+def files(folder: Path) -> list[Path]:
+    """Logs and their temporary files, also while one takes the other's name."""
+    return [path for path in folder.iterdir() if path.exists() and path.suffix != ".yaml"]
+
+
+def test_the_first_signal_is_noted_and_handlers_come_back():
+    before = signal.getsignal(signal.SIGINT)
+    with stop_signals() as stopped:
+        assert stopped() == 0
+        os.kill(os.getpid(), signal.SIGINT)
+        assert stopped() == signal.SIGINT
+        with pytest.raises(KeyboardInterrupt):  # the second one acts as ever
+            os.kill(os.getpid(), signal.SIGINT)
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_an_interruption_says_how_far_it_came():
+    rows = []
+    with pytest.raises(Interrupted) as caught:
+        simulate_joint(parse_simulation(LINEAR, ""), rows=rows.append, interrupted=lambda: True)
+    assert len(rows) == 1
+    assert caught.value.time == pytest.approx(rows[0].time[-1] + 5e-4)
+
+
+@pytest.mark.parametrize(("gain", "state", "says"), [(1.0, "good", "Tracks"), (1.5, "bad", "DIVERGES"), (1.14, "bad", "VIBRATES")])
+def test_the_page_says_it_at_first_glance(gain: float, state: str, says: str):
+    study = played(LINEAR + "scenario: {duration: 1.0}\n", gain)
+    page = simulation_page(study, "gainroom simulate joint.yaml")
+    assert f'<body class="{state}">' in page
+    assert says in page
+    assert study.sentence in page
+    assert ("periods of the picture" in page) == (not study.sound)
+    assert len(page) < 6e6
+
+
+def test_a_thinned_curve_keeps_its_ends_and_its_envelope():
+    values = np.sin(0.9 * np.arange(50_000)) * np.linspace(0, 1, 50_000)
+    values[31_234] = 5.0  # a single tick
+    keep = thinned(values, 1000)
+    assert len(keep) <= 1002
+    assert {0, 31_234, 49_999} <= set(keep.tolist())
+    for part in np.array_split(np.arange(50_000), 100):
+        assert np.ptp(values[np.intersect1d(keep, part)]) >= 0.95 * np.ptp(values[part])
+
+
+def test_terminal(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    page, log = tmp_path / "run.html", tmp_path / "run.csv"
+    assert main(["simulate", str(write(tmp_path, LINEAR)), "--report", str(page), "--log", str(log)]) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    assert out.startswith("Tracks: ")
+    assert max(map(len, out.splitlines())) <= max(100, len(f"Report: {page}"))
+    assert str(log) in out
+    assert page.exists()
