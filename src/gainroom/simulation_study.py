@@ -174,9 +174,7 @@ def _sentence(
         text = f"Vibrates at {_frequency(shakes.frequency)}, {growth}"
     else:
         peak, rms, last = (float(np.abs(value).max()) for value in (tracking.peak, tracking.rms, tracking.steady_state))
-        text = (
-            f"Tracks: {side} stays within {_mrad(peak)} of its reference (RMS {_mrad(rms)}), ends {_mrad(last)} off, and does not vibrate"
-        )
+        text = f"No vibration: {side} stays within {_mrad(peak)} of its reference (RMS {_mrad(rms)}) and ends {_mrad(last)} off"
     return f"{text}; {_prediction(limit)}."
 
 

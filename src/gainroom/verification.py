@@ -21,6 +21,7 @@ TOLERANCES = {"linear": 1e-3, "mujoco": 2e-2}
 """By witness: how far, relatively, gain and frequency may be from the prediction."""
 LOWERED = (1.0, 0.3, 0.1)  # factors at which a loop that no lower gains steady is run
 SLOW = 2.0  # [s] of such a run at factor 1
+FEWEST, MOST = 200, 400_000  # ticks of one run
 PERIODS = 100.0  # of the predicted vibration in one run: enough to tell growth of 1e-6 per period from none
 
 
@@ -96,10 +97,11 @@ class Growth:
     simulated: Floats
 
 
-def growth_about(loop: Loop, limit: float, count: int = 9) -> Growth:
-    """Over the tenth of the gain to either side of `limit`, for a picture; NaN where a run shows no vibration."""
-    gains = limit * np.linspace(0.9, 1.1, count)
-    found = [linear_vibration(loop.scaled(gain)) for gain in gains]
+def growth_about(loop: Loop, count: int = 9) -> Growth:
+    """Over the tenth of the gain to either side of its limit, which must be finite, for a picture; NaN where a run shows no vibration."""
+    limit = gain_limit(loop)
+    gains = limit.gain * np.linspace(0.9, 1.1, count)
+    found = [linear_vibration(loop.scaled(gain), _duration(loop, limit)) for gain in gains]
     simulated = [math.nan if one is None else one.growth_rate for one in found]
     predicted = [float(rightmost_roots(loop.scaled(gain)).roots[0].real) for gain in gains]
     return Growth(gains, np.array(predicted), np.array(simulated))
@@ -108,15 +110,22 @@ def growth_about(loop: Loop, limit: float, count: int = 9) -> Growth:
 def linear_case(what: str, loop: Loop) -> Case:
     """A sampled loop of any number of joints, stepped linearly."""
     limit = gain_limit(loop)
-    if not 0 < limit.gain < FURTHEST:
+    if not 0 < limit.gain < math.inf:
         return _without_limit(what, loop, limit)
-    assert loop.sample_time is not None
-    duration = max(PERIODS * 2 * math.pi / limit.frequency if limit.frequency > 0 else 0.0, 200 * loop.sample_time)
+    duration = _duration(loop, limit)
+    begin = 1.0 if 1 / FURTHEST < limit.gain < FURTHEST else limit.gain  # the search goes no further than that from where it begins
     try:
-        onset = linear_onset(loop, duration)
+        onset = linear_onset(loop.scaled(begin), duration)
     except GainroomError:  # no factor that was tried changes the verdict
         return Case(what, "linear", limit.gain, math.nan, limit.frequency, math.nan)
-    return Case(what, "linear", limit.gain, onset.gain, limit.frequency, onset.frequency, onset.runs)
+    return Case(what, "linear", limit.gain, begin * onset.gain, limit.frequency, onset.frequency, onset.runs)
+
+
+def _duration(loop: Loop, limit: GainLimit) -> float:
+    """Of one run [s], by the predicted frequency; only how long is looked, not what is seen, comes from it."""
+    assert loop.sample_time is not None
+    wanted = PERIODS * 2 * math.pi / limit.frequency if limit.frequency > 0 else 0.0
+    return float(np.clip(wanted, FEWEST * loop.sample_time, MOST * loop.sample_time))
 
 
 def _without_limit(what: str, loop: Loop, limit: GainLimit) -> Case:
@@ -127,8 +136,10 @@ def _without_limit(what: str, loop: Loop, limit: GainLimit) -> Case:
         return Case(what, "linear", 0.0, 0.0 if grows else math.nan, math.nan, math.nan, len(LOWERED))
     try:
         onset = linear_onset(loop)
-    except GainroomError:
-        return Case(what, "linear", math.inf, math.inf, math.nan, math.nan)
+    except GainroomError:  # the same verdict at every factor: it may be either
+        still = linear_vibration(loop)
+        calm = still is None or still.growth_rate <= 0
+        return Case(what, "linear", math.inf, math.inf if calm else math.nan, math.nan, math.nan)
     return Case(what, "linear", limit.gain, onset.gain, limit.frequency, onset.frequency, onset.runs)
 
 

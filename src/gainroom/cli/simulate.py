@@ -38,7 +38,7 @@ def simulate(
     Example:
       gainroom simulate joint.yaml --gain 1.2 --log run.csv --report run.html
 
-    Exit status: 0 tracks; 1 diverges or vibrates; 2 the file or the call is wrong; 130 interrupted (the log holds what was done).
+    Exit status: 0 no vibration; 1 diverges or vibrates; 2 the file or the call is wrong; 130 interrupted (the log holds what was done).
     """
     from ..errors import GainroomError
 

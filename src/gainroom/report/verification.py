@@ -40,7 +40,7 @@ def _cards(result: Verification) -> list[Card]:
 
 def _growth(spec: JointSpec, limit: float) -> Html:
     """Growth by gain: the rightmost root's as a line, the runs' as dots."""
-    found = growth_about(spec.loop(), limit)
+    found = growth_about(spec.loop())
     seen = np.isfinite(found.simulated)
     hover: dict[str, Any] = {"hovertemplate": "× %{x:.4g}: %{y:.4g} 1/s", "hoverinfo": "all"}
     traces = [
