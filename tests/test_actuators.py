@@ -127,6 +127,17 @@ def test_classes_and_escapes_are_no_repeats():
     assert select("(ab)*l_.*|r_hip", NAMES, "joints") == (0, 1, 2)
 
 
+def test_many_patterns_are_bounded_together():
+    """Each is tried in a moment; thousands of them on many joints are not."""
+    names = tuple(f"joint_{k}_of_an_arm" for k in range(150))
+    slow = {f".*{k}.*.*x|joint_{k}_.*": k for k in range(150)}
+    assert_refused(lambda: assign(slow, names, "joints"), ["joints: these patterns", "too many ways together"])
+    usual = {f".*_{k}_(of|in)_.*": k for k in range(100)}
+    assert [found[-1] for found in assign(usual, names, "joints")[:100]] == list(range(100))
+    long = ("a" * LONGEST, "b")
+    assert_refused(lambda: assign({".*.*.*|b": 1}, long, "joints"), ["too many ways"])  # a name's own length counts
+
+
 @pytest.mark.timeout(60)
 @settings(max_examples=400, deadline=None)
 @given(st.text("ab.*+?()[]{}|\\^$1,", max_size=60))

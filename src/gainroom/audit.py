@@ -6,17 +6,21 @@ a robot that does not keep it as a whole.
 
 import math
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .coupled import JointMargins
-from .errors import GainroomError
+from .errors import GainroomError, computable
 from .limits import GainLimit
 from .robot_spec import RobotSpec
 from .robot_states import by_room, limiting_joints
 from .robot_study import HELD, Progress, margins_of, moves, single_joint_limits
 from .robot_words import listed, unconfirmed
 from .robustness import to_db
+
+if TYPE_CHECKING:
+    from .robot.model import RobotModel
 
 MARGIN = 2.0
 """The factor on all gains that safe gains survive where none is asked for: 6 dB."""
@@ -112,8 +116,13 @@ def audit(spec: RobotSpec, margin: float = MARGIN, progress: Progress | None = N
 
 
 def _state(spec: RobotSpec, posture: str, contact: str) -> AuditState | None:
-    """One state; None where the gains move nothing."""
+    """One state; None where the gains move nothing. Raises GainroomError where its numbers are too far apart to compute with."""
     model = spec.robot.linearize(posture, contact)
+    with computable(f"{spec.robot.name}: contact {contact!r}"):
+        return _audited(spec, model, posture, contact)
+
+
+def _audited(spec: RobotSpec, model: "RobotModel", posture: str, contact: str) -> AuditState | None:
     controller = spec.controller(model)
     loop = spec.loop(model, controller)
     if not moves(loop):

@@ -19,7 +19,7 @@ from .robot.actuators import ActuatorEntry, Actuators, actuators_of
 from .robot.body import Base, RigidBody
 from .robot.contact import Contact
 from .robot.packages import load_model, locate
-from .robot_config import base_of
+from .robot_config import base_of, refuse_long_delays
 from .robot_spec import Posture, Robot, RobotControl, RobotSpec
 
 POSITIVE_OR_INFINITE = number(above=0, infinite=True)
@@ -89,13 +89,15 @@ def audit_spec(model: str, gains: Path | None, options: AuditOptions) -> RobotSp
         body = load_model(path, base, held)
     actuators, notes = _actuators(body, found.motor_inertia[kept], options)
     robot = Robot(name=str(path), actuators=actuators, postures={"zero": Posture(body)}, contacts=_contacts(body, options.contacts))
+    sample_time = None if options.rate_hz is None else 1 / options.rate_hz
+    refuse_long_delays(body.joint_names, [1e-3 * options.delay_ms] * body.size, sample_time)
     drive = Drive(delay=1e-3 * options.delay_ms, bandwidth=math.inf if options.bandwidth is None else options.bandwidth)
     return RobotSpec(
         robot=robot,
         drives=(drive,) * body.size,
-        control=RobotControl("joint", _controller(found, kept), "motor", None if options.rate_hz is None else 1 / options.rate_hz),
+        control=RobotControl("joint", _controller(found, kept), "motor", sample_time),
         assumptions=(*(guessed or (f"the base is {body.base}",)), *_assumptions(body, held, options), *notes),
-        warnings=(*found.notes, *body.notes, *body.beyond_limits(body.neutral())),
+        warnings=(*found.notes, *body.notes, *(f"{text}; a robot.yaml can pose it" for text in body.beyond_limits(body.neutral()))),
     )
 
 

@@ -68,7 +68,10 @@ def kept_by(loop: Loop) -> Kept:
     sweep = Sweep(loop)
     if sweep.unstable(1.0) > 0:
         return Kept(False, math.nan, math.nan, math.nan)
-    sensitivity = _sensitivity(sweep)
+    try:
+        sensitivity = _sensitivity(sweep)
+    except np.linalg.LinAlgError:  # a root on the boundary, to the last digit
+        return Kept(False, math.nan, math.nan, math.nan)
     single = 1 / np.where(sensitivity == 0, 1e-300, sensitivity) - 1  # ℓ_i of loop i with the others closed: 1 + ℓ_i = 1/S_ii
     steps = sweep.steps()
     starts = (steps.start, single[:-1])

@@ -1,6 +1,8 @@
 """The one error that gainroom raises, and the checks that raise it."""
 
+import contextlib
 import math
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -9,6 +11,16 @@ from .messages import one_line
 
 class GainroomError(ValueError):
     """An input or a call that gainroom cannot answer; the message is one line and names the thing, its value and what is allowed."""
+
+
+@contextlib.contextmanager
+def computable(owner: str) -> Iterator[None]:
+    """Turns a failure of linear algebra into a GainroomError that names `owner`: numbers that doubles cannot hold apart."""
+    try:
+        yield
+    except np.linalg.LinAlgError as error:
+        problem = one_line(error).rstrip(".").lower()
+        raise GainroomError(f"{owner}: cannot be computed ({problem}): look for values that are many orders of magnitude off") from error
 
 
 def require_positive(owner: str, name: str, value: float, unit: str = "", *, zero: bool = False, infinite: bool = False) -> float:

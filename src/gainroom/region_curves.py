@@ -14,6 +14,7 @@ from .arrays import Booleans, Complexes, Floats, Integers
 from .factored import Factored
 
 POINTS_PER_DECADE = 120
+MOST_TURNS = 20_000  # samples that follow the delay's phase
 DEEPEST = 1e-9  # the curve is followed down to this share of the lowest frequency sampled finely
 ROUNDING = 4e-15  # of a gain that solves for L = target: closer than this to the wanted one, ω cannot be told apart
 SMALL_TURN = 0.12  # [rad] largest turn of a curve, drawn to scale, between neighbouring samples
@@ -59,7 +60,8 @@ class GainPlane:
                 width = max(abs(_damping(root, a.sample_time)), 1e-9 * center)
                 grid.append(center + width * np.sinh(np.linspace(-12, 12, 97)))
         if a.delay:
-            grid.append(np.arange(low, high, 0.2 / a.delay)[:20000])
+            count = min(math.ceil((high - low) * a.delay / 0.2), MOST_TURNS)
+            grid.append(np.linspace(low, low + 0.2 / a.delay * count, count, endpoint=False))
         omega = np.unique(np.concatenate(grid))
         for root in np.concatenate([a.zeros, a.poles]):  # an undamped resonance is stepped over
             omega = omega[np.abs(omega - _frequency(root, a.sample_time)) > 1e-9 * omega]

@@ -29,6 +29,8 @@ from .robot_sections import CONTROLLERS, ContactSection, ModelSection, RobotCont
 from .robot_spec import Posture, Range, Ranges, Robot, RobotControl, RobotSpec
 
 MOST_STATES = 500
+MOST_TICKS = 600
+"""Of delay, all joints together: half a minute on two joints; 50 joints may have 12 each."""
 
 
 def load_robot(path: Path | str) -> Robot:
@@ -62,17 +64,30 @@ def _spec(file: RobotFile, source: str, folder: Path) -> RobotSpec:
     sampled = tick if file.control.sample_rate_hz is not None else None
     common = Drive(bandwidth=file.drive.bandwidth, damping_ratio=file.drive.damping_ratio, delay=delay_of(file.drive, tick))
     robot, drives, assumptions, warnings = _robot(file, source, folder, common)
-    for name, drive in zip(robot.joint_names, drives, strict=True):
-        refuse_long_delay(drive.delay, sampled, f"joint {name!r}")
+    refuse_long_delays(robot.joint_names, [drive.delay for drive in drives], sampled)
+    ranges = _ranges(file, robot.actuators, drives, tick)
+    if ranges.delay is not None:
+        refuse_long_delays(robot.joint_names, ranges.delay[1].tolist(), sampled)
     return RobotSpec(
         robot=robot,
         drives=drives,
         control=_control(file.control, robot.body, sampled),
         requirements=Requirements.usual() if file.limits is None else file.limits.requirements(),
-        uncertainty=_ranges(file, robot.actuators, drives, tick),
+        uncertainty=ranges,
         assumptions=assumptions,
         warnings=warnings,
     )
+
+
+def refuse_long_delays(names: Sequence[str], delays: Sequence[float], tick: float | None) -> None:
+    """Raise GainroomError where a sampled robot would carry too many ticks of delay, which are states; `tick` None: continuous."""
+    for name, delay in zip(names, delays, strict=True):
+        refuse_long_delay(delay, tick, f"joint {name!r}")
+    if tick is not None and sum(delays) > MOST_TICKS * tick:
+        raise GainroomError(
+            f"the delays of all {len(names)} joints together, {sum(delays) / tick:g} ticks, must be <= {MOST_TICKS} ticks: take a lower "
+            "sample rate, or none for continuous time"
+        )
 
 
 def _robot(file: RobotFile, source: str, folder: Path, common: Drive) -> tuple[Robot, tuple[Drive, ...], tuple[str, ...], tuple[str, ...]]:

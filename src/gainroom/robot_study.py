@@ -12,7 +12,7 @@ from .arrays import Floats
 from .controller import PD, PID, PPI, gain_matrix
 from .coupled import JointMargins, joint_margins
 from .coupled_gains import kept_by
-from .errors import GainroomError
+from .errors import GainroomError, computable
 from .limits import GainLimit, gain_limit
 from .loop import Loop, build_loop
 from .multiloop_disk import disk_margin
@@ -22,7 +22,7 @@ from .robot_gains import ROUND_OFF, RobotGains, joints_that_move, recommend_robo
 from .robot_spec import RobotSpec
 from .robot_states import JointRow, RobotStudy, StateStudy, StillState, TaskRow, TaskStudy
 from .robot_words import sentence, warnings
-from .stability import unstable_roots
+from .stability import has_growing_root, unstable_roots
 from .sweep import Sweep
 
 if TYPE_CHECKING:
@@ -69,14 +69,20 @@ def _recommended(spec: RobotSpec, tell: Progress) -> tuple[RobotGains, ...]:
             tell(min(next(looked), expected), expected, f"gains, {space} space")
 
         count()
-        return recommend_robot(spec, space, count)
+        with computable(f"{spec.robot.name}: gains to use, {space} space"):
+            return recommend_robot(spec, space, count)
 
     return tuple(of(space) for space in (("joint", "task") if spec.robot.stack else ("joint",)))
 
 
 def study_state(spec: RobotSpec, posture: str, contact: str) -> StateStudy | StillState:
-    """One posture in one contact state."""
+    """One posture in one contact state. Raises GainroomError where its numbers are too far apart to compute with."""
     model = spec.robot.linearize(posture, contact)
+    with computable(f"{spec.robot.name}: posture {posture!r}, contact {contact!r}"):
+        return _studied(spec, model, posture, contact)
+
+
+def _studied(spec: RobotSpec, model: "RobotModel", posture: str, contact: str) -> StateStudy | StillState:
     controller = spec.controller(model)
     loop = spec.loop(model, controller)
     tasks = _tasks(spec, model) if spec.robot.stack else None
@@ -126,9 +132,10 @@ def _verdict(loop: Loop, error: GainroomError) -> GainLimit:
     Raises `error` where the roots cannot be found, either.
     """
     try:
-        return _no_limit(loop.size, unstable_roots(loop) == 0 or Sweep(loop).unstable(1.0) == 0)
+        stable = not has_growing_root(loop) and (unstable_roots(loop) == 0 or Sweep(loop).unstable(1.0) == 0)
     except (np.linalg.LinAlgError, ValueError):  # gains so absurd that the state matrix is not finite
         raise error from None
+    return _no_limit(loop.size, stable)
 
 
 def _no_limit(size: int, stable: bool = True) -> GainLimit:
@@ -215,12 +222,6 @@ def _joints(spec: RobotSpec, model: "RobotModel", controller: PD | PID | PPI, ma
     return tuple(JointRow(name, **{key: float(column[k]) for key, column in columns.items()}) for k, name in enumerate(model.joint_names))
 
 
-def _alone(model: Plant, limit: GainLimit) -> float:
-    """The limit of one direction, NaN where it is not known: on undamped joints the verdict is that of all roots, free motions included."""
-    undamped = np.any(model.elastic & (model.damping == 0))
-    return math.nan if undamped and model.size > 1 and not limit.stable and limit.gain == 0 else limit.gain
-
-
 def _tasks(spec: RobotSpec, model: "RobotModel") -> TaskStudy:
     """All tasks together, and each direction by itself."""
     tasks = spec.robot.tasks(model, spec.control.rotors)
@@ -232,7 +233,7 @@ def _tasks(spec: RobotSpec, model: "RobotModel") -> TaskStudy:
     shares = [replace(tasks, torque=tasks.torque * np.eye(count)[k]) for k in acting]
     parts = [spec.loop(model, spec.shaped(share.controller())) for share in shares]
     alone, closed = np.full(count, math.nan), np.full(count, math.nan)
-    alone[acting] = [_alone(model, _limit_of(part)) for part in parts]
+    alone[acting] = [_limit_of(part).gain for part in parts]
     if limit.stable:
         closed[acting] = part_limits(loop, parts)
     owners = [task.name for task in tasks.tasks for _ in range(model.size if task.kind == "posture" else 3)]

@@ -3,6 +3,7 @@
 import io
 import os
 import sys
+import warnings
 from collections.abc import Sequence
 from typing import Annotated
 
@@ -68,7 +69,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal that lacks a character still gets its answer
     try:
-        return app(arguments, prog_name="gainroom", standalone_mode=False) or 0
+        with warnings.catch_warnings():
+            # numpy's remarks about overflow say nothing to a user; what is not finite in a result is shown as such
+            warnings.simplefilter("ignore", RuntimeWarning)
+            return app(arguments, prog_name="gainroom", standalone_mode=False) or 0
     except typer.TyperException as error:
         return _complain(f"{error.format_message()} (see gainroom --help)")
     except typer.Abort:

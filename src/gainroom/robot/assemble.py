@@ -10,7 +10,7 @@ from ..arrays import Floats
 from ..errors import GainroomError, require_finite
 from ..messages import listed, nearest
 from .body import Base, Bone, RigidBody, library, put_position
-from .patterns import select
+from .patterns import select_all
 
 MAX_JOINTS = 150
 """Pinocchio's workspace grows with the third power of the joints: 150 take about 250 MB."""
@@ -82,8 +82,8 @@ def _held(description: Description, names: Sequence[str], locked: Sequence[str],
     source = description.source
     chosen = set(range(len(names)))
     if selected is not None:
-        chosen = {index for pattern in selected for index in select(pattern, names, f"{source}: selected")}
-    chosen -= {index for pattern in locked for index in select(pattern, names, f"{source}: locked")}
+        chosen = set().union(*select_all(selected, names, f"{source}: selected"))
+    chosen -= set().union(*select_all(locked, names, f"{source}: locked"))
     return tuple(name for index, name in enumerate(names) if index not in chosen or name in description.held)
 
 

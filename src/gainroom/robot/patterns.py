@@ -7,7 +7,7 @@ multiply, those of alternatives add up, and what can be matched in several ways 
 import math
 import re
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TypeVar
 
 from ..errors import GainroomError
@@ -18,16 +18,19 @@ DEFAULT = "default"
 LONGEST = 200
 """Characters of a pattern or of a name."""
 MOST_WAYS = 1e5
+"""Of one pattern, tried in about a millisecond."""
+MOST_TRIES = 1e8
+"""Ways of all patterns of one section, times names."""
 TYPICAL = 40
-"""Characters of a name, for counting what a repeat may try."""
+"""Characters of a name at least, for counting what a repeat may try."""
 _CLASS_OR_ESCAPE = re.compile(r"\\.|\[\^?\]?(?:\\.|[^\]\\])*\]", re.DOTALL)
 _TOKEN = re.compile(r"\(\?(?:[:=!]|<[=!])|[*+?]\??|\{[0-9]*,?[0-9]*\}\??|.", re.DOTALL)
 
 Value = TypeVar("Value")
 
 
-def compile_pattern(pattern: str, owner: str) -> re.Pattern[str]:
-    """`pattern` ready to match, bounded in time. Raises GainroomError that names `owner`."""
+def compile_pattern(pattern: str, owner: str, length: int = TYPICAL) -> re.Pattern[str]:
+    """`pattern` ready to match names of up to `length` characters, bounded in time. Raises GainroomError that names `owner`."""
     if len(pattern) > LONGEST:
         raise GainroomError(f"{owner}: a pattern of {len(pattern)} characters must have at most {LONGEST}")
     try:
@@ -36,19 +39,23 @@ def compile_pattern(pattern: str, owner: str) -> re.Pattern[str]:
             compiled = re.compile(pattern)
     except (re.error, OverflowError, FutureWarning) as error:
         raise GainroomError(f"{owner}: {pattern!r} is not a regular expression: {error}") from error
-    bare = _CLASS_OR_ESCAPE.sub("x", pattern)
-    if re.search(r"\((?!\?(?:[:=!]|<[=!]))\?", bare):
+    if re.search(r"\((?!\?(?:[:=!]|<[=!]))\?", _bare(pattern)):
         raise GainroomError(f"{owner}: pattern {pattern!r} may have groups ( ) and (?: ), and no other extensions (?…)")
-    if _ways(bare) > MOST_WAYS:
+    if _ways(pattern, length) > MOST_WAYS:
         raise GainroomError(f"{owner}: pattern {pattern!r} can match in too many ways; use fewer *, + and |, and repeat no group of them")
     return compiled
 
 
-def _ways(bare: str) -> float:
-    """In how many ways a matcher may try a well-formed pattern whose classes and escapes have become plain characters."""
+def _bare(pattern: str) -> str:
+    """`pattern` with plain characters for classes and escapes."""
+    return _CLASS_OR_ESCAPE.sub("x", pattern)
+
+
+def _ways(pattern: str, length: int) -> float:
+    """In how many ways a matcher may try a well-formed pattern on a name of `length` characters."""
     # for each open group: of finished alternatives, of the sequence so far, of its last part
     groups = [[0.0, 1.0, 1.0]]
-    for token in _TOKEN.findall(bare):
+    for token in _TOKEN.findall(_bare(pattern)):
         group = groups[-1]
         if token[0] == "(":
             groups.append([0.0, 1.0, 1.0])
@@ -60,7 +67,7 @@ def _ways(bare: str) -> float:
         elif token[0] == "?":
             group[2] += 1
         elif token[0] in "*+{":
-            group[2] = TYPICAL if group[2] == 1 else math.inf
+            group[2] = length if group[2] == 1 else math.inf
         else:
             group[1:] = [group[1] * group[2], 1.0]
     done, sequence, last = groups[0]
@@ -74,7 +81,7 @@ def select(pattern: str, names: Sequence[str], owner: str) -> tuple[int, ...]:
     """
     if pattern in names:
         return (names.index(pattern),)
-    matcher = compile_pattern(pattern, owner)
+    matcher = compile_pattern(pattern, owner, _length(names))
     if any(len(name) > LONGEST for name in names):
         raise GainroomError(f"{owner}: a joint's name must have at most {LONGEST} characters to be matched with patterns")
     found = tuple(index for index, name in enumerate(names) if matcher.fullmatch(name))
@@ -83,17 +90,32 @@ def select(pattern: str, names: Sequence[str], owner: str) -> tuple[int, ...]:
     return found
 
 
+def _length(names: Sequence[str]) -> int:
+    """Of the longest name that is matched."""
+    return max([TYPICAL, *(min(len(name), LONGEST) for name in names)])
+
+
+def select_all(
+    patterns: Iterable[str], names: Sequence[str], owner: str, each: Callable[[str], str] | None = None
+) -> list[tuple[int, ...]]:
+    """As select, for every pattern; `each` makes the owner of one pattern's message. Raises GainroomError where they would take long."""
+    found, tries, length = [], 0.0, _length(names)
+    for pattern in patterns:
+        found.append(select(pattern, names, owner if each is None else each(pattern)))
+        tries += 0.0 if pattern in names else len(names) * _ways(pattern, length)
+        if tries > MOST_TRIES:
+            raise GainroomError(f"{owner}: these patterns can match in too many ways together; use fewer, or fewer * in them")
+    return found
+
+
 def assign(values: Mapping[str, Value], names: Sequence[str], owner: str) -> list[list[Value]]:
     """For each name, the values of the patterns that match it, weakest first: `default`, then in the order given.
 
-    Raises GainroomError where a pattern is malformed or matches nothing.
+    Raises GainroomError where a pattern is malformed or matches nothing, and where they would take too long to match.
     """
-    result: list[list[Value]] = [[] for _ in names]
-    if DEFAULT in values:
-        for found in result:
-            found.append(values[DEFAULT])
-    for pattern, value in values.items():
-        if pattern != DEFAULT:
-            for index in select(pattern, names, f"{owner}.{pattern!r}"):
-                result[index].append(value)
+    result: list[list[Value]] = [[values[DEFAULT]] if DEFAULT in values else [] for _ in names]
+    patterns = [pattern for pattern in values if pattern != DEFAULT]
+    for pattern, found in zip(patterns, select_all(patterns, names, owner, lambda pattern: f"{owner}.{pattern!r}"), strict=True):
+        for index in found:
+            result[index].append(values[pattern])
     return result

@@ -1,0 +1,215 @@
+"""Bad input to `gainroom robot` and `gainroom audit`: exit status 2, one line that names what is wrong, no traceback, in bounded time."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import gainroom as gr
+from gainroom.cli import main
+from gainroom.coupled_gains import kept_by
+from gainroom.robot_config import parse_robot
+from refusals import assert_refused
+from robot_truths import hinge, link, write_robot
+
+ROBOT = """\
+model: {file: robot.urdf, base: fixed}
+joints: {default: {motor_inertia: 0.5, stiffness: 5e3, damping: 2}}
+drive: {bandwidth: 3000, delay_ms: 2}
+postures: {bent: {hip: 0.3, knee: -0.8}}
+contacts: {free: []}
+control: {type: pd, feedback: motor, kp: 900, kd: 40}
+tasks: [{name: tip, type: position, frame: tip, kp: 200, kd: 20}]
+"""
+PLAIN = ROBOT.partition("postures")[0] + "control: {type: pd, feedback: motor, kp: 900, kd: 40}\n"
+GAINS = "hip: {kp: 900, kd: 40}\nknee: {kp: 400, kd: 20}\n"
+LEVELS = "".join(f'<!ENTITY a{k} "{"&a" * 9}{k - 1};">' for k in range(1, 12))
+BOMB = f'<!DOCTYPE robot [<!ENTITY a0 "aaaaaaaaaa">{LEVELS}]><robot name="&a11;"/>'
+MASSLESS = link("base") + link("upper") + link("lower"), hinge("hip", "base", "upper") + hinge("knee", "upper", "lower")
+LINKS = (
+    link("base") + link("upper", 4.0, (0, 0, 0.25), (0.1, 0.1, 0.01)) + link("lower", 3.0, (0, 0, 0.2), (0.05, 0.05, 0.01)) + link("tip")
+)
+JOINTS = (
+    hinge("hip", "base", "upper") + hinge("knee", "upper", "lower", (0, 0, 0.5)) + hinge("end", "lower", "tip", (0, 0, 0.4), kind="fixed")
+)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    write_robot(tmp_path, LINKS, JOINTS)
+    (tmp_path / "gains.yaml").write_text(GAINS, "utf-8")
+    return tmp_path
+
+
+def line(capsys: pytest.CaptureFixture[str], *call: str) -> str:
+    """The one line of a call that must be refused."""
+    assert main(list(call)) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("gainroom: error: ")
+    assert err.count("\n") == 1
+    assert len(err) < 700
+    return err
+
+
+def robot_line(capsys: pytest.CaptureFixture[str], folder: Path, text: str) -> str:
+    (folder / "robot.yaml").write_text(text, "utf-8")
+    return line(capsys, "robot", str(folder / "robot.yaml"), "--json")
+
+
+def audit_line(capsys: pytest.CaptureFixture[str], folder: Path, *options: str) -> str:
+    model = str(folder / "robot.urdf")
+    return line(capsys, "audit", model, "--gains", str(folder / "gains.yaml"), "--delay-ms", "2", "--motor-inertia", "0.5", *options)
+
+
+MODELS = {
+    "malformed": (f"<robot>{LINKS}", ["robot.urdf: line 1, column"]),
+    "no XML": ("joint: 1", ["robot.urdf: line 1"]),
+    "massless": (f'<robot name="r">{"".join(MASSLESS)}</robot>', ["no mass moves with the joints 'hip', 'knee'"]),
+    "no joint": (f'<robot name="r">{link("base", 1.0, inertia=(1, 1, 1))}</robot>', ["no actuated joint"]),
+    "entities": (BOMB, ["document types and entities"]),
+    "number": (f'<robot name="r">{LINKS}{JOINTS}</robot>'.replace("4.0", "1e999"), ["robot.urdf"]),
+}
+
+
+@pytest.mark.parametrize("kind", ["missing", "directory", "pipe", *MODELS])
+def test_models(folder: Path, capsys: pytest.CaptureFixture[str], kind: str):
+    path = folder / "robot.urdf"
+    path.unlink()
+    words = {"missing": ["no such file"], "directory": ["directory"], "pipe": ["not a regular file"]}.get(kind, [])
+    if kind == "directory":
+        path.mkdir()
+    elif kind == "pipe":
+        os.mkfifo(path)
+    elif kind in MODELS:
+        text, words = MODELS[kind]
+        path.write_text(text, "utf-8")
+    for told in (robot_line(capsys, folder, PLAIN), audit_line(capsys, folder)):
+        assert str(path) in told
+        for word in words:
+            assert word in told
+
+
+EDITS = {
+    "frame in contact": ("free: []", "free: [tipp]", ["contacts.free[0]", "'tipp'", "did you mean 'tip'"]),
+    "frame in task": ("frame: tip", "frame: tipp", ["tasks[0].frame", "'tipp'"]),
+    "frame twice": ("free: []", "free: [tip, tip]", ["contacts.free", "used 2 times"]),
+    "joint": ("hip: 0.3", "hop: 0.3", ["postures.bent.'hop'", "did you mean 'hip'"]),
+    "package": ("file: robot.urdf", "package: no-such-robots, file: x.urdf", ["'no-such-robots'", "pip install"]),
+    "file in package": ("file: robot.urdf", "package: example-robot-data, file: nothing.urdf", ["has no 'nothing.urdf'"]),
+    "name of a robot": ("file: robot.urdf", "file: nothing_description", ["'nothing_description'", "no such file"]),
+    "pattern, joints": ("joints: {", 'joints: {"leg_.*": {damping: 1}, ', ["joints.'leg_.*'", "matches no joint"]),
+    "pattern, locked": ("joints: {", "joints: {locked: [leg_.*], ", ["locked", "'leg_.*' matches no joint"]),
+    "pattern, gains": ("kp: 900", "kp: {default: 900, leg_.*: 3}", ["control.kp.'leg_.*'", "matches no joint"]),
+    "all locked": ("joints: {", "joints: {locked: [.*], ", ["no actuated joint: all 2 joints are locked"]),
+    "gain, nan": ("kp: 900", "kp: .nan", ["control.kp: nan is not a number"]),
+    "gain, inf": ("kd: 40", "kd: .inf", ["control.kd: inf must be <= 1e+12"]),
+    "gain, huge": ("kp: 900", "kp: 1e300", ["control.kp: 1e+300 must be <= 1e+12"]),
+    "gain, larger than a double": ("kp: 900", "kp: 1e400", ["'1e400' is too large a number"]),
+    "task gain, nan": ("kp: 200", "kp: [1, .nan, 1]", ["tasks[0].kp: nan is not a number"]),
+    "inertia, tiny": ("motor_inertia: 0.5", "motor_inertia: 1e-300", ["joints.default.motor_inertia: 1e-300 must be >= 1e-12"]),
+    "delay": ("delay_ms: 2", "delay_ms: 1e5", ["drive.delay_ms: 100000.0 must be <= 10000"]),
+    "ticks of one joint": ("type: pd,", "type: pd, sample_rate_hz: 1e6,", ["joint 'hip': the delay of 2000 ticks"]),
+    "ticks of all joints": ("type: pd,", "type: pd, sample_rate_hz: 4e5,", ["all 2 joints together, 1600 ticks, must be <= 600"]),
+    "anchors": ("bent: {hip", "a: &a {hip: 1}, b: *a, bent: {hip", ["line 4", "anchors and aliases"]),
+    "backtracking": ("joints: {", 'joints: {"(h+)+p": {damping: 1}, ', ["'(h+)+p' can match in too many ways"]),
+    "backtracking with stars": ("joints: {", 'joints: {".*.*.*.*.*x": {damping: 1}, ', ["too many ways"]),
+    "nested": ("free: []", "free: " + "[" * 3000 + "]" * 3000, ["nested more than"]),
+}
+
+
+@pytest.mark.parametrize("kind", EDITS)
+def test_robot_files(folder: Path, capsys: pytest.CaptureFixture[str], kind: str):
+    old, new, words = EDITS[kind]
+    assert old in ROBOT
+    told = robot_line(capsys, folder, ROBOT.replace(old, new, 1))
+    assert str(folder / "robot.yaml") in told
+    for word in words:
+        assert word in told
+
+
+def test_ticks_of_an_uncertain_delay_count(folder: Path):
+    sampled = ROBOT.replace("type: pd,", "type: pd, sample_rate_hz: 1000,") + "uncertainty: {delay_ms: [2, HIGH]}\n"
+    parse_robot(sampled.replace("HIGH", "100"), "f", folder)
+    assert_refused(lambda: parse_robot(sampled.replace("HIGH", "400"), "f", folder), ["800 ticks", "<= 600"])
+
+
+GAIN_FILES = {
+    "malformed": ("hip: {kp: [", ["line 1"]),
+    "nan": ("hip: {kp: .nan}", ["hip.kp: nan is not a number"]),
+    "inf": ("hip: {kp: 1, kd: .inf}", ["hip.kd: inf must be"]),
+    "huge": ("hip: {kp: 1e300}", ["hip.kp: 1e+300 must be <= 1e+12"]),
+    "pattern": ('"leg_.*": {kp: 1}', ["'leg_.*' matches no joint"]),
+    "joint": ("hop: {kp: 1}", ["did you mean 'hip'"]),
+    "backtracking": ('"(h|hi|hip)*": {kp: 1}', ["too many ways"]),
+    "anchors": ("a: &a {kp: 1}\nb: *a", ["anchors and aliases"]),
+    "zero": ("hip: {kp: 0, kd: 0}", ["all gains are zero"]),
+    "inertia": ("hip: {kp: 1, motor_inertia: .nan}", ["hip.motor_inertia: nan"]),
+}
+
+
+@pytest.mark.parametrize("kind", GAIN_FILES)
+def test_gain_files(folder: Path, capsys: pytest.CaptureFixture[str], kind: str):
+    text, words = GAIN_FILES[kind]
+    (folder / "gains.yaml").write_text(text, "utf-8")
+    told = audit_line(capsys, folder)
+    assert str(folder / "gains.yaml") in told
+    for word in words:
+        assert word in told
+
+
+def test_options_of_audit(folder: Path, capsys: pytest.CaptureFixture[str]):
+    assert "--contact tipp: the robot has no such frame" in audit_line(capsys, folder, "--contact", "tipp", "--base", "fixed")
+    assert "--contact tip: is given twice" in audit_line(capsys, folder, "--contact", "tip", "--contact", "tip", "--base", "fixed")
+    assert "the link of the floating base has no mass" in audit_line(capsys, folder, "--base", "floating")
+    assert "all 2 joints together, 1600 ticks, must be <= 600" in audit_line(capsys, folder, "--rate-hz", "4e5")
+    assert "--margin-db: nan is not a number" in audit_line(capsys, folder, "--margin-db", "nan")
+
+
+def test_a_posture_beyond_the_limits_is_a_warning(folder: Path, capsys: pytest.CaptureFixture[str]):
+    (folder / "robot.yaml").write_text(ROBOT.replace("hip: 0.3", "hip: 3.3").partition("tasks")[0] + "limits: {}\n", "utf-8")
+    assert main(["robot", str(folder / "robot.yaml")]) == 0
+    assert "Warning: posture 'bent': joint 'hip' at 3.3 is outside its limits" in " ".join(capsys.readouterr().out.split())
+    model = folder / "robot.urdf"
+    model.write_text(model.read_text("utf-8").replace('lower="-3"', 'lower="0.1"'), "utf-8")
+    call = ["audit", str(model), "--gains", str(folder / "gains.yaml"), "--delay-ms", "2", "--motor-inertia", "0.5"]
+    assert main(call) == 0
+    assert "Warning: joint 'hip' at 0 is outside its limits 0.1 to 3; a robot.yaml can pose it" in " ".join(capsys.readouterr().out.split())
+
+
+@pytest.mark.parametrize("old_new", [("damping: 2", "damping: 1e12"), ("5e3", "1e-12")])
+def test_absurd_numbers_that_are_allowed_have_an_answer(folder: Path, capsys: pytest.CaptureFixture[str], old_new: tuple[str, str]):
+    """With gains to use, whose search looks at frequencies far apart."""
+    (folder / "robot.yaml").write_text(ROBOT.partition("tasks")[0].replace(*old_new) + "limits: {gain_margin_db: 6}\n", "utf-8")
+    assert main(["robot", str(folder / "robot.yaml")]) in (0, 1)
+    out, err = capsys.readouterr()
+    assert err == ""
+    assert "nan" not in out
+
+
+def test_gain_region_of_a_joint_whose_drive_is_absurdly_quick():
+    """Samples that follow the delay's phase are bounded, not laid up to the drive's bandwidth."""
+    joint = gr.ElasticJoint(0.5, 0.8, 5e3, 2.0)
+    quick, ideal = (gr.pd_region(joint, gr.Drive(bandwidth, 0.9, 2e-3)).max_kd(900.0) for bandwidth in (1e12, np.inf))
+    assert quick == pytest.approx(ideal, rel=1e-6)
+
+
+def test_what_doubles_cannot_hold_is_one_line(folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
+    def singular(loop: gr.Loop) -> None:
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    monkeypatch.setattr("gainroom.robot_study.joint_margins", singular)
+    for told in (robot_line(capsys, folder, ROBOT), audit_line(capsys, folder)):
+        assert "cannot be computed (singular matrix): look for values that are many orders of magnitude off" in told
+
+
+def test_a_root_on_the_boundary_keeps_nothing(monkeypatch: pytest.MonkeyPatch):
+    loop = gr.build_loop(gr.Plant(np.eye(2), np.ones(2)), gr.Drive(delay=1e-3), gr.PD(10.0, 1.0))
+    assert kept_by(loop).stable
+
+    def singular(matrix: np.ndarray) -> None:
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    monkeypatch.setattr("numpy.linalg.inv", singular)
+    assert not kept_by(loop).stable
