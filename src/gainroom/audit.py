@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .coupled import JointMargins
+from .arrays import Floats
 from .errors import GainroomError, computable
-from .limits import GainLimit
 from .robot_spec import RobotSpec
-from .robot_states import by_room, limiting_joints
+from .robot_states import JudgedState, by_room
 from .robot_study import HELD, Progress, margins_of, moves, single_joint_limits
 from .robot_words import listed, unconfirmed
 from .robustness import to_db
@@ -27,19 +26,20 @@ MARGIN = 2.0
 
 
 @dataclass(frozen=True)
-class AuditState:
-    """One posture in one contact state; single (n,): see single_joint_limits. delay_limit [s]: the total delay at which it vibrates."""
+class AuditState(JudgedState):
+    """One contact state; single (n,): see single_joint_limits. delay_limit [s]: the total delay at which it vibrates, NaN: not known."""
 
-    posture: str
-    contact: str
-    margins: JointMargins
-    single: np.ndarray
+    single: Floats
     delay_limit: float
 
     @property
-    def limit(self) -> GainLimit:
-        """Of the common factor on all gains."""
-        return self.margins.limit
+    def title(self) -> str:
+        """There is one posture only."""
+        return self.contact
+
+    def keeps(self, margin: float) -> bool:
+        """Whether it is stable with `margin` times its gains."""
+        return self.limit.stable and self.limit.gain >= margin
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,12 @@ class Audit:
     @property
     def limiting_joints(self) -> tuple[str, ...]:
         """Those that vibrate at the worst state's limit, the strongest first."""
-        return limiting_joints(self.worst.limit, self.spec.robot.joint_names)
+        return self.worst.limiting_joints
+
+    @property
+    def delay(self) -> float:
+        """What it runs with [s]."""
+        return max(drive.delay for drive in self.spec.drives)
 
 
 def audit(spec: RobotSpec, margin: float = MARGIN, progress: Progress | None = None) -> Audit:
@@ -110,7 +115,7 @@ def audit(spec: RobotSpec, margin: float = MARGIN, progress: Progress | None = N
     still = tuple(name for name, state in zip(names, found, strict=True) if state is None)
     result = Audit(spec, margin, states, (), False, "", (), still)
     joints = _joints(result)
-    safe = all(_keeps(state.limit, margin) for state in states) and all(joint.safe for joint in joints)
+    safe = all(state.keeps(margin) for state in states) and all(joint.safe for joint in joints)
     result = replace(result, joints=joints, safe=safe)
     return replace(result, sentence=_sentence(result), warnings=_warnings(result))
 
@@ -135,11 +140,7 @@ def _audited(spec: RobotSpec, model: "RobotModel", posture: str, contact: str) -
         at_once = replace(spec, drives=tuple(replace(drive, delay=0.0) for drive in spec.drives))
         without = margins_of(at_once.loop(model, controller))
         limit = without.delay_margin if without.stable else 0.0
-    return AuditState(posture, contact, margins, single_joint_limits(spec, model, controller), limit)
-
-
-def _keeps(limit: GainLimit, margin: float) -> bool:
-    return limit.stable and limit.gain >= margin
+    return AuditState(posture, contact, model, margins, single_joint_limits(spec, model, controller), limit)
 
 
 def _joints(result: Audit) -> tuple[AuditedJoint, ...]:
@@ -151,12 +152,7 @@ def _joints(result: Audit) -> tuple[AuditedJoint, ...]:
     columns = {name: np.broadcast_to(gain, len(spec.robot.joint_names)) for name, gain in gains.items()}
     alone = np.min([state.single for state in result.states], axis=0)
     closed = np.min([state.margins.others_closed for state in result.states], axis=0)
-    vibrating = {
-        name
-        for state in result.states
-        if not _keeps(state.limit, result.margin)
-        for name in limiting_joints(state.limit, spec.robot.joint_names)
-    }
+    vibrating = {name for state in result.states if not state.keeps(result.margin) for name in state.limiting_joints}
     return tuple(
         AuditedJoint(
             name=name,
@@ -176,7 +172,7 @@ def _sentence(result: Audit) -> str:
     limit = worst.limit
     delays = f"it vibrates from {1e3 * result.delay_limit:.3g} ms of delay" if math.isfinite(result.delay_limit) else "no delay does"
     delays = "from which delay is not known" if math.isnan(result.delay_limit) else delays
-    given = f"{1e3 * max(drive.delay for drive in result.spec.drives):.3g} ms"
+    given = f"{1e3 * result.delay:.3g} ms"
     if not limit.stable:
         room = f"multiply them by less than {limit.gain:.3g}" if limit.gain > 0 else "no lower gains in the same ratio help"
         room = "whether lower gains help is not known" if math.isnan(limit.gain) else room

@@ -6,7 +6,6 @@ SI and radians except where a key's name carries another unit. Keys that name jo
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +21,7 @@ from .messages import listed, nearest
 from .robot.actuators import Actuators, actuators_of, drives_of, merge_entries
 from .robot.body import Base, RigidBody
 from .robot.contact import Contact
-from .robot.packages import load_model, locate
+from .robot.packages import is_name, load_model, locate
 from .robot.patterns import assign
 from .robot.tasks import Task
 from .robot_sections import CONTROLLERS, ContactSection, ModelSection, RobotControlSection, RobotFile
@@ -116,21 +115,10 @@ def _robot(file: RobotFile, source: str, folder: Path, common: Drive) -> tuple[R
 
 def _model_path(section: ModelSection, folder: Path) -> Path:
     """Where the model is: beside the file that names it, in a package, or in the catalogue of robots."""
-    if section.package == "gainroom":
-        return _shipped(section.file)
     if section.package is not None:
         return locate({"package": section.package, "file": section.file})
     path = folder / section.file
-    return path if path.exists() or not section.file.isidentifier() else locate(section.file)
-
-
-def _shipped(file: str) -> Path:
-    """A model that comes with gainroom."""
-    folder = Path(str(files("gainroom") / "robots"))
-    names = tuple(sorted(path.name for path in folder.iterdir() if path.suffix in (".urdf", ".xml")))
-    if file not in names:
-        raise GainroomError(f"model.file: gainroom ships no {shown(file)}{nearest(file, names, 'model')}")
-    return folder / file
+    return locate(section.file) if is_name(section.file) and not path.exists() else path
 
 
 def base_of(given: Base | None, path: Path, stands: bool) -> tuple[Base | None, tuple[str, ...]]:

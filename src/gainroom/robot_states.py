@@ -83,8 +83,39 @@ class TaskStudy:
 
 
 @dataclass(frozen=True)
-class StateStudy:
-    """One posture in one contact state.
+class State:
+    """One posture in one contact state."""
+
+    posture: str
+    contact: str
+
+    @property
+    def title(self) -> str:
+        """For tables and messages."""
+        return f"{self.posture}, {self.contact}"
+
+
+@dataclass(frozen=True)
+class JudgedState(State):
+    """A state in which the gains move something, so that there is a verdict."""
+
+    model: "RobotModel"
+    margins: JointMargins
+
+    @property
+    def limit(self) -> GainLimit:
+        """Of the common factor on all gains; its numbers are NaN where only the verdict is known."""
+        return self.margins.limit
+
+    @property
+    def limiting_joints(self) -> tuple[str, ...]:
+        """Those that take part in the vibration at the limit, the strongest first."""
+        return limiting_joints(self.limit, self.model.joint_names)
+
+
+@dataclass(frozen=True)
+class StateStudy(JudgedState):
+    """All that is known of one state.
 
     kept          what all loops together and each with the others closed keep of gain, phase and sensitivity
     disk_margin   of all loops, each motor's torque multiplied by a factor of its own (multiloop_disk.py): how far gain and phase of all
@@ -92,21 +123,12 @@ class StateStudy:
     disk_margin_certified   proved between the frequencies that were looked at; None for an unstable robot
     """
 
-    posture: str
-    contact: str
-    model: "RobotModel"
     loop: Loop
-    margins: JointMargins
     joints: tuple[JointRow, ...]
     tasks: TaskStudy | None
     kept: Kept
     disk_margin: float
     disk_margin_certified: bool | None
-
-    @property
-    def limit(self) -> GainLimit:
-        """Of the common factor on all gains; its numbers are NaN where only the verdict is known."""
-        return self.margins.limit
 
     @property
     def room(self) -> Kept:
@@ -120,35 +142,18 @@ class StateStudy:
             phase_margin=self.kept.phase_margin if self.kept.phase_margin < NEAR * phase else phase,
         )
 
-    @property
-    def limiting_joints(self) -> tuple[str, ...]:
-        """Those that take part in the vibration at the limit, the strongest first."""
-        return limiting_joints(self.limit, self.model.joint_names)
-
-    @property
-    def title(self) -> str:
-        """For tables and messages."""
-        return f"{self.posture}, {self.contact}"
-
 
 @dataclass(frozen=True)
-class StillState:
-    """One posture in one contact state in which the gains move nothing: no loop is closed, so there is no verdict and no limit.
+class StillState(State):
+    """A state in which the gains move nothing: no loop is closed, so there is no verdict and no limit.
 
     reason   why, in words
     joints, tasks   their rows: all that depends on a loop is NaN
     """
 
-    posture: str
-    contact: str
     reason: str
     joints: tuple[JointRow, ...]
     tasks: TaskStudy | None
-
-    @property
-    def title(self) -> str:
-        """For tables and messages."""
-        return f"{self.posture}, {self.contact}"
 
 
 @dataclass(frozen=True)

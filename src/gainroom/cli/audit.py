@@ -6,14 +6,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..io.numbers import decibels, digits, frequency, model_in_words, model_kind
-from .options import AsJson
+from .options import AsJson, Report, command_line, report_stream
 from .output import emit, emit_json, render, table
 from .progress import progress_bar
 
 if TYPE_CHECKING:
     from ..audit import Audit
+    from ..audit_config import AuditOptions
 
 Number = float | None
+MARGIN_DB = 6.0
 LEGEND = (
     "Limits are factors on gains, in the worst state. alone: no other loop, neighbours free; closed: all other loops as they are. "
     "kp [N·m/rad], kd [N·m·s/rad], motor inertia on the joint side [kg·m²]; delay limit: total delay at which the robot vibrates."
@@ -21,7 +23,14 @@ LEGEND = (
 
 
 def audit(
-    model: Annotated[str, typer.Argument(metavar="MODEL", help="A URDF or MJCF.", show_default=False)],
+    model: Annotated[
+        str,
+        typer.Argument(
+            metavar="MODEL",
+            help="A URDF or MJCF; PACKAGE:FILE for one in an installed package; a name of robot_descriptions.",
+            show_default=False,
+        ),
+    ],
     delay_ms: Annotated[float, typer.Option(help="From torque command to motor torque [ms].", show_default=False)],
     gains: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Gains as plain or ros2_control YAML; without it, the MJCF's own actuators.")
@@ -33,14 +42,15 @@ def audit(
     bandwidth: Annotated[Number, typer.Option(help="Of the current loops [rad/s]; without it, ideal.")] = None,
     base: Annotated[str | None, typer.Option(help="fixed or floating; an MJCF says it itself.")] = None,
     contact: Annotated[list[str] | None, typer.Option(metavar="NAME", help="A frame on the ground; may be given again.")] = None,
-    margin_db: Annotated[float, typer.Option(help="Gain margin that safe gains have [dB].")] = 6.0,
+    margin_db: Annotated[float, typer.Option(help="Gain margin that safe gains have [dB].")] = MARGIN_DB,
     as_json: AsJson = False,
+    report: Report = None,
 ) -> int:
     """Which of the gains that a robot already has are safe, how much room is left, and how much delay would make it vibrate.
 
     \b
     Example:
-      gainroom audit robot.xml --delay-ms 2 --gains gains.yaml
+      gainroom audit robot.xml --delay-ms 2 --gains gains.yaml --report audit.html
 
     Exit status: 0 safe; 1 not safe; 2 a file or the call is wrong.
     """
@@ -50,13 +60,37 @@ def audit(
     options = AuditOptions(delay_ms, rate_hz, stiffness, damping, motor_inertia, bandwidth, base, tuple(contact or ()))
     margin = margin_factor(margin_db)
     spec = audit_spec(model, gains, options)
-    with progress_bar("audit:") as progress:
-        result = run_audit(spec, margin, progress)
+    with report_stream(report, [Path(spec.robot.name), *([] if gains is None else [gains])]) as stream:
+        with progress_bar("audit:") as progress:
+            result = run_audit(spec, margin, progress)
+        if stream is not None:
+            from ..report.audit import audit_page
+
+            stream.write(audit_page(result, _command(model, gains, options, margin_db, report)))
     if as_json:
         emit_json(_facts(result))
     else:
-        emit(_terminal(result))
+        emit(_terminal(result, report))
     return 0 if result.safe else 1
+
+
+def _command(model: str, gains: Path | None, options: "AuditOptions", margin_db: float, report: Path | None) -> str:
+    """What a reader types to get the same page."""
+    typed: list[tuple[str, Any]] = [
+        ("--delay-ms", options.delay_ms),
+        ("--gains", gains),
+        ("--rate-hz", options.rate_hz),
+        ("--stiffness", options.stiffness),
+        ("--damping", options.damping),
+        ("--motor-inertia", options.motor_inertia),
+        ("--bandwidth", options.bandwidth),
+        ("--base", options.base),
+        *(("--contact", frame) for frame in options.contacts),
+        ("--margin-db", margin_db if margin_db != MARGIN_DB else None),
+        ("--report", report),
+    ]
+    words = ((name, f"{value:.12g}" if isinstance(value, float) else value) for name, value in typed if value is not None)
+    return command_line("audit", model, *(word for pair in words for word in pair))
 
 
 def _facts(result: "Audit") -> dict[str, Any]:
@@ -94,7 +128,7 @@ def _facts(result: "Audit") -> dict[str, Any]:
 _NO_LOOP = ("stable", "gain_limit", "limit_frequency_rad_s", "delay_limit_ms")
 
 
-def _terminal(result: "Audit") -> str:
+def _terminal(result: "Audit", report: Path | None) -> str:
     model = model_in_words(result.spec.control.sample_time)
     states = [
         (
@@ -102,7 +136,7 @@ def _terminal(result: "Audit") -> str:
             digits(state.limit.gain),
             frequency(state.limit.frequency),
             digits(1e3 * state.delay_limit, "ms"),
-            "yes" if state.limit.stable and state.limit.gain >= result.margin else "no",
+            "yes" if state.keeps(result.margin) else "no",
         )
         for state in result.states
     ]
@@ -125,6 +159,7 @@ def _terminal(result: "Audit") -> str:
         table(f"All joints together ({model}); factor on all gains", ("", "limit", "vibrates at", "delay limit", "safe"), states),
         table("Joint by joint", ("", "kp", "kd", "motor inertia", "alone", "closed", "safe"), joints),
         LEGEND,
+        *([] if report is None else [f"Report: {report}"]),
         *(f"Assumed: {assumption}" for assumption in result.spec.assumptions),
         *(f"Warning: {warning}" for warning in result.warnings),
     )

@@ -49,7 +49,7 @@ def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]]) -> 
     from rich.table import Table
     from rich.text import Text
 
-    result = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
+    result = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False, min_width=len(title))
     for index, column in enumerate(columns):
         result.add_column(column, justify="right" if index else "left", no_wrap=index > 0)
     styles = {"yes": "bold blue", "no": "bold yellow"}  # never red against green

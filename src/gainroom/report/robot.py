@@ -13,7 +13,7 @@ from .robot_loci import loci, loci_window
 from .robot_room import heat_map, joint_factors, task_factors
 from .robot_skeleton import common_view
 from .robot_tables import folded, gain_tables, inputs, joint_table, state_table, task_table
-from .shared import assumptions, footer, margin_card, unstable_card
+from .shared import assumptions, footer, limit_proofs, margin_card, unstable_card
 
 FEW = 4
 """States of which each has a picture; of more, the tightest posture of each contact state has one."""
@@ -226,20 +226,9 @@ def _disk_words(study: RobotStudy) -> str:
 
 
 def _certificate(study: RobotStudy) -> Html:
-    proofs = [state.limit.certificate for state in study.states]
-    known = [proof for proof in proofs if proof is not None]
-    holding = sum(proof.holds for proof in known)
-    pairs = [("verdict", "unstable closed-loop roots counted from the turns of the characteristic loci about −1 (Nyquist), state by state")]
-    if known:
-        count = "confirmed" if holding == len(known) else "confirmed, the rest NOT"
-        words = (
-            f"crossings polished to machine precision, roots counted on both sides, at (1 ± {digits(known[0].nudge)}) times each limit: "
-        )
-        pairs.append(("gain limits", f"{words}{holding} of {len(known)} {count}"))
+    pairs = limit_proofs([state.limit for state in study.states])
     if study.still:
         pairs.append(("no verdict", f"{listed([state.title for state in study.still])}: {study.still[0].reason}, so no loop is closed"))
-    if len(known) < len(proofs):
-        pairs.append(("no limit", f"{len(proofs) - len(known)} states have none to confirm; factors up to 1000 were looked at"))
     pairs += [
         ("others closed, largest gains", "each loop's own curve with the others closed, sampled until smooth; its crossings polished"),
         ("disk margin", _disk_words(study)),

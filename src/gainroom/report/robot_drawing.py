@@ -7,7 +7,7 @@ import numpy as np
 from ..io.numbers import digits, hertz
 from ..limits import GainLimit
 from ..robot.model import RobotModel
-from ..robot_states import StateStudy, limiting_joints
+from ..robot_states import JudgedState, limiting_joints
 from . import style
 from .page import Html, figure
 from .robot_skeleton import View, common_view, drawn, labels, part_in_words, vibration
@@ -18,7 +18,7 @@ MOST_BARS, FEW_BARS = 14, 6  # beside the drawing, and on a phone
 WIDTH = 1028  # [px] of a picture on a wide screen
 
 
-def hero(state: StateStudy, alone: bool) -> Html:
+def hero(state: JudgedState, alone: bool) -> Html:
     """The state with the least room, large, with each joint's part beside it. `alone`: it is the only one."""
     view, limit = common_view([state], 0.65), state.limit  # names stand between the sides
     wide, high = view.high - view.low
@@ -45,7 +45,7 @@ def hero(state: StateStudy, alone: bool) -> Html:
     return figure({"data": [*traces, bars], "layout": picture}, _title(state, alone), _hero_caption(state), height, narrow)
 
 
-def small(state: StateStudy, limit: GainLimit, view: View, others: int) -> Html:
+def small(state: JudgedState, limit: GainLimit, view: View, others: int) -> Html:
     """One contact state among others, in the common view, with the vibration at `limit`: of its joints' gains or its tasks'.
 
     others   postures of this contact state that have more room
@@ -63,15 +63,19 @@ def small(state: StateStudy, limit: GainLimit, view: View, others: int) -> Html:
 
 def _short(limit: GainLimit) -> str:
     """At which frequency it would vibrate, and at which factor."""
+    if math.isnan(limit.gain):
+        return "stable, how far is not known" if limit.stable else "UNSTABLE, how far is not known"
     if not math.isfinite(limit.frequency):
         return "no vibration" if limit.stable else "UNSTABLE at any lower gain"
     text = f"{hertz(limit.frequency)} at {digits(limit.gain, '', 3)}\u00a0×"
     return text if limit.stable else f"UNSTABLE; {text}"
 
 
-def _title(state: StateStudy, alone: bool) -> str:
+def _title(state: JudgedState, alone: bool) -> str:
     """The hero's."""
     limit, where = state.limit, "The robot" if alone else f"The tightest state, {state.title}:"
+    if math.isnan(limit.gain):
+        return f"{where} {'stable' if limit.stable else 'UNSTABLE'}; how far the gains may go is not known"
     if not math.isfinite(limit.frequency):
         return f"{where} does not vibrate at any factor" if limit.stable else f"{where} UNSTABLE, and no factor that lowers the gains helps"
     at = f"at {hertz(limit.frequency)} ({digits(limit.frequency, 'rad/s', 3)})"
@@ -81,7 +85,7 @@ def _title(state: StateStudy, alone: bool) -> str:
     return f"{where} UNSTABLE, stable only below {factor}\u00a0× these gains; there it vibrates {at}"
 
 
-def _hero_caption(state: StateStudy) -> str:
+def _hero_caption(state: JudgedState) -> str:
     text = (
         "Each joint is coloured by how far it moves in the vibration at the limit, the joint that moves most counting 1; rings are joints "
         "that share one point, the first of the chain outermost. Angles beside the bars: how far each swings behind the first, 180° being "

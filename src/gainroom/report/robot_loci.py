@@ -156,6 +156,8 @@ def _beyond(left: float) -> dict:
 
 def _title(state: StateStudy) -> str:
     verdict = "" if state.limit.stable else "UNSTABLE; "
+    if math.isnan(state.limit.gain):
+        return f"{state.title}: {verdict}the limit is not known"
     if not math.isfinite(state.limit.frequency):
         return f"{state.title}: {verdict}no crossing sets a limit"
     return f"{state.title}: {verdict}{'crosses' if state.limit.stable else 'crossed'} at {digits(-1 / state.limit.gain, '', 3)}"
@@ -163,6 +165,8 @@ def _title(state: StateStudy) -> str:
 
 def _caption(state: StateStudy, leading: int | None) -> str:
     limit = state.limit
+    if math.isnan(limit.gain):
+        return "These loci could not be followed to a limit: what is drawn may miss parts of them."
     if leading is None:
         return "None of the loci crosses the negative real axis where it would set a limit."
     if limit.stable:

@@ -9,7 +9,7 @@ import numpy as np
 from ..arrays import Floats
 from ..io.numbers import digits
 from ..limits import GainLimit
-from ..robot_states import RobotStudy, StateStudy, by_room
+from ..robot_states import JudgedState, RobotStudy, by_room
 from . import style
 from .page import Html, figure
 
@@ -30,7 +30,7 @@ class Factors:
     limits   (states,) of all gains together
     """
 
-    states: tuple[StateStudy, ...]
+    states: tuple[JudgedState, ...]
     parts: tuple[str, ...]
     alone: Floats
     closed: Floats
@@ -146,7 +146,7 @@ def _colour_bar() -> dict:
     return {"tickvals": [math.log10(mark) for mark in marks], "ticktext": text, "thickness": 12, "outlinewidth": 0, "len": 0.9}
 
 
-def _columns(states: Sequence[StateStudy]) -> tuple[list[str], bool]:
+def _columns(states: Sequence[JudgedState]) -> tuple[list[str], bool]:
     """Names of the columns, and whether they have to stand upright."""
     postures = len({state.posture for state in states}) > 1
     labels = [f"<b>{style.shown(state.contact)}</b>" + (f"<br>{style.shown(state.posture)}" if postures else "") for state in states]
@@ -194,5 +194,5 @@ def _map_caption(factors: Factors, total: int, what: str) -> str:
     if _nothing(factors):
         words += f" A dash: no gain acts on that {what} there."
     if total > len(factors.states):
-        words += f" The {len(factors.states)} tightest of {total} states are style.shown; the tables have all."
+        words += f" The {len(factors.states)} tightest of {total} states are shown; the tables have all."
     return words

@@ -10,7 +10,7 @@ from ..arrays import Floats, Integers
 from ..io.numbers import digits
 from ..limits import GainLimit
 from ..robot.model import RobotModel
-from ..robot_states import StateStudy, limiting_joints
+from ..robot_states import JudgedState, limiting_joints
 from . import style
 
 DEPTH = 0.5 * np.array([math.cos(math.pi / 6), math.sin(math.pi / 6)])  # cabinet projection: what is farther stands higher, at half scale
@@ -42,7 +42,7 @@ class View:
         return points[:, [1, 2]] - points[:, [0]] * DEPTH + np.array([self.shift, 0.0])
 
 
-def common_view(states: Sequence[StateStudy], gap: float = 0.3) -> View:
+def common_view(states: Sequence[JudgedState], gap: float = 0.3) -> View:
     """A view that holds the robot in each of `states`, with `gap` of its size between the two sides."""
     nodes = np.vstack([_outline(state.model) for state in states])
     size = float(np.ptp(nodes, axis=0).max()) or 1.0

@@ -211,7 +211,7 @@ def inputs(spec: RobotSpec) -> Html:
     rigid = int(np.count_nonzero(np.isinf(actuators.stiffness)))
     drives = spec.drives
     pairs = [
-        ("file", spec.robot.name),
+        *([] if spec.robot.name == body.source else [("file", spec.robot.name)]),
         ("model", body.source),
         ("joints", f"{body.size} actuated, {len(body.locked)} locked; {body.base} base; {digits(body.total_mass, 'kg')}"),
         ("motor inertia, joint side", _span(actuators.motor_inertia, "kg·m²")),

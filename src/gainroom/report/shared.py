@@ -1,6 +1,7 @@
 """What the pages of a joint and of a whole robot share: cards of margins, and words on the model."""
 
 import math
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import Any
 
@@ -40,7 +41,25 @@ def unstable_card(asked: Requirements, limit: GainLimit, where: str, what: str) 
     required = f"gain margin {required}" if required else ""
     if 0 < limit.gain < math.inf:
         return Card("stable only below", digits(limit.gain, "", 3), "×", required, False, f"times these gains{where}")
+    if math.isnan(limit.gain):
+        return Card("stable factor on these gains", "–", "", required, False, "not known")
     return Card("stable factor on these gains", "none", "", required, False, f"no factor makes {what} stable")
+
+
+def limit_proofs(limits: Sequence[GainLimit]) -> list[tuple[str, str]]:
+    """How the limits of several coupled loops were certified, state by state, as facts."""
+    known = [limit.certificate for limit in limits if limit.certificate is not None]
+    holding = sum(proof.holds for proof in known)
+    pairs = [("verdict", "unstable closed-loop roots counted from the turns of the characteristic loci about −1 (Nyquist), state by state")]
+    if known:
+        count = "confirmed" if holding == len(known) else "confirmed, the rest NOT"
+        words = (
+            f"crossings polished to machine precision, roots counted on both sides, at (1 ± {digits(known[0].nudge)}) times each limit: "
+        )
+        pairs.append(("gain limits", f"{words}{holding} of {len(known)} {count}"))
+    if len(known) < len(limits):
+        pairs.append(("no limit", f"{len(limits) - len(known)} states have none to confirm; factors up to 1000 were looked at"))
+    return pairs
 
 
 def assumptions(model: str, sample_time: float | None, further: str = "") -> str:

@@ -4,8 +4,11 @@ import contextlib
 import difflib
 import importlib
 import importlib.metadata
+import importlib.resources
 import importlib.util
+import os
 import pkgutil
+import re
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -20,6 +23,7 @@ from .xml_text import read_xml
 
 ENDINGS = (".urdf", ".xml")
 CATALOGUE = "robot_descriptions"
+OURS = "gainroom"
 
 
 def load_model(
@@ -31,8 +35,8 @@ def load_model(
 ) -> RigidBody:
     """The links of a robot.
 
-    file       a URDF or MJCF, told apart by its root element; {"package": …, "file": …} for one in an installed Python package, as in
-               example-robot-data; or the name of a module of robot_descriptions, where that is installed
+    file       a URDF or MJCF, told apart by its root element; {"package": …, "file": …} or "package:file" for one in an installed Python
+               package, as in example-robot-data, or gainroom's own; or the name of a module of robot_descriptions, where that is installed
     base       "fixed", "floating", or None: fixed, except where the file has a free joint
     locked     patterns (regular expressions for whole names, or names) of joints to hold
     selected   patterns of the joints to keep; None: all
@@ -59,10 +63,25 @@ def locate(file: str | Path | Mapping[str, str]) -> Path:
     if isinstance(file, Mapping):
         if set(file) != {"package", "file"} or not all(isinstance(value, str) for value in file.values()):
             raise GainroomError(f"model {dict(file)!r} must be {{package: …, file: …}}")
-        return _in_package(file["package"], file["file"])
-    if isinstance(file, str) and file.isidentifier() and not Path(file).exists():
-        return _in_catalogue(file)
+        return _shipped(file["file"]) if file["package"] == OURS else _in_package(file["package"], file["file"])
+    if isinstance(file, str) and is_name(file):
+        package, colon, inside = file.partition(":")
+        return locate({"package": package, "file": inside}) if colon else _in_catalogue(file)
     return Path(file)
+
+
+def is_name(file: str) -> bool:
+    """Whether `file` is no file's path but PACKAGE:FILE, or the name of a robot in robot_descriptions."""
+    return not os.path.exists(file) and (file.isidentifier() or re.fullmatch(r"[\w.-]{2,}:[^:]+", file) is not None)
+
+
+def _shipped(file: str) -> Path:
+    """A model that comes with gainroom."""
+    folder = Path(str(importlib.resources.files("gainroom") / "robots"))
+    names = tuple(sorted(path.name for path in folder.iterdir() if path.suffix in ENDINGS))
+    if file not in names:
+        raise GainroomError(f"model.file: gainroom ships no {file[:60]!r}{nearest(file, names, 'model')}")
+    return folder / file
 
 
 def _in_package(package: str, file: str) -> Path:

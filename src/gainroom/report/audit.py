@@ -1,0 +1,147 @@
+"""The page of an audit: safe or not, numbers, how the robot would vibrate, what is left of each joint's gains, and how it was computed."""
+
+import math
+
+import numpy as np
+
+from ..audit import Audit
+from ..forbidden import Requirements
+from ..io.numbers import decibels, digits, frequency, hertz, model_kind
+from ..robot_words import listed
+from .page import Card, Html, Lead, Section, beside, block, facts, page, paragraph, table
+from .robot_coupling import coupling
+from .robot_drawing import hero, small
+from .robot_room import Factors, heat_map
+from .robot_skeleton import common_view
+from .robot_tables import MARKS, inputs
+from .shared import assumptions, footer, limit_proofs, margin_card, unstable_card
+
+ON_TOP = 4
+"""Warnings shown before everything else; the others stand with the assumptions."""
+
+
+def audit_page(result: Audit, command: str) -> str:
+    """The report of an audit as one HTML page; `command` is what a reader types to get it again."""
+    spec, factors = result.spec, _factors(result)
+    sample_time = spec.control.sample_time
+    taken = assumptions("Linear about the posture with every joint at 0", sample_time, "; contacts hold and do not slip or lift")
+    told = [facts([("taken for granted", text) for text in spec.assumptions])]
+    sections = [
+        Section("How it would vibrate", _vibrations(result)),
+        Section("How much room is left", [heat_map(factors, "joint"), _state_table(result)]),
+        Section("Joint by joint", [_joint_table(result)]),
+        Section("What the coupling costs", [beside(*coupling(factors, "joint"))]),
+        Section("Inputs and assumptions", [inputs(spec), taken, *told, *map(paragraph, result.warnings[ON_TOP:])]),
+        Section("What was certified, and how", [_certificate(result)]),
+        Section("This page again", [block(command)]),
+    ]
+    title = f"gainroom audit: gains of {len(result.joints)} joints, {model_kind(sample_time)} model"
+    return page(title, _lead(result), _cards(result), sections, footer())
+
+
+def _lead(result: Audit) -> Lead:
+    warnings = result.warnings[:ON_TOP]
+    if result.safe:
+        return Lead(result.sentence, "good", "", warnings)
+    if not result.worst.limit.stable:
+        return Lead(result.sentence, "bad", "NOT SAFE, UNSTABLE: do not run these gains", warnings)
+    return Lead(
+        result.sentence, "warn", f"NOT SAFE: stable, but with less than {digits(decibels(result.margin), 'dB', 3)} of room", warnings
+    )
+
+
+def _cards(result: Audit) -> list[Card]:
+    """Four numbers for the first glance, each the worst of all states."""
+    worst, asked = result.worst, Requirements(gain_margin=result.margin)
+    limit, joints = worst.limit, result.limiting_joints
+    at = f"{hertz(limit.frequency)}, {worst.title}" if math.isfinite(limit.frequency) else worst.title
+    first = unstable_card(asked, limit, f", {worst.title}", worst.title)
+    if limit.stable:
+        first = margin_card(asked, "gain_margin", limit.gain, f"all gains together, {at}")
+    unsafe = [joint.name for joint in result.joints if not joint.safe]
+    return [
+        first,
+        Card(
+            "vibrates from a delay of",
+            digits(1e3 * result.delay_limit, "", 3),
+            "ms" if math.isfinite(result.delay_limit) else "",
+            f"> {digits(1e3 * result.delay, 'ms', 3)}, what it has",
+            None if math.isnan(result.delay_limit) else result.delay_limit > result.delay,
+        ),
+        Card("unsafe joints", str(len(unsafe)), f"of {len(result.joints)}", "none", not unsafe, listed(unsafe)),
+        Card(
+            "would vibrate at",
+            digits(limit.frequency / (2 * math.pi), "", 3),
+            "Hz" if joints else "",
+            note=f"most of all {listed(joints)}" if joints else "no vibration to tell",
+        ),
+    ]
+
+
+def _factors(result: Audit) -> Factors:
+    return Factors(
+        result.states,
+        result.spec.robot.joint_names,
+        np.array([state.single for state in result.states]),
+        np.array([state.margins.others_closed for state in result.states]),
+        tuple(state.limit for state in result.states),
+    )
+
+
+def _vibrations(result: Audit) -> list[Html]:
+    parts = [hero(result.worst, len(result.states) == 1)]
+    if len(result.states) > 1:
+        view = common_view(result.states)
+        parts.append(beside(*(small(state, state.limit, view, 0) for state in result.states)))
+    return parts
+
+
+def _state_table(result: Audit) -> Html:
+    headers = ["contact", "safe", "limit [×]", "vibrates at", "most of all", "vibrates from a delay of"]
+    rows = [
+        (
+            state.contact,
+            "yes" if state.keeps(result.margin) else "no",
+            digits(state.limit.gain),
+            frequency(state.limit.frequency),
+            listed(state.limiting_joints) or "–",
+            digits(1e3 * state.delay_limit, "ms"),
+        )
+        for state in result.states
+    ]
+    rows += [(contact, "nothing moves", *("–",) * 4) for _, contact in result.still]
+    caption = (
+        f"Limit: the factor on all gains together; safe is {digits(result.margin)} ({digits(decibels(result.margin), 'dB', 3)}) or more. "
+        "The delay is that of every joint's drive, all at once."
+    )
+    return table(headers, rows, caption, MARKS)
+
+
+def _joint_table(result: Audit) -> Html:
+    integral = any(joint.ki for joint in result.joints)
+    headers = ["joint", "safe", "kp [N·m/rad]", "kd [N·m·s/rad]", *(["ki [N·m/(rad·s)]"] if integral else [])]
+    headers += ["motor inertia [kg·m²]", "alone [×]", "others closed [×]"]
+    rows = []
+    for joint in result.joints:
+        numbers = (joint.kp, joint.kd, *((joint.ki,) if integral else ()), joint.motor_inertia, joint.gain_limit, joint.limit_others_closed)
+        rows.append((joint.name, "yes" if joint.safe else "no", *map(digits, numbers)))
+    caption = (
+        "In the worst state. Alone: the factor on the joint's gains if it were the only one, its neighbours free; others closed: with all "
+        f"others as they are. Safe: {digits(result.margin)} or more alone, and no part in the vibration of a robot with less as a whole."
+    )
+    return table(headers, rows, caption, MARKS)
+
+
+def _certificate(result: Audit) -> Html:
+    pairs = limit_proofs([state.limit for state in result.states])
+    if result.still:
+        still = listed([contact for _, contact in result.still])
+        pairs.append(("no verdict", f"{still}: the contacts hold every joint that has gains, so no loop is closed"))
+    pairs += [
+        ("others closed", "each loop's own curve with the others closed, sampled until smooth; its crossings polished"),
+        (
+            "delay",
+            "the smallest extra delay of all loops that takes a locus through −1; for gains that are unstable, counted from no delay",
+        ),
+    ]
+    return facts(pairs)

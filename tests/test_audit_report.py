@@ -1,0 +1,159 @@
+"""The page of an audit: answer first, numbers that are the audit's own, a command that makes it again; and models by a package's name."""
+
+import html
+import json
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+from pytest import approx
+
+import gainroom as gr
+from gainroom.cli import main
+from gainroom.io.numbers import digits
+from gainroom.robot.packages import is_name, load_model, locate
+from refusals import assert_refused
+from robot_truths import hinge, link, write_robot
+from test_report import figures, without_library
+
+GAINS = "hip: {kp: 900, kd: 40, motor_inertia: 0.5}\nknee: {kp: 400, kd: 20, motor_inertia: 0.4}\n"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two links in a plane, and a name that a shell would split."""
+    path = tmp_path_factory.mktemp("two words")
+    links = link("base", 2.0, inertia=(0.1, 0.1, 0.1)) + link("upper", 4.0, (0, 0, 0.25), (0.1, 0.1, 0.01))
+    links += link("lower", 3.0, (0, 0, 0.2), (0.05, 0.05, 0.01)) + link("tip")
+    joints = hinge("hip", "base", "upper") + hinge("knee", "upper", "lower", (0, 0, 0.5))
+    write_robot(path, links, joints + hinge("end", "lower", "tip", (0, 0, 0.4), kind="fixed"))
+    (path / "gains.yaml").write_text(GAINS, "utf-8")
+    return path
+
+
+def call(folder: Path, *options: str) -> list[str]:
+    model, gains = folder / "robot.urdf", folder / "gains.yaml"
+    return ["audit", str(model), "--gains", str(gains), "--stiffness", "5000", "--damping", "2", "--bandwidth", "3000", *options]
+
+
+def page_of(folder: Path, capsys: pytest.CaptureFixture[str], *options: str) -> tuple[int, str, dict]:
+    """Exit status, page, and what --json tells."""
+    report = folder / "out.html"
+    status = main(call(folder, *options, "--json", "--report", str(report)))
+    return status, report.read_text("utf-8"), json.loads(capsys.readouterr().out)
+
+
+def cells(page: str, heading: str) -> list[list[str]]:
+    """The rows of the table whose first column is called `heading`."""
+    (found,) = [text for text in re.findall(r"<table.*?</table>", page, re.S) if f'<th scope="col">{heading}</th>' in text]
+    rows = [re.findall(r"<td[^>]*>(.*?)</td>", row) for row in re.findall(r"<tr>(.*?)</tr>", found, re.S)]
+    return [[html.unescape(cell) for cell in row] for row in rows if row]
+
+
+def test_a_safe_robots_page(folder: Path, capsys: pytest.CaptureFixture[str]):
+    status, page, told = page_of(folder, capsys, "--delay-ms", "2", "--rate-hz", "2000", "--contact", "tip", "--base", "floating")
+    own = without_library(page)
+    assert status == 0
+    assert '<body class="good">' in own
+    assert "NOT SAFE" not in own
+    for outside in ("@import", "url(", "https://", "http://"):
+        assert outside not in own
+    body = html.unescape(own[own.index("<body") :])
+    start = 0
+    for part in (
+        told["sentence"],
+        "gain margin",
+        "≥ 6 dB",
+        "vibrates from a delay of",
+        "How it would vibrate",
+        "How much room is left",
+        "Joint by joint",
+        "What the coupling costs",
+        "Inputs and assumptions",
+        "What was certified",
+        "This page again",
+        gr.__version__,
+    ):
+        start = body.index(part, start)
+    joints = cells(own, "joint")
+    for row, joint in zip(joints, told["joints"], strict=True):
+        numbers = [joint[key] for key in ("kp", "kd", "motor_inertia", "gain_limit", "limit_others_closed")]
+        assert row == [joint["name"], "yes", *map(digits, numbers)]
+    states = cells(own, "contact")
+    assert [row[:3] for row in states] == [[state["contact"], "yes", digits(state["gain_limit"])] for state in told["states"]]
+    (heat,) = [one for figure in figures(page) for one in figure["data"] if one["type"] == "heatmap"]
+    assert [10**value for value in heat["z"][0]] == approx([min(state["gain_limit"], 10.0) for state in told["states"]], rel=1e-5)
+    assert own.count("<figure>") == own.count("<figcaption>") + own.count("</tbody></table></div></figure>")
+
+
+@pytest.mark.parametrize(
+    ("options", "kind", "headline"),
+    [
+        (["--delay-ms", "30"], "bad", "NOT SAFE, UNSTABLE: do not run these gains"),
+        (["--delay-ms", "2", "--margin-db", "40"], "warn", "NOT SAFE: stable, but with less than 40 dB of room"),
+    ],
+)
+def test_what_is_not_safe_says_so_first(folder: Path, capsys: pytest.CaptureFixture[str], options: list[str], kind: str, headline: str):
+    status, page, told = page_of(folder, capsys, *options)
+    body = html.unescape(without_library(page))
+    body = body[body.index("<body") :]
+    assert status == 1
+    assert body.startswith(f'<body class="{kind}">')
+    assert 0 < body.index(headline) < body.index("<h1>") < body.index(told["sentence"]) < body.index('class="cards"')
+    assert "✗ not met" in body
+    assert [row[1] for row in cells(page, "joint")] == ["yes" if joint["safe"] else "no" for joint in told["joints"]]
+    assert not re.search(r">nan\b|\bnan<", body)
+
+
+def test_the_command_on_the_page_makes_it_again(folder: Path, capsys: pytest.CaptureFixture[str]):
+    options = [
+        "--delay-ms",
+        "2.5",
+        "--rate-hz",
+        "1000",
+        "--motor-inertia",
+        "0.3",
+        "--base",
+        "fixed",
+        "--contact",
+        "lower",
+        "--margin-db",
+        "3",
+    ]
+    _, page, told = page_of(folder, capsys, *options)
+    text = html.unescape(re.findall(r"<pre>(.*?)</pre>", without_library(page), re.S)[-1])
+    command = shlex.split(text)
+    assert command[0] == "gainroom"
+    main([*command[1:], "--json"])
+    assert json.loads(capsys.readouterr().out) == told
+    again = (folder / "out.html").read_text("utf-8")
+    assert re.sub(r"\d{4}-\d\d-\d\d</p>", "", again) == re.sub(r"\d{4}-\d\d-\d\d</p>", "", page)
+
+
+def test_the_terminal_names_the_page_and_inputs_stay(folder: Path, capsys: pytest.CaptureFixture[str]):
+    report = folder / "other.html"
+    assert main(call(folder, "--delay-ms", "2", "--report", str(report))) == 0
+    out = capsys.readouterr().out
+    assert re.sub(r"\s", "", f"Report: {report}") in re.sub(r"\s", "", out)  # a long path is broken into lines
+    assert max(map(len, out.splitlines())) <= 100
+    for name in ("robot.urdf", "gains.yaml"):
+        before = (folder / name).read_bytes()
+        assert main(call(folder, "--delay-ms", "2", "--report", str(folder / name))) == 2
+        assert "would overwrite the input" in capsys.readouterr().err
+        assert (folder / name).read_bytes() == before
+
+
+def test_models_by_a_packages_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    assert locate("example-robot-data:solo12.urdf") == locate({"package": "example-robot-data", "file": "solo12.urdf"})
+    assert load_model("gainroom:biped.urdf").size == 12
+    assert not is_name(str(tmp_path))
+    assert not is_name("C:/robot.urdf")
+    assert not is_name("folder/we:ird.urdf")
+    assert_refused(lambda: locate("no-such-robots:x.urdf"), ["'no-such-robots' is not installed"])
+    assert_refused(lambda: locate("gainroom:bipd.urdf"), ["gainroom ships no 'bipd.urdf'; did you mean 'biped.urdf'?"])
+    gains = tmp_path / "gains.yaml"
+    gains.write_text('".*": {kp: 2000, kd: 100, motor_inertia: 1.0}', "utf-8")
+    assert main(["audit", "gainroom:biped.urdf", "--gains", str(gains), "--delay-ms", "2", "--contact", "left_sole", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert [joint["name"] for joint in told["joints"]] == list(load_model("gainroom:biped.urdf").joint_names)
