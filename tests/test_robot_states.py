@@ -16,10 +16,12 @@ from gainroom.audit import Audit, audit
 from gainroom.audit_config import AuditOptions, audit_spec
 from gainroom.cli import main
 from gainroom.coupled_gains import kept_by
+from gainroom.limits import GainLimit
 from gainroom.multiloop_disk import disk_margin_of
 from gainroom.report.robot import robot_page
 from gainroom.robot_config import parse_robot
 from gainroom.robot_gains import recommend_robot
+from gainroom.robot_states import limiting_joints
 from gainroom.robot_study import RobotStudy, study_robot
 from refusals import assert_refused
 from robot_truths import hinge, link, write_robot
@@ -310,6 +312,12 @@ def test_a_disk_margin_that_is_not_certified_says_so(
     page = robot_page(study, "again")
     assert ("<td>0.25, not certified</td>" in page) == (not certified)
     assert f"proved between frequencies, too, in {'all' if certified else '0 of 1'} stable states" in page
+
+
+def test_legs_that_round_off_tells_apart_keep_the_models_order():
+    mode = np.array([0.3, 1 - 1e-13, 0.7j, -1.0, 0.7 + 1e-12])
+    limit = GainLimit(True, 2.0, 0.0, 100.0, mode, None)
+    assert limiting_joints(limit, ("a", "b", "c", "d", "e")) == ("b", "d", "c", "e")
 
 
 def audited(folder: Path, *contacts: str) -> Audit:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .arrays import Complexes, Integers
 from .coupled import JointMargins
 from .coupled_gains import Kept
 from .forbidden import Requirements
@@ -212,10 +213,15 @@ def by_room(limit: GainLimit) -> tuple[bool, float]:
     return limit.stable, math.inf if math.isnan(limit.gain) else limit.gain
 
 
+def strongest_first(mode: Complexes) -> Integers:
+    """The joints by falling part in a vibration, those that differ by round-off alone (left and right) in the model's order."""
+    parts = np.abs(mode)
+    return np.argsort(-np.round(parts / parts.max(), 6), kind="stable")
+
+
 def limiting_joints(limit: GainLimit, names: tuple[str, ...]) -> tuple[str, ...]:
     """The joints that take part in the vibration at a limit, the strongest first; none where there is no limit."""
     if not math.isfinite(limit.frequency):
         return ()
     parts = np.abs(limit.mode)
-    order = np.argsort(-np.round(parts / parts.max(), 6), kind="stable")  # equal legs differ by round-off: the first comes first
-    return tuple(names[k] for k in order if parts[k] >= STRONG * parts.max())
+    return tuple(names[k] for k in strongest_first(limit.mode) if parts[k] >= STRONG * parts.max())

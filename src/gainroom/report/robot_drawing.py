@@ -7,7 +7,7 @@ import numpy as np
 from ..io.numbers import digits, hertz
 from ..limits import GainLimit
 from ..robot.model import RobotModel
-from ..robot_states import JudgedState, limiting_joints
+from ..robot_states import JudgedState, limiting_joints, strongest_first
 from . import style
 from .page import Html, figure
 from .robot_skeleton import View, common_view, drawn, labels, part_in_words, vibration
@@ -122,7 +122,7 @@ def _bars(model: RobotModel, limit: GainLimit) -> tuple[style.Trace, list[str]]:
     """The strongest joints with their part, the strongest on top."""
     parts = vibration(limit)
     mode = limit.mode
-    chosen = np.argsort(-np.abs(mode), kind="stable")[:MOST_BARS] if parts is not None else np.arange(min(len(mode), MOST_BARS))
+    chosen = strongest_first(mode)[:MOST_BARS] if parts is not None else np.arange(min(len(mode), MOST_BARS))
     values = [0.0 if parts is None else float(parts[k]) for k in chosen]
     bars = {
         "type": "bar",
