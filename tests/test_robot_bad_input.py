@@ -178,10 +178,9 @@ def test_a_posture_beyond_the_limits_is_a_warning(folder: Path, capsys: pytest.C
     assert "Warning: joint 'hip' at 0 is outside its limits 0.1 to 3; a robot.yaml can pose it" in " ".join(capsys.readouterr().out.split())
 
 
-@pytest.mark.parametrize("old_new", [("damping: 2", "damping: 1e12"), ("5e3", "1e-12")])
-def test_absurd_numbers_that_are_allowed_have_an_answer(folder: Path, capsys: pytest.CaptureFixture[str], old_new: tuple[str, str]):
-    """With gains to use, whose search looks at frequencies far apart."""
-    (folder / "robot.yaml").write_text(ROBOT.partition("tasks")[0].replace(*old_new) + "limits: {gain_margin_db: 6}\n", "utf-8")
+def test_absurd_numbers_that_are_allowed_have_an_answer(folder: Path, capsys: pytest.CaptureFixture[str]):
+    text = ROBOT.partition("tasks")[0].replace("5e3", "1e-12").replace("damping: 2", "damping: 1e12") + "limits: {}\n"
+    (folder / "robot.yaml").write_text(text, "utf-8")
     assert main(["robot", str(folder / "robot.yaml")]) in (0, 1)
     out, err = capsys.readouterr()
     assert err == ""
