@@ -40,6 +40,7 @@ LAYERS = (
     ("robot_states",),
     ("robot_words",),
     ("robot_study",),
+    ("robot_verification",),
     ("audit",),
     ("io",),
     ("config_sections", "gain_files"),

@@ -24,6 +24,9 @@ SLOW = 2.0  # [s] of such a run at factor 1
 FEWEST, MOST = 200, 400_000  # ticks of one run
 PERIODS = 100.0  # of the predicted vibration in one run: enough to tell growth of 1e-6 per period from none
 
+Progress = Callable[[int, int, str], None]
+"""Called with (cases done, cases in all, the next one's name)."""
+
 
 @dataclass(frozen=True)
 class Case:
@@ -70,6 +73,8 @@ class Verification:
 
     cases: tuple[Case, ...]
     sentence: str
+    warnings: tuple[str, ...] = ()
+    """What was left out, and why."""
 
     @property
     def agrees(self) -> bool:
@@ -77,7 +82,7 @@ class Verification:
         return all(case.agrees for case in self.cases)
 
 
-def verify_joint(spec: JointSpec, progress: Callable[[int, int, str], None] = lambda done, total, what: None) -> Verification:
+def verify_joint(spec: JointSpec, progress: Progress = lambda done, total, what: None) -> Verification:
     """The common factor on a joint's gains at which it begins to vibrate, predicted and by linear simulation.
 
     Raises GainroomError for a continuous joint, which has no ticks to simulate.
@@ -143,15 +148,15 @@ def _without_limit(what: str, loop: Loop, limit: GainLimit) -> Case:
     return Case(what, "linear", limit.gain, onset.gain, limit.frequency, onset.frequency, onset.runs)
 
 
-def sentence_of(cases: tuple[Case, ...]) -> str:
-    """The answer in one sentence."""
+def sentence_of(cases: tuple[Case, ...], what: str = "the joint") -> str:
+    """The answer in one sentence; `what` would vibrate."""
     wrong = [case for case in cases if not case.agrees]
-    worst = max(cases, key=lambda case: _size(case.gain_difference))
+    worst = max(cases, key=lambda case: (_size(case.gain_difference), 0 < case.predicted_gain < math.inf))
     if wrong:
         names = ", ".join(case.what for case in wrong[:3]) + (" and others" if len(wrong) > 3 else "")
         return f"Simulation and prediction differ by more than the tolerance in {len(wrong)} of {len(cases)} cases: {names}."
     if not 0 < worst.predicted_gain < math.inf:
-        told = "no common factor on these gains makes the joint vibrate" if worst.predicted_gain else "no lower gains are stable"
+        told = f"no common factor on these gains makes {what} vibrate" if worst.predicted_gain else "no lower gains are stable"
         return f"Simulation agrees with the prediction: {told}."
     return (
         f"Simulation agrees with the prediction: vibration begins at {worst.simulated_gain:.5g} times these gains, predicted "

@@ -1,45 +1,47 @@
 """gainroom verify: the predicted limit against simulation."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from ..io.numbers import digits, frequency
-from .kinds import refuse_robot
+from .kinds import kind_of
 from .options import AsJson, Report, command_line, report_stream
 from .output import emit, emit_json, render, table
 from .progress import progress_bar
 
 if TYPE_CHECKING:
-    from ..verification import Case, Verification
+    from ..robot_spec import RobotSpec
+    from ..study import JointSpec
+    from ..verification import Case, Progress, Verification
+
+    Run = Callable[[Progress], Verification]
 
 
 def verify(
     file: Annotated[
         Path,
-        typer.Argument(metavar="FILE", help="A joint.yaml with control.sample_rate_hz.", show_default=False),
+        typer.Argument(metavar="FILE", help="A joint.yaml or robot.yaml with control.sample_rate_hz.", show_default=False),
     ],
     as_json: AsJson = False,
     report: Report = None,
 ) -> int:
     """Find by simulation the gains at which vibration begins, and set them against the predicted limit.
 
+    A robot is simulated twice, in every contact state: its linear loop, and its bodies, springs and drives in MuJoCo.
+
     \b
     Example:
       gainroom verify joint.yaml --report verify.html
 
-    Exit status: 0 they agree within the tolerance (linear simulation: 0.1 %); 1 they do not; 2 the file or the call is wrong.
+    Exit status: 0 they agree within the tolerance (linear simulation: 0.1 %, MuJoCo: 2 %); 1 they do not; 2 the file or the call is wrong.
     """
-    refuse_robot(file)
-    from ..config import load_simulation
-
-    spec = load_simulation(file).joint
+    spec, run = _robot(file) if kind_of(file) == "robot" else _joint(file)
     with report_stream(report, [file]) as stream:
-        from ..verification import verify_joint
-
         with progress_bar("verify:") as progress:
-            result = verify_joint(spec, progress)
+            result = run(progress)
         if stream is not None:
             from ..report.verification import verification_page
 
@@ -49,6 +51,30 @@ def verify(
     else:
         emit(_terminal(result, report))
     return 0 if result.agrees else 1
+
+
+def _joint(file: Path) -> "tuple[JointSpec, Run]":
+    """What the file describes, and what verifies it."""
+    from ..config import load_simulation
+
+    spec = load_simulation(file).joint
+
+    def run(progress: "Progress") -> "Verification":
+        from ..verification import verify_joint
+
+        return verify_joint(spec, progress)
+
+    return spec, run
+
+
+def _robot(file: Path) -> "tuple[RobotSpec, Run]":
+    """As _joint."""
+    from ..robot_config import load_robot_spec
+    from ..robot_verification import require_sampled, verify_robot
+
+    spec = load_robot_spec(file)
+    require_sampled(spec)
+    return spec, lambda progress: verify_robot(spec, progress)
 
 
 def _facts(result: "Verification") -> dict[str, Any]:
@@ -71,6 +97,7 @@ def _facts(result: "Verification") -> dict[str, Any]:
             }
             for case in result.cases
         ],
+        "warnings": list(result.warnings),
     }
 
 
@@ -82,6 +109,7 @@ def _terminal(result: "Verification", report: Path | None) -> str:
         table("Vibration begins at this factor on all gains", columns, [_gain_row(case) for case in result.cases]),
         table("and has this frequency", columns, [_frequency_row(case) for case in result.cases]),
     ]
+    parts += [f"Left out: {warning}" for warning in result.warnings]
     if report is not None:
         parts.append(f"Report: {report}")
     return render(*parts)

@@ -75,7 +75,7 @@ def _rate(found: Vibration | None) -> float:
 def linear_vibration(loop: Loop, duration: float = 2.0, seed: int = 0) -> Vibration | None:
     """What is left of a knock on every joint's torque after `duration` [s], in the sampled linear loop: the fastest-growing oscillation."""
     require_positive("onset", "duration", duration, "s")
-    knock = np.vstack([np.random.default_rng(seed).choice([-1.0, 1.0], size=loop.size), np.zeros(loop.size)])
+    knock = np.vstack([np.random.default_rng(seed).standard_normal(loop.size), np.zeros(loop.size)])  # no symmetry: excites every mode
     response = simulate(loop, Scenario(0.0, duration, feedforward=knock))
     later = response.error[len(response.time) // 2 :]
     stride = -(-len(later) // LONGEST)  # a fast tick and a slow vibration: the whole half counts, not its last samples
