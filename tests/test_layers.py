@@ -40,7 +40,7 @@ LAYERS = (
     ("robot_states",),
     ("robot_words",),
     ("robot_study",),
-    ("robot_verification",),
+    ("robot_verification", "robot_simulation"),
     ("audit",),
     ("io",),
     ("config_sections", "gain_files"),

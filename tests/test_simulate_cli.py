@@ -177,16 +177,12 @@ def test_a_wrong_scenario_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixt
     assert str(path) in err
 
 
-def test_a_robot_is_not_played_yet(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    assert main(["simulate", str(write(tmp_path, "model: {file: a.urdf}\n"))]) == 2
-    assert "robots is not there yet" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize("command", ["simulate", "verify"])
 @pytest.mark.parametrize(
     ("text", "says"),
     [
         (EXAMPLES["testbed"], "control.sample_rate_hz: is missing"),
+        ("model: {file: a.urdf}\n", "drive: is missing"),
         ("", "is empty"),
     ],
 )

@@ -25,7 +25,7 @@ from .robot.packages import is_name, load_model, locate
 from .robot.patterns import assign
 from .robot.tasks import Task
 from .robot_sections import CONTROLLERS, ContactSection, ModelSection, RobotControlSection, RobotFile
-from .robot_spec import Posture, Range, Ranges, Robot, RobotControl, RobotSpec
+from .robot_spec import Posture, Range, Ranges, Robot, RobotControl, RobotScenario, RobotSpec
 
 MOST_STATES = 500
 MOST_TICKS = 600
@@ -73,6 +73,7 @@ def _spec(file: RobotFile, source: str, folder: Path) -> RobotSpec:
         control=_control(file.control, robot.body, sampled),
         requirements=Requirements.usual() if file.limits is None else file.limits.requirements(),
         uncertainty=ranges,
+        scenario=_scenario(file, robot),
         assumptions=assumptions,
         warnings=warnings,
     )
@@ -87,6 +88,27 @@ def refuse_long_delays(names: Sequence[str], delays: Sequence[float], tick: floa
             f"the delays of all {len(names)} joints together, {sum(delays) / tick:g} ticks, must be <= {MOST_TICKS} ticks: take a lower "
             "sample rate, or none for continuous time"
         )
+
+
+def _scenario(file: RobotFile, robot: Robot) -> RobotScenario:
+    """What is played. Raises GainroomError for a name that the file does not have."""
+    section, move = file.scenario, file.scenario.move
+    known = {"posture": tuple(robot.postures), "contact": tuple(robot.contacts), "move.task": tuple(task.name for task in robot.stack)}
+    asked = {"posture": section.posture, "contact": section.contact, "move.task": None if move is None else move.task}
+    for key, name in asked.items():
+        if name is not None and name not in known[key]:
+            raise GainroomError(f"scenario.{key}: {shown(name)} is none of the file's{nearest(name, known[key], key)}")
+    friction = {
+        key: np.array([found[-1] if found else 0.0 for found in assign(values, robot.joint_names, f"scenario.friction.{key}")])
+        for key, values in (("coulomb", section.friction.coulomb), ("viscous", section.friction.viscous))
+    }
+    moved = {} if move is None else {"task": move.task, "joint": move.joint, "move_duration": move.duration}
+    if move is not None:
+        wanted = "task" if file.control.space == "task" else "joint"
+        if getattr(move, wanted) is None:
+            raise GainroomError(f"scenario.move: control.space is {file.control.space}: give {wanted}")
+        moved["by"] = tuple(np.atleast_1d(move.by).tolist())
+    return RobotScenario(section.posture, section.contact, section.duration, ground=section.ground, **friction, **moved)
 
 
 def _robot(file: RobotFile, source: str, folder: Path, common: Drive) -> tuple[Robot, tuple[Drive, ...], tuple[str, ...], tuple[str, ...]]:

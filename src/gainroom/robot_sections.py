@@ -196,6 +196,42 @@ ContactList = Annotated[
 ]
 
 
+Moves = Annotated[float | list[float], _each(number(least=-1e3, most=1e3))]
+
+
+class RobotMoveSection(Section):
+    """A task or joints, moved from rest to rest along a quintic."""
+
+    task: Name | None = None
+    joint: Name | None = None
+    by: Moves = Field(description="how far [m, rad]; a number, or one per direction")
+    duration: Annotated[float, number(above=0, most=3600)] = 1.0
+
+    @model_validator(mode="after")
+    def _one(self) -> "RobotMoveSection":
+        if (self.task is None) == (self.joint is None):
+            raise refusal("give either task or joint")
+        return self
+
+
+class RobotFrictionSection(Section):
+    """On the motors' side, a number or one per pattern."""
+
+    coulomb: PerJoint = Field({})
+    viscous: PerJoint = Field({})
+
+
+class RobotScenarioSection(Section):
+    """What `gainroom simulate` plays."""
+
+    posture: Name | None = None
+    contact: Name | None = None
+    duration: Annotated[float, number(above=0, most=3600)] = 2.0
+    move: RobotMoveSection | None = None
+    friction: RobotFrictionSection = RobotFrictionSection()
+    ground: Flag = False
+
+
 class RobotFile(Section):
     """robot.yaml as it is written."""
 
@@ -208,6 +244,7 @@ class RobotFile(Section):
     tasks: Annotated[list[TaskSection], BeforeValidator(lambda value: _at_most(_list(value)))] = Field([])
     limits: LimitsSection | None = None
     uncertainty: RangesSection = RangesSection()
+    scenario: RobotScenarioSection = RobotScenarioSection()
 
     @model_validator(mode="after")
     def _tasks_fit(self) -> "RobotFile":

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .arrays import Floats
 from .controller import PD, PID, PPI, LowPass, Notch
@@ -152,6 +153,31 @@ class RobotControl:
 
 
 @dataclass(frozen=True)
+class RobotScenario:
+    """What a simulated robot does: it stands in a posture, and moves a task or joints from rest to rest.
+
+    posture, contact   by name; None: the first
+    duration           of the run [s]
+    task, joint        what moves: a task's name, or a pattern of joints; both None: the first task, or in joint space the arm's joints
+    by                 how far [m, rad]: a number for all directions or joints, or one for each; None: a centimetre along x, 0.01 rad
+    move_duration      [s]
+    coulomb, viscous   (n,) friction on the motors' side [N m], [N m s/rad]
+    ground             True: feet may slip and lift; False: they are held
+    """
+
+    posture: str | None = None
+    contact: str | None = None
+    duration: float = 2.0
+    task: str | None = None
+    joint: str | None = None
+    by: tuple[float, ...] | None = None
+    move_duration: float = 1.0
+    coulomb: ArrayLike = 0.0
+    viscous: ArrayLike = 0.0
+    ground: bool = False
+
+
+@dataclass(frozen=True)
 class RobotSpec:
     """What a robot.yaml says.
 
@@ -159,6 +185,7 @@ class RobotSpec:
     drives        one per joint
     control       controller, sampling and the encoders' side
     requirements, uncertainty   as for one joint
+    scenario      what `gainroom simulate` plays
     assumptions   what was taken for granted where nothing was said, in words
     warnings      what a user should look at
     """
@@ -168,6 +195,7 @@ class RobotSpec:
     control: RobotControl
     requirements: Requirements = field(default_factory=Requirements.usual)
     uncertainty: Ranges = field(default_factory=Ranges)
+    scenario: RobotScenario = field(default_factory=RobotScenario)
     assumptions: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
 

@@ -10,13 +10,3 @@ def kind_of(file: Path) -> Literal["joint", "robot"]:
 
     data = parse_yaml(read_text(file), str(file))
     return "robot" if isinstance(data, dict) and "model" in data and "joint" not in data else "joint"
-
-
-def refuse_robot(file: Path) -> None:
-    """Raises GainroomError for a robot's file."""
-    from ..errors import GainroomError
-
-    if kind_of(file) == "robot":
-        raise GainroomError(
-            f"{file}: describes a robot (section model); simulation of robots is not there yet, only of one joint (section joint)"
-        )

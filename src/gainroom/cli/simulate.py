@@ -1,10 +1,10 @@
-"""gainroom simulate: a joint's scenario, played."""
+"""gainroom simulate: a scenario, played."""
 
 import contextlib
 import math
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,27 +12,28 @@ import typer
 
 from ..io.numbers import digits, frequency
 from .interrupts import stop_signals
-from .kinds import refuse_robot
+from .kinds import kind_of
 from .options import AsJson, Report, command_line, report_stream
 from .output import emit, emit_json, render, table
 from .progress import progress_bar
 
 if TYPE_CHECKING:
     from ..simulation import Response
+    from ..simulation.robot_result import RobotRun
     from ..simulation_study import SimulationStudy
 
 
 def simulate(
     file: Annotated[
         Path,
-        typer.Argument(metavar="FILE", help="A joint.yaml; `gainroom example testbed-simulated` prints one.", show_default=False),
+        typer.Argument(metavar="FILE", help="A joint.yaml or robot.yaml; see `gainroom example`.", show_default=False),
     ],
     as_json: AsJson = False,
     report: Report = None,
     log: Annotated[Path | None, typer.Option("--log", metavar="LOG", help="Also write every tick: .csv, .parquet or .mcap.")] = None,
     gain: Annotated[float, typer.Option("--gain", metavar="FACTOR", help="Multiply all gains by this.")] = 1.0,
 ) -> int:
-    """Play a joint's scenario: how well it tracks, and whether it vibrates or runs away.
+    """Play the scenario of a joint or a robot: how well it tracks, and whether it vibrates or runs away.
 
     \b
     Example:
@@ -44,7 +45,10 @@ def simulate(
 
     if not 1e-6 <= gain <= 1e6:  # not a number is refused too
         raise GainroomError(f"--gain: {gain:g} must be a factor from 1e-06 to 1e+06")
-    refuse_robot(file)
+    if kind_of(file) == "robot":
+        from .simulate_robot import simulate_robot
+
+        return simulate_robot(file, as_json, report, log, gain)
     from ..config import load_simulation
 
     spec = load_simulation(file)
@@ -53,7 +57,7 @@ def simulate(
 
         with stop_signals() as stopped:
             try:
-                with _rows(log, file, spec.joint.joint.name) as rows, progress_bar("simulate:") as progress:
+                with log_rows(log, file, [spec.joint.joint.name]) as rows, progress_bar("simulate:") as progress:
                     study = simulate_joint(spec, gain, rows, progress, lambda: stopped() != 0)
             except Interrupted as end:
                 kept = "" if log is None else f"; {log} holds what was done"
@@ -72,7 +76,7 @@ def simulate(
 
 
 @contextlib.contextmanager
-def _rows(log: Path | None, file: Path, joint: str) -> Iterator[Callable[["Response"], None]]:
+def log_rows(log: Path | None, file: Path, joints: Sequence[str]) -> Iterator[Callable[["Response | RobotRun"], None]]:
     """What takes the parts of a run and writes them. Raises GainroomError where `log` cannot be written."""
     if log is None:
         yield lambda part: None
@@ -82,7 +86,7 @@ def _rows(log: Path | None, file: Path, joint: str) -> Iterator[Callable[["Respo
 
     if os.path.realpath(log) == os.path.realpath(file):
         raise GainroomError(f"{log}: the log would overwrite the input")
-    with open_log(log, [joint]) as writer:
+    with open_log(log, joints) as writer:
         yield lambda part: writer.write(part.columns())
 
 
