@@ -217,8 +217,8 @@ class RobotMoveSection(Section):
 class RobotFrictionSection(Section):
     """On the motors' side, a number or one per pattern."""
 
-    coulomb: PerJoint = Field({})
-    viscous: PerJoint = Field({})
+    coulomb: PerJoint = Field(default_factory=dict)
+    viscous: PerJoint = Field(default_factory=dict)
 
 
 class RobotScenarioSection(Section):

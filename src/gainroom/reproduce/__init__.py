@@ -8,15 +8,17 @@ is one more module, and its name in FIGURES, and in ON_THE_ROBOT where it needs 
 """
 
 from dataclasses import dataclass
+from types import ModuleType
 
 from ..errors import GainroomError
 from ..robot.body import library
-from . import claim2, claim2_biped, claim3, claim4, fig4, fig5, fig6, fig7, fig9, fig11, table1, testbed
+from . import claim2, claim2_biped, claim3, claim4, com_motion, fig4, fig5, fig6, fig7, fig9, fig11, table1, testbed
 from .picture import Picture
 from .row import Row
 
-FIGURES = (fig4, fig5, fig6, fig7, fig9, testbed, fig11, table1, claim2, claim2_biped, claim3, claim4)
-ON_THE_ROBOT = (table1, claim2_biped, claim3, claim4)
+FIGURES = (fig4, fig5, fig6, fig7, fig9, testbed, fig11, com_motion, table1, claim2, claim2_biped, claim3, claim4)
+ON_THE_ROBOT = (com_motion, table1, claim2_biped, claim3, claim4)
+IN_MUJOCO = (com_motion,)
 
 
 @dataclass(frozen=True)
@@ -29,9 +31,9 @@ class Reproduction:
 
 
 def run_reproduction() -> Reproduction:
-    """Compute every figure; those of the whole robot only where Pinocchio is installed."""
-    warnings = _robot_missing()
-    figures = [figure for figure in FIGURES if not warnings or figure not in ON_THE_ROBOT]
+    """Compute every figure; those of the whole robot only where Pinocchio is installed, those in time where MuJoCo is, too."""
+    left_out, warnings = _left_out()
+    figures = [figure for figure in FIGURES if figure not in left_out]
     return Reproduction(
         rows=tuple(row for figure in figures for row in figure.rows()),
         pictures=tuple(picture for figure in figures for picture in figure.pictures()),
@@ -39,13 +41,17 @@ def run_reproduction() -> Reproduction:
     )
 
 
-def _robot_missing() -> tuple[str, ...]:
-    """Why the whole robot cannot be computed; nothing where it can."""
+def _left_out() -> tuple[tuple[ModuleType, ...], tuple[str, ...]]:
+    """What cannot be computed here, and why in one warning."""
     try:
         library("pinocchio", "Pinocchio")
     except GainroomError as error:
-        return (f"Table I and what the claims say about the biped are left out: {error}",)
-    return ()
+        return ON_THE_ROBOT, (f"Figs. 12 and 14, Table I and what the claims say about the biped are left out: {error}",)
+    try:
+        library("mujoco", "MuJoCo")
+    except GainroomError as error:
+        return IN_MUJOCO, (f"Figs. 12 and 14 are left out: {error}",)
+    return (), ()
 
 
 __all__ = ["Picture", "Reproduction", "Row", "run_reproduction"]

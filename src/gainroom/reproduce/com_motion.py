@@ -19,6 +19,7 @@ from ..simulation.robot_setup import RobotSetup
 from ..simulation.trajectories import Spline
 from .biped import COM_KD, COM_KP, NAMES, biped
 from .motion import on_both_feet
+from .picture import Curve, CurvePicture, Panel
 from .row import Row, compare, same
 from .table1 import MOVE, START
 
@@ -33,6 +34,8 @@ DIRECTIONS = "xyz"
 PRINTED = {"pd": ("14.0", "5.1", "13.0"), "ppi": ("5.6", "2.9", "1.0")}  # [mm]
 FIGURES = {"pd": "fig12", "ppi": "fig14"}
 TOLERANCE = 1.0  # [mm]
+EVERY = 10  # ticks between points that are drawn
+NAMED_AT = (1.2, 1.7, 2.3)  # [s] where the curves of x, y and z have their names
 
 
 @dataclass(frozen=True)
@@ -115,6 +118,28 @@ def rows() -> list[Row]:
     for k, direction in enumerate(DIRECTIONS):
         result.append(same(f"fig14.{direction}.below_pd", True, bool(smaller[k]), "P/PI leaves less than PD at rest."))
     return result
+
+
+def pictures() -> list[CurvePicture]:
+    """Errors of the centre of mass over time, one picture per controller."""
+    return [_picture(controller) for controller in FIGURES]
+
+
+def _picture(controller: str) -> CurvePicture:
+    found = motion(controller)
+    shown = slice(None, None, EVERY)
+    time, error = found.time[shown], 1e3 * found.error[shown]
+    most = 1.15 * max(1.0, float(np.abs(error).max()))
+    curves = tuple(Curve(name, time, error[:, k], float(NAMED_AT[k])) for k, name in enumerate(DIRECTIONS))
+    law, number = ("PD", 12) if controller == "pd" else ("P/PI", 14)
+    left = ", ".join(f"{name} {value:.3g}" for name, value in zip(DIRECTIONS, 1e3 * np.abs(found.steady), strict=True))
+    caption = (
+        f"The motion begins at 0 and ends at {MOTION:g} s. Left at the end: {left} mm; printed: {', '.join(PRINTED[controller])} mm. "
+        + ("Friction, not printed, is set for these." if controller == "pd" else "The robot of Fig. 12, friction and all.")
+    )
+    title = f"Fig. {number}. Error of the centre of mass under {law}, in MuJoCo"
+    panel = Panel("error [mm]", (-most, most), curves)
+    return CurvePicture(FIGURES[controller], title, caption, "time [s]", (-WAIT, MOTION + REST), (panel,), logarithmic=False)
 
 
 _WHY = {

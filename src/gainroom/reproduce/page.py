@@ -18,6 +18,8 @@ TITLES = {
     "fig9": "Fig. 9: the open loop with PD control",
     "testbed": "Testbed: how large the gains can be",
     "fig11": "Fig. 11: the two trials, simulated",
+    "fig12": "Fig. 12: the centre of mass under PD, in MuJoCo",
+    "fig14": "Fig. 14: the centre of mass under P/PI, in MuJoCo",
     "table1": "Table I: joint gains of centre-of-mass control",
     "claim2": "Claim 2: the motor's inertia decides",
     "claim3": "Claim 3: a large load cannot track",
