@@ -35,7 +35,7 @@ def block(count: int, joints: int = 1, first: int = 0) -> dict[str, np.ndarray]:
     return {"time": TICK * (first + np.arange(count))} | {name: rng.normal(size=(count, joints)) / 3 for name in LOGGED}
 
 
-def same(log: Log, columns: dict[str, np.ndarray]) -> None:
+def assert_same(log: Log, columns: dict[str, np.ndarray]) -> None:
     assert np.array_equal(log.time, columns["time"])
     assert set(log.signals) == set(columns) - {"time"}
     for name, values in log.signals.items():
@@ -50,7 +50,7 @@ def test_a_run_comes_back_to_the_last_digit(form, tmp_path: Path):
         for part in stream(BED, SCENARIO, block=37):
             log.write(part.columns())
     found = read_log(path)
-    same(found, simulate(BED, SCENARIO).columns())
+    assert_same(found, simulate(BED, SCENARIO).columns())
     assert found.complete
     assert found.joint_names == ("joint",)
     assert list(tmp_path.iterdir()) == [path]
@@ -64,7 +64,7 @@ def test_several_joints(form, tmp_path: Path):
         log.write(columns)
     found = read_log(tmp_path / f"robot.{form}")
     assert found.joint_names == names
-    same(found, columns)
+    assert_same(found, columns)
 
 
 def test_csv_is_read_by_the_standard_library(tmp_path: Path):
@@ -121,7 +121,7 @@ def test_an_interrupted_run_leaves_what_was_done(form, ending, tmp_path: Path):
     with pytest.raises(ending), open_log(path, ("joint",)) as log:  # noqa: PT012 - the block is what is interrupted
         log.write(columns)
         raise ending
-    same(read_log(path), columns)
+    assert_same(read_log(path), columns)
     assert list(tmp_path.iterdir()) == [path]
 
 
@@ -170,7 +170,7 @@ def test_what_is_no_number_ends_the_log_and_is_not_in_it(form, bad, tmp_path: Pa
             log.write(columns)
 
     assert_refused(run, [f"run.{form}", "actual_torque", "0.0085 s", "not a finite number"])
-    same(read_log(path), {name: values[:17] for name, values in columns.items()})
+    assert_same(read_log(path), {name: values[:17] for name, values in columns.items()})
 
 
 @pytest.mark.parametrize("form", FORMATS)
@@ -192,7 +192,9 @@ def test_logs_of_others(tmp_path: Path):
     path = tmp_path / "drive.csv"
     path.write_bytes(b"\xef\xbb\xbfstamp,cmd,temperature,motor_position\r\n0.0,1.5,40,0.1\r\n0.0005,1.6,41,0.2\r\n")
     found = read_log(path, {"time": "stamp", "target_torque": "cmd"})
-    same(found, {"time": np.array([0.0, 5e-4]), "target_torque": np.array([[1.5], [1.6]]), "motor_position": np.array([[0.1], [0.2]])})
+    assert_same(
+        found, {"time": np.array([0.0, 5e-4]), "target_torque": np.array([[1.5], [1.6]]), "motor_position": np.array([[0.1], [0.2]])}
+    )
 
 
 @pytest.mark.parametrize(
@@ -281,4 +283,4 @@ def test_a_link_stays_a_link(tmp_path: Path):
         with open_log(link, ("joint",)) as log:
             log.write(block(3))
         assert link.is_symlink()
-        same(read_log(target), block(3))
+        assert_same(read_log(target), block(3))

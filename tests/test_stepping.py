@@ -38,7 +38,7 @@ def as_joints(plant: gr.Plant, *drives: gr.Drive) -> Joints:
     )
 
 
-def agree(response: Response, truth: dict[str, np.ndarray]) -> None:
+def assert_agree(response: Response, truth: dict[str, np.ndarray]) -> None:
     for name, found in (
         ("motor", response.motor_position),
         ("link", response.link_position),
@@ -83,7 +83,7 @@ def test_one_joint_is_fine_integration(feedback, late):
         reading = (motor if feedback == "motor" else link) + noise[k]
         return 900.0 * (target[k] - reading) + 25.0 * (wanted(target[k]) - velocity(reading)) + 3.0
 
-    agree(
+    assert_agree(
         found,
         run(
             as_joints(JOINT.plant(), drive),
@@ -122,7 +122,7 @@ def test_coupled_joints_are_fine_integration():
 
     start = np.zeros((4, 3))
     start[2] = [0.3, 0.0, -0.2]
-    agree(found, run(as_joints(plant, *drives), control, ticks, TICK, start))
+    assert_agree(found, run(as_joints(plant, *drives), control, ticks, TICK, start))
 
 
 def warped(num: list[float], den: list[float], frequency: float) -> tuple[np.ndarray, np.ndarray]:
@@ -163,7 +163,7 @@ def test_filters_integrator_and_notch_are_difference_equations(kind):
         integral += TICK * error
         return np.array([filtered("notch", 600.0 * error + 900.0 * integral + 30.0 * filtered("velocity", rate(target[[k]] - motor)[0]))])
 
-    agree(found, run(as_joints(JOINT.plant(), DRIVE), control, ticks, TICK, np.zeros((4, 1))))
+    assert_agree(found, run(as_joints(JOINT.plant(), DRIVE), control, ticks, TICK, np.zeros((4, 1))))
 
 
 def test_rigid_joint_is_the_double_integrator():
