@@ -150,13 +150,12 @@ def _lead(study: RobotStudy) -> Lead:
         where = "" if states == 1 else f" in all {states} states" if count == states else f" in {'; '.join(unstable[:3])}"
         more = f" and {count - 3} more" if 3 < count < states else ""
         return Lead(study.sentence, "bad", f"UNSTABLE{where}{more}: do not run these gains", warnings)
+    lost = [state.title for state in study.states if _task_moves(state) and state.tasks is not None and not state.tasks.limit.stable]
+    told = [f"the tasks' gains are UNSTABLE in {listed(lost)}"] if lost else []
     if study.unmet:
-        return Lead(
-            study.sentence, "warn", f"Stable, but not as required: {', '.join(name.replace('_', ' ') for name in study.unmet)}", warnings
-        )
-    lost = [state.title for state in study.states if state.tasks is not None and state.tasks.moves and not state.tasks.limit.stable]
-    if lost:
-        return Lead(study.sentence, "warn", f"Stable in joint space; the tasks' gains are UNSTABLE in {listed(lost)}", warnings)
+        told.append(f"not as required: {', '.join(name.replace('_', ' ') for name in study.unmet)}")
+    if told:
+        return Lead(study.sentence, "warn", f"Stable, but {'; '.join(told)}", warnings)
     return Lead(study.sentence, "good", "", warnings)
 
 
