@@ -14,7 +14,7 @@ from .drive import Drive
 from .errors import GainroomError
 from .gain_files import JointGains, gains_of, read_gains
 from .io.checked import checked, number
-from .messages import listed, nearest
+from .messages import first_of_many, nearest
 from .robot.actuators import ActuatorEntry, Actuators, actuators_of
 from .robot.body import Base, RigidBody
 from .robot.contact import Contact
@@ -134,7 +134,7 @@ def _assumptions(body: RigidBody, held: Sequence[str], options: AuditOptions) ->
     """What is taken for granted where nothing was said, each with how to say it."""
     notes = ["every joint stands at 0; the encoders are on the motor side"]
     if held:
-        notes.append(f"these joints are held still, as they have no gains: {listed(held)}")
+        notes.append(f"these joints are held still, as they have no gains: {first_of_many(held)}")
     if not options.is_elastic:
         notes.append("gearboxes are rigid, which flatters: give --stiffness and --damping")
     if options.bandwidth is None:

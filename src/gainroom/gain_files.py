@@ -23,7 +23,7 @@ from .arrays import Booleans, Floats
 from .errors import GainroomError
 from .io.checked import NotNegative, Positive, Section, checked, dotted, number, refusal, validate
 from .io.yaml_text import parse_yaml, read_text, shown
-from .messages import listed
+from .messages import first_of_many
 from .robot.patterns import assign
 
 TERMS = {"p": "kp", "i": "ki", "d": "kd"}
@@ -195,8 +195,8 @@ def _mjcf(path: Path) -> GainFile:
     undamped = [joint for joint, gain in gains.items() if gain.kd == 0]
     if undamped:
         notes.append(
-            f"actuators without velocity feedback: {listed(undamped)}; damping of the joint itself, where the model has any, is not the "
-            "controller's and is not counted: give kv"
+            f"actuators without velocity feedback: {first_of_many(undamped)}; damping of the joint itself, where the model has any, is not "
+            "the controller's and is not counted: give kv"
         )
     return GainFile(str(path), "MJCF", gains, tuple(notes))
 

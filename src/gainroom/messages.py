@@ -18,7 +18,7 @@ def one_line(message: object, most: int = 240) -> str:
     return text if len(text) <= most else text[: most - 1] + "…"
 
 
-def listed(items: Sequence[str]) -> str:
+def first_of_many(items: Sequence[str]) -> str:
     """The first of many things, and how many there are."""
     return ", ".join(items[:MOST_SHOWN]) + (f", … {len(items)} in all" if len(items) > MOST_SHOWN else "")
 
@@ -27,4 +27,4 @@ def nearest(name: str, names: Sequence[str], kind: str) -> str:
     """What may have been meant, and what there is: the end of a message about an unknown name."""
     close = difflib.get_close_matches(name, names, 1, cutoff=0.5)
     hint = f"; did you mean {close[0]!r}?" if close else ""
-    return f"{hint} ({kind}s: {listed(names) or 'none'})"
+    return f"{hint} ({kind}s: {first_of_many(names) or 'none'})"

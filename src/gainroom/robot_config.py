@@ -17,7 +17,7 @@ from .errors import GainroomError
 from .forbidden import Requirements
 from .io.checked import dotted, validate
 from .io.yaml_text import parse_yaml, read_text, shown
-from .messages import listed, nearest
+from .messages import first_of_many, nearest
 from .robot.actuators import Actuators, actuators_of, drives_of, merge_entries
 from .robot.body import Base, RigidBody
 from .robot.contact import Contact
@@ -172,7 +172,7 @@ def _outside(postures: Mapping[str, Posture]) -> tuple[str, ...]:
     for name, posture in postures.items():
         beyond = posture.body.beyond_limits(posture.body.configuration(posture.angles))
         if beyond:
-            warnings.append(f"posture {shown(name)}: {listed(beyond)}; move it inside, or check the model")
+            warnings.append(f"posture {shown(name)}: {first_of_many(beyond)}; move it inside, or check the model")
     return tuple(warnings)
 
 
@@ -228,7 +228,7 @@ def _per_joint(owner: str, patterns: Mapping[str, float], body: RigidBody) -> Fl
     matches = assign(patterns, (*body.joint_names, *body.locked), owner)[: body.size]
     without = [name for name, found in zip(body.joint_names, matches, strict=True) if not found]
     if without:
-        raise GainroomError(f"{owner}: no value for joint {listed(without)}; give default, or patterns that match every joint")
+        raise GainroomError(f"{owner}: no value for joint {first_of_many(without)}; give default, or patterns that match every joint")
     gains = np.array([found[-1] for found in matches])
     if owner == "control.kp" and not np.any(gains):
         raise GainroomError(f"{owner}: must be > 0 on some joint")

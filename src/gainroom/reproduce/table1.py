@@ -154,8 +154,8 @@ def _typical(account: Account) -> Row:
         NO_ROTORS.key: "The same posture without the rotors in the controller's model: knees and ankles come out too small.",
         LEVEL.key: f"The same motion with the pelvis level, nothing else: the hip yaw is {hips.max():.2f} of the paper's at most, as its "
         "axis is upright.",
-        PELVIS_TASK.key: f"The pelvis level and its orientation controlled besides, six gains inferred: K'p {listed(account.pelvis_kp)} "
-        f"1/s², K'v {listed(account.pelvis_kd)} 1/s in roll, pitch, yaw.",
+        PELVIS_TASK.key: f"The pelvis level and its orientation controlled besides, six gains inferred: K'p {written(account.pelvis_kp)} "
+        f"1/s², K'v {written(account.pelvis_kd)} 1/s in roll, pitch, yaw.",
     }[account.key]
     note = f"How far off all 24 are (root mean square of the logarithms); {both.min():.2f} to {both.max():.2f} of the printed ones. {said}"
     return compare(f"table1.{account.key}.typical_factor", 1.0, typical_factor(account), "×", 1 / (1 - TOLERANCE) - 1, note)
@@ -182,6 +182,6 @@ def _ratio_caption() -> str:
     )
 
 
-def listed(values: tuple[float, ...] | None) -> str:
+def written(values: tuple[float, ...] | None) -> str:
     """Numbers in a sentence."""
     return ", ".join(f"{value:g}" for value in values or ())

@@ -13,7 +13,7 @@ import numpy as np
 from ..arrays import Floats
 from ..drive import Drive
 from ..errors import GainroomError, require_positive
-from ..messages import listed
+from ..messages import first_of_many
 from .patterns import assign
 
 
@@ -126,13 +126,15 @@ def actuators_of(entries: Sequence[ActuatorEntry], joint_names: Sequence[str], a
             undamped.append(name)
     warnings = []
     if from_file:
-        warnings.append(f"motor inertia [kg m²] is the model file's armature where none is given: {listed(from_file)}")
+        warnings.append(f"motor inertia [kg m²] is the model file's armature where none is given: {first_of_many(from_file)}")
     if without:
-        warnings.append(f"joints without actuator data are rigid with motor inertia 0: {listed(without)}; give motor_inertia and stiffness")
+        warnings.append(
+            f"joints without actuator data are rigid with motor inertia 0: {first_of_many(without)}; give motor_inertia and stiffness"
+        )
     if bare:
-        warnings.append(f"motor inertia is 0 where none is given: {listed(bare)}; give motor_inertia")
+        warnings.append(f"motor inertia is 0 where none is given: {first_of_many(bare)}; give motor_inertia")
     if undamped:
-        warnings.append(f"elastic joints have no damping, so resonances no width: {listed(undamped)}; measure damping")
+        warnings.append(f"elastic joints have no damping, so resonances no width: {first_of_many(undamped)}; measure damping")
     columns = {name: np.array([getattr(entry, name) or 0.0 for entry in entries]) for name in ("damping", "motor_viscous", "link_viscous")}
     stiffness = np.array([math.inf if entry.stiffness is None else entry.stiffness for entry in entries])
     return Actuators(motor_inertia=inertia, stiffness=stiffness, **columns), tuple(warnings)

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..arrays import Floats
 from ..errors import GainroomError, require_finite
-from ..messages import listed, nearest
+from ..messages import first_of_many, nearest
 from .body import Base, Bone, RigidBody, library, put_position
 from .patterns import select_all
 
@@ -140,10 +140,12 @@ def _notes(description: Description, held: Sequence[str], positions: Mapping[str
     notes = []
     followers = [f"{name!r} {why}, at {positions.get(name, 0.0):g}" for name, why in description.held.items() if name in held]
     if followers:
-        notes.append(f"held, as they follow others: {listed(followers)}")
+        notes.append(f"held, as they follow others: {first_of_many(followers)}")
     strange = [model.names[index] for index in range(1, model.njoints) if not _is_physical(model.inertias[index])]
     if strange:
-        notes.append(f"no solid has the inertia of the links on these joints, taken as given: {listed([repr(name) for name in strange])}")
+        notes.append(
+            f"no solid has the inertia of the links on these joints, taken as given: {first_of_many([repr(name) for name in strange])}"
+        )
     return (*description.notes, *notes)
 
 
@@ -193,7 +195,7 @@ def _require_mass(body: RigidBody) -> None:
         )
     base = body.nv - body.size
     names = [repr(body.joint_names[index - base]) for index in culprits if index >= base]
-    what = f"joint{'s' * (len(names) > 1)} {listed(names)}" if names else "floating base"
+    what = f"joint{'s' * (len(names) > 1)} {first_of_many(names)}" if names else "floating base"
     raise GainroomError(f"{body.source}: no mass moves with the {what} (singular mass matrix); give the links inertia, or lock it")
 
 
