@@ -7,7 +7,9 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -230,7 +232,7 @@ def test_an_interrupted_run_leaves_a_log_that_can_be_read(tmp_path: Path, ending
     log, page = tmp_path / f"run.{ending}", tmp_path / "run.html"
     command = [sys.executable, "-m", "gainroom", "simulate", str(write(tmp_path, LONG)), "--log", str(log), "--report", str(page)]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment)
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment, preexec_fn=heard)
     try:
         while process.poll() is None and not any(path.stat().st_size > 20_000 for path in files(tmp_path)):
             time.sleep(0.02)  # however long that takes
@@ -249,20 +251,41 @@ def test_an_interrupted_run_leaves_a_log_that_can_be_read(tmp_path: Path, ending
     assert np.diff(kept.time) == pytest.approx(5e-4)
 
 
+def heard() -> None:
+    """In a new process: no signal is ignored, though the tests may run in the background, where a shell has Ctrl-C ignored."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 def files(folder: Path) -> list[Path]:
     """Logs and their temporary files, also while one takes the other's name."""
     return [path for path in folder.iterdir() if path.exists() and path.suffix != ".yaml"]
 
 
-def test_the_first_signal_is_noted_and_handlers_come_back():
+@pytest.fixture
+def set_interrupt() -> Iterator[Callable[[Any], None]]:
+    """Sets what SIGINT does; the tests themselves may run in the background, where a shell has it ignored."""
     before = signal.getsignal(signal.SIGINT)
+    yield lambda handler: signal.signal(signal.SIGINT, handler)
+    signal.signal(signal.SIGINT, before)
+
+
+def test_the_first_signal_is_noted_and_handlers_come_back(set_interrupt: Callable[[Any], None]):
+    set_interrupt(signal.default_int_handler)
     with stop_signals() as stopped:
         assert stopped() == 0
         os.kill(os.getpid(), signal.SIGINT)
         assert stopped() == signal.SIGINT
         with pytest.raises(KeyboardInterrupt):  # the second one acts as ever
             os.kill(os.getpid(), signal.SIGINT)
-    assert signal.getsignal(signal.SIGINT) is before
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_what_is_ignored_stays_ignored(set_interrupt: Callable[[Any], None]):
+    set_interrupt(signal.SIG_IGN)
+    with stop_signals() as stopped:
+        os.kill(os.getpid(), signal.SIGINT)
+        assert stopped() == 0
+    assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
 
 
 def test_an_interruption_says_how_far_it_came():
