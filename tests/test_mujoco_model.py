@@ -11,8 +11,9 @@ from gainroom.errors import GainroomError
 from gainroom.robot import load_model
 from gainroom.robot.actuators import Actuators
 from gainroom.robot.contact import Contact
+from gainroom.robot.ground import Ground, Sole
 from gainroom.robot.linearize import linearize
-from gainroom.simulation.mujoco_model import Ground, Sole, build_mujoco
+from gainroom.simulation.mujoco_model import build_mujoco
 from robot_truths import BOTH, GRAVITY, actuators, any_posture, biped, biped_posture, feet, hinge, link, write_robot
 
 mujoco = pytest.importorskip("mujoco")

@@ -21,10 +21,10 @@ from gainroom.plant import ElasticJoint
 from gainroom.robot import load_model
 from gainroom.robot.actuators import Actuators
 from gainroom.robot.contact import Contact
+from gainroom.robot.ground import Ground, Sole
 from gainroom.robot.linearize import linearize
 from gainroom.robot.tasks import Task, tasks_of
 from gainroom.robot_spec import RobotControl
-from gainroom.simulation.mujoco_model import Ground, Sole
 from gainroom.simulation.robot_onset import motionless, robot_onset, robot_vibration
 from gainroom.simulation.robot_run import run_robot
 from gainroom.simulation.robot_setup import RobotSetup, hold, joint_setup, robot_setup

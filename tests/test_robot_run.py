@@ -13,8 +13,8 @@ from gainroom.controller import PD
 from gainroom.drive import Drive
 from gainroom.errors import GainroomError
 from gainroom.plant import ElasticJoint
+from gainroom.robot.ground import Ground, Sole
 from gainroom.robot_spec import RobotControl
-from gainroom.simulation.mujoco_model import Ground, Sole
 from gainroom.simulation.response import LOGGED, track
 from gainroom.simulation.robot_run import RobotSimulation, run_robot, stream_robot
 from gainroom.simulation.robot_setup import channel_count, hold, joint_setup, robot_setup, substeps_for

@@ -1,12 +1,16 @@
 """gainroom simulate of a whole robot: it follows its scenario, leaves what friction allows, falls and runs away where it must."""
 
 import json
+from importlib import resources
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from gainroom.cli import main
 from gainroom.io.logs import read_log
+from gainroom.robot_config import load_robot_spec
+from gainroom.robot_simulation import play_robot
 from robot_files import ROBOT, write_arm
 
 JOINT = ROBOT + "scenario: {duration: 1.0, move: {joint: elbow, by: 0.1, duration: 0.5}}\n"
@@ -50,6 +54,39 @@ def test_friction_leaves_an_error(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert left < 1.05 * 4.0 / 400.0
 
 
+def test_commands_are_cut_at_the_torque_limit(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    text = JOINT.replace("scenario: {", "scenario: {torque_limit: {elbow: LIMIT}, ")
+    log = tmp_path / "run.csv"
+    played(write_arm(tmp_path, text.replace("LIMIT", "7.7")), capsys, "--log", str(log))
+    logged = read_log(log).signals
+    shoulder, elbow = (np.abs(logged["demand_torque"][:, k]).max() for k in (0, 1))
+    assert elbow == pytest.approx(7.7, abs=1e-12)
+    assert np.abs(logged["target_torque"][:, 1]).max() > 7.8  # asked for more
+    assert shoulder > 7.8
+    assert main(["simulate", str(write_arm(tmp_path, text.replace("LIMIT", "2.0")))]) == 2
+    assert "joint 'elbow': torque_limit 2 N·m cannot hold the posture" in capsys.readouterr().err
+
+
+def test_encoders_have_steps(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """What the controller saw, reference less error, is a whole number of steps off its start."""
+    path = write_arm(tmp_path, JOINT.replace("scenario: {", "scenario: {resolution: 0.002, "))
+    run = play_robot(load_robot_spec(path)).run
+    steps = run.measured / 0.002
+    assert np.ptp(steps[:, 1]) > 40  # 0.1 rad are fifty
+    assert np.abs(steps - np.round(steps)).max() < 1e-9  # of rounding alone
+
+
+def test_a_narrow_sole_lets_the_biped_fall(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """The same motion, on soles 15 cm wide and on soles of 4 cm, which tip over under the moments that the control asks of the ankles."""
+    example = (resources.files("gainroom.examples") / "biped-simulated.yaml").read_text("utf-8")
+    for width, status, fell in ((0.15, 0, False), (0.04, 1, True)):
+        path = tmp_path / "biped.yaml"
+        path.write_text(example.replace("width: 0.15", f"width: {width}"), "utf-8")
+        found, facts = played(path, capsys)
+        assert (found, facts["fell"]) == (status, fell)
+        assert (facts["ended_at"] is None) != fell
+
+
 def test_too_much_gain_diverges(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     status, facts = played(write_arm(tmp_path, JOINT), capsys, "--gain", "20")
     assert status == 1
@@ -64,7 +101,13 @@ def test_too_much_gain_diverges(tmp_path: Path, capsys: pytest.CaptureFixture[st
         ("{move: {joint: elbow, by: [0.1, 0.2]}}", "scenario.move.by: 2 numbers must be one"),
         ("{move: {joint: wrist, by: 0.1}}", "wrist"),
         ("{friction: {coulomb: {wrist: 0.1}}}", "wrist"),
-        ("{ground: 1}", "true or false"),
+        ("{ground: 1}", "true, false or a section"),
+        ("{ground: {friction: 0}}", "scenario.ground.friction"),
+        ("{ground: {soles: {hand: {length: 0.1}}}}", "scenario.ground.soles: 'hand' is no contact of this file"),
+        ("{ground: {soles: {hand: {center: [0.1]}}}}", "scenario.ground.soles.hand.center"),
+        ("{torque_limit: {wrist: 5.0}}", "scenario.torque_limit.'wrist'"),
+        ("{torque_limit: 0}", "scenario.torque_limit"),
+        ("{resolution: -1.0}", "scenario.resolution"),
     ],
 )
 def test_a_wrong_scenario_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str], scenario: str, says: str):

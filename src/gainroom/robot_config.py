@@ -3,6 +3,7 @@
 SI and radians except where a key's name carries another unit. Keys that name joints are patterns: see robot/patterns.py.
 """
 
+import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -21,10 +22,11 @@ from .messages import first_of_many, nearest
 from .robot.actuators import Actuators, actuators_of, drives_of, merge_entries
 from .robot.body import Base, RigidBody
 from .robot.contact import Contact
+from .robot.ground import Ground
 from .robot.packages import is_name, load_model, locate
 from .robot.patterns import assign
 from .robot.tasks import Task
-from .robot_sections import CONTROLLERS, ContactSection, ModelSection, RobotControlSection, RobotFile
+from .robot_sections import CONTROLLERS, ContactSection, GroundSection, ModelSection, RobotControlSection, RobotFile
 from .robot_spec import Posture, Range, Ranges, Robot, RobotControl, RobotScenario, RobotSpec
 
 MOST_STATES = 500
@@ -98,17 +100,35 @@ def _scenario(file: RobotFile, robot: Robot) -> RobotScenario:
     for key, name in asked.items():
         if name is not None and name not in known[key]:
             raise GainroomError(f"scenario.{key}: {shown(name)} is none of the file's{nearest(name, known[key], key)}")
-    friction = {
-        key: np.array([found[-1] if found else 0.0 for found in assign(values, robot.joint_names, f"scenario.friction.{key}")])
-        for key, values in (("coulomb", section.friction.coulomb), ("viscous", section.friction.viscous))
-    }
+    friction = {key: _where_given(getattr(section.friction, key), robot, f"friction.{key}", 0.0) for key in ("coulomb", "viscous")}
     moved = {} if move is None else {"task": move.task, "joint": move.joint, "move_duration": move.duration}
     if move is not None:
         wanted = "task" if file.control.space == "task" else "joint"
         if getattr(move, wanted) is None:
             raise GainroomError(f"scenario.move: control.space is {file.control.space}: give {wanted}")
         moved["by"] = tuple(np.atleast_1d(move.by).tolist())
-    return RobotScenario(section.posture, section.contact, section.duration, ground=section.ground, **friction, **moved)
+    hardware = {
+        "torque_limit": _where_given(section.torque_limit, robot, "torque_limit", math.inf),
+        "resolution": section.resolution,
+        "ground": None if section.ground is None else _ground(section.ground, robot),
+    }
+    return RobotScenario(section.posture, section.contact, section.duration, **friction, **hardware, **moved)
+
+
+def _where_given(values: Mapping[str, float], robot: Robot, key: str, otherwise: float) -> Floats:
+    """(n,) numbers of scenario.`key`; `otherwise` where no pattern matches."""
+    found = assign(values, robot.joint_names, f"scenario.{key}")
+    return np.array([each[-1] if each else otherwise for each in found])
+
+
+def _ground(section: GroundSection, robot: Robot) -> Ground:
+    """With the soles of the frames that touch it. Raises GainroomError for a sole of none of them."""
+    frames = tuple(dict.fromkeys(contact.frame for contacts in robot.contacts.values() for contact in contacts))
+    for frame in section.soles:
+        if frame not in frames:
+            hint = nearest(frame, frames, "contact frame")
+            raise GainroomError(f"scenario.ground.soles: {shown(frame)} is no contact of this file{hint}")
+    return Ground(friction=section.friction, soles={frame: sole.sole() for frame, sole in section.soles.items()})
 
 
 def _robot(file: RobotFile, source: str, folder: Path, common: Drive) -> tuple[Robot, tuple[Drive, ...], tuple[str, ...], tuple[str, ...]]:

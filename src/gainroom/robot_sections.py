@@ -13,6 +13,7 @@ from .io.yaml_text import shown
 from .robot.actuators import ActuatorEntry
 from .robot.body import Base
 from .robot.contact import Contact, ContactKind
+from .robot.ground import Ground, Sole
 from .robot.patterns import DEFAULT
 from .robot.tasks import FRAMED, Task, TaskKind
 
@@ -42,7 +43,7 @@ def _each(end: BeforeValidator) -> BeforeValidator:
     return BeforeValidator(check)
 
 
-def _of(kind: type, words: str) -> Callable[[Any], Any]:
+def _of(kind: type | tuple[type, ...], words: str) -> Callable[[Any], Any]:
     """A check: a value of this type."""
 
     def check(value: Any) -> Any:
@@ -54,6 +55,18 @@ def _of(kind: type, words: str) -> Callable[[Any], Any]:
 
 
 _flag, _mapping, _list = _of(bool, "true or false"), _of(dict, "a section"), _of(list, "a list")
+
+
+def _per_joint(value: Any) -> Any:
+    """One value for all joints, or one per pattern."""
+    return value if isinstance(value, dict) else {DEFAULT: value}
+
+
+def _ground(value: Any) -> Any:
+    """false: none; true: ordinary ground."""
+    if isinstance(value, bool):
+        return {} if value else None
+    return _of((dict, type(None)), "true, false or a section")(value)
 
 
 def _at_most(value: Any) -> Any:
@@ -73,7 +86,7 @@ Name = Annotated[str, BeforeValidator(_word)]
 Flag = Annotated[bool, BeforeValidator(_flag)]
 Angle = Annotated[float, number(least=-1e4, most=1e4)]
 Stiffness = Annotated[float, number(above=0, infinite=True), BeforeValidator(_rigid)]
-PerJoint = Annotated[dict[str, NotNegative], BeforeValidator(lambda value: value if isinstance(value, dict) else {DEFAULT: value})]
+PerJoint = Annotated[dict[str, NotNegative], BeforeValidator(_per_joint)]
 Several = Annotated[float | list[float], _each(number(least=0))]
 Springs = Annotated[float | list[float], _each(number(above=0, infinite=True))]
 
@@ -196,6 +209,8 @@ ContactList = Annotated[
 ]
 
 
+Metres = Annotated[float, number(least=-1e3, most=1e3)]
+Limits = Annotated[dict[str, PositiveOrInfinite], BeforeValidator(_per_joint)]
 Moves = Annotated[float | list[float], _each(number(least=-1e3, most=1e3))]
 
 
@@ -221,6 +236,25 @@ class RobotFrictionSection(Section):
     viscous: PerJoint = Field(default_factory=dict)
 
 
+class SoleSection(Section):
+    """The rectangle of one foot that touches the ground."""
+
+    length: Positive = Field(Sole.length, description="along x of the frame [m]")
+    width: Positive = Field(Sole.width, description="along y [m]")
+    center: Annotated[list[Metres], BeforeValidator(_list), Field(min_length=2, max_length=2)] = Field([0.0, 0.0])
+
+    def sole(self) -> Sole:
+        """In SI."""
+        return Sole(length=self.length, width=self.width, center=(self.center[0], self.center[1]))
+
+
+class GroundSection(Section):
+    """Ground that feet may slip on and leave."""
+
+    friction: Positive = Ground.friction
+    soles: Annotated[dict[str, SoleSection], BeforeValidator(_mapping)] = Field({}, description="by contact frame")
+
+
 class RobotScenarioSection(Section):
     """What `gainroom simulate` plays."""
 
@@ -229,7 +263,9 @@ class RobotScenarioSection(Section):
     duration: Annotated[float, number(above=0, most=3600)] = 2.0
     move: RobotMoveSection | None = None
     friction: RobotFrictionSection = RobotFrictionSection()
-    ground: Flag = False
+    torque_limit: Limits = Field(default_factory=dict)
+    resolution: Annotated[float, number(least=0, most=1)] = 0.0
+    ground: Annotated[GroundSection | None, BeforeValidator(_ground)] = None
 
 
 class RobotFile(Section):

@@ -9,7 +9,6 @@ from .arrays import Floats
 from .errors import GainroomError
 from .robot.patterns import select
 from .robot_spec import RobotSpec
-from .simulation.mujoco_model import Ground
 from .simulation.oscillation import SHORTEST, Vibration, vibration
 from .simulation.robot_result import RobotRun, joined_runs
 from .simulation.robot_run import stream_robot
@@ -49,8 +48,15 @@ class RobotPlay:
 def setup_of(spec: RobotSpec) -> RobotSetup:
     """The robot as its scenario has it. Raises GainroomError where the simulation cannot have it so."""
     played = spec.scenario
-    ground = Ground() if played.ground else None
-    setup = robot_setup(spec, played.posture, played.contact, coulomb=played.coulomb, ground=ground)
+    setup = robot_setup(
+        spec,
+        played.posture,
+        played.contact,
+        coulomb=played.coulomb,
+        torque_limit=played.torque_limit,
+        encoder_step=played.resolution,
+        ground=played.ground,
+    )
     viscous = setup.actuators.motor_viscous + played.viscous
     return replace(setup, actuators=replace(setup.actuators, motor_viscous=viscous))
 

@@ -1,5 +1,6 @@
 """A robot ready to be studied: its links, actuators, postures and contact states, its drives and control, and what is asked of them. SI."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from .robot.actuators import Actuators
     from .robot.body import RigidBody
     from .robot.contact import Contact
+    from .robot.ground import Ground
     from .robot.model import RobotModel
     from .robot.tasks import Task, Tasks
 
@@ -162,7 +164,9 @@ class RobotScenario:
     by                 how far [m, rad]: a number for all directions or joints, or one for each; None: a centimetre along x, 0.01 rad
     move_duration      [s]
     coulomb, viscous   (n,) friction on the motors' side [N m], [N m s/rad]
-    ground             True: feet may slip and lift; False: they are held
+    torque_limit       (n,) of the commands [N m]
+    resolution         of the encoders, joint side; 0: ideal [rad]
+    ground             feet may slip on it and lift; None: they are held
     """
 
     posture: str | None = None
@@ -174,7 +178,9 @@ class RobotScenario:
     move_duration: float = 1.0
     coulomb: ArrayLike = 0.0
     viscous: ArrayLike = 0.0
-    ground: bool = False
+    torque_limit: ArrayLike = math.inf
+    resolution: float = 0.0
+    ground: "Ground | None" = None
 
 
 @dataclass(frozen=True)

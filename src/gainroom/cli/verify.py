@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..io.numbers import digits, frequency
+from ..io.numbers import digits
 from .kinds import kind_of
 from .options import AsJson, Report, command_line, report_stream
 from .output import emit, emit_json, render, table
@@ -102,12 +102,12 @@ def _facts(result: "Verification") -> dict[str, Any]:
 
 
 def _terminal(result: "Verification", report: Path | None) -> str:
-    columns = ("", "witness", "predicted", "simulated", "apart", "allowed", "agrees")
+    columns = ("witness", "predicted", "simulated", "apart", "allowed", "agrees")
     parts: list[Any] = [
         result.sentence,
         "",
-        table("Vibration begins at this factor on all gains", columns, [_gain_row(case) for case in result.cases]),
-        table("and has this frequency", columns, [_frequency_row(case) for case in result.cases]),
+        table("Vibration begins at this factor on all gains", ("", *columns), [_gain_row(case) for case in result.cases]),
+        table("and has this frequency", ("[rad/s]", *columns), [_frequency_row(case) for case in result.cases]),
     ]
     parts += [f"Left out: {warning}" for warning in result.warnings]
     if report is not None:
@@ -121,7 +121,7 @@ def _gain_row(case: "Case") -> tuple[str, ...]:
 
 
 def _frequency_row(case: "Case") -> tuple[str, ...]:
-    frequencies = frequency(case.predicted_frequency), frequency(case.simulated_frequency)
+    frequencies = (digits(omega, significant=5) for omega in (case.predicted_frequency, case.simulated_frequency))
     return case.what, case.witness, *frequencies, *_verdict(case, case.frequency_difference)
 
 

@@ -11,8 +11,8 @@ from functools import cache
 import numpy as np
 
 from ..arrays import Floats
+from ..robot.ground import Ground, Sole
 from ..robot.tasks import Task
-from ..simulation.mujoco_model import Ground, Sole
 from ..simulation.robot_result import RobotRun
 from ..simulation.robot_run import run_robot
 from ..simulation.robot_setup import RobotSetup

@@ -9,8 +9,8 @@ a step, provided that the torque of a step at t is the mean over t ± h/2 (torqu
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,7 @@ from ..errors import GainroomError, require_finite, require_positive
 from ..robot.actuators import Actuators
 from ..robot.body import RigidBody, library, put_position
 from ..robot.contact import Contact
+from ..robot.ground import Ground, Sole
 from ..robot.patterns import nearest
 
 CLOSEST = 0.9999
@@ -29,38 +30,6 @@ HEIGHT = 0.02
 """Of the boxes under flat feet, and the radius of the cylinders and balls under line and point contacts [m]."""
 GROUND_TIME = 2e-3
 """How fast the ground pushes back [s]: as hard as concrete beside the frequencies at which loops vibrate."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Sole:
-    """The rectangle of a contact frame's x-y plane that touches the ground; a line contact uses its width alone, a point contact nothing.
-
-    length, width   along x and y of the frame [m]
-    center          of the rectangle in the frame [m]
-    """
-
-    length: float = 0.2
-    width: float = 0.1
-    center: tuple[float, float] = (0.0, 0.0)
-
-    def __post_init__(self) -> None:
-        require_positive("sole", "length", self.length, "m")
-        require_positive("sole", "width", self.width, "m")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Ground:
-    """Ground that the feet stand on and may leave: under each contact frame a plane through it, normal to its z axis.
-
-    friction   of Coulomb, between sole and ground
-    soles      by frame; a Sole of ordinary size where none is given
-    """
-
-    friction: float = 0.8
-    soles: Mapping[str, Sole] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        require_positive("ground", "friction", self.friction)
 
 
 @dataclass(frozen=True, eq=False)

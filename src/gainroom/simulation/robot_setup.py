@@ -15,10 +15,10 @@ from ..plant import ElasticJoint
 from ..robot.actuators import Actuators
 from ..robot.body import RigidBody, library
 from ..robot.contact import Contact
+from ..robot.ground import Ground
 from ..robot.linearize import linearize
 from ..robot.tasks import Task
 from ..robot_spec import RobotControl, RobotSpec
-from .mujoco_model import Ground
 
 FINEST = 0.5
 """Steps are so short that the fastest vibration of the plant turns by no more than this in one [rad]: it is heard 1 % too high."""
