@@ -55,16 +55,14 @@ def test_friction_leaves_an_error(tmp_path: Path, capsys: pytest.CaptureFixture[
 
 
 def test_commands_are_cut_at_the_torque_limit(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    text = JOINT.replace("scenario: {", "scenario: {torque_limit: {elbow: LIMIT}, ")
+    text = JOINT.replace("scenario: {", "scenario: {torque_limit: {elbow: 7.7}, ")
     log = tmp_path / "run.csv"
-    played(write_arm(tmp_path, text.replace("LIMIT", "7.7")), capsys, "--log", str(log))
+    played(write_arm(tmp_path, text), capsys, "--log", str(log))
     logged = read_log(log).signals
     shoulder, elbow = (np.abs(logged["demand_torque"][:, k]).max() for k in (0, 1))
     assert elbow == pytest.approx(7.7, abs=1e-12)
     assert np.abs(logged["target_torque"][:, 1]).max() > 7.8  # asked for more
     assert shoulder > 7.8
-    assert main(["simulate", str(write_arm(tmp_path, text.replace("LIMIT", "2.0")))]) == 2
-    assert "joint 'elbow': torque_limit 2 N·m cannot hold the posture" in capsys.readouterr().err
 
 
 def test_encoders_have_steps(tmp_path: Path, capsys: pytest.CaptureFixture[str]):

@@ -95,7 +95,6 @@ class RobotSimulation:
         )
         self.channels = self.control.channels
         start = self.control.holding_torque
-        _require_held(setup, start)
         self.line = TorqueLine(setup.drives, setup.sample_time, substeps, setup.torque_limit)
         self.line.rest(start)
         self.data: Any = self.robot.new_data(setup.q, start)
@@ -155,14 +154,6 @@ class _Upright:
         a, b, c = self.up
         vertical = 2 * (qx * qz - qy * qw) * a + 2 * (qy * qz + qx * qw) * b + (1 - 2 * (qx * qx + qy * qy)) * c
         return abs(z - self.ground - self.height) < FALLEN * self.height and vertical > math.cos(FALLEN)
-
-
-def _require_held(setup: RobotSetup, torque: Floats) -> None:
-    """Raise GainroomError where the drives cannot give the `torque` (n,) [N m] that holds the robot in its posture."""
-    limit = np.broadcast_to(setup.torque_limit, torque.shape)
-    for name, most, needed in zip(setup.body.joint_names, limit, np.abs(torque), strict=True):
-        if needed > most:
-            raise GainroomError(f"simulation: joint {name!r}: torque_limit {most:g} N·m cannot hold the posture, which takes {needed:.4g} N·m")
 
 
 def _upright(setup: RobotSetup) -> _Upright | None:
