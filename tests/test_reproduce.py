@@ -7,13 +7,15 @@ import sys
 
 import pytest
 
-from gainroom.reproduce import Reproduction, com_motion, fig9, run_reproduction
+from gainroom.loop import ClosedLoop
+from gainroom.reproduce import Reproduction, com_motion, eq4, eq10, fig9, run_reproduction
 from gainroom.reproduce.page import reproduction_page
 from gainroom.reproduce.row import at_least, compare
+from gainroom.robot.tasks import Tasks
 
 FIG9 = {"neither": (52.1, 3970), "elasticity": (27.5, 3970), "delay": (31.0, 619), "both": (6.2, 620)}
-PREFIXES = ("fig4.", "fig5.", "fig6.", "fig7.", *(f"fig9.{case}." for case in FIG9), "testbed.", "fig11.")
-ROBOT_PREFIXES = ("fig12.", "fig14.", "table1.", "claim2.", "claim3.", "claim4.")
+PREFIXES = ("eq4.", "fig4.", "fig5.", "fig6.", "fig7.", *(f"fig9.{case}." for case in FIG9), "testbed.", "fig11.")
+ROBOT_PREFIXES = ("eq10.", "fig12.", "fig14.", "table1.", "claim2.", "claim3.", "claim4.")
 
 
 @pytest.fixture(scope="module")
@@ -33,6 +35,14 @@ def test_every_row_agrees_and_every_figure_is_there(result: Reproduction):
     assert all(name.startswith((*PREFIXES, *ROBOT_PREFIXES)) for name in ids)
     assert all(any(name.startswith(prefix) for name in ids) for prefix in (*PREFIXES, *ROBOT_PREFIXES))
     assert not result.warnings
+
+
+def test_rows_of_equations_see_a_wrong_sign(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(ClosedLoop, "noise", ClosedLoop.reference)
+    assert [row.id for row in eq4.rows() if not row.agrees] == ["eq4.noise.deviation"]
+    joint_gains = Tasks.joint_gains
+    monkeypatch.setattr(Tasks, "joint_gains", lambda self, kp, kd: tuple(-gains for gains in joint_gains(self, kp, kd)))
+    assert [row.id for row in eq10.rows() if not row.agrees] == ["eq10.double.torque_deviation", "eq10.left.torque_deviation"]
 
 
 def test_what_does_not_agree_says_why(result: Reproduction):
@@ -105,7 +115,7 @@ def test_without_pinocchio_the_joint_rows_remain(monkeypatch: pytest.MonkeyPatch
     assert "\n" not in warning
     alone = {row.id for row in rest.rows}
     assert {row.id for row in result.rows} - alone == {
-        row.id for row in result.rows if row.id.startswith(("fig12.", "fig14.", "table1.", "claim2.biped_", "claim3.", "claim4."))
+        row.id for row in result.rows if row.id.startswith(("fig12.", "fig14.", "eq10.", "table1.", "claim2.biped_", "claim3.", "claim4."))
     }
     page = reproduction_page(rest, "gainroom reproduce")
     assert html.escape(warning) in page

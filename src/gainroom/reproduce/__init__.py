@@ -12,12 +12,12 @@ from types import ModuleType
 
 from ..errors import GainroomError
 from ..robot.body import library
-from . import claim2, claim2_biped, claim3, claim4, com_motion, fig4, fig5, fig6, fig7, fig9, fig11, table1, testbed
+from . import claim2, claim2_biped, claim3, claim4, com_motion, eq4, eq10, fig4, fig5, fig6, fig7, fig9, fig11, table1, testbed
 from .picture import Picture
 from .row import Row
 
-FIGURES = (fig4, fig5, fig6, fig7, fig9, testbed, fig11, com_motion, table1, claim2, claim2_biped, claim3, claim4)
-ON_THE_ROBOT = (com_motion, table1, claim2_biped, claim3, claim4)
+FIGURES = (fig4, fig5, fig6, fig7, eq4, fig9, testbed, fig11, com_motion, eq10, table1, claim2, claim2_biped, claim3, claim4)
+ON_THE_ROBOT = (com_motion, eq10, table1, claim2_biped, claim3, claim4)
 IN_MUJOCO = (com_motion,)
 
 
@@ -46,7 +46,7 @@ def _left_out() -> tuple[tuple[ModuleType, ...], tuple[str, ...]]:
     try:
         library("pinocchio", "Pinocchio")
     except GainroomError as error:
-        return ON_THE_ROBOT, (f"Figs. 12 and 14, Table I and what the claims say about the biped are left out: {error}",)
+        return ON_THE_ROBOT, (f"Figs. 12 and 14, eqs. (5) to (10), Table I and what the claims say about the biped are left out: {error}",)
     try:
         library("mujoco", "MuJoCo")
     except GainroomError as error:
