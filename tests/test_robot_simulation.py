@@ -91,6 +91,23 @@ def test_too_much_gain_diverges(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert facts["diverged"] or facts["vibrates"]
 
 
+def test_numbers_are_what_the_log_says(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """The encoders are the motors', so the log has what the controller saw; the elbow goes 0.1 rad from 0.9."""
+    log = tmp_path / "run.csv"
+    _, facts = played(write_arm(tmp_path, JOINT), capsys, "--log", str(log))
+    kept = read_log(log)
+    torque, seen = kept.signals["actual_torque"], kept.signals["motor_position"]
+    assert facts["torque_peak"] == {name: np.abs(torque[:, k]).max() for k, name in enumerate(kept.joint_names)}
+    beyond = (seen[:, 1].max() - seen[0, 1]) / 0.1 - 1
+    assert facts["tracking"]["elbow"]["overshoot"] == pytest.approx(max(beyond, 0.0), abs=1e-9)
+    outside = np.abs(seen[:, 1] - seen[0, 1] - 0.1) > 0.02 * 0.1
+    settled = kept.time[np.flatnonzero(outside)[-1] + 1]
+    assert facts["tracking"]["elbow"]["settling_time"] == pytest.approx(settled, abs=2 * 5e-4)  # from the first tick that moves
+    assert facts["tracking"]["shoulder"]["overshoot"] is None
+    assert facts["predicted"]["stable"] is True
+    assert facts["slip"] == {}
+
+
 @pytest.mark.parametrize(
     ("scenario", "says"),
     [

@@ -24,7 +24,8 @@ from gainroom.cli.interrupts import stop_signals
 from gainroom.config import parse_simulation
 from gainroom.errors import GainroomError
 from gainroom.io.logs import read_log
-from gainroom.report.simulation import simulation_page, thinned
+from gainroom.report.played import thinned
+from gainroom.report.simulation import simulation_page
 from gainroom.simulation import vibration
 from gainroom.simulation_study import Interrupted, simulate_joint
 from mutations import mutated_data

@@ -2,47 +2,119 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
-from .arrays import Floats
+from .arrays import Complexes, Floats
 from .errors import GainroomError
+from .limits import GainLimit
+from .messages import printable
 from .robot.patterns import select
 from .robot_spec import RobotSpec
-from .simulation.oscillation import SHORTEST, Vibration, vibration
+from .robot_states import STRONG, strongest_first
+from .robot_study import limit_of, moves
+from .simulation.oscillation import SHORTEST, Vibration, parts_in, vibration
+from .simulation.response import Tracking, track
 from .simulation.robot_result import RobotRun, joined_runs
 from .simulation.robot_run import stream_robot
-from .simulation.robot_setup import RobotSetup, hold, robot_setup
+from .simulation.robot_setup import RobotSetup, Unit, channel_units, hold, robot_setup
 from .simulation.trajectories import Spline
-from .simulation_study import Interrupted
+from .simulation_study import Interrupted, doubling, frequency_in_words, prediction_in_words, that_rings
 
 SMALL = 0.01
 """[m, rad] of a move where none is given."""
 NOTICED = 1e-5
 """[m, rad] a smaller vibration is none."""
+SEEN = 1e-6
+"""[m, rad] smaller errors are not told in the sentence."""
+TINY = 1e-7
+"""[m, rad] smaller errors are shown as 0."""
+LATE = 0.75
+"""Of the run: a move that ends later leaves too little to look at."""
+LOOKS = 2000
+"""Ticks at most at which the feet are looked at, which takes longer than to simulate them."""
 
 
 @dataclass(frozen=True)
 class RobotPlay:
-    """What `gainroom simulate` tells of a robot; rms, peak and steady_state (m,) of the error by channel [m, rad]."""
+    """What `gainroom simulate` tells of a robot.
 
+    gain          factor on all gains
+    moved_until   [s] when the reference comes to rest
+    tracking      by channel [m, rad]; of a run that ended early only `rms` and `peak`, the others are NaN
+    torque_peak, torque_rms   (n,) of the actual torque [N m]
+    slip          (c,) furthest that each contact frame was from where it started, looked at `LOOKS` times [m]
+    vibration     the strongest after the reference came to rest; of a run that ended early that of its second half, where the linear
+                  loop is unstable; None where nothing rings
+    parts         (n,) complex: the motors' parts in that vibration, the largest 1; None without one
+    limit         what the linear sampled loop predicts, as a factor on the gains played; None where the gains move nothing
+    sentence, warnings   in words
+    """
+
+    spec: RobotSpec
+    gain: float
+    moved_until: float
     run: RobotRun
-    rms: Floats
-    peak: Floats
-    steady_state: Floats
+    tracking: Tracking
+    torque_peak: Floats
+    torque_rms: Floats
+    slip: Floats
     vibration: Vibration | None
-    sentence: str
+    parts: Complexes | None
+    limit: GainLimit | None
+    sentence: str = ""
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def completed(self) -> bool:
+        """It lasted to its end."""
+        return self.run.ending == "completed"
+
+    @property
+    def lasted(self) -> float:
+        """[s] that were played."""
+        return len(self.run.time) * self.run.setup.sample_time
+
+    @property
+    def moving(self) -> bool:
+        """Whether anything is told to move."""
+        return bool((self.run.reference != self.run.reference[:1]).any())
 
     @property
     def vibrates(self) -> bool:
-        """After the move, so that anyone would see it, and growing."""
+        """So that anyone would see it, and growing."""
         found = self.vibration
         return found is not None and found.growth_rate > 0 and found.amplitude > NOTICED
 
     @property
     def sound(self) -> bool:
         """It stayed up, and does not vibrate."""
-        return self.run.ending == "completed" and not self.vibrates
+        return self.completed and not self.vibrates
+
+    @cached_property
+    def units(self) -> tuple[Unit, ...]:
+        """(m,) "m" or "rad", of each channel."""
+        return channel_units(self.run.setup)
+
+    @cached_property
+    def leading(self) -> tuple[int, ...]:
+        """The channels that tell how well it tracks, the one that is furthest off first, all in one unit: those that are moved, if any."""
+        reference = self.run.reference
+        moved = np.flatnonzero((reference != reference[:1]).any(axis=0))
+        among = moved.tolist() if len(moved) else list(range(len(self.units)))
+        return tuple(sorted((k for k in among if self.units[k] == self.units[among[0]]), key=lambda k: -self.tracking.peak[k]))
+
+    @cached_property
+    def others(self) -> tuple[int, ...]:
+        """All other channels, the one that is furthest off first, whatever its unit."""
+        return tuple(sorted(set(range(len(self.units))) - set(self.leading), key=lambda k: -self.tracking.peak[k]))
+
+    def parts_strongest_first(self) -> list[int]:
+        """The joints that take part in the vibration, the strongest first."""
+        if self.parts is None:
+            return []
+        return [k for k in strongest_first(self.parts).tolist() if abs(self.parts[k]) >= STRONG]
 
 
 def setup_of(spec: RobotSpec) -> RobotSetup:
@@ -96,12 +168,12 @@ def play_robot(
     """
     setup = setup_of(spec)
     try:
-        moves = moves_of(spec, setup)
+        way = moves_of(spec, setup)
     except GainroomError as error:
         raise GainroomError(f"{spec.robot.name}: {error}") from error
     played, offsets = spec.scenario, hold(setup, spec.scenario.duration)
     time = setup.sample_time * np.arange(len(offsets))
-    offsets = Spline.move(moves, played.move_duration, order=5).position(time)
+    offsets = Spline.move(way, played.move_duration, order=5).position(time)
     parts, done = [], 0
     for part in stream_robot(setup, offsets, gain=gain):
         rows(part)
@@ -110,28 +182,91 @@ def play_robot(
         progress(done, len(offsets), "")
         if stopped():
             raise Interrupted(done * setup.sample_time)
-    return _told(joined_runs(parts), played.move_duration)
+    run = joined_runs(parts)
+    if not len(run.time):
+        raise GainroomError(f"{spec.robot.name}: the first torques are not finite: the gains are too large to compute with")
+    return _told(spec, gain, run)
 
 
-def _told(run: RobotRun, moved: float) -> RobotPlay:
-    after = run.error[run.time >= moved]
-    found = None
-    if run.ending == "completed" and len(after) >= SHORTEST:
-        found = vibration(after, run.setup.sample_time)
-    peak = np.abs(run.error).max(axis=0, initial=0.0)
-    steady = run.steady_error() if run.ending == "completed" else np.full(peak.shape, np.nan)
-    rms = np.sqrt(np.mean(run.error**2, axis=0)) if len(run.error) else peak
-    play = RobotPlay(run, rms, peak, steady, found, "")
-    return replace(play, sentence=_sentence(play))
+def _told(spec: RobotSpec, gain: float, run: RobotRun) -> RobotPlay:
+    moved, torque = spec.scenario.move_duration, run.actual_torque
+    seen = run.rows(slice(round(moved / run.setup.sample_time) if run.ending == "completed" else len(run.time) // 2, None))
+    found = that_rings(vibration(seen.error, run.setup.sample_time), NOTICED) if len(seen.time) >= SHORTEST else None
+    limit, parts = _limit(spec, gain), None
+    if run.ending != "completed" and (limit is None or limit.stable):
+        found = None  # what swings as the robot topples is no vibration
+    if found is not None:
+        parts = parts_in(seen.motor_position, run.setup.sample_time, found)
+        parts = parts / parts[np.argmax(np.abs(parts))]
+    play = RobotPlay(
+        spec,
+        gain,
+        moved,
+        run,
+        _tracking(run),
+        np.abs(torque).max(axis=0),
+        np.sqrt(np.mean(torque**2, axis=0)),
+        run.rows(slice(None, None, max(1, len(run.time) // LOOKS))).slip.max(axis=0),
+        found,
+        parts,
+        limit,
+    )
+    return replace(play, sentence=_sentence(play), warnings=(*spec.warnings, *_warnings(play)))
+
+
+def _tracking(run: RobotRun) -> Tracking:
+    found = track(run)
+    if run.ending == "completed":
+        return found
+    nothing = np.full(len(run.channels), np.nan)
+    return replace(found, steady_state=nothing, overshoot=nothing, settling_time=nothing)
+
+
+def _limit(spec: RobotSpec, gain: float) -> GainLimit | None:
+    """Of the linear loop in the scenario's posture and contact state, which knows nothing of its friction and ground."""
+    loop = spec.loop(spec.robot.linearize(spec.scenario.posture, spec.scenario.contact)).scaled(gain)
+    return limit_of(loop) if moves(loop) else None
 
 
 def _sentence(play: RobotPlay) -> str:
-    run = play.run
-    if run.ending != "completed":
-        return f"{run.reason[0].upper()}{run.reason[1:]}."
-    worst = int(np.argmax(play.peak))
-    peak, last = 1e3 * play.peak[worst], 1e3 * abs(play.steady_state[worst])
-    off = f"{run.channels[worst]!r} is up to {peak:.3g} mm or mrad off, {last:.3g} in the end"
-    if play.vibrates and play.vibration is not None:
-        return f"Vibrates at {play.vibration.frequency:.4g} rad/s, and it grows; {off}."
-    return f"Tracks and does not vibrate: {off}."
+    """The answer in one sentence."""
+    run, found, first = play.run, play.tracking, play.leading[0]
+    shakes = play.vibration if play.vibrates else None
+    name = printable(run.channels[first])
+
+    def error(channel: int, values: Floats) -> str:
+        value, unit = abs(values[channel]), f"m{play.units[channel]}"
+        return f"{1e3 * value:.3g} {unit}" if value >= SEEN else f"less than {1e3 * SEEN:g} {unit}"
+
+    if not play.completed:
+        text = f"{run.reason[0].upper()}{run.reason[1:]}, {name} {error(first, found.peak)} off its reference"
+        if shakes is not None and run.ending == "diverged":
+            text += f", vibrating at {frequency_in_words(shakes.frequency)}"
+    elif shakes is not None:
+        most = printable(run.joint_names[play.parts_strongest_first()[0]])
+        text = f"Vibrates at {frequency_in_words(shakes.frequency)}, {doubling(shakes)}, {most} most of all"
+    else:
+        text = f"Tracks and does not vibrate: {name} stays within {error(first, found.peak)} of its reference"
+        text += f" and ends {error(first, found.steady_state)} off"
+        if play.others and found.peak[play.others[0]] > NOTICED:
+            text += f", {printable(run.channels[play.others[0]])}, held, strays by {error(play.others[0], found.peak)}"
+    predicted = "these gains move nothing in this state" if play.limit is None else prediction_in_words(play.limit)
+    return f"{text}; {predicted}."
+
+
+def _warnings(play: RobotPlay) -> list[str]:
+    """What a user should know or do, each with the remedy."""
+    told, limit = [], play.limit
+    if play.completed and play.moved_until > LATE * play.spec.scenario.duration:
+        told.append(
+            "the move ends late in the run or not at all: lengthen scenario.duration for a steady state, and to see whether it vibrates"
+        )
+    if limit is None:
+        return told
+    if limit.stable and not play.completed:
+        told.append("the linear loop is stable: it is the move, the feet or friction that end it so, not gains that are too high")
+    elif limit.stable and not play.sound:
+        told.append("the linear loop is stable: ground, friction or a large motion keep this up; take one away at a time")
+    if not limit.stable and play.sound:
+        told.append("the linear loop is unstable all the same: friction hides it, or the run is too short, lengthen scenario.duration")
+    return told

@@ -118,7 +118,7 @@ def margins_of(loop: Loop) -> JointMargins:
         return _no_margins(_verdict(loop, error))
 
 
-def _limit_of(loop: Loop) -> GainLimit:
+def limit_of(loop: Loop) -> GainLimit:
     """gain_limit, or the verdict alone."""
     try:
         return gain_limit(loop)
@@ -160,7 +160,7 @@ def single_joint_limits(spec: RobotSpec, model: "RobotModel", controller: PD | P
             limits[k] = math.inf
             continue
         alone = single_joint(model, k)
-        limits[k] = _limit_of(build_loop(alone, spec.drives[k], own, spec.control.feedback, spec.control.sample_time)).gain
+        limits[k] = limit_of(build_loop(alone, spec.drives[k], own, spec.control.feedback, spec.control.sample_time)).gain
     return limits
 
 
@@ -229,11 +229,11 @@ def _tasks(spec: RobotSpec, model: "RobotModel") -> TaskStudy:
     movable = tasks.movable
     acting = np.flatnonzero(movable & ((tasks.kp != 0) | (tasks.kd != 0) | (tasks.ki != 0))).tolist()
     loop = spec.loop(model, spec.shaped(tasks.controller()))
-    limit = _limit_of(loop) if acting else _no_limit(model.size)
+    limit = limit_of(loop) if acting else _no_limit(model.size)
     shares = [replace(tasks, torque=tasks.torque * np.eye(count)[k]) for k in acting]
     parts = [spec.loop(model, spec.shaped(share.controller())) for share in shares]
     alone, closed = np.full(count, math.nan), np.full(count, math.nan)
-    alone[acting] = [_limit_of(part).gain for part in parts]
+    alone[acting] = [limit_of(part).gain for part in parts]
     if limit.stable:
         closed[acting] = part_limits(loop, parts)
     owners = [task.name for task in tasks.tasks for _ in range(model.size if task.kind == "posture" else 3)]

@@ -92,9 +92,7 @@ def simulate_joint(
         if interrupted():
             raise Interrupted(done * spec.sample_time)
     response = joined(parts)
-    found = _vibration(spec, gain, response)
-    if found is not None and (found.damping_ratio > SETTLING or (found.growth_rate < 0 and found.amplitude < GONE)):
-        found = None
+    found = that_rings(_vibration(spec, gain, response), GONE)
     vibrates = found is not None and _vibrates(spec, found)
     tracking, limit = track(response), gain_limit(spec.loop(gain))
     if spec.swings:  # such a reference goes nowhere
@@ -111,6 +109,13 @@ def simulate_joint(
         _sentence(spec, response, tracking, found, vibrates, limit),
         _warnings(spec, response, vibrates, limit),
     )
+
+
+def that_rings(found: Vibration | None, gone: float) -> Vibration | None:
+    """`found`; None where that is something coming to rest, or has died away below an amplitude of `gone`."""
+    if found is not None and (found.damping_ratio > SETTLING or (found.growth_rate < 0 and found.amplitude < gone)):
+        return None
+    return found
 
 
 @dataclass(frozen=True)
@@ -163,22 +168,24 @@ def _sentence(
     """The answer in one sentence."""
     side, shakes = f"the {response.feedback} side", vibration if vibrates else None
     if response.diverged:
-        shaking = "" if shakes is None else f", vibrating at {_frequency(shakes.frequency)}"
+        shaking = "" if shakes is None else f", vibrating at {frequency_in_words(shakes.frequency)}"
         text = f"Diverges: {side} runs away within {response.diverged_at:.3g} s{shaking}"
     elif shakes is not None:
-        growth = (
-            f"keeping up at {_mrad(shakes.amplitude)}"
-            if _keeps_up(spec, shakes)
-            else f"doubling every {math.log(2) / shakes.growth_rate:.3g} s"
-        )
-        text = f"Vibrates at {_frequency(shakes.frequency)}, {growth}"
+        growth = f"keeping up at {_mrad(shakes.amplitude)}" if _keeps_up(spec, shakes) else doubling(shakes)
+        text = f"Vibrates at {frequency_in_words(shakes.frequency)}, {growth}"
     else:
         peak, rms, last = (float(np.abs(value).max()) for value in (tracking.peak, tracking.rms, tracking.steady_state))
         text = f"No vibration: {side} stays within {_mrad(peak)} of its reference (RMS {_mrad(rms)}) and ends {_mrad(last)} off"
-    return f"{text}; {_prediction(limit)}."
+    return f"{text}; {prediction_in_words(limit)}."
 
 
-def _frequency(omega: float) -> str:
+def doubling(found: Vibration) -> str:
+    """How fast it grows."""
+    return f"doubling every {math.log(2) / found.growth_rate:.3g} s"
+
+
+def frequency_in_words(omega: float) -> str:
+    """Hz, and rad/s."""
     return f"{omega / (2 * math.pi):.3g} Hz ({omega:.4g} rad/s)"
 
 
@@ -186,13 +193,17 @@ def _mrad(angle: float) -> str:
     return f"{1e3 * angle:.3g} mrad" if angle >= 1e-6 else "less than 0.001 mrad"
 
 
-def _prediction(limit: GainLimit) -> str:
+def prediction_in_words(limit: GainLimit) -> str:
     """What the linear loop says, to set against what was seen."""
+    if math.isnan(limit.gain):
+        return f"the linear loop is {'stable' if limit.stable else 'unstable'}, how far its gains may go is not known"
     if math.isinf(limit.gain):
         return "no factor on these gains makes the linear loop vibrate"
     if limit.gain <= 0:
         return "no lower gains make the linear loop stable"
-    return f"the linear loop begins to vibrate at {limit.gain:.3g} times these gains, at {_frequency(limit.frequency)}"
+    if limit.frequency == 0:
+        return f"the linear loop topples, without swinging, at {limit.gain:.3g} times these gains"
+    return f"the linear loop begins to vibrate at {limit.gain:.3g} times these gains, at {frequency_in_words(limit.frequency)}"
 
 
 def _warnings(spec: SimulationSpec, response: Response, vibrates: bool, limit: GainLimit) -> tuple[str, ...]:

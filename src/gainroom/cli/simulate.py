@@ -1,7 +1,6 @@
 """gainroom simulate: a scenario, played."""
 
 import contextlib
-import math
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..io.numbers import digits, frequency
+from ..io.numbers import digits, frequency, milli, settling
 from .interrupts import stop_signals
 from .kinds import kind_of
 from .options import AsJson, Report, command_line, report_stream
@@ -18,6 +17,7 @@ from .output import emit, emit_json, render, table
 from .progress import progress_bar
 
 if TYPE_CHECKING:
+    from ..limits import GainLimit
     from ..simulation import Response
     from ..simulation.robot_result import RobotRun
     from ..simulation_study import SimulationStudy
@@ -66,13 +66,17 @@ def simulate(
         if stream is not None:
             from ..report.simulation import simulation_page
 
-            factor = ("--gain", f"{gain:g}") if gain != 1 else ()
-            stream.write(simulation_page(study, command_line("simulate", file, *factor, "--report", report)))
+            stream.write(simulation_page(study, command_line("simulate", file, *factor_words(gain), "--report", report)))
     if as_json:
         emit_json(_facts(study, log))
     else:
         emit(_terminal(study, report, log))
     return 0 if study.sound else 1
+
+
+def factor_words(gain: float) -> tuple[str, ...]:
+    """`--gain` as it was typed, if it was."""
+    return ("--gain", repr(gain).removesuffix(".0")) if gain != 1 else ()
 
 
 @contextlib.contextmanager
@@ -126,16 +130,22 @@ def _terminal(study: "SimulationStudy", report: Path | None, log: Path | None) -
     seen = ("none", "")
     if vibration is not None:
         seen = frequency(vibration.frequency), "keeps up" if study.keeps_up else digits(vibration.growth_rate, "1/s", 3)
-    predicted = (frequency(limit.frequency), f"from {digits(limit.gain)} × these gains on" if limit.gain > 0 else "at all gains")
     parts: list[Any] = [
         study.sentence,
         "",
         *([] if response.diverged else [table(title, columns, [_row(study, k) for k in range(len(response.joint_names))])]),
-        table("Vibration", ("", "frequency", "growth"), [("simulated", *seen), ("linear loop", *predicted)]),
+        table("Vibration", ("", "frequency", "growth"), [("simulated", *seen), ("linear loop", *limit_words(limit))]),
     ]
     parts += [f"{name}: {path}" for name, path in (("Log", log), ("Report", report)) if path is not None]
     parts += [f"Warning: {warning}" for warning in study.warnings]
     return render(*parts)
+
+
+def limit_words(limit: "GainLimit | None") -> tuple[str, str]:
+    """Where the linear loop begins to vibrate: frequency, and factor on the gains played; None: they move nothing."""
+    if limit is None:
+        return "none", "the gains move nothing"
+    return frequency(limit.frequency), "at all gains" if limit.gain <= 0 else f"from {digits(limit.gain)} × these gains on"
 
 
 def _row(study: "SimulationStudy", k: int) -> tuple[str, ...]:
@@ -144,11 +154,6 @@ def _row(study: "SimulationStudy", k: int) -> tuple[str, ...]:
         study.response.joint_names[k],
         *(milli(float(value[k])) for value in (found.rms, found.peak, found.steady_state)),
         digits(100 * float(found.overshoot[k]), "%", 3),
-        "never" if math.isinf(found.settling_time[k]) else digits(float(found.settling_time[k]), "s", 3),
+        settling(float(found.settling_time[k])),
         digits(float(study.torque_peak[k]), "N·m", 3),
     )
-
-
-def milli(angle: float) -> str:
-    """An angle [rad] in mrad, with rounding errors as 0."""
-    return digits(0.0 if abs(angle) < 1e-9 else 1e3 * angle, significant=3)

@@ -6,79 +6,109 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from ..io.numbers import digits, frequency
+from ..io.numbers import digits, frequency, milli, settling
 from .interrupts import stop_signals
+from .options import command_line, report_stream
 from .output import emit, emit_json, render, table
 from .progress import progress_bar
 
 if TYPE_CHECKING:
     from ..robot_simulation import RobotPlay
 
+TRACKING = ("", "RMS", "peak", "steady state", "overshoot", "settles in")
+MOST_JOINTS = 6
+"""In the terminal's table of torques."""
+
 
 def simulate_robot(file: Path, as_json: bool, report: Path | None, log: Path | None, gain: float) -> int:
     """As `gainroom simulate` says. Raises GainroomError as play_robot."""
-    from ..errors import GainroomError
     from ..robot_config import load_robot_spec
     from ..robot_simulation import play_robot
     from ..robot_verification import require_sampled
     from ..simulation_study import Interrupted
-    from .simulate import log_rows
+    from .simulate import factor_words, log_rows
 
-    if report is not None:
-        raise GainroomError("--report: there is no page for the simulation of a robot; leave it out, --log keeps the run")
     spec = load_robot_spec(file)
     require_sampled(spec)
-    with stop_signals() as stopped:
-        try:
-            with log_rows(log, file, spec.robot.joint_names) as rows, progress_bar("simulate:") as progress:
-                play = play_robot(spec, gain, rows, progress, lambda: stopped() != 0)
-        except Interrupted as end:
-            kept = "" if log is None else f"; {log} holds what was done"
-            print(f"gainroom: interrupted at {end.time:g} s of {spec.scenario.duration:g} s{kept}", file=sys.stderr)
-            raise typer.Exit(128 + stopped()) from end
-    warnings = [*spec.warnings]
+    with report_stream(report, [file] if log is None else [file, log]) as stream:
+        with stop_signals() as stopped:
+            try:
+                with log_rows(log, file, spec.robot.joint_names) as rows, progress_bar("simulate:") as progress:
+                    play = play_robot(spec, gain, rows, progress, lambda: stopped() != 0)
+            except Interrupted as end:
+                kept = "" if log is None else f"; {log} holds what was done"
+                print(f"gainroom: interrupted at {end.time:g} s of {spec.scenario.duration:g} s{kept}", file=sys.stderr)
+                raise typer.Exit(128 + stopped()) from end
+        if stream is not None:
+            from ..report.robot_simulation import robot_simulation_page
+
+            stream.write(robot_simulation_page(play, command_line("simulate", file, *factor_words(gain), "--report", report)))
     if as_json:
-        emit_json(_facts(play, gain, log, warnings))
+        emit_json(_facts(play, log))
     else:
-        emit(_terminal(play, log, warnings))
+        emit(_terminal(play, report, log))
     return 0 if play.sound else 1
 
 
-def _facts(play: "RobotPlay", gain: float, log: Path | None, warnings: list[str]) -> dict[str, Any]:
+def _facts(play: "RobotPlay", log: Path | None) -> dict[str, Any]:
     """What --json prints."""
-    run, seen = play.run, play.vibration
-    names = ("rms", "peak", "steady_state")
-    ended = float(run.time[-1]) if run.ending != "completed" and len(run.time) else None
+    run, seen, found, limit = play.run, play.vibration, play.tracking, play.limit
+    columns = ("rms", "peak", "steady_state", "overshoot", "settling_time")
     return {
         "diverged": run.ending == "diverged",
         "fell": run.ending == "fell",
-        "ended_at": ended,
+        "ended_at": None if play.completed else float(run.time[-1]),
         "vibrates": play.vibrates,
         "sentence": play.sentence,
         "model": "mujoco",
         "sample_rate_hz": 1 / run.setup.sample_time,
-        "gain": gain,
-        "tracking": {channel: {name: getattr(play, name)[k] for name in names} for k, channel in enumerate(run.channels)},
+        "gain": play.gain,
+        "tracking": {channel: {name: getattr(found, name)[k] for name in columns} for k, channel in enumerate(run.channels)},
+        "torque_peak": dict(zip(run.joint_names, play.torque_peak.tolist(), strict=True)),
+        "slip": {contact.frame: away for contact, away in zip(run.setup.contacts, play.slip.tolist(), strict=True)},
         "vibration": None
         if seen is None
-        else {"frequency_rad_s": seen.frequency, "growth_rate": seen.growth_rate, "amplitude": seen.amplitude},
+        else {
+            "frequency_rad_s": seen.frequency,
+            "growth_rate": seen.growth_rate,
+            "amplitude": seen.amplitude,
+            "joints": [run.joint_names[k] for k in play.parts_strongest_first()],
+        },
+        "predicted": None
+        if limit is None
+        else {"stable": limit.stable, "gain_limit": limit.gain, "limit_frequency_rad_s": limit.frequency},
         "log": None if log is None else str(log),
-        "warnings": warnings,
+        "warnings": list(play.warnings),
     }
 
 
-def _terminal(play: "RobotPlay", log: Path | None, warnings: list[str]) -> str:
-    from .simulate import milli
+def _terminal(play: "RobotPlay", report: Path | None, log: Path | None) -> str:
+    from ..robot_simulation import TINY
+    from .simulate import limit_words
 
-    run = play.run
+    run, found, seen = play.run, play.tracking, play.vibration
     rows = [
-        (channel, *(milli(float(value[k])) for value in (play.rms, play.peak, play.steady_state))) for k, channel in enumerate(run.channels)
+        (
+            f"{channel} [m{play.units[k]}]",
+            *(milli(float(value[k]), TINY) for value in (found.rms, found.peak, found.steady_state)),
+            digits(100 * float(found.overshoot[k]), "%", 3),
+            settling(float(found.settling_time[k])),
+        )
+        for k, channel in enumerate(run.channels)
     ]
-    title = f"Tracking in MuJoCo at {digits(1 / run.setup.sample_time, 'Hz')}"
-    parts: list[Any] = [play.sentence, "", table(title, ("[mm, mrad]", "RMS", "peak", "steady state"), rows)]
-    if play.vibration is not None:
-        parts.append(f"Last vibration: {frequency(play.vibration.frequency)}, growth {digits(play.vibration.growth_rate, '1/s', 3)}")
-    if log is not None:
-        parts.append(f"Log: {log}")
-    parts += [f"Warning: {warning}" for warning in warnings]
+    hardest = sorted(range(len(run.joint_names)), key=lambda k: -play.torque_peak[k])[:MOST_JOINTS]
+    heard = ("none", "") if seen is None else (frequency(seen.frequency), digits(seen.growth_rate, "1/s", 3))
+    parts: list[Any] = [
+        play.sentence,
+        "",
+        table(f"Tracking in MuJoCo at {digits(1 / run.setup.sample_time, 'Hz')}", TRACKING, rows),
+        table(
+            "Joints that work hardest",
+            ("", "torque peak", "RMS"),
+            [(run.joint_names[k], *(digits(float(t[k]), "N·m", 3) for t in (play.torque_peak, play.torque_rms))) for k in hardest],
+        ),
+        table("Vibration", ("", "frequency", "growth"), [("simulated", *heard), ("linear loop", *limit_words(play.limit))]),
+    ]
+    parts += [f"{name}: {path}" for name, path in (("Log", log), ("Report", report)) if path is not None]
+    parts += [f"Warning: {warning}" for warning in play.warnings]
     return render(*parts)

@@ -25,6 +25,16 @@ def digits(value: float | None, unit: str = "", significant: int = 4) -> str:
     return text + (unit if unit == "°" else f" {unit}" if unit else "")
 
 
+def milli(value: float, floor: float = 1e-9) -> str:
+    """An error [rad, m] in thousandths, without unit, with what is below `floor` as 0."""
+    return digits(0.0 if abs(value) < floor else 1e3 * value, significant=3)
+
+
+def settling(time: float) -> str:
+    """A settling time [s]; inf: never, NaN: nothing to settle."""
+    return "never" if math.isinf(time) else digits(time, "s", 3)
+
+
 def decibels(factor: float) -> float:
     """20 log10 of a gain factor; −inf for 0."""
     return 20 * math.log10(factor) if factor > 0 else -math.inf if factor == 0 else math.nan

@@ -28,7 +28,7 @@ def hero(state: JudgedState, alone: bool) -> Html:
     notes += [] if vibration(limit) is None else labels(state.model, limit, view, float(part * WIDTH / wide))
     height = round(min(max(part * WIDTH * high / wide, 27 * len(names)), 420)) + 60
     bar = {"orientation": "h", "x": 0.5 * part, "xanchor": "center", "y": 0, "yanchor": "top", "len": 0.3}
-    picture = _layout(limit, notes, view, [0, part], bar)
+    picture = drawing_layout(limit, notes, view, [0, part], bar)
     picture |= {
         "xaxis2": style.axis("part in the vibration [–]", domain=[part + 0.24, 1], range=[0, 1.7], anchor="y2", tickvals=[0, 0.5, 1]),
         "yaxis2": style.axis("", range=[len(names) - 0.4, -0.6], tickvals=list(range(len(names))), ticktext=names, anchor="x2", ticks="")
@@ -51,7 +51,7 @@ def small(state: JudgedState, limit: GainLimit, view: View, others: int) -> Html
     others   postures of this contact state that have more room
     """
     traces, notes = drawn(state.model, limit, view, 12)
-    picture = _layout(limit, notes, view, [0, 1], {"len": 0.7, "xpad": 4})
+    picture = drawing_layout(limit, notes, view, [0, 1], {"len": 0.7, "xpad": 4})
     wide, high = view.high - view.low
     height = round(min(max(430 * high / wide, 220), 420)) + 16
     joints = limiting_joints(limit, state.model.joint_names)
@@ -99,7 +99,8 @@ def _hero_caption(state: JudgedState) -> str:
     return f"{lead}: start there if more room is needed. {text}"
 
 
-def _layout(limit: GainLimit, notes: list[style.Annotation], view: View, domain: list[float], bar: dict) -> dict:
+def drawing_layout(limit: GainLimit, notes: list[style.Annotation], view: View, domain: list[float], bar: dict) -> dict:
+    """The axes of a drawing, equal in both directions and hidden, in the share `domain` of the width; `bar`: the colour bar's place."""
     hidden = {"showgrid": False, "showline": False, "showticklabels": False, "ticks": "", "zeroline": False, "fixedrange": True}
     ground = "white" if limit.stable else style.UNSTABLE_GROUND
     return style.layout(

@@ -16,6 +16,7 @@ from . import style
 DEPTH = 0.5 * np.array([math.cos(math.pi / 6), math.sin(math.pi / 6)])  # cabinet projection: what is farther stands higher, at half scale
 SAME_PLACE = 0.015  # of the robot's size: joints closer than this are drawn around one point
 NEAR, FAR = "#7d7d7d", "#bdbdbd"  # links
+GHOST = "#b9dcf2"  # links in another posture
 FELT = 0.05  # smaller parts get no angle
 LINE = 17  # [px] a line of text is high
 Projection = Callable[[Floats], Floats]
@@ -44,7 +45,12 @@ class View:
 
 def common_view(states: Sequence[JudgedState], gap: float = 0.3) -> View:
     """A view that holds the robot in each of `states`, with `gap` of its size between the two sides."""
-    nodes = np.vstack([_outline(state.model) for state in states])
+    return view_of([state.model for state in states], gap)
+
+
+def view_of(models: Sequence[RobotModel], gap: float = 0.3) -> View:
+    """The same for models."""
+    nodes = np.vstack([_outline(model) for model in models])
     size = float(np.ptp(nodes, axis=0).max()) or 1.0
     bare = View(np.zeros(2), np.zeros(2), 0.0, size)
     side, front = bare.side(nodes), bare.front(nodes)
@@ -94,9 +100,27 @@ def _links(model: RobotModel, plane: Floats, depth: Floats, view: View) -> list[
     for color, far in ((FAR, True), (NEAR, False)):
         drawn = [(a, b) for a, b in ends if bool(not flat and depth[a] + depth[b] > 2 * middle + 1e-9) == far]
         if drawn:
-            x, y = ([value for a, b in drawn for value in (plane[a, axis], plane[b, axis], None)] for axis in (0, 1))
-            traces.append(style.line(x, y, color, width=5))
+            traces.append(_between(plane, drawn, color, 5))
     return traces
+
+
+def _between(plane: Floats, ends: Sequence[tuple[int, int]], color: str, width: float) -> style.Trace:
+    """Lines between pairs of nodes."""
+    x, y = ([value for a, b in ends for value in (plane[a, axis], plane[b, axis], None)] for axis in (0, 1))
+    return style.line(x, y, color, width=width)
+
+
+def ghost(model: RobotModel, view: View) -> list[style.Trace]:
+    """Where the links of another posture are, faintly, to be drawn first."""
+    skeleton = model.body.skeleton(model.q)
+    ends = [(k, int(parent)) for k, parent in enumerate(skeleton.parents) if parent >= 0]
+    return [_between(project(skeleton.positions), ends, GHOST, 4) for project in (view.side, view.front)]
+
+
+def path(points: Floats, view: View) -> list[style.Trace]:
+    """The way of a point (k, 3) [m] in both views."""
+    planes = (project(points) for project in (view.side, view.front))
+    return [style.line(plane[:, 0], plane[:, 1], style.BLUE, width=2.5) for plane in planes]
 
 
 def _joints(model: RobotModel, limit: GainLimit, plane: Floats, depth: Floats, size: int, view: View) -> list[style.Trace]:

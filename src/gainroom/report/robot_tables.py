@@ -1,13 +1,14 @@
 """The tables of a robot's page, and its inputs in words."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 
 import numpy as np
 
 from ..arrays import Floats
 from ..io.numbers import decibels, digits, frequency, quantity, requirement
+from ..robot.contact import Contact
 from ..robot_gains import GainSet, RobotGains
 from ..robot_spec import RobotSpec
 from ..robot_states import RobotStudy, StateStudy
@@ -207,33 +208,40 @@ def _kept_table(columns: Sequence[Column], spec: RobotSpec) -> Html:
 
 def inputs(spec: RobotSpec) -> Html:
     """The robot, its actuators, drives and control as the page has used them."""
-    body, actuators = spec.robot.body, spec.robot.actuators
-    rigid = int(np.count_nonzero(np.isinf(actuators.stiffness)))
-    drives = spec.drives
     pairs = [
-        *([] if spec.robot.name == body.source else [("file", spec.robot.name)]),
-        ("model", body.source),
-        ("joints", f"{body.size} actuated, {len(body.locked)} locked; {body.base} base; {digits(body.total_mass, 'kg')}"),
-        ("motor inertia, joint side", _span(actuators.motor_inertia, "kg·m²")),
-        (
-            "gearbox stiffness",
-            _span(actuators.stiffness[np.isfinite(actuators.stiffness)], "N·m/rad") + (f"; {rigid} rigid" if rigid else ""),
-        ),
-        ("gearbox damping", _span(actuators.damping, "N·m·s/rad")),
-        ("viscous friction, motor and link", f"{_span(actuators.motor_viscous)} and {_span(actuators.link_viscous, 'N·m·s/rad')}"),
-        ("current loops", _span([d.bandwidth for d in drives], "rad/s") + f", ζ {_span([d.damping_ratio for d in drives])}"),
-        ("delay, target to demand torque", _span([1e3 * drive.delay for drive in drives], "ms")),
-        ("control", _control(spec)),
-        ("encoders", f"{spec.control.feedback} side of the gearboxes"),
+        *machine(spec),
         ("gravity", "its stiffness is counted" if spec.robot.gravity else "left out"),
-        *((f"posture {name}", _angles(posture.angles)) for name, posture in list(spec.robot.postures.items())[:12]),
-        *((f"contact {name}", _contacts(contacts)) for name, contacts in list(spec.robot.contacts.items())[:12]),
+        *((f"posture {name}", angles_in_words(posture.angles)) for name, posture in list(spec.robot.postures.items())[:12]),
+        *((f"contact {name}", contacts_in_words(contacts)) for name, contacts in list(spec.robot.contacts.items())[:12]),
         ("uncertainty", _uncertainty(spec)),
     ]
     return facts(pairs)
 
 
-def _span(values, unit: str = "") -> str:
+def machine(spec: RobotSpec) -> list[tuple[str, str]]:
+    """The robot, its actuators, drives and control."""
+    body, actuators = spec.robot.body, spec.robot.actuators
+    rigid = int(np.count_nonzero(np.isinf(actuators.stiffness)))
+    drives = spec.drives
+    return [
+        *([] if spec.robot.name == body.source else [("file", spec.robot.name)]),
+        ("model", body.source),
+        ("joints", f"{body.size} actuated, {len(body.locked)} locked; {body.base} base; {digits(body.total_mass, 'kg')}"),
+        ("motor inertia, joint side", span(actuators.motor_inertia, "kg·m²")),
+        (
+            "gearbox stiffness",
+            span(actuators.stiffness[np.isfinite(actuators.stiffness)], "N·m/rad") + (f"; {rigid} rigid" if rigid else ""),
+        ),
+        ("gearbox damping", span(actuators.damping, "N·m·s/rad")),
+        ("viscous friction, motor and link", f"{span(actuators.motor_viscous)} and {span(actuators.link_viscous, 'N·m·s/rad')}"),
+        ("current loops", span([d.bandwidth for d in drives], "rad/s") + f", ζ {span([d.damping_ratio for d in drives])}"),
+        ("delay, target to demand torque", span([1e3 * drive.delay for drive in drives], "ms")),
+        ("control", _control(spec)),
+        ("encoders", f"{spec.control.feedback} side of the gearboxes"),
+    ]
+
+
+def span(values, unit: str = "") -> str:
     """One value where all are the same, else from the least to the largest."""
     values = np.asarray(values, dtype=float)
     if not len(values):
@@ -250,12 +258,14 @@ def _control(spec: RobotSpec) -> str:
     return f"{kind} in {control.space} space; {filters(control)}; {time}{rotors}"
 
 
-def _angles(angles) -> str:
+def angles_in_words(angles: Mapping[str, float]) -> str:
+    """A posture's."""
     told = ", ".join(f"{name} {digits(angle, '', 3)}" for name, angle in list(angles.items())[:40])
     return f"{told} rad; others 0" if told else "all joints at 0"
 
 
-def _contacts(contacts) -> str:
+def contacts_in_words(contacts: Sequence[Contact]) -> str:
+    """A contact state's."""
     return "; ".join(f"{one.frame}, {one.kind}, {'rigid' if one.stiffness is None else 'on springs'}" for one in contacts) or "none"
 
 

@@ -37,6 +37,11 @@ def is_continuous(joint: Any) -> bool:
     return joint.nq == 2 and joint.nv == 1
 
 
+def is_slide(joint: Any) -> bool:
+    """Whether this joint of Pinocchio's moves along its axis instead of about it."""
+    return joint.shortname().startswith("JointModelP")  # PX, PY, PZ, PrismaticUnaligned
+
+
 def put_position(q: Floats, joint: Any, value: float) -> None:
     """Write `value` [rad; m for a slide] as the position of one of Pinocchio's joints into posture `q`."""
     q[joint.idx_q : joint.idx_q + joint.nq] = (np.cos(value), np.sin(value)) if is_continuous(joint) else value

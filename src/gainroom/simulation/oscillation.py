@@ -22,6 +22,7 @@ LONGEST = 4000  # samples from the end that are looked at
 SHORTEST = 24
 NOISE = 2.858  # times the median singular value: what is noise in a square matrix; in a tall one even a little less
 PERIODS = 1.5  # that the window must hold of an oscillation
+PERIODS_FITTED = 12  # that parts are taken from
 SIGNIFICANT = 4.0  # times what the strongest of all frequencies explains in white noise
 FLOOR = 1e-12  # of the signal's largest value: rounding
 
@@ -87,6 +88,22 @@ def response_vibration(response: "Response", above: float = 0.0) -> Vibration | 
     if len(response.time) - begin < max(SHORTEST, len(response.time) // 10):
         begin = len(response.time) // 2
     return vibration(response.error[begin:], response.sample_time, above=above)
+
+
+def parts_in(signal: ArrayLike, sample_time: float, found: Vibration) -> Complexes:
+    """(n,) each column's part in the vibration `found` at the end of `signal` (k, n), in its unit; the angle is its phase.
+
+    Least squares over at most the last twelve periods, beside a straight line in every column.
+    """
+    table = require_finite("vibration", "signal", signal)
+    period = 2 * math.pi / found.frequency / sample_time
+    table = table[-max(SHORTEST, math.ceil(PERIODS_FITTED * period)) :]
+    shape = _shapes(np.array([complex(found.growth_rate, found.frequency) * sample_time]), len(table))[:, 0]
+    shape /= shape[-1]
+    line = np.linspace(-1, 1, len(table))
+    basis = np.column_stack([shape.real, -shape.imag, np.ones(len(table)), line])
+    cosine, sine, *_ = np.linalg.lstsq(basis, table, rcond=None)[0]
+    return cosine + 1j * sine
 
 
 def _poles(table: Floats, stride: int) -> Complexes:

@@ -62,6 +62,10 @@ class RobotRun:
         names = ("time", "target_torque", "demand_torque", "actual_torque", "motor_position", "link_position")
         return {name: getattr(self, name) for name in names}
 
+    def rows(self, places: slice) -> "RobotRun":
+        """Some of the ticks."""
+        return replace(self, **{name: getattr(self, name)[places] for name in _ticking()})
+
     def steady_error(self, last: float | None = None) -> Floats:
         """(m,) mean error over the `last` seconds; None: the last tenth. Raises GainroomError for a run that did not last to its end."""
         if self.ending != "completed":
@@ -102,5 +106,9 @@ def joined_runs(parts: Iterable[RobotRun]) -> RobotRun:
     parts = list(parts)
     if not parts:
         raise GainroomError("a run needs at least one part")
-    names = [field.name for field in fields(RobotRun) if field.name not in ("setup", "channels", "ending", "reason")]
-    return replace(parts[-1], **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
+    return replace(parts[-1], **{name: np.concatenate([getattr(part, name) for part in parts]) for name in _ticking()})
+
+
+def _ticking() -> list[str]:
+    """The fields with one row per tick."""
+    return [field.name for field in fields(RobotRun) if field.name not in ("setup", "channels", "ending", "reason")]

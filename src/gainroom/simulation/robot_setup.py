@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,7 +13,7 @@ from ..errors import GainroomError, require_positive
 from ..loop import Feedback
 from ..plant import ElasticJoint
 from ..robot.actuators import Actuators
-from ..robot.body import RigidBody, library
+from ..robot.body import RigidBody, is_slide, library
 from ..robot.contact import Contact
 from ..robot.ground import Ground
 from ..robot.linearize import linearize
@@ -23,6 +23,9 @@ from ..robot_spec import RobotControl, RobotSpec
 FINEST = 0.5
 """Steps are so short that the fastest vibration of the plant turns by no more than this in one [rad]: it is heard 1 % too high."""
 MOST_SUBSTEPS = 64
+
+
+Unit = Literal["m", "rad"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,6 +117,17 @@ def channel_count(setup: RobotSetup) -> int:
     if setup.control.space == "joint":
         return setup.body.size
     return sum(setup.body.size if task.kind == "posture" else 3 for task in setup.stack)
+
+
+def channel_units(setup: RobotSetup) -> tuple[Unit, ...]:
+    """(m,) what each channel is measured in."""
+    joints: tuple[Unit, ...] = tuple("m" if is_slide(joint) else "rad" for joint in setup.body.joints)
+    if setup.control.space == "joint":
+        return joints
+    turned: tuple[Unit, ...] = ("rad", "rad", "rad")
+    shifted: tuple[Unit, ...] = ("m", "m", "m")
+    of_kind = {"posture": joints, "orientation": turned, "position": shifted, "com": shifted}
+    return tuple(unit for task in setup.stack for unit in of_kind[task.kind])
 
 
 def substeps_for(setup: RobotSetup) -> int:

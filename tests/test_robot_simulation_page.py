@@ -1,0 +1,362 @@
+"""The page of a played robot: what it says of runs that track, vibrate, fall and run away, its numbers, and what a user typed."""
+
+import json
+import math
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from html import escape, unescape
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import gainroom as gr
+from gainroom.cli import main
+from gainroom.io.numbers import digits, hertz, milli
+from gainroom.report.played import CLOSE_PERIODS
+from gainroom.report.robot_motion import MOST_CHANNELS
+from gainroom.report.robot_simulation import robot_simulation_page
+from gainroom.robot.tasks import Task
+from gainroom.robot_config import parse_robot
+from gainroom.robot_simulation import RobotPlay, play_robot
+from gainroom.simulation.oscillation import Vibration, parts_in
+from gainroom.simulation.robot_setup import channel_count, channel_units
+from robot_files import ROBOT, write_arm
+from robot_truths import hinge, link, write_robot
+from test_report import figures, without_library
+from test_robot_report import BIPED, HOSTILE, cells
+
+COMMAND = "gainroom simulate biped.yaml --report out.html"
+SAMPLED = "control: {type: pd, space: task, feedback: motor, sample_rate_hz: 2000}\n"
+TASKS = """\
+tasks:
+  - {name: com, type: com, kp: [50, 90, 200], kd: [1, 5, 15]}
+  - {name: pelvis, type: orientation, frame: pelvis, kp: 100, kd: 20}
+"""
+STAND = BIPED + SAMPLED + TASKS
+MOVE = "scenario: {duration: 0.8, move: {task: com, by: [0.01, 0.005, -0.01], duration: 0.4}, friction: {coulomb: 2.0}, ground: true}\n"
+SHAKE = "scenario: {duration: 1.0, move: {task: com, by: [0.01, 0, 0], duration: 0.3}}\n"
+CROUCH = STAND.replace("-0.3", "-0.6").replace('_knee": 0.6', '_knee": 1.2')
+TOPPLE = CROUCH + "scenario: {duration: 2.0, move: {task: com, by: [0.2, 0, 0], duration: 0.8}, ground: true}\n"  # the soles end at 0.1 m
+LIFTED = BIPED.replace("double: [left_sole, right_sole], left: [left_sole], flight: []", "flight: []")
+JOINTS = "control: {type: pd, feedback: motor, sample_rate_hz: 2000, kp: 2000.0, kd: 100.0}\n"
+ALL_JOINTS = "scenario: {duration: 0.6, move: {joint: '.*', by: 0.05, duration: 0.3}}\n"
+
+
+def played(text: str, gain: float = 1.0) -> RobotPlay:
+    return play_robot(parse_robot(text, "biped.yaml"), gain)
+
+
+@pytest.fixture(scope="module")
+def sound() -> RobotPlay:
+    return played(STAND + MOVE)
+
+
+@pytest.fixture(scope="module")
+def sound_page(sound: RobotPlay) -> str:
+    return robot_simulation_page(sound, COMMAND)
+
+
+@pytest.fixture(scope="module")
+def limit() -> gr.GainLimit:
+    """Of the same robot, by the front door."""
+    spec = parse_robot(STAND + SHAKE, "biped.yaml")
+    return gr.gain_limit(spec.loop(spec.robot.linearize("stand", "double")))
+
+
+@pytest.fixture(scope="module")
+def shaken(limit: gr.GainLimit) -> RobotPlay:
+    return played(STAND + SHAKE, 1.04 * limit.gain)
+
+
+@pytest.fixture(scope="module")
+def fallen() -> RobotPlay:
+    return played(TOPPLE)
+
+
+def glance(page: str) -> tuple[str, str, list[str]]:
+    """How the page looks, its banner, and the labels of its cards."""
+    own = without_library(page)
+    banner = re.search(r'class="banner"[^>]*>(.*?)</p>', own)
+    found = re.search(r'<body class="(\w+)">', own)
+    assert found is not None
+    return found.group(1), "" if banner is None else banner.group(1), re.findall(r'<p class="label">(.*?)</p>', own)
+
+
+def drawn(figure: dict, name: str) -> dict[str, np.ndarray]:
+    """The curves of this name, by axis."""
+    return {
+        one.get("yaxis", "y"): np.array([one["x"], one["y"]], dtype=float)
+        for one in figure["data"]
+        if unescape(one.get("name", "")) == name
+    }
+
+
+def test_a_sound_run_at_first_glance(sound: RobotPlay, sound_page: str):
+    state, banner, labels = glance(sound_page)
+    assert (state, banner) == ("good", "")
+    assert labels == ["largest error", "steady-state error", "torque peak", "vibration", "slip of the feet"]
+    assert sound.sentence.startswith("Tracks and does not vibrate: com ")
+    assert escape(sound.sentence) in sound_page
+
+
+def test_the_page_carries_answer_then_reason_in_order(sound: RobotPlay, sound_page: str):
+    own = unescape(without_library(sound_page))
+    wanted = (sound.sentence, "In time", "The robot before and after", "Channel by channel", "Joints", "Inputs and assumptions", COMMAND)
+    start = own.index("<body")
+    for part in wanted:
+        start = own.index(part, start)
+    assert "The last" not in own
+    assert own.count("<figure>") == own.count("<figcaption>") + own.count("</tbody></table></div></figure>")
+
+
+def test_the_page_is_self_contained_and_small(sound_page: str):
+    assert len(sound_page.encode()) < 6e6
+    own = without_library(sound_page)
+    assert not re.findall(r"<(?:link|img|iframe|object|embed|audio|video|source)\b", own)
+    assert not re.findall(r"<[a-z][^>]*\s(?:src|href)\s*=", own)
+    for outside in ("@import", "url(", "https://", "http://"):
+        assert outside not in own
+
+
+def test_numbers_in_the_tables_are_the_runs(sound: RobotPlay, sound_page: str):
+    """By definition, from the rows; the table's first column names the channel, then unit and way."""
+    run, table = sound.run, cells(sound_page, "channel")
+    error = run.reference - run.measured
+    assert list(table) == list(run.channels)
+    for k, row in enumerate(table.values()):
+        rms, peak, last = math.sqrt(np.mean(error[:, k] ** 2)), np.abs(error[:, k]).max(), error[-160:, k].mean()  # a tenth of 0.8 s
+        assert row[0] == ("mm" if k < 3 else "mrad")
+        assert row[2:5] == [milli(value, 1e-7) for value in (rms, peak, last)]
+    assert [row[1] for row in table.values()] == ["10", "5", "10", "0", "0", "0"]
+    torques = cells(sound_page, "joint")
+    peaks = np.abs(run.actual_torque).max(axis=0)
+    assert [row[0] for row in torques.values()] == [digits(value, "", 3) if value > 1e-3 else "0" for value in peaks]
+
+
+def test_the_hero_shows_all_three_directions_with_their_errors(sound: RobotPlay, sound_page: str):
+    """Millimetres from where the run began, the error under them; 500 points or more of 1600 keep the envelope."""
+    hero = figures(sound_page)[0]
+    for k, name in enumerate(("com x", "com y", "com z")):
+        curves = drawn(hero, name)
+        moved = 1e3 * (sound.run.measured[:, k] - sound.run.measured[0, k])
+        assert set(curves) == {"y", "y2"}
+        assert curves["y"][1].max() == pytest.approx(moved.max(), abs=1e-4)  # six digits are drawn
+        assert np.abs(curves["y2"][1]).max() == pytest.approx(1e3 * np.abs(sound.run.error[:, k]).max(), rel=1e-5)
+    hardest = sound.run.joint_names[int(np.argmax(sound.torque_peak))]
+    assert np.abs(drawn(hero, hardest)["y3"][1]).max() == pytest.approx(sound.torque_peak.max(), rel=1e-5)
+
+
+def test_links_are_shown_where_they_are(sound: RobotPlay, sound_page: str):
+    """Of the drawn channel pelvis y, from the links' own postures."""
+    pictures = [figure for figure in figures(sound_page) if drawn(figure, "links")]
+    assert len(pictures) == MOST_CHANNELS
+    true = 1e3 * (sound.run.actual[:, 4] - sound.run.actual[0, 4])
+    (curve,) = drawn(pictures[4], "links").values()
+    assert np.interp(sound.run.time, *curve) == pytest.approx(true, abs=0.02 * np.ptp(true))  # straight between 500 points
+
+
+def test_slip_is_how_far_a_foot_went(sound: RobotPlay, fallen: RobotPlay):
+    """A standing foot gives way by less than a tenth of a millimetre; one of a robot that topples about its toes, by centimetres."""
+    assert sound.slip.shape == (2,)
+    assert sound.slip.max() < 1e-4
+    assert fallen.slip.max() > 0.01
+
+
+def test_a_vibrating_run(shaken: RobotPlay, limit: gr.GainLimit):
+    """4 % above the limit it vibrates within 2 % of the frequency there, in the shape that is predicted there."""
+    page = robot_simulation_page(shaken, COMMAND)
+    state, banner, labels = glance(page)
+    assert (state, "VIBRATES" in banner) == ("bad", True)
+    assert "vibration" in labels
+    assert shaken.vibrates
+    assert shaken.vibration is not None
+    assert shaken.vibration.frequency == pytest.approx(limit.frequency, rel=0.02)
+    assert hertz(shaken.vibration.frequency) in page
+    assert f"The last {CLOSE_PERIODS} periods" in page
+    assert shaken.parts is not None
+    # 4 % of gain turn the shape a little; both are scaled to a largest of 1.
+    assert np.abs(shaken.parts) == pytest.approx(np.abs(limit.mode), abs=0.05)
+    assert [row[-1] for row in cells(page, "joint").values()][3] == digits(abs(shaken.parts[3]), "", 2)
+
+
+def test_the_prediction_is_the_linear_loops(sound: RobotPlay, shaken: RobotPlay, limit: gr.GainLimit):
+    assert sound.limit is not None
+    assert shaken.limit is not None
+    assert sound.limit.gain == pytest.approx(limit.gain, rel=1e-9)
+    assert shaken.limit.gain == pytest.approx(1 / 1.04, rel=1e-9)  # a factor on the gains played
+    assert (sound.limit.stable, shaken.limit.stable) == (True, False)
+
+
+def test_a_fallen_run(fallen: RobotPlay):
+    page = robot_simulation_page(fallen, COMMAND)
+    state, banner, labels = glance(page)
+    assert (state, banner) == ("bad", "FELL: do not run this on the robot")
+    assert labels[0] == "falls after"
+    assert fallen.run.ending == "fell"
+    assert fallen.sentence.startswith("The robot fell after ")
+    assert any("it is the move" in warning for warning in fallen.warnings)  # the loop is stable
+    assert all(row[4:] == ["–", "–", "–"] for row in cells(page, "channel").values())  # nothing has settled
+    assert "<b>FELL</b>" in json.dumps(figures(page))
+
+
+def test_a_run_that_diverges(limit: gr.GainLimit):
+    """Half above the limit: at the frequency of the linear loop's rightmost root, which grows e-fold in a hundredth of a second."""
+    gain = 1.5 * limit.gain
+    play = played(STAND + SHAKE, gain)
+    root = gr.rightmost_roots(play.spec.loop(play.spec.robot.linearize("stand", "double")).scaled(gain)).roots[0]
+    page = robot_simulation_page(play, COMMAND)
+    state, banner, labels = glance(page)
+    assert (state, "DIVERGES" in banner) == ("bad", True)
+    assert labels[0] == "runs away within"
+    assert play.run.ending == "diverged"
+    assert play.vibration is not None
+    assert play.vibration.frequency == pytest.approx(abs(root.imag), rel=0.02)
+    assert play.vibration.growth_rate == pytest.approx(root.real, rel=0.05)
+    assert f"vibrating at {play.vibration.frequency / (2 * math.pi):.3g} Hz" in play.sentence
+    assert "NaN" not in json.dumps(figures(page))
+
+
+def test_many_joints_are_no_heap():
+    """The three that are furthest off together, six by themselves, and words on the rest; a robot in free fall stays in its picture."""
+    play = played(LIFTED + JOINTS + ALL_JOINTS)
+    page = robot_simulation_page(play, COMMAND)
+    hero = figures(page)[0]
+    worst = {play.run.channels[k] for k in np.argsort(-play.tracking.peak)[:3]}
+    assert {one["name"] for one in hero["data"] if one.get("yaxis") == "y2"} == worst
+    assert sum(bool(drawn(figure, "links")) for figure in figures(page)) == MOST_CHANNELS
+    assert "Not drawn: " in page
+    assert "3 of 12 channels" in page
+    assert "slip of the feet" not in page
+    pose = figures(page)[1]
+    heights = [value for one in pose["data"] for value in one["y"] if value is not None]
+    assert np.ptp(heights) < 1.5  # of 1 m of robot that has fallen 1.8 m
+    assert "In free fall" in page
+
+
+def test_a_run_too_short_to_tell_says_so():
+    play = played(STAND + "scenario: {duration: 0.001, move: {task: com, by: 0.01}}\n")
+    assert len(play.run.time) == 2
+    assert any("lengthen scenario.duration" in warning for warning in play.warnings)
+    assert glance(robot_simulation_page(play, COMMAND))[0] == "good"
+
+
+def test_hostile_names_are_escaped(tmp_path: Path):
+    """A joint's, a task's and a contact state's."""
+    names = json.dumps(HOSTILE)
+    text = ROBOT.replace("name: com", f"name: {names}").replace(
+        "sample_rate_hz: 2000, kp: 400.0, kd: 30.0", "sample_rate_hz: 2000, space: task"
+    )
+    links = (
+        link("root") + link("upper", 4.0, (0.0, 0.0, -0.2), (0.06, 0.06, 0.01)) + link("lower", 4.0, (0.0, 0.0, -0.2), (0.06, 0.06, 0.01))
+    )
+    write_robot(tmp_path, links, hinge(escape(HOSTILE), "root", "upper") + hinge("elbow", "upper", "lower", at=(0.0, 0.0, -0.4)))
+    text = text.replace("shoulder: 0.4, ", "") + "scenario: {duration: 0.2, move: {task: " + names + ", by: 0.01, duration: 0.1}}\n"
+    play = play_robot(parse_robot(text, "robot.yaml", tmp_path), 1.0)
+    page = robot_simulation_page(play, f"gainroom simulate '{HOSTILE}'")
+    own = without_library(page)
+    assert "<img" not in own
+    assert "alert(1)</script" not in own
+    assert "\n" not in play.sentence
+    for trace in (trace for figure in figures(page) for trace in figure["data"]):
+        assert "<" not in str(trace.get("name", ""))
+        assert "<" not in str(trace.get("text", ""))
+
+
+def test_parts_of_a_known_vibration():
+    """Amplitudes and phases of a growing swing beside a drift, by closed form."""
+    frequency, growth, tick = 300.0, 5.0, 5e-4
+    t = tick * np.arange(400)
+    wanted = np.array([1.0, 0.4 * np.exp(0.7j), -0.2])
+    swing = np.exp((growth + 1j * frequency) * (t - t[-1]))
+    signal = 0.3 + 2.0 * t[:, None] + (swing[:, None] * wanted).real
+    found = parts_in(signal, tick, Vibration(frequency, growth, 1.0))
+    assert found == pytest.approx(wanted, abs=1e-9)  # exact but for rounding
+
+
+def test_each_channel_has_its_unit():
+    spec = parse_robot(STAND + SHAKE, "biped.yaml")
+    stack = (
+        *spec.robot.stack,
+        Task(name="foot", kind="position", frame="left_sole", kp=1.0, kd=1.0),
+        Task(name="rest", kind="posture", kp=1.0, kd=1.0),
+    )
+    setup = replace(played_setup(spec), stack=stack)
+    units = channel_units(setup)
+    assert len(units) == channel_count(setup)
+    assert units == ("m",) * 3 + ("rad",) * 3 + ("m",) * 3 + ("rad",) * 12
+
+
+def played_setup(spec):
+    from gainroom.robot_simulation import setup_of
+
+    return setup_of(spec)
+
+
+def test_a_slide_counts_in_metres(tmp_path: Path):
+    text = ROBOT.replace("{shoulder: 0.4, elbow: 0.9}", "{}") + "scenario: {duration: 0.3, move: {joint: rail, by: 0.02, duration: 0.1}}\n"
+    links = (
+        link("root") + link("upper", 4.0, (0.0, 0.0, -0.2), (0.06, 0.06, 0.01)) + link("lower", 4.0, (0.0, 0.0, -0.2), (0.06, 0.06, 0.01))
+    )
+    write_robot(tmp_path, links, hinge("rail", "root", "upper", kind="prismatic") + hinge("elbow", "upper", "lower", at=(0.0, 0.0, -0.4)))
+    play = play_robot(parse_robot(text, "robot.yaml", tmp_path), 1.0)
+    assert play.units == ("m", "rad")
+    assert play.leading == (0,)
+    assert "Of slides read N and mm" in robot_simulation_page(play, COMMAND)
+
+
+def test_falling_is_reported_and_is_exit_status_1(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    path, page = tmp_path / "biped.yaml", tmp_path / "fall.html"
+    path.write_text(TOPPLE, "utf-8")
+    assert main(["simulate", str(path), "--json", "--report", str(page)]) == 1
+    facts = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
+    assert (facts["fell"], facts["diverged"], facts["vibrates"]) == (True, False, False)
+    assert 0.2 < facts["ended_at"] < 1.9
+    assert facts["tracking"]["com x"]["steady_state"] is None
+    assert facts["predicted"]["stable"] is True
+    assert facts["slip"]["left_sole"] > 0.01
+    assert "FELL" in page.read_text("utf-8")
+
+
+def test_report_and_log_together_with_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    path, page, log = write_arm(tmp_path), tmp_path / "run.html", tmp_path / "run.csv"
+    assert main(["simulate", str(path), "--gain", "1.25", "--report", str(page), "--log", str(log)]) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    assert f"Report: {page}" in out
+    assert max(map(len, out.splitlines())) <= max(100, len(f"Report: {page}"), len(f"Log: {log}"))
+    assert log.exists()
+    assert f"gainroom simulate {path} --gain 1.25 --report {page}" in unescape(page.read_text("utf-8"))
+
+
+def test_the_report_takes_the_place_of_neither_input_nor_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    path, log = write_arm(tmp_path), tmp_path / "run.csv"
+    before = path.read_text("utf-8")
+    assert main(["simulate", str(path), "--report", str(path)]) == 2
+    assert main(["simulate", str(path), "--report", str(log), "--log", str(log)]) == 2
+    assert capsys.readouterr().err.count("\n") == 2
+    assert path.read_text("utf-8") == before
+    assert not log.exists()
+
+
+def test_an_interrupted_run_leaves_its_log_and_no_page(tmp_path: Path):
+    """Stopped once it is known to be writing, far from its end."""
+    path, page, log = write_arm(tmp_path, ROBOT + "scenario: {duration: 900.0}\n"), tmp_path / "run.html", tmp_path / "run.csv"
+    command = [sys.executable, "-m", "gainroom", "simulate", str(path), "--log", str(log), "--report", str(page)]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment)
+    try:
+        while process.poll() is None and not (log.exists() and log.stat().st_size > 5_000):
+            time.sleep(0.02)  # however long that takes
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate()
+    finally:
+        process.kill()
+    assert process.returncode == 130
+    assert err.startswith("gainroom: interrupted at ")
+    assert sorted(one.name for one in tmp_path.iterdir()) == ["robot.urdf", "robot.yaml", "run.csv"]
