@@ -239,6 +239,39 @@ def test_many_joints_are_no_heap():
     assert "In free fall" in page
 
 
+def test_a_torque_limit_keeps_a_vibration_at_its_size(limit: gr.GainLimit):
+    """It neither grows nor dies away, and is one all the same; the page says what limits it."""
+    limited = SHAKE.replace("scenario: {", "scenario: {torque_limit: {default: 150, '.*_yaw': .inf}, resolution: 1.0e-6, ")
+    play = played(STAND + limited.replace("duration: 1.0", "duration: 1.5"), 1.3 * limit.gain)
+    assert play.completed
+    assert play.vibrates
+    assert play.vibration is not None
+    assert abs(play.vibration.damping_ratio) < 1e-3
+    assert "keeping up" in play.sentence
+    assert np.abs(play.run.demand_torque).max() == pytest.approx(150.0)
+    own = unescape(robot_simulation_page(play, COMMAND))
+    assert "150 N·m, 10 of 12 joints" in own
+    assert digits(1e-3, "mrad", 3) in own
+
+
+def test_the_page_tells_the_ground(sound: RobotPlay, sound_page: str):
+    text = (STAND + MOVE).replace(
+        "ground: true", "ground: {friction: 0.6, soles: {left_sole: {length: 0.3, width: 0.12, center: [0.02, 0]}}}"
+    )
+    own = unescape(robot_simulation_page(played(text), COMMAND))
+    assert "they may slip and lift: friction 0.6, soles left_sole 0.3 m × 0.12 m about (0.02, 0) m, right_sole 0.2 m × 0.1 m" in own
+    assert "friction 0.8, soles left_sole 0.2 m × 0.1 m" in unescape(sound_page)
+
+
+def test_what_nothing_can_move_is_not_said_to_track():
+    """The centre of mass in free fall: no motor moves it, which the warning says."""
+    play = played(LIFTED + SAMPLED + TASKS + "scenario: {duration: 0.3, move: {task: com, by: [0.01, 0, 0], duration: 0.1}}\n")
+    assert play.stuck == ("com x",)
+    assert play.sentence.startswith("Does not vibrate: com x")
+    assert any("nothing can move com x" in warning for warning in play.warnings)
+    assert play.tracking.steady_state[0] == pytest.approx(0.01, rel=1e-6)
+
+
 def test_a_run_too_short_to_tell_says_so():
     play = played(STAND + "scenario: {duration: 0.001, move: {task: com, by: 0.01}}\n")
     assert len(play.run.time) == 2

@@ -1,8 +1,10 @@
 """A whole robot's scenario, played in MuJoCo: how well it tracks, and whether it stays up."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,13 +16,18 @@ from .robot.patterns import select
 from .robot_spec import RobotSpec
 from .robot_states import STRONG, strongest_first
 from .robot_study import limit_of, moves
+from .robot_words import listed
 from .simulation.oscillation import SHORTEST, Vibration, parts_in, vibration
 from .simulation.response import Tracking, track
 from .simulation.robot_result import RobotRun, joined_runs
 from .simulation.robot_run import stream_robot
 from .simulation.robot_setup import RobotSetup, Unit, channel_units, hold, robot_setup
 from .simulation.trajectories import Spline
-from .simulation_study import Interrupted, doubling, frequency_in_words, prediction_in_words, that_rings
+from .simulation_study import NOTICED as STEPS
+from .simulation_study import Interrupted, doubling, frequency_in_words, keeps_up, lasts, prediction_in_words, that_rings
+
+if TYPE_CHECKING:
+    from .robot.model import RobotModel
 
 SMALL = 0.01
 """[m, rad] of a move where none is given."""
@@ -48,6 +55,8 @@ class RobotPlay:
     vibration     the strongest after the reference came to rest; of a run that ended early that of its second half, where the linear
                   loop is unstable; None where nothing rings
     parts         (n,) complex: the motors' parts in that vibration, the largest 1; None without one
+    swing         of the motor that swings most, at the end of it [rad]; NaN without one
+    stuck         names of the channels that are told to move, and that nothing can move in this state
     limit         what the linear sampled loop predicts, as a factor on the gains played; None where the gains move nothing
     sentence, warnings   in words
     """
@@ -62,6 +71,8 @@ class RobotPlay:
     slip: Floats
     vibration: Vibration | None
     parts: Complexes | None
+    swing: float
+    stuck: tuple[str, ...]
     limit: GainLimit | None
     sentence: str = ""
     warnings: tuple[str, ...] = ()
@@ -82,10 +93,16 @@ class RobotPlay:
         return bool((self.run.reference != self.run.reference[:1]).any())
 
     @property
+    def linear(self) -> bool:
+        """Nothing rubs, limits or lets go that could hold a vibration at its size."""
+        setup = self.run.setup
+        return not (np.any(setup.coulomb) or np.any(np.isfinite(setup.torque_limit)) or setup.encoder_step or setup.ground is not None)
+
+    @property
     def vibrates(self) -> bool:
-        """So that anyone would see it, and growing."""
-        found = self.vibration
-        return found is not None and found.growth_rate > 0 and found.amplitude > NOTICED
+        """So that anyone would see it, by more than encoders' steps make, and not dying away."""
+        found, least = self.vibration, max(NOTICED, STEPS * self.run.setup.encoder_step)
+        return found is not None and found.amplitude > least and lasts(found, self.linear)
 
     @property
     def sound(self) -> bool:
@@ -192,12 +209,14 @@ def _told(spec: RobotSpec, gain: float, run: RobotRun) -> RobotPlay:
     moved, torque = spec.scenario.move_duration, run.actual_torque
     seen = run.rows(slice(round(moved / run.setup.sample_time) if run.ending == "completed" else len(run.time) // 2, None))
     found = that_rings(vibration(seen.error, run.setup.sample_time), NOTICED) if len(seen.time) >= SHORTEST else None
-    limit, parts = _limit(spec, gain), None
+    model = spec.robot.linearize(spec.scenario.posture, spec.scenario.contact)
+    limit, parts, swing = _limit(spec, model, gain), None, math.nan
     if run.ending != "completed" and (limit is None or limit.stable):
         found = None  # what swings as the robot topples is no vibration
     if found is not None:
         parts = parts_in(seen.motor_position, run.setup.sample_time, found)
-        parts = parts / parts[np.argmax(np.abs(parts))]
+        largest = complex(parts[np.argmax(np.abs(parts))])
+        parts, swing = parts / largest, abs(largest)
     play = RobotPlay(
         spec,
         gain,
@@ -209,6 +228,8 @@ def _told(spec: RobotSpec, gain: float, run: RobotRun) -> RobotPlay:
         run.rows(slice(None, None, max(1, len(run.time) // LOOKS))).slip.max(axis=0),
         found,
         parts,
+        swing,
+        _stuck(spec, model, run),
         limit,
     )
     return replace(play, sentence=_sentence(play), warnings=(*spec.warnings, *_warnings(play)))
@@ -222,10 +243,18 @@ def _tracking(run: RobotRun) -> Tracking:
     return replace(found, steady_state=nothing, overshoot=nothing, settling_time=nothing)
 
 
-def _limit(spec: RobotSpec, gain: float) -> GainLimit | None:
+def _limit(spec: RobotSpec, model: "RobotModel", gain: float) -> GainLimit | None:
     """Of the linear loop in the scenario's posture and contact state, which knows nothing of its friction and ground."""
-    loop = spec.loop(spec.robot.linearize(spec.scenario.posture, spec.scenario.contact)).scaled(gain)
+    loop = spec.loop(model).scaled(gain)
     return limit_of(loop) if moves(loop) else None
+
+
+def _stuck(spec: RobotSpec, model: "RobotModel", run: RobotRun) -> tuple[str, ...]:
+    """Directions of tasks, such as the centre of mass in flight."""
+    if spec.control.space == "joint":
+        return ()
+    told = (run.reference != run.reference[:1]).any(axis=0)
+    return tuple(run.channels[k] for k in np.flatnonzero(told & ~spec.robot.tasks(model, spec.control.rotors).movable).tolist())
 
 
 def _sentence(play: RobotPlay) -> str:
@@ -244,9 +273,11 @@ def _sentence(play: RobotPlay) -> str:
             text += f", vibrating at {frequency_in_words(shakes.frequency)}"
     elif shakes is not None:
         most = printable(run.joint_names[play.parts_strongest_first()[0]])
-        text = f"Vibrates at {frequency_in_words(shakes.frequency)}, {doubling(shakes)}, {most} most of all"
+        growth = "keeping up" if not play.linear and keeps_up(shakes) else doubling(shakes)
+        text = f"Vibrates at {frequency_in_words(shakes.frequency)}, {growth}, {most} most of all by {1e3 * play.swing:.3g} mrad"
     else:
-        text = f"Tracks and does not vibrate: {name} stays within {error(first, found.peak)} of its reference"
+        opening = "Does not vibrate" if play.stuck else "Tracks and does not vibrate"
+        text = f"{opening}: {name} stays within {error(first, found.peak)} of its reference"
         text += f" and ends {error(first, found.steady_state)} off"
         if play.others and found.peak[play.others[0]] > NOTICED:
             text += f", {printable(run.channels[play.others[0]])}, held, strays by {error(play.others[0], found.peak)}"
@@ -261,6 +292,8 @@ def _warnings(play: RobotPlay) -> list[str]:
         told.append(
             "the move ends late in the run or not at all: lengthen scenario.duration for a steady state, and to see whether it vibrates"
         )
+    if play.stuck:
+        told.append(f"nothing can move {listed(play.stuck)} in this posture and contact state: take another state, or move another task")
     if limit is None:
         return told
     if limit.stable and not play.completed:

@@ -155,11 +155,21 @@ def _vibrates(spec: SimulationSpec, found: Vibration) -> bool:
     steps = max(float(spec.hardware.get(f"{side}_resolution", 0.0)) for side in ("motor", "link"))
     if found.amplitude <= NOTICED * max(steps, float(spec.scenario.noise)):
         return False
-    return found.growth_rate > 0 if spec.is_linear else found.damping_ratio < LASTING
+    return lasts(found, spec.is_linear)
 
 
 def _keeps_up(spec: SimulationSpec, found: Vibration) -> bool:
-    return not spec.is_linear and abs(found.damping_ratio) < LASTING
+    return not spec.is_linear and keeps_up(found)
+
+
+def lasts(found: Vibration, linear: bool) -> bool:
+    """Whether it does not die away; `linear`: nothing there could hold it at its size."""
+    return found.growth_rate > 0 if linear else found.damping_ratio < LASTING
+
+
+def keeps_up(found: Vibration) -> bool:
+    """Whether it neither grows nor dies away."""
+    return abs(found.damping_ratio) < LASTING
 
 
 def _sentence(

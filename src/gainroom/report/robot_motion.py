@@ -20,6 +20,7 @@ MOST_CHANNELS = 6  # that have a picture of their own
 LARGE_POINTS, SMALL_POINTS = 1200, 500  # of a curve, in a picture of its own width and in half of it
 MOST_LOOKS = 1200  # ticks at which links are looked at
 POSES = 200  # on the way of the centre of mass
+ROUNDED = 9  # decimals [m, rad, N m] of what is drawn
 FAR = 0.5  # [rad] from where on a picture counts in rad
 COLORS = ((style.BLUE, "solid"), (style.VERMILION, "dash"), (style.DARK[style.GREEN], "dashdot"), (style.DARK[style.PURPLE], "longdash"))
 TORQUES = ((style.BLACK, "solid"), (style.ORANGE, "dash"), (style.DARK[style.PURPLE], "dashdot"))
@@ -41,9 +42,11 @@ def in_time(play: RobotPlay) -> Html:
     looks = list(zip((color for color, _ in COLORS), chosen, strict=False))
     move = [Curve(run.channels[k], scale * _change(run.measured[rows, k]), color) for color, k in looks]
     move += [Curve("commanded", scale * _change(run.reference[rows, k]), color, "dot", k == chosen[-1]) for color, k in looks]
-    error = [Curve(run.channels[k], 1e3 * run.error[rows, k], color, named=False) for color, k in looks]
+    error = [Curve(run.channels[k], 1e3 * np.round(run.error[rows, k], ROUNDED), color, named=False) for color, k in looks]
     hardest = np.argsort(-np.abs(run.actual_torque[rows]).max(axis=0), kind="stable")[:TOGETHER].tolist()
-    torque = [Curve(run.joint_names[k], run.actual_torque[rows, k], *look) for look, k in zip(TORQUES, hardest, strict=False)]
+    torque = [
+        Curve(run.joint_names[k], np.round(run.actual_torque[rows, k], ROUNDED), *look) for look, k in zip(TORQUES, hardest, strict=False)
+    ]
     panels = [
         Panel("moved" if play.moving else "drift", "rad" if scale == 1 else f"m{unit}", move, 0.42),
         Panel("error", f"m{unit}", error, 0.27),
@@ -67,8 +70,8 @@ def in_time(play: RobotPlay) -> Html:
 
 
 def _change(values: Floats) -> Floats:
-    """From where it began."""
-    return values - values[0]
+    """From where it began, without rounding errors, which would fill a picture where nothing moves."""
+    return np.round(values - values[0], ROUNDED)
 
 
 def _scale(play: RobotPlay, channel: int) -> float:
@@ -84,7 +87,7 @@ def _conclusion(play: RobotPlay) -> str:
     if play.run.ending == "diverged":
         return "These gains must not be run."
     if play.vibrates:
-        return "The vibration grows: lower all gains together, or shorten the delay."
+        return "The vibration does not die away: lower all gains together, or shorten the delay."
     held = ", and friction can hold that" if np.any(play.run.setup.coulomb) else ""
     return f"Nothing lasts but the error that is left{held}."
 
@@ -168,7 +171,7 @@ def channels(play: RobotPlay) -> list[Html]:
             Curve("encoders", scale * _change(run.measured[:end, k]), style.BLUE),
             Curve("commanded", scale * _change(run.reference[:end, k]), style.BLACK, "dot"),
         )
-        error = [Curve("error", 1e3 * run.error[:end, k], style.BLUE, named=False)]
+        error = [Curve("error", 1e3 * np.round(run.error[:end, k], ROUNDED), style.BLUE, named=False)]
         panels = [Panel("moved", "rad" if scale == 1 else f"m{unit}", curves, 0.6), Panel("error", f"m{unit}", error, 0.4)]
         left = "" if math.isnan(found.steady_state[k]) else f", {milli(float(found.steady_state[k]), TINY)} left"
         words = f"At most {milli(float(found.peak[k]), TINY)} m{unit} off{left}."

@@ -6,9 +6,9 @@ import numpy as np
 
 from ..io.numbers import digits, milli, settling
 from ..robot.body import is_slide
+from ..robot.ground import Sole
 from ..robot_simulation import TINY, RobotPlay
 from ..robot_words import listed
-from ..simulation.mujoco_model import Sole
 from .page import Card, Html, Lead, Section, beside, block, facts, page, paragraph, table
 from .played import error_cards, lead, vibration_card
 from .robot_motion import channels, drawn_channels, in_time, pose, vibration_close_up
@@ -57,7 +57,7 @@ def _lead(play: RobotPlay) -> Lead:
 def _cards(play: RobotPlay) -> list[Card]:
     found, first, hardest = play.tracking, play.leading[0], int(np.argmax(play.torque_peak))
     unit, name = f"m{play.units[first]}", play.run.channels[first]
-    torque = Card("torque peak", digits(float(play.torque_peak[hardest]), "", 3), "N m", note=play.run.joint_names[hardest])
+    torque = Card("torque peak", _digits(float(play.torque_peak[hardest]), 3), "N m", note=play.run.joint_names[hardest])
     heard = vibration_card(play.vibration, play.vibrates, play.limit)
     if not play.completed:
         end, what = digits(play.lasted, "", 3), "falls after" if play.run.ending == "fell" else "runs away within"
@@ -138,11 +138,9 @@ def _inputs(play: RobotPlay) -> Html:
     way = ", ".join(f"{name} {milli(by)} m{unit}" for (name, by), unit in zip(moved.items(), play.units, strict=True) if by)
     stood = "; held where they are: they cannot slip or lift"
     if setup.ground is not None:
-        sole = Sole()
-        stood = (
-            f"; on ground with friction {setup.ground.friction:g}, soles {sole.length:g} m × {sole.width:g} m about the contact frames of "
-            "flat feet: they may slip and lift"
-        )
+        soles = [(one, setup.ground.soles.get(one.frame, Sole())) for one in setup.contacts if one.kind != "point"]
+        told = [f"{one.frame} {_sole(sole) if one.kind == 'flat' else f'{sole.width:g} m wide'}" for one, sole in soles]
+        stood = f"; they may slip and lift: friction {setup.ground.friction:g}{', soles ' if told else ''}{', '.join(told)}"
     pairs = [
         *machine(spec),
         ("gains", f"{_gains(play)}; all × {play.gain:g}"),
@@ -151,9 +149,24 @@ def _inputs(play: RobotPlay) -> Html:
         ("move", f"{way} in {digits(play.moved_until, 's')}, quintic, from rest to rest" if way else "none: it holds still"),
         ("Coulomb friction of the motors", span(np.broadcast_to(setup.coulomb, setup.body.size), "N·m")),
         ("viscous friction added to the motors", span(np.broadcast_to(played.viscous, setup.body.size), "N·m·s/rad")),
+        ("torque limit", _limits(play)),
+        ("encoder steps, joint side", digits(1e3 * setup.encoder_step, "mrad", 3) if setup.encoder_step else "none"),
         ("ticks", f"{digits(1 / setup.sample_time, 'Hz')}, {len(run.time)} rows over {digits(play.lasted, 's')}"),
     ]
     return facts(pairs)
+
+
+def _sole(sole: Sole) -> str:
+    centre = f" about ({sole.center[0]:g}, {sole.center[1]:g}) m" if any(sole.center) else ""
+    return f"{sole.length:g} m × {sole.width:g} m{centre}"
+
+
+def _limits(play: RobotPlay) -> str:
+    """Of the joints that have one."""
+    limits = np.broadcast_to(play.run.setup.torque_limit, play.run.setup.body.size)
+    limited = np.isfinite(limits)
+    which = "" if limited.all() else f", {int(limited.sum())} of {len(limits)} joints"
+    return span(limits[limited], "N·m") + which if limited.any() else "none"
 
 
 def _gains(play: RobotPlay) -> str:
@@ -177,14 +190,13 @@ def _assumptions(play: RobotPlay) -> str:
     words = (
         "MuJoCo between the controller's ticks, its semi-implicit Euler steps read as a leapfrog and so short that the fastest vibration "
         f"of the plant is heard 1 % too high at most. Every elastic joint is a motor behind a spring and a damper; {contact}. Torques come "
-        "through the delay and the current loop; no torque limit, no encoder steps, no backlash. The controller knows the links exactly, "
+        "through the delay and the current loop; no backlash. The controller knows the links exactly, "
         f"sees the {setup.control.feedback} side of the gearboxes, takes its contacts as unmoved, and compensates the weight; its "
         f"Jacobians are renewed every {setup.refresh} ticks."
     )
     if play.limit is not None:
-        words += (
-            " The linear limit is that of small motions about the posture at the start, on contacts that hold, without this run's friction."
-        )
+        words += " The linear limit is that of small motions about the posture at the start, on contacts that hold, without this run's "
+        words += "friction, torque limit and encoder steps."
     return words
 
 
