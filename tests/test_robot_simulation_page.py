@@ -263,6 +263,15 @@ def test_the_page_tells_the_ground(sound: RobotPlay, sound_page: str):
     assert "friction 0.8, soles left_sole 0.2 m × 0.1 m" in unescape(sound_page)
 
 
+def test_a_robot_that_holds_still_is_listened_to_from_the_start(limit: gr.GainLimit):
+    """Nothing moves, so there is nothing to wait for: neither a warning of a late move, nor a vibration that goes unheard."""
+    still = STAND + "scenario: {duration: 0.5, move: {task: com, by: 0}}\n"
+    quiet, shaken = played(still), played(still, 1.1 * limit.gain)
+    assert not any("the move ends late" in warning for warning in quiet.warnings)
+    assert quiet.sound
+    assert not shaken.sound
+
+
 def test_what_nothing_can_move_is_not_said_to_track():
     """The centre of mass in free fall: no motor moves it, which the warning says."""
     play = played(LIFTED + SAMPLED + TASKS + "scenario: {duration: 0.3, move: {task: com, by: [0.01, 0, 0], duration: 0.1}}\n")

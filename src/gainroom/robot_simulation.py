@@ -48,7 +48,7 @@ class RobotPlay:
     """What `gainroom simulate` tells of a robot.
 
     gain          factor on all gains
-    moved_until   [s] when the reference comes to rest
+    moved_until   [s] when the reference comes to rest; 0 where it never moves
     tracking      by channel [m, rad]; of a run that ended early only `rms` and `peak`, the others are NaN
     torque_peak, torque_rms   (n,) of the actual torque [N m]
     slip          (c,) furthest that each contact frame was from where it started, looked at `LOOKS` times [m]
@@ -90,7 +90,7 @@ class RobotPlay:
     @property
     def moving(self) -> bool:
         """Whether anything is told to move."""
-        return bool((self.run.reference != self.run.reference[:1]).any())
+        return self.moved_until > 0
 
     @property
     def linear(self) -> bool:
@@ -206,7 +206,8 @@ def play_robot(
 
 
 def _told(spec: RobotSpec, gain: float, run: RobotRun) -> RobotPlay:
-    moved, torque = spec.scenario.move_duration, run.actual_torque
+    torque, told = run.actual_torque, bool((run.reference != run.reference[:1]).any())
+    moved = spec.scenario.move_duration if told else 0.0
     seen = run.rows(slice(round(moved / run.setup.sample_time) if run.ending == "completed" else len(run.time) // 2, None))
     found = that_rings(vibration(seen.error, run.setup.sample_time), NOTICED) if len(seen.time) >= SHORTEST else None
     model = spec.robot.linearize(spec.scenario.posture, spec.scenario.contact)
