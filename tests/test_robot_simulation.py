@@ -122,6 +122,7 @@ def test_numbers_are_what_the_log_says(tmp_path: Path, capsys: pytest.CaptureFix
         ("{ground: {soles: {hand: {center: [0.1]}}}}", "scenario.ground.soles.hand.center"),
         ("{torque_limit: {wrist: 5.0}}", "scenario.torque_limit.'wrist'"),
         ("{torque_limit: 0}", "scenario.torque_limit"),
+        ("{duration: 200.0}", "scenario.duration: 200 s are 400000 ticks of 0.0005 s, of which a run has at most 200000"),
         ("{resolution: -1.0}", "scenario.resolution"),
     ],
 )

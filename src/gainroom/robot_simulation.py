@@ -23,12 +23,15 @@ from .simulation.robot_result import RobotRun, joined_runs
 from .simulation.robot_run import stream_robot
 from .simulation.robot_setup import RobotSetup, Unit, channel_units, hold, robot_setup
 from .simulation.trajectories import Spline
+from .simulation_spec import refuse_long_run
 from .simulation_study import NOTICED as STEPS
 from .simulation_study import Interrupted, doubling, frequency_in_words, keeps_up, lasts, prediction_in_words, that_rings
 
 if TYPE_CHECKING:
     from .robot.model import RobotModel
 
+MOST_TICKS = 200_000
+"""Of one run, which is kept whole: 100 s at 2 kHz."""
 SMALL = 0.01
 """[m, rad] of a move where none is given."""
 NOTICED = 1e-5
@@ -185,6 +188,7 @@ def play_robot(
     """
     setup = setup_of(spec)
     try:
+        refuse_long_run(spec.scenario.duration, setup.sample_time, MOST_TICKS)
         way = moves_of(spec, setup)
     except GainroomError as error:
         raise GainroomError(f"{spec.robot.name}: {error}") from error

@@ -13,6 +13,13 @@ MOST_TICKS = 2_000_000
 """Of one run, which is kept whole."""
 
 
+def refuse_long_run(duration: float, sample_time: float, most: int) -> None:
+    """Raise GainroomError where `duration` [s] is more than `most` ticks of `sample_time` [s]."""
+    ticks = round(duration / sample_time)
+    if ticks > most:
+        raise GainroomError(f"scenario.duration: {duration:g} s are {ticks} ticks of {sample_time:g} s, of which a run has at most {most}")
+
+
 @dataclass(frozen=True)
 class SimulationSpec:
     """A joint, its hardware and a scenario. SI units.
@@ -35,11 +42,7 @@ class SimulationSpec:
     def __post_init__(self) -> None:
         if self.joint.sample_time is None:
             raise GainroomError("control.sample_rate_hz: is missing: a simulation goes tick by tick; add the controller's rate [Hz]")
-        if self.ticks > MOST_TICKS:
-            raise GainroomError(
-                f"scenario.duration: {self.scenario.duration:g} s are {self.ticks} ticks of {self.sample_time:g} s, of which a run has "
-                f"at most {MOST_TICKS}"
-            )
+        refuse_long_run(self.scenario.duration, self.sample_time, MOST_TICKS)
         self.system()
 
     @property

@@ -61,7 +61,7 @@ def _cards(play: RobotPlay) -> list[Card]:
     heard = vibration_card(play.vibration, play.vibrates, play.limit)
     if not play.completed:
         end, what = digits(play.lasted, "", 3), "falls after" if play.run.ending == "fell" else "runs away within"
-        off = Card("error when it ended", milli(abs(float(play.run.error[-1, first]))), unit, note=name)
+        off = Card("largest error", milli(float(found.peak[first])), unit, note=name)
         return [Card(what, end, "s", "never", met=False), off, torque, heard, *_slip_card(play)]
     peak, rms, steady = (float(value[first]) for value in (found.peak, found.rms, found.steady_state))
     errors, slip = error_cards(peak, rms, steady, unit, f", {name}", TINY), _slip_card(play)
