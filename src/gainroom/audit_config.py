@@ -12,6 +12,7 @@ from .config_sections import DELAY_MS, RATE, refuse_long_delay
 from .controller import PD, PID
 from .drive import Drive
 from .errors import GainroomError
+from .file_kinds import kind_of_file, wrong_kind
 from .gain_files import JointGains, gains_of, read_gains
 from .io.checked import checked, number
 from .messages import first_of_many, nearest
@@ -31,6 +32,7 @@ CHECKS = {
     "bandwidth": POSITIVE_OR_INFINITE,
 }
 """What options that may be left out may hold."""
+DESCRIPTIONS = (".yaml", ".yml", ".json")
 
 
 @dataclass(frozen=True)
@@ -78,6 +80,7 @@ def audit_spec(model: str, gains: Path | None, options: AuditOptions) -> RobotSp
     Raises GainroomError, one line that names the file or option, the value and what is allowed.
     """
     path = locate(model)
+    _require_model(path)
     base, guessed = base_of(options.base, path, bool(options.contacts))
     body = load_model(path, base)
     found = gains_of(read_gains(path if gains is None else gains), (*body.joint_names, *body.locked))
@@ -99,6 +102,16 @@ def audit_spec(model: str, gains: Path | None, options: AuditOptions) -> RobotSp
         assumptions=(*(guessed or (f"the base is {body.base}",)), *_assumptions(body, held, options), *notes),
         warnings=(*found.notes, *body.notes, *(f"{text}; a robot.yaml can pose it" for text in body.beyond_limits(body.neutral()))),
     )
+
+
+def _require_model(path: Path) -> None:
+    """Raise GainroomError where a YAML file stands in a model's place."""
+    if path.suffix.lower() in DESCRIPTIONS:
+        found = kind_of_file(path)
+        if found in ("joint", "robot"):
+            raise wrong_kind(str(path), "URDF or MJCF", found)
+        if found == "other":
+            raise GainroomError(f"{path}: must be a URDF or MJCF; gains go with --gains {path}")
 
 
 def _actuators(body: RigidBody, inertia: np.ndarray, options: AuditOptions) -> tuple[Actuators, tuple[str, ...]]:

@@ -23,9 +23,10 @@ from .config_sections import (
 from .controller import PD, PID, PPI
 from .drive import Drive
 from .errors import GainroomError
+from .file_kinds import parse_as
 from .forbidden import Requirements
 from .io.checked import NotNegative, Positive, PositiveOrInfinite, Section, refusal, typed, validate
-from .io.yaml_text import parse_yaml, read_text
+from .io.yaml_text import read_text
 from .plant import ElasticJoint
 from .scenario_sections import ScenarioSection
 from .simulation_spec import SimulationSpec
@@ -59,10 +60,7 @@ def parse_simulation(text: str, source: str) -> SimulationSpec:
 
 
 def _parsed(text: str, source: str, made: Callable[["JointFile"], Spec]) -> Spec:
-    data = parse_yaml(text, source)
-    if data is None:
-        raise GainroomError(f"{source}: is empty; `gainroom example testbed` prints a file to start from")
-    file = validate(JointFile, data, source)
+    file = validate(JointFile, parse_as("joint", text, source, "testbed"), source)
     try:
         return made(file)
     except GainroomError as error:

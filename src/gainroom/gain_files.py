@@ -10,6 +10,7 @@ Known forms:
 Controllers that command position or velocity are left out: their gains are no N m/rad. Everything else is refused in one line.
 """
 
+import difflib
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -21,6 +22,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from .arrays import Booleans, Floats
 from .errors import GainroomError
+from .file_kinds import kind_of, wrong_kind
 from .io.checked import NotNegative, Positive, Section, checked, dotted, number, refusal, validate
 from .io.yaml_text import parse_yaml, read_text, shown
 from .messages import first_of_many
@@ -90,6 +92,8 @@ def parse_gains(text: str, source: str) -> GainFile:
     data = parse_yaml(text, source)
     if not isinstance(data, dict):
         raise GainroomError(f"{source}: {'is empty' if data is None else UNKNOWN}")
+    if "drive" in data and (found := kind_of(data)) != "other":
+        raise wrong_kind(source, "file of gains", found)
     section = data.get("gains", data)
     if isinstance(section, dict) and any(_is_plain(value) for value in section.values()):
         plain = validate(PlainFile, data, source)
@@ -174,7 +178,8 @@ def _ros2_control(data: dict[str, Any], source: str) -> GainFile:
         gains[joint] = _pid(node, f"{source}: {place}")
         places[joint] = place
     if not gains:
-        raise GainroomError(f"{source}: {'no controller here commands torque: ' + notes[0] if notes else UNKNOWN}")
+        told = "no controller here commands torque: " + notes[0] if notes else f"{UNKNOWN}{_begins(data)}"
+        raise GainroomError(f"{source}: {told}")
     return GainFile(source, "ros2_control", gains, tuple(notes))
 
 
@@ -199,6 +204,19 @@ def _mjcf(path: Path) -> GainFile:
             "the controller's and is not counted: give kv"
         )
     return GainFile(str(path), "MJCF", gains, tuple(notes))
+
+
+def _begins(data: dict[str, Any]) -> str:
+    """What a file without known gains holds first: the end of a message."""
+    path, value = (), data
+    while isinstance(value, dict) and value:
+        key, value = next(iter(value.items()))
+        path = (*path, key)
+    if not path:
+        return ""
+    close = difflib.get_close_matches(path[-1].lower(), GainSection.model_fields, 1, cutoff=0.5)
+    hint = f", did you mean {close[0]}?" if close and path[-1] not in close else ""
+    return f"; found {dotted(*path)}: {shown(value)}{hint}"
 
 
 def _mappings(node: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], dict[str, Any]]]:

@@ -15,9 +15,10 @@ from .arrays import Floats
 from .config_sections import delay_of, refuse_long_delay, spread, tick_of
 from .drive import Drive
 from .errors import GainroomError
+from .file_kinds import parse_as
 from .forbidden import Requirements
 from .io.checked import dotted, validate
-from .io.yaml_text import parse_yaml, read_text, shown
+from .io.yaml_text import read_text, shown
 from .messages import first_of_many, nearest
 from .robot.actuators import Actuators, actuators_of, drives_of, merge_entries
 from .robot.body import Base, RigidBody
@@ -50,10 +51,7 @@ def load_robot_spec(path: Path) -> RobotSpec:
 
 def parse_robot(text: str, source: str, folder: Path = Path()) -> RobotSpec:
     """As load_robot_spec, for the text of a file that messages call `source`; a model's path is relative to `folder`."""
-    data = parse_yaml(text, source)
-    if data is None:
-        raise GainroomError(f"{source}: is empty; `gainroom example biped` prints a file to start from")
-    file = validate(RobotFile, data, source)
+    file = validate(RobotFile, parse_as("robot", text, source, "biped"), source)
     try:
         return _spec(file, source, folder)
     except GainroomError as error:

@@ -8,7 +8,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_valida
 
 from .config_sections import ControlSection, DelayMs, DriveSection, LimitsSection, RangesSection
 from .controller import PD, PID, PPI
-from .io.checked import NotNegative, Positive, PositiveOrInfinite, Section, number, one_of, refusal
+from .io.checked import NotNegative, Positive, PositiveOrInfinite, Section, dotted, number, one_of, refusal
 from .io.yaml_text import shown
 from .robot.actuators import ActuatorEntry
 from .robot.body import Base
@@ -69,6 +69,17 @@ def _ground(value: Any) -> Any:
     return _of((dict, type(None)), "true, false or a section")(value)
 
 
+def _list_of(what: str, empty: str = "") -> Callable[[Any], Any]:
+    """A check: a list; one thing by itself is refused with the list that was meant."""
+
+    def check(value: Any) -> Any:
+        if isinstance(value, str):
+            raise refusal(f"{shown(value)} must be a list of {what}: [{shown(value)}]{empty}")
+        return _of(list, f"a list of {what}{empty}")(value)
+
+    return check
+
+
 def _at_most(value: Any) -> Any:
     if len(value) > MOST_NAMES:
         raise refusal(f"{len(value)} entries must be at most {MOST_NAMES}")
@@ -126,12 +137,19 @@ class JointsSection(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     entries: dict[str, ActuatorSection] = {}
-    locked: Annotated[list[Name], BeforeValidator(_list)] = []
+    locked: Annotated[list[Name], BeforeValidator(_list_of("joint names or patterns"))] = []
 
     @model_validator(mode="before")
     @classmethod
     def _patterns(cls, data: Any) -> Any:
-        data = _mapping(data)
+        for key, value in _mapping(data).items():
+            if key != "locked" and not isinstance(value, dict):
+                keys = ", ".join(ActuatorSection.model_fields)
+                raise refusal(
+                    f"{shown(value)} must be a section with keys among {keys}: every key here but locked, the list of joints that do not "
+                    "move, is default or a joint's name or pattern",
+                    key=dotted(key),
+                )
         return {"entries": {key: value for key, value in data.items() if key != "locked"}, "locked": data.get("locked", [])}
 
 
@@ -205,7 +223,7 @@ class RobotControlSection(ControlSection):
 Postures = Annotated[dict[str, Annotated[dict[str, Angle], BeforeValidator(_mapping)]], BeforeValidator(_named)]
 ContactList = Annotated[
     list[Annotated[ContactSection, BeforeValidator(lambda value: {"frame": value} if isinstance(value, str) else value)]],
-    BeforeValidator(lambda value: _at_most(_list(value))),
+    BeforeValidator(lambda value: _at_most(_list_of("frames", ", or [] for none")(value))),
 ]
 
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..io.numbers import decibels, digits, frequency, model_in_words, model_kind
-from .options import AsJson, Report, command_line, report_stream
+from .options import AsJson, Report, command_line, number_option, report_stream
 from .output import emit, emit_json, render, table
 from .progress import progress_bar
 
@@ -31,18 +31,22 @@ def audit(
             show_default=False,
         ),
     ],
-    delay_ms: Annotated[float, typer.Option(help="From torque command to motor torque [ms].", show_default=False)],
+    delay_ms: Annotated[
+        float, number_option("--delay-ms", "in milliseconds", "From torque command to motor torque [ms].", show_default=False)
+    ],
     gains: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Gains as plain or ros2_control YAML; without it, the MJCF's own actuators.")
     ] = None,
-    rate_hz: Annotated[Number, typer.Option(help="Of the controller [Hz]; without it, continuous time.")] = None,
-    stiffness: Annotated[Number, typer.Option(help="Of every gearbox [N m/rad]; without it, rigid.")] = None,
-    damping: Annotated[Number, typer.Option(help="Of every gearbox [N m s/rad].")] = None,
-    motor_inertia: Annotated[Number, typer.Option(help="Joint side [kg m²], where the gains' file names none.")] = None,
-    bandwidth: Annotated[Number, typer.Option(help="Of the current loops [rad/s]; without it, ideal.")] = None,
+    rate_hz: Annotated[Number, number_option("--rate-hz", "in Hz", "Of the controller [Hz]; without it, continuous time.")] = None,
+    stiffness: Annotated[Number, number_option("--stiffness", "in N m/rad", "Of every gearbox [N m/rad]; without it, rigid.")] = None,
+    damping: Annotated[Number, number_option("--damping", "in N m s/rad", "Of every gearbox [N m s/rad].")] = None,
+    motor_inertia: Annotated[
+        Number, number_option("--motor-inertia", "in kg m²", "Joint side [kg m²], where the gains' file names none.")
+    ] = None,
+    bandwidth: Annotated[Number, number_option("--bandwidth", "in rad/s", "Of the current loops [rad/s]; without it, ideal.")] = None,
     base: Annotated[str | None, typer.Option(help="fixed or floating; an MJCF says it itself.")] = None,
     contact: Annotated[list[str] | None, typer.Option(metavar="NAME", help="A frame on the ground; may be given again.")] = None,
-    margin_db: Annotated[float, typer.Option(help="Gain margin that safe gains have [dB].")] = MARGIN_DB,
+    margin_db: Annotated[float, number_option("--margin-db", "in dB", "Gain margin that safe gains have [dB].")] = MARGIN_DB,
     as_json: AsJson = False,
     report: Report = None,
 ) -> int:

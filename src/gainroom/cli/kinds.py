@@ -1,12 +1,14 @@
-"""Which kind of file a command has been given."""
+"""Which of the two descriptions a command that takes both has been given."""
 
 from pathlib import Path
 from typing import Literal
 
 
 def kind_of(file: Path) -> Literal["joint", "robot"]:
-    """By its sections: `model` makes it a robot's. Raises GainroomError where it cannot be read."""
-    from ..io.yaml_text import parse_yaml, read_text
+    """By its sections; what cannot be told is refused as a joint's. Raises GainroomError where it cannot be read, or is a model."""
+    from ..file_kinds import kind_of_file, wrong_kind
 
-    data = parse_yaml(read_text(file), str(file))
-    return "robot" if isinstance(data, dict) and "model" in data and "joint" not in data else "joint"
+    found = kind_of_file(file)
+    if found == "model":
+        raise wrong_kind(str(file), "joint.yaml or robot.yaml", found)
+    return "robot" if found == "robot" else "joint"

@@ -5,12 +5,25 @@ import os
 import shlex
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, TextIO
+from typing import Annotated, Any, TextIO
 
 import typer
 
 AsJson = Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")]
 Report = Annotated[Path | None, typer.Option("--report", metavar="OUT.html", help="Also write a self-contained page.")]
+
+
+def number_option(flag: str, unit: str, text: str, **others: Any) -> Any:
+    """A typer.Option that takes a number; what is none is refused with the `unit` in words, which must not be typed."""
+
+    def parse(value: object) -> float:
+        try:
+            return float(value)  # type: ignore[arg-type]
+        except ValueError:
+            written = f"a number {unit}, without the unit" if unit else "a number"
+            raise typer.BadParameter(f"{str(value)[:60]!r} must be {written}", param_hint=f"'{flag}'") from None
+
+    return typer.Option(flag, parser=parse, metavar=others.pop("metavar", "NUMBER"), help=text, **others)
 
 
 @contextlib.contextmanager

@@ -12,7 +12,7 @@ import typer
 from ..io.numbers import digits, frequency, milli, settling
 from .interrupts import stop_signals
 from .kinds import kind_of
-from .options import AsJson, Report, command_line, report_stream
+from .options import AsJson, Report, command_line, number_option, report_stream
 from .output import emit, emit_json, render, table
 from .progress import progress_bar
 
@@ -31,7 +31,7 @@ def simulate(
     as_json: AsJson = False,
     report: Report = None,
     log: Annotated[Path | None, typer.Option("--log", metavar="LOG", help="Also write every tick: .csv, .parquet or .mcap.")] = None,
-    gain: Annotated[float, typer.Option("--gain", metavar="FACTOR", help="Multiply all gains by this.")] = 1.0,
+    gain: Annotated[float, number_option("--gain", "", "Multiply all gains by this.", metavar="FACTOR")] = 1.0,
 ) -> int:
     """Play the scenario of a joint or a robot: how well it tracks, and whether it vibrates or runs away.
 

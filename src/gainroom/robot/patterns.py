@@ -86,8 +86,22 @@ def select(pattern: str, names: Sequence[str], owner: str) -> tuple[int, ...]:
         raise GainroomError(f"{owner}: a joint's name must have at most {LONGEST} characters to be matched with patterns")
     found = tuple(index for index, name in enumerate(names) if matcher.fullmatch(name))
     if not found:
-        raise GainroomError(f"{owner}: {pattern!r} matches no joint{nearest(pattern, names, 'joint')}")
+        raise GainroomError(f"{owner}: {pattern!r} matches no joint; {_instead(pattern, names)}")
     return found
+
+
+def _instead(pattern: str, names: Sequence[str]) -> str:
+    """What may have been meant by a pattern that matches no whole name: a part of names, or a name in other letters."""
+    inner = f"(?:{pattern})" if "|" in pattern else pattern
+    loose = f"{'' if inner.startswith('.*') else '.*'}{inner}{'' if inner.endswith('.*') else '.*'}"
+    try:
+        matcher = compile_pattern(loose, "", _length(names))
+    except GainroomError:  # matches in too many ways to be tried
+        matcher = None
+    parts = [name for name in names if matcher and matcher.fullmatch(name)]
+    more = f" and {len(parts) - 1} more" if len(parts) > 1 else ""
+    hint = f": try {loose!r} ({parts[0]}{more})" if parts else ""
+    return f"it must match a whole name{hint}{nearest(pattern, names, 'joint')}"
 
 
 def _length(names: Sequence[str]) -> int:

@@ -33,7 +33,10 @@ def parse_xml(text: str, source: str) -> Element:
     try:
         reader.parser.Parse(text, True)
     except expat.ExpatError as error:
-        raise GainroomError(f"{source}: line {error.lineno}, column {error.offset + 1}: {expat.ErrorString(error.code)}") from error
+        problem = expat.ErrorString(error.code)
+        if not text.lstrip().startswith("<"):
+            problem = "is no XML; a robot is a URDF (<robot>) or an MJCF (<mujoco>)"
+        raise GainroomError(f"{source}: line {error.lineno}, column {error.offset + 1}: {problem}") from error
     return reader.builder.close()
 
 
