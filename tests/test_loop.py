@@ -217,6 +217,23 @@ def test_gravity_of_one_joint():
     assert not gr.is_stable(gr.build_loop(plant, gr.Drive(4000.0, 0.9, 2e-3), gr.PD(39.0, 20.0)))  # below the 40 that gravity asks for
 
 
+LEG = gr.Plant(np.diag([1.0, 2.0, 3.0]), 1.0, 1e4)
+
+
+def test_shown_on_one_line():
+    """Of many joints too: what it is, no arrays."""
+    plant = gr.Plant(np.eye(40), 1.0, 1e4)
+    loop = gr.build_loop(plant, gr.Drive(), gr.PD(1.0, 1.0), sample_time=5e-4)
+    for thing, words in (
+        (plant, ["Plant(40 joints: joint1,"]),
+        (loop.scaled(2.0), ["Loop(40 joints, sample_time 0.0005 s, PD, ", "times 2"]),
+    ):
+        shown = repr(thing)
+        assert "\n" not in shown
+        assert len(shown) < 120
+        assert all(word in shown for word in words)
+
+
 @pytest.mark.parametrize(
     ("make", "words"),
     [
@@ -227,6 +244,13 @@ def test_gravity_of_one_joint():
         ),
         (lambda: gr.build_loop(gr.ElasticJoint(1, 1), gr.Drive(), gr.PD(1.0, 1.0), sample_time=0.0), ["sample_time", "0", "> 0"]),
         (lambda: gr.build_loop(gr.ElasticJoint(1, 1), [gr.Drive()] * 2, gr.PD(1.0, 1.0)), ["2 drives", "1 joints"]),
+        (lambda: gr.build_loop(gr.ElasticJoint(1, 1), "fast", gr.PD(1.0, 1.0)), ["drive 'f'", "must be a Drive"]),
+        (lambda: gr.build_loop(LEG, [gr.Drive()] * 2, gr.PD(1.0, 1.0)), ["2 drives", "3 joints"]),
+        (lambda: gr.build_loop(LEG, 2e-3, gr.PD(1.0, 1.0)), ["drive 0.002", "a Drive, or a list with one for each of 3 joints"]),
+        (lambda: gr.build_loop(LEG, gr.Drive(), gr.PD(np.ones(2), 1.0)), ["PD: kp of shape (2,) must be a number, (3,) or (3, 3)"]),
+        (lambda: gr.build_loop(LEG, gr.Drive(), gr.PD(1.0, np.ones((3, 2)))), ["PD: kd of shape (3, 2)"]),
+        (lambda: gr.build_loop(LEG, gr.Drive(), gr.PID(1.0, np.ones(1), 1.0)), ["PID: ki of shape (1,)"]),
+        (lambda: gr.build_loop(LEG, gr.Drive(), gr.PPI(1.0, np.ones((1, 3)))), ["PPI: kv of shape (1, 3)"]),
         (lambda: gr.build_loop(gr.ElasticJoint(1, 1), gr.Drive(), "pd"), ["str", "LTI"]),
         (lambda: gr.build_loop(gr.ElasticJoint(1, 1), gr.Drive(), gr.PD(np.eye(2), 1.0)), ["(2, 2)"]),
         (lambda: gr.build_loop(gr.ElasticJoint(1, inf, 1e4), gr.Drive(), gr.PD(1.0, 1.0), feedback="link"), ["inf", "link side"]),

@@ -236,6 +236,11 @@ def test_load_robot_carries_its_file(folder: Path):
     assert robot.name == str(path)
     assert robot.spec is not None
     assert robot.spec.robot == robot
+    model = robot.linearize("bent", "none")
+    for thing, words in ((robot, "4 joints"), (robot.spec, "joint space"), (model, "posture 'bent'"), (robot.body, "4 joints")):
+        assert words in repr(thing)
+        assert "\n" not in repr(thing)
+        assert "array(" not in repr(thing)
     loop = gr.build_loop(robot.linearize("bent", "none"), gr.Drive(4000.0, 0.9, 2e-3), gr.PD(kp=2000.0, kd=100.0))
     assert loop.size == 4
 

@@ -94,6 +94,11 @@ class _Feedback:
         """The names of the gains, in the order of the signature."""
         raise NotImplementedError
 
+    def require_size(self, size: int) -> None:
+        """Raise GainroomError, naming the gain, where one does not fit `size` joints."""
+        for name in self.gain_names():
+            gain_matrix(f"{type(self).__name__}: {name}", getattr(self, name), size)
+
     def terms(self) -> Terms:
         """The gains G_ab, each () or (n, n); terms that vanish are left out."""
         raise NotImplementedError

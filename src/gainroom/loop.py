@@ -4,7 +4,7 @@ Return ratio at the motor torque, motor-side feedback:  L(s) = P_M C e^{−sT} D
 poles and exact delay; for any n it also has a state space with the delayed channels apart, from which roots come.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -19,6 +19,7 @@ from .drive import Drive
 from .errors import GainroomError, require_count, require_finite, require_positive
 from .factored import Factored, ratio
 from .lti import factored_from, is_lti, sample_time_of
+from .messages import one_line
 from .plant import ElasticJoint, Plant
 from .sampling import sample
 from .statespace import StateSpace, factored, hold, realize, split_delay
@@ -52,6 +53,12 @@ class Loop:
     parts: Parts | None = None
     given: StateSpace | None = None
     gain: float = 1.0
+
+    def __repr__(self) -> str:
+        time = "continuous" if self.sample_time is None else f"sample_time {self.sample_time:g} s"
+        made = "" if self.parts is None else f", {type(self.parts.controller).__name__}, {self.parts.feedback} feedback"
+        scale = "" if self.gain == 1 else f", gains times {self.gain:g}"
+        return f"Loop({self.size} joint{'s' * (self.size > 1)}, {time}{made}{scale})"
 
     @cached_property
     def scalar(self) -> Factored | None:
@@ -205,15 +212,15 @@ def build_loop(
     plant = joint.plant() if isinstance(joint, ElasticJoint) else joint
     if not isinstance(plant, Plant):
         raise GainroomError(f"joint {type(joint).__name__} must be an ElasticJoint or a Plant")
-    drives = (drive,) * plant.size if isinstance(drive, Drive) else tuple(drive)
-    if len(drives) != plant.size:
-        raise GainroomError(f"{len(drives)} drives must be one, or one for each of {plant.size} joints")
+    drives = _drives(drive, plant.size)
     if feedback not in ("motor", "link"):
         raise GainroomError(f"feedback {feedback!r} must be 'motor' or 'link'")
     if sample_time is not None:
         require_positive("loop", "sample_time", sample_time, "s")
     if not isinstance(controller, PD | PID | PPI | Compensator):
         controller = Compensator(system=factored_from(controller))
+    if plant.size > 1:
+        controller.require_size(plant.size)
     parts = Parts(plant, drives, controller, feedback, sample_time)
     delays = np.array([drive.delay for drive in drives]) if sample_time is None else np.zeros(plant.size)
     if plant.size > 1:
@@ -224,6 +231,19 @@ def build_loop(
         return replace(loop, unstable_poles=np.count_nonzero(_unstable(np.linalg.eigvals(loop.open_loop.a), sample_time)))
     actuated, control = _actuated_scalar(parts), controller.transfer(sample_time)
     return Loop(1, sample_time, actuated, control, delays, unstable_poles=(actuated * control).unstable_poles, parts=parts)
+
+
+def _drives(drive: Any, size: int) -> tuple[Drive, ...]:
+    """One drive per joint. Raises GainroomError."""
+    if isinstance(drive, Drive):
+        return (drive,) * size
+    drives = tuple(drive) if isinstance(drive, Iterable) else (drive,)
+    strange = [one for one in drives if not isinstance(one, Drive)]
+    if strange:
+        raise GainroomError(f"drive {one_line(repr(strange[0]), 60)} must be a Drive, or a list with one for each of {size} joints")
+    if len(drives) != size:
+        raise GainroomError(f"{len(drives)} drives must be one, or one for each of {size} joints")
+    return drives
 
 
 def loop_from(lti: Any, delay: float = 0.0, unstable_poles: int | None = None) -> Loop:

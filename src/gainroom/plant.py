@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 
 from .arrays import Booleans, Complexes, Floats
 from .errors import GainroomError, require_finite, require_positive
+from .messages import first_of_many
 
 
 @dataclass(frozen=True)
@@ -85,10 +86,14 @@ class ElasticJoint:
 
 @dataclass(frozen=True)
 class Mechanism:
-    """The plant in second-order form, M η̈ + D η̇ + S η = F τ_m, with η = (ξ, θ of the elastic joints) and q = R ξ.
+    """The plant in second-order form, M_η η̈ + D_η η̇ + K_η η = F τ_m.
 
-    Frequencies are never inverted through W, so singular W is an ordinary case. Shapes: mass, damping, stiffness (m, m); force
-    (m, n); motor_position, link_position (n, m).
+    η = (ξ, θ_e) are the m coordinates: ξ of the links, with q = R ξ and W = R Rᵀ (see this module's title), and the motor positions θ_e
+    of the elastic joints; a rigid joint's motor moves with its link. W is not inverted, so a singular one is an ordinary case.
+
+    mass, damping, stiffness        M_η, D_η, K_η (m, m), symmetric
+    force                           F (m, n): which coordinates a motor's torque acts on
+    motor_position, link_position   (n, m) from η to θ and to q
     """
 
     mass: Floats
@@ -101,13 +106,21 @@ class Mechanism:
 
 @dataclass(frozen=True)
 class Compliance:
-    """c directions in which the links rest on springs and dampers to the ground, beside the joints.
+    """Ground that gives way: c directions in which the links rest on springs and dampers, beside the joints.
 
-    coupling         (n, c) S A⁻¹ J_cᵀ: acceleration of the joints by forces along those directions
-    inverse_inertia  (c, c) J_c A⁻¹ J_cᵀ, symmetric, ≥ 0
-    stiffness, damping   (c,) [N/m, N m/rad], [N s/m, N m s/rad]
+    A foot on a soft floor has six such directions x_c (c,): three shifts, three turns. The links alone, base included, obey
+    A v̇ = Sᵀ τ_J + J_cᵀ f: A is the mass matrix of all N degrees of freedom v, S (n, N) picks the n joints among them, J_c (c, N) turns v
+    into the speeds ẋ_c, and f (c,) are the forces of springs and dampers, f = −(K_c + s B_c) x_c. What the joints then feel needs of
+    A and J_c no more than
 
-    With forces −(K_c + s B_c) x on the directions, the joints see W(s) = W − W_c (W_cc + s² diag(1/(K_c + s B_c)))⁻¹ W_cᵀ.
+    coupling         W_c = S A⁻¹ J_cᵀ (n, c): acceleration of the joints by forces along those directions
+    inverse_inertia  W_cc = J_c A⁻¹ J_cᵀ (c, c), symmetric, ≥ 0: acceleration along the directions by forces along them
+    stiffness, damping   K_c, B_c (c,) [N/m, N m/rad], [N s/m, N m s/rad]
+
+    and is W(s) = W − W_c (W_cc + s² diag(1/(K_c + s B_c)))⁻¹ W_cᵀ, with W = S A⁻¹ Sᵀ. Contacts that are held rigidly are taken out
+    beforehand: A⁻¹ is then what they leave of it (robot/linearize.py).
+
+    Raises GainroomError on shapes that disagree, stiffness that is not > 0 and damping that is not >= 0.
     """
 
     coupling: Floats
@@ -132,7 +145,7 @@ class Plant:
     link_inverse_inertia   W (n, n), symmetric, ≥ 0 [1/(kg m²)]
     motor_inertia, stiffness, damping, motor_viscous, link_viscous   (n,) or a scalar for all, units as ElasticJoint
     gravity_stiffness      G (n, n) [N m/rad], the derivative of the gravity torque; None: compensated or absent
-    compliance             ground or other springs that the links rest on; W is then what the joints feel without them
+    compliance             springs under the links' contacts with the ground, see Compliance; W is then what the joints feel without them
 
     Raises GainroomError on shapes that disagree and on values that are not physical.
     """
@@ -178,6 +191,9 @@ class Plant:
         for joint, inertia, elastic in zip(names, self.motor_inertia, self.elastic, strict=True):
             if inertia == 0 and elastic:
                 raise GainroomError(f"joint '{joint}': motor_inertia 0 kg·m² must be > 0 on an elastic joint")
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.size} joint{'s' * (self.size > 1)}: {first_of_many(self.joint_names)})"
 
     @property
     def size(self) -> int:

@@ -14,7 +14,7 @@ from .drive import Drive
 from .errors import GainroomError
 from .forbidden import Requirements
 from .loop import Feedback, Loop, build_loop
-from .messages import nearest
+from .messages import first_of_many, nearest
 from .uncertainty import between
 
 if TYPE_CHECKING:
@@ -53,7 +53,11 @@ class Robot:
     contacts: Mapping[str, "tuple[Contact, ...]"]
     stack: "tuple[Task, ...]" = ()
     gravity: bool = False
-    spec: "RobotSpec | None" = field(default=None, compare=False, repr=False)
+    spec: "RobotSpec | None" = field(default=None, compare=False)
+
+    def __repr__(self) -> str:
+        names = f"postures {first_of_many(tuple(self.postures))}; contacts {first_of_many(tuple(self.contacts))}"
+        return f"Robot({self.name!r}: {self.body.size} joints, {self.body.base} base; {names})"
 
     @property
     def body(self) -> "RigidBody":
@@ -204,6 +208,9 @@ class RobotSpec:
     scenario: RobotScenario = field(default_factory=RobotScenario)
     assumptions: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        return f"RobotSpec({self.robot!r}, control in {self.control.space} space)"
 
     def controller(self, model: "RobotModel") -> PD | PID | PPI:
         """The controller of n joints in one state: the file's own in joint space, that of its tasks in task space."""

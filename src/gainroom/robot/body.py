@@ -98,6 +98,9 @@ class RigidBody:
     notes: tuple[str, ...] = ()
     bones: tuple[Bone, ...] = ()
 
+    def __repr__(self) -> str:
+        return f"RigidBody({self.source!r}: {self.size} joints, {len(self.locked)} locked, {self.base} base)"
+
     @property
     def size(self) -> int:
         """n, the number of actuated joints."""

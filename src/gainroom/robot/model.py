@@ -52,6 +52,10 @@ class RobotModel(Plant):
     posture: str = ""
     contact: str = ""
 
+    def __repr__(self) -> str:
+        state = f", posture {self.posture!r}, contact {self.contact!r}" if self.posture else ""
+        return f"RobotModel({self.size} joints, {self.body.base} base{state})"
+
     @property
     def selection(self) -> Floats:
         """S (n, N): the actuated joints among all degrees of freedom, [0 I] on a floating base."""

@@ -30,7 +30,7 @@ from numpy.typing import ArrayLike
 from ..arrays import Booleans, Floats
 from ..controller import PD, PPI
 from ..errors import GainroomError, require_finite
-from ..messages import nearest
+from ..messages import first_of_many, nearest
 from .contact import free_motion
 from .model import Stance
 
@@ -88,6 +88,11 @@ class TaskPPI(PPI):
     torque: Floats = field(kw_only=True)
     jacobian: Floats = field(kw_only=True)
 
+    def require_size(self, size: int) -> None:
+        if self.torque.shape[0] != size:
+            raise GainroomError(f"tasks of a robot with {self.torque.shape[0]} joints cannot control {size}")
+        super().require_size(self.torque.shape[1])
+
     def terms(self) -> dict[tuple[int, int], Floats]:
         return {powers: self.torque @ (gain[:, None] * self.jacobian) for powers, gain in super().terms().items()}
 
@@ -116,6 +121,9 @@ class Tasks:
     ki: Floats
     cascade: Booleans
     warnings: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        return f"Tasks({len(self.directions)} directions: {first_of_many(self.directions)})"
 
     @property
     def movable(self) -> Booleans:
