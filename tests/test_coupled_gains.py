@@ -1,14 +1,16 @@
 """The largest scale of gains: against single joints where nothing couples, and against its own definition where everything does."""
 
 import itertools
-from math import inf, pi
+from dataclasses import replace
+from math import inf, nan, pi
 
 import numpy as np
 import pytest
 
 import gainroom as gr
 from draws import draw_plant
-from gainroom.coupled_gains import kept_by, largest_scale
+from gainroom.coupled_gains import Kept, kept_by, largest_scale
+from gainroom.io.numbers import margin_value
 
 DRIVE = gr.Drive(4000.0, 0.9, 2e-3)
 REQUIRED = gr.Requirements.usual()
@@ -72,3 +74,20 @@ def test_what_is_safe_in_all_cases_is_allowed_in_each(monkeypatch: pytest.Monkey
 def test_what_no_scale_meets():
     required = gr.Requirements(phase_margin=0.95 * pi)
     assert largest_scale([scalable(gr.ElasticJoint(0.2, 0.8, 1e4, 1.0), 2000.0, 30.0)], required).scale == 0
+
+
+@pytest.mark.parametrize("name", ["gain_margin", "phase_margin", "peak_sensitivity"])
+def test_met_to_round_off_and_no_further(name: str):
+    """A margin that misses its requirement by less than 1e-6 of it is met, one that misses it by more is not and does not read as if."""
+    asked = REQUIRED
+    needed = getattr(asked, name)
+    worse = 1.0 if name == "peak_sensitivity" else -1.0  # towards what is not allowed
+    for miss, met in ((0.9e-6, True), (1.2e-6, False), (2e-5, False)):
+        value = needed * (1 + worse * miss)
+        kept = replace(Kept(True, 10.0, 2.0, 1.2), **{name: value})
+        assert asked.met(name, value) is met
+        assert kept.meets(asked) is met
+        shown = margin_value(asked, name, value, met, 3)
+        assert (shown == margin_value(asked, name, needed, True, 3)) is met
+    assert asked.met(name, nan) is False
+    assert gr.Requirements(**{other: getattr(asked, other) for other in asked.asked if other != name}).met(name, needed) is None

@@ -12,6 +12,8 @@ import numpy as np
 
 from .arrays import Floats
 from .errors import GainroomError, computable
+from .forbidden import enough
+from .messages import beside
 from .robot_spec import RobotSpec
 from .robot_states import JudgedState, by_room
 from .robot_study import HELD, Progress, margins_of, moves, single_joint_limits
@@ -39,7 +41,7 @@ class AuditState(JudgedState):
 
     def keeps(self, margin: float) -> bool:
         """Whether it is stable with `margin` times its gains."""
-        return self.limit.stable and self.limit.gain >= margin
+        return self.limit.stable and enough(self.limit.gain, margin)
 
 
 @dataclass(frozen=True)
@@ -158,7 +160,7 @@ def _joints(result: Audit) -> tuple[AuditedJoint, ...]:
             name=name,
             **{key: float(column[k]) for key, column in columns.items()},
             motor_inertia=float(spec.robot.actuators.motor_inertia[k]),
-            safe=bool(alone[k] >= result.margin) and name not in vibrating,
+            safe=enough(float(alone[k]), result.margin) and name not in vibrating,
             gain_limit=float(alone[k]),
             limit_others_closed=float(closed[k]),
         )
@@ -181,16 +183,20 @@ def _sentence(result: Audit) -> str:
     if unknown:
         return f"Not safe: it is stable, but how far these gains may go in {listed(unknown)} is not known; {_count(count, result)}."
     at = f" at {limit.frequency / (2 * math.pi):.3g} Hz" if math.isfinite(limit.frequency) else ""
-    room = f"all gains can be multiplied by {limit.gain:.3g} ({to_db(limit.gain):.3g} dB) before it vibrates{at}"
+    factors, levels = (limit.gain, result.margin), (to_db(limit.gain), to_db(result.margin))
+    kept = worst.keeps(result.margin)
+    factor, level = (f"{pair[0]:.3g}" if kept else beside(*pair) for pair in (factors, levels))
+    room = f"all gains can be multiplied by {factor} ({level} dB) before it vibrates{at}"
     room = "no common factor on all gains makes it vibrate" if math.isinf(limit.gain) else room
     asked = f"{result.margin:.3g} ({to_db(result.margin):.2g} dB)"
     if not result.safe:
-        return f"Not safe: {room}, less than {asked} is asked for or a joint has less alone; {delays}; {_count(count, result)}."
+        short = f"but a joint by itself has less than the {asked} asked for" if kept else f"less than the {asked} asked for"
+        return f"Not safe: {room}, {short}; {delays}; {_count(count, result)}."
     return f"Safe: {room}; {delays}, and has {given}."
 
 
 def _count(unsafe: int, result: Audit) -> str:
-    return f"{unsafe} of {len(result.joints)} joints are not safe"
+    return f"{unsafe} of {len(result.joints)} joints {'is' if unsafe == 1 else 'are'} not safe"
 
 
 def _warnings(result: Audit) -> tuple[str, ...]:

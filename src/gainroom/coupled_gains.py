@@ -39,11 +39,7 @@ class Kept:
 
     def meets(self, required: Requirements) -> bool:
         """Whether every requirement holds."""
-        return self.stable and not (
-            (required.gain_margin is not None and self.gain_margin < required.gain_margin)
-            or (required.phase_margin is not None and self.phase_margin < required.phase_margin)
-            or (required.peak_sensitivity is not None and self.peak_sensitivity > required.peak_sensitivity)
-        )
+        return self.stable and all(required.met(name, getattr(self, name)) for name in required.asked)
 
 
 @dataclass(frozen=True)

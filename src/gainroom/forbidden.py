@@ -20,6 +20,14 @@ Piece = tuple[Integers, Floats, Floats]
 """Column, one end and the other end of intervals of kd."""
 Events = tuple[Integers, Floats, Floats]
 """Column, ω and kd."""
+ROUND_OFF = 1e-6
+"""Relative: a margin that misses its requirement by no more than this is met. Gains that were set right on a requirement come back with
+the round-off of the search and of dB and degrees, below 1e-8; what this grants beyond, 1e-5 dB or 2e-5° of 30°, nobody can measure."""
+
+
+def enough(value: float, needed: float) -> bool:
+    """Whether `value` is at least `needed` but for ROUND_OFF; False for NaN."""
+    return bool(value >= needed * (1 - ROUND_OFF))
 
 
 @dataclass(frozen=True)
@@ -62,6 +70,13 @@ class Requirements:
     def asked(self) -> tuple[str, ...]:
         """The names of those that are asked for."""
         return tuple(name for name in ("gain_margin", "phase_margin", "peak_sensitivity") if getattr(self, name) is not None)
+
+    def met(self, name: str, value: float) -> bool | None:
+        """Whether `value` keeps what is asked for under `name`, but for ROUND_OFF; None where nothing is, False for NaN."""
+        needed = getattr(self, name)
+        if needed is None:
+            return None
+        return enough(needed, value) if name == "peak_sensitivity" else enough(value, needed)
 
 
 def forbidden(plane: GainPlane, omega: Floats, name: str, value: float, kps: Floats, window: Floats, polish: bool = True) -> list[Floats]:

@@ -1,10 +1,12 @@
 """Words for messages: on one line, printable, and no longer than a person reads."""
 
 import difflib
+import math
 from collections.abc import Sequence
 
 MOST_SHOWN = 8
 """Names in one message."""
+MOST_DIGITS = 9
 
 
 def printable(text: str) -> str:
@@ -21,6 +23,18 @@ def one_line(message: object, most: int = 240) -> str:
 def first_of_many(items: Sequence[str]) -> str:
     """The first of many things, and how many there are."""
     return ", ".join(items[:MOST_SHOWN]) + (f", … {len(items)} in all" if len(items) > MOST_SHOWN else "")
+
+
+def apart(value: float, other: float, least: int) -> int:
+    """Significant digits, `least` or more, that tell `value` from `other`: 5.9999 beside a required 6 must not read as 6."""
+    if not (math.isfinite(value) and math.isfinite(other)):
+        return least
+    return next((count for count in range(least, MOST_DIGITS) if f"{value:.{count}g}" != f"{other:.{count}g}"), MOST_DIGITS)
+
+
+def beside(value: float, other: float) -> str:
+    """`value` with three digits, or as many as tell it from `other`."""
+    return f"{value:.{apart(value, other, 3)}g}"
 
 
 def nearest(name: str, names: Sequence[str], kind: str) -> str:

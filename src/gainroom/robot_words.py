@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from .limits import GainLimit
+from .messages import beside
 from .robot_states import RobotStudy, StateStudy
 from .robustness import to_db
 from .study import CONTINUOUS
@@ -30,12 +31,14 @@ def _unmet(study: RobotStudy) -> list[str]:
     asked, parts = study.spec.requirements, []
     for name, state in study.unmet.items():
         value, needed = getattr(state.room, name), getattr(asked, name)
-        if name == "gain_margin":
-            figures = f"{to_db(value):.3g} dB of {to_db(needed):.3g} dB"
+        if math.isnan(value):
+            figures = "not known"
+        elif name == "gain_margin":
+            figures = f"{beside(to_db(value), to_db(needed))} dB of {to_db(needed):.3g} dB"
         elif name == "phase_margin":
-            figures = f"{math.degrees(value):.3g}° of {math.degrees(needed):.3g}°"
+            figures = f"{beside(math.degrees(value), math.degrees(needed))}° of {math.degrees(needed):.3g}°"
         else:
-            figures = f"{value:.3g}, at most {needed:.3g}"
+            figures = f"{beside(value, needed)}, at most {needed:.3g}"
         parts.append(f"{name.replace('_', ' ')} ({figures}, {state.title})")
     return [f"Not as required: {listed(parts)}."] if parts else []
 

@@ -6,7 +6,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..io.numbers import decibels, digits, frequency, model_in_words, model_kind, own_gains, plane_names, quantity, requirement, typed_gains
+from ..io.numbers import (
+    decibels,
+    digits,
+    frequency,
+    margin_value,
+    model_in_words,
+    model_kind,
+    own_gains,
+    plane_names,
+    quantity,
+    requirement,
+    typed_gains,
+)
 from .options import AsJson, Report, command_line, report_stream
 from .output import emit, emit_json, render, table
 
@@ -145,41 +157,41 @@ def _what_binds(recommended: "Recommendation") -> str:
 def _margin_rows(study: "JointStudy") -> list[tuple[str, str, str, str, str]]:
     margins, required = study.margins, study.spec.requirements
 
-    def met(enough: bool) -> str:
-        return "yes" if margins.stable and enough else "no"
+    def met(enough: bool | None) -> str:
+        return "" if enough is None else "yes" if margins.stable and enough else "no"
 
     rows = [("stable", "yes" if margins.stable else "NO", "", "yes", met(True))]
-    needed = required.gain_margin
+    kept = required.met("gain_margin", margins.gain_room)
     rows.append(
         (
             "gain margin",
-            digits(decibels(margins.gain_margin), "dB"),
+            margin_value(required, "gain_margin", margins.gain_margin, kept),
             frequency(margins.phase_crossover),
             requirement(required, "gain_margin"),
-            "" if needed is None else met(margins.gain_room >= needed),
+            met(kept),
         )
     )
     if margins.lower_gain_margin > 0:
         rows.append(("gain may fall by", digits(-decibels(margins.lower_gain_margin), "dB"), "", "", ""))
-    needed = required.phase_margin
+    kept = required.met("phase_margin", abs(margins.phase_margin))
     rows.append(
         (
             "phase margin",
-            digits(math.degrees(margins.phase_margin), "°"),
+            margin_value(required, "phase_margin", margins.phase_margin, kept),
             frequency(margins.gain_crossover),
             requirement(required, "phase_margin"),
-            "" if needed is None else met(abs(margins.phase_margin) >= needed),
+            met(kept),
         )
     )
     rows.append(("delay margin", digits(1e3 * margins.delay_margin, "ms"), frequency(margins.delay_crossover), "", ""))
-    needed = required.peak_sensitivity
+    kept = required.met("peak_sensitivity", margins.peak_sensitivity)
     rows.append(
         (
             "peak sensitivity",
-            digits(margins.peak_sensitivity),
+            margin_value(required, "peak_sensitivity", margins.peak_sensitivity, kept),
             frequency(margins.peak_sensitivity_frequency),
             requirement(required, "peak_sensitivity"),
-            "" if needed is None else met(margins.peak_sensitivity <= needed),
+            met(kept),
         )
     )
     rows.append(("disk margin", digits(margins.disk_margin), "", "", ""))

@@ -3,6 +3,8 @@
 import math
 from typing import Any
 
+from ..messages import apart
+
 THIN = "\u202f"
 
 
@@ -59,14 +61,22 @@ def quantity(name: str, *values: float) -> str:
     return " ".join([name.replace("_", " "), *(f"{digits(scale * value)} to" for value in first), digits(scale * last, unit)])
 
 
+def margin_value(asked: Any, name: str, value: float, met: bool | None, significant: int = 4) -> str:
+    """A margin (`name`: a field of Requirements) with its unit; with digits enough to tell it from a requirement that is not met."""
+    scale, unit = _MARGINS[name]
+    needed = getattr(asked, name)
+    if met is False:
+        significant = apart(scale(value), scale(needed), significant)
+    return digits(scale(value), unit, significant)
+
+
 def requirement(asked: Any, name: str, significant: int = 4) -> str:
     """A required margin by its field's name in Requirements: "≥ 6 dB"; empty where nothing is required."""
     value = getattr(asked, name)
     if value is None:
         return ""
-    if name == "gain_margin":
-        return f"≥ {digits(decibels(value), 'dB', significant)}"
-    return f"≥ {digits(math.degrees(value), '°', significant)}" if name == "phase_margin" else f"≤ {digits(value, '', significant)}"
+    scale, unit = _MARGINS[name]
+    return f"{'≤' if name == 'peak_sensitivity' else '≥'} {digits(scale(value), unit, significant)}"
 
 
 def model_kind(sample_time: float | None) -> str:
@@ -105,4 +115,6 @@ _QUANTITIES = {
     "motor_inertia": (1.0, "kg·m²"),
     "damping": (1.0, "N·m·s/rad"),
 }
+_MARGINS = {"gain_margin": (decibels, "dB"), "phase_margin": (math.degrees, "°"), "peak_sensitivity": (float, "")}
+"""By a field of Requirements: how a person reads it."""
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")

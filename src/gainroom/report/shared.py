@@ -7,9 +7,12 @@ from typing import Any
 
 from .. import __version__
 from ..forbidden import Requirements
-from ..io.numbers import decibels, digits, requirement
+from ..io.numbers import digits, margin_value, requirement
 from ..limits import GainLimit
 from .page import Card
+
+CARDS = {"gain_margin": ("gain margin", "dB"), "phase_margin": ("phase margin", ""), "peak_sensitivity": ("peak sensitivity Ms", "")}
+"""Title and unit of a margin's card; a degree sign stands with its number."""
 
 
 def footer() -> list[str]:
@@ -23,15 +26,9 @@ def margin_card(asked: Requirements, name: str, value: float, note: str, kept: f
     value   as it is shown: factor, rad, factor
     kept    what is held against the requirement, where that is not the value itself
     """
-    label, shown, unit = {
-        "gain_margin": ("gain margin", digits(decibels(value), "", 3), "dB"),
-        "phase_margin": ("phase margin", digits(math.degrees(value), "°", 3), ""),
-        "peak_sensitivity": ("peak sensitivity Ms", digits(value, "", 3), ""),
-    }[name]
-    needed, kept = getattr(asked, name), value if kept is None else kept
-    met = None
-    if needed is not None:
-        met = bool(kept <= needed if name == "peak_sensitivity" else kept >= needed)
+    label, unit = CARDS[name]
+    met = asked.met(name, value if kept is None else kept)
+    shown = margin_value(asked, name, value, met, 3).removesuffix(" dB")
     return Card(label, shown, unit, requirement(asked, name, 3), met, note)
 
 
