@@ -93,6 +93,12 @@ class Audit:
         return self.worst.limiting_joints
 
     @property
+    def angles(self) -> dict[str, float]:
+        """Where every joint of the model stands, held ones too [rad; m for a slide]."""
+        posture = self.spec.robot.postures[self.worst.posture]
+        return {name: posture.angles.get(name, 0.0) for name in posture.body.joint_names} | dict(posture.body.locked)
+
+    @property
     def delay(self) -> float:
         """What it runs with [s]."""
         return max(drive.delay for drive in self.spec.drives)

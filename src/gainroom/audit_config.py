@@ -1,7 +1,7 @@
 """What `gainroom audit` is asked, without a configuration file: a model, the gains it runs with, and a few numbers, as a RobotSpec."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,11 +15,14 @@ from .errors import GainroomError
 from .file_kinds import kind_of_file, wrong_kind
 from .gain_files import JointGains, gains_of, read_gains
 from .io.checked import checked, number
+from .io.yaml_text import shown
 from .messages import first_of_many, nearest
 from .robot.actuators import ActuatorEntry, Actuators, actuators_of
 from .robot.body import Base, RigidBody
 from .robot.contact import Contact
+from .robot.mjcf import keyframes
 from .robot.packages import load_model, locate
+from .robot.patterns import select
 from .robot_config import base_of, refuse_long_delays
 from .robot_spec import Posture, Robot, RobotControl, RobotSpec
 
@@ -32,12 +35,16 @@ CHECKS = {
     "bandwidth": POSITIVE_OR_INFINITE,
 }
 """What options that may be left out may hold."""
+ANGLE = number(least=-1e4, most=1e4)
 DESCRIPTIONS = (".yaml", ".yml", ".json")
 
 
 @dataclass(frozen=True)
 class AuditOptions:
-    """As they are typed: ms, Hz, otherwise SI; None: not given. `contacts` are frames on the ground, all at once."""
+    """As they are typed: ms, Hz, otherwise SI; None: not given. `contacts` are frames on the ground, all at once.
+
+    posture   JOINT=ANGLE (a name or pattern; rad, m where the joint slides), or the name of an MJCF's keyframe; later ones win
+    """
 
     delay_ms: float
     rate_hz: float | None = None
@@ -47,6 +54,7 @@ class AuditOptions:
     bandwidth: float | None = None
     base: Base | Any = None
     contacts: tuple[str, ...] = ()
+    posture: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         checked("--delay-ms", self.delay_ms, DELAY_MS)
@@ -88,10 +96,14 @@ def audit_spec(model: str, gains: Path | None, options: AuditOptions) -> RobotSp
     kept = [k for k, name in enumerate(body.joint_names) if name not in held]
     if not kept:
         raise GainroomError(f"{path}: no joint that can move has gains")
-    if held:
-        body = load_model(path, base, held)
+    angles = _angles(options.posture, path, (*body.joint_names, *body.locked))
+    if held or not angles.keys().isdisjoint(body.locked):
+        body = load_model(path, base, held, posture_for_locked=angles)
+    posture = Posture(body, {name: angle for name, angle in angles.items() if name in body.joint_names})
     actuators, notes = _actuators(body, found.motor_inertia[kept], options)
-    robot = Robot(name=str(path), actuators=actuators, postures={"zero": Posture(body)}, contacts=_contacts(body, options.contacts))
+    robot = Robot(
+        name=str(path), actuators=actuators, postures={_posture_name(options): posture}, contacts=_contacts(body, options.contacts)
+    )
     sample_time = None if options.rate_hz is None else 1 / options.rate_hz
     refuse_long_delays(body.joint_names, [1e-3 * options.delay_ms] * body.size, sample_time)
     drive = Drive(delay=1e-3 * options.delay_ms, bandwidth=math.inf if options.bandwidth is None else options.bandwidth)
@@ -100,8 +112,43 @@ def audit_spec(model: str, gains: Path | None, options: AuditOptions) -> RobotSp
         drives=(drive,) * body.size,
         control=RobotControl("joint", _controller(found, kept), "motor", sample_time),
         assumptions=(*(guessed or (f"the base is {body.base}",)), *_assumptions(body, held, options), *notes),
-        warnings=(*found.notes, *body.notes, *(f"{text}; a robot.yaml can pose it" for text in body.beyond_limits(body.neutral()))),
+        warnings=(*found.notes, *body.notes, *_beyond_limits(posture)),
     )
+
+
+def _posture_name(options: AuditOptions) -> str:
+    """As it was typed."""
+    return first_of_many(options.posture) or "zero"
+
+
+def _angles(typed: Sequence[str], path: Path, joint_names: Sequence[str]) -> dict[str, float]:
+    """Angles by joint name, of those that are named. Raises GainroomError that names the option."""
+    angles: dict[str, float] = {}
+    for text in typed:
+        owner = f"--posture {shown(text)}"
+        pattern, sign, number_typed = text.rpartition("=")
+        if not sign:
+            angles |= _keyframe(text, owner, path)
+            continue
+        try:
+            value = float(number_typed)
+        except ValueError as error:
+            raise GainroomError(f"{owner}: {shown(number_typed)} must be a number in rad (m where the joint slides)") from error
+        angle = checked(owner, value, ANGLE)
+        angles |= dict.fromkeys((joint_names[k] for k in select(pattern, joint_names, owner)), angle)
+    return angles
+
+
+def _keyframe(name: str, owner: str, path: Path) -> Mapping[str, float]:
+    known = keyframes(path)
+    if name not in known:
+        raise GainroomError(f"{owner}: must be JOINT=ANGLE, or a keyframe of an MJCF{nearest(name, tuple(known), 'keyframe')}")
+    return known[name]
+
+
+def _beyond_limits(posture: Posture) -> tuple[str, ...]:
+    body = posture.body
+    return tuple(f"{text}; a robot.yaml can pose it, or --posture" for text in body.beyond_limits(body.configuration(posture.angles)))
 
 
 def _require_model(path: Path) -> None:
@@ -145,7 +192,8 @@ def _controller(found: JointGains, kept: Sequence[int]) -> PD | PID:
 
 def _assumptions(body: RigidBody, held: Sequence[str], options: AuditOptions) -> tuple[str, ...]:
     """What is taken for granted where nothing was said, each with how to say it."""
-    notes = ["every joint stands at 0; the encoders are on the motor side"]
+    zero = "every joint stands at 0, perhaps far from how the robot works: give --posture"
+    notes = ["joints that --posture does not name stand at 0" if options.posture else zero, "the encoders are on the motor side"]
     if held:
         notes.append(f"these joints are held still, as they have no gains: {first_of_many(held)}")
     if not options.is_elastic:

@@ -46,6 +46,14 @@ def audit(
     bandwidth: Annotated[Number, number_option("--bandwidth", "in rad/s", "Of the current loops [rad/s]; without it, ideal.")] = None,
     base: Annotated[str | None, typer.Option(help="fixed or floating; an MJCF says it itself.")] = None,
     contact: Annotated[list[str] | None, typer.Option(metavar="NAME", help="A frame on the ground; may be given again.")] = None,
+    posture: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="JOINT=ANGLE",
+            help="Where a joint, or all that match a pattern, stands [rad; m for a slide]; or the name of an MJCF's keyframe. May be given "
+            "again, the later wins; 0 where nothing is said.",
+        ),
+    ] = None,
     margin_db: Annotated[float, number_option("--margin-db", "in dB", "Gain margin that safe gains have [dB].")] = MARGIN_DB,
     as_json: AsJson = False,
     report: Report = None,
@@ -55,13 +63,17 @@ def audit(
     \b
     Example:
       gainroom audit robot.xml --delay-ms 2 --gains gains.yaml --report audit.html
+      gainroom audit robot.urdf --delay-ms 2 --gains gains.yaml --posture '.*_knee=0.6' --posture '.*_hip_pitch=-0.3'
+      gainroom audit robot.xml --delay-ms 2 --posture home
 
     Exit status: 0 safe; 1 not safe; 2 a file or the call is wrong.
     """
     from ..audit import audit as run_audit
     from ..audit_config import AuditOptions, audit_spec, margin_factor
 
-    options = AuditOptions(delay_ms, rate_hz, stiffness, damping, motor_inertia, bandwidth, base, tuple(contact or ()))
+    options = AuditOptions(
+        delay_ms, rate_hz, stiffness, damping, motor_inertia, bandwidth, base, tuple(contact or ()), tuple(posture or ())
+    )
     margin = margin_factor(margin_db)
     spec = audit_spec(model, gains, options)
     with report_stream(report, [Path(spec.robot.name), *([] if gains is None else [gains])]) as stream:
@@ -90,6 +102,7 @@ def _command(model: str, gains: Path | None, options: "AuditOptions", margin_db:
         ("--bandwidth", options.bandwidth),
         ("--base", options.base),
         *(("--contact", frame) for frame in options.contacts),
+        *(("--posture", text) for text in options.posture),
         ("--margin-db", margin_db if margin_db != MARGIN_DB else None),
         ("--report", report),
     ]
@@ -110,6 +123,7 @@ def _facts(result: "Audit") -> dict[str, Any]:
         "limit_frequency_rad_s": result.worst.limit.frequency,
         "delay_limit_ms": 1e3 * result.delay_limit,
         "limiting_joints": list(result.limiting_joints),
+        "posture": result.angles,
         "joints": [{name: getattr(joint, name) for name in joint.__dataclass_fields__} for joint in result.joints],
         "states": [
             {
@@ -163,6 +177,7 @@ def _terminal(result: "Audit", report: Path | None) -> str:
         table(f"All joints together ({model}); factor on all gains", ("", "limit", "vibrates at", "delay limit", "safe"), states),
         table("Joint by joint", ("", "kp", "kd", "motor inertia", "alone", "closed", "safe"), joints),
         LEGEND,
+        f"Posture: {result.states[0].posture}",
         *([] if report is None else [f"Report: {report}"]),
         *(f"Assumed: {assumption}" for assumption in result.spec.assumptions),
         *(f"Warning: {warning}" for warning in result.warnings),

@@ -24,7 +24,7 @@ def audit_page(result: Audit, command: str) -> str:
     """The report of an audit as one HTML page; `command` is what a reader types to get it again."""
     spec, factors = result.spec, _factors(result)
     sample_time = spec.control.sample_time
-    taken = assumptions("Linear about the posture with every joint at 0", sample_time, "; contacts hold and do not slip or lift")
+    taken = assumptions(f"Linear about posture {result.worst.posture}", sample_time, "; contacts hold and do not slip or lift")
     told = [facts([("taken for granted", text) for text in spec.assumptions])]
     sections = [
         Section("How it would vibrate", _vibrations(result)),

@@ -146,7 +146,18 @@ def _notes(description: Description, held: Sequence[str], positions: Mapping[str
         notes.append(
             f"no solid has the inertia of the links on these joints, taken as given: {first_of_many([repr(name) for name in strange])}"
         )
+    own = {name: float(model.damping[model.joints[model.getJointId(name)].idx_v]) for name in _one_dof(model) if name not in held}
+    damped = [f"{name} {damping:.4g}" for name, damping in own.items() if damping > 0]
+    if damped:
+        notes.append(
+            f"the joints' own damping in the model file is not counted, give it as link_viscous [N m s/rad]: {first_of_many(damped)}"
+        )
     return (*description.notes, *notes)
+
+
+def _one_dof(model: Any) -> list[str]:
+    """Names of the joints with one degree of freedom."""
+    return [model.names[index] for index in range(1, model.njoints) if model.joints[index].nv == 1]
 
 
 def _is_physical(inertia: Any) -> bool:

@@ -52,6 +52,20 @@ def position_gains(path: Path) -> Mapping[str, tuple[float, float]]:
     return gains
 
 
+def keyframes(path: Path) -> Mapping[str, Mapping[str, float]]:
+    """By name, the joint positions [rad; m for a slide] of an MJCF's keyframes, those with one degree of freedom; empty for a URDF.
+
+    Raises GainroomError as read_mjcf.
+    """
+    root = read_xml(path)[1]
+    if root.tag != "mujoco":
+        return {}
+    model = compile_mjcf(root, path, keyframes=True).model
+    places = {_joint_name(model, joint): model.jnt_qposadr[joint] for joint in range(model.njnt) if model.jnt_type[joint] in _ONE_DOF}
+    frames = {model.key(index).name or f"key#{index}": model.key_qpos[index] for index in range(model.nkey)}
+    return {frame: {joint: float(qpos[place]) for joint, place in places.items()} for frame, qpos in frames.items()}
+
+
 _FREE, _BALL, _SLIDE, _HINGE = range(4)  # mjtJoint
 _ONE_DOF = (_SLIDE, _HINGE)
 _TO_XYZW = (1, 2, 3, 0)  # MuJoCo's quaternions begin with w
@@ -148,6 +162,7 @@ class _Tree:
             ("lowerPositionLimit", low, record.idx_q),
             ("upperPositionLimit", high, record.idx_q),
             ("armature", _rotor(model, index), record.idx_v),
+            ("damping", float(model.dof_damping[model.jnt_dofadr[index]]), record.idx_v),
         ):
             values = np.array(getattr(self.result, name))
             values[at] = value

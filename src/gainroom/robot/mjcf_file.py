@@ -22,9 +22,10 @@ from .body import library
 from .xml_text import MAX_BYTES, MAX_DEPTH, MAX_ELEMENTS, read_xml
 
 SECTIONS = ("compiler", "option", "default", "asset", "worldbody", "equality", "actuator")
+KEYFRAMES = ("keyframe",)
 MULTIPLIERS = ("replicate", "composite", "flexcomp", "attach")
 """These make many bodies of few lines, or read further models."""
-MOST = {"body": 2000, "joint": MAX_JOINTS, "geom": 2000, "site": 2000, "asset": 1000, "actuator": 2000, "equality": 2000}
+MOST = {"body": 2000, "joint": MAX_JOINTS, "geom": 2000, "site": 2000, "asset": 1000, "actuator": 2000, "equality": 2000, "keyframe": 1000}
 """Elements by tag, assets and the like by section: MuJoCo and Pinocchio take time that grows with the square of some of them."""
 
 
@@ -37,12 +38,12 @@ class Compiled:
     notes: tuple[str, ...]
 
 
-def compile_mjcf(root: Element, path: Path) -> Compiled:
-    """The MJCF with root element `root`, read from `path`. Raises GainroomError, one line that names the file."""
+def compile_mjcf(root: Element, path: Path, keyframes: bool = False) -> Compiled:
+    """The MJCF with root element `root`, read from `path`; `keyframes`: with their postures. Raises GainroomError, one line."""
     mujoco = library("mujoco", "Pinocchio and MuJoCo")
     source = str(path)
     _Includes(path).splice(root, path.parent)
-    _trim(root, source)
+    _trim(root, source, (*SECTIONS, *KEYFRAMES) if keyframes else SECTIONS)
     with _warnings(mujoco) as said:
         try:
             spec = mujoco.MjSpec.from_string(tostring(root, "unicode"))
@@ -119,9 +120,9 @@ class _Includes:
             raise GainroomError(f"{self.path}: more than {MAX_ELEMENTS} elements with all includes")
 
 
-def _trim(root: Element, source: str) -> None:
+def _trim(root: Element, source: str, sections: tuple[str, ...]) -> None:
     """Leave only what bears on bodies, joints and actuators, and hold that within bounds."""
-    root[:] = [section for section in root if section.tag in SECTIONS]
+    root[:] = [section for section in root if section.tag in sections]
     for element in root.iter():
         if element.tag in MULTIPLIERS:
             raise GainroomError(f"{source}: <{element.tag}> is not read here; use the file that MuJoCo saves after compiling it")
@@ -129,9 +130,11 @@ def _trim(root: Element, source: str) -> None:
             element[:] = [asset for asset in element if asset.tag == "mesh"]
         element[:] = [child for child in element if child.tag not in ("light", "camera", "plugin")]
         element.attrib.pop("material", None)
+        if element.tag == "key":  # the rest counts actuators and bodies that are left out
+            element.attrib = {name: value for name, value in element.attrib.items() if name in ("name", "qpos")}
     _trim_shapes(root)
     counts = Counter(element.tag for section in root if section.tag == "worldbody" for element in section.iter())
-    counts.update(f"{section.tag}" for section in root if section.tag in ("asset", "actuator", "equality") for _ in section)
+    counts.update(f"{section.tag}" for section in root if section.tag in ("asset", "actuator", "equality", *KEYFRAMES) for _ in section)
     counts["joint"] += counts["freejoint"]
     for tag, most in MOST.items():
         if counts[tag] > most:

@@ -1,0 +1,123 @@
+"""`gainroom audit --posture`: the limits are those of the posture that is asked for, and every answer says which it was."""
+
+import json
+import re
+from html import unescape
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from pytest import approx
+
+import gainroom as gr
+from gainroom.audit import Audit, audit
+from gainroom.audit_config import AuditOptions, audit_spec
+from gainroom.cli import main
+from refusals import assert_refused
+
+INERTIAL = '<inertial pos="{0} 0 {1}" mass="{2}" diaginertia="{3} {3} {3}"/>'
+LEG = f"""<mujoco><compiler angle="radian"/><default><joint axis="0 1 0" armature="0.1"/></default><worldbody>
+  <body pos="0 0 1"><joint name="hip" range="-1 1" damping="0.4"/>{INERTIAL.format(0, -0.2, 2, 0.03)}
+  <body pos="0 0 -.4"><joint name="knee" range="0 2"/>{INERTIAL.format(0, -0.2, 1, 0.02)}
+  <body pos="0 0 -.4"><joint name="ankle"/>{INERTIAL.format(0.3, 0, 1.5, 0.02)}</body></body></body></worldbody>
+  <actuator><position joint="hip" kp="300" kv="10"/><position joint="knee" kp="200" kv="10"/></actuator>
+  <keyframe><key name="home" qpos="-0.4 0.8 1.4" ctrl="-0.4 0.8"/><key name="folded" qpos="0 2.5 0"/></keyframe></mujoco>"""
+
+
+@pytest.fixture
+def leg(tmp_path: Path) -> Path:
+    path = tmp_path / "leg.xml"
+    path.write_text(LEG, "utf-8")
+    return path
+
+
+def audited(leg: Path, *posture: str) -> Audit:
+    return audit(audit_spec(str(leg), None, AuditOptions(delay_ms=2.0, rate_hz=1000.0, posture=posture)))
+
+
+def limit_by_mujoco(leg: Path, angles: tuple[float, float, float]) -> float:
+    """From MuJoCo's mass matrix of hip and knee, the ankle held where it is."""
+    model = mujoco.MjModel.from_xml_path(str(leg))
+    data = mujoco.MjData(model)
+    data.qpos[:] = angles
+    mujoco.mj_forward(model, data)
+    mass = np.zeros((3, 3))
+    for row, direction in zip(mass, np.eye(3), strict=True):
+        mujoco.mj_mulM(model, data, row, direction)
+    links = (mass - 0.1 * np.eye(3))[:2, :2]
+    plant = gr.Plant(np.linalg.inv(links), motor_inertia=0.1)
+    loop = gr.build_loop(plant, gr.Drive(delay=2e-3), gr.PD(np.array([300.0, 200.0]), 10.0), sample_time=1e-3)
+    return gr.gain_limit(loop).gain
+
+
+@pytest.mark.parametrize(
+    ("posture", "angles"),
+    [
+        ((), (0.0, 0.0, 0.0)),
+        (("home",), (-0.4, 0.8, 1.4)),  # the ankle has no gains: it is held at the keyframe's angle
+        (("home", "knee=1.2"), (-0.4, 1.2, 1.4)),  # the later wins
+        (("knee=1.2", "home"), (-0.4, 0.8, 1.4)),
+        ((".*e=0.3", "ankle=-0.2"), (0.0, 0.3, -0.2)),
+    ],
+)
+def test_limits_are_those_of_the_posture(leg: Path, posture: tuple[str, ...], angles: tuple[float, float, float]):
+    result = audited(leg, *posture)
+    assert result.angles == approx(dict(zip(("hip", "knee", "ankle"), angles, strict=True)), abs=1e-15)
+    # Two programs' mass matrices agree to 1e-12; limits are found to better than 1e-8.
+    assert result.worst.limit.gain == approx(limit_by_mujoco(leg, angles), rel=1e-8)
+
+
+def test_postures_matter_and_are_told(leg: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    page = tmp_path / "audit.html"
+    call = ["audit", str(leg), "--delay-ms", "2", "--rate-hz", "1000", "--posture", "home", "--report", str(page)]
+    told = []
+    for options in (["--json"], []):
+        assert main([*call, *options]) == 0
+        told.append(" ".join(capsys.readouterr().out.split()))
+    facts = json.loads(told[0])
+    assert facts["posture"] == {"hip": -0.4, "knee": 0.8, "ankle": 1.4}
+    assert facts["gain_limit"] != approx(audited(leg).worst.limit.gain, rel=1e-2)
+    assert "Posture: home" in told[1]
+    text = " ".join(re.sub(r"<[^>]*>", " ", unescape(page.read_text("utf-8"))).split())
+    assert "Linear about posture home" in text
+    assert "hip −0.4, knee 0.8" in text
+    assert "--posture home" in text  # the command that makes the page again
+
+
+def test_beyond_limits_is_a_warning(leg: Path):
+    assert not [text for text in audited(leg, "home").warnings if "limits" in text]
+    (found,) = [text for text in audited(leg, "folded").warnings if "limits" in text]
+    assert "joint 'knee' at 2.5 is outside its limits 0 to 2" in found
+    assert "--posture" in found
+
+
+def test_damping_of_the_model_is_said_to_be_left_out(leg: Path):
+    (found,) = [text for text in audited(leg).warnings if "damping" in text]
+    assert "hip 0.4" in found
+    assert "not counted" in found
+    assert any("armature" in text and "hip 0.1" in text for text in audited(leg).spec.assumptions)
+
+
+@pytest.mark.parametrize(
+    ("posture", "words"),
+    [
+        ("hom", ["--posture 'hom'", "JOINT=ANGLE", "did you mean 'home'?", "keyframes: home, folded"]),
+        ("kne=1", ["--posture 'kne=1': 'kne' matches no joint", "did you mean 'knee'?"]),
+        ("knee=60deg", ["--posture 'knee=60deg': '60deg' must be a number in rad"]),
+        ("knee=nan", ["nan is not a number"]),
+        ("knee=1e6", ["must be <= 10000"]),
+    ],
+)
+def test_bad_postures(leg: Path, posture: str, words: list[str]):
+    assert_refused(lambda: audited(leg, posture), words)
+
+
+def test_a_urdf_has_no_keyframes(tmp_path: Path):
+    gains = tmp_path / "gains.yaml"
+
+    def make() -> object:
+        return audit_spec("gainroom:biped.urdf", gains, AuditOptions(delay_ms=2.0, posture=("home",)))
+
+    gains.write_text('".*": {kp: 1, kd: 1}', "utf-8")
+    assert_refused(make, ["--posture 'home'", "keyframes: none"])
