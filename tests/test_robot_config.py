@@ -206,9 +206,11 @@ def test_what_is_left_out_is_assumed_and_said(folder: Path):
     assert spec.robot.states == (("zero", "free"),)
     assert spec.robot.body.base == "fixed"
     assert np.all(np.isinf(spec.robot.actuators.stiffness))
-    base, bare = spec.assumptions
+    base, bare, usual = spec.assumptions
     assert "the base is fixed" in base
     assert "rigid with motor inertia 0: l_hip, l_knee, r_hip, r_knee" in bare
+    assert "usual limits" in usual
+    assert "gain margin ≥ 6 dB, phase margin ≥ 30°, Ms ≤ 2" in usual
     spec = parse_robot(text + "contacts: {stand: [l_foot]}", "f", folder)
     assert spec.robot.body.base == "floating"
     assert "the base is floating" in spec.assumptions[0]

@@ -402,3 +402,31 @@ def test_many_states_stay_readable(biped):
     assert len(heat["x"]) == MOST_STATES
     assert len(cells(without_library(html), "posture, contact")) == len(states)
     assert "contact states with more room are not drawn" in without_library(html)
+
+
+def test_a_requirement_that_is_not_met_is_explained(page, biped):
+    """What a phase margin of several loops is, and what other gains would make of it: as the loops with those gains have it."""
+    words = " ".join(re.sub(r"<[^>]*>", " ", unescape(without_library(page))).split())
+    state = biped.unmet["phase_margin"]
+    assert f"Phase margin of {state.model.size} loops: the smallest angle" in words
+    assert f"in {state.title}, at {state.margins.phase_frequency / (2 * np.pi):.3g} Hz" in words
+    (told,) = re.findall(
+        r"It would be ([\d.]+)° with all kd times 1.25 and ([\d.]+)° with all kp times 0.8, but ([\d.]+)° with all kd", words
+    )
+    drives, control = biped.spec.drives, biped.spec.control
+    for (kp, kd), shown in zip(((1.0, 1.25), (0.8, 1.0), (1.0, 0.8)), told, strict=True):
+        changed = gr.PD(kp * control.joints.kp, kd * control.joints.kd)
+        truth = gr.joint_margins(gr.build_loop(state.model, drives, changed, control.feedback, control.sample_time)).phase_margin
+        assert float(shown) == pytest.approx(np.degrees(truth), rel=5e-3)  # three digits, interpolated to a part in a thousand
+
+
+def test_required_and_of_which_gains(page, unstable_page, small_arm):
+    with_tasks = robot_page(small_arm, COMMAND)
+    for html, words in (
+        (page, "of the joints' gains closed together"),
+        (with_tasks, "The tasks' own gains, closed in the joints' place, are judged by stability alone"),
+        (unstable_page, "of all tasks closed together"),
+    ):
+        text = " ".join(unescape(without_library(html)).split())
+        assert "Required: gain margin ≥ 6 dB, phase margin ≥ 30°, Ms ≤ 2" in text
+        assert words in text

@@ -18,6 +18,7 @@ from .errors import GainroomError
 from .file_kinds import parse_as
 from .forbidden import Requirements
 from .io.checked import dotted, validate
+from .io.numbers import requirements
 from .io.yaml_text import read_text, shown
 from .messages import first_of_many, nearest
 from .robot.actuators import Actuators, actuators_of, drives_of, merge_entries
@@ -31,6 +32,7 @@ from .robot_sections import CONTROLLERS, ContactSection, GroundSection, ModelSec
 from .robot_spec import Posture, Range, Ranges, Robot, RobotControl, RobotScenario, RobotSpec
 
 MOST_STATES = 500
+USUAL = f"the usual limits are asked for, as the file names none: {requirements(Requirements.usual())}"
 MOST_TICKS = 600
 """Of delay, all joints together: half a minute on two joints; 50 joints may have 12 each."""
 
@@ -74,7 +76,7 @@ def _spec(file: RobotFile, source: str, folder: Path) -> RobotSpec:
         requirements=Requirements.usual() if file.limits is None else file.limits.requirements(),
         uncertainty=ranges,
         scenario=_scenario(file, robot),
-        assumptions=assumptions,
+        assumptions=(*assumptions, *([USUAL] if file.limits is None else [])),
         warnings=warnings,
     )
 

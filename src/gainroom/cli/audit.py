@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..io.numbers import decibels, digits, frequency, model_in_words, model_kind
+from ..io.robot_numbers import joint_units
 from .options import AsJson, Report, command_line, number_option, report_stream
 from .output import emit, emit_json, render, table
 from .progress import progress_bar
@@ -18,7 +19,7 @@ Number = float | None
 MARGIN_DB = 6.0
 LEGEND = (
     "Limits are factors on gains, in the worst state. alone: no other loop, neighbours free; closed: all other loops as they are. "
-    "kp [N·m/rad], kd [N·m·s/rad], motor inertia on the joint side [kg·m²]; delay limit: total delay at which the robot vibrates."
+    "kp [{kp}], kd [{kd}], motor inertia on the joint side [{load}]; delay limit: total delay at which the robot vibrates.{sliding}"
 )
 
 
@@ -176,7 +177,7 @@ def _terminal(result: "Audit", report: Path | None) -> str:
         "",
         table(f"All joints together ({model}); factor on all gains", ("", "limit", "vibrates at", "delay limit", "safe"), states),
         table("Joint by joint", ("", "kp", "kd", "motor inertia", "alone", "closed", "safe"), joints),
-        LEGEND,
+        LEGEND.format(**joint_units(result.spec.robot.body)),
         f"Posture: {result.states[0].posture}",
         *([] if report is None else [f"Report: {report}"]),
         *(f"Assumed: {assumption}" for assumption in result.spec.assumptions),

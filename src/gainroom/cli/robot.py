@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..io.numbers import decibels, digits, hertz, model_in_words, model_kind
+from ..io.robot_numbers import joint_units, judged
 from .options import AsJson, Report, command_line, report_stream
 from .output import emit, emit_json, render, table
 from .progress import progress_bar
@@ -19,9 +20,10 @@ if TYPE_CHECKING:
 
 LEGEND = (
     "Limits are factors on gains. alone: no other loop, neighbours free; closed: all other loops as they are. load: link inertia with "
-    "neighbours free [kg·m²]; kp [N·m/rad], kd [N·m·s/rad], of tasks [1/s²], [1/s]; max: with all other gains as they are; part: share in "
-    "the vibration at the limit; delay: what may be added before the robot vibrates; disk: disk margin with every motor's torque off by a "
-    "factor of its own (~: not certified)."
+    "neighbours free [{load}]; kp [{kp}], kd [{kd}], of tasks [1/s²], [1/s]; kp max: the largest with kd and all other joints' gains as "
+    "they are, kd max likewise; share: in the vibration at the limit, 1 for the joint that moves most; delay: what may be added before the "
+    "robot vibrates; phase: by which all loops at once, or one alone, may lag; Ms: the largest peak sensitivity of one loop with the "
+    "others closed; disk: disk margin with every motor's torque off by a factor of its own (~: not certified).{sliding}"
 )
 
 
@@ -178,8 +180,8 @@ def _terminal(study: "RobotStudy", report: Path | None) -> str:
     for state in study.tightest_by_contact:
         parts += _contact_tables(state)
     for gains in study.recommended:
-        parts += _gains_parts(gains)
-    parts.append(LEGEND)
+        parts += _gains_parts(gains, study.spec.robot.states[0])
+    parts += [LEGEND.format(**joint_units(study.spec.robot.body)), judged(study.spec)]
     if len(study.spec.robot.postures) > 1:
         parts.append("Of several postures, the tables by joint and task show the tightest; --json has them all.")
     if report is not None:
@@ -206,7 +208,7 @@ def _state_row(state: "StateStudy") -> tuple[str, ...]:
 
 
 def _contact_tables(state: "StateStudy") -> list[Any]:
-    columns = ("", "load", "alone", "closed", "kp", "max", "kd", "max", "part")
+    columns = ("", "load", "alone", "closed", "kp", "kp max", "kd", "kd max", "share")
     parts: list[Any] = [table(f"Joints, {state.title}", columns, [_joint_row(row) for row in state.joints])]
     if state.tasks is not None and state.tasks.moves:
         title = f"Tasks, {state.title}; together {digits(state.tasks.limit.gain)}"
@@ -225,8 +227,8 @@ def _task_row(row: "TaskRow") -> tuple[str, ...]:
     return (f"{row.name} {row.direction}", digits(row.kp), digits(row.kd), ki, digits(row.gain_limit), digits(row.limit_others_closed))
 
 
-def _gains_parts(gains: "RobotGains") -> list[Any]:
-    """The gains that are safe in every state, and what each contact state alone would allow."""
+def _gains_parts(gains: "RobotGains", first: tuple[str, str]) -> list[Any]:
+    """The gains that are safe in every state, and what each contact state alone would allow; `first`: posture and contact state."""
     found = gains.everywhere
     if found is None:
         return [f"No gains of the shape tried keep the required margins in every state, {gains.space} space."]
@@ -245,6 +247,8 @@ def _gains_parts(gains: "RobotGains") -> list[Any]:
         f"In every state they keep {margins} and a peak sensitivity of {digits(kept.peak_sensitivity, significant=3)}, all loops together "
         f"and each with the others closed; {found.binding} stands in the way of more."
     )
+    if scale is not None:
+        words += f" J: the motor's inertia and the load 1/W_ii in {', '.join(first)}, the first state; in another, kp/J and kd/J differ."
     return [table(f"Gains to use, {gains.space} space", columns, rows), words, *_still_words(gains), *_cost_words(gains)]
 
 

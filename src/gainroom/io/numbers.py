@@ -6,6 +6,7 @@ from typing import Any
 from ..messages import apart
 
 THIN = "\u202f"
+MARGIN_NAMES = {"gain_margin": "gain margin", "phase_margin": "phase margin", "peak_sensitivity": "Ms"}
 
 
 def digits(value: float | None, unit: str = "", significant: int = 4) -> str:
@@ -77,6 +78,11 @@ def requirement(asked: Any, name: str, significant: int = 4) -> str:
         return ""
     scale, unit = _MARGINS[name]
     return f"{'≤' if name == 'peak_sensitivity' else '≥'} {digits(scale(value), unit, significant)}"
+
+
+def requirements(asked: Any) -> str:
+    """All required margins in words."""
+    return ", ".join(f"{MARGIN_NAMES[name]} {requirement(asked, name)}" for name in asked.asked) or "stability alone"
 
 
 def model_kind(sample_time: float | None) -> str:

@@ -7,6 +7,7 @@ import numpy as np
 from ..audit import Audit
 from ..forbidden import Requirements
 from ..io.numbers import decibels, digits, frequency, hertz, model_kind
+from ..io.robot_numbers import joint_units
 from ..robot_words import listed
 from .page import Card, Html, Lead, Section, beside, block, facts, page, paragraph, table
 from .robot_coupling import coupling
@@ -119,8 +120,9 @@ def _state_table(result: Audit) -> Html:
 
 def _joint_table(result: Audit) -> Html:
     integral = any(joint.ki for joint in result.joints)
-    headers = ["joint", "safe", "kp [N·m/rad]", "kd [N·m·s/rad]", *(["ki [N·m/(rad·s)]"] if integral else [])]
-    headers += ["motor inertia [kg·m²]", "alone [×]", "others closed [×]"]
+    units = joint_units(result.spec.robot.body)
+    headers = ["joint", "safe", f"kp [{units['kp']}]", f"kd [{units['kd']}]", *([f"ki [{units['ki']}]"] if integral else [])]
+    headers += [f"motor inertia [{units['load']}]", "alone [×]", "others closed [×]"]
     rows = []
     for joint in result.joints:
         numbers = (joint.kp, joint.kd, *((joint.ki,) if integral else ()), joint.motor_inertia, joint.gain_limit, joint.limit_others_closed)
@@ -128,6 +130,7 @@ def _joint_table(result: Audit) -> Html:
     caption = (
         "In the worst state. Alone: the factor on the joint's gains if it were the only one, its neighbours free; others closed: with all "
         f"others as they are. Safe: {digits(result.margin)} or more alone, and no part in the vibration of a robot with less as a whole."
+        f"{units['sliding']}"
     )
     return table(headers, rows, caption, MARKS)
 

@@ -4,12 +4,14 @@ import math
 from collections.abc import Sequence
 
 from ..io.numbers import digits, hertz, model_kind
+from ..io.robot_numbers import judged
 from ..robot_states import RobotStudy, StateStudy, by_room
 from ..robot_words import listed
 from .page import Card, Html, Lead, Section, beside, block, facts, page, paragraph
 from .robot_coupling import coupling
 from .robot_drawing import hero, small
 from .robot_loci import loci, loci_window
+from .robot_remedies import remedies
 from .robot_room import heat_map, joint_factors, task_factors
 from .robot_skeleton import common_view
 from .robot_tables import folded, gain_tables, inputs, joint_table, state_table, task_table
@@ -68,7 +70,7 @@ def _others(study: RobotStudy, state: StateStudy) -> int:
 
 
 def _room(study: RobotStudy) -> list[Html]:
-    return [heat_map(joint_factors(study), "joint"), state_table(study)]
+    return [paragraph(judged(study.spec)), heat_map(joint_factors(study), "joint"), state_table(study), *remedies(study)]
 
 
 def _loci_words() -> Html:
@@ -133,8 +135,8 @@ def _joints(study: RobotStudy) -> list[Html]:
     tight = study.tightest
     words = (
         f"{tight.title}. Load: 1/W_ii, what the joint moves with its neighbours free. Alone: the factor on its gains if it were the only "
-        "joint; others closed: with all others as they are. Largest kp and kd: one at a time, everything else as it is. Part: in the "
-        "vibration at the limit."
+        "joint; others closed: with all others as they are. Share: in the vibration at the "
+        "limit, 1 for the joint that moves most."
     )
     parts = [joint_table([tight], words)]
     if len(study.states) > 1:

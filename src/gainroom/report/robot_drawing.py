@@ -30,7 +30,7 @@ def hero(state: JudgedState, alone: bool) -> Html:
     bar = {"orientation": "h", "x": 0.5 * part, "xanchor": "center", "y": 0, "yanchor": "top", "len": 0.3}
     picture = drawing_layout(limit, notes, view, [0, part], bar)
     picture |= {
-        "xaxis2": style.axis("part in the vibration [–]", domain=[part + 0.24, 1], range=[0, 1.7], anchor="y2", tickvals=[0, 0.5, 1]),
+        "xaxis2": style.axis("share in the vibration [–]", domain=[part + 0.24, 1], range=[0, 1.7], anchor="y2", tickvals=[0, 0.5, 1]),
         "yaxis2": style.axis("", range=[len(names) - 0.4, -0.6], tickvals=list(range(len(names))), ticktext=names, anchor="x2", ticks="")
         | {"showgrid": False},
     }
@@ -38,7 +38,7 @@ def hero(state: JudgedState, alone: bool) -> Html:
     narrow |= {
         "xaxis2.domain": [0.4, 1],
         "yaxis2.domain": [0, 0.34],
-        "xaxis2.title.text": "part [–]",
+        "xaxis2.title.text": "share [–]",
         "coloraxis.showscale": False,
         "yaxis2.range": [FEW_BARS - 0.4, -0.6],
     }
@@ -114,7 +114,7 @@ def drawing_layout(limit: GainLimit, notes: list[style.Annotation], view: View, 
             "cmin": 0,
             "cmax": 1,
             "showscale": vibration(limit) is not None,
-            "colorbar": {"title": {"text": "part"}, "thickness": 10, "tickvals": [0, 0.5, 1], "outlinewidth": 0} | bar,
+            "colorbar": {"title": {"text": "share"}, "thickness": 10, "tickvals": [0, 0.5, 1], "outlinewidth": 0} | bar,
         },
     )
 

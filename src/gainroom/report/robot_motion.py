@@ -104,7 +104,7 @@ def vibration_close_up(play: RobotPlay) -> Html:
     panels = [Panel("motor, swing", "mrad", motors, 0.55), Panel("torque", "N m", torques, 0.45)]
     title, caption = close_up_words(found, play.limit)
     most = ", ".join(run.joint_names[k] for k in chosen)
-    caption = f"{most} swing most, shown without the motion under it. {caption} The drawing below colours each joint by its part."
+    caption = f"{most} swing most, shown without the motion under it. {caption} The drawing below colours each joint by its share."
     return stacked(time, panels, title.replace(" of the picture above", ""), caption, 520)
 
 

@@ -119,8 +119,8 @@ def _joints(play: RobotPlay) -> Html:
     ]
     caption = "Torque: actual, of the motor on the joint side; gearbox: through its spring, – of a rigid one, which nothing measures."
     if parts is not None:
-        columns.append("part")
-        caption += " Part: how far the motor swings in the vibration, the one that swings most counting 1."
+        columns.append("share")
+        caption += " Share: how far the motor swings in the vibration, the one that swings most counting 1."
     if any(map(is_slide, run.setup.body.joints)):
         caption += " Of slides read N and mm."
     return table(columns, rows, caption)
@@ -144,7 +144,7 @@ def _inputs(play: RobotPlay) -> Html:
     pairs = [
         *machine(spec),
         ("gains", f"{_gains(play)}; all × {play.gain:g}"),
-        (f"posture {posture}", angles_in_words(spec.robot.postures[posture].angles)),
+        (f"posture {posture}", angles_in_words(spec.robot.postures[posture])),
         (f"contact {contact}", f"{contacts_in_words(setup.contacts)}{stood if setup.contacts else ''}"),
         ("move", f"{way} in {digits(play.moved_until, 's')}, quintic, from rest to rest" if way else "none: it holds still"),
         ("Coulomb friction of the motors", span(np.broadcast_to(setup.coulomb, setup.body.size), "N·m")),

@@ -1,20 +1,20 @@
 """The tables of a robot's page, and its inputs in words."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from html import escape
 
 import numpy as np
 
 from ..arrays import Floats
-from ..io.numbers import decibels, digits, frequency, quantity, requirement
+from ..io.numbers import MARGIN_NAMES, decibels, digits, frequency, quantity, requirement
+from ..io.robot_numbers import joint_units
 from ..robot.contact import Contact
 from ..robot_gains import GainSet, RobotGains
-from ..robot_spec import RobotSpec
+from ..robot_spec import Posture, RobotSpec
 from ..robot_states import RobotStudy, StateStudy
 from .page import Html, facts, paragraph, table
 from .shared import filters
-from .tables import MARGIN_NAMES
 
 MARKS = {"yes": "met", "no": "unmet", "UNSTABLE": "unmet", "not confirmed": "unmet"}
 MOST_ROWS = 600
@@ -60,25 +60,16 @@ def _state_row(state: StateStudy) -> tuple[str, ...]:
 
 def joint_table(states: Sequence[StateStudy], caption: str = "") -> Html:
     """Every joint in the given states."""
-    several = len(states) > 1
-    headers = [
-        "joint",
-        "load [kg·m²]",
-        "alone [×]",
-        "others closed [×]",
-        "kp [N·m/rad]",
-        "largest kp",
-        "kd [N·m·s/rad]",
-        "largest kd",
-        "part",
-    ]
+    several, units = len(states) > 1, joint_units(states[0].model.body)
+    headers = ["joint", f"load [{units['load']}]", "alone [×]", "others closed [×]"]
+    headers += [f"kp [{units['kp']}]", "largest kp, all else as it is", f"kd [{units['kd']}]", "largest kd, all else as it is", "share"]
     rows = []
     for state in states:
         for row in state.joints:
             numbers = (row.link_inertia, row.single_joint_limit, row.limit_others_closed, row.kp, row.kp_max, row.kd, row.kd_max)
             name = f"{row.name}, {state.title}" if several else row.name
             rows.append((name, *map(digits, numbers), digits(row.participation, "", 2) if row.participation >= 1e-3 else "–"))
-    return table(headers, rows[:MOST_ROWS], caption + _cut(len(rows)), MARKS)
+    return table(headers, rows[:MOST_ROWS], caption + units["sliding"] + _cut(len(rows)), MARKS)
 
 
 def _cut(rows: int) -> str:
@@ -123,12 +114,15 @@ def gain_tables(gains: RobotGains, spec: RobotSpec) -> list[Html]:
         return [kept]
     if gains.inertia is None:
         return [paragraph(_units(columns)), _gain_table(gains, columns, None, _gain_caption(gains)), kept]
+    posture, contact = spec.robot.states[0]
+    units = joint_units(spec.robot.body)
     words = (
-        "The same, divided by what each joint has to move, J_m + J_L with J_L = 1/W_ii in the first state: kp [1/s²], kd [1/s]. Joints of "
-        "one robot, and robots, can be compared in these."
+        f"The same, in every column divided by what each joint has to move in {posture}, {contact}, the first state: J_m + J_L, the "
+        "motor's inertia and J_L = 1/W_ii, the load with all other joints free. kp [1/s²], kd [1/s]: joints of one robot, and robots, can "
+        "be compared in these. In another state the loads, and with them these numbers, differ; the gains above do not."
     )
     return [
-        paragraph("kp [N·m/rad], kd [N·m·s/rad]:"),
+        paragraph(f"kp [{units['kp']}], kd [{units['kd']}]:{units['sliding']}"),
         _gain_table(gains, columns, None, _gain_caption(gains)),
         paragraph(words),
         _gain_table(gains, columns, gains.inertia, ""),
@@ -211,7 +205,7 @@ def inputs(spec: RobotSpec) -> Html:
     pairs = [
         *machine(spec),
         ("gravity", "its stiffness is counted" if spec.robot.gravity else "left out"),
-        *((f"posture {name}", angles_in_words(posture.angles)) for name, posture in list(spec.robot.postures.items())[:12]),
+        *((f"posture {name}", angles_in_words(posture)) for name, posture in list(spec.robot.postures.items())[:12]),
         *((f"contact {name}", contacts_in_words(contacts)) for name, contacts in list(spec.robot.contacts.items())[:12]),
         ("uncertainty", _uncertainty(spec)),
     ]
@@ -222,18 +216,18 @@ def machine(spec: RobotSpec) -> list[tuple[str, str]]:
     """The robot, its actuators, drives and control."""
     body, actuators = spec.robot.body, spec.robot.actuators
     rigid = int(np.count_nonzero(np.isinf(actuators.stiffness)))
-    drives = spec.drives
+    drives, units = spec.drives, joint_units(body)
     return [
         *([] if spec.robot.name == body.source else [("file", spec.robot.name)]),
         ("model", body.source),
         ("joints", f"{body.size} actuated, {len(body.locked)} locked; {body.base} base; {digits(body.total_mass, 'kg')}"),
-        ("motor inertia, joint side", span(actuators.motor_inertia, "kg·m²")),
+        ("motor inertia, joint side", span(actuators.motor_inertia, units["load"])),
         (
             "gearbox stiffness",
-            span(actuators.stiffness[np.isfinite(actuators.stiffness)], "N·m/rad") + (f"; {rigid} rigid" if rigid else ""),
+            span(actuators.stiffness[np.isfinite(actuators.stiffness)], units["kp"]) + (f"; {rigid} rigid" if rigid else ""),
         ),
-        ("gearbox damping", span(actuators.damping, "N·m·s/rad")),
-        ("viscous friction, motor and link", f"{span(actuators.motor_viscous)} and {span(actuators.link_viscous, 'N·m·s/rad')}"),
+        ("gearbox damping", span(actuators.damping, units["kd"])),
+        ("viscous friction, motor and link", f"{span(actuators.motor_viscous)} and {span(actuators.link_viscous, units['kd'])}"),
         ("current loops", span([d.bandwidth for d in drives], "rad/s") + f", ζ {span([d.damping_ratio for d in drives])}"),
         ("delay, target to demand torque", span([1e3 * drive.delay for drive in drives], "ms")),
         ("control", _control(spec)),
@@ -258,10 +252,11 @@ def _control(spec: RobotSpec) -> str:
     return f"{kind} in {control.space} space; {filters(control)}; {time}{rotors}"
 
 
-def angles_in_words(angles: Mapping[str, float]) -> str:
-    """A posture's."""
+def angles_in_words(posture: Posture) -> str:
+    """Where its joints stand."""
+    angles, unit = posture.angles, "rad, m" if posture.body.slides.any() else "rad"
     told = ", ".join(f"{name} {digits(angle, '', 3)}" for name, angle in list(angles.items())[:40])
-    return f"{told} rad; others 0" if told else "all joints at 0"
+    return f"{told} {unit}; others 0" if told else "all joints at 0"
 
 
 def contacts_in_words(contacts: Sequence[Contact]) -> str:

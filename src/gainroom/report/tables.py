@@ -3,14 +3,13 @@
 import math
 
 from ..controller import PD
-from ..io.numbers import decibels, digits, frequency, own_gains, plane_names, quantity, requirement
+from ..io.numbers import decibels, digits, frequency, own_gains, plane_names, quantity, requirements
 from ..robustness import Margins
 from ..study import JointSpec, JointStudy
 from .bode import Case
 from .page import Html, facts, table
 from .shared import filters
 
-MARGIN_NAMES = {"gain_margin": "gain margin", "phase_margin": "phase margin", "peak_sensitivity": "Ms"}
 MARKS = {"yes": "met", "no": "unmet", "unstable": "unmet", "not certified": "unmet"}
 
 
@@ -126,7 +125,7 @@ def inputs(study: JointStudy) -> Html:
         ("controller", _controller(spec)),
         ("encoder", f"{spec.feedback} side of the gearbox"),
         ("time", _time(spec)),
-        ("required", _required(spec)),
+        ("required", requirements(spec.requirements)),
         ("uncertainty", _uncertainty(spec)),
     ]
     return facts(pairs)
@@ -150,11 +149,6 @@ def _time(spec: JointSpec) -> str:
         f"sampled at {digits(1 / spec.sample_time, 'Hz')}: torque held between ticks, velocity by difference, plant and delay discretised "
         "exactly; responses at the sample instants"
     )
-
-
-def _required(spec: JointSpec) -> str:
-    asked = spec.requirements
-    return ", ".join(f"{MARGIN_NAMES[name]} {requirement(asked, name)}" for name in asked.asked) or "stability alone"
 
 
 def _uncertainty(spec: JointSpec) -> str:

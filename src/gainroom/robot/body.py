@@ -14,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import Floats, Integers
+from ..arrays import Booleans, Floats, Integers
 from ..errors import GainroomError, require_finite
 from ..messages import nearest
 
@@ -105,6 +105,11 @@ class RigidBody:
     def size(self) -> int:
         """n, the number of actuated joints."""
         return len(self.joint_names)
+
+    @property
+    def slides(self) -> Booleans:
+        """(n,) True where a joint slides: its numbers are in m and N, where those of a hinge are in rad and N m."""
+        return np.array([is_slide(joint) for joint in self.joints])
 
     @property
     def nq(self) -> int:
