@@ -1,12 +1,16 @@
 """The documentation is true: its blocks run and print what they show, its links lead somewhere, every key has its line."""
 
 import importlib.util
+import json
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from gainroom import config, config_sections, scenario_sections
+from gainroom.cli import main
+from robot_files import write_arm
 
 ROOT = Path(__file__).parents[1]
 _spec = importlib.util.spec_from_file_location("docs_output", ROOT / "scripts" / "docs_output.py")
@@ -54,6 +58,37 @@ def test_links_lead_somewhere(path: Path):
 def test_every_key_of_a_joint_file_is_documented(section):
     text = (ROOT / "docs" / "files.md").read_text("utf-8")
     assert [key for key in section.model_fields if f"`{key}`" not in text] == []
+
+
+@pytest.fixture
+def told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., dict]:
+    """What a command prints with --json, in a folder with a small robot.yaml and its gains."""
+    write_arm(tmp_path)
+    (tmp_path / "gains.yaml").write_text('".*": {kp: 400, kd: 30, motor_inertia: 0.5}', "utf-8")
+    monkeypatch.chdir(tmp_path)
+
+    def run(*call: str) -> dict:
+        assert main([*call, "--json"]) < 2
+        return json.loads(capsys.readouterr().out)
+
+    return run
+
+
+def keys_of(value: object) -> set[str]:
+    """Of every object in a JSON value."""
+    if isinstance(value, list):
+        return set().union(*map(keys_of, value))
+    return {*value, *set().union(*map(keys_of, value.values()))} if isinstance(value, dict) else set()
+
+
+@pytest.mark.parametrize(
+    "call", [("robot", "robot.yaml"), ("audit", "robot.urdf", "--delay-ms", "2", "--gains", "gains.yaml")], ids=lambda call: call[0]
+)
+def test_every_key_of_a_robots_answer_is_documented(told: Callable[..., dict], call: tuple[str, ...]):
+    facts = told(*call)
+    names = set(facts.pop("posture", {})) | set().union(*(each["cost"] for each in facts.get("recommended") or []))
+    section = (ROOT / "docs" / "robots.md").read_text("utf-8").partition(f"## What {call[0]} tells")[2].partition("\n## ")[0]
+    assert sorted(key for key in keys_of(facts) - names if f"`{key}`" not in section) == []
 
 
 def test_the_documented_file_is_a_valid_one():

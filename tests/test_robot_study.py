@@ -182,7 +182,7 @@ def test_robot_terminal(folder: Path, capsys: pytest.CaptureFixture[str]):
     assert err == ""
     assert "\x1b" not in out
     assert max(map(len, out.splitlines())) <= 100
-    for word in ("hip", "knee", "tip x", "bent, free", "Hz"):
+    for word in ("hip", "knee", "tip x", "bent, free", "Hz", "kp max", "kd max", "share", "Required: gain margin ≥ 6 dB"):
         assert word in out
 
 
@@ -228,6 +228,15 @@ def test_audit_margin_decides(folder: Path):
     assert not tighter.safe
     assert {joint.name for joint in tighter.joints if not joint.safe} >= set(tighter.limiting_joints) != set()
     assert tighter.sentence.startswith("Not safe")
+
+
+@pytest.mark.parametrize(("scale", "words"), [((1, 10), "1 of 2 joints is not safe"), ((10, 10), "2 of 2 joints are not safe")])
+def test_unsafe_joints_are_counted_in_english(folder: Path, tmp_path: Path, scale: tuple[float, float], words: str):
+    gains = tmp_path / "gains.yaml"
+    hip, knee = ({"kp": 20.0 * factor, "kd": 20.0 * factor} for factor in scale)
+    gains.write_text(yaml.safe_dump({"hip": hip, "knee": knee}), "utf-8")
+    options = AuditOptions(2.0, stiffness=5e3, damping=2.0, motor_inertia=0.5, bandwidth=3000.0)
+    assert words in audit(audit_spec(str(folder / "robot.urdf"), gains, options)).sentence
 
 
 def test_joints_without_gains_are_held_still(folder: Path, tmp_path: Path):

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..io.numbers import decibels, digits, frequency, model_in_words, model_kind
+from ..io.numbers import as_typed, decibels, digits, frequency, model_in_words, model_kind
 from ..io.robot_numbers import joint_units
 from .options import AsJson, Report, command_line, number_option, report_stream
 from .output import emit, emit_json, render, table
@@ -118,7 +118,7 @@ def _facts(result: "Audit") -> dict[str, Any]:
         "safe": result.safe,
         "sentence": result.sentence,
         "model": model_kind(sample_time),
-        "margin_db": decibels(result.margin),
+        "margin_db": as_typed(decibels(result.margin)),
         "stable": all(state.limit.stable for state in result.states),
         "gain_limit": result.worst.limit.gain,
         "limit_frequency_rad_s": result.worst.limit.frequency,

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..io.numbers import (
+    as_typed,
     decibels,
     digits,
     frequency,
@@ -79,8 +80,8 @@ def _facts(study: "JointStudy") -> dict[str, Any]:
         "lower_gain_limit": study.limit.lower_gain,
         "limit_frequency_rad_s": study.limit.frequency,
         "required": {
-            "gain_margin_db": None if requirements.gain_margin is None else decibels(requirements.gain_margin),
-            "phase_margin_deg": None if requirements.phase_margin is None else math.degrees(requirements.phase_margin),
+            "gain_margin_db": None if requirements.gain_margin is None else as_typed(decibels(requirements.gain_margin)),
+            "phase_margin_deg": None if requirements.phase_margin is None else as_typed(math.degrees(requirements.phase_margin)),
             "peak_sensitivity": requirements.peak_sensitivity,
         },
         "recommended": None if recommended is None else _recommended_facts(recommended),

@@ -43,6 +43,11 @@ def decibels(factor: float) -> float:
     return 20 * math.log10(factor) if factor > 0 else -math.inf if factor == 0 else math.nan
 
 
+def as_typed(value: float) -> float:
+    """A requirement in dB or degrees, without the round-off of the way to a factor or radians and back: 6, not 5.999999999999998."""
+    return float(f"{value:.12g}")
+
+
 def hertz(omega: float) -> str:
     """`omega` [rad/s] in Hz."""
     return digits(omega / (2 * math.pi), "Hz", 3)
