@@ -139,7 +139,7 @@ def test_uncertain_rows_keep_cases_apart(folder: Path, capsys: pytest.CaptureFix
 def test_reproduce_counts_what_the_paper_prints_apart(capsys: pytest.CaptureFixture[str]):
     assert main(["reproduce"]) == 0
     out = capsys.readouterr().out
-    rows = [line for line in out.splitlines() if re.match(r" (fig\d+|testbed|table1|claim\d)\.", line)]
+    rows = [line for line in out.splitlines() if re.match(r" (eq\d+|fig\d+|testbed|table1|claim\d)\.", line)]
     printed, further = ([line for line in rows if line.split()[1].startswith("(") is bracket] for bracket in (False, True))
     agree, hold = (sum(line.endswith(" yes") for line in group) for group in (printed, further))
     assert out.startswith(f"{agree} of {len(printed)} numbers of the paper agree; {hold} of {len(further)} further checks hold")
