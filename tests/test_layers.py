@@ -45,6 +45,8 @@ LAYERS = (
     ("io",),
     ("config_sections", "file_kinds"),
     ("gain_files",),
+    ("robot_values",),
+    ("robot_scenario_sections",),
     ("robot_sections", "scenario_sections"),
     ("config", "robot_config", "report", "reproduce"),
     ("audit_config",),

@@ -3,7 +3,6 @@
 SI and radians except where a key's name carries another unit. Keys that name joints are patterns: see robot/patterns.py.
 """
 
-import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -24,12 +23,11 @@ from .messages import first_of_many, nearest
 from .robot.actuators import Actuators, actuators_of, drives_of, merge_entries
 from .robot.body import Base, RigidBody
 from .robot.contact import Contact
-from .robot.ground import Ground
 from .robot.packages import is_name, load_model, locate
 from .robot.patterns import assign
 from .robot.tasks import Task
-from .robot_sections import CONTROLLERS, ContactSection, GroundSection, ModelSection, RobotControlSection, RobotFile
-from .robot_spec import Posture, Range, Ranges, Robot, RobotControl, RobotScenario, RobotSpec
+from .robot_sections import CONTROLLERS, ContactSection, ModelSection, RobotControlSection, RobotFile
+from .robot_spec import Posture, Range, Ranges, Robot, RobotControl, RobotSpec
 
 MOST_STATES = 500
 USUAL = f"the usual limits are asked for, as the file names none: {requirements(Requirements.usual())}"
@@ -75,7 +73,7 @@ def _spec(file: RobotFile, source: str, folder: Path) -> RobotSpec:
         control=_control(file.control, robot.body, sampled),
         requirements=Requirements.usual() if file.limits is None else file.limits.requirements(),
         uncertainty=ranges,
-        scenario=_scenario(file, robot),
+        scenario=file.scenario.scenario(robot, file.control.space),
         assumptions=(*assumptions, *([USUAL] if file.limits is None else [])),
         warnings=warnings,
     )
@@ -90,45 +88,6 @@ def refuse_long_delays(names: Sequence[str], delays: Sequence[float], tick: floa
             f"the delays of all {len(names)} joints together, {sum(delays) / tick:g} ticks, must be <= {MOST_TICKS} ticks: take a lower "
             "sample rate, or none for continuous time"
         )
-
-
-def _scenario(file: RobotFile, robot: Robot) -> RobotScenario:
-    """What is played. Raises GainroomError for a name that the file does not have."""
-    section, move = file.scenario, file.scenario.move
-    known = {"posture": tuple(robot.postures), "contact": tuple(robot.contacts), "move.task": tuple(task.name for task in robot.stack)}
-    asked = {"posture": section.posture, "contact": section.contact, "move.task": None if move is None else move.task}
-    for key, name in asked.items():
-        if name is not None and name not in known[key]:
-            raise GainroomError(f"scenario.{key}: {shown(name)} is none of the file's{nearest(name, known[key], key)}")
-    friction = {key: _where_given(getattr(section.friction, key), robot, f"friction.{key}", 0.0) for key in ("coulomb", "viscous")}
-    moved = {} if move is None else {"task": move.task, "joint": move.joint, "move_duration": move.duration}
-    if move is not None:
-        wanted = "task" if file.control.space == "task" else "joint"
-        if getattr(move, wanted) is None:
-            raise GainroomError(f"scenario.move: control.space is {file.control.space}: give {wanted}")
-        moved["by"] = tuple(np.atleast_1d(move.by).tolist())
-    hardware = {
-        "torque_limit": _where_given(section.torque_limit, robot, "torque_limit", math.inf),
-        "resolution": section.resolution,
-        "ground": None if section.ground is None else _ground(section.ground, robot),
-    }
-    return RobotScenario(section.posture, section.contact, section.duration, **friction, **hardware, **moved)
-
-
-def _where_given(values: Mapping[str, float], robot: Robot, key: str, otherwise: float) -> Floats:
-    """(n,) numbers of scenario.`key`; `otherwise` where no pattern matches."""
-    found = assign(values, robot.joint_names, f"scenario.{key}")
-    return np.array([each[-1] if each else otherwise for each in found])
-
-
-def _ground(section: GroundSection, robot: Robot) -> Ground:
-    """With the soles of the frames that touch it. Raises GainroomError for a sole of none of them."""
-    frames = tuple(dict.fromkeys(contact.frame for contacts in robot.contacts.values() for contact in contacts))
-    for frame in section.soles:
-        if frame not in frames:
-            hint = nearest(frame, frames, "contact frame")
-            raise GainroomError(f"scenario.ground.soles: {shown(frame)} is no contact of this file{hint}")
-    return Ground(friction=section.friction, soles={frame: sole.sole() for frame, sole in section.soles.items()})
 
 
 def _robot(file: RobotFile, source: str, folder: Path, common: Drive) -> tuple[Robot, tuple[Drive, ...], tuple[str, ...], tuple[str, ...]]:

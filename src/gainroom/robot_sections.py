@@ -1,7 +1,5 @@
 """The sections of robot.yaml as they are written: keys, bounds, and what excludes what. Keys that name joints are patterns."""
 
-import math
-from collections.abc import Callable
 from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
@@ -13,93 +11,11 @@ from .io.yaml_text import shown
 from .robot.actuators import ActuatorEntry
 from .robot.body import Base
 from .robot.contact import Contact, ContactKind
-from .robot.ground import Ground, Sole
-from .robot.patterns import DEFAULT
 from .robot.tasks import FRAMED, Task, TaskKind
+from .robot_scenario_sections import RobotScenarioSection
+from .robot_values import Angle, Flag, Name, PerJoint, Several, Springs, Stiffness, a_list, at_most, list_of, mapping, named
 
-MOST_NAMES = 50
-"""Postures, contact states or tasks in one file."""
 CONTROLLERS = {"pd": PD, "pid": PID, "ppi": PPI}
-
-
-def _word(value: object) -> str:
-    if not isinstance(value, str) or not value or len(value) > 200:
-        raise refusal(f"{shown(value)} must be a name")
-    return value
-
-
-def _rigid(value: object) -> object:
-    return math.inf if value == "rigid" else value
-
-
-def _each(end: BeforeValidator) -> BeforeValidator:
-    """A check: a number, or a list of them, each as `end` allows."""
-
-    def check(value: object) -> float | list[float]:
-        if isinstance(value, list) and value:
-            return [end.func(item) for item in value]  # type: ignore[call-arg]
-        return end.func(value)  # type: ignore[call-arg]
-
-    return BeforeValidator(check)
-
-
-def _of(kind: type | tuple[type, ...], words: str) -> Callable[[Any], Any]:
-    """A check: a value of this type."""
-
-    def check(value: Any) -> Any:
-        if not isinstance(value, kind):
-            raise refusal(f"{shown(value)} must be {words}")
-        return value
-
-    return check
-
-
-_flag, _mapping, _list = _of(bool, "true or false"), _of(dict, "a section"), _of(list, "a list")
-
-
-def _per_joint(value: Any) -> Any:
-    """One value for all joints, or one per pattern."""
-    return value if isinstance(value, dict) else {DEFAULT: value}
-
-
-def _ground(value: Any) -> Any:
-    """false: none; true: ordinary ground."""
-    if isinstance(value, bool):
-        return {} if value else None
-    return _of((dict, type(None)), "true, false or a section")(value)
-
-
-def _list_of(what: str, empty: str = "") -> Callable[[Any], Any]:
-    """A check: a list; one thing by itself is refused with the list that was meant."""
-
-    def check(value: Any) -> Any:
-        if isinstance(value, str):
-            raise refusal(f"{shown(value)} must be a list of {what}: [{shown(value)}]{empty}")
-        return _of(list, f"a list of {what}{empty}")(value)
-
-    return check
-
-
-def _at_most(value: Any) -> Any:
-    if len(value) > MOST_NAMES:
-        raise refusal(f"{len(value)} entries must be at most {MOST_NAMES}")
-    return value
-
-
-def _named(value: Any) -> Any:
-    """A section with one entry or more, each under a name."""
-    if not _mapping(value):
-        raise refusal("is empty; give at least one, or leave the section out")
-    return _at_most(value)
-
-
-Name = Annotated[str, BeforeValidator(_word)]
-Flag = Annotated[bool, BeforeValidator(_flag)]
-Angle = Annotated[float, number(least=-1e4, most=1e4)]
-Stiffness = Annotated[float, number(above=0, infinite=True), BeforeValidator(_rigid)]
-PerJoint = Annotated[dict[str, NotNegative], BeforeValidator(_per_joint)]
-Several = Annotated[float | list[float], _each(number(least=0))]
-Springs = Annotated[float | list[float], _each(number(above=0, infinite=True))]
 
 
 class ModelSection(Section):
@@ -137,12 +53,12 @@ class JointsSection(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     entries: dict[str, ActuatorSection] = {}
-    locked: Annotated[list[Name], BeforeValidator(_list_of("joint names or patterns"))] = []
+    locked: Annotated[list[Name], BeforeValidator(list_of("joint names or patterns"))] = []
 
     @model_validator(mode="before")
     @classmethod
     def _patterns(cls, data: Any) -> Any:
-        for key, value in _mapping(data).items():
+        for key, value in mapping(data).items():
             if key != "locked" and not isinstance(value, dict):
                 keys = ", ".join(ActuatorSection.model_fields)
                 raise refusal(
@@ -220,70 +136,11 @@ class RobotControlSection(ControlSection):
         return self
 
 
-Postures = Annotated[dict[str, Annotated[dict[str, Angle], BeforeValidator(_mapping)]], BeforeValidator(_named)]
+Postures = Annotated[dict[str, Annotated[dict[str, Angle], BeforeValidator(mapping)]], BeforeValidator(named)]
 ContactList = Annotated[
     list[Annotated[ContactSection, BeforeValidator(lambda value: {"frame": value} if isinstance(value, str) else value)]],
-    BeforeValidator(lambda value: _at_most(_list_of("frames", ", or [] for none")(value))),
+    BeforeValidator(lambda value: at_most(list_of("frames", ", or [] for none")(value))),
 ]
-
-
-Metres = Annotated[float, number(least=-1e3, most=1e3)]
-Limits = Annotated[dict[str, PositiveOrInfinite], BeforeValidator(_per_joint)]
-Moves = Annotated[float | list[float], _each(number(least=-1e3, most=1e3))]
-
-
-class RobotMoveSection(Section):
-    """A task or joints, moved from rest to rest along a quintic."""
-
-    task: Name | None = None
-    joint: Name | None = None
-    by: Moves = Field(description="how far [m, rad]; a number, or one per direction")
-    duration: Annotated[float, number(above=0, most=3600)] = 1.0
-
-    @model_validator(mode="after")
-    def _one(self) -> "RobotMoveSection":
-        if (self.task is None) == (self.joint is None):
-            raise refusal("give either task or joint")
-        return self
-
-
-class RobotFrictionSection(Section):
-    """On the motors' side, a number or one per pattern."""
-
-    coulomb: PerJoint = Field(default_factory=dict)
-    viscous: PerJoint = Field(default_factory=dict)
-
-
-class SoleSection(Section):
-    """The rectangle of one foot that touches the ground."""
-
-    length: Positive = Field(Sole.length, description="along x of the frame [m]")
-    width: Positive = Field(Sole.width, description="along y [m]")
-    center: Annotated[list[Metres], BeforeValidator(_list), Field(min_length=2, max_length=2)] = Field([0.0, 0.0])
-
-    def sole(self) -> Sole:
-        """In SI."""
-        return Sole(length=self.length, width=self.width, center=(self.center[0], self.center[1]))
-
-
-class GroundSection(Section):
-    """Ground that feet may slip on and leave."""
-
-    friction: Positive = Ground.friction
-    soles: Annotated[dict[str, SoleSection], BeforeValidator(_mapping)] = Field({}, description="by contact frame")
-
-
-class RobotScenarioSection(Section):
-    """What `gainroom simulate` plays."""
-
-    posture: Name | None = None
-    contact: Name | None = None
-    duration: Annotated[float, number(above=0, most=3600)] = 2.0
-    move: RobotMoveSection | None = None
-    friction: RobotFrictionSection = RobotFrictionSection()
-    torque_limit: Limits = Field(default_factory=dict)
-    resolution: Annotated[float, number(least=0, most=1)] = 0.0
-    ground: Annotated[GroundSection | None, BeforeValidator(_ground)] = None
 
 
 class RobotFile(Section):
@@ -293,9 +150,9 @@ class RobotFile(Section):
     joints: JointsSection = JointsSection()
     drive: DriveSection = Field(description="the current loops and the delay")
     postures: Postures | None = None
-    contacts: Annotated[dict[str, ContactList], BeforeValidator(_named)] | None = None
+    contacts: Annotated[dict[str, ContactList], BeforeValidator(named)] | None = None
     control: RobotControlSection = Field(description="the controller and its gains")
-    tasks: Annotated[list[TaskSection], BeforeValidator(lambda value: _at_most(_list(value)))] = Field([])
+    tasks: Annotated[list[TaskSection], BeforeValidator(lambda value: at_most(a_list(value)))] = Field([])
     limits: LimitsSection | None = None
     uncertainty: RangesSection = RangesSection()
     scenario: RobotScenarioSection = RobotScenarioSection()
