@@ -218,11 +218,25 @@ def test_front(capsys: pytest.CaptureFixture[str]):
     assert "Usage: gainroom" in capsys.readouterr().out
 
 
-def test_help_loads_nothing_heavy():
-    code = "import sys; from gainroom.cli import main; main(['--help']); print(*sys.modules, file=sys.stderr)"
+def loaded_by(*arguments: str) -> set[str]:
+    """Names of all modules that a process has loaded after one command."""
+    code = f"import sys; from gainroom.cli import main; main({list(arguments)!r}); print(*sys.modules, file=sys.stderr)"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    loaded = {name.partition(".")[0] for name in run.stderr.split()}
+    return set(run.stderr.split())
+
+
+def test_help_loads_nothing_heavy():
+    loaded = {name.partition(".")[0] for name in loaded_by("--help")}
     assert not loaded & {"numpy", "scipy", "numba", "pydantic", "plotly", "yaml", "control"}
+
+
+def test_a_joint_without_a_scenario_loads_no_simulation(folder: Path):
+    """What only simulate, a robot or a report need is not waited for."""
+    loaded = loaded_by("joint", str(folder / "testbed.yaml"))
+    assert "gainroom.study" in loaded
+    packages = {name.partition(".")[0] for name in loaded}
+    assert not packages & {"scipy", "numba", "plotly", "control", "mujoco", "pinocchio"}
+    assert not loaded & {f"gainroom.{name}" for name in ("simulation", "scenario_sections", "robot", "robot_config", "report")}
 
 
 def test_a_reader_that_leaves_early_does_no_harm():

@@ -11,6 +11,7 @@ from gainroom.config import JointFile, parse_joint
 from gainroom.errors import GainroomError
 from gainroom.io.checked import validate
 from gainroom.io.yaml_text import MAX_DEPTH, MAX_NODES, parse_yaml
+from gainroom.scenario_sections import ScenarioSection
 
 FULL = """\
 joint: {rotor_inertia: 1.0e-4, gear_ratio: 100, link_inertia: 16.0, stiffness: 1e4, damping: 1,
@@ -76,6 +77,9 @@ def test_a_file_written_back_means_the_same(text: str):
     again = validate(JointFile, parse_yaml(written, "again.yaml"), "again.yaml")
     assert again == file
     assert repr(again.spec()) == repr(file.spec())
+    scenario = validate(ScenarioSection, file.scenario, "knee.yaml", "scenario")
+    written = yaml.safe_dump(scenario.model_dump(exclude_none=True))
+    assert validate(ScenarioSection, parse_yaml(written, "again.yaml"), "again.yaml", "scenario") == scenario
 
 
 def test_limits_are_the_same_formulas():

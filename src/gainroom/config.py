@@ -3,9 +3,10 @@
 Everything is SI and radians except where a key's name carries another unit (delay_ms, sample_rate_hz, gain_margin_db).
 """
 
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
@@ -28,12 +29,12 @@ from .forbidden import Requirements
 from .io.checked import NotNegative, Positive, PositiveOrInfinite, Section, refusal, typed, validate
 from .io.yaml_text import read_text
 from .plant import ElasticJoint
-from .scenario_sections import ScenarioSection
-from .simulation_spec import SimulationSpec
 from .study import JointSpec
 from .uncertainty import Uncertainty
 
-Spec = TypeVar("Spec")
+if TYPE_CHECKING:
+    from .scenario_sections import ScenarioSection
+    from .simulation_spec import SimulationSpec
 
 
 def load_joint(path: Path) -> JointSpec:
@@ -46,23 +47,42 @@ def load_joint(path: Path) -> JointSpec:
 
 def parse_joint(text: str, source: str) -> JointSpec:
     """As load_joint, for the text of a file that messages call `source`."""
-    return _parsed(text, source, lambda file: file.spec())
+    file = _file(text, source)
+    if file.scenario != {}:
+        _scenario(file, source)
+    with _named(source):
+        return file.spec()
 
 
-def load_simulation(path: Path) -> SimulationSpec:
+def load_simulation(path: Path) -> "SimulationSpec":
     """As load_joint: the joint with its scenario, the usual one where the file has none."""
     return parse_simulation(read_text(path), str(path))
 
 
-def parse_simulation(text: str, source: str) -> SimulationSpec:
+def parse_simulation(text: str, source: str) -> "SimulationSpec":
     """As load_simulation, for the text of a file that messages call `source`."""
-    return _parsed(text, source, lambda file: file.scenario.spec(file.spec()))
+    file = _file(text, source)
+    scenario = _scenario(file, source)
+    with _named(source):
+        return scenario.spec(file.spec())
 
 
-def _parsed(text: str, source: str, made: Callable[["JointFile"], Spec]) -> Spec:
-    file = validate(JointFile, parse_as("joint", text, source, "testbed"), source)
+def _file(text: str, source: str) -> "JointFile":
+    return validate(JointFile, parse_as("joint", text, source, "testbed"), source)
+
+
+def _scenario(file: "JointFile", source: str) -> "ScenarioSection":
+    """Its section, checked; only here is the simulation loaded."""
+    from .scenario_sections import ScenarioSection
+
+    return validate(ScenarioSection, file.scenario, source, "scenario")
+
+
+@contextmanager
+def _named(source: str) -> Iterator[None]:
+    """Errors in what a file says begin with its name."""
     try:
-        return made(file)
+        yield
     except GainroomError as error:
         raise GainroomError(f"{source}: {error}") from error
 
@@ -172,7 +192,7 @@ class JointFile(Section):
     control: Control = Field(description="the controller and its gains")
     limits: LimitsSection | None = None
     uncertainty: UncertaintySection = UncertaintySection()
-    scenario: ScenarioSection = ScenarioSection()
+    scenario: Any = Field(default_factory=dict, description="what happens to the joint: a ScenarioSection")
 
     def spec(self) -> JointSpec:
         """In SI units. Raises GainroomError where sections contradict each other."""

@@ -113,14 +113,17 @@ class Section(BaseModel):
 AnySection = TypeVar("AnySection", bound=Section)
 
 
-def validate(model: type[AnySection], data: object, source: str) -> AnySection:
-    """`data` as a `model`. Raises GainroomError about the first thing that is wrong: SOURCE: key.path: message."""
+def validate(model: type[AnySection], data: object, source: str, within: str = "") -> AnySection:
+    """`data` as a `model`. Raises GainroomError about the first thing that is wrong: SOURCE: key.path: message.
+
+    within   the key whose value `data` is; "" for a whole file
+    """
     try:
         return model.model_validate(data)
     except ValidationError as error:
         first = error.errors(include_url=False, include_input=True)[0]
         context = first.get("ctx", {})
-        path = _path(data, first["loc"], context.get("key", ""))
+        path = ".".join(part for part in (within, _path(data, first["loc"], context.get("key", ""))) if part)
         message = context["message"] if first["type"] == "refused" else f"{shown(first['input'])}: {first['msg']}"
         raise GainroomError(": ".join(part for part in (source, path, message) if part)) from error
 
