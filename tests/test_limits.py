@@ -1,6 +1,7 @@
 """The largest and smallest factor on all gains, with a certificate from both sides; unstable loops; several joints."""
 
 import contextlib
+from itertools import pairwise
 from math import inf, isinf, isnan, pi
 
 import numpy as np
@@ -9,9 +10,10 @@ import scipy.signal
 
 import gainroom as gr
 from draws import draw_plant, draw_setup
+from gainroom import limits
 from gainroom.coupled_gains import kept_by
 from gainroom.limits import coupled_limit
-from gainroom.stability import unstable_roots
+from gainroom.stability import scan_loop, unstable_roots
 from gainroom.sweep import AT_ONCE, MOST, Sweep, in_blocks
 
 
@@ -75,6 +77,38 @@ def test_integrator_with_delay():
     assert limit.frequency == pytest.approx(pi / 2, rel=1e-14)
     assert limit.lower_gain == 0.0
     assert limit.mode == pytest.approx([1.0])
+
+
+def test_thousands_of_crossings_are_not_counted_one_by_one(monkeypatch):
+    """g e^{−s}/s, with a root that crosses at every g = π/2 + 2πk: from g = 10 000 the way back is still π/2, found in a few counts."""
+    counts = []
+
+    def counted(loop):
+        counts.append(loop)
+        return unstable_roots(loop)
+
+    monkeypatch.setattr(limits, "unstable_roots", counted)
+    limit = gr.gain_limit(gr.loop_from(scipy.signal.TransferFunction([1e4], [1.0, 0.0]), delay=1.0))
+    assert limit.gain == pytest.approx(pi / 2 / 1e4, rel=1e-14)
+    assert limit.certificate.holds
+    assert len(counts) <= 5  # at g = 1, at the upper interval, at the one that is found, and the certificate
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_the_way_back_is_the_same_when_every_interval_is_counted(seed):
+    """Loops with unstable poles and zeros: roots carried from interval to interval against a count in each."""
+    rng = np.random.default_rng([8, seed])
+    poles = [*rng.uniform(-5, 1, 2), *(rng.uniform(-2, 0.3) + rng.uniform(1, 30) * np.array([1j, -1j])), 0.0]
+    zeros = rng.uniform(-5, 1, int(rng.integers(0, 4)))
+    system = scipy.signal.TransferFunction(10 ** rng.uniform(1, 3) * np.poly(zeros), np.real(np.poly(poles)))
+    loop = gr.loop_from(system, delay=float(rng.uniform(0, 0.2)))
+    limit = gr.gain_limit(loop)
+    if limit.stable:
+        return
+    crossings = sorted(1 / size for _, size, _ in scan_loop(loop, with_peaks=False).phases.tolist() if 1 / size <= 1)
+    edges = [0.5 * crossings[0], *crossings] if crossings else []
+    inside = [high for low, high in pairwise(edges) if unstable_roots(loop.scaled((low * high) ** 0.5)) == 0]
+    assert limit.gain == pytest.approx(max(inside, default=0.0), rel=1e-14)
 
 
 def test_conditionally_stable_loops_have_both_ends():

@@ -8,7 +8,7 @@ import numpy as np
 from .arrays import Booleans, Complexes, Floats
 from .errors import GainroomError
 from .loop import Loop
-from .stability import has_growing_root, scan_loop, unstable_roots
+from .stability import INFINITELY_MANY, has_growing_root, scan_loop, unstable_roots
 from .sweep import HIGHEST, Sweep
 
 NUDGE = 1e-6  # the certificate counts roots at limit·(1 ± NUDGE)
@@ -17,6 +17,7 @@ LOWEST = 1e-6  # factors on coupled loops below this count as none
 LOWEST_UNDAMPED = 1e-3  # likewise, beside an undamped resonance: smaller ones may only tell how far the boundary leans there
 # Relative distances from a crossing at which samples tell on which side of it ±NUDGE lies: no step is longer than 3 times its distance.
 TOWARDS = np.concatenate([sign * np.geomspace(0.2 * NUDGE, 0.03, 10) for sign in (-1, 1)])
+MOST_COUNTED = 300  # intervals of the factor whose roots are counted one by one
 CLOSE = 0.03  # relative distance within which crossings, interpolated between samples, may change places when polished
 
 
@@ -81,17 +82,15 @@ def _scalar_limit(loop: Loop) -> GainLimit:
     """From the crossings of the certified scan: between neighbouring ones the number of unstable roots is constant."""
     if loop.scalar is not None and loop.scalar.gain == 0:
         raise GainroomError("gain_limit: all gains are zero")
-    crossings = scan_loop(loop, with_peaks=False).phases.tolist()
-    points = sorted(
-        (Critical(1 / size, omega, np.ones(1, dtype=complex)) for omega, size, _ in crossings if size > 0), key=lambda p: p.gain
-    )
+    phases = scan_loop(loop, with_peaks=False).phases
+    phases = phases[phases[:, 1] > 0]
+    phases = phases[np.argsort(-phases[:, 1], kind="stable")]
+    points = [Critical(1 / size, omega, np.ones(1, dtype=complex)) for omega, size, _ in phases.tolist()]
     stable = unstable_roots(loop) == 0
     factors = [0.0, *(point.gain for point in points), math.inf]
     upper = next(k for k, factor in enumerate(factors) if factor > 1)
     if not stable:
-        upper -= 1
-        while upper > 0 and unstable_roots(loop.scaled(_between(factors[upper - 1], factors[upper]))) > 0:
-            upper -= 1
+        upper = _stable_below(loop, factors, phases[:, 2].tolist(), upper - 1)
     if upper == 0:
         return _no_limit(loop, False, 0.0, math.nan)
     gain, lower = factors[upper], factors[upper - 1]
@@ -99,6 +98,36 @@ def _scalar_limit(loop: Loop) -> GainLimit:
         return _no_limit(loop, stable, gain, lower)
     certificate = Certificate(unstable_roots(loop.scaled(gain * (1 - NUDGE))), unstable_roots(loop.scaled(gain * (1 + NUDGE))))
     return GainLimit(stable, gain, lower, points[upper - 1].omega, points[upper - 1].mode, certificate)
+
+
+def _stable_below(loop: Loop, factors: list[float], slopes: list[float], upper: int) -> int:
+    """The highest interval (factors[k − 1], factors[k]), k <= upper, without unstable roots; 0 where there is none.
+
+    A long delay or huge gains make thousands of them, so roots are counted once and then carried from one to the next: a pair enters, as
+    the factor rises, where arg L falls through π, and leaves where it rises. What this finds is counted, and so is the lowest interval;
+    should they not agree, every interval is. Raises GainroomError where those are too many.
+    """
+
+    def counted(k: int) -> int:
+        return unstable_roots(loop.scaled(_between(factors[k - 1], factors[k])))
+
+    carried: float = math.nan  # NaN: to be counted
+    for k in range(upper, 0, -1):
+        fresh = math.isnan(carried)
+        carried = counted(k) if fresh else carried
+        if carried == 0 and (fresh or counted(k) == 0):
+            return k
+        if k > 1:  # slope 0: at an end of the boundary, where a single root passes
+            slope = slopes[k - 2]
+            carried = carried + 2 * slope if slope != 0 and carried < INFINITELY_MANY else math.nan
+        elif carried != counted(1):
+            if upper > MOST_COUNTED:
+                raise GainroomError(
+                    f"gain_limit: {upper} factors at which roots cross the boundary, and rounding hides which way: shorten the delay, "
+                    f"or lower the gains"
+                )
+            return next((k for k in range(upper, 0, -1) if counted(k) == 0), 0)
+    return 0
 
 
 def _between(low: float, high: float) -> float:
