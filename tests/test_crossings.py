@@ -4,6 +4,7 @@ from math import inf, pi
 
 import numpy as np
 import pytest
+import scipy.signal
 
 import gainroom as gr
 from draws import draw_setup
@@ -11,6 +12,7 @@ from gainroom import acceleration
 from gainroom._peaks import objective
 from gainroom.crossings import Scan, scan_many
 from gainroom.factored import Factored, ratio
+from gainroom.stability import unstable_roots
 
 
 def pairs(rng: np.random.Generator, count: int, low: float, high: float) -> np.ndarray:
@@ -215,3 +217,38 @@ def test_ends_of_the_boundary():
     step = 0.1  # 0.5/(z + 0.5): L(−1) = −1
     sampled = scan_many([Factored(np.zeros(0, complex), np.array([-1.5 / step + 0j]), 0.4 / step, 0.0, step)])[0]
     assert sampled.phases[-1] == pytest.approx([pi / step, 0.8, 0.0], rel=1e-12)
+
+
+@pytest.fixture(params=[False, True], ids=["numpy", "compiled"])
+def both(request, monkeypatch):
+    monkeypatch.setattr(acceleration, "_enabled", request.param)
+
+
+@pytest.mark.usefixtures("both")
+@pytest.mark.parametrize("growth", [0.0, 0.1])
+@pytest.mark.parametrize("gain", [10.0, 1.2e3, 5e3, 9e3, 1e6])
+def test_loops_that_vanish_at_rest(gain, growth):
+    """g s/((s + 1)³ (s² − 2 a s + 1)) may be large at the lowest frequency looked at; counted by the roots of its polynomial."""
+    denominator = np.polymul(np.poly([-1.0, -1.0, -1.0]), [1.0, 0.2 - 2 * growth, 1.0])
+    expected = np.count_nonzero(np.roots(np.polyadd(denominator, [gain, 0.0])).real > 0)
+    assert unstable_roots(gr.loop_from(scipy.signal.TransferFunction([gain, 0.0], denominator))) == expected
+
+
+@pytest.mark.usefixtures("both")
+@pytest.mark.parametrize("kp", [0.0, 50.0])
+def test_pole_and_zero_at_rest_that_cancel(kp):
+    """Friction leaves one pole at 0, and without kp the controller has a zero there: the joint is free to drift, at a root of 0."""
+    joint = gr.ElasticJoint(0.2, 0.8, 1e4, 1.0, motor_viscous=0.3)
+    loop = gr.build_loop(joint, gr.Drive(4000.0, 0.9, 2e-3), gr.PD(kp, 5.0))
+    found = gr.margins(loop)
+    assert found.unstable_roots == (kp == 0)
+    assert np.any(np.abs(gr.rightmost_roots(loop).roots) < 1e-9) == (kp == 0)  # round-off of states of size 1e4, times 1e-13
+    assert gr.gain_limit(loop).stable == (kp > 0)
+
+
+def test_a_sample_on_an_undamped_resonance(monkeypatch):
+    """Resonances at 1 and 2 rad/s: the search for the highest frequency doubles from the slowest, and meets the other."""
+    system = Factored(np.zeros(0, dtype=complex), np.array([1j, -1j, 2j, -2j]), 1.0, 0.1)
+    one, many = compiled(system, monkeypatch), scan_many([system])[0]
+    assert many.certified
+    assert one is None  # left to numpy, where the response there is infinite

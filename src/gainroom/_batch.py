@@ -35,13 +35,15 @@ class Batch:
             dv = 1j * rotation * rotation
         distance = v[:, None] - self.roots[owner]
         signs = self.signs[owner]
-        factors = np.where(signs > 0, distance, 1.0) / np.where(signs < 0, distance, 1.0)
-        value = np.prod(factors, axis=1) * (self.gain[owner] * np.exp(-1j * omega * self.delay[owner]))
-        return value, signs * (dv[:, None] / np.where(signs != 0, distance, 1.0))
+        with np.errstate(divide="ignore", invalid="ignore"):  # infinite on a pole
+            factors = np.where(signs > 0, distance, 1.0) / np.where(signs < 0, distance, 1.0)
+            value = np.prod(factors, axis=1) * (self.gain[owner] * np.exp(-1j * omega * self.delay[owner]))
+            return value, signs * (dv[:, None] / np.where(signs != 0, distance, 1.0))
 
 
 def prepared(loops: list[Factored], floor: float) -> tuple[Batch, Floats, Integers]:
     """The batch with its ends, arg L at small real s > 0, and the number of integrators of each loop."""
+    loops = [loop.reduced for loop in loops]
     width = max(len(loop.zeros) + len(loop.poles) for loop in loops)
     roots: Complexes = np.zeros((len(loops), width), dtype=complex)
     signs = np.zeros((len(loops), width))
@@ -75,7 +77,8 @@ def _set_low(batch: Batch, scale: Floats, integrators: Integers) -> None:
     low = 1e-3 * scale
     for _ in range(300):
         value, _ = batch.evaluate(everyone, low)
-        waiting = ((np.abs(value) > 10) != (integrators > 0)) & (integrators != 0) & (value != 0)
+        ruling = np.where(integrators > 0, np.abs(value) > 10, np.abs(value) < 0.1)
+        waiting = ~ruling & (integrators != 0) & (value != 0)
         if not waiting.any():
             break
         low[waiting] /= 4

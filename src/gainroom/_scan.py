@@ -364,7 +364,7 @@ def _start(roots, signs, gain, delay, sample_time, slopes):
     omega, limit, value = 1e-3 * scale, start_phase - integrators * math.pi / 2, 0j
     for _ in range(300):
         value = evaluate(omega, roots, signs, gain, delay, sample_time, slopes)
-        if (abs(value) > 10) == (integrators > 0):
+        if (abs(value) > 10) if integrators > 0 else (abs(value) < 0.1):
             break
         omega /= 4
     return omega, limit + _wrapped(math.atan2(value.imag, value.real) - limit), start_phase, integrators, scale

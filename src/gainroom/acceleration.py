@@ -21,14 +21,18 @@ def scan_one(system: Factored, with_peaks: bool):
     from . import _scan
     from .crossings import FLOOR, LOWEST_FLOOR, Scan
 
+    system = system.reduced
     roots = np.concatenate([system.zeros, system.poles[np.argsort(np.abs(system.poles))]])
     signs = np.ones(len(roots), dtype=np.int64)
     signs[len(system.zeros) :] = -1
     floor = FLOOR if system.relative_degree > 0 else max(FLOOR, (1 + abs(system.gain)) / 2)
     while True:
-        gains, phases, peaks, half_turns, certified = _scan.scan(
-            roots, signs, system.gain, system.delay, system.sample_time or 0.0, floor, with_peaks
-        )
+        try:
+            gains, phases, peaks, half_turns, certified = _scan.scan(
+                roots, signs, system.gain, system.delay, system.sample_time or 0.0, floor, with_peaks
+            )
+        except ZeroDivisionError:  # a sample fell on an undamped resonance; numpy has an infinite response there
+            return None
         if not certified:
             return None  # its work space is fixed; numpy goes on where it stops
         if system.sample_time is not None or floor <= LOWEST_FLOOR or (phases[:, 1] < 1).any():

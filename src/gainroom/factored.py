@@ -7,7 +7,7 @@ The variable is v = s in continuous time, and v = δ = (z − 1)/T_s in sampled 
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -81,6 +81,15 @@ class Factored:
         with np.errstate(divide="ignore", invalid="ignore"):
             slope = np.sum(1 / (v[:, None] - self.zeros), axis=1) - np.sum(1 / (v[:, None] - self.poles), axis=1)
             return value, value * (dv * slope - 1j * self.delay)
+
+    @property
+    def reduced(self) -> "Factored":
+        """The same response without the zeros and poles at v = 0 that cancel."""
+        pairs = min(np.count_nonzero(self.zeros == 0), np.count_nonzero(self.poles == 0))
+        if not pairs:
+            return self
+        zeros, poles = (np.delete(roots, np.flatnonzero(roots == 0)[:pairs]) for roots in (self.zeros, self.poles))
+        return replace(self, zeros=zeros, poles=poles)
 
     @property
     def relative_degree(self) -> int:
