@@ -39,6 +39,7 @@ LOWEST = 1e-12  # of the highest frequency
 CLOSEST = 1e-10  # relative distance of samples at which refinement stops
 MOST = 12_000  # samples of large matrices; of small ones more, up to as many entries
 AT_ONCE = 2_000_000  # entries of all matrices that are held at a time
+COMPARED = 500_000  # distances between eigenvalues that are held at a time
 
 
 @dataclass(frozen=True)
@@ -116,7 +117,7 @@ class Sweep:
         if plant is None or plant.gravity_stiffness is None:
             return np.zeros(0)
         here, settled = self._eigenvalues(1e-6 * self.omega[:1])[0], self.loci[0][np.abs(self._falls()) < 0.5]
-        return here[np.any(np.abs(np.abs(here[:, None]) / np.abs(settled) - 1) < 0.1, axis=1)].real
+        return here[np.any(np.abs(np.abs(here[:, None]) - np.abs(settled)) < 0.1 * np.abs(settled), axis=1)].real
 
     def mode_at_rest(self, value: complex) -> Complexes:
         """The measured positions (n,) of the locus that settles at `value`, the largest part 1."""
@@ -294,15 +295,24 @@ def _pairing(before: Complexes, after: Complexes) -> Integers:
 
     Near in size and direction: at low frequencies all loci fall alike, and each may come to where the next one was.
     """
-    from scipy.optimize import linear_sum_assignment
+    size = before.shape[1]
+    rows = max(1, COMPARED // max(size, 1) ** 2)
+    blocks = [_paired(before[k : k + rows], after[k : k + rows]) for k in range(0, max(len(before), 1), rows)]
+    return np.concatenate(blocks)
 
+
+def _paired(before: Complexes, after: Complexes) -> Integers:
+    """`_pairing` of so few samples that all distances between their eigenvalues may be held at once."""
     grown = _size(after)[:, None, :] - _size(before)[:, :, None]
     turned = np.angle(after)[:, None, :] - np.angle(before)[:, :, None]
     distance = grown**2 + (np.abs(np.abs(turned) - math.pi) - math.pi) ** 2
     pairs = np.argmin(distance, axis=2)
-    size = before.shape[1]
-    for k in np.flatnonzero(np.any(np.sort(pairs, axis=1) != np.arange(size), axis=1)):
-        pairs[k] = linear_sum_assignment(distance[k])[1]
+    clashing = np.flatnonzero(np.any(np.sort(pairs, axis=1) != np.arange(before.shape[1]), axis=1))
+    if len(clashing):
+        from scipy.optimize import linear_sum_assignment
+
+        for k in clashing:
+            pairs[k] = linear_sum_assignment(distance[k])[1]
     return pairs
 
 
