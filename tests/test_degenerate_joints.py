@@ -63,3 +63,10 @@ def test_two_joints_one_of_them_slow(kp, stable, sample_time):
     loop = gr.build_loop(plant, gr.Drive(4000.0, 0.9, 2e-3), gr.PD(np.array(kp, float), 100.0), sample_time=sample_time)
     assert gr.is_stable(loop) is stable
     assert gr.rightmost_roots(loop).lost == 0
+
+
+def test_what_topples_within_a_tick_is_refused():
+    """Held upright by nothing against 1e11 N m/rad: e^300 per millisecond, of which no sampled model keeps a digit."""
+    plant = gr.Plant(np.array([[1.0]]), np.array([0.1]), np.array([math.inf]), gravity_stiffness=np.array([[-1e11]]))
+    with pytest.raises(gr.GainroomError, match=r"grows by itself at .*too fast to be sampled every 1 ms"):
+        gr.build_loop(plant, gr.Drive(), gr.PD(100.0, 1.0), sample_time=1e-3)

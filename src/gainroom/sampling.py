@@ -12,15 +12,24 @@ precision; its zeros are then good to the last digit of a double.
 import numpy as np
 
 from .arrays import Complexes
+from .errors import GainroomError
 from .factored import Factored
 
 DIGITS = 90
 APART = 22  # coinciding poles (the two integrators among them) are moved apart by 1e-22/T_s: far below a double, far above DIGITS
+FASTEST = 50.0  # growth rate of a pole times the tick: e^50 exceeds what a double resolves, let alone what a controller can hold
 
 
 def sample(system: Factored, sample_time: float, fraction: float = 0.0) -> Factored:
-    """`system` (continuous, strictly proper, its delay left aside) sampled at T_s [s] with `fraction` in [0, 1) of a tick of delay."""
+    """`system` (continuous, strictly proper, its delay left aside) sampled at T_s [s] with `fraction` in [0, 1) of a tick of delay.
+
+    Raises GainroomError where it topples within a small part of a tick.
+    """
     from mpmath import mp, mpc, mpf
+
+    rate = float(np.max(system.poles.real, initial=0.0))
+    if rate * sample_time > FASTEST:
+        raise GainroomError(f"loop: grows by itself at {rate:.3g}/s, too fast to be sampled every {1e3 * sample_time:g} ms")
 
     with mp.workdps(DIGITS):
         step = mpf(sample_time)
