@@ -93,6 +93,28 @@ def test_each_loop_with_the_others_closed(seed, sample_time):
                     assert (unstable(with_gains(raised_kp, raised_kd)) == 0) is stays
 
 
+@pytest.mark.parametrize("unit", [1e-9, 1e-4, 1e5, 1e9])
+@pytest.mark.parametrize("sample_time", [None, 5e-4])
+def test_units_of_torque_do_not_matter(unit, sample_time):
+    """All that is measured in torque times `unit`: largest gains too, however large the numbers become, and factors not at all."""
+    rng = np.random.default_rng(33)
+    plant, kp, kd = draw_plant(rng, 3), rng.uniform(30, 90, 3), rng.uniform(1, 4, 3)
+    scaled = replace(
+        plant,
+        link_inverse_inertia=plant.link_inverse_inertia / unit,
+        **{name: unit * getattr(plant, name) for name in ("motor_inertia", "stiffness", "damping", "motor_viscous", "link_viscous")},
+    )
+    first = gr.joint_margins(gr.build_loop(plant, DRIVE, gr.PD(kp, kd), sample_time=sample_time))
+    second = gr.joint_margins(gr.build_loop(scaled, DRIVE, gr.PD(unit * kp, unit * kd), sample_time=sample_time))
+    assert first.stable
+    assert np.all(np.isfinite(first.largest_kp) & np.isfinite(first.largest_kd) & np.isfinite(first.others_closed))
+    # Crossings are polished to 1e-14 of L's own size; a scaled matrix rounds differently in its last digits.
+    assert second.limit.gain == pytest.approx(first.limit.gain, rel=1e-9)
+    assert second.others_closed == pytest.approx(first.others_closed, rel=1e-9)
+    assert second.largest_kp == pytest.approx(unit * first.largest_kp, rel=1e-9)
+    assert second.largest_kd == pytest.approx(unit * first.largest_kd, rel=1e-9)
+
+
 def test_nothing_is_told_of_an_unstable_loop():
     found = gr.joint_margins(coupled(0).scaled(1e3))
     assert not found.stable

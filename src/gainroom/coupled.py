@@ -16,7 +16,7 @@ from .sweep import MOST, Sweep, in_blocks
 Curves = Callable[[Floats], Complexes]
 """ω (k,) → (k, m): m scalar responses."""
 RELATIVE_MOVE = 0.25  # of a curve between samples, near the negative real axis
-LARGEST = 1e6  # factors on one loop above this count as no limit
+FAINTEST = 1e-6  # of a curve's largest value: where it is smaller it is not followed, and what it would limit counts as without limit
 
 
 @dataclass(frozen=True)
@@ -136,17 +136,23 @@ def room(sweep: Sweep, curves: Curves) -> Floats:
         return in_blocks(curves, omega, size)
 
     omega, values = _resolved(sweep, curves_in_blocks)
+    least = _least(values)
     crosses = ((values.imag[1:] > 0) != (values.imag[:-1] > 0)) & ((values.real[1:] < 0) | (values.real[:-1] < 0))
     room = np.full(values.shape[1], math.inf)
     if sweep.last is not None:
         at_end = curves(np.array([sweep.last]))[0].real
-        room = np.where(at_end < -1 / LARGEST, -1 / np.minimum(at_end, -1 / LARGEST), room)
+        room = np.where(at_end < -least, -1 / np.minimum(at_end, -least), room)
     rows, joints = np.nonzero(_foremost(values, crosses))
     value = _on_axis(curves, joints, (omega[rows], values[rows, joints]), (omega[rows + 1], values[rows + 1, joints]))
     for joint, found in zip(joints.tolist(), value.tolist(), strict=True):
-        if found.real < -1 / LARGEST:
+        if found.real < -least[joint]:
             room[joint] = min(room[joint], -1 / found.real)
     return room
+
+
+def _least(values: Complexes) -> Floats:
+    """(m,) below which a curve is not followed: gains have units, so it is measured by the curve itself."""
+    return np.maximum(FAINTEST * np.abs(values).max(axis=0), 1e-300)
 
 
 def _foremost(values: Complexes, crosses: Booleans) -> Booleans:
@@ -185,7 +191,7 @@ def _resolved(sweep: Sweep, curves: Curves) -> tuple[Floats, Complexes]:
         start, end = values[:-1], values[1:]
         size = np.maximum(np.abs(start), np.abs(end))
         near = (np.minimum(start.real, end.real) < 0) & (np.minimum(np.abs(start.imag), np.abs(end.imag)) < size)
-        rough = np.any(near & (np.abs(end - start) > RELATIVE_MOVE * size) & (size > 1 / LARGEST), axis=1)
+        rough = np.any(near & (np.abs(end - start) > RELATIVE_MOVE * size) & (size > _least(values)), axis=1)
         rough &= np.diff(omega) > 1e-9 * omega[1:]
         if not rough.any() or len(omega) > MOST:
             break
