@@ -252,3 +252,10 @@ def test_a_sample_on_an_undamped_resonance(monkeypatch):
     one, many = compiled(system, monkeypatch), scan_many([system])[0]
     assert many.certified
     assert one is None  # left to numpy, where the response there is infinite
+
+
+@pytest.mark.filterwarnings("error")
+def test_the_search_for_the_highest_frequency_stays_within_range():
+    """Nine zeros and ten poles, 120 doublings beyond the slowest: each product alone is far beyond 1e308."""
+    system = Factored(-np.full(9, 1e3 + 0j), -np.geomspace(1.0, 1e3, 10).astype(complex), 1.0)
+    assert scan_many([system])[0].certified

@@ -49,9 +49,10 @@ def prepared(loops: list[Factored], floor: float) -> tuple[Batch, Floats, Intege
     signs = np.zeros((len(loops), width))
     for m, loop in enumerate(loops):
         both = np.concatenate([loop.zeros, loop.poles[np.argsort(np.abs(loop.poles))]])
-        roots[m, : len(both)] = both
-        signs[m, : len(loop.zeros)] = 1
-        signs[m, len(loop.zeros) : len(both)] = -1
+        kinds = np.repeat([1.0, -1.0], [len(loop.zeros), len(loop.poles)])
+        # Zero by pole, so that the product stays within range for any number of factors, far beyond all roots, too.
+        order = np.argsort(np.concatenate([np.arange(len(loop.zeros)), np.arange(len(loop.poles))]), kind="stable")
+        roots[m, : len(both)], signs[m, : len(both)] = both[order], kinds[order]
     sample_time = loops[0].sample_time or 0.0
     gain = np.array([loop.gain for loop in loops])
     delay = np.array([loop.delay for loop in loops])
