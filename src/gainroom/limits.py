@@ -15,8 +15,8 @@ NUDGE = 1e-6  # the certificate counts roots at limit·(1 ± NUDGE)
 NEAREST = 10.0  # of the factors that are looked at first on coupled loops; most limits lie below
 LOWEST = 1e-6  # factors on coupled loops below this count as none
 LOWEST_UNDAMPED = 1e-3  # likewise, beside an undamped resonance: smaller ones may only tell how far the boundary leans there
-# Relative distances from a crossing at which samples tell on which side of it ±NUDGE lies: no step is longer than 3 times its distance.
-TOWARDS = np.concatenate([sign * np.geomspace(0.2 * NUDGE, 0.03, 10) for sign in (-1, 1)])
+# Relative distances from a crossing at which samples tell on which side of it ±NUDGE lies: no step is longer than twice its distance.
+TOWARDS = np.concatenate([sign * np.geomspace(0.2 * NUDGE, 0.03, 14) for sign in (-1, 1)])
 MOST_COUNTED = 300  # intervals of the factor whose roots are counted one by one
 CLOSE = 0.03  # relative distance within which crossings, interpolated between samples, may change places when polished
 

@@ -33,6 +33,7 @@ HUGE = 1e9  # eigenvalues beyond this drown the small ones in round-off
 NOTHING = 1e-150  # eigenvalues smaller than this are zero
 NOISE = 1e-10  # of the largest eigenvalue: smaller ones are no better than round-off
 PER_DECADE = 6
+BESIDE = 1.02  # a step so short, from the lowest sample, that the nearest locus is the same, or falls alike
 AROUND = np.array([-6.0, -1.5, 0.0, 1.5, 6.0])  # half-widths of a resonance that are sampled
 TELLING = 3  # steps after which crossings that differ are told apart
 LOWEST = 1e-12  # of the highest frequency
@@ -70,7 +71,7 @@ class Sweep:
         self._ray = 1j + TILT if self.undamped else 1j  # s = ω (j + TILT)
         grid = _first_grid(loop, self.last)
         self._calm = calm_spans(loop, 1e-4 * grid[0], grid[-1]) if for_limit else np.zeros((0, 2))
-        self.omega = _without_inside(grid, self._calm)
+        self.omega = np.union1d(_without_inside(grid, self._calm), BESIDE * grid[:1])
         self.largest = 0.0
         self._lowest = (math.nan, np.zeros(0))
         self.loci = self._eigenvalues(self.omega)
@@ -163,16 +164,19 @@ class Sweep:
             unsettled = ((orders > 1) & (gain * np.abs(self.loci[0]) < 100)) | ((orders == 0) & (np.abs(one.imag) > 0.1 * np.abs(one.real)))
             if not unsettled.any() or self.omega[0] < LOWEST * self.omega[-1]:
                 break
-            self.add(self.omega[0] / np.array([4.0, 16.0]))
+            self._further_down()
+
+    def _further_down(self) -> None:
+        lowest = self.omega[0] / 16
+        self.add(np.array([lowest, BESIDE * lowest, 4 * lowest]))
 
     def _falls(self) -> Floats:
         """(r,) how each locus falls at the lowest sample, as 1/ωᵏ: k; 0 where it is lost in round-off."""
         if self._lowest[0] != self.omega[0]:
-            here, step = self.loci[0], 1.02  # so short that the nearest is the same locus, or falls alike
-            there = self._eigenvalues(self.omega[:1] * step)
-            size, after = np.abs(here), np.abs(there[0][_pairing(here[None], there)[0]])
+            self.add(BESIDE * self.omega[:1])
+            size, after = np.abs(self.loci[0]), np.abs(self.loci[1][self._pairs[0]])
             told = (size > max(1e-9, NOISE * size.max())) & (after > 0)
-            falls = np.log(np.divide(size, after, out=np.ones(len(size)), where=told)) / math.log(step)
+            falls = np.log(np.divide(size, after, out=np.ones(len(size)), where=told)) / math.log(self.omega[1] / self.omega[0])
             self._lowest = float(self.omega[0]), falls
         return self._lowest[1]
 
@@ -252,7 +256,7 @@ class Sweep:
             settled = np.all(np.abs(falls - np.round(falls)) < 0.05) and self.omega[0] < slowest
             if settled or np.abs(self.loci[0]).max() > HUGE or self.omega[0] < 1e3 * LOWEST * self.omega[-1]:
                 break
-            self.add(self.omega[0] / np.array([4.0, 16.0]))
+            self._further_down()
         while self.last is None and np.abs(self.loci[-1]).max() * self.highest > 1 and self.omega[-1] < 1e12 * self.omega[0]:
             self.add(self.omega[-1] * np.array([1.5, 2.0]))
 
