@@ -28,7 +28,7 @@ LAYERS = (
     ("robustness", "sweep", "forbidden", "multiloop_disk"),
     ("limits",),
     ("coupled",),
-    ("part_limits",),
+    ("part_limits", "kept"),
     ("region",),
     ("recommend", "coupled_gains"),
     ("study",),

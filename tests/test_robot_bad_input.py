@@ -8,7 +8,7 @@ import pytest
 
 import gainroom as gr
 from gainroom.cli import main
-from gainroom.coupled_gains import kept_by
+from gainroom.kept import kept_by
 from gainroom.robot_config import parse_robot
 from refusals import assert_refused
 from robot_truths import hinge, link, write_robot

@@ -12,8 +12,8 @@ from numpy.testing import assert_allclose
 from pytest import approx
 
 import gainroom as gr
-from gainroom.coupled_gains import kept_by
 from gainroom.io.numbers import digits
+from gainroom.kept import kept_by
 from gainroom.limits import GainLimit
 from gainroom.report.robot import MOST_PICTURES, robot_page
 from gainroom.report.robot_room import MOST_STATES

@@ -15,7 +15,7 @@ import gainroom as gr
 from gainroom.audit import Audit, audit
 from gainroom.audit_config import AuditOptions, audit_spec
 from gainroom.cli import main
-from gainroom.coupled_gains import kept_by
+from gainroom.kept import kept_by
 from gainroom.limits import GainLimit
 from gainroom.multiloop_disk import disk_margin_of
 from gainroom.report.robot import robot_page

@@ -143,7 +143,7 @@ def room(sweep: Sweep, curves: Curves) -> Floats:
         at_end = curves(np.array([sweep.last]))[0].real
         room = np.where(at_end < -least, -1 / np.minimum(at_end, -least), room)
     rows, joints = np.nonzero(_foremost(values, crosses))
-    value = _on_axis(curves, joints, (omega[rows], values[rows, joints]), (omega[rows + 1], values[rows + 1, joints]))
+    value = on_axis(curves, joints, (omega[rows], values[rows, joints]), (omega[rows + 1], values[rows + 1, joints]))
     for joint, found in zip(joints.tolist(), value.tolist(), strict=True):
         if found.real < -least[joint]:
             room[joint] = min(room[joint], -1 / found.real)
@@ -163,7 +163,7 @@ def _foremost(values: Complexes, crosses: Booleans) -> Booleans:
     return crosses & (left <= surely)
 
 
-def _on_axis(curves: Curves, joints: Integers, low: tuple[Floats, Complexes], high: tuple[Floats, Complexes]) -> Complexes:
+def on_axis(curves: Curves, joints: Integers, low: tuple[Floats, Complexes], high: tuple[Floats, Complexes]) -> Complexes:
     """The real values of curves between samples (ω, c) on two sides of the real axis, by the Illinois method."""
     (left, value), (right, other) = low, high
     first, second = value.imag, other.imag

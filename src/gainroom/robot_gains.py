@@ -15,7 +15,8 @@ import numpy as np
 
 from .arrays import Booleans, Floats
 from .controller import PD
-from .coupled_gains import Case, Kept, largest_scale
+from .coupled_gains import Case, largest_scale
+from .kept import Kept
 from .loop import Loop
 from .plant import ElasticJoint, Plant
 from .recommend import Requirements, recommend_pd

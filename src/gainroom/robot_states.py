@@ -2,15 +2,15 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .arrays import Complexes, Integers
 from .coupled import JointMargins
-from .coupled_gains import Kept
 from .forbidden import Requirements
+from .kept import Kept
 from .limits import GainLimit
 from .loop import Loop
 from .robot_gains import RobotGains
@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from .robot.model import RobotModel
     from .robot.tasks import Tasks
 
-NEAR = 0.99
-"""An interpolated margin that is smaller than this share of a polished one tells of another loop."""
 STRONG = 0.5
 """A joint takes part in a vibration where it moves by at least this share of the one that moves most."""
 
@@ -131,18 +129,6 @@ class StateStudy(JudgedState):
     disk_margin: float
     disk_margin_certified: bool | None
 
-    @property
-    def room(self) -> Kept:
-        """What is held against the requirements: the polished numbers, and of those kept, which are interpolated, what tells of more."""
-        margins, lower = self.margins, self.limit.lower_gain
-        factors = [self.limit.gain, 1 / lower if lower > 0 else math.inf, *(g for g in margins.others_closed.tolist() if g > 0)]
-        gain, phase = min(factors, default=math.nan), margins.phase_margin
-        return replace(
-            self.kept,
-            gain_margin=self.kept.gain_margin if self.kept.gain_margin < NEAR * gain else gain,
-            phase_margin=self.kept.phase_margin if self.kept.phase_margin < NEAR * phase else phase,
-        )
-
 
 @dataclass(frozen=True)
 class StillState(State):
@@ -182,9 +168,9 @@ class RobotStudy:
     def worst(self) -> dict[str, StateStudy]:
         """By name of a requirement, the state that keeps least of it."""
         least: dict[str, Callable[[StateStudy], float]] = {
-            "gain_margin": lambda state: state.room.gain_margin,
-            "phase_margin": lambda state: state.room.phase_margin,
-            "peak_sensitivity": lambda state: -state.room.peak_sensitivity,
+            "gain_margin": lambda state: state.kept.gain_margin,
+            "phase_margin": lambda state: state.kept.phase_margin,
+            "peak_sensitivity": lambda state: -state.kept.peak_sensitivity,
         }
         return {name: min(self.states, key=key) for name, key in least.items()}
 
@@ -193,7 +179,7 @@ class RobotStudy:
         """The requirements that are not kept in every state, each with the worst one; empty for an unstable robot."""
         asked = self.spec.requirements
         one = {name: Requirements(**{name: getattr(asked, name)}) for name in asked.asked}
-        return {name: self.worst[name] for name in one if not self.worst[name].room.meets(one[name])} if self.stable else {}
+        return {name: self.worst[name] for name in one if not self.worst[name].kept.meets(one[name])} if self.stable else {}
 
     @property
     def tightest(self) -> StateStudy:

@@ -11,8 +11,8 @@ import numpy as np
 from .arrays import Floats
 from .controller import PD, PID, PPI, gain_matrix
 from .coupled import JointMargins, joint_margins
-from .coupled_gains import kept_by
 from .errors import GainroomError, computable
+from .kept import Kept, kept_by
 from .limits import GainLimit, gain_limit
 from .loop import Loop, build_loop
 from .multiloop_disk import disk_margin
@@ -99,7 +99,7 @@ def _studied(spec: RobotSpec, model: "RobotModel", posture: str, contact: str) -
         margins=margins,
         joints=_joints(spec, model, controller, margins),
         tasks=tasks,
-        kept=kept_by(loop),
+        kept=Kept(margins.stable, math.nan, math.nan, math.nan) if math.isnan(margins.limit.gain) else kept_by(loop),
         disk_margin=math.nan if disk is None else disk.margin,
         disk_margin_certified=None if disk is None else disk.certified,
     )

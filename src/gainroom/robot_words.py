@@ -30,7 +30,7 @@ def _unmet(study: RobotStudy) -> list[str]:
     """What is asked for and not kept."""
     asked, parts = study.spec.requirements, []
     for name, state in study.unmet.items():
-        value, needed = getattr(state.room, name), getattr(asked, name)
+        value, needed = getattr(state.kept, name), getattr(asked, name)
         if math.isnan(value):
             figures = "not known"
         elif name == "gain_margin":

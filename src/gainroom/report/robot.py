@@ -198,9 +198,9 @@ def _stable_cards(study: RobotStudy) -> list[Card]:
         return f"{hertz(omega)}, " if math.isfinite(omega) else ""
 
     return [
-        margin_card(asked, "gain_margin", least.room.gain_margin, f"{at(least.limit.frequency)}{least.title}"),
-        margin_card(asked, "phase_margin", narrow.room.phase_margin, f"{at(narrow.margins.phase_frequency)}{narrow.title}"),
-        margin_card(asked, "peak_sensitivity", high.room.peak_sensitivity, f"one loop, others closed, {high.title}"),
+        margin_card(asked, "gain_margin", least.kept.gain_margin, f"{at(least.limit.frequency)}{least.title}"),
+        margin_card(asked, "phase_margin", narrow.kept.phase_margin, f"{at(narrow.margins.phase_frequency)}{narrow.title}"),
+        margin_card(asked, "peak_sensitivity", high.kept.peak_sensitivity, f"one loop, others closed, {high.title}"),
         Card(
             "delay margin",
             digits(1e3 * late.margins.delay_margin, "", 3),

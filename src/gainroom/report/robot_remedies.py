@@ -4,8 +4,8 @@ import math
 from dataclasses import replace
 
 from ..controller import PPI
-from ..coupled_gains import kept_by
 from ..io.numbers import hertz, margin_value
+from ..kept import kept_by
 from ..robot_states import RobotStudy, StateStudy
 from ..robot_words import listed
 from .page import Html, paragraph
@@ -30,7 +30,7 @@ def remedies(study: RobotStudy) -> list[Html]:
 
 
 def _words(study: RobotStudy, name: str, state: StateStudy) -> list[str]:
-    asked, value = study.spec.requirements, getattr(state.room, name)
+    asked, value = study.spec.requirements, getattr(state.kept, name)
     if math.isnan(value):
         return [MEANING[name].format(n=state.model.size), f"In {state.title} it is not known."]
     least = margin_value(asked, name, value, False, 3)
@@ -44,7 +44,8 @@ def _words(study: RobotStudy, name: str, state: StateStudy) -> list[str]:
 def _frequency(name: str, state: StateStudy) -> str:
     """Where a phase margin that all loops share is lost."""
     margins = state.margins
-    return f", at {hertz(margins.phase_frequency)}" if name == "phase_margin" and state.room.phase_margin == margins.phase_margin else ""
+    shared = name == "phase_margin" and math.isclose(state.kept.phase_margin, margins.phase_margin, rel_tol=1e-9)
+    return f", at {hertz(margins.phase_frequency)}" if shared else ""
 
 
 def _trials(study: RobotStudy, name: str, state: StateStudy) -> str:
@@ -57,7 +58,7 @@ def _trials(study: RobotStudy, name: str, state: StateStudy) -> str:
         changed = replace(controller, **{gain: factor * getattr(controller, gain)})
         kept = kept_by(spec.loop(state.model, changed))
         value = getattr(kept, name)
-        helps = kept.stable and (value < getattr(state.room, name) if name == "peak_sensitivity" else value > getattr(state.room, name))
+        helps = kept.stable and (value < getattr(state.kept, name) if name == "peak_sensitivity" else value > getattr(state.kept, name))
         told = margin_value(asked, name, value, None, 3) if kept.stable else "vibration"
         (better if helps else worse).append(f"{told} with all {gain} times {factor:g}")
     if not better:

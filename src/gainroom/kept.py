@@ -1,0 +1,208 @@
+"""What several coupled loops keep of gain, phase and sensitivity: all together, and each with the others closed.
+
+Found between samples that are refined until neighbours differ little; then what may be the least is polished, so that gains that are said
+to keep a margin keep it to the last digits when they are looked at again.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from .arrays import Booleans, Complexes, Floats, Integers
+from .coupled import on_axis
+from .forbidden import Requirements
+from .loop import Loop
+from .sweep import MOST, Sweep, in_blocks
+
+REAL = 0.01  # share of imaginary part that a value next to the end of the boundary may have
+CLOSE = 0.05  # relative: crossings and peaks whose interpolated margins are that near the least one are polished
+BETWEEN = 9  # samples about a peak, in each of NARROWER rounds, each of which narrows it four times
+NARROWER = 6
+
+
+@dataclass(frozen=True)
+class Kept:
+    """What one coupled loop keeps: all loops together, and each with the others closed.
+
+    gain_margin       the smallest factor > 1, up or down, on all gains or on those of one loop, that makes it vibrate
+    phase_margin      [rad] the same for a phase
+    peak_sensitivity  the largest |S_ii| of S = (I + L)⁻¹, the peak sensitivity of loop i with the others closed
+    """
+
+    stable: bool
+    gain_margin: float
+    phase_margin: float
+    peak_sensitivity: float
+
+    def meets(self, required: Requirements) -> bool:
+        """Whether every requirement holds."""
+        return self.stable and all(required.met(name, getattr(self, name)) for name in required.asked)
+
+
+UNSTABLE = Kept(False, math.nan, math.nan, math.nan)
+
+
+def kept_by(loop: Loop) -> Kept:
+    """What a coupled loop keeps, from its loci and from each loop's return ratio with the others closed."""
+    sweep = Sweep(loop)
+    if sweep.unstable(1.0) > 0:
+        return UNSTABLE
+
+    def sensitivity(omega: Floats) -> Complexes:
+        return in_blocks(lambda part: _own_sensitivity(loop, part), omega, loop.size)
+
+    try:
+        omega, values = _resolved(sweep, sensitivity)
+        peak = _peak(omega, values, sensitivity)
+        single = _Curves(omega, _return_ratio(values), lambda omega: _return_ratio(sensitivity(omega)))
+        gains = [_all_factors(sweep), _own_factors(single)]
+        phases = [_all_phases(sweep), _own_phases(single)]
+    except np.linalg.LinAlgError:  # a root on the boundary, to the last digit
+        return UNSTABLE
+    if loop.sample_time is not None:
+        gains += [_factor_of_real(sweep.loci[-1]), _factor_of_real(single.values[-1])]  # at half the sample rate
+    if loop.parts is not None and loop.parts.plant.gravity_stiffness is not None:
+        gains += [
+            _factor_of_real(sweep.at_rest()),
+            _factor_of_real(single.at(1e-6 * single.omega[:1])[0]),
+        ]  # at ω → 0, where gravity topples
+    return Kept(True, math.exp(min(gains)), min(phases), peak)
+
+
+@dataclass(frozen=True)
+class _Curves:
+    """m scalar curves: `values` (k, m) at `omega` (k,), and how to find more."""
+
+    omega: Floats
+    values: Complexes
+    at: Callable[[Floats], Complexes]
+
+    def on_axis(self, rows: Integers, joints: Integers, bent: Callable[[Complexes], Complexes] = lambda value: value) -> Complexes:
+        """Where `bent` of curves `joints` crosses the real axis between samples `rows` and the next."""
+        low, high = ((self.omega[at], bent(self.values[at, joints])) for at in (rows, rows + 1))
+        return on_axis(lambda omega: bent(self.at(omega)), joints, low, high)
+
+
+def _own_sensitivity(loop: Loop, omega: Floats) -> Complexes:
+    """The diagonal of (I + L)⁻¹ (k, n)."""
+    response = loop.response(omega).reshape(len(omega), loop.size, loop.size)
+    return np.diagonal(np.linalg.inv(np.eye(loop.size) + response), axis1=1, axis2=2)
+
+
+def _return_ratio(sensitivity: Complexes) -> Complexes:
+    """ℓ_i of loop i with the others closed: 1 + ℓ_i = 1/S_ii."""
+    return 1 / np.where(sensitivity == 0, 1e-300, sensitivity) - 1
+
+
+def _resolved(sweep: Sweep, sensitivity: Callable[[Floats], Complexes]) -> tuple[Floats, Complexes]:
+    """ω (k,) and the sensitivities (k, n) along the boundary, refined around their peaks."""
+    omega = sweep.omega
+    values = sensitivity(omega)
+    for _ in range(10):
+        move = np.abs(np.diff(values, axis=0)).max(axis=1)
+        rough = np.flatnonzero((move > 0.1) & (np.diff(omega) > 1e-7 * omega[1:]))
+        if not len(rough) or len(omega) > MOST:
+            break
+        middle = 0.5 * (omega[rough] + omega[rough + 1])
+        values = np.insert(values, rough + 1, sensitivity(middle), axis=0)
+        omega = np.insert(omega, rough + 1, middle)
+    return omega, values
+
+
+def _peak(omega: Floats, values: Complexes, sensitivity: Callable[[Floats], Complexes]) -> float:
+    """The largest |S_ii|."""
+    sizes = np.abs(values)
+    highest = float(sizes.max())
+    inner = sizes[1:-1]
+    rows, joints = np.nonzero((inner >= sizes[:-2]) & (inner >= sizes[2:]) & (inner > (1 - CLOSE) * highest))
+    low, high = omega[rows], omega[rows + 2]
+    for _ in range(NARROWER if len(rows) else 0):
+        grid = np.linspace(low, high, BETWEEN, axis=1)
+        found = np.abs(sensitivity(grid.ravel())).reshape(*grid.shape, -1)[np.arange(len(rows)), :, joints]
+        highest = max(highest, float(found.max()))
+        best = np.clip(found.argmax(axis=1), 1, BETWEEN - 2)
+        places = np.arange(len(rows))
+        low, high = grid[places, best - 1], grid[places, best + 1]
+    return highest
+
+
+def _near_least(sizes: Floats) -> Booleans:
+    """True for what may be the least when it is polished."""
+    return sizes <= sizes.min(initial=math.inf) * (1 + CLOSE) + 1e-3
+
+
+def _own_factors(single: _Curves) -> float:
+    """The smallest |ln g| at which g times one loop's gains make it vibrate."""
+    rows, joints, value = _meets_axis(single.values[:-1], single.values[1:])
+    chosen = _near_least(np.abs(np.log(-value)))
+    value = single.on_axis(rows[chosen], joints[chosen]).real
+    return float(np.abs(np.log(-value[value < 0])).min(initial=math.inf))
+
+
+def _own_phases(single: _Curves) -> float:
+    """The smallest phase [rad] at which one loop vibrates."""
+    rows, joints, _, lag = _meets_circle(single.values[:-1], single.values[1:])
+    chosen = _near_least(np.abs(lag))
+
+    def bent(value: Complexes) -> Complexes:
+        """On the real axis, at its lag, where the value is on the unit circle."""
+        return np.angle(-value) + 1j * np.log(np.maximum(np.abs(value), 1e-300))
+
+    return float(np.abs(single.on_axis(rows[chosen], joints[chosen], bent).real).min(initial=math.inf))
+
+
+def _all_factors(sweep: Sweep) -> float:
+    """The smallest |ln g| at which g times all gains make them vibrate."""
+    steps = sweep.steps()
+    rows, branch, value = _meets_axis(steps.start, steps.end)
+    chosen = _near_least(np.abs(np.log(-value)))
+    rows, branch, value = rows[chosen], branch[chosen], value[chosen]
+    start, end = steps.start[rows, branch].imag, steps.end[rows, branch].imag
+    omega = sweep.omega[rows] + start / (start - end) * (sweep.omega[rows + 1] - sweep.omega[rows])
+    return _polished(sweep, omega, value.astype(complex), lambda value: value.imag / value.real, lambda value: np.log(-value.real))
+
+
+def _all_phases(sweep: Sweep) -> float:
+    """The smallest phase [rad] at which all loops together vibrate."""
+    steps = sweep.steps()
+    rows, _, share, lag = _meets_circle(steps.start, steps.end)
+    chosen = _near_least(np.abs(lag))
+    omega = (sweep.omega[rows] * (sweep.omega[rows + 1] / sweep.omega[rows]) ** share)[chosen]
+    return _polished(sweep, omega, -np.exp(1j * lag[chosen]), lambda value: np.log(np.abs(value)), lambda value: np.angle(-value))
+
+
+def _polished(
+    sweep: Sweep, omega: Floats, wanted: Complexes, height: Callable[[Complexes], Floats], margin: Callable[[Complexes], Floats]
+) -> float:
+    """The smallest |margin| of the loci that are about `wanted` at `omega`, where their `height` is zero."""
+    _, value, _ = sweep.crossings(omega, wanted, height)
+    near = np.abs(value / wanted - 1) < 0.5  # else it went astray, and what was interpolated stands
+    value = np.where(near, value, wanted)
+    return float(np.abs(margin(value)).min(initial=math.inf))
+
+
+def _meets_axis(start: Complexes, end: Complexes) -> tuple[Integers, Integers, Floats]:
+    """Steps (k, m) that cross the negative real axis: row, column and where, interpolated."""
+    rows, columns = np.nonzero((start.imag > 0) != (end.imag > 0))
+    start, end = start[rows, columns], end[rows, columns]
+    value = (start + start.imag / (start.imag - end.imag) * (end - start)).real
+    found = value < 0
+    return rows[found], columns[found], value[found]
+
+
+def _meets_circle(start: Complexes, end: Complexes) -> tuple[Integers, Integers, Floats, Floats]:
+    """Steps (k, m) that cross the unit circle: row, column, which share of ln ω in, and arg(−λ) there, interpolated."""
+    low, high = (np.log(np.maximum(np.abs(value), 1e-300)) for value in (start, end))
+    rows, columns = np.nonzero((low > 0) != (high > 0))
+    low, high, start, end = (each[rows, columns] for each in (low, high, start, end))
+    share = low / (low - high)
+    lag = np.angle(-start) + share * np.angle(end * start.conj())  # size and direction change evenly where curves are powers of ω
+    return rows, columns, share, np.angle(np.exp(1j * lag))
+
+
+def _factor_of_real(values: Complexes | Floats) -> float:
+    """The smallest |ln g| with −1/g among the values that are real."""
+    real = np.real(values[np.abs(np.imag(values)) < REAL * np.abs(values)])
+    return float(np.abs(np.log(-real[real < 0])).min(initial=math.inf))
