@@ -74,6 +74,19 @@ def test_friction_and_gravity(size, rank, rigid):
             assert relative(found, expected) < rounding(plant, s)
 
 
+@pytest.mark.parametrize(("size", "rank"), [(2, 1), (6, 4), (12, 6)])
+def test_gravity_on_a_closed_chain_settles_at_its_static_balance(size, rank):
+    """Torques hold the weight G on the motions R that the contacts leave, and wind up gearboxes: R (Rᵀ G R)⁻¹ Rᵀ + 1/K as s → 0."""
+    rng = np.random.default_rng([20, size])
+    free, half = rng.normal(size=(size, rank)), rng.normal(size=(size, size))
+    weight, stiffness = 300 * (half @ half.T + np.eye(size)), rng.uniform(4e3, 2e4, size)
+    plant = gr.Plant(free @ free.T, np.full(size, 0.5), stiffness, np.full(size, 2.0), gravity_stiffness=weight)
+    still = free @ np.linalg.solve(free.T @ weight @ free, free.T) + np.diag(1 / stiffness)
+    for s in (1e-4j, 1e-6j, 1e-9j):
+        # by s² and s B/K² off rest, and by the round-off of W's factor
+        assert relative(plant.response([s], "motor")[0], still) < 1e-6
+
+
 def test_textbook_block_form():
     """M_q q̈ = K(θ − q) + …, J_m θ̈ = τ − K(θ − q) − …, with the link inertia matrix M_q = W⁻¹ (Spong 1987)."""
     plant = draw_plant(np.random.default_rng(3), 5, gravity=True)

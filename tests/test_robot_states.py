@@ -4,6 +4,7 @@ import json
 import math
 import re
 from dataclasses import replace
+from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +23,7 @@ from gainroom.report.robot import robot_page
 from gainroom.robot_config import parse_robot
 from gainroom.robot_gains import recommend_robot
 from gainroom.robot_states import limiting_joints
-from gainroom.robot_study import RobotStudy, study_robot
+from gainroom.robot_study import RobotStudy, study_robot, study_state
 from refusals import assert_refused
 from robot_truths import hinge, link, write_robot
 
@@ -287,6 +288,25 @@ def test_disk_margin_is_that_of_the_motors_torques(folder: Path):
     assert state.disk_margin_certified
     assert state.disk_margin == approx(disk_margin_of(at_torques, omega).margin, rel=2e-3)  # certified and sampled, each to a thousandth
     assert state.disk_margin != approx(disk_margin_of(loop.response, omega).margin, rel=0.02)
+
+
+def test_gravity_counts_on_two_feet_in_continuous_time():
+    """Both feet held: W is singular. With the weight the legs topple sooner than without, and every number is known."""
+    text = (
+        (files("gainroom") / "examples" / "biped.yaml")
+        .read_text("utf-8")
+        .replace("base: floating}", "base: floating, gravity_stiffness: true}")
+    )
+    spec = parse_robot(text, "robot.yaml")
+    for posture in ("stand", "crouch"):
+        state = study_state(spec, posture, "double")
+        assert state.limit.stable
+        assert state.limit.certificate.holds
+        assert 0 < state.limit.lower_gain < 1
+        assert math.isfinite(state.kept.gain_margin)
+        sampled = replace(spec, control=replace(spec.control, sample_time=5e-4))
+        held = study_state(sampled, posture, "double")
+        assert state.limit.lower_gain == approx(held.limit.lower_gain, rel=1e-3)  # of statics, which no sampling changes
 
 
 def test_what_each_state_keeps(folder: Path, leg: RobotStudy, at_once: None, capsys: pytest.CaptureFixture[str]):

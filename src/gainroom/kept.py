@@ -64,10 +64,8 @@ def kept_by(loop: Loop) -> Kept:
     if loop.sample_time is not None:
         gains += [_factor_of_real(sweep.loci[-1]), _factor_of_real(single.values[-1])]  # at half the sample rate
     if loop.parts is not None and loop.parts.plant.gravity_stiffness is not None:
-        gains += [
-            _factor_of_real(sweep.at_rest()),
-            _factor_of_real(single.at(1e-6 * single.omega[:1])[0]),
-        ]  # at ω → 0, where gravity topples
+        at_rest = single.at(1e-6 * single.omega[:1])[0]
+        gains += [_factor_of_real(sweep.at_rest()), _factor_of_real(at_rest)]  # where gravity topples
     return Kept(True, math.exp(min(gains)), min(phases), peak)
 
 

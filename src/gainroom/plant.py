@@ -13,6 +13,7 @@ inertia to the links. After Jung et al. 2017, eqs. (1) and (2); Spong 1987 for n
 
 import math
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -224,7 +225,11 @@ class Plant:
         load = np.diag(self.link_viscous) / points
         if self.gravity_stiffness is not None:
             load = load + self.gravity_stiffness / points**2
-        if np.any(load):
+        if self.compliance is None and np.any(load):
+            # Where contacts hold motions W is singular, and its round-off times G/s² is not small: W = R Rᵀ leaves them out.
+            root = self._root
+            links = root @ np.linalg.solve(np.eye(root.shape[1]) + root.T @ load @ root, root.T)
+        elif np.any(load):
             links = np.linalg.solve(eye + links @ load, links)
         gearbox = 1 / np.where(self.elastic, self.stiffness + points[:, 0] * self.damping, np.inf)  # 0 where rigid
         admittance = links + points**2 * (gearbox[:, :, None] * eye)
@@ -233,6 +238,11 @@ class Plant:
         # X (I + J Z)⁻¹ = ((I + J Z)ᵀ \ Xᵀ)ᵀ
         feedback = eye + motors[:, :, None] * admittance
         return np.linalg.solve(feedback.swapaxes(1, 2), moved.swapaxes(1, 2)).swapaxes(1, 2) / points**2
+
+    @cached_property
+    def _root(self) -> Floats:
+        """R (n, r) of full column rank with W = R Rᵀ."""
+        return _factor(self.link_inverse_inertia)
 
     def mechanism(self) -> Mechanism:
         """The second-order form, exact for any mixture of rigid and elastic joints and for singular W."""
