@@ -198,10 +198,29 @@ def test_a_direction_without_gains_has_no_limit(folder: Path):
     assert z.limit_others_closed == approx(state.limit.gain, rel=1e-6)  # sampled and polished on another curve
 
 
+def test_gains_that_keep_all_that_is_required_are_not_called_too_stiff(folder: Path):
+    """The file's own gains, here some that were recommended, made to fit no other shape: what is recommended is no softer than they."""
+    text = LEG.replace(LEG.splitlines()[5], JOINTS) + "limits: {gain_margin_db: 6, phase_margin_deg: 30, peak_sensitivity: 2}\n"
+    first = recommend_robot(parse_robot(text, "f", folder)).everywhere
+    assert first is not None
+    names = ("hip", "knee", "ankle")
+    own = {
+        gain: "{" + ", ".join(f"{name}: {value!r}" for name, value in zip(names, values.tolist(), strict=True)) + "}"
+        for gain, values in (("kp", first.kp * [1.0, 0.9, 0.8]), ("kd", first.kd))
+    }
+    again = text.replace(JOINTS, re.sub(r"kp: [^,}]+, kd: [^,}]+", f"kp: {own['kp']}, kd: {own['kd']}", JOINTS))
+    spec = parse_robot(again, "f", folder)
+    study = study_robot(spec)
+    assert not study.unmet  # what was promised holds when it is looked at again
+    recommended = study.recommended[0].everywhere
+    assert recommended is not None
+    assert np.log(recommended.kp).sum() >= np.log(first.kp * [1.0, 0.9, 0.8]).sum() - 1e-9
+
+
 def test_the_one_safe_set_never_costs_less_than_nothing(folder: Path):
     """What is safe in all states is safe in each, though every search stops within 2 %."""
     contacts = "flight: [], stand: [foot], toe: [{frame: foot, type: point}], knee: [shank]"
-    text = LEG.replace("flight: [], stand: [foot]", contacts).replace(LEG.splitlines()[5], JOINTS) + "limits: {gain_margin_db: 6}\n"
+    text = LEG.replace("flight: [], stand: [foot]", contacts).replace(LEG.splitlines()[5], JOINTS) + "limits: {gain_margin_db: 6, phase_margin_deg: 30}\n"
     gains = recommend_robot(parse_robot(text, "f", folder))
     assert min(gains.cost.values()) >= 1
     assert max(gains.cost.values()) > 1.05  # or nothing was tried

@@ -40,6 +40,13 @@ class Kept:
         """Whether every requirement holds."""
         return self.stable and all(required.met(name, getattr(self, name)) for name in required.asked)
 
+    def shortfall(self, required: Requirements) -> float:
+        """By how much the requirement that is missed most is missed, relative to it; inf where unstable, or nothing is known."""
+        asked = {name: getattr(required, name) for name in required.asked}
+        ratios = [value / getattr(self, name) for name, value in asked.items()]
+        found = max(1 / ratio if name == "peak_sensitivity" else ratio for name, ratio in zip(asked, ratios, strict=True))
+        return found if self.stable and not math.isnan(found) else math.inf
+
 
 UNSTABLE = Kept(False, math.nan, math.nan, math.nan)
 

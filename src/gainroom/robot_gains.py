@@ -1,8 +1,9 @@
 """Gains to use on a robot: one set per contact state and one that is safe in all, with every loop closed, over the stated uncertainty.
 
-The shape of the joint gains comes from each joint alone, with the lightest load that any state gives it and the longest delay; the shape
-of the task gains from the file: its kp with its kd, or with a kd that damps all directions alike. For several dampings each shape is scaled
-as a whole (coupled_gains.py) until a requirement stands in the way; the stiffest is told. Not the stiffest of all shapes.
+Shapes of the joint gains: each joint alone, with the lightest load that any state gives it and the longest delay; all in proportion to the
+motors' inertias; the file's own. Of the task gains: the file's kp with its kd, or with a kd that damps all directions alike. For several
+dampings each shape is scaled as a whole (coupled_gains.py) until a requirement stands in the way; the stiffest is told, by the geometric
+mean of kp. Not the stiffest of all shapes.
 """
 
 import itertools
@@ -15,8 +16,8 @@ import numpy as np
 
 from .arrays import Booleans, Floats
 from .controller import PD
-from .coupled_gains import Case, largest_scale
-from .kept import Kept
+from .coupled_gains import ACCURACY, Case, Scaled, largest_scale
+from .kept import Kept, kept_by
 from .loop import Loop
 from .plant import ElasticJoint, Plant
 from .recommend import Requirements, recommend_pd
@@ -24,6 +25,7 @@ from .robot_spec import Robot, RobotSpec
 
 if TYPE_CHECKING:
     from .robot.model import RobotModel
+    from .robot.tasks import Tasks
 
 Family = Callable[[float, float], Loop]
 """(factor on the stiffness, factor on the damping) → loop."""
@@ -118,12 +120,33 @@ class _State:
 
 @dataclass(frozen=True)
 class _Closed:
-    """One state with its loops: `loop` by factors on stiffness and damping; `movable` (m,) which joints or directions can move."""
+    """One state with its loops: `loop` by factors on stiffness and damping; `movable` (m,) which joints or directions can move.
+
+    weighed   gravity counts, which asks for gains
+    """
 
     title: str
     contact: str
     loop: Family
     movable: Booleans
+    weighed: bool
+
+
+@dataclass(frozen=True)
+class _Shaped:
+    """A shape of gains, and every state under it."""
+
+    shape: _Shape
+    states: Sequence[_Closed]
+
+    def of(self, chosen: Callable[[_Closed], bool]) -> "_Shaped":
+        """With these states alone."""
+        return _Shaped(self.shape, [state for state in self.states if chosen(state)])
+
+    def stiffness(self, found: GainSet) -> float:
+        """Of gains of this shape, for comparing them with those of another: the geometric mean of kp over what has any."""
+        given = self.shape.kp[self.shape.kp > 0]
+        return found.scale * math.exp(float(np.mean(np.log(given)))) if len(given) else 0.0
 
 
 def recommend_robot(spec: RobotSpec, space: str = "joint", progress: Callable[[], None] = lambda: None) -> RobotGains:
@@ -133,79 +156,109 @@ def recommend_robot(spec: RobotSpec, space: str = "joint", progress: Callable[[]
     """
     states = _states(spec)
     if space == "joint":
-        shape = _joint_shape(spec, [state.model for state in states])
-        names = spec.robot.joint_names
-        closed = [_joint_case(state, shape) for state in states]
         first = states[0].model
-        inertia = first.motor_inertia + _link_inertia(first)
+        names, inertia = spec.robot.joint_names, first.motor_inertia + _link_inertia(first)
+        tried = [_Shaped(shape, [_joint_case(state, shape) for state in states]) for shape in _joint_shapes(spec, states)]
     else:
         tasks = spec.robot.tasks(states[0].model, spec.control.rotors)
-        shape = _Shape(tasks.kp, tasks.kd, tasks.ki, tasks.cascade)
         names, inertia = tasks.directions, None
-        closed = [_task_case(state, shape) for state in states]
+        tried = [_Shaped(shape, [_task_case(state, shape) for state in states]) for shape in _task_shapes(tasks)]
     required = spec.requirements
-    safe = _set(EVERYWHERE, closed, shape, required, progress)
-    if space == "task" and not shape.cascade.any():
-        # The file's kd may fit its kp badly; the same kp, all directions as well damped, may be stiffer.
-        even = replace(shape, kd=np.where(shape.kp > 0, 2 * np.sqrt(shape.kp), shape.kd))
-        evenly = [_task_case(state, even) for state in states]
-        other = _set(EVERYWHERE, evenly, even, required, progress)
-        if other is not None and other.moves and (safe is None or other.scale > safe.scale):
-            safe, shape, closed = other, even, evenly
+    safe, chosen = _set(EVERYWHERE, tried[0], required, progress), tried[0]
+    for shaped in tried[1:]:
+        near = None
+        if safe is not None:  # what stands in the way of one shape is looked at first for the next: no more is possible than that allows
+            near = _set(EVERYWHERE, shaped.of(lambda state, name=safe.binding: state.title == name), required, progress)
+            if near is None or not shaped.stiffness(near) > chosen.stiffness(safe):
+                continue
+        found = _set(EVERYWHERE, shaped, required, progress, near)
+        if found is not None and (safe is None or shaped.stiffness(found) > chosen.stiffness(safe)):
+            safe, chosen = found, shaped
     per_contact = {}
     for contact in spec.robot.contacts:
-        chosen = [state for state in closed if state.contact == contact]
-        alone = len(chosen) == len(closed)
-        per_contact[contact] = safe and replace(safe, contact=contact) if alone else _set(contact, chosen, shape, required, progress, safe)
+        own = chosen.of(lambda state, contact=contact: state.contact == contact)
+        alone = len(own.states) == len(chosen.states)
+        whole = safe and replace(safe, contact=contact)
+        per_contact[contact] = whole if alone else _set(contact, own, required, progress, safe, known=True)
     return RobotGains(space, tuple(names), per_contact, safe, inertia)
 
 
 def _set(
     contact: str,
-    chosen: Sequence[_Closed],
-    shape: _Shape,
+    shaped: _Shaped,
     required: Requirements,
     progress: Callable[[], None],
-    safe: GainSet | None = None,
+    near: GainSet | None = None,
+    known: bool = False,
 ) -> GainSet | None:
-    """The stiffest gains that keep what is required in all `chosen` states; None where no scale of the shape does.
+    """The stiffest gains of a shape that keep what is required in all its states; None where no scale of it does.
 
-    safe   gains known to keep it, of the same shape: the answer is as stiff at least
+    near    where to begin: gains of the same shape; `known`: they keep it, so that the answer is as stiff at least
     """
-    acting = [state for state in chosen if np.any(state.movable & ((shape.kp != 0) | (shape.kd != 0)))]
+    shape = shaped.shape
+    acting = [state for state in shaped.states if np.any(state.movable & ((shape.kp != 0) | (shape.kd != 0)))]
     cascade = bool(shape.cascade.any())
     if not acting:
         nothing = np.full(len(shape.kp), math.nan)
         return GainSet(contact, nothing, nothing, nothing if cascade else None, math.nan, math.nan, NOTHING_KEPT, "", 0)
-    best, damping, first = None, 0.0, 0
-    start = safe.scale if safe is not None and safe.moves else 1.0
-
-    def tried(trial: float) -> bool:
-        """Whether this damping allows more stiffness than any before."""
-        nonlocal best, damping, start, first
-        known = safe.scale if safe is not None and safe.damping == trial else 0.0
-        found = largest_scale([_damped(state.loop, trial) for state in acting], required, progress, max(start, known), first, known)
-        better = found.scale > 0 and (best is None or found.scale > best.scale)
-        if better:
-            best, damping = found, trial
-        start, first = found.scale or start, found.binding
-        return better
-
-    centre, lowered = safe.damping if safe is not None and safe.moves else 1.0, 0
-    while not tried(centre) and lowered < MOST_DAMPINGS:  # too much damping may be unstable at any stiffness
-        centre, lowered = centre / DAMPING_STEP, lowered + 1
-    for step in (1 / DAMPING_STEP,) if lowered else (DAMPING_STEP, 1 / DAMPING_STEP):
-        went = 0
-        while best is not None and went < MOST_DAMPINGS and tried(centre * step ** (went + 1)):
-            went += 1
-        if went:
-            break
+    search = _Search(acting, required, progress, near if near is not None and near.moves else None, known)
+    search.run()
+    best = search.best
     if best is None:
         return None
     still = ~np.any([state.movable for state in acting], axis=0)
-    kp, kd, ki = (np.where(still, math.nan, gain) for gain in shape.at(best.scale, damping))
+    kp, kd, ki = (np.where(still, math.nan, gain) for gain in shape.at(best.scale, search.damping))
     binding = acting[best.binding].title
-    return GainSet(contact, kp, kd, ki if cascade else None, best.scale, damping, _worst(best.kept), binding, len(acting))
+    return GainSet(contact, kp, kd, ki if cascade else None, best.scale, search.damping, _worst(best.kept), binding, len(acting))
+
+
+class _Search:
+    """Over the dampings of one shape: `best` so far, at `damping`; None while nothing keeps what is required."""
+
+    def __init__(self, states: Sequence[_Closed], required: Requirements, progress: Callable[[], None], near: GainSet | None, known: bool):
+        self._states, self._required, self._progress = states, required, progress
+        self._known = near if known else None
+        self.best: Scaled | None = None
+        self.damping, self._start = (1.0, 1.0) if near is None else (near.damping, near.scale)
+        self._first = 0
+
+    def run(self) -> None:
+        """From the damping of the shape, or of what is known to be safe: up or down in steps as long as that helps, then by half a step."""
+        lowered = 0
+        while not self._tried(self.damping) and lowered < MOST_DAMPINGS:  # too much damping may be unstable at any stiffness
+            self.damping, lowered = self.damping / DAMPING_STEP, lowered + 1
+        if self.best is None:
+            return
+        for step in (1 / DAMPING_STEP,) if lowered else (DAMPING_STEP, 1 / DAMPING_STEP):
+            if self._went(step):
+                break
+        for step in (math.sqrt(DAMPING_STEP), 1 / math.sqrt(DAMPING_STEP)):
+            if self._tried(self.damping * step):
+                break
+
+    def _went(self, step: float) -> bool:
+        """Whether one step or more of the damping helped."""
+        went = 0
+        while went < MOST_DAMPINGS and self._tried(self.damping * step):
+            went += 1
+        return went > 0
+
+    def _tried(self, damping: float) -> bool:
+        """Whether this damping allows more stiffness than any before."""
+        known = self._known.scale if self._known is not None and self._known.damping == damping else 0.0
+        cases = [_damped(state.loop, damping) for state in self._states]
+        weighed = any(state.weighed for state in self._states)
+        if self.best is not None and not weighed:  # then what does not hold at a little more stiffness does not hold at much more
+            self._start = self.best.scale * (1 + ACCURACY)
+            self._progress()
+            if not kept_by(cases[self._first](self._start)).meets(self._required):
+                return False
+        found = largest_scale(cases, self._required, self._progress, max(self._start, known), self._first, known, weighed)
+        better = found.scale > 0 and (self.best is None or found.scale > self.best.scale)
+        if better:
+            self.best, self.damping = found, damping
+        self._start, self._first = found.scale or self._start, found.binding
+        return better
 
 
 def joints_that_move(model: Plant, feedback: str) -> Booleans:
@@ -244,7 +297,28 @@ def _link_inertia(model: "RobotModel") -> Floats:
     return np.minimum(1 / np.maximum(own, 1 / heaviest), heaviest)
 
 
-def _joint_shape(spec: RobotSpec, models: Sequence["RobotModel"]) -> _Shape:
+def _joint_shapes(spec: RobotSpec, states: Sequence[_State]) -> list[_Shape]:
+    """(n,) kp and kd: of each joint alone; in proportion to the motors' inertias; the file's own, where it has some."""
+    alone = _shape_of_joints_alone(spec, [state.model for state in states])
+    shapes = [alone]
+    motors = states[0].model.motor_inertia
+    if np.all(motors > 0):
+        kp, kd = (float(np.median(gain / motors)) * motors for gain in (alone.kp, alone.kd))
+        shapes.append(replace(alone, kp=kp, kd=kd))
+    own = spec.control.joints
+    if type(own) is PD and all(np.ndim(gain) < 2 for gain in (own.kp, own.kd)):
+        kp, kd = (np.broadcast_to(gain, motors.shape).astype(float) for gain in (own.kp, own.kd))
+        shapes.append(replace(alone, kp=kp, kd=kd))
+    return shapes
+
+
+def _task_shapes(tasks: "Tasks") -> list[_Shape]:
+    """The file's; and its kp with all directions as well damped, as its kd may fit its kp badly."""
+    own = _Shape(tasks.kp, tasks.kd, tasks.ki, tasks.cascade)
+    return [own] if own.cascade.any() else [own, replace(own, kd=np.where(own.kp > 0, 2 * np.sqrt(own.kp), own.kd))]
+
+
+def _shape_of_joints_alone(spec: RobotSpec, models: Sequence["RobotModel"]) -> _Shape:
     """(n,) kp and kd of each joint alone: the recommended ones with its lightest load and its longest delay."""
     size = models[0].size
     lightest = np.min([_link_inertia(model) for model in models], axis=0)
@@ -286,7 +360,7 @@ def _joint_case(state: _State, shape: _Shape) -> _Closed:
         kp, kd, _ = shape.at(stiffness, damping)
         return spec.loop(state.model, spec.shaped(PD(kp, kd)))
 
-    return _Closed(state.title, state.contact, at, joints_that_move(state.model, spec.control.feedback))
+    return _Closed(state.title, state.contact, at, joints_that_move(state.model, spec.control.feedback), spec.robot.gravity)
 
 
 def _task_case(state: _State, shape: _Shape) -> _Closed:
@@ -297,7 +371,7 @@ def _task_case(state: _State, shape: _Shape) -> _Closed:
         kp, kd, ki = shape.at(stiffness, damping)
         return spec.loop(state.model, spec.shaped(replace(tasks, kp=kp, kd=kd, ki=ki).controller()))
 
-    return _Closed(state.title, state.contact, at, tasks.movable)
+    return _Closed(state.title, state.contact, at, tasks.movable, spec.robot.gravity)
 
 
 def _worst(kept: Sequence[Kept]) -> Kept:
