@@ -12,6 +12,7 @@ from .arrays import Complexes, Floats
 from .errors import GainroomError
 from .limits import GainLimit
 from .messages import printable
+from .robot.ground import Footing, footings
 from .robot.patterns import select
 from .robot_spec import RobotSpec
 from .robot_states import STRONG, strongest_first
@@ -40,6 +41,10 @@ SEEN = 1e-6
 """[m, rad] smaller errors are not told in the sentence."""
 TINY = 1e-7
 """[m, rad] smaller errors are shown as 0."""
+SLOPING = math.radians(1.0)
+"""A flat foot's ground that slopes by more is told [rad]."""
+UNEVEN = 1e-3
+"""Feet that stand higher than others by more are told [m]."""
 LATE = 0.75
 """Of the run: a move that ends later leaves too little to look at."""
 LOOKS = 2000
@@ -129,6 +134,12 @@ class RobotPlay:
     def others(self) -> tuple[int, ...]:
         """All other channels, the one that is furthest off first, whatever its unit."""
         return tuple(sorted(set(range(len(self.units))) - set(self.leading), key=lambda k: -self.tracking.peak[k]))
+
+    @cached_property
+    def footings(self) -> tuple[Footing, ...]:
+        """What the feet stand on; empty where they are held."""
+        setup = self.run.setup
+        return footings(setup.body, setup.q, setup.contacts) if setup.ground is not None and setup.gravity else ()
 
     def parts_strongest_first(self) -> list[int]:
         """The joints that take part in the vibration, the strongest first."""
@@ -299,6 +310,7 @@ def _warnings(play: RobotPlay) -> list[str]:
         )
     if play.stuck:
         told.append(f"nothing can move {listed(play.stuck)} in this posture and contact state: take another state, or move another task")
+    told += _ground_warnings(play)
     if limit is None:
         return told
     if limit.stable and not play.completed:
@@ -307,4 +319,23 @@ def _warnings(play: RobotPlay) -> list[str]:
         told.append("the linear loop is stable: ground, friction or a large motion keep this up; take one away at a time")
     if not limit.stable and play.sound:
         told.append("the linear loop is unstable all the same: friction hides it, or the run is too short, lengthen scenario.duration")
+    return told
+
+
+def _ground_warnings(play: RobotPlay) -> list[str]:
+    """Where it is not one level floor."""
+    told, steepest = [], max((footing.slope for footing in play.footings), default=0.0)
+    if steepest > SLOPING:
+        frames = listed([footing.frame for footing in play.footings if footing.slope > steepest - SLOPING])
+        told.append(
+            f"the ground slopes by {math.degrees(steepest):.3g}° under {frames}, as the contact frames do in this posture: "
+            "for a level floor turn the feet until they are level"
+        )
+    highest = max(play.footings, key=lambda footing: footing.height, default=None)
+    if highest is not None and highest.height > UNEVEN:
+        lowest = min(play.footings, key=lambda footing: footing.height)
+        told.append(
+            f"the feet stand at different heights: {highest.frame} {1e3 * highest.height:.3g} mm above {lowest.frame}: "
+            "for one floor change the posture until they are level"
+        )
     return told

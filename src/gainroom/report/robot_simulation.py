@@ -1,5 +1,6 @@
 """The page of a played robot: answer, numbers, the channels that move, the robot before and after, its vibration, tables, assumptions."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -7,7 +8,7 @@ import numpy as np
 from ..io.numbers import digits, milli, settling
 from ..robot.body import is_slide
 from ..robot.ground import Sole
-from ..robot_simulation import TINY, RobotPlay
+from ..robot_simulation import TINY, UNEVEN, RobotPlay
 from ..robot_words import listed
 from .page import Card, Html, Lead, Section, beside, block, facts, page, paragraph, table
 from .played import error_cards, lead, vibration_card
@@ -146,6 +147,7 @@ def _inputs(play: RobotPlay) -> Html:
         ("gains", f"{_gains(play)}; all × {play.gain:g}"),
         (f"posture {posture}", angles_in_words(spec.robot.postures[posture])),
         (f"contact {contact}", f"{contacts_in_words(setup.contacts)}{stood if setup.contacts else ''}"),
+        *_footings(play),
         ("move", f"{way} in {digits(play.moved_until, 's')}, quintic, from rest to rest" if way else "none: it holds still"),
         ("Coulomb friction of the motors", span(np.broadcast_to(setup.coulomb, setup.body.size), "N·m")),
         ("viscous friction added to the motors", span(np.broadcast_to(played.viscous, setup.body.size), "N·m·s/rad")),
@@ -154,6 +156,12 @@ def _inputs(play: RobotPlay) -> Html:
         ("ticks", f"{digits(1 / setup.sample_time, 'Hz')}, {len(run.time)} rows over {digits(play.lasted, 's')}"),
     ]
     return facts(pairs)
+
+
+def _footings(play: RobotPlay) -> list[tuple[str, str]]:
+    """Slope and height of the ground under each foot."""
+    told = ", ".join(f"{one.frame} {math.degrees(one.slope):.3g}°, {milli(one.height, UNEVEN / 1e3)} mm high" for one in play.footings)
+    return [("ground under the feet, slope and height", told)] if told else []
 
 
 def _sole(sole: Sole) -> str:

@@ -1,14 +1,23 @@
 """Ground that feet may slip on and leave, and the soles that touch it: what a simulation needs beyond a contact's frame."""
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
+import numpy as np
+
+from ..arrays import Floats
 from ..errors import require_positive
+from .contact import Contact
+
+LEVEL = 1e-6
+"""Sine of the angle to the vertical below which a line is taken as vertical itself: no ground follows from it."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Sole:
-    """The rectangle of a contact frame's x-y plane that touches the ground; a line contact uses its width alone, a point contact nothing.
+    """The rectangle of a contact frame's x-y plane that touches the ground; a line contact uses its width alone, a point contact none.
 
     length, width   along x and y of the frame [m]
     center          of the rectangle in the frame [m]
@@ -25,7 +34,7 @@ class Sole:
 
 @dataclass(frozen=True, kw_only=True)
 class Ground:
-    """Ground that the feet stand on and may leave: under each contact frame a plane through it, normal to its z axis.
+    """Ground that the feet stand on and may leave: under each contact frame a plane through it, see `ground_axes`.
 
     friction   of Coulomb, between sole and ground
     soles      by frame; a Sole of ordinary size where none is given
@@ -36,3 +45,59 @@ class Ground:
 
     def __post_init__(self) -> None:
         require_positive("ground", "friction", self.friction)
+
+
+def upwards(body: Any) -> Floats | None:
+    """(3,) against gravity in world axes; None where a RigidBody's model has none."""
+    gravity = np.array(body.model.gravity.linear)
+    size = float(np.linalg.norm(gravity))
+    return -gravity / size if size > 0 else None
+
+
+def ground_axes(contact: Contact, frame: Floats, up: Floats | None) -> Floats:
+    """(3, 3) axes of the ground under a contact frame of axes `frame` (3, 3), in world axes; the last column is its normal.
+
+    A flat foot says itself how its ground slopes. A line lies in it along its y, a point says nothing: there the ground is as level as it
+    can be. `up` (3,) None, without gravity: nothing is level, the frame's own axes.
+    """
+    if contact.kind == "flat" or up is None:
+        return frame
+    along = frame[:, 1] if contact.kind == "line" else _level(frame, up)
+    normal = up - along * (along @ up)
+    size = float(np.linalg.norm(normal))
+    if size < LEVEL:
+        return frame
+    normal = normal / size
+    return np.column_stack([np.cross(along, normal), along, normal])
+
+
+def _level(frame: Floats, up: Floats) -> Floats:
+    """(3,) of unit length, horizontal: as the frame's y or, where that is steeper, its x."""
+    flat = [axis - up * (axis @ up) for axis in (frame[:, 1], frame[:, 0])]
+    best = max(flat, key=lambda axis: float(np.linalg.norm(axis)))
+    return best / np.linalg.norm(best)
+
+
+@dataclass(frozen=True)
+class Footing:
+    """The ground under one contact frame: how high it is [m], and how far its normal is from the vertical [rad]."""
+
+    frame: str
+    height: float
+    slope: float
+
+
+def footings(body: Any, q: Floats, contacts: Sequence[Contact]) -> tuple[Footing, ...]:
+    """What the rigid ones of `contacts` stand on in posture `q` (nq,); heights from the lowest. Empty where nothing is level."""
+    up, found = upwards(body), []
+    if up is None:
+        return ()
+    for contact in contacts:
+        if np.isfinite(contact.springs).any():
+            continue
+        frame, place = body.frame_placement(q, contact.frame)
+        normal = ground_axes(contact, frame, up)[:, 2]
+        slope = math.atan2(float(np.linalg.norm(np.cross(normal, up))), float(normal @ up))
+        found.append(Footing(contact.frame, float(up @ place), slope))
+    lowest = min((footing.height for footing in found), default=0.0)
+    return tuple(Footing(footing.frame, footing.height - lowest, footing.slope) for footing in found)

@@ -10,7 +10,7 @@ a step, provided that the torque of a step at t is the mean over t ± h/2 (torqu
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -21,7 +21,7 @@ from ..errors import GainroomError, require_finite, require_positive
 from ..robot.actuators import Actuators
 from ..robot.body import RigidBody, library, put_position
 from ..robot.contact import Contact
-from ..robot.ground import Ground, Sole
+from ..robot.ground import Ground, Sole, ground_axes, upwards
 from ..robot.patterns import nearest
 
 CLOSEST = 0.9999
@@ -131,7 +131,7 @@ def build_mujoco(
     for name in body.joint_names:  # before the springs under feet: the first n actuators are the motors
         spec.add_actuator(name=name, target=_motor(name), trntype=mujoco.mjtTrn.mjTRN_JOINT)
     for contact in contacts:
-        _add_contact(mujoco, spec, bodies, body, q, contact, ground, timestep)
+        _add_contact(mujoco, spec, bodies, body, q, contact, ground, timestep, gravity)
     for name in _rubbing(body, actuators):
         tendon = spec.add_tendon(name=name)
         tendon.wrap_joint(_motor(name), 1.0)
@@ -246,7 +246,15 @@ def _set_values(mujoco: Any, robot: MujocoRobot, actuators: Actuators, friction:
 
 
 def _add_contact(
-    mujoco: Any, spec: Any, bodies: list[Any], body: RigidBody, q: Floats, contact: Contact, ground: Ground | None, timestep: float
+    mujoco: Any,
+    spec: Any,
+    bodies: list[Any],
+    body: RigidBody,
+    q: Floats,
+    contact: Contact,
+    ground: Ground | None,
+    timestep: float,
+    gravity: bool,
 ) -> None:
     """One contact: springs where it has a stiffness, else ground or constraints."""
     pin = library("pinocchio", "Pinocchio")
@@ -266,7 +274,9 @@ def _add_contact(
     elif ground is None:
         _add_holds(mujoco, pin, spec, foot, world, contact, timestep)
     else:
-        _add_ground(mujoco, pin, spec, foot, world, contact, ground)
+        axes = ground_axes(contact, rotation, upwards(body) if gravity else None)
+        turned = rotation.T @ axes
+        _add_ground(mujoco, pin, spec, foot.turned(turned), world.turned(turned), contact, ground)
 
 
 @dataclass(frozen=True)
@@ -276,6 +286,10 @@ class _Place:
     body: Any
     position: Floats
     rotation: Floats
+
+    def turned(self, rotation: Floats) -> "_Place":
+        """The same place with other axes, the columns of `rotation` in its own."""
+        return replace(self, rotation=self.rotation @ rotation)
 
     def site(self, pin: Any, name: str, offset: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
         self.body.add_site(name=name, pos=self.position + self.rotation @ offset, quat=_quaternion(pin, self.rotation))
@@ -324,7 +338,10 @@ def _add_springs(mujoco: Any, pin: Any, spec: Any, foot: _Place, world: _Place, 
 
 
 def _add_ground(mujoco: Any, pin: Any, spec: Any, foot: _Place, world: _Place, contact: Contact, ground: Ground) -> None:
-    """A plane under the frame, and on the foot what touches it: a box, a cylinder along y or a ball, lowest at the frame."""
+    """A plane under the frame, and on the foot what touches it: a box, a cylinder along y or a ball, lowest at the frame.
+
+    foot, world   where the contact frame is, with the axes of its ground
+    """
     sole = ground.soles.get(contact.frame, Sole())
     kinds = mujoco.mjtGeom
     upright, along_y = np.eye(3), np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
