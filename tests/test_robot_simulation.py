@@ -133,3 +133,12 @@ def test_a_wrong_scenario_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixt
     assert err.count("\n") == 1
     assert says in err
     assert str(path) in err
+
+
+def test_viscous_friction_counts_in_the_predicted_limit(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """As a scenario's, or as the motors' own: the same linear loop."""
+    viscous = JOINT.replace("scenario: {", "scenario: {friction: {viscous: 6.0}, ")
+    own = JOINT.replace("damping: 4.0}", "damping: 4.0, motor_viscous: 6.0}")
+    limits = [played(write_arm(tmp_path, text), capsys)[1]["predicted"]["gain_limit"] for text in (JOINT, viscous, own)]
+    assert limits[1] == pytest.approx(limits[2], rel=1e-12)
+    assert limits[1] > 1.05 * limits[0]  # 6 N m s/rad beside kd 30

@@ -225,7 +225,8 @@ def _told(spec: RobotSpec, gain: float, run: RobotRun) -> RobotPlay:
     moved = spec.scenario.move_duration if told else 0.0
     seen = run.rows(slice(round(moved / run.setup.sample_time) if run.ending == "completed" else len(run.time) // 2, None))
     found = that_rings(vibration(seen.error, run.setup.sample_time), NOTICED) if len(seen.time) >= SHORTEST else None
-    model = spec.robot.linearize(spec.scenario.posture, spec.scenario.contact)
+    robot = replace(spec.robot, actuators=run.setup.actuators)  # with the scenario's viscous friction, which is linear
+    model = robot.linearize(spec.scenario.posture, spec.scenario.contact)
     limit, parts, swing = _limit(spec, model, gain), None, math.nan
     if run.ending != "completed" and (limit is None or limit.stable):
         found = None  # what swings as the robot topples is no vibration
@@ -260,7 +261,7 @@ def _tracking(run: RobotRun) -> Tracking:
 
 
 def _limit(spec: RobotSpec, model: "RobotModel", gain: float) -> GainLimit | None:
-    """Of the linear loop in the scenario's posture and contact state, which knows nothing of its friction and ground."""
+    """Of the linear loop in the scenario's posture and contact state, with viscous friction but without Coulomb's and the ground's."""
     loop = spec.loop(model).scaled(gain)
     return limit_of(loop) if moves(loop) else None
 

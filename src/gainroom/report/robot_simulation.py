@@ -204,7 +204,7 @@ def _assumptions(play: RobotPlay) -> str:
     )
     if play.limit is not None:
         words += " The linear limit is that of small motions about the posture at the start, on contacts that hold, without this run's "
-        words += "friction, torque limit and encoder steps."
+        words += "Coulomb friction, torque limit and encoder steps; its viscous friction counts."
     return words
 
 
