@@ -141,4 +141,4 @@ def test_viscous_friction_counts_in_the_predicted_limit(tmp_path: Path, capsys: 
     own = JOINT.replace("damping: 4.0}", "damping: 4.0, motor_viscous: 6.0}")
     limits = [played(write_arm(tmp_path, text), capsys)[1]["predicted"]["gain_limit"] for text in (JOINT, viscous, own)]
     assert limits[1] == pytest.approx(limits[2], rel=1e-12)
-    assert limits[1] > 1.05 * limits[0]  # 6 N m s/rad beside kd 30
+    assert limits[1] > 1.01 * limits[0]  # drag of 6 N m s/rad, which delay does not turn, helps; round-off is 1e-9
