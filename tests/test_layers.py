@@ -39,7 +39,7 @@ LAYERS = (
     ("robot_gains",),
     ("robot_states",),
     ("robot_words",),
-    ("robot_study",),
+    ("robot_study", "robot_vibration"),
     ("robot_verification", "robot_simulation"),
     ("audit",),
     ("io",),

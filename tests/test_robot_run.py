@@ -13,11 +13,15 @@ from gainroom.controller import PD
 from gainroom.drive import Drive
 from gainroom.errors import GainroomError
 from gainroom.plant import ElasticJoint
+from gainroom.robot import load_model
+from gainroom.robot.actuators import Actuators
 from gainroom.robot.ground import Ground, Sole
 from gainroom.robot_spec import RobotControl
 from gainroom.simulation.response import LOGGED, track
 from gainroom.simulation.robot_run import RobotSimulation, run_robot, stream_robot
-from gainroom.simulation.robot_setup import channel_count, hold, joint_setup, robot_setup, substeps_for
+from gainroom.simulation.robot_setup import RobotSetup, channel_count, hold, joint_setup, robot_setup, substeps_for
+from gainroom.simulation.trajectories import Spline
+from robot_truths import hinge, link, write_robot
 
 TICK = 5e-4
 GROUND = Ground(soles={name: Sole(length=0.28, width=0.15, center=(-0.008, 0.0)) for name in ("left_sole", "right_sole")})
@@ -193,3 +197,30 @@ def test_a_fixed_base_cannot_fall():
     control = RobotControl("joint", PD(1.0, 1.0), "motor", TICK)
     setup = replace(joint_setup(ElasticJoint(motor_inertia=1.0, link_inertia=1.0), Drive(), PD(1.0, 1.0)), control=control)
     assert RobotSimulation(setup).problem() is None
+
+
+def small(folder, kind="revolute"):
+    """Two links without gears or weight, fast at 1 kHz."""
+    links = link("root") + link("upper", 1.0, (0, 0, 0), (0.01, 0.01, 0.01)) + link("lower", 1.0, (0, 0, 0), (0.01, 0.01, 0.01))
+    joints = hinge("first", "root", "upper", kind=kind) + hinge("second", "upper", "lower", kind=kind)
+    body = load_model(write_robot(folder, links, joints), base="fixed")
+    motors = Actuators(*(np.full(2, value) for value in (0.1, math.inf, 0.0, 0.0, 0.0)))
+    law = RobotControl("joint", PD(400.0 * np.ones(2), 40.0 * np.ones(2)), "motor", 1e-3)
+    return RobotSetup(body=body, actuators=motors, drives=(Drive(),) * 2, control=law, q=body.neutral(), gravity=False)
+
+
+def test_a_fast_planned_move_is_no_divergence(tmp_path):
+    """40 rad/s of each of two motors are 57 together, and 60 of one more than any robot's joint; both were asked for."""
+    setup = small(tmp_path)
+    for fastest in (40.0, 60.0):
+        way = fastest * 0.5 / 1.875  # a quintic's fastest speed is 15/8 of the mean one
+        run = run_robot(setup, Spline.move([way, way], 0.5, order=5).position(1e-3 * np.arange(700)))
+        assert run.ending == "completed"
+        assert np.abs(np.diff(run.motor_position, axis=0)).max() / 1e-3 == pytest.approx(fastest, rel=0.05)
+
+
+@pytest.mark.parametrize(("kind", "says"), [("revolute", "turns faster than 50 rad/s"), ("prismatic", "slides faster than 50 m/s")])
+def test_the_joint_that_runs_away_is_named_with_its_unit(tmp_path, kind, says):
+    run = run_robot(small(tmp_path, kind), hold(small(tmp_path, kind), 0.1), gain=1e-6, kick=[0.0, 60.0])
+    assert run.ending == "diverged"
+    assert f"joint 'second' {says} after" in run.reason

@@ -101,7 +101,7 @@ def test_a_sound_run_at_first_glance(sound: RobotPlay, sound_page: str):
     state, banner, labels = glance(sound_page)
     assert (state, banner) == ("good", "")
     assert labels == ["largest error", "steady-state error", "torque peak", "vibration", "slip of the feet"]
-    assert sound.sentence.startswith("Tracks and does not vibrate: com ")
+    assert sound.sentence.startswith("Does not vibrate: com ")
     assert escape(sound.sentence) in sound_page
 
 

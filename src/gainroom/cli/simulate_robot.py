@@ -14,6 +14,7 @@ from .progress import progress_bar
 
 if TYPE_CHECKING:
     from ..robot_simulation import RobotPlay
+    from ..simulation.oscillation import Vibration
 
 TRACKING = ("", "RMS", "peak", "steady state", "overshoot", "settles in")
 MOST_JOINTS = 6
@@ -57,7 +58,7 @@ def _facts(play: "RobotPlay", log: Path | None) -> dict[str, Any]:
     return {
         "diverged": run.ending == "diverged",
         "fell": run.ending == "fell",
-        "ended_at": None if play.completed else float(run.time[-1]),
+        "ended_at": None if play.completed else play.lasted,
         "vibrates": play.vibrates,
         "sentence": play.sentence,
         "model": "mujoco",
@@ -97,7 +98,7 @@ def _terminal(play: "RobotPlay", report: Path | None, log: Path | None) -> str:
         for k, channel in enumerate(run.channels)
     ]
     hardest = sorted(range(len(run.joint_names)), key=lambda k: -play.torque_peak[k])[:MOST_JOINTS]
-    heard = ("none", "") if seen is None else (frequency(seen.frequency), digits(seen.growth_rate, "1/s", 3))
+    heard = ("none", "") if seen is None else (frequency(seen.frequency), _growth(play, seen))
     parts: list[Any] = [
         play.sentence,
         "",
@@ -112,3 +113,13 @@ def _terminal(play: "RobotPlay", report: Path | None, log: Path | None) -> str:
     parts += [f"{name}: {path}" for name, path in (("Log", log), ("Report", report)) if path is not None]
     parts += [f"Warning: {warning}" for warning in play.warnings]
     return render(*parts)
+
+
+def _growth(play: "RobotPlay", seen: "Vibration") -> str:
+    """As it was heard; of what counts as none, why."""
+    from ..robot_simulation import uncounted
+
+    told = digits(seen.growth_rate, "1/s", 3)
+    if not play.vibrates:
+        return f"{told}: none, {uncounted(play)}"
+    return f"{told}, while it moves" if play.heard is not None and play.heard.moving else told

@@ -6,9 +6,10 @@ from dataclasses import replace
 import numpy as np
 
 from ..arrays import Floats
-from ..io.numbers import digits, milli
+from ..io.numbers import digits, frequency, milli
 from ..limits import GainLimit
-from ..robot_simulation import NOTICED, TINY, RobotPlay
+from ..robot_simulation import TINY, RobotPlay
+from ..robot_vibration import NOTICED
 from . import style
 from .page import Html, figure
 from .played import Curve, Panel, close_up, close_up_words, shown_ticks, stacked, vibration_note
@@ -88,21 +89,27 @@ def _conclusion(play: RobotPlay) -> str:
         return "These gains must not be run."
     if play.vibrates:
         return "The vibration does not die away: lower all gains together, or shorten the delay."
+    if not play.stable:
+        return "Nothing lasts here, but the linear loop is unstable at these gains."
     held = ", and friction can hold that" if np.any(play.run.setup.coulomb) else ""
     return f"Nothing lasts but the error that is left{held}."
 
 
 def vibration_close_up(play: RobotPlay) -> Html:
     """The last periods: motors and torques of the joints that take part most."""
-    run, found = play.run, play.vibration
-    assert found is not None
-    rows = close_up(found, run.setup.sample_time, len(run.time))
+    run, heard = play.run, play.heard
+    assert heard is not None
+    found = heard.found
+    rows = close_up(found, run.setup.sample_time, heard.rows.stop)
+    rows = slice(max(rows.start, heard.rows.start), rows.stop)
     time, chosen = run.time[rows], play.parts_strongest_first()[: len(COLORS)]
     looks = list(zip(COLORS, chosen, strict=False))
     motors = [Curve(run.joint_names[k], 1e3 * _swing(time, run.motor_position[rows, k]), *look) for look, k in looks]
     torques = [Curve(run.joint_names[k], run.actual_torque[rows, k], *look, named=False) for look, k in looks]
     panels = [Panel("motor, swing", "mrad", motors, 0.55), Panel("torque", "N m", torques, 0.45)]
     title, caption = close_up_words(found, play.limit)
+    if heard.moving:
+        title = f"The vibration about {digits(run.time[rows][-1], 's', 3)}: {frequency(found.frequency)}"
     most = ", ".join(run.joint_names[k] for k in chosen)
     caption = f"{most} swing most, shown without the motion under it. {caption} The drawing below colours each joint by its share."
     return stacked(time, panels, title.replace(" of the picture above", ""), caption, 520)

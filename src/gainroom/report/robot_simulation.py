@@ -8,7 +8,7 @@ import numpy as np
 from ..io.numbers import digits, milli, settling
 from ..robot.body import is_slide
 from ..robot.ground import Sole
-from ..robot_simulation import TINY, UNEVEN, RobotPlay
+from ..robot_simulation import TINY, UNEVEN, RobotPlay, uncounted
 from ..robot_words import listed
 from .page import Card, Html, Lead, Section, beside, block, facts, page, paragraph, table
 from .played import error_cards, lead, vibration_card
@@ -52,7 +52,8 @@ def _by_channel(play: RobotPlay) -> list[Html]:
 
 def _lead(play: RobotPlay) -> Lead:
     what = "this on the robot" if play.run.ending == "fell" else "these gains"
-    return lead(play.sentence, "" if play.sound else VERDICTS.get(play.run.ending, "VIBRATES"), play.warnings, what)
+    bad = VERDICTS.get(play.run.ending, "VIBRATES" if play.vibrates else "UNSTABLE")
+    return lead(play.sentence, "" if play.sound else bad, play.warnings, what)
 
 
 def _cards(play: RobotPlay) -> list[Card]:
@@ -60,14 +61,23 @@ def _cards(play: RobotPlay) -> list[Card]:
     unit, name = f"m{play.units[first]}", play.run.channels[first]
     torque = Card("torque peak", _digits(float(play.torque_peak[hardest]), 3), "N m", note=play.run.joint_names[hardest])
     heard = vibration_card(play.vibration, play.vibrates, play.limit)
+    if not play.stable:
+        heard = replace(heard, requirement="none that lasts, and a stable loop", met=False)
+    if play.vibration is not None and not play.vibrates:
+        heard = replace(heard, note=f"{uncounted(play)}; {heard.note}" if heard.note else uncounted(play))
     if not play.completed:
         end, what = digits(play.lasted, "", 3), "falls after" if play.run.ending == "fell" else "runs away within"
         off = Card("largest error", milli(float(found.peak[first])), unit, note=name)
         return [Card(what, end, "s", "never", met=False), off, torque, heard, *_slip_card(play)]
-    peak, rms, steady = (float(value[first]) for value in (found.peak, found.rms, found.steady_state))
-    errors, slip = error_cards(peak, rms, steady, unit, f", {name}", TINY), _slip_card(play)
+    last, slip = play.left_most, _slip_card(play)
+    roughest = max(play.leading, key=lambda k: float(found.rms[k]))
+    peak, rms, steady = float(found.peak[first]), float(found.rms[roughest]), float(found.steady_state[last])
+    errors = error_cards(peak, rms, steady, unit, "", TINY)
+    names = (name, play.run.channels[roughest], play.run.channels[last])
+    errors = [replace(card, note=f"{card.note}, {whose}") for card, whose in zip(errors, names, strict=True)]
     if slip:  # five cards at most
-        errors = [replace(errors[0], note=f"{name}; RMS {milli(rms, TINY)} {unit}"), errors[2]]
+        rough = f"{milli(float(found.rms[first]), TINY)} {unit}"
+        errors = [replace(errors[0], note=f"{name}; RMS {rough}"), errors[2]]
     return [*errors, torque, heard, *slip]
 
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Floats
 from ..errors import GainroomError, require_count, require_finite, require_positive
-from ..robot.body import library
+from ..robot.body import is_slide, library
 from .mujoco_model import MujocoRobot, build_mujoco
 from .robot_result import Ending, RobotRun, joined_runs
 from .robot_setup import RobotSetup, substeps_for
@@ -20,7 +20,9 @@ from .whole_body import WholeBodyControl
 BLOCK = 200
 """Ticks of a part."""
 TOO_FAST = 50.0
-"""A motor that turns faster than this has run away [rad/s]."""
+"""A motor faster than this, joint side, and than any move of joints that is planned, has run away [rad/s, m/s]."""
+BEYOND_PLAN = 5.0
+"""Times the fastest planned speed."""
 FALLEN = 0.5
 """A floating base that has sunk or risen by this share of its height above the feet, or tilted by this many radians, has fallen."""
 
@@ -57,6 +59,9 @@ def stream_robot(
     simulation = RobotSimulation(setup, gain=gain, kick=kick)
     if plan.ndim != 2 or plan.shape[1] != len(simulation.channels) or not len(plan):
         raise GainroomError(f"simulation: offsets of shape {plan.shape} must be (ticks, {len(simulation.channels)})")
+    if setup.control.space == "joint":
+        planned = np.abs(np.diff(plan, axis=0)).max(initial=0.0) / setup.sample_time
+        simulation.too_fast = max(TOO_FAST, BEYOND_PLAN * float(planned))
     for first in range(0, len(plan), require_count("simulation", "block", block, 1)):
         part = simulation.part(plan[first : first + block], first)
         yield part
@@ -99,6 +104,7 @@ class RobotSimulation:
         self.line.rest(start)
         self.data: Any = self.robot.new_data(setup.q, start)
         self.data.qvel[self.robot.motor_v] = require_finite("simulation", "kick", kick)
+        self.too_fast = TOO_FAST
         self._size = setup.body.size
         self._upright = _upright(setup)
 
@@ -130,11 +136,14 @@ class RobotSimulation:
     def problem(self) -> tuple[Ending, str] | None:
         """Why the simulation cannot go on; None while it can."""
         data, robot = self.data, self.robot
-        speeds = data.qvel
-        if not speeds @ speeds <= TOO_FAST**2:  # true of NaN, too
-            motors = np.abs(data.qvel[robot.motor_v])
-            worst = robot.body.joint_names[int(np.argmax(motors))]  # argmax finds NaN first
-            return "diverged", f"the simulation diverged: joint {worst!r} turns faster than {TOO_FAST:g} rad/s"
+        if not np.isfinite(data.qvel).all():
+            return "diverged", "the simulation diverged: its numbers are no longer finite"
+        speeds = np.abs(data.qvel[robot.motor_v])
+        worst = int(np.argmax(speeds))
+        if speeds[worst] > self.too_fast:
+            how, unit = ("slides", "m/s") if is_slide(robot.body.joints[worst]) else ("turns", "rad/s")
+            name = robot.body.joint_names[worst]
+            return "diverged", f"the simulation diverged: joint {name!r} {how} faster than {self.too_fast:.3g} {unit}"
         if self._upright is not None and not self._upright.holds(data.qpos[:7].tolist()):
             return "fell", "the robot fell"
         return None

@@ -1,0 +1,122 @@
+"""A played robot is sound only if the linear loop is stable, too: what friction hides, what shows only in the move, what a fall ends."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import gainroom as gr
+from gainroom.cli import main
+from gainroom.report.robot_simulation import robot_simulation_page
+from gainroom.robot_config import load_robot_spec, parse_robot
+from gainroom.robot_simulation import RobotPlay, play_robot
+from robot_files import ROBOT, write_arm
+from test_ground import SOLO, written
+
+pytest.importorskip("mujoco")
+
+STILL = ROBOT + "scenario: {duration: 0.4, move: {joint: elbow, by: 0.0}, friction: {coulomb: 5.0}}\n"
+MOVING = ROBOT + "scenario: {duration: 1.5, move: {joint: '.*', by: 0.5, duration: 0.5}, friction: {coulomb: 6.0}}\n"
+
+
+def limit_of(folder: Path, text: str) -> float:
+    """By the front door."""
+    spec = load_robot_spec(write_arm(folder, text))
+    return gr.gain_limit(spec.loop(spec.robot.linearize(None, None))).gain
+
+
+def played(folder: Path, text: str, gain: float) -> RobotPlay:
+    return play_robot(load_robot_spec(write_arm(folder, text)), gain)
+
+
+def root_of(play: RobotPlay) -> complex:
+    """The rightmost of the linear loop that is played, with the scenario's viscous friction."""
+    robot = play.run.setup
+    spec = play.spec
+    from dataclasses import replace
+
+    model = replace(spec.robot, actuators=robot.actuators).linearize(spec.scenario.posture, spec.scenario.contact)
+    return complex(gr.rightmost_roots(spec.loop(model).scaled(play.gain)).roots[0])
+
+
+def test_friction_that_hides_an_unstable_loop_is_not_sound(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """Stuck in the friction of its motors it moves not at all, at 1.07 times the limit."""
+    gain = 1.07 * limit_of(tmp_path, STILL)
+    path, page = write_arm(tmp_path, STILL), tmp_path / "page.html"
+    assert main(["simulate", str(path), "--gain", f"{gain:.9g}", "--json", "--report", str(page)]) == 1
+    facts = json.loads(capsys.readouterr().out)
+    assert (facts["diverged"], facts["fell"], facts["vibrates"], facts["predicted"]["stable"]) == (False, False, False, False)
+    assert facts["sentence"].startswith(
+        "No lasting vibration is seen, but the linear loop is unstable at these gains, 1.07 times the limit: friction hides it; "
+    )
+    assert "UNSTABLE: do not run these gains" in page.read_text("utf-8")
+    assert '<body class="bad">' in page.read_text("utf-8")
+    calm = played(tmp_path, STILL, 0.9 * gain / 1.07)
+    assert calm.sound
+    assert calm.sentence.startswith("Does not vibrate")
+
+
+def test_only_what_the_file_has_is_said_to_hide_it(tmp_path: Path):
+    gain = 1.07 * limit_of(tmp_path, STILL)
+    for friction, words in (
+        ("duration: 0.03, move: {joint: elbow, by: 0.0}}", "the run may be too short to show it"),
+        (
+            "duration: 0.4, torque_limit: 900.0, move: {joint: elbow, by: 0.0}, friction: {coulomb: 5.0}}",
+            "friction and the torque limit can",
+        ),
+    ):
+        play = played(tmp_path, ROBOT + "scenario: {" + friction + "\n", gain)
+        assert not play.sound
+        assert words in play.sentence
+
+
+def test_a_vibration_in_the_move_counts(tmp_path: Path):
+    """While it moves Coulomb friction is a constant and the loop linear: it vibrates there as the rightmost root says; then it sticks."""
+    play = played(tmp_path, MOVING, 1.04 * limit_of(tmp_path, MOVING))
+    assert play.completed
+    assert play.heard is not None
+    assert play.heard.moving
+    assert play.vibrates
+    assert not play.sound
+    assert play.heard.found.frequency == pytest.approx(root_of(play).imag, rel=0.03)
+    after = play.run.motor_position[round(1.2 / play.run.setup.sample_time) :]
+    assert np.ptp(after, axis=0).max() < 1e-5  # nothing of it is left to hear after the move
+    assert "while it moves" in play.sentence
+    assert "VIBRATES" in robot_simulation_page(play, "gainroom simulate robot.yaml")
+
+
+@pytest.mark.parametrize("share", [0.4, 0.8])
+def test_below_the_limit_a_move_under_friction_is_no_vibration(tmp_path: Path, share: float):
+    play = played(tmp_path, MOVING, share * limit_of(tmp_path, MOVING))
+    assert play.sound
+
+
+def test_a_vibration_before_a_fall_is_told(tmp_path: Path):
+    """Two feet cannot carry it; until it has fallen it vibrates as the linear loop says."""
+    text = SOLO.replace("contacts: {all: [", "contacts: {diag: [").replace(
+        "{frame: FR_FOOT, type: point}, {frame: HL_FOOT, type: point}, ", ""
+    )
+    text = text.replace("duration: 1.0,", "duration: 2.0, move: {joint: '.*_HFE', by: 0.1, duration: 0.5},")
+    play = play_robot(load_robot_spec(written(tmp_path, text)))
+    assert play.run.ending == "fell"
+    assert play.vibration is not None
+    assert play.vibration.frequency == pytest.approx(root_of(play).imag, rel=0.05)  # of the posture it began in: it has tilted since
+    assert "vibrating at 16" in play.sentence
+    assert any("it vibrates before the end" in warning for warning in play.warnings)
+    calm = play_robot(load_robot_spec(written(tmp_path, text)), 0.5)
+    assert calm.run.ending == "fell"
+    assert calm.vibration is None
+
+
+def test_each_error_is_its_own_channels(tmp_path: Path):
+    """The elbow lags most in its move; the shoulder, with much friction, is left furthest off."""
+    text = ROBOT + "scenario: {duration: 1.5, move: {joint: '.*', by: [0.02, 0.9], duration: 0.4}, friction: {coulomb: {shoulder: 5.0}}}\n"
+    play = play_robot(parse_robot(text, "robot.yaml", write_arm(tmp_path).parent), 1.0)
+    assert play.leading[0] == int(np.argmax(play.tracking.peak)) == 1
+    left = np.abs(play.tracking.steady_state)
+    assert play.left_most == int(np.argmax(left)) == 0
+    assert f"shoulder ends furthest off, by {1e3 * left[0]:.3g} mrad" in play.sentence
+    page = robot_simulation_page(play, "gainroom simulate robot.yaml")
+    assert "mean of the last tenth, shoulder" in page
+    assert "over the whole run, elbow" in page
