@@ -142,3 +142,31 @@ def test_viscous_friction_counts_in_the_predicted_limit(tmp_path: Path, capsys: 
     limits = [played(write_arm(tmp_path, text), capsys)[1]["predicted"]["gain_limit"] for text in (JOINT, viscous, own)]
     assert limits[1] == pytest.approx(limits[2], rel=1e-12)
     assert limits[1] > 1.01 * limits[0]  # drag of 6 N m s/rad, which delay does not turn, helps; round-off is 1e-9
+
+
+def test_the_log_holds_readings_and_errors_are_of_the_truth(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """As of one joint: whole steps in the log, on both sides, and the errors of the motors themselves."""
+    log, step = tmp_path / "run.csv", 0.002
+    path = write_arm(tmp_path, JOINT.replace("scenario: {", f"scenario: {{resolution: {step}, "))
+    _, facts = played(path, capsys, "--log", str(log))
+    kept = read_log(log).signals
+    for name in ("motor_position", "link_position"):
+        assert np.abs(kept[name] / step - np.round(kept[name] / step)).max() < 1e-9  # of rounding alone
+    run = play_robot(load_robot_spec(path)).run
+    assert np.abs(kept["motor_position"] - run.motor_position).max() == pytest.approx(step / 2, rel=0.05)  # some reading is off by that
+    true = np.abs(run.reference - run.motor_position).max(axis=0)
+    assert [facts["tracking"][name]["peak"] for name in run.channels] == pytest.approx(true, rel=1e-12)
+    assert np.abs(run.error - (run.reference - run.measured)).max() > step / 4
+
+
+def test_the_log_holds_what_was_commanded(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """Of joints; a task's is no joint's."""
+    log = tmp_path / "run.csv"
+    played(write_arm(tmp_path, JOINT), capsys, "--log", str(log))
+    reference = read_log(log).signals["reference"]
+    assert np.ptp(reference, axis=0) == pytest.approx([0.0, 0.1], abs=1e-12)
+    assert reference[0, 1] == pytest.approx(0.9, abs=0.01)  # wound up by the weight
+    played(write_arm(tmp_path, ROBOT.replace(", kp: 400.0, kd: 30.0", ", space: task")), capsys, "--log", str(log))
+    assert "reference" not in read_log(log).signals
+    log.write_text("time,target_torque,reference_velocity\n0,1,2\n1,1,2\n", "utf-8")  # another's
+    assert set(read_log(log).signals) == {"target_torque"}

@@ -235,7 +235,8 @@ def test_divergence_ends_the_run(friction):
 def test_log_columns_are_what_the_encoders_say():
     found = simulate(Testbed(pd(), motor_resolution=1e-3), Scenario(Step(0.1), 0.1))
     columns = found.columns()
-    assert list(columns) == ["time", "target_torque", "demand_torque", "actual_torque", "motor_position", "link_position"]
+    assert list(columns) == ["time", "target_torque", "demand_torque", "actual_torque", "motor_position", "link_position", "reference"]
+    assert np.array_equal(columns["reference"], np.full((201, 1), 0.1))
     assert np.array_equal(columns["motor_position"], found.motor_reading)
     assert np.diff(columns["time"]) == pytest.approx(np.full(200, TICK))
 

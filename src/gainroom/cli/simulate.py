@@ -80,17 +80,20 @@ def factor_words(gain: float) -> tuple[str, ...]:
 
 
 @contextlib.contextmanager
-def log_rows(log: Path | None, file: Path, joints: Sequence[str]) -> Iterator[Callable[["Response | RobotRun"], None]]:
-    """What takes the parts of a run and writes them. Raises GainroomError where `log` cannot be written."""
+def log_rows(
+    log: Path | None, file: Path, joints: Sequence[str], signals: Sequence[str] | None = None
+) -> Iterator[Callable[["Response | RobotRun"], None]]:
+    """What takes the parts of a run and writes their `signals`, None: all. Raises GainroomError where `log` cannot be written."""
     if log is None:
         yield lambda part: None
         return
     from ..errors import GainroomError
     from ..io.logs import open_log
+    from ..simulation.response import LOGGED
 
     if os.path.realpath(log) == os.path.realpath(file):
         raise GainroomError(f"{log}: the log would overwrite the input")
-    with open_log(log, joints) as writer:
+    with open_log(log, joints, LOGGED if signals is None else signals) as writer:
         yield lambda part: writer.write(part.columns())
 
 

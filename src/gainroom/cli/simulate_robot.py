@@ -26,6 +26,7 @@ def simulate_robot(file: Path, as_json: bool, report: Path | None, log: Path | N
     from ..robot_config import load_robot_spec
     from ..robot_simulation import play_robot
     from ..robot_verification import require_sampled
+    from ..simulation.robot_result import signals_of
     from ..simulation_study import Interrupted
     from .simulate import factor_words, log_rows
 
@@ -34,7 +35,10 @@ def simulate_robot(file: Path, as_json: bool, report: Path | None, log: Path | N
     with report_stream(report, [file] if log is None else [file, log]) as stream:
         with stop_signals() as stopped:
             try:
-                with log_rows(log, file, spec.robot.joint_names) as rows, progress_bar("simulate:") as progress:
+                with (
+                    log_rows(log, file, spec.robot.joint_names, signals_of(spec.control.space)) as rows,
+                    progress_bar("simulate:") as progress,
+                ):
                     play = play_robot(spec, gain, rows, progress, lambda: stopped() != 0)
             except Interrupted as end:
                 kept = "" if log is None else f"; {log} holds what was done"

@@ -1,7 +1,7 @@
 """Logs of joints: one row per tick, as CSV, Parquet or MCAP; the file's ending says which.
 
-Columns: `time` [s]; `target_torque`, `demand_torque`, `actual_torque` [N m, joint side]; `motor_position`, `link_position` [rad, joint
-side]. Any but `time` may be missing. In CSV and Parquet a log of several joints has them once per joint, the joint's name behind an
+Columns: `time` [s]; `target_torque`, `demand_torque`, `actual_torque` [N m, joint side]; `motor_position`, `link_position`, `reference`
+[rad, joint side]. Any but `time` may be missing. In CSV and Parquet a log of several joints has them once per joint, its name behind an
 underscore: `motor_position_l_knee`. In MCAP every joint has its topic, `/l_knee`, with JSON messages of the plain names.
 
 A log is written as the run goes on and is closed however the run ends: what was done until then can be read. Numbers that are none end it.
@@ -17,7 +17,7 @@ import numpy as np
 
 from ..arrays import Floats
 from ..errors import GainroomError
-from ..simulation.response import LOGGED
+from ..simulation.response import LOGGED, REFERENCE
 from .atomic import refuse_unwritable
 from .log_files import READERS, WRITERS, Sink, one_line
 
@@ -147,6 +147,8 @@ def _by_joint(path: Path, table: Mapping[str, Floats]) -> tuple[tuple[str, ...],
                 found.setdefault(name[len(signal) + 1 :], {})[signal] = values
     if not found:
         raise GainroomError(f"{path}: has none of the columns {', '.join(LOGGED)}; it has {', '.join(table) or 'only time'}")
+    if any(set(signals) != {REFERENCE} for signals in found.values()):  # another's "reference_velocity" is no joint
+        found = {joint: signals for joint, signals in found.items() if set(signals) != {REFERENCE}}
     every = set().union(*found.values())
     for joint, signals in found.items():
         if missing := sorted(every - set(signals)):

@@ -61,9 +61,10 @@ def in_time(play: RobotPlay) -> Html:
     what = (
         f"{len(chosen)} of {len(play.leading)} channels, those furthest off" if others else "What moves" if play.moving else "All channels"
     )
+    less = "the true position there" if play.spec.control.space == "joint" else "that"
     caption = (
         f"{what}, from where the run began, as the controller sees it from its {run.setup.control.feedback}-side encoders; error: "
-        f"commanded less that; actual torque of the {len(hardest)} joints that work hardest. "
+        f"commanded less {less}; actual torque of the {len(hardest)} joints that work hardest. "
         + (f"Cut at {digits(run.time[end - 1], 's', 3)}, where it is already out of the picture. " if end < len(run.time) else "")
         + _conclusion(play)
     )

@@ -107,10 +107,16 @@ def _channels(play: RobotPlay) -> Html:
         for k, name in enumerate(play.run.channels)
     ]
     caption = (
-        "Error: commanded less what the encoders show. Steady state: mean of the last tenth. Settled: within 2 % of the move for good; "
+        f"Error: commanded less {_seen(play)}. Steady state: mean of the last tenth. Settled: within 2 % of the move for good; "
         "only what moves has an overshoot."
     )
     return table(columns, rows, caption + ("" if play.completed else " The run ended early: there is no steady state."))
+
+
+def _seen(play: RobotPlay) -> str:
+    """What errors are counted from."""
+    side = play.run.setup.control.feedback
+    return f"true position on the {side} side" if play.spec.control.space == "joint" else "what the encoders show"
 
 
 def _joints(play: RobotPlay) -> Html:

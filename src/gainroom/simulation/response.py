@@ -13,7 +13,8 @@ from ..loop import Feedback
 
 SETTLED = 0.02  # of the move: the usual band of the settling time
 LAST = 0.1  # of the run: what the steady state is averaged over
-LOGGED = ("target_torque", "demand_torque", "actual_torque", "motor_position", "link_position")
+REFERENCE = "reference"
+LOGGED = ("target_torque", "demand_torque", "actual_torque", "motor_position", "link_position", REFERENCE)
 """The columns of a log beside time, in their order."""
 
 
@@ -72,6 +73,7 @@ class Response:
             "actual_torque": self.actual_torque,
             "motor_position": self.motor_reading,
             "link_position": self.link_reading,
+            REFERENCE: self.reference,
         }
 
 

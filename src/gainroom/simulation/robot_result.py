@@ -11,7 +11,7 @@ from ..arrays import Floats
 from ..errors import GainroomError
 from ..robot.body import put_position
 from ..robot.tasks import Task
-from .response import LAST
+from .response import LAST, LOGGED, REFERENCE
 from .robot_setup import RobotSetup
 from .whole_body import values_of
 
@@ -27,7 +27,7 @@ class RobotRun:
     reference, measured   (k, m) what the controller wanted and saw
     target_torque, demand_torque, actual_torque   (k, n) what it asked for, what had arrived at the current loops, what they gave [N m]
     joint_torque    (k, n) through the gearboxes [N m]; NaN of rigid joints, where nothing measures it
-    motor_position, link_position   (k, n) [rad]
+    motor_position, link_position   (k, n) where the two sides are [rad]
     base            (k, 7) position [m] and quaternion x, y, z, w of a floating base; (k, 0) of a fixed one
     ending, reason  "completed" (or: goes on), or why and when it stopped by itself
     """
@@ -49,8 +49,11 @@ class RobotRun:
 
     @property
     def error(self) -> Floats:
-        """(k, m) reference less measured."""
-        return self.reference - self.measured
+        """(k, m) reference less true position on the side that is fed back; of tasks, less what the controller makes of its encoders."""
+        control = self.setup.control
+        if control.space != "joint":
+            return self.reference - self.measured
+        return self.reference - (self.motor_position if control.feedback == "motor" else self.link_position)
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -58,9 +61,12 @@ class RobotRun:
         return self.setup.body.joint_names
 
     def columns(self) -> dict[str, Floats]:
-        """What a log holds: `time` (k,), then torques and positions (k, n)."""
-        names = ("time", "target_torque", "demand_torque", "actual_torque", "motor_position", "link_position")
-        return {name: getattr(self, name) for name in names}
+        """What a log holds: `time` (k,), then `signals`, (k, n) each; positions as encoders on either side read them."""
+        columns = {name: getattr(self, name) for name in ("time", *signals_of(self.setup.control.space))}
+        step = self.setup.encoder_step
+        if step:
+            columns |= {name: np.round(columns[name] / step) * step for name in ("motor_position", "link_position")}
+        return columns
 
     def rows(self, places: slice) -> "RobotRun":
         """Some of the ticks."""
@@ -99,6 +105,11 @@ class RobotRun:
     def _values(self, tasks: Sequence[Task]) -> Floats:
         values = values_of(self.setup.body, tasks, self.setup.q)
         return np.array([values(self.posture(row)) for row in range(len(self.time))])
+
+
+def signals_of(space: str) -> tuple[str, ...]:
+    """The signals of the log of control in `space`; the reference is in it where it is one of joints."""
+    return tuple(name for name in LOGGED if name != REFERENCE or space == "joint")
 
 
 def joined_runs(parts: Iterable[RobotRun]) -> RobotRun:
