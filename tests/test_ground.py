@@ -14,26 +14,12 @@ from gainroom.robot.ground import Ground, footings, ground_axes
 from gainroom.robot_config import load_robot_spec
 from gainroom.robot_simulation import RobotPlay, play_robot
 from gainroom.simulation.mujoco_model import build_mujoco
+from robot_files import SOLO, written
 from robot_truths import actuators, biped, biped_posture, feet
 
 mujoco = pytest.importorskip("mujoco")
 
 UP = np.array([0.0, 0.0, 1.0])
-SOLO = """\
-model: {package: example-robot-data, file: solo12.urdf, base: floating}
-joints: {default: {rotor_inertia: 4.0e-6, gear_ratio: 9, stiffness: 300, damping: 0.05}}
-drive: {bandwidth: 3000, damping_ratio: 0.9, delay_ms: 1.0}
-postures: {stand: {"F._HFE": 0.8, "F._KFE": -1.6, "H._HFE": -0.8, "H._KFE": 1.6}}
-contacts: {all: [FEET]}
-control: {type: pd, space: joint, feedback: motor, sample_rate_hz: 1000, kp: 3.0, kd: 0.1}
-scenario: {duration: 1.0, friction: {coulomb: 0.05, viscous: 0.01}, torque_limit: 2.7, ground: {friction: 0.3}}
-""".replace("FEET", ", ".join(f"{{frame: {leg}_FOOT, type: point}}" for leg in ("FL", "FR", "HL", "HR")))
-
-
-def written(folder: Path, text: str) -> Path:
-    path = folder / "robot.yaml"
-    path.write_text(text, "utf-8")
-    return path
 
 
 def normals(robot) -> np.ndarray:

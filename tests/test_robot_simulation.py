@@ -11,7 +11,7 @@ from gainroom.cli import main
 from gainroom.io.logs import read_log
 from gainroom.robot_config import load_robot_spec
 from gainroom.robot_simulation import play_robot
-from robot_files import ROBOT, write_arm
+from robot_files import ROBOT, SOLO, write_arm, written
 
 JOINT = ROBOT + "scenario: {duration: 1.0, move: {joint: elbow, by: 0.1, duration: 0.5}}\n"
 
@@ -113,6 +113,8 @@ def test_numbers_are_what_the_log_says(tmp_path: Path, capsys: pytest.CaptureFix
     [
         ("{posture: bend}", "scenario.posture: 'bend'"),
         ("{move: {task: com, by: 0.1}}", "give joint"),
+        ("{move: {by: 9}}", "scenario.move: control.space is joint: give joint"),
+        ("{move: {by: 9, joint: elbow, task: com}}", "give joint alone, without task"),
         ("{move: {joint: elbow, by: [0.1, 0.2]}}", "scenario.move.by: 2 numbers must be one"),
         ("{move: {joint: wrist, by: 0.1}}", "wrist"),
         ("{friction: {coulomb: {wrist: 0.1}}}", "wrist"),
@@ -170,3 +172,9 @@ def test_the_log_holds_what_was_commanded(tmp_path: Path, capsys: pytest.Capture
     assert "reference" not in read_log(log).signals
     log.write_text("time,target_torque,reference_velocity\n0,1,2\n1,1,2\n", "utf-8")  # another's
     assert set(read_log(log).signals) == {"target_torque"}
+
+
+def test_a_sole_of_a_point_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    path = written(tmp_path, SOLO.replace("friction: 0.3}", "friction: 0.3, soles: {FL_FOOT: {length: 0.1}}}"))
+    assert main(["simulate", str(path)]) == 2
+    assert "scenario.ground.soles: 'FL_FOOT' is a point contact, which has no sole" in capsys.readouterr().err

@@ -11,8 +11,7 @@ from gainroom.cli import main
 from gainroom.report.robot_simulation import robot_simulation_page
 from gainroom.robot_config import load_robot_spec, parse_robot
 from gainroom.robot_simulation import RobotPlay, play_robot
-from robot_files import ROBOT, write_arm
-from test_ground import SOLO, written
+from robot_files import ROBOT, SOLO, write_arm, written
 
 pytest.importorskip("mujoco")
 

@@ -10,7 +10,7 @@ from gainroom import verification
 from gainroom.cli import main
 from gainroom.cli.example import joint_examples
 from gainroom.config import parse_joint
-from gainroom.verification import Case, growth_about, verify_joint
+from gainroom.verification import Case, apart, growth_about, sentence_of, verify_joint
 
 SAMPLED = joint_examples()["testbed-sampled"]
 CASE_KEYS = {"what", "witness", "predicted_gain", "simulated_gain", "predicted_frequency_rad_s", "simulated_frequency_rad_s"}
@@ -118,3 +118,27 @@ def test_terminal_and_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     text = page.read_text("utf-8")
     assert '<body class="good">' in text
     assert "changes sign" in text
+
+
+def test_a_difference_has_digits_enough_to_tell_it_from_what_is_allowed():
+    """2.02 % beside 2 % allowed."""
+    assert apart(-0.0202, 0.02) == "2.02 %"
+    assert apart(0.0200003, 0.02) == "2.00003 %"
+    assert apart(0.0051, 0.02) == "0.51 %"
+
+
+def test_cases_that_disagree_are_told_with_how_much_and_where_to_look():
+    good = Case("stand: joint space", "linear", 1.0, 1.0, 500.0, 500.0)
+    off = Case("stand: joint space", "mujoco", 1.0, 0.9798, 500.0, 560.0)
+    told = sentence_of((good, off), "the robot")
+    assert "in 1 of 2 cases: stand: joint space (mujoco), gain 2.02 % apart, frequency 12 % apart with 2 % allowed; " in told
+    assert "the linear simulation agrees" in told
+    told = sentence_of((replace(good, simulated_gain=1.01), off))
+    assert "report the input" in told
+    assert told.index("(linear)") < told.index("(mujoco)")  # ten times what is allowed before six times
+
+
+def test_what_verify_leaves_out_is_said():
+    good = Case("one joint", "linear", 1.0, 1.0, 500.0, 500.0)
+    assert "without the scenario's friction and torque limit." in sentence_of((good,))
+    assert "without the scenario's friction, torque limit and ground." in sentence_of((good,), "the robot")

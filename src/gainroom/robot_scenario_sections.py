@@ -5,11 +5,11 @@ from collections.abc import Mapping
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field
 
 from .arrays import Floats
 from .errors import GainroomError
-from .io.checked import Positive, PositiveOrInfinite, Section, number, refusal
+from .io.checked import Positive, PositiveOrInfinite, Section, number
 from .io.yaml_text import shown
 from .messages import nearest
 from .robot.ground import Ground, Sole
@@ -36,12 +36,6 @@ class RobotMoveSection(Section):
     joint: Name | None = None
     by: Moves = Field(description="how far [m, rad]; a number, or one per direction")
     duration: Annotated[float, number(above=0, most=3600)] = 1.0
-
-    @model_validator(mode="after")
-    def _one(self) -> "RobotMoveSection":
-        if (self.task is None) == (self.joint is None):
-            raise refusal("give either task or joint")
-        return self
 
 
 class RobotFrictionSection(Section):
@@ -76,6 +70,8 @@ class GroundSection(Section):
             if frame not in frames:
                 hint = nearest(frame, frames, "contact frame")
                 raise GainroomError(f"scenario.ground.soles: {shown(frame)} is no contact of this file{hint}")
+            if all(contact.kind == "point" for contacts in robot.contacts.values() for contact in contacts if contact.frame == frame):
+                raise GainroomError(f"scenario.ground.soles: {shown(frame)} is a point contact, which has no sole")
         return Ground(friction=self.friction, soles={frame: sole.sole() for frame, sole in self.soles.items()})
 
 
@@ -101,8 +97,11 @@ class RobotScenarioSection(Section):
                 raise GainroomError(f"scenario.{key}: {shown(name)} is none of the file's{nearest(name, known[key], key)}")
         moved = {} if move is None else {"task": move.task, "joint": move.joint, "move_duration": move.duration}
         if move is not None:
+            other = "task" if space == "joint" else "joint"
             if getattr(move, space) is None:
                 raise GainroomError(f"scenario.move: control.space is {space}: give {space}")
+            if getattr(move, other) is not None:
+                raise GainroomError(f"scenario.move: control.space is {space}: give {space} alone, without {other}")
             moved["by"] = tuple(np.atleast_1d(move.by).tolist())
         return RobotScenario(
             posture=self.posture,

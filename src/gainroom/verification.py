@@ -22,6 +22,7 @@ TOLERANCES = {"linear": 1e-3, "mujoco": 2e-2}
 LOWERED = (1.0, 0.3, 0.1)  # factors at which a loop that no lower gains steady is run
 SLOW = 2.0  # [s] of such a run at factor 1
 FEWEST, MOST = 200, 400_000  # ticks of one run
+ONE = "the joint"
 PERIODS = 100.0  # of the predicted vibration in one run: enough to tell growth of 1e-6 per period from none
 
 Progress = Callable[[int, int, str], None]
@@ -148,28 +149,61 @@ def _without_limit(what: str, loop: Loop, limit: GainLimit) -> Case:
     return Case(what, "linear", limit.gain, onset.gain, limit.frequency, onset.frequency, onset.runs)
 
 
-def sentence_of(cases: tuple[Case, ...], what: str = "the joint") -> str:
+def sentence_of(cases: tuple[Case, ...], what: str = ONE) -> str:
     """The answer in one sentence; `what` would vibrate."""
-    wrong = [case for case in cases if not case.agrees]
+    wrong = sorted((case for case in cases if not case.agrees), key=lambda case: -_furthest(case) / case.tolerance)
     worst = max(cases, key=lambda case: (_size(case.gain_difference), 0 < case.predicted_gain < math.inf))
     if wrong:
-        names = ", ".join(case.what for case in wrong[:3]) + (" and others" if len(wrong) > 3 else "")
-        return f"Simulation and prediction differ by more than the tolerance in {len(wrong)} of {len(cases)} cases: {names}."
+        names = ", ".join(f"{case.what} ({case.witness}), {_apart_in_words(case)}" for case in wrong[:3])
+        names += " and others" if len(wrong) > 3 else ""
+        return (
+            f"Simulation and prediction differ by more than the tolerance in {len(wrong)} of {len(cases)} cases: {names}; "
+            f"{_where_to_look(cases, wrong)}."
+        )
     if not 0 < worst.predicted_gain < math.inf:
         told = f"no common factor on these gains makes {what} vibrate" if worst.predicted_gain else "no lower gains are stable"
         return f"Simulation agrees with the prediction: {told}."
     return (
         f"Simulation agrees with the prediction: vibration begins at {worst.simulated_gain:.5g} times these gains, predicted "
         f"{worst.predicted_gain:.5g}, {apart(worst.gain_difference)} apart"
-        + (f" in the worst of {len(cases)} cases." if len(cases) > 1 else ".")
+        + (f" in the worst of {len(cases)} cases" if len(cases) > 1 else "")
+        + f"; both without the scenario's friction{' and' if what == ONE else ','} torque limit{'' if what == ONE else ' and ground'}."
     )
 
 
-def apart(difference: float) -> str:
-    """A relative difference in words; what is below a thousandth of a percent is not worth its digits."""
+def _furthest(case: Case) -> float:
+    """The larger of both differences."""
+    return max(_size(case.gain_difference), _size(case.frequency_difference))
+
+
+def _apart_in_words(case: Case) -> str:
+    """What of it is off, and by how much."""
+    told = []
+    for what, difference in (("gain", case.gain_difference), ("frequency", case.frequency_difference)):
+        if not abs(difference) <= case.tolerance:
+            told.append(f"no {what} found" if math.isnan(difference) else f"{what} {apart(difference, case.tolerance)} apart")
+    return ", ".join(told) + f" with {100 * case.tolerance:g} % allowed"
+
+
+def _where_to_look(cases: tuple[Case, ...], wrong: list[Case]) -> str:
+    """Which of model and simulation is to be doubted."""
+    if any(case.witness == "linear" for case in wrong):
+        return "the prediction itself is in doubt: report the input"
+    if any(case.witness == "linear" for case in cases):
+        return "the linear simulation agrees, so look at what MuJoCo steps or holds differently: stiff gearboxes on light links, contacts"
+    return "look at stiff gearboxes on light links, and at contacts"
+
+
+def apart(difference: float, tolerance: float = 0.0) -> str:
+    """A relative difference in words, in digits enough to tell it from `tolerance`; below a thousandth of a percent none are worth it."""
     if math.isnan(difference):
         return "–"
-    return "< 0.001 %" if abs(difference) < 1e-5 else f"{100 * abs(difference):.2g} %"
+    if abs(difference) < 1e-5:
+        return "< 0.001 %"
+    digits = 2
+    while digits < 8 and tolerance and float(f"{abs(difference):.{digits}g}") == tolerance != abs(difference):
+        digits += 1
+    return f"{100 * abs(difference):.{digits}g} %"
 
 
 def _size(value: float) -> float:

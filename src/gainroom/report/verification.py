@@ -29,7 +29,7 @@ def verification_page(spec: JointSpec | RobotSpec, result: Verification, command
         Section("Assumptions", [assumptions(model, sample_time), _method(), *map(escape, notes)]),
         Section("This page again", [block(command)]),
     ]
-    headline = "" if result.agrees else "Prediction and simulation do not agree: report the input"
+    headline = "" if result.agrees else "Prediction and simulation do not agree"
     lead = Lead(result.sentence, "good" if result.agrees else "bad", headline)
     return page(f"gainroom verify: {what}, {model_in_words(sample_time)}", lead, _cards(result), sections, footer())
 
@@ -41,7 +41,7 @@ def _cards(result: Verification) -> list[Card]:
         cards.append(Card("simulated limit", digits(case.simulated_gain, "", 5), "× these gains", allowed, case.agrees, case.what))
         note = f"predicted {frequency(case.predicted_frequency)}"
         cards.append(Card("simulated frequency", digits(case.simulated_frequency, "", 5), "rad/s", note=note))
-        cards.append(Card("apart", apart(case.gain_difference), note="in gain"))
+        cards.append(Card("apart", apart(case.gain_difference, case.tolerance), note="in gain"))
     return cards
 
 
@@ -92,10 +92,10 @@ def _table(result: Verification) -> Html:
             case.witness,
             digits(case.predicted_gain, "", 6),
             digits(case.simulated_gain, "", 6),
-            apart(case.gain_difference),
+            apart(case.gain_difference, case.tolerance),
             digits(case.predicted_frequency, "", 5),
             digits(case.simulated_frequency, "", 5),
-            apart(case.frequency_difference),
+            apart(case.frequency_difference, case.tolerance),
             f"{digits(100 * case.tolerance)} %",
             "yes" if case.agrees else "no",
         )
@@ -108,5 +108,6 @@ def _method() -> str:
     return (
         "Every run begins with a knock on the torque. The fastest-growing oscillation in its second half is read off by a matrix pencil, "
         "and the factor at which its growth is zero is closed in on from both sides, to one part in a million; in MuJoCo, "
-        "where the motors are kicked, to one in a thousand."
+        "where the motors are kicked, to one in a thousand. Limits are those of small motions: neither prediction nor simulation has the "
+        "scenario's friction, torque limit or ground that feet may leave; gainroom simulate has them."
     )
