@@ -1,6 +1,7 @@
 """A played robot is sound only if the linear loop is stable, too: what friction hides, what shows only in the move, what a fall ends."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -31,11 +32,9 @@ def played(folder: Path, text: str, gain: float) -> RobotPlay:
 
 def root_of(play: RobotPlay) -> complex:
     """The rightmost of the linear loop that is played, with the scenario's viscous friction."""
-    robot = play.run.setup
     spec = play.spec
-    from dataclasses import replace
-
-    model = replace(spec.robot, actuators=robot.actuators).linearize(spec.scenario.posture, spec.scenario.contact)
+    robot = replace(spec.robot, actuators=play.run.setup.actuators)
+    model = robot.linearize(spec.scenario.posture, spec.scenario.contact)
     return complex(gr.rightmost_roots(spec.loop(model).scaled(play.gain)).roots[0])
 
 
@@ -46,6 +45,7 @@ def test_friction_that_hides_an_unstable_loop_is_not_sound(tmp_path: Path, capsy
     assert main(["simulate", str(path), "--gain", f"{gain:.9g}", "--json", "--report", str(page)]) == 1
     facts = json.loads(capsys.readouterr().out)
     assert (facts["diverged"], facts["fell"], facts["vibrates"], facts["predicted"]["stable"]) == (False, False, False, False)
+    assert facts["unstable"] is True
     assert facts["sentence"].startswith(
         "No lasting vibration is seen, but the linear loop is unstable at these gains, 1.07 times the limit: friction hides it; "
     )

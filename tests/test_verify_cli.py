@@ -142,3 +142,14 @@ def test_what_verify_leaves_out_is_said():
     good = Case("one joint", "linear", 1.0, 1.0, 500.0, 500.0)
     assert "without the scenario's friction and torque limit." in sentence_of((good,))
     assert "without the scenario's friction, torque limit and ground." in sentence_of((good,), "the robot")
+
+
+def test_interrupted_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
+    def broken(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(verification, "linear_case", broken)
+    path = tmp_path / "joint.yaml"
+    path.write_text(SAMPLED, "utf-8")
+    assert main(["verify", str(path)]) == 130
+    assert capsys.readouterr() == ("", "gainroom: interrupted\n")

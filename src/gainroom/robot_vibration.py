@@ -9,8 +9,8 @@ from .arrays import Complexes, Floats
 from .limits import GainLimit
 from .simulation.oscillation import SHORTEST, Vibration, parts_in, vibration
 from .simulation.robot_result import RobotRun
-from .simulation_study import HARMONICS, LASTING, keeps_up, lasts, that_rings
 from .simulation_study import NOTICED as SEEN_STEPS
+from .simulation_study import doubling, keeps_up, lasts, that_rings
 
 NOTICED = 1e-5
 """[m, rad] a smaller vibration is none."""
@@ -24,8 +24,8 @@ NEAR = 0.15
 """Relative: how far the frequency may be from that at the limit. It rises with the gains, and other postures have others."""
 SAME, TIMES = 0.05, 3
 """A vibration that no limit predicts must be heard in so many windows in a row, at frequencies no further apart, relatively."""
-SPLINE = 4 * math.pi
-"""[rad] over the duration of a spline: beyond that frequency it has next to nothing."""
+SPLINE = 5 * 4 * math.pi
+"""[rad] over the duration of a spline: it has next to nothing beyond a fifth of that frequency, and what friction makes of it little."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ def in_words(heard: Heard, linear: bool) -> str:
     """How it goes on."""
     if heard.moving:
         return "while it moves"
-    return "keeping up" if not linear and keeps_up(heard.found) else f"doubling every {math.log(2) / heard.found.growth_rate:.3g} s"
+    return "keeping up" if not linear and keeps_up(heard.found) else doubling(heard.found)
 
 
 def _at_rest(run: RobotRun, moved: float, limit: GainLimit | None) -> Heard | None:
@@ -96,7 +96,7 @@ def _moving(run: RobotRun, moved: float, limit: GainLimit | None) -> Heard | Non
     end = len(run.time) if ended else min(len(run.time), round(moved / tick))
     if ended and not unstable:
         return None
-    lowest = HARMONICS * SPLINE / moved if moved > 0 else 0.0
+    lowest = SPLINE / moved if moved > 0 else 0.0
     if unstable and limit is not None and limit.frequency > 0:
         lowest = max(lowest, (1 - NEAR) * limit.frequency) if ended else min(lowest, (1 - NEAR) * limit.frequency)
     found = [(rows, _in_window(run, rows, lowest)) for rows in _windows(end)]
@@ -130,7 +130,7 @@ def _in_window(run: RobotRun, rows: slice, lowest: float) -> Vibration | None:
     """What grows or keeps up there, with the amplitude of the motors' swing [m, rad]."""
     tick = run.setup.sample_time
     found = vibration(_accelerations(run, rows), tick, above=lowest)
-    if found is None or found.damping_ratio > LASTING:
+    if found is None or not lasts(found, linear=False):
         return None
     return Vibration(found.frequency, found.growth_rate, found.amplitude / found.frequency**2)
 
@@ -154,7 +154,5 @@ def chatter(run: RobotRun, moved: float) -> Floats:
     count = len(run.time)
     taper = np.hanning(count)[:, None]
     waves = np.fft.rfft(taper * (run.actual_torque - run.actual_torque.mean(axis=0)), axis=0)
-    waves[
-        : math.ceil(HARMONICS * SPLINE / (moved or run.time[-1] + run.setup.sample_time) / (2 * math.pi) * count * run.setup.sample_time)
-    ] = 0
+    waves[: math.ceil(SPLINE / (moved or run.time[-1] + run.setup.sample_time) / (2 * math.pi) * count * run.setup.sample_time)] = 0
     return np.sqrt(np.mean(np.fft.irfft(waves, count, axis=0) ** 2, axis=0) / max(float(np.mean(taper**2)), 1e-300))

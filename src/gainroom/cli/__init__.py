@@ -76,7 +76,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except typer.TyperException as error:
         return _complain(f"{error.format_message()} (see gainroom --help)")
     except typer.Abort:
-        print("gainroom: interrupted", file=sys.stderr)
         return 130
     except ValueError as error:
         from ..errors import GainroomError

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from ..simulation import Response
     from ..simulation.robot_result import RobotRun
     from ..simulation_study import SimulationStudy
+    from ..verification import Progress
 
 
 def simulate(
@@ -53,16 +54,10 @@ def simulate(
 
     spec = load_simulation(file)
     with report_stream(report, [file] if log is None else [file, log]) as stream:
-        from ..simulation_study import Interrupted, simulate_joint
+        from ..simulation_study import simulate_joint
 
-        with stop_signals() as stopped:
-            try:
-                with log_rows(log, file, [spec.joint.joint.name]) as rows, progress_bar("simulate:") as progress:
-                    study = simulate_joint(spec, gain, rows, progress, lambda: stopped() != 0)
-            except Interrupted as end:
-                kept = "" if log is None else f"; {log} holds what was done"
-                print(f"gainroom: interrupted at {end.time:g} s of {spec.scenario.duration:g} s{kept}", file=sys.stderr)
-                raise typer.Exit(128 + stopped()) from end
+        with playing(log, file, [spec.joint.joint.name], spec.scenario.duration) as told:
+            study = simulate_joint(spec, gain, *told)
         if stream is not None:
             from ..report.simulation import simulation_page
 
@@ -77,6 +72,23 @@ def simulate(
 def factor_words(gain: float) -> tuple[str, ...]:
     """`--gain` as it was typed, if it was."""
     return ("--gain", repr(gain).removesuffix(".0")) if gain != 1 else ()
+
+
+@contextlib.contextmanager
+def playing(
+    log: Path | None, file: Path, joints: Sequence[str], duration: float, signals: Sequence[str] | None = None
+) -> Iterator["tuple[Callable[[Response | RobotRun], None], Progress, Callable[[], bool]]"]:
+    """What takes a run's rows, what is told of its progress, and what says whether to stop; one that is stopped says so, and exits."""
+    from ..simulation_study import Interrupted
+
+    with stop_signals() as stopped:
+        try:
+            with log_rows(log, file, joints, signals) as rows, progress_bar("simulate:") as progress:
+                yield rows, progress, lambda: stopped() != 0
+        except Interrupted as end:
+            kept = "" if log is None else f"; {log} holds what was done"
+            print(f"gainroom: interrupted at {end.time:g} s of {duration:g} s{kept}", file=sys.stderr)
+            raise typer.Exit(128 + stopped()) from end
 
 
 @contextlib.contextmanager

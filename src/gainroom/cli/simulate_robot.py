@@ -1,16 +1,11 @@
 """gainroom simulate of a whole robot."""
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import typer
-
 from ..io.numbers import digits, frequency, milli, settling
-from .interrupts import stop_signals
 from .options import command_line, report_stream
 from .output import emit, emit_json, render, table
-from .progress import progress_bar
 
 if TYPE_CHECKING:
     from ..robot_simulation import RobotPlay
@@ -27,23 +22,13 @@ def simulate_robot(file: Path, as_json: bool, report: Path | None, log: Path | N
     from ..robot_simulation import play_robot
     from ..robot_verification import require_sampled
     from ..simulation.robot_result import signals_of
-    from ..simulation_study import Interrupted
-    from .simulate import factor_words, log_rows
+    from .simulate import factor_words, playing
 
     spec = load_robot_spec(file)
     require_sampled(spec)
     with report_stream(report, [file] if log is None else [file, log]) as stream:
-        with stop_signals() as stopped:
-            try:
-                with (
-                    log_rows(log, file, spec.robot.joint_names, signals_of(spec.control.space)) as rows,
-                    progress_bar("simulate:") as progress,
-                ):
-                    play = play_robot(spec, gain, rows, progress, lambda: stopped() != 0)
-            except Interrupted as end:
-                kept = "" if log is None else f"; {log} holds what was done"
-                print(f"gainroom: interrupted at {end.time:g} s of {spec.scenario.duration:g} s{kept}", file=sys.stderr)
-                raise typer.Exit(128 + stopped()) from end
+        with playing(log, file, spec.robot.joint_names, spec.scenario.duration, signals_of(spec.control.space)) as told:
+            play = play_robot(spec, gain, *told)
         if stream is not None:
             from ..report.robot_simulation import robot_simulation_page
 
@@ -64,6 +49,7 @@ def _facts(play: "RobotPlay", log: Path | None) -> dict[str, Any]:
         "fell": run.ending == "fell",
         "ended_at": None if play.completed else play.lasted,
         "vibrates": play.vibrates,
+        "unstable": play.completed and not play.vibrates and not play.stable,
         "sentence": play.sentence,
         "model": "mujoco",
         "sample_rate_hz": 1 / run.setup.sample_time,

@@ -1,5 +1,6 @@
 """gainroom verify: the predicted limit against simulation."""
 
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -36,12 +37,17 @@ def verify(
     Example:
       gainroom verify joint.yaml --report verify.html
 
-    Exit status: 0 they agree within the tolerance (linear simulation: 0.1 %, MuJoCo: 2 %); 1 they do not; 2 the file or the call is wrong.
+    Exit status: 0 they agree within the tolerance (linear simulation: 0.1 %, MuJoCo: 2 %); 1 they do not; 2 the file or the call is wrong;
+    130 interrupted.
     """
     spec, run = _robot(file) if kind_of(file) == "robot" else _joint(file)
     with report_stream(report, [file]) as stream:
-        with progress_bar("verify:") as progress:
-            result = run(progress)
+        try:
+            with progress_bar("verify:") as progress:
+                result = run(progress)
+        except KeyboardInterrupt:
+            print("gainroom: interrupted", file=sys.stderr)
+            raise
         if stream is not None:
             from ..report.verification import verification_page
 
