@@ -12,6 +12,7 @@ from gainroom.cli import main
 from gainroom.report.robot_simulation import robot_simulation_page
 from gainroom.robot_config import load_robot_spec, parse_robot
 from gainroom.robot_simulation import RobotPlay, play_robot
+from gainroom.robot_vibration import chatter
 from robot_files import ROBOT, SOLO, write_arm, written
 
 pytest.importorskip("mujoco")
@@ -119,3 +120,17 @@ def test_each_error_is_its_own_channels(tmp_path: Path):
     page = robot_simulation_page(play, "gainroom simulate robot.yaml")
     assert "mean of the last tenth, shoulder" in page
     assert "over the whole run, elbow" in page
+
+
+def test_torque_that_shakes_is_told(tmp_path: Path):
+    """Coarse encoders times kd: kicks at every tick, far above the move's frequencies. Of a known sine it is the RMS, by closed form."""
+    text = ROBOT + "scenario: {duration: 1.0, move: {joint: elbow, by: 0.1, duration: 0.5}, resolution: 1.0e-3}\n"
+    play = played(tmp_path, text, 1.0)
+    assert play.chattering is not None
+    assert any("shakes by" in warning and "finer encoders" in warning for warning in play.warnings)
+    smooth = played(tmp_path, text.replace(", resolution: 1.0e-3", ""), 1.0)
+    assert smooth.chattering is None
+    time = smooth.run.time
+    slow, fast = 9.0 * np.sin(4 * np.pi * time), 2.0 * np.sin(600.0 * time)  # 4 pi/0.5 s and its fivefold lie between them
+    made = replace(smooth.run, actual_torque=np.column_stack([slow + fast, slow]))
+    assert chatter(made, 0.5) == pytest.approx([2.0 / np.sqrt(2), 0.0], abs=1e-3)  # what the taper lets through of the slow one

@@ -379,7 +379,7 @@ def _warnings(play: RobotPlay) -> list[str]:
     if play.stuck:
         told.append(f"nothing can move {listed(play.stuck)} in this posture and contact state: take another state, or move another task")
     told += _ground_warnings(play)
-    if play.chattering is not None:
+    if play.chattering is not None and not play.vibrates:
         remedy = "finer encoders, a velocity filter or a lower kd calm it" if play.run.setup.encoder_step else "a lower kd calms it"
         told.append(f"{_shaking(play, play.chattering)} beyond the frequencies of the move: {remedy}")
     if limit is None:

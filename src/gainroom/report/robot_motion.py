@@ -88,6 +88,8 @@ def _conclusion(play: RobotPlay) -> str:
         return "The run ends where the base has sunk by half its height or tilted by half a radian."
     if play.run.ending == "diverged":
         return "These gains must not be run."
+    if play.vibrates and play.heard is not None and play.heard.moving:
+        return "It vibrates while it moves, as is shown below: lower all gains together, or shorten the delay."
     if play.vibrates:
         return "The vibration does not die away: lower all gains together, or shorten the delay."
     if not play.stable:
