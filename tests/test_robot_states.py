@@ -220,7 +220,10 @@ def test_gains_that_keep_all_that_is_required_are_not_called_too_stiff(folder: P
 def test_the_one_safe_set_never_costs_less_than_nothing(folder: Path):
     """What is safe in all states is safe in each, though every search stops within 2 %."""
     contacts = "flight: [], stand: [foot], toe: [{frame: foot, type: point}], knee: [shank]"
-    text = LEG.replace("flight: [], stand: [foot]", contacts).replace(LEG.splitlines()[5], JOINTS) + "limits: {gain_margin_db: 6, phase_margin_deg: 30}\n"
+    text = (
+        LEG.replace("flight: [], stand: [foot]", contacts).replace(LEG.splitlines()[5], JOINTS)
+        + "limits: {gain_margin_db: 6, phase_margin_deg: 30}\n"
+    )
     gains = recommend_robot(parse_robot(text, "f", folder))
     assert min(gains.cost.values()) >= 1
     assert max(gains.cost.values()) > 1.05  # or nothing was tried
