@@ -35,6 +35,7 @@ LAYERS = (
     ("robot_spec",),
     ("simulation",),
     ("simulation_spec",),
+    ("played_vibration",),
     ("simulation_study", "verification"),
     ("robot_gains",),
     ("robot_states",),

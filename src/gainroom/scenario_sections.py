@@ -228,6 +228,7 @@ class ScenarioSection(Section):
             scenario,
             self._hardware(),
             self.reference.ends(),
+            0.0 if disturbed is None or disturbed.torque == 0 else disturbed.start,
             self.reference.fastest(),
             self.reference.type in SWINGING,
             self._described(),

@@ -1,16 +1,19 @@
 """One joint to be played: its loop, what hardware has around it, and what happens to it."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from .errors import GainroomError
 from .loop import Loop
-from .simulation import Scenario, Testbed
+from .simulation import Friction, Scenario, Testbed
+from .simulation.response import LAST
 from .study import JointSpec
 
 MOST_TICKS = 2_000_000
 """Of one run, which is kept whole."""
+LATE = 0.75
+"""Of the run: what happens later leaves too little to look at."""
 
 
 def refuse_long_run(duration: float, sample_time: float, most: int) -> None:
@@ -26,6 +29,7 @@ class SimulationSpec:
 
     hardware    arguments of simulation.Testbed beside the loop; empty: the linear loop, stepped exactly
     moves_until    [s] when the reference comes to rest
+    disturbed_from [s] when the torque from outside sets in; 0 where there is none
     own_frequency  [rad/s] about the highest in the reference itself
     swings         the reference is a chirp or a multisine, which goes nowhere
     described      what the file says of the scenario, key by key, for a page
@@ -35,6 +39,7 @@ class SimulationSpec:
     scenario: Scenario
     hardware: Mapping[str, Any] = field(default_factory=dict)
     moves_until: float = 0.0
+    disturbed_from: float = 0.0
     own_frequency: float = 0.0
     swings: bool = False
     described: Mapping[str, str] = field(default_factory=dict)
@@ -57,20 +62,46 @@ class SimulationSpec:
         return round(self.scenario.duration / self.sample_time)
 
     @property
+    def last_event(self) -> float:
+        """[s] after which nothing changes from outside any more."""
+        return max(self.moves_until, self.disturbed_from)
+
+    @property
     def moves_late(self) -> bool:
         """Too little of the run is left to look at when the reference has come to rest."""
-        return self.moves_until > 0.75 * self.scenario.duration
+        return self.moves_until > LATE * self.scenario.duration
+
+    @property
+    def swings_on(self) -> bool:
+        """The reference still swings in what the steady state is averaged over: there is none."""
+        return self.swings and self.moves_until > (1 - LAST) * self.scenario.duration
 
     @property
     def is_linear(self) -> bool:
-        """Nothing but the linear loop: no friction, gravity, limit, encoder steps or jitter."""
-        return not self.hardware
+        """Nothing but the linear loop: viscous friction at most, no other friction, gravity, limit, encoder steps or jitter."""
+        return all(isinstance(value, Friction) and value.is_viscous for value in self.hardware.values())
+
+    @property
+    def rubs(self) -> bool:
+        """There is friction that is not linear."""
+        return any(isinstance(value, Friction) and not value.is_viscous for value in self.hardware.values())
+
+    @property
+    def encoder_step(self) -> float:
+        """Of the side that is fed back [rad]; 0: exact."""
+        return float(self.hardware.get(f"{self.joint.feedback}_resolution", 0.0))
 
     def loop(self, gain: float = 1.0) -> Loop:
-        """The sampled loop with all gains times `gain`."""
-        return self.joint.loop().scaled(gain)
+        """The sampled loop with all gains times `gain`, the scenario's viscous friction part of the joint."""
+        joint = self.joint.joint
+        rubbing = {
+            f"{side}_viscous": getattr(joint, f"{side}_viscous") + self.hardware.get(f"{side}_friction", Friction()).viscous
+            for side in ("motor", "link")
+        }
+        return replace(self.joint, joint=replace(joint, **rubbing)).loop().scaled(gain)
 
     def system(self, gain: float = 1.0) -> Loop | Testbed:
         """What is played. Raises GainroomError where loop and hardware do not go together."""
-        loop = self.loop(gain)
-        return loop if self.is_linear else Testbed(loop, **self.hardware)
+        if self.is_linear:
+            return self.loop(gain)
+        return Testbed(self.joint.loop().scaled(gain), **self.hardware)  # which adds viscous friction itself

@@ -5,22 +5,18 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from .arrays import Floats
 from .limits import GainLimit, gain_limit
-from .simulation.oscillation import LONGEST, Vibration, response_vibration, vibration
+from .messages import beside
+from .played_vibration import SEEN, Seen, keeps_up, lasts, seen_in, that_rings
+from .simulation.oscillation import Vibration
 from .simulation.response import Response, Tracking, joined, track
-from .simulation.run import BLOCK, simulate, stream
-from .simulation.trajectories import Trajectory
+from .simulation.run import BLOCK, stream
 from .simulation_spec import SimulationSpec
 
 PORTION = 0.25  # [s] played between two looks at progress and interruption, where a block of ticks would be longer
-NOTICED = 10.0  # times an encoder's step, or the noise's deviation: a vibration below that is their own doing
-LASTING = 1e-3  # damping ratio below which a vibration on hardware keeps up: what ends its growth there is friction or the torque limit
-SETTLING = 0.1  # damping ratio above which an oscillation is a joint coming to rest
-GONE = 1e-9  # [rad] what has died away so far is none
-HARMONICS = 5.0  # times a moving reference's own frequency: most of what friction makes of it lies below
+NOTICED = 10.0  # times an encoder's step: a robot's vibration below that is the encoders' own doing
 
 
 class Interrupted(Exception):  # noqa: N818 - asked for, not an error
@@ -39,9 +35,9 @@ class SimulationStudy:
     response      the run, tick by tick
     tracking      numbers of the side that is fed back
     torque_peak   (n,) of the actual torque [N m]
-    vibration     the strongest after the reference came to rest, also one that slowly dies away; None where nothing rings
-    vibrates      it grows, or keeps up: see `LASTING`
-    limit         what the linear sampled loop predicts, as a factor on the gains played
+    at_torque_limit   share of the ticks at which the demand torque is cut; 0 without a torque limit
+    seen          what of it is a vibration
+    limit         what the linear sampled loop predicts, the scenario's viscous friction included, as a factor on the gains played
     sentence, warnings   in words
     """
 
@@ -50,21 +46,36 @@ class SimulationStudy:
     response: Response
     tracking: Tracking
     torque_peak: Floats
-    vibration: Vibration | None
-    vibrates: bool
+    at_torque_limit: float
+    seen: Seen
     limit: GainLimit
-    sentence: str
-    warnings: tuple[str, ...]
+    sentence: str = ""
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def vibration(self) -> Vibration | None:
+        """The strongest, also one that slowly dies away."""
+        return self.seen.vibration
+
+    @property
+    def vibrates(self) -> bool:
+        """It grows, or keeps up."""
+        return self.seen.vibrates
 
     @property
     def keeps_up(self) -> bool:
         """It vibrates, and hardware holds the vibration at its size."""
-        return self.vibrates and self.vibration is not None and _keeps_up(self.spec, self.vibration)
+        return self.seen.keeps_up
+
+    @property
+    def hidden(self) -> bool:
+        """Nothing that lasts is seen, and the linear loop is unstable all the same."""
+        return not (self.response.diverged or self.vibrates or self.limit.stable)
 
     @property
     def sound(self) -> bool:
-        """It neither ran away nor vibrates."""
-        return not (self.response.diverged or self.vibrates)
+        """It neither ran away nor vibrates, and the linear loop is stable."""
+        return not (self.response.diverged or self.vibrates or self.hidden)
 
 
 def simulate_joint(
@@ -92,106 +103,80 @@ def simulate_joint(
         if interrupted():
             raise Interrupted(done * spec.sample_time)
     response = joined(parts)
-    found = that_rings(_vibration(spec, gain, response), GONE)
-    vibrates = found is not None and _vibrates(spec, found)
-    tracking, limit = track(response), gain_limit(spec.loop(gain))
-    if spec.swings:  # such a reference goes nowhere
-        tracking = replace(tracking, overshoot=np.full(1, math.nan), settling_time=np.full(1, math.nan))
-    return SimulationStudy(
+    limit = gain_limit(spec.loop(gain))
+    study = SimulationStudy(
         spec,
         gain,
         response,
-        tracking,
+        _tracking(spec, response),
         np.abs(response.actual_torque).max(axis=0),
-        found,
-        vibrates,
+        float(np.mean(np.abs(response.demand_torque) >= spec.hardware.get("torque_limit", math.inf))),
+        seen_in(spec, gain, response, limit),
         limit,
-        _sentence(spec, response, tracking, found, vibrates, limit),
-        _warnings(spec, response, vibrates, limit),
     )
+    return replace(study, sentence=_sentence(study), warnings=_warnings(study))
 
 
-def that_rings(found: Vibration | None, gone: float) -> Vibration | None:
-    """`found`; None where that is something coming to rest, or has died away below an amplitude of `gone`."""
-    if found is not None and (found.damping_ratio > SETTLING or (found.growth_rate < 0 and found.amplitude < gone)):
-        return None
-    return found
+def _tracking(spec: SimulationSpec, response: Response) -> Tracking:
+    """A move is judged up to a disturbance that comes after it; a reference that swings goes nowhere."""
+    until = spec.disturbed_from if spec.disturbed_from > spec.moves_until else math.inf
+    found, nothing = track(response, until), np.full(1, math.nan)
+    if spec.swings:
+        found = replace(found, overshoot=nothing, settling_time=nothing)
+    return replace(found, steady_state=nothing) if spec.swings_on else found
 
 
-@dataclass(frozen=True)
-class _Resting(Trajectory):
-    """`moving` until `end` [s], and held where it is then."""
-
-    moving: Trajectory
-    end: float
-
-    @property
-    def size(self) -> int:
-        return self.moving.size
-
-    def position(self, time: ArrayLike) -> Floats:
-        return self.moving.position(np.minimum(time, self.end))
-
-
-def _vibration(spec: SimulationSpec, gain: float, response: Response) -> Vibration | None:
-    """What is left once the reference rests.
-
-    Where it moves to the end, what follows it is no vibration: a linear loop is run on for a while with the reference held; on hardware,
-    where friction might stop it then, only what is much faster than the reference counts.
-    """
-    if response.diverged or not spec.moves_late:
-        return response_vibration(response)
-    if not spec.is_linear:
-        return response_vibration(response, HARMONICS * spec.own_frequency)
-    scenario, rest = spec.scenario, min(spec.ticks, LONGEST)
-    assert isinstance(scenario.reference, Trajectory)
-    longer = scenario.duration + rest * spec.sample_time
-    after = simulate(spec.loop(gain), replace(scenario, reference=_Resting(scenario.reference, scenario.duration), duration=longer))
-    return vibration(after.error[-rest:], spec.sample_time)
-
-
-def _vibrates(spec: SimulationSpec, found: Vibration) -> bool:
-    """Whether anyone would call it that, and it does not die away."""
-    steps = max(float(spec.hardware.get(f"{side}_resolution", 0.0)) for side in ("motor", "link"))
-    if found.amplitude <= NOTICED * max(steps, float(spec.scenario.noise)):
-        return False
-    return lasts(found, spec.is_linear)
-
-
-def _keeps_up(spec: SimulationSpec, found: Vibration) -> bool:
-    return not spec.is_linear and keeps_up(found)
-
-
-def lasts(found: Vibration, linear: bool) -> bool:
-    """Whether it does not die away; `linear`: nothing there could hold it at its size."""
-    return found.growth_rate > 0 if linear else found.damping_ratio < LASTING
-
-
-def keeps_up(found: Vibration) -> bool:
-    """Whether it neither grows nor dies away."""
-    return abs(found.damping_ratio) < LASTING
-
-
-def _sentence(
-    spec: SimulationSpec, response: Response, tracking: Tracking, vibration: Vibration | None, vibrates: bool, limit: GainLimit
-) -> str:
+def _sentence(study: SimulationStudy) -> str:
     """The answer in one sentence."""
-    side, shakes = f"the {response.feedback} side", vibration if vibrates else None
+    response, tracking, limit = study.response, study.tracking, study.limit
+    side, shakes = f"the {response.feedback} side", study.vibration if study.vibrates else None
     if response.diverged:
         shaking = "" if shakes is None else f", vibrating at {frequency_in_words(shakes.frequency)}"
         text = f"Diverges: {side} runs away within {response.diverged_at:.3g} s{shaking}"
     elif shakes is not None:
-        growth = f"keeping up at {_mrad(shakes.amplitude)}" if _keeps_up(spec, shakes) else doubling(shakes)
-        text = f"Vibrates at {frequency_in_words(shakes.frequency)}, {growth}"
+        size = f"at {_mrad(shakes.amplitude)} of the {study.seen.side} side"
+        growth = f"keeping up {size}" if study.keeps_up else doubling(shakes) if shakes.growth_rate > 0 else f"{halving(shakes)}, {size}"
+        how = "irregularly, in the mean at" if study.seen.irregular else "at"
+        text = f"Vibrates {how} {frequency_in_words(shakes.frequency)}, {growth}"
+    elif study.hidden:
+        text = f"No lasting vibration is seen, but {_excess(limit)}: unstable; {_hiding(study)}"
     else:
         peak, rms, last = (float(np.abs(value).max()) for value in (tracking.peak, tracking.rms, tracking.steady_state))
-        text = f"No vibration: {side} stays within {_mrad(peak)} of its reference (RMS {_mrad(rms)}) and ends {_mrad(last)} off"
+        text = f"No vibration: {side} stays {_within(peak)} of its reference (RMS {_mrad(rms)})"
+        text += "" if math.isnan(last) else f", over the last tenth {_mrad(last)} off on average"
     return f"{text}; {prediction_in_words(limit)}."
+
+
+def _excess(limit: GainLimit) -> str:
+    """How far the gains are beyond what is stable."""
+    if 0 < limit.gain < math.inf:
+        return f"these gains are {beside(1 / limit.gain, 1)} times the limit"
+    return "the linear loop is not stable"
+
+
+def _hiding(study: SimulationStudy) -> str:
+    """What in the file keeps it from being seen."""
+    spec = study.spec
+    there = {
+        "friction": spec.rubs,
+        "noise": bool(spec.scenario.noise),
+        "encoder steps": spec.encoder_step > 0,
+        "the torque limit": study.at_torque_limit > 0,
+    }
+    names = [name for name, given in there.items() if given]
+    if not names:
+        return "the run is too short, or too quiet, to show it"
+    return f"{_listed(names, 'or')} may hide it, or the run is too short"
 
 
 def doubling(found: Vibration) -> str:
     """How fast it grows."""
     return f"doubling every {math.log(2) / found.growth_rate:.3g} s"
+
+
+def halving(found: Vibration) -> str:
+    """How slowly it dies away."""
+    return f"halving every {-math.log(2) / found.growth_rate:.3g} s"
 
 
 def frequency_in_words(omega: float) -> str:
@@ -203,6 +188,10 @@ def _mrad(angle: float) -> str:
     return f"{1e3 * angle:.3g} mrad" if angle >= 1e-6 else "less than 0.001 mrad"
 
 
+def _within(angle: float) -> str:
+    return f"within {_mrad(angle)}" if angle >= 1e-6 else "less than 0.001 mrad"
+
+
 def prediction_in_words(limit: GainLimit) -> str:
     """What the linear loop says, to set against what was seen."""
     if math.isnan(limit.gain):
@@ -212,22 +201,67 @@ def prediction_in_words(limit: GainLimit) -> str:
     if limit.gain <= 0:
         return "no lower gains make the linear loop stable"
     if limit.frequency == 0:
-        return f"the linear loop topples, without swinging, at {limit.gain:.3g} times these gains"
-    return f"the linear loop begins to vibrate at {limit.gain:.3g} times these gains, at {frequency_in_words(limit.frequency)}"
+        return f"the linear loop topples, without swinging, at {beside(limit.gain, 1)} times these gains"
+    return f"the linear loop begins to vibrate at {beside(limit.gain, 1)} times these gains, at {frequency_in_words(limit.frequency)}"
 
 
-def _warnings(spec: SimulationSpec, response: Response, vibrates: bool, limit: GainLimit) -> tuple[str, ...]:
+def _warnings(study: SimulationStudy) -> tuple[str, ...]:
     """What a user should know or do, each with the remedy."""
-    told = []
-    if spec.moves_late and not (spec.swings or response.diverged):
+    spec, seen, told = study.spec, study.seen, []
+    if spec.moves_late and not (spec.swings or study.response.diverged):
         told.append("the reference comes to rest late or not at all: lengthen scenario.duration for a steady state worth the name")
-    if limit.stable and vibrates and not spec.is_linear:
-        told.append("the linear loop is stable: friction, encoder steps or the torque limit keep this vibration up; raise one at a time")
-    if not limit.stable and not vibrates and not response.diverged:
-        told.append(
-            "the linear loop is unstable all the same: "
-            + ("friction hides it, or the run is too short" if not spec.is_linear else "the run is too short, lengthen scenario.duration")
-        )
+    if study.limit.stable and study.vibrates:
+        told.append(f"the linear loop is stable: {_kept_up_by(spec)}")
+    if study.hidden:
+        told.append("lengthen scenario.duration, and take away what may hide it, to see it; lower the gains before the joint is run")
+    if study.at_torque_limit > 0:
+        told.append(f"the torque limit cuts the demand torque {share_in_words(study.at_torque_limit)} of the time")
+    if study.sound and seen.shaking > SEEN:
+        causes = "noise and encoder steps shake" if spec.encoder_step and spec.scenario.noise else "encoder steps shake"
+        causes = causes if spec.encoder_step else "noise shakes"
+        told.append(f"no vibration lasts, but {causes} the joint: {_mrad(seen.shaking)} RMS")
     if spec.is_linear:
-        told.append("linear run, without friction, gravity, torque limit or encoder steps: the scenario section of the file adds them")
+        rest = "friction beyond the viscous" if spec.hardware else "friction"
+        told.append(f"linear run, without {rest}, gravity, torque limit or encoder steps: the scenario section of the file adds them")
     return tuple(told)
+
+
+def _kept_up_by(spec: SimulationSpec) -> str:
+    """What in the file may hold a vibration of a stable loop, and what to do."""
+    there = {
+        "friction": spec.rubs,
+        "noise": bool(spec.scenario.noise),
+        "encoder steps": spec.encoder_step > 0,
+        "the torque limit": "torque_limit" in spec.hardware,
+        "gravity": "gravity" in spec.hardware,
+        "jitter": "jitter" in spec.hardware,
+    }
+    names = [name for name, given in there.items() if given]
+    if len(names) == 1:
+        return f"{names[0]} must be what keeps this vibration up, or a link that rings on by itself"
+    return f"{_listed(names, 'or')} must be what keeps this vibration up; change one at a time"
+
+
+def _listed(names: list[str], word: str) -> str:
+    return f" {word} ".join([*([", ".join(names[:-1])] if len(names) > 1 else []), names[-1]]) if names else "nothing in the file"
+
+
+def share_in_words(share: float) -> str:
+    """A share of the time."""
+    return f"{100 * share:.2g} %" if share >= 1e-3 else "less than 0.1 %"
+
+
+__all__ = [
+    "NOTICED",
+    "Interrupted",
+    "SimulationStudy",
+    "doubling",
+    "frequency_in_words",
+    "halving",
+    "keeps_up",
+    "lasts",
+    "prediction_in_words",
+    "share_in_words",
+    "simulate_joint",
+    "that_rings",
+]

@@ -33,7 +33,7 @@ app = typer.Typer(
 app.command(name="joint", short_help="One joint: stable or not, margins, largest gains, gains to use.")(joint)
 app.command(name="robot", short_help="A whole robot: limits with all joints closed, by posture and contact state.")(robot)
 app.command(name="audit", short_help="Are the gains that a robot already has safe?")(audit)
-app.command(name="simulate", short_help="Play a joint's scenario: tracking, vibration, traces.")(simulate)
+app.command(name="simulate", short_help="Play a joint's or a robot's scenario: tracking, vibration, traces.")(simulate)
 app.command(name="verify", short_help="The predicted limit against simulation.")(verify)
 app.command(name="example", short_help="Print a ready file to start from.")(example)
 app.command(name="reproduce", short_help="The paper's figures, computed and compared.")(reproduce)

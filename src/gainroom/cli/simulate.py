@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..io.numbers import digits, frequency, milli, settling
+from ..io.numbers import digits, frequency, gain_factor, milli, settling
 from .interrupts import stop_signals
 from .kinds import kind_of
 from .options import AsJson, Report, command_line, number_option, report_stream
@@ -40,7 +40,8 @@ def simulate(
     Example:
       gainroom simulate joint.yaml --gain 1.2 --log run.csv --report run.html
 
-    Exit status: 0 no vibration; 1 diverges or vibrates; 2 the file or the call is wrong; 130 interrupted (the log holds what was done).
+    Exit status: 0 no vibration, and stable; 1 diverges, vibrates or is unstable;
+    2 the file or the call is wrong; 130 interrupted (the log holds what was done).
     """
     from ..errors import GainroomError
 
@@ -123,6 +124,7 @@ def _facts(study: "SimulationStudy", log: Path | None) -> dict[str, Any]:
         "sample_rate_hz": 1 / response.sample_time,
         "gain": study.gain,
         "tracking": {name: {column: getattr(found, column)[k] for column in columns} for k, name in enumerate(names)},
+        "at_torque_limit": dict.fromkeys(names, study.at_torque_limit),
         "torque_peak": dict(zip(names, study.torque_peak.tolist(), strict=True)),
         "vibration": None
         if vibration is None
@@ -144,7 +146,8 @@ def _terminal(study: "SimulationStudy", report: Path | None, log: Path | None) -
     columns = ("[mrad]", "RMS", "peak", "steady state", "overshoot", "settles in", "torque peak")
     seen = ("none", "")
     if vibration is not None:
-        seen = frequency(vibration.frequency), "keeps up" if study.keeps_up else digits(vibration.growth_rate, "1/s", 3)
+        growth = "keeps up" if study.keeps_up else digits(vibration.growth_rate, "1/s", 3)
+        seen = frequency(vibration.frequency), f"{growth}, irregular" if study.seen.irregular else growth
     parts: list[Any] = [
         study.sentence,
         "",
@@ -160,7 +163,7 @@ def limit_words(limit: "GainLimit | None") -> tuple[str, str]:
     """Where the linear loop begins to vibrate: frequency, and factor on the gains played; None: they move nothing."""
     if limit is None:
         return "none", "the gains move nothing"
-    return frequency(limit.frequency), "at all gains" if limit.gain <= 0 else f"from {digits(limit.gain)} × these gains on"
+    return frequency(limit.frequency), "at all gains" if limit.gain <= 0 else f"from {gain_factor(limit.gain)} × these gains on"
 
 
 def _row(study: "SimulationStudy", k: int) -> tuple[str, ...]:

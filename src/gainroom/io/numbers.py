@@ -38,6 +38,11 @@ def settling(time: float) -> str:
     return "never" if math.isinf(time) else digits(time, "s", 3)
 
 
+def gain_factor(gain: float, significant: int = 4) -> str:
+    """A factor on the gains at which something begins, with digits enough to tell it from 1, the gains themselves."""
+    return digits(gain, significant=apart(gain, 1.0, significant))
+
+
 def decibels(factor: float) -> float:
     """20 log10 of a gain factor; −inf for 0."""
     return 20 * math.log10(factor) if factor > 0 else -math.inf if factor == 0 else math.nan

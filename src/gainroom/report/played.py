@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Floats, Integers
-from ..io.numbers import digits, frequency, hertz, milli
+from ..io.numbers import digits, frequency, gain_factor, hertz, milli
 from ..limits import GainLimit
 from ..simulation.oscillation import Vibration
 from . import style
@@ -62,13 +62,14 @@ def vibration_card(found: Vibration | None, vibrates: bool, limit: GainLimit | N
     seen = ("none", "") if found is None else (digits(found.frequency / (2 * math.pi), "", 3), "Hz")
     note = ""
     if limit is not None and 0 < limit.gain < math.inf:
-        note = f"linear limit: {digits(limit.gain, '', 3)} × these gains, {hertz(limit.frequency)}"
-    return Card("vibration", *seen, requirement="none that lasts", met=not vibrates, note=note)
+        note = f"linear limit: {gain_factor(limit.gain, 3)} × these gains, {hertz(limit.frequency)}"
+    return Card("vibration", *seen, requirement="none may last", met=not vibrates, note=note)
 
 
 def shown_ticks(reference: Floats, error: Floats) -> int:
     """Of a run that diverges, (k, n) each, how many ticks are worth a picture: those until it is far out of it."""
-    room = RUNAWAY * max(float(np.ptp(reference, axis=0).max()), LEAST_RANGE)
+    covered = np.vstack([reference[:1] - error[:1], reference])  # from where it starts: a step at t = 0 alone is a constant
+    room = RUNAWAY * max(float(np.ptp(covered, axis=0).max()), LEAST_RANGE)
     far = np.abs(error).max(axis=1) > room
     return max(2, min(len(far), int(np.argmax(far)) + 1)) if far.any() else len(far)
 

@@ -1,10 +1,12 @@
 """The page of a played scenario: answer, numbers, commanded and actual with the torque under them, the vibration close up."""
 
+import math
+
 import numpy as np
 
 from ..io.numbers import digits, milli, settling, typed_gains
 from ..simulation.response import Response
-from ..simulation_study import SimulationStudy
+from ..simulation_study import SimulationStudy, share_in_words
 from . import style
 from .page import Card, Html, Lead, Section, block, facts, page, table
 from .played import (
@@ -37,19 +39,28 @@ def simulation_page(study: SimulationStudy, command: str) -> str:
 
 
 def _lead(study: SimulationStudy) -> Lead:
-    verdict = "" if study.sound else "DIVERGES" if study.response.diverged else "VIBRATES"
+    verdict = "" if study.sound else "DIVERGES" if study.response.diverged else "VIBRATES" if study.vibrates else "UNSTABLE"
     return lead(study.sentence, verdict, study.warnings)
 
 
 def _cards(study: SimulationStudy) -> list[Card]:
     found, ran = study.tracking, study.response.diverged_at
     if ran is not None:
-        cards = [Card("runs away within", digits(ran, "", 3), "s", "never", met=False)]
+        cards = [Card("runs away within", digits(ran, "", 3), "s", "must not", met=False)]
     else:
         peak, rms, steady = (float(np.abs(value).max()) for value in (found.peak, found.rms, found.steady_state))
-        torque = Card("torque peak", digits(float(study.torque_peak.max()), "", 3), "N m", note="of the actual torque")
-        cards = [*error_cards(peak, rms, steady, "mrad"), torque]
+        torque = Card("torque peak", digits(float(study.torque_peak.max()), "", 3), "N m", note=f"of the actual torque{_cut(study)}")
+        errors = error_cards(peak, rms, steady, "mrad")
+        cards = [*(errors[:-1] if math.isnan(steady) else errors), torque]
     return [*cards, vibration_card(study.vibration, study.vibrates, study.limit)]
+
+
+def _cut(study: SimulationStudy) -> str:
+    """What the torque limit does, after the torque's peak."""
+    if study.at_torque_limit == 0:
+        return ""
+    share = share_in_words(study.at_torque_limit)
+    return f"; the limit cuts what is asked of the current loop, {share} of the time, and the loop overshoots what is left"
 
 
 def _traces(study: SimulationStudy) -> Html:
@@ -101,6 +112,8 @@ def _shown_ticks(study: SimulationStudy) -> int:
 def _conclusion(study: SimulationStudy) -> str:
     if study.response.diverged:
         return "These gains must not be run."
+    if study.hidden:
+        return "These gains are unstable, whatever hides it here: lower all of them together, or shorten the delay."
     if study.vibrates:
         return "The vibration does not die away: lower all gains together, or shorten the delay."
     return "Nothing lasts but the error itself: what ends a move short of its goal is friction, gravity or a lasting torque on the joint."
@@ -119,7 +132,11 @@ def _numbers(study: SimulationStudy) -> Html:
         )
         for k, name in enumerate(study.response.joint_names)
     ]
-    caption = "Error: reference less position. Settled: within 2 % of the move for good; only a move has an overshoot."
+    caption = (
+        "Error: reference less position; steady state: its mean over the last tenth of the run, of a reference that rests then. "
+        "Settled: within 2 % of the move for good, and seen to be for a tenth of the run. Only a move has an overshoot; both are judged up "
+        f"to a later disturbance. Torque: of the actual torque{_cut(study)}."
+    )
     return table(columns, rows, caption)
 
 
@@ -143,11 +160,17 @@ def _inputs(study: SimulationStudy) -> Html:
 
 def _assumptions(study: SimulationStudy) -> str:
     if study.spec.is_linear:
+        rubs = "friction beyond the viscous" if study.spec.hardware else "friction"
         return (
             "Linear two-mass joint, stepped exactly from tick to tick: the torque is held in between, velocity is differenced as the "
-            "controller does it, the delay is exact. No friction, gravity, torque limit or encoder steps: the file's scenario adds them."
+            f"controller does it, the delay is exact. No {rubs}, gravity, torque limit or encoder steps: the file's scenario adds them."
         )
+    sags = (
+        " The run starts at rest at the reference and without torque, so that gravity first pulls the joint down: peaks and RMS hold that."
+        if "gravity" in study.spec.hardware
+        else ""
+    )
     return (
         "The same loop on a virtual testbed. Between ticks linear parts are exact; friction and gravity are constant over substeps of "
-        "25 µs and can create no energy. No backlash, no thermal effects."
+        f"25 µs and can create no energy. No backlash, no thermal effects.{sags}"
     )

@@ -60,6 +60,11 @@ class Friction:
         """F_S [N m]."""
         return self.coulomb if self.static is None else float(self.static)
 
+    @property
+    def is_viscous(self) -> bool:
+        """Nothing sticks: it is linear."""
+        return self.coulomb == 0  # then F_S and the bristles' torque are 0 too
+
     def torque(self, velocity: ArrayLike) -> Floats:
         """Against the motion when it slides steadily at `velocity` [rad/s], any shape; 0 at rest, where it is what it must be."""
         v = np.asarray(velocity, dtype=float)
