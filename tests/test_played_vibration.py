@@ -1,6 +1,7 @@
 """What simulate calls a vibration, against roots, closed forms and sine fits; and that no run with unstable gains is called good."""
 
 import math
+import re
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 import gainroom as gr
 from gainroom.cli import main
 from gainroom.config import parse_simulation
+from gainroom.report.played import shown_ticks
 from gainroom.report.simulation import simulation_page
 from gainroom.simulation.response import track
 from gainroom.simulation_study import SimulationStudy, simulate_joint
@@ -220,3 +222,55 @@ def test_a_reference_that_swings_to_the_end_has_no_steady_state():
         assert "steady-state" not in simulation_page(study, "")
     rests = played("duration: 4, reference: {type: chirp, amplitude: 0.1, first: 1, last: 9, duration: 2}")
     assert abs(rests.tracking.steady_state[0]) < 1e-6  # 1.6 s after it stops the slowest root, 7/s, has left 1e-5 of some 10 mrad
+
+
+def test_the_picture_of_a_step_that_diverges_is_not_empty():
+    """The reference is constant from t = 0 on; the picture reaches to where the joint is three times the step away."""
+    study = played("duration: 1, reference: {type: step, by: 0.1}", 40.0)
+    run = study.response
+    assert run.diverged
+    shown = shown_ticks(run.reference, run.error)
+    assert np.abs(run.error[: shown - 1]).max() <= 0.3 < abs(run.error[shown - 1, 0])
+    assert shown > 4  # growing this fast it is out of the picture within 6 ms
+
+
+def test_a_limit_just_above_the_gains_is_told_apart_from_them(tmp_path, capsys: pytest.CaptureFixture[str]):
+    """4.157 / 4.155 = 1.0005: not "at 1 times these gains"."""
+    path = tmp_path / "joint.yaml"
+    path.write_text(text("duration: 0.5"), "utf-8")
+    main(["simulate", str(path), "--gain", "4.155"])
+    out = " ".join(capsys.readouterr().out.split())
+    factor = played("duration: 0.5", 4.155).limit.gain
+    assert 1 < factor < 1.001
+    assert float(re.search(r"vibrate at (\S+) times", out)[1]) > 1  # type: ignore[index]
+    assert float(re.search(r"from (\S+) × these", out)[1]) > 1  # type: ignore[index]
+
+
+def test_a_torque_above_its_limit_is_explained():
+    """ζ = 0.9: the current loop overshoots a step by e^{−πζ/√(1−ζ²)} = 0.15 %, of at most twice the limit."""
+    study = played("duration: 1, torque_limit: 30, reference: {type: step, by: 0.5}", 6.0)
+    assert 30 < study.torque_peak[0] < 30 * 1.003
+    assert study.overshoots_limit
+    assert any("the current loop overshoots it" in warning for warning in study.warnings)
+    assert "the current loop overshoots" in simulation_page(study, "")
+    assert "pulls the joint down" not in simulation_page(study, "")
+    assert "pulls the joint down" in simulation_page(played("duration: 1, gravity: 5"), "")
+
+
+@pytest.mark.parametrize(
+    ("hertz", "angular"),
+    [
+        (
+            "{type: chirp, amplitude: 0.1, first_hz: 0.5, last: 30, duration: 1}",
+            f"{{type: chirp, amplitude: 0.1, first: {math.pi}, last: 30, duration: 1}}",
+        ),
+        (
+            "{type: multisine, amplitude: 0.1, frequencies_hz: [1, 2]}",
+            f"{{type: multisine, amplitude: 0.1, frequencies: [{2 * math.pi}, {4 * math.pi}]}}",
+        ),
+    ],
+)
+def test_frequencies_in_hertz(hertz: str, angular: str):
+    one, other = (parse_simulation(text(f"reference: {given}"), "").scenario.reference for given in (hertz, angular))
+    time = np.linspace(0, 1, 50)
+    assert one.position(time) == pytest.approx(other.position(time), abs=1e-12)

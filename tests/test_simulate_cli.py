@@ -161,7 +161,21 @@ def test_oscillations_above_a_frequency():
         ("scenario: {duration: 3600}", "at most 2000000"),
         ("scenario: {reference: {type: ramp}}", "scenario.reference.type: 'ramp' must be hold, step"),
         ("scenario: {reference: {type: cubic, by: 1}}", "scenario.reference.duration: is missing"),
-        ("scenario: {reference: {type: chirp, amplitude: 1, first: 1, last: 7000, duration: 1}}", "below half the sample rate"),
+        (
+            "scenario: {reference: {type: chirp, amplitude: 1, first: 1, last: 7000, duration: 1}}",
+            "scenario.reference.last: 7000 rad/s must be below half the sample rate",
+        ),
+        (
+            "scenario: {reference: {type: chirp, amplitude: 1, first_hz: 1, last_hz: 1200, duration: 1}}",
+            "scenario.reference.last_hz: 1200 Hz must",
+        ),
+        ("scenario: {reference: {type: chirp, amplitude: 1, last: 7, duration: 1}}", "give either first [rad/s] or first_hz"),
+        (
+            "scenario: {reference: {type: multisine, amplitude: 1, frequencies: [1], frequencies_hz: [1]}}",
+            "give either frequencies [rad/s] or",
+        ),
+        ("scenario: {disturbance: {torque: 1, start: 2}}", "scenario.disturbance.start: 2 s must be before the run ends"),
+        ("scenario: {reference: {type: step, by: 1, start: 2.5}}", "scenario.reference.start: 2.5 s must be before the run ends"),
         ("scenario: {referense: {}}", "did you mean reference?"),
         ("scenario: {jitter_ms: 3}", "scenario.jitter_ms: 3 must be <= the drive's delay, 2.174 ms"),
         ("scenario: {friction: {motor: {coulomb: 2, static: 1}}}", "scenario.friction.motor: static 1"),
@@ -185,6 +199,7 @@ def test_a_wrong_scenario_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixt
     ("text", "says"),
     [
         (EXAMPLES["testbed"], "control.sample_rate_hz: is missing"),
+        (EXAMPLES["testbed"].replace("delay_ms: 2.674", "delay_ticks: 5"), "control.sample_rate_hz: is missing"),
         ("model: {file: a.urdf}\n", "drive: is missing"),
         ("", "is empty"),
     ],

@@ -63,7 +63,11 @@ def parse_simulation(text: str, source: str) -> "SimulationSpec":
     """As load_simulation, for the text of a file that messages call `source`."""
     file = _file(text, source)
     scenario = _scenario(file, source)
+    from .simulation_spec import NO_RATE
+
     with _named(source):
+        if file.control.sample_rate_hz is None:  # else a delay in ticks would ask for another remedy
+            raise GainroomError(NO_RATE)
         return scenario.spec(file.spec())
 
 

@@ -83,7 +83,7 @@ class LowPassSection(Section):
     def low_pass(self) -> LowPass:
         """In rad/s."""
         optional = {} if self.damping_ratio is None else {"damping_ratio": self.damping_ratio}
-        return LowPass(bandwidth=_rad_per_s(self.bandwidth, self.bandwidth_hz), order=self.order, **optional)
+        return LowPass(bandwidth=rad_per_s(self.bandwidth, self.bandwidth_hz), order=self.order, **optional)
 
 
 class NotchSection(Section):
@@ -103,7 +103,7 @@ class NotchSection(Section):
     def notch(self) -> Notch:
         """In rad/s."""
         optional = self.model_dump(include={"width", "depth"}, exclude_none=True)
-        return Notch(frequency=_rad_per_s(self.frequency, self.frequency_hz), **optional)
+        return Notch(frequency=rad_per_s(self.frequency, self.frequency_hz), **optional)
 
 
 class ControlSection(Section):
@@ -188,7 +188,8 @@ def refuse_long_delay(delay: float, tick: float | None, owner: str = "drive") ->
         raise GainroomError(f"{owner}: the delay of {delay / tick:g} ticks must be <= {MAX_TICKS} ticks")
 
 
-def _rad_per_s(angular: float | None, hertz: float | None) -> float:
+def rad_per_s(angular: float | None, hertz: float | None) -> float:
+    """[rad/s], of a frequency that was given as that or in Hz."""
     return 2 * math.pi * (hertz or 0.0) if angular is None else angular
 
 

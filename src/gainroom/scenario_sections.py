@@ -5,6 +5,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
+from .config_sections import rad_per_s
 from .errors import GainroomError
 from .io.checked import NotNegative, Positive, PositiveOrInfinite, Section, number, refusal, typed
 from .simulation import Chirp, Friction, Multisine, Scenario, Spline, Step, Trajectory
@@ -21,6 +22,7 @@ Size = Annotated[float, number(least=0, most=FURTHEST)]
 Torque = Annotated[float, number(least=-1e12)]
 Instant = Annotated[float, number(least=0, most=LONGEST)]
 Duration = Annotated[float, number(above=0, most=LONGEST)]
+Frequencies = Annotated[list[Positive], Field(min_length=1, max_length=MOST_SINES)]
 
 
 def _whole(value: object) -> int:
@@ -35,6 +37,18 @@ Seed = Annotated[int, BeforeValidator(_whole)]
 def _word(value: object) -> str:
     """A value as it would be typed."""
     return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _either(section: Section, *keys: str) -> None:
+    """Refuse what has not exactly one of a frequency [rad/s] and its twin in Hz."""
+    for key in keys:
+        if (getattr(section, key) is None) == (getattr(section, f"{key}_hz") is None):
+            raise refusal(f"give either {key} [rad/s] or {key}_hz")
+
+
+def _as_typed(section: Section, key: str, omega: float) -> str:
+    """`omega` [rad/s] under the key, and in the unit, that it was given in."""
+    return f"{key}: {omega:g} rad/s" if getattr(section, key) is not None else f"{key}_hz: {omega / (2 * math.pi):g} Hz"
 
 
 class ReferenceSection(Section):
@@ -53,6 +67,10 @@ class ReferenceSection(Section):
     def fastest(self) -> float:
         """About the highest frequency in it [rad/s]; 0 where it does not move, or at once."""
         return 0.0
+
+    def fastest_as_typed(self) -> str:
+        """The same as `key: value unit`, of a reference that swings."""
+        raise NotImplementedError
 
 
 class HoldSection(ReferenceSection):
@@ -104,19 +122,31 @@ class ChirpSection(ReferenceSection):
 
     type: Literal["chirp"]
     amplitude: Size = Field(description="[rad]")
-    first: Positive = Field(description="frequency that it begins with [rad/s]")
-    last: Positive = Field(description="frequency that it ends with [rad/s]")
+    first: Positive | None = None
+    first_hz: Positive | None = None
+    last: Positive | None = None
+    last_hz: Positive | None = None
     duration: Duration = Field(description="of the sweep [s]")
     start: Instant = 0.0
 
+    @model_validator(mode="after")
+    def _one_of_each(self) -> "ChirpSection":
+        _either(self, "first", "last")
+        return self
+
     def trajectory(self) -> Trajectory:
-        return Chirp(self.amplitude, self.first, self.last, self.duration, start=self.start, base=self.base)
+        first, last = rad_per_s(self.first, self.first_hz), rad_per_s(self.last, self.last_hz)
+        return Chirp(self.amplitude, first, last, self.duration, start=self.start, base=self.base)
 
     def ends(self) -> float:
         return self.start + self.duration
 
     def fastest(self) -> float:
-        return max(self.first, self.last)
+        return max(rad_per_s(self.first, self.first_hz), rad_per_s(self.last, self.last_hz))
+
+    def fastest_as_typed(self) -> str:
+        key = "last" if rad_per_s(self.last, self.last_hz) == self.fastest() else "first"
+        return _as_typed(self, key, self.fastest())
 
 
 class MultisineSection(ReferenceSection):
@@ -124,18 +154,30 @@ class MultisineSection(ReferenceSection):
 
     type: Literal["multisine"]
     amplitude: Size = Field(description="of each sine [rad]")
-    frequencies: list[Positive] = Field(description="[rad/s], a list", min_length=1, max_length=MOST_SINES)
+    frequencies: Frequencies | None = None
+    frequencies_hz: Frequencies | None = None
     start: Instant = 0.0
     seed: Seed = 0
 
+    @model_validator(mode="after")
+    def _one_list(self) -> "MultisineSection":
+        _either(self, "frequencies")
+        return self
+
+    def _angular(self) -> list[float]:
+        return self.frequencies or [rad_per_s(None, value) for value in self.frequencies_hz or []]
+
     def trajectory(self) -> Trajectory:
-        return Multisine(self.frequencies, self.amplitude, self.seed, start=self.start, base=self.base)
+        return Multisine(self._angular(), self.amplitude, self.seed, start=self.start, base=self.base)
 
     def ends(self) -> float:
         return LONGEST
 
     def fastest(self) -> float:
-        return max(self.frequencies)
+        return max(self._angular())
+
+    def fastest_as_typed(self) -> str:
+        return _as_typed(self, "frequencies", self.fastest())
 
 
 Reference = Annotated[
@@ -206,6 +248,14 @@ class ScenarioSection(Section):
             raise refusal("must be true or false", key="whole_ticks")
         return data
 
+    @model_validator(mode="after")
+    def _within_the_run(self) -> "ScenarioSection":
+        starts = {"reference": getattr(self.reference, "start", 0.0), "disturbance": self.disturbance.start if self.disturbance else 0.0}
+        for name, start in starts.items():
+            if start >= self.duration:
+                raise refusal(f"{start:g} s must be before the run ends: scenario.duration is {self.duration:g} s", key=f"{name}.start")
+        return self
+
     def spec(self, joint: JointSpec) -> SimulationSpec:
         """With its joint, in SI. Raises GainroomError where the two do not go together."""
         if 1e-3 * self.jitter_ms > joint.drive.delay:
@@ -213,7 +263,8 @@ class ScenarioSection(Section):
         highest = math.inf if joint.sample_time is None else math.pi / joint.sample_time
         if self.reference.type in SWINGING and self.reference.fastest() >= highest:
             raise GainroomError(
-                f"scenario.reference: {self.reference.fastest():g} rad/s must be below half the sample rate, {highest:.6g} rad/s"
+                f"scenario.reference.{self.reference.fastest_as_typed()} must be below half the sample rate, "
+                f"{highest:.6g} rad/s ({highest / (2 * math.pi):g} Hz)"
             )
         disturbed = self.disturbance
         scenario = Scenario(
@@ -237,7 +288,7 @@ class ScenarioSection(Section):
     def _described(self) -> dict[str, str]:
         """Key by key what is not left at its default, and the reference."""
         data = self.model_dump(exclude_defaults=True)
-        data = {"duration": self.duration, "reference": self.reference.model_dump(), **data}
+        data = {"duration": self.duration, "reference": self.reference.model_dump(exclude_none=True), **data}
         for side, friction in data.pop("friction", {}).items():
             data[f"friction.{side}"] = friction
         words = {name: value if isinstance(value, dict) else {"": value} for name, value in data.items()}

@@ -12,6 +12,7 @@ from .study import JointSpec
 
 MOST_TICKS = 2_000_000
 """Of one run, which is kept whole."""
+NO_RATE = "control.sample_rate_hz: is missing: a simulation goes tick by tick; add the controller's rate [Hz]"
 LATE = 0.75
 """Of the run: what happens later leaves too little to look at."""
 
@@ -46,7 +47,7 @@ class SimulationSpec:
 
     def __post_init__(self) -> None:
         if self.joint.sample_time is None:
-            raise GainroomError("control.sample_rate_hz: is missing: a simulation goes tick by tick; add the controller's rate [Hz]")
+            raise GainroomError(NO_RATE)
         refuse_long_run(self.scenario.duration, self.sample_time, MOST_TICKS)
         self.system()
 

@@ -73,6 +73,11 @@ class SimulationStudy:
         return not (self.response.diverged or self.vibrates or self.limit.stable)
 
     @property
+    def overshoots_limit(self) -> bool:
+        """The actual torque passes the limit, which cuts what the current loop is asked for, not what it makes of that."""
+        return float(self.torque_peak.max()) > self.spec.hardware.get("torque_limit", math.inf)
+
+    @property
     def sound(self) -> bool:
         """It neither ran away nor vibrates, and the linear loop is stable."""
         return not (self.response.diverged or self.vibrates or self.hidden)
@@ -215,7 +220,8 @@ def _warnings(study: SimulationStudy) -> tuple[str, ...]:
     if study.hidden:
         told.append("lengthen scenario.duration, and take away what may hide it, to see it; lower the gains before the joint is run")
     if study.at_torque_limit > 0:
-        told.append(f"the torque limit cuts the demand torque {share_in_words(study.at_torque_limit)} of the time")
+        beyond = f"; the current loop overshoots it to {study.torque_peak[0]:.4g} N·m" if study.overshoots_limit else ""
+        told.append(f"the torque limit cuts the demand torque {share_in_words(study.at_torque_limit)} of the time{beyond}")
     if study.sound and seen.shaking > SEEN:
         causes = "noise and encoder steps shake" if spec.encoder_step and spec.scenario.noise else "encoder steps shake"
         causes = causes if spec.encoder_step else "noise shakes"
@@ -261,7 +267,6 @@ __all__ = [
     "keeps_up",
     "lasts",
     "prediction_in_words",
-    "share_in_words",
     "simulate_joint",
     "that_rings",
 ]

@@ -119,6 +119,7 @@ def _facts(study: "SimulationStudy", log: Path | None) -> dict[str, Any]:
         "diverged": response.diverged,
         "diverged_at": response.diverged_at,
         "vibrates": study.vibrates,
+        "unstable": study.hidden,
         "sentence": study.sentence,
         "model": "linear" if study.spec.is_linear else "testbed",
         "sample_rate_hz": 1 / response.sample_time,

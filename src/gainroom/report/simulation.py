@@ -6,7 +6,7 @@ import numpy as np
 
 from ..io.numbers import digits, milli, settling, typed_gains
 from ..simulation.response import Response
-from ..simulation_study import SimulationStudy, share_in_words
+from ..simulation_study import SimulationStudy
 from . import style
 from .page import Card, Html, Lead, Section, block, facts, page, table
 from .played import (
@@ -49,18 +49,15 @@ def _cards(study: SimulationStudy) -> list[Card]:
         cards = [Card("runs away within", digits(ran, "", 3), "s", "must not", met=False)]
     else:
         peak, rms, steady = (float(np.abs(value).max()) for value in (found.peak, found.rms, found.steady_state))
-        torque = Card("torque peak", digits(float(study.torque_peak.max()), "", 3), "N m", note=f"of the actual torque{_cut(study)}")
+        torque = Card("torque peak", digits(float(study.torque_peak.max()), "", 3), "N m", note=f"of the actual torque{_beyond(study)}")
         errors = error_cards(peak, rms, steady, "mrad")
         cards = [*(errors[:-1] if math.isnan(steady) else errors), torque]
     return [*cards, vibration_card(study.vibration, study.vibrates, study.limit)]
 
 
-def _cut(study: SimulationStudy) -> str:
-    """What the torque limit does, after the torque's peak."""
-    if study.at_torque_limit == 0:
-        return ""
-    share = share_in_words(study.at_torque_limit)
-    return f"; the limit cuts what is asked of the current loop, {share} of the time, and the loop overshoots what is left"
+def _beyond(study: SimulationStudy) -> str:
+    """How the actual torque can pass its limit, after the torque's peak."""
+    return "; above the limit, which cuts the demand: the current loop overshoots" if study.overshoots_limit else ""
 
 
 def _traces(study: SimulationStudy) -> Html:
@@ -135,7 +132,7 @@ def _numbers(study: SimulationStudy) -> Html:
     caption = (
         "Error: reference less position; steady state: its mean over the last tenth of the run, of a reference that rests then. "
         "Settled: within 2 % of the move for good, and seen to be for a tenth of the run. Only a move has an overshoot; both are judged up "
-        f"to a later disturbance. Torque: of the actual torque{_cut(study)}."
+        f"to a later disturbance. Torque: of the actual torque{_beyond(study)}."
     )
     return table(columns, rows, caption)
 
