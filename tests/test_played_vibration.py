@@ -58,6 +58,26 @@ def test_what_follows_a_late_event_is_no_vibration(scenario: str):
     assert "No vibration" in study.sentence
 
 
+SHORT = [
+    (0.3, "reference: {type: quintic, by: 0.1, duration: 0.3}, motor_resolution: 4.8e-6"),
+    (1.0, "reference: {type: hold}, disturbance: {torque: 0.4, start: 0.26}, friction: {motor: {coulomb: 0.17}}"),
+    (1.0, "reference: {type: step, by: 0.003, start: 0.19}, disturbance: {torque: 4.5, start: 0.14}, friction: {link: {coulomb: 0.4}}"),
+    (2.0, "reference: {type: multisine, amplitude: 0.08, frequencies_hz: [0.5, 2, 7]}, friction: {motor: {coulomb: 7.2}}"),
+    (
+        3.3,
+        "reference: {type: quintic, by: 0.1, duration: 0.3}, disturbance: {torque: 6.4, start: 0.27}, friction: {motor: {coulomb: 0.17}}",
+    ),
+]
+
+
+@pytest.mark.parametrize(("gain", "scenario"), SHORT)
+def test_what_a_short_record_catches_on_its_way_to_rest_is_no_vibration(gain: float, scenario: str):
+    """0.3 s are a few periods; the loop is stable and friction takes energy away, so whatever swings then comes to rest."""
+    assert roots_of(gain)[0].real < -1
+    study = played(f"duration: 0.3, {scenario}", gain)
+    assert study.sound, study.sentence
+
+
 @pytest.mark.parametrize("scenario", [*LATE[:4], "duration: 3, reference: {type: step, by: 0.1, start: 2.7}"])
 def test_a_vibration_that_a_late_event_sets_off_is_that_of_the_rightmost_root(scenario: str):
     """3 % beyond the limit; the pencil on an exact run is right to far below 1e-3."""

@@ -8,11 +8,12 @@ from numpy.typing import ArrayLike
 
 from .arrays import Floats
 from .limits import GainLimit
-from .simulation.oscillation import LONGEST, SHORTEST, Vibration, parts_in, vibration
+from .simulation.oscillation import LONGEST, SHORTEST, Vibration, parts_in, rows_after, vibration
 from .simulation.response import Response
 from .simulation.run import simulate
 from .simulation.trajectories import Trajectory
 from .simulation_spec import LATE, SimulationSpec
+from .stability import rightmost_roots
 
 LASTING = 1e-3  # damping ratio below which a vibration on hardware keeps up: what ends its growth there is friction or the torque limit
 SETTLING = 0.1  # damping ratio above which an oscillation is a joint coming to rest
@@ -21,6 +22,7 @@ SEEN = 1e-6  # [rad] on hardware nobody sees less
 THEIR_OWN = 3.0  # times the encoder's step, or the noise's deviation: what these make of a stable loop by themselves is no vibration
 HARMONICS = 5.0  # times a moving reference's own frequency: most of what friction makes of it lies below
 STEADY = 0.1  # of itself: a vibration that changes less over what is looked at keeps up
+PATIENCE = 7.0  # time constants: what comes to rest has left a thousandth then
 HELD = 0.7  # of its size before: shaking that falls below dies away
 
 
@@ -58,14 +60,24 @@ def seen_in(spec: SimulationSpec, gain: float, response: Response, limit: GainLi
 
     A linear loop vibrates only where it is unstable, whatever a short record looks like.
     """
-    quiet = _quiet(spec, gain, response)
+    seen = _judged(spec, _quiet(spec, gain, response), limit.stable, response.diverged)
+    if not (seen.vibrates and limit.stable) or response.diverged:
+        return seen
+    again = _judged(spec, _settled(spec, gain), stable=True, diverged=False)
+    return seen if again.vibrates else again
+
+
+def _judged(spec: SimulationSpec, quiet: "_Quiet", stable: bool, diverged: bool) -> Seen:
+    """What vibrates in `quiet`; `stable`: the linear loop."""
     found = that_rings(vibration(quiet.error, quiet.sample_time, above=quiet.above), GONE)
     unsteady = max(float(spec.scenario.noise), spec.encoder_step)
-    least = 0.0 if spec.is_linear else SEEN if not limit.stable else max(SEEN, THEIR_OWN * unsteady)
-    possible = not (spec.is_linear and limit.stable)
-    if possible and found is not None and found.amplitude > least and lasts(found, spec.is_linear):
-        return _told(spec, quiet, found)
-    if unsteady == 0 or response.diverged or quiet.above > 0:
+    least = 0.0 if spec.is_linear else SEEN if not stable else max(SEEN, THEIR_OWN * unsteady)
+    possible = not (spec.is_linear and stable)
+    if possible and found is not None and lasts(found, spec.is_linear):
+        told = _told(spec, quiet, found)
+        if min(found.amplitude, 0.0 if told.vibration is None else told.vibration.amplitude) > least:
+            return told
+    if unsteady == 0 or diverged or quiet.above > 0:
         return Seen(found)
     shaken, side, held = _shaking(quiet)
     if shaken is None:
@@ -132,11 +144,29 @@ def _quiet(spec: SimulationSpec, gain: float, response: Response) -> _Quiet:
         return _Quiet(_after(response, max(spec.disturbed_from, duration / 2)), spec.sample_time, above)
     if late <= LATE * duration:
         return _Quiet(_after(response, late), spec.sample_time)
-    scenario, rest = spec.scenario, min(spec.ticks, LONGEST)
+    rest = min(spec.ticks, LONGEST)
+    return _run_on(spec, gain, rest, rest, swings)
+
+
+def _settled(spec: SimulationSpec, gain: float) -> _Quiet:
+    """Run on until the stable linear loop has come to rest, and looked at for as long as a link takes whose motor friction holds.
+
+    What a short record shows may be a joint on its way to rest; a vibration that friction, steps or a limit keep up is still there then.
+    """
+    joint, longest = spec.joint.joint, LONGEST * spec.sample_time
+    rate = -float(rightmost_roots(spec.loop(gain), count=1).roots[0].real)
+    held = joint.damping / (2 * joint.link_inertia) or rate  # B/2J_L: the link swings against a motor that stands
+    wait, look = (min(PATIENCE / max(slow, PATIENCE / longest), longest) for slow in (rate, min(rate, held)))
+    rest = round(look / spec.sample_time)
+    return _run_on(spec, gain, round(wait / spec.sample_time) + rest, rest, spec.swings and spec.moves_until >= spec.scenario.duration)
+
+
+def _run_on(spec: SimulationSpec, gain: float, further: int, rest: int, swings: bool) -> _Quiet:
+    """The last `rest` of `further` ticks after the run; `swings`: its reference goes on, else it is held."""
+    scenario, duration = spec.scenario, spec.scenario.duration
     assert isinstance(scenario.reference, Trajectory)
     reference = scenario.reference if swings else _Resting(scenario.reference, duration)
-    longer = replace(scenario, reference=reference, duration=duration + rest * spec.sample_time)
-    after = simulate(spec.system(gain), longer)
+    after = simulate(spec.system(gain), replace(scenario, reference=reference, duration=duration + further * spec.sample_time))
     return _Quiet(_both(after)[-rest:], spec.sample_time, HARMONICS * spec.own_frequency if swings else 0.0)
 
 
@@ -147,10 +177,7 @@ def _both(response: Response) -> Floats:
 
 def _after(response: Response, event: float) -> Floats:
     """Both errors after `event` [s], or where too little is left then, of the last half."""
-    begin = int(np.searchsorted(response.time, event))
-    if len(response.time) - begin < max(SHORTEST, len(response.time) // 10):
-        begin = len(response.time) // 2
-    return _both(response)[begin:]
+    return _both(response)[rows_after(response, event)]
 
 
 def _shaking(quiet: _Quiet) -> tuple[Vibration | None, str, bool]:

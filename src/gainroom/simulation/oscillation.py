@@ -78,16 +78,21 @@ def vibration(signal: ArrayLike, sample_time: float, growing: bool = False, abov
     return Vibration(abs(rate.imag) / sample_time, rate.real / sample_time, float(amplitude * scale))
 
 
-def response_vibration(response: "Response", above: float = 0.0) -> Vibration | None:
+def response_vibration(response: "Response", above: float = 0.0, after: float = 0.0) -> Vibration | None:
     """Of the tracking error after the reference has come to rest, or where it moves to the end, of the last half of the run.
 
     above   only one of a higher frequency than this [rad/s], such as the reference's own
+    after   when something else changed last [s], such as a disturbance: what follows that is looked at
     """
     moving = np.flatnonzero((np.diff(response.reference, axis=0) != 0).any(axis=1))
-    begin = int(moving[-1]) + 1 if len(moving) else 0
-    if len(response.time) - begin < max(SHORTEST, len(response.time) // 10):
-        begin = len(response.time) // 2
-    return vibration(response.error[begin:], response.sample_time, above=above)
+    rest = response.time[moving[-1] + 1] if len(moving) else 0.0
+    return vibration(response.error[rows_after(response, max(float(rest), after))], response.sample_time, above=above)
+
+
+def rows_after(response: "Response", event: float) -> slice:
+    """The rows from `event` [s] on, or where too little is left then, the last half of all."""
+    begin, count = int(np.searchsorted(response.time, event)), len(response.time)
+    return slice(begin if count - begin >= max(SHORTEST, count // 10) else count // 2, None)
 
 
 def parts_in(signal: ArrayLike, sample_time: float, found: Vibration) -> Complexes:
