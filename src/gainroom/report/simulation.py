@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from ..io.numbers import digits, milli, settling, typed_gains
+from ..io.numbers import digits, gain_factor, milli, settling, typed_gains
 from ..simulation.response import Response
 from ..simulation_study import SimulationStudy
 from . import style
@@ -52,6 +52,10 @@ def _cards(study: SimulationStudy) -> list[Card]:
         torque = Card("torque peak", digits(float(study.torque_peak.max()), "", 3), "N m", note=f"of the actual torque{_beyond(study)}")
         errors = error_cards(peak, rms, steady, "mrad")
         cards = [*(errors[:-1] if math.isnan(steady) else errors), torque]
+    if study.hidden:
+        known = 0 < study.limit.gain < math.inf
+        factor = gain_factor(study.limit.gain, 3) if known else "unstable"
+        cards.append(Card("linear limit", factor, "× these gains" if known else "", requirement="above 1", met=False))
     return [*cards, vibration_card(study.vibration, study.vibrates, study.limit)]
 
 
