@@ -12,6 +12,7 @@ import pytest
 from gainroom.cli import app, main
 from gainroom.cli.example import example_texts, joint_examples
 from gainroom.cli.output import emit_json, render, table
+from gainroom.config import load_joint
 from gainroom.io.numbers import digits, frequency
 
 EXAMPLES = joint_examples()
@@ -94,6 +95,30 @@ def test_a_gain_that_may_hardly_fall_has_no_gain_margin(tmp_path: Path, capsys: 
     main(["joint", str(path)])
     row = next(line for line in capsys.readouterr().out.splitlines() if line.strip().startswith("gain margin"))
     assert row.split()[-1] == "no"
+
+
+@pytest.mark.parametrize("beyond", [False, True])
+def test_gains_are_judged_over_the_stated_ranges(tmp_path: Path, capsys: pytest.CaptureFixture[str], beyond: bool):
+    """The delay margin says exactly which longest delay is still stable: a range that ends a thousandth before or after it."""
+    text = EXAMPLES["testbed"].partition("uncertainty:")[0].replace("sample_rate_hz", "# sample_rate_hz")  # continuous: any delay
+    file = tmp_path / "joint.yaml"
+    file.write_text(text, "utf-8")
+    assert main(["joint", str(file), "--json"]) == 0
+    stated = strict_json(capsys.readouterr().out)
+    assert (stated["stable_in_range"], stated["unstable_at"]) == (True, None)
+    delay = load_joint(file).drive.delay
+    longest = 1e3 * delay + (1.001 if beyond else 0.999) * stated["delay_margin_ms"]
+    file.write_text(f"{text}\nuncertainty: {{delay_ms: [{0.9e3 * delay:.12g}, {longest:.12g}]}}\n", "utf-8")
+    report = tmp_path / "joint.html"
+    assert main(["joint", str(file), "--json", "--report", str(report)]) == (1 if beyond else 0)
+    facts = strict_json(capsys.readouterr().out)
+    assert facts["stable"] is True
+    assert facts["stable_in_range"] is not beyond
+    assert facts["unstable_at"] == (pytest.approx({"delay": 1e-3 * longest}) if beyond else None)
+    case = f"unstable at delay {longest:.4g} ms"
+    assert (f"not everywhere in the stated ranges: {case}" in facts["sentence"]) is beyond
+    assert any("recommended gains" in text and "stated ranges" in text for text in facts["warnings"]) is beyond
+    assert ("UNSTABLE within the stated ranges" in report.read_text("utf-8")) is beyond
 
 
 PPI = EXAMPLES["testbed"].replace("type: pd", "type: ppi").replace("kp: 1600.0 ", "kp: 20.0 ").replace("kd: 70.0 ", "ki: 30.0\n  kv: 10.0 ")

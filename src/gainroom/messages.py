@@ -2,11 +2,19 @@
 
 import difflib
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 MOST_SHOWN = 8
 """Names in one message."""
 MOST_DIGITS = 9
+QUANTITIES = {
+    "delay": (1e3, "ms"),
+    "stiffness": (1.0, "N·m/rad"),
+    "link_inertia": (1.0, "kg·m²"),
+    "motor_inertia": (1.0, "kg·m²"),
+    "damping": (1.0, "N·m·s/rad"),
+}
+"""What may be uncertain of joint and drive, by its field's name: the factor from SI to the unit that a person reads, and that unit."""
 
 
 def printable(text: str) -> str:
@@ -35,6 +43,12 @@ def apart(value: float, other: float, least: int) -> int:
 def beside(value: float, other: float) -> str:
     """`value` with three digits, or as many as tell it from `other`."""
     return f"{value:.{apart(value, other, 3)}g}"
+
+
+def case_in_words(values: Mapping[str, float]) -> str:
+    """A case of what is uncertain, by name in QUANTITIES, SI: "delay 7 ms, stiffness 8000 N·m/rad"."""
+    told = ((name, value, *QUANTITIES[name]) for name, value in values.items())
+    return ", ".join(f"{name.replace('_', ' ')} {scale * value:.4g} {unit}" for name, value, scale, unit in told)
 
 
 def nearest(name: str, names: Sequence[str], kind: str) -> str:

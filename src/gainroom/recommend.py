@@ -157,7 +157,7 @@ class _Search:
             margins=worst,
             worst=worst_of(self.seen),
             nominal=nominal,
-            worst_case={name: _value(case, name) for name in self.uncertainty.names},
+            worst_case={name: value_of(case, name) for name in self.uncertainty.names},
             binding=binding,
             costs=costs,
             certificate=self.certificate(),
@@ -295,7 +295,8 @@ def worst_of(found: Sequence[Margins]) -> Margins:
     return found[0]._replace(**values, phase_crossings=(), gain_crossings=(), certified=certified)
 
 
-def _value(case: Case, name: str) -> float:
+def value_of(case: Case, name: str) -> float:
+    """What an uncertain quantity is in a case."""
     joint, drive = case
     return drive.delay if name == "delay" else getattr(joint, name)
 

@@ -9,10 +9,12 @@ from .drive import Drive
 from .forbidden import Requirements
 from .limits import GainLimit, gain_limit
 from .loop import Feedback, Loop, build_loop
+from .messages import case_in_words
 from .plant import ElasticJoint
-from .recommend import Recommendation, recommend_pd
+from .recommend import FILLING, Recommendation, recommend_pd, value_of
 from .region import PDRegion, pd_region
 from .robustness import Margins, margins, to_db
+from .stability import is_stable
 from .uncertainty import Uncertainty
 
 RULE_FREQUENCY = 2 * math.pi * 10.0  # [rad/s] of the rule that reinforcement-learning teams copy: kp = J ω², kd = 2 ζ J ω
@@ -60,6 +62,8 @@ class JointStudy:
     max_kd                 largest stable kd at the given kp; None for controllers without a kp–kd plane
     recommended            None where nothing is required or no gains keep it
     rule                   the 10 Hz rule on this joint
+    unstable_at            the first case within the uncertainty where the gains as given are unstable, by quantity, SI; empty: none found,
+                           or nothing is uncertain, or they are unstable as stated
     without                gain limit with an influence taken away: "delay", "elasticity", "delay and elasticity"
     sentence, warnings     in words
     """
@@ -74,9 +78,15 @@ class JointStudy:
     max_kd: float | None
     recommended: Recommendation | None
     rule: Rule
+    unstable_at: dict[str, float]
     without: dict[str, float]
     sentence: str
     warnings: tuple[str, ...]
+
+    @property
+    def stable_in_range(self) -> bool:
+        """Stable as stated and in every case that was looked at within the uncertainty."""
+        return self.margins.stable and not self.unstable_at
 
 
 def study_joint(spec: JointSpec) -> JointStudy:
@@ -89,6 +99,7 @@ def study_joint(spec: JointSpec) -> JointStudy:
     asked = {name: getattr(spec.requirements, name) for name in spec.requirements.asked}
     recommended = recommend_pd(spec.joint, spec.drive, spec.requirements, spec.uncertainty, **place) if asked else None
     without = _without(spec)
+    unstable_at = _unstable_at(spec) if found.stable else {}
     study = JointStudy(
         spec=spec,
         loop=loop,
@@ -100,8 +111,9 @@ def study_joint(spec: JointSpec) -> JointStudy:
         max_kd=region.max_kd(spec.controller.plane_gains()[0]) if template is spec.controller else None,
         recommended=recommended,
         rule=_rule(spec, template),
+        unstable_at=unstable_at,
         without=without,
-        sentence=_sentence(found, limit, without),
+        sentence=_sentence(found, limit, without, unstable_at),
         warnings=(),
     )
     return replace(study, warnings=_warnings(study))
@@ -113,6 +125,17 @@ def _rule(spec: JointSpec, template: PD | PID | PPI) -> Rule:
     kp, kd = inertia * RULE_FREQUENCY**2, 2 * RULE_DAMPING * inertia * RULE_FREQUENCY
     controller = PD(kp, kd, velocity_filter=template.velocity_filter, notches=template.notches)
     return Rule(kp, kd, margins(build_loop(spec.joint, spec.drive, controller, spec.feedback, spec.sample_time)))
+
+
+def _unstable_at(spec: JointSpec) -> dict[str, float]:
+    """The first case, by quantity, in which the gains as given are unstable: one quantity at an end, then the cases of a recommendation."""
+    uncertain = spec.uncertainty
+    screened = [*uncertain.corners, *uncertain.inside(FILLING)] if uncertain.names else []
+    for shape, place in (*((end, (0.0,)) for end in uncertain.ends()), *((uncertain, place) for place in screened)):
+        joint, drive = shape.case(spec.joint, spec.drive, place)
+        if not is_stable(replace(spec, joint=joint, drive=drive).loop()):
+            return {name: value_of((joint, drive), name) for name in shape.names}
+    return {}
 
 
 def _without(spec: JointSpec) -> dict[str, float]:
@@ -148,8 +171,17 @@ def _no_gains(spec: JointSpec) -> str:
     )
 
 
-def _sentence(found: Margins, limit: GainLimit, without: dict[str, float]) -> str:
-    """The answer in one sentence: verdict, room, frequency, cause."""
+def _sentence(found: Margins, limit: GainLimit, without: dict[str, float], unstable_at: dict[str, float]) -> str:
+    """The answer in one sentence: verdict, room, frequency, cause; first of all, where within the uncertainty it does not hold."""
+    as_stated = _as_stated(found, limit, without)
+    if not unstable_at:
+        return as_stated
+    verdict = "Stable as stated, but not everywhere in the stated ranges"
+    return f"{verdict}: unstable at {case_in_words(unstable_at)}. As stated: {as_stated[0].lower()}{as_stated[1:]}"
+
+
+def _as_stated(found: Margins, limit: GainLimit, without: dict[str, float]) -> str:
+    """Verdict, room, frequency and cause at the stated values."""
     at = f"{limit.frequency / (2 * math.pi):.3g} Hz ({limit.frequency:.4g} rad/s)"
     if found.stable and math.isinf(limit.gain):
         return "Stable: no common factor on these gains makes the modelled joint vibrate."
@@ -190,6 +222,9 @@ def _warnings(study: JointStudy) -> tuple[str, ...]:
     if not found.stable and 0 < study.limit.gain < math.inf:
         instead = "" if study.recommended is None else ", or use the recommended ones"
         warnings.append(f"these gains are unstable: multiply all of them by less than {study.limit.gain:.3g}{instead}")
+    if study.unstable_at:
+        instead = "lower these gains, or state narrower ranges" if study.recommended is None else "use the recommended gains"
+        warnings.append(f"these gains are unstable within the stated ranges, at {case_in_words(study.unstable_at)}: {instead}")
     if spec.sample_time is None and spec.drive.delay > 0:
         warnings.append(CONTINUOUS)
     if spec.feedback == "link" and spec.joint.damping == 0 and not math.isinf(spec.joint.stiffness):

@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -51,6 +51,12 @@ class Uncertainty:
             values[name] = float(between(low, high, share))
         delay = values.pop("delay", drive.delay)
         return replace(joint, **values), replace(drive, delay=delay)
+
+    def ends(self) -> Iterator["Uncertainty"]:
+        """Each end of each interval by itself, all else as stated: what is uncertain shrunk to that one value."""
+        for name in self.names:
+            for end in getattr(self, name):
+                yield Uncertainty(**{name: (end, end)})
 
     @property
     def corners(self) -> list[Place]:

@@ -43,7 +43,7 @@ def joint(
     Example:
       gainroom joint joint.yaml --report joint.html
 
-    Exit status: 0 stable; 1 unstable; 2 the file or the call is wrong.
+    Exit status: 0 stable, also in every case within `uncertainty`; 1 unstable; 2 the file or the call is wrong.
     """
     from ..config import load_joint
 
@@ -60,7 +60,7 @@ def joint(
         emit_json(_facts(study))
     else:
         emit(_terminal(study, report))
-    return 0 if study.margins.stable else 1
+    return 0 if study.stable_in_range else 1
 
 
 def _facts(study: "JointStudy") -> dict[str, Any]:
@@ -69,6 +69,8 @@ def _facts(study: "JointStudy") -> dict[str, Any]:
     sample_time, recommended = study.spec.sample_time, study.recommended
     return {
         "stable": margins.stable,
+        "stable_in_range": study.stable_in_range,
+        "unstable_at": study.unstable_at or None,
         "sentence": study.sentence,
         "model": model_kind(sample_time),
         "sample_rate_hz": None if sample_time is None else 1 / sample_time,
@@ -162,6 +164,8 @@ def _margin_rows(study: "JointStudy") -> list[tuple[str, str, str, str, str]]:
         return "" if enough is None else "yes" if margins.stable and enough else "no"
 
     rows = [("stable", "yes" if margins.stable else "NO", "", "yes", met(True))]
+    if study.spec.uncertainty.names:
+        rows.append(("stable in the stated ranges", "yes" if study.stable_in_range else "NO", "", "yes", met(study.stable_in_range)))
     kept = required.met("gain_margin", margins.gain_room)
     rows.append(
         (

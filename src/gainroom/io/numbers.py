@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-from ..messages import apart
+from ..messages import QUANTITIES, apart
 
 THIN = "\u202f"
 MARGIN_NAMES = {"gain_margin": "gain margin", "phase_margin": "phase margin", "peak_sensitivity": "Ms"}
@@ -67,7 +67,7 @@ def frequency(omega: float | None) -> str:
 
 def quantity(name: str, *values: float) -> str:
     """A parameter of joint or drive (SI) by its field's name, with the unit a person expects: "delay 3 ms", or "delay 2 to 3 ms"."""
-    scale, unit = _QUANTITIES[name]
+    scale, unit = QUANTITIES[name]
     *first, last = values
     return " ".join([name.replace("_", " "), *(f"{digits(scale * value)} to" for value in first), digits(scale * last, unit)])
 
@@ -124,13 +124,6 @@ def typed_gains(controller: Any) -> str:
     return ", ".join(f"{name} {value:.6g} {unit}".rstrip() for name, value, unit in own_gains(controller))
 
 
-_QUANTITIES = {
-    "delay": (1e3, "ms"),
-    "stiffness": (1.0, "N·m/rad"),
-    "link_inertia": (1.0, "kg·m²"),
-    "motor_inertia": (1.0, "kg·m²"),
-    "damping": (1.0, "N·m·s/rad"),
-}
 _MARGINS = {"gain_margin": (decibels, "dB"), "phase_margin": (math.degrees, "°"), "peak_sensitivity": (float, "")}
 """By a field of Requirements: how a person reads it."""
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")

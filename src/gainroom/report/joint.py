@@ -3,6 +3,7 @@
 import math
 
 from ..io.numbers import digits, frequency, hertz, model_kind, own_gains, plane_names, typed_gains
+from ..messages import case_in_words
 from ..robustness import Margins
 from ..study import JointStudy
 from .bode import bode, cases
@@ -35,6 +36,9 @@ def joint_page(study: JointStudy, command: str) -> str:
 def _lead(study: JointStudy) -> Lead:
     if not study.margins.stable:
         return Lead(study.sentence, "bad", "UNSTABLE: do not run these gains", study.warnings)
+    if study.unstable_at:
+        where = case_in_words(study.unstable_at)
+        return Lead(study.sentence, "bad", f"UNSTABLE within the stated ranges, at {where}: do not run these gains", study.warnings)
     unmet = [card.label for card in _cards(study) if card.met is False]
     if unmet:
         return Lead(study.sentence, "warn", f"Stable, but not with the required margin: {', '.join(unmet)}", study.warnings)
@@ -87,6 +91,9 @@ def _certificate(study: JointStudy) -> Html:
         ("margins", crossings if found.certified else "estimates: a crossing or peak could not be proved"),
         ("verdict", _verdict(found)),
     ]
+    if study.spec.uncertainty.names and found.stable:
+        told = f"unstable at {case_in_words(study.unstable_at)}" if study.unstable_at else "stable"
+        pairs.append(("verdict in the stated ranges", f"{told}; looked at ends, corners and a filling; between them not proved"))
     if limit.certificate is not None:
         proof = limit.certificate
         pairs.append(
