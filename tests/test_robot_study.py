@@ -164,6 +164,29 @@ def test_sentence_and_status(folder: Path, study: RobotStudy, tmp_path: Path, ca
     assert max(map(len, out.splitlines())) <= 100
 
 
+def test_unstable_tasks_are_told_first(folder: Path, study: RobotStudy):
+    """Tasks that are not what is closed do not change the verdict; the sentence and the first warning tell of them."""
+    tasks = study.states[0].tasks
+    assert tasks is not None
+    assert not any("UNSTABLE" in told or "gains are unstable" in told for told in (study.sentence, *study.warnings))
+    factor = 2 * tasks.limit.gain  # half of which is the limit
+    text = ROBOT.replace("[200, 200, 200]", str([200 * factor] * 3)).replace("[20, 20, 20]", str([20 * factor] * 3))
+    lost = study_robot(parse_robot(text, "f", folder), recommend=False)
+    assert lost.stable
+    assert lost.sentence.startswith("Stable: ")
+    assert "tasks, closed in the joints' place, are UNSTABLE; they may be scaled by 0.5 at most." in lost.sentence
+    assert lost.warnings[0] == "bent, free: the tasks' gains are unstable; they may be scaled by 0.5 at most"
+
+
+def test_motions_that_drift_are_told(folder: Path, study: RobotStudy):
+    """Two joints, a tip that moves in a plane: both held; with the centre of mass along x alone, one is not."""
+    assert not any("drift" in text for text in study.warnings)
+    text = ROBOT.replace("type: position, frame: tip, kp: [200, 200, 200]", "type: com, kp: [200, 0, 0]")
+    (found,) = [text for text in study_robot(parse_robot(text, "f", folder), recommend=False).warnings if "drift" in text]
+    assert found.startswith("bent, free: 1 of the joints' 2 motions ")
+    assert "posture task" in found
+
+
 def test_robot_json(folder: Path, study: RobotStudy, capsys: pytest.CaptureFixture[str]):
     assert main(["robot", str(folder / "robot.yaml"), "--json"]) == 0
     facts = json.loads(capsys.readouterr().out)

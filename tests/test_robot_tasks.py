@@ -1,6 +1,7 @@
 """Tasks: what the joint torques do to the robot's own equations of motion, and eqs. (5) to (10) of Jung et al. 2017."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -157,6 +158,19 @@ def test_the_posture_fills_what_the_tasks_leave(body):
     assert np.linalg.matrix_rank(position) == 12
     alone = tasks_of(model, [COM]).joint_gains()[0]
     assert np.linalg.matrix_rank(alone, tol=1e-9 * np.abs(alone).max()) == 3
+
+
+@pytest.mark.parametrize("contacts", [BOTH, feet("left_sole"), []], ids=["double", "left", "flight"])
+@pytest.mark.parametrize("stack", [[COM], [COM, PELVIS], [PELVIS, POSTURE], [PELVIS, SWING, COM], [replace(COM, kp=[50, 90, 0])]])
+def test_motions_that_no_task_holds(body, contacts, stack):
+    """Of the rigid robot's q̈ = −W Kpq q: as many eigenvalues are 0 as contacts hold and tasks leave; the others are of the gains' size."""
+    model = standing(body, contacts)
+    tasks = tasks_of(model, stack)
+    held = 12 - np.linalg.matrix_rank(model.link_inverse_inertia, tol=1e-9, hermitian=True)
+    rates = np.abs(np.linalg.eigvals(model.link_inverse_inertia @ tasks.joint_gains()[0]))
+    # Gains of 10 and more: 1e-4 is far below them, and far above the round-off of a defective eigenvalue 0 (the root of 1e-12)
+    assert tasks.free == np.count_nonzero(rates < 1e-4) - held
+    assert tasks.motions == 12 - held
 
 
 @pytest.mark.parametrize("contacts", [BOTH, feet("left_sole")], ids=["double", "left"])

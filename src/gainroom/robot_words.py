@@ -7,7 +7,7 @@ import numpy as np
 
 from .limits import GainLimit
 from .messages import beside
-from .robot_states import RobotStudy, StateStudy
+from .robot_states import RobotStudy, StateStudy, by_room
 from .robustness import to_db
 from .study import CONTINUOUS
 
@@ -17,7 +17,7 @@ COUPLED = 0.95
 
 def sentence(study: RobotStudy) -> str:
     """The answer in one sentence: verdict, room, frequency, joints, and what the coupling costs; more where something is not known."""
-    told = [_verdict(study), *_unmet(study)]
+    told = [_verdict(study), *_lost_tasks(study), *_unmet(study)]
     blind = _blind(study)
     if blind:
         told.append(f"In {listed(blind)} only the verdict is known, not how far the gains may go.")
@@ -41,6 +41,40 @@ def _unmet(study: RobotStudy) -> list[str]:
             figures = f"{beside(value, needed)}, at most {needed:.3g}"
         parts.append(f"{name.replace('_', ' ')} ({figures}, {state.title})")
     return [f"Not as required: {listed(parts)}."] if parts else []
+
+
+def _lost_tasks(study: RobotStudy) -> list[str]:
+    """That the file's tasks, which are not what is closed, are unstable in some states."""
+    lost = _unstable_tasks(study)
+    if not lost:
+        return []
+    worst = min(lost, key=lambda state: by_room(_tasks_limit(state)))
+    gain, count = _tasks_limit(worst).gain, len(study.states)
+    share = "all" if len(lost) == count else f"{len(lost)} of"
+    where = "" if count == 1 else f" in {share} {count} states, worst of all in {worst.title}"
+    return [f"But the file's tasks, closed in the joints' place, are UNSTABLE{where}{_at_most(gain)}."]
+
+
+def _unstable_tasks(study: RobotStudy) -> list[StateStudy]:
+    """The states in which the tasks' own gains, which the file does not close, are unstable."""
+    if study.spec.control.space == "task":
+        return []
+    return [state for state in study.states if state.tasks is not None and state.tasks.moves and not state.tasks.limit.stable]
+
+
+def _tasks_limit(state: StateStudy) -> GainLimit:
+    assert state.tasks is not None
+    return state.tasks.limit
+
+
+def _adrift(study: RobotStudy) -> list[str]:
+    """Motions that no task holds: the verdict on the tasks counts them as at rest."""
+    found: dict[str, list[str]] = {}
+    for state in study.states:
+        if state.tasks is not None and state.tasks.moves and state.tasks.tasks.free:
+            tasks = state.tasks.tasks
+            found.setdefault(f"{tasks.free} of the joints' {tasks.motions} motions are held by no task", []).append(state.title)
+    return [f"{listed(titles)}: {text}: in task space they drift; add a posture task" for text, titles in found.items()]
 
 
 def _blind(study: RobotStudy) -> list[str]:
@@ -95,16 +129,13 @@ def listed(names: Sequence[str], most: int = 4) -> str:
 def warnings(study: RobotStudy) -> tuple[str, ...]:
     """What a user should know or do, each with the remedy."""
     spec = study.spec
-    found = [*_unstable(study), *_still(study), *spec.warnings]
+    found = _unstable(study)
+    found += [f"{state.title}: the tasks' gains are unstable{_at_most(_tasks_limit(state).gain)}" for state in _unstable_tasks(study)]
+    found += [*_still(study), *_adrift(study)]
+    found += [f"{state.title}: {text}" for state in study.states if state.tasks is not None for text in state.tasks.tasks.warnings]
+    found += [*unconfirmed(state.limit for state in study.states), *_weightless(study), *_undamped(study), *spec.warnings]
     if spec.control.sample_time is None and any(drive.delay > 0 for drive in spec.drives):
         found.append(CONTINUOUS)
-    found += [*_weightless(study), *_undamped(study)]
-    for state in study.states:
-        if state.tasks is not None:
-            found += [f"{state.title}: {text}" for text in state.tasks.tasks.warnings]
-            if not state.tasks.limit.stable and spec.control.space == "joint":
-                found.append(f"{state.title}: the tasks' gains are unstable{_at_most(state.tasks.limit.gain)}")
-    found += unconfirmed(state.limit for state in study.states)
     if not spec.uncertainty.names:
         found.append("stiffness, damping, inertia and delay are taken as exact; give uncertainty: for gains that hold over a range")
     return tuple(dict.fromkeys(found))

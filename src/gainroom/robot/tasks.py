@@ -42,6 +42,8 @@ FRAMED = ("position", "orientation")
 MOVABLE = 1e-6
 # A direction across what a task can move gets a torque of this share of the others' at most, by round-off.
 ROUND_OFF = 1e-10
+# Torques of unit size for directions that can all be moved are independent by more than this share: MOVABLE, with room.
+INDEPENDENT = 1e-8
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,6 +134,18 @@ class Tasks:
         owners = np.repeat(np.arange(len(self.tasks)), [len(self.torque) if task.kind == "posture" else 3 for task in self.tasks])
         largest = np.array([torques[owners == owner].max() for owner in owners])
         return torques > ROUND_OFF * largest
+
+    @property
+    def motions(self) -> int:
+        """How many independent motions of the joints the contacts leave: the rank of W'."""
+        return int(np.count_nonzero(np.linalg.svd(self.follow, compute_uv=False) > 0.5))  # a projector on the joints: 0, or 1 and more
+
+    @property
+    def free(self) -> int:
+        """How many of `motions` no task's kp holds: nothing brings them back, however the tasks are damped."""
+        columns = self.torque[:, self.movable & (self.kp != 0)]
+        sizes = np.linalg.svd(columns / np.linalg.norm(columns, axis=0), compute_uv=False)
+        return self.motions - int(np.count_nonzero(sizes > INDEPENDENT))
 
     def joint_gains(self, kp: ArrayLike | None = None, kd: ArrayLike | None = None) -> tuple[Floats, Floats]:
         """Kpq, Kvq (n, n) [N m/rad, N m s/rad] of PD gains, eqs. (9) and (10).
