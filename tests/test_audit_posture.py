@@ -89,7 +89,7 @@ def test_beyond_limits_is_a_warning(leg: Path):
     assert not [text for text in audited(leg, "home").warnings if "limits" in text]
     (found,) = [text for text in audited(leg, "folded").warnings if "limits" in text]
     assert "joint 'knee' at 2.5 is outside its limits 0 to 2" in found
-    assert "--posture" in found
+    assert found.endswith("; move --posture inside, or check the model")  # --posture is what put it there
 
 
 def test_damping_of_the_model_is_said_to_be_left_out(leg: Path):
@@ -111,6 +111,27 @@ def test_damping_of_the_model_is_said_to_be_left_out(leg: Path):
 )
 def test_bad_postures(leg: Path, posture: str, words: list[str]):
     assert_refused(lambda: audited(leg, posture), words)
+
+
+FLOATING = """<mujoco><worldbody><body name="trunk" pos="0 0 1"><freejoint/><geom size="0.2" mass="9"/>
+<body name="arm"><joint name="elbow" axis="0 1 0"/><geom size="0.1" pos="0 0 0.3" mass="1"/></body></body></worldbody>
+<actuator><position joint="elbow" kp="100" kv="5"/></actuator></mujoco>"""
+
+
+@pytest.mark.parametrize(("base", "told"), [(None, "floating"), ("floating", "floating"), ("fixed", "fixed")])
+def test_a_base_that_was_said_is_not_assumed(tmp_path: Path, capsys: pytest.CaptureFixture[str], base: str | None, told: str):
+    model = tmp_path / "robot.xml"
+    model.write_text(FLOATING, "utf-8")
+    call = ["audit", str(model), "--delay-ms", "2", "--motor-inertia", "0.1", *([] if base is None else ["--base", base])]
+    main([*call, "--json"])
+    facts = json.loads(capsys.readouterr().out)
+    assert facts["base"] == told
+    assert not any("base" in text for text in facts["assumptions"])
+    assert [text for text in facts["warnings"] if "base" in text] == (
+        ["base: fixed holds the free joint of 'trunk', as if bolted down"] if told == "fixed" else []
+    )
+    main(call)
+    assert f"Posture: zero; {told} base" in capsys.readouterr().out
 
 
 def test_a_urdf_has_no_keyframes(tmp_path: Path):

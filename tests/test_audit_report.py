@@ -106,6 +106,43 @@ def test_what_is_not_safe_says_so_first(folder: Path, capsys: pytest.CaptureFixt
     assert not re.search(r">nan\b|\bnan<", body)
 
 
+def test_gearboxes_without_damping(folder: Path, capsys: pytest.CaptureFixture[str]):
+    """Sampled slowly enough, a joint on an undamped spring rings at any gain: sentence and page say so, and draw nothing that is empty."""
+    report = folder / "bare.html"
+    gains = folder / "low.yaml"
+    gains.write_text("'.*': {kp: 20, kd: 1.3, motor_inertia: 0.01}", "utf-8")
+    model = ["audit", str(folder / "robot.urdf"), "--gains", str(gains), "--delay-ms", "5", "--rate-hz", "200", "--stiffness", "300"]
+    assert main([*model, "--json", "--report", str(report)]) == 1
+    told = json.loads(capsys.readouterr().out)
+    assert told["gain_limit"] == 0
+    proposed = re.search(
+        r"gearboxes' damping is taken as 0: measure it, or try a little: --damping (\S+) is 5 % of critical", told["sentence"]
+    )
+    assert proposed is not None
+    assert float(proposed[1]) == approx(0.05 * 2 * (300 * 0.01) ** 0.5, rel=0.3)  # one digit of it
+    page = report.read_text("utf-8")
+    own = html.unescape(without_library(page))
+    assert {joint["gain_limit"] for joint in told["joints"]} == {0.0}
+    assert "No joint is stable by itself" in own
+    assert "Nothing limits these gains" not in own
+    assert "no vibration to tell" not in own
+    assert "would vibrate at" not in own
+    for figure in figures(page):
+        assert all(trace["type"] != "bar" for trace in figure["data"])
+        axis = figure["layout"]["xaxis"]
+        if axis.get("type") == "log":
+            assert len(axis["tickvals"]) >= 3
+    assert main([*model, "--damping", proposed[1], "--json"]) == 1
+    assert 0 < json.loads(capsys.readouterr().out)["gain_limit"] < 1
+
+
+def test_safe_is_told_as_it_was_asked(folder: Path, capsys: pytest.CaptureFixture[str]):
+    _, page, told = page_of(folder, capsys, "--delay-ms", "2")
+    assert told["margin_db"] == 6
+    assert without_library(page).count("2 (6 dB) or more") == 2
+    assert "1.995" not in without_library(page)
+
+
 def test_the_command_on_the_page_makes_it_again(folder: Path, capsys: pytest.CaptureFixture[str]):
     options = [
         "--delay-ms",

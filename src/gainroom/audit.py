@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 MARGIN = 2.0
 """The factor on all gains that safe gains survive where none is asked for: 6 dB."""
+SLIGHT = 0.05
+"""Damping ratio of a motor on its spring that is proposed for a trial where none was given; gearboxes have more than nothing."""
 
 
 @dataclass(frozen=True)
@@ -179,10 +181,15 @@ def _sentence(result: Audit) -> str:
     worst, count = result.worst, sum(not joint.safe for joint in result.joints)
     limit = worst.limit
     delays = f"it vibrates from {1e3 * result.delay_limit:.3g} ms of delay" if math.isfinite(result.delay_limit) else "no delay does"
+    delays = "without delay, too" if result.delay_limit == 0 else delays
     delays = "from which delay is not known" if math.isnan(result.delay_limit) else delays
     given = f"{1e3 * result.delay:.3g} ms"
     if not limit.stable:
-        room = f"multiply them by less than {limit.gain:.3g}" if limit.gain > 0 else "no lower gains in the same ratio help"
+        room = (
+            f"multiply them by less than {limit.gain:.3g}"
+            if limit.gain > 0
+            else f"no lower gains in the same ratio help{_undamped(result)}"
+        )
         room = "whether lower gains help is not known" if math.isnan(limit.gain) else room
         return f"Not safe: the robot vibrates with these gains at {given} of delay ({delays}); {room}; {_count(count, result)}."
     unknown = [state.contact for state in result.states if math.isnan(state.limit.gain)]
@@ -199,6 +206,19 @@ def _sentence(result: Audit) -> str:
         short = f"but a joint by itself has less than the {asked} asked for" if kept else f"less than the {asked} asked for"
         return f"Not safe: {room}, {short}; {delays}; {_count(count, result)}."
     return f"Safe: {room}; {delays}, and has {given}."
+
+
+def _undamped(result: Audit) -> str:
+    """Why no lower gains help where gearboxes were given no damping, and a number to try: a twentieth of the critical damping."""
+    actuators = result.spec.robot.actuators
+    bare = np.isfinite(actuators.stiffness) & (actuators.damping == 0)
+    if not np.any(bare):
+        return ""
+    try_it = 2 * SLIGHT * np.sqrt(np.median(actuators.stiffness[bare] * actuators.motor_inertia[bare]))
+    return (
+        " while the gearboxes' damping is taken as 0: measure it, or try a little: "
+        f"--damping {try_it:.1g} is {100 * SLIGHT:.0f} % of critical"
+    )
 
 
 def _count(unsafe: int, result: Audit) -> str:

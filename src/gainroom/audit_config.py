@@ -111,7 +111,7 @@ def audit_spec(model: str, gains: Path | None, options: AuditOptions) -> RobotSp
         robot=robot,
         drives=(drive,) * body.size,
         control=RobotControl("joint", _controller(found, kept), "motor", sample_time),
-        assumptions=(*(guessed or (f"the base is {body.base}",)), *_assumptions(body, held, options), *notes),
+        assumptions=(*guessed, *_assumptions(body, held, options), *notes),
         warnings=(*found.notes, *body.notes, *_beyond_limits(posture)),
     )
 
@@ -148,7 +148,12 @@ def _keyframe(name: str, owner: str, path: Path) -> Mapping[str, float]:
 
 def _beyond_limits(posture: Posture) -> tuple[str, ...]:
     body = posture.body
-    return tuple(f"{text}; a robot.yaml can pose it, or --posture" for text in body.beyond_limits(body.configuration(posture.angles)))
+    beyond = body.beyond_limits(body.configuration(posture.angles))
+    posed = tuple(f"joint {name!r} " for name in posture.angles)
+    return tuple(
+        f"{text}; {'move --posture inside, or check the model' if text.startswith(posed) else 'a robot.yaml can pose it, or --posture'}"
+        for text in beyond
+    )
 
 
 def _require_model(path: Path) -> None:

@@ -16,10 +16,10 @@ PERCENTAGE = re.compile(r"(?:±|\+/-)?\s*([0-9]{1,3}(?:\.[0-9]{0,9})?)\s*%")
 MAX_TICKS = 1000
 """A sampled loop carries one state per tick of delay."""
 
-RATE = number(least=1, most=1e6)
+RATE = number(least=1, most=1e6, unit="Hz")
 SampleRate = Annotated[float, RATE]
-DELAY_MS = number(least=0, most=10_000)
-DELAY_TICKS = number(least=0, most=MAX_TICKS)
+DELAY_MS = number(least=0, most=10_000, unit="ms")
+DELAY_TICKS = number(least=0, most=MAX_TICKS, unit="ticks")
 DelayMs = Annotated[float, DELAY_MS]
 DelayTicks = Annotated[float, DELAY_TICKS]
 

@@ -29,6 +29,7 @@ from .robot.tasks import Task
 from .robot_sections import CONTROLLERS, ContactSection, ModelSection, RobotControlSection, RobotFile
 from .robot_spec import Posture, Range, Ranges, Robot, RobotControl, RobotSpec
 
+LOCKED = "joints.locked"
 MOST_STATES = 500
 USUAL = f"the usual limits are asked for, as the file names none: {requirements(Requirements.usual())}"
 MOST_TICKS = 600
@@ -94,7 +95,7 @@ def _robot(file: RobotFile, source: str, folder: Path, common: Drive) -> tuple[R
     """The machine, its drives, assumptions and warnings."""
     path = _model_path(file.model, folder)
     base, assumed = base_of(file.model.base, path, any((file.contacts or {}).values()))
-    body = load_model(path, base, file.joints.locked)
+    body = load_model(path, base, file.joints.locked, locked_key=LOCKED)
     names = (*body.joint_names, *body.locked)
     postures = {name: _posture(name, patterns, path, base, file, body) for name, patterns in (file.postures or {"zero": {}}).items()}
     contacts = {name: _contacts(name, sections, body) for name, sections in (file.contacts or {"free": []}).items()}
@@ -135,7 +136,7 @@ def _posture(name: str, patterns: Mapping[str, float], path: Path, base: Base | 
     angles = _angles(name, patterns, (*body.joint_names, *body.locked))
     held = {joint: angles.pop(joint) for joint in body.locked if joint in angles}
     if any(held[joint] != body.locked[joint] for joint in held):
-        body = load_model(path, base, file.joints.locked, posture_for_locked=held)
+        body = load_model(path, base, file.joints.locked, posture_for_locked=held, locked_key=LOCKED)
     return Posture(body, angles)
 
 

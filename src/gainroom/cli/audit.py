@@ -45,7 +45,9 @@ def audit(
         Number, number_option("--motor-inertia", "in kg m²", "Joint side [kg m²], where the gains' file names none.")
     ] = None,
     bandwidth: Annotated[Number, number_option("--bandwidth", "in rad/s", "Of the current loops [rad/s]; without it, ideal.")] = None,
-    base: Annotated[str | None, typer.Option(help="fixed or floating; an MJCF says it itself.")] = None,
+    base: Annotated[
+        str | None, typer.Option(help="fixed or floating; without it, an MJCF says it itself. fixed holds a free joint.")
+    ] = None,
     contact: Annotated[list[str] | None, typer.Option(metavar="NAME", help="A frame on the ground; may be given again.")] = None,
     posture: Annotated[
         list[str] | None,
@@ -125,6 +127,7 @@ def _facts(result: "Audit") -> dict[str, Any]:
         "delay_limit_ms": 1e3 * result.delay_limit,
         "limiting_joints": list(result.limiting_joints),
         "posture": result.angles,
+        "base": result.spec.robot.body.base,
         "joints": [{name: getattr(joint, name) for name in joint.__dataclass_fields__} for joint in result.joints],
         "states": [
             {
@@ -178,7 +181,7 @@ def _terminal(result: "Audit", report: Path | None) -> str:
         table(f"All joints together ({model}); factor on all gains", ("", "limit", "vibrates at", "delay limit", "safe"), states),
         table("Joint by joint", ("", "kp", "kd", "motor inertia", "alone", "closed", "safe"), joints),
         LEGEND.format(**joint_units(result.spec.robot.body)),
-        f"Posture: {result.states[0].posture}",
+        f"Posture: {result.states[0].posture}; {result.spec.robot.body.base} base",
         *([] if report is None else [f"Report: {report}"]),
         *(f"Assumed: {assumption}" for assumption in result.spec.assumptions),
         *(f"Warning: {warning}" for warning in result.warnings),

@@ -15,8 +15,11 @@ SMALLEST, LARGEST = 1e-12, 1e12
 """Beyond these a number in SI units is a slip of the pen, and its square may leave the range of a float."""
 
 
-def number(*, above: float | None = None, least: float | None = None, most: float = LARGEST, infinite: bool = False) -> BeforeValidator:
-    """A check: a number (no bool, no text) > `above` or >= `least`, and <= `most`; .inf only where `infinite`."""
+def number(
+    *, above: float | None = None, least: float | None = None, most: float = LARGEST, infinite: bool = False, unit: str = ""
+) -> BeforeValidator:
+    """A check: a number (no bool, no text) > `above` or >= `least`, and <= `most`; .inf only where `infinite`. `unit`: of all of them."""
+    unit = f" {unit}" if unit else ""
 
     def check(value: object) -> float:
         if isinstance(value, str):
@@ -28,11 +31,11 @@ def number(*, above: float | None = None, least: float | None = None, most: floa
         if value == math.inf and infinite:
             return math.inf
         if above is not None and value <= above:
-            raise refusal(f"{value} must be > {above:g}")
+            raise refusal(f"{value} must be > {above:g}{unit}")
         if least is not None and value < least:
-            raise refusal(f"{value} must be >= {least:g}")
+            raise refusal(f"{value} must be >= {least:g}{unit}")
         if value > most:
-            raise refusal(f"{value} must be <= {most:g}" + (", or .inf" if infinite else ""))
+            raise refusal(f"{value} must be <= {most:g}{unit}" + (", or .inf" if infinite else ""))
         if 0 < abs(value) < SMALLEST:
             raise refusal(f"{value} must be >= {SMALLEST:g}" + ("" if above == 0 else ", or 0"))
         return float(value)

@@ -52,7 +52,7 @@ def _lead(result: Audit) -> Lead:
 
 
 def _cards(result: Audit) -> list[Card]:
-    """Four numbers for the first glance, each the worst of all states."""
+    """Three or four numbers for the first glance, each the worst of all states."""
     worst, asked = result.worst, Requirements(gain_margin=result.margin)
     limit, joints = worst.limit, result.limiting_joints
     at = f"{hertz(limit.frequency)}, {worst.title}" if math.isfinite(limit.frequency) else worst.title
@@ -60,6 +60,7 @@ def _cards(result: Audit) -> list[Card]:
     if limit.stable:
         first = margin_card(asked, "gain_margin", limit.gain, f"all gains together, {at}")
     unsafe = [joint.name for joint in result.joints if not joint.safe]
+    vibrates = Card("would vibrate at", digits(limit.frequency / (2 * math.pi), "", 3), "Hz", note=f"most of all {listed(joints)}")
     return [
         first,
         Card(
@@ -70,12 +71,7 @@ def _cards(result: Audit) -> list[Card]:
             None if math.isnan(result.delay_limit) else result.delay_limit > result.delay,
         ),
         Card("unsafe joints", str(len(unsafe)), f"of {len(result.joints)}", "none", not unsafe, listed(unsafe)),
-        Card(
-            "would vibrate at",
-            digits(limit.frequency / (2 * math.pi), "", 3),
-            "Hz" if joints else "",
-            note=f"most of all {listed(joints)}" if joints else "no vibration to tell",
-        ),
+        *([vibrates] if joints else []),
     ]
 
 
@@ -112,8 +108,7 @@ def _state_table(result: Audit) -> Html:
     ]
     rows += [(contact, "nothing moves", *("–",) * 4) for _, contact in result.still]
     caption = (
-        f"Limit: the factor on all gains together; safe is {digits(result.margin)} ({digits(decibels(result.margin), 'dB', 3)}) or more. "
-        "The delay is that of every joint's drive, all at once."
+        f"Limit: the factor on all gains together; safe is {_asked(result)} or more. The delay is that of every joint's drive, all at once."
     )
     return table(headers, rows, caption, MARKS)
 
@@ -129,10 +124,14 @@ def _joint_table(result: Audit) -> Html:
         rows.append((joint.name, "yes" if joint.safe else "no", *map(digits, numbers)))
     caption = (
         "In the worst state. Alone: the factor on the joint's gains if it were the only one, its neighbours free; others closed: with all "
-        f"others as they are. Safe: {digits(result.margin)} or more alone, and no part in the vibration of a robot with less as a whole."
+        f"others as they are. Safe: {_asked(result)} or more alone, and no part in the vibration of a robot with less as a whole."
         f"{units['sliding']}"
     )
     return table(headers, rows, caption, MARKS)
+
+
+def _asked(result: Audit) -> str:
+    return f"{digits(result.margin, '', 3)} ({digits(decibels(result.margin), 'dB', 3)})"
 
 
 def _certificate(result: Audit) -> Html:

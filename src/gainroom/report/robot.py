@@ -60,8 +60,12 @@ def _vibrations(study: RobotStudy, shown: Sequence[StateStudy]) -> list[Html]:
         parts.append(
             beside(*(small(state, state.limit, view, 0 if len(shown) == len(study.states) else _others(study, state)) for state in shown))
         )
-    hidden = len({state.contact for state in study.states}) - len(shown)
-    return [*parts, paragraph(f"{hidden} contact states with more room are not drawn.")] if hidden else parts
+    hidden = len({state.contact for state in study.states} - {state.contact for state in shown})
+    return (
+        [*parts, paragraph(f"{hidden} contact state{'s' * (hidden > 1)} with more room {'are' if hidden > 1 else 'is'} not drawn.")]
+        if hidden
+        else parts
+    )
 
 
 def _others(study: RobotStudy, state: StateStudy) -> int:
@@ -181,11 +185,11 @@ def _cards(study: RobotStudy) -> list[Card]:
 def _unstable_cards(study: RobotStudy) -> list[Card]:
     tight, limit = study.tightest, study.tightest.limit
     lowered, count = 0 < limit.gain < math.inf, sum(not state.limit.stable for state in study.states)
-    at = f"{', '.join(tight.limiting_joints[:2])}" if lowered else "no vibration to tell"
+    vibrates = Card("vibrates at", digits(limit.frequency / (2 * math.pi), "", 3), "Hz", note=", ".join(tight.limiting_joints[:2]))
     return [
         unstable_card(study.spec.requirements, limit, f", {tight.title}", tight.title),
         Card("unstable states", f"{count}", f"of {len(study.states)}", "none", False),
-        Card("vibrates at", digits(limit.frequency / (2 * math.pi), "", 3), "Hz" if lowered else "", note=at),
+        *([vibrates] if lowered else []),
     ]
 
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from ..arrays import Floats
 from ..io.numbers import digits
+from ..robot_words import listed
 from . import style
 from .page import Html, figure
 from .robot_room import Factors
@@ -102,8 +103,9 @@ def _upright(x: float, color: str, dash: str, width: float) -> dict:
 
 
 def _round_factors(left: float, right: float) -> dict:
-    """Ticks at 1, 2 and 5 of every decade, only at 1 over many."""
-    steps = (1, 2, 5) if right / left < 300 else (1,)
+    """Ticks at 1, 2 and 5 of every decade, only at 1 over many, at every digit over less than one."""
+    span = right / left
+    steps = (1,) if span >= 300 else (1, 2, 5) if span >= 10 else range(1, 10)
     decades = range(math.floor(math.log10(left)), math.ceil(math.log10(right)) + 1)
     values = [step * 10.0**decade for decade in decades for step in steps if left <= step * 10.0**decade <= right]
     return {"tickmode": "array", "tickvals": values, "ticktext": [digits(value) for value in values]}
@@ -113,6 +115,8 @@ def _cost_caption(factors: Factors, what: str) -> str:
     """Where the coupling costs most, in words."""
     pairs = [(_least(alone), float(whole)) for alone, whole in zip(factors.alone, factors.whole, strict=True)]
     costs = [(whole / alone, k) for k, (alone, whole) in enumerate(pairs) if 0 < alone < math.inf and math.isfinite(whole)]
+    if not costs and any(np.any(alone == 0) for alone in factors.alone):
+        return _lost_alone(factors, what)
     if not costs:
         return "Nothing limits these gains one by one, so there is nothing to compare."
     share, k = min(costs)
@@ -125,11 +129,30 @@ def _cost_caption(factors: Factors, what: str) -> str:
     )
 
 
+def _lost_alone(factors: Factors, what: str) -> str:
+    """That parts are unstable by themselves, whatever the factor: there is nothing left for the coupling to cost."""
+    lost = [part for k, part in enumerate(factors.parts) if np.any(factors.alone[:, k] == 0)]
+    known = int(np.count_nonzero(~np.isnan(factors.alone).all(axis=0)))
+    if len(lost) == known:
+        return f"No {what} is stable by itself, by whatever factor its gains are lowered: the coupling is not what makes it vibrate."
+    return (
+        f"Not stable by themselves, by whatever factor their gains are lowered: {listed(lost)} ({len(lost)} of {known}). "
+        "The coupling is not what makes them vibrate."
+    )
+
+
 def _part_caption(factors: Factors, what: str) -> str:
     """What closing the other loops does to each part."""
     tight = factors.tightest
     if not factors.stable[tight]:
-        return "Unstable as it is: no single factor with the others closed; all gains together have to go left of the line."
+        told = "Unstable as it is: no single factor with the others closed; "
+        if factors.whole[tight] > 0:
+            return f"{told}all gains together have to go left of the line."
+        return (
+            f"{told}how far all gains together would have to be lowered is not known."
+            if math.isnan(factors.whole[tight])
+            else (f"{told}lowering all gains together makes nothing stable.")
+        )
     both = zip(factors.alone[tight].tolist(), factors.closed[tight].tolist(), strict=True)
     pairs = [(closed / alone, k) for k, (alone, closed) in enumerate(both) if 0 < alone < math.inf and closed < math.inf]
     if not pairs:

@@ -24,8 +24,12 @@ def hero(state: JudgedState, alone: bool) -> Html:
     wide, high = view.high - view.low
     part = min(0.54, max(0.4, 0.42 * wide / high))
     traces, notes = drawn(state.model, limit, view, 17)
+    if vibration(limit) is None:  # nothing that joints could have a share in
+        height = round(min(max(part * WIDTH * high / wide, 220), 420)) + 16
+        layout = drawing_layout(limit, notes, view, [0, 1], {})
+        return figure({"data": traces, "layout": layout}, _title(state, alone), _hero_caption(state), height)
     bars, names = _bars(state.model, limit)
-    notes += [] if vibration(limit) is None else labels(state.model, limit, view, float(part * WIDTH / wide))
+    notes += labels(state.model, limit, view, float(part * WIDTH / wide))
     height = round(min(max(part * WIDTH * high / wide, 27 * len(names)), 420)) + 60
     bar = {"orientation": "h", "x": 0.5 * part, "xanchor": "center", "y": 0, "yanchor": "top", "len": 0.3}
     picture = drawing_layout(limit, notes, view, [0, part], bar)
@@ -121,10 +125,9 @@ def drawing_layout(limit: GainLimit, notes: list[style.Annotation], view: View, 
 
 def _bars(model: RobotModel, limit: GainLimit) -> tuple[style.Trace, list[str]]:
     """The strongest joints with their part, the strongest on top."""
-    parts = vibration(limit)
-    mode = limit.mode
-    chosen = strongest_first(mode)[:MOST_BARS] if parts is not None else np.arange(min(len(mode), MOST_BARS))
-    values = [0.0 if parts is None else float(parts[k]) for k in chosen]
+    parts, mode = np.abs(limit.mode), limit.mode
+    chosen = strongest_first(mode)[:MOST_BARS]
+    values = parts[chosen].tolist()
     bars = {
         "type": "bar",
         "orientation": "h",
@@ -133,7 +136,7 @@ def _bars(model: RobotModel, limit: GainLimit) -> tuple[style.Trace, list[str]]:
         "xaxis": "x2",
         "yaxis": "y2",
         "width": 0.72,
-        "text": ["" if parts is None else part_in_words(complex(mode[k])) for k in chosen],
+        "text": [part_in_words(complex(mode[k])) for k in chosen],
         "textposition": "outside",
         "constraintext": "none",
         "cliponaxis": False,

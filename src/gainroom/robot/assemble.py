@@ -43,6 +43,7 @@ def assemble(
     locked: Sequence[str] = (),
     selected: Sequence[str] | None = None,
     posture_for_locked: Mapping[str, float] | None = None,
+    locked_key: str = "",
 ) -> RigidBody:
     """The body whose joints are the `selected` ones (None: all) without the `locked` ones; see load_model. Raises GainroomError."""
     source, model = description.source, description.model
@@ -51,7 +52,7 @@ def assemble(
     first = 2 if floats(model) else 1
     names = tuple(model.names[first:])
     positions = _positions(source, names, posture_for_locked or {})
-    held = _held(description, names, locked, selected)
+    held = _held(description, names, locked, selected, locked_key or f"{source}: locked")
     kept = tuple(name for name in names if name not in held)
     _require_actuated(source, model, names, kept)
 
@@ -77,13 +78,15 @@ def floats(model: Any) -> bool:
     return model.njoints > 1 and model.joints[1].nv == 6
 
 
-def _held(description: Description, names: Sequence[str], locked: Sequence[str], selected: Sequence[str] | None) -> tuple[str, ...]:
+def _held(
+    description: Description, names: Sequence[str], locked: Sequence[str], selected: Sequence[str] | None, locked_key: str
+) -> tuple[str, ...]:
     """Joints that do not move, in the model's order."""
     source = description.source
     chosen = set(range(len(names)))
     if selected is not None:
         chosen = set().union(*select_all(selected, names, f"{source}: selected"))
-    chosen -= set().union(*select_all(locked, names, f"{source}: locked"))
+    chosen -= set().union(*select_all(locked, names, locked_key, lambda pattern: f"{locked_key}[{list(locked).index(pattern)}]"))
     return tuple(name for index, name in enumerate(names) if index not in chosen or name in description.held)
 
 

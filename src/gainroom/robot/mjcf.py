@@ -104,6 +104,7 @@ class _Tree:
         left = {int(body) for body in free if body not in moved} if moved else set()
         self.notes.extend(f"free body {_body_name(model, body)!r} has no joints and is left out" for body in sorted(left))
         if base == "fixed":
+            self.notes.extend(f"base: fixed holds the free joint of {_body_name(model, body)!r}, as if bolted down" for body in robots)
             return None, left
         if len(robots) > 1:
             named = ", ".join(repr(_body_name(model, body)) for body in robots)

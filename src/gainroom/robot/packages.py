@@ -32,6 +32,7 @@ def load_model(
     locked: Sequence[str] = (),
     selected: Sequence[str] | None = None,
     posture_for_locked: Mapping[str, float] | None = None,
+    locked_key: str = "",
 ) -> RigidBody:
     """The links of a robot.
 
@@ -41,6 +42,7 @@ def load_model(
     locked     patterns (regular expressions for whole names, or names) of joints to hold
     selected   patterns of the joints to keep; None: all
     posture_for_locked   positions [rad; m for a slide] of the locked joints, 0 where not named; other joints may stand in it too
+    locked_key   what messages call the list `locked`, where it comes from another file
 
     Raises GainroomError, one line that names the file, where it is missing, malformed, out of bounds or makes no robot; where a pattern
     matches nothing; where Pinocchio, or for an MJCF MuJoCo, is not installed.
@@ -55,7 +57,7 @@ def load_model(
         description = read_mjcf(root, path, base)
     else:
         raise GainroomError(f"{path}: root element <{root.tag[:40]}> must be <robot> (URDF) or <mujoco> (MJCF)")
-    return assemble(description, base, locked, selected, posture_for_locked)
+    return assemble(description, base, locked, selected, posture_for_locked, locked_key)
 
 
 def locate(file: str | Path | Mapping[str, str]) -> Path:

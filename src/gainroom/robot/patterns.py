@@ -38,12 +38,17 @@ def compile_pattern(pattern: str, owner: str, length: int = TYPICAL) -> re.Patte
             warnings.simplefilter("error", FutureWarning)  # "possible nested set": what it means will change
             compiled = re.compile(pattern)
     except (re.error, OverflowError, FutureWarning) as error:
-        raise GainroomError(f"{owner}: {pattern!r} is not a regular expression: {error}") from error
+        raise GainroomError(f"{_about(pattern, owner)} is not a regular expression: {error}") from error
     if re.search(r"\((?!\?(?:[:=!]|<[=!]))\?", _bare(pattern)):
-        raise GainroomError(f"{owner}: pattern {pattern!r} may have groups ( ) and (?: ), and no other extensions (?…)")
+        raise GainroomError(f"{_about(pattern, owner)} may have groups ( ) and (?: ), and no other extensions (?…)")
     if _ways(pattern, length) > MOST_WAYS:
-        raise GainroomError(f"{owner}: pattern {pattern!r} can match in too many ways; use fewer *, + and |, and repeat no group of them")
+        raise GainroomError(f"{_about(pattern, owner)} can match in too many ways; use fewer *, + and |, and repeat no group of them")
     return compiled
+
+
+def _about(pattern: str, owner: str) -> str:
+    """How a message about a pattern begins; `owner` may be the pattern's own key."""
+    return owner if owner.endswith(repr(pattern)) else f"{owner}: {pattern!r}"
 
 
 def _bare(pattern: str) -> str:
@@ -86,7 +91,7 @@ def select(pattern: str, names: Sequence[str], owner: str) -> tuple[int, ...]:
         raise GainroomError(f"{owner}: a joint's name must have at most {LONGEST} characters to be matched with patterns")
     found = tuple(index for index, name in enumerate(names) if matcher.fullmatch(name))
     if not found:
-        raise GainroomError(f"{owner}: {pattern!r} matches no joint; {_instead(pattern, names)}")
+        raise GainroomError(f"{_about(pattern, owner)} matches no joint; {_instead(pattern, names)}")
     return found
 
 
