@@ -219,6 +219,20 @@ def test_the_centre_of_mass_cannot_be_moved_in_flight(body):
     assert not np.any(tasks.joint_gains()[0])
 
 
+@pytest.mark.parametrize("wrist", [0.0, 0.8])
+def test_a_singular_posture_is_said_to_be_one(wrist):
+    """A UR5 with axes 4 and 6 parallel (wrist_2 = 0) cannot turn about one direction while its tip stays; six joints would do."""
+    body = load_model({"package": "example-robot-data", "file": "ur5_robot.urdf"})
+    q = body.configuration({"shoulder_lift_joint": -1.0, "elbow_joint": 1.57, "wrist_2_joint": wrist})
+    stack = [Task(name=name, kind=name, frame="tool0", kp=100, kd=20) for name in ("position", "orientation")]
+    tasks = tasks_of(linearize(body, actuators(6), q), stack)
+    assert tasks.free == (1 if wrist == 0 else 0)
+    assert [text.partition("; its")[0].partition(" in this")[0] for text in tasks.warnings] == (
+        ["task 'orientation': the joints can move 2 of its 3 directions"] if wrist == 0 else []
+    )
+    assert all("beside the tasks above it" in text and "singular: try another" in text for text in tasks.warnings)
+
+
 def test_one_joint_is_a_robot_too(tmp_path):
     """A pendulum of a point mass: moved across its arm, and held still by a contact."""
     body = load_model(write_robot(tmp_path, link("base") + link("arm", 2.0, (0, 0, -0.5)), hinge("hinge", "base", "arm")))

@@ -131,8 +131,9 @@ def warnings(study: RobotStudy) -> tuple[str, ...]:
     spec = study.spec
     found = _unstable(study)
     found += [f"{state.title}: the tasks' gains are unstable{_at_most(_tasks_limit(state).gain)}" for state in _unstable_tasks(study)]
-    found += [*_still(study), *_adrift(study)]
+    found += _still(study)
     found += [f"{state.title}: {text}" for state in study.states if state.tasks is not None for text in state.tasks.tasks.warnings]
+    found += _adrift(study)
     found += [*unconfirmed(state.limit for state in study.states), *_weightless(study), *_undamped(study), *spec.warnings]
     if spec.control.sample_time is None and any(drive.delay > 0 for drive in spec.drives):
         found.append(CONTINUOUS)

@@ -257,7 +257,12 @@ def _still_words(gains: "RobotGains") -> list[str]:
     found = gains.everywhere
     still = [] if found is None else [name for name, kp in zip(gains.names, found.kp.tolist(), strict=True) if math.isnan(kp)]
     nowhere = [name for name, one in gains.per_contact.items() if one is not None and not one.moves]
-    words = [f"No gains for {', '.join(still)}: nothing can move there in any state."] if still else []
+    why = (
+        "nothing can move there in any state"
+        if gains.space == "joint"
+        else ("in none of these postures and contact states can the joints move it beside the tasks above it")
+    )
+    words = [f"No gains for {', '.join(still)}: {why}."] if still else []
     return words + ([f"Nothing moves in contact {', '.join(nowhere)}: gains do nothing there."] if nowhere else [])
 
 

@@ -151,7 +151,7 @@ def _section(section: Section) -> str:
 
 def _lead(lead: Lead) -> str:
     banner = f'<p class="banner" role="alert">{escape(lead.headline)}</p>' if lead.headline else ""
-    warnings = "".join(f'<p class="warning"><b>Note</b> {escape(text)}</p>' for text in lead.warnings)
+    warnings = "".join(f'<p class="warning"><b>Warning</b> {escape(text)}</p>' for text in lead.warnings)
     return f"{banner}<h1>{escape(lead.sentence)}</h1>{warnings}"
 
 

@@ -148,7 +148,12 @@ def _gain_table(gains: RobotGains, columns: Sequence[Column], divisor: Floats | 
         rows.append((part, *(cell for _, one in columns for cell in _cells(one, k, scale, cascade))))
     known = [one for _, one in columns if one is not None]
     if any(np.isnan(one.kp).any() for one in known):
-        caption += f" A dash: nothing can move that {headers[0]} there, so its gains do nothing."
+        cause = (
+            "nothing can move that joint there"
+            if gains.space == "joint"
+            else "the joints cannot move that direction there beside the tasks above"
+        )
+        caption += f" A dash: {cause}, so its gains do nothing."
     return table(headers, rows, caption)
 
 

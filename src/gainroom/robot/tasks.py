@@ -273,6 +273,8 @@ def _stack(tasks: Sequence[Task], rows: Sequence[Floats], scales: Sequence[float
             warnings.append(
                 f"task {task.name!r}: the joints can move {rank} of its {len(row)} directions in this posture and contact{beside}; "
                 f"its gains {'act on those alone' if rank else 'do nothing there'}"
+                # width: motions that the joints have here; enough of them for all directions so far, and yet some are missing
+                f"{'; the joints are enough for more, so the posture may be singular: try another' if rank and start <= width else ''}"
             )
     return force, tuple(warnings)
 
