@@ -121,6 +121,17 @@ def test_gains_are_judged_over_the_stated_ranges(tmp_path: Path, capsys: pytest.
     assert ("UNSTABLE within the stated ranges" in report.read_text("utf-8")) is beyond
 
 
+@pytest.mark.parametrize("longest", [60, 68, 70])
+def test_a_wide_table_moves_together_before_it_breaks_lines(capsys: pytest.CaptureFixture[str], longest: int):
+    """Five columns of 5 need 3 blanks between them, or 2: the first column stays whole up to 100 columns in all."""
+    name = f"crouch, {'x' * (longest - 8)}"
+    text = render(table("title", ("", "a", "b", "c", "d"), [(name, *4 * ("12.34",)), ("short", *4 * ("1",))]))
+    lines = text.splitlines()
+    assert max(map(len, lines)) <= 100
+    assert [line for line in lines if name in line]
+    assert [len(line.split()) for line in lines[-3:] if line] == [6, 5]
+
+
 PPI = EXAMPLES["testbed"].replace("type: pd", "type: ppi").replace("kp: 1600.0 ", "kp: 20.0 ").replace("kd: 70.0 ", "ki: 30.0\n  kv: 10.0 ")
 
 

@@ -319,6 +319,15 @@ def test_state_and_joint_tables_hold_the_study(page, biped):
         ]
 
 
+@pytest.mark.parametrize("contacts", ["free: []", "free: [], touching: [{frame: tip, type: point, stiffness: 1e4, damping: 50}]"])
+def test_postures_are_no_contact_states(tmp_path, contacts):
+    """With few states all are drawn, however many postures there are."""
+    text = ARM.replace("postures: {", "postures: {high: {knee: 0.5}, ") + f"contacts: {{{contacts}}}\n"
+    study = arm(tmp_path, text)
+    assert len(study.states) == 2 * contacts.count("[]") + 2 * contacts.count("touching")
+    assert "not drawn" not in without_library(robot_page(study, COMMAND))
+
+
 def test_recommended_gains_in_both_units(small_arm):
     html = robot_page(small_arm, COMMAND)
     own = without_library(html)
@@ -330,12 +339,13 @@ def test_recommended_gains_in_both_units(small_arm):
     best = joint.everywhere
     assert best is not None
     for k in range(2):
-        assert plain[5 * k : 5 * k + 3] == [joint.names[k], digits(best.kp[k]), digits(best.kd[k])]
-        assert normalised[5 * k + 1 : 5 * k + 3] == [digits(best.kp[k] / load[k]), digits(best.kd[k] / load[k])]
-    assert kept[0] == "safe in all"
+        assert plain[3 * k : 3 * k + 3] == [joint.names[k], digits(best.kp[k]), digits(best.kd[k])]
+        assert normalised[3 * k + 1 : 3 * k + 3] == [digits(best.kp[k] / load[k]), digits(best.kd[k] / load[k])]
+    assert len(plain) == len(normalised) == 2 * 3  # one contact state: its own set is the one that is safe in all
+    assert kept[0::6] == ["safe in all"]
     assert "≥ 6 dB" in tables[2]
     assert task.names == ("tip x", "tip y", "tip z")
-    assert tasks[5:10] == ["tip y", "–", "–", "–", "–"] or tasks[6] != "–"  # y is across the plane in which the arm moves
+    assert tasks[3:6] == ["tip y", "–", "–"] or tasks[4] != "–"  # y is across the plane in which the arm moves
     directions = cells(own, "direction")
     assert "–" in directions["tip y"]
 
@@ -401,7 +411,7 @@ def test_many_states_stay_readable(biped):
     heat = next(one for figure in figures(html) for one in figure["data"] if one["type"] == "heatmap")
     assert len(heat["x"]) == MOST_STATES
     assert len(cells(without_library(html), "posture, contact")) == len(states)
-    assert "contact states with more room are not drawn" in without_library(html)
+    assert "1 contact state with more room is not drawn" in without_library(html)
 
 
 def test_a_requirement_that_is_not_met_is_explained(page, biped):

@@ -209,6 +209,16 @@ def test_robot_terminal(folder: Path, capsys: pytest.CaptureFixture[str]):
         assert word in out
 
 
+def test_terminal_has_no_column_without_a_number(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    (tmp_path / "robot.urdf").write_bytes((folder / "robot.urdf").read_bytes())
+    for text, column in ((ROBOT, False), (ROBOT.replace("kd: [20, 20, 20]", "kv: 20, ki: 5"), True)):
+        (tmp_path / "robot.yaml").write_text(text, "utf-8")
+        main(["robot", str(tmp_path / "robot.yaml")])
+        lines = capsys.readouterr().out.splitlines()
+        (head,) = [lines[k + 2].split() for k, line in enumerate(lines) if line.startswith("Tasks, bent, free")]
+        assert head == (["kp", "kd", "or", "kv", "ki", "alone", "closed"] if column else ["kp", "kd", "alone", "closed"])
+
+
 def test_report_is_one_page(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     report = tmp_path / "out.html"
     assert main(["robot", str(folder / "robot.yaml"), "--json", "--report", str(report)]) == 0

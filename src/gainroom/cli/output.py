@@ -49,7 +49,11 @@ def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]]) -> 
     from rich.table import Table
     from rich.text import Text
 
-    result = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False, min_width=len(title))
+    rows = [tuple(row) for row in rows]
+    widths = (max(map(len, cells)) for cells in zip(columns, *rows, strict=True))
+    tight = sum(widths) + 3 * (len(columns) - 1) > WIDTH - 2  # closer together before anything is broken into lines
+    look = {"title_justify": "left", "title_style": "bold", "box": box.SIMPLE_HEAD, "pad_edge": False, "collapse_padding": tight}
+    result = Table(title=title, min_width=len(title), **look)
     for index, column in enumerate(columns):
         result.add_column(column, justify="right" if index else "left", no_wrap=index > 0)
     styles = {"yes": "bold blue", "no": "bold yellow"}  # never red against green

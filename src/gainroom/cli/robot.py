@@ -18,13 +18,18 @@ if TYPE_CHECKING:
     from ..robot_states import JointRow, RobotStudy, StateStudy, StillState, TaskRow
 
 
-LEGEND = (
-    "Limits are factors on gains. alone: no other loop, neighbours free; closed: all other loops as they are. load: link inertia with "
-    "neighbours free [{load}]; kp [{kp}], kd [{kd}], of tasks [1/s²], [1/s]; kp max: the largest with kd and all other joints' gains as "
-    "they are, kd max likewise; share: in the vibration at the limit, 1 for the joint that moves most; delay: what may be added before the "
-    "robot vibrates; phase: by which all loops at once, or one alone, may lag; Ms: the largest peak sensitivity of one loop with the "
-    "others closed; disk: disk margin with every motor's torque off by a factor of its own (~: not certified).{sliding}"
+STATES = (
+    "limit: the factor on all gains; delay: what may be added before the robot vibrates; phase: by which all loops at once, or one "
+    "alone, may lag; Ms: the largest peak sensitivity of one loop with the others closed; disk: disk margin, every motor's torque off by a "
+    "factor of its own (~: not certified)."
 )
+"""What the columns of the states' table mean; below it."""
+LEGEND = (
+    "alone, closed: factor on the gains with no other loop and neighbours free, and with all other loops as they are. load: link inertia "
+    "with neighbours free [{load}]; kp [{kp}], kd [{kd}], of tasks [1/s²], [1/s]; kp max: the largest with kd and all other joints' gains "
+    "as they are, kd max likewise; share: in the vibration at the limit, 1 for the joint that moves most.{sliding}"
+)
+"""The same for the tables of joints and tasks."""
 
 
 def robot(
@@ -176,14 +181,16 @@ def _terminal(study: "RobotStudy", report: Path | None) -> str:
         ("state", "limit", "at", "delay", "phase", "Ms", "disk", "most of all", "stable"),
         [*map(_state_row, study.states), *((state.title, *6 * ("–",), "nothing moves", "–") for state in study.still)],
     )
-    parts: list[Any] = [study.sentence, "", states]
+    parts: list[Any] = [study.sentence, "", states, STATES, ""]
     for state in study.tightest_by_contact:
         parts += _contact_tables(state)
+    parts.append(LEGEND.format(**joint_units(study.spec.robot.body)))
+    if len(study.spec.robot.postures) > 1:
+        parts.append("Of several postures, these tables show the tightest; --json has them all.")
+    parts.append("")
     for gains in study.recommended:
         parts += _gains_parts(gains, study.spec.robot.states[0])
-    parts += [LEGEND.format(**joint_units(study.spec.robot.body)), judged(study.spec)]
-    if len(study.spec.robot.postures) > 1:
-        parts.append("Of several postures, the tables by joint and task show the tightest; --json has them all.")
+    parts.append(judged(study.spec))
     if report is not None:
         parts.append(f"Report: {report}")
     parts += [f"Assumed: {assumption}" for assumption in study.spec.assumptions]
@@ -194,11 +201,12 @@ def _terminal(study: "RobotStudy", report: Path | None) -> str:
 def _state_row(state: "StateStudy") -> tuple[str, ...]:
     limit = state.limit
     first, *others = state.limiting_joints or ("–",)
+    delay = state.margins.delay_margin
     return (
         state.title,
         digits(limit.gain),
         hertz(limit.frequency) if math.isfinite(limit.frequency) else "–",
-        f"+{digits(1e3 * state.margins.delay_margin, 'ms', 3)}" if limit.stable else "–",
+        f"+{digits(1e3 * delay, 'ms', 3)}" if limit.stable and not math.isnan(delay) else "–",
         digits(math.degrees(state.kept.phase_margin), "°", 3) if limit.stable else "–",
         digits(state.kept.peak_sensitivity, significant=3) if limit.stable else "–",
         ("~" if state.disk_margin_certified is False else "") + digits(state.disk_margin, significant=3),
@@ -212,8 +220,9 @@ def _contact_tables(state: "StateStudy") -> list[Any]:
     parts: list[Any] = [table(f"Joints, {state.title}", columns, [_joint_row(row) for row in state.joints])]
     if state.tasks is not None and state.tasks.moves:
         title = f"Tasks, {state.title}; together {digits(state.tasks.limit.gain)}"
-        columns = ("", "kp", "kd or kv", "ki", "alone", "closed")
-        parts.append(table(title, columns, [_task_row(row) for row in state.tasks.rows]))
+        cascade = any(row.ki is not None for row in state.tasks.rows)
+        columns = ("", "kp", *(("kd or kv", "ki") if cascade else ("kd",)), "alone", "closed")
+        parts.append(table(title, columns, [_task_row(row, cascade) for row in state.tasks.rows]))
     return parts
 
 
@@ -222,9 +231,9 @@ def _joint_row(row: "JointRow") -> tuple[str, ...]:
     return (row.name, *map(digits, numbers), digits(row.participation, significant=2) if row.participation >= 1e-3 else "–")
 
 
-def _task_row(row: "TaskRow") -> tuple[str, ...]:
-    ki = "" if row.ki is None else digits(row.ki)
-    return (f"{row.name} {row.direction}", digits(row.kp), digits(row.kd), ki, digits(row.gain_limit), digits(row.limit_others_closed))
+def _task_row(row: "TaskRow", cascade: bool) -> tuple[str, ...]:
+    ki = ("" if row.ki is None else digits(row.ki),) if cascade else ()
+    return (f"{row.name} {row.direction}", digits(row.kp), digits(row.kd), *ki, digits(row.gain_limit), digits(row.limit_others_closed))
 
 
 def _gains_parts(gains: "RobotGains", first: tuple[str, str]) -> list[Any]:
@@ -249,7 +258,7 @@ def _gains_parts(gains: "RobotGains", first: tuple[str, str]) -> list[Any]:
     )
     if scale is not None:
         words += f" J: the motor's inertia and the load 1/W_ii in {', '.join(first)}, the first state; in another, kp/J and kd/J differ."
-    return [table(f"Gains to use, {gains.space} space", columns, rows), words, *_still_words(gains), *_cost_words(gains)]
+    return [table(f"Gains to use, {gains.space} space", columns, rows), words, *_still_words(gains), *_cost_words(gains), ""]
 
 
 def _still_words(gains: "RobotGains") -> list[str]:
@@ -257,11 +266,7 @@ def _still_words(gains: "RobotGains") -> list[str]:
     found = gains.everywhere
     still = [] if found is None else [name for name, kp in zip(gains.names, found.kp.tolist(), strict=True) if math.isnan(kp)]
     nowhere = [name for name, one in gains.per_contact.items() if one is not None and not one.moves]
-    why = (
-        "nothing can move there in any state"
-        if gains.space == "joint"
-        else ("in none of these postures and contact states can the joints move it beside the tasks above it")
-    )
+    why = "nothing can move there in any state" + ("" if gains.space == "joint" else ", or tasks above take all that could")
     words = [f"No gains for {', '.join(still)}: {why}."] if still else []
     return words + ([f"Nothing moves in contact {', '.join(nowhere)}: gains do nothing there."] if nowhere else [])
 

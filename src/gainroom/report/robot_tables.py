@@ -108,7 +108,9 @@ def task_table(states: Sequence[StateStudy]) -> Html:
 
 def gain_tables(gains: RobotGains, spec: RobotSpec) -> list[Html]:
     """Gains to use: the one safe set and one per contact state, in both unit systems, and what each set keeps."""
-    columns: list[Column] = [("safe in all", gains.everywhere), *gains.per_contact.items()]
+    columns: list[Column] = [("safe in all", gains.everywhere)]
+    if len(gains.per_contact) > 1:  # of one contact state the set would be the same again
+        columns += gains.per_contact.items()
     kept = _kept_table(columns, spec)
     if all(one is None or not one.moves for _, one in columns):
         return [kept]
@@ -165,7 +167,7 @@ def _cells(gains: GainSet | None, k: int, scale: float, cascade: bool) -> tuple[
 
 
 def _gain_caption(gains: RobotGains) -> str:
-    known = {name: cost for name, cost in gains.cost.items() if math.isfinite(cost)}
+    known = {name: cost for name, cost in gains.cost.items() if math.isfinite(cost) and len(gains.per_contact) > 1}
     if gains.everywhere is None:
         return "No single set keeps the requirements in every state: change gains with the contacts."
     if not known:
