@@ -177,7 +177,7 @@ def _sentence(found: Margins, limit: GainLimit, without: dict[str, float], unsta
     if not unstable_at:
         return as_stated
     verdict = "Stable as stated, but not everywhere in the stated ranges"
-    return f"{verdict}: unstable at {case_in_words(unstable_at)}. As stated: {as_stated[0].lower()}{as_stated[1:]}"
+    return f"{verdict}: unstable at {case_in_words(unstable_at)}. As stated, {as_stated.removeprefix('Stable: ')}"
 
 
 def _as_stated(found: Margins, limit: GainLimit, without: dict[str, float]) -> str:
