@@ -18,6 +18,7 @@ from gainroom.cli.example import example_texts
 from gainroom.config_sections import RangesSection
 from gainroom.errors import GainroomError
 from gainroom.io.yaml_text import parse_yaml
+from gainroom.robot.packages import locate
 from gainroom.robot_config import load_robot, parse_robot
 from gainroom.robot_sections import ActuatorSection, ContactSection, ModelSection, RobotControlSection, TaskSection
 from gainroom.robot_spec import RobotSpec
@@ -370,3 +371,11 @@ def test_the_documented_file_is_a_valid_one():
     (block,) = re.findall(r"^```yaml\n(.*?)^```", DOCUMENT, re.MULTILINE | re.DOTALL)
     spec = parse_robot(block, "docs/robots.md")
     assert spec.robot.actuators.motor_inertia.max() == pytest.approx(1e-4 * 144**2)
+
+
+def test_the_documented_names_of_a_packaged_model_are_one_file():
+    found = re.findall(r"`(\{(?:package|file): .*?\})`", DOCUMENT)
+    assert len(found) == 2
+    sections = [yaml.safe_load(text) for text in found]
+    paths = {locate(section if "package" in section else section["file"]) for section in sections}
+    assert [path.name for path in paths] == ["talos_reduced.urdf"]
