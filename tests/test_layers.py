@@ -37,6 +37,7 @@ LAYERS = (
     ("simulation_spec",),
     ("played_vibration",),
     ("simulation_study", "verification"),
+    ("robot_cases",),
     ("robot_gains",),
     ("robot_states",),
     ("robot_words",),

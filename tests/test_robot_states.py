@@ -198,6 +198,23 @@ def test_a_direction_without_gains_has_no_limit(folder: Path):
     assert z.limit_others_closed == approx(state.limit.gain, rel=1e-6)  # sampled and polished on another curve
 
 
+def test_the_verdict_holds_for_the_stated_ranges(folder: Path, capsys: pytest.CaptureFixture[str]):
+    """A delay that may be a thousandth longer than the delay margin allows is one too many; a thousandth less is none."""
+    text = LEG.replace(LEG.splitlines()[5], JOINTS)
+    room = min(1e3 * state.margins.delay_margin for state in studied(folder, text).states)
+    path = folder / "uncertain.yaml"
+    for share, stable in ((0.999, True), (1.001, False)):
+        path.write_text(text + f"limits: {{gain_margin_db: 1}}\nuncertainty: {{delay_ms: [1.5, {2 + share * room!r}]}}\n", "utf-8")
+        assert main(["robot", str(path), "--json"]) == (0 if stable else 1)
+        told = json.loads(capsys.readouterr().out)
+        assert told["stable"]
+        assert told["stable_in_range"] == stable
+        assert (told["unstable_at"] is None) == stable
+        assert ("not everywhere in the stated ranges" in told["sentence"]) != stable
+    page = robot_page(studied(folder, path.read_text("utf-8")), "gainroom robot uncertain.yaml")
+    assert "UNSTABLE within the stated ranges, in bent, " in page
+
+
 def test_gains_that_keep_all_that_is_required_are_not_called_too_stiff(folder: Path):
     """The file's own gains, here some that were recommended, made to fit no other shape: what is recommended is no softer than they."""
     text = LEG.replace(LEG.splitlines()[5], JOINTS) + "limits: {gain_margin_db: 6, phase_margin_deg: 30, peak_sensitivity: 2}\n"

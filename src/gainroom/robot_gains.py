@@ -6,7 +6,6 @@ dampings each shape is scaled as a whole (coupled_gains.py) until a requirement 
 mean of kp. Not the stiffest of all shapes.
 """
 
-import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -21,7 +20,8 @@ from .kept import Kept, kept_by
 from .loop import Loop
 from .plant import ElasticJoint, Plant
 from .recommend import Requirements, recommend_pd
-from .robot_spec import Robot, RobotSpec
+from .robot_cases import StateCase, state_cases
+from .robot_spec import RobotSpec
 
 if TYPE_CHECKING:
     from .robot.model import RobotModel
@@ -109,16 +109,6 @@ class _Shape:
 
 
 @dataclass(frozen=True)
-class _State:
-    """One posture and contact state at one place in the uncertainty."""
-
-    title: str
-    contact: str
-    spec: RobotSpec
-    model: "RobotModel"
-
-
-@dataclass(frozen=True)
 class _Closed:
     """One state with its loops: `loop` by factors on stiffness and damping; `movable` (m,) which joints or directions can move.
 
@@ -154,7 +144,7 @@ def recommend_robot(spec: RobotSpec, space: str = "joint", progress: Callable[[]
 
     Raises GainroomError where nothing is required, and in task space without tasks.
     """
-    states = _states(spec)
+    states = list(state_cases(spec))
     if space == "joint":
         first = states[0].model
         names, inertia = spec.robot.joint_names, first.motor_inertia + _link_inertia(first)
@@ -268,27 +258,6 @@ def joints_that_move(model: Plant, feedback: str) -> Booleans:
     return free if feedback == "link" else free | model.elastic
 
 
-def _states(spec: RobotSpec) -> list[_State]:
-    """Every posture and contact state, as stated and at the corners of the uncertainty."""
-    robot, found = spec.robot, []
-    places = [None, *itertools.product((0.0, 1.0), repeat=len(spec.uncertainty.names))] if spec.uncertainty.names else [None]
-    for (posture, contact), place in itertools.product(robot.states, places):
-        moved, title = spec, f"{posture}, {contact}"
-        if place is not None:
-            actuators, drives = spec.uncertainty.case(robot.actuators, spec.drives, place)
-            moved = replace(spec, robot=_with(robot, actuators), drives=drives)
-            ends = (
-                f"{name.replace('_', ' ')} {'high' if share else 'low'}" for name, share in zip(spec.uncertainty.names, place, strict=True)
-            )
-            title += f" ({', '.join(ends)})"
-        found.append(_State(title, contact, moved, moved.robot.linearize(posture, contact)))
-    return found
-
-
-def _with(robot: Robot, actuators) -> Robot:
-    return replace(robot, actuators=actuators)
-
-
 def _link_inertia(model: "RobotModel") -> Floats:
     """(n,) 1/W_ii, bounded where the contacts hold a joint: by its motor's inertia or, without one, by the heaviest load that can move."""
     own = np.diagonal(model.link_inverse_inertia)
@@ -297,7 +266,7 @@ def _link_inertia(model: "RobotModel") -> Floats:
     return np.minimum(1 / np.maximum(own, 1 / heaviest), heaviest)
 
 
-def _joint_shapes(spec: RobotSpec, states: Sequence[_State]) -> list[_Shape]:
+def _joint_shapes(spec: RobotSpec, states: Sequence[StateCase]) -> list[_Shape]:
     """(n,) kp and kd: of each joint alone; in proportion to the motors' inertias; the file's own, where it has some."""
     alone = _shape_of_joints_alone(spec, [state.model for state in states])
     shapes = [alone]
@@ -353,7 +322,7 @@ def _damped(family: Family, damping: float) -> Case:
     return lambda stiffness: family(stiffness, damping)
 
 
-def _joint_case(state: _State, shape: _Shape) -> _Closed:
+def _joint_case(state: StateCase, shape: _Shape) -> _Closed:
     spec = state.spec
 
     def at(stiffness: float, damping: float) -> Loop:
@@ -363,7 +332,7 @@ def _joint_case(state: _State, shape: _Shape) -> _Closed:
     return _Closed(state.title, state.contact, at, joints_that_move(state.model, spec.control.feedback), spec.robot.gravity)
 
 
-def _task_case(state: _State, shape: _Shape) -> _Closed:
+def _task_case(state: StateCase, shape: _Shape) -> _Closed:
     spec = state.spec
     tasks = spec.robot.tasks(state.model, spec.control.rotors)
 

@@ -150,6 +150,8 @@ class RobotStudy:
     states        in the file's order, those in which the gains move something: one or more
     still         the others
     recommended   by space
+    unstable_at   posture, contact state and corner of the uncertainty in which the gains as given are unstable, in words; "" where
+                  none is found, nothing is uncertain, or they are unstable as stated
     """
 
     spec: RobotSpec
@@ -158,6 +160,12 @@ class RobotStudy:
     warnings: tuple[str, ...]
     recommended: tuple[RobotGains, ...] = ()
     still: tuple[StillState, ...] = ()
+    unstable_at: str = ""
+
+    @property
+    def stable_in_range(self) -> bool:
+        """Stable as stated, and at every corner of the uncertainty."""
+        return self.stable and not self.unstable_at
 
     @property
     def stable(self) -> bool:

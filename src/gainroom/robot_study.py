@@ -18,6 +18,7 @@ from .loop import Loop, build_loop
 from .multiloop_disk import disk_margin
 from .part_limits import part_limits
 from .plant import Compliance, Plant
+from .robot_cases import state_cases
 from .robot_gains import ROUND_OFF, RobotGains, joints_that_move, recommend_robot
 from .robot_spec import RobotSpec
 from .robot_states import JointRow, RobotStudy, StateStudy, StillState, TaskRow, TaskStudy
@@ -54,8 +55,19 @@ def study_robot(spec: RobotSpec, progress: Progress | None = None, recommend: bo
     still = tuple(state for state in found if isinstance(state, StillState))
     if not states:
         raise GainroomError(f"{spec.robot.name}: {still[0].reason} in any posture and contact state, so there is nothing to study")
-    study = RobotStudy(spec, states, "", (), _recommended(spec, tell) if recommend and spec.requirements.asked else (), still)
+    recommended = _recommended(spec, tell) if recommend and spec.requirements.asked else ()
+    unstable_at = _unstable_at(spec) if spec.uncertainty.names and all(state.limit.stable for state in states) else ""
+    study = RobotStudy(spec, states, "", (), recommended, still, unstable_at)
     return replace(study, sentence=sentence(study), warnings=warnings(study))
+
+
+def _unstable_at(spec: RobotSpec) -> str:
+    """The first posture and contact state, at a corner of the uncertainty, in which the gains as given are unstable, in words; "": none."""
+    for case in state_cases(spec):
+        loop = case.spec.loop(case.model)
+        if case.place and moves(loop) and not limit_of(loop).stable:
+            return case.title
+    return ""
 
 
 def _recommended(spec: RobotSpec, tell: Progress) -> tuple[RobotGains, ...]:

@@ -9,7 +9,7 @@ from .limits import GainLimit
 from .messages import beside
 from .robot_states import RobotStudy, StateStudy, by_room
 from .robustness import to_db
-from .study import CONTINUOUS
+from .study import CONTINUOUS, NOT_EVERYWHERE
 
 COUPLED = 0.95
 """Below this share of the tightest joint's own limit, coupling between joints costs something worth saying."""
@@ -18,6 +18,8 @@ COUPLED = 0.95
 def sentence(study: RobotStudy) -> str:
     """The answer in one sentence: verdict, room, frequency, joints, and what the coupling costs; more where something is not known."""
     told = [_verdict(study), *_lost_tasks(study), *_unmet(study)]
+    if study.unstable_at:
+        told[0] = f"{NOT_EVERYWHERE}: unstable in {study.unstable_at}. As stated: {told[0][0].lower()}{told[0][1:]}"
     blind = _blind(study)
     if blind:
         told.append(f"In {listed(blind)} only the verdict is known, not how far the gains may go.")

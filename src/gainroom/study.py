@@ -19,6 +19,7 @@ from .uncertainty import Uncertainty
 
 RULE_FREQUENCY = 2 * math.pi * 10.0  # [rad/s] of the rule that reinforcement-learning teams copy: kp = J ω², kd = 2 ζ J ω
 RULE_DAMPING = 2.0
+NOT_EVERYWHERE = "Stable as stated, but not everywhere in the stated ranges"
 CONTINUOUS = (
     "continuous model: a real controller's hold and velocity difference cost about one more tick of delay; "
     "set control.sample_rate_hz for the sampled answer"
@@ -176,8 +177,7 @@ def _sentence(found: Margins, limit: GainLimit, without: dict[str, float], unsta
     as_stated = _as_stated(found, limit, without)
     if not unstable_at:
         return as_stated
-    verdict = "Stable as stated, but not everywhere in the stated ranges"
-    return f"{verdict}: unstable at {case_in_words(unstable_at)}. As stated, {as_stated.removeprefix('Stable: ')}"
+    return f"{NOT_EVERYWHERE}: unstable at {case_in_words(unstable_at)}. As stated, {as_stated.removeprefix('Stable: ')}"
 
 
 def _as_stated(found: Margins, limit: GainLimit, without: dict[str, float]) -> str:

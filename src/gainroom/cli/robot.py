@@ -46,7 +46,7 @@ def robot(
     Example:
       gainroom robot robot.yaml --report robot.html
 
-    Exit status: 0 stable in every state; 1 unstable; 2 the file or the call is wrong.
+    Exit status: 0 stable in every state, also at the corners of `uncertainty`; 1 unstable; 2 the file or the call is wrong.
     """
     from ..robot_config import load_robot_spec
 
@@ -64,7 +64,7 @@ def robot(
         emit_json(_facts(study))
     else:
         emit(_terminal(study, report))
-    return 0 if study.stable else 1
+    return 0 if study.stable_in_range else 1
 
 
 def _facts(study: "RobotStudy") -> dict[str, Any]:
@@ -74,6 +74,8 @@ def _facts(study: "RobotStudy") -> dict[str, Any]:
     order = study.spec.robot.states
     return {
         "stable": study.stable,
+        "stable_in_range": study.stable_in_range,
+        "unstable_at": study.unstable_at or None,
         "sentence": study.sentence,
         "requirements_met": study.stable and not study.unmet,
         "unmet": list(study.unmet),

@@ -156,6 +156,9 @@ def _lead(study: RobotStudy) -> Lead:
         where = "" if states == 1 else f" in all {states} states" if count == states else f" in {'; '.join(unstable[:3])}"
         more = f" and {count - 3} more" if 3 < count < states else ""
         return Lead(study.sentence, "bad", f"UNSTABLE{where}{more}: do not run these gains", warnings)
+    if study.unstable_at:
+        where = f"UNSTABLE within the stated ranges, in {study.unstable_at}: do not run these gains"
+        return Lead(study.sentence, "bad", where, warnings)
     lost = [state.title for state in study.states if _task_moves(state) and state.tasks is not None and not state.tasks.limit.stable]
     told = [f"the tasks' gains are UNSTABLE in {listed(lost)}"] if lost else []
     if study.unmet:
@@ -220,6 +223,10 @@ def _words(study: RobotStudy) -> list[Html]:
     return [*assumed, *map(paragraph, study.warnings[ON_TOP:])]
 
 
+def _in_range(study: RobotStudy) -> str:
+    return "stable" if study.stable_in_range else f"unstable in {study.unstable_at}" if study.unstable_at else "unstable as stated"
+
+
 def _disk_words(study: RobotStudy) -> str:
     """Where it opens the loops, and how it was proved."""
     known = [state.disk_margin_certified for state in study.states if state.disk_margin_certified is not None]
@@ -237,7 +244,8 @@ def _certificate(study: RobotStudy) -> Html:
     pairs += [
         ("others closed, largest gains", "each loop's own curve with the others closed, sampled until smooth; its crossings polished"),
         ("disk margin", _disk_words(study)),
-        ("phase and Ms of single loops", "interpolated between refined samples: good to about a part in a thousand"),
+        ("phase and Ms of single loops", "searched between refined samples; what may be the least is polished"),
+        *([("stated ranges", f"{_in_range(study)}; looked at corners, between them not proved")] if study.spec.uncertainty.names else []),
         ("recommended gains", "checked in every posture, contact state and corner of the uncertainty; between the corners not proved"),
     ]
     return facts(pairs)
