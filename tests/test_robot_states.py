@@ -198,13 +198,14 @@ def test_a_direction_without_gains_has_no_limit(folder: Path):
     assert z.limit_others_closed == approx(state.limit.gain, rel=1e-6)  # sampled and polished on another curve
 
 
-def test_the_verdict_holds_for_the_stated_ranges(folder: Path, capsys: pytest.CaptureFixture[str]):
+def test_the_verdict_holds_for_the_stated_ranges(folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
     """A delay that may be a thousandth longer than the delay margin allows is one too many; a thousandth less is none."""
     text = LEG.replace(LEG.splitlines()[5], JOINTS)
+    monkeypatch.setattr("gainroom.robot_study._recommended", lambda spec, tell: ())  # gains to use are of no concern
     room = min(1e3 * state.margins.delay_margin for state in studied(folder, text).states)
     path = folder / "uncertain.yaml"
     for share, stable in ((0.999, True), (1.001, False)):
-        path.write_text(text + f"limits: {{gain_margin_db: 1}}\nuncertainty: {{delay_ms: [1.5, {2 + share * room!r}]}}\n", "utf-8")
+        path.write_text(text + f"uncertainty: {{delay_ms: [1.5, {2 + share * room!r}]}}\n", "utf-8")
         assert main(["robot", str(path), "--json"]) == (0 if stable else 1)
         told = json.loads(capsys.readouterr().out)
         assert told["stable"]
