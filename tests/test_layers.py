@@ -42,6 +42,8 @@ LAYERS = (
     ("robot_states",),
     ("robot_words",),
     ("robot_study", "robot_vibration"),
+    ("robot_play",),
+    ("robot_play_words",),
     ("robot_verification", "robot_simulation"),
     ("audit",),
     ("io",),

@@ -11,7 +11,8 @@ import gainroom as gr
 from gainroom.cli import main
 from gainroom.report.robot_simulation import robot_simulation_page
 from gainroom.robot_config import load_robot_spec, parse_robot
-from gainroom.robot_simulation import RobotPlay, play_robot
+from gainroom.robot_play import RobotPlay
+from gainroom.robot_simulation import play_robot
 from gainroom.robot_vibration import chatter
 from robot_files import ROBOT, SOLO, write_arm, written
 

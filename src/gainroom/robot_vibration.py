@@ -9,9 +9,10 @@ from .arrays import Complexes, Floats
 from .limits import GainLimit
 from .simulation.oscillation import SHORTEST, Vibration, parts_in, vibration
 from .simulation.robot_result import RobotRun
-from .simulation_study import NOTICED as SEEN_STEPS
 from .simulation_study import doubling, keeps_up, lasts, that_rings
 
+ENCODER_STEPS = 10.0
+"""A vibration below so many encoder steps is the encoders' own doing."""
 NOTICED = 1e-5
 """[m, rad] a smaller vibration is none."""
 KNOCKS = 1e-4
@@ -65,7 +66,7 @@ def shows(heard: Heard, encoder_step: float, linear: bool) -> bool:
     """Whether anyone would see it, by more than encoders' steps make, and it does not die away."""
     if heard.moving:  # which looks for no other
         return True
-    return heard.found.amplitude > max(NOTICED, SEEN_STEPS * encoder_step) and lasts(heard.found, linear)
+    return heard.found.amplitude > max(NOTICED, ENCODER_STEPS * encoder_step) and lasts(heard.found, linear)
 
 
 def in_words(heard: Heard, linear: bool) -> str:
@@ -101,7 +102,7 @@ def _moving(run: RobotRun, moved: float, limit: GainLimit | None) -> Heard | Non
         lowest = max(lowest, (1 - NEAR) * limit.frequency) if ended else min(lowest, (1 - NEAR) * limit.frequency)
     found = [(rows, _in_window(run, rows, lowest)) for rows in _windows(end)]
     kept: list[tuple[slice, Vibration]] = []
-    least = max(KNOCKS, SEEN_STEPS * run.setup.encoder_step)
+    least = max(KNOCKS, ENCODER_STEPS * run.setup.encoder_step)
     for index, (rows, one) in enumerate(found):
         if one is None:
             continue

@@ -16,7 +16,6 @@ from .simulation.run import BLOCK, stream
 from .simulation_spec import SimulationSpec
 
 PORTION = 0.25  # [s] played between two looks at progress and interruption, where a block of ticks would be longer
-NOTICED = 10.0  # times an encoder's step: a robot's vibration below that is the encoders' own doing
 
 
 class Interrupted(Exception):  # noqa: N818 - asked for, not an error
@@ -258,7 +257,6 @@ def share_in_words(share: float) -> str:
 
 
 __all__ = [
-    "NOTICED",
     "Interrupted",
     "SimulationStudy",
     "doubling",

@@ -8,7 +8,7 @@ from .options import command_line, report_stream
 from .output import emit, emit_json, render, table
 
 if TYPE_CHECKING:
-    from ..robot_simulation import RobotPlay
+    from ..robot_play import RobotPlay
     from ..simulation.oscillation import Vibration
 
 TRACKING = ("", "RMS", "peak", "steady state", "overshoot", "settles in")
@@ -74,7 +74,7 @@ def _facts(play: "RobotPlay", log: Path | None) -> dict[str, Any]:
 
 
 def _terminal(play: "RobotPlay", report: Path | None, log: Path | None) -> str:
-    from ..robot_simulation import TINY
+    from ..robot_play_words import TINY
     from .simulate import limit_words
 
     run, found, seen = play.run, play.tracking, play.vibration
@@ -107,7 +107,7 @@ def _terminal(play: "RobotPlay", report: Path | None, log: Path | None) -> str:
 
 def _growth(play: "RobotPlay", seen: "Vibration") -> str:
     """As it was heard; of what counts as none, why."""
-    from ..robot_simulation import uncounted
+    from ..robot_play_words import uncounted
 
     told = digits(seen.growth_rate, "1/s", 3)
     if not play.vibrates:

@@ -8,7 +8,8 @@ import numpy as np
 from ..arrays import Floats
 from ..io.numbers import digits, frequency, milli
 from ..limits import GainLimit
-from ..robot_simulation import TINY, RobotPlay
+from ..robot_play import RobotPlay
+from ..robot_play_words import TINY
 from ..robot_vibration import NOTICED
 from . import style
 from .page import Html, figure

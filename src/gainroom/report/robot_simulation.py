@@ -8,7 +8,8 @@ import numpy as np
 from ..io.numbers import digits, milli, settling
 from ..robot.body import is_slide
 from ..robot.ground import Sole
-from ..robot_simulation import TINY, UNEVEN, RobotPlay, uncounted
+from ..robot_play import RobotPlay
+from ..robot_play_words import TINY, UNEVEN, uncounted
 from ..robot_words import listed
 from .page import Card, Html, Lead, Section, beside, block, facts, page, paragraph, table
 from .played import error_cards, lead, vibration_card
