@@ -340,5 +340,5 @@ def test_terminal(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     assert err == ""
     assert out.startswith("No vibration: ")
     assert max(map(len, out.splitlines())) <= max(100, len(f"Report: {page}"))
-    assert str(log) in out
+    assert f"Log: {log}\n" in out
     assert page.exists()

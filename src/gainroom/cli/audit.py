@@ -8,7 +8,7 @@ import typer
 from ..io.numbers import as_typed, decibels, digits, frequency, model_in_words, model_kind
 from ..io.robot_numbers import joint_units
 from .options import AsJson, Report, command_line, number_option, report_stream
-from .output import emit, emit_json, render, table
+from .output import emit, emit_json, file_line, render, table
 from .progress import progress_bar
 
 if TYPE_CHECKING:
@@ -182,7 +182,7 @@ def _terminal(result: "Audit", report: Path | None) -> str:
         table("Joint by joint", ("", "kp", "kd", "motor inertia", "alone", "closed", "safe"), joints),
         LEGEND.format(**joint_units(result.spec.robot.body)),
         f"Posture: {result.states[0].posture}; {result.spec.robot.body.base} base",
-        *([] if report is None else [f"Report: {report}"]),
+        *([] if report is None else [file_line("Report", report)]),
         *(f"Assumed: {assumption}" for assumption in result.spec.assumptions),
         *(f"Warning: {warning}" for warning in result.warnings),
     )

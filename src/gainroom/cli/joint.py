@@ -21,7 +21,7 @@ from ..io.numbers import (
     typed_gains,
 )
 from .options import AsJson, Report, command_line, report_stream
-from .output import emit, emit_json, render, table
+from .output import emit, emit_json, file_line, render, table
 
 if TYPE_CHECKING:
     from ..recommend import Recommendation
@@ -135,7 +135,7 @@ def _terminal(study: "JointStudy", report: Path | None) -> str:
         parts.append(_what_binds(study.recommended))
     parts.append("10 Hz rule: kp = J ω², kd = 2 ζ J ω with ω = 2π·10 rad/s, ζ = 2, J the motor inertia.")
     if report is not None:
-        parts.append(f"Report: {report}")
+        parts.append(file_line("Report", report))
     parts += [f"Warning: {warning}" for warning in study.warnings]
     return render(*parts)
 

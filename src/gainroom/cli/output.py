@@ -62,6 +62,13 @@ def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]]) -> 
     return result
 
 
+def file_line(name: str, path: object) -> Any:
+    """Where a file was written, on one line however long: a path broken in two is none."""
+    from rich.text import Text
+
+    return Text(f"{name}: {path}", no_wrap=True)
+
+
 def render(*parts: Any) -> str:
     """Text and tables as they go to this terminal; plain where standard output is none, or NO_COLOR is set."""
     from io import StringIO
@@ -81,5 +88,5 @@ def render(*parts: Any) -> str:
         emoji=False,
     )
     for part in parts:
-        console.print(part)
+        console.print(part, soft_wrap=bool(getattr(part, "no_wrap", False)))
     return "\n".join(line.rstrip() for line in buffer.getvalue().splitlines()) + "\n"

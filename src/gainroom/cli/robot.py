@@ -9,7 +9,7 @@ import typer
 from ..io.numbers import decibels, digits, hertz, model_in_words, model_kind
 from ..io.robot_numbers import joint_units, judged
 from .options import AsJson, Report, command_line, report_stream
-from .output import emit, emit_json, render, table
+from .output import emit, emit_json, file_line, render, table
 from .progress import progress_bar
 
 if TYPE_CHECKING:
@@ -194,7 +194,7 @@ def _terminal(study: "RobotStudy", report: Path | None) -> str:
         parts += _gains_parts(gains, study.spec.robot.states[0])
     parts.append(judged(study.spec))
     if report is not None:
-        parts.append(f"Report: {report}")
+        parts.append(file_line("Report", report))
     parts += [f"Assumed: {assumption}" for assumption in study.spec.assumptions]
     parts += [f"Warning: {warning}" for warning in study.warnings]
     return render(*parts)

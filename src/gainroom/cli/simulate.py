@@ -13,7 +13,7 @@ from ..io.numbers import digits, frequency, gain_factor, milli, settling
 from .interrupts import stop_signals
 from .kinds import kind_of
 from .options import AsJson, Report, command_line, number_option, report_stream
-from .output import emit, emit_json, render, table
+from .output import emit, emit_json, file_line, render, table
 from .progress import progress_bar
 
 if TYPE_CHECKING:
@@ -155,7 +155,7 @@ def _terminal(study: "SimulationStudy", report: Path | None, log: Path | None) -
         *([] if response.diverged else [table(title, columns, [_row(study, k) for k in range(len(response.joint_names))])]),
         table("Vibration", ("", "frequency", "growth"), [("simulated", *seen), ("linear loop", *limit_words(limit))]),
     ]
-    parts += [f"{name}: {path}" for name, path in (("Log", log), ("Report", report)) if path is not None]
+    parts += [file_line(name, path) for name, path in (("Log", log), ("Report", report)) if path is not None]
     parts += [f"Warning: {warning}" for warning in study.warnings]
     return render(*parts)
 

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..io.numbers import digits, frequency, milli, settling
 from .options import command_line, report_stream
-from .output import emit, emit_json, render, table
+from .output import emit, emit_json, file_line, render, table
 
 if TYPE_CHECKING:
     from ..robot_play import RobotPlay
@@ -100,7 +100,7 @@ def _terminal(play: "RobotPlay", report: Path | None, log: Path | None) -> str:
         ),
         table("Vibration", ("", "frequency", "growth"), [("simulated", *heard), ("linear loop", *limit_words(play.limit))]),
     ]
-    parts += [f"{name}: {path}" for name, path in (("Log", log), ("Report", report)) if path is not None]
+    parts += [file_line(name, path) for name, path in (("Log", log), ("Report", report)) if path is not None]
     parts += [f"Warning: {warning}" for warning in play.warnings]
     return render(*parts)
 

@@ -10,7 +10,7 @@ import typer
 from ..io.numbers import digits
 from .kinds import kind_of
 from .options import AsJson, Report, command_line, report_stream
-from .output import emit, emit_json, render, table
+from .output import emit, emit_json, file_line, render, table
 from .progress import progress_bar
 
 if TYPE_CHECKING:
@@ -117,7 +117,7 @@ def _terminal(result: "Verification", report: Path | None) -> str:
     ]
     parts += [f"Left out: {warning}" for warning in result.warnings]
     if report is not None:
-        parts.append(f"Report: {report}")
+        parts.append(file_line("Report", report))
     return render(*parts)
 
 
