@@ -21,6 +21,7 @@ def run(seed: int) -> Table:
         joint.write_text(files("gainroom").joinpath("examples", f"{EXAMPLE}.yaml").read_text(encoding="utf-8"), encoding="utf-8")
         # caches of compiled code that begin empty, as on a fresh installation
         fresh = dict(os.environ, NUMBA_CACHE_DIR=f"{folder}/numba", PYTHONPYCACHEPREFIX=f"{folder}/bytecode")
+        fresh.pop("PYTHONDONTWRITEBYTECODE", None)  # or the caches stay empty
         first = _taken(["joint", str(joint)], fresh)
         warm = min(_taken(["joint", str(joint)], fresh) for _ in range(ROUNDS))
         page = _taken(["joint", str(joint), "--report", f"{folder}/joint.html"], fresh)
