@@ -212,3 +212,11 @@ def test_a_root_on_the_boundary_keeps_nothing(monkeypatch: pytest.MonkeyPatch):
 
     monkeypatch.setattr("numpy.linalg.inv", singular)
     assert not kept_by(loop).stable
+
+
+def test_loci_that_cannot_be_followed_keep_nothing_that_is_required(monkeypatch: pytest.MonkeyPatch):
+    loop = gr.build_loop(gr.Plant(np.eye(2), np.ones(2)), gr.Drive(delay=1e-3), gr.PD(10.0, 1.0))
+    lenient = gr.Requirements(gain_margin=1.01)
+    assert kept_by(loop).meets(lenient)
+    monkeypatch.setattr("gainroom.sweep.Sweep.full", True)
+    assert not kept_by(loop).meets(lenient)

@@ -18,6 +18,7 @@ from .sweep import MOST, Sweep, in_blocks
 
 REAL = 0.01  # share of imaginary part that a value next to the end of the boundary may have
 CLOSE = 0.05  # relative: crossings and peaks whose interpolated margins are that near the least one are polished
+SLACK = 0.01  # [rad, or of ln g] the same, of margins so small that interpolation is off by more than that part of them
 BETWEEN = 9  # samples about a peak, in each of NARROWER rounds, each of which narrows it four times
 NARROWER = 6
 
@@ -49,6 +50,8 @@ class Kept:
 
 
 UNSTABLE = Kept(False, math.nan, math.nan, math.nan)
+UNKNOWN = Kept(True, math.nan, math.nan, math.nan)
+"""Of a loop whose loci could not be followed: nothing that is required counts as kept."""
 
 
 def kept_by(loop: Loop) -> Kept:
@@ -56,6 +59,8 @@ def kept_by(loop: Loop) -> Kept:
     sweep = Sweep(loop)
     if sweep.unstable(1.0) > 0:
         return UNSTABLE
+    if sweep.full:
+        return UNKNOWN
 
     def sensitivity(omega: Floats) -> Complexes:
         return in_blocks(lambda part: _own_sensitivity(loop, part), omega, loop.size)
@@ -135,7 +140,7 @@ def _peak(omega: Floats, values: Complexes, sensitivity: Callable[[Floats], Comp
 
 def _near_least(sizes: Floats) -> Booleans:
     """True for what may be the least when it is polished."""
-    return sizes <= sizes.min(initial=math.inf) * (1 + CLOSE) + 1e-3
+    return sizes <= sizes.min(initial=math.inf) * (1 + CLOSE) + SLACK
 
 
 def _own_factors(single: _Curves) -> float:

@@ -12,7 +12,7 @@ from .arrays import Floats
 from .controller import PD, PID, PPI, gain_matrix
 from .coupled import JointMargins, joint_margins
 from .errors import GainroomError, computable
-from .kept import Kept, kept_by
+from .kept import UNKNOWN, kept_by
 from .limits import GainLimit, gain_limit
 from .loop import Loop, build_loop
 from .multiloop_disk import disk_margin
@@ -111,7 +111,7 @@ def _studied(spec: RobotSpec, model: "RobotModel", posture: str, contact: str) -
         margins=margins,
         joints=_joints(spec, model, controller, margins),
         tasks=tasks,
-        kept=Kept(margins.stable, math.nan, math.nan, math.nan) if math.isnan(margins.limit.gain) else kept_by(loop),
+        kept=replace(UNKNOWN, stable=margins.stable) if math.isnan(margins.limit.gain) else kept_by(loop),
         disk_margin=math.nan if disk is None else disk.margin,
         disk_margin_certified=None if disk is None else disk.certified,
     )
