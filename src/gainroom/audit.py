@@ -13,11 +13,11 @@ import numpy as np
 from .arrays import Floats
 from .errors import GainroomError, computable
 from .forbidden import enough
-from .messages import beside
+from .messages import beside, listed
 from .robot_spec import RobotSpec
 from .robot_states import JudgedState, by_room
 from .robot_study import HELD, Progress, margins_of, moves, single_joint_limits
-from .robot_words import listed, unconfirmed
+from .robot_words import unconfirmed
 from .robustness import to_db
 
 if TYPE_CHECKING:

@@ -56,3 +56,15 @@ def nearest(name: str, names: Sequence[str], kind: str) -> str:
     close = difflib.get_close_matches(name, names, 1, cutoff=0.5)
     hint = f"; did you mean {close[0]!r}?" if close else ""
     return f"{hint} ({kind}s: {first_of_many(names) or 'none'})"
+
+
+def listed(names: Sequence[str], word: str = "and", most: int = 4) -> str:
+    """Names in a sentence, not too many, the last after `word`."""
+    if len(names) > most:
+        return f"{', '.join(names[:most])} {word} {len(names) - most} more"
+    return f" {word} ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else "".join(names)
+
+
+def frequency_in_words(omega: float) -> str:
+    """A frequency [rad/s] in a sentence: Hz, and rad/s."""
+    return f"{omega / (2 * math.pi):.3g} Hz ({omega:.4g} rad/s)"

@@ -120,6 +120,11 @@ class RobotPlay:
         return channel_units(self.run.setup)
 
     @cached_property
+    def torque_units(self) -> tuple[str, ...]:
+        """(n,) of each joint's torque, which of one that slides is a force."""
+        return tuple("N" if slides else "N·m" for slides in self.run.setup.body.slides.tolist())
+
+    @cached_property
     def leading(self) -> tuple[int, ...]:
         """The channels that tell how well it tracks, the one that is furthest off first, all in one unit: those that are moved, if any."""
         reference = self.run.reference

@@ -3,12 +3,11 @@
 import math
 
 from .arrays import Floats
-from .messages import printable
-from .robot.body import is_slide
+from .messages import frequency_in_words, listed, printable
 from .robot_play import RobotPlay
 from .robot_vibration import ENCODER_STEPS, NOTICED, in_words
-from .robot_words import listed
-from .simulation_study import frequency_in_words, prediction_in_words
+from .simulation_spec import LATE
+from .simulation_study import prediction_in_words
 
 SEEN = 1e-6
 """[m, rad] smaller errors are not told in the sentence."""
@@ -18,8 +17,6 @@ SLOPING = math.radians(1.0)
 """A flat foot's ground that slopes by more is told [rad]."""
 UNEVEN = 1e-3
 """Feet that stand higher than others by more are told [m]."""
-LATE = 0.75
-"""Of the run: a move that ends later leaves too little to look at."""
 
 
 def sentence(play: RobotPlay) -> str:
@@ -76,8 +73,7 @@ def _hidden(play: RobotPlay) -> str:
 
 
 def _shaking(play: RobotPlay, joint: int) -> str:
-    unit = "N·m" if not is_slide(play.run.setup.body.joints[joint]) else "N"
-    return f"the torque of {printable(play.run.joint_names[joint])} shakes by {play.chatter[joint]:.3g} {unit} RMS"
+    return f"the torque of {printable(play.run.joint_names[joint])} shakes by {play.chatter[joint]:.3g} {play.torque_units[joint]} RMS"
 
 
 def warnings(play: RobotPlay) -> list[str]:

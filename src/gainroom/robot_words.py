@@ -1,12 +1,12 @@
 """The answer of a study in words: one sentence, and what a user should know or do."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
 import numpy as np
 
 from .limits import GainLimit
-from .messages import beside
+from .messages import beside, frequency_in_words, listed
 from .robot_states import RobotStudy, StateStudy, by_room
 from .robustness import to_db
 from .study import CONTINUOUS, NOT_EVERYWHERE
@@ -95,7 +95,7 @@ def _verdict(study: RobotStudy) -> str:
         return f"Stable{every}."
     if not unstable and math.isinf(limit.gain):
         return f"Stable{every}: no common factor on these gains makes the modelled robot vibrate."
-    at = f"{limit.frequency / (2 * math.pi):.3g} Hz ({limit.frequency:.4g} rad/s)"
+    at = frequency_in_words(limit.frequency)
     joints = listed(worst.limiting_joints)
     if not unstable:
         return (
@@ -119,13 +119,6 @@ def _coupling(state: StateStudy) -> str:
     if state.limit.gain < COUPLED * alone:
         return f"; joint by joint it would be {alone:.3g}: the coupling costs the rest"
     return ""
-
-
-def listed(names: Sequence[str], most: int = 4) -> str:
-    """Names in a sentence, not too many."""
-    if len(names) > most:
-        return f"{', '.join(names[:most])} and {len(names) - most} more"
-    return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else "".join(names)
 
 
 def warnings(study: RobotStudy) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from .arrays import Floats
 from .limits import GainLimit, gain_limit
-from .messages import beside
+from .messages import beside, frequency_in_words, listed
 from .played_vibration import SEEN, Seen, keeps_up, lasts, seen_in, that_rings
 from .simulation.oscillation import Vibration
 from .simulation.response import Response, Tracking, joined, track
@@ -170,7 +170,7 @@ def _hiding(study: SimulationStudy) -> str:
     names = [name for name, given in there.items() if given]
     if not names:
         return "the run is too short, or too quiet, to show it"
-    return f"{_listed(names, 'or')} may hide it, or the run is too short"
+    return f"{listed(names, 'or')} may hide it, or the run is too short"
 
 
 def doubling(found: Vibration) -> str:
@@ -181,11 +181,6 @@ def doubling(found: Vibration) -> str:
 def halving(found: Vibration) -> str:
     """How slowly it dies away."""
     return f"halving every {-math.log(2) / found.growth_rate:.3g} s"
-
-
-def frequency_in_words(omega: float) -> str:
-    """Hz, and rad/s."""
-    return f"{omega / (2 * math.pi):.3g} Hz ({omega:.4g} rad/s)"
 
 
 def _mrad(angle: float) -> str:
@@ -240,15 +235,12 @@ def _kept_up_by(spec: SimulationSpec) -> str:
         "the torque limit": "torque_limit" in spec.hardware,
         "gravity": "gravity" in spec.hardware,
         "jitter": "jitter" in spec.hardware,
+        "the rounding of delays to whole ticks": "whole_ticks" in spec.hardware,
     }
     names = [name for name, given in there.items() if given]
     if len(names) == 1:
         return f"{names[0]} must be what keeps this vibration up, or a link that rings on by itself"
-    return f"{_listed(names, 'or')} must be what keeps this vibration up; change one at a time"
-
-
-def _listed(names: list[str], word: str) -> str:
-    return f" {word} ".join([*([", ".join(names[:-1])] if len(names) > 1 else []), names[-1]]) if names else "nothing in the file"
+    return f"{listed(names, 'or')} must be what keeps this vibration up; change one at a time"
 
 
 def share_in_words(share: float) -> str:
@@ -260,7 +252,6 @@ __all__ = [
     "Interrupted",
     "SimulationStudy",
     "doubling",
-    "frequency_in_words",
     "halving",
     "keeps_up",
     "lasts",

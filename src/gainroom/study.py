@@ -9,7 +9,7 @@ from .drive import Drive
 from .forbidden import Requirements
 from .limits import GainLimit, gain_limit
 from .loop import Feedback, Loop, build_loop
-from .messages import case_in_words
+from .messages import case_in_words, frequency_in_words
 from .plant import ElasticJoint
 from .recommend import FILLING, Recommendation, recommend_pd, value_of
 from .region import PDRegion, pd_region
@@ -182,7 +182,7 @@ def _sentence(found: Margins, limit: GainLimit, without: dict[str, float], unsta
 
 def _as_stated(found: Margins, limit: GainLimit, without: dict[str, float]) -> str:
     """Verdict, room, frequency and cause at the stated values."""
-    at = f"{limit.frequency / (2 * math.pi):.3g} Hz ({limit.frequency:.4g} rad/s)"
+    at = frequency_in_words(limit.frequency)
     if found.stable and math.isinf(limit.gain):
         return "Stable: no common factor on these gains makes the modelled joint vibrate."
     if found.stable:

@@ -18,7 +18,7 @@ from .progress import progress_bar
 
 if TYPE_CHECKING:
     from ..limits import GainLimit
-    from ..simulation import Response
+    from ..simulation import Response, Vibration
     from ..simulation.robot_result import RobotRun
     from ..simulation_study import SimulationStudy
     from ..verification import Progress
@@ -127,17 +127,31 @@ def _facts(study: "SimulationStudy", log: Path | None) -> dict[str, Any]:
         "tracking": {name: {column: getattr(found, column)[k] for column in columns} for k, name in enumerate(names)},
         "at_torque_limit": dict.fromkeys(names, study.at_torque_limit),
         "torque_peak": dict(zip(names, study.torque_peak.tolist(), strict=True)),
-        "vibration": None
-        if vibration is None
-        else {
-            "frequency_rad_s": vibration.frequency,
-            "growth_rate": vibration.growth_rate,
-            "amplitude": vibration.amplitude,
-        },
-        "predicted": {"stable": limit.stable, "gain_limit": limit.gain, "limit_frequency_rad_s": limit.frequency},
+        "vibration": vibration_facts(vibration),
+        "predicted": limit_facts(limit),
         "log": None if log is None else str(log),
         "warnings": list(study.warnings),
     }
+
+
+def vibration_facts(found: "Vibration | None", **more: Any) -> dict[str, Any] | None:
+    """A vibration in JSON."""
+    if found is None:
+        return None
+    return {"frequency_rad_s": found.frequency, "growth_rate": found.growth_rate, "amplitude": found.amplitude, **more}
+
+
+def limit_facts(limit: "GainLimit | None") -> dict[str, Any] | None:
+    """What the linear loop predicts, in JSON; None: the gains move nothing."""
+    if limit is None:
+        return None
+    return {"stable": limit.stable, "gain_limit": limit.gain, "limit_frequency_rad_s": limit.frequency}
+
+
+def closing(log: Path | None, report: Path | None, warnings: Sequence[str]) -> list[Any]:
+    """The last lines on the terminal: what was written, and what to look at."""
+    written = [file_line(name, path) for name, path in (("Log", log), ("Report", report)) if path is not None]
+    return [*written, *(f"Warning: {warning}" for warning in warnings)]
 
 
 def _terminal(study: "SimulationStudy", report: Path | None, log: Path | None) -> str:
@@ -155,9 +169,7 @@ def _terminal(study: "SimulationStudy", report: Path | None, log: Path | None) -
         *([] if response.diverged else [table(title, columns, [_row(study, k) for k in range(len(response.joint_names))])]),
         table("Vibration", ("", "frequency", "growth"), [("simulated", *seen), ("linear loop", *limit_words(limit))]),
     ]
-    parts += [file_line(name, path) for name, path in (("Log", log), ("Report", report)) if path is not None]
-    parts += [f"Warning: {warning}" for warning in study.warnings]
-    return render(*parts)
+    return render(*parts, *closing(log, report, study.warnings))
 
 
 def limit_words(limit: "GainLimit | None") -> tuple[str, str]:

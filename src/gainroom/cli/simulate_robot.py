@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..io.numbers import digits, frequency, milli, settling
 from .options import command_line, report_stream
-from .output import emit, emit_json, file_line, render, table
+from .output import emit, emit_json, render, table
 
 if TYPE_CHECKING:
     from ..robot_play import RobotPlay
@@ -42,7 +42,9 @@ def simulate_robot(file: Path, as_json: bool, report: Path | None, log: Path | N
 
 def _facts(play: "RobotPlay", log: Path | None) -> dict[str, Any]:
     """What --json prints."""
-    run, seen, found, limit = play.run, play.vibration, play.tracking, play.limit
+    from .simulate import limit_facts, vibration_facts
+
+    run, found = play.run, play.tracking
     columns = ("rms", "peak", "steady_state", "overshoot", "settling_time")
     return {
         "diverged": run.ending == "diverged",
@@ -57,17 +59,8 @@ def _facts(play: "RobotPlay", log: Path | None) -> dict[str, Any]:
         "tracking": {channel: {name: getattr(found, name)[k] for name in columns} for k, channel in enumerate(run.channels)},
         "torque_peak": dict(zip(run.joint_names, play.torque_peak.tolist(), strict=True)),
         "slip": {contact.frame: away for contact, away in zip(run.setup.contacts, play.slip.tolist(), strict=True)},
-        "vibration": None
-        if seen is None
-        else {
-            "frequency_rad_s": seen.frequency,
-            "growth_rate": seen.growth_rate,
-            "amplitude": seen.amplitude,
-            "joints": [run.joint_names[k] for k in play.parts_strongest_first()],
-        },
-        "predicted": None
-        if limit is None
-        else {"stable": limit.stable, "gain_limit": limit.gain, "limit_frequency_rad_s": limit.frequency},
+        "vibration": vibration_facts(play.vibration, joints=[run.joint_names[k] for k in play.parts_strongest_first()]),
+        "predicted": limit_facts(play.limit),
         "log": None if log is None else str(log),
         "warnings": list(play.warnings),
     }
@@ -75,7 +68,7 @@ def _facts(play: "RobotPlay", log: Path | None) -> dict[str, Any]:
 
 def _terminal(play: "RobotPlay", report: Path | None, log: Path | None) -> str:
     from ..robot_play_words import TINY
-    from .simulate import limit_words
+    from .simulate import closing, limit_words
 
     run, found, seen = play.run, play.tracking, play.vibration
     rows = [
@@ -96,13 +89,14 @@ def _terminal(play: "RobotPlay", report: Path | None, log: Path | None) -> str:
         table(
             "Joints that work hardest",
             ("", "torque peak", "RMS"),
-            [(run.joint_names[k], *(digits(float(t[k]), "N·m", 3) for t in (play.torque_peak, play.torque_rms))) for k in hardest],
+            [
+                (run.joint_names[k], *(digits(float(t[k]), play.torque_units[k], 3) for t in (play.torque_peak, play.torque_rms)))
+                for k in hardest
+            ],
         ),
         table("Vibration", ("", "frequency", "growth"), [("simulated", *heard), ("linear loop", *limit_words(play.limit))]),
     ]
-    parts += [file_line(name, path) for name, path in (("Log", log), ("Report", report)) if path is not None]
-    parts += [f"Warning: {warning}" for warning in play.warnings]
-    return render(*parts)
+    return render(*parts, *closing(log, report, play.warnings))
 
 
 def _growth(play: "RobotPlay", seen: "Vibration") -> str:

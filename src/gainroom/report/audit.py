@@ -8,7 +8,7 @@ from ..audit import Audit
 from ..forbidden import Requirements
 from ..io.numbers import decibels, digits, frequency, hertz, model_kind
 from ..io.robot_numbers import joint_units
-from ..robot_words import listed
+from ..messages import listed
 from .page import Card, Html, Lead, Section, beside, block, facts, page, paragraph, table
 from .robot_coupling import coupling
 from .robot_drawing import hero, small

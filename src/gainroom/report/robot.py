@@ -5,8 +5,8 @@ from collections.abc import Sequence
 
 from ..io.numbers import digits, hertz, model_kind
 from ..io.robot_numbers import judged
+from ..messages import listed
 from ..robot_states import RobotStudy, StateStudy, by_room
-from ..robot_words import listed
 from .page import Card, Html, Lead, Section, beside, block, facts, page, paragraph
 from .robot_coupling import coupling
 from .robot_drawing import hero, small

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..arrays import Floats
 from ..io.numbers import digits
-from ..robot_words import listed
+from ..messages import listed
 from . import style
 from .page import Html, figure
 from .robot_room import Factors

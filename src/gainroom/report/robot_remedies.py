@@ -6,8 +6,8 @@ from dataclasses import replace
 from ..controller import PPI
 from ..io.numbers import hertz, margin_value
 from ..kept import kept_by
+from ..messages import listed
 from ..robot_states import RobotStudy, StateStudy
-from ..robot_words import listed
 from .page import Html, paragraph
 
 MORE, LESS = 1.25, 0.8
@@ -59,7 +59,8 @@ def _trials(study: RobotStudy, name: str, state: StateStudy) -> str:
         kept = kept_by(spec.loop(state.model, changed))
         value = getattr(kept, name)
         helps = kept.stable and (value < getattr(state.kept, name) if name == "peak_sensitivity" else value > getattr(state.kept, name))
-        told = margin_value(asked, name, value, None, 3) if kept.stable else "vibration"
+        known = "not known" if math.isnan(value) else margin_value(asked, name, value, None, 3)
+        told = known if kept.stable else "vibration"
         (better if helps else worse).append(f"{told} with all {gain} times {factor:g}")
     if not better:
         return f"No small change of all gains mends it ({listed(worse)}): less delay or stiffer, better damped gearboxes would."

@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 
 from ..io.numbers import digits, milli, settling
+from ..messages import listed
 from ..robot.body import is_slide
 from ..robot.ground import Sole
 from ..robot_play import RobotPlay
 from ..robot_play_words import TINY, UNEVEN, uncounted
-from ..robot_words import listed
 from .page import Card, Html, Lead, Section, beside, block, facts, page, paragraph, table
 from .played import error_cards, lead, vibration_card
 from .robot_motion import channels, drawn_channels, in_time, pose, vibration_close_up
@@ -60,7 +60,9 @@ def _lead(play: RobotPlay) -> Lead:
 def _cards(play: RobotPlay) -> list[Card]:
     found, first, hardest = play.tracking, play.leading[0], int(np.argmax(play.torque_peak))
     unit, name = f"m{play.units[first]}", play.run.channels[first]
-    torque = Card("torque peak", _digits(float(play.torque_peak[hardest]), 3), "N m", note=play.run.joint_names[hardest])
+    torque = Card(
+        "torque peak", _digits(float(play.torque_peak[hardest]), 3), play.torque_units[hardest], note=play.run.joint_names[hardest]
+    )
     heard = vibration_card(play.vibration, play.vibrates, play.limit)
     if not play.stable:
         heard = replace(heard, requirement="none that lasts, and a stable loop", met=False)
