@@ -10,7 +10,7 @@ from gainroom import verification
 from gainroom.cli import main
 from gainroom.cli.example import joint_examples
 from gainroom.config import parse_joint
-from gainroom.verification import Case, apart, growth_about, sentence_of, verify_joint
+from gainroom.verification import Case, growth_about, percent, sentence_of, verify_joint
 
 SAMPLED = joint_examples()["testbed-sampled"]
 CASE_KEYS = {"what", "witness", "predicted_gain", "simulated_gain", "predicted_frequency_rad_s", "simulated_frequency_rad_s"}
@@ -122,9 +122,9 @@ def test_terminal_and_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
 
 def test_a_difference_has_digits_enough_to_tell_it_from_what_is_allowed():
     """2.02 % beside 2 % allowed."""
-    assert apart(-0.0202, 0.02) == "2.02 %"
-    assert apart(0.0200003, 0.02) == "2.00003 %"
-    assert apart(0.0051, 0.02) == "0.51 %"
+    assert percent(-0.0202, 0.02) == "2.02 %"
+    assert percent(0.0200003, 0.02) == "2.00003 %"
+    assert percent(0.0051, 0.02) == "0.51 %"
 
 
 def test_cases_that_disagree_are_told_with_how_much_and_where_to_look():

@@ -13,6 +13,7 @@ from .arrays import Floats
 from .errors import GainroomError
 from .limits import GainLimit, gain_limit
 from .loop import Loop
+from .messages import apart
 from .simulation.onset import FURTHEST, linear_onset, linear_vibration
 from .stability import rightmost_roots
 from .study import JointSpec
@@ -165,7 +166,7 @@ def sentence_of(cases: tuple[Case, ...], what: str = ONE) -> str:
         return f"Simulation agrees with the prediction: {told}."
     return (
         f"Simulation agrees with the prediction: vibration begins at {worst.simulated_gain:.5g} times these gains, predicted "
-        f"{worst.predicted_gain:.5g}, {apart(worst.gain_difference)} apart"
+        f"{worst.predicted_gain:.5g}, {percent(worst.gain_difference)} apart"
         + (f" in the worst of {len(cases)} cases" if len(cases) > 1 else "")
         + f"; both without the scenario's friction{' and' if what == ONE else ','} torque limit{'' if what == ONE else ' and ground'}."
     )
@@ -181,7 +182,7 @@ def _apart_in_words(case: Case) -> str:
     told = []
     for what, difference in (("gain", case.gain_difference), ("frequency", case.frequency_difference)):
         if not abs(difference) <= case.tolerance:
-            told.append(f"no {what} found" if math.isnan(difference) else f"{what} {apart(difference, case.tolerance)} apart")
+            told.append(f"no {what} found" if math.isnan(difference) else f"{what} {percent(difference, case.tolerance)} apart")
     return ", ".join(told) + f" with {100 * case.tolerance:g} % allowed"
 
 
@@ -194,16 +195,13 @@ def _where_to_look(cases: tuple[Case, ...], wrong: list[Case]) -> str:
     return "look at stiff gearboxes on light links, and at contacts"
 
 
-def apart(difference: float, tolerance: float = 0.0) -> str:
+def percent(difference: float, tolerance: float = 0.0) -> str:
     """A relative difference in words, in digits enough to tell it from `tolerance`; below a thousandth of a percent none are worth it."""
     if math.isnan(difference):
         return "–"
     if abs(difference) < 1e-5:
         return "< 0.001 %"
-    digits = 2
-    while digits < 8 and tolerance and float(f"{abs(difference):.{digits}g}") == tolerance != abs(difference):
-        digits += 1
-    return f"{100 * abs(difference):.{digits}g} %"
+    return f"{100 * abs(difference):.{apart(abs(difference), tolerance, 2)}g} %"
 
 
 def _size(value: float) -> float:

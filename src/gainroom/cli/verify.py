@@ -132,6 +132,6 @@ def _frequency_row(case: "Case") -> tuple[str, ...]:
 
 
 def _verdict(case: "Case", difference: float) -> tuple[str, str, str]:
-    from ..verification import apart
+    from ..verification import percent
 
-    return apart(difference, case.tolerance), f"{digits(100 * case.tolerance)} %", "yes" if abs(difference) <= case.tolerance else "no"
+    return percent(difference, case.tolerance), f"{digits(100 * case.tolerance)} %", "yes" if abs(difference) <= case.tolerance else "no"

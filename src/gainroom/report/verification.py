@@ -9,7 +9,7 @@ import numpy as np
 from ..io.numbers import digits, frequency, model_in_words
 from ..robot_spec import RobotSpec
 from ..study import JointSpec
-from ..verification import Verification, apart, growth_about
+from ..verification import Verification, growth_about, percent
 from . import style
 from .page import Card, Html, Lead, Section, block, figure, page, table
 from .shared import assumptions, footer
@@ -41,7 +41,7 @@ def _cards(result: Verification) -> list[Card]:
         cards.append(Card("simulated limit", digits(case.simulated_gain, "", 5), "× these gains", allowed, case.agrees, case.what))
         note = f"predicted {frequency(case.predicted_frequency)}"
         cards.append(Card("simulated frequency", digits(case.simulated_frequency, "", 5), "rad/s", note=note))
-        cards.append(Card("apart", apart(case.gain_difference, case.tolerance), note="in gain"))
+        cards.append(Card("apart", percent(case.gain_difference, case.tolerance), note="in gain"))
     return cards
 
 
@@ -92,10 +92,10 @@ def _table(result: Verification) -> Html:
             case.witness,
             digits(case.predicted_gain, "", 6),
             digits(case.simulated_gain, "", 6),
-            apart(case.gain_difference, case.tolerance),
+            percent(case.gain_difference, case.tolerance),
             digits(case.predicted_frequency, "", 5),
             digits(case.simulated_frequency, "", 5),
-            apart(case.frequency_difference, case.tolerance),
+            percent(case.frequency_difference, case.tolerance),
             f"{digits(100 * case.tolerance)} %",
             "yes" if case.agrees else "no",
         )
