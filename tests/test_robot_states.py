@@ -235,6 +235,14 @@ def test_gains_that_keep_all_that_is_required_are_not_called_too_stiff(folder: P
     assert np.log(recommended.kp).sum() >= np.log(first.kp * [1.0, 0.9, 0.8]).sum() - 1e-9
 
 
+def test_a_joint_that_the_file_leaves_slack_is_given_gains(folder: Path):
+    """Stiff on two joints and nothing on the third: no shape to compare others with by their mean."""
+    text = LEG.replace(LEG.splitlines()[5], JOINTS.replace("kp: 300", "kp: {hip: 3000, knee: 3000, ankle: 0}")).replace("flight: [], ", "")
+    gains = recommend_robot(parse_robot(text, "f", folder)).everywhere
+    assert gains is not None
+    assert np.all(gains.kp > 0)
+
+
 def test_the_one_safe_set_never_costs_less_than_nothing(folder: Path):
     """What is safe in all states is safe in each, though every search stops within 2 %."""
     contacts = "flight: [], stand: [foot], toe: [{frame: foot, type: point}], knee: [shank]"

@@ -275,7 +275,7 @@ def _joint_shapes(spec: RobotSpec, states: Sequence[StateCase]) -> list[_Shape]:
         kp, kd = (float(np.median(gain / motors)) * motors for gain in (alone.kp, alone.kd))
         shapes.append(replace(alone, kp=kp, kd=kd))
     own = spec.control.joints
-    if type(own) is PD and all(np.ndim(gain) < 2 for gain in (own.kp, own.kd)):
+    if type(own) is PD and all(np.ndim(gain) < 2 for gain in (own.kp, own.kd)) and np.all(own.kp):  # else some joints would hold nothing
         kp, kd = (np.broadcast_to(gain, motors.shape).astype(float) for gain in (own.kp, own.kd))
         shapes.append(replace(alone, kp=kp, kd=kd))
     return shapes
