@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose
 from gainroom.errors import GainroomError
 from gainroom.gain_files import Gain, gains_of, parse_gains, read_gains
 from gainroom.io.yaml_text import parse_yaml
-from mutations import mutated_data
+from mutations import RANDOMS, mutated_data
 
 NAMES = ("l_hip", "l_knee", "r_hip", "r_knee")
 PLAIN = """\
@@ -165,6 +165,20 @@ def test_a_velocity_loop_is_no_position_gain():
         ("l_hip: {kp: 0}", "all gains are zero", ""),
         (TRAJECTORY.replace("p: 100.0", "p: -100.0"), "legs.ros__parameters.gains.l_hip.p: -100.0 must be >= 0", ""),
         (TRAJECTORY.replace("d: 2.0", "d: .nan"), "legs.ros__parameters.gains.l_hip.d: nan is not a number", ""),
+        (TRAJECTORY.replace("p: 120.0", "pp: 120.0"), "legs.ros__parameters.gains.l_knee.pp: unknown key beside p, i, d", ""),
+        (TRAJECTORY.replace("p: 120.0", "P: 120.0"), "legs.ros__parameters.gains.l_knee.P: unknown key", "did you mean p?"),
+        (TRAJECTORY.replace("d: 3.0", "kd: 3.0"), "legs.ros__parameters.gains.l_knee.kd: unknown key", ""),
+        (TRAJECTORY.replace("p: 120.0, ", ""), "legs.ros__parameters.gains.l_knee.p: is missing: [N m/rad], and holds d", "write 0"),
+        (TRAJECTORY.replace("i_clamp: 5", "i_clmp: 5"), "legs.ros__parameters.gains.l_hip.i_clmp: unknown key", "did you mean i_clamp?"),
+        (TRAJECTORY.replace("p: 120.0, d: 3.0", "prop: 120.0"), "legs.ros__parameters.gains.l_knee: must hold p, i and d", "holds prop"),
+        (TRAJECTORY.replace("p: 120.0, d: 3.0", ""), "legs.ros__parameters.gains.l_knee: must hold p, i and d", ""),
+        (TRAJECTORY.replace("p: 120.0", "p: [120.0]"), "legs.ros__parameters.gains.l_knee.p: [120.0] is not a number", ""),
+        (TRAJECTORY.replace("p: 120.0", "p: {x: 120.0}"), "legs.ros__parameters.gains.l_knee.p: {'x': 120.0} is not a number", ""),
+        (TRAJECTORY.replace("p: 120.0", "p: '120.0'"), "legs.ros__parameters.gains.l_knee.p: '120.0' is text", ""),
+        (TRAJECTORY.replace("p: 120.0", "p: true"), "legs.ros__parameters.gains.l_knee.p: true is not a number", ""),
+        (GROUP.replace("p: 14.0, i: 1.0", "p: [14.0], i: 1.0"), "effort_controller.l_hip.pid.p: [14.0] is not a number", ""),
+        (GROUP.replace("p: 15.0, d: 0.5", "x: 15.0"), "effort_controller.l_knee.pid: must hold p, i and d", ""),
+        (GAZEBO.replace("i: 0.0", "l: 0.0"), "gazebo_ros_control.pid_gains.l_hip.l: unknown key beside p, i, d", ""),
         (TRAJECTORY + GAZEBO, "joint 'l_hip' has gains twice, in legs.ros__parameters.gains.l_hip and in gazebo", "leave one"),
         (TRAJECTORY.replace("l_knee", "l_elbow"), "gains.'l_elbow' matches no joint", ""),
         ("gains: {p: 1, d: 2}", "gains: p, i, d stand under no joint's name", ""),
@@ -223,9 +237,10 @@ def test_a_urdf_holds_no_gains(tmp_path: Path):
 
 @st.composite
 def mutated_gains(draw: st.DrawFn) -> str:
-    data = parse_yaml(draw(st.sampled_from([PLAIN, TRAJECTORY, PID, GROUP, SINGLE, GAZEBO])), "f")
-    for _ in range(draw(st.integers(1, 3))):
-        data = mutated_data(draw, data)
+    random = draw(RANDOMS)
+    data = parse_yaml(random.choice([PLAIN, TRAJECTORY, PID, GROUP, SINGLE, GAZEBO]), "f")
+    for _ in range(random.randint(1, 3)):
+        data = mutated_data(random, data)
     return yaml.safe_dump(data, allow_unicode=True)
 
 
@@ -239,3 +254,13 @@ def test_mutated_files_are_read_or_refused_in_one_line(text: str):
         except GainroomError as error:
             message = str(error)
     assert not message or (message.startswith("gains.yaml") and "\n" not in message)
+
+
+def test_what_is_not_known_beside_gains_is_told():
+    file = parse_gains(TRAJECTORY.replace("d: 3.0", "d: 3.0, wraps_at_pi: true"), "f")
+    assert file.notes == ("legs.ros__parameters.gains.l_knee: does not count, as it is not known here: wraps_at_pi",)
+    assert file.gains["l_knee"] == Gain(120, 3)
+
+
+def test_joints_may_be_called_as_the_terms_are():
+    assert dict(parse_gains("gains: {p: {p: 1, d: 2}, d: {p: 3.0}}", "f").gains) == {"p": Gain(1, 2), "d": Gain(3)}

@@ -22,7 +22,7 @@ from gainroom.robot.packages import locate
 from gainroom.robot_config import load_robot, parse_robot
 from gainroom.robot_sections import ActuatorSection, ContactSection, ModelSection, RobotControlSection, TaskSection
 from gainroom.robot_spec import RobotSpec
-from mutations import mutated_data
+from mutations import RANDOMS, mutated_data
 from robot_truths import hinge, link, write_robot
 
 BIPED = example_texts()["biped"]
@@ -343,9 +343,10 @@ def test_an_empty_file_points_to_the_example():
 
 @st.composite
 def mutated_robots(draw: st.DrawFn) -> str:
-    data = parse_yaml(draw(st.sampled_from([SMALL, SMALL, BIPED])), "f")
-    for _ in range(draw(st.integers(1, 3))):
-        data = mutated_data(draw, data)
+    random = draw(RANDOMS)
+    data = parse_yaml(random.choice([SMALL, SMALL, BIPED]), "f")
+    for _ in range(random.randint(1, 3)):
+        data = mutated_data(random, data)
     return yaml.safe_dump(data, allow_unicode=True, sort_keys=False)
 
 

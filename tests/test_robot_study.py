@@ -20,7 +20,7 @@ from gainroom.robot_config import parse_robot
 from gainroom.robot_gains import recommend_robot
 from gainroom.robot_spec import RobotSpec
 from gainroom.robot_study import RobotStudy, study_robot
-from mutations import mutated_data
+from mutations import RANDOMS, mutated_data
 from refusals import assert_refused
 from robot_truths import hinge, link, write_robot
 
@@ -343,10 +343,11 @@ def test_bad_calls_are_one_line(folder: Path, capsys: pytest.CaptureFixture[str]
 def mutated_arms(draw: st.DrawFn) -> tuple[str, str]:
     """A robot file and a gains file, one of them damaged."""
     texts = [ROBOT, GAINS]
-    which = draw(st.integers(0, 1))
+    random = draw(RANDOMS)
+    which = random.randint(0, 1)
     data = parse_yaml(texts[which], "f")
-    for _ in range(draw(st.integers(1, 2))):
-        data = mutated_data(draw, data)
+    for _ in range(random.randint(1, 2)):
+        data = mutated_data(random, data)
     texts[which] = yaml.safe_dump(data, allow_unicode=True, sort_keys=False)
     return texts[0], texts[1]
 

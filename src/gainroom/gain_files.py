@@ -25,12 +25,31 @@ from .errors import GainroomError
 from .file_kinds import kind_of, wrong_kind
 from .io.checked import NotNegative, Positive, Section, checked, dotted, number, refusal, validate
 from .io.yaml_text import parse_yaml, read_text, shown
-from .messages import first_of_many
+from .messages import first_of_many, typo_of
 from .robot.patterns import assign
 
 TERMS = {"p": "kp", "i": "ki", "d": "kd"}
 WRAPPERS = ("gains", "pid", "pid_gains", "ros__parameters")
 """Keys between a controller and its joints that name neither."""
+HOLDERS = ("gains", "pid", "pid_gains")
+"""Of them, those that hold gains and nothing else."""
+BESIDE = (
+    *(
+        "i_clamp",
+        "i_clamp_max",
+        "i_clamp_min",
+        "i_max",
+        "i_min",
+        "antiwindup",
+        "antiwindup_strategy",
+        "tracking_time_constant",
+        "error_deadband",
+    ),
+    *("u_clamp_max", "u_clamp_min", "u_max", "u_min", "saturation", "ff_velocity_scale", "feedforward_gain", "angle_wraparound"),
+    *("normalize_error", "save_i_term", "save_iterm", "publish_state", "activate_state_publisher", "type", "joint"),
+)
+"""What ros2_control has beside p, i and d, and what no margin depends on."""
+LONGEST_SLIP = 3
 XML = (".xml", ".mjcf", ".urdf")
 UNKNOWN = (
     "holds no gains in a known form: joint or pattern → {kp, kd}, at the top or under gains; or a ros2_control file with p, i, d under "
@@ -163,9 +182,10 @@ def _ros2_control(data: dict[str, Any], source: str) -> GainFile:
     places: dict[str, str] = {}
     notes = []
     for path, node in _mappings(data):
-        if not node.keys() & {"p", "d"} or isinstance(node.get("p", node.get("d")), dict | list):
-            continue
         place = dotted(*path) or "at the top"
+        if all(isinstance(node.get(term, {}), dict) for term in TERMS):  # joints may be called p, i and d, too
+            _require_terms(path, node, f"{source}: {place}")
+            continue
         joint = _joint(data, path)
         if joint is None:
             raise GainroomError(f"{source}: {place}: p, i, d stand under no joint's name")
@@ -177,6 +197,9 @@ def _ros2_control(data: dict[str, Any], source: str) -> GainFile:
             raise GainroomError(f"{source}: joint {shown(joint)} has gains twice, in {places[joint]} and in {place}; leave one in the file")
         gains[joint] = _pid(node, f"{source}: {place}")
         places[joint] = place
+        strange = [key for key in node if key not in (*TERMS, *BESIDE)]
+        if strange:
+            notes.append(f"{place}: does not count, as it is not known here: {first_of_many([dotted(key) for key in strange])}")
     if not gains:
         told = "no controller here commands torque: " + notes[0] if notes else f"{UNKNOWN}{_begins(data)}"
         raise GainroomError(f"{source}: {told}")
@@ -263,5 +286,26 @@ def _no_torque(data: dict[str, Any], path: Sequence[str], types: Mapping[str, An
     return ""
 
 
+def _require_terms(path: Sequence[str], node: Mapping[str, Any], owner: str) -> None:
+    """Raise GainroomError where a section stands in the place of gains and has none of them."""
+    ends = not any(isinstance(value, dict) for value in node.values())
+    if ends and path and any(key in HOLDERS for key in path):
+        raise GainroomError(f"{owner}: must hold p, i and d{_found(node)}")
+
+
+def _found(node: Mapping[str, Any]) -> str:
+    """What a section holds in their place: the end of a message."""
+    return f", and holds {first_of_many([dotted(key) for key in node])}" if node else ""
+
+
 def _pid(node: Mapping[str, Any], owner: str) -> Gain:
+    """p must be there: a controller takes 0 for it, which nobody means. A short key that is not known was meant to be one of the three."""
+    for key in node:
+        meant = typo_of(key, (*TERMS, *BESIDE))
+        if key not in (*TERMS, *BESIDE) and (meant or len(key) <= LONGEST_SLIP):
+            raise GainroomError(
+                f"{owner}.{dotted(key)}: unknown key" + (f"; did you mean {meant}?" if meant else f" beside {', '.join(TERMS)}")
+            )
+    if "p" not in node:
+        raise GainroomError(f"{owner}.p: is missing: [N m/rad]{_found(node)}; write 0 where there is none")
     return Gain(**{name: checked(f"{owner}.{term}", node.get(term, 0.0), NOT_NEGATIVE) for term, name in TERMS.items()})

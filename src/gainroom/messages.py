@@ -58,6 +58,12 @@ def nearest(name: str, names: Sequence[str], kind: str) -> str:
     return f"{hint} ({kind}s: {first_of_many(names) or 'none'})"
 
 
+def typo_of(name: str, known: Sequence[str]) -> str:
+    """Which of `known` names was meant by one that is nearly it; empty for one of them, and for one that is far from all."""
+    close = [] if name in known else difflib.get_close_matches(name.lower(), known, 1, cutoff=0.75)
+    return close[0] if close else ""
+
+
 def listed(names: Sequence[str], word: str = "and", most: int = 4) -> str:
     """Names in a sentence, not too many, the last after `word`."""
     if len(names) > most:
