@@ -1,6 +1,7 @@
 """The robot in MuJoCo against Pinocchio's rigid bodies and against the linear plant, by two roads that share no code."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -189,6 +190,18 @@ def test_a_robot_from_mjcf_is_its_plant(tmp_path):
     motors, q = actuators(3, 0.5, 2e3, 1.0), random_posture(small, 5)
     robot = build_mujoco(small, motors, q, feet("sole"), timestep=STEP, gravity=False)
     assert_same_response(robot, linearize(small, motors, q, feet("sole")), q)
+
+
+def test_springs_of_the_joints_themselves_are_in_the_plant(tmp_path):
+    """As in the plant, on rigid and on elastic joints; without them the two differ."""
+    small = from_mjcf(tmp_path)
+    sprung = replace(small, springs=dict(zip(small.joint_names, (900.0, 500.0, 0.0), strict=True)))
+    motors = Actuators(np.full(3, 0.5), np.array([2e3, math.inf, math.inf]), np.full(3, 1.0), np.zeros(3), np.zeros(3))
+    q = random_posture(sprung, 5)
+    robot = build_mujoco(sprung, motors, q, feet("sole"), timestep=STEP, gravity=False)
+    assert_same_response(robot, linearize(sprung, motors, q, feet("sole")), q)
+    with pytest.raises(AssertionError):
+        assert_same_response(robot, linearize(small, motors, q, feet("sole")), q)
 
 
 def test_a_fixed_base_arm_is_its_plant():

@@ -1,16 +1,21 @@
 """Robot files from anywhere: found where they are said to be, and refused in one line where they are wrong."""
 
 import importlib.metadata
+import os
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from gainroom.errors import GainroomError
 from gainroom.robot import load_model
 from gainroom.robot.packages import locate
 from refusals import assert_refused
 
+THREADED_LOADS = 60
+"""Of each file: with standard error caught for the whole process, 4 bad files in 360 loads came out good."""
 INERTIAL = '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
 MJCF_BODY = '<body name="{0}"><joint name="{0}"/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/></body>'
 
@@ -32,6 +37,13 @@ def mjcf(body: str = MJCF_BODY.format("a"), before: str = "", after: str = "") -
 
 
 ARM = urdf(link("base"), link("upper"), link("lower"), joint("shoulder", "base", "upper"), joint("elbow", "upper", "lower"))
+
+
+def fixed(inertial: str = INERTIAL, more: str = "") -> str:
+    """An arm of one joint with a link 'c' that the fixed joint 'k' holds on it."""
+    return urdf(link("a"), link("b"), link("c", inertial), joint("j", "a", "b"), joint("k", "b", "c", "fixed", more))
+
+
 DEEP = "<a>" * 500 + "</a>" * 500
 BOMB = '<!DOCTYPE robot [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;&a;&a;">]><robot name="&b;"/>'
 BAD: dict[str, tuple[str | bytes, list[str]]] = {
@@ -66,6 +78,43 @@ BAD: dict[str, tuple[str | bytes, list[str]]] = {
     "mass not a number": (urdf(link("a"), link("b", INERTIAL.replace('value="1"', 'value="nan"')), joint("j", "a", "b")), ["'nan'"]),
     "negative mass": (urdf(link("a"), link("b", INERTIAL.replace('value="1"', 'value="-1"')), joint("j", "a", "b")), ["mass -1 kg"]),
     "no mass": (urdf(link("a"), link("b", ""), link("c", ""), joint("j", "a", "b"), joint("k", "a", "c")), ["joints 'j', 'k'", "inertia"]),
+    "negative mass on a fixed link": (fixed(INERTIAL.replace('value="1"', 'value="-0.1"')), ["link 'c'", "mass -0.1 kg", ">= 0"]),
+    "huge mass": (fixed(INERTIAL.replace('value="1"', 'value="1e200"')), ["link 'c'", "mass 1e+200 kg", "<= 1e+12 kg"]),
+    "negative inertia": (fixed(INERTIAL.replace('ixx="1"', 'ixx="-1"')), ["link 'c'", "inertia ixx -1 kg·m²", ">= 0"]),
+    "huge inertia": (fixed(INERTIAL.replace('ixy="0"', 'ixy="1e200"')), ["link 'c'", "inertia ixy 1e+200 kg·m²", "<= 1e+12"]),
+    "inertia without a moment": (fixed(INERTIAL.replace('iyz="0" ', "")), ["link 'c'", "<inertia> iyz is missing"]),
+    "inertia of no number": (fixed(INERTIAL.replace('iyz="0"', 'iyz="1_0"')), ["link 'c'", "inertia iyz '1_0'", "a finite number"]),
+    "far origin": (fixed(more='<origin xyz="0 1e200 0"/>'), ["joint 'k'", "origin xyz '0 1e200 0'", "<= 1e+06 m"]),
+    "origin of two numbers": (fixed(more='<origin xyz="0 1"/>'), ["joint 'k'", "origin xyz '0 1'", "3 finite numbers"]),
+    "infinite origin": (fixed(more='<origin xyz="0 1e999 0"/>'), ["joint 'k'", "origin xyz", "finite"]),
+    "huge axis": (urdf(*map(link, "ab"), joint("j", "a", "b", more='<axis xyz="0 1e200 0"/>')), ["'j'", "axis '0 1e200 0'", "up to 1e+06"]),
+    "inertial twice": (fixed(2 * INERTIAL), ["link 'c'", "<inertial> 2 times"]),
+    "mass twice": (fixed(INERTIAL.replace("<mass", '<mass value="3"/><mass')), ["link 'c'", "<mass> 2 times"]),
+    "inertia twice": (fixed(INERTIAL.replace("<inertia ", '<inertia ixx="3"/><inertia ')), ["link 'c'", "<inertia> 2 times"]),
+    "origin twice": (fixed(more=2 * '<origin xyz="0 0 1"/>'), ["joint 'k'", "<origin> 2 times"]),
+    "origin of the inertia twice": (
+        fixed(INERTIAL.replace("<mass", 2 * '<origin xyz="0 0 1"/>' + "<mass")),
+        ["link 'c'", "<origin> 2 times"],
+    ),
+    "axis twice": (fixed(more=2 * '<axis xyz="0 0 1"/>'), ["joint 'k'", "<axis> 2 times"]),
+    "parent twice": (fixed(more='<parent link="b"/>'), ["joint 'k'", "<parent> 2 times"]),
+    "child twice": (fixed(more='<child link="b"/>'), ["joint 'k'", "<child> 2 times"]),
+    "limit twice": (fixed(more=2 * '<limit lower="0" upper="1"/>'), ["joint 'k'", "<limit> 2 times"]),
+    "misspelt inertial": (fixed(INERTIAL.replace("inertial", "inertail")), ["link 'c'", "<inertail>", "did you mean <inertial>"]),
+    "mass outside": (fixed('<mass value="3"/>'), ["link 'c'", "<mass>", "belongs in <inertial>"]),
+    "misspelt mass": (fixed(INERTIAL.replace("<mass", "<mas")), ["link 'c'", "<mas>", "did you mean <mass>"]),
+    "other attribute of mass": (fixed(INERTIAL.replace('value="1"', 'value="1" kg="2"')), ["link 'c'", "attribute kg"]),
+    "misspelt attribute of origin": (
+        fixed(more='<origin xyz="0 0 0" rpyy="1 0 0"/>'),
+        ["'k'", "attribute rpyy", "did you mean attribute rpy?"],
+    ),
+    "misspelt axis": (urdf(*map(link, "ab"), joint("j", "a", "b", more='<axes xyz="0 1 0"/>')), ["'j'", "<axes>", "did you mean <axis>"]),
+    "misspelt joint": (
+        ARM.replace('<joint name="elbow"', '<Joint name="elbow"').replace("</joint></robot>", "</Joint></robot>"),
+        ["<Joint>", "<joint>"],
+    ),
+    "reserved joint": (ARM.replace('"elbow"', '"universe"'), ["joint 'universe'", "rename"]),
+    "joint without a name": (ARM.replace('name="elbow"', ""), ["a joint has no name"]),
     "planar joint": (urdf(*map(link, "ab"), joint("j", "a", "b", "planar")), ["'j'", "3 degrees of freedom", "lock"]),
     "too many joints": (
         urdf(link("0"), *(link(str(k)) + joint(f"j{k}", "0", str(k)) for k in range(1, 152))),
@@ -81,6 +130,23 @@ BAD: dict[str, tuple[str | bytes, list[str]]] = {
     "MJCF inertia": (mjcf(MJCF_BODY.format("a").replace("1 1 1", "1 1 5")), ["'a'", "inertia"]),
     "MJCF mass not a number": (mjcf(MJCF_BODY.format("a").replace('mass="1"', 'mass="nan"')), ["'nan'", "finite"]),
     "MJCF out of range": (mjcf(MJCF_BODY.format("a").replace('pos="0 0 0"', 'pos="1e400 0 0"')), ["MJCF"]),
+    "MJCF section": (mjcf(before="<defaults/>"), ["<defaults> is no section", "did you mean <default>?"]),
+    "MJCF section unlike any": (mjcf(before="<xyzzy/>"), ["<xyzzy> is no section", "worldbody"]),
+    "MJCF far body": (mjcf(MJCF_BODY.format("a").replace('name="a">', 'name="a" pos="0 1e200 0">')), ["'a'", "1e+200", "<= 1e+06 m"]),
+    "MJCF far site": (
+        mjcf(MJCF_BODY.format("a").replace("<joint", '<site name="far" pos="0 1e7 0"/><joint')),
+        ["frame 'far'", "<= 1e+06 m"],
+    ),
+    "MJCF heavy body": (mjcf(MJCF_BODY.format("a").replace('mass="1"', 'mass="1e200"')), ["'a'", "mass 1e+200 kg", "<= 1e+12 kg"]),
+    "MJCF armature": (mjcf(MJCF_BODY.format("a").replace("<joint", '<joint armature="1e200"')), ["'a'", "armature", "1e+200", "<= 1e+12"]),
+    "MJCF negative armature": (mjcf(MJCF_BODY.format("a").replace("<joint", '<joint armature="-1"')), ["'a'", "armature -1", ">= 0"]),
+    "MJCF infinite shape": (mjcf('<body name="b"><joint/><geom size="1e200"/></body>'), ["'b'", "finite"]),
+    "MJCF reserved joint": (mjcf(MJCF_BODY.replace('"{0}"', '"universe"')), ["joint 'universe'", "rename"]),
+    "MJCF joint like an unnamed one": (
+        mjcf('<body><joint/><geom size="1"/><body><joint name="joint#0"/><geom size="1"/></body></body>'),
+        ["joint 'joint#0'", "2 joints have this name"],
+    ),
+    "MJCF inertial twice": (mjcf(MJCF_BODY.format("a").replace("</body>", '<inertial pos="0 0 0" mass="2"/></body>')), ["inertial"]),
     "ball joint": (mjcf('<body><joint name="j" type="ball"/><geom size="1"/></body>'), ["'j'", "3 degrees of freedom", "lock"]),
     "replicate": (mjcf(f'<replicate count="1000000000">{MJCF_BODY.format("a")}</replicate>'), ["<replicate>"]),
     "composite": (mjcf('<body><composite type="cable" count="100000 1 1"/></body>'), ["<composite>"]),
@@ -273,3 +339,52 @@ def test_every_public_robot_loads_or_says_why_not():
             body = load_model(str(file.locate()), base)
             assert body.nv == body.size + (6 if base == "floating" else 0)
             assert body.mass_matrix(body.neutral()).shape == (body.nv, body.nv)
+
+
+def test_a_joint_may_be_called_as_a_marked_frame(tmp_path: Path):
+    path = tmp_path / "robot.xml"
+    path.write_text(mjcf(MJCF_BODY.format("a") + MJCF_BODY.format("link:a")), "utf-8")
+    body = load_model(path, locked=["link:a"])
+    assert (body.joint_names, body.frames) == (("a",), ("a", "link:a"))
+
+
+def test_what_bears_on_nothing_may_stand_in_a_urdf(tmp_path: Path):
+    """Sections of simulators, pictures, effort limits, and a link's own origin."""
+    extra = '<gazebo reference="a"><mass/></gazebo><transmission name="t"><joint name="x"/></transmission><material name="m"/>'
+    seen = '<visual><origin xyz="x"/></visual><collision/><origin xyz="0 0 0"/>'
+    turning = joint("j", "a", "b", "revolute", '<limit lower="-1" upper="1" effort="-inf" velocity="x"/><hardwareInterface/>')
+    path = tmp_path / "robot.urdf"
+    path.write_text(urdf(link("a", INERTIAL + seen), link("b"), turning, extra), "utf-8")
+    body = load_model(path)
+    assert (body.joint_names, body.lower[0], body.upper[0]) == (("j",), -1.0, 1.0)
+
+
+def test_eight_threads_read_good_and_bad_files_alike(tmp_path: Path):
+    """Every bad one is refused, every good one read, and standard error is where it was."""
+    texts = {
+        "good.urdf": ARM,
+        "good.xml": mjcf(MJCF_BODY.format("a")),
+        "mass.urdf": ARM.replace('value="1"', 'value="1,5"'),
+        "limit.urdf": ARM.replace("continuous", "revolute"),
+        "type.urdf": ARM.replace("continuous", "ball"),
+        "twice.urdf": fixed(2 * INERTIAL),
+        "name.xml": mjcf("<body><jont/></body>"),
+        "class.xml": mjcf(MJCF_BODY.format("a").replace("<joint", "<joint class='no'")),
+    }
+    for name, text in texts.items():
+        (tmp_path / name).write_text(text, "utf-8")
+    before = os.fstat(2)
+
+    def outcome(name: str) -> tuple[str, str]:
+        try:
+            return name, " ".join(load_model(tmp_path / name).joint_names)
+        except GainroomError as error:
+            return name, str(error)
+
+    alone = dict(map(outcome, texts))
+    with ThreadPoolExecutor(8) as pool:
+        together = list(pool.map(outcome, list(texts) * THREADED_LOADS))
+    assert [found for found in together if alone[found[0]] != found[1]] == []
+    assert (alone["good.urdf"], alone["good.xml"]) == ("shoulder elbow", "a")
+    assert all(str(tmp_path / name) in said for name, said in alone.items() if not name.startswith("good"))
+    assert os.path.samestat(before, os.fstat(2))

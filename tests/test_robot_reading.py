@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from gainroom.robot import load_model
+from gainroom.robot.actuators import Actuators
+from gainroom.robot.linearize import linearize
 from gainroom.robot.mjcf import position_gains
 from refusals import assert_refused
 from robot_bodies import (
@@ -171,3 +173,73 @@ def test_a_wrist_of_massless_links_is_no_mistake(tmp_path: Path):
     body = load_model(write(tmp_path, f'<robot name="wrist">{links}{joints}</robot>', "robot.urdf"))
     assert np.linalg.matrix_rank(body.mass_matrix(body.neutral())) == 2
     assert np.linalg.matrix_rank(body.mass_matrix(body.configuration({"b": 1.0}))) == 3
+
+
+SPRUNG = TREE.replace('name="hip"', 'name="hip" stiffness="40" springref="20"').replace('name="knee"', 'name="knee" stiffness="7"')
+
+
+@pytest.mark.parametrize("base", ["fixed", "floating"])
+def test_springs_of_joints_pull_as_mujoco_has_them(tmp_path: Path, base: str):
+    """W G against how MuJoCo's own accelerations change with the joints' positions, by central differences, without gravity."""
+    body = load_model(write(tmp_path, SPRUNG), base)
+    assert dict(body.springs) == {"hip": 40.0, "knee": 7.0, "shoulder": 0.0}
+    assert any("springs" in note and "hip 40, knee 7" in note for note in body.notes)
+    actuators = Actuators(*(np.full(3, value) for value in (0.0, np.inf, 0.0, 0.0, 0.0)))
+    angles = random_angles(body, 3)
+    model = linearize(body, actuators, body.configuration(angles))
+    still = SPRUNG if base == "floating" else SPRUNG.replace("<freejoint/>", "")
+    witness = mujoco.MjModel.from_xml_string(still.replace('gravity="0.3 -0.2 -9.7"', 'gravity="0 0 0"'))
+    data = mujoco.MjData(witness)
+    places = [witness.joint(name).qposadr[0] for name in body.joint_names]
+    freedoms = [witness.joint(name).dofadr[0] for name in body.joint_names]
+
+    def acceleration(index: int, step: float) -> np.ndarray:
+        """Of the joints, loaded with what holds the springs where the joints stand."""
+        data.qpos[places] = [angles[name] for name in body.joint_names]
+        mujoco.mj_forward(witness, data)
+        data.qfrc_applied[:] = -data.qfrc_passive
+        data.qpos[places[index]] += step
+        mujoco.mj_forward(witness, data)
+        return data.qacc[freedoms].copy()
+
+    step = 1e-3  # the springs are linear: only round-off is left, and at this step the links have moved by 1e-3 of the answer
+    found = np.column_stack([(acceleration(k, step) - acceleration(k, -step)) / (2 * step) for k in range(3)])
+    truth = -model.link_inverse_inertia @ model.gravity_stiffness
+    np.testing.assert_allclose(found, truth, rtol=0, atol=1e-4 * np.abs(truth).max())
+
+
+def test_what_the_file_switches_off_does_not_act(tmp_path: Path):
+    off = SPRUNG.replace("/><worldbody>", '><flag gravity="disable" spring="disable"/></option><worldbody>')
+    body = load_model(write(tmp_path, off))
+    assert not body.springs
+    assert not body.gravity_torque(body.neutral()).any()
+
+
+TOLD = {
+    'frictionloss="0.3"': "dry friction in the model file is not counted [N m]: hip 0.3",
+    'damping="0.7"': "damping in the model file is not counted",
+    'stiffness="3 5"': "only the linear part counts: hip",
+}
+
+
+@pytest.mark.parametrize("attribute", TOLD)
+def test_what_a_joint_has_and_does_not_count_is_told(tmp_path: Path, attribute: str):
+    body = load_model(write(tmp_path, TREE.replace('name="hip"', f'name="hip" {attribute}')))
+    assert any(TOLD[attribute] in note for note in body.notes)
+
+
+def test_friction_of_a_urdf_is_told(tmp_path: Path):
+    text = PLANAR_URDF.format(**PLANAR).replace(
+        '<axis xyz="0 1 0"/></joint>', '<axis xyz="0 1 0"/><dynamics damping="1" friction="2"/></joint>'
+    )
+    notes = load_model(write(tmp_path, text, "robot.urdf")).notes
+    assert any("friction in the model file is not counted [N m]: shoulder 2" in note for note in notes)
+    assert any("damping in the model file is not counted" in note for note in notes)
+
+
+def test_tendons_and_lifted_bodies_are_told(tmp_path: Path):
+    tendon = '</worldbody><tendon><fixed name="t" stiffness="30"><joint joint="hip" coef="1"/></fixed></tendon>'
+    lifted = TREE.replace('<body name="shank"', '<body name="shank" gravcomp="1"')
+    notes = load_model(write(tmp_path, lifted.replace("</worldbody>", tendon))).notes
+    assert any("1 tendon ignored: their springs" in note for note in notes)
+    assert any("gravcomp" in note and "shank" in note for note in notes)

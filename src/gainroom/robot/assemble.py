@@ -1,5 +1,6 @@
 """From what a robot file describes to the rigid body that is studied: which joints move, which are held, and whether it makes sense."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -20,7 +21,16 @@ SINGULAR = 1e-12
 MASSLESS = 1e-14
 """Inertia of a joint [kg m², kg] below which nothing hangs on it: a grain of sand at 1 mm has 1e-12."""
 
+FARTHEST = 1e6
+"""Of a coordinate [m] or an angle [rad]: a robot drawn in mm still fits a thousand times."""
+LARGEST = 1e12
+"""Of a mass [kg] or an inertia [kg m²], as in the other files: their products are far from where a double overflows."""
+
 LINK = "link:"
+RESERVED = "universe"
+"""Pinocchio's own name for what does not move."""
+RUBS = "the joints' own dry friction in the model file is not counted [N m]"
+SPRUNG = "the joints' own springs in the model file count as stiffness beside the gearbox, without the load they carry [N m/rad]"
 
 
 @dataclass(frozen=True)
@@ -29,12 +39,15 @@ class Description:
 
     model   Pinocchio's, with every joint; a floating base, if there is one, is its first. Rotors in `armature`, not in the links
     held    joints that cannot be actuated, and why
+    springs, friction   of the joints themselves, by name [N m/rad; N/m for a slide], [N m; N]
     """
 
     source: str
     model: Any
     held: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    springs: Mapping[str, float] = field(default_factory=dict)
+    friction: Mapping[str, float] = field(default_factory=dict)
 
 
 def assemble(
@@ -48,7 +61,8 @@ def assemble(
     """The body whose joints are the `selected` ones (None: all) without the `locked` ones; see load_model. Raises GainroomError."""
     source, model = description.source, description.model
     _require_few(source, model)
-    _require_finite_model(source, model)
+    _require_names(source, model)
+    _require_sane(source, model)
     first = 2 if floats(model) else 1
     names = tuple(model.names[first:])
     positions = _positions(source, names, posture_for_locked or {})
@@ -68,6 +82,7 @@ def assemble(
         locked={name: positions.get(name, 0.0) for name in held},
         notes=_notes(description, held, positions, model),
         bones=tuple(_bone(model, index, first) for index in range(first, model.njoints)),
+        springs={name: stiffness for name, stiffness in description.springs.items() if name in kept},
     )
     _require_mass(body)
     return body
@@ -117,12 +132,15 @@ def _reduce(model: Any, held: Sequence[str], positions: Mapping[str, float]) -> 
 def _hold(pin: Any, model: Any, joints: list[int], q: Floats) -> Any:
     """buildReducedModel, which gives up where a joint has the name of a link."""
     renamed = pin.Model(model)
+    mark = LINK
+    while any(frame.name.startswith(mark) for frame in model.frames):
+        mark += LINK
     for frame in renamed.frames:
         if frame.type in (pin.FrameType.BODY, pin.FrameType.OP_FRAME):
-            frame.name = f"{LINK}{frame.name}"
+            frame.name = f"{mark}{frame.name}"
     reduced = pin.buildReducedModel(renamed, joints, q)
     for frame in reduced.frames:
-        frame.name = frame.name.removeprefix(LINK)
+        frame.name = frame.name.removeprefix(mark)
     return reduced
 
 
@@ -155,6 +173,10 @@ def _notes(description: Description, held: Sequence[str], positions: Mapping[str
         notes.append(
             f"the joints' own damping in the model file is not counted, give it as link_viscous [N m s/rad]: {first_of_many(damped)}"
         )
+    for values, told in ((description.friction, RUBS), (description.springs, SPRUNG)):
+        found = [f"{name} {value:.4g}" for name, value in values.items() if value and name not in held]
+        if found:
+            notes.append(f"{told}: {first_of_many(found)}")
     return (*description.notes, *notes)
 
 
@@ -175,14 +197,38 @@ def _require_few(source: str, model: Any) -> None:
         raise GainroomError(f"{source}: has {model.njoints - 1} joints and must have at most {MAX_JOINTS}")
 
 
-def _require_finite_model(source: str, model: Any) -> None:
+def _require_names(source: str, model: Any) -> None:
+    """Raise GainroomError for joints whose names Pinocchio would mix up."""
+    for name, count in Counter(model.names).items():
+        if count > 1:
+            what = f"name {RESERVED!r} is taken; rename it" if name == RESERVED else f"{count} joints have this name"
+            raise GainroomError(f"{source}: joint {name!r}: {what}")
+
+
+def _require_sane(source: str, model: Any) -> None:
+    """Raise GainroomError for numbers that are no robot's: their products would leave the range of a double."""
+    rotors = np.array(model.armature) + np.array(model.rotorInertia) * np.array(model.rotorGearRatio) ** 2
     for index in range(model.njoints):
-        inertia, placement = model.inertias[index], model.jointPlacements[index]
-        values = (inertia.mass, *inertia.lever, *inertia.inertia.ravel(), *placement.homogeneous.ravel())
-        if not np.all(np.isfinite(values)):
-            raise GainroomError(f"{source}: joint {model.names[index]!r}: placement and inertia of its links must be finite")
-        if inertia.mass < 0:
-            raise GainroomError(f"{source}: joint {model.names[index]!r}: mass {inertia.mass:g} kg of its links must be >= 0")
+        inertia, placement, joint = model.inertias[index], model.jointPlacements[index], model.joints[index]
+        if not 0 <= inertia.mass <= LARGEST:
+            raise _absurd(source, model, index, f"mass {inertia.mass:g} kg of its links must be >= 0 and <= {LARGEST:g} kg")
+        for what, values, most, unit in (
+            ("place [m]", placement.translation, FARTHEST, "m"),
+            ("centre of mass of its links [m]", inertia.lever, FARTHEST, "m"),
+            ("inertia of its links [kg m²]", inertia.inertia.ravel(), LARGEST, "kg·m²"),
+            ("armature [kg m²]", rotors[joint.idx_v : joint.idx_v + joint.nv], LARGEST, "kg·m²"),
+        ):
+            if len(values) and not np.abs(values).max() <= most:  # NaN is not <= anything
+                raise _absurd(source, model, index, f"{what} {np.abs(values).max():g} must be finite and <= {most:g} {unit}")
+        if np.any(rotors[joint.idx_v : joint.idx_v + joint.nv] < 0):
+            raise _absurd(source, model, index, f"armature {rotors[joint.idx_v]:g} kg·m² must be >= 0")
+    for frame in model.frames:
+        if not np.abs(frame.placement.translation).max() <= FARTHEST:
+            raise GainroomError(f"{source}: frame {frame.name!r}: its place must be finite and <= {FARTHEST:g} m in each direction")
+
+
+def _absurd(source: str, model: Any, index: int, problem: str) -> GainroomError:
+    return GainroomError(f"{source}: joint {model.names[index]!r}: {problem}")
 
 
 def _require_actuated(source: str, model: Any, names: Sequence[str], kept: Sequence[str]) -> None:

@@ -84,6 +84,7 @@ class RigidBody:
     locked        joints of the file that are held, and at which position [rad; m for a slide]
     notes         what a user should know about how the file was read
     bones         joints of the file, parents first, for a drawing
+    springs       of joints that have one of their own, beside the gearbox, by name [N m/rad; N/m for a slide]
 
     Postures q (nq,) hold the base's position and quaternion (x, y, z, w) if it floats, then each joint's angle, or cosine and sine of a
     continuous joint's. Make them with `configuration`. All methods raise GainroomError for a q of wrong shape or not finite.
@@ -97,6 +98,7 @@ class RigidBody:
     locked: Mapping[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     bones: tuple[Bone, ...] = ()
+    springs: Mapping[str, float] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         return f"RigidBody({self.source!r}: {self.size} joints, {len(self.locked)} locked, {self.base} base)"

@@ -36,7 +36,7 @@ def linearize(body: "RigidBody", actuators: "Actuators", q: Floats, contacts: Se
     actuators   one entry per joint of the body
     q           (nq,) configuration, as body.configuration gives it
     contacts    none: in flight, or a fixed base that touches nothing
-    gravity     True: with gravity stiffness, see gravity_stiffness
+    gravity     True: with gravity stiffness, see gravity_stiffness; springs of the body's own joints always count
 
     Raises GainroomError for a posture of the wrong shape, unknown or repeated frames, massless links, and gravity where the contacts
     leave the base free.
@@ -58,7 +58,7 @@ def linearize(body: "RigidBody", actuators: "Actuators", q: Floats, contacts: Se
         damping=actuators.damping,
         motor_viscous=actuators.motor_viscous,
         link_viscous=actuators.link_viscous,
-        gravity_stiffness=gravity_stiffness(body, q, contacts) if gravity else None,
+        gravity_stiffness=_stiffness(body, q, contacts, gravity),
         compliance=_compliance(motion, joints, jacobian[~rigid], contacts),
         joint_names=body.joint_names,
         body=body,
@@ -116,6 +116,18 @@ def gravity_stiffness(body: "RigidBody", q: Floats, contacts: Sequence[Contact] 
     change = [(unbalanced(column, STEP) - unbalanced(column, -STEP)) / (2 * STEP) for column in reached.T]
     stiffness = reached.T @ np.array(change).T
     return (stiffness + stiffness.T) / 2
+
+
+def _stiffness(body: "RigidBody", q: Floats, contacts: Sequence[Contact], gravity: bool) -> Floats | None:
+    """What pulls the links back beside the gearboxes: gravity where it counts, and the joints' own springs; None: nothing.
+
+    A spring between the two links of joint j turns −k δq_j, a joint torque like those of the gearbox: it adds k to G's diagonal on any
+    contacts.
+    """
+    springs = np.array([body.springs.get(name, 0.0) for name in body.joint_names])
+    if not gravity:
+        return np.diag(springs) if springs.any() else None
+    return gravity_stiffness(body, q, contacts) + np.diag(springs)
 
 
 def _compliance(motion: Floats, joints: Floats, jacobian: Floats, contacts: Sequence[Contact]) -> Compliance | None:

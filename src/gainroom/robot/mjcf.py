@@ -15,6 +15,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from ..errors import GainroomError
+from ..messages import first_of_many
 from .assemble import Description
 from .body import Base, library
 from .mjcf_file import compile_mjcf
@@ -32,7 +33,8 @@ def read_mjcf(root: Element, path: Path, base: Base | None = None) -> Descriptio
     compiled = compile_mjcf(root, path)
     tree = _Tree(pin, compiled.model, str(path))
     tree.grow(base)
-    return Description(str(path), tree.result, compiled.coupled, (*compiled.notes, *tree.notes))
+    notes = (*compiled.notes, *tree.notes, *_not_counted(compiled.model))
+    return Description(str(path), tree.result, compiled.coupled, notes, tree.springs, tree.friction)
 
 
 def position_gains(path: Path) -> Mapping[str, tuple[float, float]]:
@@ -40,7 +42,7 @@ def position_gains(path: Path) -> Mapping[str, tuple[float, float]]:
 
     These are <position>, <velocity> and affine <general>, as MuJoCo compiles them, times gear². Raises GainroomError as read_mjcf.
     """
-    model = compile_mjcf(read_xml(path)[1], path).model
+    model = compile_mjcf(read_xml(path), path).model
     gains: dict[str, tuple[float, float]] = {}
     for index in range(model.nu):
         joint = model.actuator_trnid[index, 0]
@@ -57,7 +59,7 @@ def keyframes(path: Path) -> Mapping[str, Mapping[str, float]]:
 
     Raises GainroomError as read_mjcf.
     """
-    root = read_xml(path)[1]
+    root = read_xml(path)
     if root.tag != "mujoco":
         return {}
     model = compile_mjcf(root, path, keyframes=True).model
@@ -81,11 +83,13 @@ class _Tree:
     result: Any = None
     notes: list[str] = field(default_factory=list)
     places: dict[int, tuple[int, Any, int]] = field(default_factory=dict)
+    springs: dict[str, float] = field(default_factory=dict)
+    friction: dict[str, float] = field(default_factory=dict)
 
     def grow(self, base: Base | None) -> None:
         model = self.mujoco_model
         self.result = self.pin.Model()
-        self.result.gravity.linear = np.array(model.opt.gravity)
+        self.result.gravity.linear = np.array(model.opt.gravity) * (not _disabled(model, "mjDSBL_GRAVITY"))
         floating, left = self._roots(base)
         self.places[0] = (0, self.pin.SE3.Identity(), 0)
         roots = np.array(model.body_rootid)
@@ -154,6 +158,9 @@ class _Tree:
         joint = self.result.addJoint(parent, joint_model, place, _joint_name(model, index))
         if kind != _BALL:
             self._set_limits(index, joint)
+            self.friction[_joint_name(model, index)] = float(model.dof_frictionloss[model.jnt_dofadr[index]])
+            if not _disabled(model, "mjDSBL_SPRING"):
+                self.springs[_joint_name(model, index)] = float(model.jnt_stiffness[index])
         return joint, pin.SE3(np.eye(3), -anchor), self.result.addJointFrame(joint, frame)
 
     def _set_limits(self, index: int, joint: int) -> None:
@@ -186,6 +193,25 @@ class _Tree:
     def _placement(self, position: Any, quaternion: Any) -> Any:
         rotation = self.pin.Quaternion(np.array(quaternion)[list(_TO_XYZW)]).normalized().toRotationMatrix()
         return self.pin.SE3(rotation, np.array(position))
+
+
+def _disabled(model: Any, flag: str) -> bool:
+    """Whether the file switches a part of the physics off, by the name of MuJoCo's flag."""
+    bits = library("mujoco", "Pinocchio and MuJoCo").mjtDisableBit
+    return bool(model.opt.disableflags & int(getattr(bits, flag, 0)))
+
+
+def _not_counted(model: Any) -> tuple[str, ...]:
+    """What bears on the links and is left out, in words."""
+    notes = []
+    lifted = [_body_name(model, body) for body in range(model.nbody) if model.body_gravcomp[body]]
+    if lifted:
+        notes.append(f"gravcomp of these bodies is left out, they weigh what they weigh: {first_of_many(lifted)}")
+    curves = getattr(model, "jnt_stiffnesspoly", np.zeros(model.njnt))  # since MuJoCo 3.5
+    bent = [_joint_name(model, joint) for joint in range(model.njnt) if np.any(curves[joint])]
+    if bent:
+        notes.append(f"of these joints' own springs only the linear part counts: {first_of_many(bent)}")
+    return tuple(notes)
 
 
 def _rotor(model: Any, joint: int) -> float:

@@ -7,6 +7,7 @@ body's inertia. So mesh files may be missing where inertias are explicit. Files 
 import contextlib
 import os
 import re
+import threading
 import warnings
 from collections import Counter
 from collections.abc import Iterator, Mapping
@@ -15,18 +16,31 @@ from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element, tostring
 
+import numpy as np
+
 from ..errors import GainroomError
-from ..messages import one_line
+from ..messages import one_line, typo_of
 from .assemble import MAX_JOINTS
 from .body import library
 from .xml_text import MAX_BYTES, MAX_DEPTH, MAX_ELEMENTS, read_xml
 
 SECTIONS = ("compiler", "option", "default", "asset", "worldbody", "equality", "actuator")
 KEYFRAMES = ("keyframe",)
+IDLE = ("size", "visual", "statistic", "custom", "contact", "deformable", "tendon", "sensor", "extension", *KEYFRAMES)
+"""Sections that MJCF has and that do not bear on bodies, joints and their actuators."""
 MULTIPLIERS = ("replicate", "composite", "flexcomp", "attach")
 """These make many bodies of few lines, or read further models."""
 MOST = {"body": 2000, "joint": MAX_JOINTS, "geom": 2000, "site": 2000, "asset": 1000, "actuator": 2000, "equality": 2000, "keyframe": 1000}
 """Elements by tag, assets and the like by section: MuJoCo and Pinocchio take time that grows with the square of some of them."""
+
+
+FINITE = {
+    "body": ("body_mass", "body_inertia", "body_pos", "body_ipos", "body_quat", "body_iquat"),
+    "joint": ("jnt_pos", "jnt_axis", "jnt_stiffness"),
+    "site": ("site_pos", "site_quat"),
+}
+_COMPILING = threading.Lock()
+"""MuJoCo's and Python's handlers of warnings are the whole process's."""
 
 
 @dataclass(frozen=True)
@@ -43,8 +57,9 @@ def compile_mjcf(root: Element, path: Path, keyframes: bool = False) -> Compiled
     mujoco = library("mujoco", "Pinocchio and MuJoCo")
     source = str(path)
     _Includes(path).splice(root, path.parent)
+    tendons = [f"<{each.tag}>" for section in root.findall("tendon") for each in section]
     _trim(root, source, (*SECTIONS, *KEYFRAMES) if keyframes else SECTIONS)
-    with _warnings(mujoco) as said:
+    with _COMPILING, _warnings(mujoco) as said:
         try:
             spec = mujoco.MjSpec.from_string(tostring(root, "unicode"))
             spec.modelfiledir = str(path.parent)
@@ -57,7 +72,21 @@ def compile_mjcf(root: Element, path: Path, keyframes: bool = False) -> Compiled
         except (ValueError, RuntimeError, LookupError, TypeError, mujoco.FatalError) as error:
             # Lines are those of the text that MuJoCo was given, not the file's.
             raise GainroomError(f"{source}: not a valid MJCF: {re.sub(r',? *line [0-9]+', '', one_line(error))}") from error
+    if tendons:
+        notes.append(f"{len(tendons)} tendon{'s' * (len(tendons) > 1)} ignored: their springs, dampers and limits do not count")
+    _require_finite(model, source)
     return Compiled(model, coupled, (*notes, *(f"MuJoCo: {one_line(text)}" for text in said)))
+
+
+def _require_finite(model: Any, source: str) -> None:
+    """Raise GainroomError where a number of the file, or what the compiler made of some, is not finite."""
+    for what, columns in FINITE.items():
+        for column in columns:
+            values = np.asarray(getattr(model, column), dtype=float)
+            wrong = np.flatnonzero(~np.isfinite(values.reshape(len(values), -1)).all(axis=1)) if len(values) else []
+            if len(wrong):
+                name = getattr(model, what)(int(wrong[0])).name or f"{what}#{wrong[0]}"
+                raise GainroomError(f"{source}: {what} {name!r}: {column.partition('_')[2]} {values[wrong[0]].tolist()} must be finite")
 
 
 def inside(path: Path, name: str, near: tuple[Path, ...], what: str) -> Path | None:
@@ -97,7 +126,7 @@ class _Includes:
                 children.append(child)
                 continue
             target = self._target(child, folder)
-            _, included = read_xml(target)
+            included = read_xml(target)
             self.splice(included, target.parent, depth)
             children.extend(included)
         element[:] = children
@@ -122,6 +151,11 @@ class _Includes:
 
 def _trim(root: Element, source: str, sections: tuple[str, ...]) -> None:
     """Leave only what bears on bodies, joints and actuators, and hold that within bounds."""
+    for section in root:
+        if section.tag not in (*SECTIONS, *IDLE, *MULTIPLIERS):
+            meant = typo_of(section.tag, (*SECTIONS, *IDLE))
+            hint = f"; did you mean <{meant}>?" if meant else f" (sections: {', '.join(sorted({*SECTIONS, *IDLE}))})"
+            raise GainroomError(f"{source}: <{section.tag[:40]}> is no section of an MJCF{hint}")
     root[:] = [section for section in root if section.tag in sections]
     for element in root.iter():
         if element.tag in MULTIPLIERS:

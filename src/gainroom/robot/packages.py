@@ -50,9 +50,9 @@ def load_model(
     path = locate(file)
     if base not in ("fixed", "floating", None):
         raise GainroomError(f"{path}: base {base!r} must be fixed or floating")
-    text, root = read_xml(path)
+    root = read_xml(path)
     if root.tag == "robot":
-        description = read_urdf(text, root, str(path), base)
+        description = read_urdf(root, str(path), base)
     elif root.tag == "mujoco":
         description = read_mjcf(root, path, base)
     else:

@@ -19,10 +19,9 @@ MAX_DEPTH = 400
 """Below tinyxml2's own limit of 500, at which MuJoCo and Pinocchio stop with a message of theirs."""
 
 
-def read_xml(path: Path) -> tuple[str, Element]:
-    """Text and root element of a UTF-8 XML file. Raises GainroomError, one line that names the file."""
-    text = bounded_text(path, MAX_BYTES, "a robot file")
-    return text, parse_xml(text, str(path))
+def read_xml(path: Path) -> Element:
+    """The root element of a UTF-8 XML file. Raises GainroomError, one line that names the file."""
+    return parse_xml(bounded_text(path, MAX_BYTES, "a robot file"), str(path))
 
 
 def parse_xml(text: str, source: str) -> Element:

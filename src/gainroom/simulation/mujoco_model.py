@@ -109,7 +109,8 @@ def build_mujoco(
     """The robot, ready to be simulated from posture `q`.
 
     body, actuators   links and motors; stiffness inf: rigid
-    q          (nq,) where the contact frames are now is where they are held, or where the ground is
+    q          (nq,) where the contact frames are now is where they are held, or where the ground is; springs in the joints themselves
+               carry nothing there
     contacts   rigid ones are held by constraints, or stand on the ground; those with stiffness hang on springs and dampers
     timestep   h [s]; stable up to 2/ω of the fastest vibration
     coulomb    (n,) or one for all: Coulomb friction on the motor side [N m]; viscous friction is the actuators' own
@@ -132,13 +133,13 @@ def build_mujoco(
         spec.add_actuator(name=name, target=_motor(name), trntype=mujoco.mjtTrn.mjTRN_JOINT)
     for contact in contacts:
         _add_contact(mujoco, spec, bodies, body, q, contact, ground, timestep, gravity)
-    for name in _rubbing(body, actuators):
+    for name in _link_side(body, actuators):
         tendon = spec.add_tendon(name=name)
         tendon.wrap_joint(_motor(name), 1.0)
         tendon.wrap_joint(_spring(name), 1.0)
     model = spec.compile()
     robot = _addressed(mujoco, model, body, actuators, tuple(contacts))
-    _set_values(mujoco, robot, actuators, friction, timestep)
+    _set_values(mujoco, robot, actuators, friction, timestep, body.angles(q))
     return robot
 
 
@@ -154,9 +155,10 @@ def _spring(name: str) -> str:
     return f"{name}/spring"
 
 
-def _rubbing(body: RigidBody, actuators: Actuators) -> list[str]:
-    """Elastic joints with friction on the link side, which acts on the sum of two of MuJoCo's joints: a tendon."""
-    return [name for k, name in enumerate(body.joint_names) if actuators.link_viscous[k] > 0 and np.isfinite(actuators.stiffness[k])]
+def _link_side(body: RigidBody, actuators: Actuators) -> list[str]:
+    """Elastic joints with friction or a spring on the link side, which act on the sum of two of MuJoCo's joints: a tendon."""
+    elastic = np.isfinite(actuators.stiffness)
+    return [name for k, name in enumerate(body.joint_names) if elastic[k] and (actuators.link_viscous[k] > 0 or body.springs.get(name))]
 
 
 def _add_links(mujoco: Any, spec: Any, body: RigidBody, actuators: Actuators) -> list[Any]:
@@ -221,8 +223,11 @@ def _addressed(mujoco: Any, model: Any, body: RigidBody, actuators: Actuators, c
     )
 
 
-def _set_values(mujoco: Any, robot: MujocoRobot, actuators: Actuators, friction: Floats, timestep: float) -> None:
-    """Numbers of the compiled model, to the last bit and without the compiler's opinions; then what MuJoCo derives from them."""
+def _set_values(mujoco: Any, robot: MujocoRobot, actuators: Actuators, friction: Floats, timestep: float, rest: Floats) -> None:
+    """Numbers of the compiled model, to the last bit and without the compiler's opinions; then what MuJoCo derives from them.
+
+    rest   (n,) where the joints' own springs carry nothing [rad]
+    """
     model, body, elastic = robot.model, robot.body, robot.elastic
     for index in range(1, body.model.njoints):
         inertia = body.model.inertias[index]
@@ -234,8 +239,14 @@ def _set_values(mujoco: Any, robot: MujocoRobot, actuators: Actuators, friction:
     model.dof_solimp[robot.motor_v, :2] = CLOSEST
     model.jnt_stiffness[model.dof_jntid[robot.spring_v]] = robot.stiffness
     model.dof_damping[robot.spring_v] = robot.damping
-    for name in _rubbing(body, actuators):
-        model.tendon_damping[model.tendon(name).id] = actuators.link_viscous[body.joint_names.index(name)]
+    for k, name in enumerate(body.joint_names):
+        if not elastic[k]:
+            model.jnt_stiffness[model.dof_jntid[robot.motor_v[k]]] = body.springs.get(name, 0.0)
+            model.qpos_spring[robot.motor_q[k]] = rest[k]
+    for name in _link_side(body, actuators):
+        tendon, k = model.tendon(name).id, body.joint_names.index(name)
+        model.tendon_damping[tendon] = actuators.link_viscous[k]
+        model.tendon_stiffness[tendon], model.tendon_lengthspring[tendon] = body.springs.get(name, 0.0), rest[k]
     option = model.opt
     option.solver, option.jacobian = mujoco.mjtSolver.mjSOL_NEWTON, mujoco.mjtJacobian.mjJAC_DENSE
     option.cone, option.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, 10.0  # feet creep ten times less than they would
