@@ -22,6 +22,11 @@ from mutations import RANDOMS, mutated_bytes, mutated_data
 
 EXAMPLES = joint_examples()
 TESTBED = EXAMPLES["testbed"]
+QUICK = """\
+joint: {motor_inertia: 1.0, link_inertia: 0.8, stiffness: 1.0e+4}
+drive: {bandwidth: 4000.0, delay_ms: 2.0}
+control: {type: pd, feedback: motor, sample_rate_hz: 1000, kp: 1600.0, kd: 70.0, FILTER}
+"""
 
 
 def complaint(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
@@ -58,6 +63,14 @@ def joint_file(tmp_path: Path) -> Path:
         (TESTBED.replace("stiffness:", "stifness:").encode(), "did you mean stiffness?"),
         (TESTBED.replace("delay_ms: 2.674", "delay_ticks: 4").encode(), "needs sample_rate_hz"),
         (TESTBED.replace("delay_ms: 2.674", "delay_s: 2e-3").encode(), "did you mean delay_ms?"),
+        (
+            QUICK.replace("FILTER", "velocity_filter: {bandwidth_hz: 500}").encode(),
+            "control.velocity_filter.bandwidth_hz: 500 Hz must",
+        ),
+        (
+            QUICK.replace("FILTER", "notches: [{frequency: 9}, {frequency: 4e3}]").encode(),
+            "control.notches[1].frequency: 4000 rad/s",
+        ),
         (TESTBED.replace("kp: 1600.0", "kp: 1600 Nm").encode(), "control.kp: '1600 Nm' is text"),
     ],
 )

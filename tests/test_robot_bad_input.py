@@ -1,7 +1,11 @@
 """Bad input to `gainroom robot` and `gainroom audit`: exit status 2, one line that names what is wrong, no traceback, in bounded time."""
 
+import contextlib
 import os
+import re
+import warnings
 from pathlib import Path
+from random import Random
 
 import numpy as np
 import pytest
@@ -9,6 +13,7 @@ import pytest
 import gainroom as gr
 from gainroom.cli import main
 from gainroom.kept import kept_by
+from gainroom.robot.patterns import compile_pattern
 from gainroom.robot_config import parse_robot
 from refusals import assert_refused
 from robot_truths import hinge, link, write_robot
@@ -110,6 +115,11 @@ EDITS = {
     "task gain, nan": ("kp: 200", "kp: [1, .nan, 1]", ["tasks[0].kp: nan is not a number"]),
     "inertia, tiny": ("motor_inertia: 0.5", "motor_inertia: 1e-300", ["joints.default.motor_inertia: 1e-300 must be >= 1e-12"]),
     "delay": ("delay_ms: 2", "delay_ms: 1e5", ["drive.delay_ms: 100000.0 must be <= 10000 ms"]),
+    "filter": (
+        "type: pd,",
+        "type: pd, sample_rate_hz: 500, notches: [{frequency_hz: 250}],",
+        ["control.notches[0].frequency_hz: 250 Hz"],
+    ),
     "ticks of one joint": ("type: pd,", "type: pd, sample_rate_hz: 1e6,", ["joint 'hip': the delay of 2000 ticks"]),
     "ticks of all joints": ("type: pd,", "type: pd, sample_rate_hz: 4e5,", ["all 2 joints together, 1600 ticks, must be <= 600"]),
     "anchors": ("bent: {hip", "a: &a {hip: 1}, b: *a, bent: {hip", ["line 4", "anchors and aliases"]),
@@ -220,3 +230,28 @@ def test_loci_that_cannot_be_followed_keep_nothing_that_is_required(monkeypatch:
     assert kept_by(loop).meets(lenient)
     monkeypatch.setattr("gainroom.sweep.Sweep.full", True)
     assert not kept_by(loop).meets(lenient)
+
+
+def test_patterns_of_which_python_warns_are_refused():
+    """Without its warnings being caught, whose filters are the whole process's; brackets, signs and letters at random."""
+    draw = Random(2017)
+    warned = 0
+    for _ in range(20_000):
+        pattern = "".join(draw.choice("[]^-&~|ab\\") for _ in range(draw.randint(2, 9)))
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", FutureWarning)
+            try:
+                re.compile(pattern)
+                nested = False
+            except re.error:
+                nested = False
+            except FutureWarning:
+                nested = True
+            if nested:
+                warned += 1
+                with pytest.raises(gr.GainroomError):
+                    compile_pattern(pattern, "f")
+            else:
+                with contextlib.suppress(gr.GainroomError):
+                    compile_pattern(pattern, "f")
+    assert warned > 500

@@ -284,6 +284,8 @@ def test_models_in_packages():
         ("example-robot-data", "../../../../etc/passwd"): ["has no"],
         ("numpy", "x.urdf"): ["numpy has no 'x.urdf'", "0 files"],
         ("", "x.urdf"): ["''"],
+        ("../robots", "x.urdf"): ["'../robots' is not installed"],
+        ("a b; rm", "x.urdf"): ["'a b; rm' is not installed"],
     }
     for (package, file), words in refusals.items():
         assert_refused(lambda package=package, file=file: load_model({"package": package, "file": file}), words)
@@ -388,3 +390,29 @@ def test_eight_threads_read_good_and_bad_files_alike(tmp_path: Path):
     assert (alone["good.urdf"], alone["good.xml"]) == ("shoulder elbow", "a")
     assert all(str(tmp_path / name) in said for name, said in alone.items() if not name.startswith("good"))
     assert os.path.samestat(before, os.fstat(2))
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("http://example.org/robot.urdf", "is an address; download it"),
+        ("https://example.org/robot", "is an address; download it"),
+        ("package://my_robot/robot.urdf", "is an address"),
+        ("my_robot:/robot.urdf", "no such file"),
+        ("some:text", "no such file"),
+        ("what is this?", "no such file"),
+        ("C:\\robots\\arm.urdf", "no such file"),
+        ("../robots:arm.urdf", "no such file"),
+    ],
+)
+def test_nobody_is_told_to_install_what_is_no_package(name: str, says: str):
+    with pytest.raises(GainroomError, match=says) as caught:
+        load_model(name)
+    assert "pip" not in str(caught.value)
+
+
+@pytest.mark.parametrize("package", ["../robots", "a b; rm", "", "-r", "x", "a" * 100, "http://example.org"])
+def test_nobody_is_told_to_install_what_is_no_name(package: str):
+    with pytest.raises(GainroomError, match="is not installed") as caught:
+        locate({"package": package, "file": "x.urdf"})
+    assert "pip" not in str(caught.value)

@@ -267,10 +267,12 @@ def test_overflow_ends_the_run_too():
     assert np.abs(found.target_torque).max() > 1e100
 
 
-def test_compiled_kernel_is_the_matrix_recursion():
-    """The kernel and its numpy twin against matrix products; 60 states, of which the largest grow."""
+@pytest.mark.parametrize("full", [1.0, 0.1])
+def test_compiled_kernel_is_the_matrix_recursion(full: float):
+    """The kernel and its numpy twin against matrix products; 60 states, of which the largest grow, full and mostly zeros."""
     rng = np.random.default_rng(6)
-    matrix, forcing = rng.normal(size=(60, 60)) / 7, rng.normal(size=(300, 60))
+    matrix, forcing = rng.normal(size=(60, 60)) / 7 / np.sqrt(full), rng.normal(size=(300, 60))
+    matrix *= rng.uniform(size=matrix.shape) < full
     expected = [rng.normal(size=60)]
     for f in forcing:
         expected.append(matrix @ expected[-1] + f)
@@ -354,6 +356,9 @@ def test_tracking_of_a_known_response():
         (lambda: Scenario(np.zeros((2, 2, 2)), 1.0), ["reference", "(2, 2, 2)"]),
         (lambda: Scenario(0.0, 1.0, noise=-1.0), ["noise", ">= 0"]),
         (lambda: Scenario(0.0, 1.0, seed=-1), ["seed", ">= 0"]),
+        (lambda: simulate(SAMPLED, Scenario(0.0, 1e9)), ["duration 1e+09 s", "at most 1000 s", "2000000 ticks", "stream()"]),
+        (lambda: next(stream(SAMPLED, Scenario(0.0, 1e300))), ["duration 1e+300 s", "1e+12 ticks"]),
+        (lambda: simulate(gr.simulation.Testbed(SAMPLED), Scenario(0.0, 1001.0)), ["duration 1001 s", "at most 1000 s"]),
         (lambda: simulate(SAMPLED, Scenario(Step(np.ones(2)), 1.0)), ["reference for 2 joints", "loop of 1"]),
         (lambda: simulate(SAMPLED, Scenario(0.0, 1.0, noise=np.ones(3))), ["noise of shape (3,)"]),
         (lambda: simulate(SAMPLED, Scenario(0.0, 1.0, start=Start(motor_position=np.ones(2)))), ["start.motor_position"]),

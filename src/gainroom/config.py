@@ -18,6 +18,7 @@ from .config_sections import (
     RangesSection,
     delay_of,
     refuse_long_delay,
+    refuse_quick_filters,
     spread,
     tick_of,
 )
@@ -205,6 +206,7 @@ class JointFile(Section):
         sampled = self.control.sample_rate_hz is not None
         delay = delay_of(self.drive, tick)
         refuse_long_delay(delay, tick if sampled else None)
+        refuse_quick_filters(self.control, tick if sampled else None)
         return JointSpec(
             joint=joint,
             drive=Drive(bandwidth=self.drive.bandwidth, damping_ratio=self.drive.damping_ratio, delay=delay),

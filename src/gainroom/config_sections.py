@@ -182,6 +182,20 @@ def delay_of(drive: DriveSection, tick: float | None) -> float:
     return drive.delay_ticks * tick
 
 
+def refuse_quick_filters(control: ControlSection, tick: float | None) -> None:
+    """Raise GainroomError where a filter lies above half the sample rate of a sampled loop; `tick` None: continuous."""
+    if tick is None:
+        return
+    low_pass = control.velocity_filter
+    typed = {} if low_pass is None else {"velocity_filter.bandwidth": (low_pass.bandwidth, low_pass.bandwidth_hz)}
+    typed |= {f"notches[{k}].frequency": (notch.frequency, notch.frequency_hz) for k, notch in enumerate(control.notches)}
+    for key, (angular, hertz) in typed.items():
+        if rad_per_s(angular, hertz) * tick >= math.pi:
+            told = f"_hz: {hertz:g} Hz" if angular is None else f": {angular:g} rad/s"
+            half = f"{0.5 / tick:g} Hz" if angular is None else f"{math.pi / tick:.6g} rad/s"
+            raise GainroomError(f"control.{key}{told} must be below half the sample rate, {half}")
+
+
 def refuse_long_delay(delay: float, tick: float | None, owner: str = "drive") -> None:
     """Raise GainroomError where a sampled loop would carry too many ticks of delay; `tick` None: continuous."""
     if tick is not None and delay > MAX_TICKS * tick:

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from .arrays import Floats
-from .config_sections import delay_of, refuse_long_delay, spread, tick_of
+from .config_sections import delay_of, refuse_long_delay, refuse_quick_filters, spread, tick_of
 from .drive import Drive
 from .errors import GainroomError
 from .file_kinds import parse_as
@@ -62,6 +62,7 @@ def parse_robot(text: str, source: str, folder: Path = Path()) -> RobotSpec:
 def _spec(file: RobotFile, source: str, folder: Path) -> RobotSpec:
     tick = tick_of(file.control, file.drive)
     sampled = tick if file.control.sample_rate_hz is not None else None
+    refuse_quick_filters(file.control, sampled)
     common = Drive(bandwidth=file.drive.bandwidth, damping_ratio=file.drive.damping_ratio, delay=delay_of(file.drive, tick))
     robot, drives, assumptions, warnings = _robot(file, source, folder, common)
     refuse_long_delays(robot.joint_names, [drive.delay for drive in drives], sampled)

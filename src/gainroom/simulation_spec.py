@@ -8,10 +8,9 @@ from .errors import GainroomError
 from .loop import Loop
 from .simulation import Friction, Scenario, Testbed
 from .simulation.response import LAST
+from .simulation.scenario import MOST_TICKS
 from .study import JointSpec
 
-MOST_TICKS = 2_000_000
-"""Of one run, which is kept whole."""
 NO_RATE = "control.sample_rate_hz: is missing: a simulation goes tick by tick; add the controller's rate [Hz]"
 LATE = 0.75
 """Of the run: what happens later leaves too little to look at."""

@@ -24,6 +24,8 @@ from .xml_text import read_xml
 ENDINGS = (".urdf", ".xml")
 CATALOGUE = "robot_descriptions"
 OURS = "gainroom"
+PROJECT = re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9._-]{0,60}[A-Za-z0-9])")
+"""What a Python package may be called (PEP 508), of two characters at least."""
 
 
 def load_model(
@@ -66,6 +68,8 @@ def locate(file: str | Path | Mapping[str, str]) -> Path:
         if set(file) != {"package", "file"} or not all(isinstance(value, str) for value in file.values()):
             raise GainroomError(f"model {dict(file)!r} must be {{package: …, file: …}}")
         return _shipped(file["file"]) if file["package"] == OURS else _in_package(file["package"], file["file"])
+    if isinstance(file, str) and re.match(r"[A-Za-z][A-Za-z0-9+.-]*://", file):
+        raise GainroomError(f"model: {one_line(repr(file), 120)} is an address; download it, with what it includes, and give the file")
     if isinstance(file, str) and is_name(file):
         package, colon, inside = file.partition(":")
         return locate({"package": package, "file": inside}) if colon else _in_catalogue(file)
@@ -74,7 +78,7 @@ def locate(file: str | Path | Mapping[str, str]) -> Path:
 
 def is_name(file: str) -> bool:
     """Whether `file` is no file's path but PACKAGE:FILE, or the name of a robot in robot_descriptions."""
-    return not os.path.exists(file) and (file.isidentifier() or re.fullmatch(r"[\w.-]{2,}:[^:]+", file) is not None)
+    return not os.path.exists(file) and (file.isidentifier() or re.fullmatch(r"[\w.-]{2,}:[^:/][^:]*\.(urdf|xml)", file) is not None)
 
 
 def _shipped(file: str) -> Path:
@@ -92,9 +96,8 @@ def _in_package(package: str, file: str) -> Path:
     except (importlib.metadata.PackageNotFoundError, ValueError) as error:
         installed = sorted({found.name for found in importlib.metadata.distributions() if found.name})
         close = difflib.get_close_matches(package, installed, 1)
-        raise GainroomError(
-            f"model: package {package!r} is not installed" + (f"; did you mean {close[0]!r}?" if close else f": pip install {package}")
-        ) from error
+        hint = f"; did you mean {close[0]!r}?" if close else f": pip install {package}" if PROJECT.fullmatch(package) else ""
+        raise GainroomError(f"model: package {one_line(repr(package), 60)} is not installed{hint}") from error
     models = {str(each): each for each in files or () if each.suffix in ENDINGS}
     found = [name for name in models if f"/{name}".endswith(f"/{file}")]
     if len(found) > 1 and file not in found:

@@ -6,7 +6,6 @@ multiply, those of alternatives add up, and what can be matched in several ways 
 
 import math
 import re
-import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TypeVar
 
@@ -24,6 +23,9 @@ MOST_TRIES = 1e8
 TYPICAL = 40
 """Characters of a name at least, for counting what a repeat may try."""
 _CLASS_OR_ESCAPE = re.compile(r"\\.|\[\^?\]?(?:\\.|[^\]\\])*\]", re.DOTALL)
+_OPEN_CLASS = re.compile(r"\\.|\[\^?\]?(?:\\.|[^\]\\])*", re.DOTALL)
+_NESTED = re.compile(r"\[\^?\[|\[.*(?:--|&&|~~|\|\|)", re.DOTALL)
+"""Classes whose meaning is to change, of which Python warns; its filters of warnings are the whole process's."""
 _TOKEN = re.compile(r"\(\?(?:[:=!]|<[=!])|[*+?]\??|\{[0-9]*,?[0-9]*\}\??|.", re.DOTALL)
 
 Value = TypeVar("Value")
@@ -33,11 +35,11 @@ def compile_pattern(pattern: str, owner: str, length: int = TYPICAL) -> re.Patte
     """`pattern` ready to match names of up to `length` characters, bounded in time. Raises GainroomError that names `owner`."""
     if len(pattern) > LONGEST:
         raise GainroomError(f"{owner}: a pattern of {len(pattern)} characters must have at most {LONGEST}")
+    if any(map(_NESTED.match, _OPEN_CLASS.findall(pattern))):
+        raise GainroomError(f"{_about(pattern, owner)} is not a regular expression: a class [ ] inside a class, or --, &&, ~~ or || in one")
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", FutureWarning)  # "possible nested set": what it means will change
-            compiled = re.compile(pattern)
-    except (re.error, OverflowError, FutureWarning) as error:
+        compiled = re.compile(pattern)
+    except (re.error, OverflowError) as error:
         raise GainroomError(f"{_about(pattern, owner)} is not a regular expression: {error}") from error
     if re.search(r"\((?!\?(?:[:=!]|<[=!]))\?", _bare(pattern)):
         raise GainroomError(f"{_about(pattern, owner)} may have groups ( ) and (?: ), and no other extensions (?…)")

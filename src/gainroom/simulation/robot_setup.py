@@ -19,6 +19,7 @@ from ..robot.ground import Ground
 from ..robot.linearize import linearize
 from ..robot.tasks import Task
 from ..robot_spec import RobotControl, RobotSpec
+from .scenario import MOST_TICKS
 
 FINEST = 0.5
 """Steps are so short that the fastest vibration of the plant turns by no more than this in one [rad]: it is heard 1 % too high."""
@@ -107,8 +108,14 @@ def joint_setup(
 
 
 def hold(setup: RobotSetup, duration: float) -> Floats:
-    """(k, m) offsets of zero for `duration` [s]."""
-    ticks = math.ceil(require_positive("simulation", "duration", duration, "s") / setup.sample_time - 1e-9)
+    """(k, m) offsets of zero for `duration` [s]. Raises GainroomError for more than MOST_TICKS rows, over all channels together."""
+    duration = require_positive("simulation", "duration", duration, "s")
+    longest = MOST_TICKS / channel_count(setup) * setup.sample_time
+    if duration > longest:
+        raise GainroomError(
+            f"simulation: duration {duration:g} s must be at most {longest:g} s at a sample time of {setup.sample_time:g} s"
+        )
+    ticks = math.ceil(duration / setup.sample_time - 1e-9)
     return np.zeros((ticks, channel_count(setup)))
 
 

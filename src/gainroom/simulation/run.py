@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from ..errors import GainroomError
 from ..loop import Loop
 from .response import Response, cut, joined
-from .scenario import Scenario, Signals
+from .scenario import MOST_TICKS, Scenario, Signals
 from .stepping import LinearStepper
 from .testbed import Testbed
 
@@ -17,17 +17,21 @@ def simulate(system: Loop | Testbed, scenario: Scenario) -> Response:
 
     system    a sampled loop of any number of joints, built with gainroom.build_loop: stepped exactly; or a Testbed
 
-    Raises GainroomError where system and scenario do not go together.
+    Raises GainroomError where system and scenario do not go together, and for a run too long to be kept.
     """
+    loop = _sampled(system)
+    assert loop.sample_time is not None
+    if scenario.duration / loop.sample_time * loop.size > MOST_TICKS:
+        raise GainroomError(
+            f"scenario: duration {scenario.duration:g} s must be at most {MOST_TICKS / loop.size * loop.sample_time:g} s, which are "
+            f"{MOST_TICKS} ticks over all {loop.size} joints; stream() hands out longer runs part by part"
+        )
     return joined(stream(system, scenario))
 
 
 def stream(system: Loop | Testbed, scenario: Scenario, block: int = BLOCK) -> Iterator[Response]:
     """The run in parts of `block` ticks, as they are computed; ends early where it diverges, which the last part then says."""
-    loop = system.loop if isinstance(system, Testbed) else system
-    if loop.parts is None or loop.sample_time is None:
-        raise GainroomError("simulation needs a loop built with build_loop and a sample_time: the controller works tick by tick")
-    signals = Signals(scenario, loop)
+    signals = Signals(scenario, _sampled(system))
     stepper = _testbed_stepper(system, signals) if isinstance(system, Testbed) else LinearStepper(system, signals)
     first, total = 0, signals.ticks + 1  # both ends of the run are rows
     while first < total:
@@ -37,6 +41,13 @@ def stream(system: Loop | Testbed, scenario: Scenario, block: int = BLOCK) -> It
         if part.diverged:
             return
         first += count
+
+
+def _sampled(system: Loop | Testbed) -> Loop:
+    loop = system.loop if isinstance(system, Testbed) else system
+    if loop.parts is None or loop.sample_time is None:
+        raise GainroomError("simulation needs a loop built with build_loop and a sample_time: the controller works tick by tick")
+    return loop
 
 
 def _testbed_stepper(testbed: Testbed, signals: Signals):

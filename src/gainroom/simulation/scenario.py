@@ -12,6 +12,10 @@ from ..loop import Loop
 from ..statespace import split_delay
 from .trajectories import Step, Trajectory
 
+MOST_TICKS = 2_000_000
+"""Of a run that is kept whole, over all joints together: some 150 MB."""
+LONGEST = 1e12
+"""[ticks] of any run, years at 1 kHz: numbers of ticks stay whole in a double."""
 DIVERGED = 1e4  # [rad] further than any joint turns, and far from where a double overflows
 
 
@@ -34,7 +38,7 @@ class Scenario:
     """One run.
 
     reference           x_d [rad]: a Trajectory, a number, or (k, n) values, one row per tick (held before the first, after the last)
-    duration            [s]
+    duration            [s]; `simulate` keeps at most MOST_TICKS ticks over all joints, `stream` hands them out as they come
     reference_velocity  True: velocity gains act on the velocity error, D (x_d − x) as in eq. (4) of Jung et al. 2017; False: on the
                         measured velocity only; None: False for the P/PI cascade, as its Fig. 13, True for every other controller
     feedforward         torque added to the target torque [N m]; eq. (4)'s d
@@ -100,6 +104,11 @@ class Signals:
         assert loop.sample_time is not None
         self.scenario, self.size, self.sample_time = scenario, loop.size, loop.sample_time
         self._form = loop.parts.plant.mechanism()
+        if scenario.duration / self.sample_time > LONGEST:
+            raise GainroomError(
+                f"scenario: duration {scenario.duration:g} s must be at most {LONGEST:g} ticks of {self.sample_time:g} s, "
+                f"{LONGEST * self.sample_time:g} s"
+            )
         whole, fraction = split_delay(scenario.duration, self.sample_time)
         self.ticks = int(whole) + (1 if fraction > 0 else 0)
         self.before = self._at(scenario.reference, "reference", -1, 1)[0]
