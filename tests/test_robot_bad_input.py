@@ -113,6 +113,13 @@ EDITS = {
     "gain, huge": ("kp: 900", "kp: 1e300", ["control.kp: 1e+300 must be <= 1e+12"]),
     "gain, larger than a double": ("kp: 900", "kp: 1e400", ["'1e400' is too large a number"]),
     "task gain, nan": ("kp: 200", "kp: [1, .nan, 1]", ["tasks[0].kp: nan is not a number"]),
+    "gain, of another unit": ("kd: 40", "kd: 4e10", ["joint 'hip'", "kd 4e+10 N·m·s/rad", "delay of 2 ms", "wrong unit"]),
+    "bandwidth": ("bandwidth: 3000", "bandwidth: 1e7", ["drive.bandwidth: 10000000.0 must be <= 1e+06 rad/s, or .inf"]),
+    "bandwidth of a joint": (
+        "damping: 2}",
+        "damping: 2, bandwidth: 1e12}",
+        ["joints.default.bandwidth: 1000000000000.0 must be <= 1e+06 rad/s"],
+    ),
     "inertia, tiny": ("motor_inertia: 0.5", "motor_inertia: 1e-300", ["joints.default.motor_inertia: 1e-300 must be >= 1e-12"]),
     "delay": ("delay_ms: 2", "delay_ms: 1e5", ["drive.delay_ms: 100000.0 must be <= 10000 ms"]),
     "filter": (
@@ -150,6 +157,7 @@ GAIN_FILES = {
     "nan": ("hip: {kp: .nan}", ["hip.kp: nan is not a number"]),
     "inf": ("hip: {kp: 1, kd: .inf}", ["hip.kd: inf must be"]),
     "huge": ("hip: {kp: 1e300}", ["hip.kp: 1e+300 must be <= 1e+12"]),
+    "another unit": ("hip: {kp: 1, kd: 5e8}", ["joint 'hip'", "kd 5e+08 N·m·s/rad", "wrong unit"]),
     "pattern": ('"leg_.*": {kp: 1}', ["'leg_.*' matches no joint"]),
     "joint": ("hop: {kp: 1}", ["did you mean 'hip'"]),
     "backtracking": ('"(h|hi|hip)*": {kp: 1}', ["too many ways"]),
@@ -174,6 +182,9 @@ def test_options_of_audit(folder: Path, capsys: pytest.CaptureFixture[str]):
     assert "--contact tip: is given twice" in audit_line(capsys, folder, "--contact", "tip", "--contact", "tip", "--base", "fixed")
     assert "the link of the floating base has no mass" in audit_line(capsys, folder, "--base", "floating")
     assert "all 2 joints together, 1600 ticks, must be <= 600" in audit_line(capsys, folder, "--rate-hz", "4e5")
+    assert "--bandwidth: 1e+12 must be <= 1e+06 rad/s, or .inf" in audit_line(capsys, folder, "--bandwidth", "1e12").replace(
+        "1000000000000.0", "1e+12"
+    )
     assert "--margin-db: nan is not a number" in audit_line(capsys, folder, "--margin-db", "nan")
 
 

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from .config_sections import DELAY_MS, RATE, refuse_long_delay
+from .config_sections import BANDWIDTH, DELAY_MS, RATE, refuse_long_delay
 from .controller import PD, PID
 from .drive import Drive
-from .errors import GainroomError
+from .errors import GainroomError, named
 from .file_kinds import kind_of_file, wrong_kind
 from .gain_files import JointGains, gains_of, read_gains
 from .io.checked import checked, number
@@ -23,7 +23,7 @@ from .robot.contact import Contact
 from .robot.mjcf import keyframes
 from .robot.packages import load_model, locate
 from .robot.patterns import select
-from .robot_config import base_of, refuse_long_delays
+from .robot_config import base_of, refuse_absurd_gains, refuse_long_delays
 from .robot_spec import Posture, Robot, RobotControl, RobotSpec
 
 POSITIVE_OR_INFINITE = number(above=0, infinite=True)
@@ -32,7 +32,7 @@ CHECKS = {
     "stiffness": POSITIVE_OR_INFINITE,
     "damping": number(least=0),
     "motor_inertia": number(above=0),
-    "bandwidth": POSITIVE_OR_INFINITE,
+    "bandwidth": BANDWIDTH,
 }
 """What options that may be left out may hold."""
 ANGLE = number(least=-1e4, most=1e4)
@@ -91,7 +91,8 @@ def audit_spec(model: str, gains: Path | None, options: AuditOptions) -> RobotSp
     _require_model(path)
     base, guessed = base_of(options.base, path, bool(options.contacts))
     body = load_model(path, base)
-    found = gains_of(read_gains(path if gains is None else gains), (*body.joint_names, *body.locked))
+    source = path if gains is None else gains
+    found = gains_of(read_gains(source), (*body.joint_names, *body.locked))
     held = [name for name, given in zip(body.joint_names, found.given, strict=False) if not given]
     kept = [k for k, name in enumerate(body.joint_names) if name not in held]
     if not kept:
@@ -107,10 +108,13 @@ def audit_spec(model: str, gains: Path | None, options: AuditOptions) -> RobotSp
     sample_time = None if options.rate_hz is None else 1 / options.rate_hz
     refuse_long_delays(body.joint_names, [1e-3 * options.delay_ms] * body.size, sample_time)
     drive = Drive(delay=1e-3 * options.delay_ms, bandwidth=math.inf if options.bandwidth is None else options.bandwidth)
+    controller = _controller(found, kept)
+    with named(str(source)):
+        refuse_absurd_gains(body, actuators, (drive,) * body.size, controller)
     return RobotSpec(
         robot=robot,
         drives=(drive,) * body.size,
-        control=RobotControl("joint", _controller(found, kept), "motor", sample_time),
+        control=RobotControl("joint", controller, "motor", sample_time),
         assumptions=(*guessed, *_assumptions(body, held, options), *notes),
         warnings=(*found.notes, *body.notes, *_beyond_limits(posture)),
     )

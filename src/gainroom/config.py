@@ -3,8 +3,6 @@
 Everything is SI and radians except where a key's name carries another unit (delay_ms, sample_rate_hz, gain_margin_db).
 """
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -24,7 +22,7 @@ from .config_sections import (
 )
 from .controller import PD, PID, PPI
 from .drive import Drive
-from .errors import GainroomError
+from .errors import GainroomError, named
 from .file_kinds import parse_as
 from .forbidden import Requirements
 from .io.checked import NotNegative, Positive, PositiveOrInfinite, Section, refusal, typed, validate
@@ -51,7 +49,7 @@ def parse_joint(text: str, source: str) -> JointSpec:
     file = _file(text, source)
     if file.scenario != {}:
         _scenario(file, source)
-    with _named(source):
+    with named(source):
         return file.spec()
 
 
@@ -66,7 +64,7 @@ def parse_simulation(text: str, source: str) -> "SimulationSpec":
     scenario = _scenario(file, source)
     from .simulation_spec import NO_RATE
 
-    with _named(source):
+    with named(source):
         if file.control.sample_rate_hz is None:  # else a delay in ticks would ask for another remedy
             raise GainroomError(NO_RATE)
         return scenario.spec(file.spec())
@@ -81,15 +79,6 @@ def _scenario(file: "JointFile", source: str) -> "ScenarioSection":
     from .scenario_sections import ScenarioSection
 
     return validate(ScenarioSection, file.scenario, source, "scenario")
-
-
-@contextmanager
-def _named(source: str) -> Iterator[None]:
-    """Errors in what a file says begin with its name."""
-    try:
-        yield
-    except GainroomError as error:
-        raise GainroomError(f"{source}: {error}") from error
 
 
 class JointSection(Section):

@@ -9,7 +9,7 @@ from pydantic import BeforeValidator, Field, model_validator
 from .controller import LowPass, Notch
 from .errors import GainroomError
 from .forbidden import Requirements
-from .io.checked import Positive, PositiveOrInfinite, Section, number, one_of, refusal
+from .io.checked import Positive, Section, number, one_of, refusal
 from .io.yaml_text import shown
 
 PERCENTAGE = re.compile(r"(?:±|\+/-)?\s*([0-9]{1,3}(?:\.[0-9]{0,9})?)\s*%")
@@ -20,7 +20,10 @@ RATE = number(least=1, most=1e6, unit="Hz")
 SampleRate = Annotated[float, RATE]
 DELAY_MS = number(least=0, most=10_000, unit="ms")
 DELAY_TICKS = number(least=0, most=MAX_TICKS, unit="ticks")
+BANDWIDTH = number(above=0, most=1e6, infinite=True, unit="rad/s")
+"""Of a current loop: the quickest have 1e5 rad/s; what is far quicker than that is ideal, .inf."""
 DelayMs = Annotated[float, DELAY_MS]
+Bandwidth = Annotated[float, BANDWIDTH]
 DelayTicks = Annotated[float, DELAY_TICKS]
 
 
@@ -51,7 +54,7 @@ DelayTicksInterval = Annotated[str | list[float], interval(DELAY_TICKS)]
 class DriveSection(Section):
     """Current loop and delay."""
 
-    bandwidth: PositiveOrInfinite = Field(description="of the current loop [rad/s], .inf for an ideal one")
+    bandwidth: Bandwidth = Field(description="of the current loop [rad/s], .inf for an ideal one")
     damping_ratio: Annotated[float, number(above=0, most=100)] = 0.9
     delay_ms: DelayMs | None = None
     delay_ticks: DelayTicks | None = None

@@ -23,6 +23,16 @@ def computable(owner: str) -> Iterator[None]:
         raise GainroomError(f"{owner}: cannot be computed ({problem}): look for values that are many orders of magnitude off") from error
 
 
+@contextlib.contextmanager
+def named(owner: str) -> Iterator[None]:
+    """Errors within name `owner`, where they do not begin with it already."""
+    try:
+        yield
+    except GainroomError as error:
+        told = str(error)
+        raise GainroomError(told if told.startswith(owner) else f"{owner}: {told}") from error
+
+
 def require_positive(owner: str, name: str, value: float, unit: str = "", *, zero: bool = False, infinite: bool = False) -> float:
     """Return `value` as a float when it is > 0 (>= 0 with `zero`) and finite (or +inf with `infinite`); raise GainroomError otherwise."""
     allowed = f"a number {'>=' if zero else '>'} 0" + (" or inf" if infinite else "")

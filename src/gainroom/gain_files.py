@@ -183,6 +183,10 @@ def _ros2_control(data: dict[str, Any], source: str) -> GainFile:
     notes = []
     for path, node in _mappings(data):
         place = dotted(*path) or "at the top"
+        for key, value in node.items():
+            inside = key in HOLDERS or path[-1:] in (("gains",), ("pid_gains",))
+            if inside and (value is None or isinstance(value, str | int | float)) and not node.keys() & TERMS.keys():
+                raise GainroomError(f"{source}: {dotted(*path, key)}: {shown(value)} must be a section with p, i and d")
         if all(isinstance(node.get(term, {}), dict) for term in TERMS):  # joints may be called p, i and d, too
             _require_terms(path, node, f"{source}: {place}")
             continue

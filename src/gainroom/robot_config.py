@@ -3,6 +3,7 @@
 SI and radians except where a key's name carries another unit. Keys that name joints are patterns: see robot/patterns.py.
 """
 
+import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -12,8 +13,9 @@ import numpy as np
 
 from .arrays import Floats
 from .config_sections import delay_of, refuse_long_delay, refuse_quick_filters, spread, tick_of
+from .controller import PD, PID, PPI
 from .drive import Drive
-from .errors import GainroomError
+from .errors import GainroomError, named
 from .file_kinds import parse_as
 from .forbidden import Requirements
 from .io.checked import dotted, validate
@@ -32,6 +34,8 @@ from .robot_spec import Posture, Range, Ranges, Robot, RobotControl, RobotSpec
 LOCKED = "joints.locked"
 MOST_STATES = 500
 USUAL = f"the usual limits are asked for, as the file names none: {requirements(Requirements.usual())}"
+MOST_LAG = 1e4
+"""[rad] of phase that a joint's crossover has in its delay: a stable one has about 1."""
 MOST_TICKS = 600
 """Of delay, all joints together: half a minute on two joints; 50 joints may have 12 each."""
 
@@ -53,10 +57,8 @@ def load_robot_spec(path: Path) -> RobotSpec:
 def parse_robot(text: str, source: str, folder: Path = Path()) -> RobotSpec:
     """As load_robot_spec, for the text of a file that messages call `source`; a model's path is relative to `folder`."""
     file = validate(RobotFile, parse_as("robot", text, source, "biped"), source)
-    try:
+    with named(source):
         return _spec(file, source, folder)
-    except GainroomError as error:
-        raise GainroomError(f"{source}: {error}") from error
 
 
 def _spec(file: RobotFile, source: str, folder: Path) -> RobotSpec:
@@ -69,10 +71,13 @@ def _spec(file: RobotFile, source: str, folder: Path) -> RobotSpec:
     ranges = _ranges(file, robot.actuators, drives, tick)
     if ranges.delay is not None:
         refuse_long_delays(robot.joint_names, ranges.delay[1].tolist(), sampled)
+    control = _control(file.control, robot.body, sampled)
+    if control.joints is not None:
+        refuse_absurd_gains(robot.body, robot.actuators, drives, control.joints)
     return RobotSpec(
         robot=robot,
         drives=drives,
-        control=_control(file.control, robot.body, sampled),
+        control=control,
         requirements=Requirements.usual() if file.limits is None else file.limits.requirements(),
         uncertainty=ranges,
         scenario=file.scenario.scenario(robot, file.control.space),
@@ -90,6 +95,24 @@ def refuse_long_delays(names: Sequence[str], delays: Sequence[float], tick: floa
             f"the delays of all {len(names)} joints together, {sum(delays) / tick:g} ticks, must be <= {MOST_TICKS} ticks: take a lower "
             "sample rate, or none for continuous time"
         )
+
+
+def refuse_absurd_gains(body: RigidBody, actuators: Actuators, drives: Sequence[Drive], controller: PD | PID | PPI) -> None:
+    """Raise GainroomError for gains that would move a joint many times within its delay: that is no loop, but a slip of units.
+
+    Nothing settles where the product of a loop's crossover and its delay is far above 1, and its curves would be followed turn by turn.
+    """
+    links = np.diag(body.mass_matrix(body.neutral()))[body.nv - body.size :]
+    inertia = actuators.motor_inertia + np.where(np.isinf(actuators.stiffness), links, 0.0)
+    stiff, damped = (np.broadcast_to(np.asarray(gain, dtype=float), (body.size,)) for gain in controller.plane_gains())
+    for k, name in enumerate(body.joint_names):
+        lag = drives[k].delay * max(math.sqrt(stiff[k] / inertia[k]), damped[k] / inertia[k])
+        if lag > MOST_LAG:
+            raise GainroomError(
+                f"joint {name!r}: with kp {stiff[k]:g} N·m/rad, kd {damped[k]:g} N·m·s/rad and an inertia of {inertia[k]:g} kg·m² its loop "
+                f"is too quick for its delay of {1e3 * drives[k].delay:g} ms: {lag:.3g} rad of phase must be <= {MOST_LAG:g} rad; "
+                "look for a wrong unit"
+            )
 
 
 def _robot(file: RobotFile, source: str, folder: Path, common: Drive) -> tuple[Robot, tuple[Drive, ...], tuple[str, ...], tuple[str, ...]]:

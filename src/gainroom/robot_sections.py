@@ -4,9 +4,9 @@ from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from .config_sections import ControlSection, DelayMs, DriveSection, LimitsSection, RangesSection
+from .config_sections import Bandwidth, ControlSection, DelayMs, DriveSection, LimitsSection, RangesSection
 from .controller import PD, PID, PPI
-from .io.checked import NotNegative, Positive, PositiveOrInfinite, Section, dotted, number, one_of, refusal
+from .io.checked import NotNegative, Positive, Section, dotted, number, one_of, refusal
 from .io.yaml_text import shown
 from .robot.actuators import ActuatorEntry
 from .robot.body import Base
@@ -37,7 +37,7 @@ class ActuatorSection(Section):
     damping: NotNegative | None = None
     motor_viscous: NotNegative | None = None
     link_viscous: NotNegative | None = None
-    bandwidth: PositiveOrInfinite | None = None
+    bandwidth: Bandwidth | None = None
     damping_ratio: Annotated[float, number(above=0, most=100)] | None = None
     delay_ms: DelayMs | None = None
 

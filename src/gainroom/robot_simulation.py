@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .arrays import Floats
-from .errors import GainroomError
+from .errors import GainroomError, named
 from .limits import GainLimit
 from .robot.patterns import select
 from .robot_play import RobotPlay
@@ -83,12 +83,20 @@ def play_robot(
 
     Raises GainroomError for continuous control and where MuJoCo is missing or cannot simulate it, Interrupted once `stopped` says so.
     """
+    with named(spec.robot.name):
+        return _play(spec, gain, rows, progress, stopped)
+
+
+def _play(
+    spec: RobotSpec,
+    gain: float,
+    rows: Callable[[RobotRun], None],
+    progress: Callable[[int, int, str], None],
+    stopped: Callable[[], bool],
+) -> RobotPlay:
     setup = setup_of(spec)
-    try:
-        refuse_long_run(spec.scenario.duration, setup.sample_time, MOST_TICKS)
-        way = moves_of(spec, setup)
-    except GainroomError as error:
-        raise GainroomError(f"{spec.robot.name}: {error}") from error
+    refuse_long_run(spec.scenario.duration, setup.sample_time, MOST_TICKS)
+    way = moves_of(spec, setup)
     played, offsets = spec.scenario, hold(setup, spec.scenario.duration)
     time = setup.sample_time * np.arange(len(offsets))
     offsets = Spline.move(way, played.move_duration, order=5).position(time)
@@ -102,7 +110,7 @@ def play_robot(
             raise Interrupted(done * setup.sample_time)
     run = joined_runs(parts)
     if not len(run.time):
-        raise GainroomError(f"{spec.robot.name}: the first torques are not finite: the gains are too large to compute with")
+        raise GainroomError("the first torques are not finite: the gains are too large to compute with")
     return _told(spec, gain, run)
 
 
