@@ -180,15 +180,11 @@ def _ros2_control(data: dict[str, Any], source: str) -> GainFile:
     types = {name: each["type"] for _, node in _mappings(data) for name, each in node.items() if isinstance(each, dict) and "type" in each}
     gains: dict[str, Gain] = {}
     places: dict[str, str] = {}
-    notes = []
+    notes, empty = [], []
     for path, node in _mappings(data):
         place = dotted(*path) or "at the top"
-        for key, value in node.items():
-            inside = key in HOLDERS or path[-1:] in (("gains",), ("pid_gains",))
-            if inside and (value is None or isinstance(value, str | int | float)) and not node.keys() & TERMS.keys():
-                raise GainroomError(f"{source}: {dotted(*path, key)}: {shown(value)} must be a section with p, i and d")
         if all(isinstance(node.get(term, {}), dict) for term in TERMS):  # joints may be called p, i and d, too
-            _require_terms(path, node, f"{source}: {place}")
+            empty += [] if _no_torque(data, path, types) else _without_terms(path, node)
             continue
         joint = _joint(data, path)
         if joint is None:
@@ -207,6 +203,8 @@ def _ros2_control(data: dict[str, Any], source: str) -> GainFile:
     if not gains:
         told = "no controller here commands torque: " + notes[0] if notes else f"{UNKNOWN}{_begins(data)}"
         raise GainroomError(f"{source}: {told}")
+    if empty:
+        raise GainroomError(f"{source}: {empty[0]}")
     return GainFile(source, "ros2_control", gains, tuple(notes))
 
 
@@ -290,11 +288,16 @@ def _no_torque(data: dict[str, Any], path: Sequence[str], types: Mapping[str, An
     return ""
 
 
-def _require_terms(path: Sequence[str], node: Mapping[str, Any], owner: str) -> None:
-    """Raise GainroomError where a section stands in the place of gains and has none of them."""
-    ends = not any(isinstance(value, dict) for value in node.values())
-    if ends and path and any(key in HOLDERS for key in path):
-        raise GainroomError(f"{owner}: must hold p, i and d{_found(node)}")
+def _without_terms(path: Sequence[str], node: Mapping[str, Any]) -> list[str]:
+    """What stands in the place of gains and has none of them, in words."""
+    found = []
+    if path and any(key in HOLDERS for key in path) and not any(isinstance(value, dict) for value in node.values()):
+        found.append(f"{dotted(*path)}: must hold p, i and d{_found(node)}")
+    for key, value in node.items():
+        inside = key in HOLDERS or path[-1:] in (("gains",), ("pid_gains",))
+        if inside and (value is None or isinstance(value, str | int | float)):
+            found.insert(0, f"{dotted(*path, key)}: {shown(value)} must be a section with p, i and d")
+    return found
 
 
 def _found(node: Mapping[str, Any]) -> str:
