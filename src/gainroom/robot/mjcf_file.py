@@ -16,6 +16,7 @@ from typing import Any
 from xml.etree.ElementTree import Element, tostring
 
 from ..errors import GainroomError
+from ..files import note_read
 from ..messages import one_line
 from .assemble import MAX_JOINTS
 from .body import library
@@ -215,8 +216,10 @@ def _require_mesh(spec: Any, body: str, name: str, path: Path) -> None:
     file = inside(path, os.path.basename(mesh.file) if spec.strippath else mesh.file, (path.parent / spec.meshdir,), "mesh")
     if file is None:
         raise GainroomError(f"{owner} is missing")
-    if file.stat().st_size > MAX_BYTES:
+    status = file.stat()
+    if status.st_size > MAX_BYTES:
         raise GainroomError(f"{owner} is larger than {MAX_BYTES} bytes")
+    note_read(status, file)
 
 
 def _drop_actuators(mujoco: Any, spec: Any) -> None:

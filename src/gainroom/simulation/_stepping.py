@@ -1,11 +1,10 @@
 """Compiled kernel of the linear recursion."""
 
-from numba import njit
-
+from ..compiled import cached_njit
 from .stepping import HUGE
 
 
-@njit(cache=True)
+@cached_njit()
 def recur(transposed, forcing, states):
     """As stepping.recur, step by step."""
     size = len(transposed)
