@@ -29,8 +29,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     open_closed()
     try:
         return _run(None)
-    except Exception:  # noqa: BLE001 - a fault of the program, told in full
-        sys.excepthook(*sys.exc_info())
+    except Exception as error:  # noqa: BLE001 - a fault of the program, told in full
+        sys.excepthook(type(error), error, error.__traceback__)
         return 2
     finally:
         leave_quietly()
