@@ -4,7 +4,10 @@ import contextlib
 import io
 import os
 import sys
-from typing import TextIO
+
+TYPE_CHECKING = False  # as in the package itself
+if TYPE_CHECKING:
+    from typing import TextIO
 
 
 def open_closed() -> None:
@@ -33,7 +36,7 @@ def say(line: str) -> None:
         give_up(sys.stderr)
 
 
-def give_up(stream: TextIO | None) -> None:
+def give_up(stream: "TextIO | None") -> None:
     """What is still buffered for `stream` would fail again at exit: it goes to the null device."""
     if stream is None:
         return
