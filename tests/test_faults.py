@@ -12,6 +12,7 @@ import struct
 import subprocess
 import sys
 import termios
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -206,6 +207,38 @@ def test_an_error_that_nobody_can_be_told_is_still_an_error(folder: Path):
 
 
 # Places
+
+
+@pytest.fixture
+def disk(tmp_path: Path) -> Iterator[Path]:
+    """A disk of its own with room for 1 MB."""
+    place = tmp_path / "disk"
+    place.mkdir()
+    made = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=1m", "tmpfs", place], capture_output=True, check=False)
+    if made.returncode:
+        pytest.skip("mounting is not allowed here")
+    yield place
+    subprocess.run(["umount", place], check=True)
+
+
+def test_a_disk_that_is_full_and_then_read_only(folder: Path, disk: Path):
+    furnish(disk, old=True)
+    before = contents(disk)
+    run = gainroom(disk, *COMMANDS["joint"])
+    assert run.stdout == gainroom(folder, *COMMANDS["joint"]).stdout
+    assert (run.returncode, run.stderr) == (2, f"gainroom: error: page.html: cannot be written: {os.strerror(errno.ENOSPC).lower()}\n")
+    assert contents(disk) == before
+    subprocess.run(["mount", "-o", "remount,ro", disk], check=True)
+    for command in ("joint", "simulate csv"):
+        run = gainroom(disk, *COMMANDS[command])
+        assert (run.returncode, run.stdout, run.stderr.count("\n")) == (2, "", 1)
+        assert "read-only" in run.stderr
+    assert contents(disk) == before
+
+
+@pytest.mark.parametrize("words", [["--report", "/proc/page.html"], ["--log", "/proc/run.csv"]])
+def test_a_folder_that_takes_no_files(folder: Path, capsys: pytest.CaptureFixture[str], words: list[str]):
+    assert "takes no new files" in refused(["simulate", folder / "played.yaml", *words], capsys)
 
 
 def test_a_folder_that_is_gone(folder: Path):

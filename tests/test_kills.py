@@ -55,7 +55,7 @@ def wait_until_heeded(process: subprocess.Popen[str]) -> None:
 
 
 def killed(index: int, names: tuple[str, ...], folder: Path) -> tuple[str, list[str]]:
-    """What became of draw number `index`: "killed" or "done", and its faults."""
+    """What became of draw number `index`: "killed", "done" all the same, or "too late" to be killed; and its faults."""
     rng = np.random.default_rng([SEED, index])
     name, number = names[index % len(names)], SIGNALS[index // len(names) % len(SIGNALS)]
     finished, lasts = undisturbed(name)
@@ -73,13 +73,15 @@ def killed(index: int, names: tuple[str, ...], folder: Path) -> tuple[str, list[
     try:
         wait_until_heeded(process)
         time.sleep(float(rng.uniform(0, lasts)))
+        late = process.poll() is not None
         process.send_signal(number)
         out, err = process.communicate()
     finally:
         process.kill()
     after = Outcome.of(folder, process.returncode, out, err)
     wrong = faults_of(name, number, before, after, folder, finished)
-    return "done" if after.status == finished else "killed", [f"{index}, {name}, {number.name}: {fault}" for fault in wrong]
+    ended = "too late" if late else "done" if after.status == finished else "killed"
+    return ended, [f"{index}, {name}, {number.name}: {fault}" for fault in wrong]
 
 
 def assert_nothing_lost(indices: range, names: tuple[str, ...], folder: Path) -> None:
