@@ -4,11 +4,12 @@ Even the light ones wait until signals are heeded and standard streams are open.
 """
 
 import os
+import signal
 import sys
 import warnings
 from collections.abc import Sequence
 
-from .interrupts import leave_quietly, leave_when_asked
+from .interrupts import INTERRUPTED, Stopped, leave_quietly, leave_when_asked
 from .streams import give_up, open_closed, say, show_everything
 
 # Our matrices are small: on a busy machine, threads inside the linear algebra make each of them a hundred times slower.
@@ -48,7 +49,13 @@ def _run(arguments: Sequence[str] | None) -> int:
         with warnings.catch_warnings():
             # numpy's remarks about overflow say nothing to a user; what is not finite in a result is shown as such
             warnings.simplefilter("ignore", RuntimeWarning)
-            return app(arguments, prog_name="gainroom", standalone_mode=False) or 0
+            status = app(arguments, prog_name="gainroom", standalone_mode=False) or 0
+        if status == 128 + signal.SIGINT:  # what typer makes of a KeyboardInterrupt
+            say(INTERRUPTED)
+        return status
+    except Stopped as stop:
+        say(str(stop))
+        return stop.status
     except typer.TyperException as error:
         return _complain(f"{error.format_message()} (see gainroom --help)")
     except typer.Abort as error:  # what typer makes of an EOFError, wherever that came from

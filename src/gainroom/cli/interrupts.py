@@ -10,6 +10,15 @@ from types import FrameType
 from ..files import undo_unfinished
 
 ASKED = (signal.SIGINT, signal.SIGTERM)
+INTERRUPTED = "gainroom: interrupted"
+
+
+class Stopped(Exception):  # noqa: N818 - asked for, not an error
+    """A command was stopped by signal `number`; `what` tells in addition how far it came."""
+
+    def __init__(self, number: int, what: str = "") -> None:
+        super().__init__(f"{INTERRUPTED}{what}")
+        self.status = 128 + number
 
 
 def leave_when_asked() -> None:
@@ -34,7 +43,7 @@ def _leave(number: int, frame: FrameType | None) -> None:
         signal.signal(each, signal.SIG_IGN)  # once is enough
     undo_unfinished()
     with contextlib.suppress(OSError):
-        os.write(2, b"gainroom: interrupted\n")  # what Python's own stream is in the middle of does not matter any more
+        os.write(2, f"{INTERRUPTED}\n".encode())  # what Python's own stream is in the middle of does not matter any more
     os._exit(128 + number)
 
 

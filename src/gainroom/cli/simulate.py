@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..io.numbers import digits, frequency, gain_factor, milli, settling
-from .interrupts import stop_signals
+from .interrupts import Stopped, stop_signals
 from .kinds import kind_of
 from .options import AsJson, Report, command_line, number_option, refuse_inputs, report_stream
 from .output import emit, emit_json, file_line, render, table
 from .progress import progress_bar
-from .streams import say
 
 if TYPE_CHECKING:
     from ..limits import GainLimit
@@ -88,14 +87,11 @@ def playing(
             with log_rows(log, joints, signals) as rows, progress_bar("simulate:") as progress:
                 yield rows, progress, lambda: stopped() != 0
         except Interrupted as end:
-            say(f"gainroom: interrupted at {end.time:g} s of {duration:g} s{kept}")
-            raise typer.Exit(128 + stopped()) from end
+            raise Stopped(stopped(), f" at {end.time:g} s of {duration:g} s{kept}") from end
         except KeyboardInterrupt as end:  # asked twice
-            say("gainroom: interrupted")
-            raise typer.Exit(128 + (stopped() or signal.SIGINT)) from end
+            raise Stopped(stopped() or signal.SIGINT) from end
     if stopped():  # after the run, while it was being judged
-        say(f"gainroom: interrupted{kept}")
-        raise typer.Exit(128 + stopped())
+        raise Stopped(stopped(), kept)
 
 
 @contextlib.contextmanager
