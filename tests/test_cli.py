@@ -9,8 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from gainroom.cli import app, main
+from gainroom.cli import main
 from gainroom.cli.example import example_texts, joint_examples
+from gainroom.cli.front import app
 from gainroom.cli.output import emit_json, render, table
 from gainroom.config import load_joint
 from gainroom.io.numbers import digits, frequency

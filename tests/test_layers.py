@@ -8,9 +8,10 @@ import gainroom
 
 PACKAGE = Path(gainroom.__path__[0])
 LAYERS = (
-    ("messages", "arrays"),
+    ("messages", "arrays", "files"),
     ("errors",),
     ("text_file",),
+    ("compiled",),
     ("factored", "_scan", "_mu"),
     ("_batch",),
     ("_walk",),

@@ -126,20 +126,60 @@ def test_an_interrupted_run_leaves_what_was_done(form, ending, tmp_path: Path):
 
 
 @pytest.mark.parametrize("form", FORMATS)
-def test_a_run_that_ends_before_its_first_row_leaves_an_empty_log(form, tmp_path: Path):
+@pytest.mark.parametrize("ending", [KeyboardInterrupt, gr.GainroomError])
+def test_a_run_that_ends_before_its_first_row_leaves_what_was_there(form, ending, tmp_path: Path):
+    """An older log as it was; no log where there was none."""
     path = tmp_path / f"run.{form}"
-    with pytest.raises(KeyboardInterrupt), open_log(path, ("joint",)):
-        raise KeyboardInterrupt
+
+    def begin() -> None:
+        with pytest.raises(ending), open_log(path, ("joint",)):
+            raise ending
+
+    begin()
+    assert list(tmp_path.iterdir()) == []
+    with open_log(path, ("joint",)) as log:
+        log.write(block(30))
+    begin()
+    assert_same(read_log(path), block(30))
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_an_empty_run_that_ends_well_is_an_empty_log(form, tmp_path: Path):
+    path = tmp_path / f"run.{form}"
+    with open_log(path, ("joint",)):
+        pass
     if form == "mcap":
         assert_refused(lambda: read_log(path), ["run.mcap", "no JSON messages"])
     else:
         assert read_log(path).time.shape == (0,)
 
 
+@pytest.mark.parametrize("form", FORMATS)
+def test_a_full_disk_leaves_the_older_log(form, tmp_path: Path):
+    """No file of the process may grow beyond 20 kB, which some way into the run is reached."""
+    path = tmp_path / f"run.{form}"
+    with open_log(path, ("joint",)) as log:
+        log.write(block(30))
+    program = (
+        "import resource, sys, numpy as np; from gainroom.io.logs import open_log\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))\n"
+        "with open_log(sys.argv[1], ('joint',), ('target_torque',)) as log:\n"
+        "    for first in range(0, 40_000, 400):\n"
+        "        rows = np.random.default_rng(first).normal(size=(400, 1))\n"
+        "        log.write({'time': 5e-4 * (first + np.arange(400)), 'target_torque': rows})\n"
+    )
+    run = subprocess.run([sys.executable, "-c", program, str(path)], check=False, capture_output=True, text=True)
+    assert run.stderr.splitlines()[-1].endswith(f"GainroomError: {path}: cannot be written: file too large")
+    assert_same(read_log(path), block(30))
+    assert list(tmp_path.iterdir()) == [path]
+
+
 @pytest.mark.parametrize("form", ["csv", "mcap"])
 def test_a_killed_run_leaves_what_was_flushed(form, tmp_path: Path):
-    """Without any chance to close the file: as after a power cut. (Parquet cannot: its index comes last.)"""
+    """Without any chance to close the file, as after a power cut: under its temporary name. (Parquet cannot: its index comes last.)"""
     path = tmp_path / f"run.{form}"
+    path.write_bytes(b"an older log")
     program = (
         "import os, sys, numpy as np; from gainroom.io.logs import open_log\n"
         "with open_log(sys.argv[1], ('joint',), ('target_torque',)) as log:\n"
@@ -148,6 +188,8 @@ def test_a_killed_run_leaves_what_was_flushed(form, tmp_path: Path):
         "    os.kill(os.getpid(), 9)\n"
     )
     subprocess.run([sys.executable, "-c", program, str(path)], check=False)
+    assert path.read_bytes() == b"an older log"
+    (path,) = tmp_path.glob(f".gainroom-*.{form}")
     found = read_log(path)
     assert len(found.time) == 80
     assert found.complete == (form == "csv")  # a text file with its last newline lacks nothing

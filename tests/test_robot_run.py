@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 from importlib.resources import files
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from gainroom.robot.actuators import Actuators
 from gainroom.robot.ground import Ground, Sole
 from gainroom.robot_spec import RobotControl
 from gainroom.simulation.response import LOGGED, track
+from gainroom.simulation.robot_onset import motionless
 from gainroom.simulation.robot_run import RobotSimulation, run_robot, stream_robot
 from gainroom.simulation.robot_setup import RobotSetup, channel_count, hold, joint_setup, robot_setup, substeps_for
 from gainroom.simulation.trajectories import Spline
@@ -224,3 +226,51 @@ def test_the_joint_that_runs_away_is_named_with_its_unit(tmp_path, kind, says):
     run = run_robot(small(tmp_path, kind), hold(small(tmp_path, kind), 0.1), gain=1e-6, kick=[0.0, 60.0])
     assert run.ending == "diverged"
     assert f"joint 'second' {says} after" in run.reason
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="asks Linux how much address space a process has")
+def test_a_simulation_gives_its_memory_back(tmp_path):
+    """Robots put together one after the other: twenty need no more address space than two, where MuJoCo's own work space is 15 MiB each."""
+    robot = tmp_path / "talos.yaml"
+    robot.write_text(
+        """
+model: {package: example-robot-data, file: talos_data/robots/talos_reduced.urdf, base: floating}
+joints: {default: {motor_inertia: 1.0, stiffness: 1.0e4, damping: 5}}
+drive: {bandwidth: 4000.0, damping_ratio: 0.9, delay_ms: 2.0}
+contacts: {double: [left_sole_link, right_sole_link]}
+control: {type: pd, feedback: motor, sample_rate_hz: 2000, kp: 2000, kd: 100}
+""",
+        "utf-8",
+    )
+
+    def address_space() -> int:
+        lines = Path("/proc/self/status").read_text("utf-8").splitlines()
+        return 1024 * next(int(line.split()[1]) for line in lines if line.startswith("VmSize:"))
+
+    setup = motionless(robot_setup(load_robot(str(robot)).spec))
+    sizes = []
+    for _ in range(20):
+        run_robot(setup, hold(setup, 8 * setup.sample_time))
+        sizes.append(address_space())
+    assert sizes[-1] - sizes[1] < 15e6
+
+
+def test_mujocos_warnings_make_no_file(spec, tmp_path, monkeypatch):
+    """Numbers too large for its solver: the run ends and says so; MuJoCo alone would write MUJOCO_LOG.TXT, and to standard error."""
+    import mujoco
+
+    monkeypatch.chdir(tmp_path)
+    heard: list[str] = []
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(heard.append)
+    try:
+        setup = setup_of(spec, "joint")
+        simulation = RobotSimulation(setup)
+        simulation.data.qvel[:] = 1e12
+        assert simulation.part(hold(setup, 2 * setup.sample_time), 0).ending == "diverged"
+        assert heard == []
+        mujoco.mj_step(simulation.robot.model, simulation.data)  # the user's own again
+        assert any("simulation is unstable" in text for text in heard)
+    finally:
+        mujoco.set_mju_user_warning(before)
+    assert list(tmp_path.iterdir()) == []

@@ -4,9 +4,11 @@ The names below load on first use, so that `gainroom --help` does not wait for n
 """
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
 
+TYPE_CHECKING = False  # as typing has it, which takes a third of the way to `gainroom --help`, and Ctrl-C is not yet heeded here
 if TYPE_CHECKING:
+    from typing import Any
+
     from .acceleration import warmup
     from .controller import PD, PID, PPI, Compensator, LowPass, Notch
     from .coupled import JointMargins, joint_margins
@@ -93,7 +95,7 @@ __all__ = [
 ]
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> "Any":
     if name not in _MODULE_OF:
         raise AttributeError(f"module 'gainroom' has no attribute {name!r}")
     value = getattr(import_module(f".{_MODULE_OF[name]}", __name__), name)

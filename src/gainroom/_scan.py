@@ -14,9 +14,10 @@ first run of a fresh installation waits for the compiler.
 import math
 
 import numpy as np
-from numba import njit
 
-_jit = njit(cache=True, error_model="numpy")
+from .compiled import cached_njit
+
+_jit = cached_njit(error_model="numpy")
 _TINY = 1e-12  # relative width at which bisection stops, a few thousand times the rounding of a double
 _MAX_NODES = 4000  # bounds memory and time; an ordinary loop needs 50 to 300
 _DEPTH = 60  # of bisection

@@ -5,6 +5,7 @@ import stat
 from pathlib import Path
 
 from .errors import GainroomError
+from .files import note_read
 
 
 def bounded_text(path: Path, most: int, what: str) -> str:
@@ -17,9 +18,11 @@ def bounded_text(path: Path, most: int, what: str) -> str:
     except (OSError, ValueError) as error:
         raise GainroomError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
     try:
-        mode = os.fstat(handle).st_mode
+        status = os.fstat(handle)
+        mode = status.st_mode
         if not stat.S_ISREG(mode):
             raise GainroomError(f"{path}: is {'a directory' if stat.S_ISDIR(mode) else 'not a regular file'}")
+        note_read(status, path)
         with open(handle, "rb", closefd=False) as stream:
             content = stream.read(most + 1)
     except OSError as error:

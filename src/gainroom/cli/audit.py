@@ -79,17 +79,17 @@ def audit(
     )
     margin = margin_factor(margin_db)
     spec = audit_spec(model, gains, options)
-    with report_stream(report, [Path(spec.robot.name), *([] if gains is None else [gains])]) as stream:
+    with report_stream(report) as page:
         with progress_bar("audit:") as progress:
             result = run_audit(spec, margin, progress)
-        if stream is not None:
+        if as_json:
+            emit_json(_facts(result))
+        else:
+            emit(_terminal(result, report))
+        if page is not None:
             from ..report.audit import audit_page
 
-            stream.write(audit_page(result, _command(model, gains, options, margin_db, report)))
-    if as_json:
-        emit_json(_facts(result))
-    else:
-        emit(_terminal(result, report))
+            page.write(audit_page(result, _command(model, gains, options, margin_db, report)))
     return 0 if result.safe else 1
 
 

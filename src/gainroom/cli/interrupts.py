@@ -1,18 +1,58 @@
-"""Being asked to stop, by Ctrl-C or a polite kill, without losing what was done."""
+"""Being asked to stop, by Ctrl-C or a polite kill, without losing what was there or leaving half of what was begun."""
 
 import contextlib
+import os
 import signal
 import threading
 from collections.abc import Callable, Iterator
 from types import FrameType
+
+from ..files import undo_unfinished
+
+ASKED = (signal.SIGINT, signal.SIGTERM)
+INTERRUPTED = "gainroom: interrupted"
+
+
+class Stopped(Exception):  # noqa: N818 - asked for, not an error
+    """A command was stopped by signal `number`; `what` tells in addition how far it came."""
+
+    def __init__(self, number: int, what: str = "") -> None:
+        super().__init__(f"{INTERRUPTED}{what}")
+        self.status = 128 + number
+
+
+def leave_when_asked() -> None:
+    """From now on either signal ends the process in one line, with status 128 + its number: an exception could be lost in a library.
+
+    One that the process was started to ignore, as a shell has it for Ctrl-C and what runs in the background, stays ignored.
+    """
+    for number in ASKED:
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, _leave)
+
+
+def leave_quietly() -> None:
+    """All is told and written: from now on a signal ends the process as it ends one that knows nothing of signals."""
+    for number in ASKED:
+        if signal.getsignal(number) is _leave:
+            signal.signal(number, signal.SIG_DFL)
+
+
+def _leave(number: int, frame: FrameType | None) -> None:
+    for each in ASKED:
+        signal.signal(each, signal.SIG_IGN)  # once is enough
+    undo_unfinished()
+    with contextlib.suppress(OSError):
+        os.write(2, f"{INTERRUPTED}\n".encode())  # what Python's own stream is in the middle of does not matter any more
+    os._exit(128 + number)
 
 
 @contextlib.contextmanager
 def stop_signals() -> Iterator[Callable[[], int]]:
     """A function that tells the signal by which the process was asked to stop, 0 while it was not.
 
-    A second signal of the kind acts as it always does, in case the work never asks. One that the process was started to ignore, as a
-    shell has it for Ctrl-C and what runs in the background, stays ignored.
+    A second one, in case the work never asks, raises KeyboardInterrupt, and a third acts as it did before. What the process was started
+    to ignore stays ignored.
     """
     if threading.current_thread() is not threading.main_thread():  # signals are the main thread's
         yield lambda: 0
@@ -21,15 +61,20 @@ def stop_signals() -> Iterator[Callable[[], int]]:
 
     def note(number: int, frame: FrameType | None) -> None:
         nonlocal came
+        if came:
+            put_back()
+            raise KeyboardInterrupt
         came = number
-        signal.signal(number, before[signal.Signals(number)])
 
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    def put_back() -> None:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+    before = {number: signal.getsignal(number) for number in ASKED}
     before = {number: handler for number, handler in before.items() if handler is not signal.SIG_IGN}
     for number in before:
         signal.signal(number, note)
     try:
         yield lambda: came
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        put_back()

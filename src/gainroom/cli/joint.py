@@ -48,18 +48,18 @@ def joint(
     from ..config import load_joint
 
     spec = load_joint(file)
-    with report_stream(report, [file]) as stream:
+    with report_stream(report) as page:
         from ..study import study_joint
 
         study = study_joint(spec)
-        if stream is not None:
+        if as_json:
+            emit_json(_facts(study))
+        else:
+            emit(_terminal(study, report))
+        if page is not None:
             from ..report import joint_page
 
-            stream.write(joint_page(study, command_line("joint", file, "--report", report)))
-    if as_json:
-        emit_json(_facts(study))
-    else:
-        emit(_terminal(study, report))
+            page.write(joint_page(study, command_line("joint", file, "--report", report)))
     return 0 if study.stable_in_range else 1
 
 

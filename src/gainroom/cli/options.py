@@ -3,9 +3,10 @@
 import contextlib
 import os
 import shlex
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
+from io import StringIO
 from pathlib import Path
-from typing import Annotated, Any, TextIO
+from typing import Annotated, Any
 
 import typer
 
@@ -27,22 +28,38 @@ def number_option(flag: str, unit: str, text: str, **others: Any) -> Any:
 
 
 @contextlib.contextmanager
-def report_stream(report: Path | None, inputs: Sequence[Path] = ()) -> Iterator[TextIO | None]:
-    """Where the page goes, or None when none is asked for. A path that cannot be written fails before the work.
+def report_stream(report: Path | None, log: Path | None = None) -> Iterator[StringIO | None]:
+    """What takes the page, or None when none is asked for; it is written when the block ends well, in the place of an older one.
 
-    Raises GainroomError, also where the page would overwrite one of `inputs`.
+    To be opened when the input has been read: a path that cannot be written, or that would take the place of anything read or of `log`, is
+    refused before the work. The answer is printed inside the block, so that it is there even if the page cannot be.
+
+    Raises GainroomError.
     """
     if report is None:
         yield None
         return
     from ..errors import GainroomError
-    from ..io.atomic import replacing
+    from ..io.atomic import replacement, told
 
-    for path in inputs:
-        if os.path.realpath(report) == os.path.realpath(path):
-            raise GainroomError(f"{report}: the report would overwrite the input")
-    with replacing(report) as stream:
-        yield stream
+    refuse_inputs(report, "report")
+    if log is not None and os.path.realpath(report) == os.path.realpath(log):
+        raise GainroomError(f"{report}: the report would overwrite the log")
+    with replacement(report) as temporary:
+        page = StringIO()
+        yield page
+        with told(report):
+            temporary.write_text(page.getvalue(), "utf-8", newline="\n")
+
+
+def refuse_inputs(path: Path, what: str) -> None:
+    """Raise GainroomError where `path` is a file that has been read, by whatever name: `what` is to be written there."""
+    from ..errors import GainroomError
+    from ..files import read_as
+
+    name = read_as(path)
+    if name is not None:
+        raise GainroomError(f"{path}: the {what} would overwrite the input" + (f" {name}" if name != str(path) else ""))
 
 
 def command_line(*words: str | Path | None) -> str:

@@ -2,30 +2,34 @@
 
 import json
 import math
-import os
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
+
+from .streams import give_up
 
 if TYPE_CHECKING:
     from rich.table import Table
 
 WIDTH = 100
 """Columns, at most."""
+NARROWEST = 40
+"""Columns, at least: on fewer a table says nothing, and a terminal that does not know its width may say 0 or 1."""
 
 
 def emit(text: str) -> None:
-    """`text` to standard output, which may close early without harm. Raises GainroomError on any other failure."""
+    """`text` to standard output, which may be closed, or close early, without harm. Raises GainroomError on any other failure."""
+    if sys.stdout is None:
+        return
     try:
         sys.stdout.write(text)
         sys.stdout.flush()
     except OSError as error:
-        # What is still buffered would fail again at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        give_up(sys.stdout)
         if not isinstance(error, BrokenPipeError):
             from ..errors import GainroomError
 
-            raise GainroomError(f"standard output: {error.strerror}") from error
+            raise GainroomError(f"standard output: {(error.strerror or str(error)).lower()}") from error
 
 
 def emit_json(value: Mapping[str, Any]) -> None:
@@ -76,11 +80,11 @@ def render(*parts: Any) -> str:
     from rich.console import Console
 
     buffer = StringIO()
-    terminal = sys.stdout.isatty()
+    terminal = sys.stdout is not None and sys.stdout.isatty()
     probe = Console(file=sys.stdout)
     console = Console(
         file=buffer,
-        width=min(WIDTH, probe.width) if terminal else WIDTH,
+        width=min(WIDTH, max(NARROWEST, probe.width)) if terminal else WIDTH,
         force_terminal=terminal,
         no_color=probe.no_color or None,
         highlight=False,

@@ -18,18 +18,18 @@ def reproduce(as_json: AsJson = False, report: Report = None) -> int:
     Example:
       gainroom reproduce --report reproduce.html
     """
-    with report_stream(report) as stream:
+    with report_stream(report) as page:
         from ..reproduce import run_reproduction
 
         result = run_reproduction()
-        if stream is not None:
+        if as_json:
+            emit_json({"rows": [asdict(row) for row in result.rows], "warnings": list(result.warnings)})
+        else:
+            emit(_terminal(result))
+        if page is not None:
             from ..reproduce.page import reproduction_page
 
-            stream.write(reproduction_page(result, command_line("reproduce", "--report", report)))
-    if as_json:
-        emit_json({"rows": [asdict(row) for row in result.rows], "warnings": list(result.warnings)})
-    else:
-        emit(_terminal(result))
+            page.write(reproduction_page(result, command_line("reproduce", "--report", report)))
     return 0
 
 

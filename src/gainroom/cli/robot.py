@@ -51,19 +51,19 @@ def robot(
     from ..robot_config import load_robot_spec
 
     spec = load_robot_spec(file)
-    with report_stream(report, [file]) as stream:
+    with report_stream(report) as page:
         from ..robot_study import study_robot
 
         with progress_bar("robot:") as progress:
             study = study_robot(spec, progress)
-        if stream is not None:
+        if as_json:
+            emit_json(_facts(study))
+        else:
+            emit(_terminal(study, report))
+        if page is not None:
             from ..report.robot import robot_page
 
-            stream.write(robot_page(study, command_line("robot", file, "--report", report)))
-    if as_json:
-        emit_json(_facts(study))
-    else:
-        emit(_terminal(study, report))
+            page.write(robot_page(study, command_line("robot", file, "--report", report)))
     return 0 if study.stable_in_range else 1
 
 

@@ -1,8 +1,7 @@
 """gainroom simulate: a scenario, played."""
 
 import contextlib
-import os
-import sys
+import signal
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..io.numbers import digits, frequency, gain_factor, milli, settling
-from .interrupts import stop_signals
+from .interrupts import Stopped, stop_signals
 from .kinds import kind_of
-from .options import AsJson, Report, command_line, number_option, report_stream
+from .options import AsJson, Report, command_line, number_option, refuse_inputs, report_stream
 from .output import emit, emit_json, file_line, render, table
 from .progress import progress_bar
 
@@ -54,19 +53,19 @@ def simulate(
     from ..config import load_simulation
 
     spec = load_simulation(file)
-    with report_stream(report, [file] if log is None else [file, log]) as stream:
+    with report_stream(report, log) as page:
         from ..simulation_study import simulate_joint
 
-        with playing(log, file, [spec.joint.joint.name], spec.scenario.duration) as told:
+        with playing(log, [spec.joint.joint.name], spec.scenario.duration) as told:
             study = simulate_joint(spec, gain, *told)
-        if stream is not None:
+        if as_json:
+            emit_json(_facts(study, log))
+        else:
+            emit(_terminal(study, report, log))
+        if page is not None:
             from ..report.simulation import simulation_page
 
-            stream.write(simulation_page(study, command_line("simulate", file, *factor_words(gain), "--report", report)))
-    if as_json:
-        emit_json(_facts(study, log))
-    else:
-        emit(_terminal(study, report, log))
+            page.write(simulation_page(study, command_line("simulate", file, *factor_words(gain), "--report", report)))
     return 0 if study.sound else 1
 
 
@@ -77,35 +76,36 @@ def factor_words(gain: float) -> tuple[str, ...]:
 
 @contextlib.contextmanager
 def playing(
-    log: Path | None, file: Path, joints: Sequence[str], duration: float, signals: Sequence[str] | None = None
+    log: Path | None, joints: Sequence[str], duration: float, signals: Sequence[str] | None = None
 ) -> Iterator["tuple[Callable[[Response | RobotRun], None], Progress, Callable[[], bool]]"]:
     """What takes a run's rows, what is told of its progress, and what says whether to stop; one that is stopped says so, and exits."""
     from ..simulation_study import Interrupted
 
     with stop_signals() as stopped:
+        kept = "" if log is None else f"; {log} holds what was done"
         try:
-            with log_rows(log, file, joints, signals) as rows, progress_bar("simulate:") as progress:
+            with log_rows(log, joints, signals) as rows, progress_bar("simulate:") as progress:
                 yield rows, progress, lambda: stopped() != 0
         except Interrupted as end:
-            kept = "" if log is None else f"; {log} holds what was done"
-            print(f"gainroom: interrupted at {end.time:g} s of {duration:g} s{kept}", file=sys.stderr)
-            raise typer.Exit(128 + stopped()) from end
+            raise Stopped(stopped(), f" at {end.time:g} s of {duration:g} s{kept}") from end
+        except KeyboardInterrupt as end:  # asked twice
+            raise Stopped(stopped() or signal.SIGINT) from end
+    if stopped():  # after the run, while it was being judged
+        raise Stopped(stopped(), kept)
 
 
 @contextlib.contextmanager
 def log_rows(
-    log: Path | None, file: Path, joints: Sequence[str], signals: Sequence[str] | None = None
+    log: Path | None, joints: Sequence[str], signals: Sequence[str] | None = None
 ) -> Iterator[Callable[["Response | RobotRun"], None]]:
     """What takes the parts of a run and writes their `signals`, None: all. Raises GainroomError where `log` cannot be written."""
     if log is None:
         yield lambda part: None
         return
-    from ..errors import GainroomError
     from ..io.logs import open_log
     from ..simulation.response import LOGGED
 
-    if os.path.realpath(log) == os.path.realpath(file):
-        raise GainroomError(f"{log}: the log would overwrite the input")
+    refuse_inputs(log, "log")
     with open_log(log, joints, LOGGED if signals is None else signals) as writer:
         yield lambda part: writer.write(part.columns())
 

@@ -26,17 +26,17 @@ def simulate_robot(file: Path, as_json: bool, report: Path | None, log: Path | N
 
     spec = load_robot_spec(file)
     require_sampled(spec)
-    with report_stream(report, [file] if log is None else [file, log]) as stream:
-        with playing(log, file, spec.robot.joint_names, spec.scenario.duration, signals_of(spec.control.space)) as told:
+    with report_stream(report, log) as page:
+        with playing(log, spec.robot.joint_names, spec.scenario.duration, signals_of(spec.control.space)) as told:
             play = play_robot(spec, gain, *told)
-        if stream is not None:
+        if as_json:
+            emit_json(_facts(play, log))
+        else:
+            emit(_terminal(play, report, log))
+        if page is not None:
             from ..report.robot_simulation import robot_simulation_page
 
-            stream.write(robot_simulation_page(play, command_line("simulate", file, *factor_words(gain), "--report", report)))
-    if as_json:
-        emit_json(_facts(play, log))
-    else:
-        emit(_terminal(play, report, log))
+            page.write(robot_simulation_page(play, command_line("simulate", file, *factor_words(gain), "--report", report)))
     return 0 if play.sound else 1
 
 

@@ -1,6 +1,5 @@
 """gainroom verify: the predicted limit against simulation."""
 
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -41,21 +40,17 @@ def verify(
     130 interrupted.
     """
     spec, run = _robot(file) if kind_of(file) == "robot" else _joint(file)
-    with report_stream(report, [file]) as stream:
-        try:
-            with progress_bar("verify:") as progress:
-                result = run(progress)
-        except KeyboardInterrupt:
-            print("gainroom: interrupted", file=sys.stderr)
-            raise
-        if stream is not None:
+    with report_stream(report) as page:
+        with progress_bar("verify:") as progress:
+            result = run(progress)
+        if as_json:
+            emit_json(_facts(result))
+        else:
+            emit(_terminal(result, report))
+        if page is not None:
             from ..report.verification import verification_page
 
-            stream.write(verification_page(spec, result, command_line("verify", file, "--report", report)))
-    if as_json:
-        emit_json(_facts(result))
-    else:
-        emit(_terminal(result, report))
+            page.write(verification_page(spec, result, command_line("verify", file, "--report", report)))
     return 0 if result.agrees else 1
 
 

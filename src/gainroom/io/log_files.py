@@ -4,7 +4,6 @@ import contextlib
 import csv
 import json
 import os
-import secrets
 import struct
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -56,13 +55,11 @@ class CsvSink:
 
 
 class ParquetSink:
-    """One row group per block. A Parquet file is read from its end, so it grows under another name and is moved when it is whole."""
+    """One row group per block; its index comes last, so that nothing can be read before it is closed."""
 
     def __init__(self, path: Path) -> None:
         self._arrow: Any = _library("pyarrow", "pyarrow.parquet")
-        self._target = Path(os.path.realpath(path))  # a link stays a link
-        self._temporary = self._target.with_name(f".gainroom-{secrets.token_hex(6)}.tmp")
-        self._file = open(self._temporary, "xb")  # noqa: SIM115 - closed in close()
+        self._file = open(path, "wb")  # noqa: SIM115 - closed in close()
 
     def begin(self, joints: Sequence[str], signals: Sequence[str]) -> None:
         names = column_names(joints, signals)
@@ -78,11 +75,8 @@ class ParquetSink:
     def close(self) -> None:
         try:
             self._writer.close()
-            self._file.close()
-            os.replace(self._temporary, self._target)
         finally:
             self._file.close()
-            self._temporary.unlink(missing_ok=True)
 
 
 class McapSink:

@@ -4,7 +4,8 @@ Columns: `time` [s]; `target_torque`, `demand_torque`, `actual_torque` [N m, joi
 [rad, joint side]. Any but `time` may be missing. In CSV and Parquet a log of several joints has them once per joint, its name behind an
 underscore: `motor_position_l_knee`. In MCAP every joint has its topic, `/l_knee`, with JSON messages of the plain names.
 
-A log is written as the run goes on and is closed however the run ends: what was done until then can be read. Numbers that are none end it.
+A log is written as the run goes on, beside its place and under another name, and takes that place however the run ends: what was done until
+then can be read. A run that ends badly before its first row leaves the place as it was. Numbers that are none end the log.
 """
 
 import contextlib
@@ -18,7 +19,7 @@ import numpy as np
 from ..arrays import Floats
 from ..errors import GainroomError
 from ..simulation.response import LOGGED, REFERENCE
-from .atomic import refuse_unwritable
+from .atomic import replacement, told
 from .log_files import READERS, WRITERS, Sink, one_line
 
 Choice = TypeVar("Choice")
@@ -47,6 +48,7 @@ class LogWriter:
 
     def __init__(self, path: Path, joint_names: tuple[str, ...], signals: tuple[str, ...], sink: Sink) -> None:
         self.path, self.joint_names, self.signals, self._sink = path, joint_names, signals, sink
+        self.rows = 0
 
     def write(self, columns: Mapping[str, Floats]) -> None:
         """Add rows: `time` (k,) and this log's signals, (k, n) each; others are passed over.
@@ -62,8 +64,9 @@ class LogWriter:
                 raise GainroomError(f"{self.path}: {name} of shape {table.shape} must be {(len(time), len(self.joint_names))}")
             good &= np.isfinite(table).all(axis=1)
         end = len(time) if good.all() else int(np.argmin(good))
-        with _told(self.path):
+        with told(self.path):
             self._sink.rows(time[:end], [table[:end] for table in tables])
+        self.rows += end
         if end < len(time):
             wrong = [name for name, table in zip(self.signals, tables, strict=True) if not np.isfinite(table[end]).all()] or ["time"]
             raise GainroomError(f"{self.path}: {wrong[0]} at {time[end]:g} s is not a finite number; the log ends before")
@@ -71,11 +74,13 @@ class LogWriter:
 
 @contextlib.contextmanager
 def open_log(path: Path, joint_names: Sequence[str], signals: Sequence[str] = LOGGED) -> Iterator[LogWriter]:
-    """Open a log for writing; it is closed, and can be read, however the block ends.
+    """Open a log for writing; it can be read when the block has ended, however it ends.
 
     path         ends in .csv, .parquet (needs pyarrow) or .mcap (needs mcap)
     joint_names  (n,)
     signals      which of LOGGED it holds
+
+    An older log at `path` is replaced as a whole, once this one is closed; a block that fails before its first row leaves it alone.
 
     Raises GainroomError for other endings, for names that are taken twice, and where `path` cannot be written.
     """
@@ -84,25 +89,25 @@ def open_log(path: Path, joint_names: Sequence[str], signals: Sequence[str] = LO
         raise GainroomError(f"{path}: joint names {', '.join(map(repr, names))} must be one or more, differ, and not be empty")
     if wrong := [signal for signal in signals if signal not in LOGGED]:
         raise GainroomError(f"{path}: signal {wrong[0]!r} must be one of {', '.join(LOGGED)}")
-    make = _by_ending(path, WRITERS)
-    refuse_unwritable(path)
-    with _told(path):
-        sink = make(path)
-        sink.begin(names, signals)
-    try:
-        yield LogWriter(path, names, tuple(signals), sink)
-    finally:
-        with _told(path):
-            sink.close()
-
-
-@contextlib.contextmanager
-def _told(path: Path) -> Iterator[None]:
-    """Say in one line what the system does not let be written."""
-    try:
-        yield
-    except OSError as error:
-        raise GainroomError(f"{path}: cannot be written: {one_line(error.strerror or error).lower()}") from error
+    make, failure = _by_ending(path, WRITERS), None
+    with replacement(path) as temporary:
+        with told(path):
+            sink = make(temporary)
+        try:
+            with told(path):
+                sink.begin(names, signals)
+            writer = LogWriter(path, names, tuple(signals), sink)
+            try:
+                yield writer
+            except BaseException as error:
+                if not writer.rows:
+                    raise
+                failure = error  # raised again when what was done is in its place
+        finally:
+            with told(path):
+                sink.close()
+    if failure is not None:
+        raise failure
 
 
 def read_log(path: Path, columns: Mapping[str, str] | None = None) -> Log:

@@ -19,9 +19,11 @@ from xml.etree.ElementTree import Element, tostring
 import numpy as np
 
 from ..errors import GainroomError
+from ..files import note_read
 from ..messages import one_line, typo_of
 from .assemble import MAX_JOINTS
 from .body import library
+from .mujoco_says import mujoco_says
 from .xml_text import MAX_BYTES, MAX_DEPTH, MAX_ELEMENTS, read_xml
 
 SECTIONS = ("compiler", "option", "default", "asset", "worldbody", "equality", "actuator")
@@ -32,6 +34,10 @@ MULTIPLIERS = ("replicate", "composite", "flexcomp", "attach")
 """These make many bodies of few lines, or read further models."""
 MOST = {"body": 2000, "joint": MAX_JOINTS, "geom": 2000, "site": 2000, "asset": 1000, "actuator": 2000, "equality": 2000, "keyframe": 1000}
 """Elements by tag, assets and the like by section: MuJoCo and Pinocchio take time that grows with the square of some of them."""
+
+ARENA = 33 * 2**20
+"""Work space of an MjData [bytes], more than MuJoCo's own 15 MiB: the C library gives what is above 32 MiB back to the system when it is
+freed. Of aligned blocks below that glibc before 2.38 finds none again, and every new MjData takes address space that nobody had before."""
 
 
 FINITE = {
@@ -62,7 +68,7 @@ def compile_mjcf(root: Element, path: Path, keyframes: bool = False) -> Compiled
     with _COMPILING, _warnings(mujoco) as said:
         try:
             spec = mujoco.MjSpec.from_string(tostring(root, "unicode"))
-            spec.modelfiledir = str(path.parent)
+            spec.modelfiledir, spec.memory = str(path.parent), ARENA
             notes, coupled = _take_constraints(mujoco, spec)
             _drop_shapes(spec, path)
             _drop_actuators(mujoco, spec)
@@ -249,8 +255,10 @@ def _require_mesh(spec: Any, body: str, name: str, path: Path) -> None:
     file = inside(path, os.path.basename(mesh.file) if spec.strippath else mesh.file, (path.parent / spec.meshdir,), "mesh")
     if file is None:
         raise GainroomError(f"{owner} is missing")
-    if file.stat().st_size > MAX_BYTES:
+    status = file.stat()
+    if status.st_size > MAX_BYTES:
         raise GainroomError(f"{owner} is larger than {MAX_BYTES} bytes")
+    note_read(status, file)
 
 
 def _drop_actuators(mujoco: Any, spec: Any) -> None:
@@ -264,14 +272,8 @@ def _drop_actuators(mujoco: Any, spec: Any) -> None:
 
 @contextlib.contextmanager
 def _warnings(mujoco: Any) -> Iterator[list[str]]:
-    """Collect MuJoCo's warnings; some of them it would print, and write to a file in the current folder."""
-    said: list[str] = []
-    before = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(said.append)
-    try:
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
-            yield said
-        said.extend(str(each.message) for each in caught)
-    finally:
-        mujoco.set_mju_user_warning(before)
+    """Collect MuJoCo's warnings, of either kind."""
+    with mujoco_says(mujoco) as said, warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        yield said
+    said.extend(str(each.message) for each in caught)

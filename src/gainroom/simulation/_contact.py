@@ -9,9 +9,9 @@ A law is (F_C, F_S, v_s, σ_0, σ_1) as in friction.py.
 
 import math
 
-from numba import njit
+from ..compiled import cached_njit
 
-jit = njit(cache=True, error_model="numpy")
+jit = cached_njit(error_model="numpy")
 
 
 @jit

@@ -1,15 +1,15 @@
 """Compiled kernel of the linear recursion."""
 
 import numpy as np
-from numba import njit
 
+from ..compiled import cached_njit
 from .stepping import HUGE
 
 SPARSE = 4
 """A matrix with fewer nonzero entries than one in so many is gone through entry by entry: a delay of many ticks is a line of ones."""
 
 
-@njit(cache=True)
+@cached_njit()
 def recur(transposed, forcing, states):
     """As stepping.recur, step by step."""
     size = len(transposed)
@@ -32,7 +32,7 @@ def recur(transposed, forcing, states):
     return len(forcing)
 
 
-@njit(cache=True)
+@cached_njit()
 def _entries(matrix):
     """The nonzero entries of a square matrix, row by row: columns, values, and where each row's begin; one more than rows."""
     size = len(matrix)

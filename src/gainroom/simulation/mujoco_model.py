@@ -22,6 +22,7 @@ from ..robot.actuators import Actuators
 from ..robot.body import RigidBody, library, put_position
 from ..robot.contact import Contact
 from ..robot.ground import Ground, Sole, ground_axes, upwards
+from ..robot.mjcf_file import ARENA
 from ..robot.patterns import nearest
 
 CLOSEST = 0.9999
@@ -126,7 +127,7 @@ def build_mujoco(
     if np.any(friction < 0):
         raise GainroomError(f"simulation: coulomb friction {friction.min():g} N·m must be >= 0")
     spec = mujoco.MjSpec()
-    spec.option.timestep = timestep
+    spec.memory, spec.option.timestep = ARENA, timestep
     spec.option.gravity = np.array(body.model.gravity.linear) * (1.0 if gravity else 0.0)
     bodies = _add_links(mujoco, spec, body, actuators)
     for name in body.joint_names:  # before the springs under feet: the first n actuators are the motors

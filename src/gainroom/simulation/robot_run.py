@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from ..arrays import Floats
 from ..errors import GainroomError, require_count, require_finite, require_positive
 from ..robot.body import is_slide, library
+from ..robot.mujoco_says import mujoco_says
 from .mujoco_model import MujocoRobot, build_mujoco
 from .robot_result import Ending, RobotRun, joined_runs
 from .robot_setup import RobotSetup, substeps_for
@@ -73,7 +74,8 @@ class RobotSimulation:
     """Plant (`robot`, `data`, `step`), drives (`line`) and controller (`control`), tick by tick."""
 
     def __init__(self, setup: RobotSetup, *, gain: float = 1.0, kick: ArrayLike = 0.0):
-        self.step: Callable[[Any, Any], None] = library("mujoco", "MuJoCo").mj_step
+        self._mujoco = library("mujoco", "MuJoCo")
+        self.step: Callable[[Any, Any], None] = self._mujoco.mj_step
         substeps = substeps_for(setup) if setup.substeps is None else require_count("simulation", "substeps", setup.substeps, 1)
         require_positive("simulation", "encoder_step", setup.encoder_step, "rad", zero=True)
         self.setup = setup
@@ -111,11 +113,12 @@ class RobotSimulation:
     def part(self, offsets: Floats, first: int) -> RobotRun:
         """The ticks of `offsets` (k, m), of which the first has number `first`, or those until the robot cannot go on."""
         rows = _Rows(len(offsets), self)
-        for index, offset in enumerate(offsets):
-            rows.keep(index, *self.tick(offset))
-            problem = self.problem()
-            if problem is not None:
-                return rows.run(first, *problem)
+        with mujoco_says(self._mujoco):  # of numbers that are too large: the run says so itself
+            for index, offset in enumerate(offsets):
+                rows.keep(index, *self.tick(offset))
+                problem = self.problem()
+                if problem is not None:
+                    return rows.run(first, *problem)
         return rows.run(first, "completed", "")
 
     def tick(self, offset: Floats) -> tuple[Floats, ...]:

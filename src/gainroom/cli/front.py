@@ -1,0 +1,52 @@
+"""What `gainroom` takes: its commands, one file each, and the front door without one."""
+
+from typing import Annotated
+
+import typer
+
+from .audit import audit
+from .example import example
+from .joint import joint
+from .reproduce import reproduce
+from .robot import robot
+from .simulate import simulate
+from .verify import verify
+
+app = typer.Typer(
+    name="gainroom",
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+)
+app.command(name="joint", short_help="One joint: stable or not, margins, largest gains, gains to use.")(joint)
+app.command(name="robot", short_help="A whole robot: limits with all joints closed, by posture and contact state.")(robot)
+app.command(name="audit", short_help="Are the gains that a robot already has safe?")(audit)
+app.command(name="simulate", short_help="Play a joint's or a robot's scenario: tracking, vibration, traces.")(simulate)
+app.command(name="verify", short_help="The predicted limit against simulation.")(verify)
+app.command(name="example", short_help="Print a ready file to start from.")(example)
+app.command(name="reproduce", short_help="The paper's figures, computed and compared.")(reproduce)
+
+
+@app.callback(invoke_without_command=True)
+def _front(
+    context: typer.Context,
+    version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False,
+) -> None:
+    """How large the gains of a torque-controlled joint or robot can be, with elasticity and time delay, exactly.
+
+    \b
+    Example:
+      gainroom example testbed > joint.yaml
+      gainroom joint joint.yaml --report joint.html
+
+    Exit status: 0 done; 1 the answer is "unstable" or "not safe"; 2 the input or the call is wrong.
+    """
+    if version:
+        from .. import __version__
+
+        typer.echo(f"gainroom {__version__}")
+        raise typer.Exit(0)
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())
+        raise typer.Exit(2)
