@@ -243,9 +243,7 @@ class _Search:
             return self.least([self.uncertainty.place(values)], kp, kd)[2] < -ROUND_OFF
 
         controller = self.template.from_plane(kp, kd)
-        self.proof = prove(
-            self.joint, self.drive, self.uncertainty, controller, self.requirements, self.feedback, self.sample_time, breaks
-        )
+        self.proof = prove(self.joint, self.drive, self.uncertainty, controller, self.requirements, self.feedback, self.sample_time, breaks)
         if not self.proof.worst:
             return best
         near = self.least([self.uncertainty.place(self.proof.worst)], kp, kd)

@@ -245,7 +245,7 @@ def _warnings(study: JointStudy) -> tuple[str, ...]:
         instead = "lower these gains, or state narrower ranges" if study.recommended is None else "use the recommended gains"
         warnings.append(f"these gains are unstable within the stated ranges, at {case_in_words(study.unstable_at)}: {instead}")
     if not study.range_proved:
-        warnings.append("no case within the stated ranges was found in which these gains are unstable, but that there is none is not proved")
+        warnings.append("within the stated ranges these gains are stable wherever they were looked at; in between it is not proved")
     if spec.sample_time is None and spec.drive.delay > 0:
         warnings.append(CONTINUOUS)
     if spec.feedback == "link" and spec.joint.damping == 0 and not math.isinf(spec.joint.stiffness):

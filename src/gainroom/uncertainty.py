@@ -53,8 +53,12 @@ class Uncertainty:
         return replace(joint, **values), replace(drive, delay=delay)
 
     def place(self, values: Mapping[str, float]) -> Place:
-        """The place at which `values` of what is uncertain lie, the inverse of `case`; the low end where a range has no width."""
-        return tuple(share_of(*getattr(self, name), values.get(name, getattr(self, name)[0])) for name in self.names)
+        """The place at which `values` of what is uncertain lie, the inverse of `case`; the low end of a range that `values` leaves out."""
+        shares = []
+        for name in self.names:
+            low, high = getattr(self, name)
+            shares.append(share_of(low, high, values.get(name, low)))
+        return tuple(shares)
 
     def ends(self) -> Iterator["Uncertainty"]:
         """Each end of each interval by itself, all else as stated: what is uncertain shrunk to that one value."""
