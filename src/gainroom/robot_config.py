@@ -20,6 +20,7 @@ from .io.checked import dotted, validate
 from .io.numbers import requirements
 from .io.yaml_text import read_text, shown
 from .messages import first_of_many, nearest
+from .plausible import unusual_robot
 from .robot.actuators import Actuators, actuators_of, drives_of, merge_entries
 from .robot.body import Base, RigidBody
 from .robot.contact import Contact
@@ -68,15 +69,20 @@ def _spec(file: RobotFile, source: str, folder: Path) -> RobotSpec:
     ranges = _ranges(file, robot.actuators, drives, tick)
     if ranges.delay is not None:
         refuse_long_delays(robot.joint_names, ranges.delay[1].tolist(), sampled)
+    control = _control(file.control, robot.body, sampled)
+    limits = Requirements.usual() if file.limits is None else file.limits.requirements()
     return RobotSpec(
         robot=robot,
         drives=drives,
-        control=_control(file.control, robot.body, sampled),
-        requirements=Requirements.usual() if file.limits is None else file.limits.requirements(),
+        control=control,
+        requirements=limits,
         uncertainty=ranges,
         scenario=file.scenario.scenario(robot, file.control.space),
         assumptions=(*assumptions, *([USUAL] if file.limits is None else [])),
-        warnings=warnings,
+        warnings=(
+            *warnings,
+            *unusual_robot(robot.actuators, robot.joint_names, drives, control.joints, sampled, limits, robot.body.slides),
+        ),
     )
 
 

@@ -1,6 +1,7 @@
 """One joint, studied: verdict, margins, limits, region, recommended gains, and a sentence that says what limits it."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -11,6 +12,7 @@ from .limits import GainLimit, gain_limit
 from .loop import Feedback, Loop, build_loop
 from .messages import case_in_words, frequency_in_words
 from .plant import ElasticJoint
+from .plausible import unusual_joint
 from .range_proof import prove
 from .recommend import FILLING, Recommendation, recommend_pd, value_of
 from .region import PDRegion, pd_region
@@ -30,7 +32,10 @@ CONTINUOUS = (
 
 @dataclass(frozen=True)
 class JointSpec:
-    """One joint with its drive and controller, what is required of it, and what is not known exactly. SI units."""
+    """One joint with its drive and controller, what is required of it, and what is not known exactly. SI units.
+
+    typed   values that a file gave in place of those of `joint`, by key: rotor_inertia, gear_ratio
+    """
 
     joint: ElasticJoint
     drive: Drive
@@ -39,10 +44,15 @@ class JointSpec:
     sample_time: float | None = None
     requirements: Requirements = field(default_factory=Requirements.usual)
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
+    typed: Mapping[str, float] = field(default_factory=dict)
 
     def loop(self) -> Loop:
         """The loop of this specification."""
         return build_loop(self.joint, self.drive, self.controller, self.feedback, self.sample_time)
+
+    def unusual(self) -> tuple[str, ...]:
+        """What lies far outside what actuators have, in words: most often a slip of units."""
+        return unusual_joint(self.joint, self.drive, self.controller, self.sample_time, self.requirements, self.uncertainty, self.typed)
 
 
 @dataclass(frozen=True)
@@ -237,7 +247,7 @@ def _change(rise: float) -> str:
 def _warnings(study: JointStudy) -> tuple[str, ...]:
     """What a user should know or do, each with the remedy."""
     spec, found = study.spec, study.margins
-    warnings = []
+    warnings = list(spec.unusual())
     if not found.stable and 0 < study.limit.gain < math.inf:
         instead = "" if study.recommended is None else ", or use the recommended ones"
         warnings.append(f"these gains are unstable: multiply all of them by less than {study.limit.gain:.3g}{instead}")
