@@ -70,6 +70,22 @@ class BoxLoop:
         return self.ranges.get(name, (self.stated[name], self.stated[name]))
 
     @property
+    def nyquist(self) -> float | None:
+        """Half the sample rate [rad/s]; None in continuous time."""
+        return None if self.sample_time is None else math.pi / self.sample_time
+
+    def resonances_in(self, low: Floats, high: Floats) -> tuple[Floats, Floats]:
+        """Lowest and highest resonance [rad/s] within each box, as `at` takes them; for an elastic joint."""
+        ends = []
+        for soft, heavy in ((low, high), (high, low)):
+            inverse_inertia = 1 / self._end("motor_inertia", heavy) + 1 / self._end("link_inertia", heavy)
+            ends.append(np.sqrt(self._end("stiffness", soft) * inverse_inertia))
+        return ends[0], ends[1]
+
+    def _end(self, name: str, corners: Floats) -> Any:
+        return corners[:, 1 + self.names.index(name)] if name in self.names else self.stated[name]
+
+    @property
     def resonances(self) -> tuple[float, float]:
         """Lowest and highest resonance [rad/s] within the ranges; (inf, inf) for a rigid joint."""
         ends = [self._ends(name) for name in ("stiffness", "motor_inertia", "link_inertia")]

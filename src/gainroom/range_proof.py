@@ -56,7 +56,7 @@ def prove(
     feedback: Feedback = "motor",
     sample_time: float | None = None,
     judge: Judge = lambda values: False,
-    most: int = 200_000,
+    most: int = 500_000,
 ) -> Proof:
     """Whether `requirements` hold in all of `uncertainty`; with nothing required, whether no root can reach the stability boundary.
 
@@ -87,6 +87,10 @@ class _Search:
                 if len(low) > CHUNK:
                     waiting.append((low[CHUNK:], high[CHUNK:]))
                     low, high = low[:CHUNK], high[:CHUNK]
+                needed = ~self.covered(low, high, scaled)
+                low, high = low[needed], high[needed]
+                if not len(low):
+                    continue
                 spent += len(low)
                 sectors = self.loop.at(low, high, scaled)
                 if self.breaks(sectors, low, high):
@@ -101,17 +105,19 @@ class _Search:
 
     def first_boxes(self) -> list[tuple[bool, Floats, Floats]]:
         """Boxes that together cover all frequencies for all joints: (counted in resonances, low, high)."""
-        loop = self.loop
-        slow, fast = loop.resonances
-        last = math.pi / loop.sample_time if loop.sample_time is not None else loop.silent_above(self.smallest())
-        if math.isinf(slow) or NEAR[0] * slow >= last:
-            return [(False, *self.whole(_ladder(last)))]
-        pieces = [(False, *self.whole(_ladder(NEAR[0] * slow)))]
-        near = _steps(NEAR[0] * slow / fast, min(NEAR[1], last / slow))
-        pieces.append((True, *self.whole(near)))
-        if NEAR[1] * slow < last:
-            pieces.append((False, *self.whole(_steps(NEAR[1] * slow, last))))
-        return pieces
+        last = self.loop.nyquist or self.loop.silent_above(self.smallest())
+        pieces = [(False, *self.whole(np.append(0.0, _steps(1e-3 * last, last))))]
+        return pieces if self.loop.rigid else [(True, *self.whole(_steps(*NEAR))), *pieces]
+
+    def covered(self, low: Floats, high: Floats, scaled: bool) -> Booleans:
+        """True for boxes that others cover: near the resonance those counted in resonances, beyond half the sample rate all."""
+        if scaled:
+            slow, _ = self.loop.resonances_in(low, high)
+            return low[:, 0] * slow >= (self.loop.nyquist or math.inf)
+        if self.loop.rigid:
+            return np.zeros(len(low), dtype=bool)
+        slow, fast = self.loop.resonances_in(low, high)
+        return (low[:, 0] >= NEAR[0] * fast) & (high[:, 0] <= NEAR[1] * slow)
 
     def whole(self, ends: Floats) -> tuple[Floats, Floats]:
         """One box of all parameters per step between `ends`."""
@@ -167,11 +173,6 @@ class _Search:
         if asked.peak_sensitivity is not None:
             distance = np.minimum(distance, np.abs(1 + value) * asked.peak_sensitivity - 1)
         return np.where(np.isnan(distance), np.inf, distance)
-
-
-def _ladder(last: float) -> Floats:
-    """0, and steps from far below `last` up to it."""
-    return np.append(0.0, _steps(1e-3 * last, last))
 
 
 def _steps(first: float, last: float) -> Floats:
