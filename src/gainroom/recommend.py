@@ -30,6 +30,7 @@ COST_ACCURACY = 0.01
 FILLING = 16  # cases inside the uncertainty beside corners and centre
 RESERVE = 0.002  # of each requirement, kept at the active cases of an uncertain joint: leaves a proof room to come to an end
 UNPROVED_RESERVE = 0.02  # the same where it came to none
+MOST_ACTIVE = 6  # cases at a time: what an older one forbids is found out again, if it still matters
 MOST_ROUNDS = 20  # cases that break a requirement, one after the other
 QUICK_ROUNDS = 10  # from then on kp is lowered in large steps
 
@@ -160,8 +161,8 @@ class _Search:
                     self.reserve = UNPROVED_RESERVE
                     self.active = [self.region(self.case(one)) for one in self.cases]
                     continue
-            self.cases.append(place)
-            self.active.append(self.region(self.case(place)))
+            self.cases = [*self.cases, place][-MOST_ACTIVE:]
+            self.active = [*self.active, self.region(self.case(place))][-MOST_ACTIVE:]
             high = (1.002 if count < QUICK_ROUNDS else 0.8) * kp
         else:
             return None
@@ -269,9 +270,10 @@ class _Search:
             return None
         for _ in range(5):  # the first search is as good as its grid; this one is exact
             trials = np.unique([_rounded_down(kp * 0.9989**k) for k in range(8)])[::-1]
-            for trial, allowed in zip(trials, self.allowed(self.active, trials, self.requirements.asked, polish=True), strict=True):
-                if len(allowed):
-                    return float(trial), self.best_kd(float(trial), *allowed[-1])
+            for some in np.split(trials, [1, 3]):  # mostly the first will do
+                for trial, allowed in zip(some, self.allowed(self.active, some, self.requirements.asked, polish=True), strict=True):
+                    if len(allowed):
+                        return float(trial), self.best_kd(float(trial), *allowed[-1])
             kp = 0.999 * float(trials[-1])
         return None
 
