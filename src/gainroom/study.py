@@ -195,10 +195,8 @@ def _no_gains(spec: JointSpec) -> str:
             remedies.insert(0, "lower ki")
     if uncertain:
         remedies.insert(-1, "shrink uncertainty")
-    return (
-        f"no {kind if kind.endswith(',') else kind + ' gains'} keep the required margins{' in every stated case' if uncertain else ''}: "
-        f"{', '.join(remedies[:-1])}, or {remedies[-1]}"
-    )
+    kept = "were found that keep the required margins in every stated case" if uncertain else "keep the required margins"
+    return f"no {kind if kind.endswith(',') else kind + ' gains'} {kept}: {', '.join(remedies[:-1])}, or {remedies[-1]}"
 
 
 def _sentence(found: Margins, limit: GainLimit, without: dict[str, float], unstable_at: dict[str, float]) -> str:
