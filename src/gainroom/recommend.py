@@ -30,6 +30,7 @@ COST_ACCURACY = 0.01
 FILLING = 16  # cases inside the uncertainty beside corners and centre
 RESERVE = 0.002  # of each requirement, kept at the active cases of an uncertain joint: leaves a proof room to come to an end
 UNPROVED_RESERVE = 0.02  # the same where it came to none
+QUICK_BOXES, MOST_BOXES = 200_000, 500_000  # of a proof, about 1 s and 3 s: with the first reserve, and with the second
 MOST_ACTIVE = 6  # cases at a time: what an older one forbids is found out again, if it still matters
 MOST_ROUNDS = 20  # cases that break a requirement, one after the other
 QUICK_ROUNDS = 10  # from then on kp is lowered in large steps
@@ -244,7 +245,10 @@ class _Search:
             return self.least([self.uncertainty.place(values)], kp, kd)[2] < -ROUND_OFF
 
         controller = self.template.from_plane(kp, kd)
-        self.proof = prove(self.joint, self.drive, self.uncertainty, controller, self.requirements, self.feedback, self.sample_time, breaks)
+        most = MOST_BOXES if self.reserve == UNPROVED_RESERVE else QUICK_BOXES
+        self.proof = prove(
+            self.joint, self.drive, self.uncertainty, controller, self.requirements, self.feedback, self.sample_time, breaks, most
+        )
         if not self.proof.worst:
             return best
         near = self.least([self.uncertainty.place(self.proof.worst)], kp, kd)
