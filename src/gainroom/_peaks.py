@@ -15,7 +15,7 @@ def objective(kind: int, value: Complexes) -> Floats:
     return np.divide(np.abs(1 + value), below, out=np.full(len(value), np.inf), where=np.asarray(below) > 0)
 
 
-def _objective_bound(kind: int, log_low: Floats, log_high: Floats, phase_low: Floats, phase_high: Floats) -> Floats:
+def objective_bound(kind: int, log_low: Floats, log_high: Floats, phase_low: Floats, phase_high: Floats) -> Floats:
     """Lower bound of `objective` for log|L| and arg L within the given ranges."""
     nearest = math.pi * (2 * np.floor((phase_low + phase_high) / (4 * math.pi)) + 1)
     offset = np.maximum(0.0, np.maximum(phase_low - nearest, nearest - phase_high))  # of arg L from the nearest odd multiple of π
@@ -48,7 +48,7 @@ def find_peaks(batch: Batch, nodes: Nodes) -> tuple[Floats, Booleans]:
                 ranges += values_between(width, end_a, end_b, *bounds(batch, nodes, left, part))
             best = np.full(count, np.inf)
             np.minimum.at(best, nodes.owner, objective(kind, nodes.value))
-            return _objective_bound(kind, *ranges) < 0.99 * best[nodes.owner[left]]
+            return objective_bound(kind, *ranges) < 0.99 * best[nodes.owner[left]]
 
         nodes, sure = bisect(batch, nodes, undecided)
         decided &= sure

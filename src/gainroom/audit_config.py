@@ -17,6 +17,7 @@ from .gain_files import JointGains, gains_of, read_gains
 from .io.checked import checked, number
 from .io.yaml_text import shown
 from .messages import first_of_many, nearest
+from .plausible import unusual_robot
 from .robot.actuators import ActuatorEntry, Actuators, actuators_of
 from .robot.body import Base, RigidBody
 from .robot.contact import Contact
@@ -108,15 +109,16 @@ def audit_spec(model: str, gains: Path | None, options: AuditOptions) -> RobotSp
     sample_time = None if options.rate_hz is None else 1 / options.rate_hz
     refuse_long_delays(body.joint_names, [1e-3 * options.delay_ms] * body.size, sample_time)
     drive = Drive(delay=1e-3 * options.delay_ms, bandwidth=math.inf if options.bandwidth is None else options.bandwidth)
-    controller = _controller(found, kept)
+    control = _controller(found, kept)
     with named(str(source)):
-        refuse_absurd_gains(body, actuators, (drive,) * body.size, controller)
+        refuse_absurd_gains(body, actuators, (drive,) * body.size, control)
+    unusual = unusual_robot(actuators, body.joint_names, [drive] * body.size, control, sample_time, slides=body.slides)
     return RobotSpec(
         robot=robot,
         drives=(drive,) * body.size,
-        control=RobotControl("joint", controller, "motor", sample_time),
+        control=RobotControl("joint", control, "motor", sample_time),
         assumptions=(*guessed, *_assumptions(body, held, options), *notes),
-        warnings=(*found.notes, *body.notes, *_beyond_limits(posture)),
+        warnings=(*found.notes, *body.notes, *_beyond_limits(posture), *unusual),
     )
 
 

@@ -204,4 +204,5 @@ class JointFile(Section):
             sample_time=tick if sampled else None,
             requirements=Requirements.usual() if self.limits is None else self.limits.requirements(),
             uncertainty=self.uncertainty.uncertainty(joint, delay, tick),
+            typed=self.joint.model_dump(include={"rotor_inertia", "gear_ratio"}, exclude_none=True),
         )

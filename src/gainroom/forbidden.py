@@ -71,6 +71,15 @@ class Requirements:
         """The names of those that are asked for."""
         return tuple(name for name in ("gain_margin", "phase_margin", "peak_sensitivity") if getattr(self, name) is not None)
 
+    def tightened(self, share: float) -> "Requirements":
+        """Each asked for with a `share` of it more; what could then not be asked for at all (Ms below 1, π of phase) halfway there."""
+        gain, phase, peak = self.gain_margin, self.phase_margin, self.peak_sensitivity
+        return Requirements(
+            gain_margin=None if gain is None else gain * (1 + share),
+            phase_margin=None if phase is None else min(phase * (1 + share), 0.5 * (phase + math.pi)),
+            peak_sensitivity=None if peak is None else max(peak / (1 + share), 0.5 * (1 + peak)),
+        )
+
     def met(self, name: str, value: float) -> bool | None:
         """Whether `value` keeps what is asked for under `name`, but for ROUND_OFF; None where nothing is, False for NaN."""
         needed = getattr(self, name)

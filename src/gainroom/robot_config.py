@@ -22,6 +22,7 @@ from .io.checked import dotted, validate
 from .io.numbers import requirements
 from .io.yaml_text import read_text, shown
 from .messages import first_of_many, nearest
+from .plausible import unusual_robot
 from .robot.actuators import Actuators, actuators_of, drives_of, merge_entries
 from .robot.body import Base, RigidBody
 from .robot.contact import Contact
@@ -74,15 +75,19 @@ def _spec(file: RobotFile, source: str, folder: Path) -> RobotSpec:
     control = _control(file.control, robot.body, sampled)
     if control.joints is not None:
         refuse_absurd_gains(robot.body, robot.actuators, drives, control.joints)
+    limits = Requirements.usual() if file.limits is None else file.limits.requirements()
     return RobotSpec(
         robot=robot,
         drives=drives,
         control=control,
-        requirements=Requirements.usual() if file.limits is None else file.limits.requirements(),
+        requirements=limits,
         uncertainty=ranges,
         scenario=file.scenario.scenario(robot, file.control.space),
         assumptions=(*assumptions, *([USUAL] if file.limits is None else [])),
-        warnings=warnings,
+        warnings=(
+            *warnings,
+            *unusual_robot(robot.actuators, robot.joint_names, drives, control.joints, sampled, limits, robot.body.slides),
+        ),
     )
 
 

@@ -6,7 +6,7 @@ from .arrays import Floats
 from .messages import frequency_in_words, listed, printable
 from .robot_play import RobotPlay
 from .robot_vibration import ENCODER_STEPS, NOTICED, in_words
-from .simulation_spec import LATE
+from .simulation_spec import LATE, PERIODS
 from .simulation_study import prediction_in_words
 
 SEEN = 1e-6
@@ -15,6 +15,8 @@ TINY = 1e-7
 """[m, rad] smaller errors are shown as 0."""
 SLOPING = math.radians(1.0)
 """A flat foot's ground that slopes by more is told [rad]."""
+SLOW = 10.0
+"""Vibrations above it are shown by every run worth the name [Hz]; a shorter one is told."""
 UNEVEN = 1e-3
 """Feet that stand higher than others by more are told [m]."""
 
@@ -79,6 +81,9 @@ def _shaking(play: RobotPlay, joint: int) -> str:
 def warnings(play: RobotPlay) -> list[str]:
     """What a user should know or do, each with the remedy."""
     told, limit = [], play.limit
+    slowest = PERIODS / play.spec.scenario.duration
+    if play.completed and not play.vibrates and slowest > SLOW:
+        told.append(f"a run of {play.spec.scenario.duration:g} s shows no vibration below {slowest:.3g} Hz: lengthen scenario.duration")
     if play.completed and play.moved_until > LATE * play.spec.scenario.duration:
         told.append(
             "the move ends late in the run or not at all: lengthen scenario.duration for a steady state, and to see whether it vibrates"

@@ -20,7 +20,7 @@ from .simulation.robot_result import RobotRun, joined_runs
 from .simulation.robot_run import stream_robot
 from .simulation.robot_setup import RobotSetup, hold, robot_setup
 from .simulation.trajectories import Spline
-from .simulation_spec import refuse_long_run
+from .simulation_spec import refuse_odd_run
 from .simulation_study import Interrupted
 
 if TYPE_CHECKING:
@@ -95,7 +95,7 @@ def _play(
     stopped: Callable[[], bool],
 ) -> RobotPlay:
     setup = setup_of(spec)
-    refuse_long_run(spec.scenario.duration, setup.sample_time, MOST_TICKS)
+    refuse_odd_run(spec.scenario.duration, setup.sample_time, MOST_TICKS)
     way = moves_of(spec, setup)
     played, offsets = spec.scenario, hold(setup, spec.scenario.duration)
     time = setup.sample_time * np.arange(len(offsets))

@@ -16,9 +16,20 @@ LATE = 0.75
 """Of the run: what happens later leaves too little to look at."""
 
 
-def refuse_long_run(duration: float, sample_time: float, most: int) -> None:
-    """Raise GainroomError where `duration` [s] is more than `most` ticks of `sample_time` [s]."""
+FEWEST_TICKS = 20
+"""Of one run: in fewer nothing can be told of a vibration, which takes ten ticks or so to turn once."""
+PERIODS = 3
+"""Of a vibration that a run must hold to show whether it lasts."""
+
+
+def refuse_odd_run(duration: float, sample_time: float, most: int) -> None:
+    """Raise GainroomError where `duration` [s] is more than `most` ticks of `sample_time` [s], or too few to tell anything."""
     ticks = round(duration / sample_time)
+    if ticks < FEWEST_TICKS:
+        raise GainroomError(
+            f"scenario.duration: {duration:g} s is too short to tell anything: "
+            f"it must be at least {FEWEST_TICKS} ticks of {sample_time:g} s, {FEWEST_TICKS * sample_time:g} s"
+        )
     if ticks > most:
         raise GainroomError(f"scenario.duration: {duration:g} s are {ticks} ticks of {sample_time:g} s, of which a run has at most {most}")
 
@@ -47,7 +58,7 @@ class SimulationSpec:
     def __post_init__(self) -> None:
         if self.joint.sample_time is None:
             raise GainroomError(NO_RATE)
-        refuse_long_run(self.scenario.duration, self.sample_time, MOST_TICKS)
+        refuse_odd_run(self.scenario.duration, self.sample_time, MOST_TICKS)
         self.system()
 
     @property

@@ -13,7 +13,7 @@ from .played_vibration import SEEN, Seen, keeps_up, lasts, seen_in, that_rings
 from .simulation.oscillation import Vibration
 from .simulation.response import Response, Tracking, joined, track
 from .simulation.run import BLOCK, stream
-from .simulation_spec import SimulationSpec
+from .simulation_spec import PERIODS, SimulationSpec
 
 PORTION = 0.25  # [s] played between two looks at progress and interruption, where a block of ticks would be longer
 
@@ -206,7 +206,11 @@ def prediction_in_words(limit: GainLimit) -> str:
 
 def _warnings(study: SimulationStudy) -> tuple[str, ...]:
     """What a user should know or do, each with the remedy."""
-    spec, seen, told = study.spec, study.seen, []
+    spec, seen = study.spec, study.seen
+    told = list(spec.joint.unusual())
+    slowest = PERIODS / spec.scenario.duration  # [Hz] that the run can show
+    if slowest > study.limit.frequency / (2 * math.pi) > 0 and not study.vibrates:
+        told.append(f"a run of {spec.scenario.duration:g} s shows no vibration below {slowest:.3g} Hz: lengthen scenario.duration")
     if spec.moves_late and not (spec.swings or study.response.diverged):
         told.append("the reference comes to rest late or not at all: lengthen scenario.duration for a steady state worth the name")
     if study.limit.stable and study.vibrates:

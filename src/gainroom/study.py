@@ -1,6 +1,7 @@
 """One joint, studied: verdict, margins, limits, region, recommended gains, and a sentence that says what limits it."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -11,11 +12,13 @@ from .limits import GainLimit, gain_limit
 from .loop import Feedback, Loop, build_loop
 from .messages import case_in_words, frequency_in_words
 from .plant import ElasticJoint
+from .plausible import unusual_joint
+from .range_proof import prove
 from .recommend import FILLING, Recommendation, recommend_pd, value_of
 from .region import PDRegion, pd_region
 from .robustness import Margins, margins, to_db
 from .stability import is_stable
-from .uncertainty import Uncertainty
+from .uncertainty import Case, Uncertainty
 
 RULE_FREQUENCY = 2 * math.pi * 10.0  # [rad/s] of the rule that reinforcement-learning teams copy: kp = J ω², kd = 2 ζ J ω
 RULE_DAMPING = 2.0
@@ -29,7 +32,10 @@ CONTINUOUS = (
 
 @dataclass(frozen=True)
 class JointSpec:
-    """One joint with its drive and controller, what is required of it, and what is not known exactly. SI units."""
+    """One joint with its drive and controller, what is required of it, and what is not known exactly. SI units.
+
+    typed   values that a file gave in place of those of `joint`, by key: rotor_inertia, gear_ratio
+    """
 
     joint: ElasticJoint
     drive: Drive
@@ -38,10 +44,15 @@ class JointSpec:
     sample_time: float | None = None
     requirements: Requirements = field(default_factory=Requirements.usual)
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
+    typed: Mapping[str, float] = field(default_factory=dict)
 
     def loop(self) -> Loop:
         """The loop of this specification."""
         return build_loop(self.joint, self.drive, self.controller, self.feedback, self.sample_time)
+
+    def unusual(self) -> tuple[str, ...]:
+        """What lies far outside what actuators have, in words: most often a slip of units."""
+        return unusual_joint(self.joint, self.drive, self.controller, self.sample_time, self.requirements, self.uncertainty, self.typed)
 
 
 @dataclass(frozen=True)
@@ -65,6 +76,7 @@ class JointStudy:
     rule                   the 10 Hz rule on this joint
     unstable_at            the first case within the uncertainty where the gains as given are unstable, by quantity, SI; empty: none found,
                            or nothing is uncertain, or they are unstable as stated
+    range_proved           what is said of the whole uncertainty is proved; False: no unstable case was found, but there may be one
     without                gain limit with an influence taken away: "delay", "elasticity", "delay and elasticity"
     sentence, warnings     in words
     """
@@ -80,13 +92,14 @@ class JointStudy:
     recommended: Recommendation | None
     rule: Rule
     unstable_at: dict[str, float]
+    range_proved: bool
     without: dict[str, float]
     sentence: str
     warnings: tuple[str, ...]
 
     @property
     def stable_in_range(self) -> bool:
-        """Stable as stated and in every case that was looked at within the uncertainty."""
+        """Stable as stated, and no unstable case found within the uncertainty; `range_proved` says whether there can be none."""
         return self.margins.stable and not self.unstable_at
 
 
@@ -100,7 +113,7 @@ def study_joint(spec: JointSpec) -> JointStudy:
     asked = {name: getattr(spec.requirements, name) for name in spec.requirements.asked}
     recommended = recommend_pd(spec.joint, spec.drive, spec.requirements, spec.uncertainty, **place) if asked else None
     without = _without(spec)
-    unstable_at = _unstable_at(spec) if found.stable else {}
+    unstable_at, proved = _unstable_at(spec) if found.stable else ({}, True)
     study = JointStudy(
         spec=spec,
         loop=loop,
@@ -113,6 +126,7 @@ def study_joint(spec: JointSpec) -> JointStudy:
         recommended=recommended,
         rule=_rule(spec, template),
         unstable_at=unstable_at,
+        range_proved=proved,
         without=without,
         sentence=_sentence(found, limit, without, unstable_at),
         warnings=(),
@@ -128,15 +142,30 @@ def _rule(spec: JointSpec, template: PD | PID | PPI) -> Rule:
     return Rule(kp, kd, margins(build_loop(spec.joint, spec.drive, controller, spec.feedback, spec.sample_time)))
 
 
-def _unstable_at(spec: JointSpec) -> dict[str, float]:
-    """The first case, by quantity, in which the gains as given are unstable: one quantity at an end, then the cases of a recommendation."""
+def _unstable_at(spec: JointSpec) -> tuple[dict[str, float], bool]:
+    """A case, by quantity, in which the gains as given are unstable, or none; and whether that is proved.
+
+    Looked at are one quantity at an end, then the cases of a recommendation, then what comes up while the whole uncertainty is proved.
+    """
     uncertain = spec.uncertainty
-    screened = [*uncertain.corners, *uncertain.inside(FILLING)] if uncertain.names else []
+    if not uncertain.names:
+        return {}, True
+    screened = [*uncertain.corners, *uncertain.inside(FILLING)]
     for shape, place in (*((end, (0.0,)) for end in uncertain.ends()), *((uncertain, place) for place in screened)):
-        joint, drive = shape.case(spec.joint, spec.drive, place)
-        if not is_stable(replace(spec, joint=joint, drive=drive).loop()):
-            return {name: value_of((joint, drive), name) for name in shape.names}
-    return {}
+        if not is_stable(_at(spec, shape.case(spec.joint, spec.drive, place)).loop()):
+            return {name: value_of(shape.case(spec.joint, spec.drive, place), name) for name in shape.names}, True
+    proof = prove(
+        spec.joint, spec.drive, uncertain, spec.controller, Requirements(), spec.feedback, spec.sample_time,
+        judge=lambda values: not is_stable(_at(spec, uncertain.case(spec.joint, spec.drive, uncertain.place(values))).loop()),
+    )  # fmt: skip
+    if proof.broken:
+        case = uncertain.case(spec.joint, spec.drive, uncertain.place(proof.worst))
+        return {name: value_of(case, name) for name in uncertain.names}, True
+    return {}, proof.holds
+
+
+def _at(spec: JointSpec, case: Case) -> JointSpec:
+    return replace(spec, joint=case[0], drive=case[1])
 
 
 def _without(spec: JointSpec) -> dict[str, float]:
@@ -166,10 +195,8 @@ def _no_gains(spec: JointSpec) -> str:
             remedies.insert(0, "lower ki")
     if uncertain:
         remedies.insert(-1, "shrink uncertainty")
-    return (
-        f"no {kind if kind.endswith(',') else kind + ' gains'} keep the required margins{' in every stated case' if uncertain else ''}: "
-        f"{', '.join(remedies[:-1])}, or {remedies[-1]}"
-    )
+    kept = "were found that keep the required margins in every stated case" if uncertain else "keep the required margins"
+    return f"no {kind if kind.endswith(',') else kind + ' gains'} {kept}: {', '.join(remedies[:-1])}, or {remedies[-1]}"
 
 
 def _sentence(found: Margins, limit: GainLimit, without: dict[str, float], unstable_at: dict[str, float]) -> str:
@@ -218,13 +245,15 @@ def _change(rise: float) -> str:
 def _warnings(study: JointStudy) -> tuple[str, ...]:
     """What a user should know or do, each with the remedy."""
     spec, found = study.spec, study.margins
-    warnings = []
+    warnings = list(spec.unusual())
     if not found.stable and 0 < study.limit.gain < math.inf:
         instead = "" if study.recommended is None else ", or use the recommended ones"
         warnings.append(f"these gains are unstable: multiply all of them by less than {study.limit.gain:.3g}{instead}")
     if study.unstable_at:
         instead = "lower these gains, or state narrower ranges" if study.recommended is None else "use the recommended gains"
         warnings.append(f"these gains are unstable within the stated ranges, at {case_in_words(study.unstable_at)}: {instead}")
+    if not study.range_proved:
+        warnings.append("within the stated ranges these gains are stable wherever they were looked at; in between it is not proved")
     if spec.sample_time is None and spec.drive.delay > 0:
         warnings.append(CONTINUOUS)
     if spec.feedback == "link" and spec.joint.damping == 0 and not math.isinf(spec.joint.stiffness):

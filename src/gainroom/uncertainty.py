@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -52,6 +52,14 @@ class Uncertainty:
         delay = values.pop("delay", drive.delay)
         return replace(joint, **values), replace(drive, delay=delay)
 
+    def place(self, values: Mapping[str, float]) -> Place:
+        """The place at which `values` of what is uncertain lie, the inverse of `case`; the low end of a range that `values` leaves out."""
+        shares = []
+        for name in self.names:
+            low, high = getattr(self, name)
+            shares.append(share_of(low, high, values.get(name, low)))
+        return tuple(shares)
+
     def ends(self) -> Iterator["Uncertainty"]:
         """Each end of each interval by itself, all else as stated: what is uncertain shrunk to that one value."""
         for name in self.names:
@@ -77,6 +85,14 @@ def between(low: Floats | float, high: Floats | float, share: float) -> Floats:
     value[scaled] *= (high[scaled] / low[scaled]) ** share
     value[shifted] = high[shifted] * share
     return value
+
+
+def share_of(low: float, high: float, value: float) -> float:
+    """Where `value` lies between `low` and `high`: the inverse of `between`."""
+    if low == high:
+        return 0.0
+    share = math.log(value / low) / math.log(high / low) if low > 0 else value / high
+    return min(max(share, 0.0), 1.0)
 
 
 def _is_interval(value: object) -> bool:

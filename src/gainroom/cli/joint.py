@@ -71,6 +71,7 @@ def _facts(study: "JointStudy") -> dict[str, Any]:
         "stable": margins.stable,
         "stable_in_range": study.stable_in_range,
         "unstable_at": study.unstable_at or None,
+        "range_proved": study.range_proved,
         "sentence": study.sentence,
         "model": model_kind(sample_time),
         "sample_rate_hz": None if sample_time is None else 1 / sample_time,
@@ -104,6 +105,8 @@ def _recommended_facts(recommended: "Recommendation") -> dict[str, Any]:
         "worst_case": recommended.worst_case,
         "binding": recommended.binding,
         "costs": recommended.costs,
+        "checked": recommended.certificate,
+        "proved": recommended.proved,
     }
 
 
@@ -165,7 +168,8 @@ def _margin_rows(study: "JointStudy") -> list[tuple[str, str, str, str, str]]:
 
     rows = [("stable", "yes" if margins.stable else "NO", "", "yes", met(True))]
     if study.spec.uncertainty.names:
-        rows.append(("stable in the stated ranges", "yes" if study.stable_in_range else "NO", "", "yes", met(study.stable_in_range)))
+        told = "NO" if not study.stable_in_range else "yes" if study.range_proved else "not proved"
+        rows.append(("stable in the stated ranges", told, "", "yes", met(study.stable_in_range) if told != "not proved" else ""))
     kept = required.met("gain_margin", margins.gain_room)
     rows.append(
         (

@@ -186,7 +186,8 @@ def _caption(study: JointStudy) -> str:
     kp_name, kd_name = plane_names(study.spec.controller)
     if study.recommended is not None:
         text += f" The star has the largest {kp_name} that meets them"
-        text += " in every case screened over the stated ranges." if study.spec.uncertainty.names else "."
+        within = " everywhere in the stated ranges." if study.recommended.proved else " in every case looked at within the stated ranges."
+        text += within if study.spec.uncertainty.names else "."
     if study.max_kd is not None and math.isfinite(study.max_kd):
         text += f" At this {kp_name}, {kd_name} may reach {digits(study.max_kd, 'N·m·s/rad', 3)}."
     if study.spec.requirements.asked:

@@ -93,7 +93,10 @@ def _certificate(study: JointStudy) -> Html:
     ]
     if study.spec.uncertainty.names and found.stable:
         told = f"unstable at {case_in_words(study.unstable_at)}" if study.unstable_at else "stable"
-        pairs.append(("verdict in the stated ranges", f"{told}; looked at ends, corners and a filling; between them not proved"))
+        how = "a case that was counted" if study.unstable_at else "proved for every joint within them, between all frequencies"
+        if not study.range_proved:
+            how = "looked at ends, corners, a filling and in a search; between them not proved"
+        pairs.append(("verdict in the stated ranges", f"{told}; {how}"))
     if limit.certificate is not None:
         proof = limit.certificate
         pairs.append(

@@ -40,7 +40,7 @@ def margin_table(study: JointStudy) -> Html:
         "Margins of an unstable loop mean nothing."
     )
     if recommended is not None and study.spec.uncertainty.names:
-        caption += " Worst case: every margin where it is smallest over the screened cases, so a column may hold several of them."
+        caption += " Worst case: every margin where it is smallest over the cases looked at, so a column may hold several of them."
     return table(["", *names], rows, caption, MARKS, sorts=False)
 
 
