@@ -17,6 +17,7 @@ from .factored import Factored
 
 DIGITS = 90
 APART = 22  # coinciding poles (the two integrators among them) are moved apart by 1e-22/T_s: far below a double, far above DIGITS
+FARTHEST = 1e-20  # a zero at |z| beyond 1/FARTHEST changes no digit of the response: its factor is a constant
 FASTEST = 50.0  # growth rate of a pole times the tick: e^50 exceeds what a double resolves, let alone what a controller can hold
 
 
@@ -61,6 +62,8 @@ def sample(system: Factored, sample_time: float, fraction: float = 0.0) -> Facto
             row = _times(_without(everything, grown[k]), [residue * now, residue * before] if fraction else [residue * now])
             share = 2 if pole.imag > 0 else 1
             numerator = [total + share * entry.real for total, entry in zip(numerator, row, strict=True)]
+        while len(numerator) > 1 and abs(numerator[0]) < FARTHEST * abs(numerator[1]):  # a delay just under a whole tick: a zero next to infinity
+            del numerator[0]
         roots = _roots(numerator)
         gain = numerator[0] * step ** (len(roots) - len(poles) - (1 if fraction else 0))
         places = [(root - 1) / step for root in roots]
@@ -95,7 +98,7 @@ def _roots(polynomial: list) -> list:
     """
     from mpmath import mpc, mpf
 
-    starts: Complexes = np.roots([float(value / polynomial[0]) for value in polynomial]).astype(complex)
+    starts = _starts(polynomial)
     gaps = np.abs(starts[:, None] - starts[None, :]) + np.where(np.eye(len(starts)), np.inf, 0.0)
     crowded = np.min(gaps, axis=1, initial=np.inf) < 1e-2 * np.abs(starts)
     # A real root stays real and a pair stays a pair, so neither needs all of complex arithmetic.
@@ -123,6 +126,18 @@ def _roots(polynomial: list) -> list:
         if largest < mpf(10) ** -15:  # the next step would be of the order of its square
             break
     return roots
+
+
+def _starts(polynomial: list) -> Complexes:
+    """Roots in double precision; one far beyond all others, which would cost those their digits, is set apart."""
+    from mpmath import mpf
+
+    first, second, *others = (abs(value) for value in polynomial) if len(polynomial) > 1 else (mpf(1), mpf(0))
+    bound = 1 + max((value / second for value in others), default=mpf(0)) if second else mpf("inf")  # Cauchy's, of the rest
+    if others and second > 100 * bound * first:
+        rest = np.roots([float(value / polynomial[1]) for value in polynomial[1:]])
+        return np.append(rest.astype(complex), complex(-polynomial[1] / polynomial[0]))
+    return np.roots([float(value / polynomial[0]) for value in polynomial]).astype(complex)
 
 
 def _conjugate(roots: Complexes) -> Complexes:
