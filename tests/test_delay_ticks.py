@@ -48,6 +48,7 @@ def test_the_response_is_that_of_the_closed_loop_matrix(name, near):
     expected = margins.response(joint, omega, TICK)
     assert loop.response(omega) == pytest.approx(expected, rel=1e-7)  # the independent matrices lose 9 digits on a roll-off of 1/s⁶
     v = np.expm1(1j * omega * TICK) / TICK
+    assert loop.open_loop is not None
     assert loop.open_loop.at(v)[:, 0, 0] == pytest.approx(expected, rel=1e-7)
 
 

@@ -62,8 +62,8 @@ def sample(system: Factored, sample_time: float, fraction: float = 0.0) -> Facto
             row = _times(_without(everything, grown[k]), [residue * now, residue * before] if fraction else [residue * now])
             share = 2 if pole.imag > 0 else 1
             numerator = [total + share * entry.real for total, entry in zip(numerator, row, strict=True)]
-        while len(numerator) > 1 and abs(numerator[0]) < FARTHEST * abs(numerator[1]):  # a delay just under a whole tick: a zero next to infinity
-            del numerator[0]
+        while len(numerator) > 1 and abs(numerator[0]) < FARTHEST * abs(numerator[1]):
+            del numerator[0]  # a delay just under a whole tick has a zero next to infinity
         roots = _roots(numerator)
         gain = numerator[0] * step ** (len(roots) - len(poles) - (1 if fraction else 0))
         places = [(root - 1) / step for root in roots]
