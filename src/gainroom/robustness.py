@@ -30,14 +30,15 @@ class Margins(NamedTuple):
     """All margins of one scalar loop.
 
     stable, unstable_roots       the verdict
-    gain_margin, phase_crossover factor > 1 on all gains that is lost, and at which frequency [rad/s]; inf and NaN where none
+    gain_margin, phase_crossover factor > 1 on all gains that is lost, and at which frequency [rad/s]; inf and NaN where none (in continuous
+                                 time: none below 1e9)
     lower_gain_margin, lower_phase_crossover   the same for factors < 1 (conditionally stable loops); 0 and NaN where none
     phase_margin, gain_crossover [rad] the smallest in size over all gain crossings, with its sign, and its frequency [rad/s]
     delay_margin, delay_crossover   the smallest extra delay over all gain crossings [s], and its frequency [rad/s]
     peak_sensitivity             Ms = max 1/|1+L|, at peak_sensitivity_frequency [rad/s]
     peak_complementary           Mt = max |L|/|1+L|, at peak_complementary_frequency [rad/s]
     disk_margin                  min 2|1+L|/|1−L|, balanced disk margin (Seiler, Packard and Gahinet 2020), at disk_margin_frequency
-    phase_crossings, gain_crossings   all of them; in continuous time down to |L| = 0.001
+    phase_crossings, gain_crossings   all of them; in continuous time down to |L| = 0.001, or to where no nearer one can follow
     certified                    nothing between the evaluated frequencies was missed; False for loops given as callables
     """
 
