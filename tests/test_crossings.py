@@ -288,15 +288,14 @@ def test_narrow_resonance_far_beyond_the_first_crossing():
 @pytest.mark.usefixtures("both")
 @pytest.mark.parametrize("seed", range(40))
 def test_no_crossing_lies_nearer_than_the_nearest(seed):
-    """Weak loops with lightly damped modes far out, against a dense grid: the largest |L| < 1 on the negative real axis is listed."""
+    """Weak loops, a crossing at √20 rad/s, lightly damped modes further out that come about as near to −1; against a dense grid."""
     rng = np.random.default_rng([6, seed])
-    modes = 10.0 ** rng.uniform(1, 4.5, 3)
-    damping = 10.0 ** rng.uniform(-5, -2, 3)
-    upper = modes * (-damping + 1j)
+    modes, apart = 10.0 ** rng.uniform(1, 2, 2), 10.0 ** rng.uniform(-1, 1, 2)
+    upper = modes * (1j - 10.0 ** rng.uniform(-4, -2, 2))
+    zeros = upper * apart
     poles = np.concatenate([[0.0, -1.0, -20.0], upper, upper.conj()]).astype(complex)
-    zeros = np.concatenate([0.8 * upper[:2], 0.8 * upper[:2].conj()])
-    system = Factored(zeros, poles, 1.0, 10.0 ** rng.uniform(-4, -2))
-    system = system.scaled(10.0 ** rng.uniform(-5, -2) / abs(system.response(np.array([3.0]))[0]))
+    system = Factored(np.concatenate([zeros, zeros.conj()]), poles, 1.0)
+    system = system.scaled(10.0 ** rng.uniform(-7, -4) / abs(system.response(np.array([20**0.5]))[0]))
     scan = scan_loop(gr.loop_from(system))
     omega = dense_grid(system, 200_000)
     value = system.response(omega)
