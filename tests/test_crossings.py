@@ -15,6 +15,7 @@ from gainroom.factored import Factored, ratio
 from gainroom.stability import scan_loop, unstable_roots
 from independent import delay_roots
 from independent.joint import PDJoint
+from wide_joints import Case
 
 
 def pairs(rng: np.random.Generator, count: int, low: float, high: float) -> np.ndarray:
@@ -340,3 +341,22 @@ def test_count_with_as_many_zeros_as_poles(gain):
     """s + 3 + g (s + 1) has its root at −(3 + g)/(1 + g)."""
     loop = gr.loop_from(Factored(np.array([-1.0 + 0j]), np.array([-3.0 + 0j]), gain))
     assert unstable_roots(loop) == (-(3 + gain) / (1 + gain) > 0)
+
+
+@pytest.mark.usefixtures("both")
+def test_phase_that_crosses_and_turns_back():
+    """Between 5 and 30 rad/s arg L falls to 0.4° beyond −π and comes back, with no root of L in between to stop at."""
+    joint = PDJoint(
+        98.59709051578074, 6.638918337193685, 2042247.3176428135, 2132.8146078585396, 0.0, 0.0, 0.00017220027109475058, 2007.196995667014,
+        0.978153913053912, 1.3217282425753978, 1.351283639632097,
+    )  # fmt: skip
+    gains, low_pass = (49.85687641681, 934.29507293776, 5624.8407878932), (46.403274032735, 2, 0.62502199436096)
+    case = Case(joint, "PPI", gains, low_pass)
+    found = gr.margins(case.loop())
+    for factor, stable in (
+        (found.gain_margin * (1 - 1e-6), True),
+        (found.gain_margin * (1 + 1e-6), False),
+        (found.lower_gain_margin * (1 + 1e-6), True),
+        (found.lower_gain_margin * (1 - 1e-6), False),
+    ):
+        assert (case.truth(factor).count() == 0) == stable

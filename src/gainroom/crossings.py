@@ -116,7 +116,7 @@ def _undecided_crossing(batch: Batch, nodes: Nodes, left: Integers) -> Booleans:
     log_low, log_high = values_between(width, log_size(nodes.value[left]), log_size(nodes.value[left + 1]), steep_low, steep_high)
     turn_low, turn_high = bounds(batch, nodes, left, "imag")
     phase_low, phase_high = values_between(width, nodes.phase[left], nodes.phase[left + 1], turn_low, turn_high)
-    odd_multiple = _half_turns(phase_high) >= -_half_turns(-phase_low)
+    odd_multiple = _half_turns(phase_high) >= np.ceil((phase_low - math.pi) / (2 * math.pi))
     return ((steep_low < 0) & (steep_high > 0) & (log_low <= 0) & (log_high >= 0)) | ((turn_low < 0) & (turn_high > 0) & odd_multiple)
 
 

@@ -96,7 +96,7 @@ def _roots(polynomial: list) -> list:
 
     Roots that lie close together are kept apart by Aberth's form of Newton's step.
     """
-    from mpmath import mpc, mpf
+    from mpmath import mpc, mpf, polyroots
 
     starts = _starts(polynomial)
     gaps = np.abs(starts[:, None] - starts[None, :]) + np.where(np.eye(len(starts)), np.inf, 0.0)
@@ -125,19 +125,35 @@ def _roots(polynomial: list) -> list:
             largest = max(largest, abs(move) / (abs(root) + mpf(10) ** -30))
         if largest < mpf(10) ** -15:  # the next step would be of the order of its square
             break
-    return roots
+    if _are_all(roots, polynomial):
+        return roots
+    return polyroots(polynomial, maxsteps=500, extraprec=600)  # starts too near each other: from scratch, a hundred times slower
 
 
 def _starts(polynomial: list) -> Complexes:
-    """Roots in double precision; one far beyond all others, which would cost those their digits, is set apart."""
-    from mpmath import mpf
+    """Roots in double precision; one far beyond all others, which would cost those their digits, is divided out first."""
+    far: list[complex] = []
+    sizes = [abs(value) for value in polynomial]
+    if len(sizes) > 2 and sizes[1] * sizes[1] > 100 * sizes[0] * (sizes[1] + max(sizes[2:])):  # beyond 100 of Cauchy's bound of the rest
+        root = -polynomial[1] / polynomial[0]
+        for _ in range(6):
+            value, slope = polynomial[0], 0
+            for coefficient in polynomial[1:]:
+                slope = slope * root + value
+                value = value * root + coefficient
+            root -= value / slope
+        far, polynomial = [complex(root)], _without(polynomial, root)
+    return np.append(np.array(far, dtype=complex), np.roots([float(value / polynomial[0]) for value in polynomial]))
 
-    first, second, *others = (abs(value) for value in polynomial) if len(polynomial) > 1 else (mpf(1), mpf(0))
-    bound = 1 + max((value / second for value in others), default=mpf(0)) if second else mpf("inf")  # Cauchy's, of the rest
-    if others and second > 100 * bound * first:
-        rest = np.roots([float(value / polynomial[1]) for value in polynomial[1:]])
-        return np.append(rest.astype(complex), complex(-polynomial[1] / polynomial[0]))
-    return np.roots([float(value / polynomial[0]) for value in polynomial]).astype(complex)
+
+def _are_all(roots: list, polynomial: list) -> bool:
+    """Whether `roots` are those of `polynomial`, each as often as it is one."""
+    from mpmath import mp, mpf
+
+    product = [polynomial[0]]
+    for root in roots:
+        product = _times(product, [1, -root])
+    return all(abs(here - there) <= mpf(10) ** -25 * mp.fsum(map(abs, polynomial)) for here, there in zip(product, polynomial, strict=True))
 
 
 def _conjugate(roots: Complexes) -> Complexes:
