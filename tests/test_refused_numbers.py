@@ -70,7 +70,7 @@ def test_any_lti_is_a_compensator():
     assert gr.margins(gr.build_loop(JOINT, DRIVE, gr.Compensator(system, gain=0.5))).gain_margin == pytest.approx(2 * plain.gain_margin)
 
 
-COUPLED = gr.Plant(np.array([[1.0, 0.2], [0.2, 1.5]]), 0.3, 1e4, 1.0)
+COUPLED = gr.Plant(np.array([[1.0, 0.2], [0.2, 1.5]]), np.full(2, 0.3), np.full(2, 1e4), np.ones(2))
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from math import inf, pi
+from typing import Any
 
 import numpy as np
 
@@ -38,7 +39,7 @@ class Case:
         return Boundary.of(self.controlled().scaled(factor))
 
     def controller(self):
-        filters = {"notches": tuple(gr.Notch(*notch) for notch in self.notches)}
+        filters: dict[str, Any] = {"notches": tuple(gr.Notch(*notch) for notch in self.notches)}
         if self.low_pass:
             bandwidth, order, damping = self.low_pass
             filters["velocity_filter"] = gr.LowPass(bandwidth, order, damping)
@@ -53,7 +54,8 @@ class Case:
         return described, gr.Drive(joint.bandwidth, joint.damping_ratio, joint.delay)
 
     def loop(self) -> gr.Loop:
-        return gr.build_loop(*self.parts(), self.controller(), feedback=self.joint.feedback, sample_time=self.sample_time)
+        side: Any = self.joint.feedback
+        return gr.build_loop(*self.parts(), self.controller(), feedback=side, sample_time=self.sample_time)
 
     def in_units(self, mass: float, time: float) -> "Case":
         """The same joint with every quantity in other units of mass and time (1 s is `time` of them)."""

@@ -231,15 +231,15 @@ def _sturm(polynomial: list) -> list[list]:
 
 def _stepped(polynomial: list, x):
     """The root to which Newton's method goes at once from x, with a change of sign around it; None where there is no such thing."""
-    descending = polynomial[::-1]
+    derivative = [k * c for k, c in enumerate(polynomial)][1:]
     for _ in range(8):
-        value, slope = mpmath.polyval(descending, x, derivative=True)
+        value, slope = (mpmath.polyval(p, x, asc=True) for p in (polynomial, derivative))
         move = value / slope if slope else x
         x -= move
         if abs(move) > 1e-3 * abs(x):
             return None
         if abs(move) < SAME * abs(x):
-            ends = [mpmath.sign(mpmath.polyval(descending, x * (1 + side * SAME))) for side in (-1, 1)]
+            ends = [mpmath.sign(mpmath.polyval(polynomial, x * (1 + side * SAME), asc=True)) for side in (-1, 1)]
             return x if ends[0] * ends[1] < 0 else None
     return None
 
