@@ -10,9 +10,12 @@ import gainroom as gr
 from draws import draw_setup
 from gainroom import acceleration
 from gainroom._peaks import objective
-from gainroom.crossings import Scan, scan_many
+from gainroom.crossings import LOWEST_FLOOR, Scan, scan_many
 from gainroom.factored import Factored, ratio
-from gainroom.stability import unstable_roots
+from gainroom.stability import scan_loop, unstable_roots
+from independent import delay_roots
+from independent.joint import PDJoint
+from wide_joints import Case
 
 
 def pairs(rng: np.random.Generator, count: int, low: float, high: float) -> np.ndarray:
@@ -259,3 +262,101 @@ def test_the_search_for_the_highest_frequency_stays_within_range():
     """Nine zeros and ten poles, 120 doublings beyond the slowest: each product alone is far beyond 1e308."""
     system = Factored(-np.full(9, 1e3 + 0j), -np.geomspace(1.0, 1e3, 10).astype(complex), 1.0)
     assert scan_many([system])[0].certified
+
+
+# --- the nearest crossing lies below where the walk first ends -----------------------------------------------------------
+
+
+@pytest.mark.usefixtures("both")
+def test_narrow_resonance_far_beyond_the_first_crossing():
+    """At 2880 rad/s a load of 85 kg·m² swings at damping ratio 2e-3 and comes nearer to −1 than the first crossing, 1/4642 at 34 rad/s."""
+    joint = gr.ElasticJoint(1.878237949653454, 85.19219446645083, 15251267.605866635, 19.385373300644897, link_viscous=20.99234257459169)
+    drive = gr.Drive(291.134256320297, 3.0, 4.627336100287973e-3)
+    gains = (35.27621125676721, 0.5285269229881536, 0.011942206441965163)
+    loop = gr.build_loop(joint, drive, gr.PPI(*gains))
+    margin = gr.margins(loop).gain_margin
+    assert gr.gain_limit(loop).gain == margin
+    drawn = PDJoint(
+        joint.motor_inertia, joint.link_inertia, joint.stiffness, joint.damping, 0.0, 0.0, drive.delay, drive.bandwidth, 3.0,
+        link_viscous=joint.link_viscous,
+    )  # fmt: skip
+    kp, kv, ki = gains
+    for factor, unstable in ((margin * (1 - 1e-6), False), (margin * (1 + 1e-6), True)):
+        above = [factor * ki * kp, factor * (kv * kp + ki), factor * kv]
+        assert (delay_roots.count_unstable_with(drawn, above, [0.0, 1.0]) > 0) == unstable
+
+
+@pytest.mark.usefixtures("both")
+@pytest.mark.parametrize("seed", range(40))
+def test_no_crossing_lies_nearer_than_the_nearest(seed):
+    """Weak loops, a crossing at √20 rad/s, lightly damped modes further out that come about as near to −1; against a dense grid."""
+    rng = np.random.default_rng([6, seed])
+    modes, apart = 10.0 ** rng.uniform(1, 2, 2), 10.0 ** rng.uniform(-1, 1, 2)
+    upper = modes * (1j - 10.0 ** rng.uniform(-4, -2, 2))
+    zeros = upper * apart
+    poles = np.concatenate([[0.0, -1.0, -20.0], upper, upper.conj()]).astype(complex)
+    system = Factored(np.concatenate([zeros, zeros.conj()]), poles, 1.0)
+    system = system.scaled(10.0 ** rng.uniform(-7, -4) / abs(system.response(np.array([20**0.5]))[0]))
+    scan = scan_loop(gr.loop_from(system))
+    omega = dense_grid(system, 200_000)
+    value = system.response(omega)
+    crossed = (value.imag[1:] * value.imag[:-1] < 0) & (value.real[1:] < 0) & (value.real[:-1] < 0)
+    smaller = np.minimum(np.abs(value[1:]), np.abs(value[:-1]))[crossed & (np.abs(value[1:]) < 1)]
+    nearest = scan.phases[scan.phases[:, 1] < 1, 1].max(initial=LOWEST_FLOOR)
+    assert smaller.max(initial=0.0) <= nearest * 1.01  # the smaller end of a step across the axis
+
+
+@pytest.mark.usefixtures("both")
+@pytest.mark.parametrize(
+    ("zeros", "poles", "gain", "delay", "limit"),
+    [
+        ([-1], [-2], 0.5, 0.1, 2.0),  # 1 + g L tends to a circle around 1 of radius g/2
+        ([-1], [-2], -0.5, 0.0, 2.0),  # s + 2 − g/2 (s + 1): the root leaves through infinity
+        ([-1], [-3], -0.5, 0.0, 2.0),
+        ([-4, 1], [-3, -2], -0.9, 0.0, 1 / 0.9),
+        ([-1], [-2], 0.5, 0.0, inf),
+    ],
+)
+def test_as_many_zeros_as_poles(zeros, poles, gain, delay, limit):
+    loop = gr.loop_from(Factored(np.array(zeros, complex), np.array(poles, complex), gain, delay))
+    found = gr.gain_limit(loop)
+    assert found.gain == pytest.approx(limit, rel=1e-12)
+    assert gr.margins(loop).gain_margin == found.gain
+    assert found.certificate is None or found.certificate.holds
+
+
+@pytest.mark.usefixtures("both")
+def test_crossings_that_gather_above_their_limit():
+    """|L| falls to 0.9 from above as it turns: the largest crossing, near 2 rad/s·turns of a delay of 0.1 s, is the margin."""
+    system = Factored(np.array([-4, -1], complex), np.array([-3, -2], complex), -0.9, 0.1)
+    omega = np.linspace(0.1, 4000, 4_000_000)
+    value = system.response(omega)
+    crossed = np.flatnonzero((value.imag[1:] > 0) != (value.imag[:-1] > 0))
+    largest = -value.real[crossed].min()
+    assert gr.margins(gr.loop_from(system)).gain_margin == pytest.approx(1 / largest, rel=1e-4)  # one step turns L by 1e-4 rad
+
+
+@pytest.mark.parametrize("gain", [-0.3, -2.0, 0.7])
+def test_count_with_as_many_zeros_as_poles(gain):
+    """s + 3 + g (s + 1) has its root at −(3 + g)/(1 + g)."""
+    loop = gr.loop_from(Factored(np.array([-1.0 + 0j]), np.array([-3.0 + 0j]), gain))
+    assert unstable_roots(loop) == (-(3 + gain) / (1 + gain) > 0)
+
+
+@pytest.mark.usefixtures("both")
+def test_phase_that_crosses_and_turns_back():
+    """Between 5 and 30 rad/s arg L falls to 0.4° beyond −π and comes back, with no root of L in between to stop at."""
+    joint = PDJoint(
+        98.59709051578074, 6.638918337193685, 2042247.3176428135, 2132.8146078585396, 0.0, 0.0, 0.00017220027109475058, 2007.196995667014,
+        0.978153913053912, 1.3217282425753978, 1.351283639632097,
+    )  # fmt: skip
+    gains, low_pass = (49.85687641681, 934.29507293776, 5624.8407878932), (46.403274032735, 2, 0.62502199436096)
+    case = Case(joint, "PPI", gains, low_pass)
+    found = gr.margins(case.loop())
+    for factor, stable in (
+        (found.gain_margin * (1 - 1e-6), True),
+        (found.gain_margin * (1 + 1e-6), False),
+        (found.lower_gain_margin * (1 + 1e-6), True),
+        (found.lower_gain_margin * (1 - 1e-6), False),
+    ):
+        assert (case.truth(factor).count() == 0) == stable

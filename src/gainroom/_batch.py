@@ -94,12 +94,15 @@ def _set_high(batch: Batch, scale: Floats, floor: float) -> None:
     omega = scale[:, None] * 2.0 ** np.arange(1, 121)
     owner = np.repeat(np.arange(len(scale)), omega.shape[1])
     value, _ = batch.evaluate(owner, omega.ravel())
-    # |L| of a loop with as many zeros as poles tends to its gain: there the walk ends once it stays below 1.
-    neutral = np.sum(batch.signs, axis=1) == 0
-    floors = np.where(neutral, np.maximum(floor, (1 + np.abs(batch.gain)) / 2), floor)
+    floors = np.where(np.sum(batch.signs, axis=1) == 0, neutral_floor(batch.gain, floor), floor)
     below = _tail_bound(batch, omega, np.abs(value).reshape(omega.shape)) < floors[:, None]
     first = np.where(below.any(axis=1), np.argmax(below, axis=1), omega.shape[1] - 1)
     batch.high = omega[np.arange(len(scale)), first]
+
+
+def neutral_floor(gain: Floats, floor: float) -> Floats:
+    """Where the walk ends for loops with as many zeros as poles, whose |L| tends to |gain|: halfway from 1, closer with a lower `floor`."""
+    return np.abs(gain) + (1 - np.abs(gain)) * min(500 * floor, 0.5)
 
 
 def _tail_bound(batch: Batch, omega: Floats, magnitude: Floats) -> Floats:

@@ -256,6 +256,12 @@ def _half_turns(phase):
 
 
 @_jit
+def _holds_odd_multiple(low, high):
+    """Whether an odd multiple of π lies in [low, high]."""
+    return math.floor((high - math.pi) / (2 * math.pi)) >= math.ceil((low - math.pi) / (2 * math.pi))
+
+
+@_jit
 def _walk(seek_peaks, ends, phase, roots, signs, gain, delay, sample_time, nodes, gains, phases, peaks):
     """Walk along the boundary from ends[0] through every end, bisecting until each interval is decided.
 
@@ -290,7 +296,7 @@ def _walk(seek_peaks, ends, phase, roots, signs, gain, delay, sample_time, nodes
                         undecided = undecided or _objective_bound(kind, log_low, log_high, phase_low, phase_high) < 0.99 * peaks[kind, 1]
                 else:
                     undecided = undecided or (steep_low < 0 < steep_high and log_low <= 0 <= log_high)
-                    undecided = undecided or (turn_low < 0 < turn_high and _half_turns(phase_high) >= -_half_turns(-phase_low))
+                    undecided = undecided or (turn_low < 0 < turn_high and _holds_odd_multiple(phase_low, phase_high))
                 if undecided:
                     spent += 1
                     if top + 1 < _DEPTH and spent < _MAX_NODES:

@@ -19,13 +19,15 @@ def scan_one(system: Factored, with_peaks: bool):
     if not _enabled:
         return None
     from . import _scan
-    from .crossings import FLOOR, LOWEST_FLOOR, Scan
+    from .crossings import FLOOR, Scan, finished, next_floor
 
     system = system.reduced
     roots = np.concatenate([system.zeros, system.poles[np.argsort(np.abs(system.poles))]])
     signs = np.ones(len(roots), dtype=np.int64)
     signs[len(system.zeros) :] = -1
-    floor = FLOOR if system.relative_degree > 0 else max(FLOOR, (1 + abs(system.gain)) / 2)
+    if system.relative_degree == 0 and system.sample_time is None:
+        return None  # |L| stays above its gain up to ω = ∞, which the kernel does not follow
+    floor = FLOOR
     while True:
         try:
             gains, phases, peaks, half_turns, certified = _scan.scan(
@@ -35,6 +37,7 @@ def scan_one(system: Factored, with_peaks: bool):
             return None
         if not certified:
             return None  # its work space is fixed; numpy goes on where it stops
-        if system.sample_time is not None or floor <= LOWEST_FLOOR or (phases[:, 1] < 1).any():
-            return Scan(gains, phases, peaks, half_turns, certified)
-        floor *= 1e-3
+        lower = next_floor(system, phases, floor)
+        if lower is None:
+            return finished(system, Scan(gains, phases, peaks, half_turns, certified), with_peaks)
+        floor = lower

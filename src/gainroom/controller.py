@@ -14,6 +14,7 @@ mapped by Tustin's rule, exact at their own frequency.
 """
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import Any
@@ -24,6 +25,8 @@ from numpy.typing import ArrayLike
 from .arrays import Complexes, Floats
 from .errors import GainroomError, require_finite, require_positive
 from .factored import Factored, ratio
+from .lti import factored_from
+from .messages import one_line
 
 Ratio = tuple[Floats, Floats]
 Terms = dict[tuple[int, int], Floats]
@@ -41,7 +44,7 @@ class LowPass:
     def __post_init__(self) -> None:
         require_positive("velocity filter", "bandwidth", self.bandwidth, "rad/s")
         require_positive("velocity filter", "damping_ratio", self.damping_ratio)
-        if self.order not in (1, 2):
+        if self.order not in (1, 2) or isinstance(self.order, bool):
             raise GainroomError(f"velocity filter: order {self.order!r} must be 1 or 2")
 
     def polynomials(self, sample_time: float | None) -> Ratio:
@@ -85,7 +88,13 @@ class _Feedback:
     notches: tuple[Notch, ...] = field(default=(), kw_only=True)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "notches", (self.notches,) if isinstance(self.notches, Notch) else tuple(self.notches))
+        owner, notches = type(self).__name__, self.notches
+        notches = tuple(notches) if isinstance(notches, Iterable) and not isinstance(notches, str) else (notches,)
+        for name, kind, values in (("velocity_filter", LowPass, (self.velocity_filter,)), ("notches", Notch, notches)):
+            strange = [value for value in values if value is not None and not isinstance(value, kind)]
+            if strange or (kind is Notch and None in values):
+                raise GainroomError(f"{owner}: {name} {one_line(repr(strange or None), 80)} must be a {kind.__name__}")
+        object.__setattr__(self, "notches", notches)
         for name in self.gain_names():
             object.__setattr__(self, name, _gain(type(self).__name__, name, getattr(self, name)))
 
@@ -95,9 +104,16 @@ class _Feedback:
         raise NotImplementedError
 
     def require_size(self, size: int) -> None:
-        """Raise GainroomError, naming the gain, where one does not fit `size` joints."""
+        """Raise GainroomError, naming the gain, where one does not fit `size` > 1 joints, or is negative on one.
+
+        Counts of coupled loops rest on L at low frequency, where a negative gain on a motion that nothing else holds is not seen.
+        """
         for name in self.gain_names():
-            gain_matrix(f"{type(self).__name__}: {name}", getattr(self, name), size)
+            gain = gain_matrix(f"{type(self).__name__}: {name}", getattr(self, name), size)
+            if np.array_equal(gain, gain.T):
+                lowest = float(np.linalg.eigvalsh(gain)[0])
+                if lowest < -1e-9 * np.abs(gain).max():  # far above what round-off leaves of gains in operational space
+                    raise GainroomError(f"{type(self).__name__}: {name} with an eigenvalue of {lowest:.4g} must be >= 0 on every joint")
 
     def terms(self) -> Terms:
         """The gains G_ab, each () or (n, n); terms that vanish are left out."""
@@ -280,10 +296,14 @@ class PPI(_Feedback):
 
 @dataclass(frozen=True)
 class Compensator(_Feedback):
-    """Any scalar LTI system as controller, the same on every joint; `system` is what gainroom.loop_from accepts, or a Factored."""
+    """Any scalar LTI system as controller, the same on every joint; `system` is any that gainroom.loop_from accepts, no callable."""
 
-    system: Factored
+    system: Any
     gain: Any = 1.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "system", factored_from(self.system))
+        super().__post_init__()
 
     @classmethod
     def gain_names(cls) -> tuple[str, ...]:

@@ -13,18 +13,18 @@ for one loop at a time, and polishes peaks with secants where `_peaks.py` only t
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ._batch import Batch, prepared
-from ._peaks import find_peaks
+from ._batch import Batch, neutral_floor, prepared
+from ._peaks import find_peaks, objective
 from ._walk import Nodes, bisect, bounds, first_nodes, intervals, is_gap, log_size, resolve_turns, turn_between, unwrap, values_between
 from .arrays import Booleans, Complexes, Floats, Integers
 from .factored import Factored
 
-FLOOR = 1e-3  # in continuous time the walk ends where |L| stays below; lower when no crossing has been found by then
-LOWEST_FLOOR = 1e-9
+FLOOR = 1e-3  # in continuous time the walk ends where |L| stays below; lower until it cannot come back to the nearest crossing found
+LOWEST_FLOOR = 1e-9  # crossings below are left out: which of them comes first is not known
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,8 @@ def scan_many(loops: list[Factored], with_peaks: bool = True, floor: float = FLO
         mine = gains[0] == m
         gain_rows = np.stack([gains[1][mine], gains[2][mine]], axis=1)
         outside = bool(integrators[m] > 0 or (integrators[m] == 0 and abs(nodes.value[first]) > 1))
-        half_turns = half_encirclements(start_phase[m], outside, batch.sample_time > 0, float(nodes.phase[last]), gain_rows)
+        ends_at_boundary = batch.sample_time > 0 or loops[m].relative_degree == 0
+        half_turns = half_encirclements(start_phase[m], outside, ends_at_boundary, float(nodes.phase[last]), gain_rows)
         phase_rows = [row for row in zip(*phases, strict=True) if row[0] == m]
         rows = [row[1:] for row in phase_rows]
         if integrators[m] == 0 and nodes.value[first].real < 0:
@@ -72,11 +73,35 @@ def scan_many(loops: list[Factored], with_peaks: bool = True, floor: float = FLO
         if batch.sample_time > 0 and nodes.value[last].real < 0:
             rows.append((nodes.omega[last], abs(nodes.value[last]), 0.0))
         phase_table = np.array(rows, dtype=float).reshape(-1, 3)
-        if batch.sample_time == 0 and floor > LOWEST_FLOOR and not np.any(phase_table[:, 1] < 1):
-            scans.append(scan_many([loops[m]], with_peaks, floor * 1e-3)[0])
+        if (lower := next_floor(loops[m], phase_table, floor)) is not None:
+            scans.append(scan_many([loops[m]], with_peaks, lower)[0])
             continue
-        scans.append(Scan(gain_rows, phase_table, peaks[m], half_turns, bool(decided[m])))
+        scans.append(finished(loops[m], Scan(gain_rows, phase_table, peaks[m], half_turns, bool(decided[m])), with_peaks))
     return scans
+
+
+def next_floor(loop: Factored, phases: Floats, floor: float) -> float | None:
+    """Down to where the walk has to go once more, so that no L < 0 lies nearer to −1 from above than those found; None where none can."""
+    neutral = loop.relative_degree == 0
+    nearest = float(np.max(phases[phases[:, 1] < 1, 1], initial=0.0))
+    reached = float(neutral_floor(np.array(loop.gain), floor)) if neutral else floor
+    if loop.sample_time is not None or nearest >= reached or floor <= LOWEST_FLOOR:
+        return None
+    return max(0.0 if neutral else nearest, 1e-3 * floor, LOWEST_FLOOR)
+
+
+def finished(loop: Factored, scan: Scan, with_peaks: bool) -> Scan:
+    """`scan` without crossings too small to tell the first one, and with the end at ω = ∞ of a loop with as many zeros as poles."""
+    if loop.sample_time is not None:
+        return scan
+    phases, peaks = scan.phases[scan.phases[:, 1] >= LOWEST_FLOOR], scan.peaks
+    if loop.relative_degree == 0 and (loop.delay > 0 or loop.gain < 0):
+        # L tends to its gain, or with a delay to a circle: as near to −|gain| as one likes, at frequencies as high as one likes
+        phases = np.vstack([phases, [math.inf, abs(loop.gain), 0.0]])
+        lowest = np.array([objective(kind, np.array([complex(-abs(loop.gain))]))[0] for kind in range(3)])
+        if with_peaks:
+            peaks = np.where((lowest < peaks[:, 1])[:, None], np.stack([np.full(3, math.inf), lowest], axis=1), peaks)
+    return replace(scan, phases=phases, peaks=peaks)
 
 
 def _half_turns(phase: Floats) -> Floats:
@@ -91,7 +116,7 @@ def _undecided_crossing(batch: Batch, nodes: Nodes, left: Integers) -> Booleans:
     log_low, log_high = values_between(width, log_size(nodes.value[left]), log_size(nodes.value[left + 1]), steep_low, steep_high)
     turn_low, turn_high = bounds(batch, nodes, left, "imag")
     phase_low, phase_high = values_between(width, nodes.phase[left], nodes.phase[left + 1], turn_low, turn_high)
-    odd_multiple = _half_turns(phase_high) >= -_half_turns(-phase_low)
+    odd_multiple = _half_turns(phase_high) >= np.ceil((phase_low - math.pi) / (2 * math.pi))
     return ((steep_low < 0) & (steep_high > 0) & (log_low <= 0) & (log_high >= 0)) | ((turn_low < 0) & (turn_high > 0) & odd_multiple)
 
 

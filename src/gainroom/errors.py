@@ -54,7 +54,10 @@ def require_count(owner: str, name: str, value: object, least: int) -> int:
 def require_finite(owner: str, name: str, value: object) -> np.ndarray:
     """Return `value` as a float array when every element is a finite real number; raise GainroomError otherwise."""
     try:
-        array = np.asarray(value, dtype=float)
+        given = np.asarray(value)
+        if np.iscomplexobj(given):
+            raise TypeError  # numpy would drop the imaginary parts
+        array = np.asarray(given, dtype=float)
     except (TypeError, ValueError) as error:
         raise GainroomError(f"{owner}: {name} {one_line(repr(value), 120)} must be a real number or an array of them") from error
     if not np.all(np.isfinite(array)):

@@ -41,7 +41,7 @@ class GainLimit:
 
     stable       at g = 1
     gain         its upper end: > 1 where the loop is stable; < 1 where it is not, and lowering the gains to it would make it so;
-                 0 where no lower gain is stable; inf where no higher gain is unstable
+                 0 where no lower gain is stable; inf where no higher gain is unstable (one joint, continuous time: none below 1e9)
     lower_gain   its lower end, 0 where every lower gain is stable, NaN where no factor below 1 is
     frequency    of the vibration at the upper end [rad/s], 0 where the robot topples, NaN where there is none
     mode         (n,) complex, the joints' parts in that vibration, the largest 1

@@ -262,8 +262,11 @@ def loop_from(lti: Any, delay: float = 0.0, unstable_poles: int | None = None) -
         return Loop(1, None, function=lti, delays=np.array([delay]), unstable_poles=unstable_poles or 0)
     system = factored_from(lti)
     step = sample_time_of(lti) if not isinstance(lti, Factored) else lti.sample_time
-    if step is not None and abs(delay / step - round(delay / step)) > 1e-9:
-        raise GainroomError(f"loop: delay {delay:g} s must be a whole number of sample times of {step:g} s")
+    if step is not None:
+        ticks = round(delay / step)
+        if abs(delay / step - ticks) > 1e-9:
+            raise GainroomError(f"loop: delay {delay:g} s must be a whole number of sample times of {step:g} s")
+        delay = ticks * step
     if system.relative_degree < 0:
         raise GainroomError("loop: the return ratio has more zeros than poles and cannot be closed")
     if system.relative_degree == 0 and system.delay + delay > 0 and step is None and abs(system.gain) >= 1:

@@ -4,8 +4,9 @@ from typing import Any
 
 import numpy as np
 
-from .errors import GainroomError, require_positive
+from .errors import GainroomError, require_finite, require_positive
 from .factored import Factored, polynomial_roots
+from .messages import one_line
 from .statespace import StateSpace, factored
 
 
@@ -25,9 +26,27 @@ def is_lti(system: Any) -> bool:
 
 
 def factored_from(system: Any) -> Factored:
-    """A scalar LTI system as zeros, poles and gain in v. Raises GainroomError for several inputs or outputs."""
-    if isinstance(system, Factored):
-        return system
+    """A scalar LTI system as zeros, poles and gain in v.
+
+    Raises GainroomError for several inputs or outputs, for what is not an LTI system, and for numbers that are not finite or not real.
+    """
+    return _checked(system if isinstance(system, Factored) else _read(system))
+
+
+def _checked(system: Factored) -> Factored:
+    for name in ("zeros", "poles"):
+        roots = np.asarray(getattr(system, name))
+        if not np.all(np.isfinite(roots)):
+            raise GainroomError(f"system: {name} {one_line(repr(roots), 80)} must be finite")
+        partner = np.abs(roots[:, None] - roots.conj()).min(axis=1, initial=np.inf)
+        if np.any(partner > 1e-6 * np.abs(roots)):  # doubles leave far less of a pair's mismatch
+            raise GainroomError(f"system: {name} {one_line(repr(roots), 80)} must be real or come in conjugate pairs")
+    require_finite("system", "gain", system.gain)
+    require_positive("system", "delay", system.delay, "s", zero=True)
+    return system
+
+
+def _read(system: Any) -> Factored:
     step = sample_time_of(system)
     if hasattr(system, "num") and hasattr(system, "den"):
         num, den = _polynomial(system.num), _polynomial(system.den)
@@ -36,14 +55,16 @@ def factored_from(system: Any) -> Factored:
         leading = np.trim_zeros(num, "f")[0] / np.trim_zeros(den, "f")[0]
         return _in_v(polynomial_roots(num), polynomial_roots(den), leading, step)
     if hasattr(system, "A"):
-        state = StateSpace(*(np.atleast_2d(np.asarray(getattr(system, name), dtype=float)) for name in "ABCD"))
+        state = StateSpace(*(np.atleast_2d(require_finite("system", name, getattr(system, name))) for name in "ABCD"))
         if state.d.shape != (1, 1):
             raise GainroomError(f"a system with {state.d.shape[1]} inputs and {state.d.shape[0]} outputs must have one of each")
         if step is not None:  # z x = A x + B u, so δ x = (A − I)/T_s x + B/T_s u
             state = StateSpace((state.a - np.eye(len(state.a))) / step, state.b / step, state.c, state.d)
         return factored(state, np.linalg.eigvals(state.a).astype(complex), step)
     if hasattr(system, "gain") and hasattr(system, "zeros"):
-        return _in_v(np.asarray(system.zeros, complex), np.asarray(system.poles, complex), float(system.gain), step)
+        return _in_v(
+            np.asarray(system.zeros, complex), np.asarray(system.poles, complex), float(require_finite("system", "gain", system.gain)), step
+        )
     raise GainroomError(f"{type(system).__name__} must be a python-control or scipy.signal LTI system, or a callable L(s)")
 
 
@@ -52,11 +73,10 @@ def _polynomial(value: Any) -> np.ndarray:
     while isinstance(value, list | tuple) and len(value) == 1 and np.ndim(value[0]) > 0:
         value = value[0]
     array = np.squeeze(np.asarray(value, dtype=object if isinstance(value, list) else None))
-    if array.dtype == object:
-        array = np.asarray(array.tolist(), dtype=float)
+    array = require_finite("system", "coefficients", array.tolist() if array.dtype == object else array)
     if array.ndim > 1:
         raise GainroomError(f"a transfer function of shape {array.shape} must have one input and one output")
-    return np.atleast_1d(array).astype(float)
+    return np.atleast_1d(array)
 
 
 def _in_v(zeros: np.ndarray, poles: np.ndarray, gain: float, step: float | None) -> Factored:

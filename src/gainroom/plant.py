@@ -46,6 +46,8 @@ class ElasticJoint:
 
     def __post_init__(self) -> None:
         owner = f"joint '{self.name}'"
+        if self.stiffness == math.inf and self.link_inertia == math.inf:
+            raise GainroomError(f"{owner}: stiffness inf with link_inertia inf (output locked) leaves nothing to move; one must be finite")
         require_positive(owner, "motor_inertia", self.motor_inertia, "kg·m²", zero=math.isinf(self.stiffness))
         require_positive(owner, "link_inertia", self.link_inertia, "kg·m²", infinite=not math.isinf(self.stiffness))
         require_positive(owner, "stiffness", self.stiffness, "N·m/rad", infinite=True)

@@ -24,6 +24,8 @@ from .loop import Feedback, build_loop
 from .plant import ElasticJoint, Plant
 from .region_curves import Curve, GainPlane
 
+FEW_TURNS = 10.0  # [rad] ωT up to which gains are chosen at which roots are counted
+
 
 def pd_region(
     joint: ElasticJoint | Plant,
@@ -168,7 +170,9 @@ class PDRegion:
     @cached_property
     def _row(self) -> "_Row":
         """Unstable roots along a line kd = const: counted once on either side of the static line, carried across each crossing."""
-        finite = np.abs(self._curve.kd[np.isfinite(self._curve.kd)])
+        # Few turns of the delay: far out along the curve lie gains with thousands of unstable roots, which rounding and the grid blur.
+        near = np.isfinite(self._curve.kd) & (self._curve.omega * self.actuated.delay < FEW_TURNS)
+        finite = np.abs(self._curve.kd[near])
         kd = 1.0371 * float(np.median(finite)) if len(finite) else 1.0  # no symmetric case has a crossing just there
         kd = kd or 1.0  # a curve that lies on kd = 0 altogether: rigid, and nothing rolls off
         _, events, change = self._crossings("kd", np.array([kd]))

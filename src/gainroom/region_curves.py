@@ -17,6 +17,7 @@ POINTS_PER_DECADE = 120
 MOST_TURNS = 20_000  # samples that follow the delay's phase
 DEEPEST = 1e-9  # the curve is followed down to this share of the lowest frequency sampled finely
 ROUNDING = 4e-15  # of a gain that solves for L = target: closer than this to the wanted one, ω cannot be told apart
+PINCH = 1e-9  # relative distance from a pinch within which the curve is taken as the straight line it is there
 SMALL_TURN = 0.12  # [rad] largest turn of a curve, drawn to scale, between neighbouring samples
 
 
@@ -27,6 +28,8 @@ class GainPlane:
     omega   (k,) rising [rad/s]
     last    the Nyquist frequency, or None in continuous time
     resolved  ω from which the grid is fine; below, a few points follow the curve into the origin
+    pinches   (p,) ω at which A and B have the same phase, as at the bandwidth of a second-order velocity filter: the curve runs through
+              infinity there along the line kp + kd B/A = target/A, the straighter the less damping turns A
     curves  those drawn so far, by target
     """
 
@@ -35,6 +38,7 @@ class GainPlane:
     omega: Floats
     last: float | None
     resolved: float
+    pinches: Floats
     curves: dict[complex, "Curve"] = field(default_factory=dict, compare=False, repr=False)
 
     @classmethod
@@ -65,7 +69,13 @@ class GainPlane:
         omega = np.unique(np.concatenate(grid))
         for root in np.concatenate([a.zeros, a.poles]):  # an undamped resonance is stepped over
             omega = omega[np.abs(omega - _frequency(root, a.sample_time)) > 1e-9 * omega]
-        return cls(a, b, omega[(omega >= low) & (omega <= high)], last, resolved)
+        omega = omega[(omega >= low) & (omega <= high)]
+        pinches = _pinches(a, b, omega)
+        steps = np.append(-np.geomspace(1e-2, PINCH, 60), np.geomspace(PINCH, 1e-2, 60))
+        around = (pinches[:, None] * (1 + steps)).ravel()
+        clear = np.all(np.abs(omega[:, None] - pinches) > PINCH * pinches, axis=1)
+        omega = np.unique(np.append(omega[clear], around[(around > low) & (around < high)]))
+        return cls(a, b, omega, last, resolved, pinches)
 
     def solve(self, target: complex, omega: Floats) -> tuple[Floats, Floats, Floats, Floats]:
         """(kp, kd, dkp/dω, dkd/dω) with L(jω) = target."""
@@ -76,6 +86,23 @@ class GainPlane:
             dkp, dkd = _solve2(a, b, -(kp * da + kd * db))
         on_pole = ~np.isfinite(a)  # no gains are needed to reach the target there
         return np.where(on_pole, 0.0, kp), np.where(on_pole, 0.0, kd), dkp, dkd
+
+
+def _pinches(a: Factored, b: Factored, omega: Floats) -> Floats:
+    """ω at which B/A is real, between the samples; B/A is of the controller alone, and smooth."""
+
+    def turned(omega: Floats) -> Booleans:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return (b.response(omega) / a.response(omega)).imag > 0
+
+    side = turned(omega)
+    k = np.flatnonzero(side[1:] != side[:-1])
+    low, high = omega[k], omega[k + 1]
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        same = turned(middle) == side[k]
+        low, high = np.where(same, middle, low), np.where(same, high, middle)
+    return low
 
 
 def _frequency(root: complex, sample_time: float | None) -> float:
@@ -145,7 +172,7 @@ class Curve:
         omega, along, slope = self._monotone_kp if axis == "kp" else self._monotone_kd
         # An interval that runs through infinity is no crossing.
         low, high = np.minimum(along[:-1], along[1:]), np.maximum(along[:-1], along[1:])
-        through = np.isfinite(low) & np.isfinite(high) & ~_runs_through_infinity(along, slope, omega)
+        through = np.isfinite(low) & np.isfinite(high) & ~_runs_through_infinity(along, slope, omega) & ~self._pinched(omega)
         order = np.argsort(values, kind="stable")
         ranked = values[order]
         first, last = np.searchsorted(ranked, low, "left"), np.searchsorted(ranked, high, "left")
@@ -153,14 +180,50 @@ class Curve:
         interval = np.repeat(np.arange(len(count)), count)
         within = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
         index = order[first[interval] + within]
-        if not polish:
+        if polish:
+            omega_found = self._polish(axis, values[index], omega[interval], omega[interval + 1], along[interval])
+        else:
             share = (values[index] - along[interval]) / (along[interval + 1] - along[interval])
             omega_found = omega[interval] + share * (omega[interval + 1] - omega[interval])
-            kp, kd, _, _ = self.plane.solve(self.target, omega_found)
-            return index, omega_found, kd if axis == "kp" else kp
-        omega_found = self._polish(axis, values[index], omega[interval], omega[interval + 1], along[interval])
-        kp, kd, _, _ = self.plane.solve(self.target, omega_found)
-        return index, omega_found, kd if axis == "kp" else kp
+        other = self._other(axis, values[index], omega_found)
+        straight = self._straight(axis, values)
+        index, omega_found, other = (np.concatenate(pair) for pair in zip((index, omega_found, other), straight, strict=True))
+        return index, omega_found, other
+
+    def _other(self, axis: str, values: Floats, omega: Floats) -> Floats:
+        """The other gain where one is `values` and the curve is met at ω: by projection, as two lines may be nearly parallel there."""
+        a, b = self.plane.a.response(omega), self.plane.b.response(omega)
+        given, free = (a, b) if axis == "kp" else (b, a)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            other = ((self.target - values * given) * free.conj()).real / np.abs(free) ** 2
+        return np.where(np.isfinite(a), other, 0.0)  # on a pole no gains are needed to reach the target
+
+    def _pinched(self, omega: Floats) -> Booleans:
+        """True for intervals within which the curve is taken as straight."""
+        middle, pinches = 0.5 * (omega[1:] + omega[:-1]), self.plane.pinches
+        return np.any(np.abs(middle[:, None] - pinches) < PINCH * pinches, axis=1)
+
+    def _straight(self, axis: str, values: Floats) -> tuple[Integers, Floats, Floats]:
+        """Crossings of `values` with the straight pieces at the pinches: from the last sample on either side out to infinity.
+
+        There kd = Im(target/A)/Im(B/A) and kp = Re(target/A) − kd Re(B/A), of which only Im(B/A) moves, through 0.
+        """
+        found: list[tuple[Integers, Floats, Floats]] = [(np.empty(0, dtype=int), np.empty(0), np.empty(0))]
+        for pinch in self.plane.pinches.tolist():
+            for side in (-1.0, 1.0):
+                edge = np.array([pinch * (1 + side * PINCH)])
+                kp, kd, _, _ = self.plane.solve(self.target, edge)
+                a, b = (part.response(np.array([pinch]))[0] for part in (self.plane.a, self.plane.b))
+                beyond = self.plane.b.response(edge)[0] / self.plane.a.response(edge)[0]
+                outward = (1.0 if (self.target / a).imag >= 0 else -1.0) * np.sign(beyond.imag)
+                if axis == "kp":
+                    outward *= -np.sign((b / a).real)
+                start = (kp if axis == "kp" else kd)[0]
+                index = np.flatnonzero(outward * (values - start) > 0)
+                omega = np.full(len(index), pinch)
+                found.append((index, omega, self._other(axis, values[index], omega)))
+        index, omega, other = (np.concatenate(parts) for parts in zip(*found, strict=True))
+        return index, omega, other
 
     def along(self, axis: str) -> tuple[Floats, Floats]:
         """(ω, kp or kd) at the samples and at every extremum between them."""

@@ -17,6 +17,7 @@ from .factored import Factored
 
 DIGITS = 90
 APART = 22  # coinciding poles (the two integrators among them) are moved apart by 1e-22/T_s: far below a double, far above DIGITS
+FARTHEST = 1e-20  # a zero at |z| beyond 1/FARTHEST changes no digit of the response: its factor is a constant
 FASTEST = 50.0  # growth rate of a pole times the tick: e^50 exceeds what a double resolves, let alone what a controller can hold
 
 
@@ -61,6 +62,8 @@ def sample(system: Factored, sample_time: float, fraction: float = 0.0) -> Facto
             row = _times(_without(everything, grown[k]), [residue * now, residue * before] if fraction else [residue * now])
             share = 2 if pole.imag > 0 else 1
             numerator = [total + share * entry.real for total, entry in zip(numerator, row, strict=True)]
+        while len(numerator) > 1 and abs(numerator[0]) < FARTHEST * abs(numerator[1]):
+            del numerator[0]  # a delay just under a whole tick has a zero next to infinity
         roots = _roots(numerator)
         gain = numerator[0] * step ** (len(roots) - len(poles) - (1 if fraction else 0))
         places = [(root - 1) / step for root in roots]
@@ -93,9 +96,9 @@ def _roots(polynomial: list) -> list:
 
     Roots that lie close together are kept apart by Aberth's form of Newton's step.
     """
-    from mpmath import mpc, mpf
+    from mpmath import mpc, mpf, polyroots
 
-    starts: Complexes = np.roots([float(value / polynomial[0]) for value in polynomial]).astype(complex)
+    starts = _starts(polynomial)
     gaps = np.abs(starts[:, None] - starts[None, :]) + np.where(np.eye(len(starts)), np.inf, 0.0)
     crowded = np.min(gaps, axis=1, initial=np.inf) < 1e-2 * np.abs(starts)
     # A real root stays real and a pair stays a pair, so neither needs all of complex arithmetic.
@@ -122,7 +125,35 @@ def _roots(polynomial: list) -> list:
             largest = max(largest, abs(move) / (abs(root) + mpf(10) ** -30))
         if largest < mpf(10) ** -15:  # the next step would be of the order of its square
             break
-    return roots
+    if _are_all(roots, polynomial):
+        return roots
+    return polyroots(polynomial, maxsteps=500, extraprec=600)  # starts too near each other: from scratch, a hundred times slower
+
+
+def _starts(polynomial: list) -> Complexes:
+    """Roots in double precision; one far beyond all others, which would cost those their digits, is divided out first."""
+    far: list[complex] = []
+    sizes = [abs(value) for value in polynomial]
+    if len(sizes) > 2 and sizes[1] * sizes[1] > 100 * sizes[0] * (sizes[1] + max(sizes[2:])):  # beyond 100 of Cauchy's bound of the rest
+        root = -polynomial[1] / polynomial[0]
+        for _ in range(6):
+            value, slope = polynomial[0], 0
+            for coefficient in polynomial[1:]:
+                slope = slope * root + value
+                value = value * root + coefficient
+            root -= value / slope
+        far, polynomial = [complex(root)], _without(polynomial, root)
+    return np.append(np.array(far, dtype=complex), np.roots([float(value / polynomial[0]) for value in polynomial]))
+
+
+def _are_all(roots: list, polynomial: list) -> bool:
+    """Whether `roots` are those of `polynomial`, each as often as it is one."""
+    from mpmath import mp, mpf
+
+    product = [polynomial[0]]
+    for root in roots:
+        product = _times(product, [1, -root])
+    return all(abs(here - there) <= mpf(10) ** -25 * mp.fsum(map(abs, polynomial)) for here, there in zip(product, polynomial, strict=True))
 
 
 def _conjugate(roots: Complexes) -> Complexes:

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from math import inf, isinf, pi
+from typing import Any
 
 import numpy as np
 
@@ -32,7 +33,7 @@ class PDJoint:
         return replace(self, kp=self.kp * factor, kd=self.kd * factor)
 
 
-def polynomials(joint: PDJoint, number=float) -> tuple[list, list, list]:
+def polynomials(joint: PDJoint, number: Any = float) -> tuple[list, list, list]:
     """(plant denominator × current loop denominator, plant numerator × current loop numerator, D).
 
     Coefficients in ascending powers of s, computed with the type `number` (float, Fraction, mpf), so that
