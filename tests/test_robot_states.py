@@ -330,7 +330,7 @@ def test_disk_margin_is_that_of_the_motors_torques(folder: Path):
 
     def at_torques(omega: np.ndarray) -> np.ndarray:
         s = 1j * omega
-        return control.matrix(s, s, loop.size, None) @ loop.actuated_response(omega)
+        return control.matrix(s, s, loop.size, None) @ loop.actuated_at(1j * omega)
 
     omega = np.geomspace(1e-2, 1e4, 400)
     assert state.disk_margin_certified

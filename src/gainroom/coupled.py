@@ -2,20 +2,23 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from .arrays import Booleans, Complexes, Floats, Integers
 from .controller import PD, PID, gain_matrix
+from .critical import NUDGE, TOWARDS, Certificate, End, Family, Rough, delays, listed, phases
 from .errors import GainroomError
 from .limits import GainLimit, coupled_limit
 from .loop import Loop
-from .sweep import MOST, Sweep, in_blocks
+from .sweep import CLOSEST, MOST, Sweep, in_blocks, passes
 
 Curves = Callable[[Floats], Complexes]
 """ω (k,) → (k, m): m scalar responses."""
 RELATIVE_MOVE = 0.25  # of a curve between samples, near the negative real axis
+AT_REST = 1e-3  # of the lowest sample: where curves are looked at in addition, to tell what they settle to
+REAL = 1e-6  # part of its size up to which what is imaginary at an end of the boundary is taken for round-off
 FAINTEST = 1e-6  # of a curve's largest value: where it is smaller it is not followed, and what it would limit counts as without limit
 
 
@@ -24,13 +27,15 @@ class JointMargins:
     """Margins of n coupled loops.
 
     limit          of the common factor on all gains (see GainLimit)
-    phase_margin   [rad] the smallest common phase, of either sign, that makes them vibrate, at `phase_frequency` [rad/s]
-    delay_margin   [s] the smallest extra delay in all of them, at `delay_frequency`; in sampled time a fraction of a tick counts as the
-                   phase that it costs
+    phase_margin   [rad] the smallest common phase, of either sign, that makes them vibrate, at `phase_frequency` [rad/s]; inf: none
+    delay_margin   [s] the smallest extra delay in all of them, at `delay_frequency`; inf: none
+    phase_certificate, delay_certificate   roots counted on both sides of these two, None where there is none
     others_closed  (n,) largest factor on one joint's gains while all other loops stay as they are; inf: none
+    lower_others_closed   (n,) smallest such factor; 0: none
+    others_certified      (n,) True where roots were counted on both sides of both
     largest_kp, largest_kd   (n,) largest diagonal gains of one joint, the other gains as they are [N m/rad], [N m s/rad]; None where
                    the controller is neither PD nor PID
-    The last three and both margins are NaN for unstable loops.
+    All but `limit` are NaN, and certified by nothing, for unstable loops.
     """
 
     limit: GainLimit
@@ -41,11 +46,21 @@ class JointMargins:
     others_closed: Floats
     largest_kp: Floats | None
     largest_kd: Floats | None
+    phase_certificate: Certificate | None = None
+    delay_certificate: Certificate | None = None
+    lower_others_closed: Floats = field(default_factory=lambda: np.zeros(0))
+    others_certified: Booleans = field(default_factory=lambda: np.zeros(0, dtype=bool))
 
     @property
     def stable(self) -> bool:
         """At the gains as they are."""
         return self.limit.stable
+
+    @property
+    def certified(self) -> bool:
+        """True where roots were counted on both sides of every limit and margin."""
+        counted = all(one.holds for one in (self.phase_certificate, self.delay_certificate) if one is not None)
+        return self.limit.certified and counted and bool(np.all(self.others_certified))
 
 
 def joint_margins(loop: Loop) -> JointMargins:
@@ -57,51 +72,43 @@ def joint_margins(loop: Loop) -> JointMargins:
     if not limit.stable:
         nothing = np.full(loop.size, math.nan)
         return JointMargins(limit, math.nan, math.nan, math.nan, math.nan, nothing, nothing, nothing)
-    crossings = _unit_crossings(sweep)
-    phase = min(crossings, key=lambda one: abs(_signed(one[1])), default=None)
-    delay = min(crossings, key=lambda one: _positive(one[1]) / one[0], default=None)
-    factors, largest_kp, largest_kd = _one_at_a_time(sweep)
+    phase = common_phase(sweep)
+    delay = _common_delay(sweep)
+    factors, lowest, certified, largest_kp, largest_kd = _one_at_a_time(sweep)
     return JointMargins(
         limit,
-        abs(_signed(phase[1])) if phase else math.inf,
-        phase[0] if phase else math.nan,
-        _positive(delay[1]) / delay[0] if delay else math.inf,
-        delay[0] if delay else math.nan,
+        phase.at if phase else math.inf,
+        phase.omega if phase else math.nan,
+        delay.at if delay else math.inf,
+        delay.omega if delay else math.nan,
         factors,
         largest_kp,
         largest_kd,
+        phase.certificate if phase else None,
+        delay.certificate if delay else None,
+        lowest,
+        certified,
     )
 
 
-def _positive(value: complex) -> float:
-    """The lag [rad] in [0, 2π) that turns λ on the unit circle to −1."""
-    return (float(np.angle(value)) + math.pi) % (2 * math.pi)
+def common_phase(sweep: Sweep) -> End | None:
+    """The smallest phase [rad], lag or lead, at which all loops of a stable set together vibrate; None where none does."""
+    ends = [end for way in (1, -1) if (end := phases(sweep, way).end(0.0, math.pi)) is not None]
+    return min(ends, key=lambda end: end.at, default=None)
 
 
-def _signed(value: complex) -> float:
-    lag = _positive(value)
-    return lag - 2 * math.pi if lag > math.pi else lag
+def _common_delay(sweep: Sweep) -> End | None:
+    family = delays(sweep)
+    longest = max((one.at for one in family.crossings()), default=None)
+    return None if longest is None else family.end(0.0, 1.1 * longest)
 
 
-def _unit_crossings(sweep: Sweep) -> list[tuple[float, complex]]:
-    """(ω, λ) of every crossing of the unit circle by a locus."""
-    steps = sweep.steps()
-    low, high = np.log(np.maximum(np.abs(steps.start), 1e-300)), np.log(np.maximum(np.abs(steps.end), 1e-300))
-    k, branch = np.nonzero((low > 0) != (high > 0))
-    share = low[k, branch] / (low[k, branch] - high[k, branch])
-    omega = sweep.omega[k] * (sweep.omega[k + 1] / sweep.omega[k]) ** share
-    turned = np.angle(steps.end[k, branch] * steps.start[k, branch].conj())
-    wanted = np.exp(1j * (np.angle(steps.start[k, branch]) + share * turned))
-    omega, value, _ = sweep.crossings(omega, wanted, lambda value: np.log(np.abs(value)))
-    reached = np.abs(np.abs(value) - 1) < 1e-9
-    return list(zip(omega[reached].tolist(), value[reached].tolist(), strict=True))
+def _one_at_a_time(sweep: Sweep) -> tuple[Floats, Floats, Booleans, Floats | None, Floats | None]:
+    """Largest and smallest factor on one joint's gains, whether they are certified, then its largest diagonal kp and kd where it has such.
 
-
-def _one_at_a_time(sweep: Sweep) -> tuple[Floats, Floats | None, Floats | None]:
-    """Largest factor on one joint's gains, then its largest diagonal kp and kd where there are such, all other gains as they are.
-
-    A factor 1 + δ on joint i's gains adds δ T_ii to the determinant of the return difference, relative to itself, T = (I + L)⁻¹ L; a
-    change δ of one of its diagonal gains adds δ times (I + L)⁻¹ P C e^{−sT} at (i, i), times what that gain multiplies.
+    All other gains stay as they are. A factor 1 + δ on joint i's gains adds δ T_ii to the determinant of the return difference, relative
+    to itself, T = (I + L)⁻¹ L; a change δ of one of its diagonal gains adds δ times (I + L)⁻¹ P C e^{−sT} at (i, i), times what that
+    gain multiplies.
     """
     loop = sweep.loop
     assert loop.parts is not None
@@ -112,47 +119,139 @@ def _one_at_a_time(sweep: Sweep) -> tuple[Floats, Floats | None, Floats | None]:
         units = [replace(controller, kp=kp, kd=kd, **others) for kp, kd in ((1.0, 0.0), (0.0, 1.0))]
 
     def curves(omega: Floats) -> Complexes:
-        s = 1j * omega
+        s = sweep.boundary.points(omega)
         v = loop.variable(s)
-        actuated = loop.actuated_response(omega)
+        actuated = loop.actuated_at(s)
         law = loop.gain * controller.matrix(s, v, size, sample_time)
         sensitive = np.linalg.solve(np.eye(size) + actuated @ law, actuated)
         own = np.diagonal(sensitive, axis1=1, axis2=2)
         alone = [own * unit.matrix(s, v, 1, sample_time)[:, 0] for unit in units]
-        return np.hstack([np.einsum("kij,kji->ki", sensitive, law), *alone])
+        closed = np.einsum("kij,kji->ki", sensitive, law)
+        return np.hstack([closed, -closed, *alone])
 
-    rooms = room(sweep, curves).reshape(-1, size)
+    found, certified = room(sweep, curves)
+    found, certified = found.reshape(-1, size), np.all(certified.reshape(-1, size), axis=0, keepdims=True)[0]
+    smallest = np.maximum(1 - found[1], 0.0)
     if not units:
-        return 1 + rooms[0], None, None
+        return 1 + found[0], smallest, certified, None, None
     kp, kd = (np.diagonal(gain_matrix(name, getattr(controller, name), size)) * loop.gain for name in ("kp", "kd"))
-    return 1 + rooms[0], kp + rooms[1], kd + rooms[2]
+    return 1 + found[0], smallest, certified, kp + found[2], kd + found[3]
 
 
-def room(sweep: Sweep, curves: Curves) -> Floats:
-    """(m,) the smallest δ > 0 with 1 + δ c(jω) = 0 for each curve c: where it first meets the negative real axis; inf where none does."""
-    size = sweep.loop.size
+def room(sweep: Sweep, curves: Curves) -> tuple[Floats, Booleans]:
+    """(m,) the smallest δ > 0 with 1 + δ c(jω) = 0 for each curve c of a stable loop, inf where none is; and where that is certified.
 
-    def curves_in_blocks(omega: Floats) -> Complexes:
-        return in_blocks(curves, omega, size)
-
-    omega, values = _resolved(sweep, curves_in_blocks)
-    least = _least(values)
-    crosses = ((values.imag[1:] > 0) != (values.imag[:-1] > 0)) & ((values.real[1:] < 0) | (values.real[:-1] < 0))
-    room = np.full(values.shape[1], math.inf)
-    if sweep.last is not None:
-        at_end = curves(np.array([sweep.last]))[0].real
-        room = np.where(at_end < -least, -1 / np.minimum(at_end, -least), room)
-    rows, joints = np.nonzero(_foremost(values, crosses))
-    value = on_axis(curves, joints, (omega[rows], values[rows, joints]), (omega[rows + 1], values[rows + 1, joints]))
-    for joint, found in zip(joints.tolist(), value.tolist(), strict=True):
-        if found.real < -least[joint]:
-            room[joint] = min(room[joint], -1 / found.real)
-    return room
+    c is analytic wherever the loop is stable, so 1 + δ c turns about 0 by as many turns as δ brings unstable roots.
+    """
+    family = _Curves(sweep, curves)
+    nearest = family.nearest()
+    family.add(np.concatenate([one.omega * (1 + TOWARDS) for one in nearest if one is not None] or [np.zeros(0)]))
+    found, certified = np.full(family.size, math.inf), np.ones(family.size, dtype=bool)
+    for joint, one in enumerate(nearest):
+        if one is None:
+            continue
+        certificate = Certificate(*(family.count(joint, one.at * (1 + side * NUDGE)) for side in (-1, 1)))
+        end = None if certificate.holds else family.of(joint).end(0.0, one.at * (1 + 10 * NUDGE))
+        found[joint] = one.at if end is None else end.at
+        certified[joint] = certificate.holds or (end is not None and end.certificate.holds)
+    return found, certified
 
 
-def _least(values: Complexes) -> Floats:
-    """(m,) below which a curve is not followed: gains have units, so it is measured by the curve itself."""
-    return np.maximum(FAINTEST * np.abs(values).max(axis=0), 1e-300)
+class _Curves:
+    """m scalar curves along the stability boundary, sampled until smooth where they come near the negative real axis."""
+
+    def __init__(self, sweep: Sweep, curves: Curves) -> None:
+        self._sweep = sweep
+        self._at: Curves = lambda omega: in_blocks(curves, omega, sweep.loop.size)
+        plant = None if sweep.loop.parts is None else sweep.loop.parts.plant
+        settles = plant is not None and plant.gravity_stiffness is not None  # else nothing but round-off would be seen so far down
+        omega = np.insert(sweep.omega, 0, AT_REST * sweep.omega[0]) if settles else sweep.omega
+        self.omega, self.values = _resolved(omega, self._at)
+        self.size = self.values.shape[1]
+
+    def add(self, omega: Floats) -> None:
+        """Take samples at more frequencies."""
+        inside = (omega > self.omega[0]) & (omega < self.omega[-1])
+        fresh = np.setdiff1d(omega[inside], self.omega)
+        place = np.searchsorted(self.omega, fresh)
+        self.omega, self.values = np.insert(self.omega, place, fresh), np.insert(self.values, place, self._at(fresh), axis=0)
+
+    def count(self, joint: int, change: float) -> int:
+        """By how many unstable roots 1 + `change` c differs from 1."""
+        curve = change * self.values[:, joint]
+        for _ in range(40):
+            close = passes(curve[:-1], curve[1:]) & (np.diff(self.omega) > CLOSEST * self.omega[1:])
+            if not close.any() or len(self.omega) > MOST:
+                break
+            self.add(0.5 * (self.omega[:-1] + self.omega[1:])[close])
+            curve = change * self.values[:, joint]
+        one = 1 + curve
+        turned = float(np.sum(np.angle(one[1:] * one[:-1].conj())))
+        # From ω = 0+: a joint that the others leave free to drift answers a gain of its own as 1/ωᵏ, all else settles to something real.
+        with np.errstate(divide="ignore", invalid="ignore"):
+            fall = np.log(np.abs(curve[0]) / np.abs(curve[1])) / math.log(self.omega[1] / self.omega[0])
+        order = round(fall) if np.isfinite(fall) and fall > 0 else 0
+        own = np.sign((curve[0] * 1j**order).real) if order else np.sign(one[0].real)
+        turned += float(np.angle(one[0] * 1j**order * own))
+        if self._sweep.last is None:
+            turned -= float(np.angle(one[-1]))
+        return round(order / 2 - turned / math.pi)
+
+    def nearest(self) -> list[Rough | None]:
+        """The leftmost crossing of the negative real axis by each curve."""
+        least = np.maximum(FAINTEST * np.abs(self.values).max(axis=0), 1e-300)
+        found: list[Rough | None] = [None] * self.size
+        for rows in (0, -1) if self._sweep.last is not None else (0,):
+            for joint, value in enumerate(self.values[rows].tolist()):
+                if value.real < -least[joint] and abs(value.imag) < REAL * abs(value):
+                    found[joint] = _further_left(found[joint], Rough(-1 / value.real, float(self.omega[rows]), value))
+        rows, joints = np.nonzero(_foremost(self.values, _meet_axis(self.values)))
+        for joint, one in zip(joints.tolist(), self._polished(rows, joints), strict=True):
+            if one.value.real < -least[joint]:
+                found[joint] = _further_left(found[joint], one)
+        return found
+
+    def _polished(self, rows: Integers, joints: Integers) -> list[Rough]:
+        low, high = ((self.omega[at], self.values[at, joints]) for at in (rows, rows + 1))
+        omega, value = on_axis(self._at, joints, low, high)
+        return listed(np.divide(-1, value.real, out=np.full(len(value), math.inf), where=value.real != 0), omega, value)
+
+    def of(self, joint: int) -> Family:
+        """The change of what one curve stands for."""
+
+        def steps() -> Integers:
+            return np.flatnonzero(_meet_axis(self.values[:, [joint]])[:, 0])
+
+        def crossings() -> list[Rough]:
+            rows = steps()
+            start, end = self.values[rows, joint], self.values[rows + 1, joint]
+            share = start.imag / (start.imag - end.imag)
+            value = (start + share * (end - start)).real
+            omega = self.omega[rows] + share * (self.omega[rows + 1] - self.omega[rows])
+            seen = value < -FAINTEST * np.abs(self.values[:, joint]).max()
+            return listed(-1 / value[seen], omega[seen], value[seen].astype(complex))
+
+        def polish(group: list[Rough]) -> list[Rough]:
+            rows = np.intersect1d(steps(), np.searchsorted(self.omega, [one.omega for one in group]) - 1)
+            return [one for one in self._polished(rows, np.full(len(rows), joint)) if one.value.real < 0]
+
+        def nearest(change: float) -> Rough:
+            row = int(np.argmin(np.abs(1 + change * self.values[:, joint])))
+            return Rough(change, float(self.omega[row]), complex(self.values[row, joint]))
+
+        def mode(_: Rough) -> Complexes:
+            return np.ones(1, dtype=complex)
+
+        return Family(lambda change: self.count(joint, change), crossings, polish, self.add, nearest, mode)
+
+
+def _further_left(one: Rough | None, other: Rough) -> Rough:
+    return other if one is None or other.at < one.at else one
+
+
+def _meet_axis(values: Complexes) -> Booleans:
+    """(k − 1, m) True for steps that cross the real axis, and not surely its positive half."""
+    return ((values.imag[1:] > 0) != (values.imag[:-1] > 0)) & ((values.real[1:] < 0) | (values.real[:-1] < 0))
 
 
 def _foremost(values: Complexes, crosses: Booleans) -> Booleans:
@@ -163,11 +262,11 @@ def _foremost(values: Complexes, crosses: Booleans) -> Booleans:
     return crosses & (left <= surely)
 
 
-def on_axis(curves: Curves, joints: Integers, low: tuple[Floats, Complexes], high: tuple[Floats, Complexes]) -> Complexes:
-    """The real values of curves between samples (ω, c) on two sides of the real axis, by the Illinois method."""
+def on_axis(curves: Curves, joints: Integers, low: tuple[Floats, Complexes], high: tuple[Floats, Complexes]) -> tuple[Floats, Complexes]:
+    """ω and the real values there of curves between samples (ω, c) on two sides of the real axis, by the Illinois method."""
     (left, value), (right, other) = low, high
     first, second = value.imag, other.imag
-    moved_left, moved_right = np.zeros(len(joints), dtype=bool), np.zeros(len(joints), dtype=bool)
+    omega, moved_left, moved_right = left, np.zeros(len(joints), dtype=bool), np.zeros(len(joints), dtype=bool)
     for _ in range(20 if len(joints) else 0):
         share = np.divide(first, first - second, out=np.full(len(joints), 0.5), where=first != second)
         omega = left + share * (right - left)
@@ -180,18 +279,18 @@ def on_axis(curves: Curves, joints: Integers, low: tuple[Floats, Complexes], hig
         first = np.where(same, value.imag, np.where(moved_right, 0.5 * first, first))
         second = np.where(same, np.where(moved_left, 0.5 * second, second), value.imag)
         moved_left, moved_right = same, ~same
-    return value
+    return omega, value
 
 
-def _resolved(sweep: Sweep, curves: Curves) -> tuple[Floats, Complexes]:
-    """Samples of the curves fine enough where they come near the negative real axis."""
-    omega = sweep.omega
+def _resolved(omega: Floats, curves: Curves) -> tuple[Floats, Complexes]:
+    """Samples of the curves fine enough where they come near the negative real axis, beginning with `omega`."""
     values = curves(omega)
     for _ in range(12):
         start, end = values[:-1], values[1:]
         size = np.maximum(np.abs(start), np.abs(end))
         near = (np.minimum(start.real, end.real) < 0) & (np.minimum(np.abs(start.imag), np.abs(end.imag)) < size)
-        rough = np.any(near & (np.abs(end - start) > RELATIVE_MOVE * size) & (size > _least(values)), axis=1)
+        followed = size > FAINTEST * np.abs(values).max(axis=0)
+        rough = np.any(near & (np.abs(end - start) > RELATIVE_MOVE * size) & followed, axis=1)
         rough &= np.diff(omega) > 1e-9 * omega[1:]
         if not rough.any() or len(omega) > MOST:
             break

@@ -92,7 +92,7 @@ class _Curves:
     def on_axis(self, rows: Integers, joints: Integers, bent: Callable[[Complexes], Complexes] = lambda value: value) -> Complexes:
         """Where `bent` of curves `joints` crosses the real axis between samples `rows` and the next."""
         low, high = ((self.omega[at], bent(self.values[at, joints])) for at in (rows, rows + 1))
-        return on_axis(lambda omega: bent(self.at(omega)), joints, low, high)
+        return on_axis(lambda omega: bent(self.at(omega)), joints, low, high)[1]
 
 
 def _own_sensitivity(loop: Loop, omega: Floats) -> Complexes:
@@ -187,7 +187,7 @@ def _polished(
     sweep: Sweep, omega: Floats, wanted: Complexes, height: Callable[[Complexes], Floats], margin: Callable[[Complexes], Floats]
 ) -> float:
     """The smallest |margin| of the loci that are about `wanted` at `omega`, where their `height` is zero."""
-    _, value, _ = sweep.crossings(omega, wanted, height)
+    _, value = sweep.boundary.crossings(omega, wanted, height)
     near = np.abs(value / wanted - 1) < 0.5  # else it went astray, and what was interpolated stands
     value = np.where(near, value, wanted)
     return float(np.abs(margin(value)).min(initial=math.inf))

@@ -1,38 +1,22 @@
 """How far all gains of a loop can be scaled: the stable interval of the common factor g around 1, with its certificate."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
-from .arrays import Booleans, Complexes, Floats
+from .arrays import Complexes
+from .critical import LOWEST, LOWEST_UNDAMPED, NUDGE, Certificate, gains
 from .errors import GainroomError
 from .loop import Loop
 from .stability import INFINITELY_MANY, has_growing_root, scan_loop, unstable_roots
 from .sweep import HIGHEST, Sweep
 
-NUDGE = 1e-6  # the certificate counts roots at limit·(1 ± NUDGE)
 NEAREST = 10.0  # of the factors that are looked at first on coupled loops; most limits lie below
-LOWEST = 1e-6  # factors on coupled loops below this count as none
-LOWEST_UNDAMPED = 1e-3  # likewise, beside an undamped resonance: smaller ones may only tell how far the boundary leans there
-# Relative distances from a crossing at which samples tell on which side of it ±NUDGE lies: no step is longer than twice its distance.
-TOWARDS = np.concatenate([sign * np.geomspace(0.2 * NUDGE, 0.03, 14) for sign in (-1, 1)])
+FAR_BELOW = 1e-4  # of stable gains: how far down a lower end is looked for; below, round-off hides what integrators do
 MOST_COUNTED = 300  # intervals of the factor whose roots are counted one by one
-CLOSE = 0.03  # relative distance within which crossings, interpolated between samples, may change places when polished
-
-
-@dataclass(frozen=True)
-class Certificate:
-    """Unstable closed-loop roots just inside and just outside a limit; `holds` when none inside and some outside."""
-
-    inside: int
-    outside: int
-    nudge: float = NUDGE
-
-    @property
-    def holds(self) -> bool:
-        """True when the limit has been confirmed from both sides."""
-        return self.inside == 0 and self.outside > 0
+JUST_BELOW = 1 - np.geomspace(1e-6, 0.5, 18)  # factors on an unstable loop at which roots are counted beside those between crossings
 
 
 @dataclass(frozen=True)
@@ -42,10 +26,10 @@ class GainLimit:
     stable       at g = 1
     gain         its upper end: > 1 where the loop is stable; < 1 where it is not, and lowering the gains to it would make it so;
                  0 where no lower gain is stable; inf where no higher gain is unstable (one joint, continuous time: none below 1e9)
-    lower_gain   its lower end, 0 where every lower gain is stable, NaN where no factor below 1 is
+    lower_gain   its lower end, 0 where every lower gain is stable (coupled loops: down to 1e-4 of them), NaN where no factor below 1 is
     frequency    of the vibration at the upper end [rad/s], 0 where the robot topples, NaN where there is none
     mode         (n,) complex, the joints' parts in that vibration, the largest 1
-    certificate  of the upper end, None where there is none
+    certificate, lower_certificate   of the upper and the lower end, None where there is none
 
     Coupled loops: roots that the gains do not move (joints left free) are not counted; factors up to 1e3 are looked at.
     """
@@ -56,15 +40,12 @@ class GainLimit:
     frequency: float
     mode: Complexes
     certificate: Certificate | None
+    lower_certificate: Certificate | None = None
 
-
-@dataclass(frozen=True)
-class Critical:
-    """All gains times `gain` put a root at jω; `mode` (n,) complex: the measured positions in that vibration, the largest 1."""
-
-    gain: float
-    omega: float
-    mode: Complexes
+    @property
+    def certified(self) -> bool:
+        """True where roots were counted on both sides of every end."""
+        return all(one.holds for one in (self.certificate, self.lower_certificate) if one is not None)
 
 
 def gain_limit(loop: Loop) -> GainLimit:
@@ -85,9 +66,8 @@ def _scalar_limit(loop: Loop) -> GainLimit:
     phases = scan_loop(loop, with_peaks=False).phases
     phases = phases[phases[:, 1] > 0]
     phases = phases[np.argsort(-phases[:, 1], kind="stable")]
-    points = [Critical(1 / size, omega, np.ones(1, dtype=complex)) for omega, size, _ in phases.tolist()]
     stable = unstable_roots(loop) == 0
-    factors = [0.0, *(point.gain for point in points), math.inf]
+    factors = [0.0, *(1 / size for size in phases[:, 1].tolist()), math.inf]
     upper = next(k for k, factor in enumerate(factors) if factor > 1)
     if not stable:
         upper = _stable_below(loop, factors, phases[:, 2].tolist(), upper - 1)
@@ -96,8 +76,12 @@ def _scalar_limit(loop: Loop) -> GainLimit:
     gain, lower = factors[upper], factors[upper - 1]
     if math.isinf(gain):
         return _no_limit(loop, stable, gain, lower)
-    certificate = Certificate(unstable_roots(loop.scaled(gain * (1 - NUDGE))), unstable_roots(loop.scaled(gain * (1 + NUDGE))))
-    return GainLimit(stable, gain, lower, points[upper - 1].omega, points[upper - 1].mode, certificate)
+
+    def counted(end: float, way: int) -> Certificate:
+        return Certificate(*(unstable_roots(loop.scaled(end * (1 + way * side * NUDGE))) for side in (-1, 1)))
+
+    below = counted(lower, -1) if lower > 0 else None
+    return GainLimit(stable, gain, lower, float(phases[upper - 1, 0]), np.ones(1, dtype=complex), counted(gain, 1), below)
 
 
 def _stable_below(loop: Loop, factors: list[float], slopes: list[float], upper: int) -> int:
@@ -143,18 +127,20 @@ def coupled_limit(sweep: Sweep) -> GainLimit:
     """gain_limit of several joints, from where their loci cross the negative real axis; factors up to `sweep.highest` are looked at."""
     if not sweep.largest:
         raise GainroomError("gain_limit: all gains are zero")
-    for _ in range(4):
-        found, doubtful = _limit_once(sweep)
-        if sweep.full:
-            break
-        if found is not None and (found.certificate.holds if found.certificate else found.gain > 0):
-            return found
-        if found is not None and found.certificate is None:
-            if has_growing_root(sweep.loop):
-                return found
-            break
-        sweep.add(doubtful * (1 + np.linspace(-0.06, 0.06, 121)))  # the crossing was not where its neighbours promised: look closer
-    raise GainroomError(f"gain_limit: the loci could not be followed to a certified limit: {_why_not(sweep)}")
+    family, stable = gains(sweep), sweep.unstable(1.0) == 0
+    inside = 1.0 if stable else _inside_below(sweep)
+    if inside is None:
+        if sweep.full or not has_growing_root(sweep.loop):
+            raise GainroomError(f"gain_limit: the loci could not be followed to a certified limit: {_why_not(sweep)}")
+        return _no_limit(sweep.loop, False, 0.0, math.nan)
+    upper = family.end(inside, sweep.highest if stable else 1.0)
+    lower = family.end(inside, max(inside * FAR_BELOW, LOWEST_UNDAMPED if sweep.undamped else LOWEST))
+    if sweep.full or not all(end.certificate.holds for end in (upper, lower) if end is not None):
+        raise GainroomError(f"gain_limit: the loci could not be followed to a certified limit: {_why_not(sweep)}")
+    lowest, below = (0.0, None) if lower is None else (lower.at, lower.certificate)
+    if upper is None:
+        return replace(_no_limit(sweep.loop, stable, math.inf, lowest), lower_certificate=below)
+    return GainLimit(stable, upper.at, lowest, upper.omega, upper.mode, upper.certificate, below)
 
 
 def _why_not(sweep: Sweep) -> str:
@@ -167,90 +153,8 @@ def _why_not(sweep: Sweep) -> str:
     return "the loop is as good as marginal at any gain (kd 0?), or gains lie many orders of magnitude apart"
 
 
-def _limit_once(sweep: Sweep) -> tuple[GainLimit | None, float]:
-    """The limit with the present samples, and the frequency on which it rests; None where a crossing is not found on polishing."""
-    rough = _crossings(sweep)
-    stable = sweep.unstable(1.0) == 0
-    factors = [0.0, *(gain for gain, _, _ in rough), math.inf]
-    upper = next(k for k, factor in enumerate(factors) if factor > 1)
-    if not stable:
-        upper -= 1
-        while upper > 0 and sweep.unstable(_between(factors[upper - 1], min(factors[upper], sweep.highest))) > 0:
-            upper -= 1
-    if upper == 0:
-        return _no_limit(sweep.loop, False, 0.0, math.nan), math.nan
-    lowest = 0.0
-    if upper > 1:
-        lower = _pinned(sweep, rough[upper - 2], down=True)
-        if lower is None:
-            return None, rough[upper - 2][1]
-        lowest = lower[0].gain
-    if upper == len(factors) - 1:
-        return _no_limit(sweep.loop, stable, math.inf, lowest), math.nan
-    pinned = _pinned(sweep, rough[upper - 1], down=False)
-    if pinned is None:
-        return None, rough[upper - 1][1]
-    point, certificate = pinned
-    return GainLimit(stable, point.gain, lowest, point.omega, point.mode, certificate), point.omega
-
-
-Rough = tuple[float, float, complex]
-"""A crossing between two samples: factor, ω and λ, by linear interpolation."""
-
-
-def _crossings(sweep: Sweep) -> list[Rough]:
-    """Crossings of the negative real axis by all loci, by rising factor."""
-    steps = sweep.steps()
-    k, branch = np.nonzero(((steps.start.imag > 0) != (steps.end.imag > 0)) & ~sweep.calm[:, None])
-    start, end = steps.start[k, branch], steps.end[k, branch]
-    share = start.imag / (start.imag - end.imag)
-    value = (start + share * (end - start)).real
-    omega = sweep.omega[k] + share * (sweep.omega[k + 1] - sweep.omega[k])
-    found = _reached(sweep, value)
-    crossings = zip(-1 / value[found], omega[found], value[found], strict=True)
-    rough = [(float(gain), float(at), complex(there)) for gain, at, there in crossings]
-    if sweep.last is not None:
-        at_end = sweep.loci[-1]
-        real = (np.abs(at_end.imag) < 1e-9 * np.abs(at_end)) & _reached(sweep, at_end.real)
-        rough += [(-1 / there, sweep.last, complex(there)) for there in at_end.real[real].tolist()]
-    at_rest = sweep.at_rest()
-    rough += [(-1 / there, 0.0, complex(there)) for there in at_rest[_reached(sweep, at_rest)].tolist()]
-    return sorted(rough, key=lambda one: one[0])
-
-
-def _reached(sweep: Sweep, value: Floats) -> Booleans:
-    """True where −1/`value` is a factor that is looked at."""
-    return (value < -1 / sweep.highest) & (value > -1 / (LOWEST_UNDAMPED if sweep.undamped else LOWEST))
-
-
-def _pinned(sweep: Sweep, rough: Rough, down: bool) -> tuple[Critical, Certificate] | None:
-    """The lower (`down`) or upper end of a stable interval, polished, with its certificate; None where no crossing is found.
-
-    Near-equal legs cross at nearly the same factor: the rough order decides nothing among those close together.
-    """
-    gain, omega, there = rough
-    if omega == 0:  # toppled, or held, by gravity: known as it stands
-        point = Critical(gain, 0.0, sweep.mode_at_rest(there))
-        return point, _certified(sweep, gain, down)
-    values = sweep.eigen(np.array([omega]))[0][0]
-    near = values[np.abs(values - there) < CLOSE * np.abs(there)]
-
-    def foremost(value: Complexes) -> int | None:
-        factors = np.where((value.real < 0) & (np.abs(value.imag) < CLOSE * np.abs(value)), -1 / value.real, math.nan)
-        return None if np.all(np.isnan(factors)) else int((np.nanargmax if down else np.nanargmin)(factors))
-
-    at, value, modes = sweep.crossings(np.full(len(near), omega), near, _slope, foremost)
-    if not len(at) or value[0].real >= 0 or abs(value[0].imag) > 1e-9 * abs(value[0]) or abs(-1 / value[0].real / gain - 1) > 2 * CLOSE:
-        return None
-    point = Critical(-1 / float(value[0].real), float(at[0]), modes[0])
-    sweep.add(point.omega * (1 + TOWARDS))
-    return point, _certified(sweep, point.gain, down)
-
-
-def _certified(sweep: Sweep, gain: float, down: bool) -> Certificate:
-    inward = 1 + NUDGE if down else 1 - NUDGE
-    return Certificate(sweep.unstable(gain * inward), sweep.unstable(gain * (2 - inward)))
-
-
-def _slope(value: Complexes) -> Floats:
-    return value.imag / value.real
+def _inside_below(sweep: Sweep) -> float | None:
+    """The highest factor below 1 that is found to be stable; None where there is none."""
+    edges = sorted({LOWEST, 1.0, *(one.at for one in gains(sweep).crossings() if one.at < 1)})
+    factors = [*JUST_BELOW.tolist(), *(math.sqrt(low * high) for low, high in pairwise(edges))]
+    return next((factor for factor in sorted(factors, reverse=True) if sweep.unstable(factor) == 0), None)

@@ -103,12 +103,11 @@ class Loop:
         """v at complex s (k,): s itself, or (e^{s T_s} − 1)/T_s in sampled time."""
         return s if self.sample_time is None else np.expm1(s * self.sample_time) / self.sample_time
 
-    def actuated_response(self, omega: Floats) -> Complexes:
-        """P C e^{−sT}, torque command → measured position, (k, n, n) of a loop built with build_loop [rad/(N m)]."""
-        points = 1j * np.asarray(omega, dtype=float)
+    def actuated_at(self, s: Complexes) -> Complexes:
+        """P C e^{−sT}, torque command → measured position, (k, n, n) of a loop built with build_loop at complex s (k,) [rad/(N m)]."""
         if self.actuated is not None:
-            return self.actuated.at(points).reshape(-1, 1, 1)
-        return self._actuated_at(points, self.variable(points))
+            return self.actuated.at(s).reshape(-1, 1, 1)
+        return self._actuated_at(s, self.variable(s))
 
     @cached_property
     def _controlled(self) -> tuple[Floats, Floats] | None:
@@ -174,6 +173,12 @@ class Loop:
         """The same loop with every controller gain multiplied by `factor`."""
         require_finite("loop", "factor", factor)
         return replace(self, gain=self.gain * factor)
+
+    def delayed(self, extra: float) -> "Loop":
+        """The same loop of parts with `extra` [s] more delay in every drive."""
+        assert self.parts is not None
+        drives = [replace(drive, delay=drive.delay + extra) for drive in self.parts.drives]
+        return build_loop(self.parts.plant, drives, self.parts.controller, self.parts.feedback, self.parts.sample_time).scaled(self.gain)
 
     @property
     def _delays(self) -> Floats:

@@ -21,14 +21,14 @@ def part_limits(loop: Loop, parts: Sequence[Loop]) -> Floats:
     """
     controllers = [part.parts.controller for part in parts if part.parts is not None]
     assert loop.parts is not None
-    own = loop.parts.controller
+    own, sweep = loop.parts.controller, Sweep(loop)
 
     def traces(omega: Floats) -> Complexes:
-        s = 1j * omega
+        s = sweep.boundary.points(omega)
         v = loop.variable(s)
-        actuated = loop.actuated_response(omega)
+        actuated = loop.actuated_at(s)
         law, *laws = (one.matrix(s, v, loop.size, loop.sample_time) for one in (own, *controllers))
         sensitive = np.linalg.solve(np.eye(loop.size) + loop.gain * actuated @ law, actuated)
         return np.stack([np.einsum("kij,kji->k", sensitive, one) for one in laws], axis=1)
 
-    return 1 + room(Sweep(loop), traces) if parts else np.zeros(0)
+    return 1 + room(sweep, traces)[0] if parts else np.zeros(0)

@@ -6,7 +6,7 @@ characteristic matrix M(s) = sI − A + B e^{−sT} C.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -16,10 +16,14 @@ from .errors import GainroomError, require_count
 from .factored import growth
 from .loop import Loop
 from .sampled_scan import scan_callable
+from .sweep import Sweep
 
 RESOLUTION = 1e-13  # of a root, relative to the largest element of the state matrix
 MOST_STATES = 1000  # with discretised delay lines, for a proof that may as well be had from elsewhere
 INFINITELY_MANY = 10**9
+SINGULAR = 1e-13  # of the largest singular value: smaller ones are 0
+AT_REST = 1e-3  # [1/s] likewise, where all else is fast
+SILENT = 1e-10  # of the gains: what a motion that no gain moves tells the controller, or hears of it
 MARGINAL = 1e-12  # a crossing with | |L| − 1 | below this puts a root on the boundary: not called stable
 
 
@@ -30,11 +34,13 @@ class Roots:
     roots       (count,) complex, in s [1/s], largest real part first; sampled loops: ln(z)/T_s
     residuals   (count,) last Newton step relative to |root|: how far each may be off
     lost        candidates near or right of the boundary that could not be confirmed as roots; 0 where all is well
+    unmoved     (k,) roots on the boundary that no gain moves, which `roots` leaves out: a joint that drifts, a spring that rings on
     """
 
     roots: Complexes
     residuals: Floats
     lost: int = 0
+    unmoved: Complexes = field(default_factory=lambda: np.zeros(0, dtype=complex))
 
 
 def scan_loop(loop: Loop, with_peaks: bool = True) -> Scan:
@@ -62,13 +68,13 @@ def _scan_one(loop: Loop, with_peaks: bool) -> Scan:
 
 
 def unstable_roots(loop: Loop, scan: Scan | None = None) -> int:
-    """Number of closed-loop roots right of the imaginary axis (outside the unit circle); those on it count as unstable."""
+    """Number of closed-loop roots right of the imaginary axis (outside the unit circle).
+
+    Those on it count where the gains move them. A motion that no gain moves (a joint without kp drifts, a spring that neither sensor nor
+    motor sees rings on) counts only where it grows; without any gain at all, everything on the boundary counts.
+    """
     if loop.scalar is None and loop.function is None:
-        found = rightmost_roots(loop, count=loop.size + 4)
-        assert loop.open_loop is not None
-        # A joint left free to drift has a root at 0, known no better than this: it does not count as stable.
-        near = -10 * RESOLUTION * np.abs(loop.open_loop.a).max(initial=1.0)
-        return int(np.count_nonzero(found.roots.real >= near)) + found.lost
+        return _coupled_unstable_roots(loop)
     if _is_lost_at_infinity(loop):
         return INFINITELY_MANY
     if loop.scalar is not None and loop.scalar.gain == 0:
@@ -77,7 +83,20 @@ def unstable_roots(loop: Loop, scan: Scan | None = None) -> int:
     on_boundary = sum(abs(size - 1) < MARGINAL for size in scan.phases[:, 1].tolist())
     if not on_boundary:  # L may also lie along the real axis, as 1/s² does, and meet −1 without crossing it
         on_boundary = sum(abs(math.remainder(phase, 2 * math.pi)) > math.pi - MARGINAL for phase in scan.gains[:, 1].tolist())
-    return round(loop.unstable_poles - scan.half_turns) + on_boundary + _cancelled_on_boundary(loop)
+    return round(loop.unstable_poles - scan.half_turns) + on_boundary
+
+
+def _coupled_unstable_roots(loop: Loop) -> int:
+    """By the turns of the loci; where these cannot be followed, from the rightmost roots themselves."""
+    sweep = Sweep(loop, highest=1.0, for_limit=True)
+    if not sweep.largest:
+        assert loop.open_loop is not None
+        return int(np.count_nonzero(growth(np.linalg.eigvals(loop.open_loop.a), loop.sample_time) >= 0))
+    count = int(sweep.unstable(1.0))
+    if count >= 0 and not sweep.full:
+        return count
+    found = rightmost_roots(loop, count=loop.size + 4)
+    return int(np.count_nonzero(found.roots.real >= 0)) + found.lost
 
 
 def _is_lost_at_infinity(loop: Loop) -> bool:
@@ -86,22 +105,13 @@ def _is_lost_at_infinity(loop: Loop) -> bool:
     return system is not None and loop.sample_time is None and system.delay > 0 and system.relative_degree == 0 and abs(system.gain) >= 1
 
 
-def _cancelled_on_boundary(loop: Loop) -> int:
-    """Poles on the boundary that a zero of L hides: no gain moves them (kp = 0 leaves the joint free to drift)."""
-    if loop.scalar is None:
-        return 0
-    poles = loop.scalar.poles[growth(loop.scalar.poles, loop.sample_time) == 0]
-    hidden = np.abs(loop.scalar.zeros[:, None] - poles) <= 1e-13 * np.abs(poles)
-    return int(np.count_nonzero(hidden.any(axis=0)))
-
-
 def is_stable(loop: Loop) -> bool:
-    """True when every closed-loop root decays."""
+    """True when every closed-loop root decays that the gains move, and none grows that they do not (see unstable_roots)."""
     return unstable_roots(loop) == 0
 
 
 def rightmost_roots(loop: Loop, count: int = 6) -> Roots:
-    """The `count` rightmost closed-loop roots, polished, with residuals.
+    """The `count` rightmost closed-loop roots, polished, with residuals; those that rest on the boundary whatever the gains stand apart.
 
     Raises GainroomError for a loop given as a callable: it has no state space.
     """
@@ -109,11 +119,15 @@ def rightmost_roots(loop: Loop, count: int = 6) -> Roots:
     if loop.open_loop is None:
         raise GainroomError("rightmost_roots needs a loop built with build_loop or from an LTI system, not a callable")
     system = _characteristic(loop)
+    unmoved = system.unmoved(loop.sample_time)
+    apart = _rightmost(unmoved, np.zeros(len(unmoved)), 0, 2 * len(unmoved), loop.sample_time)
     if loop.sample_time is not None or not np.any(system.delays > 0):
-        return _rightmost(*_newton(system, np.linalg.eigvals(system.collocated(0)), math.inf), count, loop.sample_time)
+        starts = system.without(unmoved, np.linalg.eigvals(system.collocated(0)))
+        return replace(_rightmost(*_newton(system, starts, math.inf), count, loop.sample_time), unmoved=apart.roots)
     best: Complexes | None = None
     for nodes in (12, 20, 32, 48, 72, 108):
-        found = _rightmost(*_newton(system, _candidates(system, nodes, count), 0.3), count, None)
+        starts = system.without(unmoved, _candidates(system, nodes, count))
+        found = replace(_rightmost(*_newton(system, starts, 0.3), count, None), unmoved=apart.roots)
         if best is not None and len(best) == len(found.roots) and np.allclose(best, found.roots, rtol=1e-9, atol=1e-9):
             return found
         best = found.roots
@@ -166,6 +180,30 @@ class _Characteristic:
         eye = np.eye(len(self.a))
         return s * eye - self.a + self.b @ passed @ self.c, eye + self.b @ change @ self.c
 
+    @property
+    def at_rest(self) -> float:
+        """Roots smaller than this may be 0: they come in pairs, which are known to the root of round-off."""
+        return min(math.sqrt(RESOLUTION) * float(np.abs(self.a).max(initial=1.0)), AT_REST)
+
+    def unmoved(self, sample_time: float | None) -> Complexes:
+        """Roots on the boundary, upper half plane, that no gain moves: open-loop poles that the controller does not see, or not act on."""
+        poles: Complexes = np.linalg.eigvals(self.a).astype(complex)
+        poles[np.abs(poles) <= self.at_rest] = 0.0
+        ringing = np.abs(_rate(poles, sample_time)) <= 1e-9 * np.abs(poles)
+        found = [pole for pole in set(poles[ringing & (poles.imag >= 0)].tolist()) if self._is_unmoved(pole)]
+        return np.array(found, dtype=complex)
+
+    def _is_unmoved(self, pole: complex) -> bool:
+        """Hautus: some motion of this open-loop pole says nothing to the controller, or hears nothing of it."""
+        left, sizes, right = np.linalg.svd(self.a - pole * np.eye(len(self.a)))
+        null = sizes <= SINGULAR * sizes[0]
+        return bool(null.any()) and (_loses(self.c, right[null].conj().T) or _loses(self.b.T, left[:, null].conj()))
+
+    def without(self, unmoved: Complexes, starts: Complexes) -> Complexes:
+        """`starts` but for those that lead to roots that no gain moves."""
+        reach = np.maximum(self.at_rest, 1e-9 * np.abs(unmoved))
+        return starts[np.all(np.abs(starts[:, None] - unmoved) > reach, axis=1)]
+
     def collocated(self, nodes: int) -> Floats:
         """The generator with every delay line on `nodes` + 1 Chebyshev points; without delays, the closed-loop matrix."""
         states, lines = len(self.a), np.flatnonzero(self.delays > 0)
@@ -191,6 +229,12 @@ class _Characteristic:
                 result[rows, rows] = scaled[1:, 1:]
                 result[rows] += np.outer(scaled[1:, 0], sent[line])
         return result
+
+
+def _loses(matrix: Floats, motions: Complexes) -> bool:
+    """True where `matrix` maps some combination of the motions, orthonormal columns, to nothing."""
+    sizes = np.linalg.svd(matrix @ motions, compute_uv=False)
+    return motions.shape[1] > len(sizes) or bool(sizes[-1] <= SILENT * np.linalg.norm(matrix))
 
 
 def _chebyshev(nodes: int) -> Floats:

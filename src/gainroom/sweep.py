@@ -14,6 +14,7 @@ negative real axis by itself (`calm`) there is nothing to follow.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -32,10 +33,10 @@ TILT = 1e-9  # damping ratio, negative, of the ray that takes the place of the b
 HUGE = 1e9  # eigenvalues beyond this drown the small ones in round-off
 NOTHING = 1e-150  # eigenvalues smaller than this are zero
 NOISE = 1e-10  # of the largest eigenvalue: smaller ones are no better than round-off
+REAL = 0.3  # part of its size up to which what is imaginary of a locus near ω = 0 is taken for the distance to 0
 PER_DECADE = 6
 BESIDE = 1.02  # a step so short, from the lowest sample, that the nearest locus is the same, or falls alike
 AROUND = np.array([-6.0, -1.5, 0.0, 1.5, 6.0])  # half-widths of a resonance that are sampled
-TELLING = 3  # steps after which crossings that differ are told apart
 LOWEST = 1e-12  # of the highest frequency
 CLOSEST = 1e-10  # relative distance of samples at which refinement stops
 MOST = 12_000  # samples of large matrices; of small ones more, up to as many entries
@@ -54,6 +55,66 @@ class Steps:
     end: Complexes
 
 
+class Boundary:
+    """The stability boundary of a loop, and the loci on it one frequency at a time. `last` [rad/s]: half the sample rate; None: no end."""
+
+    def __init__(self, loop: Loop) -> None:
+        self.loop = loop
+        self.last = None if loop.sample_time is None else math.pi / loop.sample_time
+        # A resonance without damping is a pole on the boundary, which the loci pass at infinity: then the boundary leans, and what grows
+        # slower than TILT tells is not counted.
+        self.undamped = bool(np.any((loop.bends.imag > 0) & (np.abs(loop.bends.real) < UNDAMPED * loop.bends.imag)))
+        self._ray = 1j + TILT if self.undamped else 1j  # s = ω (j + TILT)
+
+    def points(self, omega: Floats) -> Complexes:
+        """s (k,) at omega (k,)."""
+        return self._ray * omega
+
+    def core(self, omega: Floats) -> Complexes:
+        """L (k, r, r) at omega (k,), as far as the gains reach."""
+        return self.loop.core(self.points(omega))
+
+    def eigen(self, omega: Floats) -> tuple[Complexes, Complexes]:
+        """Eigenvalues (k, r) and vectors (k, r, r) of the core of L at omega (k,), computed once for frequencies that are the same."""
+        distinct, place = np.unique(omega, return_inverse=True)
+        values, vectors = np.linalg.eig(self.core(distinct))
+        return values[place], vectors[place]
+
+    def mode(self, omega: float, value: complex) -> Complexes:
+        """The measured positions (n,) of the locus that is at `value` at `omega`, the largest part 1."""
+        values, vectors = self.eigen(np.array([omega]))
+        mode = self.loop.lifted(self._ray * omega, vectors[0][:, np.argmin(np.abs(values[0] - value))])
+        return mode / mode[np.argmax(np.abs(mode))]
+
+    def crossings(self, omega: Floats, wanted: Complexes, height: Callable[[Complexes], Floats]) -> tuple[Floats, Complexes]:
+        """Where `height` of the loci that are at `wanted` (k,) at `omega` (k,) is zero, by secants: ω and λ.
+
+        A locus is followed by its vector: near-equal legs have loci that lie closer together than they move in one step. The caller
+        checks what has been reached.
+        """
+        values, vectors = self.eigen(omega)
+        rows = np.arange(len(omega))
+        which = np.argmin(np.abs(values - wanted[:, None]), axis=1)
+        value, mode = values[rows, which], vectors[rows, :, which]
+        before, first = omega, height(value)
+        omega = np.where(omega == self.last, omega, omega * (1 - 1e-6))
+        top = math.inf if self.last is None else self.last
+        for _ in range(40):
+            moving = np.flatnonzero(omega != before)
+            if not len(moving):
+                break
+            values, vectors = self.eigen(omega[moving])
+            which = np.argmax(np.abs(np.einsum("ki,kij->kj", mode[moving].conj(), vectors)), axis=1)
+            value[moving], mode[moving] = values[rows[: len(moving)], which], vectors[rows[: len(moving)], :, which]
+            now = height(value)
+            rise, run = now - first, omega - before
+            step = np.divide(now * run, rise, out=np.zeros(len(omega)), where=rise != 0)
+            step[(np.abs(step) <= 1e-14 * omega) | (omega == before)] = 0.0
+            first = np.where(omega == before, first, now)
+            before, omega = omega, np.clip(omega - step, 0.5 * omega, np.minimum(2 * omega, top))
+        return omega, value
+
+
 class Sweep:
     """Samples of the loci of a loop, refined on demand. `omega` (k,) [rad/s] rising, `loci` (k, r), r <= n of them.
 
@@ -63,12 +124,8 @@ class Sweep:
 
     def __init__(self, loop: Loop, highest: float = HIGHEST, for_limit: bool = False) -> None:
         self.loop, self.highest, self._for_limit = loop, highest, for_limit
-        self.last = None if loop.sample_time is None else math.pi / loop.sample_time
-        bends = loop.bends
-        # A resonance without damping is a pole on the boundary, which the loci pass at infinity: then the boundary leans, and what grows
-        # slower than TILT tells is not counted.
-        self.undamped = bool(np.any((bends.imag > 0) & (np.abs(bends.real) < UNDAMPED * bends.imag)))
-        self._ray = 1j + TILT if self.undamped else 1j  # s = ω (j + TILT)
+        self.boundary = Boundary(loop)
+        self.last, self.undamped = self.boundary.last, self.boundary.undamped
         grid = _first_grid(loop, self.last)
         self._calm = calm_spans(loop, 1e-4 * grid[0], grid[-1]) if for_limit else np.zeros((0, 2))
         self.omega = np.union1d(_without_inside(grid, self._calm), BESIDE * grid[:1])
@@ -90,7 +147,7 @@ class Sweep:
 
     def add(self, omega: Floats) -> None:
         """Take samples at more frequencies."""
-        fresh = np.setdiff1d(omega, self.omega)
+        fresh = np.setdiff1d(omega[omega > 0], self.omega)
         if self.last is not None:
             fresh = fresh[fresh <= self.last]
         if not len(fresh) or self.full:
@@ -122,10 +179,7 @@ class Sweep:
 
     def mode_at_rest(self, value: complex) -> Complexes:
         """The measured positions (n,) of the locus that settles at `value`, the largest part 1."""
-        omega = 1e-6 * self.omega[:1]
-        values, vectors = self.eigen(omega)
-        mode = self.loop.lifted(self._ray * float(omega[0]), vectors[0][:, np.argmin(np.abs(values[0] - value))])
-        return mode / mode[np.argmax(np.abs(mode))]
+        return self.boundary.mode(1e-6 * float(self.omega[0]), value)
 
     @property
     def calm(self) -> Booleans:
@@ -135,27 +189,66 @@ class Sweep:
         span = np.searchsorted(self._calm[:, 0], self.omega[:-1], side="right") - 1
         return (span >= 0) & (self.omega[1:] <= self._calm[span, 1])
 
-    def unstable(self, gain: float) -> int:
-        """Unstable closed-loop roots with every gain multiplied by `gain` <= highest, as far as the gains move them."""
+    def unstable(self, gain: float, phase: float = 0.0, delay: float = 0.0) -> int:
+        """Unstable closed-loop roots with L multiplied by gain e^{−j(phase + ω delay)}, as far as the gains move them.
+
+        gain <= highest. `phase` [rad] in [−π, π] turns every locus alike, which no loop of real gains does: then the number only tells by
+        how many turns about −1 the loci differ from those without it, and may be negative. `delay` [s] in continuous time.
+        """
         self._reach_down(gain)
-        target, steps = -1 / gain, self.steps()
+        factor, steps = self._factor(gain, phase, delay), self.steps()
         for _ in range(60):
-            close = np.any(_passes(steps, target), axis=1) & (np.diff(self.omega) > CLOSEST * self.omega[1:]) & ~self.calm
+            before, after = steps.start * factor[:-1, None], steps.end * factor[1:, None]
+            close = np.any(passes(before, after) | self._winds(before, after, delay), axis=1)
+            close &= (np.diff(self.omega) > CLOSEST * self.omega[1:]) & ~self.calm
             if not close.any() or self.full:
                 break
             places = np.flatnonzero(close)
             self.add(_middle(self.omega[places], self.omega[places + 1]))
-            steps = self.steps()
-        before, after = 1 + gain * steps.start, 1 + gain * steps.end
+            factor, steps = self._factor(gain, phase, delay), self.steps()
+        before, after = 1 + steps.start * factor[:-1, None], 1 + steps.end * factor[1:, None]
         # 1 + gλ stays off the negative real axis where λ does: its principal angles may be subtracted.
         calm = self.calm[:, None]
         turned = float(np.sum(np.where(calm, np.angle(after) - np.angle(before), np.angle(after * before.conj()))))
-        # From ω = 0+, where 1 + gλ points along 1/jᵏ, to the first sample.
+        # From ω = 0+ to the first sample: integrators point along their own value there, times e^{−j phase}/jᵏ; what settles is real.
         orders = np.maximum(np.round(self._falls()), 0.0)
-        turned += float(np.sum(np.where(orders > 0, np.angle(before[0] * 1j**orders), 0.0)))
+        own = self.loci[0] * 1j**orders
+        own = np.where(np.abs(own.imag) < REAL * np.abs(own), np.sign(own.real), own)
+        settled = np.sign((1 + gain * self.loci[0]).real)
+        turned += float(np.sum(np.angle(before[0] * np.where(orders > 0, (own * np.exp(-1j * phase)).conj() * 1j**orders, settled))))
+        turned -= phase * np.count_nonzero(orders > 0)
         if self.last is None:
-            turned -= float(np.sum(np.angle(1 + gain * self.loci[-1])))  # from the last sample to infinity, where L is 0
-        return round(self.loop.unstable_poles + float(orders.sum()) / 2 - turned / math.pi)
+            turned -= float(np.sum(np.angle(1 + factor[-1] * self.loci[-1])))  # from the last sample to infinity, where L is 0
+        elif phase:
+            turned -= float(np.sum(np.angle((1 + factor[-1] * self.loci[-1]) * np.sign((1 + gain * self.loci[-1]).real))))
+        return round(self.loop.unstable_poles + float(orders.sum()) / 2 - turned / math.pi) + self._slower(gain)
+
+    def _slower(self, gain: float) -> int:
+        """Real unstable roots nearer to 0 than the lowest sample, as a gain slightly below zero leaves: real loci pass −1/gain there."""
+        slowest = self._slowest
+        if slowest > self.omega[0]:
+            return 0
+        counts = [int(np.count_nonzero((np.abs(one.imag) < 1e-9 * np.abs(one)) & (gain * one.real < -1))) for one in self._real_loci]
+        return max(counts[0] - counts[1], 0)
+
+    @cached_property
+    def _slowest(self) -> float:
+        """A tenth of the lowest frequency [rad/s] at which one gain takes over from another; inf where there is but one."""
+        return 0.1 * self.loop.parts.controller.slowest(self.loop.size) if self.loop.parts is not None else math.inf
+
+    @cached_property
+    def _real_loci(self) -> Complexes:
+        """(2, r) the loci at real s: below all corners, and at the lowest of the first samples."""
+        return np.linalg.eigvals(self.loop.core(np.array([1e-2 * self._slowest, self.omega[0]], dtype=complex)))
+
+    def _factor(self, gain: float, phase: float, delay: float) -> Complexes:
+        """(k,) what multiplies the loci at the samples."""
+        return gain * np.exp(-1j * (phase + self.omega * delay))
+
+    def _winds(self, before: Complexes, after: Complexes, delay: float) -> Booleans:
+        """True where a delay turns a locus further between samples than its ends tell, and it is large enough to reach −1."""
+        turned = np.diff(self.omega) * delay
+        return (turned > 0.3)[:, None] & (np.maximum(np.abs(before), np.abs(after)) > 0.5)
 
     def _reach_down(self, gain: float) -> None:
         """Down to where double integrators rule at this gain too, and to where what settles has told on which side of −1/gain."""
@@ -180,62 +273,11 @@ class Sweep:
             self._lowest = float(self.omega[0]), falls
         return self._lowest[1]
 
-    def eigen(self, omega: Floats) -> tuple[Complexes, Complexes]:
-        """Eigenvalues (k, r) and vectors (k, r, r) of the core of L at omega (k,)."""
-        return np.linalg.eig(self.loop.core(self._ray * omega))
-
-    def crossings(
-        self,
-        omega: Floats,
-        wanted: Complexes,
-        height: Callable[[Complexes], Floats],
-        foremost: Callable[[Complexes], int | None] | None = None,
-    ) -> tuple[Floats, Complexes, list[Complexes]]:
-        """Where `height` of the loci that are at `wanted` (k,) at `omega` (k,) is zero, by secants: ω, λ and vectors, the largest part 1.
-
-        A locus is followed by its vector: near-equal legs have loci that lie closer together than they move in one step. `foremost`:
-        which of the λ alone matters, as soon as they are known well enough to tell; None for none of them. The caller checks what has
-        been reached.
-        """
-        values, vectors = self._eigen_where_they_differ(omega)
-        rows = np.arange(len(omega))
-        which = np.argmin(np.abs(values - wanted[:, None]), axis=1)
-        value, mode = values[rows, which], vectors[rows, :, which]
-        before, first = omega, height(value)
-        omega = np.where(omega == self.last, omega, omega * (1 - 1e-6))
-        top = math.inf if self.last is None else self.last
-        for k in range(40):
-            moving = np.flatnonzero(omega != before)
-            if foremost is not None and (k == TELLING or not len(moving)):
-                one, foremost = foremost(value), None
-                keep = np.zeros(0, dtype=int) if one is None else np.array([one])
-                omega, before, first, value, mode = omega[keep], before[keep], first[keep], value[keep], mode[keep]
-                moving = np.flatnonzero(omega != before)
-            if not len(moving):
-                break
-            values, vectors = self._eigen_where_they_differ(omega[moving])
-            which = np.argmax(np.abs(np.einsum("ki,kij->kj", mode[moving].conj(), vectors)), axis=1)
-            value[moving], mode[moving] = values[rows[: len(moving)], which], vectors[rows[: len(moving)], :, which]
-            now = height(value)
-            rise, run = now - first, omega - before
-            step = np.divide(now * run, rise, out=np.zeros(len(omega)), where=rise != 0)
-            step[(np.abs(step) <= 1e-14 * omega) | (omega == before)] = 0.0
-            first = np.where(omega == before, first, now)
-            before, omega = omega, np.clip(omega - step, 0.5 * omega, np.minimum(2 * omega, top))
-        modes = [self.loop.lifted(self._ray * at, one) for at, one in zip(omega.tolist(), mode, strict=True)]
-        return omega, value, [one / one[np.argmax(np.abs(one))] for one in modes]
-
-    def _eigen_where_they_differ(self, omega: Floats) -> tuple[Complexes, Complexes]:
-        """`eigen`, once for frequencies that are the same."""
-        distinct, place = np.unique(omega, return_inverse=True)
-        values, vectors = self.eigen(distinct)
-        return values[place], vectors[place]
-
     def _eigenvalues(self, omega: Floats) -> Complexes:
         return in_blocks(self._eigenvalues_of, omega, self.loop.size)
 
     def _eigenvalues_of(self, omega: Floats) -> Complexes:
-        matrices = self.loop.core(self._ray * omega)
+        matrices = self.boundary.core(omega)
         sizes = np.abs(matrices)
         bound = np.minimum(sizes.sum(axis=1).max(axis=1), sizes.sum(axis=2).max(axis=1))
         if not np.all(np.isfinite(bound)):
@@ -250,10 +292,9 @@ class Sweep:
 
     def _reach_ends(self) -> None:
         """Down to where integrators rule, up to where the loci have become small."""
-        slowest = 0.1 * self.loop.parts.controller.slowest(self.loop.size) if self.loop.parts is not None else math.inf
         for _ in range(40):
             falls = self._falls()
-            settled = np.all(np.abs(falls - np.round(falls)) < 0.05) and self.omega[0] < slowest
+            settled = np.all(np.abs(falls - np.round(falls)) < 0.05) and self.omega[0] < self._slowest
             if settled or np.abs(self.loci[0]).max() > HUGE or self.omega[0] < 1e3 * LOWEST * self.omega[-1]:
                 break
             self._further_down()
@@ -320,12 +361,12 @@ def _paired(before: Complexes, after: Complexes) -> Integers:
     return pairs
 
 
-def _passes(steps: Steps, target: float) -> Booleans:
-    """True where a step passes `target` at less than a third of its own length: which side it passes is not to be told from its ends."""
-    move = steps.end - steps.start
+def passes(start: Complexes, end: Complexes) -> Booleans:
+    """True where a step passes −1 at less than a third of its own length: which side it passes is not to be told from its ends."""
+    move = end - start
     length = np.maximum(np.abs(move), 1e-150)
-    along = np.clip(((target - steps.start) * move.conj()).real / length**2, 0.0, 1.0)
-    return np.abs(steps.start + along * move - target) < 0.33 * length
+    along = np.clip(((-1 - start) * move.conj()).real / length**2, 0.0, 1.0)
+    return np.abs(1 + start + along * move) < 0.33 * length
 
 
 def _middle(low: Floats, high: Floats) -> Floats:

@@ -1,0 +1,71 @@
+"""Motions that no gain moves: left out of verdict, limit and roots alike, and listed apart; where they grow, they count."""
+
+import numpy as np
+import pytest
+
+import gainroom as gr
+from gainroom.plant import Compliance
+
+DRIVE = gr.Drive(4000.0, 0.9, 2e-3)
+JOINT = gr.ElasticJoint(0.2, 0.8, 1e4, 1.0)
+TWO = gr.Plant(np.array([[0.9, -0.4], [-0.4, 0.5]]), np.array([0.6, 0.4]), np.full(2, 1e4), np.full(2, 2.0))
+HELD = gr.Plant(np.array([[1.0, 1.0], [1.0, 1.0]]), np.array([0.6, 0.4]), np.full(2, 1e4), np.full(2, 2.0))
+PUSH = np.array([[1.0], [1.0]])  # a task of one direction of two joints
+TOPPLING = gr.Plant(np.diag([0.9, 0.5]), np.array([0.6, 0.4]), np.full(2, 1e4), np.full(2, 2.0), gravity_stiffness=np.diag([50.0, -50.0]))
+SPRUNG = gr.Plant(
+    np.diag([1.0, 1.0]), np.array([0.6, 0.4]), np.full(2, 1e4), np.full(2, 2.0),
+    compliance=Compliance(np.zeros((2, 1)), np.eye(1), np.array([400.0]), np.zeros(1)),
+)  # fmt: skip
+
+
+def gains(kp, kd):
+    return gr.PD(np.array(kp, dtype=float), np.array(kd, dtype=float))
+
+
+# plant, controller, roots at rest or ringing that nothing moves
+LEFT_ALONE = {
+    "one joint without kp": (JOINT, gr.PD(0.0, 10.0), [0.0]),
+    "one of two joints without kp": (TWO, gains([200, 0], [20, 10]), [0.0]),
+    "one of two joints without gains": (TWO, gains([200, 0], [20, 0]), [0.0]),
+    "a task that moves one direction": (TWO, gr.PD(100 * PUSH @ PUSH.T, 10 * PUSH @ PUSH.T), [0.0]),
+    "a spring that no joint feels": (SPRUNG, gains([200, 100], [20, 10]), [20j, -20j]),
+}
+
+
+@pytest.mark.parametrize("sample_time", [None, 1e-3])
+@pytest.mark.parametrize("name", LEFT_ALONE)
+def test_every_answer_leaves_them_out(name, sample_time):
+    plant, controller, still = LEFT_ALONE[name]
+    loop = gr.build_loop(plant, DRIVE, controller, sample_time=sample_time)
+    found = gr.rightmost_roots(loop, count=6)
+    assert gr.is_stable(loop)
+    assert gr.gain_limit(loop).stable
+    assert gr.joint_margins(loop).stable
+    assert found.roots.real.max() < 0
+    assert found.unmoved == pytest.approx(still, abs=1e-3)  # a pair at 0 is known to the root of round-off
+
+
+@pytest.mark.parametrize("sample_time", [None, 1e-3])
+def test_what_grows_counts_though_nothing_moves_it(sample_time):
+    """The second joint topples, and only the first has gains."""
+    loop = gr.build_loop(TOPPLING, DRIVE, gains([200, 0], [20, 0]), sample_time=sample_time)
+    limit = gr.gain_limit(loop)
+    assert not gr.is_stable(loop)
+    assert not limit.stable
+    assert limit.gain == 0
+    assert gr.rightmost_roots(loop, count=2).roots[0].real > 1
+
+
+def test_one_joint_and_two_such_joints_agree():
+    """A pair of joints that know nothing of each other is as stable as each, kp or none."""
+    pair = gr.Plant(np.eye(2) / 0.8, np.full(2, 0.2), np.full(2, 1e4), np.full(2, 1.0))
+    for kp, kd in ((0.0, 10.0), (400.0, 10.0), (400.0, 0.01), (0.0, 500.0)):
+        single, both = gr.build_loop(JOINT, DRIVE, gr.PD(kp, kd)), gr.build_loop(pair, DRIVE, gr.PD(kp, kd))
+        assert gr.is_stable(single) == gr.is_stable(both) == gr.gain_limit(single).stable == gr.gain_limit(both).stable
+
+
+def test_closed_chains_hold_what_contacts_hold():
+    """W is singular: the held motion of the motors is moved by the gains, and counts."""
+    loop = gr.build_loop(HELD, DRIVE, gains([200, 100], [20, 10]))
+    assert gr.is_stable(loop)
+    assert not len(gr.rightmost_roots(loop).unmoved)
