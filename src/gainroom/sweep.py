@@ -221,25 +221,12 @@ class Sweep:
             turned -= float(np.sum(np.angle(1 + factor[-1] * self.loci[-1])))  # from the last sample to infinity, where L is 0
         elif phase:
             turned -= float(np.sum(np.angle((1 + factor[-1] * self.loci[-1]) * np.sign((1 + gain * self.loci[-1]).real))))
-        return round(self.loop.unstable_poles + float(orders.sum()) / 2 - turned / math.pi) + self._slower(gain)
-
-    def _slower(self, gain: float) -> int:
-        """Real unstable roots nearer to 0 than the lowest sample, as a gain slightly below zero leaves: real loci pass −1/gain there."""
-        slowest = self._slowest
-        if slowest > self.omega[0]:
-            return 0
-        counts = [int(np.count_nonzero((np.abs(one.imag) < 1e-9 * np.abs(one)) & (gain * one.real < -1))) for one in self._real_loci]
-        return max(counts[0] - counts[1], 0)
+        return round(self.loop.unstable_poles + float(orders.sum()) / 2 - turned / math.pi)
 
     @cached_property
     def _slowest(self) -> float:
         """A tenth of the lowest frequency [rad/s] at which one gain takes over from another; inf where there is but one."""
         return 0.1 * self.loop.parts.controller.slowest(self.loop.size) if self.loop.parts is not None else math.inf
-
-    @cached_property
-    def _real_loci(self) -> Complexes:
-        """(2, r) the loci at real s: below all corners, and at the lowest of the first samples."""
-        return np.linalg.eigvals(self.loop.core(np.array([1e-2 * self._slowest, self.omega[0]], dtype=complex)))
 
     def _factor(self, gain: float, phase: float, delay: float) -> Complexes:
         """(k,) what multiplies the loci at the samples."""
@@ -384,6 +371,8 @@ def _first_grid(loop: Loop, last: float | None) -> Floats:
     grid = [np.geomspace(low, high, max(8, round(PER_DECADE * math.log10(high / low))))]
     center = bends.imag[bends.imag > 0]
     width = np.maximum(np.abs(bends.real[bends.imag > 0]), 1e-6 * center)
+    if last is not None:  # what swings faster than half the sample rate shows mirrored below it
+        center = np.abs((center + last) % (2 * last) - last)
     grid.append((center[:, None] + width[:, None] * AROUND).ravel())
     omega = np.unique(np.concatenate(grid))
     omega = omega[(omega >= low) & (omega <= high)]
