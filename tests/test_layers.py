@@ -29,7 +29,7 @@ LAYERS = (
     ("limits",),
     ("coupled",),
     ("part_limits", "kept"),
-    ("region",),
+    ("region", "screen"),
     ("recommend", "coupled_gains"),
     ("study",),
     ("robot_spec",),
