@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 STATES = (
     "limit: the factor on all gains; delay: what may be added before the robot vibrates; phase: phase margin, by "
-    "which all loops at once may lag; one loop: the least by which one may, the others closed; Ms: the largest peak sensitivity of one "
+    "which all loops at once may lag; single: the least by which one may, the others closed; Ms: the largest peak sensitivity of one "
     "loop, likewise; disk: disk margin, every motor's torque off by a factor of its own (~: not certified)."
 )
 """What the columns of the states' table mean; below it."""
@@ -194,7 +194,7 @@ def _terminal(study: "RobotStudy", report: Path | None) -> str:
     model = model_in_words(study.spec.control.sample_time)
     states = table(
         f"All joints together ({model}); factor on all gains",
-        ("state", "limit", "at", "delay", "phase", "one loop", "Ms", "disk", "most of all", "stable"),
+        ("state", "limit", "at", "delay", "phase", "single", "Ms", "disk", "most of all", "stable"),
         [*map(_state_row, study.states), *((state.title, *7 * ("–",), "nothing moves", "–") for state in study.still)],
     )
     parts: list[Any] = [study.sentence, "", states, STATES, ""]
