@@ -120,7 +120,8 @@ def test_one_joint_is_as_stiff_as_by_itself():
 def test_uncoupled_joints_take_nothing_from_each_other():
     """Joints without coupling, one of them a hundred times lighter: each as stiff as alone."""
     heavy, light = gr.ElasticJoint(0.2, 0.8, 1e4, 1.0), gr.ElasticJoint(0.002, 0.008, 1e2, 0.01)
-    both = gr.Plant(np.diag([1 / 0.8, 1 / 0.008]), [0.2, 0.002], [1e4, 1e2], [1.0, 0.01])
+    share = np.array([1.0, 0.01])
+    both = gr.Plant(np.diag([1 / 0.8, 1 / 0.008]), 0.2 * share, 1e4 * share, 1.0 * share)
     start = soft(2) * [1.0, 0.01]
     kp = raised_gains([case_of(both)], start, np.array([1.0, 0.01]), [[0], [1]], 1e9).gains[0]
     for one, found in zip((heavy, light), kp, strict=True):
@@ -132,7 +133,7 @@ def test_uncoupled_joints_take_nothing_from_each_other():
 def test_alike_directions_get_equal_gains():
     """Two limbs on one base: symmetric, and no stiffer one by one."""
     coupling = np.array([[2.0, 0.3], [0.3, 2.0]])
-    plant = gr.Plant(coupling, 0.2, 1e4, 1.0)
+    plant = gr.Plant(coupling, np.full(2, 0.2), np.full(2, 1e4), np.full(2, 1.0))
     gains = found_for([case_of(plant)], groups=[[0, 1]]).gains
     assert gains[:2, 0] == pytest.approx(gains[:2, 1], rel=1e-12)
 
@@ -170,7 +171,7 @@ def test_what_cannot_begin_is_refused():
 
 def test_what_nothing_limits_says_so():
     """A rigid joint without any lag: a passive loop."""
-    plant = gr.Plant(np.eye(1), 0.1)
+    plant = gr.Plant(np.eye(1), np.full(1, 0.1))
     case = Case(
         "", lambda gains: gr.build_loop(plant, gr.Drive(), gr.PD(*gains[:2])), np.eye(1), np.eye(1), np.zeros(1, dtype=bool), REQUIRED
     )

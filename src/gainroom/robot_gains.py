@@ -39,6 +39,8 @@ SOFT = (0.05, 0.012, 0.003)
 """Of its stiffness, times that: a robot without weight may be as soft as it likes."""
 WEIGHED = (0.1, 0.05, 0.2, 0.025, 0.4, 0.8)
 """The same where gravity asks for stiffness."""
+DAMPED = 5
+"""The first of SHARES alone are tried then: what sways under its weight needs damping."""
 FINER = (1.3, 1.1)
 """Factors by which share and softness are changed about what came nearest, while that helps."""
 UNLIMITED = 100.0
@@ -255,7 +257,7 @@ def _start(
         if look.missed(gains) == 0:
             return gains, ""
     least, best = math.inf, (SHARES[0], SOFT[0])
-    for share in SHARES:
+    for share in SHARES[:DAMPED] if weighed else SHARES:
         for softness in WEIGHED if weighed else SOFT:
             missed = look.missed(beginning.at(share, softness), least)
             if missed == 0:
