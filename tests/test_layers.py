@@ -32,7 +32,7 @@ LAYERS = (
     ("limits", "range_proof", "plausible"),
     ("coupled",),
     ("part_limits", "kept"),
-    ("region",),
+    ("region", "screen"),
     ("recommend", "coupled_gains"),
     ("study",),
     ("robot_spec",),

@@ -153,7 +153,7 @@ def test_terminal_and_page_say_it_in_words(folder: Path, tmp_path: Path, capsys:
     assert max(map(len, out.splitlines())) <= max(100, len(f"Report: {report}"))
     words = " ".join(out.split())
     for text in (
-        "bent, flight – – – – – – nothing moves –",
+        "bent, flight – – – – – – – nothing moves –",
         "No gains for com y: nothing can move there",
         "Nothing moves in contact flight",
     ):

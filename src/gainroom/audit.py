@@ -17,7 +17,7 @@ from .messages import beside, listed
 from .robot_spec import RobotSpec
 from .robot_states import JudgedState, by_room
 from .robot_study import HELD, Progress, margins_of, moves, single_joint_limits
-from .robot_words import unconfirmed
+from .robot_words import free_joints, unconfirmed
 from .robustness import to_db
 
 if TYPE_CHECKING:
@@ -234,4 +234,4 @@ def _warnings(result: Audit) -> tuple[str, ...]:
     if result.still:
         contacts = listed([contact for _, contact in result.still])
         warnings.append(f"{contacts}: {HELD} in this contact state: nothing is judged there; check the contacts")
-    return (*warnings, *unconfirmed(state.limit for state in result.states))
+    return (*warnings, *free_joints(spec), *unconfirmed(state.limit for state in result.states))

@@ -28,18 +28,34 @@ class Kept:
     """What one coupled loop keeps: all loops together, and each with the others closed.
 
     gain_margin       the smallest factor > 1, up or down, on all gains or on those of one loop, that makes it vibrate
-    phase_margin      [rad] the same for a phase
+    phase_margin      [rad] the same for a phase: the lesser of the last two, which requirements go by
     peak_sensitivity  the largest |S_ii| of S = (I + L)⁻¹, the peak sensitivity of loop i with the others closed
+    common_phase      [rad] the phase in all loops at once: "phase margin" wherever numbers are shown
+    single_phase      [rad] the least phase in one loop, the others closed: "phase, one loop"
     """
 
     stable: bool
     gain_margin: float
     phase_margin: float
     peak_sensitivity: float
+    common_phase: float = math.nan
+    single_phase: float = math.nan
+
+    def named(self, name: str) -> str:
+        """What the requirement `name` is held against here, in words: "phase margin of one loop" where that is the lesser."""
+        words = name.replace("_", " ")
+        return f"{words} of one loop" if name == "phase_margin" and self.single_phase < self.common_phase else words
 
     def meets(self, required: Requirements) -> bool:
         """Whether every requirement holds."""
         return self.stable and all(required.met(name, getattr(self, name)) for name in required.asked)
+
+    def missed(self, required: Requirements) -> str:
+        """The name of what is missed most: a field of Requirements, or "stability"; "" where nothing is."""
+        if not self.stable:
+            return "stability"
+        missed = [name for name in required.asked if not required.met(name, getattr(self, name))]
+        return max(missed, key=lambda name: self.shortfall(Requirements(**{name: getattr(required, name)})), default="")
 
     def shortfall(self, required: Requirements) -> float:
         """By how much the requirement that is missed most is missed, relative to it; inf where unstable, or nothing is known."""
@@ -78,7 +94,7 @@ def kept_by(loop: Loop) -> Kept:
     if loop.parts is not None and loop.parts.plant.gravity_stiffness is not None:
         at_rest = single.at(1e-6 * single.omega[:1])[0]
         gains += [_factor_of_real(sweep.at_rest()), _factor_of_real(at_rest)]  # where gravity topples
-    return Kept(True, math.exp(min(gains)), min(phases), peak)
+    return Kept(True, math.exp(min(gains)), min(phases), peak, *phases)
 
 
 @dataclass(frozen=True)

@@ -35,19 +35,19 @@ class StateCase:
         return f"{self.posture}, {self.contact}" + (f" ({self.place})" if self.place else "")
 
 
-def state_cases(spec: RobotSpec) -> Iterator[StateCase]:
-    """Every posture and contact state, each as stated and then at every corner of the uncertainty."""
+def state_cases(spec: RobotSpec, weight: bool = False) -> Iterator[StateCase]:
+    """Every posture and contact state, each as stated and then at every corner of the uncertainty; `weight`: see Robot.linearize."""
     uncertain = spec.uncertainty
     corners = [*itertools.product((0.0, 1.0), repeat=len(uncertain.names))] if uncertain.names else []
     for posture, contact in spec.robot.states:
-        yield StateCase(posture, contact, "", spec, spec.robot.linearize(posture, contact))
+        yield StateCase(posture, contact, "", spec, spec.robot.linearize(posture, contact, weight))
         for corner in corners:
             actuators, drives = uncertain.case(spec.robot.actuators, spec.drives, corner)
             moved = replace(spec, robot=replace(spec.robot, actuators=actuators), drives=drives)
             delays = np.array([drive.delay for drive in drives])
             values = {name: delays if name == "delay" else getattr(actuators, name) for name in uncertain.names}
             ends = dict(zip(uncertain.names, corner, strict=True))
-            yield StateCase(posture, contact, _in_words(values, ends), moved, moved.robot.linearize(posture, contact))
+            yield StateCase(posture, contact, _in_words(values, ends), moved, moved.robot.linearize(posture, contact, weight))
 
 
 def _in_words(values: Mapping[str, Floats], ends: Mapping[str, float]) -> str:

@@ -1,38 +1,49 @@
 """Gains to use on a robot: one set per contact state and one that is safe in all, with every loop closed, over the stated uncertainty.
 
-Shapes of the joint gains: each joint alone, with the lightest load that any state gives it and the longest delay; all in proportion to the
-motors' inertias; the file's own. Of the task gains: the file's kp with its kd, or with a kd that damps all directions alike. For several
-dampings each shape is scaled as a whole (coupled_gains.py) until a requirement stands in the way; the stiffest is told, by the geometric
-mean of kp. Not the stiffest of all shapes.
+Joint by joint, or direction by direction of the tasks, until none can be raised by 5 % (coupled_gains.py). They begin with a part of what
+each joint alone is recommended, with the lightest load that any state gives it and the longest delay; of task directions alike. The
+gains that a file has play no part, but for a P/PI task's, whose proportions are kept.
+
+Where contacts hold a floating base, its weight counts for gains of joints, unless the file says otherwise: they are all that holds the
+robot up. (Tasks know the robot, and compensate the weight as it changes.) Where no beginning is found that keeps what is required with
+the weight, it is left out, and what it does at the gains found so is told beside them.
 """
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .arrays import Booleans, Floats
 from .controller import PD
-from .coupled_gains import ACCURACY, Case, Scaled, largest_scale
-from .kept import Kept, kept_by
+from .coupled_gains import alike, raised_gains
+from .forbidden import Requirements
+from .kept import Kept
 from .loop import Loop
+from .messages import margin_in_words
 from .plant import ElasticJoint, Plant
-from .recommend import Requirements, recommend_pd
+from .recommend import recommend_pd
 from .robot_cases import StateCase, state_cases
 from .robot_spec import RobotSpec
+from .screen import Case, Gains
 
 if TYPE_CHECKING:
     from .robot.model import RobotModel
     from .robot.tasks import Tasks
 
-Family = Callable[[float, float], Loop]
-"""(factor on the stiffness, factor on the damping) → loop."""
-DAMPING_STEP = 1.5
-"""Between the factors on the damping of a shape that are tried, up or down, as long as that helps."""
-MOST_DAMPINGS = 7
-"""In either direction."""
+SHARES = (0.5, 0.35, 0.7, 0.25, 0.9, 0.17, 0.12, 0.08, 0.05, 0.03, 0.015)
+"""Of the damping of each joint alone, with which a search may begin."""
+SOFT = (0.05, 0.012, 0.003)
+"""Of its stiffness, times that: a robot without weight may be as soft as it likes."""
+WEIGHED = (0.1, 0.05, 0.2, 0.025, 0.4, 0.8)
+"""The same where gravity asks for stiffness."""
+DAMPED = 5
+"""The first of SHARES alone are tried then: what sways under its weight needs damping."""
+FINER = (1.3, 1.1)
+"""Factors by which share and softness are changed about what came nearest, while that helps."""
+UNLIMITED = 100.0
 EVERYWHERE = ""
 """The contact state of the set that is safe in all."""
 _JOINT = ("motor_inertia", "stiffness", "damping", "motor_viscous", "link_viscous")
@@ -49,21 +60,30 @@ class GainSet:
     kp, kd    joint space: (n,) [N m/rad], [N m s/rad]; task space: (m,) K'p [1/s²], K'v [1/s]; NaN where nothing can move that joint or
               direction in any state of the set: its gains would do nothing
     ki        (m,) where a task is P/PI [1/s²]; None otherwise
-    scale, damping   factors on the stiffness and on the damping of the shape; NaN where nothing moves at all
     kept      the worst of what any case keeps
-    binding   posture, contact state and place in the uncertainty that stand in the way, in words
+    binding   posture, contact state and place in the uncertainty that keep the softest joint or direction from more, in words
     cases     number of cases in which the requirements were checked
+    margin    (m,) what breaks if that joint or direction is raised by 5 %: the name of a requirement, "stability", or "" where nothing does
+    case      (m,) and where, in words
+    softest   the joint or direction that `binding` speaks of, by its place
+    without_weight  True where the weight of a robot that stands was left out, as with it no gains to begin with were found
+    nearest   what came nearest with the weight, in words; "" where it counted
+    topples   the states in which the weight makes these gains unstable
     """
 
     contact: str
     kp: Floats
     kd: Floats
     ki: Floats | None
-    scale: float
-    damping: float
     kept: Kept
     binding: str
     cases: int
+    margin: tuple[str, ...] = ()
+    case: tuple[str, ...] = ()
+    softest: int = 0
+    without_weight: bool = False
+    nearest: str = ""
+    topples: tuple[str, ...] = ()
 
     @property
     def moves(self) -> bool:
@@ -76,9 +96,11 @@ class RobotGains:
     """Recommended gains of one space ("joint" or "task").
 
     names        of the joints or of the task directions
-    per_contact  one set per contact state, None where no scale of the shape keeps the requirements
+    per_contact  one set per contact state, None where none was found that keeps the requirements
     everywhere   the one set that is safe in all; None where there is none
     inertia      (n,) J_m + 1/W_ii in the first state: kp / inertia and kd / inertia are the gains in 1/s² and 1/s; None in task space
+    nearest      by contact state ("" for all), where no set was found: what came nearest, in words
+    unweighed    states in which the weight of a robot that stands is left out, as the contacts leave its base free to move
     """
 
     space: str
@@ -86,57 +108,54 @@ class RobotGains:
     per_contact: dict[str, GainSet | None]
     everywhere: GainSet | None
     inertia: Floats | None
+    nearest: dict[str, str] = field(default_factory=dict)
+    unweighed: tuple[str, ...] = ()
 
     @property
     def cost(self) -> dict[str, float]:
-        """By contact state: how much stiffer its own set is than the one that is safe everywhere, >= 1; NaN where either is missing."""
-        safe = math.nan if self.everywhere is None else self.everywhere.scale
-        return {name: math.nan if own is None else own.scale / safe for name, own in self.per_contact.items()}
+        """By contact state: how many times stiffer its own set is than the one that is safe everywhere, by the geometric mean; or NaN."""
+        return {
+            name: math.nan if own is None or self.everywhere is None else _ratio(own, self.everywhere)
+            for name, own in self.per_contact.items()
+        }
+
+
+def _ratio(own: GainSet, safe: GainSet) -> float:
+    """The geometric mean of the quotients of kp (P/PI: kp·kv)."""
+    stiffness = [one.kp if one.ki is None else one.kp * np.where(one.ki > 0, one.kd, 1.0) for one in (own, safe)]
+    both = [found[np.isfinite(stiffness[0]) & np.isfinite(stiffness[1]) & (stiffness[1] > 0)] for found in stiffness]
+    return math.exp(float(np.mean(np.log(both[0] / both[1])))) if len(both[0]) else math.nan
 
 
 @dataclass(frozen=True)
-class _Shape:
-    """Gains of stiffness and damping 1. Of a direction that is P/PI (`cascade`), whose stiffness is kp·kv, kp is their quotient."""
+class _State:
+    """One case of the uncertainty with its loops: `with_weight`, and `without` it (the same where none counts); who can `move` (m,)."""
 
-    kp: Floats
-    kd: Floats
-    ki: Floats
+    contact: str
+    with_weight: Case
+    without: Case
+    weighed: bool
+    moves: Booleans
+
+
+@dataclass(frozen=True)
+class _Beginning:
+    """Gains (3, m) to begin with: `gains` at share 1; `unit` what stiffness is measured by, `keys` which directions are alike."""
+
+    gains: Gains
+    unit: Floats
+    keys: list[tuple]
     cascade: Booleans
 
-    def at(self, stiffness: float, damping: float) -> tuple[Floats, Floats, Floats]:
-        """kp, kd, ki: ki/kv goes as kp does in a cascade."""
-        return np.where(self.cascade, stiffness / damping, stiffness) * self.kp, damping * self.kd, stiffness * self.ki
+    @property
+    def most(self) -> float:
+        """Of stiffness in units: what nothing has limited up to there, nothing limits."""
+        return UNLIMITED * float((self.gains[0] * np.where(self.cascade, self.gains[1], 1.0) / self.unit).max())
 
-
-@dataclass(frozen=True)
-class _Closed:
-    """One state with its loops: `loop` by factors on stiffness and damping; `movable` (m,) which joints or directions can move.
-
-    weighed   gravity counts, which asks for gains
-    """
-
-    title: str
-    contact: str
-    loop: Family
-    movable: Booleans
-    weighed: bool
-
-
-@dataclass(frozen=True)
-class _Shaped:
-    """A shape of gains, and every state under it."""
-
-    shape: _Shape
-    states: Sequence[_Closed]
-
-    def of(self, chosen: Callable[[_Closed], bool]) -> "_Shaped":
-        """With these states alone."""
-        return _Shaped(self.shape, [state for state in self.states if chosen(state)])
-
-    def stiffness(self, found: GainSet) -> float:
-        """Of gains of this shape, for comparing them with those of another: the geometric mean of kp over what has any."""
-        given = self.shape.kp[self.shape.kp > 0]
-        return found.scale * math.exp(float(np.mean(np.log(given)))) if len(given) else 0.0
+    def at(self, share: float, softness: float) -> Gains:
+        """A share of the damping, and that times `softness` of the stiffness."""
+        kp, kd, ki = self.gains
+        return np.array([np.where(self.cascade, softness, share * softness) * kp, share * kd, share * softness * ki])
 
 
 def recommend_robot(spec: RobotSpec, space: str = "joint", progress: Callable[[], None] = lambda: None) -> RobotGains:
@@ -144,111 +163,152 @@ def recommend_robot(spec: RobotSpec, space: str = "joint", progress: Callable[[]
 
     Raises GainroomError where nothing is required, and in task space without tasks.
     """
-    states = list(state_cases(spec))
+    states = list(state_cases(spec, weight=space == "joint"))
+    first = states[0].model
+    found = [_joint_state(state) if space == "joint" else _task_state(state) for state in states]
+    moved = [state.model for state, one in zip(states, found, strict=True) if one.moves.any()] or [first]
+    beginning = _joints_alone(spec, first, np.min([_link_inertia(model) for model in moved], axis=0))
     if space == "joint":
-        first = states[0].model
         names, inertia = spec.robot.joint_names, first.motor_inertia + _link_inertia(first)
-        tried = [_Shaped(shape, [_joint_case(state, shape) for state in states]) for shape in _joint_shapes(spec, states)]
     else:
-        tasks = spec.robot.tasks(states[0].model, spec.control.rotors)
+        tasks = spec.robot.tasks(first, spec.control.rotors)
         names, inertia = tasks.directions, None
-        tried = [_Shaped(shape, [_task_case(state, shape) for state in states]) for shape in _task_shapes(tasks)]
-    required = spec.requirements
-    safe, chosen = _set(EVERYWHERE, tried[0], required, progress), tried[0]
-    for shaped in tried[1:]:
-        near = None
-        if safe is not None:  # what stands in the way of one shape is looked at first for the next: no more is possible than that allows
-            near = _set(EVERYWHERE, shaped.of(lambda state, name=safe.binding: state.title == name), required, progress)
-            if near is None or not shaped.stiffness(near) > chosen.stiffness(safe):
-                continue
-        found = _set(EVERYWHERE, shaped, required, progress, near)
-        if found is not None and (safe is None or shaped.stiffness(found) > chosen.stiffness(safe)):
-            safe, chosen = found, shaped
-    per_contact = {}
+        beginning = _tasks_alike(tasks, beginning)
+    nearest: dict[str, str] = {}
+    safe = _set(EVERYWHERE, found, beginning, progress, nearest)
+    per_contact: dict[str, GainSet | None] = {}
     for contact in spec.robot.contacts:
-        own = chosen.of(lambda state, contact=contact: state.contact == contact)
-        alone = len(own.states) == len(chosen.states)
+        own = [state for state in found if state.contact == contact]
         whole = safe and replace(safe, contact=contact)
-        per_contact[contact] = whole if alone else _set(contact, own, required, progress, safe, known=True)
-    return RobotGains(space, tuple(names), per_contact, safe, inertia)
+        per_contact[contact] = whole if len(own) == len(found) else _set(contact, own, beginning, progress, nearest, safe)
+        if len(own) == len(found) and EVERYWHERE in nearest:
+            nearest[contact] = nearest[EVERYWHERE]
+    return RobotGains(space, tuple(names), per_contact, safe, inertia, nearest, _unweighed(spec, space, states))
+
+
+def _unweighed(spec: RobotSpec, space: str, states: Sequence[StateCase]) -> tuple[str, ...]:
+    """Where the weight cannot count although it should."""
+    if spec.robot.gravity is not None or spec.robot.body.base == "fixed" or space == "task":
+        return ()
+    return tuple(state.title for state in states if state.model.contacts and state.model.gravity_stiffness is None and not state.place)
 
 
 def _set(
     contact: str,
-    shaped: _Shaped,
-    required: Requirements,
+    states: Sequence[_State],
+    beginning: _Beginning,
     progress: Callable[[], None],
-    near: GainSet | None = None,
-    known: bool = False,
+    nearest: dict[str, str],
+    safe: GainSet | None = None,
 ) -> GainSet | None:
-    """The stiffest gains of a shape that keep what is required in all its states; None where no scale of it does.
+    """Gains that none can be raised of in these states; None, and a word in `nearest`, where no beginning keeps what is required.
 
-    near    where to begin: gains of the same shape; `known`: they keep it, so that the answer is as stiff at least
+    safe   a set that holds in these and other states, to begin with
     """
-    shape = shaped.shape
-    acting = [state for state in shaped.states if np.any(state.movable & ((shape.kp != 0) | (shape.kd != 0)))]
-    cascade = bool(shape.cascade.any())
+    given = np.any(beginning.gains != 0, axis=0)
+    acting = [state for state in states if np.any(state.moves & given)]
+    cascade, size = beginning.cascade, len(given)
     if not acting:
-        nothing = np.full(len(shape.kp), math.nan)
-        return GainSet(contact, nothing, nothing, nothing if cascade else None, math.nan, math.nan, NOTHING_KEPT, "", 0)
-    search = _Search(acting, required, progress, near if near is not None and near.moves else None, known)
-    search.run()
-    best = search.best
-    if best is None:
+        nothing = np.full(size, math.nan)
+        return GainSet(contact, nothing, nothing, nothing if cascade.any() else None, NOTHING_KEPT, "", 0)
+    free = np.flatnonzero(given & np.any([state.moves for state in acting], axis=0))
+    weighed = any(state.weighed for state in acting)
+    cases = [state.with_weight for state in acting]
+    start, near = _start(cases, beginning, weighed, progress, safe)
+    without = start is None and weighed
+    if without:
+        cases = [state.without for state in acting]
+        start, _ = _start(cases, beginning, False, progress, safe)
+    if start is None:
+        nearest[contact] = near
         return None
-    still = ~np.any([state.movable for state in acting], axis=0)
-    kp, kd, ki = (np.where(still, math.nan, gain) for gain in shape.at(best.scale, search.damping))
-    binding = acting[best.binding].title
-    return GainSet(contact, kp, kd, ki if cascade else None, best.scale, search.damping, _worst(best.kept), binding, len(acting))
+    found = raised_gains(cases, start, beginning.unit, alike(beginning.keys, free), beginning.most, progress)
+    still = np.setdiff1d(np.arange(size), free)
+    gains = found.gains.copy()
+    gains[:, still[given[still]]] = math.nan
+    softest = min(free.tolist(), key=lambda j: found.gains[0, j] / beginning.unit[j])
+    where = tuple("" if k < 0 else cases[k].title for k in found.case)
+    topples = [state.with_weight.title for state in acting if without and not state.with_weight.kept(found.gains).stable]
+    return GainSet(
+        contact,
+        gains[0],
+        gains[1],
+        gains[2] if cascade.any() else None,
+        _worst(found.kept),
+        where[softest],
+        len(acting),
+        found.margin,
+        where,
+        softest,
+        without,
+        near if without else "",
+        tuple(topples),
+    )
 
 
-class _Search:
-    """Over the dampings of one shape: `best` so far, at `damping`; None while nothing keeps what is required."""
+def _start(
+    cases: Sequence[Case], beginning: _Beginning, weighed: bool, progress: Callable[[], None], safe: GainSet | None
+) -> tuple[Gains | None, str]:
+    """Gains to begin with, which hold in every case; None, and what came nearest in words, where none of those tried does."""
+    look = _Look(cases, progress)
+    if safe is not None:
+        whole = np.array([safe.kp, safe.kd, np.zeros(len(safe.kp)) if safe.ki is None else safe.ki])
+        gains = np.where(np.isnan(whole), beginning.at(SHARES[0], SOFT[0]), whole)
+        if look.missed(gains) == 0:
+            return gains, ""
+    least, best = math.inf, (SHARES[0], SOFT[0])
+    for share in SHARES[:DAMPED] if weighed else SHARES:
+        for softness in WEIGHED if weighed else SOFT:
+            missed = look.missed(beginning.at(share, softness), least)
+            if missed == 0:
+                return beginning.at(share, softness), ""
+            least, best = min((least, best), (missed, (share, softness)))
+    for factor in FINER if math.isfinite(least) else ():
+        helped = True
+        while helped:
+            helped = False
+            for step in ((factor, 1.0), (1.0, factor), (1 / factor, 1.0), (1.0, 1 / factor)):
+                place = best[0] * step[0], best[1] * step[1]
+                missed = look.missed(beginning.at(*place), least)
+                if missed == 0:
+                    return beginning.at(*place), ""
+                if missed < least * (1 - 1e-3):
+                    least, best, helped = missed, place, True
+    return None, look.nearest
 
-    def __init__(self, states: Sequence[_Closed], required: Requirements, progress: Callable[[], None], near: GainSet | None, known: bool):
-        self._states, self._required, self._progress = states, required, progress
-        self._known = near if known else None
-        self.best: Scaled | None = None
-        self.damping, self._start = (1.0, 1.0) if near is None else (near.damping, near.scale)
-        self._first = 0
 
-    def run(self) -> None:
-        """From the damping of the shape, or of what is known to be safe: up or down in steps as long as that helps, then by half a step."""
-        lowered = 0
-        while not self._tried(self.damping) and lowered < MOST_DAMPINGS:  # too much damping may be unstable at any stiffness
-            self.damping, lowered = self.damping / DAMPING_STEP, lowered + 1
-        if self.best is None:
-            return
-        for step in (1 / DAMPING_STEP,) if lowered else (DAMPING_STEP, 1 / DAMPING_STEP):
-            if self._went(step):
-                break
-        for step in (math.sqrt(DAMPING_STEP), 1 / math.sqrt(DAMPING_STEP)):
-            if self._tried(self.damping * step):
-                break
+class _Look:
+    """Looks at gains in every case, first where those before have failed; `nearest`: what came nearest, in words."""
 
-    def _went(self, step: float) -> bool:
-        """Whether one step or more of the damping helped."""
-        went = 0
-        while went < MOST_DAMPINGS and self._tried(self.damping * step):
-            went += 1
-        return went > 0
+    def __init__(self, cases: Sequence[Case], progress: Callable[[], None]) -> None:
+        self._order, self._progress, self._least, self.nearest = list(cases), progress, math.inf, f"unstable in {cases[0].title}"
 
-    def _tried(self, damping: float) -> bool:
-        """Whether this damping allows more stiffness than any before."""
-        known = self._known.scale if self._known is not None and self._known.damping == damping else 0.0
-        cases = [_damped(state.loop, damping) for state in self._states]
-        weighed = any(state.weighed for state in self._states)
-        if self.best is not None and not weighed:  # then what does not hold at a little more stiffness does not hold at much more
-            self._start = self.best.scale * (1 + ACCURACY)
+    def missed(self, gains: Gains, most: float = 0.0) -> float:
+        """By how much the case that misses its requirement most does, relative to it; 0: none. No case is looked at once it is > `most`."""
+        worst, words = 0.0, ""
+        for case in list(self._order):
+            kept = case.kept(gains)
             self._progress()
-            if not kept_by(cases[self._first](self._start)).meets(self._required):
-                return False
-        found = largest_scale(cases, self._required, self._progress, max(self._start, known), self._first, known, weighed)
-        better = found.scale > 0 and (self.best is None or found.scale > self.best.scale)
-        if better:
-            self.best, self.damping = found, damping
-        self._start, self._first = found.scale or self._start, found.binding
-        return better
+            if kept.meets(case.required):
+                continue
+            shortfall = kept.shortfall(case.required)
+            if shortfall > worst:
+                worst, words = shortfall, f"{_shortage(kept, case.required)} in {case.title}"
+                self._order.remove(case)
+                self._order.insert(0, case)
+            if worst > most:
+                break
+        if 0 < worst < self._least:
+            self._least, self.nearest = worst, words
+        return worst
+
+
+def _shortage(kept: Kept, required: Requirements) -> str:
+    """The requirement that is missed most, in words."""
+    name = kept.missed(required)
+    if name == "stability":
+        return "unstable"
+    return f"{kept.named(name)} {margin_in_words(name, getattr(kept, name))} of {margin_in_words(name, getattr(required, name))}"
 
 
 def joints_that_move(model: Plant, feedback: str) -> Booleans:
@@ -266,45 +326,38 @@ def _link_inertia(model: "RobotModel") -> Floats:
     return np.minimum(1 / np.maximum(own, 1 / heaviest), heaviest)
 
 
-def _joint_shapes(spec: RobotSpec, states: Sequence[StateCase]) -> list[_Shape]:
-    """(n,) kp and kd: of each joint alone; in proportion to the motors' inertias; the file's own, where it has some."""
-    alone = _shape_of_joints_alone(spec, [state.model for state in states])
-    shapes = [alone]
-    motors = states[0].model.motor_inertia
-    if np.all(motors > 0):
-        kp, kd = (float(np.median(gain / motors)) * motors for gain in (alone.kp, alone.kd))
-        shapes.append(replace(alone, kp=kp, kd=kd))
-    own = spec.control.joints
-    if type(own) is PD and all(np.ndim(gain) < 2 for gain in (own.kp, own.kd)) and np.all(own.kp):  # else some joints would hold nothing
-        kp, kd = (np.broadcast_to(gain, motors.shape).astype(float) for gain in (own.kp, own.kd))
-        shapes.append(replace(alone, kp=kp, kd=kd))
-    return shapes
-
-
-def _task_shapes(tasks: "Tasks") -> list[_Shape]:
-    """The file's; and its kp with all directions as well damped, as its kd may fit its kp badly."""
-    own = _Shape(tasks.kp, tasks.kd, tasks.ki, tasks.cascade)
-    return [own] if own.cascade.any() else [own, replace(own, kd=np.where(own.kp > 0, 2 * np.sqrt(own.kp), own.kd))]
-
-
-def _shape_of_joints_alone(spec: RobotSpec, models: Sequence["RobotModel"]) -> _Shape:
-    """(n,) kp and kd of each joint alone: the recommended ones with its lightest load and its longest delay."""
-    size = models[0].size
-    lightest = np.min([_link_inertia(model) for model in models], axis=0)
+def _joints_alone(spec: RobotSpec, model: "RobotModel", lightest: Floats) -> _Beginning:
+    """What each joint alone is recommended, with its lightest load and its longest delay."""
+    size = model.size
     latest = [drive.delay for drive in spec.drives] if spec.uncertainty.delay is None else spec.uncertainty.delay[1].tolist()
     heaviest = float(lightest.max())
     known: dict[tuple, tuple[float, float]] = {}
-    kp, kd = np.zeros(size), np.zeros(size)
+    gains, keys, unit = np.zeros((3, size)), [], np.zeros(size)
     for k in range(size):
-        parts: dict[str, Any] = {name: float(getattr(models[0], name)[k]) for name in _JOINT}
+        parts: dict[str, Any] = {name: float(getattr(model, name)[k]) for name in _JOINT}
         share = float(f"{lightest[k] / heaviest:.3g}")  # legs that differ by round-off are one joint
         joint = ElasticJoint(link_inertia=share * heaviest, **parts)
         drive = replace(spec.drives[k], delay=latest[k])
         key = (*parts.values(), joint.link_inertia, drive)
         if key not in known:
             known[key] = _alone(spec, joint, drive)
-        kp[k], kd[k] = known[key]
-    return _Shape(kp, kd, np.zeros(size), np.zeros(size, dtype=bool))
+        gains[:2, k] = known[key]
+        unit[k] = joint.motor_inertia + joint.link_inertia
+        keys.append(key)
+    return _Beginning(gains, unit, keys, np.zeros(size, dtype=bool))
+
+
+def _tasks_alike(tasks: "Tasks", joints: _Beginning) -> _Beginning:
+    """All directions that have gains at the rates of the slowest joint alone; P/PI ones in the file's proportions."""
+    kp, kd, _ = joints.gains
+    rate, quotient = float(np.min(kd / joints.unit)), float(np.median(kp / kd))
+    given = (tasks.kp != 0) | (tasks.kd != 0) | (tasks.ki != 0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        inner = np.where(tasks.cascade & (tasks.kd > 0), tasks.ki / tasks.kd, 0.0)
+    outer = np.where(tasks.cascade, quotient, rate * quotient * (tasks.kp != 0))
+    gains = np.where(given, np.array([outer, np.full(len(outer), rate), rate * inner]), 0.0)
+    owner = [str(name).rpartition(" ")[0] for name in tasks.directions]
+    return _Beginning(gains, np.ones(len(outer)), [(name, k) for k, name in enumerate(owner)], tasks.cascade)
 
 
 def _alone(spec: RobotSpec, joint: ElasticJoint, drive) -> tuple[float, float]:
@@ -318,29 +371,37 @@ def _alone(spec: RobotSpec, joint: ElasticJoint, drive) -> tuple[float, float]:
     return inertia * crossover**2, 2 * inertia * crossover
 
 
-def _damped(family: Family, damping: float) -> Case:
-    return lambda stiffness: family(stiffness, damping)
+def _joint_state(state: StateCase) -> _State:
+    spec, size = state.spec, state.model.size
+
+    def case(model: "RobotModel") -> Case:
+        def loop(gains: Gains) -> Loop:
+            return spec.loop(model, spec.shaped(PD(gains[0], gains[1])))
+
+        return Case(state.title, loop, np.eye(size), np.eye(size), np.zeros(size, dtype=bool), spec.requirements)
+
+    return _both(state, case, joints_that_move(state.model, spec.control.feedback))
 
 
-def _joint_case(state: StateCase, shape: _Shape) -> _Closed:
-    spec = state.spec
-
-    def at(stiffness: float, damping: float) -> Loop:
-        kp, kd, _ = shape.at(stiffness, damping)
-        return spec.loop(state.model, spec.shaped(PD(kp, kd)))
-
-    return _Closed(state.title, state.contact, at, joints_that_move(state.model, spec.control.feedback), spec.robot.gravity)
-
-
-def _task_case(state: StateCase, shape: _Shape) -> _Closed:
+def _task_state(state: StateCase) -> _State:
     spec = state.spec
     tasks = spec.robot.tasks(state.model, spec.control.rotors)
 
-    def at(stiffness: float, damping: float) -> Loop:
-        kp, kd, ki = shape.at(stiffness, damping)
-        return spec.loop(state.model, spec.shaped(replace(tasks, kp=kp, kd=kd, ki=ki).controller()))
+    def case(model: "RobotModel") -> Case:
+        def loop(gains: Gains) -> Loop:
+            kp, kd, ki = gains
+            return spec.loop(model, spec.shaped(replace(tasks, kp=kp, kd=kd, ki=ki).controller()))
 
-    return _Closed(state.title, state.contact, at, tasks.movable, spec.robot.gravity)
+        return Case(state.title, loop, tasks.torque, tasks.jacobian, tasks.cascade, spec.requirements)
+
+    return _both(state, case, tasks.movable)
+
+
+def _both(state: StateCase, case: Callable[["RobotModel"], Case], moves: Booleans) -> _State:
+    """With the weight, where it counts, and without."""
+    weighed = state.model.gravity_stiffness is not None and bool(np.any(state.model.gravity_stiffness))
+    whole = case(state.model)
+    return _State(state.contact, whole, case(replace(state.model, gravity_stiffness=None)) if weighed else whole, weighed, moves)
 
 
 def _worst(kept: Sequence[Kept]) -> Kept:
@@ -350,4 +411,6 @@ def _worst(kept: Sequence[Kept]) -> Kept:
         gain_margin=min(one.gain_margin for one in kept),
         phase_margin=min(one.phase_margin for one in kept),
         peak_sensitivity=max(one.peak_sensitivity for one in kept),
+        common_phase=min(one.common_phase for one in kept),
+        single_phase=min(one.single_phase for one in kept),
     )

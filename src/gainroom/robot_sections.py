@@ -24,7 +24,7 @@ class ModelSection(Section):
     file: Name = Field(description="a URDF or MJCF, beside this file or in package")
     package: Name | None = Field(None, description="an installed Python package that has the file")
     base: Annotated[Base, one_of(*get_args(Base))] | None = None
-    gravity_stiffness: Flag = False
+    gravity_stiffness: Flag | None = None
 
 
 class ActuatorSection(Section):

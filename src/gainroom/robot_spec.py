@@ -43,7 +43,7 @@ class Robot:
 
     postures, contacts   by name, in the file's order
     stack                tasks by falling priority; none: joint space only
-    gravity              True: with gravity stiffness
+    gravity              True: with gravity stiffness; None: only in `linearize(weight=True)`
     spec                 the whole file, with control and limits; None for a robot made by hand
     """
 
@@ -52,7 +52,7 @@ class Robot:
     postures: Mapping[str, Posture]
     contacts: Mapping[str, "tuple[Contact, ...]"]
     stack: "tuple[Task, ...]" = ()
-    gravity: bool = False
+    gravity: bool | None = False
     spec: "RobotSpec | None" = field(default=None, compare=False)
 
     def __repr__(self) -> str:
@@ -74,19 +74,23 @@ class Robot:
         """Every posture with every contact state, by name."""
         return tuple((posture, contact) for contact in self.contacts for posture in self.postures)
 
-    def linearize(self, posture: str | None = None, contact: str | None = None) -> "RobotModel":
+    def linearize(self, posture: str | None = None, contact: str | None = None, weight: bool = False) -> "RobotModel":
         """The plant about one posture in one contact state; without names, the first ones.
+
+        weight   where nothing is said of gravity: with its stiffness if contacts hold a floating base, so that it can be held
 
         Raises GainroomError for a name that the file does not have, and where the robot cannot be linearised there.
         """
-        from .robot.linearize import linearize
+        from .robot.linearize import holds_base, linearize
 
         posture = _known("posture", posture, self.postures)
         contact = _known("contact", contact, self.contacts)
         stance = self.postures[posture]
         try:
             q = stance.body.configuration(dict(stance.angles))
-            model = linearize(stance.body, self.actuators, q, self.contacts[contact], gravity=self.gravity)
+            held = self.contacts[contact]
+            weighed = weight and holds_base(stance.body, q, held) if self.gravity is None else self.gravity
+            model = linearize(stance.body, self.actuators, q, held, gravity=weighed)
         except GainroomError as error:
             raise GainroomError(f"{self.name}: posture {posture!r}, contact {contact!r}: {error}") from error
         return replace(model, posture=posture, contact=contact)

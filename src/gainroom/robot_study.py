@@ -12,7 +12,7 @@ from .arrays import Floats
 from .controller import PD, PID, PPI, gain_matrix
 from .coupled import JointMargins, joint_margins
 from .errors import GainroomError, computable
-from .kept import UNKNOWN, kept_by
+from .kept import UNKNOWN, Kept, kept_by
 from .limits import GainLimit, gain_limit
 from .loop import Loop, build_loop
 from .multiloop_disk import disk_margin
@@ -33,6 +33,8 @@ EXPECTED_LOOKS = 40
 """Loops that the search for gains looks at per state and corner of the uncertainty, roughly: for the progress bar."""
 ANYWHERE = np.array([0.7, 1.3, 2.1])
 """Frequencies [rad/s] at which a loop that moves anything does not vanish altogether."""
+SAME = 1e-6
+"""Relative: two searches for one margin, both polished, agree by this."""
 HELD = "no joint that has gains can move"
 IDLE = "the tasks move nothing"
 Progress = Callable[[int, int, str], None]
@@ -111,10 +113,20 @@ def _studied(spec: RobotSpec, model: "RobotModel", posture: str, contact: str) -
         margins=margins,
         joints=_joints(spec, model, controller, margins),
         tasks=tasks,
-        kept=replace(UNKNOWN, stable=margins.stable) if math.isnan(margins.limit.gain) else kept_by(loop),
+        kept=_kept(loop, margins),
         disk_margin=math.nan if disk is None else disk.margin,
         disk_margin_certified=None if disk is None else disk.certified,
     )
+
+
+def _kept(loop: Loop, margins: JointMargins) -> Kept:
+    """What the loop keeps, its phase margin no larger than joint_margins has it: one number wherever it is shown."""
+    if math.isnan(margins.limit.gain):
+        return replace(UNKNOWN, stable=margins.stable)
+    kept = kept_by(loop)
+    if not margins.phase_margin < kept.common_phase * (1 - SAME):
+        return kept
+    return replace(kept, phase_margin=min(margins.phase_margin, kept.single_phase), common_phase=margins.phase_margin)
 
 
 def moves(loop: Loop) -> bool:

@@ -1,12 +1,15 @@
 """The answer of a study in words: one sentence, and what a user should know or do."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from .controller import gain_matrix
 from .limits import GainLimit
 from .messages import beside, frequency_in_words, listed
+from .robot_gains import GainSet, RobotGains
+from .robot_spec import RobotSpec
 from .robot_states import RobotStudy, StateStudy, by_room
 from .robustness import to_db
 from .study import CONTINUOUS, NOT_EVERYWHERE
@@ -41,7 +44,7 @@ def _unmet(study: RobotStudy) -> list[str]:
             figures = f"{beside(math.degrees(value), math.degrees(needed))}° of {math.degrees(needed):.3g}°"
         else:
             figures = f"{beside(value, needed)}, at most {needed:.3g}"
-        parts.append(f"{name.replace('_', ' ')} ({figures}, {state.title})")
+        parts.append(f"{state.kept.named(name)} ({figures}, {state.title})")
     return [f"Not as required: {listed(parts)}."] if parts else []
 
 
@@ -129,7 +132,8 @@ def warnings(study: RobotStudy) -> tuple[str, ...]:
     found += _still(study)
     found += [f"{state.title}: {text}" for state in study.states if state.tasks is not None for text in state.tasks.tasks.warnings]
     found += _adrift(study)
-    found += [*unconfirmed(state.limit for state in study.states), *_weightless(study), *_undamped(study), *spec.warnings]
+    found += [*unconfirmed(state.limit for state in study.states), *free_joints(spec), *_weightless(study), *_gains_to_use(study)]
+    found += [*_undamped(study), *spec.warnings]
     if spec.control.sample_time is None and any(drive.delay > 0 for drive in spec.drives):
         found.append(CONTINUOUS)
     if not spec.uncertainty.names:
@@ -170,12 +174,62 @@ def _still(study: RobotStudy) -> list[str]:
     return found
 
 
+def free_joints(spec: RobotSpec) -> list[str]:
+    """Joints that nothing brings back: the verdict counts their drift as at rest."""
+    if spec.control.joints is None:
+        return []
+    kept = np.zeros(spec.robot.body.size)
+    for powers, gain in spec.control.joints.terms().items():
+        if powers in ((0, 0), (0, 1), (1, 1)):
+            kept += np.abs(np.diagonal(gain_matrix("gain", gain, len(kept))))
+    names = [name for name, some in zip(spec.robot.joint_names, kept.tolist(), strict=True) if not some]
+    if not names:
+        return []
+    several = len(names) > 1
+    return [
+        f"{listed(names)}: kp is 0: {'these joints are' if several else 'this joint is'} free and drift{'' if several else 's'}, whatever "
+        f"the verdict on the others; give {'them' if several else 'it'} kp, or lock {'them' if several else 'it'}"
+    ]
+
+
 def _weightless(study: RobotStudy) -> list[str]:
     """What leaving gravity out means for a robot that stands."""
     robot = study.spec.robot
     if robot.gravity or robot.body.base == "fixed" or not any(robot.contacts.values()):
         return []
     return ["gravity is left out: on its feet the robot keeps less at low frequencies, and may topple; set model.gravity_stiffness: true"]
+
+
+def _gains_to_use(study: RobotStudy) -> list[str]:
+    """Recommended gains that do not keep what is required with the robot's weight, or that there are not."""
+    told = []
+    for gains in study.recommended:
+        if gains.unweighed:
+            why = "as contacts there leave the base free to move; take a foot as flat and rigid"
+            told.append(f"gains to use: the weight is left out in {listed(list(gains.unweighed))}, {why}")
+        for name, one in {"every state": gains.everywhere, **gains.per_contact}.items():
+            if one is None or not one.without_weight or (one is not gains.everywhere and name in _same(gains)):
+                continue
+            text = (
+                f"gains to use, {gains.space} space, {name}: with the robot's weight none were found that keep what is required (the "
+                f"nearest: {one.nearest}); those that are told keep it without the weight, as where it is compensated, and "
+            )
+            lost = f"the robot topples on them in {listed(list(one.topples))}: a controller of its balance has to hold it up"
+            told.append(text + (lost if one.topples else "hold the robot up"))
+    return told
+
+
+def held_back(found: GainSet, names: Sequence[str]) -> str:
+    """What keeps the softest joint or direction from more: itself, the margin, and the state."""
+    margin = found.margin[found.softest].replace("_", " ") if found.margin else ""
+    weight = ", without the weight" if found.without_weight else ""
+    return f"{names[found.softest]}: {margin}, {found.binding}{weight}" if margin else f"nothing that was found{weight}"
+
+
+def _same(gains: RobotGains) -> list[str]:
+    """Contact states whose set is the one for all."""
+    safe = gains.everywhere
+    return [name for name, one in gains.per_contact.items() if safe is not None and one is not None and one.kp is safe.kp]
 
 
 def _undamped(study: RobotStudy) -> list[str]:

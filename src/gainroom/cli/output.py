@@ -6,6 +6,7 @@ import sys
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from ..messages import printable
 from .streams import give_up
 
 if TYPE_CHECKING:
@@ -53,7 +54,8 @@ def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]]) -> 
     from rich.table import Table
     from rich.text import Text
 
-    rows = [tuple(row) for row in rows]
+    title, columns = printable(title), [*map(printable, columns)]
+    rows = [tuple(map(printable, row)) for row in rows]
     widths = (max(map(len, cells)) for cells in zip(columns, *rows, strict=True))
     tight = sum(widths) + 3 * (len(columns) - 1) > WIDTH - 2  # closer together before anything is broken into lines
     look = {"title_justify": "left", "title_style": "bold", "box": box.SIMPLE_HEAD, "pad_edge": False, "collapse_padding": tight}
@@ -70,11 +72,14 @@ def file_line(name: str, path: object) -> Any:
     """Where a file was written, on one line however long: a path broken in two is none."""
     from rich.text import Text
 
-    return Text(f"{name}: {path}", no_wrap=True)
+    return Text(printable(f"{name}: {path}"), no_wrap=True)
 
 
 def render(*parts: Any) -> str:
-    """Text and tables as they go to this terminal; plain where standard output is none, or NO_COLOR is set."""
+    """Text and tables as they go to this terminal; plain where standard output is none, or NO_COLOR is set.
+
+    What names out of files hold that a terminal would obey (escape sequences) is shown as ?.
+    """
     from io import StringIO
 
     from rich.console import Console
@@ -92,5 +97,6 @@ def render(*parts: Any) -> str:
         emoji=False,
     )
     for part in parts:
+        part = "\n".join(map(printable, part.split("\n"))) if isinstance(part, str) else part
         console.print(part, soft_wrap=bool(getattr(part, "no_wrap", False)))
     return "\n".join(line.rstrip() for line in buffer.getvalue().splitlines()) + "\n"

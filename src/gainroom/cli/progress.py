@@ -4,6 +4,8 @@ import contextlib
 import sys
 from collections.abc import Callable, Iterator
 
+from ..messages import printable
+
 
 @contextlib.contextmanager
 def progress_bar(title: str) -> Iterator[Callable[[int, int, str], None]]:
@@ -19,4 +21,4 @@ def progress_bar(title: str) -> Iterator[Callable[[int, int, str], None]]:
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar, at_last(bar.stop):
         task = bar.add_task(title, total=None)
-        yield lambda done, total, what: bar.update(task, completed=done, total=total, description=f"{title} {what}".strip())
+        yield lambda done, total, what: bar.update(task, completed=done, total=total, description=printable(f"{title} {what}".strip()))

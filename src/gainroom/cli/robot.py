@@ -1,6 +1,8 @@
 """gainroom robot: the whole robot, by posture and contact state."""
 
 import math
+from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,14 +16,14 @@ from .progress import progress_bar
 
 if TYPE_CHECKING:
     from ..coupled_gains import Kept
-    from ..robot_gains import RobotGains
+    from ..robot_gains import GainSet, RobotGains
     from ..robot_states import JointRow, RobotStudy, StateStudy, StillState, TaskRow
 
 
 STATES = (
-    "limit: the factor on all gains; delay: what may be added before the robot vibrates; phase: by which all loops at once, or one "
-    "alone, may lag; Ms: the largest peak sensitivity of one loop with the others closed; disk: disk margin, every motor's torque off by a "
-    "factor of its own (~: not certified)."
+    "limit: the factor on all gains; delay: what may be added before the robot vibrates; phase: phase margin, by "
+    "which all loops at once may lag; single: the least by which one may, the others closed; Ms: the largest peak sensitivity of one "
+    "loop, likewise; disk: disk margin, every motor's torque off by a factor of its own (~: not certified)."
 )
 """What the columns of the states' table mean; below it."""
 LEGEND = (
@@ -100,7 +102,8 @@ def _state_facts(state: "StateStudy") -> dict[str, Any]:
         "limit_frequency_rad_s": limit.frequency,
         "limit_certified": limit.certificate is not None and limit.certificate.holds,
         "limiting_joints": list(state.limiting_joints),
-        "phase_margin_deg": math.degrees(margins.phase_margin),
+        "phase_margin_deg": math.degrees(state.kept.common_phase),
+        "single_loop_phase_margin_deg": math.degrees(state.kept.single_phase),
         "delay_margin_ms": 1e3 * margins.delay_margin,
         "disk_margin": state.disk_margin,
         "disk_margin_certified": state.disk_margin_certified,
@@ -119,6 +122,7 @@ _NO_LOOP = (
     "limit_frequency_rad_s",
     "limit_certified",
     "phase_margin_deg",
+    "single_loop_phase_margin_deg",
     "delay_margin_ms",
     "disk_margin",
     "disk_margin_certified",
@@ -155,19 +159,29 @@ def _gains_facts(gains: "RobotGains") -> dict[str, Any]:
                 "kd": found.kd,
                 "ki": found.ki,
                 "binding": found.binding or None,
+                "binding_joint": gains.names[found.softest] if found.binding else None,
+                "binding_margin": found.margin[found.softest] if found.binding else None,
+                "held_back_by": [
+                    {"margin": margin or None, "state": state or None} for margin, state in zip(found.margin, found.case, strict=True)
+                ],
+                "without_weight": found.without_weight,
+                "nearest_with_weight": found.nearest or None,
+                "topples": list(found.topples),
                 **_kept_facts(found.kept),
             }
             for name, found in sets.items()
             if found is not None
         ],
         "cost": gains.cost,
+        "not_found": {name or "everywhere": text for name, text in gains.nearest.items()},
     }
 
 
-def _kept_facts(kept: "Kept") -> dict[str, float]:
+def _kept_facts(kept: "Kept") -> dict[str, Any]:
     return {
         "gain_margin_db": decibels(kept.gain_margin),
         "phase_margin_deg": math.degrees(kept.phase_margin),
+        "phase_margin_is": kept.named("phase_margin"),
         "peak_sensitivity": kept.peak_sensitivity,
     }
 
@@ -180,8 +194,8 @@ def _terminal(study: "RobotStudy", report: Path | None) -> str:
     model = model_in_words(study.spec.control.sample_time)
     states = table(
         f"All joints together ({model}); factor on all gains",
-        ("state", "limit", "at", "delay", "phase", "Ms", "disk", "most of all", "stable"),
-        [*map(_state_row, study.states), *((state.title, *6 * ("–",), "nothing moves", "–") for state in study.still)],
+        ("state", "limit", "at", "delay", "phase", "single", "Ms", "disk", "most of all", "stable"),
+        [*map(_state_row, study.states), *((state.title, *7 * ("–",), "nothing moves", "–") for state in study.still)],
     )
     parts: list[Any] = [study.sentence, "", states, STATES, ""]
     for state in study.tightest_by_contact:
@@ -209,7 +223,8 @@ def _state_row(state: "StateStudy") -> tuple[str, ...]:
         digits(limit.gain),
         hertz(limit.frequency) if math.isfinite(limit.frequency) else "–",
         f"+{digits(1e3 * delay, 'ms', 3)}" if limit.stable and not math.isnan(delay) else "–",
-        digits(math.degrees(state.kept.phase_margin), "°", 3) if limit.stable else "–",
+        digits(math.degrees(state.kept.common_phase), "°", 3) if limit.stable else "–",
+        digits(math.degrees(state.kept.single_phase), "°", 3) if limit.stable else "–",
         digits(state.kept.peak_sensitivity, significant=3) if limit.stable else "–",
         ("~" if state.disk_margin_certified is False else "") + digits(state.disk_margin, significant=3),
         f"{first}, +{len(others)}" if others else first,
@@ -242,7 +257,8 @@ def _gains_parts(gains: "RobotGains", first: tuple[str, str]) -> list[Any]:
     """The gains that are safe in every state, and what each contact state alone would allow; `first`: posture and contact state."""
     found = gains.everywhere
     if found is None:
-        return [f"No gains of the shape tried keep the required margins in every state, {gains.space} space."]
+        told = f"No gains were found that keep the required margins in every state, {gains.space} space; the nearest: {gains.nearest['']}."
+        return [told, *_own_words(gains), ""]
     if not found.moves:
         return [f"No gains to tell in {gains.space} space: nothing moves in any posture and contact state."]
     columns, scale = ("", "kp", "kd"), gains.inertia
@@ -253,14 +269,32 @@ def _gains_parts(gains: "RobotGains", first: tuple[str, str]) -> list[Any]:
         columns, numbers = (*columns, "kp/J [1/s²]", "kd/J [1/s]"), [*numbers, found.kp / scale, found.kd / scale]
     rows = [(name, *map(digits, row)) for name, *row in zip(gains.names, *(column.tolist() for column in numbers), strict=True)]
     kept = found.kept
-    margins = f"{digits(decibels(kept.gain_margin), 'dB', 3)}, {digits(math.degrees(kept.phase_margin), '°', 3)}"
+    margins = (
+        f"{digits(decibels(kept.gain_margin), 'dB', 3)}, {digits(math.degrees(kept.phase_margin), '°', 3)} ({kept.named('phase_margin')})"
+    )
+    where = "Without the weight" if found.without_weight else "In every state"
     words = (
-        f"In every state they keep {margins} and a peak sensitivity of {digits(kept.peak_sensitivity, significant=3)}, all loops together "
-        f"and each with the others closed; {found.binding} stands in the way of more."
+        f"{where} they keep {margins} and a peak sensitivity of {digits(kept.peak_sensitivity, significant=3)}, all loops together "
+        f"and each with the others closed. None can be raised by 5 %: {_held_words(found, gains.names)}."
     )
     if scale is not None:
         words += f" J: the motor's inertia and the load 1/W_ii in {', '.join(first)}, the first state; in another, kp/J and kd/J differ."
     return [table(f"Gains to use, {gains.space} space", columns, rows), words, *_still_words(gains), *_cost_words(gains), ""]
+
+
+def _held_words(found: "GainSet", names: Sequence[str]) -> str:
+    """What stands in the way of the softest, and of how many joints each margin does."""
+    from ..robot_words import held_back
+
+    reasons = Counter(f"{margin.replace('_', ' ')} in {state}" for margin, state in zip(found.margin, found.case, strict=True) if margin)
+    counted = ", ".join(f"{reason} {count}" for reason, count in reasons.most_common(4))
+    return f"the softest is held back by {held_back(found, names)}; of all, {counted}"
+
+
+def _own_words(gains: "RobotGains") -> list[str]:
+    """The contact states that have gains of their own where no set is safe in all."""
+    found = [name for name, one in gains.per_contact.items() if one is not None and one.moves]
+    return [f"Contact {', '.join(found)} by itself has gains to use: --json and --report have them."] if found else []
 
 
 def _still_words(gains: "RobotGains") -> list[str]:

@@ -204,9 +204,11 @@ def _stable_cards(study: RobotStudy) -> list[Card]:
     def at(omega: float) -> str:
         return f"{hertz(omega)}, " if math.isfinite(omega) else ""
 
+    common = narrow.kept.named("phase_margin") == "phase margin"
+    where = f"{at(narrow.margins.phase_frequency) if common else ''}{narrow.title}"
     return [
         margin_card(asked, "gain_margin", least.kept.gain_margin, f"{at(least.limit.frequency)}{least.title}"),
-        margin_card(asked, "phase_margin", narrow.kept.phase_margin, f"{at(narrow.margins.phase_frequency)}{narrow.title}"),
+        margin_card(asked, "phase_margin", narrow.kept.phase_margin, where, label=narrow.kept.named("phase_margin")),
         margin_card(asked, "peak_sensitivity", high.kept.peak_sensitivity, f"one loop, others closed, {high.title}"),
         Card(
             "delay margin",

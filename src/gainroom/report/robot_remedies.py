@@ -44,7 +44,7 @@ def _words(study: RobotStudy, name: str, state: StateStudy) -> list[str]:
 def _frequency(name: str, state: StateStudy) -> str:
     """Where a phase margin that all loops share is lost."""
     margins = state.margins
-    shared = name == "phase_margin" and math.isclose(state.kept.phase_margin, margins.phase_margin, rel_tol=1e-9)
+    shared = name == "phase_margin" and state.kept.named(name) == "phase margin"
     return f", at {hertz(margins.phase_frequency)}" if shared else ""
 
 

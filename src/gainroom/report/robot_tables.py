@@ -13,9 +13,15 @@ from ..robot.contact import Contact
 from ..robot_gains import GainSet, RobotGains
 from ..robot_spec import Posture, RobotSpec
 from ..robot_states import RobotStudy, StateStudy
+from ..robot_words import held_back
 from .page import Html, facts, paragraph, table
 from .shared import filters
 
+GRAVITY = {
+    True: "its stiffness is counted",
+    False: "left out",
+    None: "left out; its stiffness is counted in gains to use where rigid contacts hold the base",
+}
 MARKS = {"yes": "met", "no": "unmet", "UNSTABLE": "unmet", "not confirmed": "unmet"}
 MOST_ROWS = 600
 """Of one table: beyond it a page becomes slow; --json has everything."""
@@ -30,12 +36,24 @@ def folded(summary: str, *parts: Html) -> Html:
 
 def state_table(study: RobotStudy) -> Html:
     """Every state: how far all gains together may go, and what else is left."""
-    headers = ["posture, contact", "stable", "limit [×]", "vibrates at", "most of all", "phase margin", "delay margin", "Ms", "disk margin"]
+    headers = [
+        "posture, contact",
+        "stable",
+        "limit [×]",
+        "vibrates at",
+        "most of all",
+        "phase margin",
+        "phase, one loop",
+        "delay margin",
+        "Ms",
+        "disk margin",
+    ]
     rows = [_state_row(state) for state in study.states]
     caption = (
-        "Limit: the factor on all gains together. Phase and delay margin: the same change in all loops at once. Ms: the largest peak "
-        "sensitivity of one loop with the others closed. Disk margin: every motor's torque off in gain and phase at once, each in its own "
-        "way; not certified: only at the frequencies that were looked at. Margins of an unstable robot mean nothing."
+        "Limit: the factor on all gains together. Phase and delay margin: the same change in all loops at once. Phase, one loop: the least "
+        "in one loop, the others closed. Ms: the largest peak sensitivity of one loop with the others closed. Disk margin: every motor's "
+        "torque off in gain and phase at once, each in its own way; not certified: only at the frequencies that were looked at. Margins of "
+        "an unstable robot mean nothing."
     )
     nothing = ("–",) * (len(headers) - 2)
     rows += [(state.title.replace(" ", "\u00a0"), "nothing moves", *nothing) for state in study.still]
@@ -51,7 +69,8 @@ def _state_row(state: StateStudy) -> tuple[str, ...]:
         digits(limit.gain),
         frequency(limit.frequency),
         most,
-        digits(math.degrees(state.margins.phase_margin), "°", 3),
+        digits(math.degrees(state.kept.common_phase), "°", 3),
+        digits(math.degrees(state.kept.single_phase), "°", 3),
         digits(1e3 * state.margins.delay_margin, "ms", 3),
         digits(state.kept.peak_sensitivity, "", 3),
         digits(state.disk_margin, "", 3) + (", not certified" if state.disk_margin_certified is False else ""),
@@ -111,7 +130,7 @@ def gain_tables(gains: RobotGains, spec: RobotSpec) -> list[Html]:
     columns: list[Column] = [("safe in all", gains.everywhere)]
     if len(gains.per_contact) > 1:  # of one contact state the set would be the same again
         columns += gains.per_contact.items()
-    kept = _kept_table(columns, spec)
+    kept = _kept_table(columns, spec, gains)
     if all(one is None or not one.moves for _, one in columns):
         return [kept]
     if gains.inertia is None:
@@ -182,14 +201,14 @@ def _gain_caption(gains: RobotGains) -> str:
     )
 
 
-def _kept_table(columns: Sequence[Column], spec: RobotSpec) -> Html:
+def _kept_table(columns: Sequence[Column], spec: RobotSpec, gains: RobotGains) -> Html:
     """What every set keeps, beside what is required."""
     needs = {title: requirement(spec.requirements, name, 3) for name, title in MARGIN_NAMES.items()}
     headers = ["set", *(f"{title} ({need})" if need else title for title, need in needs.items()), "held back by", "cases"]
-    rows = []
+    rows, nearest = [], {**gains.nearest, columns[0][0]: gains.nearest.get("", "")}
     for name, one in columns:
         if one is None:
-            rows.append((name, "–", "–", "–", "no scale of these gains keeps the requirements", "–"))
+            rows.append((name, "–", "–", "–", f"none found that keep the requirements; the nearest: {nearest.get(name, '')}", "–"))
             continue
         if not one.moves:
             rows.append((name, "–", "–", "–", "nothing moves there: gains do nothing", "–"))
@@ -197,12 +216,13 @@ def _kept_table(columns: Sequence[Column], spec: RobotSpec) -> Html:
         kept = one.kept
         margins = (
             digits(decibels(kept.gain_margin), "dB", 3),
-            digits(math.degrees(kept.phase_margin), "°", 3),
+            digits(math.degrees(kept.phase_margin), "°", 3) + (", one loop" if kept.single_phase < kept.common_phase else ""),
             digits(kept.peak_sensitivity, "", 3),
         )
-        rows.append((name, *margins, one.binding, str(one.cases)))
+        rows.append((name, *margins, held_back(one, gains.names), str(one.cases)))
     caption = (
-        "The least of each margin over all loops, all together and one by one with the others closed, in every case that was looked at."
+        "The least of each margin over all loops, all together and one by one with the others closed, in every case that was looked at. "
+        "Held back by: what would be missed, and where, if the softest joint or direction were 5 % stiffer."
     )
     return table(headers, rows, caption, sorts=False)
 
@@ -211,7 +231,7 @@ def inputs(spec: RobotSpec) -> Html:
     """The robot, its actuators, drives and control as the page has used them."""
     pairs = [
         *machine(spec),
-        ("gravity", "its stiffness is counted" if spec.robot.gravity else "left out"),
+        ("gravity", GRAVITY[spec.robot.gravity]),
         *((f"posture {name}", angles_in_words(posture)) for name, posture in list(spec.robot.postures.items())[:12]),
         *((f"contact {name}", contacts_in_words(contacts)) for name, contacts in list(spec.robot.contacts.items())[:12]),
         ("uncertainty", _uncertainty(spec)),

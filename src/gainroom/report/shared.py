@@ -20,16 +20,17 @@ def footer() -> list[str]:
     return [f"gainroom {__version__}, {datetime.now(UTC).date().isoformat()}"]
 
 
-def margin_card(asked: Requirements, name: str, value: float, note: str, kept: float | None = None) -> Card:
+def margin_card(asked: Requirements, name: str, value: float, note: str, kept: float | None = None, label: str = "") -> Card:
     """A margin (`name`: a field of Requirements) beside what is required of it.
 
     value   as it is shown: factor, rad, factor
     kept    what is held against the requirement, where that is not the value itself
+    label   the card's name, where it is not the usual one
     """
-    label, unit = CARDS[name]
+    usual, unit = CARDS[name]
     met = asked.met(name, value if kept is None else kept)
     shown = margin_value(asked, name, value, met, 3).removesuffix(" dB")
-    return Card(label, shown, unit, requirement(asked, name, 3), met, note)
+    return Card(label or usual, shown, unit, requirement(asked, name, 3), met, note)
 
 
 def unstable_card(asked: Requirements, limit: GainLimit, where: str, what: str) -> Card:

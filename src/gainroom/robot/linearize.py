@@ -94,8 +94,7 @@ def gravity_stiffness(body: "RigidBody", q: Floats, contacts: Sequence[Contact] 
         return np.zeros((body.size, body.size))
     motion = free_motion(body.mass_matrix(q), jacobian[rigid])
     joints = motion[body.nv - body.size :]
-    sizes = np.linalg.svd(joints, compute_uv=False)
-    free = motion.shape[1] - int(np.count_nonzero(sizes > REDUNDANT * sizes.max(initial=0.0)))
+    free = _free(motion, joints)
     if free:
         raise GainroomError(
             f"robot: gravity stiffness needs rigid contacts that hold the base; {free} direction{'s' * (free > 1)} of it can move "
@@ -128,6 +127,20 @@ def _stiffness(body: "RigidBody", q: Floats, contacts: Sequence[Contact], gravit
     if not gravity:
         return np.diag(springs) if springs.any() else None
     return gravity_stiffness(body, q, contacts) + np.diag(springs)
+
+
+def holds_base(body: "RigidBody", q: Floats, contacts: Sequence[Contact]) -> bool:
+    """Whether rigid contacts hold a floating base, so that it moves with the joints alone and gravity stiffness is theirs."""
+    if body.base == "fixed" or not contacts:
+        return False
+    motion = free_motion(body.mass_matrix(q), contact_jacobian(body, q, contacts)[rigid_rows(contacts)])
+    return not _free(motion, motion[body.nv - body.size :])
+
+
+def _free(motion: Floats, joints: Floats) -> int:
+    """How many directions of the base can move while the joints stand still."""
+    sizes = np.linalg.svd(joints, compute_uv=False)
+    return motion.shape[1] - int(np.count_nonzero(sizes > REDUNDANT * sizes.max(initial=0.0)))
 
 
 def _compliance(motion: Floats, joints: Floats, jacobian: Floats, contacts: Sequence[Contact]) -> Compliance | None:

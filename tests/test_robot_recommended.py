@@ -1,0 +1,228 @@
+"""Gains to use on a robot: none can be raised by 5 %, whatever gains the file has, and the simulated robot stands on them.
+
+The biped runs every time; TALOS, G1 and a quadruped with `pytest -m population`.
+"""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import gainroom as gr
+from gainroom.cli import main
+from gainroom.kept import kept_by
+from gainroom.robot_config import parse_robot
+from gainroom.robot_gains import GainSet, RobotGains, recommend_robot
+from gainroom.robot_spec import RobotSpec
+from gainroom.robot_study import study_robot
+from gainroom.robot_words import free_joints
+from robot_files import SOLO, write_arm
+
+BIPED = """\
+model: {package: gainroom, file: biped.urdf, base: floating}
+joints: {default: {motor_inertia: 1.0, stiffness: 1.0e4, damping: 1.0}}
+drive: {bandwidth: 4000.0, damping_ratio: 0.9, delay_ms: 2.0}
+postures: {stand: {".*_hip_pitch": -0.3, ".*_knee": 0.6, ".*_ankle_pitch": -0.3}}
+contacts: {double: [left_sole, right_sole]}
+control: {type: pd, feedback: motor, kp: 2000.0, kd: 100.0}
+"""
+TALOS = """\
+model: {package: example-robot-data, file: talos_data/robots/talos_reduced.urdf, base: floating}
+joints:
+  default: {motor_inertia: 0.1, stiffness: 1.0e4, damping: 5}
+  "leg_.*": {motor_inertia: 2.0}
+  "leg_.*_4_joint": {motor_inertia: 4.05}
+  "torso_.*": {motor_inertia: 1.0}
+  "arm_.*_[1234]_joint": {motor_inertia: 0.5}
+drive: {bandwidth: 4000.0, damping_ratio: 0.9, delay_ms: 2.0}
+postures: {stand: {"leg_.*_3_joint": -0.3, "leg_.*_4_joint": 0.6, "leg_.*_5_joint": -0.3, "arm_.*_4_joint": -0.5}}
+contacts: {double: [left_sole_link, right_sole_link]}
+control: {type: pd, feedback: motor, sample_rate_hz: 2000, kp: 2000, kd: 100}
+"""
+G1 = """\
+model: {package: example-robot-data, file: g1_description/urdf/g1_29dof_rev_1_0.urdf, base: floating}
+joints:
+  default: {motor_inertia: 0.00361}
+  ".*_hip_(pitch|yaw)_joint": {motor_inertia: 0.01018}
+  "waist_yaw_joint": {motor_inertia: 0.01018}
+  ".*_(hip_roll|knee)_joint": {motor_inertia: 0.0251}
+  ".*_ankle_.*": {motor_inertia: 0.00722}
+  "waist_(roll|pitch)_joint": {motor_inertia: 0.00722}
+  ".*_wrist_(pitch|yaw)_joint": {motor_inertia: 0.00425}
+drive: {bandwidth: 4000.0, damping_ratio: 0.9, delay_ms: 1.0}
+postures: {stand: {".*_hip_pitch_joint": -0.2, ".*_knee_joint": 0.4, ".*_ankle_pitch_joint": -0.2}}
+contacts: {double: [left_ankle_roll_link, right_ankle_roll_link]}
+control: {type: pd, feedback: motor, sample_rate_hz: 1000, kp: 20, kd: 1}
+"""
+
+
+@pytest.fixture(scope="module")
+def biped() -> tuple[RobotSpec, RobotGains]:
+    spec = parse_robot(BIPED, "biped")
+    return spec, recommend_robot(spec)
+
+
+def safe(gains: RobotGains) -> GainSet:
+    assert gains.everywhere is not None
+    return gains.everywhere
+
+
+def loops(spec: RobotSpec, kp: np.ndarray, kd: np.ndarray, weight: bool) -> dict[str, gr.Loop]:
+    """Built from the file anew."""
+    states = [(spec.robot.linearize(posture, contact, weight=weight), f"{posture}, {contact}") for posture, contact in spec.robot.states]
+    return {title: gr.build_loop(model, spec.drives, gr.PD(kp, kd), "motor", spec.control.sample_time) for model, title in states}
+
+
+def assert_none_can_be_raised(spec: RobotSpec, found: GainSet) -> None:
+    """The definition: kp alone, and kp with kd, of every joint."""
+    weight = not found.without_weight
+    assert all(kept_by(loop).meets(spec.requirements) for loop in loops(spec, found.kp, found.kd, weight).values())
+    size = len(found.kp)
+    for j in range(size):
+        more = np.where(np.eye(size)[j], 1.05, 1.0)
+        for kd in (found.kd, found.kd * more):
+            kept = {title: kept_by(loop) for title, loop in loops(spec, found.kp * more, kd, weight).items()}
+            broken = {title for title, one in kept.items() if not one.meets(spec.requirements)}
+            assert broken, f"{spec.robot.joint_names[j]} can be raised"
+        assert found.case[j] in kept
+
+
+def test_none_can_be_raised(biped: tuple[RobotSpec, RobotGains]):
+    spec, gains = biped
+    found = safe(gains)
+    assert not found.without_weight
+    assert_none_can_be_raised(spec, found)
+    assert found.binding == "stand, double"
+    assert found.margin[found.softest] in spec.requirements.asked
+
+
+def test_legs_get_equal_gains(biped: tuple[RobotSpec, RobotGains]):
+    """A state that is its own mirror image; one leg may have been raised alone by a last step of 4 %, or of 5 %."""
+    _, gains = biped
+    kp = safe(gains).kp
+    np.testing.assert_allclose(kp[:6], kp[6:], rtol=0.1)
+
+
+def test_the_robot_stands_on_them(biped: tuple[RobotSpec, RobotGains], tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """In MuJoCo, at 2 kHz, on the ground; a joint of the sampled robot keeps a little less than the continuous one."""
+    _, gains = biped
+    found = safe(gains)
+    text = BIPED.replace("feedback: motor,", "feedback: motor, sample_rate_hz: 2000,").replace("kp: 2000.0, kd: 100.0", "KP, KD")
+    for name, values in (("kp", found.kp), ("kd", found.kd)):
+        table = ", ".join(f"{joint}: {value!r}" for joint, value in zip(gains.names, values.tolist(), strict=True))
+        text = text.replace(name.upper(), f"{name}: {{{table}}}")
+    soles = "{left_sole: {length: 0.28, width: 0.15}, right_sole: {length: 0.28, width: 0.15}}"
+    (tmp_path / "robot.yaml").write_text(text + f"scenario: {{duration: 2.0, ground: {{friction: 0.8, soles: {soles}}}}}\n", "utf-8")
+    assert main(["simulate", str(tmp_path / "robot.yaml"), "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert not facts["fell"]
+    assert facts["vibration"] is None or not facts["vibration"].get("vibrates", False)
+    assert facts["ended_at"] is None or facts["ended_at"] == pytest.approx(2.0, abs=1e-2)
+
+
+def test_the_gains_of_the_file_play_no_part(tmp_path: Path):
+    found = []
+    for kp, kd in ((400.0, 30.0), (4.0, 30.0), (40000.0, 3.0)):
+        path = write_arm(tmp_path)
+        text = path.read_text("utf-8").replace("kp: 400.0, kd: 30.0", f"kp: {kp}, kd: {kd}")
+        found.append(safe(recommend_robot(parse_robot(text, "arm", tmp_path))))
+    for other in found[1:]:
+        np.testing.assert_array_equal(other.kp, found[0].kp)
+        np.testing.assert_array_equal(other.kd, found[0].kd)
+
+
+def test_without_weight_where_it_cannot_be_kept():
+    """Gains that motors and springs so light allow cannot hold it: what is told is without the weight, and says so."""
+    spec = parse_robot(SOLO, "solo")
+    gains = recommend_robot(spec)
+    found = safe(gains)
+    assert found.without_weight
+    assert found.nearest
+    assert found.topples == ("stand, all",)
+    assert not kept_by(loops(spec, found.kp, found.kd, True)["stand, all"]).stable
+    assert_none_can_be_raised(spec, found)
+
+
+@pytest.mark.population
+@pytest.mark.parametrize("text", [TALOS, G1, BIPED.replace("[left_sole, right_sole]}", "[left_sole, right_sole], flight: []}")])
+def test_none_can_be_raised_on_larger_robots(text: str):
+    spec = parse_robot(text, "robot")
+    gains = recommend_robot(spec)
+    for name, j, value in zip(gains.names, range(len(gains.names)), safe(gains).kp.tolist(), strict=True):
+        print(f"{name}: kp {value:.4g}, {safe(gains).margin[j]} in {safe(gains).case[j]}")
+    assert_none_can_be_raised(spec, safe(gains))
+
+
+def test_one_name_one_number(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """Terminal, JSON and page tell the same phase margin under the same name, and the same least one of a single loop."""
+    path = write_arm(tmp_path)
+    report = tmp_path / "page.html"
+    main(["robot", str(path), "--report", str(report)])
+    words = capsys.readouterr().out
+    main(["robot", str(path), "--json"])
+    (state,) = json.loads(capsys.readouterr().out)["states"]
+    (row,) = (line.split() for line in words.splitlines() if line.lstrip().startswith("bent,") and line.count("°") == 2)
+    page = report.read_text("utf-8")
+    common, single = state["phase_margin_deg"], state["single_loop_phase_margin_deg"]
+    assert common != pytest.approx(single, rel=0.01)  # else nothing is told apart
+    degrees = [f"{common:.3g}°", f"{single:.3g}°"]
+    assert [cell for cell in row if cell.endswith("°")] == degrees
+    cells = page[page.index("<td>bent,\u00a0free</td>") :].split("</tr>")[0]
+    assert [cell for cell in cells.replace("</td>", "<td>").split("<td>") if cell.endswith("°")] == degrees
+    least = min(common, single)
+    assert state["kept"]["phase_margin_deg"] == pytest.approx(least, rel=1e-12)
+    assert state["kept"]["phase_margin_is"] == ("phase margin" if common <= single else "phase margin of one loop")
+
+
+def test_phases_are_the_margins_of_their_names(tmp_path: Path):
+    """Against the roots: all loops delayed in phase by it, or one of them, vibrate."""
+    (state,) = study_robot(parse_robot(write_arm(tmp_path).read_text("utf-8"), "arm", tmp_path), recommend=False).states
+    omega = np.geomspace(1.0, math.pi * 2000, 20_000)
+    response = state.loop.response(omega)
+
+    def least(values: np.ndarray) -> float:
+        size = np.abs(values)
+        rows, columns = np.nonzero((size[1:] > 1) != (size[:-1] > 1))
+        return float(np.abs(np.angle(-values[rows, columns])).min())
+
+    own = 1 / np.diagonal(np.linalg.inv(np.eye(2) + response), axis1=1, axis2=2) - 1
+    loci = np.sort_complex(np.linalg.eigvals(response))
+    # the grid's steps are 5e-4 of ω, over which a phase turns by as much
+    assert state.kept.single_phase == pytest.approx(least(own), abs=3e-3)
+    assert state.kept.common_phase == pytest.approx(least(loci), abs=3e-3)
+
+
+def test_a_joint_without_kp_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    path = write_arm(tmp_path)
+    text = path.read_text("utf-8")
+    assert free_joints(parse_robot(text, "arm", tmp_path)) == []
+    path.write_text(text.replace("kp: 400.0", "kp: {shoulder: 400.0, elbow: 0.0}"), "utf-8")
+    study = study_robot(parse_robot(path.read_text("utf-8"), "arm", tmp_path), recommend=False)
+    assert any(warning.startswith("elbow: kp is 0: this joint is free and drifts") for warning in study.warnings)
+    (tmp_path / "gains.yaml").write_text("shoulder: {kp: 400, kd: 30}\nelbow: {kp: 0, kd: 30}\n", "utf-8")
+    call = ["audit", str(tmp_path / "robot.urdf"), "--gains", str(tmp_path / "gains.yaml"), "--delay-ms", "2", "--motor-inertia", "0.5"]
+    main([*call, "--base", "fixed", "--json"])
+    assert any("elbow: kp is 0" in warning for warning in json.loads(capsys.readouterr().out)["warnings"])
+
+
+def test_names_do_not_drive_the_terminal(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """Escape sequences in names of postures, contacts, tasks and joints are shown, not obeyed."""
+    path = write_arm(tmp_path)
+    bad = "\u001b[31mred\u0007"
+    urdf = tmp_path / "robot.urdf"
+    urdf.write_text(urdf.read_text("utf-8").replace('"elbow"', '"elbow\u009b31m"'), "utf-8")
+    text = (
+        path.read_text("utf-8")
+        .replace("bent:", '"bent\\e[31m\\a":')
+        .replace("elbow: 0.9", '"elbow\\x9b31m": 0.9')
+        .replace("name: com", 'name: "com\\e[1m"')
+    )
+    path.write_text(text + 'contacts: {"free\\e[2J": []}\n', "utf-8")
+    assert main(["robot", str(path)]) in (0, 1)
+    out, err = capsys.readouterr()
+    assert bad not in out
+    for stream in (out, err):
+        assert not [c for c in stream if (ord(c) < 32 and c != "\n") or 127 <= ord(c) < 160]
+    assert "bent?[31m?" in out
