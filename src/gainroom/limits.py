@@ -7,14 +7,14 @@ from itertools import pairwise
 import numpy as np
 
 from .arrays import Complexes
-from .critical import LOWEST, LOWEST_UNDAMPED, NUDGE, Certificate, gains
+from .critical import LOWEST, LOWEST_UNDAMPED, NUDGE, Certificate, End, Family, gains
 from .errors import GainroomError
 from .loop import Loop
 from .stability import INFINITELY_MANY, has_growing_root, scan_loop, unstable_roots
 from .sweep import HIGHEST, Sweep
 
 NEAREST = 10.0  # of the factors that are looked at first on coupled loops; most limits lie below
-FAR_BELOW = 1e-4  # of stable gains: how far down a lower end is looked for; below, round-off hides what integrators do
+FAR_BELOW = (1e-4, 1e-3, 1e-2, 0.1)  # of stable gains: how far down a lower end is looked for; round-off may hide what integrators do
 MOST_COUNTED = 300  # intervals of the factor whose roots are counted one by one
 JUST_BELOW = 1 - np.geomspace(1e-6, 0.5, 18)  # factors on an unstable loop at which roots are counted beside those between crossings
 
@@ -26,7 +26,8 @@ class GainLimit:
     stable       at g = 1
     gain         its upper end: > 1 where the loop is stable; < 1 where it is not, and lowering the gains to it would make it so;
                  0 where no lower gain is stable; inf where no higher gain is unstable (one joint, continuous time: none below 1e9)
-    lower_gain   its lower end, 0 where every lower gain is stable (coupled loops: down to 1e-4 of them), NaN where no factor below 1 is
+    lower_gain   its lower end, 0 where every lower gain is stable (coupled loops: down to 1e-4 of them, or 0.1
+                 where round-off hides more), NaN where no factor below 1 is
     frequency    of the vibration at the upper end [rad/s], 0 where the robot topples, NaN where there is none
     mode         (n,) complex, the joints' parts in that vibration, the largest 1
     certificate, lower_certificate   of the upper and the lower end, None where there is none
@@ -134,7 +135,7 @@ def coupled_limit(sweep: Sweep) -> GainLimit:
             raise GainroomError(f"gain_limit: the loci could not be followed to a certified limit: {_why_not(sweep)}")
         return _no_limit(sweep.loop, False, 0.0, math.nan)
     upper = family.end(inside, sweep.highest if stable else 1.0)
-    lower = family.end(inside, max(inside * FAR_BELOW, LOWEST_UNDAMPED if sweep.undamped else LOWEST))
+    lower = _lower_end(sweep, family, inside)
     if sweep.full or not all(end.certificate.holds for end in (upper, lower) if end is not None):
         raise GainroomError(f"gain_limit: the loci could not be followed to a certified limit: {_why_not(sweep)}")
     lowest, below = (0.0, None) if lower is None else (lower.at, lower.certificate)
@@ -151,6 +152,16 @@ def _why_not(sweep: Sweep) -> str:
     if sweep.full:
         return f"they need over {len(sweep.omega) - 1} samples, as with very light damping or a very long delay (here {1e3 * longest:g} ms)"
     return "the loop is as good as marginal at any gain (kd 0?), or gains lie many orders of magnitude apart"
+
+
+def _lower_end(sweep: Sweep, family: Family, inside: float) -> End | None:
+    """The lower end of a stable interval, looked for as far down as round-off lets roots be counted; None where none is found."""
+    lower = None
+    for share in FAR_BELOW:
+        lower = family.end(inside, max(share * inside, LOWEST_UNDAMPED if sweep.undamped else LOWEST))
+        if lower is None or lower.certificate.holds:
+            break
+    return lower
 
 
 def _inside_below(sweep: Sweep) -> float | None:

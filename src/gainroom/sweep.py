@@ -33,6 +33,7 @@ TILT = 1e-9  # damping ratio, negative, of the ray that takes the place of the b
 HUGE = 1e9  # eigenvalues beyond this drown the small ones in round-off
 NOTHING = 1e-150  # eigenvalues smaller than this are zero
 NOISE = 1e-10  # of the largest eigenvalue: smaller ones are no better than round-off
+ASTRAY = 0.02  # of the order of a fall: more tells of round-off
 REAL = 0.3  # part of its size up to which what is imaginary of a locus near ω = 0 is taken for the distance to 0
 PER_DECADE = 6
 BESIDE = 1.02  # a step so short, from the lowest sample, that the nearest locus is the same, or falls alike
@@ -131,6 +132,7 @@ class Sweep:
         self.omega = np.union1d(_without_inside(grid, self._calm), BESIDE * grid[:1])
         self.largest = 0.0
         self._lowest = (math.nan, np.zeros(0))
+        self._bottom = False  # True where round-off hides what is further down
         self.loci = self._eigenvalues(self.omega)
         self._pairs = _pairing(self.loci[:-1], self.loci[1:])
         self._reach_ends()
@@ -242,9 +244,14 @@ class Sweep:
         for _ in range(20):
             orders, one = np.round(self._falls()), 1 + gain * self.loci[0]
             unsettled = ((orders > 1) & (gain * np.abs(self.loci[0]) < 100)) | ((orders == 0) & (np.abs(one.imag) > 0.1 * np.abs(one.real)))
-            if not unsettled.any() or self.omega[0] < LOWEST * self.omega[-1]:
+            if not unsettled.any() or self._bottom or self.omega[0] < LOWEST * self.omega[-1]:
                 break
+            above = self.omega, self.loci, self._pairs, self._lowest
             self._further_down()
+            falls = self._falls()
+            if np.any((orders > 0) & (np.abs(falls - np.round(falls)) > ASTRAY)):  # round-off would turn every count
+                self.omega, self.loci, self._pairs, self._lowest = above
+                self._bottom = True
 
     def _further_down(self) -> None:
         lowest = self.omega[0] / 16

@@ -297,3 +297,46 @@ def _sampled(machine: Machine):
     for age in range(1, longest):
         matrix[first + age * n : first + (age + 1) * n, first + (age - 1) * n : first + age * n] = np.eye(n)
     return matrix, entry, command
+
+
+def response(machine: Machine, omega: np.ndarray) -> np.ndarray:
+    """L at jω or e^{jωT_s} (k, n, n), torque command → measured → torque command, delays included; continuous machines only."""
+    plant, control = actuated(machine), law(machine)
+    body = control.after(plant)
+    s = 1j * omega[:, None, None]
+    through = body.c @ np.linalg.solve(
+        s * np.eye(len(body.a)) - body.a, np.broadcast_to(body.b.astype(complex), (len(omega), *body.b.shape))
+    )
+    return (through + body.d) * np.exp(-1j * omega[:, None, None] * machine.delay)
+
+
+def turns(machine: Machine, phase: float, near: float) -> int:
+    """How many times more often det(I + e^{−j phase} L(jω)) turns about 0 than det(I + L(jω)) does, ω > 0; continuous machines.
+
+    Not 0 once a smaller phase of the same sign has put a root at some jω. `near` [rad/s]: where to look closely.
+    """
+    fastest = np.abs(np.linalg.eigvals(actuated(machine).a)).max()
+    omega = np.unique(np.concatenate([
+        np.geomspace(1e-3, 30 * fastest, 1500), near * (1 + np.concatenate([s * np.geomspace(1e-7, 0.05, 80) for s in (-1, 1)])),
+    ]))  # fmt: skip
+    eye, twist = np.eye(machine.size), np.array([1.0, np.exp(-1j * phase)])[:, None, None]
+
+    def signs(at):
+        loops = response(machine, at)
+        return np.stack([np.linalg.slogdet(eye + factor * loops)[0] for factor in twist])
+
+    values = signs(omega)
+    for _ in range(40):
+        rough = np.any(np.abs(np.angle(values[:, 1:] * values[:, :-1].conj())) > 0.5, axis=0) & (np.diff(omega) > 1e-10 * omega[1:])
+        if not rough.any():
+            break
+        spots = np.flatnonzero(rough)
+        middle = 0.5 * (omega[spots] + omega[spots + 1])
+        omega, values = np.insert(omega, spots + 1, middle), np.insert(values, spots + 1, signs(middle), axis=1)
+    plain, turned = np.angle(values[:, 1:] * values[:, :-1].conj()).sum(axis=1)
+
+    def shift(at):
+        loci = np.linalg.eigvals(response(machine, np.array([at]))[0])
+        return np.angle((1 + twist[1, 0, 0] * loci) / (1 + loci)).sum()
+
+    return round((turned - plain - (shift(omega[-1]) - shift(omega[0]))) / (2 * np.pi))

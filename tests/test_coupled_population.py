@@ -1,0 +1,133 @@
+"""Random coupled loops: every verdict, limit and margin against independently counted roots, just inside and just outside.
+
+Machines with near-equal limbs, also from gains just above their limit, and joints of every sort (machines.py). A share runs every time, all
+of them with `pytest -m population -s`; other draws: GAINROOM_SEED=7. Counts are printed.
+"""
+
+import math
+import os
+import time
+from collections import Counter
+from collections.abc import Callable
+
+import pytest
+
+import gainroom as gr
+from independent.machine import turns, unstable
+from machines import Pair, chain, limbs
+
+SEED = int(os.environ.get("GAINROOM_SEED", "2017"))
+LIMBS, CHAINS, BATCHES = 1000, 2000, 20
+SHARE = 25  # of each, in every run
+INSIDE = 1e-5  # relative distance from a limit at which roots are counted: ten times the certificate's own
+TOPPLING = 0.03  # of limits at rest, where the root that passes is slower than independent counts tell from 0 any nearer
+LONGEST = 10.0  # [s] of processor time for all margins of a loop
+REFUSED = 0.01  # of the loops may be refused in one line
+
+
+class Found(Counter):
+    """What was looked at, and what was wrong with it."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.wrong: list[str] = []
+
+    def ends(self, what: str, inside: int, outside: int) -> None:
+        self[what] += 1
+        if inside != 0 or outside == 0:
+            self.wrong.append(f"{what}: {inside} unstable roots inside, {outside} outside")
+
+
+def look_at(pair: Pair, found: Found, name: str) -> None:
+    start, before = time.process_time(), len(found.wrong)
+    try:
+        limit, margins = gr.gain_limit(pair.loop), gr.joint_margins(pair.loop)
+    except gr.GainroomError:
+        found["refused"] += 1
+        return
+    found["over 10 s"] += time.process_time() - start > LONGEST
+    roots = unstable(pair.machine)
+    found["stable" if limit.stable else "unstable"] += 1
+    if not (limit.stable == gr.is_stable(pair.loop) == margins.stable == (roots == 0)):
+        found.wrong.append(f"verdict: {limit.stable}, {roots} unstable roots")
+    found["not certified"] += not margins.certified
+    if limit.certified:
+        look_at_limit(pair, limit, found)
+    if margins.stable and roots == 0:
+        look_at_margins(pair, margins, found)
+    found.wrong[before:] = [f"{name} ({pair.kind}): {text}" for text in found.wrong[before:]]
+
+
+def look_at_limit(pair: Pair, limit: gr.GainLimit, found: Found) -> None:
+    def count(factor: float) -> int:
+        return unstable(pair.machine.scaled(factor))
+
+    if 0 < limit.gain < math.inf:
+        step = INSIDE if limit.frequency > 1 else TOPPLING
+        found.ends("upper limit", count(limit.gain * (1 - step)), count(limit.gain * (1 + step)))
+    elif limit.gain == 0:
+        found["no lower gains"] += 1
+        helping = [factor for factor in (0.999, 0.9, 0.5, 0.1, 0.01) if count(factor) == 0]
+        if helping:
+            found.wrong.append(f"no lower gains help: {helping} do")
+    if limit.lower_gain > 0:
+        found.ends("lower limit", count(limit.lower_gain * (1 + TOPPLING)), count(limit.lower_gain * (1 - TOPPLING)))
+    elif limit.lower_gain == 0 and limit.stable:
+        found["no lower limit"] += 1
+        found.wrong += [f"no lower limit: unstable at {factor}" for factor in (0.7, 0.3, 0.05) if count(factor) > 0]
+
+
+def look_at_margins(pair: Pair, margins: gr.JointMargins, found: Found) -> None:
+    machine = pair.machine
+    longest = 60 * machine.sample_time if machine.sample_time else 0.03  # else the independent count takes minutes
+    delay = margins.delay_margin
+    if margins.delay_certificate is not None and margins.delay_certificate.holds and delay < longest:
+        found.ends("delay margin", *(unstable(machine.delayed(delay * (1 + way * INSIDE))) for way in (-1, 1)))
+    phase = margins.phase_margin
+    if machine.sample_time is None and machine.size < 8 and margins.phase_certificate is not None and margins.phase_certificate.holds:
+        counts = [[turns(machine, way * phase * (1 + side * 1e-4), margins.phase_frequency) for way in (-1, 1)] for side in (-1, 1)]
+        found.ends("phase margin", *(sum(abs(one) for one in both) for both in counts))
+    joint = machine.size // 2
+    if margins.others_certified[joint]:
+        for end, way in ((margins.others_closed[joint], 1), (margins.lower_others_closed[joint], -1)):
+            if 1e-3 < end < 1e3:
+                step = way * (INSIDE if way > 0 else TOPPLING)
+                counts = [unstable(machine.with_joint_scaled(joint, end * (1 + side * step))) for side in (-1, 1)]
+                found.ends("one loop at a time", *counts)
+
+
+def look_just_above(pair: Pair, found: Found, name: str) -> None:
+    """From gains slightly too high the limit is the one just below."""
+    limit = gr.gain_limit(pair.loop)
+    for above in (1e-4, 2e-3, 2e-2):
+        found["from just above"] += 1
+        back = gr.gain_limit(pair.loop.scaled(limit.gain * (1 + above)))
+        inside, outside = (unstable(pair.machine.scaled(limit.gain * (1 + above) * back.gain * (1 + way * INSIDE))) for way in (-1, 1))
+        if back.stable or inside or not outside or back.certificate is None or not back.certificate.holds:
+            found.wrong.append(f"{name} ({pair.kind}): {above} above the limit: {back.gain}, {inside} roots inside, {outside} outside")
+
+
+def confirm(draw: Callable[[int, int], Pair], numbers: range) -> None:
+    found = Found()
+    for number in numbers:
+        pair = draw(SEED, number)
+        look_at(pair, found, f"{draw.__name__} {number}")
+        if draw is limbs:
+            look_just_above(pair, found, f"{draw.__name__} {number}")
+    print(f"\n{draw.__name__} {numbers}: {dict(found)}, {len(found.wrong)} wrong")
+    assert not found.wrong, "\n".join(found.wrong)
+    assert found["over 10 s"] == 0
+    assert found["refused"] <= max(1, 2 * REFUSED * len(numbers))  # of so few, twice the share is no evidence of more
+
+
+@pytest.mark.parametrize("draw", [limbs, chain])
+def test_share(draw):
+    confirm(draw, range(SHARE))
+
+
+@pytest.mark.population
+@pytest.mark.skipif("'population' not in config.getoption('markexpr')", reason="runs with -m population")
+@pytest.mark.parametrize("batch", range(BATCHES))
+@pytest.mark.parametrize(("draw", "count"), [(limbs, LIMBS), (chain, CHAINS)])
+def test_population(draw, count, batch):
+    confirm(draw, range(batch, count, BATCHES))
