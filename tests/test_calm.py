@@ -82,12 +82,11 @@ def test_the_span_of_rigid_joints_ends_at_their_crossover():
         {"controller": gr.PD(np.array([[300.0, 9.0], [9.0, 300.0]]), 20.0)},
         {"controller": gr.PD(300.0, 20.0, notches=(gr.Notch(300.0),))},
         {"controller": gr.PD(300.0, 20.0, velocity_filter=gr.LowPass(900.0))},
-        {"controller": gr.PD(np.array([300.0, -1.0]), 20.0)},
         {"feedback": "link"},
         {"sample_time": 1e-3},
         {"joint": gr.Plant(np.eye(2), np.full(2, 0.3), 5e3, 1.0, gravity_stiffness=np.diag([5.0, -5.0]))},
     ],
-    ids=["full gains", "notch", "velocity filter", "negative gain", "link side", "sampled", "gravity"],
+    ids=["full gains", "notch", "velocity filter", "link side", "sampled", "gravity"],
 )
 def test_nothing_is_claimed_beyond_the_proof(change):
     setup = {"joint": gr.Plant(np.eye(2), np.full(2, 0.3), 5e3, 1.0), "drive": gr.Drive(3000.0), "controller": gr.PD(300.0, 20.0)}
