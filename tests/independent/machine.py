@@ -321,19 +321,22 @@ def turns(machine: Machine, phase: float, near: float) -> int:
     ]))  # fmt: skip
     eye, twist = np.eye(machine.size), np.array([1.0, np.exp(-1j * phase)])[:, None, None]
 
-    def signs(at):
-        loops = response(machine, at)
-        return np.stack([np.linalg.slogdet(eye + factor * loops)[0] for factor in twist])
+    def returned(loops):
+        return eye + twist[:, None] * loops  # (2, k, n, n)
 
-    values = signs(omega)
-    for _ in range(40):
-        rough = np.any(np.abs(np.angle(values[:, 1:] * values[:, :-1].conj())) > 0.5, axis=0) & (np.diff(omega) > 1e-10 * omega[1:])
+    loops = response(machine, omega)
+    for _ in range(60):
+        # det(I + L + Δ) = det(I + L) det(I + (I + L)⁻¹ Δ), which turns by less than n asin(1/(n + 1)) < π/2 where that is so small.
+        change = np.linalg.solve(returned(loops)[:, :-1], twist[:, None] * np.diff(loops, axis=0))
+        rough = (np.linalg.norm(change, axis=(2, 3)).max(axis=0) * (machine.size + 1) > 1) & (np.diff(omega) > 1e-12 * omega[1:])
         if not rough.any():
             break
+        assert len(omega) < 50_000, "loci that turn too often to be followed"
         spots = np.flatnonzero(rough)
         middle = 0.5 * (omega[spots] + omega[spots + 1])
-        omega, values = np.insert(omega, spots + 1, middle), np.insert(values, spots + 1, signs(middle), axis=1)
-    plain, turned = np.angle(values[:, 1:] * values[:, :-1].conj()).sum(axis=1)
+        omega, loops = np.insert(omega, spots + 1, middle), np.insert(loops, spots + 1, response(machine, middle), axis=0)
+    signs = np.linalg.slogdet(returned(loops))[0]
+    plain, turned = np.angle(signs[:, 1:] * signs[:, :-1].conj()).sum(axis=1)
 
     def shift(at):
         loci = np.linalg.eigvals(response(machine, np.array([at]))[0])
