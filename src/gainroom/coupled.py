@@ -30,7 +30,7 @@ class JointMargins:
     phase_margin   [rad] the smallest common phase, of either sign, that makes them vibrate, at `phase_frequency` [rad/s]; inf: none
     delay_margin   [s] the smallest extra delay in all of them, at `delay_frequency`; inf: none
     phase_certificate, delay_certificate   roots counted on both sides of these two, None where there is none
-    others_closed  (n,) largest factor on one joint's gains while all other loops stay as they are; inf: none
+    others_closed  (n,) largest factor on the gains that act on what one joint measures, all others as they are; inf: none
     lower_others_closed   (n,) smallest such factor; 0: none
     others_certified      (n,) True where roots were counted on both sides of both
     largest_kp, largest_kd   (n,) largest diagonal gains of one joint, the other gains as they are [N m/rad], [N m s/rad]; None where

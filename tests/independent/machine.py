@@ -15,9 +15,8 @@ from scipy.signal import tf2ss
 
 SILENT = 1e-6  # relative change of a root with all gains, below which they do not move it
 BESIDE = 1e-5  # damping ratio of a root that may lie on the boundary
-AT_REST = (
-    2e-2  # [1/s] of roots at 0, which come in twos and threes and so are known to a root of round-off; no loop of the draws is so slow
-)
+AT_REST = 2e-2  # [1/s] of roots at 0, which come in twos and threes, known to a root of round-off; no loop of the draws is so slow
+TOPPLING = 1e-4  # [1/s] the same where gravity leaves nothing at rest but memories of integrators, each by itself
 
 
 @dataclass(frozen=True)
@@ -89,10 +88,10 @@ class Machine:
         return replace(self, gains={powers: factor * gain for powers, gain in self.gains.items()})
 
     def with_joint_scaled(self, joint: int, factor: float) -> "Machine":
-        """The gains that make this joint's torque, multiplied."""
-        rows = np.ones(self.size)
-        rows[joint] = factor
-        return replace(self, gains={powers: rows[:, None] * gain for powers, gain in self.gains.items()})
+        """The gains on what this joint measures, multiplied."""
+        columns = np.ones(self.size)
+        columns[joint] = factor
+        return replace(self, gains={powers: gain * columns for powers, gain in self.gains.items()})
 
     def delayed(self, more: float) -> "Machine":
         return replace(self, delay=self.delay + more)
@@ -204,7 +203,7 @@ def roots(machine: Machine) -> np.ndarray:
     matrix, entry, command = (_sampled if machine.sample_time is not None else _continuous)(machine)
     values = np.linalg.eigvals(matrix)
     found = values if machine.sample_time is None else np.log(np.where(values == 0, 1e-300, values).astype(complex)) / machine.sample_time
-    kept = np.abs(found) > AT_REST
+    kept = np.abs(found) > (AT_REST if machine.gravity is None else TOPPLING)
     for k in np.flatnonzero(kept & (np.abs(found.real) < BESIDE * np.abs(found))):
         shifted = matrix - (values[k] + 1e-13 * np.abs(values).max()) * np.eye(len(matrix))
         right, left = (np.linalg.solve(one, np.linalg.solve(one, np.ones(len(matrix)))) for one in (shifted, shifted.T))
