@@ -13,7 +13,7 @@ from collections.abc import Callable
 import pytest
 
 import gainroom as gr
-from independent.machine import turns, unstable
+from independent.machine import roots, turns, unstable
 from machines import Pair, chain, limbs
 
 SEED = int(os.environ.get("GAINROOM_SEED", "2017"))
@@ -46,14 +46,14 @@ def look_at(pair: Pair, found: Found, name: str) -> None:
         found["refused"] += 1
         return
     found["over 10 s"] += time.process_time() - start > LONGEST
-    roots = unstable(pair.machine)
+    count = unstable(pair.machine)
     found["stable" if limit.stable else "unstable"] += 1
-    if not (limit.stable == gr.is_stable(pair.loop) == margins.stable == (roots == 0)):
-        found.wrong.append(f"verdict: {limit.stable}, {roots} unstable roots")
+    if not (limit.stable == gr.is_stable(pair.loop) == margins.stable == (count == 0)):
+        found.wrong.append(f"verdict: {limit.stable}, {count} unstable roots")
     found["not certified"] += not margins.certified
     if limit.certified:
         look_at_limit(pair, limit, found)
-    if margins.stable and roots == 0:
+    if margins.stable and count == 0:
         look_at_margins(pair, margins, found)
     found.wrong[before:] = [f"{name} ({pair.kind}): {text}" for text in found.wrong[before:]]
 
@@ -91,7 +91,8 @@ def look_at_margins(pair: Pair, margins: gr.JointMargins, found: Found) -> None:
     if margins.others_certified[joint]:
         for end, way in ((margins.others_closed[joint], 1), (margins.lower_others_closed[joint], -1)):
             if 1e-3 < end < 1e3:
-                step = way * (INSIDE if way > 0 else TOPPLING)
+                critical = min(roots(machine.with_joint_scaled(joint, end)), key=lambda root: abs(root.real))
+                step = way * (INSIDE if abs(critical) > 1 else TOPPLING)
                 counts = [unstable(machine.with_joint_scaled(joint, end * (1 + side * step))) for side in (-1, 1)]
                 found.ends("one loop at a time", *counts)
 
