@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+import gainroom as gr
 from gainroom.robot.linearize import linearize
 from gainroom.robot.tasks import Task, tasks_of
 from robot_truths import BOTH, JOINTS, MIRROR, SIDES, STAND, actuators, biped_posture, feet
@@ -147,3 +148,16 @@ def test_gains_that_are_harmless_on_a_rigid_robot_are_not_on_this_one(body, roto
         assert found[case] == pytest.approx(scale, rel=0.15)
     assert found["double", "hard"] < 1
     assert found["double", "paper"] > 4 * found["left", "paper"]
+
+
+@pytest.mark.parametrize("contact", [BOTH, []], ids=["double", "flight"])
+@pytest.mark.parametrize("above", [1e-4, 5e-4, 2e-3, 2e-2])
+def test_gains_just_above_the_limit_have_it_just_below(body, contact, above):
+    """Equal legs have limits within 1e-3 of each other: from gains slightly too high there is a way back."""
+    model = linearize(body, actuators(12), biped_posture(body), contact)
+    loop = gr.build_loop(model, gr.Drive(4000.0, 0.9, 2e-3), gr.PD(kp=2000.0, kd=100.0))
+    limit = gr.gain_limit(loop)
+    back = gr.gain_limit(loop.scaled(limit.gain * (1 + above)))
+    assert not back.stable
+    assert back.certificate.holds
+    assert back.gain * (1 + above) == pytest.approx(1, rel=1e-9)

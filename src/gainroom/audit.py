@@ -234,4 +234,4 @@ def _warnings(result: Audit) -> tuple[str, ...]:
     if result.still:
         contacts = listed([contact for _, contact in result.still])
         warnings.append(f"{contacts}: {HELD} in this contact state: nothing is judged there; check the contacts")
-    return (*warnings, *free_joints(spec), *unconfirmed(state.limit for state in result.states))
+    return (*warnings, *free_joints(spec), *unconfirmed(result.states))

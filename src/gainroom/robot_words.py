@@ -10,7 +10,7 @@ from .limits import GainLimit
 from .messages import beside, frequency_in_words, listed
 from .robot_gains import GainSet, RobotGains
 from .robot_spec import RobotSpec
-from .robot_states import RobotStudy, StateStudy, by_room
+from .robot_states import JudgedState, RobotStudy, StateStudy, by_room
 from .robustness import to_db
 from .study import CONTINUOUS, NOT_EVERYWHERE
 
@@ -132,7 +132,7 @@ def warnings(study: RobotStudy) -> tuple[str, ...]:
     found += _still(study)
     found += [f"{state.title}: {text}" for state in study.states if state.tasks is not None for text in state.tasks.tasks.warnings]
     found += _adrift(study)
-    found += [*unconfirmed(state.limit for state in study.states), *free_joints(spec), *_weightless(study), *_gains_to_use(study)]
+    found += [*unconfirmed(study.states), *free_joints(spec), *_weightless(study), *_gains_to_use(study)]
     found += [*_undamped(study), *spec.warnings]
     if spec.control.sample_time is None and any(drive.delay > 0 for drive in spec.drives):
         found.append(CONTINUOUS)
@@ -141,11 +141,14 @@ def warnings(study: RobotStudy) -> tuple[str, ...]:
     return tuple(dict.fromkeys(found))
 
 
-def unconfirmed(limits: Iterable[GainLimit]) -> list[str]:
-    """A warning where a limit's certificate does not hold."""
-    if all(limit.certificate is None or limit.certificate.holds for limit in limits):
+def unconfirmed(states: Iterable[JudgedState]) -> list[str]:
+    """A warning that names the states in which a limit or margin is not certified."""
+    names = [state.title for state in states if not state.margins.certified]
+    if not names:
         return []
-    return ["a limit could not be confirmed from both sides: treat it as an estimate and report the input"]
+    return [
+        f"{listed(names)}: a limit or margin is not certified, as its roots could not be counted on both sides: treat it as an estimate"
+    ]
 
 
 def _unstable(study: RobotStudy) -> list[str]:

@@ -15,8 +15,8 @@ from scipy.signal import tf2ss
 
 SILENT = 1e-6  # relative change of a root with all gains, below which they do not move it
 BESIDE = 1e-5  # damping ratio of a root that may lie on the boundary
-AT_REST = 2e-2  # [1/s] of roots at 0, which come in twos and threes, known to a root of round-off; no loop of the draws is so slow
-TOPPLING = 1e-4  # [1/s] the same where gravity leaves nothing at rest but memories of integrators, each by itself
+AT_REST = 2e-2  # [1/s] of roots at 0 of motions that no gain holds, which come in twos and threes, known to a root of round-off
+ALONE = 1e-4  # [1/s] the same where gravity holds these motions, and only integrators rest, each by itself
 
 
 @dataclass(frozen=True)
@@ -83,6 +83,13 @@ class Machine:
     @property
     def size(self) -> int:
         return len(self.motor_inertia)
+
+    @property
+    def slowest(self) -> float:
+        """[1/s] below which a root may be one at 0 that no gain moves; 0 where the gains reach every motion."""
+        if all(np.linalg.matrix_rank(gain, hermitian=True) == self.size for gain in self.gains.values()):
+            return 0.0
+        return AT_REST if self.gravity is None else ALONE
 
     def scaled(self, factor: float) -> "Machine":
         return replace(self, gains={powers: factor * gain for powers, gain in self.gains.items()})
@@ -203,7 +210,7 @@ def roots(machine: Machine) -> np.ndarray:
     matrix, entry, command = (_sampled if machine.sample_time is not None else _continuous)(machine)
     values = np.linalg.eigvals(matrix)
     found = values if machine.sample_time is None else np.log(np.where(values == 0, 1e-300, values).astype(complex)) / machine.sample_time
-    kept = np.abs(found) > (AT_REST if machine.gravity is None else TOPPLING)
+    kept = np.abs(found) > machine.slowest
     for k in np.flatnonzero(kept & (np.abs(found.real) < BESIDE * np.abs(found))):
         shifted = matrix - (values[k] + 1e-13 * np.abs(values).max()) * np.eye(len(matrix))
         right, left = (np.linalg.solve(one, np.linalg.solve(one, np.ones(len(matrix)))) for one in (shifted, shifted.T))

@@ -138,6 +138,7 @@ def _facts(result: "Audit") -> dict[str, Any]:
                 "gain_limit": state.limit.gain,
                 "limit_frequency_rad_s": state.limit.frequency,
                 "delay_limit_ms": 1e3 * state.delay_limit,
+                "certified": state.margins.certified,
             }
             for state in result.states
         ]
@@ -147,7 +148,7 @@ def _facts(result: "Audit") -> dict[str, Any]:
     }
 
 
-_NO_LOOP = ("stable", "gain_limit", "limit_frequency_rad_s", "delay_limit_ms")
+_NO_LOOP = ("stable", "gain_limit", "limit_frequency_rad_s", "delay_limit_ms", "certified")
 
 
 def _terminal(result: "Audit", report: Path | None) -> str:
