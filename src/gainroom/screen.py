@@ -120,7 +120,7 @@ class Screen:
         )
         shape = np.array([velocity, integral, controller.shaping(loop.sample_time).at(s)]).T
         law = self._law(shape, self._gains)
-        reached = loop.actuated_response(omega)
+        reached = loop.actuated_at(s)
         seen = reached if self._plain else case.jacobian @ (reached := reached @ case.torque)
         eye = np.eye(seen.shape[1])
         mobility = np.stack([z * np.linalg.solve(eye + z * seen * law[:, None, :], seen) for z in self._targets], axis=1)
