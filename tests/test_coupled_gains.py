@@ -155,6 +155,7 @@ def test_a_screen_says_what_a_full_look_says(seed):
         if allowed:
             assert case.holds(more)
             screen.take(j, more)
+            screen.settle()
             gains = more
         else:
             further = stiffer(gains, [j], 1 + 1.06 * (factor - 1), 0.5, case.cascade)

@@ -17,8 +17,7 @@ import numpy as np
 from .arrays import Booleans, Floats, Integers
 from .errors import GainroomError
 from .kept import Kept
-from .screen import Case, Gains, Screen
-from .sweep import Sweep
+from .screen import Case, Gains, Screen, misses
 
 RAISE = 1.05
 """No stiffness can be raised by this factor, whether its damping stays or rises as much."""
@@ -90,11 +89,10 @@ def raised_gains(
     search = _Search(cases, unit, most, progress)
     state = _State(start, [int(np.argmax([one.shortfall(case.required) for one, case in zip(kept, cases, strict=True)]))])
     singles = [[j] for group in groups for j in group]
-    for factor in STEPS:
-        search.round(state, groups, factor, again=factor == STEPS[-1])
+    search.round(state, groups, STEPS)
     if len(singles) > len(groups):
-        search.round(state, groups, TOGETHER, again=True)
-    search.round(state, singles, ALONE, again=True)
+        search.round(state, groups, (TOGETHER,))
+    search.round(state, singles, (ALONE,))
     return search.proved(state, [j for group in groups for j in group])
 
 
@@ -107,10 +105,10 @@ class _Search:
         self._cases, self._unit, self._most, self._progress = cases, unit, most, progress
         self._cascade = cases[0].cascade
 
-    def round(self, state: _State, groups: Sequence[Sequence[int]], factor: float, again: bool) -> None:
-        """Raise by `factor`, the softest first, until nothing can be; `again`: and begin anew as long as anything was."""
+    def round(self, state: _State, groups: Sequence[Sequence[int]], steps: Sequence[float]) -> None:
+        """Raise by each factor of `steps`, the softest first, until nothing can be; with the last, begin anew as long as anything was."""
         while True:
-            found = self._climbed(state, groups, factor, again)
+            found = self._climbed(state, groups, steps)
             worst = self._broken(found)
             if worst is None:
                 state.gains = found
@@ -120,22 +118,31 @@ class _Search:
                 return
             state.active.append(worst)  # and once more from where the round began
 
-    def _climbed(self, state: _State, groups: Sequence[Sequence[int]], factor: float, again: bool) -> Gains:
+    def _climbed(self, state: _State, groups: Sequence[Sequence[int]], steps: Sequence[float]) -> Gains:
         """As far as the screens of the active cases allow."""
         gains = state.gains
-        screens = [Screen(self._cases[k], gains, _samples(self._cases[k], gains), factor) for k in state.active]
-        moved = True
-        while moved:
-            moved, left = False, list(groups)
-            while left:
-                group = min(left, key=lambda group: self._stiffness(gains, group))
-                found = self._raised(screens, gains, group, factor)
-                self._progress()
-                if found is None:
-                    left.remove(group)
-                else:
-                    gains, moved = found, again
+        screens = [Screen(self._cases[k], gains, self._cases[k].samples(gains), steps[0]) for k in state.active]
+        for factor in steps:
+            for screen in screens:
+                screen.expect(factor)
+            moved = True
+            while moved:
+                gains, moved = self._once(screens, gains, groups, factor)
+                moved = moved and factor == steps[-1]
         return gains
+
+    def _once(self, screens: Sequence[Screen], gains: Gains, groups: Sequence[Sequence[int]], factor: float) -> tuple[Gains, bool]:
+        """Every group raised as often as that is allowed, and whether any was."""
+        moved, left = False, list(groups)
+        while left:
+            group = min(left, key=lambda group: self._stiffness(gains, group))
+            found = self._raised(screens, gains, group, factor)
+            self._progress()
+            if found is None:
+                left.remove(group)
+            else:
+                gains, moved = found, True
+        return gains, moved
 
     def _stiffness(self, gains: Gains, group: Sequence[int]) -> float:
         kp, kd, _ = gains[:, list(group)]
@@ -147,6 +154,8 @@ class _Search:
             return None
         for power in DAMPINGS:
             found, done = stiffer(gains, group, factor, power, self._cascade), []
+            if len(group) > 1 and not all(screen.allows(j, found) for screen in screens for j in group):
+                continue  # what one of them may not, all together hardly ever may
             for j in group:
                 if not all(screen.allows(j, found) for screen in screens):
                     break
@@ -154,6 +163,8 @@ class _Search:
                     screen.take(j, found)
                 done.append(j)
             if len(done) == len(group):
+                for screen in screens:
+                    screen.settle()
                 return found
             for j in done:
                 for screen in screens:
@@ -162,12 +173,7 @@ class _Search:
 
     def _broken(self, gains: Gains) -> int | None:
         """The case that misses its requirement most; None where all are kept."""
-        missed = []
-        for k, case in enumerate(self._cases):
-            kept = case.kept(gains)
-            self._progress()
-            if not kept.meets(case.required):
-                missed.append((kept.shortfall(case.required), k))
+        missed = [(kept.shortfall(case.required), self._cases.index(case)) for case, kept in misses(self._cases, gains, self._progress)]
         return max(missed)[1] if missed else None
 
     def _as_far_as_it_holds(self, inside: Gains, outside: Gains) -> Gains:
@@ -207,20 +213,9 @@ class _Search:
 
     def _first_broken(self, gains: Gains, order: Sequence[int]) -> tuple[str, int] | None:
         """What is broken first, and the case; None where nothing is."""
-        for k in order:
-            required = self._cases[k].required
-            kept = self._cases[k].kept(gains)
-            self._progress()
-            if not kept.meets(required):
-                return kept.missed(required), k
+        for case, kept in misses([self._cases[k] for k in order], gains, self._progress):
+            return kept.missed(case.required), self._cases.index(case)
         return None
-
-
-def _samples(case: Case, gains: Gains) -> Floats:
-    """Where to look at a case [rad/s]: where its loci bend."""
-    sweep = Sweep(case.loop(gains))
-    sweep.unstable(1.0)
-    return sweep.omega
 
 
 def alike(keys: Sequence[Hashable], free: Integers) -> list[list[int]]:

@@ -72,11 +72,16 @@ UNKNOWN = Kept(True, math.nan, math.nan, math.nan)
 
 def kept_by(loop: Loop) -> Kept:
     """What a coupled loop keeps, from its loci and from each loop's return ratio with the others closed."""
+    return kept_where(loop)[0]
+
+
+def kept_where(loop: Loop) -> tuple[Kept, Floats]:
+    """`kept_by`, and the frequencies (k,) [rad/s] that it took to see it."""
     sweep = Sweep(loop)
     if sweep.unstable(1.0) > 0:
-        return UNSTABLE
+        return UNSTABLE, sweep.omega
     if sweep.full:
-        return UNKNOWN
+        return UNKNOWN, sweep.omega
 
     def sensitivity(omega: Floats) -> Complexes:
         return in_blocks(lambda part: _own_sensitivity(loop, part), omega, loop.size)
@@ -88,13 +93,31 @@ def kept_by(loop: Loop) -> Kept:
         gains = [_all_factors(sweep), _own_factors(single)]
         phases = [_all_phases(sweep), _own_phases(single)]
     except np.linalg.LinAlgError:  # a root on the boundary, to the last digit
-        return UNSTABLE
+        return UNSTABLE, sweep.omega
     if loop.sample_time is not None:
         gains += [_factor_of_real(sweep.loci[-1]), _factor_of_real(single.values[-1])]  # at half the sample rate
     if loop.parts is not None and loop.parts.plant.gravity_stiffness is not None:
         at_rest = single.at(1e-6 * single.omega[:1])[0]
         gains += [_factor_of_real(sweep.at_rest()), _factor_of_real(at_rest)]  # where gravity topples
-    return Kept(True, math.exp(min(gains)), min(phases), peak, *phases)
+    return Kept(True, math.exp(min(gains)), min(phases), peak, *phases), omega
+
+
+def kept_at_most(loop: Loop, omega: Floats) -> Kept:
+    """No less than what a loop keeps, if it is stable: what each loop by itself shows, the others closed, about `omega` (k,) [rad/s].
+
+    Quicker than `kept_by`: what is missed here is missed.
+    """
+
+    def sensitivity(omega: Floats) -> Complexes:
+        return in_blocks(lambda part: _own_sensitivity(loop, part), omega, loop.size)
+
+    try:
+        values = sensitivity(omega)
+        single = _Curves(omega, _return_ratio(values), lambda omega: _return_ratio(sensitivity(omega)))
+        phase = _own_phases(single)
+        return Kept(True, math.exp(_own_factors(single)), phase, float(np.abs(values).max()), math.nan, phase)
+    except np.linalg.LinAlgError:  # a root on the boundary, to the last digit
+        return UNSTABLE
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ poles and exact delay; for any n it also has a state space with the delayed chan
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -21,6 +21,7 @@ from .factored import Factored, ratio
 from .lti import factored_from, is_lti, sample_time_of
 from .messages import one_line
 from .plant import ElasticJoint, Plant
+from .remembered import Remembered
 from .sampling import sample
 from .statespace import StateSpace, factored, hold, realize, split_delay
 
@@ -41,6 +42,7 @@ class Loop:
     unstable_poles   of L; those on the stability boundary are not counted
     parts         what it was built from, None for loops from elsewhere
     gain          common factor on all controller gains
+    known         P C e^{−sT} of several joints at points where it is known; None: it is not kept
     """
 
     size: int
@@ -53,6 +55,7 @@ class Loop:
     parts: Parts | None = None
     given: StateSpace | None = None
     gain: float = 1.0
+    known: Remembered | None = field(default=None, repr=False, compare=False)
 
     def __repr__(self) -> str:
         time = "continuous" if self.sample_time is None else f"sample_time {self.sample_time:g} s"
@@ -142,6 +145,8 @@ class Loop:
     def _actuated_at(self, s: Complexes, v: Complexes) -> Complexes:
         """P C e^{−sT} (k, n, n) of several joints."""
         assert self.parts is not None
+        if self.known is not None:
+            return self.known(s)
         if self.sample_time is not None:
             return self._held.at(v) * np.exp(-s[:, None, None] * (self._ticks * self.sample_time))
         bandwidth = np.array([drive.bandwidth for drive in self.parts.drives])
@@ -173,6 +178,19 @@ class Loop:
         """The same loop with every controller gain multiplied by `factor`."""
         require_finite("loop", "factor", factor)
         return replace(self, gain=self.gain * factor)
+
+    def remembering(self) -> "Loop":
+        """The same loop of several joints, which keeps what its plant and drives respond, for `regained`."""
+        return self if self.size == 1 else replace(self, known=Remembered(self.actuated_at))
+
+    def regained(self, controller: Any) -> "Loop":
+        """The same plant and drives under a controller that differs in its gains alone: neither filters, notches nor sort."""
+        assert self.parts is not None
+        if self.size == 1:
+            return build_loop(self.parts.plant, self.parts.drives, controller, self.parts.feedback, self.sample_time)
+        found = replace(self, parts=replace(self.parts, controller=controller))
+        vars(found)["bends"] = self.bends  # of plant, drives and filters
+        return found
 
     def delayed(self, extra: float) -> "Loop":
         """The same loop of parts with `extra` [s] more delay in every drive."""

@@ -27,7 +27,7 @@ from .plant import ElasticJoint, Plant
 from .recommend import recommend_pd
 from .robot_cases import StateCase, state_cases
 from .robot_spec import RobotSpec
-from .screen import Case, Gains
+from .screen import Case, Gains, misses
 
 if TYPE_CHECKING:
     from .robot.model import RobotModel
@@ -286,11 +286,7 @@ class _Look:
     def missed(self, gains: Gains, most: float = 0.0) -> float:
         """By how much the case that misses its requirement most does, relative to it; 0: none. No case is looked at once it is > `most`."""
         worst, words = 0.0, ""
-        for case in list(self._order):
-            kept = case.kept(gains)
-            self._progress()
-            if kept.meets(case.required):
-                continue
+        for case, kept in misses(list(self._order), gains, self._progress):
             shortfall = kept.shortfall(case.required)
             if shortfall > worst:
                 worst, words = shortfall, f"{_shortage(kept, case.required)} in {case.title}"
@@ -375,8 +371,10 @@ def _joint_state(state: StateCase) -> _State:
     spec, size = state.spec, state.model.size
 
     def case(model: "RobotModel") -> Case:
+        first = spec.loop(model, spec.shaped(PD(np.ones(size), np.ones(size)))).remembering()
+
         def loop(gains: Gains) -> Loop:
-            return spec.loop(model, spec.shaped(PD(gains[0], gains[1])))
+            return first.regained(spec.shaped(PD(gains[0], gains[1])))
 
         return Case(state.title, loop, np.eye(size), np.eye(size), np.zeros(size, dtype=bool), spec.requirements)
 
@@ -388,9 +386,11 @@ def _task_state(state: StateCase) -> _State:
     tasks = spec.robot.tasks(state.model, spec.control.rotors)
 
     def case(model: "RobotModel") -> Case:
+        first = spec.loop(model, spec.shaped(tasks.controller())).remembering()
+
         def loop(gains: Gains) -> Loop:
             kp, kd, ki = gains
-            return spec.loop(model, spec.shaped(replace(tasks, kp=kp, kd=kd, ki=ki).controller()))
+            return first.regained(spec.shaped(replace(tasks, kp=kp, kd=kd, ki=ki).controller()))
 
         return Case(state.title, loop, tasks.torque, tasks.jacobian, tasks.cascade, spec.requirements)
 

@@ -12,15 +12,15 @@ no root reaches the boundary anywhere on the way. What a grid says is not certif
 
 import cmath
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from .arrays import Booleans, Complexes, Floats, Integers
 from .controller import PD, PID, PPI, integrator
 from .forbidden import Requirements
-from .kept import Kept, kept_by
+from .kept import Kept, kept_at_most, kept_where
 from .loop import Loop
 
 Gains = Floats
@@ -30,13 +30,14 @@ FAINT = 3.0
 MOVE = 0.1  # of a sensitivity, near what is allowed: above HIGH times that
 HIGH = 0.75
 CLOSEST = 1e-6  # relative distance of samples at which refinement stops
-PER_DECADE = 60  # samples to begin with
+PER_DECADE = 30  # samples to begin with
+THINNED = 3  # every so many of the samples that a full look took
 MOST = 4000  # samples
 NEARLY = 0.95  # of the way to where a margin is lost: beyond it what samples say is in doubt, and what is lost unseen is lost for good
 REAL = 0.1  # share of imaginary part that a value at the end of the boundary may have and still count as real
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Case:
     """One state of a machine, in which gains have to keep something.
 
@@ -53,14 +54,47 @@ class Case:
     jacobian: Floats
     cascade: Booleans
     required: Requirements
+    _known: dict[bytes, Kept] = field(default_factory=dict, repr=False, compare=False)
+    _samples: list[Floats] = field(default_factory=list, repr=False, compare=False)
 
     def kept(self, gains: Gains) -> Kept:
-        """What the loop with these gains keeps."""
-        return kept_by(self.loop(gains))
+        """What the loop with these gains keeps; looked at once."""
+        key = gains.tobytes()
+        if key not in self._known:
+            self._known[key], omega = kept_where(self.loop(gains))
+            self._samples[:] = [omega]
+        return self._known[key]
 
     def holds(self, gains: Gains) -> bool:
         """Whether that is all that is required."""
         return self.kept(gains).meets(self.required)
+
+    def samples(self, gains: Gains) -> Floats:
+        """Where to look [rad/s]: what the last look took."""
+        if not self._samples:
+            self.kept(gains)
+        return self._samples[0]
+
+    def missed_at_a_glance(self, gains: Gains) -> Kept | None:
+        """What is kept at most, where a quick look sees that it is less than required; else None, which says nothing."""
+        known = self._known.get(gains.tobytes()) or kept_at_most(self.loop(gains), self.samples(gains))
+        return None if known.meets(self.required) else known
+
+
+def misses(cases: Sequence[Case], gains: Gains, progress: Callable[[], None]) -> Iterator[tuple[Case, Kept]]:
+    """Cases that miss what is required, with what they keep at most; nothing where all keep it. Where quick looks see some, those alone."""
+    seen = False
+    for case in cases:
+        kept = case.missed_at_a_glance(gains)
+        progress()
+        if kept is not None:
+            seen = True
+            yield case, kept
+    for case in () if seen else cases:
+        kept = case.kept(gains)
+        progress()
+        if not kept.meets(case.required):
+            yield case, kept
 
 
 @dataclass(frozen=True)
@@ -93,7 +127,7 @@ class Screen:
             targets += [cmath.exp(1j * required.phase_margin), cmath.exp(-1j * required.phase_margin)]
         self._targets: Complexes = np.array(targets, dtype=complex)
         spread = np.geomspace(omega[0], omega[-1], max(2, round(PER_DECADE * math.log10(omega[-1] / omega[0]))))
-        self._first = np.union1d(omega, spread[1:-1])
+        self._first = np.union1d(np.union1d(omega[::THINNED], omega[-1:]), spread[1:-1])
         self._afresh()
 
     def _afresh(self) -> None:
@@ -120,7 +154,7 @@ class Screen:
         )
         shape = np.array([velocity, integral, controller.shaping(loop.sample_time).at(s)]).T
         law = self._law(shape, self._gains)
-        reached = loop.actuated_response(omega)
+        reached = loop.actuated_at(s)
         seen = reached if self._plain else case.jacobian @ (reached := reached @ case.torque)
         eye = np.eye(seen.shape[1])
         mobility = np.stack([z * np.linalg.solve(eye + z * seen * law[:, None, :], seen) for z in self._targets], axis=1)
@@ -132,7 +166,7 @@ class Screen:
     def expect(self, most: float) -> None:
         """From now on no gain is asked for that is more than `most` times as large as it is."""
         self._most = most
-        self._afresh()
+        self._refine()
 
     def _refine(self) -> None:
         """Samples between those from which T_jj of any target, or S_ii, moves far where that matters.
@@ -169,7 +203,7 @@ class Screen:
         return not (_meets_ray(change, self._targets.imag == 0) or self._single_loops_break(self._changed_own(j, gains)))
 
     def take(self, j: int, gains: Gains) -> None:
-        """From now on direction `j` has its part of `gains`."""
+        """From now on direction `j` has its part of `gains`; `settle` when that is sure."""
         own, delta, grid = self._changed_own(j, gains), self._delta(j, gains), self._grid
         share = delta[:, None] / (1 + delta[:, None] * grid.mobility[:, :, j, j])  # (k, z)
         column, row = grid.mobility[:, :, :, j].copy(), grid.mobility[:, :, j, :].copy()
@@ -177,6 +211,9 @@ class Screen:
         grid.own[:] = own
         self._gains = self._gains.copy()
         self._gains[:, j] = gains[:, j]
+
+    def settle(self) -> None:
+        """After what has been taken stays: samples where peaks have come to."""
         self._refine()
         if len(self.omega) > self._enough:
             self._afresh()
