@@ -240,7 +240,7 @@ def test_loops_that_vanish_at_rest(gain, growth):
 @pytest.mark.usefixtures("both")
 @pytest.mark.parametrize("kp", [0.0, 50.0])
 def test_pole_and_zero_at_rest_that_cancel(kp):
-    """Friction leaves one pole at 0, and without kp the controller has a zero there: a root at 0 that no gain moves, and that does not count."""
+    """Friction leaves one pole at 0, and without kp the controller has a zero there: a root that no gain moves and that does not count."""
     joint = gr.ElasticJoint(0.2, 0.8, 1e4, 1.0, motor_viscous=0.3)
     loop = gr.build_loop(joint, gr.Drive(4000.0, 0.9, 2e-3), gr.PD(kp, 5.0))
     found = gr.margins(loop)
