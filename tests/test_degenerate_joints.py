@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 
 import gainroom as gr
+from gainroom import acceleration
+from independent.joint import PDJoint
+from wide_joints import Case
 
 JOINTS = {
     "rigid": gr.ElasticJoint(0.025, 0.15),
@@ -70,3 +73,15 @@ def test_what_topples_within_a_tick_is_refused():
     plant = gr.Plant(np.array([[1.0]]), np.array([0.1]), np.array([math.inf]), gravity_stiffness=np.array([[-1e11]]))
     with pytest.raises(gr.GainroomError, match=r"grows by itself at .*too fast to be sampled every 1 ms"):
         gr.build_loop(plant, gr.Drive(), gr.PD(100.0, 1.0), sample_time=1e-3)
+
+
+@pytest.mark.parametrize("compiled", [False, True])
+@pytest.mark.parametrize("sample_time", [None, 1e-3], ids=["continuous", "sampled"])
+@pytest.mark.parametrize("damping", [0.0, 1.0])
+@pytest.mark.parametrize("factor", [1e-12, 1e-9, 1.0, 1e9, 1e12])
+def test_roots_on_the_boundary_under_any_gain(factor, damping, sample_time, compiled, monkeypatch):
+    """L is 0 at the notch and infinite at an undamped resonance, however large or small a relative 2e-12 beside them."""
+    monkeypatch.setattr(acceleration, "_enabled", compiled)
+    joint = PDJoint(0.2, 0.8, 1e4, damping, kp=0.0, kd=0.0, delay=2e-3, bandwidth=4000.0)
+    case = Case(joint, "PD", (1600.0 * factor, 70.0 * factor), notches=((300.0, 0.5, 0.0),), sample_time=sample_time)
+    assert gr.margins(case.loop()).unstable_roots == case.truth().count()

@@ -1,9 +1,17 @@
 """Motions that no gain moves: left out of verdict, limit and roots alike, and listed apart; where they grow, they count."""
 
+import json
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 import gainroom as gr
+from gainroom import config
+from gainroom.cli import main
+from gainroom.cli.example import joint_examples
+from gainroom.factored import ratio
 from gainroom.plant import Compliance
 
 DRIVE = gr.Drive(4000.0, 0.9, 2e-3)
@@ -69,3 +77,38 @@ def test_closed_chains_hold_what_contacts_hold():
     loop = gr.build_loop(HELD, DRIVE, gains([200, 100], [20, 10]))
     assert gr.is_stable(loop)
     assert not len(gr.rightmost_roots(loop).unmoved)
+
+
+HOLDS_OR_DRIFTS = [
+    (gr.PD(0.0, 10.0), True),
+    (gr.PID(0.0, 0.0, 10.0), True),
+    (gr.PPI(0.0, 10.0), True),
+    (gr.PD(1e-3, 10.0), False),
+    (gr.PPI(0.0, 10.0, 5.0), False),  # the integral of a velocity is a position
+]
+
+
+@pytest.mark.parametrize(("controller", "drifts"), HOLDS_OR_DRIFTS)
+def test_one_joint_that_drifts_is_told_so(controller, drifts, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    """A file's kp must be above 0; a script's may be 0."""
+    spec = config.parse_joint(joint_examples()["testbed"], "testbed")
+    monkeypatch.setattr(config, "load_joint", lambda file: replace(spec, controller=controller))
+    for as_json in (False, True):
+        assert main(["joint", "testbed", *(["--json"] if as_json else [])]) == 0
+        out = capsys.readouterr().out
+        told = " ".join(json.loads(out)["warnings"]) if as_json else " ".join(out.split())
+        assert ("nothing holds the joint's position; it drifts" in told) is drifts
+
+
+@pytest.mark.parametrize("last", [0.0, 1.0])
+def test_a_compensator_that_passes_no_standing_error_drifts(last):
+    spec = config.parse_joint(joint_examples()["testbed"], "testbed")
+    warnings = gr.study_joint(replace(spec, controller=gr.Compensator(ratio([10.0, last], [1e-3, 1.0])))).warnings
+    assert any("against a standing error: nothing holds the joint's position" in warning for warning in warnings) is (last == 0)
+
+
+def test_a_file_may_not_leave_kp_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    file = tmp_path / "joint.yaml"
+    file.write_text(joint_examples()["testbed"].replace("kp: 1600.0", "kp: 0"), "utf-8")
+    assert main(["joint", str(file)]) == 2
+    assert "control.kp: 0 must be > 0" in capsys.readouterr().err

@@ -282,11 +282,16 @@ def _walk(seek_peaks, ends, phase, roots, signs, gain, delay, sample_time, nodes
         while top >= 0:
             b, value_b = stack[top], stack_value[top]
             width, log_b = b - a, _log(value_b)
-            phase_b = phase + _turn(value_a, value_b)
+            phase_b, jump = phase + _turn(value_a, value_b), 0.0
             if width <= 8 * _TINY * b:
                 jump = _jump(a, b, roots, signs, sample_time)
                 if jump != 0.0:
                     phase_b = phase + jump + _wrapped(phase_b - phase - jump)
+                    if not seek_peaks:
+                        for side in range(2):  # |L| is 0 at a zero and infinite at a pole, however large or small just beside it
+                            if ((log_b if side else log_a) > 0) != (jump < 0):
+                                gains[gain_count, 0], gains[gain_count, 1] = b if side else a, phase_b if side else phase
+                                gain_count += 1
             else:
                 steep_low, steep_high, log_low, log_high = _bounds(0, width, at_a, at_b[top], delay, log_a, log_b)
                 turn_low, turn_high, phase_low, phase_high = _bounds(1, width, at_a, at_b[top], delay, phase, phase_b)
@@ -310,19 +315,19 @@ def _walk(seek_peaks, ends, phase, roots, signs, gain, delay, sample_time, nodes
                                     peaks[kind, 0], peaks[kind, 1] = stack[top], lower
                         continue
                     certified = False
-                if not seek_peaks:
-                    if (log_a > 0) != (log_b > 0):
-                        crossing = _polish(0, a, b, value_a, roots, signs, gain, delay, sample_time, work)
-                        at_crossing = evaluate(crossing, roots, signs, gain, delay, sample_time, work)
-                        gains[gain_count, 0], gains[gain_count, 1] = crossing, phase + _turn(value_a, at_crossing)
-                        gain_count += 1
-                    at_end = sample_time > 0 and b == ends[-1] and value_b.real < 0  # listed by the caller, as L(0) < 0 is
-                    if _half_turns(phase) != _half_turns(phase_b) and not at_end and (a > 0 or value_a.real > 0):
-                        crossing = _polish(1, a, b, value_a, roots, signs, gain, delay, sample_time, work)
-                        phases[phase_count, 0] = crossing
-                        phases[phase_count, 1] = abs(evaluate(crossing, roots, signs, gain, delay, sample_time, work))
-                        phases[phase_count, 2] = 1.0 if phase_b > phase else -1.0
-                        phase_count += 1
+            if not seek_peaks and jump == 0.0:
+                if (log_a > 0) != (log_b > 0):
+                    crossing = _polish(0, a, b, value_a, roots, signs, gain, delay, sample_time, work)
+                    at_crossing = evaluate(crossing, roots, signs, gain, delay, sample_time, work)
+                    gains[gain_count, 0], gains[gain_count, 1] = crossing, phase + _turn(value_a, at_crossing)
+                    gain_count += 1
+                at_end = sample_time > 0 and b == ends[-1] and value_b.real < 0  # listed by the caller, as L(0) < 0 is
+                if _half_turns(phase) != _half_turns(phase_b) and not at_end and (a > 0 or value_a.real > 0):
+                    crossing = _polish(1, a, b, value_a, roots, signs, gain, delay, sample_time, work)
+                    phases[phase_count, 0] = crossing
+                    phases[phase_count, 1] = abs(evaluate(crossing, roots, signs, gain, delay, sample_time, work))
+                    phases[phase_count, 2] = 1.0 if phase_b > phase else -1.0
+                    phase_count += 1
             for k in range(size):
                 at_a[k, 0], at_a[k, 1] = at_b[top, k, 0], at_b[top, k, 1]
             a, value_a, log_a, phase = b, value_b, log_b, phase_b

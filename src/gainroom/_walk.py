@@ -100,6 +100,17 @@ def resolve_turns(batch: Batch, nodes: Nodes) -> tuple[Nodes, Booleans]:
     return nodes, decided
 
 
+def jumps(batch: Batch, nodes: Nodes, left: Integers) -> Floats:
+    """Change of arg L across each interval from roots on the boundary inside it, which the contour passes on their right; 0 without any."""
+    result = np.zeros(len(left))
+    nearest, (_, on_axis) = centers(batch), rates(batch)
+    for k in np.flatnonzero(is_gap(nodes, left)):
+        m, low, high = nodes.owner[left[k]], nodes.omega[left[k]], nodes.omega[left[k] + 1]
+        inside = (nearest[m] >= low) & (nearest[m] <= high) & on_axis[m] & (batch.roots[m] != 0)
+        result[k] = math.pi * np.sum(batch.signs[m, inside])
+    return result
+
+
 def turn_between(value_a: Complexes, value_b: Complexes) -> Floats:
     return np.angle(value_b * value_a.conj())
 
@@ -109,12 +120,9 @@ def unwrap(batch: Batch, nodes: Nodes, limit: Floats, exact_start: Booleans) -> 
     left = intervals(nodes)
     turn = np.zeros(len(nodes.omega))
     turn[left + 1] = turn_between(nodes.value[left], nodes.value[left + 1])
-    nearest, (_, on_axis) = centers(batch), rates(batch)
-    for k in left[is_gap(nodes, left)]:
-        m = nodes.owner[k]
-        inside = (nearest[m] >= nodes.omega[k]) & (nearest[m] <= nodes.omega[k + 1]) & on_axis[m] & (batch.roots[m] != 0)
-        jump = math.pi * np.sum(batch.signs[m, inside])
-        turn[k + 1] = jump + np.angle(np.exp(1j * (turn[k + 1] - jump)))
+    jump = jumps(batch, nodes, left)
+    leap = left[jump != 0] + 1
+    turn[leap] = jump[jump != 0] + np.angle(np.exp(1j * (turn[leap] - jump[jump != 0])))
     first = np.flatnonzero(np.append(True, np.diff(nodes.owner) != 0))
     offset = np.angle(nodes.value[first] * np.exp(-1j * limit))
     turn[first] = limit + np.where(exact_start, 0.0, offset)

@@ -19,7 +19,7 @@ import numpy as np
 
 from ._batch import Batch, neutral_floor, prepared
 from ._peaks import find_peaks, objective
-from ._walk import Nodes, bisect, bounds, first_nodes, intervals, is_gap, log_size, resolve_turns, turn_between, unwrap, values_between
+from ._walk import Nodes, bisect, bounds, first_nodes, intervals, jumps, log_size, resolve_turns, turn_between, unwrap, values_between
 from .arrays import Booleans, Complexes, Floats, Integers
 from .factored import Factored
 
@@ -123,10 +123,20 @@ def _undecided_crossing(batch: Batch, nodes: Nodes, left: Integers) -> Booleans:
 def _crossings(batch: Batch, nodes: Nodes) -> tuple[tuple[Floats, ...], tuple[Floats, ...]]:
     """Polished crossings of all loops: (owner, ω, arg L) of |L| = 1, and (owner, ω, |L|, slope sign) of arg L = π (mod 2π)."""
     left = intervals(nodes)
-    left = left[~is_gap(nodes, left)]
-    unity = left[(log_size(nodes.value[left]) > 0) != (log_size(nodes.value[left + 1]) > 0)]
+    jump = jumps(batch, nodes, left)
+    rooted, inside_large, left = left[jump != 0], jump[jump != 0] < 0, left[jump == 0]
+    large = log_size(nodes.value) > 0
+    unity = left[large[left] != large[left + 1]]
     omega, value = _polish(batch, nodes, unity, log_size, "real")
-    gains = (nodes.owner[unity], omega, nodes.phase[unity] + turn_between(nodes.value[unity], value))
+    # |L| is 0 at a zero on the boundary and infinite at a pole, however large or small just beside it
+    beside = np.concatenate([rooted[large[rooted] != inside_large], rooted[large[rooted + 1] != inside_large] + 1])
+    found = (
+        np.append(nodes.owner[unity], nodes.owner[beside]),
+        np.append(omega, nodes.omega[beside]),
+        np.append(nodes.phase[unity] + turn_between(nodes.value[unity], value), nodes.phase[beside]),
+    )
+    order = np.lexsort((found[1], found[0]))
+    gains = tuple(column[order] for column in found)
     # L < 0 at an end of the boundary is itself a crossing, listed by the caller
     ends = (nodes.omega[left] == 0) & (nodes.value[left].real < 0)
     if batch.sample_time > 0:

@@ -127,7 +127,8 @@ def _roots(polynomial: list) -> list:
             break
     if _are_all(roots, polynomial):
         return roots
-    return polyroots(polynomial, maxsteps=500, extraprec=600)  # starts too near each other: from scratch, a hundred times slower
+    # starts too near each other: from scratch, a hundred times slower
+    return polyroots(polynomial[::-1], maxsteps=500, extraprec=600, asc=True)
 
 
 def _starts(polynomial: list) -> Complexes:

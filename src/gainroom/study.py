@@ -5,6 +5,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
+
 from .controller import PD, PID, PPI
 from .drive import Drive
 from .forbidden import Requirements
@@ -242,6 +244,12 @@ def _change(rise: float) -> str:
     return f"{abs(rise):.3g} dB {'more' if rise >= 0 else 'less'}"
 
 
+def _drifts(spec: JointSpec) -> bool:
+    """Whether the controller gives no torque against a standing error of the joint's position."""
+    control = spec.controller.combine(spec.controller.terms(), spec.sample_time).reduced
+    return control.gain == 0 or bool(np.any(control.zeros == 0))
+
+
 def _warnings(study: JointStudy) -> tuple[str, ...]:
     """What a user should know or do, each with the remedy."""
     spec, found = study.spec, study.margins
@@ -249,6 +257,9 @@ def _warnings(study: JointStudy) -> tuple[str, ...]:
     if not found.stable and 0 < study.limit.gain < math.inf:
         instead = "" if study.recommended is None else ", or use the recommended ones"
         warnings.append(f"these gains are unstable: multiply all of them by less than {study.limit.gain:.3g}{instead}")
+    if _drifts(spec):
+        cause = "kp is 0" if "kp" in spec.controller.gain_names() else "the controller gives no torque against a standing error"
+        warnings.append(f"{cause}: nothing holds the joint's position; it drifts, whatever the verdict on its other motions; give it kp")
     if study.unstable_at:
         instead = "lower these gains, or state narrower ranges" if study.recommended is None else "use the recommended gains"
         warnings.append(f"these gains are unstable within the stated ranges, at {case_in_words(study.unstable_at)}: {instead}")
