@@ -16,7 +16,6 @@ from scipy.signal import tf2ss
 SILENT = 1e-6  # relative change of a root with all gains, below which they do not move it
 BESIDE = 1e-5  # damping ratio of a root that may lie on the boundary
 AT_REST = 2e-2  # [1/s] of roots at 0 of motions that no gain holds, which come in twos and threes, known to a root of round-off
-ALONE = 1e-4  # [1/s] the same where gravity holds these motions, and only integrators rest, each by itself
 
 
 @dataclass(frozen=True)
@@ -87,9 +86,8 @@ class Machine:
     @property
     def slowest(self) -> float:
         """[1/s] below which a root may be one at 0 that no gain moves; 0 where the gains reach every motion."""
-        if all(np.linalg.matrix_rank(gain, hermitian=True) == self.size for gain in self.gains.values()):
-            return 0.0
-        return AT_REST if self.gravity is None else ALONE
+        reach = [*self.gains.values(), *([self.inverse_inertia] if self.side == "link" else [])]
+        return 0.0 if all(np.linalg.matrix_rank(gain) == self.size for gain in reach) else AT_REST
 
     def scaled(self, factor: float) -> "Machine":
         return replace(self, gains={powers: factor * gain for powers, gain in self.gains.items()})
