@@ -223,10 +223,18 @@ class PDRegion:
 
     @cached_property
     def _reach(self) -> tuple[float, float]:
-        """Lowest and highest kp of the stability boundary: beyond it nothing is known, and nothing allowed."""
+        """Lowest and highest kp of which the unstable roots are known: beyond, nothing is allowed.
+
+        The stability boundary must reach there, and with a delay, which brings roots at every height, no root along the row may have
+        crossed above the highest ω looked at: |kp A + kd B| < 1 from there on.
+        """
         _, kp = self._curve.along("kp")
         kp = kp[np.isfinite(kp)]
-        return float(kp.min(initial=0.0)), float(kp.max(initial=0.0))
+        most = math.inf
+        if self.actuated.delay > 0 and self._plane.last is None:
+            a, b = (float(abs(part.response(self._plane.omega[-1]))) for part in (self._plane.a, self._plane.b))
+            most = max(1 - abs(self._row.kd) * b, 0.0) / a
+        return max(float(kp.min(initial=0.0)), -most), min(float(kp.max(initial=0.0)), most)
 
     def _outermost(self, ladder: Floats) -> float:
         """The last allowed kp along `ladder`, to machine precision: between a filled column and the empty ones beyond."""

@@ -5,13 +5,13 @@ target = −1 bounds the stable gains; −1/g and −g bound a gain margin, −e
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from .arrays import Booleans, Complexes, Floats, Integers
-from .factored import Factored
+from .factored import Factored, growth
 
 POINTS_PER_DECADE = 120
 MOST_TURNS = 20_000  # samples that follow the delay's phase
@@ -40,6 +40,16 @@ class GainPlane:
     resolved: float
     pinches: Floats
     curves: dict[complex, "Curve"] = field(default_factory=dict, compare=False, repr=False)
+
+    @cached_property
+    def zeros(self) -> list[tuple[float, tuple[complex, complex], tuple[complex, complex]]]:
+        """(ω₀, A's, B's) at the zeros on the boundary that A and B share, each one simple: A/(ω − ω₀) there, and its derivative by ω."""
+        found = []
+        for root in self.a.zeros[(growth(self.a.zeros, self.a.sample_time) == 0) & (self.a.zeros.imag > 0)]:
+            if all(np.count_nonzero(part.zeros == root) == 1 and not np.any(part.poles == root) for part in (self.a, self.b)):
+                omega = _frequency(root, self.a.sample_time)
+                found.append((omega, *(_divided(part, root, omega) for part in (self.a, self.b))))
+        return found
 
     @classmethod
     def of(cls, a: Factored, b: Factored) -> "GainPlane":
@@ -86,6 +96,14 @@ class GainPlane:
             dkp, dkd = _solve2(a, b, -(kp * da + kd * db))
         on_pole = ~np.isfinite(a)  # no gains are needed to reach the target there
         return np.where(on_pole, 0.0, kp), np.where(on_pole, 0.0, kd), dkp, dkd
+
+
+def _divided(part: Factored, root: complex, omega: float) -> tuple[complex, complex]:
+    """A/(ω − ω₀) at its zero ω₀ = `omega`, `root` in v, and the derivative of that by ω."""
+    value, slope = replace(part, zeros=part.zeros[part.zeros != root]).response_and_slope(np.array([omega]))
+    step = part.sample_time or 0.0
+    first = 1j * np.exp(1j * omega * step)  # dv/dω; the second derivative is j T_s times that
+    return complex(value[0] * first), complex(first * (slope[0] + value[0] * 0.5j * step))
 
 
 def _pinches(a: Factored, b: Factored, omega: Floats) -> Floats:
@@ -186,8 +204,8 @@ class Curve:
             share = (values[index] - along[interval]) / (along[interval + 1] - along[interval])
             omega_found = omega[interval] + share * (omega[interval + 1] - omega[interval])
         other = self._other(axis, values[index], omega_found)
-        straight = self._straight(axis, values)
-        index, omega_found, other = (np.concatenate(pair) for pair in zip((index, omega_found, other), straight, strict=True))
+        parts = (index, omega_found, other), self._straight(axis, values), self._beside_zeros(axis, values)
+        index, omega_found, other = (np.concatenate(columns) for columns in zip(*parts, strict=True))
         return index, omega_found, other
 
     def _other(self, axis: str, values: Floats, omega: Floats) -> Floats:
@@ -222,6 +240,30 @@ class Curve:
                 index = np.flatnonzero(outward * (values - start) > 0)
                 omega = np.full(len(index), pinch)
                 found.append((index, omega, self._other(axis, values[index], omega)))
+        index, omega, other = (np.concatenate(parts) for parts in zip(*found, strict=True))
+        return index, omega, other
+
+    def _beside_zeros(self, axis: str, values: Floats) -> tuple[Integers, Floats, Floats]:
+        """Crossings of `values` nearer to a zero on the boundary than any sample, given the ω of the sample next to them.
+
+        A notch of depth 0 or an undamped antiresonance at ω₀: A = a (ω − ω₀) and B = b (ω − ω₀), so the curve runs out to infinity on
+        either side of it, where kp a + kd b = target/(ω − ω₀); a and b are taken to first order in ω − ω₀.
+        """
+        found: list[tuple[Integers, Floats, Floats]] = [(np.empty(0, dtype=int), np.empty(0), np.empty(0))]
+        for center, *parts in self.plane.zeros:
+            k = int(np.searchsorted(self.omega, center))
+            if not 0 < k < len(self.omega):
+                continue
+            (given, bend), (free, free_bend) = (np.array(part) / self.target for part in (parts if axis == "kp" else parts[::-1]))
+            rate, other = np.full(len(values), np.inf), values
+            for _ in range(4):  # the bends of A and B move the other gain by a constant; in ω they vanish
+                with np.errstate(divide="ignore", invalid="ignore"):  # no crossing where the curve is parallel to the lines
+                    here, there = given + bend / rate, free + free_bend / rate
+                    other = -values * here.imag / there.imag
+                    rate = (values * here + other * there).real  # 1/(ω − ω₀)
+            for inside, edge in ((rate < 0, self.omega[k - 1]), (rate > 0, self.omega[k])):
+                index = np.flatnonzero(inside & np.isfinite(rate) & (np.abs(rate * (edge - center)) > 1))
+                found.append((index, np.full(len(index), edge), other[index]))
         index, omega, other = (np.concatenate(parts) for parts in zip(*found, strict=True))
         return index, omega, other
 
