@@ -87,7 +87,7 @@ class Machine:
     def slowest(self) -> float:
         """[1/s] below which a root may be one at 0 that no gain moves; 0 where the gains reach every motion."""
         reach = [*self.gains.values(), *([self.inverse_inertia] if self.side == "link" else [])]
-        return 0.0 if all(np.linalg.matrix_rank(gain) == self.size for gain in reach) else AT_REST
+        return 0.0 if all(np.linalg.matrix_rank(one, tol=1e-9 * np.linalg.norm(one)) == self.size for one in reach) else AT_REST
 
     def scaled(self, factor: float) -> "Machine":
         return replace(self, gains={powers: factor * gain for powers, gain in self.gains.items()})
