@@ -13,6 +13,7 @@ from gainroom.coupled_gains import RAISE, raised_gains, stiffer
 from gainroom.io.numbers import margin_value
 from gainroom.kept import Kept, kept_by
 from gainroom.recommend import recommend_pd
+from gainroom.remembered import Remembered
 from gainroom.screen import Case, Screen
 from refusals import assert_refused
 
@@ -196,3 +197,42 @@ def test_met_to_round_off_and_no_further(name: str):
         assert (shown == margin_value(asked, name, needed, True, 3)) is met
     assert asked.met(name, nan) is False
     assert gr.Requirements(**{other: getattr(asked, other) for other in asked.asked if other != name}).met(name, needed) is None
+
+
+@pytest.mark.parametrize("sample_time", [None, 5e-4])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_glance_misses_nothing_that_is_kept(seed, sample_time):
+    """What a quick look says is missed, a full look says is missed; both kinds of gains occur."""
+    rng = np.random.default_rng([49, seed])
+    size = int(rng.integers(2, 5))
+    plant = draw_plant(rng, size)
+    case = case_of(plant, sample_time=sample_time)
+    first = case.loop(soft(size)).remembering()
+    case = replace(case, loop=lambda gains: first.regained(gr.PD(gains[0], gains[1])))
+    said = []
+    for scale in np.geomspace(0.5, 300.0, 12):
+        gains = soft(size) * np.array([[scale**2], [scale], [0.0]])
+        glance = case.missed_at_a_glance(gains)
+        loop = gr.build_loop(plant, gr.Drive(4000.0, 0.9, 2e-3), gr.PD(*gains[:2]), sample_time=sample_time)
+        said.append(glance is not None)
+        assert glance is None or not kept_by(loop).meets(REQUIRED)
+    assert True in said
+    assert False in said
+
+
+def test_what_is_remembered_is_what_is_computed():
+    """Also where there is no room for all that is asked for, and after it has been forgotten."""
+    calls = []
+
+    def response(s):
+        calls.append(len(s))
+        return s[:, None, None] * np.ones((1, 100, 100))
+
+    known = Remembered(response)
+    for count in (20, 20, 30, 45, 60, 20):  # there is room for 50 points
+        points = 1j * np.arange(1.0, count + 1)
+        np.testing.assert_array_equal(known(points)[:, 3, 4], points)
+    np.testing.assert_array_equal(known(1j * np.array([2.0, 1.0, 2.0]))[:, 0, 0], [2j, 1j, 2j])
+    assert calls[:3] == [20, 10, 15]
+    far = 1j * np.arange(100.0, 140.0)
+    np.testing.assert_array_equal(known(far)[:, 0, 0], far)

@@ -6,7 +6,7 @@ to keep a margin keep it to the last digits when they are looked at again.
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -102,10 +102,10 @@ def kept_where(loop: Loop) -> tuple[Kept, Floats]:
     return Kept(True, math.exp(min(gains)), min(phases), peak, *phases), omega
 
 
-def kept_at_most(loop: Loop, omega: Floats) -> Kept:
+def kept_at_most(loop: Loop, omega: Floats, required: Requirements) -> Kept:
     """No less than what a loop keeps, if it is stable: what each loop by itself shows, the others closed, about `omega` (k,) [rad/s].
 
-    Quicker than `kept_by`: what is missed here is missed.
+    Quicker than `kept_by`, and over with the first requirement that is missed: what is missed here is missed.
     """
 
     def sensitivity(omega: Floats) -> Complexes:
@@ -113,9 +113,12 @@ def kept_at_most(loop: Loop, omega: Floats) -> Kept:
 
     try:
         values = sensitivity(omega)
+        found = Kept(True, math.inf, math.inf, float(np.abs(values).max()))
         single = _Curves(omega, _return_ratio(values), lambda omega: _return_ratio(sensitivity(omega)))
-        phase = _own_phases(single)
-        return Kept(True, math.exp(_own_factors(single)), phase, float(np.abs(values).max()), math.nan, phase)
+        if found.meets(required):
+            phase = _own_phases(single)
+            found = replace(found, phase_margin=phase, single_phase=phase)
+        return replace(found, gain_margin=math.exp(_own_factors(single))) if found.meets(required) else found
     except np.linalg.LinAlgError:  # a root on the boundary, to the last digit
         return UNSTABLE
 

@@ -287,6 +287,8 @@ class _Look:
         """By how much the case that misses its requirement most does, relative to it; 0: none. No case is looked at once it is > `most`."""
         worst, words = 0.0, ""
         for case, kept in misses(list(self._order), gains, self._progress):
+            if kept.shortfall(case.required) <= most:  # perhaps unstable: a glance does not tell
+                kept = case.kept(gains)
             shortfall = kept.shortfall(case.required)
             if shortfall > worst:
                 worst, words = shortfall, f"{_shortage(kept, case.required)} in {case.title}"

@@ -29,8 +29,8 @@ from .sweep import Sweep
 if TYPE_CHECKING:
     from .robot.model import RobotModel
 
-EXPECTED_LOOKS = 40
-"""Loops that the search for gains looks at per state and corner of the uncertainty, roughly: for the progress bar."""
+EXPECTED_LOOKS = 250
+"""Looks that the search for gains takes per state and corner of the uncertainty, roughly: for the progress bar."""
 ANYWHERE = np.array([0.7, 1.3, 2.1])
 """Frequencies [rad/s] at which a loop that moves anything does not vanish altogether."""
 SAME = 1e-6

@@ -77,7 +77,7 @@ class Case:
 
     def missed_at_a_glance(self, gains: Gains) -> Kept | None:
         """What is kept at most, where a quick look sees that it is less than required; else None, which says nothing."""
-        known = self._known.get(gains.tobytes()) or kept_at_most(self.loop(gains), self.samples(gains))
+        known = self._known.get(gains.tobytes()) or kept_at_most(self.loop(gains), self.samples(gains), self.required)
         return None if known.meets(self.required) else known
 
 
