@@ -9,7 +9,7 @@ import gainroom
 PACKAGE = Path(gainroom.__path__[0])
 LAYERS = (
     ("messages", "arrays", "files"),
-    ("errors",),
+    ("errors", "remembered"),
     ("text_file",),
     ("compiled",),
     ("factored", "_scan", "_mu", "_balls"),
