@@ -91,8 +91,12 @@ def look_at_margins(pair: Pair, margins: gr.JointMargins, found: Found) -> None:
     if margins.others_certified[joint]:
         for end, way in ((margins.others_closed[joint], 1), (margins.lower_others_closed[joint], -1)):
             if 1e-3 < end < 1e3:
-                critical = min(roots(machine.with_joint_scaled(joint, end)), key=lambda root: abs(root.real))
-                step = way * (INSIDE if way > 0 and machine.slowest == 0 and abs(critical) > 1 else TOPPLING)
+                critical = min(roots(machine.with_joint_scaled(joint, end)), key=lambda root: abs(root.real / root))
+                quick = abs(critical) > 1 and abs(critical.real) < 1e-3 * abs(critical)
+                if not quick and machine.slowest > 0:  # a root that passes 0 is not told from those at rest
+                    found["one loop at rest"] += 1
+                    continue
+                step = way * (INSIDE if quick and way > 0 else TOPPLING)
                 counts = [unstable(machine.with_joint_scaled(joint, end * (1 + side * step))) for side in (-1, 1)]
                 found.ends("one loop at a time", *counts)
 
