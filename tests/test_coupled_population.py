@@ -13,7 +13,7 @@ from collections.abc import Callable
 import pytest
 
 import gainroom as gr
-from independent.machine import roots, turns, unstable
+from independent.machine import Machine, roots, turns, unstable
 from machines import Pair, chain, limbs
 
 SEED = int(os.environ.get("GAINROOM_SEED", "2017"))
@@ -58,23 +58,31 @@ def look_at(pair: Pair, found: Found, name: str) -> None:
     found.wrong[before:] = [f"{name} ({pair.kind}): {text}" for text in found.wrong[before:]]
 
 
-def look_at_limit(pair: Pair, limit: gr.GainLimit, found: Found) -> None:
-    def count(factor: float) -> int:
-        return unstable(pair.machine.scaled(factor))
+def end_of(found: Found, what: str, scaled: Callable[[float], Machine], end: float, way: int) -> None:
+    """Roots on both sides of the factor `end`, above it where `way` is 1, below where it is -1."""
+    machine = scaled(end)
+    critical = min(roots(machine), key=lambda root: abs(root.real / root))
+    quick = abs(critical) > 1 and abs(critical.real) < 1e-3 * abs(critical)
+    if not quick and machine.slowest > 0:  # a root that passes 0 is not told from those that rest there
+        found[f"{what} at rest"] += 1
+        return
+    step = way * (INSIDE if quick else TOPPLING)
+    found.ends(what, *(unstable(scaled(end * (1 + side * step))) for side in (-1, 1)))
 
+
+def look_at_limit(pair: Pair, limit: gr.GainLimit, found: Found) -> None:
     if 0 < limit.gain < math.inf:
-        step = INSIDE if limit.frequency > 1 else TOPPLING
-        found.ends("upper limit", count(limit.gain * (1 - step)), count(limit.gain * (1 + step)))
+        end_of(found, "upper limit", pair.machine.scaled, limit.gain, 1)
     elif limit.gain == 0:
         found["no lower gains"] += 1
-        helping = [factor for factor in (0.999, 0.9, 0.5, 0.1, 0.01) if count(factor) == 0]
+        helping = [factor for factor in (0.999, 0.9, 0.5, 0.1, 0.01) if unstable(pair.machine.scaled(factor)) == 0]
         if helping:
             found.wrong.append(f"no lower gains help: {helping} do")
     if limit.lower_gain > 0:
-        found.ends("lower limit", count(limit.lower_gain * (1 + TOPPLING)), count(limit.lower_gain * (1 - TOPPLING)))
+        end_of(found, "lower limit", pair.machine.scaled, limit.lower_gain, -1)
     elif limit.lower_gain == 0 and limit.stable:
         found["no lower limit"] += 1
-        found.wrong += [f"no lower limit: unstable at {factor}" for factor in (0.7, 0.3, 0.05) if count(factor) > 0]
+        found.wrong += [f"no lower limit: unstable at {factor}" for factor in (0.7, 0.3, 0.05) if unstable(pair.machine.scaled(factor)) > 0]
 
 
 def look_at_margins(pair: Pair, margins: gr.JointMargins, found: Found) -> None:
@@ -91,14 +99,7 @@ def look_at_margins(pair: Pair, margins: gr.JointMargins, found: Found) -> None:
     if margins.others_certified[joint]:
         for end, way in ((margins.others_closed[joint], 1), (margins.lower_others_closed[joint], -1)):
             if 1e-3 < end < 1e3:
-                critical = min(roots(machine.with_joint_scaled(joint, end)), key=lambda root: abs(root.real / root))
-                quick = abs(critical) > 1 and abs(critical.real) < 1e-3 * abs(critical)
-                if not quick and machine.slowest > 0:  # a root that passes 0 is not told from those at rest
-                    found["one loop at rest"] += 1
-                    continue
-                step = way * (INSIDE if quick and way > 0 else TOPPLING)
-                counts = [unstable(machine.with_joint_scaled(joint, end * (1 + side * step))) for side in (-1, 1)]
-                found.ends("one loop at a time", *counts)
+                end_of(found, "one loop at a time", lambda factor: machine.with_joint_scaled(joint, factor), end, way)
 
 
 def look_just_above(pair: Pair, found: Found, name: str) -> None:

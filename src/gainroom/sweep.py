@@ -33,6 +33,7 @@ TILT = 1e-9  # damping ratio, negative, of the ray that takes the place of the b
 HUGE = 1e9  # eigenvalues beyond this drown the small ones in round-off
 NOTHING = 1e-150  # eigenvalues smaller than this are zero
 NOISE = 1e-10  # of the largest eigenvalue: smaller ones are no better than round-off
+STEEPEST = 2.5  # of a fall, about 1: from two integrators and a memory, 3, to a velocity alone, -1; beyond is round-off
 ASTRAY = 0.02  # of the order of a fall: more tells of round-off
 REAL = 0.3  # part of its size up to which what is imaginary of a locus near ω = 0 is taken for the distance to 0
 PER_DECADE = 6
@@ -246,16 +247,15 @@ class Sweep:
             unsettled = ((orders > 1) & (gain * np.abs(self.loci[0]) < 100)) | ((orders == 0) & (np.abs(one.imag) > 0.1 * np.abs(one.real)))
             if not unsettled.any() or self._bottom or self.omega[0] < LOWEST * self.omega[-1]:
                 break
-            above = self.omega, self.loci, self._pairs, self._lowest
-            self._further_down()
-            falls = self._falls()
-            if np.any((orders > 0) & (np.abs(falls - np.round(falls)) > ASTRAY)):  # round-off would turn every count
-                self.omega, self.loci, self._pairs, self._lowest = above
-                self._bottom = True
+            self._further_down(lambda falls, orders=orders: (orders > 0) & (np.abs(falls - np.round(falls)) > ASTRAY))
 
-    def _further_down(self) -> None:
-        lowest = self.omega[0] / 16
+    def _further_down(self, lost: Callable[[Floats], Booleans]) -> None:
+        """Take samples further down, unless round-off has `lost` a locus there: it would turn every count."""
+        above, lowest = (self.omega, self.loci, self._pairs, self._lowest), self.omega[0] / 16
         self.add(np.array([lowest, BESIDE * lowest, 4 * lowest]))
+        if np.any(lost(self._falls())):
+            self.omega, self.loci, self._pairs, self._lowest = above
+            self._bottom = True
 
     def _falls(self) -> Floats:
         """(r,) how each locus falls at the lowest sample, as 1/ωᵏ: k; 0 where it is lost in round-off."""
@@ -289,9 +289,9 @@ class Sweep:
         for _ in range(40):
             falls = self._falls()
             settled = np.all(np.abs(falls - np.round(falls)) < 0.05) and self.omega[0] < self._slowest
-            if settled or np.abs(self.loci[0]).max() > HUGE or self.omega[0] < 1e3 * LOWEST * self.omega[-1]:
+            if settled or self._bottom or np.abs(self.loci[0]).max() > HUGE or self.omega[0] < 1e3 * LOWEST * self.omega[-1]:
                 break
-            self._further_down()
+            self._further_down(lambda falls: np.abs(falls - 1) > STEEPEST)
         while self.last is None and np.abs(self.loci[-1]).max() * self.highest > 1 and self.omega[-1] < 1e12 * self.omega[0]:
             self.add(self.omega[-1] * np.array([1.5, 2.0]))
 
