@@ -17,8 +17,7 @@ from .sweep import CLOSEST, MOST, Sweep, in_blocks, passes
 Curves = Callable[[Floats], Complexes]
 """ω (k,) → (k, m): m scalar responses."""
 RELATIVE_MOVE = 0.25  # of a curve between samples, near the negative real axis
-STEPS_DOWN = 8.0 ** -np.arange(6)  # of the lowest sample: where curves are looked at in addition, to tell what they settle to
-SETTLED = 1e-3  # relative move over the last of these steps; what is left of it then is some 60 times smaller
+AT_REST = 1e-3  # of the lowest sample: where curves are looked at in addition, to tell what they settle to
 REAL = 1e-6  # part of its size up to which what is imaginary at an end of the boundary is taken for round-off
 FAINTEST = 1e-6  # of a curve's largest value: where it is smaller it is not followed, and what it would limit counts as without limit
 
@@ -153,8 +152,8 @@ def room(sweep: Sweep, curves: Curves) -> tuple[Floats, Booleans]:
             continue
         certificate = Certificate(*(family.count(joint, one.at * (1 + side * NUDGE)) for side in (-1, 1)))
         end = None if certificate.holds else family.of(joint).end(0.0, one.at * (1 + 10 * NUDGE))
-        found[joint] = one.at if end is None else end.at
         certified[joint] = certificate.holds or (end is not None and end.certificate.holds)
+        found[joint] = end.at if end is not None and certified[joint] else one.at
     return found, certified
 
 
@@ -164,9 +163,10 @@ class _Curves:
     def __init__(self, sweep: Sweep, curves: Curves) -> None:
         self._sweep = sweep
         self._at: Curves = lambda omega: in_blocks(curves, omega, sweep.loop.size)
-        self.omega, self.values = _resolved(np.union1d(_down_to_rest(sweep, self._at), sweep.omega), self._at)
-        move = np.abs(self.values[1] - self.values[0]) if self.omega[1] < sweep.omega[0] * 1.01 else math.inf
-        self._settled = move <= SETTLED * np.abs(self.values[0])  # (m,) what c is at rest is known
+        plant = None if sweep.loop.parts is None else sweep.loop.parts.plant
+        settles = plant is not None and plant.gravity_stiffness is not None  # else nothing but round-off would be seen so far down
+        omega = np.insert(sweep.omega, 0, AT_REST * sweep.omega[0]) if settles else sweep.omega
+        self.omega, self.values = _resolved(omega, self._at)
         self.size = self.values.shape[1]
 
     def add(self, omega: Floats) -> None:
@@ -203,8 +203,7 @@ class _Curves:
         found: list[Rough | None] = [None] * self.size
         for rows in (0, -1) if self._sweep.last is not None else (0,):
             for joint, value in enumerate(self.values[rows].tolist()):
-                at_rest = rows == 0 and self._settled[joint] and abs(value.imag) < SETTLED * abs(value)
-                if value.real < -least[joint] and (at_rest or (rows < 0 and abs(value.imag) < REAL * abs(value))):
+                if value.real < -least[joint] and abs(value.imag) < REAL * abs(value):
                     found[joint] = _further_left(found[joint], Rough(-1 / value.real, float(self.omega[rows]), value))
         rows, joints = np.nonzero(_foremost(self.values, _meet_axis(self.values)))
         for joint, one in zip(joints.tolist(), self._polished(rows, joints), strict=True):
@@ -281,15 +280,6 @@ def on_axis(curves: Curves, joints: Integers, low: tuple[Floats, Complexes], hig
         second = np.where(same, np.where(moved_left, 0.5 * second, second), value.imag)
         moved_left, moved_right = same, ~same
     return omega, value
-
-
-def _down_to_rest(sweep: Sweep, curves: Curves) -> Floats:
-    """Frequencies [rad/s] from the lowest sample down to where the first n curves have settled best; further down is round-off."""
-    omega = sweep.omega[0] * STEPS_DOWN
-    values = curves(omega)[:, : sweep.loop.size]
-    moves = np.max(np.abs(np.diff(values, axis=0)), axis=1)
-    worse = np.flatnonzero(np.diff(moves) > 0)
-    return omega[: (int(worse[0]) if len(worse) else len(moves) - 1) + 2]
 
 
 def _resolved(omega: Floats, curves: Curves) -> tuple[Floats, Complexes]:

@@ -7,6 +7,7 @@ crossing that is found need not be the first: then the count inside tells, and t
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +22,7 @@ AROUND = np.linspace(-0.06, 0.06, 121)  # where a crossing was not where its nei
 CLOSE = 0.03  # relative distance within which crossings, interpolated between samples, may change places when polished
 TRIES = 12  # crossings that are polished and counted before halving has to do
 POLISHED = 1e-3  # relative width of a bracket from which on its crossing is polished
+SHARES = (1e-5, 1e-3, 0.1)  # of a bracket that are tried before it is halved
 HALVINGS = 50  # of a bracket; more only chase round-off
 LOOKS = 2  # times that samples are taken about a crossing that was not found
 DIPS = 8  # rounds of samples about what comes near the unit circle
@@ -99,7 +101,8 @@ class Family:
                 if certificate.holds:
                     return self._ended(first, certificate)
                 if certificate.inside != 0:
-                    return self._between(start, first.at * (1 - way * NUDGE))
+                    found = self._between(start, first.at * (1 - way * NUDGE))
+                    return found if found.certificate.holds else self._ended(first, certificate)
                 passed = way * max(way * first.at * (1 + way * NUDGE), way * passed)  # no root crosses there
             elif looked < LOOKS:
                 self.closer(nearest.omega * (1 + AROUND))
@@ -119,6 +122,12 @@ class Family:
     def _between(self, stable: float, unstable: float) -> End:
         """The end by halving; polished as soon as its bracket is narrow."""
         way = math.copysign(1.0, unstable - stable)
+        for share in SHARES:  # mostly the first crossing lies close before the one that was found
+            inside = unstable - share * (unstable - stable)
+            if self.count(inside) == 0:
+                stable = inside
+                break
+            unstable = inside
         for _ in range(HALVINGS):
             if abs(unstable - stable) <= NUDGE * abs(unstable):
                 break
@@ -186,11 +195,15 @@ def delays(sweep: Sweep) -> Family:
                     break
         return exact
 
+    @lru_cache(2)
+    def delayed(t: float) -> Sweep:
+        return Sweep(sweep.loop.delayed(t))
+
     def nearest(t: float) -> Rough:
-        return _nearest(Sweep(sweep.loop.delayed(t)), t, 1.0)
+        return _nearest(delayed(t), t, 1.0)
 
     return Family(
-        lambda t: Sweep(sweep.loop.delayed(t)).unstable(1.0),
+        lambda t: delayed(t).unstable(1.0),
         lambda: place(*_circle_crossings(sweep)),
         polish,
         lambda omega: None,
