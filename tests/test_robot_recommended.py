@@ -146,6 +146,7 @@ def test_without_weight_where_it_cannot_be_kept():
 
 
 @pytest.mark.population
+@pytest.mark.skipif("'population' not in config.getoption('markexpr')", reason="runs with -m population")
 @pytest.mark.parametrize("text", [TALOS, G1, BIPED.replace("[left_sole, right_sole]}", "[left_sole, right_sole], flight: []}")])
 def test_none_can_be_raised_on_larger_robots(text: str):
     spec = parse_robot(text, "robot")

@@ -17,9 +17,13 @@ QUANTITIES = {
 """What may be uncertain of joint and drive, by its field's name: the factor from SI to the unit that a person reads, and that unit."""
 
 
+THIN_SPACES = "\u2009\u202f"
+"""Between the thousands of a number."""
+
+
 def printable(text: str) -> str:
     """`text` on one line: white space as spaces, and what else a terminal cannot show as ?."""
-    return "".join(c if c.isprintable() else " " if c.isspace() else "?" for c in text)
+    return "".join(c if c.isprintable() or c in THIN_SPACES else " " if c.isspace() else "?" for c in text)
 
 
 def one_line(message: object, most: int = 240) -> str:
