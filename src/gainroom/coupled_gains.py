@@ -86,7 +86,6 @@ def raised_gains(
     kept = [case.kept(start) for case in cases]
     if not _all_meet(cases, kept):
         raise GainroomError("raised_gains needs gains to begin with that keep what is required")
-    groups = _lightest_last(cases, start, unit, groups)
     search = _Search(cases, unit, most, progress)
     state = _State(start, [int(np.argmax([one.shortfall(case.required) for one, case in zip(kept, cases, strict=True)]))])
     singles = [[j] for group in groups for j in group]
@@ -95,17 +94,6 @@ def raised_gains(
         search.round(state, groups, (TOGETHER,))
     search.round(state, singles, (ALONE,))
     return search.proved(state, [j for group in groups for j in group])
-
-
-def _lightest_last(cases: Sequence[Case], start: Gains, unit: Floats, groups: Sequence[Sequence[int]]) -> list[list[int]]:
-    """Groups, and directions in them, in an order of what they move: equally soft ones are raised alike whatever joints are called."""
-    moved = np.zeros(len(unit))
-    for case in cases:
-        parts = case.loop(start).parts
-        assert parts is not None
-        moved += unit * np.einsum("mn,nk,km->m", case.jacobian, parts.plant.link_inverse_inertia, case.torque)
-    place = np.round(np.log(np.maximum(moved, 1e-300)), 6)
-    return sorted((sorted(group, key=lambda j: place[j]) for group in groups), key=lambda group: place[group[0]])
 
 
 def _all_meet(cases: Sequence[Case], kept: Sequence[Kept]) -> bool:
@@ -158,8 +146,7 @@ class _Search:
 
     def _stiffness(self, gains: Gains, group: Sequence[int]) -> float:
         kp, kd, _ = gains[:, list(group)]
-        least = (np.where(self._cascade[list(group)], kd * kp, kp) / self._unit[list(group)]).min()
-        return float(f"{least:.6g}")  # round-off must not say which of two is the softer
+        return float((np.where(self._cascade[list(group)], kd * kp, kp) / self._unit[list(group)]).min())
 
     def _raised(self, screens: Sequence[Screen], gains: Gains, group: Sequence[int], factor: float) -> Gains | None:
         """With a group raised by `factor`, where that is allowed with any damping."""
