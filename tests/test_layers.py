@@ -32,7 +32,7 @@ LAYERS = (
     ("limits", "range_proof", "plausible"),
     ("coupled",),
     ("part_limits", "kept"),
-    ("region", "screen"),
+    ("region", "slopes"),
     ("recommend", "coupled_gains"),
     ("study",),
     ("robot_spec",),

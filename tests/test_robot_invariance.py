@@ -291,7 +291,6 @@ def test_the_command_on_files(folder: Path, capsys: pytest.CaptureFixture[str]):
             assert_same(row, task, {}, 1e-5)
 
 
-@pytest.mark.xfail(strict=True, reason="the search for a robot's gains still depends on the order of its joints and on rounding")
 def test_recommended_gains_of_the_command_on_files(folder: Path, capsys: pytest.CaptureFixture[str]):
     plain, other, biped = told(folder / "plain", capsys), told(folder / "all at once", capsys), VARIANTS["all at once"]
     square = biped.unit**2

@@ -1,68 +1,73 @@
-"""Gains of coupled loops, raised one by one until none can be raised further without breaking a requirement in some case.
+"""Gains of coupled loops: as stiff as the requirements allow in every case, no direction stiffer without another softer.
 
-A direction is a joint, or one of a task. Beginning with gains that hold in every case, the softest direction is raised first, by its
-stiffness relative to what it is measured by, with as much damping as it takes; whatever cannot be raised is left, and the others go on.
-So all are equally stiff as far as they can be, and what one cannot use others may. Steps become smaller until RAISE.
+A direction is a joint, or one of a task. Of all gains that keep what is required, those are sought that make
 
-Directions that are alike (the legs of a biped) are raised together, and one by one only where that gains anything. Steps are told by
-screen.py; after each round every case is looked at with kept.py, and where the screen erred the round is done again with that case, or
-only as far as it holds. What is returned has been checked so, and so has that no direction can be raised.
+    Σ_j w_j u_j / k_j,   k_j the stiffness of direction j, u_j the inertia it moves, w_j the weight that its user gives it,
+
+smallest: the sum of what each gives way under the same acceleration. It is steep in what is soft, so that all come out equally stiff as far
+as they can, and what one cannot use others may; damping is whatever that takes. The search goes in ln of the gains: at every step all that
+may be missed is replaced by its tangent (slopes.py), and the quadratic programme of that solved, within a radius that shrinks where the
+tangents mislead (sequential quadratic programming: Nocedal and Wright 2006, chapter 18). It begins anywhere that is stable, and makes what
+is missed smaller first. Nothing in it depends on the order of directions or on units.
+
+What is returned has been looked at in every case, and so has that no direction can be raised.
 """
 
-from collections.abc import Callable, Hashable, Sequence
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import nnls
 
-from .arrays import Booleans, Floats, Integers
+from .arrays import Booleans, Floats
 from .errors import GainroomError
 from .kept import Kept
-from .screen import Case, Gains, Screen, misses
+from .slopes import Case, Gains, Slopes, moved
 
 RAISE = 1.05
 """No stiffness can be raised by this factor, whether its damping stays or rises as much."""
-STEPS = (4.0, 2.0, 1.4, 1.18, 1.05)
-TOGETHER = 1.012  # the last step of directions that are alike: then one of them alone hardly ever gains RAISE
-ALONE = 1.04  # the last step of every direction: with what the screen allows for doubt less than RAISE
-DAMPINGS = (0.0, 0.5, 1.0, -0.5)  # powers of the factor on a stiffness that are tried as the factor on its damping
+RADIUS = 0.3  # of the first step, in ln of a gain
+WIDEST = 1.0
+NARROWEST = 2e-4  # at which a search ends
+SMALL = 3e-5  # a step that promises less than this ends it too
+PRICES = ((10.0, 2e-5), (50.0, 3e-3), (250.0, 2e-2))
+"""What a requirement missed by 1 costs, against ln of what is made small, and how much more than asked for is kept: first as little as
+tangents are off by at the end. Where that does not hold, more: two loci that meet part again like a square root, which has no tangent.
+"""
+PULL = 0.02  # of every change of a gain: without it what nothing depends on would be anywhere
+STEPS = 150
 ONES = 8  # rounds in which what was found is looked at again
 
 
 @dataclass(frozen=True)
 class Raised:
-    """Gains of which none can be raised.
+    """Gains of which none can be raised, or what came nearest to keeping what is required.
 
     gains    (3, m)
     kept     what each case keeps, in the order of the cases
+    holds    False where no gains were found that keep what is required
     margin   per direction which requirement breaks if it is raised: a field of Requirements, "stability", or "" where nothing limits it
     case     and the case in which it does, by its index; −1: none
     """
 
     gains: Gains
     kept: tuple[Kept, ...]
-    margin: tuple[str, ...]
-    case: tuple[int, ...]
+    holds: bool
+    margin: tuple[str, ...] = ()
+    case: tuple[int, ...] = ()
 
 
-@dataclass
-class _State:
-    """Where a search is."""
-
-    gains: Gains
-    active: list[int]
+def stiffness(gains: Gains, cascade: Booleans) -> Floats:
+    """(m,): kp, of a P/PI kp·kv."""
+    return gains[0] * np.where(cascade, gains[1], 1.0)
 
 
-def stiffer(gains: Gains, which: Sequence[int], factor: float, power: float, cascade: Booleans) -> Gains:
-    """`gains` with the stiffness of some directions times `factor`, and their damping times factor^power.
-
-    The stiffness of a P/PI direction is kp·kv, its damping kv, and ki goes with the stiffness.
-    """
-    found, columns = gains.copy(), list(which)
-    damping = factor**power
-    found[0, columns] *= np.where(cascade[columns], factor / damping, factor)
-    found[1, columns] *= damping
-    found[2, columns] *= factor
-    return found
+def stiffer(gains: Gains, which: int, factor: float, power: float, cascade: Booleans) -> Gains:
+    """`gains` with the stiffness of one direction times `factor`, and its damping times factor^power."""
+    step = np.zeros((2, gains.shape[1]))
+    step[:, which] = math.log(factor) * np.array([1.0, power])
+    return moved(gains, step, cascade)
 
 
 def raised_gains(
@@ -73,133 +78,132 @@ def raised_gains(
     most: float,
     progress: Callable[[], None] = lambda: None,
 ) -> Raised:
-    """The gains that are reached from `start`, which holds in every case.
+    """The gains that are reached from `start`, which is stable in every case.
 
-    unit     (m,) what the stiffness of each direction is measured by: equal shares of it are equally stiff
-    groups   the directions that may be raised, those that are alike together
+    unit     (m,) what the stiffness of each direction is measured by: its inertia, over its weight
+    groups   the directions that may be changed; those of one group (the legs of a biped) by the same factors
     most     times `unit`: beyond this nothing limits a stiffness
 
-    Raises GainroomError without cases or requirements, and where `start` does not hold.
+    Raises GainroomError without cases or requirements, and where `start` is not stable.
     """
     if not cases or not any(case.required.asked for case in cases):
         raise GainroomError("raised_gains needs at least one case and one requirement")
-    kept = [case.kept(start) for case in cases]
-    if not _all_meet(cases, kept):
-        raise GainroomError("raised_gains needs gains to begin with that keep what is required")
-    search = _Search(cases, unit, most, progress)
-    state = _State(start, [int(np.argmax([one.shortfall(case.required) for one, case in zip(kept, cases, strict=True)]))])
-    singles = [[j] for group in groups for j in group]
-    search.round(state, groups, STEPS)
-    if len(singles) > len(groups):
-        search.round(state, groups, (TOGETHER,))
-    search.round(state, singles, (ALONE,))
-    return search.proved(state, [j for group in groups for j in group])
-
-
-def _all_meet(cases: Sequence[Case], kept: Sequence[Kept]) -> bool:
-    return all(one.meets(case.required) for one, case in zip(kept, cases, strict=True))
+    if not all(case.kept(start).stable for case in cases):
+        raise GainroomError("raised_gains needs gains to begin with that are stable in every case")
+    search = _Search(cases, unit, groups, most, progress)
+    found = search.descended(start)
+    kept = tuple(case.kept(found) for case in cases)
+    if not all(one.meets(case.required) for one, case in zip(kept, cases, strict=True)):
+        return Raised(found, kept, False)
+    return search.proved(found)
 
 
 class _Search:
-    def __init__(self, cases: Sequence[Case], unit: Floats, most: float, progress: Callable[[], None]) -> None:
+    def __init__(
+        self, cases: Sequence[Case], unit: Floats, groups: Sequence[Sequence[int]], most: float, progress: Callable[[], None]
+    ) -> None:
         self._cases, self._unit, self._most, self._progress = cases, unit, most, progress
+        self._member = np.zeros((len(groups), len(unit)))  # (groups, m) 1 where a direction belongs to a group
+        for row, group in zip(self._member, groups, strict=True):
+            row[list(group)] = 1.0
         self._cascade = cases[0].cascade
 
-    def round(self, state: _State, groups: Sequence[Sequence[int]], steps: Sequence[float]) -> None:
-        """Raise by each factor of `steps`, the softest first, until nothing can be; with the last, begin anew as long as anything was."""
+    def descended(self, start: Gains) -> Gains:
+        """Over few cases first, then with those that it misses too, until all are kept or nothing more helps."""
+        active, gains = [self._worst(start)], start
         while True:
-            found = self._climbed(state, groups, steps)
-            worst = self._broken(found)
-            if worst is None:
-                state.gains = found
-                return
-            if worst in state.active:
-                state.gains = self._as_far_as_it_holds(state.gains, found)
-                return
-            state.active.append(worst)  # and once more from where the round began
+            gains, missed = self._descended(gains, [self._cases[k] for k in active])
+            worst = self._worst(gains)
+            if missed > 0 or worst in active or self._missed(gains, [self._cases[worst]]) <= 0:
+                return gains
+            active.append(worst)
 
-    def _climbed(self, state: _State, groups: Sequence[Sequence[int]], steps: Sequence[float]) -> Gains:
-        """As far as the screens of the active cases allow."""
-        gains = state.gains
-        screens = [Screen(self._cases[k], gains, self._cases[k].samples(gains), steps[0]) for k in state.active]
-        for factor in steps:
-            for screen in screens:
-                screen.expect(factor)
-            moved = True
-            while moved:
-                gains, moved = self._once(screens, gains, groups, factor)
-                moved = moved and factor == steps[-1]
-        return gains
+    def _worst(self, gains: Gains) -> int:
+        """The case that misses most, or keeps least."""
+        return int(np.argmax([self._missed(gains, [case]) for case in self._cases]))
 
-    def _once(self, screens: Sequence[Screen], gains: Gains, groups: Sequence[Sequence[int]], factor: float) -> tuple[Gains, bool]:
-        """Every group raised as often as that is allowed, and whether any was."""
-        moved, left = False, list(groups)
-        while left:
-            group = min(left, key=lambda group: self._stiffness(gains, group))
-            found = self._raised(screens, gains, group, factor)
+    def _missed(self, gains: Gains, cases: Sequence[Case]) -> float:
+        """What is missed most, as slopes.py measures it; negative where all is kept; inf where unstable."""
+        worst = -math.inf
+        for case in cases:
+            worst = max(worst, _shortage(case, case.kept(gains)))
             self._progress()
-            if found is None:
-                left.remove(group)
+            if worst == math.inf:
+                break
+        return worst
+
+    def _descended(self, gains: Gains, cases: Sequence[Case]) -> tuple[Gains, float]:
+        """From gains that are stable: the stiffest that keep what is required, or what comes nearest; and what they miss."""
+        missed = self._missed(gains, cases)
+        for price, reserve in PRICES:
+            gains, missed = self._descended_at(gains, missed, cases, price, reserve)
+            if missed <= 0:
+                break
+        return gains, missed
+
+    def _descended_at(self, gains: Gains, missed: float, cases: Sequence[Case], price: float, reserve: float) -> tuple[Gains, float]:
+        """The same at one price of what is missed."""
+        radius, slopes, kept = RADIUS, Slopes.of([case.slopes(gains) for case in cases]), []
+        for _ in range(STEPS):
+            if missed <= 0:
+                kept.append((self._give(gains).sum(), gains, missed))
+            step, promised = self._step(gains, slopes, missed + reserve, radius, price, reserve)
+            if promised < SMALL:
+                break
+            tried = moved(gains, step, self._cascade)
+            after = self._missed(tried, cases)
+            gained = self._cost(gains, missed + reserve, price) - self._cost(tried, after + reserve, price)
+            if gained > 0.1 * promised:
+                gains, missed = tried, after
+                slopes = Slopes.of([case.slopes(gains) for case in cases])
+                if gained > 0.7 * promised and np.abs(step).max() > 0.99 * radius:
+                    radius = min(2 * radius, WIDEST)
             else:
-                gains, moved = found, True
-        return gains, moved
+                radius = 0.4 * min(radius, float(np.abs(step).max()))
+            if radius < NARROWEST:
+                break
+        return min(kept, key=lambda each: each[0])[1:] if kept else (gains, missed)
 
-    def _stiffness(self, gains: Gains, group: Sequence[int]) -> float:
-        kp, kd, _ = gains[:, list(group)]
-        return float((np.where(self._cascade[list(group)], kd * kp, kp) / self._unit[list(group)]).min())
+    def _give(self, gains: Gains) -> Floats:
+        """(m,) by how much every direction gives way, of which the sum is made small; 0 for those that may not be changed."""
+        return self._member.any(axis=0) * self._unit / np.maximum(stiffness(gains, self._cascade), 1e-300)
 
-    def _raised(self, screens: Sequence[Screen], gains: Gains, group: Sequence[int], factor: float) -> Gains | None:
-        """With a group raised by `factor`, where that is allowed with any damping."""
-        if self._stiffness(gains, group) * factor > self._most:
-            return None
-        for power in DAMPINGS:
-            found, done = stiffer(gains, group, factor, power, self._cascade), []
-            if len(group) > 1 and not all(screen.allows(j, found) for screen in screens for j in group):
-                continue  # what one of them may not, all together hardly ever may
-            for j in group:
-                if not all(screen.allows(j, found) for screen in screens):
-                    break
-                for screen in screens:
-                    screen.take(j, found)
-                done.append(j)
-            if len(done) == len(group):
-                for screen in screens:
-                    screen.settle()
-                return found
-            for j in done:
-                for screen in screens:
-                    screen.take(j, gains)
-        return None
+    def _cost(self, gains: Gains, missed: float, price: float) -> float:
+        """What is made small: ln of the sum, and a penalty on what is missed."""
+        return math.inf if missed == math.inf else math.log(self._give(gains).sum()) + price * max(missed, 0.0)
 
-    def _broken(self, gains: Gains) -> int | None:
-        """The case that misses its requirement most; None where all are kept."""
-        missed = [(kept.shortfall(case.required), self._cases.index(case)) for case, kept in misses(self._cases, gains, self._progress)]
-        return max(missed)[1] if missed else None
+    def _step(self, gains: Gains, slopes: Slopes, missed: float, radius: float, price: float, reserve: float) -> tuple[Floats, float]:
+        """(2, m) the best step within `radius` as far as tangents tell, and by how much it promises to lower the cost."""
+        give, size = self._give(gains), len(self._member)
+        weight = self._member @ give / give.sum()
+        room = np.array([math.log(self._most * give[member > 0].min()) for member in self._member])
+        slope = (slopes.slope @ self._member.T).reshape(len(slopes.missed), 2 * size)
+        bend = np.concatenate([weight, np.zeros(size)]) + PULL
+        pull = -np.concatenate([weight, np.zeros(size)])
+        low, high = np.full(2 * size, -radius), np.full(2 * size, radius)
+        high[:size] = np.clip(room, -radius, radius)
+        step, over = _quadratic_programme(bend, pull, slope, slopes.missed + reserve, price, low, high)
+        lower = float(pull @ step + 0.5 * (bend - PULL) @ step**2)
+        return step.reshape(2, size) @ self._member, price * (max(missed, 0.0) - over) - lower
 
-    def _as_far_as_it_holds(self, inside: Gains, outside: Gains) -> Gains:
-        """Between gains that hold in every case and gains that do not, by halves."""
-        way = np.divide(outside, inside, out=np.ones_like(inside), where=inside != 0)
-        low, high = 0.0, 1.0
-        while high - low > 0.1:
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if self._broken(inside * way**middle) is None else (low, middle)
-        return inside * way**low
-
-    def proved(self, state: _State, free: Sequence[int]) -> Raised:
+    def proved(self, gains: Gains) -> Raised:
         """Every direction raised by RAISE breaks something; where one does not, it is raised and all are looked at again."""
-        gains, cases = state.gains, self._cases
-        order = [*state.active, *(k for k in range(len(cases)) if k not in state.active)]
+        cases, order = self._cases, list(range(len(self._cases)))
+        for case in cases:
+            case.seen(gains)
         why: dict[int, tuple[str, int]] = {}
+        free = np.flatnonzero(self._member.any(axis=0)).tolist()
         for _ in range(ONES * len(free)):
             left = [j for j in free if j not in why]
             if not left:
                 break
-            j = min(left, key=lambda j: self._stiffness(gains, [j]))
-            if self._stiffness(gains, [j]) * RAISE > self._most:
+            share = stiffness(gains, self._cascade) / self._unit
+            j = min(left, key=lambda j: share[j])
+            if share[j] * RAISE > self._most:
                 why[j] = "", -1
                 continue
             for power in (0.0, 1.0):
-                found = stiffer(gains, [j], RAISE, power, self._cascade)
+                found = stiffer(gains, j, RAISE, power, self._cascade)
                 broken = self._first_broken(found, order)
                 if broken is None:
                     gains, why = found, {}
@@ -207,20 +211,51 @@ class _Search:
                 why.setdefault(j, broken)
                 order.remove(broken[1])
                 order.insert(0, broken[1])
-        size = gains.shape[1]
-        told = [why.get(j, ("", -1)) for j in range(size)]
-        return Raised(gains, tuple(case.kept(gains) for case in cases), tuple(name for name, _ in told), tuple(k for _, k in told))
+        told = [why.get(j, ("", -1)) for j in range(gains.shape[1])]
+        return Raised(gains, tuple(case.kept(gains) for case in cases), True, tuple(name for name, _ in told), tuple(k for _, k in told))
 
     def _first_broken(self, gains: Gains, order: Sequence[int]) -> tuple[str, int] | None:
-        """What is broken first, and the case; None where nothing is."""
-        for case, kept in misses([self._cases[k] for k in order], gains, self._progress):
-            return kept.missed(case.required), self._cases.index(case)
+        """What is broken first, and the case; None where nothing is. What is quickly seen comes first."""
+        for look in (Case.breaks, lambda case, gains: case.kept(gains).missed(case.required)):
+            for k in order:
+                name = look(self._cases[k], gains)
+                self._progress()
+                if name:
+                    return name, k
         return None
 
 
-def alike(keys: Sequence[Hashable], free: Integers) -> list[list[int]]:
-    """Directions `free` in groups that have the same key."""
-    found: dict[Hashable, list[int]] = {}
-    for j in free.tolist():
-        found.setdefault(keys[j], []).append(j)
-    return list(found.values())
+def _shortage(case: Case, kept: Kept) -> float:
+    """What is missed most, in ln of a gain or a sensitivity or as part of a phase; negative where all is kept."""
+    if not kept.stable:
+        return math.inf
+    required, found = case.required, []
+    if required.gain_margin is not None:
+        found.append(math.log(required.gain_margin / kept.gain_margin) if kept.gain_margin < math.inf else -math.inf)
+    if required.phase_margin is not None:
+        found.append(1 - kept.phase_margin / required.phase_margin)
+    if required.peak_sensitivity is not None:
+        found.append(math.log(kept.peak_sensitivity / required.peak_sensitivity))
+    return math.inf if any(math.isnan(value) for value in found) else max(found)
+
+
+def _quadratic_programme(
+    bend: Floats, pull: Floats, slope: Floats, value: Floats, penalty: float, low: Floats, high: Floats
+) -> tuple[Floats, float]:
+    """The x (n,) with low ≤ x ≤ high, and t ≥ 0, that make ½ Σ bend x² + pull·x + penalty t + ½ t² smallest with value + slope x ≤ t.
+
+    Brought to a least distance, which non-negative least squares finds (Lawson and Hanson 1974, chapter 23): min |y| with G y ≥ h.
+    """
+    size = len(bend)
+    root = np.sqrt(np.append(bend, 1.0))
+    centre = -np.append(pull, penalty) / root**2  # without limits
+    eye = np.eye(size + 1)
+    rows = np.vstack([np.column_stack([slope, -np.ones(len(value))]), -eye[-1:], eye[:-1], -eye[:-1]])
+    limit = np.concatenate([-value, [0.0], high, -low])
+    matrix, least = -rows / root, rows @ centre - limit
+    system = np.vstack([matrix.T, least])
+    scale = np.maximum(np.abs(system).max(axis=0), 1e-300)
+    wanted = np.append(np.zeros(size + 1), 1.0)
+    residual = system / scale @ nnls(system / scale, wanted, maxiter=100 * len(wanted))[0] - wanted
+    found = centre - residual[:-1] / residual[-1] / root
+    return np.clip(found[:-1], low, high), max(float(found[-1]), 0.0)

@@ -6,7 +6,7 @@ to keep a margin keep it to the last digits when they are looked at again.
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,8 +19,7 @@ from .sweep import MOST, Sweep, in_blocks
 REAL = 0.01  # share of imaginary part that a value next to the end of the boundary may have
 CLOSE = 0.05  # relative: crossings and peaks whose interpolated margins are that near the least one are polished
 SLACK = 0.01  # [rad, or of ln g] the same, of margins so small that interpolation is off by more than that part of them
-BETWEEN = 9  # samples about a peak, in each of NARROWER rounds, each of which narrows it four times
-NARROWER = 6
+ROUNDS = 4  # of parabolas about a peak, of which each finds about half as many digits again
 
 
 @dataclass(frozen=True)
@@ -70,61 +69,8 @@ UNKNOWN = Kept(True, math.nan, math.nan, math.nan)
 """Of a loop whose loci could not be followed: nothing that is required counts as kept."""
 
 
-def kept_by(loop: Loop) -> Kept:
-    """What a coupled loop keeps, from its loci and from each loop's return ratio with the others closed."""
-    return kept_where(loop)[0]
-
-
-def kept_where(loop: Loop) -> tuple[Kept, Floats]:
-    """`kept_by`, and the frequencies (k,) [rad/s] that it took to see it."""
-    sweep = Sweep(loop)
-    if sweep.unstable(1.0) > 0:
-        return UNSTABLE, sweep.omega
-    if sweep.full:
-        return UNKNOWN, sweep.omega
-
-    def sensitivity(omega: Floats) -> Complexes:
-        return in_blocks(lambda part: _own_sensitivity(loop, part), omega, loop.size)
-
-    try:
-        omega, values = _resolved(sweep, sensitivity)
-        peak = _peak(omega, values, sensitivity)
-        single = _Curves(omega, _return_ratio(values), lambda omega: _return_ratio(sensitivity(omega)))
-        gains = [_all_factors(sweep), _own_factors(single)]
-        phases = [_all_phases(sweep), _own_phases(single)]
-    except np.linalg.LinAlgError:  # a root on the boundary, to the last digit
-        return UNSTABLE, sweep.omega
-    if loop.sample_time is not None:
-        gains += [_factor_of_real(sweep.loci[-1]), _factor_of_real(single.values[-1])]  # at half the sample rate
-    if loop.parts is not None and loop.parts.plant.gravity_stiffness is not None:
-        at_rest = single.at(1e-6 * single.omega[:1])[0]
-        gains += [_factor_of_real(sweep.at_rest()), _factor_of_real(at_rest)]  # where gravity topples
-    return Kept(True, math.exp(min(gains)), min(phases), peak, *phases), omega
-
-
-def kept_at_most(loop: Loop, omega: Floats, required: Requirements) -> Kept:
-    """No less than what a loop keeps, if it is stable: what each loop by itself shows, the others closed, about `omega` (k,) [rad/s].
-
-    Quicker than `kept_by`, and over with the first requirement that is missed: what is missed here is missed.
-    """
-
-    def sensitivity(omega: Floats) -> Complexes:
-        return in_blocks(lambda part: _own_sensitivity(loop, part), omega, loop.size)
-
-    try:
-        values = sensitivity(omega)
-        found = Kept(True, math.inf, math.inf, float(np.abs(values).max()))
-        single = _Curves(omega, _return_ratio(values), lambda omega: _return_ratio(sensitivity(omega)))
-        if found.meets(required):
-            phase = _own_phases(single)
-            found = replace(found, phase_margin=phase, single_phase=phase)
-        return replace(found, gain_margin=math.exp(_own_factors(single))) if found.meets(required) else found
-    except np.linalg.LinAlgError:  # a root on the boundary, to the last digit
-        return UNSTABLE
-
-
 @dataclass(frozen=True)
-class _Curves:
+class Curves:
     """m scalar curves: `values` (k, m) at `omega` (k,), and how to find more."""
 
     omega: Floats
@@ -135,6 +81,52 @@ class _Curves:
         """Where `bent` of curves `joints` crosses the real axis between samples `rows` and the next."""
         low, high = ((self.omega[at], bent(self.values[at, joints])) for at in (rows, rows + 1))
         return on_axis(lambda omega: bent(self.at(omega)), joints, low, high)[1]
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What it takes to see what a loop keeps: its loci, each loop's return ratio with the others closed, and its `sensitivity` (k, n)."""
+
+    sweep: Sweep
+    single: Curves
+    sensitivity: Complexes
+
+    def ends(self) -> list[tuple[float, Complexes | Floats, Complexes]]:
+        """Where the boundary ends and values may be real: ω, the loci that matter there, and every return ratio (n,)."""
+        loop, found = self.sweep.loop, []
+        if loop.sample_time is not None:  # at half the sample rate
+            found.append((float(self.single.omega[-1]), self.sweep.loci[-1], self.single.values[-1]))
+        if loop.parts is not None and loop.parts.plant.gravity_stiffness is not None:  # where gravity topples
+            rest = 1e-6 * self.single.omega[:1]
+            found.append((float(rest[0]), self.sweep.at_rest(), self.single.at(rest)[0]))
+        return found
+
+
+def kept_by(loop: Loop) -> Kept:
+    """What a coupled loop keeps, from its loci and from each loop's return ratio with the others closed."""
+    return kept_where(loop)[0]
+
+
+def kept_where(loop: Loop) -> tuple[Kept, "Seen | None"]:
+    """`kept_by`, and what was seen of a loop that is stable."""
+    sweep = Sweep(loop)
+    if sweep.unstable(1.0) > 0:
+        return UNSTABLE, None
+    if sweep.full:
+        return UNKNOWN, None
+
+    def sensitivity(omega: Floats) -> Complexes:
+        return in_blocks(lambda part: _own_sensitivity(loop, part), omega, loop.size)
+
+    try:
+        omega, values = _resolved(sweep, sensitivity)
+        seen = Seen(sweep, Curves(omega, _return_ratio(values), lambda omega: _return_ratio(sensitivity(omega))), values)
+        peak = _peak(omega, values, sensitivity)
+        gains = [_all_factors(sweep), _own_factors(seen.single)] + [_factor_of_real(ends) for _, *both in seen.ends() for ends in both]
+        phases = [_all_phases(sweep), _own_phases(seen.single)]
+    except np.linalg.LinAlgError:  # a root on the boundary, to the last digit
+        return UNSTABLE, None
+    return Kept(True, math.exp(min(gains)), min(phases), peak, *phases), seen
 
 
 def _own_sensitivity(loop: Loop, omega: Floats) -> Complexes:
@@ -166,18 +158,42 @@ def _resolved(sweep: Sweep, sensitivity: Callable[[Floats], Complexes]) -> tuple
 def _peak(omega: Floats, values: Complexes, sensitivity: Callable[[Floats], Complexes]) -> float:
     """The largest |S_ii|."""
     sizes = np.abs(values)
-    highest = float(sizes.max())
+    rows, joints = peaks(sizes, (1 - CLOSE) * sizes.max())
+    _, height = polished_peaks(omega, sizes, rows, joints, lambda omega: np.abs(sensitivity(omega))[np.arange(len(rows)), joints])
+    return max(float(sizes.max()), float(height.max(initial=0.0)))
+
+
+def polished_peaks(
+    omega: Floats, sizes: Floats, rows: Integers, columns: Integers, at: Callable[[Floats], Floats]
+) -> tuple[Floats, Floats]:
+    """ω and height (k,) of peaks seen in samples: again and again where the parabola through three points about each has its top."""
+    place, height = (np.array([part[rows + k] for k in (-1, 0, 1)]) for part in (omega, sizes))
+    height = height[:, np.arange(len(rows)), columns]
+    for _ in range(ROUNDS if len(rows) else 0):
+        top = _top_of_parabola(place, height)
+        found = at(top)
+        higher, after = found >= height[1], top > place[1]
+        for part, new in ((place, top), (height, found)):
+            low, middle, high = part.copy()
+            part[0] = np.where(higher, np.where(after, middle, low), np.where(after, low, new))
+            part[1] = np.where(higher, new, middle)
+            part[2] = np.where(higher, np.where(after, high, middle), np.where(after, new, high))
+    return place[1], height[1]
+
+
+def peaks(sizes: Floats, least: float) -> tuple[Integers, Integers]:
+    """Samples (k, n) above `least` that are no lower than those beside them: row, which is neither the first nor the last, and column."""
     inner = sizes[1:-1]
-    rows, joints = np.nonzero((inner >= sizes[:-2]) & (inner >= sizes[2:]) & (inner > (1 - CLOSE) * highest))
-    low, high = omega[rows], omega[rows + 2]
-    for _ in range(NARROWER if len(rows) else 0):
-        grid = np.linspace(low, high, BETWEEN, axis=1)
-        found = np.abs(sensitivity(grid.ravel())).reshape(*grid.shape, -1)[np.arange(len(rows)), :, joints]
-        highest = max(highest, float(found.max()))
-        best = np.clip(found.argmax(axis=1), 1, BETWEEN - 2)
-        places = np.arange(len(rows))
-        low, high = grid[places, best - 1], grid[places, best + 1]
-    return highest
+    rows, columns = np.nonzero((inner >= sizes[:-2]) & (inner >= sizes[2:]) & (inner > least))
+    return rows + 1, columns
+
+
+def _top_of_parabola(place: Floats, height: Floats) -> Floats:
+    """(k,) where the parabolas through three points, (3, k), of which the middle one is highest, have their tops."""
+    (low, middle, high), (before, after) = place, np.diff(height, axis=0) / np.maximum(np.diff(place, axis=0), 1e-300)
+    bend = before - after
+    share = np.divide(before, bend, out=np.full(len(bend), 0.5), where=bend > 0)
+    return np.clip(0.5 * (low + middle) + 0.5 * (high - low) * share, low, high)
 
 
 def _near_least(sizes: Floats) -> Booleans:
@@ -185,17 +201,17 @@ def _near_least(sizes: Floats) -> Booleans:
     return sizes <= sizes.min(initial=math.inf) * (1 + CLOSE) + SLACK
 
 
-def _own_factors(single: _Curves) -> float:
+def _own_factors(single: Curves) -> float:
     """The smallest |ln g| at which g times one loop's gains make it vibrate."""
-    rows, joints, value = _meets_axis(single.values[:-1], single.values[1:])
+    rows, joints, value = meets_axis(single.values[:-1], single.values[1:])
     chosen = _near_least(np.abs(np.log(-value)))
     value = single.on_axis(rows[chosen], joints[chosen]).real
     return float(np.abs(np.log(-value[value < 0])).min(initial=math.inf))
 
 
-def _own_phases(single: _Curves) -> float:
+def _own_phases(single: Curves) -> float:
     """The smallest phase [rad] at which one loop vibrates."""
-    rows, joints, _, lag = _meets_circle(single.values[:-1], single.values[1:])
+    rows, joints, _, lag = meets_circle(single.values[:-1], single.values[1:])
     chosen = _near_least(np.abs(lag))
 
     def bent(value: Complexes) -> Complexes:
@@ -208,7 +224,7 @@ def _own_phases(single: _Curves) -> float:
 def _all_factors(sweep: Sweep) -> float:
     """The smallest |ln g| at which g times all gains make them vibrate."""
     steps = sweep.steps()
-    rows, branch, value = _meets_axis(steps.start, steps.end)
+    rows, branch, value = meets_axis(steps.start, steps.end)
     chosen = _near_least(np.abs(np.log(-value)))
     rows, branch, value = rows[chosen], branch[chosen], value[chosen]
     start, end = steps.start[rows, branch].imag, steps.end[rows, branch].imag
@@ -219,7 +235,7 @@ def _all_factors(sweep: Sweep) -> float:
 def _all_phases(sweep: Sweep) -> float:
     """The smallest phase [rad] at which all loops together vibrate."""
     steps = sweep.steps()
-    rows, _, share, lag = _meets_circle(steps.start, steps.end)
+    rows, _, share, lag = meets_circle(steps.start, steps.end)
     chosen = _near_least(np.abs(lag))
     omega = (sweep.omega[rows] * (sweep.omega[rows + 1] / sweep.omega[rows]) ** share)[chosen]
     return _polished(sweep, omega, -np.exp(1j * lag[chosen]), lambda value: np.log(np.abs(value)), lambda value: np.angle(-value))
@@ -235,7 +251,7 @@ def _polished(
     return float(np.abs(margin(value)).min(initial=math.inf))
 
 
-def _meets_axis(start: Complexes, end: Complexes) -> tuple[Integers, Integers, Floats]:
+def meets_axis(start: Complexes, end: Complexes) -> tuple[Integers, Integers, Floats]:
     """Steps (k, m) that cross the negative real axis: row, column and where, interpolated."""
     rows, columns = np.nonzero((start.imag > 0) != (end.imag > 0))
     start, end = start[rows, columns], end[rows, columns]
@@ -244,7 +260,7 @@ def _meets_axis(start: Complexes, end: Complexes) -> tuple[Integers, Integers, F
     return rows[found], columns[found], value[found]
 
 
-def _meets_circle(start: Complexes, end: Complexes) -> tuple[Integers, Integers, Floats, Floats]:
+def meets_circle(start: Complexes, end: Complexes) -> tuple[Integers, Integers, Floats, Floats]:
     """Steps (k, m) that cross the unit circle: row, column, which share of ln ω in, and arg(−λ) there, interpolated."""
     low, high = (np.log(np.maximum(np.abs(value), 1e-300)) for value in (start, end))
     rows, columns = np.nonzero((low > 0) != (high > 0))

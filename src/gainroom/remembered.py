@@ -6,8 +6,8 @@ import numpy as np
 
 from .arrays import Complexes
 
-ENTRIES = 500_000
-"""Complex numbers that are held at a time; then all are forgotten."""
+ENTRIES = 4_000_000
+"""Complex numbers that are held at a time; then the half that was not asked for longest is forgotten."""
 
 
 class Remembered:
@@ -15,29 +15,31 @@ class Remembered:
 
     def __init__(self, function: Callable[[Complexes], Complexes]) -> None:
         self._function = function
-        self._row: dict[complex, int] = {}
+        self._row: dict[complex, int] = {}  # in the order of when they were asked for last
+        self._free: list[int] = []
         self._values: Complexes = np.zeros(0, dtype=complex)
 
     def __call__(self, s: Complexes) -> Complexes:
         points = s.tolist()
-        fresh = list(dict.fromkeys(point for point in points if point not in self._row))
-        if fresh and not self._added(fresh):
-            self._row = {}
-            if not self._added(list(dict.fromkeys(points))):
-                return self._function(s)
+        distinct = list(dict.fromkeys(points))
+        if not self._values.size:
+            entries = self._function(s[:1])[0]
+            self._values = np.empty((ENTRIES // entries.size, *entries.shape), dtype=complex)
+            self._free = list(range(len(self._values)))
+        if 2 * len(distinct) > len(self._values):
+            return self._function(s)
+        for point in distinct:
+            if point in self._row:
+                self._row[point] = self._row.pop(point)
+        fresh = [point for point in distinct if point not in self._row]
+        if fresh:
+            self._add(fresh)
         return self._values[[self._row[point] for point in points]]
 
-    def _added(self, fresh: list[complex]) -> bool:
-        """Whether there was room for points that are not known; where nothing is known yet, room is made."""
-        if self._row and len(self._row) + len(fresh) > len(self._values):
-            return False
-        values = self._function(np.array(fresh))
-        if not self._row:
-            rows = ENTRIES // values[0].size
-            if len(fresh) > rows:
-                return False
-            self._values = np.empty((rows, *values.shape[1:]), dtype=complex)
-        start = len(self._row)
-        self._values[start : start + len(fresh)] = values
-        self._row.update(zip(fresh, range(start, start + len(fresh)), strict=True))
-        return True
+    def _add(self, fresh: list[complex]) -> None:
+        if len(self._free) < len(fresh):
+            for point in list(self._row)[: (len(self._row) + 1) // 2]:
+                self._free.append(self._row.pop(point))
+        rows = [self._free.pop() for _ in fresh]
+        self._values[rows] = self._function(np.array(fresh))
+        self._row.update(zip(fresh, rows, strict=True))

@@ -224,12 +224,13 @@ def _tasks(file: RobotFile, body: RigidBody) -> tuple[Task, ...]:
 
 def _control(section: RobotControlSection, body: RigidBody, sample_time: float | None) -> RobotControl:
     """Gains per joint, or nothing but filters in task space."""
-    filters, joints = section.filters(), None
+    filters, joints, weight = section.filters(), None, None
     if section.space == "joint":
         kind = CONTROLLERS[section.type]
         gains = {name: _per_joint(f"control.{name}", getattr(section, name), body) for name in kind.gain_names()}
         joints = kind(**gains, **filters)
-    return RobotControl(section.space, joints, section.feedback, sample_time, **filters, rotors=section.rotors)
+        weight = _per_joint("control.weight", {"default": 1.0, **(section.weight or {})}, body)
+    return RobotControl(section.space, joints, section.feedback, sample_time, **filters, rotors=section.rotors, weight=weight)
 
 
 def _per_joint(owner: str, patterns: Mapping[str, float], body: RigidBody) -> Floats:

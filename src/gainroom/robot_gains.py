@@ -9,16 +9,17 @@ robot up. (Tasks know the robot, and compensate the weight as it changes.) Where
 the weight, it is left out, and what it does at the gains found so is told beside them.
 """
 
+import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .arrays import Booleans, Floats
+from .arrays import Booleans, Floats, Integers
 from .controller import PD
-from .coupled_gains import alike, raised_gains
+from .coupled_gains import Raised, raised_gains
 from .forbidden import Requirements
 from .kept import Kept
 from .loop import Loop
@@ -27,22 +28,22 @@ from .plant import ElasticJoint, Plant
 from .recommend import recommend_pd
 from .robot_cases import StateCase, state_cases
 from .robot_spec import RobotSpec
-from .screen import Case, Gains, misses
+from .slopes import Case, Gains
 
 if TYPE_CHECKING:
     from .robot.model import RobotModel
     from .robot.tasks import Tasks
 
-SHARES = (0.5, 0.35, 0.7, 0.25, 0.9, 0.17, 0.12, 0.08, 0.05, 0.03, 0.015)
-"""Of the damping of each joint alone, with which a search may begin."""
-SOFT = (0.05, 0.012, 0.003)
+SHARES = (0.5, 0.25, 0.12, 0.9, 0.05)
+"""Of the damping of each joint alone, with which a search may begin: what is stable is made to keep what is required."""
+SOFT = (0.05, 0.01)
 """Of its stiffness, times that: a robot without weight may be as soft as it likes."""
-WEIGHED = (0.1, 0.05, 0.2, 0.025, 0.4, 0.8)
+WEIGHED = (0.4, 0.1, 1.0, 3.0, 10.0, 30.0)
 """The same where gravity asks for stiffness."""
-DAMPED = 5
-"""The first of SHARES alone are tried then: what sways under its weight needs damping."""
-FINER = (1.3, 1.1)
-"""Factors by which share and softness are changed about what came nearest, while that helps."""
+TRIED = 2
+"""Beginnings, where one does not come to gains that keep what is required."""
+ALIKE = 0.01
+"""Relative: joints whose data and loads differ by less are raised together."""
 UNLIMITED = 100.0
 EVERYWHERE = ""
 """The contact state of the set that is safe in all."""
@@ -129,22 +130,26 @@ def _ratio(own: GainSet, safe: GainSet) -> float:
 
 @dataclass(frozen=True)
 class _State:
-    """One case of the uncertainty with its loops: `with_weight`, and `without` it (the same where none counts); who can `move` (m,)."""
+    """One case of the uncertainty with its loops: `with_weight`, and `without` it (the same where none counts).
+
+    moves, load   (m,) which directions can move, and what tells alike ones from others: a joint's inertia, a task direction's place
+    """
 
     contact: str
     with_weight: Case
     without: Case
     weighed: bool
     moves: Booleans
+    load: Floats
 
 
 @dataclass(frozen=True)
 class _Beginning:
-    """Gains (3, m) to begin with: `gains` at share 1; `unit` what stiffness is measured by, `keys` which directions are alike."""
+    """Gains (3, m) to begin with: `gains` at share 1; `unit` what stiffness is measured by, `data` (m,) each, in which alike ones agree."""
 
     gains: Gains
     unit: Floats
-    keys: list[tuple]
+    data: list[Floats]
     cascade: Booleans
 
     @property
@@ -214,15 +219,15 @@ def _set(
     free = np.flatnonzero(given & np.any([state.moves for state in acting], axis=0))
     weighed = any(state.weighed for state in acting)
     cases = [state.with_weight for state in acting]
-    start, near = _start(cases, beginning, weighed, progress, safe)
-    without = start is None and weighed
+    found = _searched(acting, cases, beginning, weighed, free, progress, safe)
+    without = weighed and not found.holds
+    near = "" if found.holds else _nearest(cases, found)
     if without:
         cases = [state.without for state in acting]
-        start, _ = _start(cases, beginning, False, progress, safe)
-    if start is None:
+        found = _searched(acting, cases, beginning, False, free, progress, safe)
+    if not found.holds:
         nearest[contact] = near
         return None
-    found = raised_gains(cases, start, beginning.unit, alike(beginning.keys, free), beginning.most, progress)
     still = np.setdiff1d(np.arange(size), free)
     gains = found.gains.copy()
     gains[:, still[given[still]]] = math.nan
@@ -246,59 +251,67 @@ def _set(
     )
 
 
-def _start(
+def _searched(
+    states: Sequence[_State],
+    cases: Sequence[Case],
+    beginning: _Beginning,
+    weighed: bool,
+    free: Integers,
+    progress: Callable[[], None],
+    safe: GainSet | None,
+) -> Raised:
+    """The gains that are reached from the first beginning from which any are that keep what is required; else those that came nearest."""
+    loads = np.sort([state.load for state in states], axis=0)  # legs that take turns are alike
+    groups = _alike([*beginning.data, *loads], free)
+    best = None
+    for start in itertools.islice(_starts(cases, beginning, weighed, progress, safe), TRIED):
+        found = raised_gains(cases, start, beginning.unit, groups, beginning.most, progress)
+        if found.holds:
+            return found
+        if best is None or _most_missed(cases, found) < _most_missed(cases, best):
+            best = found
+    first = beginning.at(SHARES[0], (WEIGHED if weighed else SOFT)[0])
+    return best or Raised(first, tuple(case.kept(first) for case in cases), False)
+
+
+def _starts(
     cases: Sequence[Case], beginning: _Beginning, weighed: bool, progress: Callable[[], None], safe: GainSet | None
-) -> tuple[Gains | None, str]:
-    """Gains to begin with, which hold in every case; None, and what came nearest in words, where none of those tried does."""
-    look = _Look(cases, progress)
-    if safe is not None:
+) -> Iterator[Gains]:
+    """Gains that are stable in every case: those of `safe` first, then parts of what each joint alone is recommended."""
+    softness = WEIGHED if weighed else SOFT
+    tried = [beginning.at(share, soft) for share in SHARES for soft in softness]
+    if safe is not None and safe.without_weight is not weighed:
         whole = np.array([safe.kp, safe.kd, np.zeros(len(safe.kp)) if safe.ki is None else safe.ki])
-        gains = np.where(np.isnan(whole), beginning.at(SHARES[0], SOFT[0]), whole)
-        if look.missed(gains) == 0:
-            return gains, ""
-    least, best = math.inf, (SHARES[0], SOFT[0])
-    for share in SHARES[:DAMPED] if weighed else SHARES:
-        for softness in WEIGHED if weighed else SOFT:
-            missed = look.missed(beginning.at(share, softness), least)
-            if missed == 0:
-                return beginning.at(share, softness), ""
-            least, best = min((least, best), (missed, (share, softness)))
-    for factor in FINER if math.isfinite(least) else ():
-        helped = True
-        while helped:
-            helped = False
-            for step in ((factor, 1.0), (1.0, factor), (1 / factor, 1.0), (1.0, 1 / factor)):
-                place = best[0] * step[0], best[1] * step[1]
-                missed = look.missed(beginning.at(*place), least)
-                if missed == 0:
-                    return beginning.at(*place), ""
-                if missed < least * (1 - 1e-3):
-                    least, best, helped = missed, place, True
-    return None, look.nearest
+        tried.insert(0, np.where(np.isnan(whole), tried[0], whole))
+    for gains in tried:
+        stable = all(case.kept(gains).stable for case in cases)
+        progress()
+        if stable:
+            yield gains
 
 
-class _Look:
-    """Looks at gains in every case, first where those before have failed; `nearest`: what came nearest, in words."""
-
-    def __init__(self, cases: Sequence[Case], progress: Callable[[], None]) -> None:
-        self._order, self._progress, self._least, self.nearest = list(cases), progress, math.inf, f"unstable in {cases[0].title}"
-
-    def missed(self, gains: Gains, most: float = 0.0) -> float:
-        """By how much the case that misses its requirement most does, relative to it; 0: none. No case is looked at once it is > `most`."""
-        worst, words = 0.0, ""
-        for case, kept in misses(list(self._order), gains, self._progress):
-            if kept.shortfall(case.required) <= most:  # perhaps unstable: a glance does not tell
-                kept = case.kept(gains)
-            shortfall = kept.shortfall(case.required)
-            if shortfall > worst:
-                worst, words = shortfall, f"{_shortage(kept, case.required)} in {case.title}"
-                self._order.remove(case)
-                self._order.insert(0, case)
-            if worst > most:
+def _alike(data: Sequence[Floats], free: Integers) -> list[list[int]]:
+    """Directions `free` in groups whose `data` (each (m,)) are the same within ALIKE."""
+    found: list[list[int]] = []
+    table = np.array(data)
+    for j in free.tolist():
+        for group in found:
+            if np.allclose(table[:, j], table[:, group[0]], rtol=ALIKE, atol=0.0):
+                group.append(j)
                 break
-        if 0 < worst < self._least:
-            self._least, self.nearest = worst, words
-        return worst
+        else:
+            found.append([j])
+    return found
+
+
+def _most_missed(cases: Sequence[Case], found: Raised) -> float:
+    return max(kept.shortfall(case.required) for kept, case in zip(found.kept, cases, strict=True))
+
+
+def _nearest(cases: Sequence[Case], found: Raised) -> str:
+    """What came nearest, in words."""
+    kept, case = max(zip(found.kept, cases, strict=True), key=lambda pair: pair[0].shortfall(pair[1].required))
+    return f"{_shortage(kept, case.required)} in {case.title}"
 
 
 def _shortage(kept: Kept, required: Requirements) -> str:
@@ -330,19 +343,22 @@ def _joints_alone(spec: RobotSpec, model: "RobotModel", lightest: Floats) -> _Be
     latest = [drive.delay for drive in spec.drives] if spec.uncertainty.delay is None else spec.uncertainty.delay[1].tolist()
     heaviest = float(lightest.max())
     known: dict[tuple, tuple[float, float]] = {}
-    gains, keys, unit = np.zeros((3, size)), [], np.zeros(size)
+    gains, unit = np.zeros((3, size)), np.zeros(size)
     for k in range(size):
-        parts: dict[str, Any] = {name: float(getattr(model, name)[k]) for name in _JOINT}
-        share = float(f"{lightest[k] / heaviest:.3g}")  # legs that differ by round-off are one joint
-        joint = ElasticJoint(link_inertia=share * heaviest, **parts)
-        drive = replace(spec.drives[k], delay=latest[k])
+        link = float(f"{lightest[k] / heaviest:.3g}") * heaviest  # legs that differ by round-off are one joint
+        unit[k] = float(model.motor_inertia[k]) + link
+        # As if its inertia were 1: then what is rounded does not hang on units.
+        parts: dict[str, Any] = {name: float(getattr(model, name)[k]) / unit[k] for name in _JOINT}
+        joint, drive = ElasticJoint(link_inertia=link / unit[k], **parts), replace(spec.drives[k], delay=latest[k])
         key = (*parts.values(), joint.link_inertia, drive)
         if key not in known:
             known[key] = _alone(spec, joint, drive)
-        gains[:2, k] = known[key]
-        unit[k] = joint.motor_inertia + joint.link_inertia
-        keys.append(key)
-    return _Beginning(gains, unit, keys, np.zeros(size, dtype=bool))
+        gains[:2, k] = unit[k] * np.array(known[key])
+    data = [*(np.asarray(getattr(model, name), dtype=float) for name in _JOINT), np.array(latest)]
+    data += [np.array([getattr(drive, name) for drive in spec.drives]) for name in ("bandwidth", "damping_ratio")]
+    if spec.control.weight is not None:
+        unit, data = unit * spec.control.weight, [*data, spec.control.weight]
+    return _Beginning(gains, unit, data, np.zeros(size, dtype=bool))
 
 
 def _tasks_alike(tasks: "Tasks", joints: _Beginning) -> _Beginning:
@@ -354,8 +370,7 @@ def _tasks_alike(tasks: "Tasks", joints: _Beginning) -> _Beginning:
         inner = np.where(tasks.cascade & (tasks.kd > 0), tasks.ki / tasks.kd, 0.0)
     outer = np.where(tasks.cascade, quotient, rate * quotient * (tasks.kp != 0))
     gains = np.where(given, np.array([outer, np.full(len(outer), rate), rate * inner]), 0.0)
-    owner = [str(name).rpartition(" ")[0] for name in tasks.directions]
-    return _Beginning(gains, np.ones(len(outer)), [(name, k) for k, name in enumerate(owner)], tasks.cascade)
+    return _Beginning(gains, tasks.weight, [], tasks.cascade)
 
 
 def _alone(spec: RobotSpec, joint: ElasticJoint, drive) -> tuple[float, float]:
@@ -380,7 +395,7 @@ def _joint_state(state: StateCase) -> _State:
 
         return Case(state.title, loop, np.eye(size), np.eye(size), np.zeros(size, dtype=bool), spec.requirements)
 
-    return _both(state, case, joints_that_move(state.model, spec.control.feedback))
+    return _both(state, case, joints_that_move(state.model, spec.control.feedback), _link_inertia(state.model))
 
 
 def _task_state(state: StateCase) -> _State:
@@ -396,14 +411,14 @@ def _task_state(state: StateCase) -> _State:
 
         return Case(state.title, loop, tasks.torque, tasks.jacobian, tasks.cascade, spec.requirements)
 
-    return _both(state, case, tasks.movable)
+    return _both(state, case, tasks.movable, np.arange(1.0, len(tasks.kp) + 1))
 
 
-def _both(state: StateCase, case: Callable[["RobotModel"], Case], moves: Booleans) -> _State:
+def _both(state: StateCase, case: Callable[["RobotModel"], Case], moves: Booleans, load: Floats) -> _State:
     """With the weight, where it counts, and without."""
     weighed = state.model.gravity_stiffness is not None and bool(np.any(state.model.gravity_stiffness))
     whole = case(state.model)
-    return _State(state.contact, whole, case(replace(state.model, gravity_stiffness=None)) if weighed else whole, weighed, moves)
+    return _State(state.contact, whole, case(replace(state.model, gravity_stiffness=None)) if weighed else whole, weighed, moves, load)
 
 
 def _worst(kept: Sequence[Kept]) -> Kept:

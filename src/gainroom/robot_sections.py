@@ -13,7 +13,22 @@ from .robot.body import Base
 from .robot.contact import Contact, ContactKind
 from .robot.tasks import FRAMED, Task, TaskKind
 from .robot_scenario_sections import RobotScenarioSection
-from .robot_values import Angle, Flag, Name, PerJoint, Several, Springs, Stiffness, a_list, at_most, list_of, mapping, named
+from .robot_values import (
+    Angle,
+    Flag,
+    Name,
+    PerJoint,
+    Several,
+    Springs,
+    Stiffness,
+    Weight,
+    Weights,
+    a_list,
+    at_most,
+    list_of,
+    mapping,
+    named,
+)
 
 CONTROLLERS = {"pd": PD, "pid": PID, "ppi": PPI}
 
@@ -92,6 +107,7 @@ class TaskSection(Section):
     kd: Several | None = Field(None, description="[1/s]")
     kv: Several | None = None
     ki: Several | None = None
+    weight: Weight = Field(1.0, description="how much its stiffness counts when gains are recommended")
 
     @model_validator(mode="after")
     def _one_law(self) -> "TaskSection":
@@ -106,7 +122,8 @@ class TaskSection(Section):
     def task(self) -> Task:
         """In SI."""
         ki = self.ki if self.kv is None or self.ki is not None else 0.0
-        return Task(name=self.name, kind=self.type, frame=self.frame, kp=self.kp, kd=self.kd if self.kv is None else self.kv, ki=ki)
+        kd = self.kd if self.kv is None else self.kv
+        return Task(name=self.name, kind=self.type, frame=self.frame, kp=self.kp, kd=kd, ki=ki, weight=self.weight)
 
 
 class RobotControlSection(ControlSection):
@@ -119,10 +136,13 @@ class RobotControlSection(ControlSection):
     kv: PerJoint | None = None
     ki: PerJoint | None = None
     rotors: Flag = False
+    weight: Weights | None = None
 
     @model_validator(mode="after")
     def _gains_of_the_type(self) -> "RobotControlSection":
         wanted = CONTROLLERS[self.type].gain_names() if self.space == "joint" else ()
+        if self.weight is not None and self.space == "task":
+            raise refusal("is for space joint; in task space weights stand with the tasks", key="weight")
         for name in ("kp", "kd", "kv", "ki"):
             given = getattr(self, name) is not None
             if given and self.space == "task":

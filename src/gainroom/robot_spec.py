@@ -151,6 +151,7 @@ class RobotControl:
     joints    PD, PID or PPI with gains (n,); None in task space
     feedback  "motor" or "link": the side of the gearbox the encoders are on
     rotors    the tasks' model of the robot counts the motors' inertia
+    weight    (n,) how much each joint's stiffness counts when gains are recommended
     """
 
     space: str
@@ -160,6 +161,7 @@ class RobotControl:
     velocity_filter: LowPass | None = None
     notches: tuple[Notch, ...] = ()
     rotors: bool = False
+    weight: Floats | None = None
 
 
 @dataclass(frozen=True)

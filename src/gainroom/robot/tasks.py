@@ -56,6 +56,7 @@ class Task:
     frame   for position and orientation
     kp, kd  PD: accelerations asked for per error, K'p [1/s²] and K'v [1/s]
     ki      not None: P/PI, a = (kd + ki/s)(kp x_e − ẋ): kp [1/s], kd [1/s], ki [1/s²] (Fig. 13 of Jung et al. 2017)
+    weight  > 0: how much its stiffness counts when gains are recommended
 
     Raises GainroomError for an unknown kind, a frame missing or out of place, and gains that are not finite.
     """
@@ -66,6 +67,7 @@ class Task:
     kp: Any
     kd: Any
     ki: Any = None
+    weight: float = 1.0
 
     def __post_init__(self) -> None:
         if self.kind not in get_args(TaskKind):
@@ -128,12 +130,20 @@ class Tasks:
         return f"Tasks({len(self.directions)} directions: {first_of_many(self.directions)})"
 
     @property
+    def weight(self) -> Floats:
+        """(m,) of every direction: its task's."""
+        return np.repeat([task.weight for task in self.tasks], [self._size(task) for task in self.tasks])
+
+    @property
     def movable(self) -> Booleans:
         """(m,) False where the joints cannot move a direction, or tasks above it take all that could."""
         torques = np.linalg.norm(self.torque, axis=0)
-        owners = np.repeat(np.arange(len(self.tasks)), [len(self.torque) if task.kind == "posture" else 3 for task in self.tasks])
+        owners = np.repeat(np.arange(len(self.tasks)), [self._size(task) for task in self.tasks])
         largest = np.array([torques[owners == owner].max() for owner in owners])
         return torques > ROUND_OFF * largest
+
+    def _size(self, task: Task) -> int:
+        return len(self.torque) if task.kind == "posture" else 3
 
     @property
     def motions(self) -> int:
