@@ -17,6 +17,7 @@ from .config_sections import (
     delay_of,
     refuse_long_delay,
     refuse_quick_filters,
+    refuse_seized_gearbox,
     spread,
     tick_of,
 )
@@ -195,6 +196,7 @@ class JointFile(Section):
         sampled = self.control.sample_rate_hz is not None
         delay = delay_of(self.drive, tick)
         refuse_long_delay(delay, tick if sampled else None)
+        refuse_seized_gearbox(joint.motor_inertia, joint.stiffness, joint.damping)
         refuse_quick_filters(self.control, tick if sampled else None)
         return JointSpec(
             joint=joint,

@@ -13,6 +13,7 @@ from .io.checked import Positive, Section, number, one_of, refusal
 from .io.yaml_text import shown
 
 PERCENTAGE = re.compile(r"(?:±|\+/-)?\s*([0-9]{1,3}(?:\.[0-9]{0,9})?)\s*%")
+MOST_DAMPED = 1e4  # damping ratio of motor and spring: beyond it nothing is left of the spring
 MAX_TICKS = 1000
 """A sampled loop carries one state per tick of delay."""
 
@@ -203,6 +204,16 @@ def refuse_long_delay(delay: float, tick: float | None, owner: str = "drive") ->
     """Raise GainroomError where a sampled loop would carry too many ticks of delay; `tick` None: continuous."""
     if tick is not None and delay > MAX_TICKS * tick:
         raise GainroomError(f"{owner}: the delay of {delay / tick:g} ticks must be <= {MAX_TICKS} ticks")
+
+
+def refuse_seized_gearbox(motor_inertia: float, stiffness: float, damping: float) -> None:
+    """Raise GainroomError where a gearbox's damping holds motor and link together as if it were rigid, at any frequency that counts."""
+    most = 2 * MOST_DAMPED * math.sqrt(stiffness * motor_inertia) if math.isfinite(stiffness) else math.inf
+    if damping > most > 0:
+        raise GainroomError(
+            f"joint.damping: {damping:g} must be <= {most:g} ({MOST_DAMPED:g} times the critical damping of motor and spring); look for a "
+            "wrong unit, or give stiffness .inf for a rigid gearbox"
+        )
 
 
 def rad_per_s(angular: float | None, hertz: float | None) -> float:

@@ -75,6 +75,7 @@ def _spec(file: RobotFile, source: str, folder: Path) -> RobotSpec:
     control = _control(file.control, robot.body, sampled)
     if control.joints is not None:
         refuse_absurd_gains(robot.body, robot.actuators, drives, control.joints)
+    refuse_absurd_tasks(robot.stack, drives)
     limits = Requirements.usual() if file.limits is None else file.limits.requirements()
     return RobotSpec(
         robot=robot,
@@ -117,6 +118,19 @@ def refuse_absurd_gains(body: RigidBody, actuators: Actuators, drives: Sequence[
                 f"joint {name!r}: with kp {stiff[k]:g} N·m/rad, kd {damped[k]:g} N·m·s/rad and an inertia of {inertia[k]:g} kg·m² its loop "
                 f"is too quick for its delay of {1e3 * drives[k].delay:g} ms: {lag:.3g} rad of phase must be <= {MOST_LAG:g} rad; "
                 "look for a wrong unit"
+            )
+
+
+def refuse_absurd_tasks(tasks: Sequence[Task], drives: Sequence[Drive]) -> None:
+    """The same for tasks, whose gains are accelerations."""
+    delay = max(drive.delay for drive in drives)
+    for index, task in enumerate(tasks):
+        stiff, damped = (float(np.max(np.asarray(gain, dtype=float))) for gain in (task.kp, task.kd))
+        lag = delay * max(math.sqrt(stiff), damped)
+        if lag > MOST_LAG:
+            raise GainroomError(
+                f"tasks[{index}]: with gains of {stiff:g} 1/s² and {damped:g} 1/s its loop is too quick for a delay of {1e3 * delay:g} ms: "
+                f"{lag:.3g} rad of phase must be <= {MOST_LAG:g} rad; look for a wrong unit"
             )
 
 
