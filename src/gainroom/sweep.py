@@ -76,6 +76,14 @@ class Boundary:
         """L (k, r, r) at omega (k,), as far as the gains reach."""
         return self.loop.core(self.points(omega))
 
+    def blurred(self, omega: Floats) -> Floats:
+        """(k,) how far (I + L)⁻¹ may be off by round-off at low omega (k,): one motion's share of L drowns beside a much larger one."""
+        core = self.core(omega)
+        size = np.linalg.norm(core, axis=(1, 2))
+        least = np.linalg.svd(np.eye(core.shape[1]) + core, compute_uv=False)[:, -1]
+        with np.errstate(divide="ignore"):
+            return self.loop.round_off(omega) * np.maximum(1.0, size / least**2)
+
     def eigen(self, omega: Floats) -> tuple[Complexes, Complexes]:
         """Eigenvalues (k, r) and vectors (k, r, r) of the core of L at omega (k,), computed once for frequencies that are the same."""
         distinct, place = np.unique(omega, return_inverse=True)
@@ -129,6 +137,7 @@ class Sweep:
         self.boundary = Boundary(loop)
         self.last, self.undamped = self.boundary.last, self.boundary.undamped
         grid = _first_grid(loop, self.last)
+        self.first = float(grid[0])  # lower than all that bends the loci
         self._calm = calm_spans(loop, 1e-4 * grid[0], grid[-1]) if for_limit else np.zeros((0, 2))
         self.omega = np.union1d(_without_inside(grid, self._calm), BESIDE * grid[:1])
         self.largest = 0.0
