@@ -17,6 +17,7 @@ from .sweep import CLOSEST, MOST, Sweep, in_blocks, passes
 
 Curves = Callable[[Floats], Complexes]
 """ω (k,) → (k, m): m scalar responses."""
+LONGEST_DELAY = 1.0  # [s] extra that is looked at: a hundred times what actuators have
 RELATIVE_MOVE = 0.25  # of a curve between samples, near the negative real axis
 REAL = 1e-6  # part of its size up to which what is imaginary at an end of the boundary is taken for round-off
 HALVED = 30  # times that the lowest frequency is halved to see what curves are at rest
@@ -35,7 +36,7 @@ class JointMargins:
 
     limit          of the common factor on all gains (see GainLimit)
     phase_margin   [rad] the smallest common phase, of either sign, that makes them vibrate, at `phase_frequency` [rad/s]; inf: none
-    delay_margin   [s] the smallest extra delay in all of them, at `delay_frequency`; inf: none
+    delay_margin   [s] the smallest extra delay in all of them, at `delay_frequency`; inf: none up to 1 s
     phase_certificate, delay_certificate   roots counted on both sides of these two, None where there is none
     others_closed  (n,) largest factor on the gains that act on what one joint measures, all others as they are; inf: none
     lower_others_closed   (n,) smallest such factor; 0: none above 1e-3
@@ -107,7 +108,7 @@ def common_phase(sweep: Sweep) -> End | None:
 def _common_delay(sweep: Sweep) -> End | None:
     family = delays(sweep)
     longest = max((one.at for one in family.crossings()), default=None)
-    return None if longest is None else family.end(0.0, 1.1 * longest)
+    return None if longest is None else family.end(0.0, min(1.1 * longest, LONGEST_DELAY))
 
 
 def _one_at_a_time(sweep: Sweep) -> tuple[Floats, Floats, Booleans, Floats | None, Floats | None]:
