@@ -252,8 +252,10 @@ class Sweep:
     def _reach_down(self, gain: float) -> None:
         """Down to where double integrators rule at this gain too, and to where what settles has told on which side of −1/gain."""
         for _ in range(20):
-            orders, one = np.round(self._falls()), 1 + gain * self.loci[0]
-            unsettled = ((orders > 1) & (gain * np.abs(self.loci[0]) < 100)) | ((orders == 0) & (np.abs(one.imag) > 0.1 * np.abs(one.real)))
+            falls, one = self._falls(), 1 + gain * self.loci[0]
+            orders, told = np.round(falls), falls != 0  # what is lost in round-off would be no better further down
+            unsettled = (orders > 1) & (gain * np.abs(self.loci[0]) < 100)
+            unsettled |= told & (orders == 0) & (np.abs(one.imag) > 0.1 * np.abs(one.real))
             if not unsettled.any() or self._bottom or self.omega[0] < LOWEST * self.omega[-1]:
                 break
             self._further_down(lambda falls, orders=orders: (orders > 0) & (np.abs(falls - np.round(falls)) > ASTRAY))
