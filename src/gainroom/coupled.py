@@ -121,8 +121,6 @@ def _one_at_a_time(sweep: Sweep) -> tuple[Floats, Floats, Booleans, Floats | Non
     loop = sweep.loop
     assert loop.parts is not None
     controller, size, sample_time = loop.parts.controller, loop.size, loop.sample_time
-    seen = loop.seen
-    unseen = np.eye(size) - seen @ seen.T
     units = []
     if isinstance(controller, PD | PID):
         others = {"ki": 0.0} if isinstance(controller, PID) else {}
@@ -134,9 +132,7 @@ def _one_at_a_time(sweep: Sweep) -> tuple[Floats, Floats, Booleans, Floats | Non
         actuated = loop.actuated_at(s)
         law = loop.gain * controller.matrix(s, v, size, sample_time)
         returned = actuated @ law
-        # S = (I + L)⁻¹ from what the gains see alone: large loops beside others that no gain closes would drown it in round-off.
-        back = np.linalg.inv(np.eye(seen.shape[1]) + seen.T @ returned @ seen)
-        sensitive = unseen + (seen - unseen @ returned @ seen) @ back @ seen.T
+        sensitive = sensitivity(loop, returned)
         own = np.einsum("kij,kji->ki", sensitive, actuated)
         alone = [own * unit.matrix(s, v, 1, sample_time)[:, 0] for unit in units]
         closed = 1 - np.diagonal(sensitive, axis1=1, axis2=2)
@@ -151,6 +147,14 @@ def _one_at_a_time(sweep: Sweep) -> tuple[Floats, Floats, Booleans, Floats | Non
         return 1 + found[0], smallest, certified, None, None
     kp, kd = (np.diagonal(gain_matrix(name, getattr(controller, name), size)) * loop.gain for name in ("kp", "kd"))
     return 1 + found[0], smallest, certified, kp + found[2], kd + found[3]
+
+
+def sensitivity(loop: Loop, returned: Complexes) -> Complexes:
+    """(I + L)⁻¹ (k, n, n) for L = `returned`, from what the gains see alone: what no gain closes would drown it in round-off."""
+    seen = loop.seen
+    unseen = np.eye(loop.size) - seen @ seen.T
+    back = np.linalg.inv(np.eye(seen.shape[1]) + seen.T @ returned @ seen)
+    return unseen + (seen - unseen @ returned @ seen) @ back @ seen.T
 
 
 def room(sweep: Sweep, curves: Curves, farthest: Floats | float = math.inf) -> tuple[Floats, Booleans]:
@@ -188,14 +192,15 @@ class _Curves:
         self._sweep = sweep
         self._given: Curves = lambda omega: in_blocks(curves, omega, sweep.loop.size)
         levels, below = self._halved(sweep.first)
-        self.size = below.shape[2]
-        least = 1e-3 * np.abs(np.concatenate([below[:, 0], self._given(sweep.omega)])).max(axis=0)
-        rest = [_at_rest(levels, below[:, :, joint], least[joint]) for joint in range(self.size)]
-        rows = np.array([one.row for one in rest])
-        self._rest = rest
+        omega = np.union1d(levels, sweep.omega)
+        values = self._given(omega)
+        self.size = values.shape[1]
+        least = 1e-3 * np.abs(values).max(axis=0)
+        self._rest = [_at_rest(levels, below[:, :, joint], least[joint]) for joint in range(self.size)]
+        self.settled = np.array([one.settled for one in self._rest])
+        rows = np.array([one.row for one in self._rest])
         self._lowest, self._held = levels[rows], below[rows, 0, np.arange(self.size)]
-        self.settled = np.array([one.settled for one in rest])
-        self.omega, self.values = _resolved(np.union1d(levels[: rows.max() + 1], sweep.omega), self._at)
+        self.omega, self.values = _resolved(omega, self._holding(omega, values), self._at)
 
     def _halved(self, highest: float) -> tuple[Floats, Complexes]:
         """Frequencies (k,) from `highest` down, and the curves there and 1 and 2 % above (k, 3, m), as far as they can be computed."""
@@ -205,7 +210,10 @@ class _Curves:
         return levels, self._given((levels[:, None] * [1.0, 1.01, 1.02]).ravel()).reshape(len(levels), 3, -1)
 
     def _at(self, omega: Floats) -> Complexes:
-        return np.where(omega[:, None] <= self._lowest, self._held, self._given(np.maximum(omega, self._lowest.min())))
+        return self._holding(omega, self._given(omega))
+
+    def _holding(self, omega: Floats, values: Complexes) -> Complexes:
+        return np.where(omega[:, None] <= self._lowest, self._held, values)
 
     def tells(self, joint: int, change: float) -> bool:
         """True where it is known from the value at rest on which side of 0 1 + δ c begins, for δ on both sides of `change`."""
@@ -363,9 +371,8 @@ def on_axis(curves: Curves, joints: Integers, low: tuple[Floats, Complexes], hig
     return omega, value
 
 
-def _resolved(omega: Floats, curves: Curves) -> tuple[Floats, Complexes]:
-    """Samples of the curves fine enough where they come near the negative real axis, beginning with `omega`."""
-    values = curves(omega)
+def _resolved(omega: Floats, values: Complexes, curves: Curves) -> tuple[Floats, Complexes]:
+    """Samples of the curves fine enough where they come near the negative real axis, beginning with `values` at `omega`."""
     for _ in range(12):
         start, end = values[:-1], values[1:]
         size = np.maximum(np.abs(start), np.abs(end))

@@ -169,7 +169,7 @@ class Loop:
         inverse = np.linalg.inv(shifted)
         back = np.abs(inverse)
         spread = np.abs(held.c) @ (back @ (np.abs(shifted) @ (back @ np.abs(held.b))))  # Skeel's bound: no unit of a state matters
-        return np.finfo(float).eps * spread.max(axis=(1, 2)) / np.abs(held.c @ inverse @ held.b).max(axis=(1, 2))
+        return np.finfo(float).eps * spread.max(axis=(1, 2)) / np.maximum(np.abs(held.c @ inverse @ held.b).max(axis=(1, 2)), 1e-300)
 
     @cached_property
     def _ticks(self) -> Integers:
