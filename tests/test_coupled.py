@@ -8,6 +8,9 @@ import pytest
 
 import gainroom as gr
 from draws import draw_plant
+from independent.machine import topples
+from independent.machine import unstable as unstable_roots
+from machines import Pair, chain
 
 DRIVE = gr.Drive(4000.0, 0.9, 2e-3)
 
@@ -125,3 +128,58 @@ def test_nothing_is_told_of_an_unstable_loop():
 def test_callables_are_refused():
     with pytest.raises(gr.GainroomError, match="build_loop"):
         gr.joint_margins(gr.loop_from(lambda s: 1 / s))
+
+
+def counted(pair: Pair, joint: int, factor: float) -> int:
+    """Unstable roots with this joint's gains scaled, those that have just passed 0 included."""
+    machine = pair.machine.with_joint_scaled(joint, factor)
+    return unstable_roots(machine) or int(topples(machine))
+
+
+# Slow closed-loop motions below all samples; huge loops beside such as held links leave; limits at rest in a task of few directions.
+@pytest.mark.parametrize(("seed", "number"), [(2017, 194), (2017, 454), (2017, 531), (2017, 427), (2017, 581), (5, 84), (5, 194)])
+def test_one_loop_at_a_time_where_curves_settle_late(seed, number):
+    pair = chain(seed, number)
+    found = gr.joint_margins(pair.loop)
+    told = [(joint, ends) for joint, ends in enumerate(zip(found.lower_others_closed, found.others_closed, strict=True))]
+    assert found.stable
+    for joint, (lower, upper) in told:
+        if not found.others_certified[joint]:
+            continue
+        assert counted(pair, joint, max(1.03 * lower, 1e-3)) == counted(pair, joint, min(0.97 * upper, 1e3)) == 0
+        assert lower == 0 or counted(pair, joint, 0.97 * lower) > 0
+        assert upper > 1e3 or counted(pair, joint, 1.03 * upper) > 0
+    assert number in (531, 454) or np.all(found.others_certified)
+
+
+@pytest.mark.parametrize(("seed", "number"), [(2017, 227), (5, 180)])
+def test_held_links_under_integrators_are_answered(seed, number):
+    """Loops that round-off hides beside integrators of others must not send the samples further down."""
+    pair = chain(seed, number)
+    limit = gr.gain_limit(pair.loop)
+    assert limit.certified
+    for end, way in ((limit.gain, 1), (limit.lower_gain, -1)):
+        inside, outside = (unstable_roots(pair.machine.scaled(end * (1 + side * way * 1e-5))) for side in (-1, 1))
+        assert inside == 0 < outside
+
+
+def test_sampled_delay_margins_of_many_ticks(monkeypatch):
+    """Hundreds of ticks and a share of one: as exact as of a single joint, and only the share is sampled anew, no chain of states."""
+    sampled, delayed = [], gr.Loop.delayed
+    monkeypatch.setattr(gr.Loop, "delayed", lambda loop, extra: sampled.append(extra) or delayed(loop, extra))
+    joints = [gr.ElasticJoint(0.2, 0.8, 1e4, 1.0, 0.3), gr.ElasticJoint(0.5, 0.3, 4e3, 0.5, 0.2)]
+    gains = [(3.0, 1.0), (2.0, 1.0)]
+    plant = gr.Plant(
+        np.diag([1 / joint.link_inertia for joint in joints]),
+        *(np.array([getattr(joint, name) for joint in joints]) for name in ("motor_inertia", "stiffness", "damping", "motor_viscous")),
+    )
+    found = gr.joint_margins(gr.build_loop(plant, DRIVE, gr.PD(*np.array(gains).T), sample_time=5e-4))
+    assert 0 <= min(sampled) <= max(sampled) < 5.001e-4
+    alone = [gr.build_loop(joint, DRIVE, gr.PD(*gain), sample_time=5e-4) for joint, gain in zip(joints, gains, strict=True)]
+    assert found.delay_margin > 0.2
+    assert found.delay_margin == pytest.approx(min(gr.margins(one).delay_margin for one in alone), rel=1e-5)
+    assert found.delay_certificate.holds
+
+
+def test_delays_beyond_a_second_are_not_looked_at():
+    assert gr.joint_margins(chain(2017, 581).loop).delay_margin == inf

@@ -13,14 +13,14 @@ from collections.abc import Callable
 import pytest
 
 import gainroom as gr
-from independent.machine import Machine, roots, turns, unstable
+from independent.machine import Machine, topples, turns, unstable
 from machines import Pair, chain, limbs
 
 SEED = int(os.environ.get("GAINROOM_SEED", "2017"))
 LIMBS, CHAINS, BATCHES = 1000, 2000, 20
 SHARE = 25  # of each, in every run
 INSIDE = 1e-5  # relative distance from a limit at which roots are counted: ten times the certificate's own
-TOPPLING = 0.03  # of limits at rest, where the root that passes is slower than independent counts tell from 0 any nearer
+TOPPLING = 0.03  # likewise from limits at rest, where the root that passes is slower than counts tell from 0 any nearer
 LONGEST = 10.0  # [s] of processor time for all margins of a loop
 REFUSED = 0.01  # of the loops may be refused in one line
 
@@ -60,14 +60,13 @@ def look_at(pair: Pair, found: Found, name: str) -> None:
 
 def end_of(found: Found, what: str, scaled: Callable[[float], Machine], end: float, way: int) -> None:
     """Roots on both sides of the factor `end`, above it where `way` is 1, below where it is -1."""
-    machine = scaled(end)
-    critical = min(roots(machine), key=lambda root: abs(root.real / root))
-    quick = abs(critical) > 1 and abs(critical.real) < 1e-3 * abs(critical)
-    if not quick and machine.slowest > 0:  # a root that passes 0 is not told from those that rest there
-        found[f"{what} at rest"] += 1
-        return
-    step = way * (INSIDE if quick else TOPPLING)
-    found.ends(what, *(unstable(scaled(end * (1 + side * step))) for side in (-1, 1)))
+    inside, outside = (unstable(scaled(end * (1 + side * way * INSIDE))) for side in (-1, 1))
+    if inside or not outside:  # a root that passes 0 is too slow there to be seen
+        before, beyond = (scaled(end * (1 + side * way * TOPPLING)) for side in (-1, 1))
+        if unstable(before) == 0 and topples(beyond) and not topples(before):
+            found[f"{what} at rest"] += 1
+            inside, outside = 0, 1
+    found.ends(what, inside, outside)
 
 
 def look_at_limit(pair: Pair, limit: gr.GainLimit, found: Found) -> None:
@@ -95,11 +94,12 @@ def look_at_margins(pair: Pair, margins: gr.JointMargins, found: Found) -> None:
     if machine.sample_time is None and machine.size < 8 and margins.phase_certificate is not None and margins.phase_certificate.holds:
         counts = [[turns(machine, way * phase * (1 + side * 1e-4), margins.phase_frequency) for way in (-1, 1)] for side in (-1, 1)]
         found.ends("phase margin", *(sum(abs(one) for one in both) for both in counts))
-    joint = machine.size // 2
-    if margins.others_certified[joint]:
+    for joint in range(0, machine.size, max(1, machine.size // 4)):
+        found["not certified, one loop at a time"] += not margins.others_certified[joint]
         for end, way in ((margins.others_closed[joint], 1), (margins.lower_others_closed[joint], -1)):
-            if 1e-3 < end < 1e3:
-                end_of(found, "one loop at a time", lambda factor: machine.with_joint_scaled(joint, factor), end, way)
+            if 1e-3 < end < 1e3 and margins.others_certified[joint]:
+                what = "one loop at a time, " + ("upper" if way > 0 else "lower")
+                end_of(found, what, lambda factor, joint=joint: machine.with_joint_scaled(joint, factor), end, way)
 
 
 def look_just_above(pair: Pair, found: Found, name: str) -> None:

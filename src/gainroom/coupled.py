@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,9 +17,16 @@ from .sweep import CLOSEST, MOST, Sweep, in_blocks, passes
 
 Curves = Callable[[Floats], Complexes]
 """ω (k,) → (k, m): m scalar responses."""
+LONGEST_DELAY = 1.0  # [s] extra that is looked at: a hundred times what actuators have
 RELATIVE_MOVE = 0.25  # of a curve between samples, near the negative real axis
-AT_REST = 1e-3  # of the lowest sample: where curves are looked at in addition, to tell what they settle to
 REAL = 1e-6  # part of its size up to which what is imaginary at an end of the boundary is taken for round-off
+HALVED = 30  # times that the lowest frequency is halved to see what curves are at rest
+SMOOTH = 1e-3  # of a curve: second differences over steps of 1 % that are larger tell of round-off
+BLURRED = 1e-3  # estimate of the round-off in curves up to which they are looked at
+ENOUGH = 1e-9  # of it: what it is known to no better
+LEAN = 0.3  # part of it that may be imaginary where it is looked for
+SETTLED = 1e-2  # of a curve's value at rest: what it moves by, at most, further down
+LEAST_FACTOR = 1e-3  # on one joint's gains: what limits it further down counts as none
 FAINTEST = 1e-6  # of a curve's largest value: where it is smaller it is not followed, and what it would limit counts as without limit
 
 
@@ -28,11 +36,11 @@ class JointMargins:
 
     limit          of the common factor on all gains (see GainLimit)
     phase_margin   [rad] the smallest common phase, of either sign, that makes them vibrate, at `phase_frequency` [rad/s]; inf: none
-    delay_margin   [s] the smallest extra delay in all of them, at `delay_frequency`; inf: none
+    delay_margin   [s] the smallest extra delay in all of them, at `delay_frequency`; inf: none up to 1 s
     phase_certificate, delay_certificate   roots counted on both sides of these two, None where there is none
     others_closed  (n,) largest factor on the gains that act on what one joint measures, all others as they are; inf: none
-    lower_others_closed   (n,) smallest such factor; 0: none; may be too large where a closed-loop mode is slower than all samples
-    others_certified      (n,) True where roots were counted on both sides of both
+    lower_others_closed   (n,) smallest such factor; 0: none above 1e-3
+    others_certified      (n,) True where roots were counted on both sides of both, and of the two below
     largest_kp, largest_kd   (n,) largest diagonal gains of one joint, the other gains as they are [N m/rad], [N m s/rad]; None where
                    the controller is neither PD nor PID
     All but `limit` are NaN, and certified by nothing, for unstable loops.
@@ -100,7 +108,7 @@ def common_phase(sweep: Sweep) -> End | None:
 def _common_delay(sweep: Sweep) -> End | None:
     family = delays(sweep)
     longest = max((one.at for one in family.crossings()), default=None)
-    return None if longest is None else family.end(0.0, 1.1 * longest)
+    return None if longest is None else family.end(0.0, min(1.1 * longest, LONGEST_DELAY))
 
 
 def _one_at_a_time(sweep: Sweep) -> tuple[Floats, Floats, Booleans, Floats | None, Floats | None]:
@@ -123,51 +131,94 @@ def _one_at_a_time(sweep: Sweep) -> tuple[Floats, Floats, Booleans, Floats | Non
         v = loop.variable(s)
         actuated = loop.actuated_at(s)
         law = loop.gain * controller.matrix(s, v, size, sample_time)
-        sensitive = np.linalg.solve(np.eye(size) + actuated @ law, actuated)
-        own = np.diagonal(sensitive, axis1=1, axis2=2)
+        returned = actuated @ law
+        sensitive = sensitivity(loop, returned)
+        own = np.einsum("kij,kji->ki", sensitive, actuated)
         alone = [own * unit.matrix(s, v, 1, sample_time)[:, 0] for unit in units]
-        closed = np.einsum("kij,kji->ki", sensitive, law)
+        closed = 1 - np.diagonal(sensitive, axis1=1, axis2=2)
+        closed = np.where(np.abs(closed) > 1e-3, closed, np.einsum("kij,kji->ki", sensitive, returned))
         return np.hstack([closed, -closed, *alone])
 
-    found, certified = room(sweep, curves)
+    farthest = np.repeat([math.inf, 1 - LEAST_FACTOR, *(math.inf for _ in units)], size)
+    found, certified = room(sweep, curves, farthest)
     found, certified = found.reshape(-1, size), np.all(certified.reshape(-1, size), axis=0, keepdims=True)[0]
-    smallest = np.maximum(1 - found[1], 0.0)
+    smallest = np.where(np.isfinite(found[1]), 1 - found[1], 0.0)
     if not units:
         return 1 + found[0], smallest, certified, None, None
     kp, kd = (np.diagonal(gain_matrix(name, getattr(controller, name), size)) * loop.gain for name in ("kp", "kd"))
     return 1 + found[0], smallest, certified, kp + found[2], kd + found[3]
 
 
-def room(sweep: Sweep, curves: Curves) -> tuple[Floats, Booleans]:
+def sensitivity(loop: Loop, returned: Complexes) -> Complexes:
+    """(I + L)⁻¹ (k, n, n) for L = `returned`, from what the gains see alone: what no gain closes would drown it in round-off."""
+    seen = loop.seen
+    unseen = np.eye(loop.size) - seen @ seen.T
+    back = np.linalg.inv(np.eye(seen.shape[1]) + seen.T @ returned @ seen)
+    return unseen + (seen - unseen @ returned @ seen) @ back @ seen.T
+
+
+def room(sweep: Sweep, curves: Curves, farthest: Floats | float = math.inf) -> tuple[Floats, Booleans]:
     """(m,) the smallest δ > 0 with 1 + δ c(jω) = 0 for each curve c of a stable loop, inf where none is; and where that is certified.
 
-    c is analytic wherever the loop is stable, so 1 + δ c turns about 0 by as many turns as δ brings unstable roots.
+    c is analytic wherever the loop is stable, so 1 + δ c turns about 0 by as many turns as δ brings unstable roots. What lies beyond
+    `farthest` (m,) counts as none.
     """
     family = _Curves(sweep, curves)
-    nearest = family.nearest()
+    farthest = np.broadcast_to(farthest, family.size)
+    nearest = [one if one is None or one.at < most else None for one, most in zip(family.nearest(), farthest.tolist(), strict=True)]
     family.add(np.concatenate([one.omega * (1 + TOWARDS) for one in nearest if one is not None] or [np.zeros(0)]))
-    found, certified = np.full(family.size, math.inf), np.ones(family.size, dtype=bool)
+    found, certified = np.full(family.size, math.inf), family.settled.copy()
     for joint, one in enumerate(nearest):
         if one is None:
             continue
         certificate = Certificate(*(family.count(joint, one.at * (1 + side * NUDGE)) for side in (-1, 1)))
         end = None if certificate.holds else family.of(joint).end(0.0, one.at * (1 + 10 * NUDGE))
-        certified[joint] = certificate.holds or (end is not None and end.certificate.holds)
-        found[joint] = end.at if end is not None and certified[joint] else one.at
+        holds = certificate.holds or (end is not None and end.certificate.holds)
+        found[joint] = end.at if end is not None and holds else one.at
+        certified[joint] &= holds and family.tells(joint, found[joint])
     return found, certified
 
 
 class _Curves:
-    """m scalar curves along the stability boundary, sampled until smooth where they come near the negative real axis."""
+    """m scalar curves along the stability boundary, sampled until smooth where they come near the negative real axis.
+
+    Towards ω = 0 each is followed until it falls as r/(jω)ᵏ, r real: k = 0, but for a joint that the others leave free to drift. Samples
+    further down hold its value there: round-off makes them worse.
+
+    settled   (m,) True where that has been found
+    """
 
     def __init__(self, sweep: Sweep, curves: Curves) -> None:
         self._sweep = sweep
-        self._at: Curves = lambda omega: in_blocks(curves, omega, sweep.loop.size)
-        plant = None if sweep.loop.parts is None else sweep.loop.parts.plant
-        settles = plant is not None and plant.gravity_stiffness is not None  # else nothing but round-off would be seen so far down
-        omega = np.insert(sweep.omega, 0, AT_REST * sweep.omega[0]) if settles else sweep.omega
-        self.omega, self.values = _resolved(omega, self._at)
-        self.size = self.values.shape[1]
+        self._given: Curves = lambda omega: in_blocks(curves, omega, sweep.loop.size)
+        levels, below = self._halved(sweep.first)
+        omega = np.union1d(levels, sweep.omega)
+        values = self._given(omega)
+        self.size = values.shape[1]
+        least = 1e-3 * np.abs(values).max(axis=0)
+        self._rest = [_at_rest(levels, below[:, :, joint], least[joint]) for joint in range(self.size)]
+        self.settled = np.array([one.settled for one in self._rest])
+        rows = np.array([one.row for one in self._rest])
+        self._lowest, self._held = levels[rows], below[rows, 0, np.arange(self.size)]
+        self.omega, self.values = _resolved(omega, self._holding(omega, values), self._at)
+
+    def _halved(self, highest: float) -> tuple[Floats, Complexes]:
+        """Frequencies (k,) from `highest` down, and the curves there and 1 and 2 % above (k, 3, m), as far as they can be computed."""
+        levels = highest * 0.5 ** np.arange(HALVED)
+        blurred = self._sweep.boundary.blurred(levels) > BLURRED
+        levels = levels[: max(3, int(np.argmax(np.append(blurred, True))))]
+        return levels, self._given((levels[:, None] * [1.0, 1.01, 1.02]).ravel()).reshape(len(levels), 3, -1)
+
+    def _at(self, omega: Floats) -> Complexes:
+        return self._holding(omega, self._given(omega))
+
+    def _holding(self, omega: Floats, values: Complexes) -> Complexes:
+        return np.where(omega[:, None] <= self._lowest, self._held, values)
+
+    def tells(self, joint: int, change: float) -> bool:
+        """True where it is known from the value at rest on which side of 0 1 + δ c begins, for δ on both sides of `change`."""
+        rest = self._rest[joint]
+        return rest.order > 0 or abs(abs(1 + change * rest.value) - NUDGE) > abs(change) * rest.error
 
     def add(self, omega: Floats) -> None:
         """Take samples at more frequencies."""
@@ -187,24 +238,24 @@ class _Curves:
             curve = change * self.values[:, joint]
         one = 1 + curve
         turned = float(np.sum(np.angle(one[1:] * one[:-1].conj())))
-        # From ω = 0+: a joint that the others leave free to drift answers a gain of its own as 1/ωᵏ, all else settles to something real.
-        with np.errstate(divide="ignore", invalid="ignore"):
-            fall = np.log(np.abs(curve[0]) / np.abs(curve[1])) / math.log(self.omega[1] / self.omega[0])
-        order = round(fall) if np.isfinite(fall) and fall > 0 else 0
-        own = np.sign((curve[0] * 1j**order).real) if order else np.sign(one[0].real)
-        turned += float(np.angle(one[0] * 1j**order * own))
+        rest = self._rest[joint]
+        own = np.sign(change * rest.value + (rest.order == 0)) or 1.0
+        turned += float(np.angle(one[0] * 1j**rest.order * own))  # from ω = 0+
         if self._sweep.last is None:
             turned -= float(np.angle(one[-1]))
-        return round(order / 2 - turned / math.pi)
+        return round(rest.order / 2 - turned / math.pi)
 
     def nearest(self) -> list[Rough | None]:
         """The leftmost crossing of the negative real axis by each curve."""
         least = np.maximum(FAINTEST * np.abs(self.values).max(axis=0), 1e-300)
         found: list[Rough | None] = [None] * self.size
-        for rows in (0, -1) if self._sweep.last is not None else (0,):
-            for joint, value in enumerate(self.values[rows].tolist()):
+        for joint, rest in enumerate(self._rest):
+            if rest.settled and rest.order == 0 and rest.value < -least[joint]:
+                found[joint] = Rough(-1 / rest.value, float(self._lowest[joint]), complex(rest.value))
+        if self._sweep.last is not None:
+            for joint, value in enumerate(self.values[-1].tolist()):
                 if value.real < -least[joint] and abs(value.imag) < REAL * abs(value):
-                    found[joint] = _further_left(found[joint], Rough(-1 / value.real, float(self.omega[rows]), value))
+                    found[joint] = _further_left(found[joint], Rough(-1 / value.real, float(self.omega[-1]), value))
         rows, joints = np.nonzero(_foremost(self.values, _meet_axis(self.values)))
         for joint, one in zip(joints.tolist(), self._polished(rows, joints), strict=True):
             if one.value.real < -least[joint]:
@@ -245,6 +296,44 @@ class _Curves:
         return Family(lambda change: self.count(joint, change), crossings, polish, self.add, nearest, mode)
 
 
+class _Rest(NamedTuple):
+    """A curve towards ω = 0: `value`/(jω)^`order`, known to ± `error`; from levels[`row`] on down that is taken."""
+
+    row: int
+    order: int
+    value: float
+    error: float
+    settled: bool
+
+
+def _at_rest(levels: Floats, curve: Complexes, least: float) -> _Rest:
+    """From samples at `levels` (k,) that halve, and 1 and 2 % above: curve (k, 3).
+
+    Slow closed-loop modes move a curve far below all else, and round-off hides what is still lower: so the lowest stretch is looked for
+    on which it moves no more, where it is smooth. `least`: smaller values are as good as 0.
+    """
+    size = np.maximum(np.abs(curve), max(least, 1e-300))
+    smooth = np.abs(curve[:, 0] - 2 * curve[:, 1] + curve[:, 2]) <= SMOOTH * size[:, 0]
+    lowest = np.flatnonzero(smooth[:-2] & smooth[1:-1] & smooth[2:])
+    if not len(lowest):
+        return _Rest(0, 0, float(curve[0, 0].real), math.inf, False)
+    last = int(lowest[-1]) + 1  # the next may just be lost
+    order = round(float(np.log2(max(abs(curve[last, 0]), 1e-300) / max(abs(curve[last - 1, 0]), 1e-300))))
+    if order < 0 or size[last, 0] <= FAINTEST * least:
+        return _Rest(last, 0, 0.0, 2 * abs(float(curve[last, 0].real)), True)
+    flat = curve[: last + 1, 0] * (1j * levels[: last + 1] / levels[last]) ** order
+    # c is real on the real axis: what is left of its real part falls with ω², and two levels tell the rest of it
+    ahead, scale = flat.real[1:] + np.diff(flat.real) / 3, max(abs(flat[last]), least)
+    away = (np.abs(ahead - ahead[-1]) > SETTLED * scale) | (np.abs(flat.imag[1:]) > LEAN * scale)
+    first = int(np.flatnonzero(away)[-1]) + 1 if away.any() else 0
+    moved = np.abs(np.diff(ahead))[first:]
+    if not len(moved):
+        return _Rest(last, order, float(flat[last].real), math.inf, False)
+    enough = moved <= ENOUGH * max(abs(flat[last]), 10 * least)
+    row = first + int(np.argmax(enough) if enough.any() else np.argmin(moved)) + 2
+    return _Rest(row, order, float(ahead[row - 1]), float(moved[row - 2 - first]), True)
+
+
 def _further_left(one: Rough | None, other: Rough) -> Rough:
     return other if one is None or other.at < one.at else one
 
@@ -282,9 +371,8 @@ def on_axis(curves: Curves, joints: Integers, low: tuple[Floats, Complexes], hig
     return omega, value
 
 
-def _resolved(omega: Floats, curves: Curves) -> tuple[Floats, Complexes]:
-    """Samples of the curves fine enough where they come near the negative real axis, beginning with `omega`."""
-    values = curves(omega)
+def _resolved(omega: Floats, values: Complexes, curves: Curves) -> tuple[Floats, Complexes]:
+    """Samples of the curves fine enough where they come near the negative real axis, beginning with `values` at `omega`."""
     for _ in range(12):
         start, end = values[:-1], values[1:]
         size = np.maximum(np.abs(start), np.abs(end))

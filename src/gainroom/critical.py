@@ -179,36 +179,48 @@ def delays(sweep: Sweep) -> Family:
     if sweep.last is None:
         return _on_circle(sweep, lambda t: sweep.unstable(1.0, delay=t), place, lambda t: _nearest(sweep, t, np.exp(-1j * t * sweep.omega)))
 
+    step = sweep.loop.sample_time
+    assert step is not None
+
+    def split(t: float) -> tuple[float, float]:
+        """Whole ticks, which are a phase, and the rest, for which the plant is sampled anew [s]."""
+        ticks = max(math.floor(t / step), 0) * step
+        return ticks, max(t - ticks, 0.0)
+
+    def later(t: float) -> Boundary:
+        return Boundary(sweep.loop.delayed(split(t)[1]))
+
     def polish(group: list[Rough]) -> list[Rough]:
         exact = []
         for at, omega, _ in place(*_circle_polished(sweep.boundary, group)):
             for _ in range(TRIES):  # a share of a tick is nearly, not quite, a phase: each step gains some four digits
-                later = Boundary(sweep.loop.delayed(at))
-                found = _circle_polished(later, [Rough(at, omega, -1.0 + 0j)])
+                turn = complex(np.exp(-1j * omega * split(at)[0]))
+                found = _circle_polished(later(at), [Rough(at, omega, -1 / turn)])
                 if not len(found[0]):
                     break
                 omega, value = float(found[0][0]), complex(found[1][0])
-                lag = float(np.angle(-value))
-                at += lag / omega
+                lag = float(np.angle(-value * np.exp(-1j * omega * split(at)[0])))
                 if abs(lag) <= 1e-11:
-                    exact.append(Rough(at, omega, value))
+                    exact.append(Rough(at + lag / omega, omega, value))
                     break
+                at += lag / omega
         return exact
 
     @lru_cache(2)
-    def delayed(t: float) -> Sweep:
-        return Sweep(sweep.loop.delayed(t))
+    def delayed(rest: float) -> Sweep:
+        return Sweep(sweep.loop.delayed(rest))
 
     def nearest(t: float) -> Rough:
-        return _nearest(delayed(t), t, 1.0)
+        ticks, rest = split(t)
+        return _nearest(delayed(rest), t, np.exp(-1j * ticks * delayed(rest).omega))
 
     return Family(
-        lambda t: delayed(t).unstable(1.0),
+        lambda t: delayed(split(t)[1]).unstable(1.0, delay=split(t)[0]),
         lambda: place(*_circle_crossings(sweep)),
         polish,
         lambda omega: None,
         nearest,
-        lambda found: Boundary(sweep.loop.delayed(found.at)).mode(found.omega, found.value),
+        lambda found: later(found.at).mode(found.omega, found.value),
     )
 
 

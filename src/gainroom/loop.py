@@ -127,6 +127,11 @@ class Loop:
         rank = max(rank for _, rank in spans)
         return None if rank == self.size else (spans[0][0][:, :rank], spans[1][0][:, :rank])
 
+    @property
+    def seen(self) -> Floats:
+        """(n, r) orthonormal: the combinations of positions that the gains act on."""
+        return np.eye(self.size) if self._controlled is None else self._controlled[1]
+
     def core(self, s: Complexes) -> Complexes:
         """L at complex s (k, r, r) as far as the gains reach: with all eigenvalues of L but those that are 0 as no gain acts there."""
         if self._controlled is None:
@@ -154,6 +159,17 @@ class Loop:
         lag = s[:, None] / bandwidth  # 0 where the current loop is ideal
         currents = 1 / (lag * lag + 2 * damping * lag + 1)  # eq. (3)
         return self.parts.plant.response(s, self.parts.feedback) * (currents * np.exp(-s[:, None] * self._delays))[:, None, :]
+
+    def round_off(self, omega: Floats) -> Floats:
+        """(k,) how far, relative to its size, `actuated_at` may be off at jω: most where a sampled mechanism drifts."""
+        if self.sample_time is None or self.size == 1:
+            return np.full(len(omega), np.finfo(float).eps)
+        held = self._held
+        shifted = self.variable(1j * omega)[:, None, None] * np.eye(len(held.a)) - held.a
+        inverse = np.linalg.inv(shifted)
+        back = np.abs(inverse)
+        spread = np.abs(held.c) @ (back @ (np.abs(shifted) @ (back @ np.abs(held.b))))  # Skeel's bound: no unit of a state matters
+        return np.finfo(float).eps * spread.max(axis=(1, 2)) / np.maximum(np.abs(held.c @ inverse @ held.b).max(axis=(1, 2)), 1e-300)
 
     @cached_property
     def _ticks(self) -> Integers:

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from .arrays import Complexes, Floats
-from .coupled import room
+from .coupled import room, sensitivity
 from .loop import Loop
 from .sweep import Sweep
 
@@ -28,7 +28,7 @@ def part_limits(loop: Loop, parts: Sequence[Loop]) -> Floats:
         v = loop.variable(s)
         actuated = loop.actuated_at(s)
         law, *laws = (one.matrix(s, v, loop.size, loop.sample_time) for one in (own, *controllers))
-        sensitive = np.linalg.solve(np.eye(loop.size) + loop.gain * actuated @ law, actuated)
+        sensitive = sensitivity(loop, loop.gain * actuated @ law) @ actuated
         return np.stack([np.einsum("kij,kji->k", sensitive, one) for one in laws], axis=1)
 
     return 1 + room(sweep, traces)[0] if parts else np.zeros(0)

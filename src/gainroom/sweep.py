@@ -76,6 +76,14 @@ class Boundary:
         """L (k, r, r) at omega (k,), as far as the gains reach."""
         return self.loop.core(self.points(omega))
 
+    def blurred(self, omega: Floats) -> Floats:
+        """(k,) how far (I + L)⁻¹ may be off by round-off at low omega (k,): one motion's share of L drowns beside a much larger one."""
+        core = self.core(omega)
+        size = np.linalg.norm(core, axis=(1, 2))
+        least = np.linalg.svd(np.eye(core.shape[1]) + core, compute_uv=False)[:, -1]
+        with np.errstate(divide="ignore"):
+            return self.loop.round_off(omega) * np.maximum(1.0, size / least**2)
+
     def eigen(self, omega: Floats) -> tuple[Complexes, Complexes]:
         """Eigenvalues (k, r) and vectors (k, r, r) of the core of L at omega (k,), computed once for frequencies that are the same."""
         distinct, place = np.unique(omega, return_inverse=True)
@@ -129,6 +137,7 @@ class Sweep:
         self.boundary = Boundary(loop)
         self.last, self.undamped = self.boundary.last, self.boundary.undamped
         grid = _first_grid(loop, self.last)
+        self.first = float(grid[0])  # lower than all that bends the loci
         self._calm = calm_spans(loop, 1e-4 * grid[0], grid[-1]) if for_limit else np.zeros((0, 2))
         self.omega = np.union1d(_without_inside(grid, self._calm), BESIDE * grid[:1])
         self.largest = 0.0
@@ -243,8 +252,10 @@ class Sweep:
     def _reach_down(self, gain: float) -> None:
         """Down to where double integrators rule at this gain too, and to where what settles has told on which side of −1/gain."""
         for _ in range(20):
-            orders, one = np.round(self._falls()), 1 + gain * self.loci[0]
-            unsettled = ((orders > 1) & (gain * np.abs(self.loci[0]) < 100)) | ((orders == 0) & (np.abs(one.imag) > 0.1 * np.abs(one.real)))
+            falls, one = self._falls(), 1 + gain * self.loci[0]
+            orders, told = np.round(falls), falls != 0  # what is lost in round-off would be no better further down
+            unsettled = (orders > 1) & (gain * np.abs(self.loci[0]) < 100)
+            unsettled |= told & (orders == 0) & (np.abs(one.imag) > 0.1 * np.abs(one.real))
             if not unsettled.any() or self._bottom or self.omega[0] < LOWEST * self.omega[-1]:
                 break
             self._further_down(lambda falls, orders=orders: (orders > 0) & (np.abs(falls - np.round(falls)) > ASTRAY))

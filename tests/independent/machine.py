@@ -15,6 +15,7 @@ from scipy.signal import tf2ss
 
 SILENT = 1e-6  # relative change of a root with all gains, below which they do not move it
 BESIDE = 1e-5  # damping ratio of a root that may lie on the boundary
+SLOW = 3e-4  # [1/s] of a real root that has passed 0, and more than round-off moves a double root that rests there
 AT_REST = 2e-2  # [1/s] of roots at 0 of motions that no gain holds, which come in twos and threes, known to a root of round-off
 
 
@@ -220,6 +221,18 @@ def roots(machine: Machine) -> np.ndarray:
 def unstable(machine: Machine) -> int:
     """Roots right of the imaginary axis, outside the unit circle; see `roots`."""
     return int(np.count_nonzero(roots(machine).real > 0))
+
+
+def topples(machine: Machine) -> bool:
+    """True where an odd number of real roots lies right of SLOW: there det(sI − A + B e^{−sT} C) < 0, which is > 0 far to the right.
+
+    Sees a root that has passed 0 where `roots` does not tell it from those that rest there.
+    """
+    if machine.sample_time is not None:
+        matrix = _sampled(machine)[0]
+        return bool(np.linalg.slogdet(np.exp(SLOW * machine.sample_time) * np.eye(len(matrix)) - matrix)[0] < 0)
+    body = law(machine).after(actuated(machine))
+    return bool(np.linalg.slogdet(SLOW * np.eye(len(body.a)) - body.a + body.b * np.exp(-SLOW * machine.delay) @ body.c)[0] < 0)
 
 
 def _continuous(machine: Machine):
