@@ -9,6 +9,8 @@ The numerator is a small difference of large terms (a plant that falls off as 1/
 precision; its zeros are then good to the last digit of a double.
 """
 
+from functools import lru_cache
+
 import numpy as np
 
 from .arrays import Complexes
@@ -24,10 +26,17 @@ FASTEST = 50.0  # growth rate of a pole times the tick: e^50 exceeds what a doub
 def sample(system: Factored, sample_time: float, fraction: float = 0.0) -> Factored:
     """`system` (continuous, strictly proper, its delay left aside) sampled at T_s [s] with `fraction` in [0, 1) of a tick of delay.
 
-    Raises GainroomError where it topples within a small part of a tick.
+    Kept, as the same joint is looked at under many gains. Raises GainroomError where it topples within a small part of a tick.
     """
+    zeros, poles = (tuple(np.asarray(roots, dtype=complex).tolist()) for roots in (system.zeros, system.poles))
+    return _sampled(zeros, poles, system.gain, sample_time, fraction)
+
+
+@lru_cache(256)
+def _sampled(zeros_s: tuple[complex, ...], poles_s: tuple[complex, ...], gain_s: float, sample_time: float, fraction: float) -> Factored:
     from mpmath import mp, mpc, mpf
 
+    system = Factored(np.array(zeros_s, dtype=complex), np.array(poles_s, dtype=complex), gain_s)
     rate = float(np.max(system.poles.real, initial=0.0))
     if rate * sample_time > FASTEST:
         raise GainroomError(f"loop: grows by itself at {rate:.3g}/s, too fast to be sampled every {1e3 * sample_time:g} ms")

@@ -82,7 +82,11 @@ class StateSpace:
 
     def _resolvent(self, v: Complexes, part: slice) -> Complexes:
         block = self.a[part, part]
-        return v[:, None, None] * np.eye(len(block)) - block
+        result = np.empty((len(v), *block.shape), dtype=complex)
+        result[:] = 0.0 - block
+        diagonal = np.arange(len(block))
+        result[:, diagonal, diagonal] += v[:, None]
+        return result
 
 
 def _block_diagonal(first: Floats, second: Floats) -> Floats:
