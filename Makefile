@@ -15,7 +15,7 @@ demo: $(STAMP)
 	$(BIN)/gainroom joint $(DEMO)/testbed.yaml --report $(DEMO)/testbed.html
 
 test: lint
-	$(BIN)/pytest -n 2 -q
+	$(BIN)/pytest -n 2 --dist worksteal -q
 
 lint: $(STAMP)
 	$(BIN)/ruff check .

@@ -192,10 +192,7 @@ def test_mutated_files_are_read_or_refused_in_one_line(random: Random):
     assert not message or (message.startswith("knee.yaml") and "\n" not in message)
 
 
-@pytest.mark.slow
-@settings(max_examples=300, deadline=None, suppress_health_check=list(HealthCheck))
-@given(random=RANDOMS)
-def test_mutated_files_run_to_an_answer_or_a_line(random: Random, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def runs_to_an_answer_or_a_line(random: Random, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "joint.yaml"
     path.write_bytes(mutated_file(random))
     status = main(["joint", str(path), "--json"])
@@ -203,3 +200,19 @@ def test_mutated_files_run_to_an_answer_or_a_line(random: Random, tmp_path: Path
     assert status in (0, 1, 2)
     assert (out == "") == (status == 2)
     assert status != 2 or (err.startswith("gainroom: error: ") and err.count("\n") == 1)
+
+
+@pytest.mark.slow
+@settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
+@given(random=RANDOMS)
+def test_mutated_files_run_to_an_answer_or_a_line(random: Random, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    runs_to_an_answer_or_a_line(random, tmp_path, capsys)
+
+
+@pytest.mark.population
+@pytest.mark.timeout(0)
+@pytest.mark.skipif("'population' not in config.getoption('markexpr')", reason="runs with -m population")
+@settings(max_examples=3000, deadline=None, suppress_health_check=list(HealthCheck))
+@given(random=RANDOMS)
+def test_many_mutated_files_run_to_an_answer_or_a_line(random: Random, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    runs_to_an_answer_or_a_line(random, tmp_path, capsys)

@@ -1,11 +1,16 @@
 """The command line's contract: keys, exit status, what goes to which stream, reports that are whole or absent."""
 
+import contextlib
+import io
 import json
 import os
 import re
 import subprocess
 import sys
+from collections.abc import Callable
+from functools import cache
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
@@ -26,12 +31,32 @@ MARGIN_KEYS = {"gain_margin_db", "phase_margin_deg", "delay_margin_ms", "peak_se
 UNSTABLE = EXAMPLES["testbed"].replace("kd: 70.0", "kd: 80.0")
 
 
+class Said(NamedTuple):
+    status: int
+    out: str
+    err: str
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("cli")
     for name, text in {**EXAMPLES, "unstable": UNSTABLE}.items():
         (path / f"{name}.yaml").write_text(text, "utf-8")
     return path
+
+
+@pytest.fixture(scope="module")
+def said(folder: Path) -> Callable[..., Said]:
+    """What `gainroom joint` says about a file of `folder`, computed once for all who look at it."""
+
+    @cache
+    def ask(name: str, *options: str) -> Said:
+        out, err = io.StringIO(), io.StringIO()
+        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+            status = main(["joint", str(folder / f"{name}.yaml"), *options])
+        return Said(status, out.getvalue(), err.getvalue())
+
+    return ask
 
 
 def reject_constant(name: str) -> None:
@@ -43,9 +68,10 @@ def strict_json(text: str) -> dict:
 
 
 @pytest.mark.parametrize("name", sorted(EXAMPLES))
-def test_joint_json(folder: Path, capsys: pytest.CaptureFixture[str], name: str):
-    assert main(["joint", str(folder / f"{name}.yaml"), "--json"]) == 0
-    facts = strict_json(capsys.readouterr().out)
+def test_joint_json(said: Callable[..., Said], name: str):
+    status, out, err = said(name, "--json")
+    assert (status, err) == (0, "")
+    facts = strict_json(out)
     assert set(facts) >= JOINT_KEYS
     assert facts["stable"] is True
     assert facts["model"] == ("sampled" if "sample_rate_hz: " in EXAMPLES[name] else "continuous")
@@ -54,20 +80,19 @@ def test_joint_json(folder: Path, capsys: pytest.CaptureFixture[str], name: str)
     assert facts["max_kp"] > facts["recommended"]["kp"] > 0
 
 
-def test_unstable_is_status_1_and_says_so_first(folder: Path, capsys: pytest.CaptureFixture[str]):
-    assert main(["joint", str(folder / "unstable.yaml"), "--json"]) == 1
-    facts = strict_json(capsys.readouterr().out)
+def test_unstable_is_status_1_and_says_so_first(said: Callable[..., Said]):
+    assert said("unstable", "--json").status == 1
+    facts = strict_json(said("unstable", "--json").out)
     assert facts["stable"] is False
     assert facts["unstable_roots"] >= 1
     assert facts["gain_margin_db"] is None
-    assert main(["joint", str(folder / "unstable.yaml")]) == 1
-    assert "unstable" in capsys.readouterr().out.splitlines()[0].lower()
+    assert said("unstable").status == 1
+    assert "unstable" in said("unstable").out.splitlines()[0].lower()
 
 
 @pytest.mark.parametrize("name", [*sorted(EXAMPLES), "unstable"])
-def test_joint_terminal(folder: Path, capsys: pytest.CaptureFixture[str], name: str):
-    main(["joint", str(folder / f"{name}.yaml")])
-    out, err = capsys.readouterr()
+def test_joint_terminal(said: Callable[..., Said], name: str):
+    _, out, err = said(name)
     assert err == ""
     assert max(map(len, out.splitlines())) <= 100
     assert "\x1b" not in out
@@ -75,9 +100,9 @@ def test_joint_terminal(folder: Path, capsys: pytest.CaptureFixture[str], name: 
         assert word in out
 
 
-def test_requirements_are_met_or_not(folder: Path, capsys: pytest.CaptureFixture[str]):
-    main(["joint", str(folder / "fig9.yaml")])  # 6.2 dB against 6 dB
-    row = next(line for line in capsys.readouterr().out.splitlines() if line.strip().startswith("gain margin"))
+def test_requirements_are_met_or_not(said: Callable[..., Said]):
+    lines = said("fig9").out.splitlines()  # 6.2 dB against 6 dB
+    row = next(line for line in lines if line.strip().startswith("gain margin"))
     assert row.split()[-1] == "yes"
 
 
@@ -155,15 +180,13 @@ def test_recommended_controller_can_be_typed_back(tmp_path: Path, capsys: pytest
         assert typed[name] == pytest.approx(best["margins"][name], rel=1e-4)
 
 
-def test_uncertain_rows_keep_cases_apart(folder: Path, capsys: pytest.CaptureFixture[str]):
-    main(["joint", str(folder / "talos-knee.yaml")])
-    out = capsys.readouterr().out
+def test_uncertain_rows_keep_cases_apart(said: Callable[..., Said]):
+    out = said("talos-knee").out
     assert "recommended (worst case)" in out
     assert "recommended (as stated)" in out
     assert "(tightest at delay 3 ms, stiffness 8\u202f000 N·m/rad" in " ".join(out.split("\n"))
     assert "sampled model, 2\u202f000 Hz" in out
-    main(["joint", str(folder / "talos-knee.yaml"), "--json"])
-    best = strict_json(capsys.readouterr().out)["recommended"]
+    best = strict_json(said("talos-knee", "--json").out)["recommended"]
     worst, stated = best["margins"], best["nominal"]
     assert worst["gain_margin_db"] <= stated["gain_margin_db"]
     assert abs(worst["phase_margin_deg"]) <= abs(stated["phase_margin_deg"])

@@ -57,7 +57,7 @@ def test_a_whole_cache_is_used(file: Path):
 
 
 @pytest.mark.parametrize("ending", ["nbi", "nbc"])
-@pytest.mark.parametrize("damage", ["empty", "half", "other bytes", "a folder"])
+@pytest.mark.parametrize("damage", ["empty", "half", "other bytes", "one bit", "a folder"])
 def test_a_damaged_cache_is_made_anew(file: Path, ending: str, damage: str):
     loaded(file).halved(3.0)
     (path,) = cached(file, ending)
@@ -66,7 +66,10 @@ def test_a_damaged_cache_is_made_anew(file: Path, ending: str, damage: str):
     if damage == "a folder":
         path.mkdir()
     else:
-        path.write_bytes({"empty": b"", "half": whole[: len(whole) // 2], "other bytes": bytes(len(whole))}[damage])
+        flipped = bytearray(whole)
+        flipped[len(whole) // 2] ^= 1
+        contents = {"empty": b"", "half": whole[: len(whole) // 2], "other bytes": bytes(len(whole)), "one bit": bytes(flipped)}
+        path.write_bytes(contents[damage])
     damaged = loaded(file)
     assert damaged.halved(3.0) == 1.5
     if damage != "a folder":

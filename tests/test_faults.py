@@ -20,6 +20,7 @@ import pytest
 from faults import BIPED, COMMANDS, EXAMPLES, GAINS, OLD, SHORT, environment, furnish, gainroom, heard
 from gainroom.cli import main
 from gainroom.io.logs import read_log
+from robot_files import write_arm
 
 PLAYED = EXAMPLES["testbed-sampled"] + SHORT
 
@@ -260,6 +261,7 @@ def test_a_folder_that_is_gone(folder: Path):
 
 @pytest.mark.parametrize("command", ["robot.yaml", str(BIPED)])
 def test_no_place_for_temporary_files_is_needed(folder: Path, command: str):
+    write_arm(folder)
     call = ["robot", command] if command.endswith("yaml") else ["audit", command, "--delay-ms", "2", "--gains", "gains.yaml", "--json"]
     run = gainroom(folder, *call, env=environment(TMPDIR="/proc/none", HOME="/proc/none"))
     assert run.stderr == ""

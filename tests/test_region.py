@@ -10,6 +10,8 @@ from scipy.optimize import brentq
 
 import gainroom as gr
 from draws import Setup, draw_setup
+from gainroom.robustness import margins_of
+from gainroom.stability import scan_loop
 from refusals import assert_refused
 
 REQUIREMENTS = {
@@ -26,7 +28,7 @@ def kept(setup: Setup, kp: float, kd: float, asked: dict[str, float], slack: flo
     loop = replace(setup, controller=replace(setup.controller, **gains_in_plane(setup.controller, kp, kd))).loop()
     if kp == 0 and kd == 0:
         return False
-    found = gr.margins(loop)
+    found = margins_of(loop, scan_loop(loop))  # gr.margins without the delay margin, which is no requirement
     if not found.stable:
         return False
     harder = 1 + slack

@@ -99,7 +99,10 @@ def uppermost(region: gr.PDRegion, kp: float) -> tuple[float, float]:
 
 
 def disagreements(index: int, seed: int = SEED) -> list[str]:
-    case, rng = draw(seed, index), np.random.default_rng([seed, index, 1])
+    return wrong_claims(draw(seed, index), np.random.default_rng([seed, index, 1]))
+
+
+def wrong_claims(case: Case, rng: np.random.Generator) -> list[str]:
     side: Any = case.joint.feedback
     region = gr.pd_region(*case.parts(), feedback=side, sample_time=case.sample_time, controller=case.controller())
     told = [(what, kp, kd, stable, is_stable(case, kp, kd)) for what, kp, kd, stable in claims(region, case, rng)]
@@ -163,3 +166,24 @@ def test_gains_without_an_upper_limit_may_have_a_lower_one(index):
     assert high == inf
     assert 2 * kd < low
     assert not disagreements(index, seed=1)
+
+
+def with_two_notches(index: int, apart: float) -> Case:
+    """A joint of any kind under two notches of depth 0 whose frequencies differ by the share `apart`."""
+    rng = np.random.default_rng([1, index, 77])
+    while True:
+        case = wide(rng, bool(index % 2))
+        if case.notches and min(case.gains) >= 0:
+            frequency, width, _ = case.notches[0]
+            return replace(case, notches=((frequency, width, 0.0), (frequency * (1 - apart), 0.3, 0.0)))
+
+
+@pytest.mark.parametrize("apart", [0.0, 1e-15, 1e-12, 1e-9, 3e-9, 1e-6])
+def test_two_notches_of_depth_0_at_one_frequency(apart):
+    """Between their zeros lies no sample: taken for two simple ones, kp had no limit beside them."""
+    wrong = {}
+    for index in range(4):
+        case = with_two_notches(index, apart)
+        if found := wrong_claims(case, np.random.default_rng([1, index, 1])):
+            wrong[index] = found
+    assert not wrong

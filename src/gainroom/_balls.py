@@ -13,7 +13,7 @@ import numpy as np
 from .arrays import Complexes, Floats
 
 Disc = tuple[Any, Any]
-"""(mid, rad), (n,) each."""
+"""(mid, rad), (n,) each, or (m, n)."""
 
 
 def times(first: Disc, second: Disc) -> Disc:
@@ -54,7 +54,7 @@ class Ball:
         mid, half = 0.5 * (low + high), 0.5 * (high - low)
         return cls((mid, half), {index: (half, np.zeros_like(half))})
 
-    def __mul__(self, other: "Ball | complex") -> "Ball":
+    def __mul__(self, other: "Ball | complex | Floats") -> "Ball":
         if not isinstance(other, Ball):
             return Ball(times(self.disc, (other, 0.0)), {i: times(slope, (other, 0.0)) for i, slope in self.slopes.items()})
         slopes = {i: times(slope, other.disc) for i, slope in self.slopes.items()}
@@ -65,7 +65,7 @@ class Ball:
 
     __rmul__ = __mul__
 
-    def __add__(self, other: "Ball | complex") -> "Ball":
+    def __add__(self, other: "Ball | complex | Floats") -> "Ball":
         if not isinstance(other, Ball):
             return Ball(plus(self.disc, (other, 0.0)), self.slopes)
         slopes = dict(self.slopes)

@@ -196,16 +196,16 @@ class BoxLoop:
         rate = TURN / self.sample_time
         values = {name: value.plain() for name, value in parts.values.items()}
         base, square = parts.omega.plain(), None if parts.square is None else parts.square.plain().inverse()
-        total: Disc = (np.zeros(len(base.disc[0]), complex), np.zeros(len(base.disc[0])))
-        for k in (sign * step for step in range(1, self.aliases + 1) for sign in (-1, 1)):
-            omega = base + k * rate
-            over = omega if square is None else omega * square
-            value = _quotient(*self._plant(omega, omega * over, over, values))
-            for pole in self.currents.poles:
-                value = times(value, inverse((1j * omega.disc[0] - pole, omega.disc[1])))
-            value = times(times(value, (self.currents.gain, 0.0)), times(base.disc, inverse(omega.disc)))
-            lag = values["delay"].disc
-            total = plus(total, times(value, turned((-k * rate * lag[0], abs(k) * rate * lag[1]))))
+        k = np.array([[sign * step] for step in range(1, self.aliases + 1) for sign in (-1, 1)])  # one row each, beside the boxes
+        omega = base + k * rate
+        over = omega if square is None else omega * square
+        value = _quotient(*self._plant(omega, omega * over, over, values))
+        for pole in self.currents.poles:
+            value = times(value, inverse((1j * omega.disc[0] - pole, omega.disc[1])))
+        value = times(times(value, (self.currents.gain, 0.0)), times(base.disc, inverse(omega.disc)))
+        lag = values["delay"].disc
+        middle, reach = times(value, turned((-k * rate * lag[0], np.abs(k) * rate * lag[1])))
+        total = middle.sum(axis=0), reach.sum(axis=0)
         if not add_rest:
             return total
         first = (self.aliases + 0.5) * rate  # beyond, |P C|/ω falls at least as 1/ω³
@@ -321,8 +321,8 @@ class _Moved:
 
 def _quotient(above: list[Ball], below: list[Ball]) -> Disc:
     """Disc of a ratio of products."""
-    count = len((above + below)[0].disc[0])
-    value: Disc = (np.ones(count, complex), np.zeros(count))
+    shape = np.broadcast_shapes(*(np.shape(factor.disc[0]) for factor in above + below))
+    value: Disc = (np.ones(shape, complex), np.zeros(shape))
     for factor in above:
         value = times(value, factor.disc)
     for factor in below:

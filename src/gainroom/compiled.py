@@ -4,16 +4,39 @@ A cache that cannot be written, or a damaged one, costs the seconds of compiling
 """
 
 import contextlib
+import pickle
 from collections.abc import Callable
+from hashlib import sha256
+from pathlib import Path
 from typing import Any
 
 from numba import njit
-from numba.core.caching import FunctionCache
+from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.sigutils import normalize_signature
+
+
+class _Summed(IndexDataCacheFile):
+    """Code with a checksum before it: one flipped bit in it could crash the process or change a number."""
+
+    def _save_data(self, name: str, data: Any) -> None:
+        content = self._dump(data)
+        with self._open_for_write(self._data_path(name)) as file:
+            file.write(sha256(content).digest() + content)
+
+    def _load_data(self, name: str) -> Any:
+        content = Path(self._data_path(name)).read_bytes()
+        stated, content = content[:32], content[32:]
+        if sha256(content).digest() != stated:
+            raise ValueError(f"{name} is damaged")
+        return pickle.loads(content)
 
 
 class _Cache(FunctionCache):
     """What it cannot read it empties, and what it cannot write it leaves."""
+
+    def __init__(self, function: Any) -> None:
+        super().__init__(function)
+        self._cache_file = _Summed(self._cache_path, self._impl.filename_base, self._impl.locator.get_source_stamp())
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         try:

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from .arrays import Complexes, Floats
 from .errors import GainroomError
 
+_product = np.multiply.reduce  # np.prod without its detours, which took a quarter of a response's time
 _NO_ROOTS = np.zeros(0, dtype=complex)
 
 
@@ -63,8 +64,8 @@ class Factored:
         pairs = min(len(self.zeros), len(self.poles))
         away = v[..., None]
         with np.errstate(divide="ignore", invalid="ignore"):  # infinite on a pole
-            value = value * np.prod((away - self.zeros[:pairs]) / (away - self.poles[:pairs]), axis=-1)
-            return value * np.prod(away - self.zeros[pairs:], axis=-1) / np.prod(away - self.poles[pairs:], axis=-1)
+            value = value * _product((away - self.zeros[:pairs]) / (away - self.poles[:pairs]), axis=-1)
+            return value * _product(away - self.zeros[pairs:], axis=-1) / _product(away - self.poles[pairs:], axis=-1)
 
     def response(self, omega: ArrayLike) -> Complexes:
         """The value at s = jω, `omega` [rad/s] of any shape."""

@@ -216,7 +216,7 @@ def _existence(plane: GainPlane, omega: Floats, a: Complexes, b: Complexes, kps:
     column, k = np.nonzero(exists[:, 1:] != exists[:, :-1])
     starts = exists[column, k + 1]
     low, high = omega[k].copy(), omega[k + 1].copy()
-    for _ in range(rounds):
+    for _ in range(rounds if len(k) else 0):
         middle = 0.5 * (low + high)
         now = reach(plane.a.response(middle), plane.b.response(middle)) >= np.abs(kps[column])
         go_low = now == starts
@@ -288,7 +288,7 @@ def _maximum(
         return function(kp, plane.a.response(omega), plane.b.response(omega))
 
     best = height(middle)
-    for _ in range(40):
+    for _ in range(40 if len(middle) else 0):
         right = high - middle > middle - low
         trial = middle + 0.381966011250105 * np.where(right, high - middle, low - middle)
         value = height(trial)

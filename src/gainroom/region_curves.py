@@ -17,6 +17,7 @@ POINTS_PER_DECADE = 120
 MOST_TURNS = 20_000  # samples that follow the delay's phase
 DEEPEST = 1e-9  # the curve is followed down to this share of the lowest frequency sampled finely
 ROUNDING = 4e-15  # of a gain that solves for L = target: closer than this to the wanted one, ω cannot be told apart
+UNRESOLVED = 2e-9  # relative distance of zeros between which no sample lies
 PINCH = 1e-9  # relative distance from a pinch within which the curve is taken as the straight line it is there
 SMALL_TURN = 0.12  # [rad] largest turn of a curve, drawn to scale, between neighbouring samples
 
@@ -43,10 +44,13 @@ class GainPlane:
 
     @cached_property
     def zeros(self) -> list[tuple[float, tuple[complex, complex], tuple[complex, complex]]]:
-        """(ω₀, A's, B's) at the zeros on the boundary that A and B share, each one simple: A/(ω − ω₀) there, and its derivative by ω."""
+        """(ω₀, A's, B's) at the zeros on the boundary that A and B share, each one simple: A/(ω − ω₀) there, and its derivative by ω.
+
+        Two between the same samples, as of two notches of depth 0, are none: the curve comes back from infinity where it went.
+        """
         found = []
         for root in self.a.zeros[(growth(self.a.zeros, self.a.sample_time) == 0) & (self.a.zeros.imag > 0)]:
-            if all(np.count_nonzero(part.zeros == root) == 1 and not np.any(part.poles == root) for part in (self.a, self.b)):
+            if _is_simple(root, self.a) and _is_simple(root, self.b):
                 omega = _frequency(root, self.a.sample_time)
                 found.append((omega, *(_divided(part, root, omega) for part in (self.a, self.b))))
         return found
@@ -96,6 +100,11 @@ class GainPlane:
             dkp, dkd = _solve2(a, b, -(kp * da + kd * db))
         on_pole = ~np.isfinite(a)  # no gains are needed to reach the target there
         return np.where(on_pole, 0.0, kp), np.where(on_pole, 0.0, kd), dkp, dkd
+
+
+def _is_simple(root: complex, part: Factored) -> bool:
+    near = part.zeros[np.abs(part.zeros - root) <= UNRESOLVED * abs(root)]
+    return near.tolist() == [root] and not np.any(part.poles == root)
 
 
 def _divided(part: Factored, root: complex, omega: float) -> tuple[complex, complex]:

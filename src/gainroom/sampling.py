@@ -9,6 +9,9 @@ The numerator is a small difference of large terms (a plant that falls off as 1/
 precision; its zeros are then good to the last digit of a double.
 """
 
+from functools import lru_cache
+from typing import Any
+
 import numpy as np
 
 from .arrays import Complexes
@@ -24,54 +27,74 @@ FASTEST = 50.0  # growth rate of a pole times the tick: e^50 exceeds what a doub
 def sample(system: Factored, sample_time: float, fraction: float = 0.0) -> Factored:
     """`system` (continuous, strictly proper, its delay left aside) sampled at T_s [s] with `fraction` in [0, 1) of a tick of delay.
 
-    Raises GainroomError where it topples within a small part of a tick.
+    Kept, as the same joint is looked at under many gains. Raises GainroomError where it topples within a small part of a tick.
     """
-    from mpmath import mp, mpc, mpf
-
     rate = float(np.max(system.poles.real, initial=0.0))
     if rate * sample_time > FASTEST:
         raise GainroomError(f"loop: grows by itself at {rate:.3g}/s, too fast to be sampled every {1e3 * sample_time:g} ms")
+    zeros, poles = (tuple(np.asarray(roots, dtype=complex).tolist()) for roots in (system.zeros, system.poles))
+    return _sampled(zeros, poles, float(system.gain), float(sample_time), fraction)
+
+
+Roots = tuple[complex, ...]
+
+
+@lru_cache(64)
+def _partial_fractions(zeros: Roots, poles: Roots, gain: float, sample_time: float) -> list[tuple[Any, Any, Any, list]]:
+    """For each p_i that is not a conjugate: p_i, E_i, r_i and Π_{j≠i} (z − E_j), highest power first; the same at every delay."""
+    from mpmath import mp, mpf
 
     with mp.workdps(DIGITS):
         step = mpf(sample_time)
-        poles: list = []
-        for pole in system.poles.tolist():
-            place = mpc(pole.real, pole.imag)
-            while any(abs(place - other) * step < mpf(10) ** -APART for other in poles):
+        places: list = []
+        for pole in poles:
+            place = mp.mpmathify(pole)
+            while any(abs(place - other) * step < mpf(10) ** -APART for other in places):
                 place += mpf(10) ** -APART / step
-            poles.append(place)
-        zeros = [mpc(zero.real, zero.imag) for zero in system.zeros.tolist()]
-        grown = [mp.exp(pole * step) for pole in poles]
-        late = mpf(fraction)
+            places.append(place)
+        grown = [mp.exp(place * step) for place in places]
         everything = [mpf(1)]
         for factor in grown:
             everything = _times(everything, [1, -factor])
-        numerator = [mpf(0)] * (len(poles) + (1 if fraction else 0))
-        for k, pole in enumerate(poles):
-            if pole.imag < 0:  # the conjugate's row adds the same real part once more
+        found = []
+        for k, place in enumerate(places):
+            if place.imag < 0:
                 continue
-            residue = mpf(system.gain)
+            residue = mpf(gain)
             for zero in zeros:
-                residue *= pole - zero
-            for j, other in enumerate(poles):
+                residue *= place - mp.mpmathify(zero)
+            for j, other in enumerate(places):
                 if j != k:
-                    residue /= pole - other
-            partial = mp.exp(pole * (1 - late) * step) if fraction else grown[k]
+                    residue /= place - other
+            found.append((place, grown[k], residue, _without(everything, grown[k])))
+        return found
+
+
+@lru_cache(256)
+def _sampled(zeros: Roots, poles: Roots, gain: float, sample_time: float, fraction: float) -> Factored:
+    from mpmath import mp, mpf
+
+    with mp.workdps(DIGITS):
+        step, late = mpf(sample_time), mpf(fraction)
+        numerator = [mpf(0)] * (len(poles) + (1 if fraction else 0))
+        for pole, grown, residue, others in _partial_fractions(zeros, poles, gain, sample_time):
+            partial = mp.exp(pole * (1 - late) * step) if fraction else grown
             now = (partial - 1) / pole if pole else step * (1 - late)
-            before = (grown[k] - partial) / pole if pole else step * late
-            row = _times(_without(everything, grown[k]), [residue * now, residue * before] if fraction else [residue * now])
+            before = (grown - partial) / pole if pole else step * late
+            row = _times(others, [residue * now, residue * before] if fraction else [residue * now])
+            # a conjugate's row adds the same real part once more
             share = 2 if pole.imag > 0 else 1
             numerator = [total + share * entry.real for total, entry in zip(numerator, row, strict=True)]
         while len(numerator) > 1 and abs(numerator[0]) < FARTHEST * abs(numerator[1]):
             del numerator[0]  # a delay just under a whole tick has a zero next to infinity
         roots = _roots(numerator)
-        gain = numerator[0] * step ** (len(roots) - len(poles) - (1 if fraction else 0))
+        size = numerator[0] * step ** (len(roots) - len(poles) - (1 if fraction else 0))
         places = [(root - 1) / step for root in roots]
         zeros_v = np.array([float(place.real) for place in places]) + 1j * np.array([float(place.imag) for place in places])
-        poles_v = np.expm1(system.poles * sample_time) / sample_time
+        poles_v = np.expm1(np.array(poles, dtype=complex) * sample_time) / sample_time
         if fraction:
             poles_v = np.append(poles_v, -1 / sample_time)
-        return Factored(_conjugate(zeros_v), poles_v, float(gain), 0.0, sample_time)
+        return Factored(_conjugate(zeros_v), poles_v, float(size), 0.0, sample_time)
 
 
 def _times(first: list, second: list) -> list:

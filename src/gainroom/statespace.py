@@ -12,6 +12,7 @@ from .arrays import Complexes, Floats, Integers
 from .errors import GainroomError
 from .factored import Factored
 
+AT_ONCE = 250_000  # entries of all matrices that are solved at a time: more would leave the processor's cache
 SAME_TICK = 1e-12  # of a tick: a delay this near to whole ticks is taken as whole; it moves a phase by less than 4e-12 rad
 
 
@@ -70,6 +71,9 @@ class StateSpace:
     def at(self, v: Complexes) -> Complexes:
         """The transfer matrix at complex v (k,): (k, outputs, inputs)."""
         v = np.asarray(v, dtype=complex)
+        rows = max(1, AT_ONCE // max(1, len(self.a)) ** 2)
+        if len(v) > rows:
+            return np.concatenate([self.at(v[k : k + rows]) for k in range(0, len(v), rows)])
         first, rest = slice(0, self.lead), slice(self.lead, None)
         pushed = np.broadcast_to(self.b[rest].astype(complex), (len(v), *self.b[rest].shape))
         moved = np.zeros((len(v), 0, self.b.shape[1]))
@@ -82,7 +86,11 @@ class StateSpace:
 
     def _resolvent(self, v: Complexes, part: slice) -> Complexes:
         block = self.a[part, part]
-        return v[:, None, None] * np.eye(len(block)) - block
+        result = np.empty((len(v), *block.shape), dtype=complex)
+        result[:] = 0.0 - block
+        diagonal = np.arange(len(block))
+        result[:, diagonal, diagonal] += v[:, None]
+        return result
 
 
 def _block_diagonal(first: Floats, second: Floats) -> Floats:

@@ -75,7 +75,7 @@ def _root_count(descending: list[Fraction]) -> int:
     with mpmath.workdps(DIGITS):
         scale = _frequency_scale(descending[::-1])
         ascending = [_mpf(c * scale**i) for i, c in enumerate(reversed(descending))]
-        roots = mpmath.polyroots(ascending, maxsteps=500, extraprec=400, asc=True)
+        roots = _roots(ascending, 400)
         if any(abs(r.real) < mpmath.mpf(10) ** (-DIGITS // 2) * abs(r) for r in roots):
             raise UndecidedError("a root lies on the imaginary axis at zero delay")
         return sum(r.real > 0 for r in roots)
@@ -89,7 +89,7 @@ def _axis_crossings(denominator: list[Fraction], numerator: list[Fraction]) -> l
     scale = _frequency_scale(difference)
     coefficients = [_mpf(c * scale**i) for i, c in enumerate(difference)]
     largest = max(abs(c) for c in coefficients)
-    roots = mpmath.polyroots([c / largest for c in coefficients], maxsteps=500, extraprec=200, asc=True)
+    roots = _roots([c / largest for c in coefficients], 200)
     crossings = []
     for x in roots:
         if x.real <= 0 or abs(x.imag) > mpmath.mpf(10) ** (-DIGITS // 2) * abs(x):
@@ -97,6 +97,25 @@ def _axis_crossings(denominator: list[Fraction], numerator: list[Fraction]) -> l
         slope = sum(i * c * x.real ** (i - 1) for i, c in enumerate(coefficients) if i)
         crossings.append((mpmath.sqrt(x.real * scale), 1 if slope > 0 else -1))
     return crossings
+
+
+def _roots(ascending: list[mpmath.mpf], extraprec: int) -> list[mpmath.mpc]:
+    """All roots in extended precision, begun at those of double precision where that leads to all of them: three times faster."""
+    options = {"maxsteps": 500, "extraprec": extraprec, "asc": True}
+    starts = np.roots([float(c) for c in reversed(ascending)])
+    if len(starts) == len(ascending) - 1 and np.all(np.isfinite(starts)):
+        # apart from each other and from the real axis, on which a pair that belongs beside it would be stuck
+        apart = [mpmath.mpc(root) * mpmath.mpc(1, 1e-7 * (1 + k)) for k, root in enumerate(starts.tolist())]
+        try:
+            roots = mpmath.polyroots(ascending, roots_init=apart, **{**options, "maxsteps": 50})
+        except mpmath.NoConvergence:
+            return mpmath.polyroots(ascending, **options)
+        product = [ascending[-1]]  # of all factors: none was found twice for another
+        for root in roots:
+            product = [below - root * above for below, above in zip([0, *product], [*product, 0], strict=True)]
+        if all(abs(a - b) <= mpmath.mpf(10) ** (5 - DIGITS) * max(map(abs, ascending)) for a, b in zip(product, ascending, strict=True)):
+            return roots
+    return mpmath.polyroots(ascending, **options)
 
 
 def _squared_modulus(polynomial: list[Fraction]) -> list[Fraction]:
