@@ -19,6 +19,8 @@ def part_limits(loop: Loop, parts: Sequence[Loop]) -> Floats:
 
     parts   the same plant and drives under a part of the controller alone, of rank one
     """
+    if not parts:
+        return np.zeros(0)
     controllers = [part.parts.controller for part in parts if part.parts is not None]
     assert loop.parts is not None
     own, sweep = loop.parts.controller, Sweep(loop)
@@ -31,4 +33,4 @@ def part_limits(loop: Loop, parts: Sequence[Loop]) -> Floats:
         sensitive = sensitivity(loop, loop.gain * actuated @ law) @ actuated
         return np.stack([np.einsum("kij,kji->k", sensitive, one) for one in laws], axis=1)
 
-    return 1 + room(sweep, traces)[0] if parts else np.zeros(0)
+    return 1 + room(sweep, traces)[0]
