@@ -37,7 +37,6 @@ tangents are off by at the end. Where that does not hold, more: two loci that me
 """
 PULL = 0.02  # of every change of a gain: without it what nothing depends on would be anywhere
 STEPS = 150
-ONES = 8  # rounds in which what was found is looked at again
 
 
 @dataclass(frozen=True)
@@ -114,9 +113,11 @@ class _Search:
         while True:
             gains, missed = self._descended(gains, [self._cases[k] for k in active])
             worst = self._worst(gains)
-            if missed > 0 or worst in active or self._missed(gains, [self._cases[worst]]) <= 0:
+            there = self._missed(gains, [self._cases[worst]])
+            if missed > 0 or worst in active or there <= 0:
                 return gains
             active.append(worst)
+            gains = start if there == math.inf else gains  # slopes are those of a loop that is stable
 
     def _worst(self, gains: Gains) -> int:
         """The case that misses most, or keeps least."""
@@ -146,7 +147,7 @@ class _Search:
         radius, slopes, kept = RADIUS, Slopes.of([case.slopes(gains) for case in cases]), []
         for _ in range(STEPS):
             if missed <= 0:
-                kept.append((self._give(gains).sum(), gains, missed))
+                kept.append((self._compliance(gains).sum(), gains, missed))
             step, promised = self._step(gains, slopes, missed + reserve, radius, price, reserve)
             if promised < SMALL:
                 break
@@ -164,19 +165,19 @@ class _Search:
                 break
         return min(kept, key=lambda each: each[0])[1:] if kept else (gains, missed)
 
-    def _give(self, gains: Gains) -> Floats:
-        """(m,) by how much every direction gives way, of which the sum is made small; 0 for those that may not be changed."""
+    def _compliance(self, gains: Gains) -> Floats:
+        """(m,) inertia over stiffness of every direction, of which the sum is made small; 0 for those that may not be changed."""
         return self._member.any(axis=0) * self._unit / np.maximum(stiffness(gains, self._cascade), 1e-300)
 
     def _cost(self, gains: Gains, missed: float, price: float) -> float:
         """What is made small: ln of the sum, and a penalty on what is missed."""
-        return math.inf if missed == math.inf else math.log(self._give(gains).sum()) + price * max(missed, 0.0)
+        return math.inf if missed == math.inf else math.log(self._compliance(gains).sum()) + price * max(missed, 0.0)
 
     def _step(self, gains: Gains, slopes: Slopes, missed: float, radius: float, price: float, reserve: float) -> tuple[Floats, float]:
         """(2, m) the best step within `radius` as far as tangents tell, and by how much it promises to lower the cost."""
-        give, size = self._give(gains), len(self._member)
-        weight = self._member @ give / give.sum()
-        room = np.array([math.log(self._most * give[member > 0].min()) for member in self._member])
+        compliance, size = self._compliance(gains), len(self._member)
+        weight = self._member @ compliance / compliance.sum()
+        room = np.array([math.log(self._most * compliance[member > 0].min()) for member in self._member])
         slope = (slopes.slope @ self._member.T).reshape(len(slopes.missed), 2 * size)
         bend = np.concatenate([weight, np.zeros(size)]) + PULL
         pull = -np.concatenate([weight, np.zeros(size)])
@@ -193,10 +194,7 @@ class _Search:
             case.seen(gains)
         why: dict[int, tuple[str, int]] = {}
         free = np.flatnonzero(self._member.any(axis=0)).tolist()
-        for _ in range(ONES * len(free)):
-            left = [j for j in free if j not in why]
-            if not left:
-                break
+        while left := [j for j in free if j not in why]:
             share = stiffness(gains, self._cascade) / self._unit
             j = min(left, key=lambda j: share[j])
             if share[j] * RAISE > self._most:

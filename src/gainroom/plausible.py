@@ -195,7 +195,8 @@ def _formed(values: Mapping[str, float]) -> dict[str, tuple[float, tuple[str, ..
     form("delay in ticks", ("delay", "sample_rate_hz"), lambda delay, rate: delay * rate)
     form("kp over stiffness", ("kp", "stiffness"), lambda kp, stiffness: kp / stiffness)
     form("kd over kp", ("kp", "kd"), lambda kp, kd: kd / kp)
-    form("kd over motor_inertia", ("kd", "motor_inertia"), lambda kd, inertia: kd / inertia)
+    if values.get("stiffness") != math.inf:  # through a rigid gearbox kd moves the load, too
+        form("kd over motor_inertia", ("kd", "motor_inertia"), lambda kd, inertia: kd / inertia)
     return formed
 
 

@@ -1,12 +1,11 @@
 """Gains to use on a robot: one set per contact state and one that is safe in all, with every loop closed, over the stated uncertainty.
 
-Joint by joint, or direction by direction of the tasks, until none can be raised by 5 % (coupled_gains.py). They begin with a part of what
-each joint alone is recommended, with the lightest load that any state gives it and the longest delay; of task directions alike. The
-gains that a file has play no part, but for a P/PI task's, whose proportions are kept.
+The search (coupled_gains.py) begins with a part of what each joint alone is recommended, with the lightest load that any state gives it and
+the longest delay; task directions begin alike. The gains that a file has play no part, but for a P/PI task's, whose proportions are kept.
 
 Where contacts hold a floating base, its weight counts for gains of joints, unless the file says otherwise: they are all that holds the
-robot up. (Tasks know the robot, and compensate the weight as it changes.) Where no beginning is found that keeps what is required with
-the weight, it is left out, and what it does at the gains found so is told beside them.
+robot up. (Tasks know the robot, and compensate the weight as it changes.) Where no gains are found that keep what is required with the
+weight, it is left out, and what it does at the gains found so is reported beside them.
 """
 
 import itertools
