@@ -13,7 +13,7 @@ from collections.abc import Callable
 import pytest
 
 import gainroom as gr
-from independent.machine import Machine, topples, turns, unstable
+from independent.machine import SLOW, Machine, topples, turns, unstable
 from machines import Pair, chain, limbs
 
 SEED = int(os.environ.get("GAINROOM_SEED", "2017"))
@@ -61,12 +61,31 @@ def look_at(pair: Pair, found: Found, name: str) -> None:
 def end_of(found: Found, what: str, scaled: Callable[[float], Machine], end: float, way: int) -> None:
     """Roots on both sides of the factor `end`, above it where `way` is 1, below where it is -1."""
     inside, outside = (unstable(scaled(end * (1 + side * way * INSIDE))) for side in (-1, 1))
-    if inside or not outside:  # a root that passes 0 is too slow there to be seen
+    if inside or not outside:  # a root that passes 0, or nearly so, is too slow there to be seen
         before, beyond = (scaled(end * (1 + side * way * TOPPLING)) for side in (-1, 1))
-        if unstable(before) == 0 and topples(beyond) and not topples(before):
+        slowly = [unstable(machine, machine.slowest / 10) for machine in (before, beyond)]
+        topple = [end_where_roots_pass(scaled, end, way, slow) for slow in (SLOW, SLOW / 3)]
+        if unstable(before) == 0 and abs((3 * topple[1] - topple[0]) / (2 * end) - 1) < TOPPLING / 3:
             found[f"{what} at rest"] += 1
             inside, outside = 0, 1
+        elif not slowly[0] and slowly[1]:
+            found[f"{what} slowly"] += 1
+            inside, outside = 0, slowly[1]
     found.ends(what, inside, outside)
+
+
+def end_where_roots_pass(scaled: Callable[[float], Machine], end: float, way: int, slow: float) -> float:
+    """The factor at which a real root passes `slow`, within a third about `end`; NaN where none does.
+
+    The root moves evenly with the factor: from where it passes two of these, where it passes 0 is told.
+    """
+    low, high = end * (1 - way / 3), end * (1 + way / 3)
+    if topples(scaled(low), slow) or not topples(scaled(high), slow):
+        return math.nan
+    for _ in range(30):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if topples(scaled(middle), slow) else (middle, high)
+    return high
 
 
 def look_at_limit(pair: Pair, limit: gr.GainLimit, found: Found) -> None:
@@ -92,7 +111,13 @@ def look_at_margins(pair: Pair, margins: gr.JointMargins, found: Found) -> None:
         found.ends("delay margin", *(unstable(machine.delayed(delay * (1 + way * INSIDE))) for way in (-1, 1)))
     phase = margins.phase_margin
     if machine.sample_time is None and machine.size < 8 and margins.phase_certificate is not None and margins.phase_certificate.holds:
-        counts = [[turns(machine, way * phase * (1 + side * 1e-4), margins.phase_frequency) for way in (-1, 1)] for side in (-1, 1)]
+        counts = [(0, 0), (0, 0)]
+        for lowest in (1e-3, 1e-7):  # a locus that the gains hardly reach may be at 1 as slowly as that
+            if not any(counts[1]):
+                counts = [
+                    [turns(machine, way * phase * (1 + side * 1e-4), margins.phase_frequency, lowest) for way in (-1, 1)]
+                    for side in (-1, 1)
+                ]
         found.ends("phase margin", *(sum(abs(one) for one in both) for both in counts))
     for joint in range(0, machine.size, max(1, machine.size // 4)):
         found["not certified, one loop at a time"] += not margins.others_certified[joint]

@@ -153,7 +153,11 @@ def sensitivity(loop: Loop, returned: Complexes) -> Complexes:
     """(I + L)⁻¹ (k, n, n) for L = `returned`, from what the gains see alone: what no gain closes would drown it in round-off."""
     seen = loop.seen
     unseen = np.eye(loop.size) - seen @ seen.T
-    back = np.linalg.inv(np.eye(seen.shape[1]) + seen.T @ returned @ seen)
+    core = np.eye(seen.shape[1]) + seen.T @ returned @ seen
+    try:
+        back = np.linalg.inv(core)
+    except np.linalg.LinAlgError:  # integrators have drowned the rest in round-off, which shows: nothing settles there
+        back = np.linalg.pinv(core)
     return unseen + (seen - unseen @ returned @ seen) @ back @ seen.T
 
 

@@ -37,6 +37,7 @@ tangents are off by at the end. Where that does not hold, more: two loci that me
 """
 PULL = 0.02  # of every change of a gain: without it what nothing depends on would be anywhere
 STEPS = 150
+SLOW, LITTLE = 10, 2e-3  # so many steps that together made ln of what is made small no smaller than that end it, too
 
 
 @dataclass(frozen=True)
@@ -89,12 +90,14 @@ def raised_gains(
         raise GainroomError("raised_gains needs at least one case and one requirement")
     if not all(case.kept(start).stable for case in cases):
         raise GainroomError("raised_gains needs gains to begin with that are stable in every case")
+    if not np.any(stiffness(start, cases[0].cascade) > 0):
+        raise GainroomError("raised_gains needs a direction that has stiffness")
     search = _Search(cases, unit, groups, most, progress)
-    found = search.descended(start)
-    kept = tuple(case.kept(found) for case in cases)
-    if not all(one.meets(case.required) for one, case in zip(kept, cases, strict=True)):
-        return Raised(found, kept, False)
-    return search.proved(found)
+    reached = search.descended(start)
+    for found in (reached, start):
+        if all(case.kept(found).meets(case.required) for case in cases):
+            return search.proved(found)
+    return Raised(reached, tuple(case.kept(reached) for case in cases), False)
 
 
 class _Search:
@@ -111,7 +114,10 @@ class _Search:
         """Over few cases first, then with those that it misses too, until all are kept or nothing more helps."""
         active, gains = [self._worst(start)], start
         while True:
-            gains, missed = self._descended(gains, [self._cases[k] for k in active])
+            cases = [self._cases[k] for k in active]
+            gains, missed = self._descended(gains, cases, PRICES[: 1 if len(active) > 1 else None])
+            if missed > 0 and len(active) > 1:
+                gains, missed = self._descended(start, cases, PRICES)
             worst = self._worst(gains)
             there = self._missed(gains, [self._cases[worst]])
             if missed > 0 or worst in active or there <= 0:
@@ -133,21 +139,24 @@ class _Search:
                 break
         return worst
 
-    def _descended(self, gains: Gains, cases: Sequence[Case]) -> tuple[Gains, float]:
+    def _descended(self, gains: Gains, cases: Sequence[Case], prices: Sequence[tuple[float, float]]) -> tuple[Gains, float]:
         """From gains that are stable: the stiffest that keep what is required, or what comes nearest; and what they miss."""
-        missed = self._missed(gains, cases)
-        for price, reserve in PRICES:
-            gains, missed = self._descended_at(gains, missed, cases, price, reserve)
-            if missed <= 0:
+        found = []
+        for price, reserve in prices:
+            found.append(self._descended_at(gains, cases, price, reserve))
+            if found[-1][1] <= 0:
                 break
-        return gains, missed
+        return min(found, key=lambda each: each[1])
 
-    def _descended_at(self, gains: Gains, missed: float, cases: Sequence[Case], price: float, reserve: float) -> tuple[Gains, float]:
+    def _descended_at(self, gains: Gains, cases: Sequence[Case], price: float, reserve: float) -> tuple[Gains, float]:
         """The same at one price of what is missed."""
+        missed = self._missed(gains, cases)
         radius, slopes, kept = RADIUS, Slopes.of([case.slopes(gains) for case in cases]), []
         for _ in range(STEPS):
             if missed <= 0:
-                kept.append((self._compliance(gains).sum(), gains, missed))
+                kept.append((math.log(self._compliance(gains).sum()), gains, missed))
+                if len(kept) > SLOW and kept[-SLOW][0] - kept[-1][0] < LITTLE:
+                    break
             step, promised = self._step(gains, slopes, missed + reserve, radius, price, reserve)
             if promised < SMALL:
                 break
@@ -166,8 +175,9 @@ class _Search:
         return min(kept, key=lambda each: each[0])[1:] if kept else (gains, missed)
 
     def _compliance(self, gains: Gains) -> Floats:
-        """(m,) inertia over stiffness of every direction, of which the sum is made small; 0 for those that may not be changed."""
-        return self._member.any(axis=0) * self._unit / np.maximum(stiffness(gains, self._cascade), 1e-300)
+        """(m,) inertia over stiffness, of which the sum is made small; 0 for what may not be changed, or has damping alone."""
+        stiff = stiffness(gains, self._cascade)
+        return np.divide(self._unit, stiff, out=np.zeros(len(stiff)), where=self._member.any(axis=0) & (stiff > 0))
 
     def _cost(self, gains: Gains, missed: float, price: float) -> float:
         """What is made small: ln of the sum, and a penalty on what is missed."""
@@ -177,7 +187,8 @@ class _Search:
         """(2, m) the best step within `radius` as far as tangents tell, and by how much it promises to lower the cost."""
         compliance, size = self._compliance(gains), len(self._member)
         weight = self._member @ compliance / compliance.sum()
-        room = np.array([math.log(self._most * compliance[member > 0].min()) for member in self._member])
+        least = [compliance[member > 0].min() for member in self._member]
+        room = np.array([math.log(self._most * one) if one else 0.0 for one in least])
         slope = (slopes.slope @ self._member.T).reshape(len(slopes.missed), 2 * size)
         bend = np.concatenate([weight, np.zeros(size)]) + PULL
         pull = -np.concatenate([weight, np.zeros(size)])
@@ -193,7 +204,7 @@ class _Search:
         for case in cases:
             case.seen(gains)
         why: dict[int, tuple[str, int]] = {}
-        free = np.flatnonzero(self._member.any(axis=0)).tolist()
+        free = np.flatnonzero(self._compliance(gains)).tolist()
         while left := [j for j in free if j not in why]:
             share = stiffness(gains, self._cascade) / self._unit
             j = min(left, key=lambda j: share[j])

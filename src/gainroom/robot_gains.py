@@ -18,7 +18,7 @@ import numpy as np
 
 from .arrays import Booleans, Floats, Integers
 from .controller import PD
-from .coupled_gains import Raised, raised_gains
+from .coupled_gains import Raised, raised_gains, stiffness
 from .forbidden import Requirements
 from .kept import Kept
 from .loop import Loop
@@ -61,6 +61,7 @@ class GainSet:
               direction in any state of the set: its gains would do nothing
     ki        (m,) where a task is P/PI [1/s²]; None otherwise
     kept      the worst of what any case keeps
+    compliance  (m,) weight × inertia / stiffness, whose sum is made small [s²]; NaN where nothing can move
     binding   posture, contact state and place in the uncertainty that keep the softest joint or direction from more, in words
     cases     number of cases in which the requirements were checked
     margin    (m,) what breaks if that joint or direction is raised by 5 %: the name of a requirement, "stability", or "" where nothing does
@@ -78,6 +79,7 @@ class GainSet:
     kept: Kept
     binding: str
     cases: int
+    compliance: Floats
     margin: tuple[str, ...] = ()
     case: tuple[str, ...] = ()
     softest: int = 0
@@ -113,7 +115,7 @@ class RobotGains:
 
     @property
     def cost(self) -> dict[str, float]:
-        """By contact state: how many times stiffer its own set is than the one that is safe everywhere, by the geometric mean; or NaN."""
+        """By contact state: how many times stiffer its own set is than the one that is safe everywhere, by what both make small; or NaN."""
         return {
             name: math.nan if own is None or self.everywhere is None else _ratio(own, self.everywhere)
             for name, own in self.per_contact.items()
@@ -121,10 +123,9 @@ class RobotGains:
 
 
 def _ratio(own: GainSet, safe: GainSet) -> float:
-    """The geometric mean of the quotients of kp (P/PI: kp·kv)."""
-    stiffness = [one.kp if one.ki is None else one.kp * np.where(one.ki > 0, one.kd, 1.0) for one in (own, safe)]
-    both = [found[np.isfinite(stiffness[0]) & np.isfinite(stiffness[1]) & (stiffness[1] > 0)] for found in stiffness]
-    return math.exp(float(np.mean(np.log(both[0] / both[1])))) if len(both[0]) else math.nan
+    """The quotient of the sums of their compliances, over what both move."""
+    both = np.isfinite(own.compliance) & np.isfinite(safe.compliance)
+    return float(safe.compliance[both].sum() / own.compliance[both].sum()) if both.any() else math.nan
 
 
 @dataclass(frozen=True)
@@ -214,7 +215,7 @@ def _set(
     cascade, size = beginning.cascade, len(given)
     if not acting:
         nothing = np.full(size, math.nan)
-        return GainSet(contact, nothing, nothing, nothing if cascade.any() else None, NOTHING_KEPT, "", 0)
+        return GainSet(contact, nothing, nothing, nothing if cascade.any() else None, NOTHING_KEPT, "", 0, nothing)
     free = np.flatnonzero(given & np.any([state.moves for state in acting], axis=0))
     weighed = any(state.weighed for state in acting)
     cases = [state.with_weight for state in acting]
@@ -230,7 +231,9 @@ def _set(
     still = np.setdiff1d(np.arange(size), free)
     gains = found.gains.copy()
     gains[:, still[given[still]]] = math.nan
-    softest = min(free.tolist(), key=lambda j: found.gains[0, j] / beginning.unit[j])
+    stiff = stiffness(gains, cascade)
+    compliance = np.divide(beginning.unit, stiff, out=np.full(size, math.nan), where=stiff > 0)
+    softest = max(free.tolist(), key=lambda j: np.nan_to_num(compliance[j]))
     where = tuple("" if k < 0 else cases[k].title for k in found.case)
     topples = [state.with_weight.title for state in acting if without and not state.with_weight.kept(found.gains).stable]
     return GainSet(
@@ -241,6 +244,7 @@ def _set(
         _worst(found.kept),
         where[softest],
         len(acting),
+        compliance,
         found.margin,
         where,
         softest,

@@ -201,15 +201,17 @@ def law(machine: Machine) -> System:
     return result
 
 
-def roots(machine: Machine) -> np.ndarray:
+def roots(machine: Machine, slowest: float | None = None) -> np.ndarray:
     """Closed-loop roots in s [1/s]; sampled: ln(z)/T_s. Without those that rest or ring on the boundary and that no gain moves.
+
+    slowest   size below which roots are not told from those at rest; None: the machine's own
 
     Continuous with delays: all that lie near or right of the imaginary axis.
     """
     matrix, entry, command = (_sampled if machine.sample_time is not None else _continuous)(machine)
     values = np.linalg.eigvals(matrix)
     found = values if machine.sample_time is None else np.log(np.where(values == 0, 1e-300, values).astype(complex)) / machine.sample_time
-    kept = np.abs(found) > machine.slowest
+    kept = np.abs(found) > (machine.slowest if slowest is None else slowest)
     for k in np.flatnonzero(kept & (np.abs(found.real) < BESIDE * np.abs(found))):
         shifted = matrix - (values[k] + 1e-13 * np.abs(values).max()) * np.eye(len(matrix))
         right, left = (np.linalg.solve(one, np.linalg.solve(one, np.ones(len(matrix)))) for one in (shifted, shifted.T))
@@ -218,21 +220,21 @@ def roots(machine: Machine) -> np.ndarray:
     return found[kept]
 
 
-def unstable(machine: Machine) -> int:
+def unstable(machine: Machine, slowest: float | None = None) -> int:
     """Roots right of the imaginary axis, outside the unit circle; see `roots`."""
-    return int(np.count_nonzero(roots(machine).real > 0))
+    return int(np.count_nonzero(roots(machine, slowest).real > 0))
 
 
-def topples(machine: Machine) -> bool:
-    """True where an odd number of real roots lies right of SLOW: there det(sI − A + B e^{−sT} C) < 0, which is > 0 far to the right.
+def topples(machine: Machine, slow: float = SLOW) -> bool:
+    """True where an odd number of real roots lies right of `slow`: there det(sI − A + B e^{−sT} C) < 0, which is > 0 far to the right.
 
     Sees a root that has passed 0 where `roots` does not tell it from those that rest there.
     """
     if machine.sample_time is not None:
         matrix = _sampled(machine)[0]
-        return bool(np.linalg.slogdet(np.exp(SLOW * machine.sample_time) * np.eye(len(matrix)) - matrix)[0] < 0)
+        return bool(np.linalg.slogdet(np.exp(slow * machine.sample_time) * np.eye(len(matrix)) - matrix)[0] < 0)
     body = law(machine).after(actuated(machine))
-    return bool(np.linalg.slogdet(SLOW * np.eye(len(body.a)) - body.a + body.b * np.exp(-SLOW * machine.delay) @ body.c)[0] < 0)
+    return bool(np.linalg.slogdet(slow * np.eye(len(body.a)) - body.a + body.b * np.exp(-slow * machine.delay) @ body.c)[0] < 0)
 
 
 def _continuous(machine: Machine):
@@ -327,14 +329,15 @@ def response(machine: Machine, omega: np.ndarray) -> np.ndarray:
     return (through + body.d) * np.exp(-1j * omega[:, None, None] * machine.delay)
 
 
-def turns(machine: Machine, phase: float, near: float) -> int:
+def turns(machine: Machine, phase: float, near: float, lowest: float = 1e-3) -> int:
     """How many times more often det(I + e^{−j phase} L(jω)) turns about 0 than det(I + L(jω)) does, ω > 0; continuous machines.
 
-    Not 0 once a smaller phase of the same sign has put a root at some jω. `near` [rad/s]: where to look closely.
+    Not 0 once a smaller phase of the same sign has put a root at some jω. `near` [rad/s]: where to look closely; `lowest`
+    [rad/s]: where to begin.
     """
     fastest = np.abs(np.linalg.eigvals(actuated(machine).a)).max()
     omega = np.unique(np.concatenate([
-        np.geomspace(1e-3, 30 * fastest, 1500), near * (1 + np.concatenate([s * np.geomspace(1e-7, 0.05, 80) for s in (-1, 1)])),
+        np.geomspace(lowest, 30 * fastest, 1500), near * (1 + np.concatenate([s * np.geomspace(1e-7, 0.05, 80) for s in (-1, 1)])),
     ]))  # fmt: skip
     eye, twist = np.eye(machine.size), np.array([1.0, np.exp(-1j * phase)])[:, None, None]
 

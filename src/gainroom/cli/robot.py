@@ -311,4 +311,6 @@ def _still_words(gains: "RobotGains") -> list[str]:
 
 def _cost_words(gains: "RobotGains") -> list[str]:
     more = [f"{name} {digits(cost, significant=3)}" for name, cost in gains.cost.items() if math.isfinite(cost)]
-    return [f"By itself each contact state would allow this many times these kp: {', '.join(more)}."] if len(more) > 1 else []
+    if len(more) < 2:
+        return []
+    return [f"Gains for one contact state alone are stiffer, by the sum of inertia over kp, this many times: {', '.join(more)}."]
