@@ -14,6 +14,7 @@ from gainroom.coupled_gains import RAISE, raised_gains, stiffer
 from gainroom.io.numbers import margin_value
 from gainroom.kept import Kept, kept_by
 from gainroom.slopes import Case, moved
+from machines import limbs
 from refusals import assert_refused
 
 DRIVE = gr.Drive(4000.0, 0.9, 2e-3)
@@ -56,6 +57,22 @@ def test_coupled_joints_keep_the_least_of_all_their_margins(seed, sample_time):
     assert kept.gain_margin <= min(whole.limit.gain, whole.others_closed.min()) * (1 + 1e-9)
     assert kept.peak_sensitivity == pytest.approx(np.abs(sensitivity).max(), rel=1e-4)
     assert kept.peak_sensitivity >= np.abs(sensitivity).max() * (1 - 1e-9)
+
+
+def test_close_crossings_of_near_equal_limbs_are_not_lost():
+    """Against the certified margins of all loops together: two loci meet the unit circle, or the axis, side by side."""
+    seen = 0
+    for number in range(60):
+        loop = limbs(2017, number).loop
+        kept = kept_by(loop)
+        if not kept.stable:
+            continue
+        whole = joint_margins(loop)
+        lower = 1 / whole.limit.lower_gain if whole.limit.lower_gain else inf
+        assert kept.common_phase == pytest.approx(whole.phase_margin, rel=1e-5)  # ends are counted 1e-6 beside
+        assert kept.gain_margin <= min(whole.limit.gain, lower) * (1 + 1e-5)
+        seen += 1
+    assert seen > 20
 
 
 def test_an_unstable_loop_keeps_nothing():

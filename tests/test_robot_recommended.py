@@ -13,6 +13,7 @@ import yaml
 
 import gainroom as gr
 from gainroom.cli import main
+from gainroom.coupled import joint_margins
 from gainroom.kept import kept_by
 from gainroom.robot_config import parse_robot
 from gainroom.robot_gains import GainSet, RobotGains, recommend_robot
@@ -88,6 +89,10 @@ def assert_none_can_be_raised(spec: RobotSpec, found: GainSet) -> None:
     """The definition: kp alone, and kp with kd, of every joint."""
     weight = not found.without_weight
     assert all(kept_by(loop).meets(spec.requirements) for loop in loops(spec, found.kp, found.kd, weight).values())
+    for loop in loops(spec, found.kp, found.kd, weight).values():
+        whole = joint_margins(loop)  # certified, by other code
+        assert spec.requirements.met("phase_margin", whole.phase_margin) is not False
+        assert spec.requirements.met("gain_margin", whole.limit.gain) is not False
     size = len(found.kp)
     for j in range(size):
         more = np.where(np.eye(size)[j], 1.05, 1.0)

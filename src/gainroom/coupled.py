@@ -168,6 +168,8 @@ def room(sweep: Sweep, curves: Curves, farthest: Floats | float = math.inf) -> t
     `farthest` (m,) counts as none.
     """
     family = _Curves(sweep, curves)
+    integral = getattr(sweep.loop.parts.controller, "ki", None) if sweep.loop.parts is not None else None
+    integrates = integral is not None and bool(np.any(integral))
     farthest = np.broadcast_to(farthest, family.size)
     nearest = [one if one is None or one.at < most else None for one, most in zip(family.nearest(), farthest.tolist(), strict=True)]
     family.add(np.concatenate([one.omega * (1 + TOWARDS) for one in nearest if one is not None] or [np.zeros(0)]))
@@ -179,7 +181,8 @@ def room(sweep: Sweep, curves: Curves, farthest: Floats | float = math.inf) -> t
         end = None if certificate.holds else family.of(joint).end(0.0, one.at * (1 + 10 * NUDGE))
         holds = certificate.holds or (end is not None and end.certificate.holds)
         found[joint] = end.at if end is not None and holds else one.at
-        certified[joint] &= holds and family.tells(joint, found[joint])
+        # Below all that bends the loci integrators leave nothing to cross; what seems to is round-off of motions that no gain holds.
+        certified[joint] &= holds and family.tells(joint, found[joint]) and not (integrates and one.omega < sweep.first)
     return found, certified
 
 

@@ -203,6 +203,7 @@ class _Search:
         cases, order = self._cases, list(range(len(self._cases)))
         for case in cases:
             case.seen(gains)
+        blind = [k for k, case in enumerate(cases) if case.breaks(gains)]  # where a quick look sees what is not so
         why: dict[int, tuple[str, int]] = {}
         free = np.flatnonzero(self._compliance(gains)).tolist()
         while left := [j for j in free if j not in why]:
@@ -213,7 +214,7 @@ class _Search:
                 continue
             for power in (0.0, 1.0):
                 found = stiffer(gains, j, RAISE, power, self._cascade)
-                broken = self._first_broken(found, order)
+                broken = self._first_broken(found, order, blind)
                 if broken is None:
                     gains, why = found, {}
                     break
@@ -223,10 +224,11 @@ class _Search:
         told = [why.get(j, ("", -1)) for j in range(gains.shape[1])]
         return Raised(gains, tuple(case.kept(gains) for case in cases), True, tuple(name for name, _ in told), tuple(k for _, k in told))
 
-    def _first_broken(self, gains: Gains, order: Sequence[int]) -> tuple[str, int] | None:
-        """What is broken first, and the case; None where nothing is. What is quickly seen comes first."""
-        for look in (Case.breaks, lambda case, gains: case.kept(gains).missed(case.required)):
-            for k in order:
+    def _first_broken(self, gains: Gains, order: Sequence[int], blind: Sequence[int]) -> tuple[str, int] | None:
+        """What is broken first, and the case; None where nothing is. What is quickly seen comes first, but in `blind` cases."""
+        quick = [k for k in order if k not in blind]
+        for look, where in ((Case.breaks, quick), (lambda case, gains: case.kept(gains).missed(case.required), order)):
+            for k in where:
                 name = look(self._cases[k], gains)
                 self._progress()
                 if name:

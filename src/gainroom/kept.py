@@ -12,6 +12,7 @@ import numpy as np
 
 from .arrays import Booleans, Complexes, Floats, Integers
 from .coupled import on_axis
+from .critical import Family, gains, phases
 from .forbidden import Requirements
 from .loop import Loop
 from .sweep import MOST, Sweep, in_blocks
@@ -19,6 +20,7 @@ from .sweep import MOST, Sweep, in_blocks
 REAL = 0.01  # share of imaginary part that a value next to the end of the boundary may have
 CLOSE = 0.05  # relative: crossings and peaks whose interpolated margins are that near the least one are polished
 SLACK = 0.01  # [rad, or of ln g] the same, of margins so small that interpolation is off by more than that part of them
+NUDGE = 1e-6  # relative: how far inside of a margin roots are counted
 ROUNDS = 4  # of parabolas about a peak, of which each finds about half as many digits again
 
 
@@ -110,9 +112,10 @@ def kept_by(loop: Loop) -> Kept:
 def kept_where(loop: Loop) -> tuple[Kept, "Seen | None"]:
     """`kept_by`, and what was seen of a loop that is stable."""
     sweep = Sweep(loop)
-    if sweep.unstable(1.0) > 0:
+    unstable = sweep.unstable(1.0)
+    if unstable > 0:
         return UNSTABLE, None
-    if sweep.full:
+    if sweep.full or unstable < 0:
         return UNKNOWN, None
 
     def sensitivity(omega: Floats) -> Complexes:
@@ -122,11 +125,11 @@ def kept_where(loop: Loop) -> tuple[Kept, "Seen | None"]:
         omega, values = _resolved(sweep, sensitivity)
         seen = Seen(sweep, Curves(omega, _return_ratio(values), lambda omega: _return_ratio(sensitivity(omega))), values)
         peak = _peak(omega, values, sensitivity)
-        gains = [_all_factors(sweep), _own_factors(seen.single)] + [_factor_of_real(ends) for _, *both in seen.ends() for ends in both]
-        phases = [_all_phases(sweep), _own_phases(seen.single)]
+        factors = [_all_factors(sweep), _own_factors(seen.single)] + [_factor_of_real(ends) for _, *both in seen.ends() for ends in both]
+        lags = [_all_phases(sweep), _own_phases(seen.single)]
     except np.linalg.LinAlgError:  # a root on the boundary, to the last digit
         return UNSTABLE, None
-    return Kept(True, math.exp(min(gains)), min(phases), peak, *phases), seen
+    return Kept(True, math.exp(min(factors)), min(lags), peak, *lags), seen
 
 
 def _own_sensitivity(loop: Loop, omega: Floats) -> Complexes:
@@ -229,7 +232,18 @@ def _all_factors(sweep: Sweep) -> float:
     rows, branch, value = rows[chosen], branch[chosen], value[chosen]
     start, end = steps.start[rows, branch].imag, steps.end[rows, branch].imag
     omega = sweep.omega[rows] + start / (start - end) * (sweep.omega[rows + 1] - sweep.omega[rows])
-    return _polished(sweep, omega, value.astype(complex), lambda value: value.imag / value.real, lambda value: np.log(-value.real))
+    found = _polished(sweep, omega, value.astype(complex), lambda value: value.imag / value.real, lambda value: np.log(-value.real))
+    for way in (1, -1) if found < math.log(sweep.highest) else ():
+        found = abs(math.log(_counted(gains(sweep), 1.0, math.exp(way * found))))
+    return found
+
+
+def _counted(family: Family, start: float, end: float) -> float:
+    """`end`, or where the first root crosses before it: of two crossings close together polishing may find one twice."""
+    if family.count(end + NUDGE * (start - end)) == 0:
+        return end
+    first = family.end(start, end)
+    return end if first is None else first.at
 
 
 def _all_phases(sweep: Sweep) -> float:
@@ -238,7 +252,10 @@ def _all_phases(sweep: Sweep) -> float:
     rows, _, share, lag = meets_circle(steps.start, steps.end)
     chosen = _near_least(np.abs(lag))
     omega = (sweep.omega[rows] * (sweep.omega[rows + 1] / sweep.omega[rows]) ** share)[chosen]
-    return _polished(sweep, omega, -np.exp(1j * lag[chosen]), lambda value: np.log(np.abs(value)), lambda value: np.angle(-value))
+    found = _polished(sweep, omega, -np.exp(1j * lag[chosen]), lambda value: np.log(np.abs(value)), lambda value: np.angle(-value))
+    for way in (1, -1) if found < math.pi else ():
+        found = _counted(phases(sweep, way), 0.0, found)
+    return found
 
 
 def _polished(

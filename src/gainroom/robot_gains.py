@@ -283,7 +283,7 @@ def _starts(
     """Gains that are stable in every case: those of `safe` first, then parts of what each joint alone is recommended."""
     softness = WEIGHED if weighed else SOFT
     tried = [beginning.at(share, soft) for share in SHARES for soft in softness]
-    if safe is not None and safe.without_weight is not weighed:
+    if safe is not None and not (safe.without_weight and weighed):
         whole = np.array([safe.kp, safe.kd, np.zeros(len(safe.kp)) if safe.ki is None else safe.ki])
         tried.insert(0, np.where(np.isnan(whole), tried[0], whole))
     for gains in tried:

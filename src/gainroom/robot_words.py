@@ -97,7 +97,7 @@ def _verdict(study: RobotStudy) -> str:
     if not unstable and _blind(study) and not math.isfinite(limit.gain):
         return f"Stable{every}."
     if not unstable and math.isinf(limit.gain):
-        return f"Stable{every}: no common factor on these gains makes the modelled robot vibrate."
+        return f"Stable{every}: no common factor up to 1000 on these gains makes the modelled robot vibrate."
     at = frequency_in_words(limit.frequency)
     joints = listed(worst.limiting_joints)
     if not unstable:

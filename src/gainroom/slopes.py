@@ -27,6 +27,7 @@ NEAR = 0.4  # in ln of a gain or a sensitivity, or as part of a phase: what is f
 SECANTS = 6  # to each crossing
 SAME = 1e-7  # relative: of two ω that are too near to tell a slope
 NEARLY = 1e-4  # of z: a crossing as near as this is found, as what is left of it is taken off along the slope
+ASIDE = 1e-5  # relative: how far to go to tell one
 ASTRAY = 1e-3
 FOLLOWED = 0.1  # the same, where gains are only a little further
 BROKEN = 1e-5  # what is missed by less may be round-off
@@ -253,10 +254,11 @@ def _along(
         run = place[left] - before[left]
         far = np.abs(run) > SAME * place[left]
         slope[left] = np.where(far, (here[left] - back[left]) / np.where(far, run, 1.0), slope[left])
-        left = left[(np.abs(here[left].imag) > NEARLY) & (slope[left].imag != 0)]
+        left = left[(np.abs(here[left].imag) > NEARLY) | (slope[left].imag == 0)]
         if not len(left):
             break
-        step = -here[left].imag / slope[left].imag
+        aside = slope[left].imag == 0  # beside a sample that tells no slope
+        step = np.where(aside, ASIDE * place[left], -here[left].imag / np.where(aside, 1.0, slope[left].imag))
         step = np.clip(step, -0.1 * place[left], 0.1 * place[left])
         before[left], back[left] = place[left], here[left]
         place[left] += step
