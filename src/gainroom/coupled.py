@@ -20,6 +20,7 @@ Curves = Callable[[Floats], Complexes]
 LONGEST_DELAY = 1.0  # [s] extra that is looked at: a hundred times what actuators have
 RELATIVE_MOVE = 0.25  # of a curve between samples, near the negative real axis
 REAL = 1e-6  # part of its size up to which what is imaginary at an end of the boundary is taken for round-off
+DEEP = 1e-5  # of the lowest frequency at which loci bend: under integrators what crosses further down is round-off
 HALVED = 30  # times that the lowest frequency is halved to see what curves are at rest
 SMOOTH = 1e-3  # of a curve: second differences over steps of 1 % that are larger tell of round-off
 BLURRED = 1e-3  # estimate of the round-off in curves up to which they are looked at
@@ -181,8 +182,9 @@ def room(sweep: Sweep, curves: Curves, farthest: Floats | float = math.inf) -> t
         end = None if certificate.holds else family.of(joint).end(0.0, one.at * (1 + 10 * NUDGE))
         holds = certificate.holds or (end is not None and end.certificate.holds)
         found[joint] = end.at if end is not None and holds else one.at
-        # Below all that bends the loci integrators leave nothing to cross; what seems to is round-off of motions that no gain holds.
-        certified[joint] &= holds and family.tells(joint, found[joint]) and not (integrates and one.omega < sweep.first)
+        certified[joint] &= (
+            holds and family.tells(joint, found[joint]) and not (integrates and (one if end is None else end).omega < DEEP * sweep.first)
+        )
     return found, certified
 
 
