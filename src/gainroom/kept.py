@@ -240,10 +240,8 @@ def _all_factors(sweep: Sweep) -> float:
 
 def _counted(family: Family, start: float, end: float) -> float:
     """`end`, or where the first root crosses before it: of two crossings close together polishing may find one twice."""
-    if family.count(end + NUDGE * (start - end)) == 0:
-        return end
-    first = family.end(start, end)
-    return end if first is None else first.at
+    first = family.end(start, end + NUDGE * (start - end))
+    return end if first is None or abs(first.at - start) > abs(end - start) else first.at
 
 
 def _all_phases(sweep: Sweep) -> float:
