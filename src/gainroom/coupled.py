@@ -169,8 +169,7 @@ def room(sweep: Sweep, curves: Curves, farthest: Floats | float = math.inf) -> t
     `farthest` (m,) counts as none.
     """
     family = _Curves(sweep, curves)
-    integral = getattr(sweep.loop.parts.controller, "ki", None) if sweep.loop.parts is not None else None
-    integrates = integral is not None and bool(np.any(integral))
+    integrates = sweep.loop.parts is not None and any(integral for _, integral in sweep.loop.parts.controller.terms())
     farthest = np.broadcast_to(farthest, family.size)
     nearest = [one if one is None or one.at < most else None for one, most in zip(family.nearest(), farthest.tolist(), strict=True)]
     family.add(np.concatenate([one.omega * (1 + TOWARDS) for one in nearest if one is not None] or [np.zeros(0)]))
@@ -182,9 +181,8 @@ def room(sweep: Sweep, curves: Curves, farthest: Floats | float = math.inf) -> t
         end = None if certificate.holds else family.of(joint).end(0.0, one.at * (1 + 10 * NUDGE))
         holds = certificate.holds or (end is not None and end.certificate.holds)
         found[joint] = end.at if end is not None and holds else one.at
-        certified[joint] &= (
-            holds and family.tells(joint, found[joint]) and not (integrates and (one if end is None else end).omega < DEEP * sweep.first)
-        )
+        drowned = integrates and (one if end is None else end).omega < DEEP * sweep.first
+        certified[joint] &= holds and family.tells(joint, found[joint]) and not drowned
     return found, certified
 
 

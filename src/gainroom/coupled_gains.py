@@ -133,7 +133,7 @@ class _Search:
         """What is missed most, as slopes.py measures it; negative where all is kept; inf where unstable."""
         worst = -math.inf
         for case in cases:
-            worst = max(worst, _shortage(case, case.kept(gains)))
+            worst = max(worst, case.kept(gains).shortfall(case.required))
             self._progress()
             if worst == math.inf:
                 break
@@ -234,20 +234,6 @@ class _Search:
                 if name:
                     return name, k
         return None
-
-
-def _shortage(case: Case, kept: Kept) -> float:
-    """What is missed most, in ln of a gain or a sensitivity or as part of a phase; negative where all is kept."""
-    if not kept.stable:
-        return math.inf
-    required, found = case.required, []
-    if required.gain_margin is not None:
-        found.append(math.log(required.gain_margin / kept.gain_margin) if kept.gain_margin < math.inf else -math.inf)
-    if required.phase_margin is not None:
-        found.append(1 - kept.phase_margin / required.phase_margin)
-    if required.peak_sensitivity is not None:
-        found.append(math.log(kept.peak_sensitivity / required.peak_sensitivity))
-    return math.inf if any(math.isnan(value) for value in found) else max(found)
 
 
 def _quadratic_programme(

@@ -12,7 +12,7 @@ import numpy as np
 
 from .arrays import Booleans, Complexes, Floats, Integers
 from .coupled import on_axis
-from .critical import Family, gains, phases
+from .critical import NUDGE, Family, gains, phases
 from .forbidden import Requirements
 from .loop import Loop
 from .sweep import MOST, Sweep, in_blocks
@@ -20,7 +20,6 @@ from .sweep import MOST, Sweep, in_blocks
 REAL = 0.01  # share of imaginary part that a value next to the end of the boundary may have
 CLOSE = 0.05  # relative: crossings and peaks whose interpolated margins are that near the least one are polished
 SLACK = 0.01  # [rad, or of ln g] the same, of margins so small that interpolation is off by more than that part of them
-NUDGE = 1e-6  # relative: how far inside of a margin roots are counted
 ROUNDS = 4  # of parabolas about a peak, of which each finds about half as many digits again
 
 
@@ -55,15 +54,27 @@ class Kept:
         """The name of what is missed most: a field of Requirements, or "stability"; "" where nothing is."""
         if not self.stable:
             return "stability"
-        missed = [name for name in required.asked if not required.met(name, getattr(self, name))]
-        return max(missed, key=lambda name: self.shortfall(Requirements(**{name: getattr(required, name)})), default="")
+        short = self._shortfalls(required)
+        return max((name for name in short if not required.met(name, getattr(self, name))), key=lambda name: short[name], default="")
 
     def shortfall(self, required: Requirements) -> float:
-        """By how much the requirement that is missed most is missed, relative to it; inf where unstable, or nothing is known."""
+        """By how much the requirement that is missed most is missed: in ln of a gain or a sensitivity, or as part of a phase.
+
+        Negative where all is kept; inf where unstable, or nothing is known.
+        """
+        worst = max(self._shortfalls(required).values(), default=-math.inf)
+        return worst if self.stable else math.inf
+
+    def _shortfalls(self, required: Requirements) -> dict[str, float]:
         asked = {name: getattr(required, name) for name in required.asked}
-        ratios = [value / getattr(self, name) for name, value in asked.items()]
-        found = max(1 / ratio if name == "peak_sensitivity" else ratio for name, ratio in zip(asked, ratios, strict=True))
-        return found if self.stable and not math.isnan(found) else math.inf
+        kept = {name: getattr(self, name) for name in asked}
+        found = {
+            name: 1 - kept[name] / asked[name]
+            if name == "phase_margin"
+            else (1 if name == "peak_sensitivity" else -1) * (math.log(kept[name]) - math.log(asked[name]))
+            for name in asked
+        }
+        return {name: math.inf if math.isnan(value) else value for name, value in found.items()}
 
 
 UNSTABLE = Kept(False, math.nan, math.nan, math.nan)
@@ -206,7 +217,7 @@ def _near_least(sizes: Floats) -> Booleans:
 
 def _own_factors(single: Curves) -> float:
     """The smallest |ln g| at which g times one loop's gains make it vibrate."""
-    rows, joints, value = meets_axis(single.values[:-1], single.values[1:])
+    rows, joints, _, value = meets_axis(single.values[:-1], single.values[1:])
     chosen = _near_least(np.abs(np.log(-value)))
     value = single.on_axis(rows[chosen], joints[chosen]).real
     return float(np.abs(np.log(-value[value < 0])).min(initial=math.inf))
@@ -227,11 +238,10 @@ def _own_phases(single: Curves) -> float:
 def _all_factors(sweep: Sweep) -> float:
     """The smallest |ln g| at which g times all gains make them vibrate."""
     steps = sweep.steps()
-    rows, branch, value = meets_axis(steps.start, steps.end)
+    rows, _, share, value = meets_axis(steps.start, steps.end)
     chosen = _near_least(np.abs(np.log(-value)))
-    rows, branch, value = rows[chosen], branch[chosen], value[chosen]
-    start, end = steps.start[rows, branch].imag, steps.end[rows, branch].imag
-    omega = sweep.omega[rows] + start / (start - end) * (sweep.omega[rows + 1] - sweep.omega[rows])
+    omega = (sweep.omega[rows] + share * (sweep.omega[rows + 1] - sweep.omega[rows]))[chosen]
+    value = value[chosen]
     found = _polished(sweep, omega, value.astype(complex), lambda value: value.imag / value.real, lambda value: np.log(-value.real))
     for way in (1, -1) if found < math.log(sweep.highest) else ():
         found = abs(math.log(_counted(gains(sweep), 1.0, math.exp(way * found))))
@@ -266,13 +276,14 @@ def _polished(
     return float(np.abs(margin(value)).min(initial=math.inf))
 
 
-def meets_axis(start: Complexes, end: Complexes) -> tuple[Integers, Integers, Floats]:
-    """Steps (k, m) that cross the negative real axis: row, column and where, interpolated."""
+def meets_axis(start: Complexes, end: Complexes) -> tuple[Integers, Integers, Floats, Floats]:
+    """Steps (k, m) that cross the negative real axis: row, column, which share of ω in, and where, interpolated."""
     rows, columns = np.nonzero((start.imag > 0) != (end.imag > 0))
     start, end = start[rows, columns], end[rows, columns]
-    value = (start + start.imag / (start.imag - end.imag) * (end - start)).real
+    share = start.imag / (start.imag - end.imag)
+    value = (start + share * (end - start)).real
     found = value < 0
-    return rows[found], columns[found], value[found]
+    return rows[found], columns[found], share[found], value[found]
 
 
 def meets_circle(start: Complexes, end: Complexes) -> tuple[Integers, Integers, Floats, Floats]:

@@ -112,13 +112,8 @@ def refuse_absurd_gains(body: RigidBody, actuators: Actuators, drives: Sequence[
     inertia = actuators.motor_inertia + np.where(np.isinf(actuators.stiffness), links, 0.0)
     stiff, damped = (np.broadcast_to(np.asarray(gain, dtype=float), (body.size,)) for gain in controller.plane_gains())
     for k, name in enumerate(body.joint_names):
-        lag = drives[k].delay * max(math.sqrt(stiff[k] / inertia[k]), damped[k] / inertia[k])
-        if lag > MOST_LAG:
-            raise GainroomError(
-                f"joint {name!r}: with kp {stiff[k]:g} N·m/rad, kd {damped[k]:g} N·m·s/rad and an inertia of {inertia[k]:g} kg·m² its loop "
-                f"is too quick for its delay of {1e3 * drives[k].delay:g} ms: {lag:.3g} rad of phase must be <= {MOST_LAG:g} rad; "
-                "look for a wrong unit"
-            )
+        gains = f"kp {stiff[k]:g} N·m/rad, kd {damped[k]:g} N·m·s/rad and an inertia of {inertia[k]:g} kg·m²"
+        _refuse_lag(f"joint {name!r}: with {gains}", stiff[k] / inertia[k], damped[k] / inertia[k], drives[k].delay)
 
 
 def refuse_absurd_tasks(tasks: Sequence[Task], drives: Sequence[Drive]) -> None:
@@ -126,12 +121,17 @@ def refuse_absurd_tasks(tasks: Sequence[Task], drives: Sequence[Drive]) -> None:
     delay = max(drive.delay for drive in drives)
     for index, task in enumerate(tasks):
         stiff, damped = (float(np.max(np.asarray(gain, dtype=float))) for gain in (task.kp, task.kd))
-        lag = delay * max(math.sqrt(stiff), damped)
-        if lag > MOST_LAG:
-            raise GainroomError(
-                f"tasks[{index}]: with gains of {stiff:g} 1/s² and {damped:g} 1/s its loop is too quick for a delay of {1e3 * delay:g} ms: "
-                f"{lag:.3g} rad of phase must be <= {MOST_LAG:g} rad; look for a wrong unit"
-            )
+        _refuse_lag(f"tasks[{index}]: with gains of {stiff:g} 1/s² and {damped:g} 1/s", stiff, damped, delay)
+
+
+def _refuse_lag(owner: str, stiff: float, damped: float, delay: float) -> None:
+    """`stiff` [1/s²], `damped` [1/s]."""
+    lag = delay * max(math.sqrt(stiff), damped)
+    if lag > MOST_LAG:
+        raise GainroomError(
+            f"{owner} its loop is too quick for a delay of {1e3 * delay:g} ms: {lag:.3g} rad of phase must be <= {MOST_LAG:g} rad; "
+            "look for a wrong unit"
+        )
 
 
 def _robot(file: RobotFile, source: str, folder: Path, common: Drive) -> tuple[Robot, tuple[Drive, ...], tuple[str, ...], tuple[str, ...]]:

@@ -18,20 +18,20 @@ import numpy as np
 from .arrays import Booleans, Complexes, Floats, Integers
 from .controller import PD, PID, PPI, integrator
 from .forbidden import Requirements
-from .kept import Kept, Seen, kept_where, meets_axis, meets_circle, peaks, polished_peaks
+from .kept import REAL, Kept, Seen, kept_where, meets_axis, meets_circle, peaks, polished_peaks
 from .loop import Loop
 
 Gains = Floats
 """(3, m): kp, kd and ki of every direction; of a P/PI one kp, kv and ki."""
 NEAR = 0.4  # in ln of a gain or a sensitivity, or as part of a phase: what is further from being missed is left out
+FOLLOWED = 0.1  # the same, where gains are only a little further
 SECANTS = 6  # to each crossing
 SAME = 1e-7  # relative: of two ω that are too near to tell a slope
 NEARLY = 1e-4  # of z: a crossing as near as this is found, as what is left of it is taken off along the slope
 ASIDE = 1e-5  # relative: how far to go to tell one
-ASTRAY = 1e-3
-FOLLOWED = 0.1  # the same, where gains are only a little further
+OFF_COURSE = 1e-3  # of z: what ends further from a crossing has led nowhere
 BROKEN = 1e-5  # what is missed by less may be round-off
-STEEPEST = 100.0  # two crossings that are about to vanish move ever faster: no further than this is believed
+BELIEVED = 100.0  # two crossings that are about to vanish move ever faster: no further than this is believed
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +122,7 @@ class _Values:
     change: Complexes
 
     @property
-    def size(self) -> Complexes:
+    def log(self) -> Complexes:
         """z = ln(−value): on the negative real axis its imaginary part is 0, on the unit circle its real part."""
         return _log_of_minus(self.value)
 
@@ -207,11 +207,10 @@ def _slopes(machine: _Machine, near: float) -> Slopes:
     for curve, omega, start, end in (loci, ratios):
         if required.gain_margin is not None:
             needed = math.log(required.gain_margin)
-            rows, which, value = meets_axis(start, end)
+            rows, which, share, value = meets_axis(start, end)
             close = np.abs(np.log(-value)) < needed + near
-            rows, which, value = rows[close], which[close], value[close]
-            low, high = start[rows, which].imag, end[rows, which].imag
-            place = omega[rows] + low / (low - high) * (omega[rows + 1] - omega[rows])
+            rows, which, share, value = rows[close], which[close], share[close], value[close]
+            place = omega[rows] + share * (omega[rows + 1] - omega[rows])
             found.append(_along(curve, (omega[rows], place), which, (start[rows, which], value.astype(complex)), needed, False))
         if required.phase_margin is not None:
             needed = required.phase_margin
@@ -233,7 +232,7 @@ def _at_peaks(machine: _Machine, near: float, most: float) -> Slopes:
     rows, which = peaks(sizes, most * math.exp(-near))
     place, _ = polished_peaks(single.omega, sizes, rows, which, lambda omega: np.abs(machine.sensitivity(omega, which).value))
     values = machine.sensitivity(place, which)
-    return Slopes(values.size.real - math.log(most), values.growth.real, ("peak_sensitivity",) * len(place))
+    return Slopes(values.log.real - math.log(most), values.growth.real, ("peak_sensitivity",) * len(place))
 
 
 def _along(
@@ -250,7 +249,7 @@ def _along(
         found = curve(place[left], which[left], -np.exp(here[left] * turn))
         if not growth.size:
             growth = np.zeros((len(place), *found.change.shape[1:]), dtype=complex)
-        here[left], growth[left] = found.size / turn, found.growth / turn
+        here[left], growth[left] = found.log / turn, found.growth / turn
         run = place[left] - before[left]
         far = np.abs(run) > SAME * place[left]
         slope[left] = np.where(far, (here[left] - back[left]) / np.where(far, run, 1.0), slope[left])
@@ -266,20 +265,20 @@ def _along(
     along = np.divide(slope.real, slope.imag, out=np.zeros(len(place)), where=slope.imag != 0)
     margin = here.real - along * here.imag
     moves = growth.real - along[:, None, None] * growth.imag
-    true = np.abs(here.imag) < ASTRAY  # else it went astray
+    true = np.abs(here.imag) < OFF_COURSE
     name = "phase_margin" if phase else "gain_margin"
     return _limited((needed - np.abs(margin[true])) / unit, -np.sign(margin[true])[:, None, None] * moves[true] / unit, name)
 
 
 def _at_end(curve: _Curve, omega: float, values: Complexes | Floats, needed: float, near: float) -> Slopes:
     """Values that are real and negative where the boundary ends, which a gain moves along the axis."""
-    real = (np.real(values) < 0) & (np.abs(np.imag(values)) < 0.01 * np.abs(values))
+    real = (np.real(values) < 0) & (np.abs(np.imag(values)) < REAL * np.abs(values))
     which = np.flatnonzero(real & (np.abs(np.log(np.maximum(np.abs(values), 1e-300))) < needed + near))
     found = curve(np.full(len(which), omega), which, np.asarray(values, dtype=complex)[which])
-    margin = found.size.real
+    margin = found.log.real
     return _limited(needed - np.abs(margin), -np.sign(margin)[:, None, None] * found.growth.real, "gain_margin")
 
 
 def _limited(missed: Floats, slope: Floats, name: str) -> Slopes:
     steepest = np.abs(slope).max(axis=(1, 2), initial=0.0)
-    return Slopes(missed, slope * np.minimum(1.0, STEEPEST / np.maximum(steepest, STEEPEST))[:, None, None], (name,) * len(missed))
+    return Slopes(missed, slope * np.minimum(1.0, BELIEVED / np.maximum(steepest, BELIEVED))[:, None, None], (name,) * len(missed))

@@ -12,7 +12,7 @@ from .arrays import Complexes, Floats, Integers
 from .errors import GainroomError
 from .factored import Factored
 
-AT_ONCE = 250_000  # entries of all matrices that are solved at a time: more would leave the processor's cache
+IN_CACHE = 250_000  # entries of all matrices that are solved at a time: more would leave the processor's cache
 SAME_TICK = 1e-12  # of a tick: a delay this near to whole ticks is taken as whole; it moves a phase by less than 4e-12 rad
 
 
@@ -71,7 +71,7 @@ class StateSpace:
     def at(self, v: Complexes) -> Complexes:
         """The transfer matrix at complex v (k,): (k, outputs, inputs)."""
         v = np.asarray(v, dtype=complex)
-        rows = max(1, AT_ONCE // max(1, len(self.a)) ** 2)
+        rows = max(1, IN_CACHE // max(1, len(self.a)) ** 2)
         if len(v) > rows:
             return np.concatenate([self.at(v[k : k + rows]) for k in range(0, len(v), rows)])
         first, rest = slice(0, self.lead), slice(self.lead, None)
