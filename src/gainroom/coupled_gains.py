@@ -27,13 +27,14 @@ from .slopes import Case, Gains, Slopes, moved
 
 RAISE = 1.05
 """No stiffness can be raised by this factor, whether its damping stays or rises as much."""
+DIGITS = 4
 RADIUS = 0.3  # of the first step, in ln of a gain
 WIDEST = 1.0
 NARROWEST = 2e-4  # at which a search ends
 SMALL = 3e-5  # a step that promises less than this ends it too
-PRICES = ((10.0, 2e-5), (50.0, 3e-3), (250.0, 2e-2))
-"""What a requirement missed by 1 costs, against ln of what is made small, and how much more than asked for is kept: first as little as
-tangents are off by at the end. Where that does not hold, more: two loci that meet part again like a square root, which has no tangent.
+PRICES = ((10.0, 1e-3), (50.0, 3e-3), (250.0, 2e-2))
+"""What a requirement missed by 1 costs, against ln of what is made small, and how much more than asked for is kept: first as much as may
+be lost where gains are rounded. Where that does not hold, more: two loci that meet part again like a square root, which has no tangent.
 """
 PULL = 0.02  # of every change of a gain: without it what nothing depends on would be anywhere
 STEPS = 150
@@ -70,6 +71,11 @@ def stiffer(gains: Gains, which: int, factor: float, power: float, cascade: Bool
     return moved(gains, step, cascade)
 
 
+def rounded(gains: Gains) -> Gains:
+    """To the digits that people see and type in: what is looked at is what they use."""
+    return np.array([[float(f"{value:.{DIGITS}g}") for value in row] for row in gains])
+
+
 def raised_gains(
     cases: Sequence[Case],
     start: Gains,
@@ -94,7 +100,7 @@ def raised_gains(
         raise GainroomError("raised_gains needs a direction that has stiffness")
     search = _Search(cases, unit, groups, most, progress)
     reached = search.descended(start)
-    for found in (reached, start):
+    for found in (rounded(reached), reached, start):
         if all(case.kept(found).meets(case.required) for case in cases):
             return search.proved(found)
     return Raised(reached, tuple(case.kept(reached) for case in cases), False)
@@ -216,7 +222,8 @@ class _Search:
                 found = stiffer(gains, j, RAISE, power, self._cascade)
                 broken = self._first_broken(found, order, blind)
                 if broken is None:
-                    gains, why = found, {}
+                    short = rounded(found)
+                    gains, why = found if self._first_broken(short, order, blind) else short, {}
                     break
                 why.setdefault(j, broken)
                 order.remove(broken[1])

@@ -322,7 +322,11 @@ def _shortage(kept: Kept, required: Requirements) -> str:
     name = kept.missed(required)
     if name == "stability":
         return "unstable"
-    return f"{kept.named(name)} {margin_in_words(name, getattr(kept, name))} of {margin_in_words(name, getattr(required, name))}"
+    for significant in range(3, 9):  # enough to tell the two apart
+        found, asked = (margin_in_words(name, getattr(whose, name), significant) for whose in (kept, required))
+        if found != asked:
+            break
+    return f"{kept.named(name)} {found} of {asked}"
 
 
 def joints_that_move(model: Plant, feedback: str) -> Booleans:
