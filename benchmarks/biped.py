@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from gainroom.reproduce.com_motion import SAMPLE_TIME, setup
+from gainroom.paper.com_motion import SAMPLE_TIME, setup
 from gainroom.simulation.robot_run import RobotSimulation
 
 from .table import Table

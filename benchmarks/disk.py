@@ -6,7 +6,7 @@ from importlib.util import find_spec
 import numpy as np
 
 import gainroom as gr
-from gainroom.multiloop_disk import TOLERANCE, disk_margin
+from gainroom.analysis.disk_margin import TOLERANCE, disk_margin
 
 from .measure import seconds
 from .table import Table

@@ -18,7 +18,7 @@ def run(seed: int) -> Table:
     """One row per command; `seed` is not used."""
     with tempfile.TemporaryDirectory() as folder:
         joint = Path(folder) / "joint.yaml"
-        joint.write_text(files("gainroom").joinpath("examples", f"{EXAMPLE}.yaml").read_text(encoding="utf-8"), encoding="utf-8")
+        joint.write_text(files("gainroom").joinpath("files", "examples", f"{EXAMPLE}.yaml").read_text(encoding="utf-8"), encoding="utf-8")
         # caches of compiled code that begin empty, as on a fresh installation
         fresh = dict(os.environ, NUMBA_CACHE_DIR=f"{folder}/numba", PYTHONPYCACHEPREFIX=f"{folder}/bytecode")
         fresh.pop("PYTHONDONTWRITEBYTECODE", None)  # or the caches stay empty

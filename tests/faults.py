@@ -9,7 +9,7 @@ from pathlib import Path
 
 import gainroom as gr
 from gainroom.cli.example import example_texts
-from gainroom.io.logs import read_log
+from gainroom.files.logs import read_log
 
 EXAMPLES = example_texts()
 OLD = "what was here before"

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 import gainroom as gr
-from gainroom.plant import Compliance
+from gainroom.system.plant import Compliance
 from independent.machine import Machine
 
 

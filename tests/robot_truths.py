@@ -19,7 +19,7 @@ GRAVITY = 9.81
 
 
 def biped():
-    with as_file(files("gainroom") / "robots" / "biped.urdf") as path:
+    with as_file(files("gainroom") / "robot" / "models" / "biped.urdf") as path:
         return load_model(path, base="floating")
 
 

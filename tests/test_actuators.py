@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from gainroom.drive import Drive
 from gainroom.errors import GainroomError
 from gainroom.robot.actuators import ActuatorEntry, Actuators, actuators_of, drives_of, merge_entries
-from gainroom.robot.patterns import LONGEST, assign, compile_pattern, select
+from gainroom.robot.name_patterns import LONGEST, assign, compile_pattern, select
+from gainroom.system.drive import Drive
 from refusals import assert_refused
 
 NAMES = ("l_hip", "l_knee", "r_hip", "r_knee")

@@ -11,9 +11,9 @@ import pytest
 from pytest import approx
 
 import gainroom as gr
-from gainroom.audit import Audit, audit
-from gainroom.audit_config import AuditOptions, audit_spec
 from gainroom.cli import main
+from gainroom.files.audit_options import AuditOptions, audit_spec
+from gainroom.studies.audit import Audit, audit
 from refusals import assert_refused
 
 INERTIAL = '<inertial pos="{0} 0 {1}" mass="{2}" diaginertia="{3} {3} {3}"/>'

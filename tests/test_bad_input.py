@@ -15,8 +15,8 @@ from hypothesis import HealthCheck, given, settings
 
 from gainroom.cli import main
 from gainroom.cli.example import joint_examples
-from gainroom.config import parse_joint
 from gainroom.errors import GainroomError
+from gainroom.files.joint_yaml import parse_joint
 from gainroom.io.yaml_text import MAX_BYTES, parse_yaml
 from mutations import RANDOMS, mutated_bytes, mutated_data
 

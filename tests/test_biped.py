@@ -15,7 +15,7 @@ from robot_truths import BOTH, JOINTS, MIRROR, SIDES, STAND, actuators, biped_po
 HIP, THIGH, SHANK = (0.0, 0.1025, -0.1225), 0.35, 0.35
 MASSES = (2.68, 2.67, 5.37, 3.88, 2.51, 3.46)  # hip yaw link to foot
 CENTRES = ((-0.065, 0, 0.052), (-0.048, 0.002, 0), (0, 0, -0.189), (0.004, -0.002, -0.143), (-0.004, 0.002, 0), (-0.008, 0, -0.085))
-TEXT = (files("gainroom") / "robots" / "biped.urdf").read_text("utf-8")
+TEXT = (files("gainroom") / "robot" / "models" / "biped.urdf").read_text("utf-8")
 ROOT = ET.fromstring(TEXT)
 LINKS = {link.get("name"): link for link in ROOT.iter("link")}
 MOVED_LINKS = {joint.get("name"): joint.find("child").get("link") for joint in ROOT.iter("joint")}

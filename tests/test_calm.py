@@ -7,10 +7,10 @@ import pytest
 
 import gainroom as gr
 from draws import draw_plant, log_uniform
-from gainroom.calm import PER_DECADE, calm_spans
-from gainroom.limits import coupled_limit
-from gainroom.plant import Compliance
-from gainroom.sweep import Sweep
+from gainroom.analysis.gain_limit import coupled_limit
+from gainroom.analysis.loci import Sweep
+from gainroom.analysis.passive_intervals import PER_DECADE, calm_spans
+from gainroom.system.plant import Compliance
 
 
 def draw_controller(rng: np.random.Generator, size: int):

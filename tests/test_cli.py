@@ -18,8 +18,8 @@ from gainroom.cli import main
 from gainroom.cli.example import example_texts, joint_examples
 from gainroom.cli.front import app
 from gainroom.cli.output import emit_json, render, table
-from gainroom.config import load_joint
-from gainroom.io.numbers import digits, frequency
+from gainroom.files.joint_yaml import load_joint
+from gainroom.report.number_format import digits, frequency
 
 EXAMPLES = joint_examples()
 # Fixed names: scripts outside the project read them.
@@ -293,7 +293,7 @@ def test_help_loads_nothing_heavy():
 def test_a_joint_without_a_scenario_loads_no_simulation(folder: Path):
     """What only simulate, a robot or a report need is not waited for."""
     loaded = loaded_by("joint", str(folder / "testbed.yaml"))
-    assert "gainroom.study" in loaded
+    assert "gainroom.studies.joint" in loaded
     packages = {name.partition(".")[0] for name in loaded}
     assert not packages & {"scipy", "numba", "plotly", "control", "mujoco", "pinocchio"}
     assert not loaded & {f"gainroom.{name}" for name in ("simulation", "scenario_sections", "robot", "robot_config", "report")}

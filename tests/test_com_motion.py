@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from gainroom.reproduce.com_motion import FIGURES, MOVE, motion, rows, setup
+from gainroom.paper.com_motion import FIGURES, MOVE, motion, rows, setup
 
 
 @pytest.mark.parametrize("controller", FIGURES)

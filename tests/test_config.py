@@ -7,11 +7,11 @@ import yaml
 from pytest import approx
 
 from gainroom.cli.example import joint_examples
-from gainroom.config import JointFile, parse_joint
 from gainroom.errors import GainroomError
-from gainroom.io.checked import validate
+from gainroom.files.joint_scenario import ScenarioSection
+from gainroom.files.joint_yaml import JointFile, parse_joint
+from gainroom.io.validation import validate
 from gainroom.io.yaml_text import MAX_DEPTH, MAX_NODES, parse_yaml
-from gainroom.scenario_sections import ScenarioSection
 
 FULL = """\
 joint: {rotor_inertia: 1.0e-4, gear_ratio: 100, link_inertia: 16.0, stiffness: 1e4, damping: 1,

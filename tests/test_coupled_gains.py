@@ -8,12 +8,12 @@ import pytest
 
 import gainroom as gr
 from draws import draw_plant
-from gainroom import remembered
-from gainroom.coupled import joint_margins
-from gainroom.coupled_gains import PRICES, RAISE, raised_gains, rounded, stiffer
-from gainroom.io.numbers import margin_value
-from gainroom.kept import Kept, kept_by
-from gainroom.slopes import Case, moved
+from gainroom.analysis.coupled_margins import joint_margins
+from gainroom.analysis.coupled_robustness import Kept, kept_by
+from gainroom.design.gain_search import PRICES, RAISE, raised_gains, rounded, stiffer
+from gainroom.design.margin_slopes import Case, moved
+from gainroom.linear import response_cache as remembered
+from gainroom.report.number_format import margin_value
 from machines import limbs
 from refusals import assert_refused
 

@@ -8,11 +8,11 @@ import scipy.signal
 
 import gainroom as gr
 from draws import draw_setup
-from gainroom import acceleration
-from gainroom._peaks import objective
-from gainroom.crossings import LOWEST_FLOOR, Scan, scan_many
-from gainroom.factored import Factored, ratio
-from gainroom.stability import scan_loop, unstable_roots
+from gainroom.analysis import acceleration
+from gainroom.analysis._peaks import objective
+from gainroom.analysis.crossings import LOWEST_FLOOR, Scan, scan_many
+from gainroom.analysis.stability import scan_loop, unstable_roots
+from gainroom.linear.transfer_function import Factored, ratio
 from independent import delay_roots
 from independent.joint import PDJoint
 from wide_joints import Case

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import gainroom as gr
-from gainroom import acceleration
+from gainroom.analysis import acceleration
 from independent.joint import PDJoint
 from wide_joints import Case
 

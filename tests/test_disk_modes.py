@@ -8,10 +8,11 @@ import pytest
 
 import gainroom as gr
 from draws import complex_normal, draw_robot
-from gainroom import _disk_modes, multiloop_disk
-from gainroom._disk_modes import Modes, expanded, opened_at_torques
-from gainroom._mu import balanced, improved, largest, scaled
-from gainroom.multiloop_disk import TOLERANCE, disk_margin
+from gainroom.analysis import _disk_modes
+from gainroom.analysis import disk_margin as multiloop_disk
+from gainroom.analysis._disk_modes import Modes, expanded, opened_at_torques
+from gainroom.analysis._mu import balanced, improved, largest, scaled
+from gainroom.analysis.disk_margin import TOLERANCE, disk_margin
 
 SAME = 1e-6  # how far the peak is polished (AGREEMENT)
 

@@ -8,8 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from gainroom import config, config_sections, scenario_sections
 from gainroom.cli import main
+from gainroom.files import common_sections as config_sections
+from gainroom.files import joint_scenario as scenario_sections
+from gainroom.files import joint_yaml as config
 from robot_files import write_arm
 
 ROOT = Path(__file__).parents[1]

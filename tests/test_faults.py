@@ -19,7 +19,7 @@ import pytest
 
 from faults import BIPED, COMMANDS, EXAMPLES, GAINS, OLD, SHORT, environment, furnish, gainroom, heard
 from gainroom.cli import main
-from gainroom.io.logs import read_log
+from gainroom.files.logs import read_log
 from robot_files import write_arm
 
 PLAYED = EXAMPLES["testbed-sampled"] + SHORT
@@ -309,7 +309,7 @@ sys.exit(main())
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize(
-    "module", ["typer", "gainroom.cli.robot", "numpy", "gainroom.study", "numpy.random", "gainroom.report.joint", "plotly"]
+    "module", ["typer", "gainroom.cli.robot", "numpy", "gainroom.studies.joint", "numpy.random", "gainroom.report.joint", "plotly"]
 )
 def test_a_signal_while_it_loads_is_one_line(folder: Path, module: str, number: int):
     """The moment is the import of a module: no library on the way can swallow the signal or make an error of its own of it."""

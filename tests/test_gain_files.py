@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from gainroom.errors import GainroomError
-from gainroom.gain_files import Gain, gains_of, parse_gains, read_gains
+from gainroom.files.gain_files import Gain, gains_of, parse_gains, read_gains
 from gainroom.io.yaml_text import parse_yaml
 from mutations import RANDOMS, mutated_data
 

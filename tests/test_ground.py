@@ -9,11 +9,11 @@ import pytest
 from numpy.testing import assert_allclose
 
 from gainroom.cli import main
+from gainroom.files.robot_yaml import load_robot_spec
 from gainroom.robot.contact import Contact
 from gainroom.robot.ground import Ground, footings, ground_axes
-from gainroom.robot_config import load_robot_spec
-from gainroom.robot_simulation import RobotPlay, play_robot
 from gainroom.simulation.mujoco_model import build_mujoco
+from gainroom.studies.robot_simulation import RobotPlay, play_robot
 from robot_files import SOLO, written
 from robot_truths import actuators, biped, biped_posture, feet
 
@@ -99,7 +99,9 @@ def uneven(tmp_path: Path, text: str) -> RobotPlay:
 
 def test_a_sloping_sole_and_feet_at_two_heights_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     """Half a radian of pelvis against soles: -0.5 + 1.0 with the ankles at 0."""
-    example = (resources.files("gainroom.examples") / "biped-simulated.yaml").read_text("utf-8").replace("duration: 3.0", "duration: 0.02")
+    example = (
+        (resources.files("gainroom.files.examples") / "biped-simulated.yaml").read_text("utf-8").replace("duration: 3.0", "duration: 0.02")
+    )
     poses = example[example.index("  bent:") :].splitlines()[0]
     play = uneven(tmp_path, example.replace(poses, '  bent: {".*_hip_pitch": -0.5, ".*_knee": 1.0}'))
     told = " ".join(play.warnings)

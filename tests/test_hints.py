@@ -7,9 +7,9 @@ import pytest
 import gainroom as gr
 from gainroom.cli import main
 from gainroom.cli.example import example_texts
-from gainroom.gain_files import parse_gains
-from gainroom.robot.patterns import select
-from gainroom.robot_config import parse_robot
+from gainroom.files.gain_files import parse_gains
+from gainroom.files.robot_yaml import parse_robot
+from gainroom.robot.name_patterns import select
 from refusals import assert_refused
 
 LEGS = ("left_hip", "left_knee", "right_hip", "right_knee")

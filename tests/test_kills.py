@@ -170,8 +170,8 @@ def test_eight_threads_get_what_one_gets():
     """Compiled kernels, robots' files and answers: the same numbers from all, as from one alone."""
     import json
 
-    from gainroom.audit import audit
-    from gainroom.audit_config import AuditOptions, audit_spec, margin_factor
+    from gainroom.files.audit_options import AuditOptions, audit_spec, margin_factor
+    from gainroom.studies.audit import audit
 
     loops = [gr.build_loop(gr.ElasticJoint(1.0, 4.0 + k, 1e4, 1.0), gr.Drive(4000.0, 0.9, 2e-3), gr.PD(1e4, 300.0)) for k in range(8)]
 

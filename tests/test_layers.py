@@ -1,4 +1,4 @@
-"""Data flows one way: nothing imports what stands to its right in LAYERS."""
+"""Data flows one way: nothing imports what stands to its right in LAYERS, and no two modules import each other."""
 
 import ast
 from graphlib import TopologicalSorter
@@ -8,104 +8,77 @@ import gainroom
 
 PACKAGE = Path(gainroom.__path__[0])
 LAYERS = (
-    ("messages", "arrays", "files"),
-    ("errors", "remembered"),
-    ("text_file",),
-    ("compiled",),
-    ("factored", "_scan", "_mu", "_balls"),
-    ("_batch",),
-    ("_walk",),
-    ("_peaks",),
-    ("statespace", "sampling"),
-    ("lti",),
-    ("plant", "drive", "controller"),
-    ("uncertainty",),
-    ("robot",),
-    ("crossings", "acceleration", "sampled_scan"),
-    ("assembly",),
-    ("loop", "box_loops"),
-    ("calm",),
-    ("sweep",),
-    ("stability", "region_curves", "_disk_modes"),
-    ("robustness", "forbidden", "multiloop_disk"),
-    ("critical",),
-    ("limits", "range_proof", "plausible"),
-    ("coupled",),
-    ("part_limits", "kept"),
-    ("region", "slopes"),
-    ("recommend", "coupled_gains"),
-    ("study",),
-    ("robot_spec",),
-    ("simulation",),
-    ("simulation_spec",),
-    ("played_vibration",),
-    ("simulation_study", "verification"),
-    ("robot_cases",),
-    ("robot_gains",),
-    ("robot_states",),
-    ("robot_words",),
-    ("robot_study", "robot_vibration"),
-    ("robot_play",),
-    ("robot_play_words",),
-    ("robot_verification", "robot_simulation"),
-    ("audit",),
-    ("io",),
-    ("config_sections", "file_kinds"),
-    ("gain_files",),
-    ("robot_values",),
-    ("robot_scenario_sections",),
-    ("robot_sections", "scenario_sections"),
-    ("config", "robot_config", "report", "reproduce"),
-    ("audit_config",),
-    ("__init__",),
-    ("cli",),
-    ("__main__",),
+    "errors",
+    "io",
+    "linear",
+    "system",
+    "analysis",
+    "robot",
+    "design",
+    "simulation",
+    "studies",
+    "files",
+    "report",
+    "paper",
+    "__init__",
+    "cli",
+    "__main__",
 )
-RANKS = {name: rank for rank, layer in enumerate(LAYERS) for name in layer}
+"""What stands in the package's folder, lowest first."""
 HEAVY = {"numpy", "scipy", "numba", "pydantic", "plotly", "rich", "yaml"}
 
 
-def source_files() -> list[Path]:
-    return sorted(PACKAGE.rglob("*.py"))
+def modules() -> dict[str, Path]:
+    """Every module by its dotted name below gainroom, a package by its own."""
+    found = {}
+    for path in sorted(PACKAGE.rglob("*.py")):
+        *folders, last = path.relative_to(PACKAGE).with_suffix("").parts
+        found[".".join(folders if last == "__init__" and folders else (*folders, last))] = path
+    return found
 
 
-def top_name(path: Path) -> str:
-    return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+MODULES = modules()
 
 
-def imported(path: Path) -> set[str]:
-    """Names of the modules of gainroom that a file imports, anywhere in it."""
-    package = ("gainroom", *path.relative_to(PACKAGE).parts[:-1])
-    names: set[str] = set()
+def imported(name: str) -> set[str]:
+    """The modules that a module imports, anywhere in it: of a package those that its names come from."""
+    path = MODULES[name]
+    package = path.relative_to(PACKAGE).parts[:-1]
+    found: set[str] = set()
     for node in ast.walk(ast.parse(path.read_text("utf-8"))):
-        if isinstance(node, ast.Import):
-            names.update(alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            base = package[: len(package) - node.level + 1] if node.level else ()
-            module = ".".join((*base, node.module)) if node.module else ".".join(base)
-            names.update(f"{module}.{alias.name}" for alias in node.names)
-    parts = [name.split(".") for name in names if name.split(".")[0] == "gainroom"]
-    return {part[1] for part in parts if len(part) > 1 and part[1] in RANKS}
+        if isinstance(node, ast.ImportFrom) and node.level:
+            base = (
+                (*package[: len(package) - node.level + 1], *(node.module or "").split("."))
+                if node.module
+                else package[: len(package) - node.level + 1]
+            )
+            where = ".".join(base)
+            for alias in node.names:
+                full = f"{where}.{alias.name}" if where else alias.name
+                found.add(full if full in MODULES else where or "__init__")
+        elif isinstance(node, ast.Import):
+            assert not any(alias.name.split(".")[0] == "gainroom" for alias in node.names), f"{path}: import it relatively"
+    return found - {name}
 
 
-def test_every_module_has_its_place():
-    assert {top_name(path) for path in source_files()} <= set(RANKS)
+def rank(name: str) -> int:
+    return LAYERS.index(name.split(".")[0])
+
+
+def test_the_package_has_these_layers_and_little_else():
+    entries = {path.name.removesuffix(".py") for path in PACKAGE.iterdir() if path.name != "__pycache__"}
+    assert entries == {*LAYERS, "py.typed"}
+    assert len(entries) <= 16
 
 
 def test_imports_run_one_way():
-    wrong = [
-        f"{path.relative_to(PACKAGE)} imports {name}"
-        for path in source_files()
-        for name in imported(path) - {top_name(path)}
-        if RANKS[name] > RANKS[top_name(path)]
-    ]
+    wrong = [f"{name} imports {other}" for name in MODULES for other in imported(name) if other != "__init__" and rank(other) > rank(name)]
     assert not wrong
 
 
 def test_imports_have_no_cycle():
-    graph: dict[str, set[str]] = {}
-    for path in source_files():
-        graph.setdefault(top_name(path), set()).update(imported(path) - {top_name(path)})
+    """Module by module, inside packages too. The front door's own names load when they are asked for."""
+    graph = {name: imported(name) - {"__init__"} for name in MODULES if name != "__init__"}
     order = list(TopologicalSorter(graph).static_order())  # raises CycleError
     assert set(order) >= set(graph)
 

@@ -10,11 +10,11 @@ import scipy.signal
 
 import gainroom as gr
 from draws import draw_plant, draw_setup
-from gainroom import limits
-from gainroom.kept import kept_by
-from gainroom.limits import coupled_limit
-from gainroom.stability import scan_loop, unstable_roots
-from gainroom.sweep import AT_ONCE, MOST, Sweep, in_blocks
+from gainroom.analysis import gain_limit as limits
+from gainroom.analysis.coupled_robustness import kept_by
+from gainroom.analysis.gain_limit import coupled_limit
+from gainroom.analysis.loci import AT_ONCE, MOST, Sweep, in_blocks
+from gainroom.analysis.stability import scan_loop, unstable_roots
 
 
 @pytest.mark.parametrize("sampled", [False, True], ids=["continuous", "sampled"])

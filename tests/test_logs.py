@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import gainroom as gr
-from gainroom.io.logs import Log, open_log, read_log
+from gainroom.files.logs import Log, open_log, read_log
 from gainroom.simulation.friction import Friction
 from gainroom.simulation.response import LOGGED
 from gainroom.simulation.run import simulate, stream

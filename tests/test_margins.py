@@ -9,8 +9,8 @@ import scipy.signal
 
 import gainroom as gr
 from draws import draw_setup
-from gainroom.robustness import from_db, to_db
-from gainroom.stability import unstable_roots
+from gainroom.analysis.margins import from_db, to_db
+from gainroom.analysis.stability import unstable_roots
 
 
 def stable_loop(seed: int, sampled: bool) -> gr.Loop:

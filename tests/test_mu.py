@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import minimize
 
 from draws import complex_normal
-from gainroom._mu import balanced, improved, largest, scaled, structured_singular_value
+from gainroom.analysis._mu import balanced, improved, largest, scaled, structured_singular_value
 
 
 @pytest.mark.parametrize("size", [2, 3])

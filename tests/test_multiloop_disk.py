@@ -9,7 +9,7 @@ from scipy.linalg import matrix_balance
 
 import gainroom as gr
 from draws import draw_plant, draw_robot, draw_setup
-from gainroom.multiloop_disk import TOLERANCE, disk_margin, disk_margin_of
+from gainroom.analysis.disk_margin import TOLERANCE, disk_margin, disk_margin_of
 
 SAME = 1e-6  # how far the peak is polished (AGREEMENT)
 

@@ -26,7 +26,7 @@ def test_the_wheel_alone_runs_the_demo(tmp_path: Path):
     run(sys.executable, "-m", "build", "--wheel", "--outdir", tmp_path, ROOT, cwd=tmp_path)
     (wheel,) = tmp_path.glob("*.whl")
     names = zipfile.ZipFile(wheel).namelist()
-    assert {"gainroom/py.typed", "gainroom/examples/testbed.yaml"} <= set(names)
+    assert {"gainroom/py.typed", "gainroom/files/examples/testbed.yaml"} <= set(names)
     assert not [name for name in names if not re.match(r"gainroom(-[\d.]+\.dist-info)?/", name)]
     run(sys.executable, "-m", "venv", "empty", cwd=tmp_path)
     run("empty/bin/python", "-m", "pip", "install", "-q", "--no-compile", wheel, cwd=tmp_path)

@@ -7,12 +7,12 @@ import pytest
 import yaml
 
 import gainroom as gr
-from gainroom.config import load_joint, load_simulation, parse_joint, parse_simulation
-from gainroom.forbidden import Requirements
-from gainroom.plausible import unusual, unusual_joint
-from gainroom.simulation_study import simulate_joint
+from gainroom.files.joint_yaml import load_joint, load_simulation, parse_joint, parse_simulation
+from gainroom.studies.joint_simulation import simulate_joint
+from gainroom.system.plausibility import unusual, unusual_joint
+from gainroom.system.requirements import Requirements
 
-EXAMPLES = files("gainroom") / "examples"
+EXAMPLES = files("gainroom") / "files" / "examples"
 TESTBED = (EXAMPLES / "testbed-sampled.yaml").read_text()
 
 # What the file says in SI, written in another unit by mistake: section, key, value, and the word that the warning names.
@@ -77,7 +77,7 @@ def test_shipped_joints_are_usual(name):
 @pytest.mark.parametrize("name", ["biped", "biped-simulated"])
 def test_shipped_robots_are_usual(name):
     pytest.importorskip("pinocchio")
-    from gainroom.robot_config import load_robot_spec
+    from gainroom.files.robot_yaml import load_robot_spec
 
     assert not any("usual" in text for text in load_robot_spec(EXAMPLES / f"{name}.yaml").warnings)
 
@@ -122,7 +122,7 @@ def test_ends_of_ranges_are_told():
 
 def test_a_robot_names_its_joints():
     pytest.importorskip("pinocchio")
-    from gainroom.robot_config import parse_robot
+    from gainroom.files.robot_yaml import parse_robot
 
     text = (EXAMPLES / "biped.yaml").read_text()
     data = yaml.safe_load(text)

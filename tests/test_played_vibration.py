@@ -9,11 +9,11 @@ import pytest
 
 import gainroom as gr
 from gainroom.cli import main
-from gainroom.config import parse_simulation
+from gainroom.files.joint_yaml import parse_simulation
 from gainroom.report.played import shown_ticks
 from gainroom.report.simulation import simulation_page
 from gainroom.simulation.response import track
-from gainroom.simulation_study import SimulationStudy, simulate_joint
+from gainroom.studies.joint_simulation import SimulationStudy, simulate_joint
 
 JOINT = """
 joint: {motor_inertia: 0.15, link_inertia: 0.6, stiffness: 6000, damping: 2.0}

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import gainroom as gr
-from gainroom import acceleration
+from gainroom.analysis import acceleration
 from independent.counts import Boundary
 from independent.delay_roots import UndecidedError
 from wide_joints import Case, narrow, wide

@@ -10,8 +10,8 @@ from scipy.optimize import brentq
 
 import gainroom as gr
 from draws import Setup, draw_setup
-from gainroom.robustness import margins_of
-from gainroom.stability import scan_loop
+from gainroom.analysis.margins import margins_of
+from gainroom.analysis.stability import scan_loop
 from refusals import assert_refused
 
 REQUIREMENTS = {

@@ -10,11 +10,11 @@ import pytest
 from pytest import approx
 
 import gainroom as gr
-from gainroom.io.numbers import digits
 from gainroom.report import joint_page
+from gainroom.report.number_format import digits
 from gainroom.report.page import Card, Html, Lead, Section, figure, page, table
 from gainroom.report.stepping import step_response
-from gainroom.study import _change
+from gainroom.studies.joint import _change
 
 HOSTILE = "</script><script>alert(1)</script>'\"><img src=x onerror=alert(2)> & joint.yaml"
 COMMAND = f"gainroom joint '{HOSTILE}' --report out.html"

@@ -7,11 +7,11 @@ import sys
 
 import pytest
 
-from gainroom.loop import ClosedLoop
-from gainroom.reproduce import Reproduction, com_motion, eq4, eq10, fig9, run_reproduction
-from gainroom.reproduce.page import reproduction_page
-from gainroom.reproduce.row import at_least, compare
+from gainroom.paper import Reproduction, com_motion, eq4, eq10, fig9, run_reproduction
+from gainroom.paper.page import reproduction_page
+from gainroom.paper.row import at_least, compare
 from gainroom.robot.tasks import Tasks
+from gainroom.system.loop import ClosedLoop
 
 FIG9 = {"neither": (52.1, 3970), "elasticity": (27.5, 3970), "delay": (31.0, 619), "both": (6.2, 620)}
 PREFIXES = ("eq4.", "fig4.", "fig5.", "fig6.", "fig7.", *(f"fig9.{case}." for case in FIG9), "testbed.", "fig11.")
@@ -123,7 +123,7 @@ def test_without_pinocchio_the_joint_rows_remain(monkeypatch: pytest.MonkeyPatch
 
 def test_without_mujoco_only_the_runs_in_time_are_left_out(monkeypatch: pytest.MonkeyPatch, result: Reproduction):
     monkeypatch.setitem(sys.modules, "mujoco", None)
-    monkeypatch.setattr("gainroom.reproduce.FIGURES", (com_motion, fig9))
+    monkeypatch.setattr("gainroom.paper.FIGURES", (com_motion, fig9))
     rest = run_reproduction()
     (warning,) = rest.warnings
     assert warning.startswith("Figs. 12 and 14 are left out: ")

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from gainroom.reproduce import Row, claim2, claim2_biped, claim3, claim4, table1
-from gainroom.reproduce.biped import COM_KD, COM_KP, NAMES, biped, com_tasks, standing, standing_so
-from gainroom.reproduce.joints import DAMPING, DRIVE, MOTOR_INERTIA, STIFFNESS
-from gainroom.reproduce.motion import on_both_feet
+from gainroom.paper import Row, claim2, claim2_biped, claim3, claim4, table1
+from gainroom.paper.biped import COM_KD, COM_KP, NAMES, biped, com_tasks, standing, standing_so
+from gainroom.paper.joints import DAMPING, DRIVE, MOTOR_INERTIA, STIFFNESS
+from gainroom.paper.motion import on_both_feet
 from robot_truths import accelerations
 
 OMEGA = np.geomspace(20.0, 3000.0, 12000)  # [rad/s] neighbours 4e-4 apart: crossings are interpolated to about 1e-6

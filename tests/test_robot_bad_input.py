@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 import gainroom as gr
+from gainroom.analysis.coupled_robustness import kept_by
 from gainroom.cli import main
-from gainroom.kept import kept_by
-from gainroom.robot.patterns import compile_pattern
-from gainroom.robot_config import parse_robot
+from gainroom.files.robot_yaml import parse_robot
+from gainroom.robot.name_patterns import compile_pattern
 from refusals import assert_refused
 from robot_truths import hinge, link, write_robot
 
@@ -219,7 +219,7 @@ def test_what_doubles_cannot_hold_is_one_line(folder: Path, capsys: pytest.Captu
     def singular(loop: gr.Loop) -> None:
         raise np.linalg.LinAlgError("Singular matrix")
 
-    monkeypatch.setattr("gainroom.robot_study.joint_margins", singular)
+    monkeypatch.setattr("gainroom.studies.robot.joint_margins", singular)
     for told in (robot_line(capsys, folder, ROBOT), audit_line(capsys, folder)):
         assert "cannot be computed (singular matrix): look for values that are many orders of magnitude off" in told
 
@@ -239,7 +239,7 @@ def test_loci_that_cannot_be_followed_keep_nothing_that_is_required(monkeypatch:
     loop = gr.build_loop(gr.Plant(np.eye(2), np.ones(2)), gr.Drive(delay=1e-3), gr.PD(10.0, 1.0))
     lenient = gr.Requirements(gain_margin=1.01)
     assert kept_by(loop).meets(lenient)
-    monkeypatch.setattr("gainroom.sweep.Sweep.full", True)
+    monkeypatch.setattr("gainroom.analysis.loci.Sweep.full", True)
     assert not kept_by(loop).meets(lenient)
 
 

@@ -15,13 +15,13 @@ from numpy.testing import assert_allclose
 
 import gainroom as gr
 from gainroom.cli.example import example_texts
-from gainroom.config_sections import RangesSection
 from gainroom.errors import GainroomError
+from gainroom.files.common_sections import RangesSection
+from gainroom.files.robot_sections import ActuatorSection, ContactSection, ModelSection, RobotControlSection, TaskSection
+from gainroom.files.robot_yaml import load_robot, parse_robot
 from gainroom.io.yaml_text import parse_yaml
-from gainroom.robot.packages import locate
-from gainroom.robot_config import load_robot, parse_robot
-from gainroom.robot_sections import ActuatorSection, ContactSection, ModelSection, RobotControlSection, TaskSection
-from gainroom.robot_spec import RobotSpec
+from gainroom.robot.formats.model_files import locate
+from gainroom.robot.spec import RobotSpec
 from mutations import RANDOMS, mutated_data
 from robot_truths import hinge, link, write_robot
 

@@ -11,7 +11,7 @@ import pytest
 
 from gainroom.errors import GainroomError
 from gainroom.robot import load_model
-from gainroom.robot.packages import locate
+from gainroom.robot.formats.model_files import locate
 from refusals import assert_refused
 
 THREADED_LOADS = 60

@@ -17,10 +17,10 @@ from pytest import approx
 
 import gainroom as gr
 from draws import draw_plant
+from gainroom.analysis.disk_margin import disk_margin
 from gainroom.cli import main
-from gainroom.multiloop_disk import disk_margin
-from gainroom.robot_config import parse_robot
-from gainroom.robot_spec import RobotSpec
+from gainroom.files.robot_yaml import parse_robot
+from gainroom.robot.spec import RobotSpec
 
 # Limits are polished to machine precision, of matrices whose condition number is some thousands.
 POLISHED = 1e-9

@@ -12,23 +12,23 @@ import numpy as np
 import pytest
 
 from gainroom import load_robot
-from gainroom.controller import PD, PPI, LowPass, Notch
-from gainroom.drive import Drive
+from gainroom.analysis.gain_limit import gain_limit
 from gainroom.errors import GainroomError
-from gainroom.limits import gain_limit
-from gainroom.loop import build_loop
-from gainroom.plant import ElasticJoint
+from gainroom.files.robot_yaml import parse_robot
 from gainroom.robot import load_model
 from gainroom.robot.actuators import Actuators
 from gainroom.robot.contact import Contact
 from gainroom.robot.ground import Ground, Sole
 from gainroom.robot.linearize import linearize
+from gainroom.robot.spec import RobotControl
 from gainroom.robot.tasks import Task, tasks_of
-from gainroom.robot_config import parse_robot
-from gainroom.robot_spec import RobotControl
 from gainroom.simulation.robot_onset import motionless, robot_onset, robot_vibration
 from gainroom.simulation.robot_run import run_robot
 from gainroom.simulation.robot_setup import RobotSetup, hold, joint_setup, robot_setup
+from gainroom.system.controller import PD, PPI, LowPass, Notch
+from gainroom.system.drive import Drive
+from gainroom.system.loop import build_loop
+from gainroom.system.plant import ElasticJoint
 from robot_files import SOLO
 from robot_truths import BOTH, actuators, any_posture, feet, hinge, link, write_robot
 
@@ -47,7 +47,7 @@ def assert_witnessed(limit, setup, near=None):
 
 @pytest.fixture(scope="module")
 def spec():
-    return load_robot(str(files("gainroom") / "examples" / "biped.yaml")).spec
+    return load_robot(str(files("gainroom") / "files" / "examples" / "biped.yaml")).spec
 
 
 JOINT_LOOPS = {

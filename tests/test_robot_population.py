@@ -19,8 +19,8 @@ pytest.importorskip("pinocchio")
 
 from gainroom.robot.actuators import Actuators
 from gainroom.robot.contact import Contact
+from gainroom.robot.formats.model_files import load_model
 from gainroom.robot.linearize import linearize
-from gainroom.robot.packages import load_model
 from gainroom.robot.tasks import Task, tasks_of
 
 SEED = int(os.environ.get("GAINROOM_SEED", "2017"))
@@ -42,7 +42,7 @@ def shipped(path: str) -> dict[str, str]:
 
 
 ROBOTS = {
-    "biped": Kind(files("gainroom") / "robots" / "biped.urdf", "floating", (), ("left_sole", "right_sole")),
+    "biped": Kind(files("gainroom") / "robot" / "models" / "biped.urdf", "floating", (), ("left_sole", "right_sole")),
     "talos": Kind(shipped("talos_data/robots/talos_reduced.urdf"), "floating", ("(?!leg_).*",), ("left_sole_link", "right_sole_link")),
     "solo12": Kind(shipped("solo_description/robots/solo12.urdf"), "floating", (), ("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT"), "point"),
     "panda": Kind(shipped("panda_description/urdf/panda.urdf"), "fixed", ("panda_finger_.*",)),

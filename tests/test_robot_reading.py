@@ -8,8 +8,8 @@ import pytest
 
 from gainroom.robot import load_model
 from gainroom.robot.actuators import Actuators
+from gainroom.robot.formats.mjcf import position_gains
 from gainroom.robot.linearize import linearize
-from gainroom.robot.mjcf import position_gains
 from refusals import assert_refused
 from robot_bodies import (
     INERTIAL,

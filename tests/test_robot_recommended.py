@@ -12,14 +12,14 @@ import pytest
 import yaml
 
 import gainroom as gr
+from gainroom.analysis.coupled_margins import joint_margins
+from gainroom.analysis.coupled_robustness import kept_by
 from gainroom.cli import main
-from gainroom.coupled import joint_margins
-from gainroom.kept import kept_by
-from gainroom.robot_config import parse_robot
-from gainroom.robot_gains import GainSet, RobotGains, recommend_robot
-from gainroom.robot_spec import RobotSpec
-from gainroom.robot_study import study_robot
-from gainroom.robot_words import free_joints
+from gainroom.design.robot_gains import GainSet, RobotGains, recommend_robot
+from gainroom.files.robot_yaml import parse_robot
+from gainroom.robot.spec import RobotSpec
+from gainroom.studies.robot import study_robot
+from gainroom.studies.robot_text import free_joints
 from robot_files import SOLO, write_arm
 
 BIPED = """\

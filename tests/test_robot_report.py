@@ -12,14 +12,14 @@ from numpy.testing import assert_allclose
 from pytest import approx
 
 import gainroom as gr
-from gainroom.io.numbers import digits
-from gainroom.kept import kept_by
-from gainroom.limits import GainLimit
+from gainroom.analysis.coupled_robustness import kept_by
+from gainroom.analysis.gain_limit import GainLimit
+from gainroom.files.robot_yaml import parse_robot
+from gainroom.report.number_format import digits
 from gainroom.report.robot import MOST_PICTURES, robot_page
 from gainroom.report.robot_room import MOST_STATES
 from gainroom.report.robot_skeleton import common_view
-from gainroom.robot_config import parse_robot
-from gainroom.robot_study import RobotStudy, study_robot
+from gainroom.studies.robot import RobotStudy, study_robot
 from robot_truths import hinge, link, write_robot
 from test_report import figures, without_library
 

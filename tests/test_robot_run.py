@@ -10,19 +10,19 @@ import pytest
 from numpy.testing import assert_allclose
 
 from gainroom import load_robot
-from gainroom.controller import PD
-from gainroom.drive import Drive
 from gainroom.errors import GainroomError
-from gainroom.plant import ElasticJoint
 from gainroom.robot import load_model
 from gainroom.robot.actuators import Actuators
 from gainroom.robot.ground import Ground, Sole
-from gainroom.robot_spec import RobotControl
+from gainroom.robot.spec import RobotControl
 from gainroom.simulation.response import LOGGED, track
 from gainroom.simulation.robot_onset import motionless
 from gainroom.simulation.robot_run import RobotSimulation, run_robot, stream_robot
 from gainroom.simulation.robot_setup import RobotSetup, channel_count, hold, joint_setup, robot_setup, substeps_for
 from gainroom.simulation.trajectories import Spline
+from gainroom.system.controller import PD
+from gainroom.system.drive import Drive
+from gainroom.system.plant import ElasticJoint
 from robot_truths import hinge, link, write_robot
 
 TICK = 5e-4
@@ -31,7 +31,7 @@ GROUND = Ground(soles={name: Sole(length=0.28, width=0.15, center=(-0.008, 0.0))
 
 @pytest.fixture(scope="module")
 def spec():
-    return load_robot(str(files("gainroom") / "examples" / "biped.yaml")).spec
+    return load_robot(str(files("gainroom") / "files" / "examples" / "biped.yaml")).spec
 
 
 def setup_of(spec, space="task", posture="crouch", contact="double", **options):

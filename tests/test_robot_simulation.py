@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from gainroom.cli import main
-from gainroom.io.logs import read_log
-from gainroom.robot_config import load_robot_spec
-from gainroom.robot_simulation import play_robot
+from gainroom.files.logs import read_log
+from gainroom.files.robot_yaml import load_robot_spec
+from gainroom.studies.robot_simulation import play_robot
 from robot_files import ROBOT, SOLO, write_arm, written
 
 JOINT = ROBOT + "scenario: {duration: 1.0, move: {joint: elbow, by: 0.1, duration: 0.5}}\n"
@@ -76,7 +76,7 @@ def test_encoders_have_steps(tmp_path: Path, capsys: pytest.CaptureFixture[str])
 
 def test_a_narrow_sole_lets_the_biped_fall(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     """The same motion, on soles 15 cm wide and on soles of 4 cm, which tip over under the moments that the control asks of the ankles."""
-    example = (resources.files("gainroom.examples") / "biped-simulated.yaml").read_text("utf-8")
+    example = (resources.files("gainroom.files.examples") / "biped-simulated.yaml").read_text("utf-8")
     for width, status, fell in ((0.15, 0, False), (0.04, 1, True)):
         path = tmp_path / "biped.yaml"
         path.write_text(example.replace("width: 0.15", f"width: {width}"), "utf-8")

@@ -17,15 +17,15 @@ import pytest
 
 import gainroom as gr
 from gainroom.cli import main
-from gainroom.io.numbers import digits, hertz, milli
+from gainroom.files.robot_yaml import parse_robot
+from gainroom.report.number_format import digits, hertz, milli
 from gainroom.report.played import CLOSE_PERIODS
 from gainroom.report.robot_motion import MOST_CHANNELS
 from gainroom.report.robot_simulation import robot_simulation_page
 from gainroom.robot.tasks import Task
-from gainroom.robot_config import parse_robot
-from gainroom.robot_simulation import RobotPlay, play_robot
 from gainroom.simulation.oscillation import Vibration, parts_in
 from gainroom.simulation.robot_setup import channel_count, channel_units
+from gainroom.studies.robot_simulation import RobotPlay, play_robot
 from robot_files import ROBOT, write_arm
 from robot_truths import hinge, link, write_robot
 from test_report import figures, without_library
@@ -335,7 +335,7 @@ def test_each_channel_has_its_unit():
 
 
 def played_setup(spec):
-    from gainroom.robot_simulation import setup_of
+    from gainroom.studies.robot_simulation import setup_of
 
     return setup_of(spec)
 

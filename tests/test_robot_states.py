@@ -13,17 +13,17 @@ from numpy.testing import assert_array_equal
 from pytest import approx
 
 import gainroom as gr
-from gainroom.audit import Audit, audit
-from gainroom.audit_config import AuditOptions, audit_spec
+from gainroom.analysis.coupled_robustness import kept_by
+from gainroom.analysis.disk_margin import disk_margin_of
+from gainroom.analysis.gain_limit import GainLimit
 from gainroom.cli import main
-from gainroom.kept import kept_by
-from gainroom.limits import GainLimit
-from gainroom.multiloop_disk import disk_margin_of
+from gainroom.design.robot_gains import recommend_robot
+from gainroom.files.audit_options import AuditOptions, audit_spec
+from gainroom.files.robot_yaml import parse_robot
 from gainroom.report.robot import robot_page
-from gainroom.robot_config import parse_robot
-from gainroom.robot_gains import recommend_robot
-from gainroom.robot_states import limiting_joints
-from gainroom.robot_study import RobotStudy, study_robot, study_state
+from gainroom.studies.audit import Audit, audit
+from gainroom.studies.robot import RobotStudy, study_robot, study_state
+from gainroom.studies.robot_record import limiting_joints
 from refusals import assert_refused
 from robot_truths import hinge, link, write_robot
 
@@ -119,7 +119,7 @@ def test_gains_are_told_only_where_they_move_something(leg: RobotStudy, without:
 @pytest.fixture
 def at_once(leg: RobotStudy, monkeypatch: pytest.MonkeyPatch):
     """The command has studied the leg already."""
-    monkeypatch.setattr("gainroom.robot_study.study_robot", lambda spec, progress: leg)
+    monkeypatch.setattr("gainroom.studies.robot.study_robot", lambda spec, progress: leg)
 
 
 @pytest.mark.usefixtures("at_once")
@@ -201,7 +201,7 @@ def test_a_direction_without_gains_has_no_limit(folder: Path):
 def test_the_verdict_holds_for_the_stated_ranges(folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
     """A delay that may be a thousandth longer than the delay margin allows is one too many; a thousandth less is none."""
     text = LEG.replace(LEG.splitlines()[5], JOINTS)
-    monkeypatch.setattr("gainroom.robot_study._recommended", lambda spec, tell: ())  # gains to use are of no concern
+    monkeypatch.setattr("gainroom.studies.robot._recommended", lambda spec, tell: ())  # gains to use are of no concern
     room = min(1e3 * state.margins.delay_margin for state in studied(folder, text).states)
     path = folder / "uncertain.yaml"
     for share, stable in ((0.999, True), (1.001, False)):
@@ -299,7 +299,7 @@ def test_what_is_not_known_is_said(folder: Path, monkeypatch: pytest.MonkeyPatch
         monkeypatch.undo()
         word = "Stable" if studied(folder, text).stable else "Unstable"
         for name in ("joint_margins", "gain_limit"):
-            monkeypatch.setattr(f"gainroom.robot_study.{name}", lost)
+            monkeypatch.setattr(f"gainroom.studies.robot.{name}", lost)
         study = studied(folder, text)
         (state,) = study.states
         assert state.limit.stable == (word == "Stable") == (text == alone)
@@ -309,7 +309,7 @@ def test_what_is_not_known_is_said(folder: Path, monkeypatch: pytest.MonkeyPatch
         assert any("counted from the roots" in warning for warning in study.warnings)
         page = robot_page(study, "again")
         assert not re.search(r">nan\b|\bnan<|>∞ ×", page[page.index("<body") :])
-        monkeypatch.setattr("gainroom.robot_study.study_robot", lambda spec, progress, study=study: study)
+        monkeypatch.setattr("gainroom.studies.robot.study_robot", lambda spec, progress, study=study: study)
         assert main(["robot", str(folder / "lost.yaml"), "--json"]) == (word == "Unstable")
         (told,) = json.loads(capsys.readouterr().out)["states"]
         assert (told["stable"], told["gain_limit"], told["limit_certified"]) == (word == "Stable", None, False)
@@ -341,7 +341,7 @@ def test_disk_margin_is_that_of_the_motors_torques(folder: Path):
 def test_gravity_counts_on_two_feet_in_continuous_time():
     """Both feet held: W is singular. With the weight the legs topple sooner than without, and every number is known."""
     text = (
-        (files("gainroom") / "examples" / "biped.yaml")
+        (files("gainroom") / "files" / "examples" / "biped.yaml")
         .read_text("utf-8")
         .replace("base: floating}", "base: floating, gravity_stiffness: true}")
     )
@@ -374,7 +374,7 @@ def test_a_disk_margin_that_is_not_certified_says_so(
 ):
     (state,) = leg.states
     study = replace(leg, states=(replace(state, disk_margin=0.25, disk_margin_certified=certified),))
-    monkeypatch.setattr("gainroom.robot_study.study_robot", lambda spec, progress: study)
+    monkeypatch.setattr("gainroom.studies.robot.study_robot", lambda spec, progress: study)
     main(["robot", str(folder / "leg.yaml")])
     assert shown in capsys.readouterr().out
     page = robot_page(study, "again")
@@ -413,7 +413,7 @@ def test_audit_without_a_limit_is_not_safe(folder: Path, monkeypatch: pytest.Mon
     def lost(loop: gr.Loop) -> None:
         raise gr.GainroomError("the loci could not be followed")
 
-    monkeypatch.setattr("gainroom.robot_study.joint_margins", lost)
+    monkeypatch.setattr("gainroom.studies.robot.joint_margins", lost)
     result = audited(folder)
     assert result.worst.limit.stable
     assert not result.safe

@@ -12,14 +12,14 @@ from hypothesis import strategies as st
 from pytest import approx
 
 import gainroom as gr
-from gainroom.audit import audit
-from gainroom.audit_config import AuditOptions, audit_spec, margin_factor
 from gainroom.cli import main
+from gainroom.design.robot_gains import recommend_robot
+from gainroom.files.audit_options import AuditOptions, audit_spec, margin_factor
+from gainroom.files.robot_yaml import parse_robot
 from gainroom.io.yaml_text import parse_yaml
-from gainroom.robot_config import parse_robot
-from gainroom.robot_gains import recommend_robot
-from gainroom.robot_spec import RobotSpec
-from gainroom.robot_study import RobotStudy, study_robot
+from gainroom.robot.spec import RobotSpec
+from gainroom.studies.audit import audit
+from gainroom.studies.robot import RobotStudy, study_robot
 from mutations import RANDOMS, mutated_data
 from refusals import assert_refused
 from robot_truths import hinge, link, write_robot

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gainroom import robot_verification, verification
 from gainroom.cli import main
 from gainroom.errors import GainroomError
-from gainroom.robot_config import load_robot_spec
-from gainroom.robot_verification import verify_robot
+from gainroom.files.robot_yaml import load_robot_spec
 from gainroom.simulation.onset import linear_vibration
+from gainroom.studies import robot_verification, verification
+from gainroom.studies.robot_verification import verify_robot
 from robot_files import ROBOT, write_arm
 
 
@@ -69,7 +69,7 @@ def test_without_mujoco_the_linear_witness_is_left(tmp_path: Path, monkeypatch: 
 
 def test_a_knock_reaches_the_vibration_of_legs_against_each_other():
     """The biped's tightest mode moves both legs with opposite rolls: a knock with the legs' symmetry would not see it grow."""
-    spec = load_robot_spec(Path(str(files("gainroom") / "examples" / "biped.yaml")))
+    spec = load_robot_spec(Path(str(files("gainroom") / "files" / "examples" / "biped.yaml")))
     loop = replace(spec, control=replace(spec.control, sample_time=5e-4)).loop(spec.robot.linearize("stand", "double"))
     limit = verification.gain_limit(loop)
     assert np.sum(np.abs(limit.mode) > 0.3) > 2  # a mode of many joints

@@ -9,11 +9,11 @@ import pytest
 
 import gainroom as gr
 from gainroom.cli import main
+from gainroom.files.robot_yaml import load_robot_spec, parse_robot
 from gainroom.report.robot_simulation import robot_simulation_page
-from gainroom.robot_config import load_robot_spec, parse_robot
-from gainroom.robot_play import RobotPlay
-from gainroom.robot_simulation import play_robot
-from gainroom.robot_vibration import chatter
+from gainroom.studies.robot_outcome import RobotPlay
+from gainroom.studies.robot_simulation import play_robot
+from gainroom.studies.robot_vibration import chatter
 from robot_files import ROBOT, SOLO, write_arm, written
 
 pytest.importorskip("mujoco")

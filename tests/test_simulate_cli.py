@@ -21,13 +21,13 @@ import gainroom as gr
 from gainroom.cli import main
 from gainroom.cli.example import joint_examples
 from gainroom.cli.interrupts import stop_signals
-from gainroom.config import parse_simulation
 from gainroom.errors import GainroomError
-from gainroom.io.logs import read_log
+from gainroom.files.joint_yaml import parse_simulation
+from gainroom.files.logs import read_log
 from gainroom.report.played import thinned
 from gainroom.report.simulation import simulation_page
 from gainroom.simulation import vibration
-from gainroom.simulation_study import Interrupted, simulate_joint
+from gainroom.studies.joint_simulation import Interrupted, simulate_joint
 from mutations import RANDOMS, mutated_data
 
 EXAMPLES = joint_examples()

@@ -9,8 +9,8 @@ from scipy.special import lambertw
 
 import gainroom as gr
 from draws import draw_plant, draw_setup
-from gainroom import stability
-from gainroom.stability import unstable_roots
+from gainroom.analysis import stability
+from gainroom.analysis.stability import unstable_roots
 
 
 def integrator_with_delay(gain: float, delay: float) -> gr.Loop:

@@ -8,9 +8,9 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 
-from gainroom.drive import Drive
 from gainroom.errors import GainroomError
 from gainroom.simulation.torque_line import TorqueLine
+from gainroom.system.drive import Drive
 
 TICK = 5e-4
 DRIVES = (Drive(4000.0, 0.9, 2e-3), Drive(900.0, 0.4, 2.174e-3), Drive(math.inf, 0.9, 0.7e-3), Drive(3000.0, 1.2, 0.0), Drive())

@@ -14,11 +14,12 @@ import pytest
 from scipy.optimize import minimize_scalar
 
 import gainroom as gr
-from gainroom.box_loops import BoxLoop
-from gainroom.forbidden import Requirements
-from gainroom.range_proof import prove
-from gainroom.recommend import recommend_pd
-from gainroom.study import JointSpec, study_joint
+from gainroom.analysis.box_loops import BoxLoop
+from gainroom.analysis.range_proof import prove
+from gainroom.design.joint_gains import recommend_pd
+from gainroom.studies.joint import study_joint
+from gainroom.system.joint_spec import JointSpec
+from gainroom.system.requirements import Requirements
 from uncertain_joints import MET, Uncertain, draw_uncertain, worst_found
 
 SEED = int(os.environ.get("GAINROOM_SEED", "1"))

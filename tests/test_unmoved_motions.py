@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import gainroom as gr
-from gainroom import config
 from gainroom.cli import main
 from gainroom.cli.example import joint_examples
-from gainroom.factored import ratio
-from gainroom.plant import Compliance
+from gainroom.files import joint_yaml as config
+from gainroom.linear.transfer_function import ratio
+from gainroom.system.plant import Compliance
 
 DRIVE = gr.Drive(4000.0, 0.9, 2e-3)
 JOINT = gr.ElasticJoint(0.2, 0.8, 1e4, 1.0)

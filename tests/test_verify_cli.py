@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from gainroom import verification
 from gainroom.cli import main
 from gainroom.cli.example import joint_examples
-from gainroom.config import parse_joint
-from gainroom.verification import Case, growth_about, percent, sentence_of, verify_joint
+from gainroom.files.joint_yaml import parse_joint
+from gainroom.studies import verification
+from gainroom.studies.verification import Case, growth_about, percent, sentence_of, verify_joint
 
 SAMPLED = joint_examples()["testbed-sampled"]
 CASE_KEYS = {"what", "witness", "predicted_gain", "simulated_gain", "predicted_frequency_rad_s", "simulated_frequency_rad_s"}

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from gainroom.controller import PD
 from gainroom.errors import GainroomError
 from gainroom.robot.contact import Contact, contact_jacobian
 from gainroom.robot.linearize import linearize
+from gainroom.robot.spec import RobotControl
 from gainroom.robot.tasks import Task, tasks_of
-from gainroom.robot_spec import RobotControl
 from gainroom.simulation.whole_body import PostureEstimate, WholeBodyControl, stance_of, values_of
+from gainroom.system.controller import PD
 from robot_truths import BOTH, actuators, any_posture, biped, biped_posture, feet, move_on_contacts
 
 TICK = 5e-4

@@ -15,9 +15,9 @@ from scipy.optimize import minimize
 
 import gainroom as gr
 from draws import draw_setup, log_uniform
-from gainroom.forbidden import Requirements
-from gainroom.robustness import margins_of
-from gainroom.stability import scan_loop
+from gainroom.analysis.margins import margins_of
+from gainroom.analysis.stability import scan_loop
+from gainroom.system.requirements import Requirements
 
 NAMES = ("delay", "stiffness", "link_inertia", "motor_inertia", "damping")
 MET = 1e-6  # relative: gains set right on a requirement come back with the round-off of dB and degrees
@@ -40,7 +40,7 @@ class Uncertain:
         return gr.Uncertainty(**self.ranges)
 
     def recommended(self) -> Any:
-        from gainroom.recommend import recommend_pd
+        from gainroom.design.joint_gains import recommend_pd
 
         return recommend_pd(self.joint, self.drive, self.requirements, self.uncertainty, self.feedback, self.sample_time, self.controller)
 

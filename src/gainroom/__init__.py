@@ -9,44 +9,46 @@ TYPE_CHECKING = False  # as typing has it, which takes a third of the way to `ga
 if TYPE_CHECKING:
     from typing import Any
 
-    from .acceleration import warmup
-    from .controller import PD, PID, PPI, Compensator, LowPass, Notch
-    from .coupled import JointMargins, joint_margins
-    from .drive import Drive
+    from .analysis.acceleration import warmup
+    from .analysis.coupled_margins import JointMargins, joint_margins
+    from .analysis.gain_limit import GainLimit, gain_limit
+    from .analysis.gain_region import PDRegion, pd_region
+    from .analysis.margins import Margins, margins
+    from .analysis.stability import Roots, is_stable, rightmost_roots
+    from .design.joint_gains import Recommendation, recommend_pd
     from .errors import GainroomError
-    from .forbidden import Requirements
-    from .limits import GainLimit, gain_limit
-    from .loop import ClosedLoop, Loop, build_loop, closed_loop, loop_from
-    from .plant import Compliance, ElasticJoint, Plant
-    from .recommend import Recommendation, recommend_pd
-    from .region import PDRegion, pd_region
-    from .robot_config import load_robot
-    from .robustness import Margins, margins
+    from .files.robot_yaml import load_robot
     from .simulation import Friction, Scenario, Testbed, simulate
-    from .stability import Roots, is_stable, rightmost_roots
-    from .study import JointSpec, JointStudy, study_joint
-    from .uncertainty import Uncertainty
+    from .studies.joint import JointStudy, study_joint
+    from .system.controller import PD, PID, PPI, Compensator, LowPass, Notch
+    from .system.drive import Drive
+    from .system.joint_spec import JointSpec
+    from .system.loop import ClosedLoop, Loop, build_loop, closed_loop, loop_from
+    from .system.plant import Compliance, ElasticJoint, Plant
+    from .system.requirements import Requirements
+    from .system.uncertainty import Uncertainty
 
 __version__ = "0.1.0"
 
 # In the order of the data flow: description, loop, verdict and margins, limits, recommendation, time domain.
 _HOME = {
-    "plant": ("ElasticJoint", "Plant", "Compliance"),
-    "drive": ("Drive",),
-    "controller": ("PD", "PID", "PPI", "Compensator", "LowPass", "Notch"),
-    "loop": ("Loop", "build_loop", "loop_from", "closed_loop", "ClosedLoop"),
-    "stability": ("is_stable", "rightmost_roots", "Roots"),
-    "robustness": ("margins", "Margins"),
-    "region": ("pd_region", "PDRegion"),
-    "limits": ("gain_limit", "GainLimit"),
-    "coupled": ("joint_margins", "JointMargins"),
-    "recommend": ("recommend_pd", "Recommendation"),
-    "forbidden": ("Requirements",),
-    "uncertainty": ("Uncertainty",),
-    "study": ("study_joint", "JointSpec", "JointStudy"),
-    "robot_config": ("load_robot",),
+    "system.plant": ("ElasticJoint", "Plant", "Compliance"),
+    "system.drive": ("Drive",),
+    "system.controller": ("PD", "PID", "PPI", "Compensator", "LowPass", "Notch"),
+    "system.loop": ("Loop", "build_loop", "loop_from", "closed_loop", "ClosedLoop"),
+    "analysis.stability": ("is_stable", "rightmost_roots", "Roots"),
+    "analysis.margins": ("margins", "Margins"),
+    "analysis.gain_region": ("pd_region", "PDRegion"),
+    "analysis.gain_limit": ("gain_limit", "GainLimit"),
+    "analysis.coupled_margins": ("joint_margins", "JointMargins"),
+    "design.joint_gains": ("recommend_pd", "Recommendation"),
+    "system.requirements": ("Requirements",),
+    "system.uncertainty": ("Uncertainty",),
+    "system.joint_spec": ("JointSpec",),
+    "studies.joint": ("study_joint", "JointStudy"),
+    "files.robot_yaml": ("load_robot",),
     "simulation": ("Scenario", "simulate", "Testbed", "Friction"),
-    "acceleration": ("warmup",),
+    "analysis.acceleration": ("warmup",),
     "errors": ("GainroomError",),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}

@@ -1,12 +1,101 @@
-"""The one error that gainroom raises, and the checks that raise it."""
+"""The one error that gainroom raises, the checks that raise it, and how messages are phrased: on one line, printable, not too long.
+
+numpy is imported where it is needed: the command line loads this before anything else.
+"""
 
 import contextlib
+import difflib
 import math
-from collections.abc import Iterator
+import numbers
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING
 
-import numpy as np
+if TYPE_CHECKING:
+    import numpy as np
 
-from .messages import one_line
+MOST_SHOWN = 8
+"""Names in one message."""
+MOST_DIGITS = 9
+QUANTITIES = {
+    "delay": (1e3, "ms"),
+    "stiffness": (1.0, "N·m/rad"),
+    "link_inertia": (1.0, "kg·m²"),
+    "motor_inertia": (1.0, "kg·m²"),
+    "damping": (1.0, "N·m·s/rad"),
+}
+"""What may be uncertain of joint and drive, by its field's name: the factor from SI to the unit that a person reads, and that unit."""
+
+
+THIN_SPACES = "\u2009\u202f"
+"""Between the thousands of a number."""
+
+
+def printable(text: str) -> str:
+    """`text` on one line: white space as spaces, and what else a terminal cannot show as ?."""
+    return "".join(c if c.isprintable() or c in THIN_SPACES else " " if c.isspace() else "?" for c in text)
+
+
+def one_line(message: object, most: int = 240) -> str:
+    """A library's message, or a value, inside one of ours: printable, runs of white space as one, at most `most` characters."""
+    text = " ".join(printable(str(message)).split())
+    return text if len(text) <= most else text[: most - 1] + "…"
+
+
+def first_of_many(items: Sequence[str]) -> str:
+    """The first of many things, and how many there are."""
+    return ", ".join(items[:MOST_SHOWN]) + (f", … {len(items)} in all" if len(items) > MOST_SHOWN else "")
+
+
+def apart(value: float, other: float, least: int) -> int:
+    """Significant digits, `least` or more, that tell `value` from `other`: 5.9999 beside a required 6 must not read as 6."""
+    if not (math.isfinite(value) and math.isfinite(other)):
+        return least
+    return next((count for count in range(least, MOST_DIGITS) if f"{value:.{count}g}" != f"{other:.{count}g}"), MOST_DIGITS)
+
+
+def beside(value: float, other: float) -> str:
+    """`value` with three digits, or as many as tell it from `other`."""
+    return f"{value:.{apart(value, other, 3)}g}"
+
+
+def case_in_words(values: Mapping[str, float]) -> str:
+    """A case of what is uncertain, by name in QUANTITIES, SI: "delay 7 ms, stiffness 8000 N·m/rad"."""
+    told = ((name, value, *QUANTITIES[name]) for name, value in values.items())
+    return ", ".join(f"{name.replace('_', ' ')} {scale * value:.4g} {unit}" for name, value, scale, unit in told)
+
+
+def margin_in_words(name: str, value: float, significant: int = 3) -> str:
+    """A margin by its name in Requirements, SI: "6 dB", "30°", "2"."""
+    if not math.isfinite(value):
+        return "not known" if math.isnan(value) else "∞"
+    if name == "gain_margin":
+        return f"{20 * math.log10(value):.{significant}g} dB"
+    return f"{math.degrees(value):.{significant}g}°" if name == "phase_margin" else f"{value:.{significant}g}"
+
+
+def nearest(name: str, names: Sequence[str], kind: str) -> str:
+    """What may have been meant, and what there is: the end of a message about an unknown name."""
+    close = difflib.get_close_matches(name, names, 1, cutoff=0.5)
+    hint = f"; did you mean {close[0]!r}?" if close else ""
+    return f"{hint} ({kind}s: {first_of_many(names) or 'none'})"
+
+
+def typo_of(name: str, known: Sequence[str]) -> str:
+    """Which of `known` names was meant by one that is nearly it; empty for one of them, and for one that is far from all."""
+    close = [] if name in known else difflib.get_close_matches(name.lower(), known, 1, cutoff=0.75)
+    return close[0] if close else ""
+
+
+def listed(names: Sequence[str], word: str = "and", most: int = 4) -> str:
+    """Names in a sentence, not too many, the last after `word`."""
+    if len(names) > most:
+        return f"{', '.join(names[:most])} {word} {len(names) - most} more"
+    return f" {word} ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else "".join(names)
+
+
+def frequency_in_words(omega: float) -> str:
+    """A frequency [rad/s] in a sentence: Hz, and rad/s."""
+    return f"{omega / (2 * math.pi):.3g} Hz ({omega:.4g} rad/s)"
 
 
 class GainroomError(ValueError):
@@ -16,6 +105,8 @@ class GainroomError(ValueError):
 @contextlib.contextmanager
 def computable(owner: str) -> Iterator[None]:
     """Turns a failure of linear algebra into a GainroomError that names `owner`: numbers that doubles cannot hold apart."""
+    import numpy as np
+
     try:
         yield
     except np.linalg.LinAlgError as error:
@@ -36,7 +127,7 @@ def named(owner: str) -> Iterator[None]:
 def require_positive(owner: str, name: str, value: float, unit: str = "", *, zero: bool = False, infinite: bool = False) -> float:
     """Return `value` as a float when it is > 0 (>= 0 with `zero`) and finite (or +inf with `infinite`); raise GainroomError otherwise."""
     allowed = f"a number {'>=' if zero else '>'} 0" + (" or inf" if infinite else "")
-    if isinstance(value, bool | str) or not np.isscalar(value) or isinstance(value, complex):
+    if isinstance(value, bool | str) or not isinstance(value, numbers.Real):
         raise GainroomError(f"{owner}: {name} {value!r} must be {allowed}")
     number = float(value)  # type: ignore[arg-type]
     if math.isnan(number) or number < 0 or (number == 0 and not zero) or (math.isinf(number) and not infinite):
@@ -46,13 +137,15 @@ def require_positive(owner: str, name: str, value: float, unit: str = "", *, zer
 
 def require_count(owner: str, name: str, value: object, least: int) -> int:
     """Return `value` when it is a whole number >= `least`; raise GainroomError otherwise."""
-    if not isinstance(value, int | np.integer) or isinstance(value, bool) or value < least:
+    if not isinstance(value, numbers.Integral) or isinstance(value, bool) or value < least:
         raise GainroomError(f"{owner}: {name} {value!r} must be a whole number >= {least}")
     return int(value)
 
 
-def require_finite(owner: str, name: str, value: object) -> np.ndarray:
+def require_finite(owner: str, name: str, value: object) -> "np.ndarray":
     """Return `value` as a float array when every element is a finite real number; raise GainroomError otherwise."""
+    import numpy as np
+
     try:
         given = np.asarray(value)
         if np.iscomplexobj(given):

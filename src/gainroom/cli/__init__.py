@@ -40,7 +40,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(arguments: Sequence[str] | None) -> int:
     import typer
 
-    from ..files import forget_read
+    from ..io.tracking import forget_read
     from .front import app
 
     show_everything()
@@ -78,7 +78,7 @@ def _run(arguments: Sequence[str] | None) -> int:
 
 
 def _complain(message: str) -> int:
-    from ..messages import printable
+    from ..errors import printable
 
     say(f"gainroom: error: {printable(message).strip()}")
     return 2

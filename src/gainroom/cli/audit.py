@@ -5,15 +5,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..io.numbers import as_typed, decibels, digits, frequency, model_in_words, model_kind
-from ..io.robot_numbers import joint_units
+from ..report.number_format import as_typed, decibels, digits, frequency, model_in_words, model_kind
+from ..report.robot_units import joint_units
 from .options import AsJson, Report, command_line, number_option, report_stream
 from .output import emit, emit_json, file_line, render, table
 from .progress import progress_bar
 
 if TYPE_CHECKING:
-    from ..audit import Audit
-    from ..audit_config import AuditOptions
+    from ..files.audit_options import AuditOptions
+    from ..studies.audit import Audit
 
 Number = float | None
 MARGIN_DB = 6.0
@@ -71,8 +71,8 @@ def audit(
 
     Exit status: 0 safe; 1 not safe; 2 a file or the call is wrong.
     """
-    from ..audit import audit as run_audit
-    from ..audit_config import AuditOptions, audit_spec, margin_factor
+    from ..files.audit_options import AuditOptions, audit_spec, margin_factor
+    from ..studies.audit import audit as run_audit
 
     options = AuditOptions(
         delay_ms, rate_hz, stiffness, damping, motor_inertia, bandwidth, base, tuple(contact or ()), tuple(posture or ())

@@ -43,7 +43,7 @@ def example_texts() -> dict[str, str]:
     """The shipped files by name."""
     from importlib.resources import files
 
-    folder = files("gainroom") / "examples"
+    folder = files("gainroom") / "files" / "examples"
     found = {entry.name.removesuffix(".yaml"): entry for entry in folder.iterdir() if entry.name.endswith(".yaml")}
     return {name: found[name].read_text("utf-8") for name in sorted(found)}
 

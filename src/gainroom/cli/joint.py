@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..io.numbers import (
+from ..report.number_format import (
     as_typed,
     decibels,
     digits,
@@ -24,9 +24,9 @@ from .options import AsJson, Report, command_line, report_stream
 from .output import emit, emit_json, file_line, render, table
 
 if TYPE_CHECKING:
-    from ..recommend import Recommendation
-    from ..robustness import Margins
-    from ..study import JointStudy
+    from ..analysis.margins import Margins
+    from ..design.joint_gains import Recommendation
+    from ..studies.joint import JointStudy
 
 
 def joint(
@@ -45,11 +45,11 @@ def joint(
 
     Exit status: 0 stable, also in every case within `uncertainty`; 1 unstable; 2 the file or the call is wrong.
     """
-    from ..config import load_joint
+    from ..files.joint_yaml import load_joint
 
     spec = load_joint(file)
     with report_stream(report) as page:
-        from ..study import study_joint
+        from ..studies.joint import study_joint
 
         study = study_joint(spec)
         if as_json:

@@ -6,7 +6,7 @@ from typing import Literal
 
 def kind_of(file: Path) -> Literal["joint", "robot"]:
     """By its sections; what cannot be told is refused as a joint's. Raises GainroomError where it cannot be read, or is a model."""
-    from ..file_kinds import kind_of_file, wrong_kind
+    from ..files.file_types import kind_of_file, wrong_kind
 
     found = kind_of_file(file)
     if found == "model":

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from ..messages import printable
+from ..errors import printable
 from .streams import give_up
 
 if TYPE_CHECKING:

@@ -3,12 +3,12 @@
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from ..io.numbers import digits
+from ..report.number_format import digits
 from .options import AsJson, Report, command_line, report_stream
 from .output import emit, emit_json, render, table
 
 if TYPE_CHECKING:
-    from ..reproduce import Reproduction, Row
+    from ..paper import Reproduction, Row
 
 
 def reproduce(as_json: AsJson = False, report: Report = None) -> int:
@@ -19,7 +19,7 @@ def reproduce(as_json: AsJson = False, report: Report = None) -> int:
       gainroom reproduce --report reproduce.html
     """
     with report_stream(report) as page:
-        from ..reproduce import run_reproduction
+        from ..paper import run_reproduction
 
         result = run_reproduction()
         if as_json:
@@ -27,14 +27,14 @@ def reproduce(as_json: AsJson = False, report: Report = None) -> int:
         else:
             emit(_terminal(result))
         if page is not None:
-            from ..reproduce.page import reproduction_page
+            from ..paper.page import reproduction_page
 
             page.write(reproduction_page(result, command_line("reproduce", "--report", report)))
     return 0
 
 
 def _terminal(result: "Reproduction") -> str:
-    from ..reproduce.row import split
+    from ..paper.row import split
 
     rows = result.rows
     printed, further = ([row.agrees for row in part] for part in split(rows))

@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..io.numbers import decibels, digits, hertz, model_in_words, model_kind
-from ..io.robot_numbers import joint_units, judged
+from ..report.number_format import decibels, digits, hertz, model_in_words, model_kind
+from ..report.robot_units import joint_units, judged
 from .options import AsJson, Report, command_line, report_stream
 from .output import emit, emit_json, file_line, render, table
 from .progress import progress_bar
 
 if TYPE_CHECKING:
-    from ..coupled_gains import Kept
-    from ..robot_gains import GainSet, RobotGains
-    from ..robot_states import JointRow, RobotStudy, StateStudy, StillState, TaskRow
+    from ..design.gain_search import Kept
+    from ..design.robot_gains import GainSet, RobotGains
+    from ..studies.robot_record import JointRow, RobotStudy, StateStudy, StillState, TaskRow
 
 
 STATES = (
@@ -50,11 +50,11 @@ def robot(
 
     Exit status: 0 stable in every state, also at the corners of `uncertainty`; 1 unstable; 2 the file or the call is wrong.
     """
-    from ..robot_config import load_robot_spec
+    from ..files.robot_yaml import load_robot_spec
 
     spec = load_robot_spec(file)
     with report_stream(report) as page:
-        from ..robot_study import study_robot
+        from ..studies.robot import study_robot
 
         with progress_bar("robot:") as progress:
             study = study_robot(spec, progress)
@@ -286,7 +286,7 @@ def _gains_parts(gains: "RobotGains", first: tuple[str, str]) -> list[Any]:
 
 def _held_words(found: "GainSet", names: Sequence[str]) -> str:
     """What stands in the way of the softest, and of how many joints each margin does."""
-    from ..robot_words import held_back
+    from ..studies.robot_text import held_back
 
     reasons = Counter(f"{margin.replace('_', ' ')} in {state}" for margin, state in zip(found.margin, found.case, strict=True) if margin)
     counted = ", ".join(f"{reason} {count}" for reason, count in reasons.most_common(4))

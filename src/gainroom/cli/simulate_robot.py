@@ -3,13 +3,14 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..io.numbers import digits, frequency, milli, settling
+from ..report.number_format import digits, frequency, milli, settling
 from .options import command_line, report_stream
 from .output import emit, emit_json, render, table
+from .run_output import closing, factor_words, limit_facts, limit_words, playing, vibration_facts
 
 if TYPE_CHECKING:
-    from ..robot_play import RobotPlay
     from ..simulation.oscillation import Vibration
+    from ..studies.robot_outcome import RobotPlay
 
 TRACKING = ("", "RMS", "peak", "steady state", "overshoot", "settles in")
 MOST_JOINTS = 6
@@ -18,11 +19,10 @@ MOST_JOINTS = 6
 
 def simulate_robot(file: Path, as_json: bool, report: Path | None, log: Path | None, gain: float) -> int:
     """As `gainroom simulate` says. Raises GainroomError as play_robot."""
-    from ..robot_config import load_robot_spec
-    from ..robot_simulation import play_robot
-    from ..robot_verification import require_sampled
+    from ..files.robot_yaml import load_robot_spec
     from ..simulation.robot_result import signals_of
-    from .simulate import factor_words, playing
+    from ..studies.robot_simulation import play_robot
+    from ..studies.robot_verification import require_sampled
 
     spec = load_robot_spec(file)
     require_sampled(spec)
@@ -42,8 +42,6 @@ def simulate_robot(file: Path, as_json: bool, report: Path | None, log: Path | N
 
 def _facts(play: "RobotPlay", log: Path | None) -> dict[str, Any]:
     """What --json prints."""
-    from .simulate import limit_facts, vibration_facts
-
     run, found = play.run, play.tracking
     columns = ("rms", "peak", "steady_state", "overshoot", "settling_time")
     return {
@@ -67,8 +65,7 @@ def _facts(play: "RobotPlay", log: Path | None) -> dict[str, Any]:
 
 
 def _terminal(play: "RobotPlay", report: Path | None, log: Path | None) -> str:
-    from ..robot_play_words import TINY
-    from .simulate import closing, limit_words
+    from ..studies.robot_outcome_text import TINY
 
     run, found, seen = play.run, play.tracking, play.vibration
     rows = [
@@ -101,7 +98,7 @@ def _terminal(play: "RobotPlay", report: Path | None, log: Path | None) -> str:
 
 def _growth(play: "RobotPlay", seen: "Vibration") -> str:
     """As it was heard; of what counts as none, why."""
-    from ..robot_play_words import uncounted
+    from ..studies.robot_outcome_text import uncounted
 
     told = digits(seen.growth_rate, "1/s", 3)
     if not play.vibrates:

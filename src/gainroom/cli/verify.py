@@ -6,16 +6,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..io.numbers import digits
+from ..report.number_format import digits
 from .kinds import kind_of
 from .options import AsJson, Report, command_line, report_stream
 from .output import emit, emit_json, file_line, render, table
 from .progress import progress_bar
 
 if TYPE_CHECKING:
-    from ..robot_spec import RobotSpec
-    from ..study import JointSpec
-    from ..verification import Case, Progress, Verification
+    from ..robot.spec import RobotSpec
+    from ..studies.verification import Case, Progress, Verification
+    from ..system.joint_spec import JointSpec
 
     Run = Callable[[Progress], Verification]
 
@@ -56,12 +56,12 @@ def verify(
 
 def _joint(file: Path) -> "tuple[JointSpec, Run]":
     """What the file describes, and what verifies it."""
-    from ..config import load_simulation
+    from ..files.joint_yaml import load_simulation
 
     spec = load_simulation(file).joint
 
     def run(progress: "Progress") -> "Verification":
-        from ..verification import verify_joint
+        from ..studies.verification import verify_joint
 
         return verify_joint(spec, progress)
 
@@ -70,8 +70,8 @@ def _joint(file: Path) -> "tuple[JointSpec, Run]":
 
 def _robot(file: Path) -> "tuple[RobotSpec, Run]":
     """As _joint."""
-    from ..robot_config import load_robot_spec
-    from ..robot_verification import require_sampled, verify_robot
+    from ..files.robot_yaml import load_robot_spec
+    from ..studies.robot_verification import require_sampled, verify_robot
 
     spec = load_robot_spec(file)
     require_sampled(spec)
@@ -127,6 +127,6 @@ def _frequency_row(case: "Case") -> tuple[str, ...]:
 
 
 def _verdict(case: "Case", difference: float) -> tuple[str, str, str]:
-    from ..verification import percent
+    from ..studies.verification import percent
 
     return percent(difference, case.tolerance), f"{digits(100 * case.tolerance)} %", "yes" if abs(difference) <= case.tolerance else "no"

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from ..errors import GainroomError
-from ..files import at_last
+from .tracking import at_last
 
 
 @contextlib.contextmanager

@@ -13,9 +13,8 @@ from typing import Any
 
 import yaml
 
-from ..errors import GainroomError
-from ..messages import printable
-from ..text_file import bounded_text
+from ..errors import GainroomError, printable
+from .text import bounded_text
 
 MAX_BYTES = 1 << 20
 MAX_DEPTH = 20

@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from ..study import JointStudy
+    from ..studies.joint import JointStudy
 
 
 def joint_page(study: "JointStudy", command: str) -> str:

@@ -4,17 +4,17 @@ import math
 
 import numpy as np
 
-from ..audit import Audit
-from ..forbidden import Requirements
-from ..io.numbers import decibels, digits, frequency, hertz, model_kind
-from ..io.robot_numbers import joint_units
-from ..messages import listed
+from ..errors import listed
+from ..studies.audit import Audit
+from ..system.requirements import Requirements
+from .number_format import decibels, digits, frequency, hertz, model_kind
 from .page import Card, Html, Lead, Section, beside, block, facts, page, paragraph, table
 from .robot_coupling import coupling
 from .robot_drawing import hero, small
 from .robot_room import Factors, heat_map
 from .robot_skeleton import common_view
 from .robot_tables import MARKS, inputs
+from .robot_units import joint_units
 from .shared import assumptions, footer, limit_proofs, margin_card, unstable_card
 
 ON_TOP = 4

@@ -5,12 +5,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..arrays import Complexes, Floats
-from ..io.numbers import decibels, digits, hertz
-from ..loop import Loop
-from ..robustness import Margins, margins
-from ..study import JointSpec, JointStudy
+from ..analysis.margins import Margins, margins
+from ..linear.arrays import Complexes, Floats
+from ..studies.joint import JointStudy
+from ..system.joint_spec import JointSpec
+from ..system.loop import Loop
 from . import style
+from .number_format import decibels, digits, hertz
 from .page import Html, figure
 
 PER_DECADE = 120

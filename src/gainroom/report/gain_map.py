@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import Floats
-from ..crossings import scan_many
-from ..io.numbers import decibels, digits, hertz, plane_names
-from ..robustness import Margins, margins_of
-from ..study import JointStudy
+from ..analysis.crossings import scan_many
+from ..analysis.margins import Margins, margins_of
+from ..linear.arrays import Floats
+from ..studies.joint import JointStudy
 from . import style
 from .map_edge import vibration_edge
 from .map_lines import View, contours, outlines
+from .number_format import decibels, digits, hertz, plane_names
 from .page import Html, figure
 
 HOVER = (15, 11)  # points of the map that tell their margins

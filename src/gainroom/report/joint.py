@@ -2,12 +2,12 @@
 
 import math
 
-from ..io.numbers import digits, frequency, hertz, model_kind, own_gains, plane_names, typed_gains
-from ..messages import case_in_words
-from ..robustness import Margins
-from ..study import JointStudy
+from ..analysis.margins import Margins
+from ..errors import case_in_words
+from ..studies.joint import JointStudy
 from .bode import bode, cases
 from .gain_map import gain_map
+from .number_format import digits, frequency, hertz, model_kind, own_gains, plane_names, typed_gains
 from .nyquist import nyquist
 from .page import Card, Html, Lead, Section, block, facts, page
 from .shared import assumptions, footer, margin_card, unstable_card

@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import Floats
-from ..crossings import scan_many
-from ..io.numbers import frequency, hertz
-from ..region import PDRegion
+from ..analysis.crossings import scan_many
+from ..analysis.gain_region import PDRegion
+from ..linear.arrays import Floats
 from . import style
 from .map_lines import View, opened
+from .number_format import frequency, hertz
 
 BINS = 12  # colours along the boundary
 

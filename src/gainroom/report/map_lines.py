@@ -5,12 +5,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..arrays import Floats
-from ..forbidden import Requirements
-from ..io.numbers import decibels, digits
-from ..region import PDRegion, traced
-from ..study import JointStudy
+from ..analysis.gain_region import PDRegion, traced
+from ..linear.arrays import Floats
+from ..studies.joint import JointStudy
+from ..system.requirements import Requirements
 from . import style
+from .number_format import decibels, digits
 
 COLUMNS = 40  # lines kp = const on which a boundary is computed
 

@@ -4,11 +4,11 @@ import math
 
 import numpy as np
 
-from ..arrays import Complexes, Floats
-from ..io.numbers import digits
-from ..study import JointStudy
+from ..linear.arrays import Complexes, Floats
+from ..studies.joint import JointStudy
 from . import style
 from .bode import Case, frequency_span, grid
+from .number_format import digits
 from .page import Html, figure
 
 WINDOW = ((-3.2, 1.6), (-2.4, 2.4))  # real, imaginary

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import Floats, Integers
-from ..io.numbers import digits, frequency, gain_factor, hertz, milli
-from ..limits import GainLimit
+from ..analysis.gain_limit import GainLimit
+from ..linear.arrays import Floats, Integers
 from ..simulation.oscillation import Vibration
 from . import style
+from .number_format import digits, frequency, gain_factor, hertz, milli
 from .page import Card, Html, Lead, figure
 
 MOST_POINTS = 2400  # of a curve

@@ -3,10 +3,9 @@
 import math
 from collections.abc import Sequence
 
-from ..io.numbers import digits, hertz, model_kind
-from ..io.robot_numbers import judged
-from ..messages import listed
-from ..robot_states import RobotStudy, StateStudy, by_room
+from ..errors import listed
+from ..studies.robot_record import RobotStudy, StateStudy, by_room
+from .number_format import digits, hertz, model_kind
 from .page import Card, Html, Lead, Section, beside, block, facts, page, paragraph
 from .robot_coupling import coupling
 from .robot_drawing import hero, small
@@ -15,6 +14,7 @@ from .robot_remedies import remedies
 from .robot_room import heat_map, joint_factors, task_factors
 from .robot_skeleton import common_view
 from .robot_tables import folded, gain_tables, inputs, joint_table, state_table, task_table
+from .robot_units import judged
 from .shared import assumptions, footer, limit_proofs, margin_card, unstable_card
 
 FEW = 4

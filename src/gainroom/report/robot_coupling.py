@@ -5,10 +5,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..arrays import Floats
-from ..io.numbers import digits
-from ..messages import listed
+from ..errors import listed
+from ..linear.arrays import Floats
 from . import style
+from .number_format import digits
 from .page import Html, figure
 from .robot_room import Factors
 

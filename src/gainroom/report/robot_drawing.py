@@ -4,11 +4,11 @@ import math
 
 import numpy as np
 
-from ..io.numbers import digits, hertz
-from ..limits import GainLimit
+from ..analysis.gain_limit import GainLimit
 from ..robot.model import RobotModel
-from ..robot_states import JudgedState, limiting_joints, strongest_first
+from ..studies.robot_record import JudgedState, limiting_joints, strongest_first
 from . import style
+from .number_format import digits, hertz
 from .page import Html, figure
 from .robot_skeleton import View, common_view, drawn, labels, part_in_words, vibration
 

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from ..arrays import Complexes, Floats
-from ..io.numbers import digits, hertz
-from ..robot_states import StateStudy
-from ..sweep import Sweep
+from ..analysis.loci import Sweep
+from ..linear.arrays import Complexes, Floats
+from ..studies.robot_record import StateStudy
 from . import style
+from .number_format import digits, hertz
 from .page import Html, figure
 
 WIDEST = 6.0  # |Re L| beyond which nothing is drawn: crossings far outside are told in words

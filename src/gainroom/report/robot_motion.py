@@ -5,13 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..arrays import Floats
-from ..io.numbers import digits, frequency, milli
-from ..limits import GainLimit
-from ..robot_play import RobotPlay
-from ..robot_play_words import TINY
-from ..robot_vibration import NOTICED
+from ..analysis.gain_limit import GainLimit
+from ..linear.arrays import Floats
+from ..studies.robot_outcome import RobotPlay
+from ..studies.robot_outcome_text import TINY
+from ..studies.robot_vibration import NOTICED
 from . import style
+from .number_format import digits, frequency, milli
 from .page import Html, figure
 from .played import Curve, Panel, close_up, close_up_words, shown_ticks, stacked, vibration_note
 from .robot_drawing import WIDTH, drawing_layout

@@ -3,11 +3,11 @@
 import math
 from dataclasses import replace
 
-from ..controller import PPI
-from ..io.numbers import hertz, margin_value
-from ..kept import kept_by
-from ..messages import listed
-from ..robot_states import RobotStudy, StateStudy
+from ..analysis.coupled_robustness import kept_by
+from ..errors import listed
+from ..studies.robot_record import RobotStudy, StateStudy
+from ..system.controller import PPI
+from .number_format import hertz, margin_value
 from .page import Html, paragraph
 
 MORE, LESS = 1.25, 0.8

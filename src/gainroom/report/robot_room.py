@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Floats
-from ..io.numbers import digits
-from ..limits import GainLimit
-from ..robot_states import JudgedState, RobotStudy, by_room
+from ..analysis.gain_limit import GainLimit
+from ..linear.arrays import Floats
+from ..studies.robot_record import JudgedState, RobotStudy, by_room
 from . import style
+from .number_format import digits
 from .page import Html, figure
 
 # Vermilion and blue of Okabe and Ito around white: too much, and room. Light enough for dark numbers everywhere.

@@ -5,12 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..io.numbers import digits, milli, settling
-from ..messages import listed
+from ..errors import listed
 from ..robot.body import is_slide
 from ..robot.ground import Sole
-from ..robot_play import RobotPlay
-from ..robot_play_words import TINY, UNEVEN, uncounted
+from ..studies.robot_outcome import RobotPlay
+from ..studies.robot_outcome_text import TINY, UNEVEN, uncounted
+from .number_format import digits, milli, settling
 from .page import Card, Html, Lead, Section, beside, block, facts, page, paragraph, table
 from .played import error_cards, lead, vibration_card
 from .robot_motion import channels, drawn_channels, in_time, pose, vibration_close_up

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Floats, Integers
-from ..io.numbers import digits
-from ..limits import GainLimit
+from ..analysis.gain_limit import GainLimit
+from ..linear.arrays import Floats, Integers
 from ..robot.model import RobotModel
-from ..robot_states import JudgedState, limiting_joints
+from ..studies.robot_record import JudgedState, limiting_joints
 from . import style
+from .number_format import digits
 
 DEPTH = 0.5 * np.array([math.cos(math.pi / 6), math.sin(math.pi / 6)])  # cabinet projection: what is farther stands higher, at half scale
 SAME_PLACE = 0.015  # of the robot's size: joints closer than this are drawn around one point

@@ -6,15 +6,15 @@ from html import escape
 
 import numpy as np
 
-from ..arrays import Floats
-from ..io.numbers import MARGIN_NAMES, decibels, digits, frequency, quantity, requirement
-from ..io.robot_numbers import joint_units
+from ..design.robot_gains import GainSet, RobotGains
+from ..linear.arrays import Floats
 from ..robot.contact import Contact
-from ..robot_gains import GainSet, RobotGains
-from ..robot_spec import Posture, RobotSpec
-from ..robot_states import RobotStudy, StateStudy
-from ..robot_words import held_back
+from ..robot.spec import Posture, RobotSpec
+from ..studies.robot_record import RobotStudy, StateStudy
+from ..studies.robot_text import held_back
+from .number_format import MARGIN_NAMES, decibels, digits, frequency, quantity, requirement
 from .page import Html, facts, paragraph, table
+from .robot_units import joint_units
 from .shared import filters
 
 GRAVITY = {

@@ -6,9 +6,9 @@ from datetime import UTC, datetime
 from typing import Any
 
 from .. import __version__
-from ..forbidden import Requirements
-from ..io.numbers import digits, margin_value, requirement
-from ..limits import GainLimit
+from ..analysis.gain_limit import GainLimit
+from ..system.requirements import Requirements
+from .number_format import digits, margin_value, requirement
 from .page import Card
 
 CARDS = {"gain_margin": ("gain margin", "dB"), "phase_margin": ("phase margin", ""), "peak_sensitivity": ("peak sensitivity Ms", "")}

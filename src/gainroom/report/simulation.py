@@ -4,23 +4,12 @@ import math
 
 import numpy as np
 
-from ..io.numbers import digits, gain_factor, milli, settling, typed_gains
 from ..simulation.response import Response
-from ..simulation_study import SimulationStudy
+from ..studies.joint_simulation import SimulationStudy
 from . import style
+from .number_format import digits, gain_factor, milli, settling, typed_gains
 from .page import Card, Html, Lead, Section, block, facts, page, table
-from .played import (
-    Curve,
-    Panel,
-    close_up,
-    close_up_words,
-    error_cards,
-    lead,
-    shown_ticks,
-    stacked,
-    vibration_card,
-    vibration_note,
-)
+from .played import Curve, Panel, close_up, close_up_words, error_cards, lead, shown_ticks, stacked, vibration_card, vibration_note
 from .shared import filters, footer
 
 

@@ -13,14 +13,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Complexes, Floats
+from ..analysis.stability import rightmost_roots
 from ..errors import GainroomError
-from ..loop import Loop
+from ..linear.arrays import Complexes, Floats
+from ..linear.state_space import StateSpace, realize
 from ..simulation.run import simulate
 from ..simulation.scenario import Scenario
 from ..simulation.trajectories import Step
-from ..stability import rightmost_roots
-from ..statespace import StateSpace, realize
+from ..system.loop import Loop
 
 SETTLE = 4.0  # time constants of the slowest root that are shown
 GROW = 3.4  # growth times of the fastest root of an unstable loop: a factor of 30

@@ -4,7 +4,7 @@ import math
 from html import escape
 from typing import Any
 
-from ..io.numbers import digits
+from .number_format import digits
 
 # Okabe and Ito, Color Universal Design (2008)
 BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILION, PURPLE = (

@@ -2,11 +2,12 @@
 
 import math
 
-from ..controller import PD
-from ..io.numbers import decibels, digits, frequency, own_gains, plane_names, quantity, requirements
-from ..robustness import Margins
-from ..study import JointSpec, JointStudy
+from ..analysis.margins import Margins
+from ..studies.joint import JointStudy
+from ..system.controller import PD
+from ..system.joint_spec import JointSpec
 from .bode import Case
+from .number_format import decibels, digits, frequency, own_gains, plane_names, quantity
 from .page import Html, facts, table
 from .shared import filters
 
@@ -125,7 +126,7 @@ def inputs(study: JointStudy) -> Html:
         ("controller", _controller(spec)),
         ("encoder", f"{spec.feedback} side of the gearbox"),
         ("time", _time(spec)),
-        ("required", requirements(spec.requirements)),
+        ("required", str(spec.requirements)),
         ("uncertainty", _uncertainty(spec)),
     ]
     return facts(pairs)

@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..io.numbers import digits, hertz
-from ..study import JointStudy
+from ..studies.joint import JointStudy
 from . import style
+from .number_format import digits, hertz
 from .page import Html, figure
 from .stepping import StepResponse, step_response
 

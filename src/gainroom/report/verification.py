@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from ..io.numbers import digits, frequency, model_in_words
-from ..robot_spec import RobotSpec
-from ..study import JointSpec
-from ..verification import Verification, growth_about, percent
+from ..robot.spec import RobotSpec
+from ..studies.verification import Verification, growth_about, percent
+from ..system.joint_spec import JointSpec
 from . import style
+from .number_format import digits, frequency, model_in_words
 from .page import Card, Html, Lead, Section, block, figure, page, table
 from .shared import assumptions, footer
 

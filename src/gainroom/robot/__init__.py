@@ -4,6 +4,6 @@ Pinocchio and MuJoCo come with the extra `robot` and load when a model is first 
 """
 
 from .body import RigidBody
-from .packages import load_model
+from .formats.model_files import load_model
 
 __all__ = ["RigidBody", "load_model"]

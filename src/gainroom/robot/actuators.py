@@ -10,11 +10,10 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from ..arrays import Floats
-from ..drive import Drive
-from ..errors import GainroomError, require_positive
-from ..messages import first_of_many
-from .patterns import assign
+from ..errors import GainroomError, first_of_many, require_positive
+from ..linear.arrays import Floats
+from ..system.drive import Drive
+from .name_patterns import assign
 
 
 @dataclass(frozen=True)

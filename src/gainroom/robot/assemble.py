@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import Floats
-from ..errors import GainroomError, require_finite
-from ..messages import first_of_many, nearest
+from ..errors import GainroomError, first_of_many, nearest, require_finite
+from ..linear.arrays import Floats
 from .body import Base, Bone, RigidBody, library, put_position
-from .patterns import select_all
+from .name_patterns import select_all
 
 MAX_JOINTS = 150
 """Pinocchio's workspace grows with the third power of the joints: 150 take about 250 MB."""

@@ -14,9 +14,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import Booleans, Floats, Integers
-from ..errors import GainroomError, require_finite
-from ..messages import nearest
+from ..errors import GainroomError, nearest, require_finite
+from ..linear.arrays import Booleans, Floats, Integers
 
 Base = Literal["fixed", "floating"]
 UNLIMITED = 1e300  # Pinocchio writes the largest float where a joint has no limit

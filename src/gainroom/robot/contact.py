@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
-from ..arrays import Booleans, Floats
 from ..errors import GainroomError, require_positive
+from ..linear.arrays import Booleans, Floats
 
 if TYPE_CHECKING:
     from .body import RigidBody

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..arrays import Floats
 from ..errors import GainroomError, require_finite
-from ..plant import Compliance
+from ..linear.arrays import Floats
+from ..system.plant import Compliance
 from .assemble import massless
 from .contact import REDUNDANT, Contact, contact_jacobian, free_motion, rigid_rows
 from .model import RobotModel

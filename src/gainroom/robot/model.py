@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from ..arrays import Booleans, Floats
-from ..plant import Plant
+from ..linear.arrays import Booleans, Floats
+from ..system.plant import Plant
 from .contact import Contact, rigid_rows
 
 if TYPE_CHECKING:

@@ -27,10 +27,9 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import Booleans, Floats
-from ..controller import PD, PPI
-from ..errors import GainroomError, require_finite
-from ..messages import first_of_many, nearest
+from ..errors import GainroomError, first_of_many, nearest, require_finite
+from ..linear.arrays import Booleans, Floats
+from ..system.controller import PD, PPI
 from .contact import free_motion
 from .model import Stance
 

@@ -9,7 +9,7 @@ A law is (F_C, F_S, v_s, σ_0, σ_1) as in friction.py.
 
 import math
 
-from ..compiled import cached_njit
+from ..analysis.compiled import cached_njit
 
 jit = cached_njit(error_model="numpy")
 

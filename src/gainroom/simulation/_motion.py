@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..arrays import Floats
+from ..linear.arrays import Floats
 from ._contact import dry, jit, lugre
 
 SWEEPS = 60  # over motor, gravity and link, which hardly touch each other within a substep

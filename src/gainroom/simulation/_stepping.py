@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from ..compiled import cached_njit
-from .stepping import HUGE
+from ..analysis.compiled import cached_njit
+from .response import HUGE
 
 SPARSE = 4
 """A matrix with fewer nonzero entries than one in so many is gone through entry by entry: a delay of many ticks is a line of ones."""

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..arrays import Floats, Integers
+from ..linear.arrays import Floats, Integers
 from ._contact import jit
 from ._motion import Body, dot, propagator, substep
 

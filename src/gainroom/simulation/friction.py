@@ -16,8 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import Floats
 from ..errors import GainroomError, require_positive
+from ..linear.arrays import Floats
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import GainroomError, require_positive
-from ..loop import Loop
+from ..system.loop import Loop
 from .oscillation import LONGEST, Vibration, vibration
 from .run import simulate
 from .scenario import Scenario

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import Complexes, Floats
 from ..errors import GainroomError, require_finite, require_positive
+from ..linear.arrays import Complexes, Floats
 
 if TYPE_CHECKING:
     from .response import Response

@@ -7,11 +7,12 @@ from typing import Protocol
 
 import numpy as np
 
-from ..arrays import Floats
 from ..errors import GainroomError
-from ..loop import Feedback
+from ..linear.arrays import Floats
+from ..system.loop import Feedback
 
 SETTLED = 0.02  # of the move: the usual band of the settling time
+HUGE = 1e150  # states beyond are about to overflow
 LAST = 0.1  # of the run: what the steady state is averaged over
 REFERENCE = "reference"
 LOGGED = ("target_torque", "demand_torque", "actual_torque", "motor_position", "link_position", REFERENCE)

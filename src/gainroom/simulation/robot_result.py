@@ -7,8 +7,8 @@ from typing import Literal
 
 import numpy as np
 
-from ..arrays import Floats
 from ..errors import GainroomError
+from ..linear.arrays import Floats
 from ..robot.body import put_position
 from ..robot.tasks import Task
 from .response import LAST, LOGGED, REFERENCE

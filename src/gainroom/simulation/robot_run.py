@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import Floats
 from ..errors import GainroomError, require_count, require_finite, require_positive
+from ..linear.arrays import Floats
 from ..robot.body import is_slide, library
-from ..robot.mujoco_says import mujoco_says
+from ..robot.formats.mujoco_messages import mujoco_says
 from .mujoco_model import MujocoRobot, build_mujoco
 from .robot_result import Ending, RobotRun, joined_runs
 from .robot_setup import RobotSetup, substeps_for

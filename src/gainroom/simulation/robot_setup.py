@@ -7,18 +7,18 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import Floats
-from ..drive import Drive
 from ..errors import GainroomError, require_positive
-from ..loop import Feedback
-from ..plant import ElasticJoint
+from ..linear.arrays import Floats
 from ..robot.actuators import Actuators
 from ..robot.body import RigidBody, is_slide, library
 from ..robot.contact import Contact
 from ..robot.ground import Ground
 from ..robot.linearize import linearize
+from ..robot.spec import RobotControl, RobotSpec
 from ..robot.tasks import Task
-from ..robot_spec import RobotControl, RobotSpec
+from ..system.drive import Drive
+from ..system.loop import Feedback
+from ..system.plant import ElasticJoint
 from .scenario import MOST_TICKS
 
 FINEST = 0.5

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from ..errors import GainroomError
-from ..loop import Loop
+from ..system.loop import Loop
 from .response import Response, cut, joined
 from .scenario import MOST_TICKS, Scenario, Signals
 from .stepping import LinearStepper

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from ..arrays import Floats
-from ..assembly import controller_state
-from ..controller import PPI, Controller
+from ..linear.arrays import Floats
+from ..system.assembly import controller_state
+from ..system.controller import PPI, Controller
 
 
 class SampledControl:

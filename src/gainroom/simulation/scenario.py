@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import Floats
-from ..controller import PPI
 from ..errors import GainroomError, require_count, require_finite, require_positive
-from ..loop import Loop
-from ..statespace import split_delay
+from ..linear.arrays import Floats
+from ..linear.state_space import split_delay
+from ..system.controller import PPI
+from ..system.loop import Loop
 from .trajectories import Step, Trajectory
 
 MOST_TICKS = 2_000_000

@@ -1,6 +1,6 @@
 """The sampled linear loop, tick by tick, without an integrator: what lies between two ticks is a matrix exponential.
 
-Plant, current loops and delays are sampled exactly (statespace.hold), whatever the delay; with the controller they make one matrix A,
+Plant, current loops and delays are sampled exactly (state_space.hold), whatever the delay; with the controller they make one matrix A,
 and a run is x_{k+1} = A x_k + f_k. The reference enters as the controller's equation says:
 
     u = D (x_d − x)                          eq. (4) of Jung et al. 2017, PD and PID: velocity gains act on the velocity error
@@ -13,15 +13,14 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..arrays import Floats
-from ..assembly import actuated_state, controller_state
-from ..loop import Loop
-from ..statespace import StateSpace, hold, split_delay
-from .response import Response
+from ..linear.arrays import Floats
+from ..linear.state_space import StateSpace, hold, split_delay
+from ..system.assembly import actuated_state, controller_state
+from ..system.loop import Loop
+from .response import HUGE, Response
 from .scenario import Inputs, Signals
 
 SHORT = 5000  # ticks of a run that numpy steps sooner than numba is loaded
-HUGE = 1e150  # states beyond are about to overflow
 
 
 class LinearStepper:

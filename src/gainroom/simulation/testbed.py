@@ -8,7 +8,7 @@ import math
 from dataclasses import dataclass, field
 
 from ..errors import GainroomError, require_finite, require_positive
-from ..loop import Loop
+from ..system.loop import Loop
 from .friction import Friction
 
 

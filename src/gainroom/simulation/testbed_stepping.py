@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..arrays import Floats, Integers
-from ..assembly import actuated_state, controller_state
-from ..loop import Feedback, Loop
-from ..statespace import split_delay
+from ..linear.arrays import Floats, Integers
+from ..linear.state_space import split_delay
+from ..system.assembly import actuated_state, controller_state
+from ..system.loop import Feedback, Loop
 from ._testbed import Body, Control, Hardware, Memory, advance
 from .response import Response
 from .scenario import Inputs, Signals

@@ -10,10 +10,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import Floats
-from ..drive import Drive
 from ..errors import GainroomError, require_count, require_finite, require_positive
-from ..statespace import split_delay
+from ..linear.arrays import Floats
+from ..linear.state_space import split_delay
+from ..system.drive import Drive
 
 
 class TorqueLine:

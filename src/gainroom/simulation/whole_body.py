@@ -21,13 +21,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import Floats
-from ..controller import PD, PPI
 from ..errors import GainroomError, require_count, require_finite
+from ..linear.arrays import Floats
 from ..robot.body import RigidBody, is_continuous, library, put_position
 from ..robot.contact import Contact, contact_jacobian
+from ..robot.spec import RobotControl
 from ..robot.tasks import Task, TaskPPI, Tasks, following, tasks_of
-from ..robot_spec import RobotControl
+from ..system.controller import PD, PPI
 from .sampled_control import SampledControl
 
 EXACT = 4

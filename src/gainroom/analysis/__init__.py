@@ -1,0 +1,1 @@
+"""Stability, margins, limits and gain regions of a loop, certified."""

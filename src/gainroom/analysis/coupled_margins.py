@@ -1,0 +1,395 @@
+"""What several coupled loops keep before they vibrate: all together, and each with the others closed."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ..errors import GainroomError
+from ..linear.arrays import Booleans, Complexes, Floats, Integers
+from ..system.controller import PD, PID, gain_matrix
+from ..system.loop import Loop
+from .first_crossing import NUDGE, TOWARDS, Certificate, End, Family, Rough, delays, listed, phases
+from .gain_limit import GainLimit, coupled_limit
+from .loci import CLOSEST, MOST, Sweep, in_blocks, passes
+
+Curves = Callable[[Floats], Complexes]
+"""ω (k,) → (k, m): m scalar responses."""
+LONGEST_DELAY = 1.0  # [s] extra that is looked at: a hundred times what actuators have
+RELATIVE_MOVE = 0.25  # of a curve between samples, near the negative real axis
+REAL = 1e-6  # part of its size up to which what is imaginary at an end of the boundary is taken for round-off
+DEEP = 1e-5  # of the lowest frequency at which loci bend: under integrators what crosses further down is round-off
+HALVED = 30  # times that the lowest frequency is halved to see what curves are at rest
+SMOOTH = 1e-3  # of a curve: second differences over steps of 1 % that are larger tell of round-off
+BLURRED = 1e-3  # estimate of the round-off in curves up to which they are looked at
+ENOUGH = 1e-9  # of it: what it is known to no better
+LEAN = 0.3  # part of it that may be imaginary where it is looked for
+SETTLED = 1e-2  # of a curve's value at rest: what it moves by, at most, further down
+LEAST_FACTOR = 1e-3  # on one joint's gains: what limits it further down counts as none
+FAINTEST = 1e-6  # of a curve's largest value: where it is smaller it is not followed, and what it would limit counts as without limit
+
+
+@dataclass(frozen=True)
+class JointMargins:
+    """Margins of n coupled loops.
+
+    limit          of the common factor on all gains (see GainLimit)
+    phase_margin   [rad] the smallest common phase, of either sign, that makes them vibrate, at `phase_frequency` [rad/s]; inf: none
+    delay_margin   [s] the smallest extra delay in all of them, at `delay_frequency`; inf: none up to 1 s
+    phase_certificate, delay_certificate   roots counted on both sides of these two, None where there is none
+    others_closed  (n,) largest factor on the gains that act on what one joint measures, all others as they are; inf: none
+    lower_others_closed   (n,) smallest such factor; 0: none above 1e-3
+    others_certified      (n,) True where roots were counted on both sides of both, and of the two below
+    largest_kp, largest_kd   (n,) largest diagonal gains of one joint, the other gains as they are [N m/rad], [N m s/rad]; None where
+                   the controller is neither PD nor PID
+    All but `limit` are NaN, and certified by nothing, for unstable loops.
+    """
+
+    limit: GainLimit
+    phase_margin: float
+    phase_frequency: float
+    delay_margin: float
+    delay_frequency: float
+    others_closed: Floats
+    largest_kp: Floats | None
+    largest_kd: Floats | None
+    phase_certificate: Certificate | None = None
+    delay_certificate: Certificate | None = None
+    lower_others_closed: Floats = field(default_factory=lambda: np.zeros(0))
+    others_certified: Booleans = field(default_factory=lambda: np.zeros(0, dtype=bool))
+
+    @property
+    def stable(self) -> bool:
+        """At the gains as they are."""
+        return self.limit.stable
+
+    @property
+    def certified(self) -> bool:
+        """True where roots were counted on both sides of every limit and margin."""
+        counted = all(one.holds for one in (self.phase_certificate, self.delay_certificate) if one is not None)
+        return self.limit.certified and counted and bool(np.all(self.others_certified))
+
+
+def joint_margins(loop: Loop) -> JointMargins:
+    """All margins of a loop built with build_loop, n >= 1. Raises GainroomError for callables and for gains that are all zero."""
+    if loop.parts is None:
+        raise GainroomError("joint_margins needs a loop built with build_loop; use margins for a scalar return ratio")
+    sweep = Sweep(loop)
+    limit = coupled_limit(sweep)
+    if not limit.stable:
+        nothing = np.full(loop.size, math.nan)
+        return JointMargins(limit, math.nan, math.nan, math.nan, math.nan, nothing, nothing, nothing)
+    phase = common_phase(sweep)
+    delay = _common_delay(sweep)
+    factors, lowest, certified, largest_kp, largest_kd = _one_at_a_time(sweep)
+    return JointMargins(
+        limit,
+        phase.at if phase else math.inf,
+        phase.omega if phase else math.nan,
+        delay.at if delay else math.inf,
+        delay.omega if delay else math.nan,
+        factors,
+        largest_kp,
+        largest_kd,
+        phase.certificate if phase else None,
+        delay.certificate if delay else None,
+        lowest,
+        certified,
+    )
+
+
+def common_phase(sweep: Sweep) -> End | None:
+    """The smallest phase [rad], lag or lead, at which all loops of a stable set together vibrate; None where none does."""
+    ends = [end for way in (1, -1) if (end := phases(sweep, way).end(0.0, math.pi)) is not None]
+    return min(ends, key=lambda end: end.at, default=None)
+
+
+def _common_delay(sweep: Sweep) -> End | None:
+    family = delays(sweep)
+    longest = max((one.at for one in family.crossings()), default=None)
+    return None if longest is None else family.end(0.0, min(1.1 * longest, LONGEST_DELAY))
+
+
+def _one_at_a_time(sweep: Sweep) -> tuple[Floats, Floats, Booleans, Floats | None, Floats | None]:
+    """Largest and smallest factor on one joint's gains, whether they are certified, then its largest diagonal kp and kd where it has such.
+
+    All other gains stay as they are. A factor 1 + δ on joint i's gains adds δ T_ii to the determinant of the return difference, relative
+    to itself, T = (I + L)⁻¹ L; a change δ of one of its diagonal gains adds δ times (I + L)⁻¹ P C e^{−sT} at (i, i), times what that
+    gain multiplies.
+    """
+    loop = sweep.loop
+    assert loop.parts is not None
+    controller, size, sample_time = loop.parts.controller, loop.size, loop.sample_time
+    units = []
+    if isinstance(controller, PD | PID):
+        others = {"ki": 0.0} if isinstance(controller, PID) else {}
+        units = [replace(controller, kp=kp, kd=kd, **others) for kp, kd in ((1.0, 0.0), (0.0, 1.0))]
+
+    def curves(omega: Floats) -> Complexes:
+        s = sweep.boundary.points(omega)
+        v = loop.variable(s)
+        actuated = loop.actuated_at(s)
+        law = loop.gain * controller.matrix(s, v, size, sample_time)
+        returned = actuated @ law
+        sensitive = sensitivity(loop, returned)
+        own = np.einsum("kij,kji->ki", sensitive, actuated)
+        alone = [own * unit.matrix(s, v, 1, sample_time)[:, 0] for unit in units]
+        closed = 1 - np.diagonal(sensitive, axis1=1, axis2=2)
+        closed = np.where(np.abs(closed) > 1e-3, closed, np.einsum("kij,kji->ki", sensitive, returned))
+        return np.hstack([closed, -closed, *alone])
+
+    farthest = np.repeat([math.inf, 1 - LEAST_FACTOR, *(math.inf for _ in units)], size)
+    found, certified = room(sweep, curves, farthest)
+    found, certified = found.reshape(-1, size), np.all(certified.reshape(-1, size), axis=0, keepdims=True)[0]
+    smallest = np.where(np.isfinite(found[1]), 1 - found[1], 0.0)
+    if not units:
+        return 1 + found[0], smallest, certified, None, None
+    kp, kd = (np.diagonal(gain_matrix(name, getattr(controller, name), size)) * loop.gain for name in ("kp", "kd"))
+    return 1 + found[0], smallest, certified, kp + found[2], kd + found[3]
+
+
+def sensitivity(loop: Loop, returned: Complexes) -> Complexes:
+    """(I + L)⁻¹ (k, n, n) for L = `returned`, from what the gains see alone: what no gain closes would drown it in round-off."""
+    seen = loop.seen
+    unseen = np.eye(loop.size) - seen @ seen.T
+    core = np.eye(seen.shape[1]) + seen.T @ returned @ seen
+    try:
+        back = np.linalg.inv(core)
+    except np.linalg.LinAlgError:  # integrators have drowned the rest in round-off, which shows: nothing settles there
+        back = np.linalg.pinv(core)
+    return unseen + (seen - unseen @ returned @ seen) @ back @ seen.T
+
+
+def room(sweep: Sweep, curves: Curves, farthest: Floats | float = math.inf) -> tuple[Floats, Booleans]:
+    """(m,) the smallest δ > 0 with 1 + δ c(jω) = 0 for each curve c of a stable loop, inf where none is; and where that is certified.
+
+    c is analytic wherever the loop is stable, so 1 + δ c turns about 0 by as many turns as δ brings unstable roots. What lies beyond
+    `farthest` (m,) counts as none.
+    """
+    family = _Curves(sweep, curves)
+    integrates = sweep.loop.parts is not None and any(integral for _, integral in sweep.loop.parts.controller.terms())
+    farthest = np.broadcast_to(farthest, family.size)
+    nearest = [one if one is None or one.at < most else None for one, most in zip(family.nearest(), farthest.tolist(), strict=True)]
+    family.add(np.concatenate([one.omega * (1 + TOWARDS) for one in nearest if one is not None] or [np.zeros(0)]))
+    found, certified = np.full(family.size, math.inf), family.settled.copy()
+    for joint, one in enumerate(nearest):
+        if one is None:
+            continue
+        certificate = Certificate(*(family.count(joint, one.at * (1 + side * NUDGE)) for side in (-1, 1)))
+        end = None if certificate.holds else family.of(joint).end(0.0, one.at * (1 + 10 * NUDGE))
+        holds = certificate.holds or (end is not None and end.certificate.holds)
+        found[joint] = end.at if end is not None and holds else one.at
+        drowned = integrates and (one if end is None else end).omega < DEEP * sweep.first
+        certified[joint] &= holds and family.tells(joint, found[joint]) and not drowned
+    return found, certified
+
+
+class _Curves:
+    """m scalar curves along the stability boundary, sampled until smooth where they come near the negative real axis.
+
+    Towards ω = 0 each is followed until it falls as r/(jω)ᵏ, r real: k = 0, but for a joint that the others leave free to drift. Samples
+    further down hold its value there: round-off makes them worse.
+
+    settled   (m,) True where that has been found
+    """
+
+    def __init__(self, sweep: Sweep, curves: Curves) -> None:
+        self._sweep = sweep
+        self._given: Curves = lambda omega: in_blocks(curves, omega, sweep.loop.size)
+        levels, below = self._halved(sweep.first)
+        omega = np.union1d(levels, sweep.omega)
+        values = self._given(omega)
+        self.size = values.shape[1]
+        least = 1e-3 * np.abs(values).max(axis=0)
+        self._rest = [_at_rest(levels, below[:, :, joint], least[joint]) for joint in range(self.size)]
+        self.settled = np.array([one.settled for one in self._rest])
+        rows = np.array([one.row for one in self._rest])
+        self._lowest, self._held = levels[rows], below[rows, 0, np.arange(self.size)]
+        self.omega, self.values = _resolved(omega, self._holding(omega, values), self._at)
+
+    def _halved(self, highest: float) -> tuple[Floats, Complexes]:
+        """Frequencies (k,) from `highest` down, and the curves there and 1 and 2 % above (k, 3, m), as far as they can be computed."""
+        levels = highest * 0.5 ** np.arange(HALVED)
+        blurred = self._sweep.boundary.blurred(levels) > BLURRED
+        levels = levels[: max(3, int(np.argmax(np.append(blurred, True))))]
+        return levels, self._given((levels[:, None] * [1.0, 1.01, 1.02]).ravel()).reshape(len(levels), 3, -1)
+
+    def _at(self, omega: Floats) -> Complexes:
+        return self._holding(omega, self._given(omega))
+
+    def _holding(self, omega: Floats, values: Complexes) -> Complexes:
+        return np.where(omega[:, None] <= self._lowest, self._held, values)
+
+    def tells(self, joint: int, change: float) -> bool:
+        """True where it is known from the value at rest on which side of 0 1 + δ c begins, for δ on both sides of `change`."""
+        rest = self._rest[joint]
+        return rest.order > 0 or abs(abs(1 + change * rest.value) - NUDGE) > abs(change) * rest.error
+
+    def add(self, omega: Floats) -> None:
+        """Take samples at more frequencies."""
+        inside = (omega > self.omega[0]) & (omega < self.omega[-1])
+        fresh = np.setdiff1d(omega[inside], self.omega)
+        place = np.searchsorted(self.omega, fresh)
+        self.omega, self.values = np.insert(self.omega, place, fresh), np.insert(self.values, place, self._at(fresh), axis=0)
+
+    def count(self, joint: int, change: float) -> int:
+        """By how many unstable roots 1 + `change` c differs from 1."""
+        curve = change * self.values[:, joint]
+        for _ in range(40):
+            close = passes(curve[:-1], curve[1:]) & (np.diff(self.omega) > CLOSEST * self.omega[1:])
+            if not close.any() or len(self.omega) > MOST:
+                break
+            self.add(0.5 * (self.omega[:-1] + self.omega[1:])[close])
+            curve = change * self.values[:, joint]
+        one = 1 + curve
+        turned = float(np.sum(np.angle(one[1:] * one[:-1].conj())))
+        rest = self._rest[joint]
+        own = np.sign(change * rest.value + (rest.order == 0)) or 1.0
+        turned += float(np.angle(one[0] * 1j**rest.order * own))  # from ω = 0+
+        if self._sweep.last is None:
+            turned -= float(np.angle(one[-1]))
+        return round(rest.order / 2 - turned / math.pi)
+
+    def nearest(self) -> list[Rough | None]:
+        """The leftmost crossing of the negative real axis by each curve."""
+        least = np.maximum(FAINTEST * np.abs(self.values).max(axis=0), 1e-300)
+        found: list[Rough | None] = [None] * self.size
+        for joint, rest in enumerate(self._rest):
+            if rest.settled and rest.order == 0 and rest.value < -least[joint]:
+                found[joint] = Rough(-1 / rest.value, float(self._lowest[joint]), complex(rest.value))
+        if self._sweep.last is not None:
+            for joint, value in enumerate(self.values[-1].tolist()):
+                if value.real < -least[joint] and abs(value.imag) < REAL * abs(value):
+                    found[joint] = _further_left(found[joint], Rough(-1 / value.real, float(self.omega[-1]), value))
+        rows, joints = np.nonzero(_foremost(self.values, _meet_axis(self.values)))
+        for joint, one in zip(joints.tolist(), self._polished(rows, joints), strict=True):
+            if one.value.real < -least[joint]:
+                found[joint] = _further_left(found[joint], one)
+        return found
+
+    def _polished(self, rows: Integers, joints: Integers) -> list[Rough]:
+        low, high = ((self.omega[at], self.values[at, joints]) for at in (rows, rows + 1))
+        omega, value = on_axis(self._at, joints, low, high)
+        return listed(np.divide(-1, value.real, out=np.full(len(value), math.inf), where=value.real != 0), omega, value)
+
+    def of(self, joint: int) -> Family:
+        """The change of what one curve stands for."""
+
+        def steps() -> Integers:
+            return np.flatnonzero(_meet_axis(self.values[:, [joint]])[:, 0])
+
+        def crossings() -> list[Rough]:
+            rows = steps()
+            start, end = self.values[rows, joint], self.values[rows + 1, joint]
+            share = start.imag / (start.imag - end.imag)
+            value = (start + share * (end - start)).real
+            omega = self.omega[rows] + share * (self.omega[rows + 1] - self.omega[rows])
+            seen = value < -FAINTEST * np.abs(self.values[:, joint]).max()
+            return listed(-1 / value[seen], omega[seen], value[seen].astype(complex))
+
+        def polish(group: list[Rough]) -> list[Rough]:
+            rows = np.intersect1d(steps(), np.searchsorted(self.omega, [one.omega for one in group]) - 1)
+            return [one for one in self._polished(rows, np.full(len(rows), joint)) if one.value.real < 0]
+
+        def nearest(change: float) -> Rough:
+            row = int(np.argmin(np.abs(1 + change * self.values[:, joint])))
+            return Rough(change, float(self.omega[row]), complex(self.values[row, joint]))
+
+        def mode(_: Rough) -> Complexes:
+            return np.ones(1, dtype=complex)
+
+        return Family(lambda change: self.count(joint, change), crossings, polish, self.add, nearest, mode)
+
+
+class _Rest(NamedTuple):
+    """A curve towards ω = 0: `value`/(jω)^`order`, known to ± `error`; from levels[`row`] on down that is taken."""
+
+    row: int
+    order: int
+    value: float
+    error: float
+    settled: bool
+
+
+def _at_rest(levels: Floats, curve: Complexes, least: float) -> _Rest:
+    """From samples at `levels` (k,) that halve, and 1 and 2 % above: curve (k, 3).
+
+    Slow closed-loop modes move a curve far below all else, and round-off hides what is still lower: so the lowest stretch is looked for
+    on which it moves no more, where it is smooth. `least`: smaller values are as good as 0.
+    """
+    size = np.maximum(np.abs(curve), max(least, 1e-300))
+    smooth = np.abs(curve[:, 0] - 2 * curve[:, 1] + curve[:, 2]) <= SMOOTH * size[:, 0]
+    lowest = np.flatnonzero(smooth[:-2] & smooth[1:-1] & smooth[2:])
+    if not len(lowest):
+        return _Rest(0, 0, float(curve[0, 0].real), math.inf, False)
+    last = int(lowest[-1]) + 1  # the next may just be lost
+    order = round(float(np.log2(max(abs(curve[last, 0]), 1e-300) / max(abs(curve[last - 1, 0]), 1e-300))))
+    if order < 0 or size[last, 0] <= FAINTEST * least:
+        return _Rest(last, 0, 0.0, 2 * abs(float(curve[last, 0].real)), True)
+    flat = curve[: last + 1, 0] * (1j * levels[: last + 1] / levels[last]) ** order
+    # c is real on the real axis: what is left of its real part falls with ω², and two levels tell the rest of it
+    ahead, scale = flat.real[1:] + np.diff(flat.real) / 3, max(abs(flat[last]), least)
+    away = (np.abs(ahead - ahead[-1]) > SETTLED * scale) | (np.abs(flat.imag[1:]) > LEAN * scale)
+    first = int(np.flatnonzero(away)[-1]) + 1 if away.any() else 0
+    moved = np.abs(np.diff(ahead))[first:]
+    if not len(moved):
+        return _Rest(last, order, float(flat[last].real), math.inf, False)
+    enough = moved <= ENOUGH * max(abs(flat[last]), 10 * least)
+    row = first + int(np.argmax(enough) if enough.any() else np.argmin(moved)) + 2
+    return _Rest(row, order, float(ahead[row - 1]), float(moved[row - 2 - first]), True)
+
+
+def _further_left(one: Rough | None, other: Rough) -> Rough:
+    return other if one is None or other.at < one.at else one
+
+
+def _meet_axis(values: Complexes) -> Booleans:
+    """(k − 1, m) True for steps that cross the real axis, and not surely its positive half."""
+    return ((values.imag[1:] > 0) != (values.imag[:-1] > 0)) & ((values.real[1:] < 0) | (values.real[:-1] < 0))
+
+
+def _foremost(values: Complexes, crosses: Booleans) -> Booleans:
+    """Of the steps (k − 1, m) that cross the real axis, those that may hold a curve's leftmost crossing."""
+    spread = 1 + RELATIVE_MOVE  # how far beyond its ends a step may reach
+    left = spread * np.minimum(values.real[:-1], values.real[1:])
+    surely = np.where(crosses, np.maximum(values.real[:-1], values.real[1:]) / spread, 0.0).min(axis=0, initial=0.0)
+    return crosses & (left <= surely)
+
+
+def on_axis(curves: Curves, joints: Integers, low: tuple[Floats, Complexes], high: tuple[Floats, Complexes]) -> tuple[Floats, Complexes]:
+    """ω and the real values there of curves between samples (ω, c) on two sides of the real axis, by the Illinois method."""
+    (left, value), (right, other) = low, high
+    first, second = value.imag, other.imag
+    omega, moved_left, moved_right = left, np.zeros(len(joints), dtype=bool), np.zeros(len(joints), dtype=bool)
+    for _ in range(20 if len(joints) else 0):
+        share = np.divide(first, first - second, out=np.full(len(joints), 0.5), where=first != second)
+        omega = left + share * (right - left)
+        value = curves(omega)[np.arange(len(joints)), joints]
+        if np.all(np.abs(value.imag) <= 1e-14 * np.abs(value)):
+            break
+        same = (value.imag > 0) == (first > 0)
+        left, right = np.where(same, omega, left), np.where(same, right, omega)
+        # An end that stays for a second time counts half: else it might stay for ever
+        first = np.where(same, value.imag, np.where(moved_right, 0.5 * first, first))
+        second = np.where(same, np.where(moved_left, 0.5 * second, second), value.imag)
+        moved_left, moved_right = same, ~same
+    return omega, value
+
+
+def _resolved(omega: Floats, values: Complexes, curves: Curves) -> tuple[Floats, Complexes]:
+    """Samples of the curves fine enough where they come near the negative real axis, beginning with `values` at `omega`."""
+    for _ in range(12):
+        start, end = values[:-1], values[1:]
+        size = np.maximum(np.abs(start), np.abs(end))
+        near = (np.minimum(start.real, end.real) < 0) & (np.minimum(np.abs(start.imag), np.abs(end.imag)) < size)
+        followed = size > FAINTEST * np.abs(values).max(axis=0)
+        rough = np.any(near & (np.abs(end - start) > RELATIVE_MOVE * size) & followed, axis=1)
+        rough &= np.diff(omega) > 1e-9 * omega[1:]
+        if not rough.any() or len(omega) > MOST:
+            break
+        spots = np.flatnonzero(rough)
+        middle = 0.5 * (omega[spots] + omega[spots + 1])
+        values, omega = np.insert(values, spots + 1, curves(middle), axis=0), np.insert(omega, spots + 1, middle)
+    return omega, values

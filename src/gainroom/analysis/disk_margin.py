@@ -1,0 +1,239 @@
+"""The multi-loop disk margin: how much the gains and phases of n coupled loops may change, all at once and independently.
+
+Each loop is multiplied by its own complex factor f_i = (2 + δ_i)/(2 − δ_i). With S = (I + L)⁻¹ and T = I − S the loops are lost first at
+max|δ_i| = α = 2 / max_ω μ(S − T), μ the structured singular value for n complex factors (Seiler, Packard and Gahinet 2020, skew 0); for
+n = 1 this is min 2|1 + L|/|1 − L|. μ is bounded from above by σ_max of D (S − T) D⁻¹ and from below by δ that do lose the loops (_mu.py).
+
+The highest σ_max is found by sampling and polishing. Then intervals of ω are divided until on each of them, for some D, it provably stays
+within TOLERANCE of that (_disk_modes.py).
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..errors import GainroomError
+from ..linear.arrays import Complexes, Floats, Integers
+from ..system.loop import Loop
+from ._disk_modes import AGREEMENT, Expansion, Modes, expanded, opened_at_torques
+from ._mu import balanced, from_below, improved, largest, scaled
+from .stability import scan_loop
+
+TOLERANCE = 1e-3  # a peak between the frequencies looked at may be higher than the one reported by this share of it
+SCALAR_TOLERANCE = 1 / 0.99 - 1  # the same of the scan of one loop (crossings.py)
+SAMPLES, CHECKS = 100, 12  # of S − T: from which the search for the peak starts; at which the modes are checked
+MOST_TRIED, MOST_POLISHED = 48, 4  # samples whose D is improved, local peaks that are climbed
+RUNGS = 60  # intervals that the certificate starts from
+AT_ONCE, MOST_INTERVALS = 128, 5_000  # bounds of memory and of time
+SMOOTH, FINEST = 0.05, 1e-6  # neighbouring samples of a plain response: largest relative step of σ_max, least relative distance
+
+Response = Callable[[Floats], Complexes]
+
+
+@dataclass(frozen=True)
+class MultiLoopDisk:
+    """How far n loops are from being lost when each is multiplied by its own complex factor (2 + δ_i)/(2 − δ_i).
+
+    margin        α, the least 2/σ_max(D (S − T) D⁻¹) over frequency, each with its best D: no δ with max|δ_i| < α loses the loops.
+                  At most 2 (factors from 0 to ∞), as a loop that fades at high frequency cannot do better. Gains of all loops may lie
+                  anywhere in [(2 − α)/(2 + α), (2 + α)/(2 − α)], or phases in ±2 atan(α/2), independently of each other
+    lower_margin  what has been proved: between the frequencies looked at, nothing lower than this; 0 where nothing is proved
+    upper_margin  max|δ_i| of `factors`: the true margin at `frequency` is in [margin, upper_margin]; equal for n ≤ 3
+    frequency     of the peak [rad/s]; 0 and inf can be
+    scaling       (n,) diagonal of D there, geometric mean 1
+    factors       (n,) complex: multiplied by these, the loops have a root at j·frequency; inf where a δ_i is 2
+    certified     margin and lower_margin are within TOLERANCE of each other (1 % for one loop), proved up to rounding
+    gap           by how much of itself the peak of σ_max may be higher than found; inf where nothing is proved
+    """
+
+    margin: float
+    lower_margin: float
+    upper_margin: float
+    frequency: float
+    scaling: Floats
+    factors: Complexes
+    certified: bool
+    gap: float
+
+
+def disk_margin(loop: Loop) -> MultiLoopDisk:
+    """The multi-loop disk margin of a stable loop of n ≥ 1 joints; of an unstable one the numbers mean nothing, so ask `is_stable` first.
+
+    The factors multiply the torques of the motors. Where every gain of the controller is a number or diagonal, factors on the measured
+    positions (where `loop.response` opens the loops) have the same margin; for full gain matrices they have another (`disk_margin_of`).
+    One joint has the margin of its scan (`margins`).
+
+    Certified for loops built from parts, with exact delays or sampled, ω → 0 and ω → ∞ included: proved in real arithmetic, evaluated in
+    doubles, not rounded outwards. What is proved is that σ_max stays below the peak (1 + gap); that D is the best one is not part of it,
+    and does not have to be: any D gives a margin that holds. `certified` is False where the work limit stopped the proof, for callables,
+    and where the modes of the loops closed without delay (some may be defective) do not give back S − T, which is then sampled.
+    """
+    if loop.size == 1:
+        return _of_one(loop)
+    opened = opened_at_torques(loop)
+    modes = opened.modes()
+    omega = modes.frequencies(SAMPLES)
+    if not opened.agrees(modes, omega[SAMPLES // CHECKS :: SAMPLES // CHECKS]):
+        return disk_margin_of(opened.response, omega[1:])
+    peak = _peak_from(modes.matrices, omega, (0.0, modes.last))
+    if not modes.sample_time and peak.height < 1:
+        peak = _Peak(1.0, math.inf, np.zeros(loop.size))  # L → 0: S − T → I
+    peak, bound = _bounded(modes, peak, omega[1])
+    at_peak = np.eye(loop.size, dtype=complex) if math.isinf(peak.omega) else modes.matrices(np.array([peak.omega]))[0]
+    return _result(at_peak, peak, max(bound / peak.height - 1, 0.0))
+
+
+def disk_margin_of(response: Response, omega: Floats) -> MultiLoopDisk:
+    """The same of any return ratio ω (k,) → L (k, n, n) or (k,), sampled at `omega` (k,) [rad/s], refined and polished; not certified.
+
+    For factors at another place (`loop.response`: on the measured positions) and for loops from elsewhere. What lies below the first or
+    above the last ω is not looked at. Raises GainroomError where the response is not finite or has another shape.
+    """
+
+    def matrices(points: Floats) -> Complexes:
+        value = np.asarray(response(points), dtype=complex)
+        if value.ndim == 1:
+            value = value[:, None, None]
+        if value.ndim != 3 or value.shape[0] != len(points) or value.shape[1] != value.shape[2] or not np.all(np.isfinite(value)):
+            raise GainroomError(f"disk margin: the response of shape {value.shape} must be finite, of shape ({len(points)}, n, n)")
+        return 2 * np.linalg.inv(np.eye(value.shape[1]) + value) - np.eye(value.shape[1])
+
+    points = np.unique(np.asarray(omega, dtype=float))
+    if len(points) < 3 or not np.all(np.isfinite(points)) or points[0] < 0:
+        raise GainroomError("disk margin: omega must hold at least three finite frequencies >= 0")
+    while True:
+        values = matrices(points)
+        heights = np.log(largest(scaled(values, balanced(values))))
+        rough = (np.abs(np.diff(heights)) > SMOOTH) & (np.diff(points) > FINEST * points[1:])
+        if not rough.any() or len(points) > MOST_INTERVALS:
+            break
+        points = np.sort(np.append(points, 0.5 * (points[1:] + points[:-1])[rough]))
+    peak = _peak_from(matrices, points, (float(points[0]), float(points[-1])))
+    return _result(matrices(np.array([peak.omega]))[0], peak, math.inf)
+
+
+def _of_one(loop: Loop) -> MultiLoopDisk:
+    """One loop: α = min 2|1 + L|/|1 − L|, lost with the factor −1/L."""
+    scan = scan_loop(loop)
+    omega, least = scan.peaks[2].tolist()
+    with np.errstate(divide="ignore", invalid="ignore"):
+        factor = -1 / loop.response(omega)
+    margin, gap = min(least, 2.0), SCALAR_TOLERANCE if scan.certified else math.inf
+    return MultiLoopDisk(margin, margin / (1 + gap), least, omega, np.ones(1), factor, scan.certified, gap)
+
+
+def _result(matrix: Complexes, peak: "_Peak", gap: float) -> MultiLoopDisk:
+    """The record, from S − T (n, n) at the peak and from how much higher σ_max may be elsewhere."""
+    lower, phases = from_below(scaled(matrix[None], peak.x[None])[0])
+    radius = 2 / lower if lower > 0 else math.inf
+    with np.errstate(divide="ignore", invalid="ignore"):
+        # M diag(q) has an eigenvalue β with |β| = `lower`, so δ = 2 q/β makes det(I − M diag(δ)/2) vanish
+        values = np.linalg.eigvals(matrix * phases)
+        delta = 2 * phases / values[np.argmax(np.abs(values))]
+        factors = (2 + delta) / (2 - delta)
+    margin, proved = min(2 / peak.height, 2.0), min(2 / (peak.height * (1 + gap)), 2.0)
+    return MultiLoopDisk(margin, proved, max(radius, margin), peak.omega, np.exp(peak.x), factors, gap <= TOLERANCE * (1 + 1e-9), gap)
+
+
+@dataclass(frozen=True)
+class _Peak:
+    """The least σ_max(D (S − T) D⁻¹) over D = e^x, x (n,), at ω [rad/s]."""
+
+    height: float
+    omega: float
+    x: Floats
+
+
+def _peak_from(matrices: Response, omega: Floats, ends: tuple[float, float]) -> _Peak:
+    """The highest peak that samples at `omega` (k,), rising, lead to."""
+    values = matrices(omega)
+    x = balanced(values)
+    heights = largest(scaled(values, x))
+    top = np.argsort(-heights)[:MOST_TRIED]
+    top = top[heights[top] > 0.9 * heights[top[0]]]
+    x[top], heights[top] = improved(values[top], x[top], TOLERANCE)
+    around = np.concatenate([[0.0], heights, [0.0]])
+    local = np.flatnonzero((heights >= around[:-2]) & (heights >= around[2:]) & (heights > 0.97 * heights.max()))
+    local = local[np.argsort(-heights[local])][:MOST_POLISHED]
+    step = 0.5 * np.gradient(omega)
+    found = [_polished(matrices, _Peak(float(heights[k]), float(omega[k]), x[k]), float(step[k]), ends) for k in local]
+    return max(found, key=lambda peak: peak.height)
+
+
+def _polished(matrices: Response, start: _Peak, step: float, ends: tuple[float, float]) -> _Peak:
+    """The local peak next to `start`, by parabolas through three points that draw together."""
+    best, omega = replace(start, height=0.0), start.omega
+    for _ in range(25):
+        points = np.clip(omega + step * np.array([-1.0, 0.0, 1.0]), *ends)
+        x, heights = improved(matrices(points), np.repeat(best.x[None], 3, axis=0), 0.1 * AGREEMENT)
+        highest = int(np.argmax(heights))
+        if heights[highest] > best.height:
+            best = _Peak(float(heights[highest]), float(points[highest]), x[highest])
+        if best.height - heights.min() <= AGREEMENT * best.height:
+            break
+        if highest != 1 and ends[0] < points[highest] < ends[1]:
+            omega, step = float(points[highest]), 1.5 * step
+            continue
+        fall, bend = float(heights[0] - heights[2]), float(heights[0] - 2 * heights[1] + heights[2])
+        omega = best.omega + (0.5 * step * fall / bend if highest == 1 and bend < 0 else 0.0)
+        step /= 8
+    return best
+
+
+def _bounded(modes: Modes, peak: _Peak, lowest: float) -> tuple[_Peak, float]:
+    """The peak, higher if a higher one turned up, and a bound of σ_max, each time with some D, over all frequencies."""
+    bound = peak.height if modes.sample_time else max(peak.height, 1 + TOLERANCE)
+    end = modes.last if modes.sample_time else modes.end(bound)
+    if math.isinf(end):
+        return peak, math.inf
+    edges = np.append(0.0, np.geomspace(min(lowest, 0.5 * end), end, RUNGS))
+    low, high, x = edges[:-1], edges[1:], np.full((RUNGS, len(modes.delays)), np.nan)
+    count = 0
+    while len(low) and count < MOST_INTERVALS:
+        now, later = slice(-AT_ONCE, None), slice(0, -AT_ONCE)
+        expansion = expanded(modes, low[now], high[now])
+        peak, mine, rest, x_now = _judged(modes, expansion, peak, x[now])
+        count += len(mine)
+        allowed = peak.height * (1 + TOLERANCE)
+        bound = max(bound, float(mine[mine <= allowed].max(initial=0.0)))
+        left = np.flatnonzero(mine > allowed)
+        parts = _parts(mine[left], rest[left], allowed)
+        owner = np.repeat(left, parts)
+        place = np.arange(len(owner)) - np.repeat(np.cumsum(parts) - parts, parts)
+        width = 2 * expansion.half[owner] / np.repeat(parts, parts)
+        begin = low[now][owner] + place * width
+        low, high = np.append(low[later], begin), np.append(high[later], begin + width)
+        x = np.concatenate([x[later], x_now[owner]])
+    return peak, math.inf if len(low) else bound
+
+
+def _judged(modes: Modes, expansion: Expansion, peak: _Peak, x: Floats) -> tuple[_Peak, Floats, Floats, Floats]:
+    """The peak, the bounds of σ_max on the intervals and their remainders (k,), and the scalings x (k, n) behind them.
+
+    Rows of x that are not known come as NaN. Only where the bound fails for want of a good D is D improved.
+    """
+    fresh = np.isnan(x[:, 0])
+    x = x.copy()
+    x[fresh] = balanced(expansion.matrices[0][fresh])
+    allowed = peak.height * (1 + TOLERANCE)
+    bound, rest = expansion.bounds(np.arange(len(x)), x, allowed)
+    again = np.flatnonzero((bound > allowed) & (rest < 0.3 * allowed))
+    if len(again):
+        x[again], heights = improved(expansion.matrices[0][again], x[again], 0.01 * TOLERANCE)
+        best = int(np.argmax(heights))
+        if heights[best] > peak.height * (1 + 0.03 * TOLERANCE):
+            where = again[best]
+            start = _Peak(float(heights[best]), float(expansion.middle[where]), x[where])
+            peak = max(peak, _polished(modes.matrices, start, float(expansion.half[where]), (0.0, modes.last)), key=lambda one: one.height)
+        bound[again], rest[again] = expansion.bounds(again, x[again], 0.0)
+    return peak, bound, rest, x
+
+
+def _parts(bound: Floats, rest: Floats, allowed: float) -> Integers:
+    """Into how many an interval is divided: the remainder falls with the cube of the width."""
+    known = np.isfinite(rest)
+    rest = np.where(known, rest, 0.0)
+    slack = np.maximum(allowed - np.where(known, bound, 0.0) + rest, 0.02 * allowed)
+    return np.clip(np.where(known, np.ceil(np.cbrt(2 * rest / slack)), 4), 2, 5).astype(int)

@@ -1,0 +1,314 @@
+"""How far a factor, a phase or a delay in all loops may go before the first root crosses the stability boundary.
+
+Each answer is a claim, "stable up to here", so roots are counted on both sides of it. Where loci lie close together (equal legs), the
+crossing that is found need not be the first: then the count inside tells, and the first is searched between what is stable and what is not.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from ..linear.arrays import Complexes, Floats
+from .loci import Boundary, Sweep
+
+NUDGE = 1e-6  # the certificate counts roots at limit·(1 ± NUDGE)
+# Relative distances from a crossing at which samples tell on which side of it ±NUDGE lies: no step is longer than twice its distance.
+TOWARDS = np.concatenate([sign * np.geomspace(0.2 * NUDGE, 0.03, 14) for sign in (-1, 1)])
+AROUND = np.linspace(-0.06, 0.06, 121)  # where a crossing was not where its neighbours promised
+CLOSE = 0.03  # relative distance within which crossings, interpolated between samples, may change places when polished
+TRIES = 12  # crossings that are polished and counted before halving has to do
+POLISHED = 1e-3  # relative width of a bracket from which on its crossing is polished
+SHARES = (1e-5, 1e-3, 0.1)  # of a bracket that are tried before it is halved
+HALVINGS = 50  # of a bracket; more only chase round-off
+LOOKS = 2  # times that samples are taken about a crossing that was not found
+DIPS = 8  # rounds of samples about what comes near the unit circle
+LOWEST = 1e-6  # factors on coupled loops below this count as none
+LOWEST_UNDAMPED = 1e-3  # likewise, beside an undamped resonance: smaller ones may only tell how far the boundary leans there
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """Unstable closed-loop roots just inside and just outside a limit; `holds` when none inside and some outside."""
+
+    inside: int
+    outside: int
+    nudge: float = NUDGE
+
+    @property
+    def holds(self) -> bool:
+        """True when the limit has been confirmed from both sides."""
+        return self.inside == 0 and self.outside != 0
+
+
+class Rough(NamedTuple):
+    """A crossing: the number `at` which it happens, ω [rad/s] and the eigenvalue λ of L(jω) there; interpolated, or exact."""
+
+    at: float
+    omega: float
+    value: complex
+
+
+@dataclass(frozen=True)
+class End:
+    """Where stability ends: at `at`, by a root at jω, ω = `omega`; `mode` (n,) complex, the largest part 1."""
+
+    at: float
+    omega: float
+    mode: Complexes
+    certificate: Certificate
+
+
+@dataclass(frozen=True)
+class Family:
+    """Loops that differ in one number t: a factor on gains, a phase or a delay in all loops.
+
+    count       t → unstable roots, 0 where the loop is stable
+    crossings   → where roots cross the boundary, as far as the present samples tell
+    polish      exact crossings from such; what leads nowhere is left out
+    closer      takes samples at more frequencies
+    nearest     t → what is nearest to the boundary there
+    mode        of an exact crossing
+    """
+
+    count: Callable[[float], int]
+    crossings: Callable[[], list[Rough]]
+    polish: Callable[[list[Rough]], list[Rough]]
+    closer: Callable[[Floats], None]
+    nearest: Callable[[float], Rough]
+    mode: Callable[[Rough], Complexes]
+
+    def end(self, start: float, stop: float) -> End | None:
+        """The end of the stable interval around `start` on the way to `stop`; None where all of that way is stable.
+
+        Where samples cannot tell, the certificate does not hold.
+        """
+        way = math.copysign(1.0, stop - start)
+        passed, looked = start, 0
+        for _ in range(TRIES):
+            ahead = [one for one in self.crossings() if way * passed < way * one.at <= way * stop]
+            if not ahead:
+                break
+            nearest = min(ahead, key=lambda one: way * one.at)
+            group = [one for one in ahead if abs(one.at - nearest.at) <= CLOSE * abs(nearest.at)]
+            exact = [one for one in self.polish(group) if way * one.at > way * passed]
+            if exact:
+                first = min(exact, key=lambda one: way * one.at)
+                certificate = self._certified(first, way)
+                if certificate.holds:
+                    return self._ended(first, certificate)
+                if certificate.inside != 0:
+                    found = self._between(start, first.at * (1 - way * NUDGE))
+                    return found if found.certificate.holds else self._ended(first, certificate)
+                passed = way * max(way * first.at * (1 + way * NUDGE), way * passed)  # no root crosses there
+            elif looked < LOOKS:
+                self.closer(nearest.omega * (1 + AROUND))
+                looked += 1
+            else:
+                passed, looked = way * max(way * one.at for one in group), 0
+        return self._between(start, stop) if self.count(stop) != 0 else None
+
+    def _certified(self, found: Rough, way: float) -> Certificate:
+        self.closer(found.omega * (1 + TOWARDS))
+        inside, outside = (self.count(found.at * (1 + way * side * NUDGE)) for side in (-1, 1))
+        return Certificate(inside, outside)
+
+    def _ended(self, found: Rough, certificate: Certificate) -> End:
+        return End(found.at, found.omega, self.mode(found), certificate)
+
+    def _between(self, stable: float, unstable: float) -> End:
+        """The end by halving; polished as soon as its bracket is narrow."""
+        way = math.copysign(1.0, unstable - stable)
+        for share in SHARES:  # mostly the first crossing lies close before the one that was found
+            inside = unstable - share * (unstable - stable)
+            if self.count(inside) == 0:
+                stable = inside
+                break
+            unstable = inside
+        for _ in range(HALVINGS):
+            if abs(unstable - stable) <= NUDGE * abs(unstable):
+                break
+            low, high = sorted((stable, unstable))
+            if high - low < POLISHED * abs(unstable):
+                near = sorted(self.crossings(), key=lambda one: abs(one.at - unstable))[:TRIES]
+                for one in self.polish([*near, self.nearest(unstable)]):
+                    if low <= one.at <= high and (certificate := self._certified(one, way)).holds:
+                        return self._ended(one, certificate)
+            middle = math.sqrt(low * high) if 0 < 4 * low < high else 0.5 * (low + high)
+            stable, unstable = (middle, unstable) if self.count(middle) == 0 else (stable, middle)
+        found = self.nearest(unstable)._replace(at=0.5 * (stable + unstable))
+        return self._ended(found, Certificate(self.count(stable), self.count(unstable)))
+
+
+def gains(sweep: Sweep) -> Family:
+    """All gains times t <= sweep.highest."""
+
+    def polish(group: list[Rough]) -> list[Rough]:
+        at_rest = [one for one in group if one.omega == 0]  # toppled, or held, by gravity: known as it stands
+        omega, value = sweep.boundary.crossings(*_columns([one for one in group if one.omega > 0]), _slope)
+        on_axis = (value.real < 0) & (np.abs(value.imag) < 1e-9 * np.abs(value))
+        return at_rest + listed(-1 / value.real[on_axis], omega[on_axis], value[on_axis])
+
+    def mode(found: Rough) -> Complexes:
+        return sweep.mode_at_rest(found.value) if found.omega == 0 else sweep.boundary.mode(found.omega, found.value)
+
+    return Family(sweep.unstable, lambda: _axis_crossings(sweep), polish, sweep.add, lambda t: _nearest(sweep, t, t), mode)
+
+
+def phases(sweep: Sweep, way: int) -> Family:
+    """A lag (`way` 1) or lead (−1) of t [rad] in (0, π] in all loops."""
+
+    def place(omega: Floats, value: Complexes) -> list[Rough]:
+        return listed(_lag(value) if way > 0 else 2 * math.pi - _lag(value), omega, value)
+
+    def nearest(t: float) -> Rough:
+        return _nearest(sweep, t, np.exp(-1j * way * t))
+
+    return _on_circle(sweep, lambda t: sweep.unstable(1.0, phase=way * t), place, nearest)
+
+
+def delays(sweep: Sweep) -> Family:
+    """An extra delay of t [s] in all loops; sampled ones are sampled anew, so that it is exact for any share of a tick."""
+
+    def place(omega: Floats, value: Complexes) -> list[Rough]:
+        return listed(_lag(value) / omega, omega, value)
+
+    if sweep.last is None:
+        return _on_circle(sweep, lambda t: sweep.unstable(1.0, delay=t), place, lambda t: _nearest(sweep, t, np.exp(-1j * t * sweep.omega)))
+
+    step = sweep.loop.sample_time
+    assert step is not None
+
+    def split(t: float) -> tuple[float, float]:
+        """Whole ticks, which are a phase, and the rest, for which the plant is sampled anew [s]."""
+        ticks = max(math.floor(t / step), 0) * step
+        return ticks, max(t - ticks, 0.0)
+
+    def later(t: float) -> Boundary:
+        return Boundary(sweep.loop.delayed(split(t)[1]))
+
+    def polish(group: list[Rough]) -> list[Rough]:
+        exact = []
+        for at, omega, _ in place(*_circle_polished(sweep.boundary, group)):
+            for _ in range(TRIES):  # a share of a tick is nearly, not quite, a phase: each step gains some four digits
+                turn = complex(np.exp(-1j * omega * split(at)[0]))
+                found = _circle_polished(later(at), [Rough(at, omega, -1 / turn)])
+                if not len(found[0]):
+                    break
+                omega, value = float(found[0][0]), complex(found[1][0])
+                lag = float(np.angle(-value * np.exp(-1j * omega * split(at)[0])))
+                if abs(lag) <= 1e-11:
+                    exact.append(Rough(at + lag / omega, omega, value))
+                    break
+                at += lag / omega
+        return exact
+
+    @lru_cache(2)
+    def delayed(rest: float) -> Sweep:
+        return Sweep(sweep.loop.delayed(rest))
+
+    def nearest(t: float) -> Rough:
+        ticks, rest = split(t)
+        return _nearest(delayed(rest), t, np.exp(-1j * ticks * delayed(rest).omega))
+
+    return Family(
+        lambda t: delayed(split(t)[1]).unstable(1.0, delay=split(t)[0]),
+        lambda: place(*_circle_crossings(sweep)),
+        polish,
+        lambda omega: None,
+        nearest,
+        lambda found: later(found.at).mode(found.omega, found.value),
+    )
+
+
+def _on_circle(sweep: Sweep, count: Callable[[float], int], place: "Place", nearest: Callable[[float], Rough]) -> Family:
+    """A family whose roots cross where loci of L lie on the unit circle."""
+    return Family(
+        count,
+        lambda: place(*_circle_crossings(sweep)),
+        lambda group: place(*_circle_polished(sweep.boundary, group)),
+        sweep.add,
+        nearest,
+        lambda found: sweep.boundary.mode(found.omega, found.value),
+    )
+
+
+Place = Callable[[Floats, Complexes], list[Rough]]
+"""ω and λ on the unit circle → the number at which λ is turned to −1."""
+
+
+def listed(at: Floats, omega: Floats, value: Complexes) -> list[Rough]:
+    """Columns as crossings."""
+    return [Rough(*one) for one in zip(at.tolist(), omega.tolist(), value.tolist(), strict=True)]
+
+
+def _columns(group: list[Rough]) -> tuple[Floats, Complexes]:
+    return np.array([one.omega for one in group]), np.array([one.value for one in group], dtype=complex)
+
+
+def _slope(value: Complexes) -> Floats:
+    return value.imag / value.real
+
+
+def _height(value: Complexes) -> Floats:
+    return np.log(np.maximum(np.abs(value), 1e-300))
+
+
+def _lag(value: Complexes) -> Floats:
+    """The lag [rad] in [0, 2π) that turns λ on the unit circle to −1."""
+    return (np.angle(value) + math.pi) % (2 * math.pi)
+
+
+def _nearest(sweep: Sweep, at: float, factor: float | Complexes) -> Rough:
+    """The sampled locus that comes nearest to −1 once it is multiplied by `factor`, a number or (k,)."""
+    away = np.abs(1 + np.reshape(factor, (-1, 1)) * sweep.loci)
+    row, branch = np.unravel_index(np.argmin(away), away.shape)
+    return Rough(at, float(sweep.omega[row]), complex(sweep.loci[row, branch]))
+
+
+def _axis_crossings(sweep: Sweep) -> list[Rough]:
+    """Crossings of the negative real axis by all loci."""
+    steps = sweep.steps()
+    k, branch = np.nonzero(((steps.start.imag > 0) != (steps.end.imag > 0)) & ~sweep.calm[:, None])
+    start, end = steps.start[k, branch], steps.end[k, branch]
+    share = start.imag / (start.imag - end.imag)
+    value = (start + share * (end - start)).real
+    omega = sweep.omega[k] + share * (sweep.omega[k + 1] - sweep.omega[k])
+    at_rest = sweep.at_rest()
+    values, places = [value, at_rest], [omega, np.zeros(len(at_rest))]
+    if sweep.last is not None:
+        at_end = sweep.loci[-1][np.abs(sweep.loci[-1].imag) < 1e-9 * np.abs(sweep.loci[-1])].real
+        values.append(at_end)
+        places.append(np.full(len(at_end), sweep.last))
+    value, omega = np.concatenate(values), np.concatenate(places)
+    reached = (value < -1 / sweep.highest) & (value > -1 / (LOWEST_UNDAMPED if sweep.undamped else LOWEST))
+    return listed(-1 / value[reached], omega[reached], value[reached].astype(complex))
+
+
+def _circle_crossings(sweep: Sweep) -> tuple[Floats, Complexes]:
+    """ω and λ of the crossings of the unit circle by all loci, interpolated."""
+    steps = sweep.steps()
+    for _ in range(DIPS):  # a resonance may rise above the circle, or dip below it, between two samples
+        low, high = _height(steps.start), _height(steps.end)
+        move = np.maximum(np.abs(high - low), np.abs(np.angle(steps.end * steps.start.conj())))
+        near = np.minimum(np.abs(low), np.abs(high))
+        rough = np.any((near < 2 * move) & (move > 0.1), axis=1) & (np.diff(sweep.omega) > 1e-6 * sweep.omega[1:])
+        if not rough.any() or sweep.full:
+            break
+        sweep.add(0.5 * (sweep.omega[:-1] + sweep.omega[1:])[rough])
+        steps = sweep.steps()
+    low, high = _height(steps.start), _height(steps.end)
+    k, branch = np.nonzero((low > 0) != (high > 0))
+    share = low[k, branch] / (low[k, branch] - high[k, branch])
+    omega = sweep.omega[k] * (sweep.omega[k + 1] / sweep.omega[k]) ** share
+    turned = np.angle(steps.end[k, branch] * steps.start[k, branch].conj())
+    return omega, np.exp(1j * (np.angle(steps.start[k, branch]) + share * turned))
+
+
+def _circle_polished(boundary: Boundary, group: list[Rough]) -> tuple[Floats, Complexes]:
+    omega, value = boundary.crossings(*_columns(group), _height)
+    reached = np.abs(np.abs(value) - 1) < 1e-9
+    return omega[reached], value[reached]

@@ -1,0 +1,171 @@
+"""How far all gains of a loop can be scaled: the stable interval of the common factor g around 1, with its certificate."""
+
+import math
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from ..errors import GainroomError
+from ..linear.arrays import Complexes
+from ..system.loop import Loop
+from .first_crossing import LOWEST, LOWEST_UNDAMPED, NUDGE, Certificate, End, Family, gains
+from .loci import HIGHEST, Sweep
+from .stability import INFINITELY_MANY, has_growing_root, scan_loop, unstable_roots
+
+NEAREST = 10.0  # of the factors that are looked at first on coupled loops; most limits lie below
+FAR_BELOW = (1e-4, 1e-3, 1e-2, 0.1)  # of stable gains: how far down a lower end is looked for; round-off may hide what integrators do
+MOST_COUNTED = 300  # intervals of the factor whose roots are counted one by one
+JUST_BELOW = 1 - np.geomspace(1e-6, 0.5, 18)  # factors on an unstable loop at which roots are counted beside those between crossings
+
+
+@dataclass(frozen=True)
+class GainLimit:
+    """The stable interval of the common gain factor g.
+
+    stable       at g = 1
+    gain         its upper end: > 1 where the loop is stable; < 1 where it is not, and lowering the gains to it would make it so;
+                 0 where no lower gain is stable; inf where no higher gain is unstable (one joint, continuous time: none below 1e9)
+    lower_gain   its lower end, 0 where every lower gain is stable (coupled loops: down to 1e-4 of them, or 0.1
+                 where round-off hides more), NaN where no factor below 1 is
+    frequency    of the vibration at the upper end [rad/s], 0 where the robot topples, NaN where there is none
+    mode         (n,) complex, the joints' parts in that vibration, the largest 1
+    certificate, lower_certificate   of the upper and the lower end, None where there is none
+
+    Coupled loops: roots that the gains do not move (joints left free) are not counted; factors up to 1e3 are looked at.
+    """
+
+    stable: bool
+    gain: float
+    lower_gain: float
+    frequency: float
+    mode: Complexes
+    certificate: Certificate | None
+    lower_certificate: Certificate | None = None
+
+    @property
+    def certified(self) -> bool:
+        """True where roots were counted on both sides of every end."""
+        return all(one.holds for one in (self.certificate, self.lower_certificate) if one is not None)
+
+
+def gain_limit(loop: Loop) -> GainLimit:
+    """The largest and smallest factor on all gains that keep the loop stable.
+
+    For an unstable loop: the nearest stable interval below g = 1. Raises GainroomError where L is zero.
+    """
+    if loop.size == 1:
+        return _scalar_limit(loop)
+    limit = coupled_limit(Sweep(loop, NEAREST, for_limit=True))
+    return limit if limit.gain < math.inf else coupled_limit(Sweep(loop, HIGHEST, for_limit=True))
+
+
+def _scalar_limit(loop: Loop) -> GainLimit:
+    """From the crossings of the certified scan: between neighbouring ones the number of unstable roots is constant."""
+    if loop.scalar is not None and loop.scalar.gain == 0:
+        raise GainroomError("gain_limit: all gains are zero")
+    phases = scan_loop(loop, with_peaks=False).phases
+    phases = phases[phases[:, 1] > 0]
+    phases = phases[np.argsort(-phases[:, 1], kind="stable")]
+    stable = unstable_roots(loop) == 0
+    factors = [0.0, *(1 / size for size in phases[:, 1].tolist()), math.inf]
+    upper = next(k for k, factor in enumerate(factors) if factor > 1)
+    if not stable:
+        upper = _stable_below(loop, factors, phases[:, 2].tolist(), upper - 1)
+    if upper == 0:
+        return _no_limit(loop, False, 0.0, math.nan)
+    gain, lower = factors[upper], factors[upper - 1]
+    if math.isinf(gain):
+        return _no_limit(loop, stable, gain, lower)
+
+    def counted(end: float, way: int) -> Certificate:
+        return Certificate(*(unstable_roots(loop.scaled(end * (1 + way * side * NUDGE))) for side in (-1, 1)))
+
+    below = counted(lower, -1) if lower > 0 else None
+    return GainLimit(stable, gain, lower, float(phases[upper - 1, 0]), np.ones(1, dtype=complex), counted(gain, 1), below)
+
+
+def _stable_below(loop: Loop, factors: list[float], slopes: list[float], upper: int) -> int:
+    """The highest interval (factors[k − 1], factors[k]), k <= upper, without unstable roots; 0 where there is none.
+
+    A long delay or huge gains make thousands of them, so roots are counted once and then carried from one to the next: a pair enters, as
+    the factor rises, where arg L falls through π, and leaves where it rises. What this finds is counted, and so is the lowest interval;
+    should they not agree, every interval is. Raises GainroomError where those are too many.
+    """
+
+    def counted(k: int) -> int:
+        return unstable_roots(loop.scaled(_between(factors[k - 1], factors[k])))
+
+    carried: float = math.nan  # NaN: to be counted
+    for k in range(upper, 0, -1):
+        fresh = math.isnan(carried)
+        carried = counted(k) if fresh else carried
+        if carried == 0 and (fresh or counted(k) == 0):
+            return k
+        if k > 1:  # slope 0: at an end of the boundary, where a single root passes
+            slope = slopes[k - 2]
+            carried = carried + 2 * slope if slope != 0 and carried < INFINITELY_MANY else math.nan
+        elif carried != counted(1):
+            if upper > MOST_COUNTED:
+                raise GainroomError(
+                    f"gain_limit: {upper} factors at which roots cross the boundary, and rounding hides which way: shorten the delay, "
+                    f"or lower the gains"
+                )
+            return next((k for k in range(upper, 0, -1) if counted(k) == 0), 0)
+    return 0
+
+
+def _between(low: float, high: float) -> float:
+    """A factor inside (low, high)."""
+    return math.sqrt(low * high) if low > 0 else high / 2
+
+
+def _no_limit(loop: Loop, stable: bool, gain: float, lower: float) -> GainLimit:
+    return GainLimit(stable, gain, lower, math.nan, np.ones(loop.size, dtype=complex), None)
+
+
+def coupled_limit(sweep: Sweep) -> GainLimit:
+    """gain_limit of several joints, from where their loci cross the negative real axis; factors up to `sweep.highest` are looked at."""
+    if not sweep.largest:
+        raise GainroomError("gain_limit: all gains are zero")
+    family, stable = gains(sweep), sweep.unstable(1.0) == 0
+    inside = 1.0 if stable else _inside_below(sweep)
+    if inside is None:
+        if sweep.full or not has_growing_root(sweep.loop):
+            raise GainroomError(f"gain_limit: the loci could not be followed to a certified limit: {_why_not(sweep)}")
+        return _no_limit(sweep.loop, False, 0.0, math.nan)
+    upper = family.end(inside, sweep.highest if stable else 1.0)
+    lower = _lower_end(sweep, family, inside)
+    if sweep.full or not all(end.certificate.holds for end in (upper, lower) if end is not None):
+        raise GainroomError(f"gain_limit: the loci could not be followed to a certified limit: {_why_not(sweep)}")
+    lowest, below = (0.0, None) if lower is None else (lower.at, lower.certificate)
+    if upper is None:
+        return replace(_no_limit(sweep.loop, stable, math.inf, lowest), lower_certificate=below)
+    return GainLimit(stable, upper.at, lowest, upper.omega, upper.mode, upper.certificate, below)
+
+
+def _why_not(sweep: Sweep) -> str:
+    """The likeliest reason, and what to do."""
+    longest = 0.0 if sweep.loop.delays is None else float(sweep.loop.delays.max(initial=0.0))
+    if sweep.undamped:
+        return "a resonance has no damping at all; give its gearbox some"
+    if sweep.full:
+        return f"they need over {len(sweep.omega) - 1} samples, as with very light damping or a very long delay (here {1e3 * longest:g} ms)"
+    return "the loop is as good as marginal at any gain (kd 0?), or gains lie many orders of magnitude apart"
+
+
+def _lower_end(sweep: Sweep, family: Family, inside: float) -> End | None:
+    """The lower end of a stable interval, looked for as far down as round-off lets roots be counted; None where none is found."""
+    lower = None
+    for share in FAR_BELOW:
+        lower = family.end(inside, max(share * inside, LOWEST_UNDAMPED if sweep.undamped else LOWEST))
+        if lower is None or lower.certificate.holds:
+            break
+    return lower
+
+
+def _inside_below(sweep: Sweep) -> float | None:
+    """The highest factor below 1 that is found to be stable; None where there is none."""
+    edges = sorted({LOWEST, 1.0, *(one.at for one in gains(sweep).crossings() if one.at < 1)})
+    factors = [*JUST_BELOW.tolist(), *(math.sqrt(low * high) for low, high in pairwise(edges))]
+    return next((factor for factor in sorted(factors, reverse=True) if sweep.unstable(factor) == 0), None)

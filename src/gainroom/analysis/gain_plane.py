@@ -1,0 +1,337 @@
+"""Boundary curves in the plane of two gains (D-decomposition).
+
+With L = kp A + kd B, where A and B do not depend on the gains, L(jω) = target is two real equations linear in (kp, kd): one point per ω.
+target = −1 bounds the stable gains; −1/g and −g bound a gain margin, −e^{±jφ} a phase margin. (Neimark 1949; Ackermann 2002, ch. 4.)
+"""
+
+import math
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from ..linear.arrays import Booleans, Complexes, Floats, Integers
+from ..linear.transfer_function import Factored, growth
+
+POINTS_PER_DECADE = 120
+MOST_TURNS = 20_000  # samples that follow the delay's phase
+DEEPEST = 1e-9  # the curve is followed down to this share of the lowest frequency sampled finely
+ROUNDING = 4e-15  # of a gain that solves for L = target: closer than this to the wanted one, ω cannot be told apart
+UNRESOLVED = 2e-9  # relative distance of zeros between which no sample lies
+PINCH = 1e-9  # relative distance from a pinch within which the curve is taken as the straight line it is there
+SMALL_TURN = 0.12  # [rad] largest turn of a curve, drawn to scale, between neighbouring samples
+
+
+@dataclass(frozen=True)
+class GainPlane:
+    """L = kp A + kd B over a grid of ω that resolves it.
+
+    omega   (k,) rising [rad/s]
+    last    the Nyquist frequency, or None in continuous time
+    resolved  ω from which the grid is fine; below, a few points follow the curve into the origin
+    pinches   (p,) ω at which A and B have the same phase, as at the bandwidth of a second-order velocity filter: the curve runs through
+              infinity there along the line kp + kd B/A = target/A, the straighter the less damping turns A
+    curves  those drawn so far, by target
+    """
+
+    a: Factored
+    b: Factored
+    omega: Floats
+    last: float | None
+    resolved: float
+    pinches: Floats
+    curves: dict[complex, "Curve"] = field(default_factory=dict, compare=False, repr=False)
+
+    @cached_property
+    def zeros(self) -> list[tuple[float, tuple[complex, complex], tuple[complex, complex]]]:
+        """(ω₀, A's, B's) at the zeros on the boundary that A and B share, each one simple: A/(ω − ω₀) there, and its derivative by ω.
+
+        Two between the same samples, as of two notches of depth 0, are none: the curve comes back from infinity where it went.
+        """
+        found = []
+        for root in self.a.zeros[(growth(self.a.zeros, self.a.sample_time) == 0) & (self.a.zeros.imag > 0)]:
+            if _is_simple(root, self.a) and _is_simple(root, self.b):
+                omega = _frequency(root, self.a.sample_time)
+                found.append((omega, *(_divided(part, root, omega) for part in (self.a, self.b))))
+        return found
+
+    @classmethod
+    def of(cls, a: Factored, b: Factored) -> "GainPlane":
+        """A grid from well below every root to where both gains must exceed anything of interest."""
+        roots = np.abs(np.concatenate([a.zeros, a.poles, b.zeros, b.poles]))
+        roots = roots[roots > 0]
+        if a.sample_time is None:
+            slowest = min(roots.min(initial=np.inf), 1 / a.delay if a.delay else np.inf)
+            fastest = max(roots.max(initial=0.0), 1 / a.delay if a.delay else 0.0)
+            slowest, fastest = (slowest, fastest) if fastest else (1.0, 1.0)
+            last, high = None, _horizon(a, slowest, fastest)
+        else:
+            last = math.pi / a.sample_time
+            slowest, high = min(roots.min(initial=np.inf), last), last * (1 - 1e-9)
+        low = resolved = 1e-3 * slowest
+        grid = [np.geomspace(low, high, max(2, round(POINTS_PER_DECADE * math.log10(high / low))))]
+        low = DEEPEST * low  # where integrators rule, the curve runs straight into the origin; a few points follow it there
+        grid.append(np.geomspace(low, grid[0][0], 110))
+        for root in np.concatenate([a.zeros, a.poles]):  # resonances are sampled on their own scale
+            center = _frequency(root, a.sample_time)
+            if center > 0 and root.imag > 0:
+                width = max(abs(_damping(root, a.sample_time)), 1e-9 * center)
+                grid.append(center + width * np.sinh(np.linspace(-12, 12, 97)))
+        if a.delay:
+            count = min(math.ceil((high - low) * a.delay / 0.2), MOST_TURNS)
+            grid.append(np.linspace(low, low + 0.2 / a.delay * count, count, endpoint=False))
+        omega = np.unique(np.concatenate(grid))
+        for root in np.concatenate([a.zeros, a.poles]):  # an undamped resonance is stepped over
+            omega = omega[np.abs(omega - _frequency(root, a.sample_time)) > 1e-9 * omega]
+        omega = omega[(omega >= low) & (omega <= high)]
+        pinches = _pinches(a, b, omega)
+        steps = np.append(-np.geomspace(1e-2, PINCH, 60), np.geomspace(PINCH, 1e-2, 60))
+        around = (pinches[:, None] * (1 + steps)).ravel()
+        clear = np.all(np.abs(omega[:, None] - pinches) > PINCH * pinches, axis=1)
+        omega = np.unique(np.append(omega[clear], around[(around > low) & (around < high)]))
+        return cls(a, b, omega, last, resolved, pinches)
+
+    def solve(self, target: complex, omega: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+        """(kp, kd, dkp/dω, dkd/dω) with L(jω) = target."""
+        a, da = self.a.response_and_slope(omega)
+        b, db = self.b.response_and_slope(omega)
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            kp, kd = _solve2(a, b, np.full(len(omega), complex(target)))
+            dkp, dkd = _solve2(a, b, -(kp * da + kd * db))
+        on_pole = ~np.isfinite(a)  # no gains are needed to reach the target there
+        return np.where(on_pole, 0.0, kp), np.where(on_pole, 0.0, kd), dkp, dkd
+
+
+def _is_simple(root: complex, part: Factored) -> bool:
+    near = part.zeros[np.abs(part.zeros - root) <= UNRESOLVED * abs(root)]
+    return near.tolist() == [root] and not np.any(part.poles == root)
+
+
+def _divided(part: Factored, root: complex, omega: float) -> tuple[complex, complex]:
+    """A/(ω − ω₀) at its zero ω₀ = `omega`, `root` in v, and the derivative of that by ω."""
+    value, slope = replace(part, zeros=part.zeros[part.zeros != root]).response_and_slope(np.array([omega]))
+    step = part.sample_time or 0.0
+    first = 1j * np.exp(1j * omega * step)  # dv/dω; the second derivative is j T_s times that
+    return complex(value[0] * first), complex(first * (slope[0] + value[0] * 0.5j * step))
+
+
+def _pinches(a: Factored, b: Factored, omega: Floats) -> Floats:
+    """ω at which B/A is real, between the samples; B/A is of the controller alone, and smooth."""
+
+    def turned(omega: Floats) -> Booleans:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return (b.response(omega) / a.response(omega)).imag > 0
+
+    side = turned(omega)
+    k = np.flatnonzero(side[1:] != side[:-1])
+    low, high = omega[k], omega[k + 1]
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        same = turned(middle) == side[k]
+        low, high = np.where(same, middle, low), np.where(same, high, middle)
+    return low
+
+
+def _frequency(root: complex, sample_time: float | None) -> float:
+    """The ω of the boundary point nearest to a root in v."""
+    return root.imag if sample_time is None else float(np.angle(1 + sample_time * root)) / sample_time
+
+
+def _damping(root: complex, sample_time: float | None) -> float:
+    """How far a root in v lies from the boundary [1/s]."""
+    size = 1.0 if sample_time is None else abs(1 + sample_time * root)
+    return root.real if sample_time is None else math.log(max(size, 1e-300)) / sample_time
+
+
+def _horizon(a: Factored, slowest: float, fastest: float) -> float:
+    """Where the curve has left every gain of interest: well past all roots, and several turns of the delay's phase."""
+    if not a.delay:
+        return 1e5 * fastest  # a joint without roll-off crosses at √(kp/J): far out for large gains
+    return max(4 * fastest, 8 * math.pi / a.delay, 10 * slowest)
+
+
+def _solve2(a: Complexes, b: Complexes, right: Complexes) -> tuple[Floats, Floats]:
+    """Real (x, y) with x a + y b = right."""
+    determinant = a.real * b.imag - a.imag * b.real
+    return (right.real * b.imag - right.imag * b.real) / determinant, (a.real * right.imag - a.imag * right.real) / determinant
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One boundary curve, cut where it runs through infinity. All arrays (k,)."""
+
+    plane: GainPlane
+    target: complex
+    omega: Floats
+    kp: Floats
+    kd: Floats
+    slope_kp: Floats
+    slope_kd: Floats
+
+    @classmethod
+    def of(cls, plane: GainPlane, target: complex) -> "Curve":
+        """The curve of one target, built once per plane."""
+        if target not in plane.curves:
+            plane.curves[target] = cls._built(plane, target)
+        return plane.curves[target]
+
+    @classmethod
+    def _built(cls, plane: GainPlane, target: complex) -> "Curve":
+        """The curve on the plane's grid, refined until it turns little between samples."""
+        omega = plane.omega
+        kp, kd, slope_kp, slope_kd = plane.solve(target, omega)
+        for _ in range(12):
+            # kp and ω kd are the two parts of D(jω): in these axes a curve that turns little is resolved
+            turn = np.abs(np.angle(np.exp(1j * np.diff(np.arctan2(omega * slope_kd, slope_kp)))))
+            rough = (turn > SMALL_TURN) & (np.diff(omega) > 1e-9 * omega[1:])
+            if not rough.any() or len(omega) > 40_000:
+                break
+            spots = np.flatnonzero(rough)
+            omega = np.insert(omega, spots + 1, 0.5 * (omega[spots] + omega[spots + 1]))
+            kp, kd, slope_kp, slope_kd = plane.solve(target, omega)
+        return cls(plane, target, omega, kp, kd, slope_kp, slope_kd)
+
+    def crossings(self, axis: str, values: Floats, polish: bool = True) -> tuple[Integers, Floats, Floats]:
+        """Where the curve meets the lines kp = value (axis 'kp') or kd = value ('kd').
+
+        Returns (index into values, ω, the other gain), each crossing polished to machine precision, or interpolated with polish=False.
+        """
+        omega, along, slope = self._monotone_kp if axis == "kp" else self._monotone_kd
+        # An interval that runs through infinity is no crossing.
+        low, high = np.minimum(along[:-1], along[1:]), np.maximum(along[:-1], along[1:])
+        through = np.isfinite(low) & np.isfinite(high) & ~_runs_through_infinity(along, slope, omega) & ~self._pinched(omega)
+        order = np.argsort(values, kind="stable")
+        ranked = values[order]
+        first, last = np.searchsorted(ranked, low, "left"), np.searchsorted(ranked, high, "left")
+        count = np.where(through, last - first, 0)
+        interval = np.repeat(np.arange(len(count)), count)
+        within = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+        index = order[first[interval] + within]
+        if polish:
+            omega_found = self._polish(axis, values[index], omega[interval], omega[interval + 1], along[interval])
+        else:
+            share = (values[index] - along[interval]) / (along[interval + 1] - along[interval])
+            omega_found = omega[interval] + share * (omega[interval + 1] - omega[interval])
+        other = self._other(axis, values[index], omega_found)
+        parts = (index, omega_found, other), self._straight(axis, values), self._beside_zeros(axis, values)
+        index, omega_found, other = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+        return index, omega_found, other
+
+    def _other(self, axis: str, values: Floats, omega: Floats) -> Floats:
+        """The other gain where one is `values` and the curve is met at ω: by projection, as two lines may be nearly parallel there."""
+        a, b = self.plane.a.response(omega), self.plane.b.response(omega)
+        given, free = (a, b) if axis == "kp" else (b, a)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            other = ((self.target - values * given) * free.conj()).real / np.abs(free) ** 2
+        return np.where(np.isfinite(a), other, 0.0)  # on a pole no gains are needed to reach the target
+
+    def _pinched(self, omega: Floats) -> Booleans:
+        """True for intervals within which the curve is taken as straight."""
+        middle, pinches = 0.5 * (omega[1:] + omega[:-1]), self.plane.pinches
+        return np.any(np.abs(middle[:, None] - pinches) < PINCH * pinches, axis=1)
+
+    def _straight(self, axis: str, values: Floats) -> tuple[Integers, Floats, Floats]:
+        """Crossings of `values` with the straight pieces at the pinches: from the last sample on either side out to infinity.
+
+        There kd = Im(target/A)/Im(B/A) and kp = Re(target/A) − kd Re(B/A), of which only Im(B/A) moves, through 0.
+        """
+        found: list[tuple[Integers, Floats, Floats]] = [(np.empty(0, dtype=int), np.empty(0), np.empty(0))]
+        for pinch in self.plane.pinches.tolist():
+            for side in (-1.0, 1.0):
+                edge = np.array([pinch * (1 + side * PINCH)])
+                kp, kd, _, _ = self.plane.solve(self.target, edge)
+                a, b = (part.response(np.array([pinch]))[0] for part in (self.plane.a, self.plane.b))
+                beyond = self.plane.b.response(edge)[0] / self.plane.a.response(edge)[0]
+                outward = (1.0 if (self.target / a).imag >= 0 else -1.0) * np.sign(beyond.imag)
+                if axis == "kp":
+                    outward *= -np.sign((b / a).real)
+                start = (kp if axis == "kp" else kd)[0]
+                index = np.flatnonzero(outward * (values - start) > 0)
+                omega = np.full(len(index), pinch)
+                found.append((index, omega, self._other(axis, values[index], omega)))
+        index, omega, other = (np.concatenate(parts) for parts in zip(*found, strict=True))
+        return index, omega, other
+
+    def _beside_zeros(self, axis: str, values: Floats) -> tuple[Integers, Floats, Floats]:
+        """Crossings of `values` nearer to a zero on the boundary than any sample, given the ω of the sample next to them.
+
+        A notch of depth 0 or an undamped antiresonance at ω₀: A = a (ω − ω₀) and B = b (ω − ω₀), so the curve runs out to infinity on
+        either side of it, where kp a + kd b = target/(ω − ω₀); a and b are taken to first order in ω − ω₀.
+        """
+        found: list[tuple[Integers, Floats, Floats]] = [(np.empty(0, dtype=int), np.empty(0), np.empty(0))]
+        for center, *parts in self.plane.zeros:
+            k = int(np.searchsorted(self.omega, center))
+            if not 0 < k < len(self.omega):
+                continue
+            (given, bend), (free, free_bend) = (np.array(part) / self.target for part in (parts if axis == "kp" else parts[::-1]))
+            rate, other = np.full(len(values), np.inf), values
+            for _ in range(4):  # the bends of A and B move the other gain by a constant; in ω they vanish
+                with np.errstate(divide="ignore", invalid="ignore"):  # no crossing where the curve is parallel to the lines
+                    here, there = given + bend / rate, free + free_bend / rate
+                    other = -values * here.imag / there.imag
+                    rate = (values * here + other * there).real  # 1/(ω − ω₀)
+            for inside, edge in ((rate < 0, self.omega[k - 1]), (rate > 0, self.omega[k])):
+                index = np.flatnonzero(inside & np.isfinite(rate) & (np.abs(rate * (edge - center)) > 1))
+                found.append((index, np.full(len(index), edge), other[index]))
+        index, omega, other = (np.concatenate(parts) for parts in zip(*found, strict=True))
+        return index, omega, other
+
+    def along(self, axis: str) -> tuple[Floats, Floats]:
+        """(ω, kp or kd) at the samples and at every extremum between them."""
+        return (self._monotone_kp if axis == "kp" else self._monotone_kd)[:2]
+
+    @cached_property
+    def _monotone_kp(self) -> tuple[Floats, Floats, Floats]:
+        return self._with_extrema("kp", self.kp, self.slope_kp)
+
+    @cached_property
+    def _monotone_kd(self) -> tuple[Floats, Floats, Floats]:
+        return self._with_extrema("kd", self.kd, self.slope_kd)
+
+    def _with_extrema(self, axis: str, along: Floats, slope: Floats) -> tuple[Floats, Floats, Floats]:
+        """The samples with every extremum of kp(ω) or kd(ω) added, so that the curve is monotone between them."""
+        turning = np.flatnonzero((np.sign(slope[1:]) != np.sign(slope[:-1])) & np.isfinite(slope[1:]) & np.isfinite(slope[:-1]))
+        low, high = self.omega[turning].copy(), self.omega[turning + 1].copy()
+        rising = slope[turning] > 0
+        for _ in range(60):
+            middle = 0.5 * (low + high)
+            _, _, slope_kp, slope_kd = self.plane.solve(self.target, middle)
+            same = ((slope_kp if axis == "kp" else slope_kd) > 0) == rising
+            low, high = np.where(same, middle, low), np.where(same, high, middle)
+            if np.all(high - low <= 1e-10 * high):  # the extremum is flat: its gain is then good to the last digit
+                break
+        kp, kd, slope_kp, slope_kd = self.plane.solve(self.target, low)
+        extra, extra_slope = (kp, slope_kp) if axis == "kp" else (kd, slope_kd)
+        return (
+            np.insert(self.omega, turning + 1, low),
+            np.insert(along, turning + 1, extra),
+            np.insert(slope, turning + 1, extra_slope * 0),
+        )
+
+    def _polish(self, axis: str, values: Floats, low: Floats, high: Floats, along_low: Floats) -> Floats:
+        """ω in [low, high] where the curve meets `values`, by Newton with bisection as the fallback."""
+        low, high, rising = low.copy(), high.copy(), along_low <= values
+        omega = 0.5 * (low + high)
+        active = np.arange(len(values))
+        for _ in range(80):
+            here, wanted = omega[active], values[active]
+            kp, kd, slope_kp, slope_kd = self.plane.solve(self.target, here)
+            along, slope = (kp, slope_kp) if axis == "kp" else (kd, slope_kd)
+            below = (along <= wanted) == rising[active]
+            low[active], high[active] = np.where(below, here, low[active]), np.where(below, high[active], here)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                step = here - (along - wanted) / slope
+            done = (np.abs(step - here) <= 1e-15 * here) | (np.abs(along - wanted) <= ROUNDING * np.abs(wanted))
+            inside = (step > low[active]) & (step < high[active])
+            omega[active] = np.where(done, here, np.where(inside, step, 0.5 * (low[active] + high[active])))
+            active = active[~done & (high[active] - low[active] > 4e-16 * here)]
+            if not len(active):
+                break
+        return omega
+
+
+def _runs_through_infinity(along: Floats, slope: Floats, omega: Floats) -> Booleans:
+    """True where neighbouring samples lie on two sides of a pole of the curve: it jumps against its own slope, by more than its size."""
+    jump = np.diff(along)
+    against = (jump * slope[:-1] < 0) & (jump * slope[1:] < 0)
+    return against & (np.abs(jump) > np.minimum(np.abs(along[1:]), np.abs(along[:-1])))

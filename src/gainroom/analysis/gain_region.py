@@ -1,0 +1,318 @@
+"""The region of PD gains that are stable and keep the required margins: exact membership, boundary, largest gains.
+
+On each line kp = const the crossings of the stability curve (gain_plane.py) and the intervals that margins forbid (excluded_region.py) are
+known to machine precision. Between crossings the number of unstable roots is constant; it is counted once (Nyquist) and then carried
+across each crossing by the direction in which its root moves, once per cell, not once per point.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..errors import GainroomError, require_finite
+from ..linear.arrays import Booleans, Floats, Integers
+from ..linear.transfer_function import Factored
+from ..system.controller import PD, PID, PPI
+from ..system.drive import Drive
+from ..system.loop import Feedback, build_loop
+from ..system.plant import ElasticJoint, Plant
+from ..system.requirements import Requirements
+from .crossings import scan_many
+from .excluded_region import forbidden
+from .gain_plane import Curve, GainPlane
+
+FEW_TURNS = 10.0  # [rad] ωT up to which gains are chosen at which roots are counted
+
+
+def pd_region(
+    joint: ElasticJoint | Plant,
+    drive: Drive,
+    gain_margin: float | None = None,
+    phase_margin: float | None = None,
+    peak_sensitivity: float | None = None,
+    feedback: Feedback = "motor",
+    sample_time: float | None = None,
+    controller: Any = None,
+) -> "PDRegion":
+    """The gains (kp, kd) of one joint that are stable and keep every margin asked for (factor; rad; factor).
+
+    controller   a PD, PID or PPI whose filters, notches and integral ratio are kept while kp and kd vary; None: plain PD
+    """
+    template = PD(1.0, 1.0) if controller is None else controller
+    if not isinstance(template, PD | PID | PPI):
+        raise GainroomError(f"pd_region: controller {type(template).__name__} must be a PD, PID or PPI")
+    loop = build_loop(joint, drive, template, feedback, sample_time)
+    if loop.actuated is None:
+        raise GainroomError(f"pd_region is for one joint, not for {loop.size}")
+    return PDRegion(loop.actuated, template, Requirements(gain_margin, phase_margin, peak_sensitivity))
+
+
+@dataclass(frozen=True)
+class PDRegion:
+    """See pd_region. `actuated` is the loop without its controller, `template` gives the controller at each (kp, kd)."""
+
+    actuated: Factored
+    template: PD | PID | PPI
+    required: Requirements
+
+    def scalar(self, kp: float, kd: float) -> Factored:
+        """L at one pair of gains."""
+        return self.actuated * self.template.in_plane(kp, kd, self.actuated.sample_time)
+
+    def columns(self, kps: ArrayLike) -> list[Floats]:
+        """For each kp (m,): the allowed kd as open intervals (p, 2), sorted; ends may be ±inf."""
+        kps = np.atleast_1d(np.asarray(kps, dtype=float))
+        free = self.stable_columns(kps)
+        for name in self.required.asked:
+            free = self.barred(name, kps, free)
+        return free
+
+    def barred(self, name: str, kps: Floats, free: list[Floats], polish: bool = True) -> list[Floats]:
+        """`free`, intervals of kd for each kp, without what one requirement forbids."""
+        filled = [m for m, intervals in enumerate(free) if len(intervals)]
+        result = list(free)
+        if filled:
+            window = np.array([[free[m][0, 0], free[m][-1, 1]] for m in filled])
+            value = getattr(self.required, name)
+            walls = forbidden(self._plane, self._curve.omega, name, value, np.asarray(kps)[filled], window, polish)
+            for m, wall in zip(filled, walls, strict=True):
+                result[m] = without(free[m], wall)
+        return result
+
+    def stable_columns(self, kps: Floats, polish: bool = True) -> list[Floats]:
+        """As `columns`, for bare stability."""
+        index, kd, change = self._crossings("kp", kps, polish)
+        order = np.lexsort((kd, index))
+        index, kd, change = index[order], kd[order], change[order]
+        bounds = np.searchsorted(index, np.arange(len(kps) + 1))
+        anchor = self._row.kd
+        counts = self._row.counts(kps)
+        result = []
+        lowest, highest = self._reach
+        for m in range(len(kps)):
+            if not lowest <= kps[m] <= highest:
+                result.append(np.empty((0, 2)))
+                continue
+            edges, steps = kd[bounds[m] : bounds[m + 1]], change[bounds[m] : bounds[m + 1]]
+            below = np.searchsorted(edges, anchor)
+            unstable = counts[m] - steps[:below].sum() + np.append(0, np.cumsum(steps))
+            ends = np.concatenate([[-np.inf], edges, [np.inf]])
+            result.append(np.stack([ends[:-1], ends[1:]], axis=1)[(unstable == 0) & (ends[1:] > ends[:-1])])
+        return result
+
+    def contains(self, kp: ArrayLike, kd: ArrayLike) -> Booleans:
+        """True where the gains are allowed; kp and kd broadcast."""
+        kp, kd = np.broadcast_arrays(require_finite("region", "kp", kp), require_finite("region", "kd", kd))
+        values, inverse = np.unique(kp, return_inverse=True)
+        inverse, kd_flat = inverse.ravel(), kd.ravel()
+        inside = np.zeros(len(kd_flat), dtype=bool)
+        order = np.argsort(inverse, kind="stable")
+        bounds = np.searchsorted(inverse[order], np.arange(len(values) + 1))
+        for m, intervals in enumerate(self.columns(values)):
+            mine = order[bounds[m] : bounds[m + 1]]
+            ends = intervals.ravel()
+            place = np.searchsorted(ends, kd_flat[mine])
+            inside[mine] = (place % 2 == 1) & (kd_flat[mine] != ends[np.minimum(place, len(ends) - 1)] if len(ends) else False)
+        return inside.reshape(kp.shape)
+
+    def max_kd(self, kp: ArrayLike) -> Any:
+        """The largest allowed kd for each kp; NaN where none is allowed. A float for a single kp."""
+        tops = np.array([intervals[-1, 1] if len(intervals) else np.nan for intervals in self.columns(kp)])
+        return float(tops[0]) if np.ndim(kp) == 0 else tops.reshape(np.shape(kp))
+
+    def max_kp(self) -> float:
+        """The largest allowed kp over all kd; NaN where no gains are allowed."""
+        return self._top
+
+    @cached_property
+    def boundary(self) -> tuple[Floats, ...]:
+        """Closed polylines (m, 2), columns kp and kd, around every connected part; an unbounded part is cut off at a large kd."""
+        low, high = self._bottom, self._top
+        if math.isnan(low):
+            return ()
+        low, high = max(low, self.ladder[0] if low < 0 else 0.0), min(high, self.ladder[-1])
+        spread = 0.5 * (1 - np.cos(np.linspace(0, math.pi, 161)))
+        kps = low + (high - low) * np.clip(spread, 1e-9, 1 - 1e-9)
+        return traced(kps, self.columns(kps))
+
+    @cached_property
+    def _plane(self) -> GainPlane:
+        step = self.actuated.sample_time
+        parts = [self.actuated * self.template.combine(terms, step) for terms in self.template.plane()]
+        return GainPlane.of(*parts)
+
+    @cached_property
+    def _curve(self) -> Curve:
+        return Curve.of(self._plane, -1.0)
+
+    def _crossings(self, axis: str, values: Floats, polish: bool = True) -> tuple[Integers, Floats, Integers]:
+        """Crossings of the stability boundary with lines: (index into values, other gain, change of the unstable count as it grows)."""
+        index, omega, other = self._curve.crossings(axis, values, polish)
+        size = np.full(len(omega), 2)
+        if self._plane.last is not None:
+            a, b = (float(part.response(self._plane.last).real) for part in (self._plane.a, self._plane.b))
+            here, there = (a, b) if axis == "kp" else (b, a)
+            if there != 0:
+                index = np.append(index, np.arange(len(values)))
+                omega = np.append(omega, np.full(len(values), self._plane.last))
+                other = np.append(other, (-1 - values * here) / there)
+                size = np.append(size, np.ones(len(values), dtype=int))
+        kp, kd = (values[index], other) if axis == "kp" else (other, values[index])
+        a, da = self._plane.a.response_and_slope(omega)
+        b, db = self._plane.b.response_and_slope(omega)
+        # ds/d(gain) = −A/(dL/ds) and dL/ds = −j dL/dω; the real part says which way the root moves
+        moving = (b if axis == "kp" else a) / (kp * da + kd * db)
+        return index, other, size * np.sign(moving.imag).astype(int)
+
+    @cached_property
+    def _row(self) -> "_Row":
+        """Unstable roots along a line kd = const: counted once on either side of the static line, carried across each crossing."""
+        # Few turns of the delay: far out along the curve lie gains with thousands of unstable roots, which rounding and the grid blur.
+        near = np.isfinite(self._curve.kd) & (self._curve.omega * self.actuated.delay < FEW_TURNS)
+        finite = np.abs(self._curve.kd[near])
+        kd = 1.0371 * float(np.median(finite)) if len(finite) else 1.0  # no symmetric case has a crossing just there
+        kd = kd or 1.0  # a curve that lies on kd = 0 altogether: rigid, and nothing rolls off
+        _, events, change = self._crossings("kd", np.array([kd]))
+        order = np.argsort(events)
+        static = 0.0
+        if not np.any(self._plane.a.poles == 0):  # a root at s = 0 where kp A(0) = −1
+            static = -1 / float(self._plane.a.response(0.0).real)
+        step = float(self.ladder[self.ladder > 0][0])
+        base = (self._count(static - step, kd), self._count(static + step, kd))
+        return _Row(kd, events[order], np.append(0, np.cumsum(change[order])), static, step, base)
+
+    def _count(self, kp: float, kd: float) -> int:
+        """Unstable roots by the Nyquist count of the certified scan."""
+        system = self.scalar(kp, kd)
+        return round(system.unstable_poles - scan_many([system], with_peaks=False)[0].half_turns)
+
+    @cached_property
+    def _top(self) -> float:
+        """Largest allowed kp; inf where no kp on the ladder is too large, NaN where none is allowed."""
+        last = self._outermost(self.ladder)
+        return math.inf if last == self.ladder[-1] else last
+
+    @cached_property
+    def _bottom(self) -> float:
+        """Smallest allowed kp; 0 or −inf where every lower one on the ladder is allowed."""
+        first = self._outermost(self.ladder[::-1])
+        return first if first != self.ladder[0] else 0.0 if first > 0 else -math.inf
+
+    @cached_property
+    def ladder(self) -> Floats:
+        """kp over all orders of magnitude at which the stability boundary lives, negative ones first."""
+        upward = self._rungs(1.0)
+        if np.any(self._plane.a.poles == 0):  # with an integrator no kp < 0 is stable
+            return upward
+        return np.concatenate([-self._rungs(-1.0)[::-1], upward])
+
+    def _rungs(self, sign: float) -> Floats:
+        """|kp| of one sign from far below to where the boundary ends; just beyond it, if it turns back there."""
+        omega, kp = self._curve.along("kp")
+        sizes = np.where(omega >= self._plane.resolved, sign * kp, 0.0)
+        if not np.any(sizes > 0):
+            sizes = np.abs(sizes)
+        sizes = sizes[np.isfinite(sizes) & (sizes > 0)]
+        lowest, highest = float(sizes.min(initial=1.0)), float(sizes.max(initial=0.0)) or 1.0
+        rungs = np.geomspace(1e-3 * lowest, 0.99 * highest, 121)
+        unlimited = self._plane.last is None and highest == sizes[-1]
+        return rungs if unlimited else np.append(rungs, 1.01 * highest)
+
+    @cached_property
+    def _reach(self) -> tuple[float, float]:
+        """Lowest and highest kp of which the unstable roots are known: beyond, nothing is allowed.
+
+        The stability boundary must reach there, and with a delay, which brings roots at every height, no root along the row may have
+        crossed above the highest ω looked at: |kp A + kd B| < 1 from there on.
+        """
+        _, kp = self._curve.along("kp")
+        kp = kp[np.isfinite(kp)]
+        most = math.inf
+        if self.actuated.delay > 0 and self._plane.last is None:
+            a, b = (float(abs(part.response(self._plane.omega[-1]))) for part in (self._plane.a, self._plane.b))
+            most = max(1 - abs(self._row.kd) * b, 0.0) / a
+        return max(float(kp.min(initial=0.0)), -most), min(float(kp.max(initial=0.0)), most)
+
+    def _outermost(self, ladder: Floats) -> float:
+        """The last allowed kp along `ladder`, to machine precision: between a filled column and the empty ones beyond."""
+        filled = np.flatnonzero([len(intervals) > 0 for intervals in self.columns(ladder)])
+        if not len(filled):
+            return math.nan
+        if filled[-1] == len(ladder) - 1:
+            return float(ladder[-1])
+        inside, outside = ladder[filled[-1]], ladder[filled[-1] + 1]
+        while abs(outside - inside) > 1e-12 * abs(inside):
+            trial = np.linspace(inside, outside, 14)[1:-1]
+            empty = np.flatnonzero([not len(intervals) for intervals in self.columns(trial)])
+            place = int(empty[0]) if len(empty) else len(trial)
+            inside, outside = (trial[place - 1] if place else inside), (trial[place] if place < len(trial) else outside)
+        return float(inside)
+
+
+@dataclass(frozen=True)
+class _Row:
+    """Unstable roots along kd = const: crossings `events` in kp, the running `total` of changes, counts just left and right of `static`."""
+
+    kd: float
+    events: Floats
+    total: Integers
+    static: float
+    step: float
+    base: tuple[int, int]
+
+    def counts(self, kps: Floats) -> Integers:
+        """Unstable roots at each kp."""
+        level = self.total[np.searchsorted(self.events, kps)]
+        start = self.total[np.searchsorted(self.events, [self.static - self.step, self.static + self.step])]
+        right = self.base[1] + level - start[1]
+        return np.where(kps > self.static, right, np.where(kps < self.static, self.base[0] + level - start[0], 1))
+
+
+def without(free: Floats, barred: Floats) -> Floats:
+    """`free` minus `barred`, both disjoint sorted intervals (p, 2)."""
+    pieces = []
+    for low, high in free:
+        for start, end in barred[(barred[:, 1] > low) & (barred[:, 0] < high)]:
+            if start > low:
+                pieces.append((low, start))
+            low = max(low, end)
+        if high > low:
+            pieces.append((low, high))
+    return np.array(pieces).reshape(-1, 2)
+
+
+def traced(kps: Floats, columns: list[Floats]) -> tuple[Floats, ...]:
+    """Closed outlines from intervals on successive lines, linked one to one where they overlap, and slanted strips by their order."""
+    finished: list[list[tuple[float, float, float]]] = []
+    active: list[list[tuple[float, float, float]]] = []
+    ceiling = 2 * max((float(np.abs(c[np.isfinite(c)]).max(initial=0.0)) for c in columns), default=1.0) or 1.0
+    for kp, intervals in zip(kps, columns, strict=True):
+        intervals = np.clip(intervals, -ceiling, ceiling)
+        links = _links([chain[-1][1:] for chain in active], intervals)
+        finished += [chain for j, chain in enumerate(active) if j not in links.values()]
+        following = []
+        for k, (low, high) in enumerate(intervals):
+            chain = active[links[k]] if k in links else []
+            chain.append((kp, low, high))
+            following.append(chain)
+        active = following
+    outlines = []
+    for chain in finished + active:
+        table = np.array(chain)
+        forth, back = table[:, [0, 1]], table[::-1][:, [0, 2]]
+        outlines.append(np.vstack([forth, back, forth[:1]]))
+    return tuple(outlines)
+
+
+def _links(before: list[tuple[float, float]], after: Floats) -> dict[int, int]:
+    """Which interval of one column continues which of the column before: index after → index before."""
+    over = np.array([[low < end and high > start for start, end in before] for low, high in after]).reshape(len(after), len(before))
+    links = {k: int(np.argmax(over[k])) for k in range(len(after)) if over[k].sum() == 1 and over[:, np.argmax(over[k])].sum() == 1}
+    loose_after, loose_before = np.flatnonzero(~over.any(axis=1)), np.flatnonzero(~over.any(axis=0))
+    if len(loose_after) == len(loose_before):
+        links.update(zip(loose_after.tolist(), loose_before.tolist(), strict=True))
+    return links

@@ -1,0 +1,397 @@
+"""The characteristic loci of coupled loops along the stability boundary: the eigenvalues λ of L(jω), sampled and followed.
+
+det(I + z L(jω)) = 0 exactly where an eigenvalue equals −1/z. So the loci tell where any common factor z puts a root on the boundary: a
+gain where they cross the negative real axis, a phase or a delay where they cross the unit circle; and their turns around −1/z count the
+unstable roots (Nyquist, MacFarlane and Postlethwaite 1977). L is sampled once, as finely as the loci need, for all of these.
+
+Between neighbouring samples an eigenvalue turns by a part of its angle to the negative real axis, or moves by a small part of itself. That
+is a check, not a proof as for one joint (crossings.py); what is reported is polished, and counted on both sides.
+
+A limit alone needs few samples: loci too small to matter are told by a norm, and where a passive mechanism under PD keeps them off the
+negative real axis by itself (`calm`) there is nothing to follow.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..errors import GainroomError
+from ..linear.arrays import Booleans, Complexes, Floats, Integers
+from ..system.loop import Loop
+from .passive_intervals import calm_spans
+
+HIGHEST = 1e3  # of the factors that are looked at
+SMOOTH = 0.12  # largest relative move of an eigenvalue between samples near the negative real axis
+DETOUR = 0.5  # of its angle to that axis: a turn that stays smaller does not reach the axis in between
+GROWTH = 0.7  # largest change of ln|λ| between samples
+LARGE = 1e3  # eigenvalues beyond this belong to integrators
+UNDAMPED = 1e-8  # damping ratio below which a resonance counts as undamped
+TILT = 1e-9  # damping ratio, negative, of the ray that takes the place of the boundary then
+HUGE = 1e9  # eigenvalues beyond this drown the small ones in round-off
+NOTHING = 1e-150  # eigenvalues smaller than this are zero
+NOISE = 1e-10  # of the largest eigenvalue: smaller ones are no better than round-off
+STEEPEST = 2.5  # of a fall, about 1: from two integrators and a memory, 3, to a velocity alone, -1; beyond is round-off
+ASTRAY = 0.02  # of the order of a fall: more tells of round-off
+REAL = 0.3  # part of its size up to which what is imaginary of a locus near ω = 0 is taken for the distance to 0
+PER_DECADE = 6
+BESIDE = 1.02  # a step so short, from the lowest sample, that the nearest locus is the same, or falls alike
+AROUND = np.array([-6.0, -1.5, 0.0, 1.5, 6.0])  # half-widths of a resonance that are sampled
+LOWEST = 1e-12  # of the highest frequency
+CLOSEST = 1e-10  # relative distance of samples at which refinement stops
+MOST = 12_000  # samples of large matrices; of small ones more, up to as many entries
+AT_ONCE = 2_000_000  # entries of all matrices that are held at a time
+COMPARED = 500_000  # distances between eigenvalues that are held at a time
+
+
+@dataclass(frozen=True)
+class Steps:
+    """Every eigenvalue from one sample to the next. All arrays (k − 1, n).
+
+    start, end   λ at both samples, paired by nearness
+    """
+
+    start: Complexes
+    end: Complexes
+
+
+class Boundary:
+    """The stability boundary of a loop, and the loci on it one frequency at a time. `last` [rad/s]: half the sample rate; None: no end."""
+
+    def __init__(self, loop: Loop) -> None:
+        self.loop = loop
+        self.last = None if loop.sample_time is None else math.pi / loop.sample_time
+        # A resonance without damping is a pole on the boundary, which the loci pass at infinity: then the boundary leans, and what grows
+        # slower than TILT tells is not counted.
+        self.undamped = bool(np.any((loop.bends.imag > 0) & (np.abs(loop.bends.real) < UNDAMPED * loop.bends.imag)))
+        self._ray = 1j + TILT if self.undamped else 1j  # s = ω (j + TILT)
+
+    def points(self, omega: Floats) -> Complexes:
+        """s (k,) at omega (k,)."""
+        return self._ray * omega
+
+    def core(self, omega: Floats) -> Complexes:
+        """L (k, r, r) at omega (k,), as far as the gains reach."""
+        return self.loop.core(self.points(omega))
+
+    def blurred(self, omega: Floats) -> Floats:
+        """(k,) how far (I + L)⁻¹ may be off by round-off at low omega (k,): one motion's share of L drowns beside a much larger one."""
+        core = self.core(omega)
+        size = np.linalg.norm(core, axis=(1, 2))
+        least = np.linalg.svd(np.eye(core.shape[1]) + core, compute_uv=False)[:, -1]
+        with np.errstate(divide="ignore"):
+            return self.loop.round_off(omega) * np.maximum(1.0, size / least**2)
+
+    def eigen(self, omega: Floats) -> tuple[Complexes, Complexes]:
+        """Eigenvalues (k, r) and vectors (k, r, r) of the core of L at omega (k,), computed once for frequencies that are the same."""
+        distinct, place = np.unique(omega, return_inverse=True)
+        values, vectors = np.linalg.eig(self.core(distinct))
+        return values[place], vectors[place]
+
+    def mode(self, omega: float, value: complex) -> Complexes:
+        """The measured positions (n,) of the locus that is at `value` at `omega`, the largest part 1."""
+        values, vectors = self.eigen(np.array([omega]))
+        mode = self.loop.lifted(self._ray * omega, vectors[0][:, np.argmin(np.abs(values[0] - value))])
+        return mode / mode[np.argmax(np.abs(mode))]
+
+    def crossings(self, omega: Floats, wanted: Complexes, height: Callable[[Complexes], Floats]) -> tuple[Floats, Complexes]:
+        """Where `height` of the loci that are at `wanted` (k,) at `omega` (k,) is zero, by secants: ω and λ.
+
+        A locus is followed by its vector: near-equal legs have loci that lie closer together than they move in one step. The caller
+        checks what has been reached.
+        """
+        values, vectors = self.eigen(omega)
+        rows = np.arange(len(omega))
+        which = np.argmin(np.abs(values - wanted[:, None]), axis=1)
+        value, mode = values[rows, which], vectors[rows, :, which]
+        before, first = omega, height(value)
+        omega = np.where(omega == self.last, omega, omega * (1 - 1e-6))
+        top = math.inf if self.last is None else self.last
+        for _ in range(40):
+            moving = np.flatnonzero(omega != before)
+            if not len(moving):
+                break
+            values, vectors = self.eigen(omega[moving])
+            which = np.argmax(np.abs(np.einsum("ki,kij->kj", mode[moving].conj(), vectors)), axis=1)
+            value[moving], mode[moving] = values[rows[: len(moving)], which], vectors[rows[: len(moving)], :, which]
+            now = height(value)
+            rise, run = now - first, omega - before
+            step = np.divide(now * run, rise, out=np.zeros(len(omega)), where=rise != 0)
+            step[(np.abs(step) <= 1e-14 * omega) | (omega == before)] = 0.0
+            first = np.where(omega == before, first, now)
+            before, omega = omega, np.clip(omega - step, 0.5 * omega, np.minimum(2 * omega, top))
+        return omega, value
+
+
+class Sweep:
+    """Samples of the loci of a loop, refined on demand. `omega` (k,) [rad/s] rising, `loci` (k, r), r <= n of them.
+
+    highest    of the factors that are asked for: eigenvalues smaller than 1/highest are not followed
+    for_limit  what a limit needs and no more: those smaller ones are set to 0, and nothing is sampled where the loop is calm
+    """
+
+    def __init__(self, loop: Loop, highest: float = HIGHEST, for_limit: bool = False) -> None:
+        self.loop, self.highest, self._for_limit = loop, highest, for_limit
+        self.boundary = Boundary(loop)
+        self.last, self.undamped = self.boundary.last, self.boundary.undamped
+        grid = _first_grid(loop, self.last)
+        self.first = float(grid[0])  # lower than all that bends the loci
+        self._calm = calm_spans(loop, 1e-4 * grid[0], grid[-1]) if for_limit else np.zeros((0, 2))
+        self.omega = np.union1d(_without_inside(grid, self._calm), BESIDE * grid[:1])
+        self.largest = 0.0
+        self._lowest = (math.nan, np.zeros(0))
+        self._bottom = False  # True where round-off hides what is further down
+        self.loci = self._eigenvalues(self.omega)
+        self._pairs = _pairing(self.loci[:-1], self.loci[1:])
+        self._reach_ends()
+        for _ in range(60):
+            rough = self._rough()
+            if not len(rough) or self.full:
+                break
+            self.add(_middle(self.omega[rough], self.omega[rough + 1]))
+
+    @property
+    def full(self) -> bool:
+        """No more samples are taken: the loci of this loop cannot be followed."""
+        return len(self.omega) > max(MOST, 30 * MOST // self.loop.size**2)
+
+    def add(self, omega: Floats) -> None:
+        """Take samples at more frequencies."""
+        fresh = np.setdiff1d(omega[omega > 0], self.omega)
+        if self.last is not None:
+            fresh = fresh[fresh <= self.last]
+        if not len(fresh) or self.full:
+            return
+        place = np.searchsorted(self.omega, fresh)
+        values = self._eigenvalues(fresh)
+        split = np.zeros(len(self.omega) + 1, dtype=bool)  # intervals of before, with what lies outside on either side
+        split[place] = True
+        is_new = np.insert(np.zeros(len(self.omega), dtype=bool), place, True)
+        kept = ~is_new[:-1] & ~is_new[1:]
+        self.omega = np.insert(self.omega, place, fresh)
+        self.loci = np.insert(self.loci, place, values, axis=0)
+        pairs = np.empty((len(self.omega) - 1, self.loci.shape[1]), dtype=int)
+        pairs[kept] = self._pairs[~split[1:-1]]
+        pairs[~kept] = _pairing(self.loci[:-1][~kept], self.loci[1:][~kept])
+        self._pairs = pairs
+
+    def steps(self) -> Steps:
+        """The loci from sample to sample."""
+        return Steps(self.loci[:-1], np.take_along_axis(self.loci[1:], self._pairs, axis=1))
+
+    def at_rest(self) -> Floats:
+        """The loci that settle as ω → 0, which are real there: gravity holds the joints, or topples them, against these."""
+        plant = None if self.loop.parts is None else self.loop.parts.plant
+        if plant is None or plant.gravity_stiffness is None:
+            return np.zeros(0)
+        here, settled = self._eigenvalues(1e-6 * self.omega[:1])[0], self.loci[0][np.abs(self._falls()) < 0.5]
+        return here[np.any(np.abs(np.abs(here[:, None]) - np.abs(settled)) < 0.1 * np.abs(settled), axis=1)].real
+
+    def mode_at_rest(self, value: complex) -> Complexes:
+        """The measured positions (n,) of the locus that settles at `value`, the largest part 1."""
+        return self.boundary.mode(1e-6 * float(self.omega[0]), value)
+
+    @property
+    def calm(self) -> Booleans:
+        """(k − 1,) True where no locus can meet the negative real axis between two samples."""
+        if not len(self._calm):
+            return np.zeros(len(self.omega) - 1, dtype=bool)
+        span = np.searchsorted(self._calm[:, 0], self.omega[:-1], side="right") - 1
+        return (span >= 0) & (self.omega[1:] <= self._calm[span, 1])
+
+    def unstable(self, gain: float, phase: float = 0.0, delay: float = 0.0) -> int:
+        """Unstable closed-loop roots with L multiplied by gain e^{−j(phase + ω delay)}, as far as the gains move them.
+
+        gain <= highest. `phase` [rad] in [−π, π] turns every locus alike, which no loop of real gains does: then the number only tells by
+        how many turns about −1 the loci differ from those without it, and may be negative. `delay` [s] in continuous time.
+        """
+        self._reach_down(gain)
+        factor, steps = self._factor(gain, phase, delay), self.steps()
+        for _ in range(60):
+            before, after = steps.start * factor[:-1, None], steps.end * factor[1:, None]
+            close = np.any(passes(before, after) | self._winds(before, after, delay), axis=1)
+            close &= (np.diff(self.omega) > CLOSEST * self.omega[1:]) & ~self.calm
+            if not close.any() or self.full:
+                break
+            places = np.flatnonzero(close)
+            self.add(_middle(self.omega[places], self.omega[places + 1]))
+            factor, steps = self._factor(gain, phase, delay), self.steps()
+        before, after = 1 + steps.start * factor[:-1, None], 1 + steps.end * factor[1:, None]
+        # 1 + gλ stays off the negative real axis where λ does: its principal angles may be subtracted.
+        calm = self.calm[:, None]
+        turned = float(np.sum(np.where(calm, np.angle(after) - np.angle(before), np.angle(after * before.conj()))))
+        # From ω = 0+ to the first sample: integrators point along their own value there, times e^{−j phase}/jᵏ; what settles is real.
+        orders = np.maximum(np.round(self._falls()), 0.0)
+        own = self.loci[0] * 1j**orders
+        own = np.where(np.abs(own.imag) < REAL * np.abs(own), np.sign(own.real), own)
+        settled = np.sign((1 + gain * self.loci[0]).real)
+        turned += float(np.sum(np.angle(before[0] * np.where(orders > 0, (own * np.exp(-1j * phase)).conj() * 1j**orders, settled))))
+        turned -= phase * np.count_nonzero(orders > 0)
+        if self.last is None:
+            turned -= float(np.sum(np.angle(1 + factor[-1] * self.loci[-1])))  # from the last sample to infinity, where L is 0
+        elif phase:
+            turned -= float(np.sum(np.angle((1 + factor[-1] * self.loci[-1]) * np.sign((1 + gain * self.loci[-1]).real))))
+        return round(self.loop.unstable_poles + float(orders.sum()) / 2 - turned / math.pi)
+
+    @cached_property
+    def _slowest(self) -> float:
+        """A tenth of the lowest frequency [rad/s] at which one gain takes over from another; inf where there is but one."""
+        return 0.1 * self.loop.parts.controller.slowest(self.loop.size) if self.loop.parts is not None else math.inf
+
+    def _factor(self, gain: float, phase: float, delay: float) -> Complexes:
+        """(k,) what multiplies the loci at the samples."""
+        return gain * np.exp(-1j * (phase + self.omega * delay))
+
+    def _winds(self, before: Complexes, after: Complexes, delay: float) -> Booleans:
+        """True where a delay turns a locus further between samples than its ends tell, and it is large enough to reach −1."""
+        turned = np.diff(self.omega) * delay
+        return (turned > 0.3)[:, None] & (np.maximum(np.abs(before), np.abs(after)) > 0.5)
+
+    def _reach_down(self, gain: float) -> None:
+        """Down to where double integrators rule at this gain too, and to where what settles has told on which side of −1/gain."""
+        for _ in range(20):
+            falls, one = self._falls(), 1 + gain * self.loci[0]
+            orders, told = np.round(falls), falls != 0  # what is lost in round-off would be no better further down
+            unsettled = (orders > 1) & (gain * np.abs(self.loci[0]) < 100)
+            unsettled |= told & (orders == 0) & (np.abs(one.imag) > 0.1 * np.abs(one.real))
+            if not unsettled.any() or self._bottom or self.omega[0] < LOWEST * self.omega[-1]:
+                break
+            self._further_down(lambda falls, orders=orders: (orders > 0) & (np.abs(falls - np.round(falls)) > ASTRAY))
+
+    def _further_down(self, lost: Callable[[Floats], Booleans]) -> None:
+        """Take samples further down, unless round-off has `lost` a locus there: it would turn every count."""
+        above, lowest = (self.omega, self.loci, self._pairs, self._lowest), self.omega[0] / 16
+        self.add(np.array([lowest, BESIDE * lowest, 4 * lowest]))
+        if np.any(lost(self._falls())):
+            self.omega, self.loci, self._pairs, self._lowest = above
+            self._bottom = True
+
+    def _falls(self) -> Floats:
+        """(r,) how each locus falls at the lowest sample, as 1/ωᵏ: k; 0 where it is lost in round-off."""
+        if self._lowest[0] != self.omega[0]:
+            self.add(BESIDE * self.omega[:1])
+            size, after = np.abs(self.loci[0]), np.abs(self.loci[1][self._pairs[0]])
+            told = (size > max(1e-9, NOISE * size.max())) & (after > 0)
+            falls = np.log(np.divide(size, after, out=np.ones(len(size)), where=told)) / math.log(self.omega[1] / self.omega[0])
+            self._lowest = float(self.omega[0]), falls
+        return self._lowest[1]
+
+    def _eigenvalues(self, omega: Floats) -> Complexes:
+        return in_blocks(self._eigenvalues_of, omega, self.loop.size)
+
+    def _eigenvalues_of(self, omega: Floats) -> Complexes:
+        matrices = self.boundary.core(omega)
+        sizes = np.abs(matrices)
+        bound = np.minimum(sizes.sum(axis=1).max(axis=1), sizes.sum(axis=2).max(axis=1))
+        if not np.all(np.isfinite(bound)):
+            raise GainroomError("loop: the return ratio is not finite on the stability boundary")
+        self.largest = max(self.largest, float(bound.max()))
+        if not self._for_limit:
+            return np.linalg.eigvals(matrices)
+        values = np.zeros(matrices.shape[:2], dtype=complex)
+        matters = bound * self.highest >= 0.5  # of the others none comes near −1/highest
+        values[matters] = np.linalg.eigvals(matrices[matters])
+        return values
+
+    def _reach_ends(self) -> None:
+        """Down to where integrators rule, up to where the loci have become small."""
+        for _ in range(40):
+            falls = self._falls()
+            settled = np.all(np.abs(falls - np.round(falls)) < 0.05) and self.omega[0] < self._slowest
+            if settled or self._bottom or np.abs(self.loci[0]).max() > HUGE or self.omega[0] < 1e3 * LOWEST * self.omega[-1]:
+                break
+            self._further_down(lambda falls: np.abs(falls - 1) > STEEPEST)
+        while self.last is None and np.abs(self.loci[-1]).max() * self.highest > 1 and self.omega[-1] < 1e12 * self.omega[0]:
+            self.add(self.omega[-1] * np.array([1.5, 2.0]))
+
+    def _rough(self) -> Integers:
+        """Intervals on which a locus moves so far, and so near the negative real axis, that where it crosses is in doubt."""
+        steps = self.steps()
+        size = np.maximum(np.abs(steps.start), np.abs(steps.end))
+        away = math.pi - np.maximum(np.abs(np.angle(steps.start)), np.abs(np.angle(steps.end)))
+        turned, grown = np.abs(np.angle(steps.end * steps.start.conj())), np.abs(_size(steps.end) - _size(steps.start))
+        move = np.abs(steps.end - steps.start)
+        # Far beyond −1 the loci of integrators fall along straight lines, on which a step of a decade loses nothing.
+        far = np.where(size > LARGE, turned * size, move) > SMOOTH * size
+        seen = size > np.maximum(1 / self.highest, NOISE * size.max(axis=1, keepdims=True))
+        rough = np.any(((turned > DETOUR * away) | (grown > GROWTH)) & far & seen, axis=1)
+        return np.flatnonzero(rough & ~self.calm & (np.diff(self.omega) > CLOSEST * self.omega[1:]))
+
+
+def in_blocks(function: Callable[[Floats], Complexes], omega: Floats, size: int) -> Complexes:
+    """`function` (k,) → (k, …), which needs a few matrices (size, size) for each ω, over any number of them in bounded memory."""
+    rows = max(1, AT_ONCE // size**2)
+    return np.concatenate([function(omega[k : k + rows]) for k in range(0, max(len(omega), 1), rows)])
+
+
+def _without_inside(omega: Floats, spans: Floats) -> Floats:
+    """`omega` without what lies inside the spans, their ends in its place; the lowest stays."""
+    span = np.searchsorted(spans[:, 0], omega, side="right") - 1
+    inside = (span >= 0) & (omega < np.append(spans[:, 1], 0.0)[span])
+    inside[0] = False
+    ends = spans[(spans > omega[0]) & (spans < omega[-1])]
+    return np.unique(np.concatenate([omega[~inside], ends]))
+
+
+def _size(value: Complexes) -> Floats:
+    """ln|λ|."""
+    return np.log(np.maximum(np.abs(value), NOTHING))
+
+
+def _pairing(before: Complexes, after: Complexes) -> Integers:
+    """(k, n) which eigenvalue `after` continues each one `before`: the nearest, or the nearest as a whole where two claim the same.
+
+    Near in size and direction: at low frequencies all loci fall alike, and each may come to where the next one was.
+    """
+    size = before.shape[1]
+    rows = max(1, COMPARED // max(size, 1) ** 2)
+    blocks = [_paired(before[k : k + rows], after[k : k + rows]) for k in range(0, max(len(before), 1), rows)]
+    return np.concatenate(blocks)
+
+
+def _paired(before: Complexes, after: Complexes) -> Integers:
+    """`_pairing` of so few samples that all distances between their eigenvalues may be held at once."""
+    grown = _size(after)[:, None, :] - _size(before)[:, :, None]
+    turned = np.angle(after)[:, None, :] - np.angle(before)[:, :, None]
+    distance = grown**2 + (np.abs(np.abs(turned) - math.pi) - math.pi) ** 2
+    pairs = np.argmin(distance, axis=2)
+    clashing = np.flatnonzero(np.any(np.sort(pairs, axis=1) != np.arange(before.shape[1]), axis=1))
+    if len(clashing):
+        from scipy.optimize import linear_sum_assignment
+
+        for k in clashing:
+            pairs[k] = linear_sum_assignment(distance[k])[1]
+    return pairs
+
+
+def passes(start: Complexes, end: Complexes) -> Booleans:
+    """True where a step passes −1 at less than a third of its own length: which side it passes is not to be told from its ends."""
+    move = end - start
+    length = np.maximum(np.abs(move), 1e-150)
+    along = np.clip(((-1 - start) * move.conj()).real / length**2, 0.0, 1.0)
+    return np.abs(1 + start + along * move) < 0.33 * length
+
+
+def _middle(low: Floats, high: Floats) -> Floats:
+    return np.where(high > 4 * low, np.sqrt(low * high), 0.5 * (low + high))
+
+
+def _first_grid(loop: Loop, last: float | None) -> Floats:
+    """Every order of magnitude, every resonance on its own scale, and several samples per turn of the delay."""
+    bends = loop.bends
+    longest = float(loop.delays.max(initial=0.0)) if loop.delays is not None else 0.0
+    sizes = np.append(np.abs(bends)[np.abs(bends) > 0], 1 / longest if longest else [])
+    low, high = (0.1 * sizes.min(), 3 * sizes.max()) if len(sizes) else (0.1, 10.0)
+    high = high if last is None else last
+    low = min(low, 1e-2 * high)
+    grid = [np.geomspace(low, high, max(8, round(PER_DECADE * math.log10(high / low))))]
+    center = bends.imag[bends.imag > 0]
+    width = np.maximum(np.abs(bends.real[bends.imag > 0]), 1e-6 * center)
+    if last is not None:  # what swings faster than half the sample rate shows mirrored below it
+        center = np.abs((center + last) % (2 * last) - last)
+    grid.append((center[:, None] + width[:, None] * AROUND).ravel())
+    omega = np.unique(np.concatenate(grid))
+    omega = omega[(omega >= low) & (omega <= high)]
+    return omega[np.append(True, np.diff(omega) > 1e-7 * omega[1:])]

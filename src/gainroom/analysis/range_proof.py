@@ -1,0 +1,192 @@
+"""Does every joint within the ranges keep what is asked? A proof, or a joint that does not, or an honest "not proved".
+
+A margin keeps L(jω) out of a set that holds −1 (excluded_region.py). Where one joint of the ranges is stable, and L stays out of that set
+at every frequency for every joint within them, no root can cross the stability boundary on the way from that joint to any other, so all
+of them are stable and keep the margin (zero exclusion: Barmish 1994, New Tools for Robustness of Linear Systems). Boxes of frequency and
+parameters are split in two until L is shown to stay out of the set everywhere in each (box_loops.py), or until the middle of one lies
+in it, or until the work is spent.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..linear.arrays import Booleans, Complexes, Floats
+from ..system.assembly import Feedback
+from ..system.drive import Drive
+from ..system.plant import ElasticJoint
+from ..system.requirements import ROUND_OFF, Requirements
+from ..system.uncertainty import Uncertainty
+from ._peaks import objective_bound
+from .box_loops import BoxLoop, Sectors
+
+Judge = Callable[[dict[str, float]], bool]
+
+CHUNK = 4096  # boxes looked at together
+FIRST_STEP = 1.5  # of the frequencies between which the first boxes lie
+NEARBY = 0.1  # of a forbidden set, in log L: from here on a joint is judged, and again at each half of that
+NEAR = (0.6, 1.7)  # of the resonance: between these the frequency is counted in resonances
+
+
+@dataclass(frozen=True)
+class Proof:
+    """What is known about a whole range.
+
+    holds    every joint within it keeps the requirements, provided that one of them is stable
+    boxes    how many were looked at
+    broken   True: `worst` breaks a requirement; where neither it nor `holds` is true the work was spent before either was known
+    worst    the joint that came nearest to breaking one, by quantity, SI
+    """
+
+    holds: bool
+    boxes: int
+    broken: bool
+    worst: dict[str, float]
+
+
+def prove(
+    joint: ElasticJoint,
+    drive: Drive,
+    uncertainty: Uncertainty,
+    controller: Any,
+    requirements: Requirements,
+    feedback: Feedback = "motor",
+    sample_time: float | None = None,
+    judge: Judge = lambda values: False,
+    most: int = 500_000,
+) -> Proof:
+    """Whether `requirements` hold in all of `uncertainty`; with nothing required, whether no root can reach the stability boundary.
+
+    judge  whether the joint with these values (by quantity, SI) breaks what is asked, exactly; asked about the nearest to doing so
+    most   boxes to look at before giving up
+    """
+    loop = BoxLoop(joint, drive, uncertainty, controller, feedback, sample_time)
+    if not loop.boundable:
+        return Proof(False, 0, False, {})
+    return _Search(loop, requirements, judge, most).run()
+
+
+class _Search:
+    """Boxes that are not decided yet, and the joint that came nearest to breaking a requirement."""
+
+    def __init__(self, loop: BoxLoop, requirements: Requirements, judge: Judge, most: int) -> None:
+        self.loop, self.requirements, self.judge, self.most = loop, requirements, judge, most
+        self.least, self.judged = math.inf, NEARBY
+        self.worst: dict[str, float] = {}
+
+    def run(self) -> Proof:
+        """Split until all is decided, something is broken, or the work is spent."""
+        spent = 0
+        for scaled, low, high in self.first_boxes():
+            waiting = [(low, high)]
+            while waiting:
+                low, high = waiting.pop()
+                if len(low) > CHUNK:
+                    waiting.append((low[CHUNK:], high[CHUNK:]))
+                    low, high = low[:CHUNK], high[:CHUNK]
+                needed = ~self.covered(low, high, scaled)
+                low, high = low[needed], high[needed]
+                if not len(low):
+                    continue
+                spent += len(low)
+                sectors = self.loop.at(low, high, scaled)
+                if self.breaks(sectors, low, high):
+                    return Proof(False, spent, True, self.worst)
+                open_ = ~self.kept(sectors)
+                if not open_.any():
+                    continue
+                if spent > self.most:
+                    return Proof(False, spent, False, self.worst)
+                waiting.append(_halves(low[open_], high[open_], sectors.score[open_]))
+        return Proof(True, spent, False, self.worst)
+
+    def first_boxes(self) -> list[tuple[bool, Floats, Floats]]:
+        """Boxes that together cover all frequencies for all joints: (counted in resonances, low, high)."""
+        last = self.loop.nyquist or self.loop.silent_above(self.smallest())
+        pieces = [(False, *self.whole(np.append(0.0, _steps(1e-3 * last, last))))]
+        return pieces if self.loop.rigid else [(True, *self.whole(_steps(*NEAR))), *pieces]
+
+    def covered(self, low: Floats, high: Floats, scaled: bool) -> Booleans:
+        """True for boxes that others cover: near the resonance those counted in resonances, beyond half the sample rate all."""
+        if scaled:
+            slow, _ = self.loop.resonances_in(low, high)
+            return low[:, 0] * slow >= (self.loop.nyquist or math.inf)
+        if self.loop.rigid:
+            return np.zeros(len(low), dtype=bool)
+        slow, fast = self.loop.resonances_in(low, high)
+        return (low[:, 0] >= NEAR[0] * fast) & (high[:, 0] <= NEAR[1] * slow)
+
+    def whole(self, ends: Floats) -> tuple[Floats, Floats]:
+        """One box of all parameters per step between `ends`."""
+        count = len(ends) - 1
+        low, high = (np.tile(values, (count, 1)) for values in (self.loop.low, self.loop.high))
+        return np.column_stack([ends[:-1], low]), np.column_stack([ends[1:], high])
+
+    def smallest(self) -> float:
+        """|L| below which no requirement can be broken."""
+        asked = self.requirements
+        sizes = [0.99]
+        if asked.gain_margin is not None:
+            sizes.append(1 / asked.gain_margin)
+        if asked.peak_sensitivity is not None:
+            sizes.append(1 - 1 / asked.peak_sensitivity)
+        return 0.999 * min(sizes)
+
+    def kept(self, found: Sectors) -> Booleans:
+        """True where L stays out of every forbidden set in the whole box."""
+        log_low, log_high, asked = found.log_low, found.log_high, self.requirements
+        nearest = math.pi * (2 * np.floor((found.phase_low + found.phase_high) / (4 * math.pi)) + 1)
+        apart = np.maximum(0.0, np.maximum(found.phase_low - nearest, nearest - found.phase_high))  # of arg L from −1's
+        factor = 0.0 if asked.gain_margin is None else math.log(asked.gain_margin) * (1 - ROUND_OFF)
+        kept = (apart > 0) | (log_low > factor) | (log_high < -factor)
+        if asked.phase_margin is not None:
+            kept &= (log_low > 0) | (log_high < 0) | (apart >= asked.phase_margin * (1 - ROUND_OFF))
+        if asked.peak_sensitivity is not None:
+            bound = objective_bound(0, log_low, log_high, found.phase_low, found.phase_high)
+            kept &= bound * asked.peak_sensitivity >= 1 - ROUND_OFF
+        return kept
+
+    def breaks(self, found: Sectors, low: Floats, high: Floats) -> bool:
+        """Look at the middles of the boxes; True where one of their joints breaks a requirement, which `judge` has the last word on."""
+        distance = self.distance(found.center)
+        k = int(np.argmin(distance))
+        if distance[k] < self.least:
+            self.least = float(distance[k])
+            self.worst = dict(zip(self.loop.names, (0.5 * (low[k] + high[k]))[1:].tolist(), strict=True))
+            if self.least < 0.5 * self.judged:
+                self.judged = max(self.least, 0.0)
+                return self.judge(self.worst)
+        return False
+
+    def distance(self, value: Complexes) -> Floats:
+        """How far each L is from the forbidden set, in log L, or of the disk in shares of it (< 0: within)."""
+        asked = self.requirements
+        with np.errstate(all="ignore"):
+            apart, log = np.abs(np.angle(-value)), np.abs(np.log(np.abs(value)))
+        factor = 0.0 if asked.gain_margin is None else math.log(asked.gain_margin)
+        distance = np.hypot(apart, np.maximum(log - factor, 0.0))
+        if asked.phase_margin is not None:
+            distance = np.minimum(distance, np.hypot(np.maximum(apart - asked.phase_margin, 0.0), log))
+        if asked.peak_sensitivity is not None:
+            distance = np.minimum(distance, np.abs(1 + value) * asked.peak_sensitivity - 1)
+        return np.where(np.isnan(distance), np.inf, distance)
+
+
+def _steps(first: float, last: float) -> Floats:
+    """Geometric steps of about FIRST_STEP from `first` to `last`."""
+    return np.geomspace(first, last, 1 + max(1, math.ceil(math.log(last / first) / math.log(FIRST_STEP))))
+
+
+def _halves(low: Floats, high: Floats, score: Floats) -> tuple[Floats, Floats]:
+    """Each box cut in two where it moves L most; a wide range at its geometric mean."""
+    row = np.arange(len(low))
+    axis = np.argmax(np.where(high > low, score, -1.0), axis=1)
+    start, end = low[row, axis], high[row, axis]
+    wide = (start > 0) & (end > 2 * start)
+    cut = np.where(wide, np.sqrt(np.where(wide, start * end, 1.0)), np.where(start > 0, 0.5 * (start + end), 0.25 * end))
+    left, right = high.copy(), low.copy()
+    left[row, axis] = right[row, axis] = cut
+    return np.vstack([low, right]), np.vstack([left, high])

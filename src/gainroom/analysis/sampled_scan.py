@@ -1,0 +1,94 @@
+"""Crossings and peaks of a loop that is only known as a callable: sampled adaptively, polished, never certified.
+
+The response is sampled on a logarithmic grid that is refined until log|L| and arg L move little from point to point. A feature
+narrower than the grid's first spacing can be missed, so a Scan from here says `certified = False`.
+"""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from ..errors import GainroomError
+from ..linear.arrays import Complexes, Floats
+from ._peaks import objective
+from .crossings import Scan, half_encirclements
+
+LOWEST, HIGHEST, PER_DECADE = 1e-5, 1e7, 60  # [rad/s], [rad/s], points
+SMOOTH = 0.3  # largest step of log|L| and arg L between neighbours
+QUIET = 1e-6  # |L| below which a response is not refined
+
+ROUNDING: Any = 4 * np.finfo(float).eps  # the least that brentq accepts
+
+Response = Callable[[Floats], Complexes]
+
+
+def scan_callable(response: Response) -> Scan:
+    """Scan a scalar continuous response omega (k,) → L(jω) (k,)."""
+    omega, value = _sample(response)
+    turn = np.angle(value[1:] / value[:-1])
+    # Slope −1 per integrator at the low end fixes both the start phase and the number of integrators
+    integrators = round(-float(np.log(np.abs(value[1] / value[0])) / np.log(omega[1] / omega[0])))
+    limit = -integrators * math.pi / 2
+    positive = abs(np.angle(value[0] * np.exp(-1j * limit))) < math.pi / 2
+    start_phase = 0.0 if positive else math.pi
+    limit += start_phase
+    phase = limit + np.angle(value[0] * np.exp(-1j * limit)) + np.append(0.0, np.cumsum(turn))
+    gains = []
+    for k in np.flatnonzero((np.abs(value[1:]) > 1) != (np.abs(value[:-1]) > 1)):
+        root = _root(lambda w: math.log(abs(response(np.array([w]))[0])), omega[k], omega[k + 1])
+        gains.append((root, phase[k] + float(np.angle(response(np.array([root]))[0] / value[k]))))
+    phases = []
+    if integrators == 0 and start_phase:  # L(0) < 0 is itself a crossing
+        phases.append((0.0, abs(value[0]), 0.0))
+    turns = np.floor((phase - math.pi) / (2 * math.pi))
+    for k in np.flatnonzero((turns[1:] != turns[:-1]) & (np.abs(value[1:]) > QUIET)):
+        root = _root(lambda w: float(np.angle(-response(np.array([w]))[0])), omega[k], omega[k + 1])
+        phases.append((root, abs(response(np.array([root]))[0]), float(np.sign(phase[k + 1] - phase[k]))))
+    table = np.array(gains, dtype=float).reshape(-1, 2)
+    outside = integrators > 0 or abs(value[0]) > 1
+    half_turns = half_encirclements(start_phase, outside, False, phase[-1], table)
+    peaks = np.array([_minimum(response, kind, omega, value) for kind in range(3)])
+    return Scan(table, np.array(phases, dtype=float).reshape(-1, 3), peaks, half_turns, False)
+
+
+def _sample(response: Response) -> tuple[Floats, Complexes]:
+    omega = np.geomspace(LOWEST, HIGHEST, round(PER_DECADE * math.log10(HIGHEST / LOWEST)))
+    value = _checked(response, omega)
+    for _ in range(40):
+        step = np.abs(np.log(value[1:] / value[:-1]))
+        rough = np.flatnonzero((step > SMOOTH) & (np.maximum(np.abs(value[1:]), np.abs(value[:-1])) > QUIET))
+        rough = rough[np.diff(omega)[rough] > 1e-12 * omega[rough]]
+        if not len(rough) or len(omega) > 200_000:
+            break
+        middle = np.sqrt(omega[rough] * omega[rough + 1])
+        value = np.insert(value, rough + 1, _checked(response, middle))
+        omega = np.insert(omega, rough + 1, middle)
+    return omega, value
+
+
+def _checked(response: Response, omega: Floats) -> Complexes:
+    value = response(omega)
+    if not np.all(np.isfinite(value)) or np.any(value == 0):
+        raise GainroomError("loop: the callable must return finite, nonzero values on the imaginary axis")
+    return value
+
+
+def _root(function: Callable[[float], float], low: float, high: float) -> float:
+    from scipy.optimize import brentq
+
+    root: Any = brentq(function, low, high, xtol=1e-15 * high, rtol=ROUNDING)
+    return float(root)
+
+
+def _minimum(response: Response, kind: int, omega: Floats, value: Complexes) -> tuple[float, float]:
+    from scipy.optimize import minimize_scalar
+
+    heights = objective(kind, value)
+    k = int(np.argmin(heights))
+    low, high = omega[max(k - 1, 0)], omega[min(k + 1, len(omega) - 1)]
+    found = minimize_scalar(
+        lambda w: objective(kind, response(np.array([w])))[0], bounds=(low, high), method="bounded", options={"xatol": 1e-10}
+    )
+    return (float(found.x), float(found.fun)) if found.fun < heights[k] else (float(omega[k]), float(heights[k]))

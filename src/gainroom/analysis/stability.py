@@ -1,0 +1,300 @@
+"""Is the loop stable, and where are its rightmost roots? Exact with the delay in place; never Padé.
+
+Scalar loops: the Nyquist count over certified crossings (crossings.py). Roots, any n: the delay lines of the n delayed channels are
+discretised on Chebyshev points (Breda, Maset and Vermiglio 2005) to find candidates, which Newton then polishes on the exact
+characteristic matrix M(s) = sI − A + B e^{−sT} C.
+"""
+
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ..errors import GainroomError, require_count
+from ..linear.arrays import Complexes, Floats
+from ..linear.transfer_function import growth
+from ..system.loop import Loop
+from .crossings import Scan, scan_many
+from .loci import Sweep
+from .sampled_scan import scan_callable
+
+RESOLUTION = 1e-13  # of a root, relative to the largest element of the state matrix
+MOST_STATES = 1000  # with discretised delay lines, for a proof that may as well be had from elsewhere
+INFINITELY_MANY = 10**9
+SINGULAR = 1e-13  # of the largest singular value: smaller ones are 0
+AT_REST = 1e-3  # [1/s] likewise, where all else is fast
+SILENT = 1e-10  # of the gains: what a motion that no gain moves tells the controller, or hears of it
+MARGINAL = 1e-12  # a crossing with | |L| − 1 | below this puts a root on the boundary: not called stable
+
+
+@dataclass(frozen=True)
+class Roots:
+    """Rightmost closed-loop roots.
+
+    roots       (count,) complex, in s [1/s], largest real part first; sampled loops: ln(z)/T_s
+    residuals   (count,) last Newton step relative to |root|: how far each may be off
+    lost        candidates near or right of the boundary that could not be confirmed as roots; 0 where all is well
+    unmoved     (k,) roots on the boundary that no gain moves, which `roots` leaves out: a joint that drifts, a spring that rings on
+    """
+
+    roots: Complexes
+    residuals: Floats
+    lost: int = 0
+    unmoved: Complexes = field(default_factory=lambda: np.zeros(0, dtype=complex))
+
+
+def scan_loop(loop: Loop, with_peaks: bool = True) -> Scan:
+    """All crossings and peaks of a scalar loop: certified from zeros and poles, or sampled adaptively from a callable."""
+    if loop.scalar is not None and loop.scalar.gain == 0:
+        return _silent(with_peaks)
+    if loop.scalar is not None:
+        return _scan_one(loop, with_peaks)
+    if loop.function is not None:
+        return scan_callable(loop.response)
+    raise GainroomError(f"a loop of {loop.size} joints has no scalar response; use gain_limit or rightmost_roots")
+
+
+def _silent(with_peaks: bool) -> Scan:
+    """The scan of L = 0: no crossings, and nothing amplified."""
+    peaks = np.array([[0.0, 1.0], [0.0, math.inf], [0.0, 2.0]]) if with_peaks else np.zeros((3, 2))
+    return Scan(np.empty((0, 2)), np.empty((0, 3)), peaks, 0.0, True)
+
+
+def _scan_one(loop: Loop, with_peaks: bool) -> Scan:
+    from . import acceleration
+
+    assert loop.scalar is not None
+    return acceleration.scan_one(loop.scalar, with_peaks) or scan_many([loop.scalar], with_peaks)[0]
+
+
+def unstable_roots(loop: Loop, scan: Scan | None = None) -> int:
+    """Number of closed-loop roots right of the imaginary axis (outside the unit circle).
+
+    Those on it count where the gains move them. A motion that no gain moves (a joint without kp drifts, a spring that neither sensor nor
+    motor sees rings on) counts only where it grows; without any gain at all, everything on the boundary counts.
+    """
+    if loop.scalar is None and loop.function is None:
+        return _coupled_unstable_roots(loop)
+    if _is_lost_at_infinity(loop):
+        return INFINITELY_MANY
+    if loop.scalar is not None and loop.scalar.gain == 0:
+        return int(np.count_nonzero(growth(loop.scalar.poles, loop.sample_time) >= 0))
+    scan = scan_loop(loop, with_peaks=False) if scan is None else scan
+    on_boundary = sum(abs(size - 1) < MARGINAL for size in scan.phases[:, 1].tolist())
+    if not on_boundary:  # L may also lie along the real axis, as 1/s² does, and meet −1 without crossing it
+        on_boundary = sum(abs(math.remainder(phase, 2 * math.pi)) > math.pi - MARGINAL for phase in scan.gains[:, 1].tolist())
+    return round(loop.unstable_poles - scan.half_turns) + on_boundary
+
+
+def _coupled_unstable_roots(loop: Loop) -> int:
+    """By the turns of the loci; where these cannot be followed, from the rightmost roots themselves."""
+    sweep = Sweep(loop, highest=1.0, for_limit=True)
+    if not sweep.largest:
+        assert loop.open_loop is not None
+        return int(np.count_nonzero(growth(np.linalg.eigvals(loop.open_loop.a), loop.sample_time) >= 0))
+    count = int(sweep.unstable(1.0))
+    if count >= 0 and not sweep.full:
+        return count
+    found = rightmost_roots(loop, count=loop.size + 4)
+    return int(np.count_nonzero(found.roots.real >= 0)) + found.lost
+
+
+def _is_lost_at_infinity(loop: Loop) -> bool:
+    """True for a delayed continuous loop with |L(∞)| ≥ 1 (a neutral equation: its chain of roots runs off on the right)."""
+    system = loop.scalar
+    return system is not None and loop.sample_time is None and system.delay > 0 and system.relative_degree == 0 and abs(system.gain) >= 1
+
+
+def is_stable(loop: Loop) -> bool:
+    """True when every closed-loop root decays that the gains move, and none grows that they do not (see unstable_roots)."""
+    return unstable_roots(loop) == 0
+
+
+def rightmost_roots(loop: Loop, count: int = 6) -> Roots:
+    """The `count` rightmost closed-loop roots, polished, with residuals; those that rest on the boundary whatever the gains stand apart.
+
+    Raises GainroomError for a loop given as a callable: it has no state space.
+    """
+    require_count("rightmost_roots", "count", count, 1)
+    if loop.open_loop is None:
+        raise GainroomError("rightmost_roots needs a loop built with build_loop or from an LTI system, not a callable")
+    system = _characteristic(loop)
+    unmoved = system.unmoved(loop.sample_time)
+    apart = _rightmost(unmoved, np.zeros(len(unmoved)), 0, 2 * len(unmoved), loop.sample_time)
+    if loop.sample_time is not None or not np.any(system.delays > 0):
+        starts = system.without(unmoved, np.linalg.eigvals(system.collocated(0)))
+        return replace(_rightmost(*_newton(system, starts, math.inf), count, loop.sample_time), unmoved=apart.roots)
+    best: Complexes | None = None
+    for nodes in (12, 20, 32, 48, 72, 108):
+        starts = system.without(unmoved, _candidates(system, nodes, count))
+        found = replace(_rightmost(*_newton(system, starts, 0.3), count, None), unmoved=apart.roots)
+        if best is not None and len(best) == len(found.roots) and np.allclose(best, found.roots, rtol=1e-9, atol=1e-9):
+            return found
+        best = found.roots
+    return found
+
+
+def has_growing_root(loop: Loop) -> bool:
+    """True where a polished closed-loop root proves a loop of several joints unstable; False proves nothing."""
+    system = _characteristic(loop)
+    plain = loop.sample_time is not None or not np.any(system.delays > 0)
+    for nodes in (0,) if plain else (12, 20, 32):
+        starts = np.linalg.eigvals(system.collocated(0)) if plain else _candidates(system, nodes, loop.size + 4)
+        likely = starts[np.argsort(-_rate(starts, loop.sample_time))][: loop.size + 4]
+        roots = _newton(system, likely, math.inf if plain else 0.3)[0]
+        if np.any(_rate(roots, loop.sample_time) > 10 * RESOLUTION * np.abs(system.a).max(initial=1.0)):
+            return True
+        if len(system.a) + 2 * nodes * loop.size > MOST_STATES:
+            break
+    return False
+
+
+def _rate(roots: Complexes, sample_time: float | None) -> Floats:
+    """How fast roots in v grow [1/s]."""
+    with np.errstate(divide="ignore"):
+        return roots.real if sample_time is None else np.log(np.abs(1 + sample_time * roots)) / sample_time
+
+
+def _characteristic(loop: Loop) -> "_Characteristic":
+    assert loop.open_loop is not None
+    delays = np.zeros(loop.size) if loop.delays is None else loop.delays
+    return _Characteristic(loop.open_loop.a, loop.open_loop.b, loop.gain * loop.open_loop.c, loop.gain * loop.open_loop.d, delays)
+
+
+@dataclass(frozen=True)
+class _Characteristic:
+    """Closed loop x' = a x + b u(t − T), u = −(c x + d u(t − T))."""
+
+    a: Floats
+    b: Floats
+    c: Floats
+    d: Floats
+    delays: Floats
+
+    def matrix(self, s: complex) -> tuple[Complexes, Complexes]:
+        """M(s) and dM/ds; det M = 0 at the roots."""
+        lag = np.exp(-s * self.delays)
+        inner = np.linalg.inv(np.eye(len(lag)) + self.d * lag)  # columns of d scaled: d E
+        passed = lag[:, None] * inner
+        change = -(self.delays * lag)[:, None] * inner + passed @ (self.d * (self.delays * lag)) @ inner
+        eye = np.eye(len(self.a))
+        return s * eye - self.a + self.b @ passed @ self.c, eye + self.b @ change @ self.c
+
+    @property
+    def at_rest(self) -> float:
+        """Roots smaller than this may be 0: they come in pairs, which are known to the root of round-off."""
+        return min(math.sqrt(RESOLUTION) * float(np.abs(self.a).max(initial=1.0)), AT_REST)
+
+    def unmoved(self, sample_time: float | None) -> Complexes:
+        """Roots on the boundary, upper half plane, that no gain moves: open-loop poles that the controller does not see, or not act on."""
+        poles: Complexes = np.linalg.eigvals(self.a).astype(complex)
+        poles[np.abs(poles) <= self.at_rest] = 0.0
+        ringing = np.abs(_rate(poles, sample_time)) <= 1e-9 * np.abs(poles)
+        found = [pole for pole in set(poles[ringing & (poles.imag >= 0)].tolist()) if self._is_unmoved(pole)]
+        return np.array(found, dtype=complex)
+
+    def _is_unmoved(self, pole: complex) -> bool:
+        """Hautus: some motion of this open-loop pole says nothing to the controller, or hears nothing of it."""
+        left, sizes, right = np.linalg.svd(self.a - pole * np.eye(len(self.a)))
+        null = sizes <= SINGULAR * sizes[0]
+        return bool(null.any()) and (_loses(self.c, right[null].conj().T) or _loses(self.b.T, left[:, null].conj()))
+
+    def without(self, unmoved: Complexes, starts: Complexes) -> Complexes:
+        """`starts` but for those that lead to roots that no gain moves."""
+        reach = np.maximum(self.at_rest, 1e-9 * np.abs(unmoved))
+        return starts[np.all(np.abs(starts[:, None] - unmoved) > reach, axis=1)]
+
+    def collocated(self, nodes: int) -> Floats:
+        """The generator with every delay line on `nodes` + 1 Chebyshev points; without delays, the closed-loop matrix."""
+        states, lines = len(self.a), np.flatnonzero(self.delays > 0)
+        direct = np.flatnonzero(self.delays == 0)
+        size = states + nodes * len(lines)
+        # what every channel delivers to the plant, as rows over [x, lines]
+        arriving = np.zeros((len(self.delays), size))
+        for place, line in enumerate(lines):
+            arriving[line, states + (place + 1) * nodes - 1] = 1.0
+        sent = -np.hstack([self.c, np.zeros((len(self.delays), size - states))]) - self.d[:, lines] @ arriving[lines]
+        if len(direct):
+            block = self.d[np.ix_(direct, direct)]
+            arriving[direct] = np.linalg.solve(np.eye(len(direct)) + block, sent[direct])
+            sent = sent - self.d[:, direct] @ arriving[direct]
+        result = np.zeros((size, size))
+        result[:states] = self.b @ arriving
+        result[:states, :states] += self.a
+        if len(lines):
+            differentiation = _chebyshev(nodes)
+            for place, line in enumerate(lines):
+                rows = slice(states + place * nodes, states + (place + 1) * nodes)
+                scaled = differentiation * (2 / self.delays[line])
+                result[rows, rows] = scaled[1:, 1:]
+                result[rows] += np.outer(scaled[1:, 0], sent[line])
+        return result
+
+
+def _loses(matrix: Floats, motions: Complexes) -> bool:
+    """True where `matrix` maps some combination of the motions, orthonormal columns, to nothing."""
+    sizes = np.linalg.svd(matrix @ motions, compute_uv=False)
+    return motions.shape[1] > len(sizes) or bool(sizes[-1] <= SILENT * np.linalg.norm(matrix))
+
+
+def _chebyshev(nodes: int) -> Floats:
+    """Differentiation matrix (nodes+1)² on cos(πj/nodes), from 1 (now) to −1 (one delay ago). Trefethen, Spectral Methods, ch. 6."""
+    points = np.cos(np.pi * np.arange(nodes + 1) / nodes)
+    weights = np.append(2.0, np.append(np.ones(nodes - 1), 2.0)) * (-1.0) ** np.arange(nodes + 1)
+    gaps = points[:, None] - points[None, :] + np.eye(nodes + 1)
+    matrix = np.outer(weights, 1 / weights) / gaps
+    return matrix - np.diag(matrix.sum(axis=1))
+
+
+def _candidates(system: _Characteristic, nodes: int, count: int) -> Complexes:
+    """Eigenvalues of the discretised delay lines, rightmost first, upper half plane; more than asked for, as some are spurious."""
+    values = np.linalg.eigvals(system.collocated(nodes))
+    values = values[values.imag >= 0]
+    return values[np.argsort(-values.real)][: 2 * count + 10]
+
+
+def _newton(system: _Characteristic, starts: Complexes, reach: float) -> tuple[Complexes, Floats, int]:
+    """Roots of det M reached from `starts` without leaving their neighbourhood (`reach`, relative), and their last steps.
+
+    Also the number of starts near or right of the boundary from which none was reached: a verdict may not pass over them.
+    """
+    size = np.abs(system.a).max(initial=1.0)
+    roots, residuals, lost = [], [], 0
+    for start in starts[starts.imag >= 0]:
+        s, step = complex(start), math.inf
+        for _ in range(30):
+            matrix, slope = system.matrix(s)
+            try:
+                step = 1 / np.trace(np.linalg.solve(matrix, slope))
+            except np.linalg.LinAlgError:  # exactly singular: s is a root to the last digit
+                step = 0.0
+            s -= step
+            if abs(step) <= 1e-15 * abs(s):
+                break
+        scale = max(abs(s), abs(start))
+        arrived = np.isfinite(s) and abs(step) <= 1e-8 * scale + RESOLUTION * size
+        if arrived and abs(s - start) <= reach * scale + 1e-6 * size:
+            roots.append(s)
+            residuals.append(abs(step) / scale if scale else 0.0)
+        elif start.real > -1e-6 * size:
+            lost += 1
+    return np.array(roots, dtype=complex), np.array(residuals), lost
+
+
+def _rightmost(roots: Complexes, residuals: Floats, lost: int, count: int, sample_time: float | None) -> Roots:
+    """Distinct roots in s with their conjugates, sorted by real part, the first `count`."""
+    if sample_time is not None:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            roots = np.log(1 + sample_time * roots) / sample_time
+        keep = np.isfinite(roots)
+        roots, residuals = roots[keep], residuals[keep]
+    order = np.argsort(-roots.real, kind="stable")
+    kept: list[complex] = []
+    sizes: list[float] = []
+    for root, residual in zip(roots[order], residuals[order], strict=True):
+        real = abs(root.imag) <= 1e-9 * abs(root) or (sample_time is not None and abs(root.imag) >= math.pi / sample_time * (1 - 1e-12))
+        if any(abs(root - other) <= 1e-9 * abs(root) or abs(root.conjugate() - other) <= 1e-9 * abs(root) for other in kept):
+            continue
+        kept += [root] if real else [root, root.conjugate()]
+        sizes += [residual] if real else [residual, residual]
+    return Roots(np.array(kept[:count]), np.array(sizes[:count]), lost)

@@ -1,0 +1,1 @@
+"""Gains to use: the stiffest that keep what is required."""

@@ -1,0 +1,265 @@
+"""Gains of coupled loops: as stiff as the requirements allow in every case, no direction stiffer without another softer.
+
+A direction is a joint, or one of a task. Of all gains that keep what is required, those are sought that make
+
+    Σ_j w_j u_j / k_j,   k_j the stiffness of direction j, u_j the inertia it moves, w_j the weight that its user gives it,
+
+smallest: the sum of what each gives way under the same acceleration. It is steep in what is soft, so that all come out equally stiff as far
+as they can, and what one cannot use others may; damping is whatever that takes. The search goes in ln of the gains: at every step all that
+may be missed is replaced by its tangent (margin_slopes.py), and the quadratic programme of that solved, within a radius that shrinks
+where the tangents mislead (sequential quadratic programming: Nocedal and Wright 2006, chapter 18). It begins anywhere that is stable, and
+makes what is missed smaller first. Nothing in it depends on the order of directions or on units.
+
+What is returned has been looked at in every case, and so has that no direction can be raised.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import nnls
+
+from ..analysis.coupled_robustness import Kept
+from ..errors import GainroomError
+from ..linear.arrays import Booleans, Floats
+from .margin_slopes import Case, Gains, Slopes, moved
+
+RAISE = 1.05
+"""No stiffness can be raised by this factor, whether its damping stays or rises as much."""
+DIGITS = 4
+RADIUS = 0.3  # of the first step, in ln of a gain
+WIDEST = 1.0
+NARROWEST = 2e-4  # at which a search ends
+SMALL = 3e-5  # a step that promises less than this ends it too
+PRICES = ((10.0, 1e-3), (50.0, 3e-3), (250.0, 2e-2))
+"""What a requirement missed by 1 costs, against ln of what is made small, and how much more than asked for is kept: first as much as may
+be lost where gains are rounded. Where that does not hold, more: two loci that meet part again like a square root, which has no tangent.
+"""
+PULL = 0.02  # of every change of a gain: without it what nothing depends on would be anywhere
+STEPS = 150
+SLOW, LITTLE = 10, 2e-3  # so many steps that together made ln of what is made small no smaller than that end it, too
+
+
+@dataclass(frozen=True)
+class Raised:
+    """Gains of which none can be raised, or what came nearest to keeping what is required.
+
+    gains    (3, m)
+    kept     what each case keeps, in the order of the cases
+    holds    False where no gains were found that keep what is required
+    margin   per direction which requirement breaks if it is raised: a field of Requirements, "stability", or "" where nothing limits it
+    case     and the case in which it does, by its index; −1: none
+    """
+
+    gains: Gains
+    kept: tuple[Kept, ...]
+    holds: bool
+    margin: tuple[str, ...] = ()
+    case: tuple[int, ...] = ()
+
+
+def stiffness(gains: Gains, cascade: Booleans) -> Floats:
+    """(m,): kp, of a P/PI kp·kv."""
+    return gains[0] * np.where(cascade, gains[1], 1.0)
+
+
+def stiffer(gains: Gains, which: int, factor: float, power: float, cascade: Booleans) -> Gains:
+    """`gains` with the stiffness of one direction times `factor`, and its damping times factor^power."""
+    step = np.zeros((2, gains.shape[1]))
+    step[:, which] = math.log(factor) * np.array([1.0, power])
+    return moved(gains, step, cascade)
+
+
+def rounded(gains: Gains) -> Gains:
+    """To the digits that people see and type in: what is looked at is what they use."""
+    return np.array([[float(f"{value:.{DIGITS}g}") for value in row] for row in gains])
+
+
+def raised_gains(
+    cases: Sequence[Case],
+    start: Gains,
+    unit: Floats,
+    groups: Sequence[Sequence[int]],
+    most: float,
+    progress: Callable[[], None] = lambda: None,
+) -> Raised:
+    """The gains that are reached from `start`, which is stable in every case.
+
+    unit     (m,) what the stiffness of each direction is measured by: its inertia, over its weight
+    groups   the directions that may be changed; those of one group (the legs of a biped) by the same factors
+    most     times `unit`: beyond this nothing limits a stiffness
+
+    Raises GainroomError without cases or requirements, and where `start` is not stable.
+    """
+    if not cases or not any(case.required.asked for case in cases):
+        raise GainroomError("raised_gains needs at least one case and one requirement")
+    if not all(case.kept(start).stable for case in cases):
+        raise GainroomError("raised_gains needs gains to begin with that are stable in every case")
+    if not np.any(stiffness(start, cases[0].cascade) > 0):
+        raise GainroomError("raised_gains needs a direction that has stiffness")
+    search = _Search(cases, unit, groups, most, progress)
+    reached = search.descended(start)
+    for found in (rounded(reached), reached, start):
+        if all(case.kept(found).meets(case.required) for case in cases):
+            return search.proved(found)
+    return Raised(reached, tuple(case.kept(reached) for case in cases), False)
+
+
+class _Search:
+    def __init__(
+        self, cases: Sequence[Case], unit: Floats, groups: Sequence[Sequence[int]], most: float, progress: Callable[[], None]
+    ) -> None:
+        self._cases, self._unit, self._most, self._progress = cases, unit, most, progress
+        self._member = np.zeros((len(groups), len(unit)))  # (groups, m) 1 where a direction belongs to a group
+        for row, group in zip(self._member, groups, strict=True):
+            row[list(group)] = 1.0
+        self._cascade = cases[0].cascade
+
+    def descended(self, start: Gains) -> Gains:
+        """Over few cases first, then with those that it misses too, until all are kept or nothing more helps."""
+        active, gains = [self._worst(start)], start
+        while True:
+            cases = [self._cases[k] for k in active]
+            gains, missed = self._descended(gains, cases, PRICES[: 1 if len(active) > 1 else None])
+            if missed > 0 and len(active) > 1:
+                gains, missed = self._descended(start, cases, PRICES)
+            worst = self._worst(gains)
+            there = self._missed(gains, [self._cases[worst]])
+            if missed > 0 or worst in active or there <= 0:
+                return gains
+            active.append(worst)
+            gains = start if there == math.inf else gains  # slopes are those of a loop that is stable
+
+    def _worst(self, gains: Gains) -> int:
+        """The case that misses most, or keeps least."""
+        return int(np.argmax([self._missed(gains, [case]) for case in self._cases]))
+
+    def _missed(self, gains: Gains, cases: Sequence[Case]) -> float:
+        """What is missed most, as margin_slopes.py measures it; negative where all is kept; inf where unstable."""
+        worst = -math.inf
+        for case in cases:
+            worst = max(worst, case.kept(gains).shortfall(case.required))
+            self._progress()
+            if worst == math.inf:
+                break
+        return worst
+
+    def _descended(self, gains: Gains, cases: Sequence[Case], prices: Sequence[tuple[float, float]]) -> tuple[Gains, float]:
+        """From gains that are stable: the stiffest that keep what is required, or what comes nearest; and what they miss."""
+        found = []
+        for price, reserve in prices:
+            found.append(self._descended_at(gains, cases, price, reserve))
+            if found[-1][1] <= 0:
+                break
+        return min(found, key=lambda each: each[1])
+
+    def _descended_at(self, gains: Gains, cases: Sequence[Case], price: float, reserve: float) -> tuple[Gains, float]:
+        """The same at one price of what is missed."""
+        missed = self._missed(gains, cases)
+        radius, slopes, kept = RADIUS, Slopes.of([case.slopes(gains) for case in cases]), []
+        for _ in range(STEPS):
+            if missed <= 0:
+                kept.append((math.log(self._compliance(gains).sum()), gains, missed))
+                if len(kept) > SLOW and kept[-SLOW][0] - kept[-1][0] < LITTLE:
+                    break
+            step, promised = self._step(gains, slopes, missed + reserve, radius, price, reserve)
+            if promised < SMALL:
+                break
+            tried = moved(gains, step, self._cascade)
+            after = self._missed(tried, cases)
+            gained = self._cost(gains, missed + reserve, price) - self._cost(tried, after + reserve, price)
+            if gained > 0.1 * promised:
+                gains, missed = tried, after
+                slopes = Slopes.of([case.slopes(gains) for case in cases])
+                if gained > 0.7 * promised and np.abs(step).max() > 0.99 * radius:
+                    radius = min(2 * radius, WIDEST)
+            else:
+                radius = 0.4 * min(radius, float(np.abs(step).max()))
+            if radius < NARROWEST:
+                break
+        return min(kept, key=lambda each: each[0])[1:] if kept else (gains, missed)
+
+    def _compliance(self, gains: Gains) -> Floats:
+        """(m,) inertia over stiffness, of which the sum is made small; 0 for what may not be changed, or has damping alone."""
+        stiff = stiffness(gains, self._cascade)
+        return np.divide(self._unit, stiff, out=np.zeros(len(stiff)), where=self._member.any(axis=0) & (stiff > 0))
+
+    def _cost(self, gains: Gains, missed: float, price: float) -> float:
+        """What is made small: ln of the sum, and a penalty on what is missed."""
+        return math.inf if missed == math.inf else math.log(self._compliance(gains).sum()) + price * max(missed, 0.0)
+
+    def _step(self, gains: Gains, slopes: Slopes, missed: float, radius: float, price: float, reserve: float) -> tuple[Floats, float]:
+        """(2, m) the best step within `radius` as far as tangents tell, and by how much it promises to lower the cost."""
+        compliance, size = self._compliance(gains), len(self._member)
+        weight = self._member @ compliance / compliance.sum()
+        least = [compliance[member > 0].min() for member in self._member]
+        room = np.array([math.log(self._most * one) if one else 0.0 for one in least])
+        slope = (slopes.slope @ self._member.T).reshape(len(slopes.missed), 2 * size)
+        bend = np.concatenate([weight, np.zeros(size)]) + PULL
+        pull = -np.concatenate([weight, np.zeros(size)])
+        low, high = np.full(2 * size, -radius), np.full(2 * size, radius)
+        high[:size] = np.clip(room, -radius, radius)
+        step, over = _quadratic_programme(bend, pull, slope, slopes.missed + reserve, price, low, high)
+        lower = float(pull @ step + 0.5 * (bend - PULL) @ step**2)
+        return step.reshape(2, size) @ self._member, price * (max(missed, 0.0) - over) - lower
+
+    def proved(self, gains: Gains) -> Raised:
+        """Every direction raised by RAISE breaks something; where one does not, it is raised and all are looked at again."""
+        cases, order = self._cases, list(range(len(self._cases)))
+        for case in cases:
+            case.seen(gains)
+        blind = [k for k, case in enumerate(cases) if case.breaks(gains)]  # where a quick look sees what is not so
+        why: dict[int, tuple[str, int]] = {}
+        free = np.flatnonzero(self._compliance(gains)).tolist()
+        while left := [j for j in free if j not in why]:
+            share = stiffness(gains, self._cascade) / self._unit
+            j = min(left, key=lambda j: share[j])
+            if share[j] * RAISE > self._most:
+                why[j] = "", -1
+                continue
+            for power in (0.0, 1.0):
+                found = stiffer(gains, j, RAISE, power, self._cascade)
+                broken = self._first_broken(found, order, blind)
+                if broken is None:
+                    short = rounded(found)
+                    gains, why = found if self._first_broken(short, order, blind) else short, {}
+                    break
+                why.setdefault(j, broken)
+                order.remove(broken[1])
+                order.insert(0, broken[1])
+        told = [why.get(j, ("", -1)) for j in range(gains.shape[1])]
+        return Raised(gains, tuple(case.kept(gains) for case in cases), True, tuple(name for name, _ in told), tuple(k for _, k in told))
+
+    def _first_broken(self, gains: Gains, order: Sequence[int], blind: Sequence[int]) -> tuple[str, int] | None:
+        """What is broken first, and the case; None where nothing is. What is quickly seen comes first, but in `blind` cases."""
+        quick = [k for k in order if k not in blind]
+        for look, where in ((Case.breaks, quick), (lambda case, gains: case.kept(gains).missed(case.required), order)):
+            for k in where:
+                name = look(self._cases[k], gains)
+                self._progress()
+                if name:
+                    return name, k
+        return None
+
+
+def _quadratic_programme(
+    bend: Floats, pull: Floats, slope: Floats, value: Floats, penalty: float, low: Floats, high: Floats
+) -> tuple[Floats, float]:
+    """The x (n,) with low ≤ x ≤ high, and t ≥ 0, that make ½ Σ bend x² + pull·x + penalty t + ½ t² smallest with value + slope x ≤ t.
+
+    Brought to a least distance, which non-negative least squares finds (Lawson and Hanson 1974, chapter 23): min |y| with G y ≥ h.
+    """
+    size = len(bend)
+    root = np.sqrt(np.append(bend, 1.0))
+    centre = -np.append(pull, penalty) / root**2  # without limits
+    eye = np.eye(size + 1)
+    rows = np.vstack([np.column_stack([slope, -np.ones(len(value))]), -eye[-1:], eye[:-1], -eye[:-1]])
+    limit = np.concatenate([-value, [0.0], high, -low])
+    matrix, least = -rows / root, rows @ centre - limit
+    system = np.vstack([matrix.T, least])
+    scale = np.maximum(np.abs(system).max(axis=0), 1e-300)
+    wanted = np.append(np.zeros(size + 1), 1.0)
+    residual = system / scale @ nnls(system / scale, wanted, maxiter=100 * len(wanted))[0] - wanted
+    found = centre - residual[:-1] / residual[-1] / root
+    return np.clip(found[:-1], low, high), max(float(found[-1]), 0.0)

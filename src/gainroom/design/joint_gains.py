@@ -1,0 +1,369 @@
+"""The stiffest PD gains that keep the required margins for every joint within the stated uncertainty.
+
+The allowed kd on each line kp = const are exact for one joint (gain_region.py). For an uncertain joint they are intersected over a few
+*active* cases, with a little in reserve. The answer is then screened on a population (every corner of the uncertainty, its centre, a
+low-discrepancy filling, a local search from the worst) and last of all proved for the whole of it (range_proof.py). A case that either
+finds to break a requirement becomes active, and the search starts over. Where the proof comes to no end, the certificate says so.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..analysis.crossings import scan_many
+from ..analysis.gain_region import PDRegion, pd_region
+from ..analysis.margins import Margins, margins_of
+from ..analysis.range_proof import Proof, prove
+from ..errors import GainroomError
+from ..linear.arrays import Floats
+from ..system.controller import PD
+from ..system.drive import Drive
+from ..system.loop import Feedback, Loop, build_loop
+from ..system.plant import ElasticJoint
+from ..system.requirements import ROUND_OFF, Requirements
+from ..system.uncertainty import STATED, Case, Place, Uncertainty
+
+COST_ACCURACY = 0.01
+FILLING = 16  # cases inside the uncertainty beside corners and centre
+RESERVE = 0.002  # of each requirement, kept at the active cases of an uncertain joint: leaves a proof room to come to an end
+UNPROVED_RESERVE = 0.02  # the same where it came to none
+QUICK_BOXES, MOST_BOXES = 200_000, 500_000  # of a proof, about 1 s and 3 s: with the first reserve, and with the second
+MOST_ACTIVE = 6  # cases at a time: what an older one forbids is found out again, if it still matters
+MOST_ROUNDS = 20  # cases that break a requirement, one after the other
+QUICK_ROUNDS = 10  # from then on kp is lowered in large steps
+
+Found = tuple[Place, Margins, float]
+"""A case, its margins, and the least slack of a requirement there."""
+
+
+@dataclass(frozen=True)
+class Recommendation:
+    """Gains to use.
+
+    kp, kd        [N m/rad], [N m s/rad]; for a P/PI controller kp·kv and kv
+    controller    with these gains, the given filters and integral ratio
+    margins       in the worst of the cases looked at; `worst_case` says where that is
+    worst         every margin in the case looked at where that margin is smallest: they may come from different cases
+    nominal       margins at the stated values
+    binding       the requirement without which kp could go highest; where dropping any one alone gains nothing, the tightest
+    costs         largest kp if one requirement were dropped (by its name), or if nothing were uncertain ("uncertainty") [N m/rad]
+    certificate   what has been checked, in words
+    proved        the requirements hold for every joint within the uncertainty; False: at those that were looked at
+    """
+
+    kp: float
+    kd: float
+    controller: Any
+    margins: Margins
+    worst: Margins
+    nominal: Margins
+    worst_case: dict[str, float]
+    binding: str
+    costs: dict[str, float]
+    certificate: str
+    proved: bool
+
+    @property
+    def felt(self) -> dict[str, float]:
+        """The costs that exceed kp by at least 1 %, the accuracy to which they are known."""
+        return {name: kp for name, kp in self.costs.items() if kp >= (1 + COST_ACCURACY) * self.kp}
+
+    def held_back_by(self) -> str:
+        """The requirement that binds in words, or all of them where dropping any one alone gains nothing."""
+        asked = [name.replace("_", " ") for name in self.costs if name != "uncertainty"]
+        if self.binding in self.felt or len(asked) == 1:
+            return self.binding.replace("_", " ")
+        return f"{', '.join(asked[:-1])} and {asked[-1]} together"
+
+
+def recommend_pd(
+    joint: ElasticJoint,
+    drive: Drive,
+    requirements: Requirements | None = None,
+    uncertainty: Uncertainty | None = None,
+    feedback: Feedback = "motor",
+    sample_time: float | None = None,
+    controller: Any = None,
+) -> Recommendation | None:
+    """The stiffest PD gains (largest kp, then the kd with the lowest peak sensitivity) that keep `requirements` in every case.
+
+    requirements  None: 6 dB, 30°, Ms 2
+    controller    a PD, PID or PPI whose filters, notches and integral ratio are kept; None: plain PD
+
+    Returns None where no gains keep them. Raises GainroomError where nothing is required.
+    """
+    requirements = Requirements.usual() if requirements is None else requirements
+    if not requirements.asked:
+        raise GainroomError("recommend: at least one of gain_margin, phase_margin, peak_sensitivity must be required")
+    search = _Search(joint, drive, requirements, uncertainty or Uncertainty(), feedback, sample_time, controller or PD(1.0, 1.0))
+    return search.run()
+
+
+class _Search:
+    """The search of `recommend_pd`: cases by their place in the uncertainty, regions of the active ones."""
+
+    def __init__(
+        self,
+        joint: ElasticJoint,
+        drive: Drive,
+        requirements: Requirements,
+        uncertainty: Uncertainty,
+        feedback: Feedback,
+        sample_time: float | None,
+        template: Any,
+    ) -> None:
+        self.joint, self.drive, self.requirements, self.uncertainty = joint, drive, requirements, uncertainty
+        self.feedback: Feedback = feedback
+        self.sample_time, self.template = sample_time, template
+        self.reserve = RESERVE if self.uncertainty.names else 0.0
+        self.proof: Proof | None = None
+        self.plants: dict[Place, Loop] = {}
+        self.seen: list[Margins] = []
+        self.checked: set[Place] = set()
+        self.cases = [self.likely_worst()]
+        self.active = [self.region(self.case(self.cases[0]))]
+
+    def case(self, place: Place) -> Case:
+        return self.uncertainty.case(self.joint, self.drive, place) if place else (self.joint, self.drive)
+
+    def region(self, case: Case) -> PDRegion:
+        aimed = self.requirements.tightened(self.reserve)
+        asked = {name: getattr(aimed, name) for name in aimed.asked}
+        return pd_region(*case, feedback=self.feedback, sample_time=self.sample_time, controller=self.template, **asked)
+
+    def likely_worst(self) -> Place:
+        """A corner to start from: the one that moderate gains, for the delay there is, bring nearest to a requirement."""
+        if not self.uncertainty.names:
+            return STATED
+        lag = max(self.case(place)[1].delay for place in self.uncertainty.corners) + 2 / self.drive.bandwidth + (self.sample_time or 0.0)
+        crossover = 0.2 / lag if lag else 2 * math.pi
+        inertia = self.joint.motor_inertia + min(self.joint.link_inertia, self.joint.motor_inertia)
+        return self.least(self.uncertainty.corners, inertia * crossover**2, 2 * inertia * crossover)[0]
+
+    def run(self) -> Recommendation | None:
+        rungs = self.active[0].ladder
+        high = float(rungs[-1])
+        for count in range(MOST_ROUNDS):
+            found = self.stiffest(float(rungs[rungs > 0][0]), high)
+            if found is None:
+                return None
+            kp, kd = found
+            place, worst, least = self.worst(kp, kd)
+            if least >= self.reserve / 2:
+                place, worst, least = self.proved(kp, kd, (place, worst, least))
+                if self.proof is None or self.proof.holds:
+                    break
+                if not self.proof.broken:
+                    if self.reserve == UNPROVED_RESERVE:
+                        break
+                    self.reserve = UNPROVED_RESERVE
+                    self.active = [self.region(self.case(one)) for one in self.cases]
+                    continue
+            self.cases = [*self.cases, place][-MOST_ACTIVE:]
+            self.active = [*self.active, self.region(self.case(place))][-MOST_ACTIVE:]
+            high = (1.002 if count < QUICK_ROUNDS else 0.8) * kp
+        else:
+            return None
+        asked = self.requirements.asked
+        costs = {name: self.cost(kp, [other for other in asked if other != name], self.active) for name in asked}
+        slacks = slack(worst, self.requirements)
+        binding = max(asked, key=lambda name: (costs[name] if costs[name] >= (1 + COST_ACCURACY) * kp else kp, -slacks[name]))
+        if self.uncertainty.names:
+            costs["uncertainty"] = self.cost(kp, asked, [self.region(self.case(STATED))])
+        nominal = self.margins([STATED], kp, kd)[0]
+        case = self.case(place)
+        return Recommendation(
+            kp=kp,
+            kd=kd,
+            controller=self.template.from_plane(kp, kd),
+            margins=worst,
+            worst=worst_of(self.seen),
+            nominal=nominal,
+            worst_case={name: value_of(case, name) for name in self.uncertainty.names},
+            binding=binding,
+            costs=costs,
+            certificate=self.certificate(),
+            proved=self.proof is None or self.proof.holds,
+        )
+
+    def cost(self, kp: float, names: Sequence[str], regions: list[PDRegion]) -> float:
+        """The largest kp, from the recommended one up, with these requirements and cases alone."""
+        return self.largest(names, regions, kp, 1e3 * kp, accuracy=COST_ACCURACY)
+
+    def certificate(self) -> str:
+        if not self.uncertainty.names:
+            return "exact for the stated joint: every crossing and peak certified between the frequencies evaluated"
+        assert self.proof is not None
+        looked = f"{len(self.checked)} joints within it (corners, centre, a filling, and a search from the worst)"
+        if self.proof.holds:
+            return f"proved for every joint within the uncertainty, between all frequencies; the margins are the worst of {looked}"
+        return f"not proved: searched, and held at {looked}, there with {100 * self.reserve:g} % of each requirement in reserve"
+
+    def margins(self, places: Sequence[Place], kp: float, kd: float) -> list[Margins]:
+        """Margins with these gains at each place; a place's plant is worked out once."""
+        control = self.template.from_plane(kp, kd).transfer(self.sample_time)
+        loops = []
+        for place in places:
+            if place not in self.plants:
+                self.plants[place] = build_loop(*self.case(place), self.template, self.feedback, self.sample_time)
+            loops.append(replace(self.plants[place], control=control, parts=None))
+        scans = scan_many([loop.scalar for loop in loops if loop.scalar is not None])
+        return [margins_of(loop, scan) for loop, scan in zip(loops, scans, strict=True)]
+
+    def worst(self, kp: float, kd: float) -> Found:
+        """The screened case with the least slack. Stops at the first screening that finds one below zero."""
+        self.seen, self.checked = [], set()
+        places = self.uncertainty.corners
+        if self.uncertainty.names:  # without uncertainty the one corner is STATED already
+            places = [*places, STATED, *self.uncertainty.inside(FILLING)]
+        best = self.least(places, kp, kd)
+        return best if best[2] < 0 else self.worst_near(best, kp, kd)
+
+    def worst_near(self, best: Found, kp: float, kd: float) -> Found:
+        """A local search for the least slack from a case on."""
+        count = len(self.uncertainty.names)
+        step = 0.25
+        while count and step > 0.01 and best[2] > -math.inf:
+            shifts = step * np.vstack([np.eye(count), -np.eye(count)])
+            center = np.array(best[0] or (0.5,) * count)
+            trial = self.least([tuple(place) for place in np.clip(center + shifts, 0.0, 1.0).tolist()], kp, kd)
+            if trial[2] < best[2]:
+                best = trial
+            else:
+                step /= 2
+        return best
+
+    def proved(self, kp: float, kd: float, best: Found) -> Found:
+        """Try to prove the whole uncertainty; the worst case, `best` or one that the attempt found."""
+        if not self.uncertainty.names:
+            return best
+
+        def breaks(values: dict[str, float]) -> bool:
+            return self.least([self.uncertainty.place(values)], kp, kd)[2] < -ROUND_OFF
+
+        controller = self.template.from_plane(kp, kd)
+        most = MOST_BOXES if self.reserve == UNPROVED_RESERVE else QUICK_BOXES
+        self.proof = prove(
+            self.joint, self.drive, self.uncertainty, controller, self.requirements, self.feedback, self.sample_time, breaks, most
+        )
+        if not self.proof.worst:
+            return best
+        near = self.least([self.uncertainty.place(self.proof.worst)], kp, kd)
+        if self.proof.broken:
+            near = self.worst_near(near, kp, kd)
+        return min(best, near, key=lambda found: found[2])
+
+    def least(self, places: Sequence[Place], kp: float, kd: float) -> Found:
+        found = self.margins(places, kp, kd)
+        self.checked.update(places)
+        self.seen += found
+        slacks = [min(slack(one, self.requirements).values()) for one in found]
+        k = int(np.argmin(slacks))
+        return places[k], found[k], slacks[k]
+
+    def stiffest(self, low: float, high: float) -> tuple[float, float] | None:
+        """The largest kp, rounded down to three digits, and its best kd, over the active cases."""
+        largest = self.largest(self.requirements.asked, self.active, low, high, accuracy=0.001)
+        if math.isinf(largest) and high >= self.active[0].ladder[-1]:
+            return None  # nothing in the model limits kp
+        kp = _rounded_down(min(high, largest))
+        if not kp > 0:
+            return None
+        for _ in range(5):  # the first search is as good as its grid; this one is exact
+            trials = np.unique([_rounded_down(kp * 0.9989**k) for k in range(8)])[::-1]
+            for some in np.split(trials, [1, 3]):  # mostly the first will do
+                for trial, allowed in zip(some, self.allowed(self.active, some, self.requirements.asked, polish=True), strict=True):
+                    if len(allowed):
+                        return float(trial), self.best_kd(float(trial), *allowed[-1])
+            kp = 0.999 * float(trials[-1])
+        return None
+
+    def best_kd(self, kp: float, low: float, high: float) -> float:
+        """The kd in (low, high) with the lowest peak sensitivity over the active cases, in as few digits as there is room for."""
+        if math.isinf(high):  # more damping is always allowed: look around the critical damping of the whole inertia
+            high = 4 * max(low, 2 * math.sqrt(kp * (self.joint.motor_inertia + min(self.joint.link_inertia, 1e6))))
+        trials = low + (high - low) * np.linspace(0.05, 0.95, 9)
+        cases = [region.scalar(kp, kd) for kd in trials for region in self.active]
+        peaks = np.array([1 / scan.peaks[0, 1] for scan in scan_many(cases)]).reshape(len(trials), -1).max(axis=1)
+        kd = float(trials[np.argmin(peaks)])
+        room = 0.02 * (high - low)
+        return next((short for digits in range(3, 9) if low + room < (short := float(f"{kd:.{digits}g}")) < high - room), kd)
+
+    def allowed(self, regions: list[PDRegion], kps: Floats, names: Sequence[str], polish: bool) -> list[Floats]:
+        """For each kp: the kd that every region allows."""
+        result = [np.array([[0.0, np.inf]])] * len(kps)
+        for region in regions:
+            free = region.stable_columns(kps, polish)
+            for name in names:
+                free = region.barred(name, kps, free, polish)
+            result = [_common(first, second) for first, second in zip(result, free, strict=True)]
+        return result
+
+    def largest(self, names: Sequence[str], regions: list[PDRegion], low: float, high: float, accuracy: float) -> float:
+        """The largest kp in [low, high] under some of the requirements, to a relative `accuracy`; NaN where even `low` is not allowed."""
+        kps = np.geomspace(low, high, 20)
+        while True:
+            filled = np.flatnonzero([len(intervals) > 0 for intervals in self.allowed(regions, kps, names, polish=False)])
+            if not len(filled):
+                return math.nan
+            if filled[-1] == len(kps) - 1:
+                return math.inf
+            low, high = float(kps[filled[-1]]), float(kps[filled[-1] + 1])
+            if high <= low * (1 + accuracy):
+                return low
+            kps = np.geomspace(low, high, 8)
+
+
+def slack(margins: Margins, requirements: Requirements) -> dict[str, float]:
+    """How far each required margin is kept, relative to the requirement: 0 just met, < 0 broken, −inf unstable."""
+    if not margins.stable:
+        return dict.fromkeys(requirements.asked, -math.inf)
+    slacks = {}
+    if requirements.gain_margin is not None:
+        slacks["gain_margin"] = margins.gain_room / requirements.gain_margin - 1
+    if requirements.phase_margin is not None:
+        slacks["phase_margin"] = abs(margins.phase_margin) / requirements.phase_margin - 1
+    if requirements.peak_sensitivity is not None:
+        slacks["peak_sensitivity"] = requirements.peak_sensitivity / margins.peak_sensitivity - 1
+    return slacks
+
+
+def worst_of(found: Sequence[Margins]) -> Margins:
+    """Every margin, with its frequency, from the case where it is the worst; no lists of crossings. All cases are stable."""
+    closest = {
+        "gain_margin phase_crossover": min(found, key=lambda one: one.gain_margin),
+        "lower_gain_margin lower_phase_crossover": max(found, key=lambda one: one.lower_gain_margin),
+        "phase_margin gain_crossover": min(found, key=lambda one: abs(one.phase_margin)),
+        "delay_margin delay_crossover": min(found, key=lambda one: one.delay_margin),
+        "peak_sensitivity peak_sensitivity_frequency": max(found, key=lambda one: one.peak_sensitivity),
+        "peak_complementary peak_complementary_frequency": max(found, key=lambda one: one.peak_complementary),
+        "disk_margin disk_margin_frequency": min(found, key=lambda one: one.disk_margin),
+    }
+    values = {name: getattr(case, name) for names, case in closest.items() for name in names.split()}
+    certified = all(one.certified for one in found)
+    return found[0]._replace(**values, phase_crossings=(), gain_crossings=(), certified=certified)
+
+
+def value_of(case: Case, name: str) -> float:
+    """What an uncertain quantity is in a case."""
+    joint, drive = case
+    return drive.delay if name == "delay" else getattr(joint, name)
+
+
+def _common(first: Floats, second: Floats) -> Floats:
+    """Intersection of two sets of intervals."""
+    low = np.maximum(first[:, None, 0], second[None, :, 0])
+    high = np.minimum(first[:, None, 1], second[None, :, 1])
+    keep = high > low
+    return np.stack([low[keep], high[keep]], axis=1)
+
+
+def _rounded_down(value: float) -> float:
+    """`value` > 0 to three significant digits, never up."""
+    if not (value > 0 and math.isfinite(value)):
+        return value if value == math.inf else math.nan
+    unit = 10.0 ** (math.floor(math.log10(value)) - 2)
+    return float(f"{math.floor(value / unit) * unit:.3g}")

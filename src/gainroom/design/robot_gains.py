@@ -1,0 +1,438 @@
+"""Gains to use on a robot: one set per contact state and one that is safe in all, with every loop closed, over the stated uncertainty.
+
+The search (gain_search.py) begins with a part of what each joint alone is recommended, with the lightest load that any state gives it and
+the longest delay; task directions begin alike. The gains that a file has play no part, but for a P/PI task's, whose proportions are kept.
+
+Where contacts hold a floating base, its weight counts for gains of joints, unless the file says otherwise: they are all that holds the
+robot up. (Tasks know the robot, and compensate the weight as it changes.) Where no gains are found that keep what is required with the
+weight, it is left out, and what it does at the gains found so is reported beside them.
+"""
+
+import itertools
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..analysis.coupled_robustness import Kept
+from ..errors import margin_in_words
+from ..linear.arrays import Booleans, Floats, Integers
+from ..robot.spec import RobotSpec
+from ..robot.state_cases import StateCase, state_cases
+from ..system.controller import PD
+from ..system.loop import Loop
+from ..system.plant import ElasticJoint, Plant
+from ..system.requirements import Requirements
+from .gain_search import Raised, raised_gains, stiffness
+from .joint_gains import recommend_pd
+from .margin_slopes import Case, Gains
+
+if TYPE_CHECKING:
+    from ..robot.model import RobotModel
+    from ..robot.tasks import Tasks
+
+SHARES = (0.5, 0.25, 0.12, 0.9, 0.05)
+"""Of the damping of each joint alone, with which a search may begin: what is stable is made to keep what is required."""
+SOFT = (0.05, 0.01)
+"""Of its stiffness, times that: a robot without weight may be as soft as it likes."""
+WEIGHED = (0.4, 0.1, 1.0, 3.0, 10.0, 30.0)
+"""The same where gravity asks for stiffness."""
+TRIED = 2
+"""Beginnings, where one does not come to gains that keep what is required."""
+ALIKE = 0.01
+"""Relative: joints whose data and loads differ by less are raised together."""
+UNLIMITED = 100.0
+EVERYWHERE = ""
+"""The contact state of the set that is safe in all."""
+_JOINT = ("motor_inertia", "stiffness", "damping", "motor_viscous", "link_viscous")
+NOTHING_KEPT = Kept(True, math.nan, math.nan, math.nan)
+ROUND_OFF = 1e-12
+"""Mobility of a joint, relative to the largest, below which the contacts hold it: they leave round-off."""
+HEAVIEST = 1e3  # times the motor's inertia: loads beyond this, or a joint that the contacts hold, do not change a PD's limits
+
+
+@dataclass(frozen=True)
+class GainSet:
+    """Gains for one contact state, or for all of them (contact "").
+
+    kp, kd    joint space: (n,) [N m/rad], [N m s/rad]; task space: (m,) K'p [1/s²], K'v [1/s]; NaN where nothing can move that joint or
+              direction in any state of the set: its gains would do nothing
+    ki        (m,) where a task is P/PI [1/s²]; None otherwise
+    kept      the worst of what any case keeps
+    compliance  (m,) weight × inertia / stiffness, whose sum is made small [s²]; NaN where nothing can move
+    binding   posture, contact state and place in the uncertainty that keep the softest joint or direction from more, in words
+    cases     number of cases in which the requirements were checked
+    margin    (m,) what breaks if that joint or direction is raised by 5 %: the name of a requirement, "stability", or "" where nothing does
+    case      (m,) and where, in words
+    softest   the joint or direction that `binding` speaks of, by its place
+    without_weight  True where the weight of a robot that stands was left out, as with it no gains to begin with were found
+    nearest   what came nearest with the weight, in words; "" where it counted
+    topples   the states in which the weight makes these gains unstable
+    """
+
+    contact: str
+    kp: Floats
+    kd: Floats
+    ki: Floats | None
+    kept: Kept
+    binding: str
+    cases: int
+    compliance: Floats
+    margin: tuple[str, ...] = ()
+    case: tuple[str, ...] = ()
+    softest: int = 0
+    without_weight: bool = False
+    nearest: str = ""
+    topples: tuple[str, ...] = ()
+
+    @property
+    def moves(self) -> bool:
+        """False where nothing moves in any state of the set, so that there are no gains to tell."""
+        return self.cases > 0
+
+
+@dataclass(frozen=True)
+class RobotGains:
+    """Recommended gains of one space ("joint" or "task").
+
+    names        of the joints or of the task directions
+    per_contact  one set per contact state, None where none was found that keeps the requirements
+    everywhere   the one set that is safe in all; None where there is none
+    inertia      (n,) J_m + 1/W_ii in the first state: kp / inertia and kd / inertia are the gains in 1/s² and 1/s; None in task space
+    nearest      by contact state ("" for all), where no set was found: what came nearest, in words
+    unweighed    states in which the weight of a robot that stands is left out, as the contacts leave its base free to move
+    """
+
+    space: str
+    names: tuple[str, ...]
+    per_contact: dict[str, GainSet | None]
+    everywhere: GainSet | None
+    inertia: Floats | None
+    nearest: dict[str, str] = field(default_factory=dict)
+    unweighed: tuple[str, ...] = ()
+
+    @property
+    def cost(self) -> dict[str, float]:
+        """By contact state: how many times stiffer its own set is than the one that is safe everywhere, by what both make small; or NaN."""
+        return {
+            name: math.nan if own is None or self.everywhere is None else _ratio(own, self.everywhere)
+            for name, own in self.per_contact.items()
+        }
+
+
+def _ratio(own: GainSet, safe: GainSet) -> float:
+    """The quotient of the sums of their compliances, over what both move."""
+    both = np.isfinite(own.compliance) & np.isfinite(safe.compliance)
+    return float(safe.compliance[both].sum() / own.compliance[both].sum()) if both.any() else math.nan
+
+
+@dataclass(frozen=True)
+class _State:
+    """One case of the uncertainty with its loops: `with_weight`, and `without` it (the same where none counts).
+
+    moves, load   (m,) which directions can move, and what tells alike ones from others: a joint's inertia, a task direction's place
+    """
+
+    contact: str
+    with_weight: Case
+    without: Case
+    weighed: bool
+    moves: Booleans
+    load: Floats
+
+
+@dataclass(frozen=True)
+class _Beginning:
+    """Gains (3, m) to begin with: `gains` at share 1; `unit` what stiffness is measured by, `data` (m,) each, in which alike ones agree."""
+
+    gains: Gains
+    unit: Floats
+    data: list[Floats]
+    cascade: Booleans
+
+    @property
+    def most(self) -> float:
+        """Of stiffness in units: what nothing has limited up to there, nothing limits."""
+        return UNLIMITED * float((self.gains[0] * np.where(self.cascade, self.gains[1], 1.0) / self.unit).max())
+
+    def at(self, share: float, softness: float) -> Gains:
+        """A share of the damping, and that times `softness` of the stiffness."""
+        kp, kd, ki = self.gains
+        return np.array([np.where(self.cascade, softness, share * softness) * kp, share * kd, share * softness * ki])
+
+
+def recommend_robot(spec: RobotSpec, space: str = "joint", progress: Callable[[], None] = lambda: None) -> RobotGains:
+    """Gains for the joints, or for the file's tasks (space "task").
+
+    Raises GainroomError where nothing is required, and in task space without tasks.
+    """
+    states = list(state_cases(spec, weight=space == "joint"))
+    first = states[0].model
+    found = [_joint_state(state) if space == "joint" else _task_state(state) for state in states]
+    moved = [state.model for state, one in zip(states, found, strict=True) if one.moves.any()] or [first]
+    beginning = _joints_alone(spec, first, np.min([_link_inertia(model) for model in moved], axis=0))
+    if space == "joint":
+        names, inertia = spec.robot.joint_names, first.motor_inertia + _link_inertia(first)
+    else:
+        tasks = spec.robot.tasks(first, spec.control.rotors)
+        names, inertia = tasks.directions, None
+        beginning = _tasks_alike(tasks, beginning)
+    nearest: dict[str, str] = {}
+    safe = _set(EVERYWHERE, found, beginning, progress, nearest)
+    per_contact: dict[str, GainSet | None] = {}
+    for contact in spec.robot.contacts:
+        own = [state for state in found if state.contact == contact]
+        whole = safe and replace(safe, contact=contact)
+        per_contact[contact] = whole if len(own) == len(found) else _set(contact, own, beginning, progress, nearest, safe)
+        if len(own) == len(found) and EVERYWHERE in nearest:
+            nearest[contact] = nearest[EVERYWHERE]
+    return RobotGains(space, tuple(names), per_contact, safe, inertia, nearest, _unweighed(spec, space, states))
+
+
+def _unweighed(spec: RobotSpec, space: str, states: Sequence[StateCase]) -> tuple[str, ...]:
+    """Where the weight cannot count although it should."""
+    if spec.robot.gravity is not None or spec.robot.body.base == "fixed" or space == "task":
+        return ()
+    return tuple(state.title for state in states if state.model.contacts and state.model.gravity_stiffness is None and not state.place)
+
+
+def _set(
+    contact: str,
+    states: Sequence[_State],
+    beginning: _Beginning,
+    progress: Callable[[], None],
+    nearest: dict[str, str],
+    safe: GainSet | None = None,
+) -> GainSet | None:
+    """Gains that none can be raised of in these states; None, and a word in `nearest`, where no beginning keeps what is required.
+
+    safe   a set that holds in these and other states, to begin with
+    """
+    given = np.any(beginning.gains != 0, axis=0)
+    acting = [state for state in states if np.any(state.moves & given)]
+    cascade, size = beginning.cascade, len(given)
+    if not acting:
+        nothing = np.full(size, math.nan)
+        return GainSet(contact, nothing, nothing, nothing if cascade.any() else None, NOTHING_KEPT, "", 0, nothing)
+    free = np.flatnonzero(given & np.any([state.moves for state in acting], axis=0))
+    weighed = any(state.weighed for state in acting)
+    cases = [state.with_weight for state in acting]
+    found = _searched(acting, cases, beginning, weighed, free, progress, safe)
+    without = weighed and not found.holds
+    near = "" if found.holds else _nearest(cases, found)
+    if without:
+        cases = [state.without for state in acting]
+        found = _searched(acting, cases, beginning, False, free, progress, safe)
+    if not found.holds:
+        nearest[contact] = near
+        return None
+    still = np.setdiff1d(np.arange(size), free)
+    gains = found.gains.copy()
+    gains[:, still[given[still]]] = math.nan
+    stiff = stiffness(gains, cascade)
+    compliance = np.divide(beginning.unit, stiff, out=np.full(size, math.nan), where=stiff > 0)
+    softest = max(free.tolist(), key=lambda j: np.nan_to_num(compliance[j]))
+    where = tuple("" if k < 0 else cases[k].title for k in found.case)
+    topples = [state.with_weight.title for state in acting if without and not state.with_weight.kept(found.gains).stable]
+    return GainSet(
+        contact,
+        gains[0],
+        gains[1],
+        gains[2] if cascade.any() else None,
+        _worst(found.kept),
+        where[softest],
+        len(acting),
+        compliance,
+        found.margin,
+        where,
+        softest,
+        without,
+        near if without else "",
+        tuple(topples),
+    )
+
+
+def _searched(
+    states: Sequence[_State],
+    cases: Sequence[Case],
+    beginning: _Beginning,
+    weighed: bool,
+    free: Integers,
+    progress: Callable[[], None],
+    safe: GainSet | None,
+) -> Raised:
+    """The gains that are reached from the first beginning from which any are that keep what is required; else those that came nearest."""
+    loads = np.sort([state.load for state in states], axis=0)  # legs that take turns are alike
+    groups = _alike([*beginning.data, *loads], free)
+    best = None
+    for start in itertools.islice(_starts(cases, beginning, weighed, progress, safe), TRIED):
+        found = raised_gains(cases, start, beginning.unit, groups, beginning.most, progress)
+        if found.holds:
+            return found
+        if best is None or _most_missed(cases, found) < _most_missed(cases, best):
+            best = found
+    first = beginning.at(SHARES[0], (WEIGHED if weighed else SOFT)[0])
+    return best or Raised(first, tuple(case.kept(first) for case in cases), False)
+
+
+def _starts(
+    cases: Sequence[Case], beginning: _Beginning, weighed: bool, progress: Callable[[], None], safe: GainSet | None
+) -> Iterator[Gains]:
+    """Gains that are stable in every case: those of `safe` first, then parts of what each joint alone is recommended."""
+    softness = WEIGHED if weighed else SOFT
+    tried = [beginning.at(share, soft) for share in SHARES for soft in softness]
+    if safe is not None and not (safe.without_weight and weighed):
+        whole = np.array([safe.kp, safe.kd, np.zeros(len(safe.kp)) if safe.ki is None else safe.ki])
+        tried.insert(0, np.where(np.isnan(whole), tried[0], whole))
+    for gains in tried:
+        stable = all(case.kept(gains).stable for case in cases)
+        progress()
+        if stable:
+            yield gains
+
+
+def _alike(data: Sequence[Floats], free: Integers) -> list[list[int]]:
+    """Directions `free` in groups whose `data` (each (m,)) are the same within ALIKE."""
+    found: list[list[int]] = []
+    table = np.array(data)
+    for j in free.tolist():
+        for group in found:
+            if np.allclose(table[:, j], table[:, group[0]], rtol=ALIKE, atol=0.0):
+                group.append(j)
+                break
+        else:
+            found.append([j])
+    return found
+
+
+def _most_missed(cases: Sequence[Case], found: Raised) -> float:
+    return max(kept.shortfall(case.required) for kept, case in zip(found.kept, cases, strict=True))
+
+
+def _nearest(cases: Sequence[Case], found: Raised) -> str:
+    """What came nearest, in words."""
+    kept, case = max(zip(found.kept, cases, strict=True), key=lambda pair: pair[0].shortfall(pair[1].required))
+    return f"{_shortage(kept, case.required)} in {case.title}"
+
+
+def _shortage(kept: Kept, required: Requirements) -> str:
+    """The requirement that is missed most, in words."""
+    name = kept.missed(required)
+    if name == "stability":
+        return "unstable"
+    texts = ([margin_in_words(name, getattr(whose, name), significant) for whose in (kept, required)] for significant in range(3, 10))
+    found, asked = next((pair for pair in texts if pair[0] != pair[1]), ("less", margin_in_words(name, getattr(required, name))))
+    return f"{kept.named(name)} {found} of {asked}"
+
+
+def joints_that_move(model: Plant, feedback: str) -> Booleans:
+    """(n,) False where contacts hold a joint, so that no gain on it is felt: rigid, or measured on the link's side."""
+    own = np.diagonal(model.link_inverse_inertia)
+    free = own > ROUND_OFF * np.abs(model.link_inverse_inertia).max()
+    return free if feedback == "link" else free | model.elastic
+
+
+def _link_inertia(model: "RobotModel") -> Floats:
+    """(n,) 1/W_ii, bounded where the contacts hold a joint: by its motor's inertia or, without one, by the heaviest load that can move."""
+    own = np.diagonal(model.link_inverse_inertia)
+    free = own[own > ROUND_OFF * own.max()]
+    heaviest = HEAVIEST * np.where(model.motor_inertia > 0, model.motor_inertia, 1 / free.min() if len(free) else 1.0)
+    return np.minimum(1 / np.maximum(own, 1 / heaviest), heaviest)
+
+
+def _joints_alone(spec: RobotSpec, model: "RobotModel", lightest: Floats) -> _Beginning:
+    """What each joint alone is recommended, with its lightest load and its longest delay."""
+    size = model.size
+    latest = [drive.delay for drive in spec.drives] if spec.uncertainty.delay is None else spec.uncertainty.delay[1].tolist()
+    heaviest = float(lightest.max())
+    known: dict[tuple, tuple[float, float]] = {}
+    gains, unit = np.zeros((3, size)), np.zeros(size)
+    for k in range(size):
+        link = float(f"{lightest[k] / heaviest:.3g}") * heaviest  # legs that differ by round-off are one joint
+        unit[k] = float(model.motor_inertia[k]) + link
+        # As if its inertia were 1: then what is rounded does not hang on units.
+        parts: dict[str, Any] = {name: float(getattr(model, name)[k]) / unit[k] for name in _JOINT}
+        joint, drive = ElasticJoint(link_inertia=link / unit[k], **parts), replace(spec.drives[k], delay=latest[k])
+        key = (*parts.values(), joint.link_inertia, drive)
+        if key not in known:
+            known[key] = _alone(spec, joint, drive)
+        gains[:2, k] = unit[k] * np.array(known[key])
+    data = [*(np.asarray(getattr(model, name), dtype=float) for name in _JOINT), np.array(latest)]
+    data += [np.array([getattr(drive, name) for drive in spec.drives]) for name in ("bandwidth", "damping_ratio")]
+    if spec.control.weight is not None:
+        unit, data = unit * spec.control.weight, [*data, spec.control.weight]
+    return _Beginning(gains, unit, data, np.zeros(size, dtype=bool))
+
+
+def _tasks_alike(tasks: "Tasks", joints: _Beginning) -> _Beginning:
+    """All directions that have gains at the rates of the slowest joint alone; P/PI ones in the file's proportions."""
+    kp, kd, _ = joints.gains
+    rate, quotient = float(np.min(kd / joints.unit)), float(np.median(kp / kd))
+    given = (tasks.kp != 0) | (tasks.kd != 0) | (tasks.ki != 0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        inner = np.where(tasks.cascade & (tasks.kd > 0), tasks.ki / tasks.kd, 0.0)
+    outer = np.where(tasks.cascade, quotient, rate * quotient * (tasks.kp != 0))
+    gains = np.where(given, np.array([outer, np.full(len(outer), rate), rate * inner]), 0.0)
+    return _Beginning(gains, tasks.weight, [], tasks.cascade)
+
+
+def _alone(spec: RobotSpec, joint: ElasticJoint, drive) -> tuple[float, float]:
+    """Recommended kp and kd of one joint; a critically damped guess where nothing limits it."""
+    template = PD(1.0, 1.0, velocity_filter=spec.control.velocity_filter, notches=spec.control.notches)
+    place = {"feedback": spec.control.feedback, "sample_time": spec.control.sample_time, "controller": template}
+    found = recommend_pd(joint, drive, spec.requirements, **place)
+    if found is not None:
+        return found.kp, found.kd
+    inertia, crossover = joint.motor_inertia + joint.link_inertia, 0.2 / max(drive.delay + 2 / drive.bandwidth, 1e-3)
+    return inertia * crossover**2, 2 * inertia * crossover
+
+
+def _joint_state(state: StateCase) -> _State:
+    spec, size = state.spec, state.model.size
+
+    def case(model: "RobotModel") -> Case:
+        first = spec.loop(model, spec.shaped(PD(np.ones(size), np.ones(size)))).remembering()
+
+        def loop(gains: Gains) -> Loop:
+            return first.regained(spec.shaped(PD(gains[0], gains[1])))
+
+        return Case(state.title, loop, np.eye(size), np.eye(size), np.zeros(size, dtype=bool), spec.requirements)
+
+    return _both(state, case, joints_that_move(state.model, spec.control.feedback), _link_inertia(state.model))
+
+
+def _task_state(state: StateCase) -> _State:
+    spec = state.spec
+    tasks = spec.robot.tasks(state.model, spec.control.rotors)
+
+    def case(model: "RobotModel") -> Case:
+        first = spec.loop(model, spec.shaped(tasks.controller())).remembering()
+
+        def loop(gains: Gains) -> Loop:
+            kp, kd, ki = gains
+            return first.regained(spec.shaped(replace(tasks, kp=kp, kd=kd, ki=ki).controller()))
+
+        return Case(state.title, loop, tasks.torque, tasks.jacobian, tasks.cascade, spec.requirements)
+
+    return _both(state, case, tasks.movable, np.arange(1.0, len(tasks.kp) + 1))
+
+
+def _both(state: StateCase, case: Callable[["RobotModel"], Case], moves: Booleans, load: Floats) -> _State:
+    """With the weight, where it counts, and without."""
+    weighed = state.model.gravity_stiffness is not None and bool(np.any(state.model.gravity_stiffness))
+    whole = case(state.model)
+    return _State(state.contact, whole, case(replace(state.model, gravity_stiffness=None)) if weighed else whole, weighed, moves, load)
+
+
+def _worst(kept: Sequence[Kept]) -> Kept:
+    """The least of every margin over all cases."""
+    return Kept(
+        stable=all(one.stable for one in kept),
+        gain_margin=min(one.gain_margin for one in kept),
+        phase_margin=min(one.phase_margin for one in kept),
+        peak_sensitivity=max(one.peak_sensitivity for one in kept),
+        common_phase=min(one.common_phase for one in kept),
+        single_phase=min(one.single_phase for one in kept),
+    )

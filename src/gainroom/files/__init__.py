@@ -1,0 +1,1 @@
+"""joint.yaml, robot.yaml, gain files and logs: schemas, bounded reading."""

@@ -1,0 +1,53 @@
+"""Which kind of file a text is, and where one belongs that came to the wrong place."""
+
+import re
+import shlex
+from pathlib import Path
+from typing import Any, Literal
+
+from ..errors import GainroomError
+from ..io.yaml_text import parse_yaml, read_text
+
+Kind = Literal["joint", "robot", "model", "other"]
+PLACES = {
+    "joint": "it describes one joint: gainroom joint {0}",
+    "robot": "it describes a whole robot: gainroom robot {0}",
+    "model": "it is a robot's model (URDF or MJCF), which a robot.yaml names, model: {{file: {0}}}; or judge the gains it runs with: "
+    "gainroom audit {0} --delay-ms 2",
+}
+"""What a file is, and the call that takes it."""
+
+
+def is_xml(text: str) -> bool:
+    """Whether a text is meant as XML."""
+    return re.match(r"\s*<[?!A-Za-z]", text) is not None
+
+
+def kind_of(data: Any) -> Kind:
+    """What the parsed content of a YAML file describes, by its sections."""
+    if not isinstance(data, dict):
+        return "other"
+    joint, robot = "joint" in data, not data.keys().isdisjoint(("model", "joints"))
+    return "other" if joint == robot else "joint" if joint else "robot"
+
+
+def kind_of_file(path: Path) -> Kind:
+    """As kind_of, for a file. Raises GainroomError where it cannot be read."""
+    text = read_text(path)
+    return "model" if is_xml(text) else kind_of(parse_yaml(text, str(path)))
+
+
+def parse_as(kind: Literal["joint", "robot"], text: str, source: str, example: str) -> Any:
+    """The data of a YAML text that must be a joint.yaml or a robot.yaml; `example` is one to start from. Raises GainroomError."""
+    data = None if is_xml(text) else parse_yaml(text, source)
+    found = "model" if is_xml(text) else kind_of(data)
+    if found not in (kind, "other"):
+        raise wrong_kind(source, f"{kind}.yaml", found)
+    if data is None:
+        raise GainroomError(f"{source}: is empty; `gainroom example {example}` prints a file to start from")
+    return data
+
+
+def wrong_kind(source: str, wanted: str, found: Kind) -> GainroomError:
+    """The error about a file that is not what is `wanted` but one of PLACES."""
+    return GainroomError(f"{source}: must be a {wanted}; {PLACES[found].format(shlex.quote(source))}")

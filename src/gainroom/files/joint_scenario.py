@@ -1,0 +1,309 @@
+"""The scenario section of joint.yaml: what happens to the joint, and what its hardware has beyond the linear model."""
+
+import math
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from ..errors import GainroomError
+from ..io.validation import NotNegative, Positive, PositiveOrInfinite, Section, number, refusal, typed
+from ..simulation import Chirp, Friction, Multisine, Scenario, Spline, Step, Trajectory
+from ..simulation.spec import SimulationSpec
+from ..system.joint_spec import JointSpec
+from .common_sections import rad_per_s
+
+FURTHEST = 1000.0  # [rad] that a reference may reach; a run has diverged at ten times as much
+LONGEST = 3600.0  # [s]
+MOST_SINES = 200
+SWINGING = ("chirp", "multisine")
+
+Angle = Annotated[float, number(least=-FURTHEST, most=FURTHEST)]
+Size = Annotated[float, number(least=0, most=FURTHEST)]
+Torque = Annotated[float, number(least=-1e12)]
+Instant = Annotated[float, number(least=0, most=LONGEST)]
+Duration = Annotated[float, number(above=0, most=LONGEST)]
+Frequencies = Annotated[list[Positive], Field(min_length=1, max_length=MOST_SINES)]
+
+
+def _whole(value: object) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < 2**31:
+        raise refusal(f"{value!r} must be a whole number >= 0")
+    return value
+
+
+Seed = Annotated[int, BeforeValidator(_whole)]
+
+
+def _word(value: object) -> str:
+    """A value as it would be typed."""
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _either(section: Section, *keys: str) -> None:
+    """Refuse what has not exactly one of a frequency [rad/s] and its twin in Hz."""
+    for key in keys:
+        if (getattr(section, key) is None) == (getattr(section, f"{key}_hz") is None):
+            raise refusal(f"give either {key} [rad/s] or {key}_hz")
+
+
+def _as_typed(section: Section, key: str, omega: float) -> str:
+    """`omega` [rad/s] under the key, and in the unit, that it was given in."""
+    return f"{key}: {omega:g} rad/s" if getattr(section, key) is not None else f"{key}_hz: {omega / (2 * math.pi):g} Hz"
+
+
+class ReferenceSection(Section):
+    """What every reference has."""
+
+    base: Angle = 0.0
+
+    def trajectory(self) -> Trajectory:
+        """The reference [rad] over time [s]."""
+        raise NotImplementedError
+
+    def ends(self) -> float:
+        """[s] when it comes to rest."""
+        raise NotImplementedError
+
+    def fastest(self) -> float:
+        """About the highest frequency in it [rad/s]; 0 where it does not move, or at once."""
+        return 0.0
+
+    def fastest_as_typed(self) -> str:
+        """The same as `key: value unit`, of a reference that swings."""
+        raise NotImplementedError
+
+
+class HoldSection(ReferenceSection):
+    """A constant."""
+
+    type: Literal["hold"]
+
+    def trajectory(self) -> Trajectory:
+        return Step(0.0, base=self.base)
+
+    def ends(self) -> float:
+        return 0.0
+
+
+class StepSection(ReferenceSection):
+    """From `base` to `base` + `by` at once."""
+
+    type: Literal["step"]
+    by: Angle = Field(description="how far [rad]")
+    start: Instant = 0.0
+
+    def trajectory(self) -> Trajectory:
+        return Step(self.by, self.start, self.base)
+
+    def ends(self) -> float:
+        return self.start
+
+
+class MoveSection(ReferenceSection):
+    """From `base` to `base` + `by` along a spline, from rest to rest."""
+
+    type: Literal["cubic", "quintic"]
+    by: Angle = Field(description="how far [rad]")
+    duration: Duration = Field(description="of the move [s]")
+    start: Instant = 0.0
+
+    def trajectory(self) -> Trajectory:
+        return Spline.move(self.by, self.duration, self.start, 3 if self.type == "cubic" else 5, self.base)
+
+    def ends(self) -> float:
+        return self.start + self.duration
+
+    def fastest(self) -> float:
+        return 4 * math.pi / self.duration  # beyond it a spline has next to nothing
+
+
+class ChirpSection(ReferenceSection):
+    """A sine whose frequency sweeps from `first` to `last`."""
+
+    type: Literal["chirp"]
+    amplitude: Size = Field(description="[rad]")
+    first: Positive | None = None
+    first_hz: Positive | None = None
+    last: Positive | None = None
+    last_hz: Positive | None = None
+    duration: Duration = Field(description="of the sweep [s]")
+    start: Instant = 0.0
+
+    @model_validator(mode="after")
+    def _one_of_each(self) -> "ChirpSection":
+        _either(self, "first", "last")
+        return self
+
+    def trajectory(self) -> Trajectory:
+        first, last = rad_per_s(self.first, self.first_hz), rad_per_s(self.last, self.last_hz)
+        return Chirp(self.amplitude, first, last, self.duration, start=self.start, base=self.base)
+
+    def ends(self) -> float:
+        return self.start + self.duration
+
+    def fastest(self) -> float:
+        return max(rad_per_s(self.first, self.first_hz), rad_per_s(self.last, self.last_hz))
+
+    def fastest_as_typed(self) -> str:
+        key = "last" if rad_per_s(self.last, self.last_hz) == self.fastest() else "first"
+        return _as_typed(self, key, self.fastest())
+
+
+class MultisineSection(ReferenceSection):
+    """Sines together, for the whole run."""
+
+    type: Literal["multisine"]
+    amplitude: Size = Field(description="of each sine [rad]")
+    frequencies: Frequencies | None = None
+    frequencies_hz: Frequencies | None = None
+    start: Instant = 0.0
+    seed: Seed = 0
+
+    @model_validator(mode="after")
+    def _one_list(self) -> "MultisineSection":
+        _either(self, "frequencies")
+        return self
+
+    def _angular(self) -> list[float]:
+        return self.frequencies or [rad_per_s(None, value) for value in self.frequencies_hz or []]
+
+    def trajectory(self) -> Trajectory:
+        return Multisine(self._angular(), self.amplitude, self.seed, start=self.start, base=self.base)
+
+    def ends(self) -> float:
+        return LONGEST
+
+    def fastest(self) -> float:
+        return max(self._angular())
+
+    def fastest_as_typed(self) -> str:
+        return _as_typed(self, "frequencies", self.fastest())
+
+
+Reference = Annotated[
+    HoldSection | StepSection | MoveSection | ChirpSection | MultisineSection,
+    Field(discriminator="type"),
+    typed("hold", "step", "cubic", "quintic", "chirp", "multisine", beside="those of that type"),
+]
+
+
+class DisturbanceSection(Section):
+    """A torque on the link from outside, from some time on."""
+
+    torque: Torque = Field(description="on the link [N m]")
+    start: Instant = 0.0
+
+
+class FrictionSection(Section):
+    """One side's friction, on the joint side of the gearbox."""
+
+    coulomb: NotNegative = 0.0
+    static: NotNegative | None = None
+    stribeck_velocity: Positive = 0.1
+    viscous: NotNegative = 0.0
+    bristle_stiffness: PositiveOrInfinite = math.inf
+    bristle_damping: NotNegative = 0.0
+
+    @model_validator(mode="after")
+    def _physical(self) -> "FrictionSection":
+        try:
+            self.friction()
+        except GainroomError as error:
+            raise refusal(str(error).removeprefix("friction: ")) from error
+        return self
+
+    def friction(self) -> Friction:
+        """As the testbed takes it."""
+        return Friction(**self.model_dump())
+
+
+class FrictionsSection(Section):
+    """Both sides'."""
+
+    motor: FrictionSection | None = None
+    link: FrictionSection | None = None
+
+
+class ScenarioSection(Section):
+    """The whole section."""
+
+    duration: Duration = 2.0
+    reference: Reference = MoveSection(type="cubic", by=0.1, duration=0.5)
+    disturbance: DisturbanceSection | None = None
+    noise: Annotated[float, number(least=0, most=1)] = 0.0
+    seed: Seed = 0
+    friction: FrictionsSection = FrictionsSection()
+    gravity: Torque = 0.0
+    hanging_at: Angle = 0.0
+    torque_limit: PositiveOrInfinite = math.inf
+    motor_resolution: Annotated[float, number(least=0, most=1)] = 0.0
+    link_resolution: Annotated[float, number(least=0, most=1)] = 0.0
+    jitter_ms: NotNegative = 0.0
+    whole_ticks: bool = False
+
+    @model_validator(mode="before")
+    @classmethod
+    def _true_or_false(cls, data: Any) -> Any:
+        if isinstance(data, dict) and not isinstance(data.get("whole_ticks", False), bool):
+            raise refusal("must be true or false", key="whole_ticks")
+        return data
+
+    @model_validator(mode="after")
+    def _within_the_run(self) -> "ScenarioSection":
+        starts = {"reference": getattr(self.reference, "start", 0.0), "disturbance": self.disturbance.start if self.disturbance else 0.0}
+        for name, start in starts.items():
+            if start >= self.duration:
+                raise refusal(f"{start:g} s must be before the run ends: scenario.duration is {self.duration:g} s", key=f"{name}.start")
+        return self
+
+    def spec(self, joint: JointSpec) -> SimulationSpec:
+        """With its joint, in SI. Raises GainroomError where the two do not go together."""
+        if 1e-3 * self.jitter_ms > joint.drive.delay:
+            raise GainroomError(f"scenario.jitter_ms: {self.jitter_ms:g} must be <= the drive's delay, {1e3 * joint.drive.delay:g} ms")
+        highest = math.inf if joint.sample_time is None else math.pi / joint.sample_time
+        if self.reference.type in SWINGING and self.reference.fastest() >= highest:
+            raise GainroomError(
+                f"scenario.reference.{self.reference.fastest_as_typed()} must be below half the sample rate, "
+                f"{highest:.6g} rad/s ({highest / (2 * math.pi):g} Hz)"
+            )
+        disturbed = self.disturbance
+        scenario = Scenario(
+            self.reference.trajectory(),
+            self.duration,
+            link_torque=0.0 if disturbed is None else Step(disturbed.torque, disturbed.start),
+            noise=self.noise,
+            seed=self.seed,
+        )
+        return SimulationSpec(
+            joint,
+            scenario,
+            self._hardware(),
+            self.reference.ends(),
+            0.0 if disturbed is None or disturbed.torque == 0 else disturbed.start,
+            self.reference.fastest(),
+            self.reference.type in SWINGING,
+            self._described(),
+        )
+
+    def _described(self) -> dict[str, str]:
+        """Key by key what is not left at its default, and the reference."""
+        data = self.model_dump(exclude_defaults=True)
+        data = {"duration": self.duration, "reference": self.reference.model_dump(exclude_none=True), **data}
+        for side, friction in data.pop("friction", {}).items():
+            data[f"friction.{side}"] = friction
+        words = {name: value if isinstance(value, dict) else {"": value} for name, value in data.items()}
+        return {name: ", ".join(f"{key} {_word(value)}".strip() for key, value in each.items()) for name, each in words.items()}
+
+    def _hardware(self) -> dict[str, Any]:
+        """What is not the linear loop."""
+        names = ("gravity", "torque_limit", "motor_resolution", "link_resolution", "whole_ticks")
+        found = {name: getattr(self, name) for name in names if getattr(self, name) != type(self).model_fields[name].default}
+        if self.gravity:
+            found["hanging_at"] = self.hanging_at
+        if self.jitter_ms:
+            found["jitter"] = 1e-3 * self.jitter_ms
+        for side in ("motor", "link"):
+            section = getattr(self.friction, side)
+            if section is not None:
+                found[f"{side}_friction"] = section.friction()
+        return found

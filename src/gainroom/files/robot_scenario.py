@@ -1,0 +1,121 @@
+"""The scenario section of robot.yaml: what a simulated robot does, and what it has beyond the linear model."""
+
+import math
+from collections.abc import Mapping
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import BeforeValidator, Field
+
+from ..errors import GainroomError, nearest
+from ..io.validation import Positive, PositiveOrInfinite, Section, number
+from ..io.yaml_text import shown
+from ..linear.arrays import Floats
+from ..robot.ground import Ground, Sole
+from ..robot.name_patterns import assign
+from ..robot.spec import Robot, RobotScenario
+from .per_joint import Name, PerJoint, a_list, each, mapping, of_type, per_joint
+
+Metres = Annotated[float, number(least=-1e3, most=1e3)]
+Limits = Annotated[dict[str, PositiveOrInfinite], BeforeValidator(per_joint)]
+Moves = Annotated[float | list[float], each(number(least=-1e3, most=1e3))]
+
+
+def _ground(value: Any) -> Any:
+    """false: none; true: ordinary ground."""
+    if isinstance(value, bool):
+        return {} if value else None
+    return of_type((dict, type(None)), "true, false or a section")(value)
+
+
+class RobotMoveSection(Section):
+    """A task or joints, moved from rest to rest along a quintic."""
+
+    task: Name | None = None
+    joint: Name | None = None
+    by: Moves = Field(description="how far [m, rad]; a number, or one per direction")
+    duration: Annotated[float, number(above=0, most=3600)] = 1.0
+
+
+class RobotFrictionSection(Section):
+    """On the motors' side, a number or one per pattern."""
+
+    coulomb: PerJoint = Field(default_factory=dict)
+    viscous: PerJoint = Field(default_factory=dict)
+
+
+class SoleSection(Section):
+    """The rectangle of one foot that touches the ground."""
+
+    length: Positive = Field(Sole.length, description="along x of the frame [m]")
+    width: Positive = Field(Sole.width, description="along y [m]")
+    center: Annotated[list[Metres], BeforeValidator(a_list), Field(min_length=2, max_length=2)] = Field([0.0, 0.0])
+
+    def sole(self) -> Sole:
+        """In SI."""
+        return Sole(length=self.length, width=self.width, center=(self.center[0], self.center[1]))
+
+
+class GroundSection(Section):
+    """Ground that feet may slip on and leave."""
+
+    friction: Positive = Ground.friction
+    soles: Annotated[dict[str, SoleSection], BeforeValidator(mapping)] = Field({}, description="by contact frame")
+
+    def ground(self, robot: Robot) -> Ground:
+        """In SI, with the soles of the frames that touch it. Raises GainroomError for a sole of none of them."""
+        frames = tuple(dict.fromkeys(contact.frame for contacts in robot.contacts.values() for contact in contacts))
+        for frame in self.soles:
+            if frame not in frames:
+                hint = nearest(frame, frames, "contact frame")
+                raise GainroomError(f"scenario.ground.soles: {shown(frame)} is no contact of this file{hint}")
+            if all(contact.kind == "point" for contacts in robot.contacts.values() for contact in contacts if contact.frame == frame):
+                raise GainroomError(f"scenario.ground.soles: {shown(frame)} is a point contact, which has no sole")
+        return Ground(friction=self.friction, soles={frame: sole.sole() for frame, sole in self.soles.items()})
+
+
+class RobotScenarioSection(Section):
+    """What `gainroom simulate` plays."""
+
+    posture: Name | None = None
+    contact: Name | None = None
+    duration: Annotated[float, number(above=0, most=3600)] = 2.0
+    move: RobotMoveSection | None = None
+    friction: RobotFrictionSection = RobotFrictionSection()
+    torque_limit: Limits = Field(default_factory=dict)
+    resolution: Annotated[float, number(least=0, most=1)] = 0.0
+    ground: Annotated[GroundSection | None, BeforeValidator(_ground)] = None
+
+    def scenario(self, robot: Robot, space: str) -> RobotScenario:
+        """With its robot, in SI. Raises GainroomError for a name that the file does not have, and a move of another control.space."""
+        move = self.move
+        known = {"posture": tuple(robot.postures), "contact": tuple(robot.contacts), "move.task": tuple(task.name for task in robot.stack)}
+        asked = {"posture": self.posture, "contact": self.contact, "move.task": None if move is None else move.task}
+        for key, name in asked.items():
+            if name is not None and name not in known[key]:
+                raise GainroomError(f"scenario.{key}: {shown(name)} is none of the file's{nearest(name, known[key], key)}")
+        moved = {} if move is None else {"task": move.task, "joint": move.joint, "move_duration": move.duration}
+        if move is not None:
+            other = "task" if space == "joint" else "joint"
+            if getattr(move, space) is None:
+                raise GainroomError(f"scenario.move: control.space is {space}: give {space}")
+            if getattr(move, other) is not None:
+                raise GainroomError(f"scenario.move: control.space is {space}: give {space} alone, without {other}")
+            moved["by"] = tuple(np.atleast_1d(move.by).tolist())
+        return RobotScenario(
+            posture=self.posture,
+            contact=self.contact,
+            duration=self.duration,
+            coulomb=_where_given(self.friction.coulomb, robot, "friction.coulomb", 0.0),
+            viscous=_where_given(self.friction.viscous, robot, "friction.viscous", 0.0),
+            torque_limit=_where_given(self.torque_limit, robot, "torque_limit", math.inf),
+            resolution=self.resolution,
+            ground=None if self.ground is None else self.ground.ground(robot),
+            **moved,
+        )
+
+
+def _where_given(values: Mapping[str, float], robot: Robot, key: str, otherwise: float) -> Floats:
+    """(n,) numbers of scenario.`key`; `otherwise` where no pattern matches."""
+    found = assign(values, robot.joint_names, f"scenario.{key}")
+    return np.array([each[-1] if each else otherwise for each in found])

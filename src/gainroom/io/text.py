@@ -1,0 +1,39 @@
+"""Text in, with bounds: whatever a path leads to costs little, and one line says what is wrong with it."""
+
+import os
+import stat
+from pathlib import Path
+
+from ..errors import GainroomError
+from .tracking import note_read
+
+
+def bounded_text(path: Path, most: int, what: str) -> str:
+    """The text of a regular UTF-8 file of at most `most` bytes. Raises GainroomError; messages call the file `what`."""
+    try:
+        # Opening a FIFO for reading would wait for its writer.
+        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    except FileNotFoundError as error:
+        raise GainroomError(f"{path}: no such file") from error
+    except (OSError, ValueError) as error:
+        raise GainroomError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
+    try:
+        status = os.fstat(handle)
+        mode = status.st_mode
+        if not stat.S_ISREG(mode):
+            raise GainroomError(f"{path}: is {'a directory' if stat.S_ISDIR(mode) else 'not a regular file'}")
+        note_read(status, path)
+        with open(handle, "rb", closefd=False) as stream:
+            content = stream.read(most + 1)
+    except OSError as error:
+        raise GainroomError(f"{path}: cannot be read: {error.strerror}") from error
+    finally:
+        os.close(handle)
+    if len(content) > most:
+        raise GainroomError(f"{path}: is larger than {most} bytes; this is not {what}")
+    if b"\0" in content:
+        raise GainroomError(f"{path}: is binary, not text")
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise GainroomError(f"{path}: is not UTF-8 text (byte {error.start})") from error

@@ -1,0 +1,149 @@
+"""Figs. 12 and 14: the biped in MuJoCo moves its centre of mass 6 cm in x, y and z at once in 1 s, under PD and under P/PI.
+
+Posture and control are those of the rest: Table I's start, the example's pelvis task, its actuators and drives, at 2 kHz; soles are the
+feet's boxes. The paper does not print friction. It is set here, three numbers for the three errors that PD leaves (Fig. 12); P/PI is then
+run on the same robot with nothing touched (Fig. 14).
+"""
+
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+
+from ..linear.arrays import Floats
+from ..robot.ground import Ground, Sole
+from ..robot.tasks import Task
+from ..simulation.robot_result import RobotRun
+from ..simulation.robot_run import run_robot
+from ..simulation.robot_setup import RobotSetup
+from ..simulation.trajectories import Spline
+from .biped import COM_KD, COM_KP, NAMES, biped
+from .motion import on_both_feet
+from .picture import Curve, CurvePicture, Panel
+from .row import Row, compare, same
+from .table1 import MOVE, START
+
+SAMPLE_TIME = 5e-4  # [s] 2 kHz, printed
+WAIT, MOTION, REST = 0.5, 1.0, 2.0  # [s] standing still before; printed; standing still after
+STEADY = 0.1  # [s] the end of REST that steady-state errors are taken over
+CASCADE_KP, CASCADE_KV, CASCADE_KI = np.array([40.0, 20, 100]), np.array([1.0, 5, 5]), np.array([1.0, 0.1, 1.0])  # printed
+COULOMB, ANKLE_COULOMB, VISCOUS = 4.5, 21.0, 10.0  # [N m], [N m] in the ankles' pitch, [N m s/rad]: set so that PD's errors come out
+SOLE = Sole(length=0.28, width=0.15, center=(-0.008, 0.0))  # the feet's boxes
+GROUND = Ground(friction=0.8, soles={"left_sole": SOLE, "right_sole": SOLE})
+DIRECTIONS = "xyz"
+PRINTED = {"pd": ("14.0", "5.1", "13.0"), "ppi": ("5.6", "2.9", "1.0")}  # [mm]
+FIGURES = {"pd": "fig12", "ppi": "fig14"}
+TOLERANCE = 1.0  # [mm]
+EVERY = 10  # ticks between points that are drawn
+NAMED_AT = (1.2, 1.7, 2.3)  # [s] where the curves of x, y and z have their names
+
+
+@dataclass(frozen=True)
+class ComMotion:
+    """One run; time (k,) counts from the beginning of the motion [s], the rest is of the centre of mass in x, y, z [m]."""
+
+    run: RobotRun
+    time: Floats
+
+    @property
+    def error(self) -> Floats:
+        """(k, 3) reference less measured, from encoders before the gearboxes, as the controller sees it."""
+        return self.run.error[:, :3]
+
+    @property
+    def steady(self) -> Floats:
+        """(3,) what is left at the end."""
+        return self.run.steady_error(STEADY)[:3]
+
+    @property
+    def transient(self) -> Floats:
+        """(3,) root mean square over the motion."""
+        moving = (self.time >= 0) & (self.time < MOTION)
+        return np.sqrt(np.mean(self.error[moving] ** 2, axis=0))
+
+    def after(self, duration: float) -> Floats:
+        """(3,) error `duration` [s] after the end of the motion."""
+        return self.error[np.argmin(np.abs(self.time - MOTION - duration))]
+
+
+def setup(controller: str) -> RobotSetup:
+    """The robot with the gains of "pd" or "ppi"."""
+    spec = biped()
+    robot, control = spec.robot, spec.control
+    (pelvis,) = (task for task in robot.stack if task.name == "pelvis")
+    com = (
+        Task(name="com", kind="com", kp=COM_KP, kd=COM_KD)
+        if controller == "pd"
+        else Task(name="com", kind="com", kp=CASCADE_KP, kd=CASCADE_KV, ki=CASCADE_KI)
+    )
+    ankles = np.array([name.endswith("ankle_pitch") for name in NAMES])
+    return RobotSetup(
+        body=robot.body,
+        actuators=replace(robot.actuators, motor_viscous=np.full(len(NAMES), VISCOUS)),
+        drives=spec.drives,
+        control=replace(control, space="task", joints=None, sample_time=SAMPLE_TIME),
+        q=on_both_feet(robot.body, START, 0.0),
+        contacts=robot.contacts["double"],
+        stack=(com, pelvis),
+        coulomb=np.where(ankles, ANKLE_COULOMB, COULOMB),
+        ground=GROUND,
+    )
+
+
+@cache
+def motion(controller: str) -> ComMotion:
+    """The run under "pd" or "ppi"."""
+    ticks = round((WAIT + MOTION + REST) / SAMPLE_TIME)
+    time = SAMPLE_TIME * np.arange(ticks) - WAIT
+    offsets = np.zeros((ticks, 6))
+    offsets[:, :3] = Spline.move(MOVE, MOTION).position(time)
+    run = run_robot(setup(controller), offsets)
+    return ComMotion(run, time[: len(run.time)])
+
+
+def rows() -> list[Row]:
+    """Errors at rest beside the paper's; then what becomes of the paper's two conclusions about them."""
+    result = []
+    steady = {controller: 1e3 * np.abs(motion(controller).steady) for controller in FIGURES}
+    early = 1e3 * np.abs(motion("ppi").after(1.0))
+    for controller, figure in FIGURES.items():
+        for k, direction in enumerate(DIRECTIONS):
+            text = PRINTED[controller][k]
+            note = f"Friction set for it: {COULOMB:g} N m, ankle pitch {ANKLE_COULOMB:g}, {VISCOUS:g} N m s/rad."
+            if controller == "ppi":
+                note = f"Predicted with PD's friction; {early[k]:.1f} mm one second earlier. {_WHY[direction]}"
+            value = float(steady[controller][k])
+            result.append(compare(f"{figure}.{direction}.steady_error_mm", float(text), value, "mm", TOLERANCE, note, text))
+    smaller = steady["ppi"] < steady["pd"]
+    for k, direction in enumerate(DIRECTIONS):
+        result.append(same(f"fig14.{direction}.below_pd", True, bool(smaller[k]), "P/PI leaves less than PD at rest."))
+    return result
+
+
+def pictures() -> list[CurvePicture]:
+    """Errors of the centre of mass over time, one picture per controller."""
+    return [_picture(controller) for controller in FIGURES]
+
+
+def _picture(controller: str) -> CurvePicture:
+    found = motion(controller)
+    shown = slice(None, None, EVERY)
+    time, error = found.time[shown], 1e3 * found.error[shown]
+    most = 1.15 * max(1.0, float(np.abs(error).max()))
+    curves = tuple(Curve(name, time, error[:, k], float(NAMED_AT[k])) for k, name in enumerate(DIRECTIONS))
+    law, number = ("PD", 12) if controller == "pd" else ("P/PI", 14)
+    left = ", ".join(f"{name} {value:.3g}" for name, value in zip(DIRECTIONS, 1e3 * np.abs(found.steady), strict=True))
+    caption = (
+        f"The motion begins at 0 and ends at {MOTION:g} s. Left at the end: {left} mm; printed: {', '.join(PRINTED[controller])} mm. "
+        + ("Friction, not printed, is set for these." if controller == "pd" else "The robot of Fig. 12, friction and all.")
+    )
+    title = f"Fig. {number}. Error of the centre of mass under {law}, in MuJoCo"
+    panel = Panel("error [mm]", (-most, most), curves)
+    return CurvePicture(FIGURES[controller], title, caption, "time [s]", (-WAIT, MOTION + REST), (panel,), logarithmic=False)
+
+
+_WHY = {
+    "x": "The integrator works with Kv/Ki = 1 s: what is left depends on when one looks.",
+    "y": "Kp Kv is 100 against PD's 90 and Kv/Ki is 50 s, so the same friction must leave nearly as much.",
+    "z": "Kp Kv is 2.5 times PD's gain.",
+}

@@ -1,0 +1,74 @@
+"""Eqs. (5) to (10) on the biped: forces of the operational space as joint torques, and the joint gains that they amount to."""
+
+import numpy as np
+
+from ..linear.arrays import Floats
+from ..robot.model import RobotModel
+from .biped import COM_KD, COM_KP, SUPPORTS, com_tasks, standing
+from .picture import BodePicture
+from .row import Row, compare
+
+STEP = 1e-5  # [rad]
+CURVED = 1e-3  # relative: x_d − x ≈ J (q_d − q) is off by about STEP over the angle, 0.1 rad or so, in which J changes by its own size
+ROUNDING = 1e-8  # relative; linear systems with condition numbers of about 1e6
+
+
+def rows() -> list[Row]:
+    """In double and in single support."""
+    return [row for contact, words in SUPPORTS.items() for row in _rows(standing(contact), contact, words)]
+
+
+def _rows(model: RobotModel, contact: str, words: str) -> list[Row]:
+    tasks = com_tasks(model)
+    reached = model.body.com_jacobian(model.q) @ _accelerations(model, tasks.torque)
+    kpq, kvq = tasks.joint_gains(COM_KP, COM_KD)
+    random = np.random.default_rng(0)
+    off = []
+    for _ in range(5):
+        # joint errors that the contacts leave possible: eqs. (9) and (10) know no others
+        moved = tasks.follow @ random.standard_normal(model.size)
+        joints = model.selection @ moved * STEP
+        error = _com(model, moved * STEP) - _com(model, 0 * moved)
+        for gains, direct in ((kpq, COM_KP), (kvq, COM_KD)):
+            asked = tasks.torque @ (direct * error)
+            off.append(float(np.linalg.norm(gains @ joints - asked) / np.linalg.norm(asked)))
+    return [
+        compare(
+            f"eq10.{contact}.acceleration_deviation",
+            0.0,
+            float(np.abs(reached - np.eye(3)).max()),
+            "",
+            ROUNDING,
+            f"Eqs. (7) and (8), Γ = JᵀΛ ẍ, in {words}: the centre of mass accelerates as asked, 1 m/s² in x, y or z and nothing across; "
+            "links, rotors and contact forces solved whole.",
+        ),
+        compare(
+            f"eq10.{contact}.torque_deviation",
+            0.0,
+            max(off),
+            "",
+            CURVED,
+            f"Kpq q_e and Kvq q_e of eqs. (9) and (10) against JᵀΛ K'p x_e and JᵀΛ K'v x_e, relative, in {words}; x_e is the centre of "
+            f"mass of a posture {STEP:g} rad away.",
+        ),
+    ]
+
+
+def _accelerations(model: RobotModel, torque: Floats) -> Floats:
+    """(N, m) of everything under joint torques (n, m): inertia with rotors, contacts that do not accelerate."""
+    inertia = model.inertia + model.selection.T @ np.diag(model.motor_inertia) @ model.selection
+    contacts = model.contact_jacobian
+    held = len(contacts)
+    system = np.block([[inertia, contacts.T], [contacts, np.zeros((held, held))]])
+    right = np.vstack([model.selection.T @ torque, np.zeros((held, torque.shape[1]))])
+    return np.linalg.lstsq(system, right, rcond=1e-13)[0][: len(inertia)]
+
+
+def _com(model: RobotModel, moved: Floats) -> Floats:
+    """(3,) the centre of mass [m] after a small motion (N,)."""
+    return model.body.com(model.body.integrate(model.q, moved))
+
+
+def pictures() -> list[BodePicture]:
+    """None: the paper has none."""
+    return []

@@ -1,0 +1,36 @@
+"""The joints of the paper. What it prints stands beside the value; "inferred" marks what was recovered by matching its numbers."""
+
+from dataclasses import replace
+
+from ..system.controller import PD
+from ..system.drive import Drive
+from ..system.loop import Loop, build_loop
+from ..system.plant import ElasticJoint
+
+MOTOR_INERTIA = 1.0  # [kg m²] Figs. 4, 5, 9: the printed 1.0e-4 behind the testbed's 100:1; inferred, Fig. 9's margins require it
+STIFFNESS = 1e4  # [N m/rad] printed
+DAMPING = 1.0  # [N m s/rad] printed
+LOAD_RATIOS = (0.1, 1.0, 16.0)  # load-to-motor inertia, printed with Fig. 5
+
+DRIVE = Drive(bandwidth=4000.0, damping_ratio=0.9, delay=2e-3)  # inferred
+GAINS = PD(kp=1e4, kd=300.0)  # inferred; Sec. IV-C names them for the biped's joints
+
+TESTBED = ElasticJoint.from_motor(rotor_inertia=0.2e-4, gear_ratio=100, link_inertia=4 * 0.2, stiffness=STIFFNESS, damping=DAMPING)
+TESTBED_DRIVE = replace(DRIVE, delay=2.674e-3)  # inferred: 4 to 6 ticks of 0.5 ms are printed
+TESTBED_KP = 1600.0  # [N m/rad] printed
+SAMPLE_TIME = 5e-4  # [s] the 2 kHz of Sec. IV
+
+
+def joint_with_load(ratio: float) -> ElasticJoint:
+    """The joint of Figs. 4, 5 and 9 with `ratio` times the motor's inertia as load."""
+    return ElasticJoint(MOTOR_INERTIA, ratio * MOTOR_INERTIA, STIFFNESS, DAMPING)
+
+
+def rigid(joint: ElasticJoint) -> ElasticJoint:
+    """The same two inertias without elasticity, eq. (1)."""
+    return ElasticJoint(joint.motor_inertia, joint.link_inertia)
+
+
+def torque_to_position(joint: ElasticJoint, delay: float = 0.0) -> Loop:
+    """P_M e^{−sT} by itself, as the loop of a unit gain: Γ → P_M of eq. (2)."""
+    return build_loop(joint, Drive(delay=delay), PD(1.0, 0.0))

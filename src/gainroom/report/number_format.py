@@ -1,0 +1,124 @@
+"""Numbers as a person reads them: three to four significant digits, thin spaces between thousands, always a unit."""
+
+import math
+from typing import Any
+
+from ..errors import QUANTITIES, apart
+
+THIN = "\u202f"
+MARGIN_NAMES = {"gain_margin": "gain margin", "phase_margin": "phase margin", "peak_sensitivity": "Ms"}
+
+
+def digits(value: float | None, unit: str = "", significant: int = 4) -> str:
+    """`value` with its unit; a dash where there is none."""
+    if value is None or math.isnan(value):
+        return "–"
+    if math.isinf(value):
+        return "∞" if value > 0 else "−∞"
+    rounded = float(f"{value:.{significant}g}")
+    if 1000 <= abs(rounded) < 1e7:
+        text = f"{rounded:,.0f}".replace(",", THIN)
+    elif rounded and (abs(rounded) < 1e-3 or abs(rounded) >= 1e7):
+        mantissa, exponent = f"{rounded:.{significant - 1}e}".split("e")
+        mantissa = mantissa.rstrip("0").rstrip(".") if "." in mantissa else mantissa
+        text = f"{mantissa}·10{str(int(exponent)).translate(_RAISED)}"
+    else:
+        text = f"{rounded:.{significant}g}"
+    text = text.replace("-", "−")
+    return text + (unit if unit == "°" else f" {unit}" if unit else "")
+
+
+def milli(value: float, floor: float = 1e-9) -> str:
+    """An error [rad, m] in thousandths, without unit, with what is below `floor` as 0."""
+    return digits(0.0 if abs(value) < floor else 1e3 * value, significant=3)
+
+
+def settling(time: float) -> str:
+    """A settling time [s]; inf: never, NaN: nothing to settle."""
+    return "never" if math.isinf(time) else digits(time, "s", 3)
+
+
+def gain_factor(gain: float, significant: int = 4) -> str:
+    """A factor on the gains at which something begins, with digits enough to tell it from 1, the gains themselves."""
+    return digits(gain, significant=apart(gain, 1.0, significant))
+
+
+def decibels(factor: float) -> float:
+    """20 log10 of a gain factor; −inf for 0."""
+    return 20 * math.log10(factor) if factor > 0 else -math.inf if factor == 0 else math.nan
+
+
+def as_typed(value: float) -> float:
+    """A requirement in dB or degrees, without the round-off of the way to a factor or radians and back: 6, not 5.999999999999998."""
+    return float(f"{value:.12g}")
+
+
+def hertz(omega: float) -> str:
+    """`omega` [rad/s] in Hz."""
+    return digits(omega / (2 * math.pi), "Hz", 3)
+
+
+def frequency(omega: float | None) -> str:
+    """`omega` [rad/s] in rad/s and Hz; a dash where there is none."""
+    if omega is None or not math.isfinite(omega):
+        return "–"
+    return f"{digits(omega, 'rad/s')} ({hertz(omega)})"
+
+
+def quantity(name: str, *values: float) -> str:
+    """A parameter of joint or drive (SI) by its field's name, with the unit a person expects: "delay 3 ms", or "delay 2 to 3 ms"."""
+    scale, unit = QUANTITIES[name]
+    *first, last = values
+    return " ".join([name.replace("_", " "), *(f"{digits(scale * value)} to" for value in first), digits(scale * last, unit)])
+
+
+def margin_value(asked: Any, name: str, value: float, met: bool | None, significant: int = 4) -> str:
+    """A margin (`name`: a field of Requirements) with its unit; with digits enough to tell it from a requirement that is not met."""
+    scale, unit = _MARGINS[name]
+    needed = getattr(asked, name)
+    if met is False:
+        significant = apart(scale(value), scale(needed), significant)
+    return digits(scale(value), unit, significant)
+
+
+def requirement(asked: Any, name: str, significant: int = 4) -> str:
+    """A required margin by its field's name in Requirements: "≥ 6 dB"; empty where nothing is required."""
+    value = getattr(asked, name)
+    if value is None:
+        return ""
+    scale, unit = _MARGINS[name]
+    return f"{'≤' if name == 'peak_sensitivity' else '≥'} {digits(scale(value), unit, significant)}"
+
+
+def model_kind(sample_time: float | None) -> str:
+    """Which of the two models of time a loop is studied in; `sample_time` [s], None: continuous."""
+    return "continuous" if sample_time is None else "sampled"
+
+
+def model_in_words(sample_time: float | None) -> str:
+    """The same with its rate, for titles."""
+    rate = "" if sample_time is None else f", {digits(1 / sample_time, 'Hz')}"
+    return f"{model_kind(sample_time)} model{rate}"
+
+
+def own_gains(controller: Any) -> list[tuple[str, float, str]]:
+    """(name, value, unit) of a controller's own gains, in the order of its signature."""
+    units = {"kp": "N·m/rad", "kd": "N·m·s/rad", "ki": "N·m/(rad·s)", "kv": "N·m·s/rad"}
+    if hasattr(controller, "kv"):  # the P/PI cascade: kp turns position into velocity
+        units |= {"kp": "1/s", "ki": "N·m/rad"}
+    return [(name, float(getattr(controller, name)), units.get(name, "")) for name in controller.gain_names()]
+
+
+def plane_names(controller: Any) -> tuple[str, str]:
+    """What the axes of a controller's kp–kd plane are in its own gains."""
+    return ("kv·kp", "kv") if hasattr(controller, "kv") else ("kp", "kd")
+
+
+def typed_gains(controller: Any) -> str:
+    """Its own gains with units, in digits that can be typed into a file."""
+    return ", ".join(f"{name} {value:.6g} {unit}".rstrip() for name, value, unit in own_gains(controller))
+
+
+_MARGINS = {"gain_margin": (decibels, "dB"), "phase_margin": (math.degrees, "°"), "peak_sensitivity": (float, "")}
+"""By a field of Requirements: how a person reads it."""
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")

@@ -1,0 +1,1 @@
+"""URDF and MJCF, read as hostile input."""

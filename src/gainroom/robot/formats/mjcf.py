@@ -1,0 +1,235 @@
+"""From MuJoCo's compiled model to Pinocchio's: the same bodies, joints and inertias, so the same mass matrix.
+
+(Pinocchio's own MJCF reader is silently wrong on some files: masses of default classes, settotalmass, all trees after the first.)
+
+A body stands at T₀ E₁ … E_m in its parent, with T₀ its place at qpos0 and E_j = Trans(p_j) Rot(a_j, q_j − q0_j) Trans(−p_j) for the m
+joints in it; slides translate by a_j (q_j − q0_j) instead (MuJoCo's documentation, Computation: kinematics).
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from ...errors import GainroomError, first_of_many
+from ..assemble import Description
+from ..body import Base, library
+from .mjcf_file import compile_mjcf
+from .xml_text import read_xml
+
+
+def read_mjcf(root: Element, path: Path, base: Base | None = None) -> Description:
+    """The robot that an MJCF with root element `root` describes; base None: floating where a robot in it has a free joint.
+
+    "fixed" welds a free joint; "floating" frees the one robot of a file that has none. Free things without joints of their own are left
+    out. Raises GainroomError, one line that names the file.
+    """
+    pin = library("pinocchio", "Pinocchio")
+    library("mujoco", "Pinocchio and MuJoCo")
+    compiled = compile_mjcf(root, path)
+    tree = _Tree(pin, compiled.model, str(path))
+    tree.grow(base)
+    notes = (*compiled.notes, *tree.notes, *_not_counted(compiled.model))
+    return Description(str(path), tree.result, compiled.coupled, notes, tree.springs, tree.friction)
+
+
+def position_gains(path: Path) -> Mapping[str, tuple[float, float]]:
+    """(kp, kd) by joint name [N m/rad, N m s/rad] of the actuators that feed joint position and velocity back; empty without any.
+
+    These are <position>, <velocity> and affine <general>, as MuJoCo compiles them, times gear². Raises GainroomError as read_mjcf.
+    """
+    model = compile_mjcf(read_xml(path), path).model
+    gains: dict[str, tuple[float, float]] = {}
+    for index in range(model.nu):
+        joint = model.actuator_trnid[index, 0]
+        stiffness, damping = -model.actuator_biasprm[index, 1:3] * model.actuator_gear[index, 0] ** 2
+        if model.jnt_type[joint] in _ONE_DOF and (stiffness or damping):
+            name = _joint_name(model, joint)
+            before = gains.get(name, (0.0, 0.0))
+            gains[name] = (before[0] + float(stiffness), before[1] + float(damping))
+    return gains
+
+
+def keyframes(path: Path) -> Mapping[str, Mapping[str, float]]:
+    """By name, the joint positions [rad; m for a slide] of an MJCF's keyframes, those with one degree of freedom; empty for a URDF.
+
+    Raises GainroomError as read_mjcf.
+    """
+    root = read_xml(path)
+    if root.tag != "mujoco":
+        return {}
+    model = compile_mjcf(root, path, keyframes=True).model
+    places = {_joint_name(model, joint): model.jnt_qposadr[joint] for joint in range(model.njnt) if model.jnt_type[joint] in _ONE_DOF}
+    frames = {model.key(index).name or f"key#{index}": model.key_qpos[index] for index in range(model.nkey)}
+    return {frame: {joint: float(qpos[place]) for joint, place in places.items()} for frame, qpos in frames.items()}
+
+
+_FREE, _BALL, _SLIDE, _HINGE = range(4)  # mjtJoint
+_ONE_DOF = (_SLIDE, _HINGE)
+_TO_XYZW = (1, 2, 3, 0)  # MuJoCo's quaternions begin with w
+
+
+@dataclass
+class _Tree:
+    """A Pinocchio model that grows body by body. places: for each body, its joint, its placement in that joint, its frame."""
+
+    pin: Any
+    mujoco_model: Any
+    source: str
+    result: Any = None
+    notes: list[str] = field(default_factory=list)
+    places: dict[int, tuple[int, Any, int]] = field(default_factory=dict)
+    springs: dict[str, float] = field(default_factory=dict)
+    friction: dict[str, float] = field(default_factory=dict)
+
+    def grow(self, base: Base | None) -> None:
+        model = self.mujoco_model
+        self.result = self.pin.Model()
+        self.result.gravity.linear = np.array(model.opt.gravity) * (not _disabled(model, "mjDSBL_GRAVITY"))
+        floating, left = self._roots(base)
+        self.places[0] = (0, self.pin.SE3.Identity(), 0)
+        roots = np.array(model.body_rootid)
+        order = [body for body in range(1, model.nbody) if roots[body] not in left]
+        # The base's six velocities come first.
+        for body in sorted(order, key=lambda body: roots[body] != floating):
+            self._add_body(body, body == floating)
+        self._add_sites()
+
+    def _roots(self, base: Base | None) -> tuple[int | None, set[int]]:
+        """The body that floats, and the free bodies that are left out as they have no joints to actuate."""
+        model = self.mujoco_model
+        free = [model.jnt_bodyid[joint] for joint in range(model.njnt) if model.jnt_type[joint] == _FREE]
+        moved = {model.body_rootid[model.jnt_bodyid[joint]] for joint in range(model.njnt) if model.jnt_type[joint] != _FREE}
+        robots = [body for body in free if body in moved]
+        left = {int(body) for body in free if body not in moved} if moved else set()
+        self.notes.extend(f"free body {_body_name(model, body)!r} has no joints and is left out" for body in sorted(left))
+        if base == "fixed":
+            self.notes.extend(f"base: fixed holds the free joint of {_body_name(model, body)!r}, as if bolted down" for body in robots)
+            return None, left
+        if len(robots) > 1:
+            named = ", ".join(repr(_body_name(model, body)) for body in robots)
+            raise GainroomError(
+                f"{self.source}: more than one floating base with joints: {named}; leave one in the file, or take base: fixed"
+            )
+        if base == "floating" and not robots:
+            tops = sorted(int(body) for body in moved)
+            if len(tops) != 1 or model.body_jntnum[tops[0]]:
+                raise GainroomError(f"{self.source}: base: floating needs a <freejoint/>, or one top body without joints above all others")
+            return tops[0], left
+        return (int(robots[0]) if robots else None), left
+
+    def _add_body(self, body: int, floats: bool) -> None:
+        pin, model = self.pin, self.mujoco_model
+        joint, place, frame = self.places[int(model.body_parentid[body])]
+        place = place * self._placement(model.body_pos[body], model.body_quat[body])
+        first = model.body_jntadr[body]
+        if floats:
+            name = _unused("root_joint", {_joint_name(model, index) for index in range(model.njnt)})
+            joint = self.result.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), name)
+            frame = self.result.addJointFrame(joint, frame)
+            place = pin.SE3.Identity()
+        for index in range(first, first + model.body_jntnum[body]):
+            if model.jnt_type[index] != _FREE:
+                joint, place, frame = self._add_joint(index, joint, place, frame)
+        inertia = pin.Inertia(float(model.body_mass[body]), np.zeros(3), np.diag(model.body_inertia[body]))
+        self.result.appendBodyToJoint(joint, inertia, place * self._placement(model.body_ipos[body], model.body_iquat[body]))
+        frame = self.result.addBodyFrame(_body_name(model, body), joint, place, frame)
+        self.places[body] = (joint, place, frame)
+
+    def _add_joint(self, index: int, parent: int, place: Any, frame: int) -> tuple[int, Any, int]:
+        """One joint of a body; its index, where the body now stands in it, its frame."""
+        pin, model = self.pin, self.mujoco_model
+        axis, anchor = np.array(model.jnt_axis[index]), np.array(model.jnt_pos[index])
+        start = float(model.qpos0[model.jnt_qposadr[index]])
+        place = place * pin.SE3(np.eye(3), anchor)
+        kind = model.jnt_type[index]
+        if kind == _HINGE:
+            place = place * pin.SE3(pin.AngleAxis(-start, axis).toRotationMatrix(), np.zeros(3))
+            joint_model = pin.JointModelRevoluteUnaligned(axis)
+        elif kind == _SLIDE:
+            place = place * pin.SE3(np.eye(3), -start * axis)
+            joint_model = pin.JointModelPrismaticUnaligned(axis)
+        else:
+            joint_model = pin.JointModelSpherical()
+        joint = self.result.addJoint(parent, joint_model, place, _joint_name(model, index))
+        if kind != _BALL:
+            self._set_limits(index, joint)
+            self.friction[_joint_name(model, index)] = float(model.dof_frictionloss[model.jnt_dofadr[index]])
+            if not _disabled(model, "mjDSBL_SPRING"):
+                self.springs[_joint_name(model, index)] = float(model.jnt_stiffness[index])
+        return joint, pin.SE3(np.eye(3), -anchor), self.result.addJointFrame(joint, frame)
+
+    def _set_limits(self, index: int, joint: int) -> None:
+        model, record = self.mujoco_model, self.result.joints[joint]
+        low, high = model.jnt_range[index] if model.jnt_limited[index] else (-np.inf, np.inf)
+        for name, value, at in (
+            ("lowerPositionLimit", low, record.idx_q),
+            ("upperPositionLimit", high, record.idx_q),
+            ("armature", _rotor(model, index), record.idx_v),
+            ("damping", float(model.dof_damping[model.jnt_dofadr[index]]), record.idx_v),
+        ):
+            values = np.array(getattr(self.result, name))
+            values[at] = value
+            setattr(self.result, name, values)
+
+    def _add_sites(self) -> None:
+        model, pin = self.mujoco_model, self.pin
+        bodies = {_body_name(model, body) for body in range(1, model.nbody)}
+        for site in range(model.nsite):
+            name, body = model.site(site).name, int(model.site_bodyid[site])
+            if body not in self.places or not name:
+                continue
+            if name in bodies:
+                self.notes.append(f"site {name!r} has the name of a body; as a frame, {name!r} is the body")
+                continue
+            joint, place, frame = self.places[body]
+            place = place * self._placement(model.site_pos[site], model.site_quat[site])
+            self.result.addFrame(pin.Frame(name, joint, frame, place, pin.FrameType.OP_FRAME))
+
+    def _placement(self, position: Any, quaternion: Any) -> Any:
+        rotation = self.pin.Quaternion(np.array(quaternion)[list(_TO_XYZW)]).normalized().toRotationMatrix()
+        return self.pin.SE3(rotation, np.array(position))
+
+
+def _disabled(model: Any, flag: str) -> bool:
+    """Whether the file switches a part of the physics off, by the name of MuJoCo's flag."""
+    bits = library("mujoco", "Pinocchio and MuJoCo").mjtDisableBit
+    return bool(model.opt.disableflags & int(getattr(bits, flag, 0)))
+
+
+def _not_counted(model: Any) -> tuple[str, ...]:
+    """What bears on the links and is left out, in words."""
+    notes = []
+    lifted = [_body_name(model, body) for body in range(model.nbody) if model.body_gravcomp[body]]
+    if lifted:
+        notes.append(f"gravcomp of these bodies is left out, they weigh what they weigh: {first_of_many(lifted)}")
+    curves = getattr(model, "jnt_stiffnesspoly", np.zeros(model.njnt))  # since MuJoCo 3.5
+    bent = [_joint_name(model, joint) for joint in range(model.njnt) if np.any(curves[joint])]
+    if bent:
+        notes.append(f"of these joints' own springs only the linear part counts: {first_of_many(bent)}")
+    return tuple(notes)
+
+
+def _rotor(model: Any, joint: int) -> float:
+    """Armature of a joint, and of the actuators on it, which stand before their gear [kg m²; kg for a slide]."""
+    rotor = float(model.dof_armature[model.jnt_dofadr[joint]])
+    before_gear = getattr(model, "actuator_armature", np.zeros(model.nu))  # since MuJoCo 3.5
+    for index in range(model.nu):
+        if model.actuator_trnid[index, 0] == joint:
+            rotor += float(before_gear[index] * model.actuator_gear[index, 0] ** 2)
+    return rotor
+
+
+def _body_name(model: Any, body: int) -> str:
+    return model.body(int(body)).name or f"body#{body}"
+
+
+def _joint_name(model: Any, joint: int) -> str:
+    return model.joint(int(joint)).name or f"joint#{joint}"
+
+
+def _unused(name: str, names: set[str]) -> str:
+    return name if name not in names else _unused(name + "_", names)

@@ -1,0 +1,269 @@
+"""URDF through Pinocchio. Only links and joints matter: meshes are never opened.
+
+The parser behind Pinocchio takes the first of two equal elements, passes over tags that it does not know, and says what it finds wrong on
+the standard error of the whole process. So everything that bears on bodies and joints is read and checked here, and Pinocchio is given a
+text that holds that and nothing else.
+"""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+from xml.etree.ElementTree import Element, SubElement, tostring
+
+import numpy as np
+
+from ...errors import GainroomError, first_of_many, nearest, one_line, typo_of
+from ..assemble import FARTHEST, LARGEST, MASSLESS, Description, floats
+from ..body import Base, library
+
+MAX_LINKS = 2000
+"""Pinocchio walks down a chain of links by recursion, and the stack ends at about 4000."""
+MOVING = ("revolute", "continuous", "prismatic")
+TYPES = (*MOVING, "floating", "planar", "fixed")
+MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+CHILDREN = {
+    "robot": ("link", "joint"),
+    "link": ("inertial",),
+    "inertial": ("origin", "mass", "inertia"),
+    "joint": ("parent", "child", "origin", "axis", "limit", "mimic", "dynamics"),
+}
+"""What matters in an element; others may stand beside it, but for those in <inertial>, and for what looks like a slip of the pen."""
+ATTRIBUTES = {
+    "link": ("name",),
+    "joint": ("name", "type"),
+    "origin": ("xyz", "rpy"),
+    "mass": ("value",),
+    "inertia": MOMENTS,
+    "parent": ("link",),
+    "child": ("link",),
+    "axis": ("xyz",),
+    "limit": ("lower", "upper"),
+    "mimic": ("joint",),
+    "dynamics": ("damping", "friction"),
+}
+CLOSED = ("inertial", "origin", "mass", "inertia", "parent", "child", "axis")
+"""Elements that hold what is named above and nothing else: what stands there was meant to count."""
+INSIDE = {child: parent for parent, children in CHILDREN.items() for child in children}
+NEGLIGIBLE = 1e-6
+"""Of the largest principal moment of inertia; files carry about six digits."""
+
+
+def read_urdf(root: Element, source: str, base: Base | None = None) -> Description:
+    """The robot that a URDF with root element `root` describes; base None: fixed, unless the file itself has a floating joint.
+
+    Raises GainroomError, one line that names the file, the link or joint, the value and what is allowed.
+    """
+    pin = library("pinocchio", "Pinocchio")
+    found = _Reader(source)
+    found.read(root)
+    text = tostring(found.bare, "unicode")
+    model = _parse(pin, text, source)
+    if base == "floating" and not floats(model):
+        # Pinocchio mixes two joints up that have one name.
+        model = _parse(pin, text, source, pin.JointModelFreeFlyer(), "root_joint" if "root_joint" not in found.joints else "floating base")
+    return Description(source, model, found.held, found.notes(), friction=found.friction)
+
+
+def _parse(pin: Any, text: str, source: str, *root_joint: Any) -> Any:
+    """Pinocchio's model of a URDF text."""
+    try:
+        return pin.buildModelFromXML(text, *root_joint)
+    except (ValueError, RuntimeError, LookupError, ArithmeticError) as error:
+        raise GainroomError(f"{source}: not a valid URDF: {one_line(error)}") from error
+
+
+@dataclass
+class _Reader:
+    """What was found: a URDF of links and joints alone, their names, joints that follow others, their friction, strange inertias."""
+
+    source: str
+    bare: Element = field(default_factory=lambda: Element("robot", name="robot"))
+    links: list[str] = field(default_factory=list)
+    joints: list[str] = field(default_factory=list)
+    held: dict[str, str] = field(default_factory=dict)
+    friction: dict[str, float] = field(default_factory=dict)
+    negative: list[str] = field(default_factory=list)
+
+    def read(self, root: Element) -> None:
+        """Everything in the file."""
+        source = self.source
+        xacro = next((element.tag for element in root.iter() if element.tag.startswith("xacro:")), None)
+        if xacro:
+            raise GainroomError(f"{source}: holds <{xacro}>: expand it first, xacro FILE > robot.urdf")
+        if not root.get("name"):
+            raise GainroomError(f"{source}: No name given: <robot> must have the attribute name")
+        self._require_known(root, source)
+        links, joints = root.findall("link"), root.findall("joint")
+        if len(links) > MAX_LINKS:
+            raise GainroomError(f"{source}: has {len(links)} links and must have at most {MAX_LINKS}")
+        self.links, self.joints = self._names(links, "link"), self._names(joints, "joint")
+        for link in links:
+            self._add_link(link)
+        parents = dict(self._add_joint(joint) for joint in joints)
+        self._require_tree(parents, [joint.find("child").get("link", "") for joint in joints])  # type: ignore[union-attr]
+
+    def notes(self) -> tuple[str, ...]:
+        """What a user should look at."""
+        if not self.negative:
+            return ()
+        return (f"the inertia of these links is negative about some axis, taken as given: {first_of_many(self.negative)}",)
+
+    def _names(self, elements: Sequence[Element], kind: str) -> list[str]:
+        names = [element.get("name", "") for element in elements]
+        for name, count in Counter(names).items():
+            if not name.strip():
+                raise GainroomError(f"{self.source}: a {kind} has no name")
+            if count > 1:
+                raise GainroomError(f"{self.source}: {kind} {name!r} is not unique: {count} {kind}s have this name")
+        return names
+
+    def _add_link(self, link: Element) -> None:
+        name = link.get("name", "")
+        owner = f"{self.source}: link {name!r}"
+        self._require_known(link, owner)
+        inertial = self._only(link, "inertial", owner)
+        result = SubElement(self.bare, "link", name=name)
+        if inertial is None:
+            return
+        parts = {tag: self._only(inertial, tag, f"{owner}: <inertial>") for tag in CHILDREN["inertial"]}
+        mass = self._numbers(parts["mass"], "mass", "value", 1, owner)[0]
+        if not 0 <= mass <= LARGEST:
+            raise GainroomError(f"{owner}: mass {mass:g} kg must be >= 0 and <= {LARGEST:g} kg")
+        moments = [self._numbers(parts["inertia"], "inertia", key, 1, owner)[0] for key in MOMENTS]
+        if self._least_moment(moments, owner) < 0:
+            self.negative.append(name)
+        inside = SubElement(result, "inertial")
+        self._add_origin(inside, parts["origin"], owner)
+        SubElement(inside, "mass", value=repr(mass))
+        SubElement(inside, "inertia", dict(zip(MOMENTS, map(repr, moments), strict=True)))
+
+    def _least_moment(self, moments: Sequence[float], owner: str) -> float:
+        """The least principal moment of inertia, 0 where it is round-off. Raises GainroomError where the diagonal is < 0, or absurd."""
+        for key, moment in zip(MOMENTS, moments, strict=True):
+            if abs(moment) > LARGEST or (key in ("ixx", "iyy", "izz") and moment < -MASSLESS):
+                least = f"-{LARGEST:g}" if key in ("ixy", "ixz", "iyz") else "0"
+                raise GainroomError(f"{owner}: inertia {key} {moment:g} kg·m² must be >= {least} and <= {LARGEST:g} kg·m²")
+        xx, xy, xz, yy, yz, zz = moments
+        principal = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        return 0.0 if abs(principal[0]) < max(NEGLIGIBLE * abs(principal[2]), MASSLESS) else float(principal[0])
+
+    def _add_joint(self, joint: Element) -> tuple[str, str]:
+        """The joint's child and parent."""
+        name, kind = joint.get("name", ""), joint.get("type", "")
+        owner = f"{self.source}: joint {name!r}"
+        self._require_known(joint, owner)
+        parts = {tag: self._only(joint, tag, owner) for tag in CHILDREN["joint"]}
+        if kind not in TYPES:
+            raise GainroomError(f"{owner}: has no known type [{kind[:40]}]; it must be {', '.join(TYPES[:-1])} or {TYPES[-1]}")
+        result = SubElement(self.bare, "joint", name=name, type=kind)
+        ends = {}
+        for side in ("parent", "child"):
+            element = parts[side]
+            ends[side] = "" if element is None else element.get("link", "")
+            if ends[side] not in self.links:
+                raise GainroomError(f"{owner}: {side} link {ends[side]!r} is not in the file{nearest(ends[side], self.links, 'link')}")
+            SubElement(result, side, link=ends[side])
+        self._add_origin(result, parts["origin"], owner)
+        if kind != "fixed" and parts["axis"] is not None:
+            SubElement(result, "axis", xyz=" ".join(map(repr, self._axis(parts["axis"], owner))))
+        if kind in MOVING:
+            self._add_limit(result, parts["limit"], owner)
+            self._add_dynamics(result, parts["dynamics"], owner)
+        if parts["mimic"] is not None:
+            self.held[name] = f"mimics {parts['mimic'].get('joint')!r}"
+        return ends["child"], ends["parent"]
+
+    def _axis(self, axis: Element, owner: str) -> list[float]:
+        try:
+            numbers = [float(word) for word in axis.get("xyz", "").split()]
+        except ValueError:
+            numbers = []
+        if len(numbers) != 3 or not np.all(np.isfinite(numbers)) or not 1e-9 < np.abs(numbers).max() <= FARTHEST:
+            raise GainroomError(f"{owner}: axis {axis.get('xyz', '')[:60]!r} must be three numbers, not all zero, up to {FARTHEST:g}")
+        return numbers
+
+    def _add_origin(self, result: Element, origin: Element | None, owner: str) -> None:
+        """Without one, or without a part of it, zeros."""
+        if origin is None:
+            return
+        values = {key: self._numbers(origin, "origin", key, 3, owner, absent=0.0) for key in ATTRIBUTES["origin"]}
+        for key, numbers in values.items():
+            if np.abs(numbers).max() > FARTHEST:
+                unit = "m" if key == "xyz" else "rad"
+                raise GainroomError(f"{owner}: origin {key} {origin.get(key)!r} must be >= -{FARTHEST:g} and <= {FARTHEST:g} {unit}")
+        SubElement(result, "origin", {key: " ".join(map(repr, numbers)) for key, numbers in values.items()})
+
+    def _add_limit(self, result: Element, limit: Element | None, owner: str) -> None:
+        if limit is None and result.get("type") != "continuous":
+            raise GainroomError(f"{owner}: does not specify limits: <limit> must give lower and upper")
+        # Effort and velocity are nobody's here; the parser behind Pinocchio wants them.
+        values = {key: self._numbers(limit, "limit", key, 1, owner, absent=0.0)[0] for key in ATTRIBUTES["limit"]}
+        SubElement(result, "limit", {"effort": "1", "velocity": "1"} | {key: repr(value) for key, value in values.items()})
+
+    def _add_dynamics(self, result: Element, dynamics: Element | None, owner: str) -> None:
+        values = {key: self._numbers(dynamics, "dynamics", key, 1, owner, absent=0.0)[0] for key in ATTRIBUTES["dynamics"]}
+        SubElement(result, "dynamics", damping=repr(values["damping"]))
+        if values["friction"]:
+            self.friction[result.get("name", "")] = values["friction"]
+
+    def _require_tree(self, parents: dict[str, str], children: Sequence[str]) -> None:
+        """Raise GainroomError unless every link but one hangs on another."""
+        source = self.source
+        for link, count in Counter(children).items():
+            if count > 1:
+                raise GainroomError(f"{source}: link {link!r} is the child of {count} joints and must be of one")
+        roots = [link for link in self.links if link not in parents]
+        if len(roots) > 1:
+            raise GainroomError(f"{source}: Two root links: {roots[0]!r} and {roots[1]!r}; all but one must be the child of a joint")
+        if not self.links:
+            raise GainroomError(f"{source}: No link in the file")
+        hanging = set(roots)
+        for link in self.links:
+            way = []
+            while link not in hanging and link not in way:
+                way.append(link)
+                link = parents[link]
+            if link not in hanging:
+                raise GainroomError(f"{source}: link {way[0]!r} does not hang on the root link: its joints form a loop")
+            hanging.update(way)
+
+    def _only(self, element: Element, tag: str, owner: str) -> Element | None:
+        """The child with this tag, None where there is none. Raises GainroomError where it stands there twice, or holds what is unknown."""
+        found = element.findall(tag)
+        if len(found) > 1:
+            raise GainroomError(f"{owner}: holds <{tag}> {len(found)} times and must hold it once")
+        if not found:
+            return None
+        self._require_known(found[0], owner)
+        return found[0]
+
+    def _require_known(self, element: Element, owner: str) -> None:
+        """Raise GainroomError for children and attributes that look as if they were meant to count, and do not."""
+        given = (
+            ("<{}>", CHILDREN.get(element.tag, ()), {child.tag for child in element}),
+            ("attribute {}", ATTRIBUTES.get(element.tag, ()), set(element.attrib)),
+        )
+        for form, known, names in given:
+            for name in sorted(names - set(known)):
+                meant = typo_of(name, known)
+                misplaced = form == "<{}>" and name in INSIDE and name != "origin"  # some give a link one, where it means nothing
+                if (meant or misplaced or element.tag in CLOSED) and ":" not in name:
+                    hint = f"; did you mean {form.format(meant)}?" if meant else f"; it belongs in <{INSIDE[name]}>" if misplaced else ""
+                    raise GainroomError(f"{owner}: <{element.tag}> holds {form.format(name[:40])}, which does not count there{hint}")
+
+    def _numbers(self, element: Element | None, tag: str, key: str, count: int, owner: str, absent: float | None = None) -> list[float]:
+        """The numbers of an attribute; `absent` for each where there is none, which otherwise raises GainroomError."""
+        text = None if element is None else element.get(key)
+        if text is None and absent is not None:
+            return [absent] * count
+        if text is None:
+            raise GainroomError(f"{owner}: <{tag}> {key} is missing")
+        try:
+            numbers = [float(word) for word in text.split()] if "_" not in text else []
+        except ValueError:
+            numbers = []
+        if len(numbers) != count or not np.all(np.isfinite(numbers)):
+            wanted = "a finite number" if count == 1 else f"{count} finite numbers"
+            raise GainroomError(f"{owner}: {tag} {key} {one_line(repr(text), 60)} must be {wanted}")
+        return numbers

@@ -1,0 +1,233 @@
+"""A robot ready to be studied: its links, actuators, postures and contact states, its drives and control, and what is asked of them. SI."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..errors import GainroomError, first_of_many, nearest
+from ..linear.arrays import Floats
+from ..system.controller import PD, PID, PPI, LowPass, Notch
+from ..system.drive import Drive
+from ..system.loop import Feedback, Loop, build_loop
+from ..system.requirements import Requirements
+from ..system.uncertainty import between
+
+if TYPE_CHECKING:
+    from .actuators import Actuators
+    from .body import RigidBody
+    from .contact import Contact
+    from .ground import Ground
+    from .model import RobotModel
+    from .tasks import Task, Tasks
+
+Range = tuple[Floats, Floats]
+"""Lowest and highest value of each joint, each (n,)."""
+
+
+@dataclass(frozen=True)
+class Posture:
+    """How the robot stands: angles [rad] by joint name, 0 where not named; `body` has its locked joints at this posture's angles."""
+
+    body: "RigidBody"
+    angles: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Robot:
+    """A machine: links, actuators, and the postures, contact states and tasks it is looked at in.
+
+    postures, contacts   by name, in the file's order
+    stack                tasks by falling priority; none: joint space only
+    gravity              True: with gravity stiffness; None: only in `linearize(weight=True)`
+    spec                 the whole file, with control and limits; None for a robot made by hand
+    """
+
+    name: str
+    actuators: "Actuators"
+    postures: Mapping[str, Posture]
+    contacts: Mapping[str, "tuple[Contact, ...]"]
+    stack: "tuple[Task, ...]" = ()
+    gravity: bool | None = False
+    spec: "RobotSpec | None" = field(default=None, compare=False)
+
+    def __repr__(self) -> str:
+        names = f"postures {first_of_many(tuple(self.postures))}; contacts {first_of_many(tuple(self.contacts))}"
+        return f"Robot({self.name!r}: {self.body.size} joints, {self.body.base} base; {names})"
+
+    @property
+    def body(self) -> "RigidBody":
+        """The links, locked joints as in the first posture."""
+        return next(iter(self.postures.values())).body
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """The actuated joints, in the model's order."""
+        return self.body.joint_names
+
+    @property
+    def states(self) -> tuple[tuple[str, str], ...]:
+        """Every posture with every contact state, by name."""
+        return tuple((posture, contact) for contact in self.contacts for posture in self.postures)
+
+    def linearize(self, posture: str | None = None, contact: str | None = None, weight: bool = False) -> "RobotModel":
+        """The plant about one posture in one contact state; without names, the first ones.
+
+        weight   where nothing is said of gravity: with its stiffness if contacts hold a floating base, so that it can be held
+
+        Raises GainroomError for a name that the file does not have, and where the robot cannot be linearised there.
+        """
+        from .linearize import holds_base, linearize
+
+        posture = _known("posture", posture, self.postures)
+        contact = _known("contact", contact, self.contacts)
+        stance = self.postures[posture]
+        try:
+            q = stance.body.configuration(dict(stance.angles))
+            held = self.contacts[contact]
+            weighed = weight and holds_base(stance.body, q, held) if self.gravity is None else self.gravity
+            model = linearize(stance.body, self.actuators, q, held, gravity=weighed)
+        except GainroomError as error:
+            raise GainroomError(f"{self.name}: posture {posture!r}, contact {contact!r}: {error}") from error
+        return replace(model, posture=posture, contact=contact)
+
+    def tasks(self, model: "RobotModel", rotors: bool = False) -> "Tasks":
+        """The operational space of this robot's tasks at a linearised state; `rotors`: the controller's model counts the motors' inertia.
+
+        Raises GainroomError where there are no tasks, or they do not fit the robot.
+        """
+        from .tasks import tasks_of
+
+        if not self.stack:
+            raise GainroomError(f"{self.name}: there are no tasks")
+        return tasks_of(model, self.stack, rotors)
+
+
+def _known(kind: str, name: str | None, values: Mapping[str, Any]) -> str:
+    if name is None:
+        return next(iter(values))
+    if name not in values:
+        raise GainroomError(f"{kind} {name!r} is not one of this robot's{nearest(name, tuple(values), kind)}")
+    return name
+
+
+@dataclass(frozen=True)
+class Ranges:
+    """What is not known exactly, joint by joint; None: known exactly.
+
+    delay [s], stiffness [N m/rad], motor_inertia [kg m²], damping [N m s/rad]
+    """
+
+    delay: Range | None = None
+    stiffness: Range | None = None
+    motor_inertia: Range | None = None
+    damping: Range | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What is uncertain."""
+        return tuple(name for name in self.__dataclass_fields__ if getattr(self, name) is not None)
+
+    def case(self, actuators: "Actuators", drives: Sequence[Drive], place: Sequence[float]) -> "tuple[Actuators, tuple[Drive, ...]]":
+        """Actuators and drives at `place`, one number in [0, 1] per uncertain quantity, the same share for all joints."""
+        values = {}
+        for name, share in zip(self.names, place, strict=True):
+            low, high = getattr(self, name)
+            values[name] = between(low, high, share)
+        delays = values.pop("delay", np.array([drive.delay for drive in drives]))
+        moved = tuple(replace(drive, delay=float(delay)) for drive, delay in zip(drives, delays, strict=True))
+        return replace(actuators, **values), moved
+
+
+@dataclass(frozen=True)
+class RobotControl:
+    """The controller: gains per joint in joint space, or filters around the tasks' own gains.
+
+    space     "joint" or "task"
+    joints    PD, PID or PPI with gains (n,); None in task space
+    feedback  "motor" or "link": the side of the gearbox the encoders are on
+    rotors    the tasks' model of the robot counts the motors' inertia
+    weight    (n,) how much each joint's stiffness counts when gains are recommended
+    """
+
+    space: str
+    joints: PD | PID | PPI | None
+    feedback: Feedback
+    sample_time: float | None = None
+    velocity_filter: LowPass | None = None
+    notches: tuple[Notch, ...] = ()
+    rotors: bool = False
+    weight: Floats | None = None
+
+
+@dataclass(frozen=True)
+class RobotScenario:
+    """What a simulated robot does: it stands in a posture, and moves a task or joints from rest to rest.
+
+    posture, contact   by name; None: the first
+    duration           of the run [s]
+    task, joint        what moves: a task's name, or a pattern of joints; both None: the first task, or in joint space the arm's joints
+    by                 how far [m, rad]: a number for all directions or joints, or one for each; None: a centimetre along x, 0.01 rad
+    move_duration      [s]
+    coulomb, viscous   (n,) friction on the motors' side [N m], [N m s/rad]
+    torque_limit       (n,) of the commands [N m]
+    resolution         of the encoders, joint side; 0: ideal [rad]
+    ground             feet may slip on it and lift; None: they are held
+    """
+
+    posture: str | None = None
+    contact: str | None = None
+    duration: float = 2.0
+    task: str | None = None
+    joint: str | None = None
+    by: tuple[float, ...] | None = None
+    move_duration: float = 1.0
+    coulomb: ArrayLike = 0.0
+    viscous: ArrayLike = 0.0
+    torque_limit: ArrayLike = math.inf
+    resolution: float = 0.0
+    ground: "Ground | None" = None
+
+
+@dataclass(frozen=True)
+class RobotSpec:
+    """What a robot.yaml says.
+
+    robot         the machine
+    drives        one per joint
+    control       controller, sampling and the encoders' side
+    requirements, uncertainty   as for one joint
+    scenario      what `gainroom simulate` plays
+    assumptions   what was taken for granted where nothing was said, in words
+    warnings      what a user should look at
+    """
+
+    robot: Robot
+    drives: tuple[Drive, ...]
+    control: RobotControl
+    requirements: Requirements = field(default_factory=Requirements.usual)
+    uncertainty: Ranges = field(default_factory=Ranges)
+    scenario: RobotScenario = field(default_factory=RobotScenario)
+    assumptions: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        return f"RobotSpec({self.robot!r}, control in {self.control.space} space)"
+
+    def controller(self, model: "RobotModel") -> PD | PID | PPI:
+        """The controller of n joints in one state: the file's own in joint space, that of its tasks in task space."""
+        if self.control.joints is not None:
+            return self.control.joints
+        return self.shaped(self.robot.tasks(model, self.control.rotors).controller())
+
+    def shaped(self, controller: PD | PID | PPI) -> PD | PID | PPI:
+        """A controller with this specification's filters."""
+        return replace(controller, velocity_filter=self.control.velocity_filter, notches=self.control.notches)
+
+    def loop(self, model: "RobotModel", controller: Any = None) -> Loop:
+        """The loop of one state, with another controller where one is given."""
+        controller = self.controller(model) if controller is None else controller
+        return build_loop(model, self.drives, controller, self.control.feedback, self.control.sample_time)

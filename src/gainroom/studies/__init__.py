@@ -1,0 +1,1 @@
+"""What the commands compute: numbers, no files and no pictures."""

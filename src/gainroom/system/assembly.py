@@ -1,0 +1,114 @@
+"""State spaces of what a loop is made of: current loops and plant, and the controller.
+
+Everything that turns parts into matrices starts here, so that roots, margins and simulation are of one and the same system.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from ..errors import GainroomError
+from ..linear.state_space import StateSpace, realize
+from ..linear.transfer_function import Factored, ratio
+from .controller import Controller, gain_matrix
+from .drive import Drive
+from .plant import Plant
+
+Feedback = Literal["motor", "link"]
+
+
+@dataclass(frozen=True)
+class Parts:
+    """What a loop was built from."""
+
+    plant: Plant
+    drives: tuple[Drive, ...]
+    controller: Controller
+    feedback: Feedback
+    sample_time: float | None
+
+
+def actuated_state(plant: Plant, drives: tuple[Drive, ...]) -> StateSpace:
+    """Current loops and plant, without delays.
+
+    Inputs (3n): torque into the current loops, then torques that act on the motors and on the links from outside [N m].
+    Outputs (5n): motor positions, link positions, their velocities in the same order, torques behind the current loops.
+    The plant's coordinates η and then their rates (plant.mechanism) are the last states. Behind an ideal current loop the torque is its
+    input, the one output that does not come through states.
+    """
+    size, form = plant.size, plant.mechanism()
+    states, inverse = len(form.mass), np.linalg.inv(form.mass)
+    a = np.block([[np.zeros((states, states)), np.eye(states)], [-inverse @ form.stiffness, -inverse @ form.damping]])
+    forces = np.hstack([form.force, form.force, form.link_position.T])  # by the current loops, on the motors, on the links
+    b = np.vstack([np.zeros((states, 3 * size)), inverse @ forces])
+    positions = np.vstack([form.motor_position, form.link_position])
+    nothing = np.zeros_like(positions)
+    c = np.vstack([np.block([[positions, nothing], [nothing, positions]]), np.zeros((size, 2 * states))])
+    d = np.zeros((5 * size, 3 * size))
+    d[4 * size :, :size] = np.eye(size)
+    currents = StateSpace.gain(np.zeros((0, 0)))
+    for drive in drives:
+        currents = currents.beside(StateSpace.gain(np.eye(1)) if drive.is_ideal else realize(current_loop(drive)))
+    return StateSpace(a, b, c, d) @ currents.beside(StateSpace.gain(np.eye(2 * size)))
+
+
+def current_loop(drive: Drive) -> Factored:
+    """C of eq. (3)."""
+    if drive.is_ideal:
+        return ratio([1.0], [1.0])
+    w = drive.bandwidth
+    return ratio([w * w], [1.0, 2 * drive.damping_ratio * w, w * w])
+
+
+def controller_state(controller: Controller, size: int, step: float | None) -> StateSpace:
+    """D of n = `size` channels, for any filters and gain matrices, sampled every `step` [s] or continuous: two signals (2n) → output (n).
+
+    The first (n) are what position gains act on, the second (n) what velocity is made from: sampled controllers difference positions,
+    continuous ones get the velocities themselves. Feeding the negated measurement into both closes the loop; a reference need not
+    enter both (eq. (4) has D act on x_d − x, the P/PI cascade of Fig. 13 only position gains on x_d).
+    """
+    terms = {powers: gain_matrix(f"gain {powers}", gain, size) for powers, gain in controller.terms().items()}
+    nothing = np.zeros((size, size))
+    velocity = StateSpace.gain(np.eye(1))
+    if step is not None:
+        velocity = realize(ratio(*controller.velocity(step), step))
+    elif controller.velocity_filter is not None:
+        velocity = realize(ratio(*controller.velocity_filter.polynomials(None)))
+    position = StateSpace.gain(np.hstack([np.eye(size), nothing]))
+    motion = StateSpace.gain(np.hstack([nothing, np.eye(size)]))
+    signals = _stacked(position, velocity.repeated(size) @ motion)
+    direct = np.hstack([terms.get((0, 0), nothing), terms.get((1, 0), nothing)])
+    integral = np.hstack([terms.get((0, 1), nothing), terms.get((1, 1), nothing)])
+    sum_of_terms = StateSpace.gain(direct)
+    if np.any(integral):
+        start = 0.0 if step is None else step  # backward Euler passes the newest value through
+        memory = StateSpace(np.zeros((size, size)), np.eye(size), np.eye(size), start * np.eye(size))
+        sum_of_terms = sum_of_terms + memory @ StateSpace.gain(integral)
+    shaping = controller.shaping(step)
+    if shaping.relative_degree >= 0:
+        return realize(shaping).repeated(size) @ sum_of_terms @ signals
+    return _improper(shaping, sum_of_terms, size)
+
+
+def _stacked(first: StateSpace, second: StateSpace) -> StateSpace:
+    """Same input to both, outputs stacked."""
+    split = StateSpace.gain(np.vstack([np.eye(first.b.shape[1]), np.eye(first.b.shape[1])]))
+    return first.beside(second) @ split
+
+
+def _improper(shaping: Factored, sum_of_terms: StateSpace, size: int) -> StateSpace:
+    """A continuous controller with one more zero than poles: a multiple of the velocity plus a proper rest."""
+    if shaping.relative_degree < -1 or shaping.sample_time is not None or len(sum_of_terms.a):
+        raise GainroomError(
+            f"controller: {len(shaping.zeros)} zeros and {len(shaping.poles)} poles; at most one zero more than poles is allowed in "
+            "continuous time, and none more in sampled time"
+        )
+    # D = gain·Π(s − z)/Π(s − p) = gain·s + rest; `rest` has its numerator one degree lower
+    numerator, denominator = np.real(np.poly(shaping.zeros)), np.real(np.poly(shaping.poles))
+    rest = shaping.gain * np.polysub(numerator, np.polymul([1.0, 0.0], denominator))
+    proper = realize(ratio(rest, denominator)).repeated(size)
+    direct = sum_of_terms.d[:, :size]
+    nothing = np.zeros((size, size))
+    by_position = StateSpace.gain(direct) @ proper @ StateSpace.gain(np.hstack([np.eye(size), nothing]))
+    return by_position + StateSpace.gain(np.hstack([nothing, shaping.gain * direct]))

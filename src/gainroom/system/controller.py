@@ -1,0 +1,403 @@
+"""Controllers: torque command from position error, u = D (x_d − x).
+
+Every controller here is a sum of four signals, shaped by notches:
+
+    D(v) = N(v) · Σ G_ab · V(v)^a · I(v)^b,     a, b in {0, 1}
+
+V takes the velocity (filtered or not), I integrates, N is the product of the notches, and the gains G_ab are numbers or n × n
+matrices. Continuous: V = s F(s), I = 1/s. Sampled, in δ = (z − 1)/T_s: V = backward difference × F, I = backward Euler; F and N are
+mapped by Tustin's rule, exact at their own frequency.
+
+    PD     Kp + Kd V
+    PID    Kp + Kd V + Ki I
+    P/PI   (Kv + Ki I)(Kp + V)                      Jung et al. 2017, Fig. 13
+"""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..errors import GainroomError, one_line, require_finite, require_positive
+from ..linear.arrays import Complexes, Floats
+from ..linear.lti import factored_from
+from ..linear.transfer_function import Factored, ratio
+
+Ratio = tuple[Floats, Floats]
+Terms = dict[tuple[int, int], Floats]
+"""Gains by (power of V, power of I)."""
+
+
+@dataclass(frozen=True)
+class LowPass:
+    """Low-pass filter on the velocity: order 1, ω/(s + ω); order 2, ω²/(s² + 2ζω s + ω²). bandwidth ω [rad/s]."""
+
+    bandwidth: float
+    order: int = 1
+    damping_ratio: float = math.sqrt(0.5)
+
+    def __post_init__(self) -> None:
+        require_positive("velocity filter", "bandwidth", self.bandwidth, "rad/s")
+        require_positive("velocity filter", "damping_ratio", self.damping_ratio)
+        if self.order not in (1, 2) or isinstance(self.order, bool):
+            raise GainroomError(f"velocity filter: order {self.order!r} must be 1 or 2")
+
+    def polynomials(self, sample_time: float | None) -> Ratio:
+        """Numerator and denominator in v."""
+        w = self.bandwidth
+        if self.order == 1:
+            return _tustin(np.array([w]), np.array([1.0, w]), w, sample_time, "velocity filter bandwidth")
+        return _tustin(np.array([w * w]), np.array([1.0, 2 * self.damping_ratio * w, w * w]), w, sample_time, "velocity filter bandwidth")
+
+
+@dataclass(frozen=True)
+class Notch:
+    """(s² + depth·width·ω s + ω²) / (s² + width·ω s + ω²).
+
+    frequency   ω, where the notch is deepest [rad/s]
+    width       w of a full notch (depth 0), whose half-power points lie at ω (√(1 + (w/2)²) ± w/2); 0.5: about a third of an
+                octave to either side
+    depth       gain at ω: 0 blocks it entirely
+    """
+
+    frequency: float
+    width: float = 0.5
+    depth: float = 0.1
+
+    def __post_init__(self) -> None:
+        require_positive("notch", "frequency", self.frequency, "rad/s")
+        require_positive("notch", "width", self.width)
+        require_positive("notch", "depth", self.depth, zero=True)
+
+    def polynomials(self, sample_time: float | None) -> Ratio:
+        """Numerator and denominator in v."""
+        w, damping = self.frequency, self.width * self.frequency
+        return _tustin(np.array([1.0, self.depth * damping, w * w]), np.array([1.0, damping, w * w]), w, sample_time, "notch frequency")
+
+
+@dataclass(frozen=True)
+class _Feedback:
+    """What every controller of this module shares: filters, and the sum of terms."""
+
+    velocity_filter: LowPass | None = field(default=None, kw_only=True)
+    notches: tuple[Notch, ...] = field(default=(), kw_only=True)
+
+    def __post_init__(self) -> None:
+        owner, notches = type(self).__name__, self.notches
+        notches = tuple(notches) if isinstance(notches, Iterable) and not isinstance(notches, str) else (notches,)
+        for name, kind, values in (("velocity_filter", LowPass, (self.velocity_filter,)), ("notches", Notch, notches)):
+            strange = [value for value in values if value is not None and not isinstance(value, kind)]
+            if strange or (kind is Notch and None in values):
+                raise GainroomError(f"{owner}: {name} {one_line(repr(strange or None), 80)} must be a {kind.__name__}")
+        object.__setattr__(self, "notches", notches)
+        for name in self.gain_names():
+            object.__setattr__(self, name, _gain(type(self).__name__, name, getattr(self, name)))
+
+    @classmethod
+    def gain_names(cls) -> tuple[str, ...]:
+        """The names of the gains, in the order of the signature."""
+        raise NotImplementedError
+
+    def require_size(self, size: int) -> None:
+        """Raise GainroomError, naming the gain, where one does not fit `size` > 1 joints, or is negative on one.
+
+        Counts of coupled loops rest on L at low frequency, where a negative gain on a motion that nothing else holds is not seen.
+        """
+        for name in self.gain_names():
+            gain = gain_matrix(f"{type(self).__name__}: {name}", getattr(self, name), size)
+            if np.array_equal(gain, gain.T):
+                lowest = float(np.linalg.eigvalsh(gain)[0])
+                if lowest < -1e-9 * np.abs(gain).max():  # far above what round-off leaves of gains in operational space
+                    raise GainroomError(f"{type(self).__name__}: {name} with an eigenvalue of {lowest:.4g} must be >= 0 on every joint")
+
+    def terms(self) -> Terms:
+        """The gains G_ab, each () or (n, n); terms that vanish are left out."""
+        raise NotImplementedError
+
+    def velocity(self, sample_time: float | None) -> Ratio:
+        """V in v. Continuous: s F(s), improper where there is no filter."""
+        return _velocity(self.velocity_filter, sample_time)
+
+    def shaping(self, sample_time: float | None) -> Factored:
+        """N in v: the notches."""
+        return _notched(self.notches, sample_time)
+
+    def transfer(self, sample_time: float | None) -> Factored:
+        """D for one joint (n = 1). Raises GainroomError where a gain is a matrix."""
+        return self.combine(self.terms(), sample_time)
+
+    def matrix(self, s: Complexes, v: Complexes, size: int, sample_time: float | None) -> Complexes:
+        """D of `size` joints at complex s (k,), with v the same points in this module's variable: (k, n, n)."""
+        velocity, integral = (np.polyval(num, v) / np.polyval(den, v) for num, den in (self.velocity(sample_time), integrator(sample_time)))
+        total = np.zeros((len(v), size, size), dtype=complex)
+        for (power_v, power_i), gain in self._matrices(size).items():
+            total += (velocity**power_v * integral**power_i)[:, None, None] * gain
+        shaping = self.shaping(sample_time)
+        return total if shaping.is_one else shaping.at(s)[:, None, None] * total
+
+    def _matrices(self, size: int) -> Terms:
+        """`terms` as (n, n) matrices; kept, as responses are asked for many times."""
+        if size not in self._sized:
+            self._sized[size] = {powers: gain_matrix("gain", gain, size) for powers, gain in self.terms().items()}
+        return self._sized[size]
+
+    @cached_property
+    def _sized(self) -> dict[int, Terms]:
+        return {}
+
+    def slowest(self, size: int) -> float:
+        """The lowest frequency [rad/s] at which one term takes over from another on some joint; inf where there is but one."""
+        by_order: dict[int, Floats] = {}
+        for (power_v, power_i), gain in self._matrices(size).items():
+            by_order[power_v - power_i] = by_order.get(power_v - power_i, 0.0) + np.linalg.norm(gain, axis=1)
+        corners = [
+            (by_order[low][both] / by_order[high][both]) ** (1 / (high - low))
+            for low in by_order
+            for high in by_order
+            if low < high and np.any(both := (by_order[low] > 0) & (by_order[high] > 0))
+        ]
+        return min((float(corner.min()) for corner in corners), default=math.inf)
+
+    def combine(self, terms: Terms, sample_time: float | None) -> Factored:
+        """N · Σ terms, with this controller's filters, for scalar gains."""
+        velocity, integral = self.velocity(sample_time), integrator(sample_time)
+        most_v, most_i = (max((powers[k] for powers in terms), default=0) for k in (0, 1))
+        numerator = np.zeros(1)
+        for (power_v, power_i), gain in terms.items():
+            if np.size(gain) != 1:
+                raise GainroomError(f"{type(self).__name__}: gains of shape {np.shape(gain)} must be single numbers for one joint")
+            part = np.full(1, float(np.reshape(gain, ())))
+            for power, most, (num, den) in ((power_v, most_v, velocity), (power_i, most_i, integral)):
+                if most:
+                    part = np.polymul(part, num if power else den)
+            numerator = np.polyadd(numerator, part)
+        denominator = np.ones(1)
+        for most, (_, den) in ((most_v, velocity), (most_i, integral)):
+            if most:
+                denominator = np.polymul(denominator, den)
+        return self.shaping(sample_time) * ratio(numerator, denominator, sample_time)
+
+    def scaled(self, factor: float) -> "_Feedback":
+        """The same controller with its whole output multiplied by `factor`."""
+        raise NotImplementedError
+
+    def plane(self) -> tuple[Terms, Terms]:
+        """What kp and kd each multiply when this controller's gains move in the kp–kd plane, its other ratios held."""
+        raise GainroomError(f"{type(self).__name__} has no kp–kd plane")
+
+    def plane_gains(self) -> tuple[float, float]:
+        """Where this controller stands in that plane."""
+        raise GainroomError(f"{type(self).__name__} has no kp–kd plane")
+
+    def from_plane(self, kp: float, kd: float) -> "_Feedback":
+        """The controller at a point of that plane."""
+        raise GainroomError(f"{type(self).__name__} has no kp–kd plane")
+
+    def in_plane(self, kp: float, kd: float, sample_time: float | None) -> Factored:
+        """D at one point of the plane."""
+        terms: Terms = {}
+        for gain, part in zip((kp, kd), self.plane(), strict=True):
+            for powers, share in part.items():
+                terms[powers] = terms.get(powers, np.zeros(())) + gain * share
+        return self.combine(_nonzero(terms), sample_time)
+
+
+@dataclass(frozen=True)
+class PD(_Feedback):
+    """kp [N m/rad], kd [N m s/rad]: numbers, (n,) or (n, n)."""
+
+    kp: Any
+    kd: Any
+
+    @classmethod
+    def gain_names(cls) -> tuple[str, ...]:
+        return ("kp", "kd")
+
+    def terms(self) -> Terms:
+        return _nonzero({(0, 0): self.kp, (1, 0): self.kd})
+
+    def scaled(self, factor: float) -> "PD":
+        return replace(self, kp=self.kp * factor, kd=self.kd * factor)
+
+    def plane(self) -> tuple[Terms, Terms]:
+        return _nonzero({(0, 0): 1.0}), _nonzero({(1, 0): 1.0})
+
+    def plane_gains(self) -> tuple[float, float]:
+        return self.kp, self.kd
+
+    def from_plane(self, kp: float, kd: float) -> "PD":
+        return replace(self, kp=kp, kd=kd)
+
+
+@dataclass(frozen=True)
+class PID(_Feedback):
+    """kp [N m/rad], ki [N m/(rad s)], kd [N m s/rad]: numbers, (n,) or (n, n)."""
+
+    kp: Any
+    ki: Any
+    kd: Any
+
+    @classmethod
+    def gain_names(cls) -> tuple[str, ...]:
+        return ("kp", "ki", "kd")
+
+    def terms(self) -> Terms:
+        return _nonzero({(0, 0): self.kp, (1, 0): self.kd, (0, 1): self.ki})
+
+    def scaled(self, factor: float) -> "PID":
+        return replace(self, kp=self.kp * factor, ki=self.ki * factor, kd=self.kd * factor)
+
+    def plane(self) -> tuple[Terms, Terms]:
+        """ki/kp is held."""
+        return _nonzero({(0, 0): 1.0, (0, 1): _ratio("PID", "ki/kp", self.ki, self.kp)}), _nonzero({(1, 0): 1.0})
+
+    def plane_gains(self) -> tuple[float, float]:
+        return self.kp, self.kd
+
+    def from_plane(self, kp: float, kd: float) -> "PID":
+        return replace(self, kp=kp, ki=_ratio("PID", "ki/kp", self.ki, self.kp) * kp, kd=kd)
+
+
+@dataclass(frozen=True)
+class PPI(_Feedback):
+    """Cascade u = (kv + ki/s)(kp (x_d − x) − ẋ): kp [1/s], kv [N m s/rad], ki [N m/rad]: numbers, (n,) or (n, n)."""
+
+    kp: Any
+    kv: Any
+    ki: Any = 0.0
+
+    @classmethod
+    def gain_names(cls) -> tuple[str, ...]:
+        return ("kp", "kv", "ki")
+
+    def terms(self) -> Terms:
+        outer_kv, outer_ki = _product(self.kv, self.kp), _product(self.ki, self.kp)
+        return _nonzero({(0, 0): outer_kv, (1, 0): self.kv, (0, 1): outer_ki, (1, 1): self.ki})
+
+    def scaled(self, factor: float) -> "PPI":
+        return replace(self, kv=self.kv * factor, ki=self.ki * factor)
+
+    def plane(self) -> tuple[Terms, Terms]:
+        """The plane's kp is kv·kp and its kd is kv: the torque per position and per velocity; ki/kv is held."""
+        share = _ratio("PPI", "ki/kv", self.ki, self.kv)
+        return _nonzero({(0, 0): 1.0, (0, 1): share}), _nonzero({(1, 0): 1.0, (1, 1): share})
+
+    def plane_gains(self) -> tuple[float, float]:
+        return self.kv * self.kp, self.kv
+
+    def from_plane(self, kp: float, kd: float) -> "PPI":
+        return replace(self, kp=_ratio("PPI", "kp/kd", kp, kd), kv=kd, ki=_ratio("PPI", "ki/kv", self.ki, self.kv) * kd)
+
+
+@dataclass(frozen=True)
+class Compensator(_Feedback):
+    """Any scalar LTI system as controller, the same on every joint; `system` is any that gainroom.loop_from accepts, no callable."""
+
+    system: Any
+    gain: Any = 1.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "system", factored_from(self.system))
+        super().__post_init__()
+
+    @classmethod
+    def gain_names(cls) -> tuple[str, ...]:
+        return ("gain",)
+
+    def terms(self) -> Terms:
+        return _nonzero({(0, 0): self.gain})
+
+    def shaping(self, sample_time: float | None) -> Factored:
+        if self.system.sample_time != sample_time:
+            raise GainroomError(f"controller: sample time {self.system.sample_time} must equal the loop's sample_time {sample_time}")
+        return self.system * super().shaping(sample_time)
+
+    def scaled(self, factor: float) -> "Compensator":
+        return replace(self, gain=self.gain * factor)
+
+
+Controller = PD | PID | PPI | Compensator
+
+
+@lru_cache(256)
+def _velocity(velocity_filter: LowPass | None, sample_time: float | None) -> Ratio:
+    num, den = (np.ones(1), np.ones(1)) if velocity_filter is None else velocity_filter.polynomials(sample_time)
+    difference = np.ones(1) if sample_time is None else np.array([sample_time, 1.0])
+    return np.polymul([1.0, 0.0], num), np.polymul(difference, den)
+
+
+@lru_cache(256)
+def _notched(notches: tuple[Notch, ...], sample_time: float | None) -> Factored:
+    product = ratio([1.0], [1.0], sample_time)
+    for notch in notches:
+        product = product * ratio(*notch.polynomials(sample_time), sample_time)
+    return product
+
+
+def integrator(sample_time: float | None) -> Ratio:
+    """I in v: 1/s, or backward Euler (1 + T_s δ)/δ."""
+    return (np.ones(1) if sample_time is None else np.array([sample_time, 1.0])), np.array([1.0, 0.0])
+
+
+def gain_matrix(name: str, gain: ArrayLike, size: int) -> Floats:
+    """`gain` as an (n, n) matrix: a number or an (n,) vector goes on the diagonal."""
+    gain = np.asarray(gain, dtype=float)
+    if gain.ndim == 2 and gain.shape == (size, size):
+        return gain
+    if gain.ndim == 0 or gain.shape == (size,):
+        return np.diag(np.broadcast_to(gain, (size,)))
+    raise GainroomError(f"{name} of shape {gain.shape} must be a number, ({size},) or ({size}, {size})")
+
+
+def _gain(owner: str, name: str, value: object) -> Floats | float:
+    array = require_finite(owner, name, value)
+    return float(array) if array.ndim == 0 else array
+
+
+def _ratio(owner: str, name: str, above: Any, below: Any) -> float:
+    if np.ndim(above) or np.ndim(below):
+        raise GainroomError(f"{owner}: {name} must be a ratio of single numbers")
+    if below == 0 and above != 0:
+        raise GainroomError(f"{owner}: {name} = {above:g}/0 cannot be held")
+    return above / below if above else 0.0
+
+
+def _product(left: Any, right: Any) -> Any:
+    """Matrix product of two gains, each a number, a diagonal (n,) or (n, n)."""
+    if np.ndim(left) == 2 and np.ndim(right) == 2:
+        return left @ right
+    if np.ndim(left) == 1 and np.ndim(right) == 2:
+        return np.reshape(left, (-1, 1)) * right
+    return left * right
+
+
+def _nonzero(terms: dict[tuple[int, int], Any]) -> Terms:
+    return {powers: np.asarray(gain, dtype=float) for powers, gain in terms.items() if np.any(gain)}
+
+
+def _tustin(num: Floats, den: Floats, center: float, sample_time: float | None, name: str) -> Ratio:
+    """`num`/`den` in s, mapped to δ by Tustin's rule with frequency `center` kept; unchanged in continuous time."""
+    if sample_time is None:
+        return num, den
+    if center * sample_time >= math.pi:
+        raise GainroomError(f"{name} {center:g} rad/s must be below half the sample rate, {math.pi / sample_time:g} rad/s")
+    warp = math.tan(center * sample_time / 2) / (center * sample_time / 2)
+    # s = δ / (warp (1 + T_s δ/2)); multiply through by the denominator's power.
+    degree = len(den) - 1
+    below = np.array([sample_time / 2, 1.0]) * warp
+    mapped = []
+    for poly in (num, den):
+        total = np.zeros(1)
+        for coefficient, power in zip(poly, range(len(poly) - 1, -1, -1), strict=True):
+            part = np.full(1, coefficient)
+            for _ in range(power):
+                part = np.polymul(part, [1.0, 0.0])
+            for _ in range(degree - power):
+                part = np.polymul(part, below)
+            total = np.polyadd(total, part)
+        mapped.append(total)
+    return mapped[0], mapped[1]

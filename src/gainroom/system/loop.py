@@ -1,0 +1,423 @@
+"""The loop: plant, drive, delay and controller closed around n joints; continuous or sampled.
+
+Return ratio at the motor torque, motor-side feedback:  L(s) = P_M C e^{−sT} D   (link-side: P_L). For n = 1 the loop is kept as zeros,
+poles and exact delay; for any n it also has a state space with the delayed channels apart, from which roots come.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..errors import GainroomError, one_line, require_count, require_finite, require_positive
+from ..linear.arrays import Booleans, Complexes, Floats, Integers
+from ..linear.lti import factored_from, is_lti, sample_time_of
+from ..linear.response_cache import Remembered
+from ..linear.sampling import sample
+from ..linear.state_space import StateSpace, factored, hold, realize, split_delay
+from ..linear.transfer_function import Factored, ratio
+from .assembly import Feedback, Parts, actuated_state, controller_state, current_loop
+from .controller import PD, PID, PPI, Compensator, gain_matrix
+from .drive import Drive
+from .plant import ElasticJoint, Plant
+
+NO_GAIN = 1e-11  # of the largest gain: less is what round-off leaves of none, and spoils eigenvectors
+
+
+@dataclass(frozen=True)
+class Loop:
+    """A return ratio L and what is known about it.
+
+    size          n; 1 for a scalar loop
+    sample_time   T_s [s]; None: continuous
+    actuated      from torque command to measured position, P C e^{−sT}; n = 1 only
+    control       D; n = 1 only
+    delays        (n,) [s] what open_loop leaves out
+    given         the state space of a loop that was not built from parts
+    function      for loops given as a callable L(s)
+    unstable_poles   of L; those on the stability boundary are not counted
+    parts         what it was built from, None for loops from elsewhere
+    gain          common factor on all controller gains
+    known         P C e^{−sT} of several joints at points where it is known; None: it is not kept
+    """
+
+    size: int
+    sample_time: float | None
+    actuated: Factored | None = None
+    control: Factored | None = None
+    delays: Floats | None = None
+    function: Callable[[Complexes], Any] | None = None
+    unstable_poles: int = 0
+    parts: Parts | None = None
+    given: StateSpace | None = None
+    gain: float = 1.0
+    known: Remembered | None = field(default=None, repr=False, compare=False)
+
+    def __repr__(self) -> str:
+        time = "continuous" if self.sample_time is None else f"sample_time {self.sample_time:g} s"
+        made = "" if self.parts is None else f", {type(self.parts.controller).__name__}, {self.parts.feedback} feedback"
+        scale = "" if self.gain == 1 else f", gains times {self.gain:g}"
+        return f"Loop({self.size} joint{'s' * (self.size > 1)}, {time}{made}{scale})"
+
+    @cached_property
+    def scalar(self) -> Factored | None:
+        """L of a scalar loop as zeros, poles, gain and delay; None for several joints and for callables."""
+        if self.actuated is None or self.control is None:
+            return None
+        return (self.actuated * self.control).scaled(self.gain)
+
+    @cached_property
+    def open_loop(self) -> StateSpace | None:
+        """From torque command to controller output without `delays` (in sampled time they are states); None for callables."""
+        if self.parts is None:
+            return self.given
+        return controller_state(self.parts.controller, self.size, self.sample_time) @ _body(self.parts)
+
+    @cached_property
+    def bends(self) -> Complexes:
+        """Roughly where the response bends, in s: resonances (Im > 0), current loops, filters; for placing samples."""
+        if self.parts is None:
+            assert self.given is not None
+            poles = np.linalg.eigvals(self.given.a)
+            if self.sample_time is not None:
+                z = 1 + self.sample_time * poles
+                poles = np.log(z[np.abs(z) > 1e-6]) / self.sample_time
+            return poles
+        shaping = self.parts.controller.shaping(None)
+        currents = [-drive.bandwidth + 0j for drive in self.parts.drives if not drive.is_ideal]
+        return np.concatenate([self.parts.plant.resonances(), currents, shaping.poles, shaping.zeros])
+
+    def at(self, s: ArrayLike) -> Complexes:
+        """L at complex s [1/s] (k,); in sampled time at z = e^{s T_s}. Shape (k,) for n = 1, else (k, n, n)."""
+        points = np.atleast_1d(np.asarray(s, dtype=complex))
+        if self.scalar is not None:
+            return self.scalar.at(points)
+        if self.function is not None:
+            return self.gain * np.exp(-points * self._delays[0]) * _called(self.function, points)
+        assert self.parts is not None
+        v = self.variable(points)
+        return self.gain * self._actuated_at(points, v) @ self.parts.controller.matrix(points, v, self.size, self.sample_time)
+
+    def variable(self, s: Complexes) -> Complexes:
+        """v at complex s (k,): s itself, or (e^{s T_s} − 1)/T_s in sampled time."""
+        return s if self.sample_time is None else np.expm1(s * self.sample_time) / self.sample_time
+
+    def actuated_at(self, s: Complexes) -> Complexes:
+        """P C e^{−sT}, torque command → measured position, (k, n, n) of a loop built with build_loop at complex s (k,) [rad/(N m)]."""
+        if self.actuated is not None:
+            return self.actuated.at(s).reshape(-1, 1, 1)
+        return self._actuated_at(s, self.variable(s))
+
+    @cached_property
+    def _controlled(self) -> tuple[Floats, Floats] | None:
+        """U (n, r), V (n, r), orthonormal, with every gain matrix = U M Vᵀ and r < n; None where the gains reach all n motions."""
+        if self.parts is None or self.size == 1:
+            return None
+        gains = [gain_matrix("gain", gain, self.size) for gain in self.parts.controller.terms().values()]
+        if not gains or all(_is_diagonal_without_gaps(gain) for gain in gains):
+            return None
+        spans = []
+        for stacked in (np.hstack(gains), np.hstack([gain.T for gain in gains])):
+            left, sizes, _ = np.linalg.svd(stacked, full_matrices=False)
+            spans.append((left, int(np.count_nonzero(sizes > NO_GAIN * sizes[0]))))
+        rank = max(rank for _, rank in spans)
+        return None if rank == self.size else (spans[0][0][:, :rank], spans[1][0][:, :rank])
+
+    @property
+    def seen(self) -> Floats:
+        """(n, r) orthonormal: the combinations of positions that the gains act on."""
+        return np.eye(self.size) if self._controlled is None else self._controlled[1]
+
+    def core(self, s: Complexes) -> Complexes:
+        """L at complex s (k, r, r) as far as the gains reach: with all eigenvalues of L but those that are 0 as no gain acts there."""
+        if self._controlled is None:
+            return self.at(s).reshape(len(s), self.size, self.size)
+        return self._controlled[1].T @ self._partly(s)
+
+    def lifted(self, s: complex, vector: Complexes) -> Complexes:
+        """The measured positions (n,) that belong to an eigenvector of `core`."""
+        return vector if self._controlled is None else self._partly(np.array([s]))[0] @ vector
+
+    def _partly(self, s: Complexes) -> Complexes:
+        """P C e^{−sT} D V (k, n, r)."""
+        assert self._controlled is not None
+        return self.at(s) @ self._controlled[1]
+
+    def _actuated_at(self, s: Complexes, v: Complexes) -> Complexes:
+        """P C e^{−sT} (k, n, n) of several joints."""
+        assert self.parts is not None
+        if self.known is not None:
+            return self.known(s)
+        if self.sample_time is not None:
+            return self._held.at(v) * np.exp(-s[:, None, None] * (self._ticks * self.sample_time))
+        bandwidth = np.array([drive.bandwidth for drive in self.parts.drives])
+        damping = np.array([drive.damping_ratio for drive in self.parts.drives])
+        lag = s[:, None] / bandwidth  # 0 where the current loop is ideal
+        currents = 1 / (lag * lag + 2 * damping * lag + 1)  # eq. (3)
+        return self.parts.plant.response(s, self.parts.feedback) * (currents * np.exp(-s[:, None] * self._delays))[:, None, :]
+
+    def round_off(self, omega: Floats) -> Floats:
+        """(k,) how far, relative to its size, `actuated_at` may be off at jω: most where a sampled mechanism drifts."""
+        if self.sample_time is None or self.size == 1:
+            return np.full(len(omega), np.finfo(float).eps)
+        held = self._held
+        shifted = self.variable(1j * omega)[:, None, None] * np.eye(len(held.a)) - held.a
+        inverse = np.linalg.inv(shifted)
+        back = np.abs(inverse)
+        spread = np.abs(held.c) @ (back @ (np.abs(shifted) @ (back @ np.abs(held.b))))  # Skeel's bound: no unit of a state matters
+        return np.finfo(float).eps * spread.max(axis=(1, 2)) / np.maximum(np.abs(held.c @ inverse @ held.b).max(axis=(1, 2)), 1e-300)
+
+    @cached_property
+    def _ticks(self) -> Integers:
+        """(n,) whole ticks of delay in sampled time."""
+        assert self.parts is not None
+        assert self.sample_time is not None
+        return split_delay(np.array([drive.delay for drive in self.parts.drives]), self.sample_time)[0]
+
+    @cached_property
+    def _held(self) -> StateSpace:
+        """Torque command → measured positions with hold, current loops and the delays beyond whole ticks."""
+        assert self.parts is not None
+        assert self.sample_time is not None
+        _, fraction = split_delay(np.array([drive.delay for drive in self.parts.drives]), self.sample_time)
+        return hold(_measured(self.parts, "position"), fraction * self.sample_time, self.sample_time)
+
+    def response(self, omega: ArrayLike) -> Complexes:
+        """L(jω), or L(e^{jωT_s}), at omega [rad/s] (k,): (k,) for n = 1, else (k, n, n)."""
+        return self.at(1j * np.atleast_1d(np.asarray(omega, dtype=float)))
+
+    def scaled(self, factor: float) -> "Loop":
+        """The same loop with every controller gain multiplied by `factor`."""
+        require_finite("loop", "factor", factor)
+        return replace(self, gain=self.gain * factor)
+
+    def remembering(self) -> "Loop":
+        """The same loop of several joints, which keeps what its plant and drives respond, for `regained`."""
+        return self if self.size == 1 else replace(self, known=Remembered(self.actuated_at))
+
+    def regained(self, controller: Any) -> "Loop":
+        """The same plant and drives under a controller that differs in its gains alone: neither filters, notches nor sort."""
+        assert self.parts is not None
+        if self.size == 1:
+            return build_loop(self.parts.plant, self.parts.drives, controller, self.parts.feedback, self.sample_time)
+        found = replace(self, parts=replace(self.parts, controller=controller))
+        vars(found)["bends"] = self.bends  # of plant, drives and filters
+        return found
+
+    def delayed(self, extra: float) -> "Loop":
+        """The same loop of parts with `extra` [s] more delay in every drive."""
+        assert self.parts is not None
+        drives = [replace(drive, delay=drive.delay + extra) for drive in self.parts.drives]
+        return build_loop(self.parts.plant, drives, self.parts.controller, self.parts.feedback, self.parts.sample_time).scaled(self.gain)
+
+    @property
+    def _delays(self) -> Floats:
+        return np.zeros(self.size) if self.delays is None else self.delays
+
+
+def _is_diagonal_without_gaps(gain: Floats) -> bool:
+    own = np.abs(np.diagonal(gain))
+    return np.count_nonzero(gain) == np.count_nonzero(own) and bool(own.min() > NO_GAIN * own.max())
+
+
+def _called(function: Callable[[Complexes], Any], points: Complexes) -> Complexes:
+    value = np.asarray(function(points), dtype=complex)
+    if value.shape != points.shape:
+        raise GainroomError(f"loop: the callable must return one value per s: shape {points.shape}, not {value.shape}")
+    return value
+
+
+def build_loop(
+    joint: ElasticJoint | Plant,
+    drive: Drive | Sequence[Drive],
+    controller: Any,
+    feedback: Feedback = "motor",
+    sample_time: float | None = None,
+) -> Loop:
+    """The loop of one joint or of n.
+
+    joint        ElasticJoint, or a Plant of n joints
+    drive        one for all joints, or one per joint
+    controller   PD, PID, PPI, Compensator, or any scalar LTI of python-control or scipy.signal
+    feedback     "motor" or "link": the side of the gearbox the encoder is on
+    sample_time  [s]; None: continuous. Sampled: torque held between ticks, any delay, exact
+
+    Raises GainroomError for input that does not fit together.
+    """
+    plant = joint.plant() if isinstance(joint, ElasticJoint) else joint
+    if not isinstance(plant, Plant):
+        raise GainroomError(f"joint {type(joint).__name__} must be an ElasticJoint or a Plant")
+    drives = _drives(drive, plant.size)
+    if feedback not in ("motor", "link"):
+        raise GainroomError(f"feedback {feedback!r} must be 'motor' or 'link'")
+    if sample_time is not None:
+        require_positive("loop", "sample_time", sample_time, "s")
+    if not isinstance(controller, PD | PID | PPI | Compensator):
+        controller = Compensator(system=factored_from(controller))
+    if plant.size > 1:
+        controller.require_size(plant.size)
+    parts = Parts(plant, drives, controller, feedback, sample_time)
+    delays = np.array([drive.delay for drive in drives]) if sample_time is None else np.zeros(plant.size)
+    if plant.size > 1:
+        loop = Loop(plant.size, sample_time, delays=delays, parts=parts)
+        if plant.gravity_stiffness is None and controller.shaping(sample_time).unstable_poles == 0:
+            return loop  # springs, dampers and masses alone are passive
+        assert loop.open_loop is not None
+        return replace(loop, unstable_poles=np.count_nonzero(_unstable(np.linalg.eigvals(loop.open_loop.a), sample_time)))
+    actuated, control = _actuated_scalar(parts), controller.transfer(sample_time)
+    return Loop(1, sample_time, actuated, control, delays, unstable_poles=(actuated * control).unstable_poles, parts=parts)
+
+
+def _drives(drive: Any, size: int) -> tuple[Drive, ...]:
+    """One drive per joint. Raises GainroomError."""
+    if isinstance(drive, Drive):
+        return (drive,) * size
+    drives = tuple(drive) if isinstance(drive, Iterable) else (drive,)
+    strange = [one for one in drives if not isinstance(one, Drive)]
+    if strange:
+        raise GainroomError(f"drive {one_line(repr(strange[0]), 60)} must be a Drive, or a list with one for each of {size} joints")
+    if len(drives) != size:
+        raise GainroomError(f"{len(drives)} drives must be one, or one for each of {size} joints")
+    return drives
+
+
+def loop_from(lti: Any, delay: float = 0.0, unstable_poles: int | None = None) -> Loop:
+    """A loop around any scalar return ratio.
+
+    lti             a python-control or scipy.signal LTI, continuous or discrete, or a callable L(s), vectorised over complex s
+    delay           [s], exact; in sampled time a whole number of sample times
+    unstable_poles  of L; counted where None is given with an LTI, taken as 0 for a callable
+    """
+    require_positive("loop", "delay", delay, "s", zero=True)
+    if unstable_poles is not None:
+        require_count("loop", "unstable_poles", unstable_poles, 0)
+    if not is_lti(lti):
+        if not callable(lti):
+            raise GainroomError(f"{type(lti).__name__} must be a python-control or scipy.signal LTI system, or a callable L(s)")
+        return Loop(1, None, function=lti, delays=np.array([delay]), unstable_poles=unstable_poles or 0)
+    system = factored_from(lti)
+    step = sample_time_of(lti) if not isinstance(lti, Factored) else lti.sample_time
+    if step is not None:
+        ticks = round(delay / step)
+        if abs(delay / step - ticks) > 1e-9:
+            raise GainroomError(f"loop: delay {delay:g} s must be a whole number of sample times of {step:g} s")
+        delay = ticks * step
+    if system.relative_degree < 0:
+        raise GainroomError("loop: the return ratio has more zeros than poles and cannot be closed")
+    if system.relative_degree == 0 and system.delay + delay > 0 and step is None and abs(system.gain) >= 1:
+        raise GainroomError(f"loop: with a delay, |L(∞)| = {abs(system.gain):g} must be < 1 (else infinitely many roots are unstable)")
+    total = Factored(system.zeros, system.poles, system.gain, system.delay + delay, step)
+    open_loop = realize(total)
+    if step is not None:
+        lag = Drive(delay=total.delay)
+        open_loop, total_delay = open_loop @ _whole_ticks(lag.delay, step), 0.0
+    else:
+        total_delay = total.delay
+    count = total.unstable_poles if unstable_poles is None else unstable_poles
+    return Loop(1, step, total, ratio([1.0], [1.0], step), np.array([total_delay]), unstable_poles=count, given=open_loop)
+
+
+def _whole_ticks(delay: float, sample_time: float) -> StateSpace:
+    """A chain of whole ticks in front of a scalar sampled system."""
+    nothing = StateSpace.gain(np.eye(1))
+    return hold(nothing, np.array([delay]), sample_time)
+
+
+@dataclass(frozen=True)
+class ClosedLoop:
+    """Eq. (4) of Jung et al. 2017: x = L/(1+L) x_d − L/(1+L) n + C P e^{−sT}/(1+L) d; responses at omega [rad/s] (k,)."""
+
+    loop: Loop
+
+    def reference(self, omega: ArrayLike) -> Complexes:
+        """From reference to measured position."""
+        value = self.loop.response(omega)
+        return value / (1 + value)
+
+    def noise(self, omega: ArrayLike) -> Complexes:
+        """From measurement noise to the true position on the measured side."""
+        return -self.reference(omega)
+
+    def disturbance(self, omega: ArrayLike) -> Complexes:
+        """From a torque added to the command to measured position [rad/(N m)]."""
+        assert self.loop.actuated is not None
+        return self.loop.actuated.response(np.atleast_1d(omega)) / (1 + self.loop.response(omega))
+
+
+def closed_loop(loop: Loop) -> ClosedLoop:
+    """Reference, noise and disturbance responses of a scalar loop built from its parts."""
+    if loop.scalar is None:
+        raise GainroomError("closed_loop needs a loop of one joint built with build_loop or from an LTI system")
+    return ClosedLoop(loop)
+
+
+def _unstable(poles: Complexes, sample_time: float | None) -> Booleans:
+    """True where a pole in v grows by more than the round-off of an eigenvalue solver on repeated roots."""
+    rate = poles.real if sample_time is None else poles.real + np.abs(poles) ** 2 * sample_time / 2
+    return rate > 1e-5 * np.abs(poles).max(initial=0.0) * 1e-2
+
+
+def _body(parts: Parts) -> StateSpace:
+    """Torque command (n) → measured positions, then what velocity is made from (2n): velocities, or in sampled time positions again.
+
+    Sampled exactly, delays included, where there is a sample time.
+    """
+    if parts.sample_time is None:
+        return _measured(parts, "position", "velocity")
+    return hold(_measured(parts, "position", "position"), np.array([drive.delay for drive in parts.drives]), parts.sample_time)
+
+
+def _measured(parts: Parts, *quantities: str) -> StateSpace:
+    """Torque command (n), not delayed → what is measured, "position" or "velocity" (n each)."""
+    size = parts.plant.size
+    first = {"position": 0, "velocity": 2 * size}
+    side = 0 if parts.feedback == "motor" else size
+    rows = [first[quantity] + side + np.arange(size) for quantity in quantities]
+    return actuated_state(parts.plant, parts.drives).between(np.arange(size), np.concatenate(rows))
+
+
+def _actuated_scalar(parts: Parts) -> Factored:
+    """P C e^{−sT} of one joint from the exact polynomials of eq. (2), sampled exactly where there is a sample time."""
+    plant, drive = parts.plant, parts.drives[0]
+    continuous = _joint_transfer(plant, parts.feedback) * current_loop(drive)
+    if parts.sample_time is None:
+        return Factored(continuous.zeros, continuous.poles, continuous.gain, drive.delay)
+    ticks, fraction = split_delay(drive.delay, parts.sample_time)
+    return replace(sample(continuous, parts.sample_time, float(fraction)), delay=float(ticks) * parts.sample_time)  # whole ticks stay exact
+
+
+def _joint_transfer(plant: Plant, feedback: Feedback) -> Factored:
+    """P_M or P_L of one joint: with w = W, eq. (2) in a form that holds for rigid joints (K = ∞) and locked outputs (w = 0)."""
+    if plant.compliance is not None:
+        return _resting_transfer(plant, feedback)
+    w, motor = plant.link_inverse_inertia[0, 0], plant.motor_inertia[0]
+    stiffness, damping = plant.stiffness[0], plant.damping[0]
+    motor_viscous, link_viscous = plant.motor_viscous[0], plant.link_viscous[0]
+    gravity = 0.0 if plant.gravity_stiffness is None else plant.gravity_stiffness[0, 0]
+    link = np.array([1.0, w * link_viscous, w * gravity])  # s² q = w (τ_J − link_viscous s q − gravity q)
+    if np.isinf(stiffness):
+        return ratio([w], [1 + w * motor, w * (motor_viscous + link_viscous), w * gravity])
+    gearbox = np.array([damping, stiffness])
+    if w == 0:  # output locked
+        if feedback == "link":
+            raise GainroomError("a joint with its output locked (link_inertia inf) cannot be fed back from the link side")
+        return ratio([1.0], [motor, motor_viscous + damping, stiffness])
+    denominator = np.polymul([motor, motor_viscous, 0.0], np.polyadd(link, w * gearbox))
+    denominator = np.polyadd(denominator, np.polymul(gearbox, link))
+    numerator = np.polyadd(link, w * gearbox) if feedback == "motor" else w * gearbox
+    return ratio(numerator, denominator)
+
+
+def _resting_transfer(plant: Plant, feedback: Feedback) -> Factored:
+    """P_M or P_L of one joint whose links rest on springs, from the second-order form."""
+    form = plant.mechanism()
+    states, inverse = len(form.mass), np.linalg.inv(form.mass)
+    a = np.block([[np.zeros((states, states)), np.eye(states)], [-inverse @ form.stiffness, -inverse @ form.damping]])
+    position = form.motor_position if feedback == "motor" else form.link_position
+    system = StateSpace(a, np.vstack([np.zeros((states, 1)), inverse @ form.force]), np.hstack([position, 0 * position]), np.zeros((1, 1)))
+    poles = np.linalg.eigvals(a)
+    poles[np.abs(poles) < 1e-6 * np.abs(poles).max()] = 0.0  # a joint free to turn: its double integrator comes out to half the digits
+    return factored(system, poles, None)

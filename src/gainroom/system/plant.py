@@ -1,0 +1,325 @@
+"""The plant: n elastic joints between motors and links; a single joint is n = 1.
+
+Motor side θ, link side q, motor torque τ_m, joint torque τ_J, all on the joint (output) side of the gearbox:
+
+    J_m θ̈ = τ_m − τ_J − D_m θ̇
+    τ_J   = K (θ − q) + B (θ̇ − q̇)
+    q̈     = W (τ_J − D_l q̇ − G q)
+
+W is the inverse inertia of the links as the joints feel it. It may be singular (feet closed into a loop by the ground), so it is
+never inverted: it is factored as W = R Rᵀ and the links move in the range of R. A rigid joint (infinite stiffness) adds its motor
+inertia to the links. After Jung et al. 2017, eqs. (1) and (2); Spong 1987 for n joints.
+"""
+
+import math
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..errors import GainroomError, first_of_many, require_finite, require_positive
+from ..linear.arrays import Booleans, Complexes, Floats
+
+
+@dataclass(frozen=True)
+class ElasticJoint:
+    """One motor, one gearbox, one load.
+
+    motor_inertia   reflected to the joint side: rotor inertia × gear ratio² [kg m²]
+    link_inertia    load inertia; inf: output locked [kg m²]
+    stiffness       of the gearbox; inf: rigid [N m/rad]
+    damping         of the gearbox [N m s/rad]
+    motor_viscous, link_viscous   viscous friction to ground on either side [N m s/rad]
+
+    Raises GainroomError where a value is not physical.
+    """
+
+    motor_inertia: float
+    link_inertia: float
+    stiffness: float = math.inf
+    damping: float = 0.0
+    motor_viscous: float = 0.0
+    link_viscous: float = 0.0
+    name: str = "joint"
+
+    def __post_init__(self) -> None:
+        owner = f"joint '{self.name}'"
+        if self.stiffness == math.inf and self.link_inertia == math.inf:
+            raise GainroomError(f"{owner}: stiffness inf with link_inertia inf (output locked) leaves nothing to move; one must be finite")
+        require_positive(owner, "motor_inertia", self.motor_inertia, "kg·m²", zero=math.isinf(self.stiffness))
+        require_positive(owner, "link_inertia", self.link_inertia, "kg·m²", infinite=not math.isinf(self.stiffness))
+        require_positive(owner, "stiffness", self.stiffness, "N·m/rad", infinite=True)
+        require_positive(owner, "damping", self.damping, "N·m·s/rad", zero=True)
+        require_positive(owner, "motor_viscous", self.motor_viscous, "N·m·s/rad", zero=True)
+        require_positive(owner, "link_viscous", self.link_viscous, "N·m·s/rad", zero=True)
+
+    @classmethod
+    def from_motor(cls, rotor_inertia: float, gear_ratio: float, link_inertia: float, **others: float) -> "ElasticJoint":
+        """The joint of a rotor [kg m²] behind a gearbox: motor_inertia = rotor_inertia × gear_ratio²; `others` as for ElasticJoint."""
+        require_positive("joint", "rotor_inertia", rotor_inertia, "kg·m²")
+        require_positive("joint", "gear_ratio", gear_ratio)
+        return cls(motor_inertia=rotor_inertia * gear_ratio**2, link_inertia=link_inertia, **others)  # type: ignore[arg-type]
+
+    @property
+    def antiresonance(self) -> float:
+        """√(K/J_L) [rad/s]: the load swings against a motor held still. inf for a rigid joint."""
+        return math.sqrt(self.stiffness / self.link_inertia)
+
+    @property
+    def resonance(self) -> float:
+        """√(K (1/J_M + 1/J_L)) [rad/s]: motor and load swing against each other, undamped. inf for a rigid joint."""
+        if math.isinf(self.stiffness):
+            return math.inf
+        return math.sqrt(self.stiffness * (1 / self.motor_inertia + 1 / self.link_inertia))
+
+    def plant(self) -> "Plant":
+        """This joint as a plant of n = 1."""
+        return Plant(
+            link_inverse_inertia=np.array([[1 / self.link_inertia]]),
+            motor_inertia=np.array([self.motor_inertia]),
+            stiffness=np.array([self.stiffness]),
+            damping=np.array([self.damping]),
+            motor_viscous=np.array([self.motor_viscous]),
+            link_viscous=np.array([self.link_viscous]),
+            joint_names=(self.name,),
+        )
+
+
+@dataclass(frozen=True)
+class Mechanism:
+    """The plant in second-order form, M_η η̈ + D_η η̇ + K_η η = F τ_m.
+
+    η = (ξ, θ_e) are the m coordinates: ξ of the links, with q = R ξ and W = R Rᵀ (see this module's title), and the motor positions θ_e
+    of the elastic joints; a rigid joint's motor moves with its link. W is not inverted, so a singular one is an ordinary case.
+
+    mass, damping, stiffness        M_η, D_η, K_η (m, m), symmetric
+    force                           F (m, n): which coordinates a motor's torque acts on
+    motor_position, link_position   (n, m) from η to θ and to q
+    """
+
+    mass: Floats
+    damping: Floats
+    stiffness: Floats
+    force: Floats
+    motor_position: Floats
+    link_position: Floats
+
+
+@dataclass(frozen=True)
+class Compliance:
+    """Ground that gives way: c directions in which the links rest on springs and dampers, beside the joints.
+
+    A foot on a soft floor has six such directions x_c (c,): three shifts, three turns. The links alone, base included, obey
+    A v̇ = Sᵀ τ_J + J_cᵀ f: A is the mass matrix of all N degrees of freedom v, S (n, N) picks the n joints among them, J_c (c, N) turns v
+    into the speeds ẋ_c, and f (c,) are the forces of springs and dampers, f = −(K_c + s B_c) x_c. What the joints then feel needs of
+    A and J_c no more than
+
+    coupling         W_c = S A⁻¹ J_cᵀ (n, c): acceleration of the joints by forces along those directions
+    inverse_inertia  W_cc = J_c A⁻¹ J_cᵀ (c, c), symmetric, ≥ 0: acceleration along the directions by forces along them
+    stiffness, damping   K_c, B_c (c,) [N/m, N m/rad], [N s/m, N m s/rad]
+
+    and is W(s) = W − W_c (W_cc + s² diag(1/(K_c + s B_c)))⁻¹ W_cᵀ, with W = S A⁻¹ Sᵀ. Contacts that are held rigidly are taken out
+    beforehand: A⁻¹ is then what they leave of it (robot/linearize.py).
+
+    Raises GainroomError on shapes that disagree, stiffness that is not > 0 and damping that is not >= 0.
+    """
+
+    coupling: Floats
+    inverse_inertia: Floats
+    stiffness: Floats
+    damping: Floats
+
+    def __post_init__(self) -> None:
+        count = np.shape(self.coupling)[-1]
+        for name in ("coupling", "inverse_inertia", "stiffness", "damping"):
+            object.__setattr__(self, name, require_finite("compliance", name, getattr(self, name)))
+        if self.inverse_inertia.shape != (count, count) or self.stiffness.shape != (count,) or self.damping.shape != (count,):
+            raise GainroomError(f"compliance: {count} directions need inverse_inertia ({count}, {count}), stiffness and damping ({count},)")
+        if np.any(self.stiffness <= 0) or np.any(self.damping < 0):
+            raise GainroomError("compliance: stiffness must be > 0 and damping >= 0 in every direction")
+
+
+@dataclass(frozen=True)
+class Plant:
+    """n joints and the links that they move, linear about one posture.
+
+    link_inverse_inertia   W (n, n), symmetric, ≥ 0 [1/(kg m²)]
+    motor_inertia, stiffness, damping, motor_viscous, link_viscous   (n,) or a scalar for all, units as ElasticJoint
+    gravity_stiffness      G (n, n) [N m/rad], the derivative of the gravity torque; None: compensated or absent
+    compliance             springs under the links' contacts with the ground, see Compliance; W is then what the joints feel without them
+
+    Raises GainroomError on shapes that disagree and on values that are not physical.
+    """
+
+    link_inverse_inertia: Floats
+    motor_inertia: Floats
+    stiffness: Floats = field(default_factory=lambda: np.array(math.inf))
+    damping: Floats = field(default_factory=lambda: np.zeros(()))
+    motor_viscous: Floats = field(default_factory=lambda: np.zeros(()))
+    link_viscous: Floats = field(default_factory=lambda: np.zeros(()))
+    gravity_stiffness: Floats | None = None
+    compliance: Compliance | None = None
+    joint_names: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        inverse_inertia = require_finite("plant", "link_inverse_inertia", self.link_inverse_inertia)
+        if inverse_inertia.ndim != 2 or inverse_inertia.shape[0] != inverse_inertia.shape[1] or not len(inverse_inertia):
+            raise GainroomError(f"plant: link_inverse_inertia of shape {inverse_inertia.shape} must be square, (n, n)")
+        size = len(inverse_inertia)
+        scale = np.abs(inverse_inertia).max()
+        if not np.allclose(inverse_inertia, inverse_inertia.T, atol=1e-9 * scale, rtol=0):
+            raise GainroomError("plant: link_inverse_inertia must be symmetric")
+        if np.linalg.eigvalsh(inverse_inertia)[0] < -1e-9 * scale:
+            raise GainroomError("plant: link_inverse_inertia must have no negative eigenvalue")
+        names = self.joint_names or tuple(f"joint{i + 1}" for i in range(size))
+        if len(names) != size:
+            raise GainroomError(f"plant: {len(names)} joint_names for {size} joints")
+        set_field = object.__setattr__  # the dataclass is frozen; this is the one place that completes it
+        set_field(self, "joint_names", names)
+        set_field(self, "link_inverse_inertia", (inverse_inertia + inverse_inertia.T) / 2)
+        for name, unit, infinite in _JOINT_FIELDS:
+            values = _per_joint(name, getattr(self, name), size)
+            for joint, value in zip(names, values, strict=True):
+                require_positive(f"joint '{joint}'", name, value, unit, zero=name != "stiffness", infinite=infinite)
+            set_field(self, name, values)
+        if self.compliance is not None and self.compliance.coupling.shape[0] != size:
+            raise GainroomError(f"plant: compliance couples {self.compliance.coupling.shape[0]} joints, not {size}")
+        if self.gravity_stiffness is not None:
+            gravity = require_finite("plant", "gravity_stiffness", self.gravity_stiffness)
+            if gravity.shape != (size, size):
+                raise GainroomError(f"plant: gravity_stiffness of shape {gravity.shape} must be {(size, size)}")
+            set_field(self, "gravity_stiffness", gravity)
+        for joint, inertia, elastic in zip(names, self.motor_inertia, self.elastic, strict=True):
+            if inertia == 0 and elastic:
+                raise GainroomError(f"joint '{joint}': motor_inertia 0 kg·m² must be > 0 on an elastic joint")
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.size} joint{'s' * (self.size > 1)}: {first_of_many(self.joint_names)})"
+
+    @property
+    def size(self) -> int:
+        """n, the number of joints."""
+        return len(self.motor_inertia)
+
+    @property
+    def elastic(self) -> Booleans:
+        """(n,) True where the gearbox is elastic."""
+        return np.isfinite(self.stiffness)
+
+    def response(self, s: ArrayLike, side: str) -> Complexes:
+        """P_M (side "motor") or P_L ("link"), torque → position, at complex s (k,): (k, n, n). W and K are not inverted.
+
+        P_M = (1/s²) Z (I + J Z)⁻¹,  P_L = (1/s²) W (I + J Z)⁻¹,  Z = W + s² diag(1/k(s)),  k = K + sB,  J = J_m + D_m/s,
+        and with link friction and gravity W(s) = (I + W (D_l/s + G/s²))⁻¹ W.
+        """
+        points = np.atleast_1d(np.asarray(s, dtype=complex))[:, None, None]
+        eye = np.eye(self.size)
+        links = np.broadcast_to(self.link_inverse_inertia.astype(complex), (len(points), self.size, self.size))
+        if self.compliance is not None:
+            soft = self.compliance
+            springs = soft.stiffness + points[:, 0] * soft.damping
+            resisted = soft.inverse_inertia + (points[:, 0] ** 2 / springs)[:, :, None] * np.eye(len(soft.stiffness))
+            links = links - soft.coupling @ np.linalg.solve(
+                resisted, np.broadcast_to(soft.coupling.T, (len(points), *soft.coupling.T.shape))
+            )
+        load = np.diag(self.link_viscous) / points
+        if self.gravity_stiffness is not None:
+            load = load + self.gravity_stiffness / points**2
+        if self.compliance is None and np.any(load):
+            # Where contacts hold motions W is singular, and its round-off times G/s² is not small: W = R Rᵀ leaves them out.
+            root = self._root
+            links = root @ np.linalg.solve(np.eye(root.shape[1]) + root.T @ load @ root, root.T)
+        elif np.any(load):
+            links = np.linalg.solve(eye + links @ load, links)
+        gearbox = 1 / np.where(self.elastic, self.stiffness + points[:, 0] * self.damping, np.inf)  # 0 where rigid
+        admittance = links + points**2 * (gearbox[:, :, None] * eye)
+        motors = self.motor_inertia + self.motor_viscous / points[:, 0]
+        moved = admittance if side == "motor" else links
+        # X (I + J Z)⁻¹ = ((I + J Z)ᵀ \ Xᵀ)ᵀ
+        feedback = eye + motors[:, :, None] * admittance
+        return np.linalg.solve(feedback.swapaxes(1, 2), moved.swapaxes(1, 2)).swapaxes(1, 2) / points**2
+
+    @cached_property
+    def _root(self) -> Floats:
+        """R (n, r) of full column rank with W = R Rᵀ."""
+        return _factor(self.link_inverse_inertia)
+
+    def mechanism(self) -> Mechanism:
+        """The second-order form, exact for any mixture of rigid and elastic joints and for singular W."""
+        soft = self.compliance
+        whole = self.link_inverse_inertia
+        if soft is not None:
+            whole = np.block([[whole, soft.coupling], [soft.coupling.T, soft.inverse_inertia]])
+        roots = _factor(whole)  # of W and what rests on springs: roots rootsᵀ
+        root, rest = roots[: self.size], roots[self.size :]
+        elastic = np.flatnonzero(self.elastic)
+        rigid = np.flatnonzero(~self.elastic)
+        links, size = root.shape[1], self.size
+        total = links + len(elastic)
+        motor_position = np.zeros((size, total))
+        motor_position[rigid, :links] = root[rigid]
+        motor_position[elastic, links + np.arange(len(elastic))] = 1.0
+        link_position = np.hstack([root, np.zeros((size, len(elastic)))])
+        twist = (motor_position - link_position)[elastic]
+
+        mass = np.zeros((total, total))
+        mass[:links, :links] = np.eye(links)
+        mass += motor_position.T @ (self.motor_inertia[:, None] * motor_position)
+        damping = twist.T @ (self.damping[elastic, None] * twist)
+        damping += motor_position.T @ (self.motor_viscous[:, None] * motor_position)
+        damping += link_position.T @ (self.link_viscous[:, None] * link_position)
+        stiffness = twist.T @ (self.stiffness[elastic, None] * twist)
+        if soft is not None:
+            damping[:links, :links] += rest.T @ (soft.damping[:, None] * rest)
+            stiffness[:links, :links] += rest.T @ (soft.stiffness[:, None] * rest)
+        if self.gravity_stiffness is not None:
+            stiffness = stiffness + link_position.T @ self.gravity_stiffness @ link_position
+        return Mechanism(mass, damping, stiffness, motor_position.T, motor_position, link_position)
+
+    def resonances(self) -> Complexes:
+        """Where the response bends: roughly the poles with motors free, then with motors held (zeros of the motor's response), Im > 0.
+
+        Undamped modes with their modal damping: good for placing samples, not exact.
+        """
+        form = self.mechanism()
+        held = np.flatnonzero(~np.any(form.force, axis=1))
+        parts = [np.arange(len(form.mass)), *([held] if len(held) else [])]
+        return np.concatenate(
+            [_modes(*(matrix[np.ix_(part, part)] for matrix in (form.mass, form.damping, form.stiffness))) for part in parts]
+        )
+
+
+_JOINT_FIELDS = (
+    ("motor_inertia", "kg·m²", False),
+    ("stiffness", "N·m/rad", True),
+    ("damping", "N·m·s/rad", False),
+    ("motor_viscous", "N·m·s/rad", False),
+    ("link_viscous", "N·m·s/rad", False),
+)
+
+
+def _per_joint(name: str, value: ArrayLike, size: int) -> Floats:
+    """`value` as one number per joint."""
+    try:
+        return np.broadcast_to(np.asarray(value, dtype=float), (size,)).copy()
+    except (TypeError, ValueError) as error:
+        raise GainroomError(f"plant: {name} of shape {np.shape(value)} must be a number or {size} numbers") from error
+
+
+def _modes(mass: Floats, damping: Floats, stiffness: Floats) -> Complexes:
+    """−δ + jω of each undamped mode that oscillates."""
+    from scipy.linalg import eigh
+
+    squares, shapes = eigh((stiffness + stiffness.T) / 2, mass)
+    oscillates = squares > 1e-9 * np.abs(squares).max(initial=0.0)
+    rates = np.einsum("im,ij,jm->m", shapes, damping, shapes)
+    return -rates[oscillates] / 2 + 1j * np.sqrt(squares[oscillates])
+
+
+def _factor(inverse_inertia: Floats) -> Floats:
+    """R (n, r) of full column rank r with W = R Rᵀ."""
+    values, vectors = np.linalg.eigh(inverse_inertia)
+    # Round-off of a contact projection leaves eigenvalues of about 1e-16 of the largest; true ones are far above 1e-12 of it.
+    keep = values > 1e-12 * max(values[-1], 0.0)
+    return vectors[:, keep] * np.sqrt(values[keep])

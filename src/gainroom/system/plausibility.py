@@ -1,0 +1,182 @@
+"""Values far outside what actuators have: most often a slip of units, which no check of signs and types can see.
+
+The ranges are wide: from the joints of small hands to the legs of a humanoid of 500 kg, an order of magnitude beyond public actuators on
+either side. What lies outside is not refused, it is told with its unit. Some slips stay inside them and cannot be seen (N m/deg, Hz for
+rad/s).
+"""
+
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from .controller import PD, PID, PPI
+from .drive import Drive
+from .plant import ElasticJoint
+
+if TYPE_CHECKING:
+    from .requirements import Requirements
+    from .uncertainty import Uncertainty
+
+TURN = 2 * math.pi
+SIDES = ("stiffness", "damping", "motor_viscous", "link_viscous")
+
+
+class Usual(NamedTuple):
+    """What a quantity is usually, `low` to `high` in `unit`, and what else may have been typed. 0 and inf mean "none" and pass."""
+
+    low: float
+    high: float
+    unit: str
+    slips: str
+    scale: float = 1.0  # from SI to `unit`
+
+
+GIVEN = {
+    "motor_inertia": Usual(1e-7, 100, "kg·m²", "g·m², kg·cm² or kg·mm²?"),
+    "rotor_inertia": Usual(1e-10, 0.05, "kg·m²", "g·cm² or kg·cm²?"),
+    "gear_ratio": Usual(0.5, 1000, "", "its inverse?"),
+    "link_inertia": Usual(1e-7, 2000, "kg·m²", "g·m², kg·cm² or kg·mm²?"),
+    "stiffness": Usual(1e-3, 5e6, "N·m/rad", "N·mm/rad?"),
+    "damping": Usual(1e-9, 1e4, "N·m·s/rad", "N·mm·s/rad?"),
+    "motor_viscous": Usual(1e-9, 1e3, "N·m·s/rad", "N·mm·s/rad?"),
+    "link_viscous": Usual(1e-9, 1e3, "N·m·s/rad", "N·mm·s/rad?"),
+    "bandwidth": Usual(30, 2e5, "rad/s", "kHz?"),
+    "damping_ratio": Usual(0.05, 10, "", "percent?"),
+    "delay": Usual(0.005, 200, "ms", "s or µs?", 1e3),
+    "sample_rate_hz": Usual(20, 1e5, "Hz", "kHz, or a period?"),
+    "kp": Usual(1e-6, 1e7, "N·m/rad", "N·mm/rad?"),
+    "kd": Usual(1e-8, 1e6, "N·m·s/rad", "N·mm·s/rad?"),
+    "velocity_filter.bandwidth": Usual(3, 2e5, "rad/s", "kHz?"),
+    "notch frequency": Usual(1, 2e5, "rad/s", "kHz?"),
+    "gain_margin_db": Usual(2.5, 40, "dB", "a factor?"),
+    "phase_margin_deg": Usual(5, 90, "°", "rad?"),
+    "peak_sensitivity": Usual(1.1, 5, "", "dB?"),
+}
+"""What is typed."""
+FORMED = {
+    "resonance": Usual(0.3, 5000, "Hz", "the units of stiffness and inertias", 1 / TURN),
+    "swing": Usual(0.7, 1e4, "Hz", "the units of stiffness and link_inertia", 1 / TURN),
+    "mode damping": Usual(0, 5, "", "the units of damping and stiffness"),
+    "delay in ticks": Usual(0, 200, "ticks", "the units of delay and sample_rate_hz"),
+    "kp over stiffness": Usual(0, 30, "", "the units of kp and stiffness"),
+    "kd over kp": Usual(1e-4, 1000, "s", "the units of kp and kd"),
+    "kd over motor_inertia": Usual(0, 2e4, "rad/s", "the units of kd and motor_inertia"),
+}
+"""What follows from it."""
+WORDS = {
+    "resonance": "the resonance √(K (1/J_M + 1/J_L))",
+    "swing": "the swing of the load on the gearbox, √(K/J_L),",
+    "mode damping": "the damping ratio of the resonance",
+    "delay in ticks": "the delay",
+}
+
+
+def unusual(values: Mapping[str, float]) -> dict[str, str]:
+    """By quantity, what is told of those of `values` (SI, names of GIVEN) that lie far outside the usual, and of what they form.
+
+    What is formed is left out where one of the values is told itself: it names the slip better.
+    """
+    told = {}
+    for name, value in values.items():
+        if name in GIVEN and not _is_usual(value, GIVEN[name]):
+            usual = GIVEN[name]
+            told[name] = f"{name} {_with_unit(value, usual)} is far outside the usual, {_span(usual)}: {usual.slips}"
+    for name, (value, sources) in _formed(values).items():
+        if not _is_usual(value, FORMED[name]) and told.keys().isdisjoint(sources):
+            usual = FORMED[name]
+            told[name] = (
+                f"{WORDS.get(name, name)} is {_with_unit(value, usual)}, far outside the usual, {_span(usual)}: check {usual.slips}"
+            )
+    return told
+
+
+def unusual_joint(
+    joint: ElasticJoint,
+    drive: Drive,
+    controller: Any,
+    sample_time: float | None,
+    requirements: "Requirements",
+    uncertainty: "Uncertainty",
+    typed: Mapping[str, float],
+) -> tuple[str, ...]:
+    """Warnings for one joint; `typed`: see JointSpec. The ends of ranges are told where the stated value is usual."""
+    values = {name: getattr(joint, name) for name in ("motor_inertia", "link_inertia", *SIDES)}
+    told = unusual({**typed, **values, **of_drive(drive), **of_control(controller, sample_time), **of_limits(requirements)})
+    if not told.keys().isdisjoint(typed):
+        told.pop("motor_inertia", None)  # their product
+    for name in uncertainty.names:
+        for end in getattr(uncertainty, name):
+            for text in unusual({name: end}).values() if name not in told else ():
+                told[f"uncertainty.{name}"] = f"uncertainty.{text}"
+    return tuple(told.values())
+
+
+def of_drive(drive: Drive) -> dict[str, Any]:
+    """A drive's values by name."""
+    return {"bandwidth": drive.bandwidth, "damping_ratio": drive.damping_ratio, "delay": drive.delay}
+
+
+def of_control(controller: Any, sample_time: float | None) -> dict[str, Any]:
+    """A controller's values by name."""
+    values: dict[str, Any] = {} if sample_time is None else {"sample_rate_hz": 1 / sample_time}
+    if isinstance(controller, PD | PID):
+        values |= {"kp": controller.kp, "kd": controller.kd}
+    elif isinstance(controller, PPI):
+        values["kd"] = controller.kv
+    if isinstance(controller, PD | PID | PPI):
+        if controller.velocity_filter is not None:
+            values["velocity_filter.bandwidth"] = controller.velocity_filter.bandwidth
+        for notch in controller.notches:
+            if not _is_usual(notch.frequency, GIVEN["notch frequency"]):
+                values["notch frequency"] = notch.frequency
+    return values
+
+
+def of_limits(requirements: "Requirements | None") -> dict[str, float]:
+    """Required margins by name, in dB and degrees."""
+    if requirements is None:
+        return {}
+    gain, phase, peak = requirements.gain_margin, requirements.phase_margin, requirements.peak_sensitivity
+    given = {
+        "gain_margin_db": 0.0 if gain is None else 20 * math.log10(gain),
+        "phase_margin_deg": 0.0 if phase is None else math.degrees(phase),
+        "peak_sensitivity": peak,
+    }
+    return {name: value for name, value in given.items() if value}
+
+
+def _formed(values: Mapping[str, float]) -> dict[str, tuple[float, tuple[str, ...]]]:
+    """What `values` form, each with the names of what it is formed from."""
+    formed: dict[str, tuple[float, tuple[str, ...]]] = {}
+
+    def form(name: str, sources: tuple[str, ...], formula: Any) -> None:
+        taken = [float(values.get(source, 0.0)) for source in sources]
+        if all(0 < value < math.inf for value in taken):
+            formed[name] = (formula(*taken), sources)
+
+    form("swing", ("stiffness", "link_inertia"), lambda stiffness, link: math.sqrt(stiffness / link))
+    if "link_inertia" in values:
+        sources = ("stiffness", "motor_inertia", "link_inertia")
+        form("resonance", sources, lambda stiffness, motor, link: math.sqrt(stiffness * (1 / motor + 1 / link)))
+        if "resonance" in formed:
+            resonance = formed["resonance"][0]
+            form("mode damping", ("damping", "stiffness"), lambda damping, stiffness: damping * resonance / (2 * stiffness))
+    form("delay in ticks", ("delay", "sample_rate_hz"), lambda delay, rate: delay * rate)
+    form("kp over stiffness", ("kp", "stiffness"), lambda kp, stiffness: kp / stiffness)
+    form("kd over kp", ("kp", "kd"), lambda kp, kd: kd / kp)
+    if values.get("stiffness") != math.inf:  # through a rigid gearbox kd moves the load, too
+        form("kd over motor_inertia", ("kd", "motor_inertia"), lambda kd, inertia: kd / inertia)
+    return formed
+
+
+def _is_usual(value: float, usual: Usual) -> bool:
+    size = abs(value) * usual.scale
+    return size == 0 or math.isinf(size) or usual.low <= size <= usual.high
+
+
+def _with_unit(value: float, usual: Usual) -> str:
+    return f"{value * usual.scale:.4g} {usual.unit}".rstrip()
+
+
+def _span(usual: Usual) -> str:
+    return (f"{usual.low:g} to {usual.high:g} {usual.unit}" if usual.low else f"at most {usual.high:g} {usual.unit}").rstrip()
