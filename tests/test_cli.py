@@ -197,7 +197,7 @@ def test_uncertain_rows_keep_cases_apart(said: Callable[..., Said]):
 
 
 def test_reproduce_counts_what_the_paper_prints_apart(capsys: pytest.CaptureFixture[str]):
-    assert main(["reproduce"]) == 0
+    assert main(["reproduce", "--verbose"]) == 0
     out = capsys.readouterr().out
     rows = [line for line in out.splitlines() if re.match(r" (eq\d+|fig\d+|testbed|table1|claim\d)\.", line)]
     printed, further = ([line for line in rows if line.split()[1].startswith("(") is bracket] for bracket in (False, True))
@@ -207,6 +207,12 @@ def test_reproduce_counts_what_the_paper_prints_apart(capsys: pytest.CaptureFixt
     assert len(printed) > 40
     assert max(map(len, out.splitlines())) <= 100
     assert next(line for line in out.splitlines() if "testbed.delay_ms" in line).split()[1:4] == ["2", "to", "3"]
+    assert main(["reproduce"]) == 0
+    short = capsys.readouterr().out.splitlines()
+    assert short[0] == out.splitlines()[0]
+    named = [line.split()[0] for line in short if re.match(r" (fig\d+|table1|claim\d)\.", line)]
+    assert named == [line.split()[0] for line in rows if line.endswith(" no")]
+    assert max(map(len, short)) <= 80
 
 
 def test_report_is_one_page_and_keeps_stdout_pure(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from gainroom.paper.com_motion import FIGURES, MOVE, motion, rows, setup
+from gainroom.paper.biped import MOVE
+from gainroom.paper.com_motion import LAWS, motion, pd_rows, ppi_rows, setup
 
 
-@pytest.mark.parametrize("controller", FIGURES)
+@pytest.mark.parametrize("controller", LAWS)
 def test_it_stays_balanced(controller):
     found = motion(controller)
     assert found.run.ending == "completed"
@@ -49,7 +50,7 @@ def test_friction_is_what_holds_it():
 
 
 def test_rows_are_told_as_they_are():
-    found = {row.id: row for row in rows()}
+    found = {row.id: row for row in (*pd_rows(), *ppi_rows())}
     for key, printed in (("fig12.x", 14.0), ("fig12.y", 5.1), ("fig12.z", 13.0), ("fig14.x", 5.6), ("fig14.y", 2.9), ("fig14.z", 1.0)):
         assert found[f"{key}.steady_error_mm"].paper == printed
     assert all(found[f"fig12.{k}.steady_error_mm"].agrees for k in "xyz")

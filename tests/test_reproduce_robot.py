@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from gainroom.paper import Row, claim2, claim2_biped, claim3, claim4, table1
-from gainroom.paper.biped import COM_KD, COM_KP, NAMES, biped, com_tasks, standing, standing_so
+from gainroom.paper import Row, claim2, claim3, claim4, table1
+from gainroom.paper.biped import COM_KD, COM_KP, MOVE, NAMES, START, biped, com_tasks, on_both_feet, standing, standing_so
 from gainroom.paper.joints import DAMPING, DRIVE, MOTOR_INERTIA, STIFFNESS
-from gainroom.paper.motion import on_both_feet
 from robot_truths import accelerations
 
 OMEGA = np.geomspace(20.0, 3000.0, 12000)  # [rad/s] neighbours 4e-4 apart: crossings are interpolated to about 1e-6
@@ -41,8 +40,8 @@ def joint_loop(load: float, delay: float, kp: float = KP, kd: float = KD) -> np.
     return elastic / ((jm + load) * s**2) * (kp + s * kd) * drive(delay)
 
 
-def row_of(module, key: str) -> Row:
-    (row,) = [row for row in module.rows() if row.id == key]
+def row_of(rows, key: str) -> Row:
+    (row,) = [row for row in rows() if row.id == key]
     return row
 
 
@@ -55,7 +54,7 @@ def test_postures_of_the_motion_are_what_they_are_said_to_be():
         postures = table1.motion(pitch)
         assert len(postures) == table1.STEPS
         for q, share in zip(postures, np.linspace(0, 1, table1.STEPS), strict=True):
-            assert_allclose(body.com(q), table1.START + share * 0.06, atol=1e-9)
+            assert_allclose(body.com(q), START + share * 0.06, atol=1e-9)
             assert not body.beyond_limits(q)
             for side, sign in (("left", 1), ("right", -1)):
                 axes, place = body.frame_placement(q, f"{side}_sole")
@@ -125,7 +124,7 @@ def test_the_largest_gains_do_not_hide_between_the_samples():
     body = biped().robot.body
     largest, near = np.zeros(12), None
     for share in np.linspace(0, 1, 41):
-        near = on_both_feet(body, table1.START + share * table1.MOVE, table1.LEAN.pitch, near)
+        near = on_both_feet(body, START + share * MOVE, table1.LEAN.pitch, near)
         largest = np.maximum(largest, np.diag(com_tasks(standing_so(near)).joint_gains(COM_KP, COM_KD)[0]))
     # at an inner maximum a sample is at most 1/16 of the motion away: second order
     assert_allclose(table1.gains(table1.LEAN)["kp"], largest, rtol=0.01)
@@ -159,8 +158,7 @@ def test_the_inferred_pelvis_gains_are_the_best_fit():
         return table1.typical_factor(account)
 
     kp, kd = table1.PELVIS_TASK.pelvis_kp, table1.PELVIS_TASK.pelvis_kd
-    assert kp is not None
-    assert kd is not None
+    assert len(kp) == len(kd) == 3
     best = off(kp, kd)
     for axis in range(3):
         for factor in (0.8, 1.25):
@@ -171,7 +169,7 @@ def test_the_inferred_pelvis_gains_are_the_best_fit():
 
 def test_the_documentation_names_what_was_inferred():
     text = " ".join((Path(__file__).parents[1] / "docs" / "reproduction.md").read_text("utf-8").split())
-    x, _, z = table1.START
+    x, _, z = START
     assert f"a pelvis that leans back {-table1.LEAN.pitch:g} rad, a start {-x:g} m behind the ankles and {z:g} m above the soles" in text
     assert table1.LEAN.rotors
 
@@ -195,12 +193,12 @@ def test_claim2_spreads_on_a_dense_grid():
     for delay in claim2.DELAYS:
         key = f"claim2.heavy_load_{1e3 * delay:g}_ms.gain_limit_spread_db"
         # the module's own grid is coarser: a peak between its samples is missed by less than a twentieth
-        assert row_of(claim2, key).computed == pytest.approx(spread(np.geomspace(0.1, 100, 200), delay), rel=0.05, abs=1e-3)
-    light = row_of(claim2, "claim2.light_load.gain_limit_spread_db").computed
+        assert row_of(claim2.rows, key).computed == pytest.approx(spread(np.geomspace(0.1, 100, 200), delay), rel=0.05, abs=1e-3)
+    light = row_of(claim2.rows, "claim2.light_load.gain_limit_spread_db").computed
     assert light == pytest.approx(spread(np.geomspace(0.01, 0.1, 200)), rel=0.1)  # a kink: its tip lies between samples
     for contact in ("double", "left"):
         loads = 1 / np.diag(standing(contact).link_inverse_inertia)
-        assert row_of(claim2_biped, f"claim2.biped_{contact}.gain_limit_spread_db").computed == pytest.approx(spread(loads), abs=1e-3)
+        assert row_of(claim2.biped_rows, f"claim2.biped_{contact}.gain_limit_spread_db").computed == pytest.approx(spread(loads), abs=1e-3)
 
 
 # --- Claim 3
@@ -262,7 +260,7 @@ def test_claim3_limits_on_a_dense_grid():
     for contact, joint in claim3.SWAY:
         edge = claim3.supporting(contact, joint)
         kd = KD * smallest_scale(joint_loop(edge.load, DRIVE.delay)[:, None])
-        row = row_of(claim3, f"claim3.{contact}.{joint}.kv_limit_per_s")
+        row = row_of(claim3.rows, f"claim3.{contact}.{joint}.kv_limit_per_s")
         assert row.computed == pytest.approx(kd / (MOTOR_INERTIA + edge.load), rel=1e-6)
     s = 1j * OMEGA
     alone = (KP + s * KD) * drive() / (MOTOR_INERTIA * s**2)
@@ -321,5 +319,5 @@ def test_claim4_says_what_its_figures_say():
     hard = [claim4.standing_limits(contact, "com_100_20") for contact in ("double", "left")]
     assert all(limits.full < 1 < limits.rigid for limits in hard)
     table = claim4.table1_limits()
-    assert row_of(claim4, "claim4.table1.coupling_factor").computed == pytest.approx(table.diagonal / table.full)
+    assert row_of(claim4.rows, "claim4.table1.coupling_factor").computed == pytest.approx(table.diagonal / table.full)
     assert table.full > 1  # the robot stood still with these gains

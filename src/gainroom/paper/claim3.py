@@ -1,10 +1,11 @@
 """Claim 3: a joint with a large load, as the supporting ankle, cannot reach high tracking performance under PD (Secs. III-A and V).
 
-What limits kd [N m s/rad] is the motor and the delay; what tracks is kd over all the inertia that it moves, K'v = kd/(J_M + J_L) [1/s].
+What limits kd [N·m·s/rad] is the motor and the delay; what tracks is kd over all the inertia that it moves, K'v = kd/(J_M + J_L) [1/s].
 The load of an ankle depends on what its neighbours do: with them free it is 1/W_ii; with all held, the ankle carries the robot, and in
 double support two ankles share it.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 
@@ -15,10 +16,10 @@ from ..linear.arrays import Floats
 from ..system.controller import PD
 from ..system.loop import build_loop
 from ..system.plant import ElasticJoint
-from .biped import COM_KD, COM_KP, NAMES, SUPPORTS, com_tasks, standing
+from .biped import COM_KD, COM_KP, NAMES, SUPPORTS, com_tasks, free_loads, standing
 from .claim2 import RATIOS, limits
-from .joints import DRIVE, GAINS, MOTOR_INERTIA, joint_with_load
-from .picture import Curve, CurvePicture, Panel, Spot
+from .joints import DRIVE, GAINS, MOTOR_INERTIA, limit_with_load
+from .picture import Curve, Mark, Panel, Picture
 from .row import Row, at_least, compare
 
 TOLERANCE = 0.05  # of K'v: the gearbox's stiffness and the load move the motor's own limit by a few per cent (claim 2)
@@ -38,8 +39,8 @@ SWAY = {  # joints that move when the body sways over the standing feet and all 
 class Edge:
     """A joint at the edge of stability.
 
-    load   that it feels [kg m²]
-    kd     largest, with Fig. 9's kp per kd [N m s/rad]
+    load   that it feels [kg·m²]
+    kd     largest, with Fig. 9's kp per kd [N·m·s/rad]
     rate   K'v = kd / (J_M + load) [1/s]
     """
 
@@ -51,39 +52,37 @@ class Edge:
         return self.kd / (MOTOR_INERTIA + self.load)
 
 
-def rows() -> list[Row]:
+def rows() -> Iterator[Row]:
     """K'v of the supporting ankles, the body held stiff above them; one leg against two; the same for the centre of mass."""
-    result = []
     for contact, joint in SWAY:
         edge, expected = supporting(contact, joint), motor_alone() / (MOTOR_INERTIA + supporting(contact, joint).load)
         note = (
-            f"Largest K'v in {SUPPORTS[contact]}, all other joints held: load {edge.load:.1f} kg m², largest kd {edge.kd:.0f} N m s/rad. "
+            f"Largest K'v in {SUPPORTS[contact]}, all other joints held: load {edge.load:.1f} kg·m², largest kd {edge.kd:.0f} N·m·s/rad. "
             f"What must come out: the lone motor's largest kd, {motor_alone():.0f}, over J_M + J_L. Tolerance 5 %: what the load does to "
             "kd (claim 2)."
         )
         note = _claim() if (contact, joint) == ("left", "ankle_pitch") else note
-        result.append(compare(f"claim3.{contact}.{joint}.kv_limit_per_s", expected, edge.rate, "1/s", TOLERANCE * expected, note))
+        yield compare(f"claim3.{contact}.{joint}.kv_limit_per_s", expected, edge.rate, "1/s", TOLERANCE * expected, note)
     for joint in ANKLES:
         held = supporting("left", joint).load / supporting("double", joint).load
         note = f"Confirmed where the joints above are held: one ankle then carries what two shared. {PAPER}"
-        result.append(at_least(f"claim3.{joint}.held.load_ratio", CLEARLY, held, "×", note))
+        yield at_least(f"claim3.{joint}.held.load_ratio", CLEARLY, held, "×", note)
     for joint in ANKLES:
         two, one = (free_load(contact, f"left_{joint}") for contact in SUPPORTS)
         note = (
-            f"Corrected: with its neighbours free the ankle feels {two:.3g} kg m² on two legs and {one:.3g} on one. Lifting the other "
+            f"Corrected: with its neighbours free the ankle feels {two:.3g} kg·m² on two legs and {one:.3g} on one. Lifting the other "
             f"foot loads it only through joints that are held. {PAPER}"
         )
-        result.append(at_least(f"claim3.{joint}.free.load_ratio", CLEARLY, one / two, "×", note))
+        yield at_least(f"claim3.{joint}.free.load_ratio", CLEARLY, one / two, "×", note)
     for axis, two, one in zip("xyz", com_limits("double"), com_limits("left"), strict=True):
         note = (
             f"Centre of mass along {axis} by itself, K'p to K'v as in Table I: K'v may be {two:.3g} 1/s on two legs and {one:.3g} on one. "
             f"What must come out: more on two, by {CLEARLY:g} at least."
         )
-        result.append(at_least(f"claim3.com_{axis}.kv_limit_double_over_single", CLEARLY, two / one, "×", note))
-    return result
+        yield at_least(f"claim3.com_{axis}.kv_limit_double_over_single", CLEARLY, two / one, "×", note)
 
 
-def pictures() -> list[CurvePicture]:
+def pictures() -> Iterator[Picture]:
     """kd and K'v at the edge of stability over the load."""
     loads = RATIOS * MOTOR_INERTIA
     kd = limits(DRIVE.delay)[0] * GAINS.kd
@@ -94,34 +93,31 @@ def pictures() -> list[CurvePicture]:
         (supporting("double", "ankle_pitch"), "ankle pitch, one of two", 0, "left"),
         (supporting("left", "ankle_pitch"), "ankle, alone", 1, "left"),
     )
-    above = tuple(Spot(edge.load, edge.kd, "", kind) for edge, _, kind, _ in marked)
-    below = tuple(Spot(edge.load, edge.rate, name, kind, side) for edge, name, kind, side in marked)
+    above = tuple(Mark(edge.load, edge.kd, "", kind) for edge, _, kind, _ in marked)
+    below = tuple(Mark(edge.load, edge.rate, name, kind, side) for edge, name, kind, side in marked)
     panels = (
-        Panel("largest kd (N m s/rad)", (0.0, 800.0), (Curve("set by motor and delay", loads, kd, 3.0, "below"),), above),
-        Panel("K'v = kd/(J_M + J_L) (1/s)", (4.0, 1500.0), (Curve("", loads, kd / (MOTOR_INERTIA + loads), 1.0),), below, logarithmic=True),
+        Panel("largest kd [N·m·s/rad]", (0.0, 800.0), (Curve("set by motor and delay", loads, kd),), above),
+        Panel("K'v = kd/(J_M + J_L) [1/s]", (4.0, 1500.0), (Curve("", loads, kd / (MOTOR_INERTIA + loads)),), below, logarithmic=True),
     )
-    one = supporting("left", "ankle_pitch")
     caption = (
-        f"Above: whatever the load, the motor takes about {one.kd:.0f} N m s/rad. Below: divided by all that it moves, the same kd "
-        f"tracks less and less. An ankle that carries the robot alone ({one.load:.0f} kg m²) has K'v below {one.rate:.1f} 1/s. Kp and Kd "
-        f"in Fig. 9's ratio, T = {1e3 * DRIVE.delay:g} ms; supporting ankles with all other joints held, the others with their "
-        "neighbours free."
+        "Above: motor and delay set kd, whatever the load. Below: the same kd divided by all that it moves. Kp and Kd in Fig. 9's ratio, "
+        f"T = {1e3 * DRIVE.delay:g} ms; supporting ankles with all other joints held, the others with their neighbours free."
     )
     title = "Claim 3. Every load takes the same kd, and a heavy one gets little tracking for it"
     kinds = (*(f"biped, {name}" for name in SUPPORTS.values()), "biped, swinging leg")
-    return [CurvePicture("claim3", title, caption, "load inertia J_L (kg m²)", (0.01, 200.0), panels, kinds)]
+    yield Picture(title, caption, "load inertia J_L [kg·m²]", (0.01, 200.0), panels, kinds, logarithmic=True)
 
 
 @cache
 def motor_alone() -> float:
-    """The largest kd [N m s/rad] of the motor with nothing on it, at Fig. 9's kp per kd."""
+    """The largest kd [N·m·s/rad] of the motor with nothing on it, at Fig. 9's kp per kd."""
     motor = ElasticJoint(MOTOR_INERTIA / 2, MOTOR_INERTIA / 2)  # rigid: one inertia
     return gain_limit(build_loop(motor, DRIVE, GAINS)).gain * GAINS.kd
 
 
 def edge_at(load: float) -> Edge:
-    """A joint with this load [kg m²] at the edge of stability."""
-    return Edge(load, gain_limit(build_loop(joint_with_load(load / MOTOR_INERTIA), DRIVE, GAINS)).gain * GAINS.kd)
+    """A joint with this load [kg·m²] at the edge of stability."""
+    return Edge(load, limit_with_load(load).gain * GAINS.kd)
 
 
 @cache
@@ -133,13 +129,12 @@ def supporting(contact: str, joint: str) -> Edge:
 
 
 def free_load(contact: str, name: str) -> float:
-    """1/W_ii [kg m²]: what a joint feels with its neighbours free."""
-    index = NAMES.index(name)
-    return 1 / float(standing(contact).link_inverse_inertia[index, index])
+    """What a joint feels with its neighbours free [kg m²]."""
+    return float(free_loads(contact)[NAMES.index(name)])
 
 
 def shared_load(link_inverse_inertia: Floats, moving: list[int], driven: int) -> float:
-    """The inertia [kg m²] of the one motion in which only the joints `moving` move, per unit rate of joint `driven`.
+    """The inertia [kg·m²] of the one motion in which only the joints `moving` move, per unit rate of joint `driven`.
 
     With W = U diag(λ) Uᵀ over λ > 0, contacts allow q̇ = U y and the links then hold ½ yᵀ diag(1/λ) y of kinetic energy.
     """
@@ -169,9 +164,9 @@ def _claim() -> str:
     light = edge_at(free_load("double", "left_hip_yaw"))
     return (
         "Claim 3: a joint with a large load, as the supporting ankle, cannot reach high tracking performance under PD. Confirmed: the "
-        f"largest kd is the motor's whatever the load ({one.kd:.0f} N m s/rad), so the largest K'v = kd/(J_M + J_L) is {light.rate:.0f} "
-        f"1/s at the hip yaw, {two.rate:.1f} at an ankle pitch that shares the robot with the other leg ({two.load:.0f} kg m²) and "
+        f"largest kd is the motor's whatever the load ({one.kd:.0f} N·m·s/rad), so the largest K'v = kd/(J_M + J_L) is {light.rate:.0f} "
+        f"1/s at the hip yaw, {two.rate:.1f} at an ankle pitch that shares the robot with the other leg ({two.load:.0f} kg·m²) and "
         f"{one.rate:.1f} at one that carries it alone ({one.load:.0f}). Corrected: single support loads the ankle only where the joints "
-        f"above it are held; with them free it feels {free_load('double', 'left_ankle_pitch'):.2g} kg m² on two legs and "
+        f"above it are held; with them free it feels {free_load('double', 'left_ankle_pitch'):.2g} kg·m² on two legs and "
         f"{free_load('left', 'left_ankle_pitch'):.2g} on one."
     )

@@ -5,6 +5,7 @@ by joint. Where the vibration is far above the robot's own motions every motor i
 along their eigenvectors: the limit is the lone motor's largest kd over the largest eigenvalue of Kvq.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -17,8 +18,8 @@ from ..system.controller import PD
 from ..system.loop import build_loop
 from .biped import COM_KD, COM_KP, SUPPORTS, com_tasks, standing, standing_so
 from .claim3 import motor_alone
-from .joints import DRIVE, MOTOR_INERTIA, joint_with_load
-from .picture import DotPicture, Dots
+from .joints import DRIVE, limit_with_load
+from .picture import Mark, Panel, Picture
 from .row import Row, at_least, compare
 from .table1 import LEAN, motion
 
@@ -27,7 +28,7 @@ GAIN_SETS = {  # K'p [1/s²], K'v [1/s] in x, y, z
     "com_100_20": (np.full(3, 100.0), np.full(3, 20.0)),
 }
 NAMED = {"table1_gains": "K'p 50, 90, 200, K'v 1, 5, 15", "com_100_20": "K'p 100, K'v 20"}
-PRINTED_GAP = (300.0, 57.6)  # [N m s/rad] "around 300" for a joint by itself; the largest in Table I
+PRINTED_GAP = (300.0, 57.6)  # [N·m·s/rad] "around 300" for a joint by itself; the largest in Table I
 CLEARLY = 1.5
 """Coupling that costs a third of the limit is a reason; 10 % is none."""
 
@@ -55,57 +56,56 @@ class Limits:
         return self.diagonal / self.full
 
 
-def rows() -> list[Row]:
+def rows() -> Iterator[Row]:
     """Limits in both supports under both sets of gains, why they are so, and what the coupling costs."""
-    result = []
     for contact, support in SUPPORTS.items():
         for gains, named in NAMED.items():
             found = standing_limits(contact, gains)
             key = f"claim4.{contact}.{gains}"
             verdict = "unstable" if found.full < 1 else "stable"
             note = (
-                f"Factor on {named} in {support}: {verdict}. What must come out: the lone motor's largest kd ({motor_alone():.0f} N m "
-                "s/rad) over the largest eigenvalue of Kvq; tolerance 5 %, what gearbox and kp do to kd."
+                f"Factor on {named} in {support}: {verdict}. What must come out: the lone motor's largest kd ({motor_alone():.0f} "
+                "N·m·s/rad) over the largest eigenvalue of Kvq; tolerance 5 %, what gearbox and kp do to kd."
             )
-            result.append(compare(f"{key}.gain_limit", found.expected, found.full, "×", 0.05 * found.expected, note))
+            yield compare(f"{key}.gain_limit", found.expected, found.full, "×", 0.05 * found.expected, note)
             note = "The diagonals alone. What must come out: the tightest joint by itself; 2 %, as the links couple the joints a little."
-            result.append(compare(f"{key}.diagonal_limit", found.single, found.diagonal, "×", 0.02 * found.single, note))
+            yield compare(f"{key}.diagonal_limit", found.single, found.diagonal, "×", 0.02 * found.single, note)
             note = "The same gains with rigid gearboxes: harmless."
-            result.append(at_least(f"{key}.rigid_limit", 1.0, found.rigid, "×", note))
+            yield at_least(f"{key}.rigid_limit", 1.0, found.rigid, "×", note)
     gap = PRINTED_GAP[0] / PRINTED_GAP[1]
     cost = table1_limits().coupling
-    result.append(compare("claim4.table1.coupling_factor", gap, cost, "×", 0.25 * gap, _claim(), "300 / 57.6"))
+    yield compare("claim4.table1.coupling_factor", gap, cost, "×", 0.25 * gap, _claim(), "300 / 57.6")
     single = standing_limits("left", "table1_gains")
     note = (
         f"Corrected for single support: the diagonals alone allow {single.diagonal:.2f}, the full matrices {single.full:.2f}. There the "
         f"supporting ankle roll by itself is the limit ({single.single:.2f}). What must come out if coupling is the reason: {CLEARLY:g} "
         "at least."
     )
-    return [*result, at_least("claim4.left.table1_gains.coupling_factor", CLEARLY, single.coupling, "×", note)]
+    yield at_least("claim4.left.table1_gains.coupling_factor", CLEARLY, single.coupling, "×", note)
 
 
-def pictures() -> list[DotPicture]:
+def pictures() -> Iterator[Picture]:
     """The limits side by side."""
     cases = [(contact, gains) for gains in GAIN_SETS for contact in SUPPORTS]
-    found = [standing_limits(*case) for case in cases]
-    lines = tuple(f"{SUPPORTS[contact]}<br>{NAMED[gains]}" for contact, gains in cases)
-    series = tuple(
-        Dots(label, np.array([getattr(one, name) for one in found]))
-        for label, name in (
-            ("full matrices", "full"),
-            ("diagonals alone", "diagonal"),
-            ("tightest joint by itself", "single"),
-            ("full, rigid gearboxes", "rigid"),
-        )
+    kinds = {
+        "full": "full matrices",
+        "diagonal": "diagonals alone",
+        "single": "tightest joint by itself",
+        "rigid": "full, rigid gearboxes",
+    }
+    marks = tuple(
+        Mark(place, getattr(standing_limits(*case), name), kind=kind, stem=1.0)
+        for place, case in enumerate(cases)
+        for kind, name in enumerate(kinds)
     )
-    double, single = (standing_limits(contact, "table1_gains").coupling for contact in SUPPORTS)
+    places = tuple(f"{SUPPORTS[contact]}<br>{NAMED[gains]}" for contact, gains in cases)
+    panel = Panel("factor on the gains at the edge of stability", (0.2, 100.0), marks=marks, levels=(1.0,), logarithmic=True)
     caption = (
-        "Left of 1 these gains make the robot vibrate. On two legs the off-diagonal entries cost Table I's gains a factor of "
-        f"{double:.2g}: whoever looks at one joint at a time expects the open marks. On one leg they cost {100 * (1 - 1 / single):.0f} "
-        "%: the supporting ankle roll is at its limit by itself. With rigid gearboxes none of these gains would matter."
+        "Below 1 these gains make the robot vibrate. On two legs one joint at a time suggests the open circles; the full matrices allow "
+        "less. On one leg the supporting ankle roll is the limit by itself. With rigid gearboxes none of these gains would matter."
     )
     title = "Claim 4. Limits of centre-of-mass control: below the joints' own on two legs, at the ankle's own on one"
-    return [DotPicture("claim4", title, caption, "factor on the gains at the edge of stability", (0.2, 200.0), lines, series)]
+    yield Picture(title, caption, "", (-0.5, len(places) - 0.5), (panel,), tuple(kinds.values()), places=places)
 
 
 @cache
@@ -125,14 +125,11 @@ def table1_limits() -> Limits:
 
 
 def _limits(model: RobotModel, kp: Floats, kd: Floats) -> Limits:
-    loads = 1 / np.diag(model.link_inverse_inertia)
-    joints = [
-        (load, p, d) for load, p, d in zip(loads.tolist(), np.diag(kp).tolist(), np.diag(kd).tolist(), strict=True) if d > 1e-9 * kd.max()
-    ]
+    joints = zip((1 / np.diag(model.link_inverse_inertia)).tolist(), np.diag(kp).tolist(), np.diag(kd).tolist(), strict=True)
     return Limits(
         full=gain_limit(build_loop(model, DRIVE, PD(kp, kd))).gain,
         diagonal=gain_limit(build_loop(model, DRIVE, PD(np.diag(kp), np.diag(kd)))).gain,
-        single=min(gain_limit(build_loop(joint_with_load(load / MOTOR_INERTIA), DRIVE, PD(p, d))).gain for load, p, d in joints),
+        single=min(limit_with_load(load, PD(p, d)).gain for load, p, d in joints if d > 1e-9 * kd.max()),
         expected=motor_alone() / float(np.abs(np.linalg.eigvals(kd)).max()),
     )
 

@@ -5,6 +5,7 @@ feet's boxes. The paper does not print friction. It is set here, three numbers f
 run on the same robot with nothing touched (Fig. 14).
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -17,13 +18,11 @@ from ..simulation.robot_result import RobotRun
 from ..simulation.robot_run import run_robot
 from ..simulation.robot_setup import RobotSetup
 from ..simulation.trajectories import Spline
-from .biped import COM_KD, COM_KP, NAMES, biped
-from .motion import on_both_feet
-from .picture import Curve, CurvePicture, Panel
+from .biped import COM_KD, COM_KP, MOVE, NAMES, START, biped, on_both_feet
+from .joints import SAMPLE_TIME
+from .picture import Curve, Panel, Picture
 from .row import Row, compare, same
-from .table1 import MOVE, START
 
-SAMPLE_TIME = 5e-4  # [s] 2 kHz, printed
 WAIT, MOTION, REST = 0.5, 1.0, 2.0  # [s] standing still before; printed; standing still after
 STEADY = 0.1  # [s] the end of REST that steady-state errors are taken over
 CASCADE_KP, CASCADE_KV, CASCADE_KI = np.array([40.0, 20, 100]), np.array([1.0, 5, 5]), np.array([1.0, 0.1, 1.0])  # printed
@@ -31,11 +30,15 @@ COULOMB, ANKLE_COULOMB, VISCOUS = 4.5, 21.0, 10.0  # [N m], [N m] in the ankles'
 SOLE = Sole(length=0.28, width=0.15, center=(-0.008, 0.0))  # the feet's boxes
 GROUND = Ground(friction=0.8, soles={"left_sole": SOLE, "right_sole": SOLE})
 DIRECTIONS = "xyz"
+LAWS = {"pd": ("Fig. 12", "PD"), "ppi": ("Fig. 14", "P/PI")}
 PRINTED = {"pd": ("14.0", "5.1", "13.0"), "ppi": ("5.6", "2.9", "1.0")}  # [mm]
-FIGURES = {"pd": "fig12", "ppi": "fig14"}
 TOLERANCE = 1.0  # [mm]
 EVERY = 10  # ticks between points that are drawn
-NAMED_AT = (1.2, 1.7, 2.3)  # [s] where the curves of x, y and z have their names
+WHY = {
+    "x": "The integrator works with Kv/Ki = 1 s: what is left depends on when one looks.",
+    "y": "Kp Kv is 100 against PD's 90 and Kv/Ki is 50 s, so the same friction must leave nearly as much.",
+    "z": "Kp Kv is 2.5 times PD's gain.",
+}
 
 
 @dataclass(frozen=True)
@@ -71,11 +74,8 @@ def setup(controller: str) -> RobotSetup:
     spec = biped()
     robot, control = spec.robot, spec.control
     (pelvis,) = (task for task in robot.stack if task.name == "pelvis")
-    com = (
-        Task(name="com", kind="com", kp=COM_KP, kd=COM_KD)
-        if controller == "pd"
-        else Task(name="com", kind="com", kp=CASCADE_KP, kd=CASCADE_KV, ki=CASCADE_KI)
-    )
+    kp, kd, ki = (COM_KP, COM_KD, None) if controller == "pd" else (CASCADE_KP, CASCADE_KV, CASCADE_KI)
+    com = Task(name="com", kind="com", kp=kp, kd=kd, ki=ki)
     ankles = np.array([name.endswith("ankle_pitch") for name in NAMES])
     return RobotSetup(
         body=robot.body,
@@ -101,49 +101,39 @@ def motion(controller: str) -> ComMotion:
     return ComMotion(run, time[: len(run.time)])
 
 
-def rows() -> list[Row]:
-    """Errors at rest beside the paper's; then what becomes of the paper's two conclusions about them."""
-    result = []
-    steady = {controller: 1e3 * np.abs(motion(controller).steady) for controller in FIGURES}
+def pd_rows() -> Iterator[Row]:
+    """Errors at rest beside the paper's."""
+    friction = f"Friction set for it: {COULOMB:g} N·m, ankle pitch {ANKLE_COULOMB:g}, {VISCOUS:g} N·m·s/rad."
+    for direction, text, error in zip(DIRECTIONS, PRINTED["pd"], _left("pd"), strict=True):
+        yield compare(f"fig12.{direction}.steady_error_mm", float(text), error, "mm", TOLERANCE, friction, text)
+
+
+def ppi_rows() -> Iterator[Row]:
+    """Errors at rest beside the paper's, and that they are smaller than PD's."""
     early = 1e3 * np.abs(motion("ppi").after(1.0))
-    for controller, figure in FIGURES.items():
-        for k, direction in enumerate(DIRECTIONS):
-            text = PRINTED[controller][k]
-            note = f"Friction set for it: {COULOMB:g} N m, ankle pitch {ANKLE_COULOMB:g}, {VISCOUS:g} N m s/rad."
-            if controller == "ppi":
-                note = f"Predicted with PD's friction; {early[k]:.1f} mm one second earlier. {_WHY[direction]}"
-            value = float(steady[controller][k])
-            result.append(compare(f"{figure}.{direction}.steady_error_mm", float(text), value, "mm", TOLERANCE, note, text))
-    smaller = steady["ppi"] < steady["pd"]
-    for k, direction in enumerate(DIRECTIONS):
-        result.append(same(f"fig14.{direction}.below_pd", True, bool(smaller[k]), "P/PI leaves less than PD at rest."))
-    return result
+    for direction, text, error, before in zip(DIRECTIONS, PRINTED["ppi"], _left("ppi"), early, strict=True):
+        note = f"Predicted with PD's friction; {before:.1f} mm one second earlier. {WHY[direction]}"
+        yield compare(f"fig14.{direction}.steady_error_mm", float(text), error, "mm", TOLERANCE, note, text)
+    for direction, pd, ppi in zip(DIRECTIONS, _left("pd"), _left("ppi"), strict=True):
+        yield same(f"fig14.{direction}.below_pd", True, ppi < pd, "P/PI leaves less than PD at rest.")
 
 
-def pictures() -> list[CurvePicture]:
-    """Errors of the centre of mass over time, one picture per controller."""
-    return [_picture(controller) for controller in FIGURES]
-
-
-def _picture(controller: str) -> CurvePicture:
+def pictures(controller: str) -> Iterator[Picture]:
+    """Errors of the centre of mass over time."""
     found = motion(controller)
-    shown = slice(None, None, EVERY)
-    time, error = found.time[shown], 1e3 * found.error[shown]
+    time, error = found.time[::EVERY], 1e3 * found.error[::EVERY]
     most = 1.15 * max(1.0, float(np.abs(error).max()))
-    curves = tuple(Curve(name, time, error[:, k], float(NAMED_AT[k])) for k, name in enumerate(DIRECTIONS))
-    law, number = ("PD", 12) if controller == "pd" else ("P/PI", 14)
-    left = ", ".join(f"{name} {value:.3g}" for name, value in zip(DIRECTIONS, 1e3 * np.abs(found.steady), strict=True))
+    curves = tuple(Curve(name, time, error[:, k]) for k, name in enumerate(DIRECTIONS))
+    left = ", ".join(f"{name} {value:.3g}" for name, value in zip(DIRECTIONS, _left(controller), strict=True))
     caption = (
         f"The motion begins at 0 and ends at {MOTION:g} s. Left at the end: {left} mm; printed: {', '.join(PRINTED[controller])} mm. "
-        + ("Friction, not printed, is set for these." if controller == "pd" else "The robot of Fig. 12, friction and all.")
+        + ("Friction, not printed, is set for these." if controller == "pd" else "The robot of Fig. 12 with the same friction.")
     )
-    title = f"Fig. {number}. Error of the centre of mass under {law}, in MuJoCo"
+    figure, law = LAWS[controller]
     panel = Panel("error [mm]", (-most, most), curves)
-    return CurvePicture(FIGURES[controller], title, caption, "time [s]", (-WAIT, MOTION + REST), (panel,), logarithmic=False)
+    yield Picture(f"{figure}. Error of the centre of mass under {law}, in MuJoCo", caption, "time [s]", (-WAIT, MOTION + REST), (panel,))
 
 
-_WHY = {
-    "x": "The integrator works with Kv/Ki = 1 s: what is left depends on when one looks.",
-    "y": "Kp Kv is 100 against PD's 90 and Kv/Ki is 50 s, so the same friction must leave nearly as much.",
-    "z": "Kp Kv is 2.5 times PD's gain.",
-}
+def _left(controller: str) -> list[float]:
+    """Errors at rest in x, y, z [mm]."""
+    return (1e3 * np.abs(motion(controller).steady)).tolist()

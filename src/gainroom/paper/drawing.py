@@ -1,145 +1,133 @@
-"""Pictures of the reproduction in plotly's format: Bode plots as the paper has them, gain maps, and the claims' own."""
+"""Pictures of the reproduction in plotly's format, and as figures of a page."""
 
 import math
 from typing import Any
 
-from .drawing_curves import curve_drawing
-from .drawing_factors import factor_drawing
-from .picture import AXIS, BodePicture, CurvePicture, GainPicture, Picture
+from ..report import style
+from ..report.number_format import digits
+from ..report.page import Html, figure
+from .picture import Curve, Mark, Panel, Picture
 
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7")  # Okabe and Ito
+COLOURS = (style.BLUE, style.VERMILION, style.GREEN, style.PURPLE)
 DASHES = ("solid", "dash", "dashdot", "dot")
-INK, GRID = "#1b1b1b", "#e4e4e4"
+MARKS = (  # of each kind; open ones are larger, so that they show around the others
+    ("diamond", style.BLUE, 10),
+    ("circle-open", style.VERMILION, 12),
+    ("square-open", style.BLACK, 10),
+    ("triangle-up-open", style.GREEN, 11),
+    ("x", style.VERMILION, 12),
+)
+SIDES = {  # of a name: plotly's anchors, and a shift [px]
+    "left": {"xanchor": "right", "xshift": -8},
+    "right": {"xanchor": "left", "xshift": 8},
+    "above": {"yanchor": "bottom", "yshift": 7},
+    "below": {"yanchor": "top", "yshift": -7},
+}
+BAND, SHADE, BAR = "rgba(0,0,0,0.07)", "rgba(0,114,178,0.10)", "#c8c8c8"
+GAP = 0.08  # of the height, between panels
 TURN = 2 * math.pi
-TALL = 620
 
 
-def drawing(picture: Picture) -> tuple[dict[str, Any], int]:
-    """`picture` as a plotly figure, and its height [px]."""
-    if isinstance(picture, BodePicture):
-        return _bode(picture), TALL
-    if isinstance(picture, GainPicture):
-        return _gain_map(picture), TALL
-    if isinstance(picture, CurvePicture):
-        return curve_drawing(picture), TALL if len(picture.panels) > 1 else 440
-    return factor_drawing(picture), 110 + (1 + max(line.count("<br>") for line in picture.lines)) * 26 * len(picture.lines)
+def drawn(picture: Picture) -> Html:
+    """`picture` as a figure of a page."""
+    height = 440 if len(picture.panels) == 1 and not any(curve.filled for curve in picture.panels[0].curves) else 620
+    return figure(plotly_figure(picture), picture.title, picture.caption, height, {"margin.r": 8})
 
 
-def _bode(picture: BodePicture) -> dict[str, Any]:
-    data = []
-    for place, curve in enumerate(picture.curves):
-        style = {"color": COLOURS[place], "dash": DASHES[place], "width": 2.2}
-        shared = {"x": curve.omega, "mode": "lines", "line": style, "name": curve.label, "legendgroup": curve.label}
-        at = "%{x:.4g} rad/s: %{y:.4g}"
-        data.append({**shared, "y": curve.magnitude, "xaxis": "x", "yaxis": "y", "hovertemplate": at + " dB"})
-        data.append({**shared, "y": curve.phase, "xaxis": "x", "yaxis": "y2", "showlegend": False, "hovertemplate": at + "°"})
-    # the Hz axis above needs something of its own to show
-    data.append({"x": [AXIS[0] / TURN], "y": [None], "xaxis": "x2", "yaxis": "y", "showlegend": False, "hoverinfo": "skip"})
-    decades = [math.log10(end) for end in AXIS]
-    layout = {
-        **_layout(),
-        "xaxis": {**_axis("frequency (rad/s)"), "type": "log", "range": decades, "dtick": 1, "exponentformat": "power", "anchor": "y2"},
-        "xaxis2": {
-            **_axis("frequency (Hz)"),
-            "type": "log",
-            "range": [decade - math.log10(TURN) for decade in decades],
-            "dtick": 1,
-            "exponentformat": "power",
-            "overlaying": "x",
-            "side": "top",
-            "anchor": "y",
-            "showgrid": False,
-        },
-        "yaxis": {**_axis("magnitude (dB)"), "range": picture.magnitude_range, "domain": [0.46, 1.0]},
-        "yaxis2": {**_axis("phase (°)"), "range": picture.phase_range, "domain": [0.0, 0.4], "dtick": _phase_step(picture)},
-        "shapes": [_level(0, "y"), _level(-180, "y2"), *_stems(picture)],
-        "annotations": _notes(picture),
-    }
-    return {"data": data, "layout": layout}
+def plotly_figure(picture: Picture) -> dict[str, Any]:
+    """`picture` in plotly's format."""
+    count = len(picture.panels)
+    traces, notes, shapes, axes = [], [], [], _x_axes(picture)
+    height = (1 - GAP * (count - 1)) / count
+    for index, panel in enumerate(picture.panels):
+        name = "y" if index == 0 else f"y{index + 1}"
+        on = {"xaxis": "x2" if picture.hertz and index == 0 else "x", "yaxis": name}
+        top = 1 - index * (height + GAP)
+        axes[name.replace("y", "yaxis")] = _y_axis(panel, domain=[max(top - height, 0.0), top], anchor=on["xaxis"])
+        traces += [_bar(mark, on) for mark in panel.marks if mark.stem is not None]
+        traces += [_line(curve, place, on) for place, curve in enumerate(panel.curves)]
+        traces += _points(panel, on, picture.kinds if index == 0 else ())
+        notes += _names(panel, name, picture.logarithmic)
+        shapes += _ground(panel, name)
+    has_legend = any(trace.get("showlegend") for trace in traces)
+    top = 40 * has_legend + 44 * picture.hertz
+    layout = style.layout(
+        **axes,
+        shapes=shapes,
+        annotations=notes,
+        showlegend=has_legend,
+        legend=style.switches(1.12 if picture.hertz else 1.01),
+        margin={"l": 72, "r": 16, "t": top or 12, "b": 52},
+    )
+    return {"data": traces, "layout": layout}
 
 
-def _stems(picture: BodePicture) -> list[dict[str, Any]]:
-    """Margins, as lines from the curve to 0 dB and on to the phase that makes them."""
-    shapes = []
-    for mark in picture.marks:
-        if mark.stem:
-            line = {"color": COLOURS[mark.curve], "width": 1.6, "dash": DASHES[mark.curve]}
-            shapes.append({"type": "line", "x0": mark.omega, "x1": mark.omega, "y0": mark.magnitude, "y1": 0, "yref": "y", "line": line})
-    return shapes
+def _x_axes(picture: Picture) -> dict[str, Any]:
+    count, low, high = len(picture.panels), *picture.x_range
+    common = {"anchor": f"y{count}" if count > 1 else "y", "fixedrange": True}
+    if picture.logarithmic:
+        axes = {"xaxis": style.log_axis(picture.x_title, low, high, **common)}
+    else:
+        axes = {"xaxis": style.axis(picture.x_title, range=[low, high], **common)}
+    if picture.places:
+        axes["xaxis"] |= {"tickvals": list(range(len(picture.places))), "ticktext": list(picture.places)}
+    if picture.hertz:
+        above = {"side": "top", "anchor": "y", "matches": "x", "showgrid": False, "fixedrange": True}
+        axes["xaxis2"] = style.log_axis("frequency [Hz]", low, high, TURN, **above)
+    return axes
 
 
-def _notes(picture: BodePicture) -> list[dict[str, Any]]:
+def _y_axis(panel: Panel, **parts: Any) -> dict[str, Any]:
+    if panel.logarithmic:
+        return style.log_axis(panel.title, *panel.heights, fixedrange=True, **parts)
+    return style.axis(panel.title, range=list(panel.heights), dtick=panel.step, fixedrange=True, **parts)
+
+
+def _line(curve: Curve, place: int, axes: dict[str, str]) -> style.Trace:
+    """A curve; its name stands in the legend once, of the first panel."""
+    hover = {"hoverinfo": "all", "hovertemplate": f"{curve.name}<br>%{{x:.4g}}: %{{y:.4g}}<extra></extra>"}
+    legend = {"name": curve.name, "legendgroup": curve.name, "showlegend": bool(curve.name) and axes["yaxis"] == "y"}
+    inside = {"fill": "toself", "fillcolor": SHADE} if curve.filled else {}
+    return style.line(curve.x, curve.y, COLOURS[place], dash=DASHES[place], width=2.2, **axes, **hover, **legend, **inside)
+
+
+def _bar(mark: Mark, axes: dict[str, str]) -> style.Trace:
+    return style.line([mark.x, mark.x], [mark.y, mark.stem], BAR, width=3, showlegend=False, **axes)
+
+
+def _points(panel: Panel, axes: dict[str, str], kinds: tuple[str, ...]) -> list[style.Trace]:
+    """The marks of each kind; the kinds' names go into the legend."""
+    traces = []
+    for kind, (symbol, color, size) in enumerate(MARKS):
+        marks = [mark for mark in panel.marks if mark.kind == kind]
+        if marks:
+            name = kinds[kind] if kind < len(kinds) else ""
+            text = ["<br>".join(filter(None, (mark.name or name, f"{digits(mark.x)}: {digits(mark.y)}"))) for mark in marks]
+            parts = {"name": name, "showlegend": bool(name), "hoverinfo": "text", "text": text} | axes
+            trace = style.markers([mark.x for mark in marks], [mark.y for mark in marks], symbol, color, size, **parts)
+            if symbol.endswith("open"):
+                trace["marker"]["line"] = {"width": 2.2, "color": color}
+            traces.append(trace)
+    return traces
+
+
+def _names(panel: Panel, axis: str, logarithmic: bool) -> list[style.Annotation]:
     notes = []
-    for mark in picture.marks:
-        colour = COLOURS[mark.curve]
-        notes.append(
-            {
-                "x": math.log10(mark.omega),
-                "y": mark.magnitude,
-                "text": mark.label,
-                "arrowcolor": colour,
-                "arrowhead": 2,
-                "arrowsize": 0.8,
-                "ax": 40 if mark.above else -40,
-                "ay": -28 if mark.above else 28,
-                "xanchor": "left" if mark.above else "right",
-                "bgcolor": "rgba(255,255,255,0.85)",
-            }
-        )
+    for mark in panel.marks:
+        if mark.name:
+            # on a logarithmic axis plotly wants decades
+            x = math.log10(mark.x) if logarithmic else mark.x
+            y = math.log10(mark.y) if panel.logarithmic else mark.y
+            anchors = {key: value for side in mark.side.split() for key, value in SIDES[side].items()}
+            notes.append(style.label(x, y, mark.name, yref=axis, **anchors))
     return notes
 
 
-def _phase_step(picture: BodePicture) -> int:
-    low, high = picture.phase_range
-    return 90 if high - low < 400 else 180
-
-
-def _level(height: float, axis: str) -> dict[str, Any]:
-    """A line across the whole picture at 0 dB or −180°."""
-    line = {"color": "#777777", "width": 1}
-    return {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "yref": axis, "y0": height, "y1": height, "line": line, "layer": "below"}
-
-
-def _gain_map(picture: GainPicture) -> dict[str, Any]:
-    data, notes = [], []
-    for place, (label, outline) in enumerate(picture.outlines):
-        style = {"color": COLOURS[place], "dash": DASHES[place], "width": 2.2}
-        hover = "kp %{x:.4g}, kd %{y:.4g}"
-        inside = {"fill": "toself", "fillcolor": "rgba(0,114,178,0.10)"} if place == 0 else {}
-        curve = {"x": outline[:, 0], "y": outline[:, 1], "mode": "lines", "line": style, "name": label, "hovertemplate": hover}
-        data.append(curve | inside)
-    for point in picture.points:
-        marker = {"symbol": "circle" if point.stable else "x", "size": 12, "color": INK, "line": {"color": "white", "width": 1.5}}
-        data.append({"x": [point.kp], "y": [point.kd], "mode": "markers", "marker": marker, "showlegend": False, "name": point.label})
-        notes.append({"x": point.kp, "y": point.kd, "text": point.label, "ax": 54, "ay": 10 if point.stable else -10})
-    layout = {
-        **_layout(),
-        "margin": {"l": 64, "r": 16, "t": 36, "b": 52},
-        "legend": {"orientation": "h", "x": 0, "y": 1.01, "xanchor": "left", "yanchor": "bottom"},
-        "separators": ".\u202f",
-        "xaxis": {**_axis("kp (N m/rad)"), "range": picture.kp_range, "tickformat": ",d"},
-        "yaxis": {**_axis("kd (N m s/rad)"), "range": picture.kd_range},
-        "annotations": [{**note, "font": {"size": 13}, "arrowwidth": 1, "bgcolor": "rgba(255,255,255,0.85)"} for note in notes],
-    }
-    return {"data": data, "layout": layout}
-
-
-def _axis(title: str) -> dict[str, Any]:
-    return {
-        "title": {"text": title, "font": {"size": 14}},
-        "gridcolor": GRID,
-        "zeroline": False,
-        "linecolor": "#888888",
-        "ticks": "outside",
-    }
-
-
-def _layout() -> dict[str, Any]:
-    return {
-        "font": {"size": 13, "color": INK},
-        "plot_bgcolor": "white",
-        "paper_bgcolor": "white",
-        "margin": {"l": 64, "r": 16, "t": 84, "b": 52},
-        "legend": {"orientation": "h", "x": 0, "y": 1.13, "xanchor": "left", "yanchor": "bottom"},
-        "hovermode": "closest",
-    }
+def _ground(panel: Panel, axis: str) -> list[dict[str, Any]]:
+    """The band and the levels, behind all else."""
+    across = {"x0": 0, "x1": 1, "xref": "paper", "yref": axis, "layer": "below"}
+    shapes = [across | {"type": "line", "y0": y, "y1": y, "line": {"color": "#777", "width": 1.2}} for y in panel.levels]
+    if panel.band is not None:
+        low, high = panel.band
+        shapes.append(across | {"type": "rect", "y0": low, "y1": high, "fillcolor": BAND, "line": {"width": 0}})
+    return shapes

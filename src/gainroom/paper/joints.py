@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+from ..analysis.gain_limit import GainLimit, gain_limit
 from ..system.controller import PD
 from ..system.drive import Drive
 from ..system.loop import Loop, build_loop
@@ -11,6 +12,7 @@ MOTOR_INERTIA = 1.0  # [kg m²] Figs. 4, 5, 9: the printed 1.0e-4 behind the tes
 STIFFNESS = 1e4  # [N m/rad] printed
 DAMPING = 1.0  # [N m s/rad] printed
 LOAD_RATIOS = (0.1, 1.0, 16.0)  # load-to-motor inertia, printed with Fig. 5
+RATIO = 16.0  # of Figs. 4, 7 and 9: the largest of Fig. 5; inferred, Fig. 9's margins require it
 
 DRIVE = Drive(bandwidth=4000.0, damping_ratio=0.9, delay=2e-3)  # inferred
 GAINS = PD(kp=1e4, kd=300.0)  # inferred; Sec. IV-C names them for the biped's joints
@@ -18,6 +20,7 @@ GAINS = PD(kp=1e4, kd=300.0)  # inferred; Sec. IV-C names them for the biped's j
 TESTBED = ElasticJoint.from_motor(rotor_inertia=0.2e-4, gear_ratio=100, link_inertia=4 * 0.2, stiffness=STIFFNESS, damping=DAMPING)
 TESTBED_DRIVE = replace(DRIVE, delay=2.674e-3)  # inferred: 4 to 6 ticks of 0.5 ms are printed
 TESTBED_KP = 1600.0  # [N m/rad] printed
+STABLE_KV, VIBRATING_KV = 70.0, 80.0  # [N m s/rad] the two trials of Fig. 11, printed
 SAMPLE_TIME = 5e-4  # [s] the 2 kHz of Sec. IV
 
 
@@ -34,3 +37,8 @@ def rigid(joint: ElasticJoint) -> ElasticJoint:
 def torque_to_position(joint: ElasticJoint, delay: float = 0.0) -> Loop:
     """P_M e^{−sT} by itself, as the loop of a unit gain: Γ → P_M of eq. (2)."""
     return build_loop(joint, Drive(delay=delay), PD(1.0, 0.0))
+
+
+def limit_with_load(load: float, gains: PD = GAINS, delay: float = DRIVE.delay) -> GainLimit:
+    """The factor on `gains` at the edge of stability of the joint with a load of `load` [kg m²], with Fig. 9's drive; `delay` [s]."""
+    return gain_limit(build_loop(joint_with_load(load / MOTOR_INERTIA), replace(DRIVE, delay=delay), gains))

@@ -1,164 +1,121 @@
-"""What is drawn, as numbers: curves and marks. page.py turns them into pictures."""
+"""What is drawn, as numbers: panels of curves and marks above each other over one axis. drawing.py turns them into plotly's format."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..linear.arrays import Complexes, Floats
 from ..system.loop import Loop
-
-Array = NDArray[np.float64]
 
 AXIS = (1.0, 1e5)  # [rad/s] of every Bode plot in the paper
 
 
 @dataclass(frozen=True)
-class BodeCurve:
-    """A response over omega [rad/s] (k,): magnitude [dB] (k,), phase by continuity [deg] (k,)."""
+class Curve:
+    """y over x, both (k,); its name is in the legend. `filled`: what it encloses is shaded."""
 
-    label: str
-    omega: Array
-    magnitude: Array
-    phase: Array
+    name: str
+    x: Floats
+    y: Floats
+    filled: bool = False
 
 
 @dataclass(frozen=True)
 class Mark:
-    """A named frequency on curve number `curve`: at `magnitude` [dB], with a `stem` up to 0 dB where it shows a margin.
+    """A point with its name on a `side` of it: "left", "right", "above", "below", or two of them.
 
-    above   whether there is room for the label above the curve rather than below
+    kind   0, 1, 2 … tells sorts of marks apart
+    stem   height that a bar runs to from the point
     """
-
-    curve: int
-    omega: float
-    magnitude: float
-    label: str
-    stem: bool = False
-    above: bool = True
-
-
-@dataclass(frozen=True)
-class BodePicture:
-    """Magnitude and phase over one frequency axis, in the paper's ranges [dB], [deg]."""
-
-    id: str
-    title: str
-    caption: str
-    curves: tuple[BodeCurve, ...]
-    marks: tuple[Mark, ...]
-    magnitude_range: tuple[float, float]
-    phase_range: tuple[float, float]
-
-
-@dataclass(frozen=True)
-class GainPoint:
-    """A pair of gains and what was seen there."""
-
-    kp: float
-    kd: float
-    label: str
-    stable: bool
-
-
-@dataclass(frozen=True)
-class GainPicture:
-    """Stability boundaries in the kp–kd plane: (label, outline (m, 2)) each, the first one's inside shaded; and points."""
-
-    id: str
-    title: str
-    caption: str
-    outlines: tuple[tuple[str, Array], ...]
-    points: tuple[GainPoint, ...]
-    kp_range: tuple[float, float]
-    kd_range: tuple[float, float]
-
-
-@dataclass(frozen=True)
-class Curve:
-    """y over x, both (k,), with its name, if it needs one, at x = `named_at` on one `side` of the line as with Spot."""
-
-    label: str
-    x: Array
-    y: Array
-    named_at: float
-    side: str = "above"
-
-
-@dataclass(frozen=True)
-class Spot:
-    """A point of interest with its name to the "left", "right", "above" or "below"; `kind` 0, 1, 2 … tells sorts of points apart."""
 
     x: float
     y: float
-    label: str
+    name: str = ""
     kind: int = 0
     side: str = "right"
+    stem: float | None = None
 
 
 @dataclass(frozen=True)
 class Panel:
-    """One picture of several above each other; `band`: heights between which a claim holds."""
+    """Curves and marks between two heights.
+
+    band     heights between which a claim holds
+    levels   heights with a line across the panel
+    step     between ticks; None: any
+    """
 
     title: str
     heights: tuple[float, float]
-    curves: tuple[Curve, ...]
-    spots: tuple[Spot, ...] = ()
+    curves: tuple[Curve, ...] = ()
+    marks: tuple[Mark, ...] = ()
     band: tuple[float, float] | None = None
+    levels: tuple[float, ...] = ()
+    step: float | None = None
     logarithmic: bool = False
 
 
 @dataclass(frozen=True)
-class CurvePicture:
-    """Panels over one logarithmic axis, or a linear one; `kinds` names the sorts of spots."""
+class Picture:
+    """Panels over one axis.
 
-    id: str
+    kinds         names of the sorts of marks
+    logarithmic   the axis; `hertz`: it is in rad/s, and stands above the panels in Hz as well
+    places        names of x = 0, 1, 2 … instead of numbers
+    """
+
     title: str
     caption: str
     x_title: str
     x_range: tuple[float, float]
     panels: tuple[Panel, ...]
     kinds: tuple[str, ...] = ()
-    logarithmic: bool = True
+    logarithmic: bool = False
+    hertz: bool = False
+    places: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
-class Dots:
-    """One sort of dots, one value per line of the picture, NaN where it has none."""
-
-    label: str
-    values: Array
-
-
-@dataclass(frozen=True)
-class DotPicture:
-    """Factors, line by line, on a logarithmic axis with 1 marked; `band`: what counts as agreeing."""
-
-    id: str
-    title: str
-    caption: str
-    x_title: str
-    x_range: tuple[float, float]
-    lines: tuple[str, ...]
-    series: tuple[Dots, ...]
-    band: tuple[float, float] | None = None
-
-
-Picture = BodePicture | GainPicture | CurvePicture | DotPicture
+def bode(
+    title: str,
+    caption: str,
+    loops: Mapping[str, Loop],
+    magnitudes: tuple[float, float],
+    phases: tuple[float, float],
+    marks: tuple[Mark, ...] = (),
+) -> Picture:
+    """Magnitude [dB] and phase [°] of scalar continuous loops by their names, over AXIS; `marks` are on the magnitudes."""
+    drawn = [(name, *_response(loop)) for name, loop in loops.items()]
+    panels = (
+        Panel("magnitude [dB]", magnitudes, tuple(Curve(name, omega, size) for name, omega, size, _ in drawn), marks, levels=(0.0,)),
+        Panel(
+            "phase [°]",
+            phases,
+            tuple(Curve(name, omega, phase) for name, omega, _, phase in drawn),
+            levels=(-180.0,),
+            step=90 if phases[1] - phases[0] < 400 else 180,
+        ),
+    )
+    return Picture(title, caption, "frequency [rad/s]", AXIS, panels, logarithmic=True, hertz=True)
 
 
-def bode_curve(label: str, loop: Loop) -> BodeCurve:
-    """The curve of a scalar continuous loop; its phase is the sum of its roots' angles, hence continuous without unwrapping."""
+def decibels(loop: Loop, omega: float) -> float:
+    """|L(jω)| [dB] of a scalar loop."""
+    return float(20 * np.log10(np.abs(loop.response(omega).item())))
+
+
+def _response(loop: Loop) -> tuple[Floats, Floats, Floats]:
+    """omega [rad/s], magnitude [dB] and phase [°]; the phase is the sum of its roots' angles, hence continuous without unwrapping."""
     system = loop.scalar
     assert system is not None
     omega = _grid(np.concatenate([system.zeros, system.poles]), system.delay)
-    value = np.abs(system.response(omega))
     phase = np.full(len(omega), 0.0 if system.gain > 0 else -np.pi) - omega * system.delay
     for roots, sign in ((system.zeros, 1), (system.poles, -1)):
         phase += sign * np.angle(1j * omega[:, None] - roots).sum(axis=1)
-    return BodeCurve(label, omega, 20 * np.log10(value), np.degrees(phase))
+    return omega, 20 * np.log10(np.abs(system.response(omega))), np.degrees(phase)
 
 
-def _grid(roots: NDArray[np.complex128], delay: float) -> Array:
+def _grid(roots: Complexes, delay: float) -> Floats:
     """Frequencies over AXIS, dense around each resonance; past ten turns of the delay's phase the curves are off the paper's axes."""
     parts = [np.geomspace(*AXIS, 400)]
     for root in roots[roots.imag > 0]:

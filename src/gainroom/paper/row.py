@@ -34,11 +34,6 @@ class Row:
         """The note says what becomes of one of the paper's conclusions."""
         return self.note.startswith("Claim ")
 
-    @property
-    def difference(self) -> float | None:
-        """computed − paper; None between verdicts."""
-        return None if isinstance(self.paper, bool) else float(self.computed) - self.paper
-
 
 def compare(key: str, paper: float, computed: float, unit: str, tolerance: float, note: str = "", printed: str = "") -> Row:
     """A row that agrees when `computed` lies within `tolerance` of `paper`."""
@@ -59,10 +54,12 @@ def at_least(key: str, least: float, computed: float, unit: str, note: str) -> R
 
 def same(key: str, paper: bool, computed: bool, note: str) -> Row:
     """A row of verdicts."""
-    return Row(key, paper, computed, "", paper is computed, note, 0.0, "stable" if paper else "vibrates")
+    return Row(key, paper, computed, "", paper is computed, note, 0.0, "yes" if paper else "no")
 
 
-def split(rows: Iterable[Row]) -> tuple[list[Row], list[Row]]:
-    """Numbers that the paper prints, and further checks."""
-    rows = list(rows)
-    return [row for row in rows if row.printed], [row for row in rows if not row.printed]
+def counts(rows: Iterable[Row]) -> tuple[int, int, int, int]:
+    """Numbers that the paper prints: how many agree, and how many there are; the same of further checks."""
+    printed, further = [], []
+    for row in rows:
+        (printed if row.printed else further).append(row.agrees)
+    return sum(printed), len(printed), sum(further), len(further)

@@ -89,8 +89,8 @@ def _range(values: Floats, least: float, room: float) -> list[float]:
 def _layout(study: JointStudy, span: tuple[float, float], levels: list[float], angles: list[float], notes: list[style.Annotation]) -> dict:
     top = {"side": "top", "anchor": "y", "matches": "x", "showgrid": False}
     return style.layout(
-        xaxis=style.frequency_axis("frequency [rad/s]", *span, anchor="y2", domain=[0, 1]),
-        xaxis2=style.frequency_axis("frequency [Hz]", *span, scale=2 * math.pi, **top),
+        xaxis=style.log_axis("frequency [rad/s]", *span, anchor="y2", domain=[0, 1]),
+        xaxis2=style.log_axis("frequency [Hz]", *span, scale=2 * math.pi, **top),
         yaxis=style.axis("magnitude |L| [dB]", domain=[0.47, 1], range=levels, dtick=20, anchor="x2"),
         yaxis2=style.axis("phase arg L [°]", domain=[0, 0.44], range=angles, dtick=90),
         showlegend=True,

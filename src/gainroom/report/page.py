@@ -1,6 +1,6 @@
 """The skeleton of every report page: one self-contained HTML file with its style, its pictures and the library that draws them.
 
-A page is  page(title, lead, cards, sections, footer);  what goes into a section is made by figure, table, paragraph, facts and block.
+A page is  page(title, lead, cards, sections, footer);  what goes into a section is made by figure, table, paragraph, facts, block, details.
 Plain strings are escaped wherever they enter; only Html, made here, passes as it is. Figures are dicts in plotly's own format
 ({"data": [...], "layout": {...}}) or plotly figures; numpy arrays may stand anywhere in them.
 """
@@ -130,6 +130,11 @@ def paragraph(text: str) -> Html:
 def block(text: str) -> Html:
     """A command or a file as it is typed."""
     return Html(f"<pre>{escape(text)}</pre>")
+
+
+def details(summary: str, *parts: str) -> Html:
+    """Parts to be opened by a click on their summary line."""
+    return Html(f"<details><summary>{_inline(summary)}</summary>{''.join(map(_flow, parts))}</details>")
 
 
 def beside(*parts: str) -> Html:

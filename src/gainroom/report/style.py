@@ -22,6 +22,7 @@ DARK = {PURPLE: "#96386f", GREEN: "#00704f", VERMILION: "#b34a00"}  # the same h
 UNSTABLE_GROUND = "#fdf1e9"
 TEXT = 13  # [px]
 LONGEST = 26  # characters of a name in a picture
+ROUNDING = 1e-9  # relative: a tick at an axis's end is on it
 NARROW = {"margin.l": 58, "margin.r": 8}
 
 Trace = dict[str, Any]
@@ -62,15 +63,15 @@ def axis(title: str, **parts: Any) -> dict[str, Any]:
     return base | parts
 
 
-def frequency_axis(title: str, low: float, high: float, scale: float = 1.0, **parts: Any) -> dict[str, Any]:
-    """A logarithmic axis over [low, high] rad/s with a tick at every 1, 2 and 5, written in units of `scale` rad/s (2π: Hz)."""
+def log_axis(title: str, low: float, high: float, scale: float = 1.0, **parts: Any) -> dict[str, Any]:
+    """A logarithmic axis over [low, high] with a tick at every 1, 2 and 5, written in units of `scale` (2π: rad/s in Hz)."""
+    wide = high / low > 3e3  # only powers of ten have room for their names
     ticks, names = [], []
     for decade in range(math.floor(math.log10(low / scale)), math.ceil(math.log10(high / scale)) + 1):
         for step in (1, 2, 5):
             value = step * 10.0**decade
-            if low <= value * scale <= high:
+            if low <= value * scale * (1 + ROUNDING) and value * scale <= high * (1 + ROUNDING):
                 ticks.append(value * scale)
-                wide = high / low > 3e3
                 names.append(digits(value) if step == 1 or not wide else "")
     span = [math.log10(low), math.log10(high)]
     return axis(title, type="log", range=span, tickmode="array", tickvals=ticks, ticktext=names, **parts)
