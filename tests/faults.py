@@ -14,7 +14,7 @@ from gainroom.files.logs import read_log
 EXAMPLES = example_texts()
 OLD = "what was here before"
 STATUSES = {signal.SIGINT: 130, signal.SIGTERM: 143}
-BIPED = Path(gr.__path__[0]) / "robots" / "biped.urdf"
+BIPED = Path(gr.__path__[0]) / "robot" / "models" / "biped.urdf"
 SHORT = "scenario: {duration: 0.2, reference: {type: step, by: 0.01}}\n"
 GAINS = "default: {kp: 100.0, kd: 5.0, motor_inertia: 0.1}\n"
 

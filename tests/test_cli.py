@@ -302,7 +302,7 @@ def test_a_joint_without_a_scenario_loads_no_simulation(folder: Path):
     assert "gainroom.studies.joint" in loaded
     packages = {name.partition(".")[0] for name in loaded}
     assert not packages & {"scipy", "numba", "plotly", "control", "mujoco", "pinocchio"}
-    assert not loaded & {f"gainroom.{name}" for name in ("simulation", "scenario_sections", "robot", "robot_config", "report")}
+    assert not loaded & {f"gainroom.{name}" for name in ("simulation", "files.joint_scenario", "robot", "files.robot_yaml", "report.joint")}
 
 
 def test_a_reader_that_leaves_early_does_no_harm():

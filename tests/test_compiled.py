@@ -12,7 +12,7 @@ import pytest
 from numba.core.caching import CacheImpl
 
 KERNEL = """
-from gainroom.compiled import cached_njit
+from gainroom.analysis.compiled import cached_njit
 
 @cached_njit(error_model="numpy")
 def halved(x):

@@ -109,6 +109,11 @@ def look_at_margins(pair: Pair, margins: gr.JointMargins, found: Found) -> None:
     delay = margins.delay_margin
     if margins.delay_certificate is not None and margins.delay_certificate.holds and delay < longest:
         found.ends("delay margin", *(unstable(machine.delayed(delay * (1 + way * INSIDE))) for way in (-1, 1)))
+    elif delay == math.inf:
+        found["no delay margin"] += 1
+        found.wrong += [
+            f"no delay margin: unstable {late:g} s later" for late in (0.1 * longest, longest) if unstable(machine.delayed(late))
+        ]
     phase = margins.phase_margin
     if machine.sample_time is None and machine.size < 8 and margins.phase_certificate is not None and margins.phase_certificate.holds:
         counts = [(0, 0), (0, 0)]

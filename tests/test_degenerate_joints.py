@@ -7,6 +7,7 @@ import pytest
 
 import gainroom as gr
 from gainroom.analysis import acceleration
+from gainroom.cli import main
 from independent.joint import PDJoint
 from wide_joints import Case
 
@@ -85,3 +86,15 @@ def test_roots_on_the_boundary_under_any_gain(factor, damping, sample_time, comp
     joint = PDJoint(0.2, 0.8, 1e4, damping, kp=0.0, kd=0.0, delay=2e-3, bandwidth=4000.0)
     case = Case(joint, "PD", (1600.0 * factor, 70.0 * factor), notches=((300.0, 0.5, 0.0),), sample_time=sample_time)
     assert gr.margins(case.loop()).unstable_roots == case.truth().count()
+
+
+def test_values_beyond_all_reckoning_are_refused_in_one_line(tmp_path, capsys):
+    """Each is allowed by itself; together their response overflows."""
+    path = tmp_path / "joint.yaml"
+    path.write_text(
+        "joint: {motor_inertia: 1.0e-12, link_inertia: 1.0e12, stiffness: 1.0e-12}\n"
+        "drive: {bandwidth: 4000, delay_ms: 2}\ncontrol: {type: pd, kp: 1.0e6, kd: 1.0e6, feedback: motor}\n",
+        "utf-8",
+    )
+    assert main(["joint", str(path)]) == 2
+    assert "look for values that are many orders of magnitude off" in capsys.readouterr().err

@@ -323,7 +323,7 @@ def test_a_signal_while_it_loads_is_one_line(folder: Path, module: str, number: 
 
 def test_a_fault_of_the_program_is_not_unstable(folder: Path):
     """Status 1 is an answer; an exception that nobody foresaw is none."""
-    program = "import gainroom.study as s; s.study_joint = None\nimport sys; from gainroom.cli import main; sys.exit(main())"
+    program = "import gainroom.studies.joint as s; s.study_joint = None\nimport sys; from gainroom.cli import main; sys.exit(main())"
     command = [sys.executable, "-c", program, "joint", "joint.yaml"]
     run = subprocess.run(command, cwd=folder, capture_output=True, text=True, env=environment(), check=False)
     assert run.returncode == 2

@@ -162,7 +162,7 @@ def test_a_full_disk_leaves_the_older_log(form, tmp_path: Path):
     with open_log(path, ("joint",)) as log:
         log.write(block(30))
     program = (
-        "import resource, sys, numpy as np; from gainroom.io.logs import open_log\n"
+        "import resource, sys, numpy as np; from gainroom.files.logs import open_log\n"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))\n"
         "with open_log(sys.argv[1], ('joint',), ('target_torque',)) as log:\n"
         "    for first in range(0, 40_000, 400):\n"
@@ -181,7 +181,7 @@ def test_a_killed_run_leaves_what_was_flushed(form, tmp_path: Path):
     path = tmp_path / f"run.{form}"
     path.write_bytes(b"an older log")
     program = (
-        "import os, sys, numpy as np; from gainroom.io.logs import open_log\n"
+        "import os, sys, numpy as np; from gainroom.files.logs import open_log\n"
         "with open_log(sys.argv[1], ('joint',), ('target_torque',)) as log:\n"
         "    for first in (0, 40):\n"
         "        log.write({'time': 5e-4 * (first + np.arange(40)), 'target_torque': np.ones((40, 1))})\n"

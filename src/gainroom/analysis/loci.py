@@ -37,6 +37,7 @@ STEEPEST = 2.5  # of a fall, about 1: from two integrators and a memory, 3, to a
 ASTRAY = 0.02  # of the order of a fall: more tells of round-off
 REAL = 0.3  # part of its size up to which what is imaginary of a locus near ω = 0 is taken for the distance to 0
 PER_DECADE = 6
+OUTSIDE = 10.0  # size of what integrators make of the lowest samples: no locus crosses the unit circle further down
 BESIDE = 1.02  # a step so short, from the lowest sample, that the nearest locus is the same, or falls alike
 AROUND = np.array([-6.0, -1.5, 0.0, 1.5, 6.0])  # half-widths of a resonance that are sampled
 LOWEST = 1e-12  # of the highest frequency
@@ -300,6 +301,7 @@ class Sweep:
         for _ in range(40):
             falls = self._falls()
             settled = np.all(np.abs(falls - np.round(falls)) < 0.05) and self.omega[0] < self._slowest
+            settled &= self._for_limit or not np.any((falls > 0.5) & (np.abs(self.loci[0]) < OUTSIDE))
             if settled or self._bottom or np.abs(self.loci[0]).max() > HUGE or self.omega[0] < 1e3 * LOWEST * self.omega[-1]:
                 break
             self._further_down(lambda falls: np.abs(falls - 1) > STEEPEST)
@@ -378,10 +380,17 @@ def _middle(low: Floats, high: Floats) -> Floats:
     return np.where(high > 4 * low, np.sqrt(low * high), 0.5 * (low + high))
 
 
+def _longest_delay(loop: Loop) -> float:
+    """[s], with the hold of a sampled loop: below its inverse a delay turns no locus by more than 1 rad. 0 where it is not known."""
+    if loop.delays is not None:
+        return float(loop.delays.max(initial=0.0))
+    return 0.0 if loop.parts is None else max(drive.delay for drive in loop.parts.drives) + (loop.sample_time or 0.0)
+
+
 def _first_grid(loop: Loop, last: float | None) -> Floats:
     """Every order of magnitude, every resonance on its own scale, and several samples per turn of the delay."""
     bends = loop.bends
-    longest = float(loop.delays.max(initial=0.0)) if loop.delays is not None else 0.0
+    longest = _longest_delay(loop)
     sizes = np.append(np.abs(bends)[np.abs(bends) > 0], 1 / longest if longest else [])
     low, high = (0.1 * sizes.min(), 3 * sizes.max()) if len(sizes) else (0.1, 10.0)
     high = high if last is None else last

@@ -83,6 +83,8 @@ def unstable_roots(loop: Loop, scan: Scan | None = None) -> int:
     on_boundary = sum(abs(size - 1) < MARGINAL for size in scan.phases[:, 1].tolist())
     if not on_boundary:  # L may also lie along the real axis, as 1/s² does, and meet −1 without crossing it
         on_boundary = sum(abs(math.remainder(phase, 2 * math.pi)) > math.pi - MARGINAL for phase in scan.gains[:, 1].tolist())
+    if math.isnan(scan.half_turns):
+        raise GainroomError("loop: its turns about −1 cannot be computed: look for values that are many orders of magnitude off")
     return round(loop.unstable_poles - scan.half_turns) + on_boundary
 
 
