@@ -43,11 +43,11 @@ def test_joints_that_do_not_couple_are_single_joints(sample_time):
     regions = [gr.pd_region(joint, DRIVE, sample_time=sample_time) for joint in joints]
     assert found.limit.gain == pytest.approx(min(one.gain_margin for one in margins), rel=1e-9)
     assert found.phase_margin == pytest.approx(min(abs(one.phase_margin) for one in margins), rel=1e-8)
-    assert found.others_closed == pytest.approx([one.gain_margin for one in margins], rel=1e-8)
-    assert found.largest_kd == pytest.approx([region.max_kd(p) for region, p in zip(regions, kp, strict=True)], rel=1e-8)
+    assert found.one_loop.gain_margin == pytest.approx([one.gain_margin for one in margins], rel=1e-8)
+    assert found.one_loop.largest_kd == pytest.approx([region.max_kd(p) for region, p in zip(regions, kp, strict=True)], rel=1e-8)
     if sample_time is None:  # a fraction of a tick is not just a phase
         assert found.delay_margin == pytest.approx(min(one.delay_margin for one in margins), rel=1e-8)
-    for joint, p, d, largest in zip(joints, kp, kd, found.largest_kp, strict=True):
+    for joint, p, d, largest in zip(joints, kp, kd, found.one_loop.largest_kp, strict=True):
         assert gr.is_stable(gr.build_loop(joint, DRIVE, gr.PD(p + (largest - p) * (1 - 1e-6), d), sample_time=sample_time))
         assert not gr.is_stable(gr.build_loop(joint, DRIVE, gr.PD(p + (largest - p) * (1 + 1e-6), d), sample_time=sample_time))
 
@@ -58,7 +58,7 @@ def test_one_joint_is_a_robot_with_one():
     assert found.limit.gain == pytest.approx(alone.gain_margin, rel=1e-9)
     assert found.limit.gain == pytest.approx(2.5650059284821042, rel=1e-9)
     assert found.delay_margin == pytest.approx(alone.delay_margin, rel=1e-9)
-    assert found.others_closed[0] == pytest.approx(alone.gain_margin, rel=1e-8)
+    assert found.one_loop.gain_margin[0] == pytest.approx(alone.gain_margin, rel=1e-8)
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -87,10 +87,10 @@ def test_each_loop_with_the_others_closed(seed, sample_time):
     for i in range(loop.size):
         own = np.arange(loop.size) == i
         for share, stays in ((1 - 1e-4, True), (1 + 1e-4, False)):
-            factor = np.where(own, 1 + share * (found.others_closed[i] - 1), 1.0)
-            cases = [(kp * factor, kd * factor, found.others_closed[i])]
-            cases.append((kp + own * share * (found.largest_kp[i] - kp[i]), kd, found.largest_kp[i]))
-            cases.append((kp, kd + own * share * (found.largest_kd[i] - kd[i]), found.largest_kd[i]))
+            factor = np.where(own, 1 + share * (found.one_loop.gain_margin[i] - 1), 1.0)
+            cases = [(kp * factor, kd * factor, found.one_loop.gain_margin[i])]
+            cases.append((kp + own * share * (found.one_loop.largest_kp[i] - kp[i]), kd, found.one_loop.largest_kp[i]))
+            cases.append((kp, kd + own * share * (found.one_loop.largest_kd[i] - kd[i]), found.one_loop.largest_kd[i]))
             for raised_kp, raised_kd, limit in cases:
                 if limit < inf:
                     assert (unstable(with_gains(raised_kp, raised_kd)) == 0) is stays
@@ -110,19 +110,19 @@ def test_units_of_torque_do_not_matter(unit, sample_time):
     first = gr.joint_margins(gr.build_loop(plant, DRIVE, gr.PD(kp, kd), sample_time=sample_time))
     second = gr.joint_margins(gr.build_loop(scaled, DRIVE, gr.PD(unit * kp, unit * kd), sample_time=sample_time))
     assert first.stable
-    assert np.all(np.isfinite(first.largest_kp) & np.isfinite(first.largest_kd) & np.isfinite(first.others_closed))
+    assert np.all(np.isfinite(first.one_loop.largest_kp) & np.isfinite(first.one_loop.largest_kd) & np.isfinite(first.one_loop.gain_margin))
     # Crossings are polished to 1e-14 of L's own size; a scaled matrix rounds differently in its last digits.
     assert second.limit.gain == pytest.approx(first.limit.gain, rel=1e-9)
-    assert second.others_closed == pytest.approx(first.others_closed, rel=1e-9)
-    assert second.largest_kp == pytest.approx(unit * first.largest_kp, rel=1e-9)
-    assert second.largest_kd == pytest.approx(unit * first.largest_kd, rel=1e-9)
+    assert second.one_loop.gain_margin == pytest.approx(first.one_loop.gain_margin, rel=1e-9)
+    assert second.one_loop.largest_kp == pytest.approx(unit * first.one_loop.largest_kp, rel=1e-9)
+    assert second.one_loop.largest_kd == pytest.approx(unit * first.one_loop.largest_kd, rel=1e-9)
 
 
 def test_nothing_is_told_of_an_unstable_loop():
     found = gr.joint_margins(coupled(0).scaled(1e3))
     assert not found.stable
     assert found.limit.gain < 1
-    assert np.isnan([found.phase_margin, found.delay_margin, *found.others_closed]).all()
+    assert np.isnan([found.phase_margin, found.delay_margin, *found.one_loop.gain_margin]).all()
 
 
 def test_callables_are_refused():
@@ -141,15 +141,15 @@ def counted(pair: Pair, joint: int, factor: float) -> int:
 def test_one_loop_at_a_time_where_curves_settle_late(seed, number):
     pair = chain(seed, number)
     found = gr.joint_margins(pair.loop)
-    told = [(joint, ends) for joint, ends in enumerate(zip(found.lower_others_closed, found.others_closed, strict=True))]
+    told = [(joint, ends) for joint, ends in enumerate(zip(found.one_loop.lower_gain_margin, found.one_loop.gain_margin, strict=True))]
     assert found.stable
     for joint, (lower, upper) in told:
-        if not found.others_certified[joint]:
+        if not found.one_loop.certified[joint]:
             continue
         assert counted(pair, joint, max(1.03 * lower, 1e-3)) == counted(pair, joint, min(0.97 * upper, 1e3)) == 0
         assert lower == 0 or counted(pair, joint, 0.97 * lower) > 0
         assert upper > 1e3 or counted(pair, joint, 1.03 * upper) > 0
-    assert number in (531, 454) or np.all(found.others_certified)
+    assert number in (531, 454) or np.all(found.one_loop.certified)
 
 
 @pytest.mark.parametrize(("seed", "number"), [(2017, 227), (5, 180)])

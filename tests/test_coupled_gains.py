@@ -8,8 +8,9 @@ import pytest
 
 import gainroom as gr
 from draws import draw_plant
-from gainroom.analysis.coupled_margins import joint_margins
-from gainroom.analysis.coupled_robustness import Kept, kept_by
+from gainroom.analysis.margin_record import GainLimit, Margins, OneLoop
+from gainroom.analysis.margins import joint_margins
+from gainroom.analysis.quick_margins import quick_margins
 from gainroom.design.gain_search import PRICES, RAISE, raised_gains, rounded, stiffer
 from gainroom.design.margin_slopes import Case, moved
 from gainroom.linear import response_cache as remembered
@@ -24,11 +25,11 @@ REQUIRED = gr.Requirements.usual()
 @pytest.mark.parametrize("gains", [(200.0, 10.0), (3000.0, 40.0), (900.0, 45.0)])
 def test_one_joint_keeps_its_margins(gains):
     loop = gr.build_loop(gr.ElasticJoint(0.2, 0.8, 1e4, 1.0), DRIVE, gr.PD(*gains))
-    kept, exact = kept_by(loop), gr.margins(loop)
+    kept, exact = quick_margins(loop), gr.margins(loop)
     lower = 1 / exact.lower_gain_margin if exact.lower_gain_margin else inf
     # both polished; the peak by narrowing to a millionth of its width, on which it is flat
-    assert kept.gain_margin == pytest.approx(min(exact.gain_margin, lower), rel=1e-9)
-    assert kept.phase_margin == pytest.approx(abs(exact.phase_margin), rel=1e-9)
+    assert kept.least_gain_margin == pytest.approx(min(exact.gain_margin, lower), rel=1e-9)
+    assert kept.least_phase_margin == pytest.approx(abs(exact.phase_margin), rel=1e-9)
     assert kept.peak_sensitivity == pytest.approx(exact.peak_sensitivity, rel=1e-7)
 
 
@@ -41,7 +42,7 @@ def test_coupled_joints_keep_the_least_of_all_their_margins(seed, sample_time):
     loop = gr.build_loop(draw_plant(rng, size), DRIVE, gr.PD(rng.uniform(30, 90, size), rng.uniform(1, 4, size)), sample_time=sample_time)
     whole = joint_margins(loop)
     assert whole.stable
-    kept = kept_by(loop)
+    kept = quick_margins(loop)
     omega = np.geomspace(0.1, 6000.0, 200_000)
     sensitivity = np.diagonal(np.linalg.inv(np.eye(size) + loop.response(omega)), axis1=1, axis2=2)
     own = 1 / sensitivity - 1
@@ -51,10 +52,10 @@ def test_coupled_joints_keep_the_least_of_all_their_margins(seed, sample_time):
     factors = np.exp(np.abs(np.log(-own.real[rows, joints])))
     lower = 1 / whole.limit.lower_gain if whole.limit.lower_gain else inf
     # the grid's steps are 5.5e-5 of ω, over which a phase near a resonance turns by some thousandths
-    assert kept.phase_margin == pytest.approx(min(whole.phase_margin, phases.min(initial=inf)), rel=5e-3)
-    assert kept.phase_margin <= whole.phase_margin * (1 + 1e-9)
-    assert kept.gain_margin == pytest.approx(min(whole.limit.gain, lower, factors.min(initial=inf)), rel=5e-3)
-    assert kept.gain_margin <= min(whole.limit.gain, whole.others_closed.min()) * (1 + 1e-9)
+    assert kept.least_phase_margin == pytest.approx(min(whole.phase_margin, phases.min(initial=inf)), rel=5e-3)
+    assert kept.least_phase_margin <= whole.phase_margin * (1 + 1e-9)
+    assert kept.least_gain_margin == pytest.approx(min(whole.limit.gain, lower, factors.min(initial=inf)), rel=5e-3)
+    assert kept.least_gain_margin <= min(whole.limit.gain, whole.one_loop.gain_margin.min()) * (1 + 1e-9)
     assert kept.peak_sensitivity == pytest.approx(np.abs(sensitivity).max(), rel=1e-4)
     assert kept.peak_sensitivity >= np.abs(sensitivity).max() * (1 - 1e-9)
 
@@ -64,21 +65,21 @@ def test_close_crossings_of_near_equal_limbs_are_not_lost():
     seen = 0
     for number in range(60):
         loop = limbs(2017, number).loop
-        kept = kept_by(loop)
+        kept = quick_margins(loop)
         if not kept.stable:
             continue
         whole = joint_margins(loop)
         lower = 1 / whole.limit.lower_gain if whole.limit.lower_gain else inf
-        assert kept.common_phase == pytest.approx(whole.phase_margin, rel=1e-5)  # ends are counted 1e-6 beside
-        assert kept.gain_margin <= min(whole.limit.gain, lower) * (1 + 1e-5)
+        assert kept.phase_margin == pytest.approx(whole.phase_margin, rel=1e-5)  # ends are counted 1e-6 beside
+        assert kept.least_gain_margin <= min(whole.limit.gain, lower) * (1 + 1e-5)
         seen += 1
     assert seen > 20
 
 
 def test_an_unstable_loop_keeps_nothing():
     loop = gr.build_loop(gr.ElasticJoint(0.2, 0.8, 1e4, 1.0), DRIVE, gr.PD(2000.0, 300.0))
-    assert not kept_by(loop).stable
-    assert not kept_by(loop).meets(REQUIRED)
+    assert not quick_margins(loop).stable
+    assert not REQUIRED.met_by(quick_margins(loop))
 
 
 def case_of(plant, required=REQUIRED, delay=2e-3, torque=None, sample_time=None) -> Case:
@@ -97,7 +98,7 @@ def soft(size):
 
 
 def holds(case: Case, gains) -> bool:
-    return case.kept(gains).meets(case.required)
+    return case.required.met_by(case.margins(gains))
 
 
 def found_for(cases, groups=None, **kwargs):
@@ -118,7 +119,7 @@ def test_none_can_be_raised(seed, sample_time):
     cases = [case_of(plant, required, delay, torque, sample_time) for delay in (2e-3, 3e-3)]
     found = found_for(cases)
     assert all(holds(case, found.gains) for case in cases)
-    assert list(found.kept) == [case.kept(found.gains) for case in cases]
+    assert list(found.margins) == [case.margins(found.gains) for case in cases]  # the very records
     assert found.gains.tolist() == rounded(found.gains).tolist()  # what is typed in is what was looked at
     for j in range(torque.shape[1]):
         for power in (0.0, 1.0):
@@ -182,12 +183,12 @@ def test_alike_directions_get_equal_gains():
 
 def margins_missed(case: Case, gains) -> dict[str, float]:
     """What is missed of each requirement at its worst, by definition."""
-    kept = case.kept(gains)
+    kept = case.margins(gains)
     assert kept.stable
     return {
-        "gain_margin": log(REQUIRED.gain_margin / kept.gain_margin),
-        "common phase": 1 - kept.common_phase / REQUIRED.phase_margin,
-        "phase of one loop": 1 - kept.single_phase / REQUIRED.phase_margin,
+        "gain_margin": log(REQUIRED.gain_margin / kept.least_gain_margin),
+        "common phase": 1 - kept.common_phase_margin / REQUIRED.phase_margin,
+        "phase of one loop": 1 - kept.one_loop_phase_margin / REQUIRED.phase_margin,
         "peak_sensitivity": log(kept.peak_sensitivity / REQUIRED.peak_sensitivity),
     }
 
@@ -232,7 +233,7 @@ def test_what_is_seen_to_break_breaks(seed, sample_time):
         case.seen(found)
         name = case.breaks(gains)
         said.append(bool(name))
-        assert not name or not REQUIRED.met(name, getattr(case.kept(gains), name))
+        assert not name or not REQUIRED.met(name, case.margins(gains).least(name))
     assert True in said
     assert False in said
 
@@ -254,6 +255,13 @@ def test_what_nothing_limits_says_so():
     assert found.gains[0, 0] > 1e3 / 1.05**2
 
 
+def margins_with(gain_margin: float, phase_margin: float, peak_sensitivity: float) -> Margins:
+    """Of one joint."""
+    one_loop = replace(OneLoop.unknown(1), gain_margin=np.array([inf]), lower_gain_margin=np.zeros(1), phase_margin=np.array([inf]))
+    limit = replace(GainLimit.unknown(1), gain=gain_margin, lower_gain=0.0)
+    return Margins(limit, one_loop, phase_margin=phase_margin, peak_sensitivity=peak_sensitivity)
+
+
 @pytest.mark.parametrize("name", ["gain_margin", "phase_margin", "peak_sensitivity"])
 def test_met_to_round_off_and_no_further(name: str):
     """A margin that misses its requirement by less than 1e-6 of it is met, one that misses it by more is not and does not read as if."""
@@ -262,9 +270,9 @@ def test_met_to_round_off_and_no_further(name: str):
     worse = 1.0 if name == "peak_sensitivity" else -1.0  # towards what is not allowed
     for miss, met in ((0.9e-6, True), (1.2e-6, False), (2e-5, False)):
         value = needed * (1 + worse * miss)
-        kept = replace(Kept(True, 10.0, 2.0, 1.2), **{name: value})
+        found = margins_with(**({"gain_margin": 10.0, "phase_margin": 2.0, "peak_sensitivity": 1.2} | {name: value}))
         assert asked.met(name, value) is met
-        assert kept.meets(asked) is met
+        assert asked.met_by(found) is met
         shown = margin_value(asked, name, value, met, 3)
         assert (shown == margin_value(asked, name, needed, True, 3)) is met
     assert asked.met(name, nan) is False

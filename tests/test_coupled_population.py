@@ -120,14 +120,13 @@ def look_at_margins(pair: Pair, margins: gr.JointMargins, found: Found) -> None:
         for lowest in (1e-3, 1e-7):  # a locus that the gains hardly reach may be at 1 as slowly as that
             if not any(counts[1]):
                 counts = [
-                    [turns(machine, way * phase * (1 + side * 1e-4), margins.phase_frequency, lowest) for way in (-1, 1)]
-                    for side in (-1, 1)
+                    [turns(machine, way * phase * (1 + side * 1e-4), margins.gain_crossover, lowest) for way in (-1, 1)] for side in (-1, 1)
                 ]
         found.ends("phase margin", *(sum(abs(one) for one in both) for both in counts))
     for joint in range(0, machine.size, max(1, machine.size // 4)):
-        found["not certified, one loop at a time"] += not margins.others_certified[joint]
-        for end, way in ((margins.others_closed[joint], 1), (margins.lower_others_closed[joint], -1)):
-            if 1e-3 < end < 1e3 and margins.others_certified[joint]:
+        found["not certified, one loop at a time"] += not margins.one_loop.certified[joint]
+        for end, way in ((margins.one_loop.gain_margin[joint], 1), (margins.one_loop.lower_gain_margin[joint], -1)):
+            if 1e-3 < end < 1e3 and margins.one_loop.certified[joint]:
                 what = "one loop at a time, " + ("upper" if way > 0 else "lower")
                 end_of(found, what, lambda factor, joint=joint: machine.with_joint_scaled(joint, factor), end, way)
 

@@ -173,7 +173,8 @@ def test_unstable_loops_have_no_margins(sample_time):
     found = gr.margins(loop.scaled(3.0))
     assert not found.stable
     assert found.unstable_roots == 2
-    numbers = [value for value in found if isinstance(value, float)]
+    numbers = [value for value in vars(found).values() if isinstance(value, float)]
+    numbers += [found.gain_margin, found.phase_crossover, found.lower_gain_margin, found.lower_phase_crossover]
     assert len(numbers) == 14
     assert all(isnan(value) for value in numbers)
     assert found.phase_crossings
@@ -196,10 +197,22 @@ def test_decibels():
     assert from_db(to_db(3.7)) == pytest.approx(3.7, rel=1e-15)
 
 
-def test_several_joints_have_no_scalar_margins():
-    plant = gr.Plant(np.eye(2), 0.5, 1e4, 1.0)
-    with pytest.raises(gr.GainroomError, match=r"loop of 2 joints .* gain_limit"):
-        gr.margins(gr.build_loop(plant, gr.Drive(), gr.PD(1.0, 1.0)))
+def test_margins_of_several_joints_are_one_record():
+    """Two joints that do not couple: of each margin the lesser, and joint by joint its own."""
+    joints = [gr.ElasticJoint(0.2, 0.8, 1e4, 1.0), gr.ElasticJoint(0.5, 0.3, 4e3, 0.5)]
+    names = ("motor_inertia", "stiffness", "damping")
+    data = [np.array([getattr(joint, name) for joint in joints]) for name in names]
+    plant = gr.Plant(np.diag([1 / joint.link_inertia for joint in joints]), *data)
+    drive, kp, kd = gr.Drive(4000.0, 0.9, 2e-3), np.array([200.0, 500.0]), np.array([10.0, 12.0])
+    found = gr.margins(gr.build_loop(plant, drive, gr.PD(kp, kd)))
+    alone = [gr.margins(gr.build_loop(joint, drive, gr.PD(*gains))) for joint, *gains in zip(joints, kp, kd, strict=True)]
+    assert found.certified
+    assert found.disk_certified
+    for name, rel in (("gain_margin", 1e-9), ("delay_margin", 1e-8), ("disk_margin", 2e-3), ("least_gain_margin", 1e-8)):
+        assert getattr(found, name) == pytest.approx(min(getattr(one, name) for one in alone), rel=rel)
+    assert found.peak_sensitivity == pytest.approx(max(one.peak_sensitivity for one in alone), rel=1e-7)
+    assert found.one_loop.gain_margin == pytest.approx([one.gain_margin for one in alone], rel=1e-8)
+    assert found.one_loop.phase_margin == pytest.approx([abs(one.phase_margin) for one in alone], rel=1e-8)
 
 
 @pytest.mark.parametrize(

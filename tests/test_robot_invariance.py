@@ -78,13 +78,13 @@ def test_limits_of_a_plant(seed: int, sample_time: float | None, scale: float):
     assert_allclose(np.abs(second.limit.mode), np.abs(first.limit.mode)[order], atol=1e-5)
     assert second.phase_margin == approx(first.phase_margin, rel=1e-7)
     assert second.delay_margin == approx(first.delay_margin, rel=1e-7)
-    assert_allclose(second.others_closed, first.others_closed[order], rtol=1e-7)
-    assert first.largest_kp is not None
-    assert first.largest_kd is not None
-    assert second.largest_kp is not None
-    assert second.largest_kd is not None
-    assert_allclose(second.largest_kp, scale * first.largest_kp[order], rtol=1e-7)
-    assert_allclose(second.largest_kd, scale * first.largest_kd[order], rtol=1e-7)
+    assert_allclose(second.one_loop.gain_margin, first.one_loop.gain_margin[order], rtol=1e-7)
+    assert first.one_loop.largest_kp is not None
+    assert first.one_loop.largest_kd is not None
+    assert second.one_loop.largest_kp is not None
+    assert second.one_loop.largest_kd is not None
+    assert_allclose(second.one_loop.largest_kp, scale * first.one_loop.largest_kp[order], rtol=1e-7)
+    assert_allclose(second.one_loop.largest_kd, scale * first.one_loop.largest_kd[order], rtol=1e-7)
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -12,8 +12,8 @@ import pytest
 import yaml
 
 import gainroom as gr
-from gainroom.analysis.coupled_margins import joint_margins
-from gainroom.analysis.coupled_robustness import kept_by
+from gainroom.analysis.margins import joint_margins
+from gainroom.analysis.quick_margins import quick_margins
 from gainroom.cli import main
 from gainroom.design.robot_gains import GainSet, RobotGains, recommend_robot
 from gainroom.files.robot_yaml import parse_robot
@@ -88,7 +88,7 @@ def loops(spec: RobotSpec, kp: np.ndarray, kd: np.ndarray, weight: bool) -> dict
 def assert_none_can_be_raised(spec: RobotSpec, found: GainSet) -> None:
     """The definition: kp alone, and kp with kd, of every joint."""
     weight = not found.without_weight
-    assert all(kept_by(loop).meets(spec.requirements) for loop in loops(spec, found.kp, found.kd, weight).values())
+    assert all(spec.requirements.met_by(quick_margins(loop)) for loop in loops(spec, found.kp, found.kd, weight).values())
     for loop in loops(spec, found.kp, found.kd, weight).values():
         whole = joint_margins(loop)  # certified, by other code
         assert spec.requirements.met("phase_margin", whole.phase_margin) is not False
@@ -97,8 +97,8 @@ def assert_none_can_be_raised(spec: RobotSpec, found: GainSet) -> None:
     for j in range(size):
         more = np.where(np.eye(size)[j], 1.05, 1.0)
         for kd in (found.kd, found.kd * more):
-            kept = {title: kept_by(loop) for title, loop in loops(spec, found.kp * more, kd, weight).items()}
-            broken = {title for title, one in kept.items() if not one.meets(spec.requirements)}
+            kept = {title: quick_margins(loop) for title, loop in loops(spec, found.kp * more, kd, weight).items()}
+            broken = {title for title, one in kept.items() if not spec.requirements.met_by(one)}
             assert broken, f"{spec.robot.joint_names[j]} can be raised"
         assert found.case[j] in kept
 
@@ -159,7 +159,7 @@ def test_without_weight_where_it_cannot_be_kept():
     assert found.without_weight
     assert found.nearest
     assert found.topples == ("stand, all",)
-    assert not kept_by(loops(spec, found.kp, found.kd, True)["stand, all"]).stable
+    assert not quick_margins(loops(spec, found.kp, found.kd, True)["stand, all"]).stable
     assert_none_can_be_raised(spec, found)
 
 
@@ -222,8 +222,8 @@ def test_phases_are_the_margins_of_their_names(tmp_path: Path):
     own = 1 / np.diagonal(np.linalg.inv(np.eye(2) + response), axis1=1, axis2=2) - 1
     loci = np.sort_complex(np.linalg.eigvals(response))
     # the grid's steps are 5e-4 of ω, over which a phase turns by as much
-    assert state.kept.single_phase == pytest.approx(least(own), abs=3e-3)
-    assert state.kept.common_phase == pytest.approx(least(loci), abs=3e-3)
+    assert state.margins.one_loop_phase_margin == pytest.approx(least(own), abs=3e-3)
+    assert state.margins.common_phase_margin == pytest.approx(least(loci), abs=3e-3)
 
 
 def test_a_joint_without_kp_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]):

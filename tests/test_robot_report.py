@@ -12,8 +12,8 @@ from numpy.testing import assert_allclose
 from pytest import approx
 
 import gainroom as gr
-from gainroom.analysis.coupled_robustness import kept_by
-from gainroom.analysis.gain_limit import GainLimit
+from gainroom.analysis.margin_record import GainLimit, Margins
+from gainroom.analysis.quick_margins import quick_margins
 from gainroom.files.robot_yaml import parse_robot
 from gainroom.report.number_format import digits
 from gainroom.report.robot import MOST_PICTURES, robot_page
@@ -299,8 +299,8 @@ def test_unmet_requirements_are_told(page, biped):
     """Phase margin and peak sensitivity of the supporting leg fall short; the verdict is that of the states' own loops."""
     own = without_library(page)
     assert '<body class="warn">' in own
-    kept = [kept_by(state.loop) for state in biped.states]
-    assert not all(one.meets(biped.spec.requirements) for one in kept)
+    kept = [quick_margins(state.loop) for state in biped.states]
+    assert not all(biped.spec.requirements.met_by(one) for one in kept)
     peak = max(one.peak_sensitivity for one in kept)
     assert f'<p class="value">{digits(peak, "", 3)}</p>' in own
 
@@ -310,7 +310,7 @@ def test_state_and_joint_tables_hold_the_study(page, biped):
     assert [name.replace("\u00a0", " ") for name in rows] == [state.title for state in biped.states]
     for row, state in zip(rows.values(), biped.states, strict=True):
         assert row[:2] == ["yes", digits(state.limit.gain)]
-        assert row[-1] == digits(state.disk_margin, "", 3)
+        assert row[-1] == digits(state.margins.disk_margin, "", 3)
     joints = cells(without_library(page), "joint")
     assert list(joints) == list(biped.spec.robot.joint_names)
     for name, row in zip(joints, biped.tightest.joints, strict=True):
@@ -376,10 +376,9 @@ def test_gains_that_nothing_limits(tmp_path):
 
 def test_gains_that_no_factor_saves(small_arm):
     (state,) = small_arm.states
-    nothing = np.full(2, math.nan)
     limit = GainLimit(False, 0.0, math.nan, math.nan, np.ones(2, dtype=complex), None)
-    margins = replace(state.margins, limit=limit, phase_margin=math.nan, delay_margin=math.nan, others_closed=nothing)
-    study = replace(small_arm, states=(replace(state, margins=margins, disk_margin=math.nan),))
+    margins = Margins.unknown(limit)
+    study = replace(small_arm, states=(replace(state, margins=margins),))
     html = robot_page(study, COMMAND)
     own = without_library(html)
     assert '<body class="bad">' in own
@@ -419,7 +418,7 @@ def test_a_requirement_that_is_not_met_is_explained(page, biped):
     words = " ".join(re.sub(r"<[^>]*>", " ", unescape(without_library(page))).split())
     state = biped.unmet["phase_margin"]
     assert f"Phase margin of {state.model.size} loops: the smallest angle" in words
-    assert f"in {state.title}, at {state.margins.phase_frequency / (2 * np.pi):.3g} Hz" in words
+    assert f"in {state.title}, at {state.margins.gain_crossover / (2 * np.pi):.3g} Hz" in words
     (told,) = re.findall(
         r"It would be ([\d.]+)° with all kd times 1.25 and ([\d.]+)° with all kp times 0.8, but ([\d.]+)° with all kd", words
     )

@@ -3,19 +3,19 @@
 import json
 import math
 import re
-from dataclasses import replace
+from dataclasses import asdict, replace
 from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
+from numpy.testing import assert_array_equal, assert_equal
 from pytest import approx
 
 import gainroom as gr
-from gainroom.analysis.coupled_robustness import kept_by
 from gainroom.analysis.disk_margin import disk_margin_of
-from gainroom.analysis.gain_limit import GainLimit
+from gainroom.analysis.margin_record import GainLimit
+from gainroom.analysis.quick_margins import quick_margins
 from gainroom.cli import main
 from gainroom.design.robot_gains import recommend_robot
 from gainroom.files.audit_options import AuditOptions, audit_spec
@@ -87,7 +87,11 @@ def without(folder: Path) -> RobotStudy:
 def test_a_state_in_which_nothing_moves_is_apart(leg: RobotStudy, without: RobotStudy):
     (state,), (alone,), (still,) = leg.states, without.states, leg.still
     assert (still.title, still.reason) == ("bent, flight", "the tasks move nothing")
-    assert (state.limit.gain, state.limit.frequency, state.disk_margin) == (alone.limit.gain, alone.limit.frequency, alone.disk_margin)
+    assert (state.limit.gain, state.limit.frequency, state.margins.disk_margin) == (
+        alone.limit.gain,
+        alone.limit.frequency,
+        alone.margins.disk_margin,
+    )
     assert state.joints == alone.joints
     assert leg.stable == without.stable
     assert not without.still
@@ -104,7 +108,7 @@ def test_gains_are_told_only_where_they_move_something(leg: RobotStudy, without:
     flight, stand, everywhere = task.per_contact["flight"], task.per_contact["stand"], task.everywhere
     assert flight is not None
     assert not flight.moves
-    assert np.isnan([*flight.kp, *flight.kd, flight.kept.gain_margin]).all()
+    assert np.isnan([*flight.kp, *flight.kd, flight.margins.gain_margin]).all()
     assert math.isnan(task.cost["flight"])
     alone = without.recommended[1].everywhere
     assert stand is not None
@@ -255,7 +259,7 @@ def test_the_one_safe_set_never_costs_less_than_nothing(folder: Path):
     assert max(gains.cost.values()) > 1.05  # or nothing was tried
     for one in gains.per_contact.values():
         assert one is not None
-        assert one.kept.gain_margin >= 10 ** (6 / 20)
+        assert one.margins.least_gain_margin >= 10 ** (6 / 20)
 
 
 def test_cascade_gains_are_those_that_were_checked(folder: Path):
@@ -269,8 +273,8 @@ def test_cascade_gains_are_those_that_were_checked(folder: Path):
     assert found.ki is not None
     tasks = spec.robot.tasks(state.model)
     gains = {name: np.nan_to_num(getattr(found, name)) for name in ("kp", "kd", "ki")}
-    kept = kept_by(spec.loop(state.model, spec.shaped(replace(tasks, **gains).controller())))
-    assert kept == found.kept
+    kept = quick_margins(spec.loop(state.model, spec.shaped(replace(tasks, **gains).controller())))
+    assert_equal(asdict(kept), asdict(found.margins))
 
 
 ARM = """\
@@ -333,9 +337,11 @@ def test_disk_margin_is_that_of_the_motors_torques(folder: Path):
         return control.matrix(s, s, loop.size, None) @ loop.actuated_at(1j * omega)
 
     omega = np.geomspace(1e-2, 1e4, 400)
-    assert state.disk_margin_certified
-    assert state.disk_margin == approx(disk_margin_of(at_torques, omega).margin, rel=2e-3)  # certified and sampled, each to a thousandth
-    assert state.disk_margin != approx(disk_margin_of(loop.response, omega).margin, rel=0.02)
+    assert state.margins.disk_certified
+    assert state.margins.disk_margin == approx(
+        disk_margin_of(at_torques, omega).margin, rel=2e-3
+    )  # certified and sampled, each to a thousandth
+    assert state.margins.disk_margin != approx(disk_margin_of(loop.response, omega).margin, rel=0.02)
 
 
 def test_gravity_counts_on_two_feet_in_continuous_time():
@@ -351,7 +357,7 @@ def test_gravity_counts_on_two_feet_in_continuous_time():
         assert state.limit.stable
         assert state.limit.certificate.holds
         assert 0 < state.limit.lower_gain < 1
-        assert math.isfinite(state.kept.gain_margin)
+        assert math.isfinite(state.margins.gain_margin)
         sampled = replace(spec, control=replace(spec.control, sample_time=5e-4))
         held = study_state(sampled, posture, "double")
         assert state.limit.lower_gain == approx(held.limit.lower_gain, rel=1e-3)  # of statics, which no sampling changes
@@ -359,13 +365,15 @@ def test_gravity_counts_on_two_feet_in_continuous_time():
 
 def test_what_each_state_keeps(folder: Path, leg: RobotStudy, at_once: None, capsys: pytest.CaptureFixture[str]):
     (state,) = leg.states
-    assert state.kept == kept_by(state.loop)
+    quick = quick_margins(state.loop)  # other searches on the same loci
+    for name in ("gain_margin", "phase_margin", "peak_sensitivity"):
+        assert state.margins.least(name) == approx(quick.least(name), rel=1e-9)
     assert main(["robot", str(folder / "leg.yaml"), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)["states"][1]
-    assert 10 ** (told["kept"]["gain_margin_db"] / 20) == approx(state.kept.gain_margin)
-    assert told["kept"]["phase_margin_deg"] == approx(math.degrees(state.kept.phase_margin))
-    assert told["kept"]["peak_sensitivity"] == state.kept.peak_sensitivity
-    assert told["disk_margin_certified"] is state.disk_margin_certified
+    assert 10 ** (told["kept"]["gain_margin_db"] / 20) == approx(state.margins.least_gain_margin)
+    assert told["kept"]["phase_margin_deg"] == approx(math.degrees(state.margins.least_phase_margin))
+    assert told["kept"]["peak_sensitivity"] == state.margins.peak_sensitivity
+    assert told["disk_margin_certified"] is state.margins.disk_certified
 
 
 @pytest.mark.parametrize(("certified", "shown"), [(True, " 0.25 "), (False, " ~0.25 ")])
@@ -373,7 +381,7 @@ def test_a_disk_margin_that_is_not_certified_says_so(
     folder: Path, leg: RobotStudy, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], certified: bool, shown: str
 ):
     (state,) = leg.states
-    study = replace(leg, states=(replace(state, disk_margin=0.25, disk_margin_certified=certified),))
+    study = replace(leg, states=(replace(state, margins=replace(state.margins, disk_margin=0.25, disk_certified=certified)),))
     monkeypatch.setattr("gainroom.studies.robot.study_robot", lambda spec, progress: study)
     main(["robot", str(folder / "leg.yaml")])
     assert shown in capsys.readouterr().out

@@ -91,7 +91,7 @@ def test_one_joint_is_the_joint_of_issue_one(tmp_path: Path):
     assert row.single_joint_limit == approx(margins.gain_margin, rel=1e-9)
     assert row.limit_others_closed == approx(margins.gain_margin, rel=1e-6)
     assert row.link_inertia == approx(joint.link_inertia, rel=1e-12)
-    assert state.disk_margin == approx(margins.disk_margin, rel=1e-6)
+    assert state.margins.disk_margin == approx(margins.disk_margin, rel=1e-6)
     assert row.kd_max == approx(gr.pd_region(joint, gr.Drive(3000.0, 0.9, 2e-3)).max_kd(900.0), rel=1e-6)
 
 

@@ -10,10 +10,9 @@ if TYPE_CHECKING:
     from typing import Any
 
     from .analysis.acceleration import warmup
-    from .analysis.coupled_margins import JointMargins, joint_margins
     from .analysis.gain_limit import GainLimit, gain_limit
     from .analysis.gain_region import PDRegion, pd_region
-    from .analysis.margins import Margins, margins
+    from .analysis.margins import JointMargins, Margins, joint_margins, margins
     from .analysis.stability import Roots, is_stable, rightmost_roots
     from .design.joint_gains import Recommendation, recommend_pd
     from .errors import GainroomError
@@ -37,10 +36,9 @@ _HOME = {
     "system.controller": ("PD", "PID", "PPI", "Compensator", "LowPass", "Notch"),
     "system.loop": ("Loop", "build_loop", "loop_from", "closed_loop", "ClosedLoop"),
     "analysis.stability": ("is_stable", "rightmost_roots", "Roots"),
-    "analysis.margins": ("margins", "Margins"),
+    "analysis.margins": ("margins", "Margins", "joint_margins", "JointMargins"),
     "analysis.gain_region": ("pd_region", "PDRegion"),
     "analysis.gain_limit": ("gain_limit", "GainLimit"),
-    "analysis.coupled_margins": ("joint_margins", "JointMargins"),
     "design.joint_gains": ("recommend_pd", "Recommendation"),
     "system.requirements": ("Requirements",),
     "system.uncertainty": ("Uncertainty",),

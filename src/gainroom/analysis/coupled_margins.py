@@ -1,22 +1,22 @@
-"""What several coupled loops keep before they vibrate: all together, and each with the others closed."""
+"""Margins of several coupled loops: of all together, and of one loop at a time with the others closed. Each is certified by root counts."""
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from ..errors import GainroomError
 from ..linear.arrays import Booleans, Complexes, Floats, Integers
 from ..system.controller import PD, PID, gain_matrix
 from ..system.loop import Loop
+from .disk_margin import disk_margin
 from .first_crossing import NUDGE, TOWARDS, Certificate, End, Family, Rough, delays, listed, phases
-from .gain_limit import GainLimit, coupled_limit
+from .gain_limit import coupled_limit
 from .loci import CLOSEST, MOST, Sweep, in_blocks, passes
+from .margin_record import Margins, OneLoop
+from .quick_margins import Peak, Sampled, own_phases
+from .sampled_curves import Curves, meets_axis, on_axis
 
-Curves = Callable[[Floats], Complexes]
-"""ω (k,) → (k, m): m scalar responses."""
 LONGEST_DELAY = 1.0  # [s] extra that is looked at: a hundred times what actuators have
 RELATIVE_MOVE = 0.25  # of a curve between samples, near the negative real axis
 REAL = 1e-6  # part of its size up to which what is imaginary at an end of the boundary is taken for round-off
@@ -31,79 +31,54 @@ LEAST_FACTOR = 1e-3  # on one joint's gains: what limits it further down counts 
 FAINTEST = 1e-6  # of a curve's largest value: where it is smaller it is not followed, and what it would limit counts as without limit
 
 
-@dataclass(frozen=True)
-class JointMargins:
-    """Margins of n coupled loops.
+def coupled_margins(loop: Loop) -> Margins:
+    """All margins of a loop built with build_loop, n >= 1, from its loci and from each loop's own curve.
 
-    limit          of the common factor on all gains (see GainLimit)
-    phase_margin   [rad] the smallest common phase, of either sign, that makes them vibrate, at `phase_frequency` [rad/s]; inf: none
-    delay_margin   [s] the smallest extra delay in all of them, at `delay_frequency`; inf: none up to 1 s
-    phase_certificate, delay_certificate   roots counted on both sides of these two, None where there is none
-    others_closed  (n,) largest factor on the gains that act on what one joint measures, all others as they are; inf: none
-    lower_others_closed   (n,) smallest such factor; 0: none above 1e-3
-    others_certified      (n,) True where roots were counted on both sides of both, and of the two below
-    largest_kp, largest_kd   (n,) largest diagonal gains of one joint, the other gains as they are [N m/rad], [N m s/rad]; None where
-                   the controller is neither PD nor PID
-    All but `limit` are NaN, and certified by nothing, for unstable loops.
+    Raises GainroomError for gains that are all zero, and where the loci cannot be followed.
     """
-
-    limit: GainLimit
-    phase_margin: float
-    phase_frequency: float
-    delay_margin: float
-    delay_frequency: float
-    others_closed: Floats
-    largest_kp: Floats | None
-    largest_kd: Floats | None
-    phase_certificate: Certificate | None = None
-    delay_certificate: Certificate | None = None
-    lower_others_closed: Floats = field(default_factory=lambda: np.zeros(0))
-    others_certified: Booleans = field(default_factory=lambda: np.zeros(0, dtype=bool))
-
-    @property
-    def stable(self) -> bool:
-        """At the gains as they are."""
-        return self.limit.stable
-
-    @property
-    def certified(self) -> bool:
-        """True where roots were counted on both sides of every limit and margin."""
-        counted = all(one.holds for one in (self.phase_certificate, self.delay_certificate) if one is not None)
-        return self.limit.certified and counted and bool(np.all(self.others_certified))
-
-
-def joint_margins(loop: Loop) -> JointMargins:
-    """All margins of a loop built with build_loop, n >= 1. Raises GainroomError for callables and for gains that are all zero."""
-    if loop.parts is None:
-        raise GainroomError("joint_margins needs a loop built with build_loop; use margins for a scalar return ratio")
     sweep = Sweep(loop)
+    peak, own_phase = _one_loop_peak_and_phases(sweep)  # first, on samples that no other search has added to
     limit = coupled_limit(sweep)
     if not limit.stable:
-        nothing = np.full(loop.size, math.nan)
-        return JointMargins(limit, math.nan, math.nan, math.nan, math.nan, nothing, nothing, nothing)
+        return replace(Margins.unknown(limit), unstable_roots=max(sweep.unstable(1.0), 1))
     phase = common_phase(sweep)
     delay = _common_delay(sweep)
-    factors, lowest, certified, largest_kp, largest_kd = _one_at_a_time(sweep)
-    return JointMargins(
+    one_loop = replace(one_loop_margins(sweep), phase_margin=own_phase)
+    disk = disk_margin(loop)
+    certificates = [end.certificate.holds for end in (phase, delay) if end is not None]
+    return Margins(
         limit,
-        phase.at if phase else math.inf,
-        phase.omega if phase else math.nan,
-        delay.at if delay else math.inf,
-        delay.omega if delay else math.nan,
-        factors,
-        largest_kp,
-        largest_kd,
-        phase.certificate if phase else None,
-        delay.certificate if delay else None,
-        lowest,
-        certified,
+        one_loop,
+        phase_margin=phase.at if phase else math.inf,
+        gain_crossover=phase.omega if phase else math.nan,
+        delay_margin=delay.at if delay else math.inf,
+        delay_crossover=delay.omega if delay else math.nan,
+        peak_sensitivity=peak.height,
+        peak_sensitivity_frequency=peak.omega,
+        disk_margin=disk.margin,
+        disk_margin_frequency=disk.frequency,
+        disk_certified=disk.certified,
+        certified=limit.certified and all(certificates) and bool(np.all(one_loop.certified)),
+        phase_certificate=phase.certificate if phase else None,
+        delay_certificate=delay.certificate if delay else None,
     )
 
 
+def _one_loop_peak_and_phases(sweep: Sweep) -> tuple[Peak, Floats]:
+    """The largest |S_ii|, and the smallest phase in each loop (n,); of a stable loop."""
+    if not sweep.largest or sweep.unstable(1.0) != 0 or sweep.full:
+        return Peak(math.nan, math.nan), np.full(sweep.loop.size, math.nan)
+    try:
+        sampled = Sampled.of(sweep)
+        return sampled.peak(), own_phases(sampled.single)
+    except np.linalg.LinAlgError:  # a root on the boundary, to the last digit
+        return Peak(math.inf, math.nan), np.zeros(sweep.loop.size)
+
+
 def common_phase(sweep: Sweep) -> End | None:
-    """The smallest phase [rad], lag or lead, at which all loops of a stable set together vibrate; None where none does."""
-    ends = [end for way in (1, -1) if (end := phases(sweep, way).end(0.0, math.pi)) is not None]
-    return min(ends, key=lambda end: end.at, default=None)
+    """The smallest phase [rad], > 0 for a lag, < 0 for a lead, at which all loops of a stable set together vibrate; None: none does."""
+    ends = [replace(end, at=way * end.at) for way in (1, -1) if (end := phases(sweep, way).end(0.0, math.pi)) is not None]
+    return min(ends, key=lambda end: abs(end.at), default=None)
 
 
 def _common_delay(sweep: Sweep) -> End | None:
@@ -112,8 +87,8 @@ def _common_delay(sweep: Sweep) -> End | None:
     return None if longest is None else family.end(0.0, min(1.1 * longest, LONGEST_DELAY))
 
 
-def _one_at_a_time(sweep: Sweep) -> tuple[Floats, Floats, Booleans, Floats | None, Floats | None]:
-    """Largest and smallest factor on one joint's gains, whether they are certified, then its largest diagonal kp and kd where it has such.
+def one_loop_margins(sweep: Sweep) -> OneLoop:
+    """Largest and smallest factor on one joint's gains, certified, and its largest diagonal kp and kd where it has such; no phases.
 
     All other gains stay as they are. A factor 1 + δ on joint i's gains adds δ T_ii to the determinant of the return difference, relative
     to itself, T = (I + L)⁻¹ L; a change δ of one of its diagonal gains adds δ times (I + L)⁻¹ P C e^{−sT} at (i, i), times what that
@@ -144,10 +119,11 @@ def _one_at_a_time(sweep: Sweep) -> tuple[Floats, Floats, Booleans, Floats | Non
     found, certified = room(sweep, curves, farthest)
     found, certified = found.reshape(-1, size), np.all(certified.reshape(-1, size), axis=0, keepdims=True)[0]
     smallest = np.where(np.isfinite(found[1]), 1 - found[1], 0.0)
+    one_loop = OneLoop(1 + found[0], smallest, np.full(size, math.nan), certified)
     if not units:
-        return 1 + found[0], smallest, certified, None, None
+        return one_loop
     kp, kd = (np.diagonal(gain_matrix(name, getattr(controller, name), size)) * loop.gain for name in ("kp", "kd"))
-    return 1 + found[0], smallest, certified, kp + found[2], kd + found[3]
+    return replace(one_loop, largest_kp=kp + found[2], largest_kd=kd + found[3])
 
 
 def sensitivity(loop: Loop, returned: Complexes) -> Complexes:
@@ -281,10 +257,7 @@ class _Curves:
             return np.flatnonzero(_meet_axis(self.values[:, [joint]])[:, 0])
 
         def crossings() -> list[Rough]:
-            rows = steps()
-            start, end = self.values[rows, joint], self.values[rows + 1, joint]
-            share = start.imag / (start.imag - end.imag)
-            value = (start + share * (end - start)).real
+            rows, _, share, value = meets_axis(self.values[:-1, [joint]], self.values[1:, [joint]])
             omega = self.omega[rows] + share * (self.omega[rows + 1] - self.omega[rows])
             seen = value < -FAINTEST * np.abs(self.values[:, joint]).max()
             return listed(-1 / value[seen], omega[seen], value[seen].astype(complex))
@@ -356,26 +329,6 @@ def _foremost(values: Complexes, crosses: Booleans) -> Booleans:
     left = spread * np.minimum(values.real[:-1], values.real[1:])
     surely = np.where(crosses, np.maximum(values.real[:-1], values.real[1:]) / spread, 0.0).min(axis=0, initial=0.0)
     return crosses & (left <= surely)
-
-
-def on_axis(curves: Curves, joints: Integers, low: tuple[Floats, Complexes], high: tuple[Floats, Complexes]) -> tuple[Floats, Complexes]:
-    """ω and the real values there of curves between samples (ω, c) on two sides of the real axis, by the Illinois method."""
-    (left, value), (right, other) = low, high
-    first, second = value.imag, other.imag
-    omega, moved_left, moved_right = left, np.zeros(len(joints), dtype=bool), np.zeros(len(joints), dtype=bool)
-    for _ in range(20 if len(joints) else 0):
-        share = np.divide(first, first - second, out=np.full(len(joints), 0.5), where=first != second)
-        omega = left + share * (right - left)
-        value = curves(omega)[np.arange(len(joints)), joints]
-        if np.all(np.abs(value.imag) <= 1e-14 * np.abs(value)):
-            break
-        same = (value.imag > 0) == (first > 0)
-        left, right = np.where(same, omega, left), np.where(same, right, omega)
-        # An end that stays for a second time counts half: else it might stay for ever
-        first = np.where(same, value.imag, np.where(moved_right, 0.5 * first, first))
-        second = np.where(same, np.where(moved_left, 0.5 * second, second), value.imag)
-        moved_left, moved_right = same, ~same
-    return omega, value
 
 
 def _resolved(omega: Floats, values: Complexes, curves: Curves) -> tuple[Floats, Complexes]:

@@ -14,6 +14,7 @@ import numpy as np
 
 from ..linear.arrays import Complexes, Floats
 from .loci import Boundary, Sweep
+from .sampled_curves import meets_axis, meets_circle
 
 NUDGE = 1e-6  # the certificate counts roots at limit·(1 ± NUDGE)
 # Relative distances from a crossing at which samples tell on which side of it ±NUDGE lies: no step is longer than twice its distance.
@@ -148,7 +149,7 @@ def gains(sweep: Sweep) -> Family:
 
     def polish(group: list[Rough]) -> list[Rough]:
         at_rest = [one for one in group if one.omega == 0]  # toppled, or held, by gravity: known as it stands
-        omega, value = sweep.boundary.crossings(*_columns([one for one in group if one.omega > 0]), _slope)
+        omega, value = sweep.boundary.crossings(*_columns([one for one in group if one.omega > 0]), slope)
         on_axis = (value.real < 0) & (np.abs(value.imag) < 1e-9 * np.abs(value))
         return at_rest + listed(-1 / value.real[on_axis], omega[on_axis], value[on_axis])
 
@@ -249,11 +250,13 @@ def _columns(group: list[Rough]) -> tuple[Floats, Complexes]:
     return np.array([one.omega for one in group]), np.array([one.value for one in group], dtype=complex)
 
 
-def _slope(value: Complexes) -> Floats:
+def slope(value: Complexes) -> Floats:
+    """Zero where λ is real; steep enough for secants however small λ is."""
     return value.imag / value.real
 
 
-def _height(value: Complexes) -> Floats:
+def height(value: Complexes) -> Floats:
+    """ln|λ|: zero on the unit circle."""
     return np.log(np.maximum(np.abs(value), 1e-300))
 
 
@@ -272,11 +275,10 @@ def _nearest(sweep: Sweep, at: float, factor: float | Complexes) -> Rough:
 def _axis_crossings(sweep: Sweep) -> list[Rough]:
     """Crossings of the negative real axis by all loci."""
     steps = sweep.steps()
-    k, branch = np.nonzero(((steps.start.imag > 0) != (steps.end.imag > 0)) & ~sweep.calm[:, None])
-    start, end = steps.start[k, branch], steps.end[k, branch]
-    share = start.imag / (start.imag - end.imag)
-    value = (start + share * (end - start)).real
-    omega = sweep.omega[k] + share * (sweep.omega[k + 1] - sweep.omega[k])
+    rows, _, share, value = meets_axis(steps.start, steps.end)
+    followed = ~sweep.calm[rows]
+    rows, share, value = rows[followed], share[followed], value[followed]
+    omega = sweep.omega[rows] + share * (sweep.omega[rows + 1] - sweep.omega[rows])
     at_rest = sweep.at_rest()
     values, places = [value, at_rest], [omega, np.zeros(len(at_rest))]
     if sweep.last is not None:
@@ -292,7 +294,7 @@ def _circle_crossings(sweep: Sweep) -> tuple[Floats, Complexes]:
     """ω and λ of the crossings of the unit circle by all loci, interpolated."""
     steps = sweep.steps()
     for _ in range(DIPS):  # a resonance may rise above the circle, or dip below it, between two samples
-        low, high = _height(steps.start), _height(steps.end)
+        low, high = height(steps.start), height(steps.end)
         move = np.maximum(np.abs(high - low), np.abs(np.angle(steps.end * steps.start.conj())))
         near = np.minimum(np.abs(low), np.abs(high))
         rough = np.any((near < 2 * move) & (move > 0.1), axis=1) & (np.diff(sweep.omega) > 1e-6 * sweep.omega[1:])
@@ -300,15 +302,11 @@ def _circle_crossings(sweep: Sweep) -> tuple[Floats, Complexes]:
             break
         sweep.add(0.5 * (sweep.omega[:-1] + sweep.omega[1:])[rough])
         steps = sweep.steps()
-    low, high = _height(steps.start), _height(steps.end)
-    k, branch = np.nonzero((low > 0) != (high > 0))
-    share = low[k, branch] / (low[k, branch] - high[k, branch])
-    omega = sweep.omega[k] * (sweep.omega[k + 1] / sweep.omega[k]) ** share
-    turned = np.angle(steps.end[k, branch] * steps.start[k, branch].conj())
-    return omega, np.exp(1j * (np.angle(steps.start[k, branch]) + share * turned))
+    rows, _, share, lag = meets_circle(steps.start, steps.end)
+    return sweep.omega[rows] * (sweep.omega[rows + 1] / sweep.omega[rows]) ** share, -np.exp(1j * lag)
 
 
 def _circle_polished(boundary: Boundary, group: list[Rough]) -> tuple[Floats, Complexes]:
-    omega, value = boundary.crossings(*_columns(group), _height)
+    omega, value = boundary.crossings(*_columns(group), height)
     reached = np.abs(np.abs(value) - 1) < 1e-9
     return omega[reached], value[reached]

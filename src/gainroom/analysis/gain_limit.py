@@ -1,52 +1,22 @@
 """How far all gains of a loop can be scaled: the stable interval of the common factor g around 1, with its certificate."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
 from ..errors import GainroomError
-from ..linear.arrays import Complexes
 from ..system.loop import Loop
 from .first_crossing import LOWEST, LOWEST_UNDAMPED, NUDGE, Certificate, End, Family, gains
 from .loci import HIGHEST, Sweep
+from .margin_record import GainLimit
 from .stability import INFINITELY_MANY, has_growing_root, scan_loop, unstable_roots
 
 NEAREST = 10.0  # of the factors that are looked at first on coupled loops; most limits lie below
 FAR_BELOW = (1e-4, 1e-3, 1e-2, 0.1)  # of stable gains: how far down a lower end is looked for; round-off may hide what integrators do
 MOST_COUNTED = 300  # intervals of the factor whose roots are counted one by one
 JUST_BELOW = 1 - np.geomspace(1e-6, 0.5, 18)  # factors on an unstable loop at which roots are counted beside those between crossings
-
-
-@dataclass(frozen=True)
-class GainLimit:
-    """The stable interval of the common gain factor g.
-
-    stable       at g = 1
-    gain         its upper end: > 1 where the loop is stable; < 1 where it is not, and lowering the gains to it would make it so;
-                 0 where no lower gain is stable; inf where no higher gain is unstable (one joint, continuous time: none below 1e9)
-    lower_gain   its lower end, 0 where every lower gain is stable (coupled loops: down to 1e-4 of them, or 0.1
-                 where round-off hides more), NaN where no factor below 1 is
-    frequency    of the vibration at the upper end [rad/s], 0 where the robot topples, NaN where there is none
-    mode         (n,) complex, the joints' parts in that vibration, the largest 1
-    certificate, lower_certificate   of the upper and the lower end, None where there is none
-
-    Coupled loops: roots that the gains do not move (joints left free) are not counted; factors up to 1e3 are looked at.
-    """
-
-    stable: bool
-    gain: float
-    lower_gain: float
-    frequency: float
-    mode: Complexes
-    certificate: Certificate | None
-    lower_certificate: Certificate | None = None
-
-    @property
-    def certified(self) -> bool:
-        """True where roots were counted on both sides of every end."""
-        return all(one.holds for one in (self.certificate, self.lower_certificate) if one is not None)
 
 
 def gain_limit(loop: Loop) -> GainLimit:
@@ -82,7 +52,8 @@ def _scalar_limit(loop: Loop) -> GainLimit:
         return Certificate(*(unstable_roots(loop.scaled(end * (1 + way * side * NUDGE))) for side in (-1, 1)))
 
     below = counted(lower, -1) if lower > 0 else None
-    return GainLimit(stable, gain, lower, float(phases[upper - 1, 0]), np.ones(1, dtype=complex), counted(gain, 1), below)
+    at = float(phases[upper - 2, 0]) if lower > 0 else math.nan
+    return GainLimit(stable, gain, lower, float(phases[upper - 1, 0]), np.ones(1, dtype=complex), counted(gain, 1), below, at)
 
 
 def _stable_below(loop: Loop, factors: list[float], slopes: list[float], upper: int) -> int:
@@ -138,10 +109,10 @@ def coupled_limit(sweep: Sweep) -> GainLimit:
     lower = _lower_end(sweep, family, inside)
     if sweep.full or not all(end.certificate.holds for end in (upper, lower) if end is not None):
         raise GainroomError(f"gain_limit: the loci could not be followed to a certified limit: {_why_not(sweep)}")
-    lowest, below = (0.0, None) if lower is None else (lower.at, lower.certificate)
+    lowest, below, at = (0.0, None, math.nan) if lower is None else (lower.at, lower.certificate, lower.omega)
     if upper is None:
-        return replace(_no_limit(sweep.loop, stable, math.inf, lowest), lower_certificate=below)
-    return GainLimit(stable, upper.at, lowest, upper.omega, upper.mode, upper.certificate, below)
+        return replace(_no_limit(sweep.loop, stable, math.inf, lowest), lower_certificate=below, lower_frequency=at)
+    return GainLimit(stable, upper.at, lowest, upper.omega, upper.mode, upper.certificate, below, at)
 
 
 def _why_not(sweep: Sweep) -> str:

@@ -1,85 +1,58 @@
-"""Margins of a scalar loop: what is left before it is lost. The verdict comes first; an unstable loop has none (NaN)."""
+"""Margins of a loop of n >= 1 joints, and those of one joint from its scan. The verdict comes first; an unstable loop has none (NaN)."""
 
 import math
+from contextlib import suppress
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
-from ..system.loop import Loop, build_loop
+from ..errors import GainroomError
+from ..system.loop import Loop
+from .coupled_margins import coupled_margins, one_loop_margins
 from .crossings import Scan
+from .gain_limit import gain_limit
+from .loci import Sweep
+from .margin_record import GainCrossing, GainLimit, Margins, OneLoop, PhaseCrossing
 from .stability import scan_loop, unstable_roots
 
 DELAY_NUDGE = 1e-7  # relative; the delay margin of a sampled loop is confirmed on both sides of it,
 LEAST_ANGLE = 1e-10  # or this far in phase [rad] where it is next to nothing
 
 
-class PhaseCrossing(NamedTuple):
-    """L is real and negative at `omega` [rad/s]; multiplying the gains by `gain` = −1/Re L puts a root there."""
-
-    omega: float
-    gain: float
-
-
-class GainCrossing(NamedTuple):
-    """|L| = 1 at `omega` [rad/s]; phase_margin [rad] in (−π, π]; delay_margin [s]: extra delay that puts a root there."""
-
-    omega: float
-    phase_margin: float
-    delay_margin: float
-
-
-class Margins(NamedTuple):
-    """All margins of one scalar loop.
-
-    stable, unstable_roots       the verdict
-    gain_margin, phase_crossover factor > 1 on all gains that is lost, and at which frequency [rad/s]; inf and NaN where none (in continuous
-                                 time: none below 1e9)
-    lower_gain_margin, lower_phase_crossover   the same for factors < 1 (conditionally stable loops); 0 and NaN where none
-    phase_margin, gain_crossover [rad] the smallest in size over all gain crossings, with its sign, and its frequency [rad/s]
-    delay_margin, delay_crossover   the smallest extra delay over all gain crossings [s], and its frequency [rad/s]
-    peak_sensitivity             Ms = max 1/|1+L|, at peak_sensitivity_frequency [rad/s]
-    peak_complementary           Mt = max |L|/|1+L|, at peak_complementary_frequency [rad/s]
-    disk_margin                  min 2|1+L|/|1−L|, balanced disk margin (Seiler, Packard and Gahinet 2020), at disk_margin_frequency
-    phase_crossings, gain_crossings   all of them; in continuous time down to |L| = 0.001, or to where no nearer one can follow
-    certified                    nothing between the evaluated frequencies was missed; False for loops given as callables
-    """
-
-    stable: bool
-    unstable_roots: int
-    gain_margin: float
-    phase_crossover: float
-    lower_gain_margin: float
-    lower_phase_crossover: float
-    phase_margin: float
-    gain_crossover: float
-    delay_margin: float
-    delay_crossover: float
-    peak_sensitivity: float
-    peak_sensitivity_frequency: float
-    peak_complementary: float
-    peak_complementary_frequency: float
-    disk_margin: float
-    disk_margin_frequency: float
-    phase_crossings: tuple[PhaseCrossing, ...]
-    gain_crossings: tuple[GainCrossing, ...]
-    certified: bool
-
-    @property
-    def gain_room(self) -> float:
-        """The smallest factor, up or down, on all gains that is lost."""
-        return min(self.gain_margin, 1 / self.lower_gain_margin if self.lower_gain_margin > 0 else math.inf)
-
-
 def margins(loop: Loop) -> Margins:
-    """All margins of a scalar loop, every crossing polished to machine precision.
+    """All margins of a loop of n >= 1 joints: for one joint from the certified scan, else from the characteristic loci.
 
     The delay margin of a sampled loop that was built from its parts is exact for any fraction of a tick; that of a sampled LTI system,
     and those listed with the crossings, count a fraction of a tick as the phase that it costs.
-    Raises GainroomError for several joints (see gain_limit).
+    Raises GainroomError for several joints whose gains are all zero, or whose loci cannot be followed.
     """
+    if loop.size > 1:
+        return coupled_margins(loop)
     found = margins_of(loop, scan_loop(loop))
+    if not found.stable:
+        with suppress(GainroomError):
+            return replace(found, limit=gain_limit(loop))
     return _with_sampled_delay(loop, found) if loop.sample_time is not None and loop.parts is not None and found.stable else found
+
+
+def joint_margins(loop: Loop) -> Margins:
+    """`margins` of a loop built with build_loop, its phase margin without sign; for one joint with largest kp, kd and a counted limit.
+
+    Raises GainroomError for other loops, and for gains that are all zero.
+    """
+    if loop.parts is None:
+        raise GainroomError("joint_margins needs a loop built with build_loop; use margins for a scalar return ratio")
+    if loop.size == 1:
+        limit, found = gain_limit(loop), margins(loop)
+        gains = one_loop_margins(Sweep(loop)) if found.stable else OneLoop.unknown(1)
+        one_loop = replace(found.one_loop, certified=gains.certified, largest_kp=gains.largest_kp, largest_kd=gains.largest_kd)
+        found = replace(found, limit=limit, one_loop=one_loop)
+    else:
+        found = margins(loop)
+    return replace(found, phase_margin=abs(found.phase_margin))
+
+
+JointMargins = Margins
 
 
 def _with_sampled_delay(loop: Loop, found: Margins) -> Margins:
@@ -99,7 +72,7 @@ def _with_sampled_delay(loop: Loop, found: Margins) -> Margins:
         return found
     nudge = DELAY_NUDGE * extra + LEAST_ANGLE / omega if math.isfinite(extra) else 0.0
     if math.isfinite(extra) and _stable_later(loop, extra - nudge) and not _stable_later(loop, extra + nudge):
-        return found._replace(delay_margin=extra, delay_crossover=omega)
+        return replace(found, delay_margin=extra, delay_crossover=omega)
     return _halved(loop, found, min(extra, loop.sample_time if latest else estimates[-1][0] + loop.sample_time))
 
 
@@ -111,13 +84,13 @@ def _halved(loop: Loop, found: Margins, unstable: float) -> Margins:
             break
         stable, unstable = unstable, 2 * unstable
     else:
-        return found._replace(certified=False)
+        return replace(found, certified=False)
     while unstable - stable > DELAY_NUDGE * unstable:
         middle = 0.5 * (stable + unstable)
         stable, unstable = (middle, unstable) if _stable_later(loop, middle) else (stable, middle)
     crossings = _crossings_later(loop, stable)
     omega = min(crossings, key=lambda crossing: abs(crossing.phase_margin)).omega if crossings else math.nan
-    return found._replace(delay_margin=stable, delay_crossover=omega)
+    return replace(found, delay_margin=stable, delay_crossover=omega)
 
 
 def _followed(loop: Loop, extra: float, omega: float) -> tuple[float, float] | None:
@@ -162,25 +135,21 @@ def _stable_later(loop: Loop, extra: float) -> bool:
 
 def _later(loop: Loop, extra: float) -> tuple[Loop, Scan, int]:
     """The loop with the part of `extra` that is less than a tick as more delay, its scan, and the whole ticks that are left out."""
-    parts = loop.parts
-    assert parts is not None
-    assert parts.sample_time is not None
-    ticks = math.floor(extra / parts.sample_time)
-    rest = extra - ticks * parts.sample_time
-    drives = [replace(drive, delay=drive.delay + rest) for drive in parts.drives]
-    later = build_loop(parts.plant, drives, parts.controller, parts.feedback, parts.sample_time).scaled(loop.gain)
+    assert loop.sample_time is not None
+    ticks = math.floor(extra / loop.sample_time)
+    later = loop.delayed(extra - ticks * loop.sample_time)
     return later, scan_loop(later, with_peaks=False), ticks
 
 
 def margins_of(loop: Loop, scan: Scan) -> Margins:
-    """The margins that a finished scan tells."""
+    """The margins of one joint that a finished scan tells; of an unstable loop not the limit."""
     unstable = unstable_roots(loop, scan)
     gain_crossings = tuple(_gain_crossing(omega, phase) for omega, phase in scan.gains.tolist())
     phase_crossings = tuple(PhaseCrossing(omega, 1 / size if size > 0 else math.inf) for omega, size, _ in scan.phases.tolist())
-    crossings = {"phase_crossings": phase_crossings, "gain_crossings": gain_crossings, "certified": scan.certified}
     if unstable:
-        numbers = (name for name, kind in Margins.__annotations__.items() if kind is float)
-        return Margins(stable=False, unstable_roots=unstable, **dict.fromkeys(numbers, math.nan), **crossings)
+        found = Margins.unknown(GainLimit.unknown(1, stable=False))
+        certified = {"unstable_roots": unstable, "certified": scan.certified}
+        return replace(found, **certified, phase_crossings=phase_crossings, gain_crossings=gain_crossings)
     nothing = math.nan
     upper = min(((c.gain, c.omega) for c in phase_crossings if c.gain > 1), default=(math.inf, nothing))
     lower = max(((c.gain, c.omega) for c in phase_crossings if c.gain <= 1), default=(0.0, nothing))
@@ -188,12 +157,8 @@ def margins_of(loop: Loop, scan: Scan) -> Margins:
     delay = min(((c.delay_margin, c.omega) for c in gain_crossings), default=(math.inf, nothing))
     (ms_at, ms), (mt_at, mt), (disk_at, disk) = scan.peaks.tolist()
     return Margins(
-        stable=True,
-        unstable_roots=0,
-        gain_margin=upper[0],
-        phase_crossover=upper[1],
-        lower_gain_margin=lower[0],
-        lower_phase_crossover=lower[1],
+        GainLimit(True, upper[0], lower[0], upper[1], np.ones(1, dtype=complex), None, lower_frequency=lower[1]),
+        OneLoop(*(np.array([value]) for value in (upper[0], lower[0], abs(phase[1]), scan.certified))),
         phase_margin=phase[1],
         gain_crossover=phase[2],
         delay_margin=delay[0],
@@ -204,7 +169,10 @@ def margins_of(loop: Loop, scan: Scan) -> Margins:
         peak_complementary_frequency=mt_at,
         disk_margin=min(disk, 2.0),
         disk_margin_frequency=disk_at,
-        **crossings,
+        disk_certified=scan.certified,
+        certified=scan.certified,
+        phase_crossings=phase_crossings,
+        gain_crossings=gain_crossings,
     )
 
 

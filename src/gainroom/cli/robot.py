@@ -15,7 +15,7 @@ from .output import emit, emit_json, file_line, render, table
 from .progress import progress_bar
 
 if TYPE_CHECKING:
-    from ..design.gain_search import Kept
+    from ..analysis.margin_record import Margins
     from ..design.robot_gains import GainSet, RobotGains
     from ..studies.robot_record import JointRow, RobotStudy, StateStudy, StillState, TaskRow
 
@@ -103,12 +103,12 @@ def _state_facts(state: "StateStudy") -> dict[str, Any]:
         "limit_certified": limit.certificate is not None and limit.certificate.holds,
         "certified": margins.certified,
         "limiting_joints": list(state.limiting_joints),
-        "phase_margin_deg": math.degrees(state.kept.common_phase),
-        "single_loop_phase_margin_deg": math.degrees(state.kept.single_phase),
+        "phase_margin_deg": math.degrees(margins.common_phase_margin),
+        "single_loop_phase_margin_deg": math.degrees(margins.one_loop_phase_margin),
         "delay_margin_ms": 1e3 * margins.delay_margin,
-        "disk_margin": state.disk_margin,
-        "disk_margin_certified": state.disk_margin_certified,
-        "kept": _kept_facts(state.kept),
+        "disk_margin": margins.disk_margin,
+        "disk_margin_certified": margins.disk_certified,
+        "kept": _kept_facts(margins),
         "joints": [_row_facts(row) for row in state.joints],
         "tasks": [] if tasks is None else [_row_facts(row) for row in tasks.rows],
         "tasks_gain_limit": None if tasks is None else tasks.limit.gain,
@@ -169,7 +169,7 @@ def _gains_facts(gains: "RobotGains") -> dict[str, Any]:
                 "without_weight": found.without_weight,
                 "nearest_with_weight": found.nearest or None,
                 "topples": list(found.topples),
-                **_kept_facts(found.kept),
+                **_kept_facts(found.margins),
             }
             for name, found in sets.items()
             if found is not None
@@ -179,12 +179,12 @@ def _gains_facts(gains: "RobotGains") -> dict[str, Any]:
     }
 
 
-def _kept_facts(kept: "Kept") -> dict[str, Any]:
+def _kept_facts(margins: "Margins") -> dict[str, Any]:
     return {
-        "gain_margin_db": decibels(kept.gain_margin),
-        "phase_margin_deg": math.degrees(kept.phase_margin),
-        "phase_margin_is": kept.named("phase_margin"),
-        "peak_sensitivity": kept.peak_sensitivity,
+        "gain_margin_db": decibels(margins.least_gain_margin),
+        "phase_margin_deg": math.degrees(margins.least_phase_margin),
+        "phase_margin_is": margins.named("phase_margin"),
+        "peak_sensitivity": margins.peak_sensitivity,
     }
 
 
@@ -217,18 +217,18 @@ def _terminal(study: "RobotStudy", report: Path | None) -> str:
 
 
 def _state_row(state: "StateStudy") -> tuple[str, ...]:
-    limit = state.limit
+    limit, margins = state.limit, state.margins
     first, *others = state.limiting_joints or ("–",)
-    delay = state.margins.delay_margin
+    delay = margins.delay_margin
     return (
         state.title,
         digits(limit.gain),
         hertz(limit.frequency) if math.isfinite(limit.frequency) else "–",
         f"+{digits(1e3 * delay, 'ms', 3)}" if limit.stable and not math.isnan(delay) else "–",
-        digits(math.degrees(state.kept.common_phase), "°", 3) if limit.stable else "–",
-        digits(math.degrees(state.kept.single_phase), "°", 3) if limit.stable else "–",
-        digits(state.kept.peak_sensitivity, significant=3) if limit.stable else "–",
-        ("~" if state.disk_margin_certified is False else "") + digits(state.disk_margin, significant=3),
+        digits(math.degrees(margins.common_phase_margin), "°", 3) if limit.stable else "–",
+        digits(math.degrees(margins.one_loop_phase_margin), "°", 3) if limit.stable else "–",
+        digits(margins.peak_sensitivity, significant=3) if limit.stable else "–",
+        ("~" if margins.disk_certified is False else "") + digits(margins.disk_margin, significant=3),
         f"{first}, +{len(others)}" if others else first,
         "yes" if limit.stable else "no",
     )
@@ -270,13 +270,12 @@ def _gains_parts(gains: "RobotGains", first: tuple[str, str]) -> list[Any]:
     if scale is not None:
         columns, numbers = (*columns, "kp/J [1/s²]", "kd/J [1/s]"), [*numbers, found.kp / scale, found.kd / scale]
     rows = [(name, *map(digits, row)) for name, *row in zip(gains.names, *(column.tolist() for column in numbers), strict=True)]
-    kept = found.kept
-    margins = (
-        f"{digits(decibels(kept.gain_margin), 'dB', 3)}, {digits(math.degrees(kept.phase_margin), '°', 3)} ({kept.named('phase_margin')})"
-    )
+    margins = found.margins
+    least = f"{digits(decibels(margins.least_gain_margin), 'dB', 3)}, {digits(math.degrees(margins.least_phase_margin), '°', 3)}"
+    peak = digits(margins.peak_sensitivity, significant=3)
     where = "Without the weight" if found.without_weight else "In every state"
     words = (
-        f"{where} they keep {margins} and a peak sensitivity of {digits(kept.peak_sensitivity, significant=3)}, all loops together "
+        f"{where} they keep {least} ({margins.named('phase_margin')}) and a peak sensitivity of {peak}, all loops together "
         f"and each with the others closed. None can be raised by 5 %: {_held_words(found, gains.names)}."
     )
     if scale is not None:

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import nnls
 
-from ..analysis.coupled_robustness import Kept
+from ..analysis.margin_record import Margins
 from ..errors import GainroomError
 from ..linear.arrays import Booleans, Floats
 from .margin_slopes import Case, Gains, Slopes, moved
@@ -46,14 +46,14 @@ class Raised:
     """Gains of which none can be raised, or what came nearest to keeping what is required.
 
     gains    (3, m)
-    kept     what each case keeps, in the order of the cases
+    margins  of each case, in the order of the cases
     holds    False where no gains were found that keep what is required
     margin   per direction which requirement breaks if it is raised: a field of Requirements, "stability", or "" where nothing limits it
     case     and the case in which it does, by its index; −1: none
     """
 
     gains: Gains
-    kept: tuple[Kept, ...]
+    margins: tuple[Margins, ...]
     holds: bool
     margin: tuple[str, ...] = ()
     case: tuple[int, ...] = ()
@@ -94,16 +94,16 @@ def raised_gains(
     """
     if not cases or not any(case.required.asked for case in cases):
         raise GainroomError("raised_gains needs at least one case and one requirement")
-    if not all(case.kept(start).stable for case in cases):
+    if not all(case.margins(start).stable for case in cases):
         raise GainroomError("raised_gains needs gains to begin with that are stable in every case")
     if not np.any(stiffness(start, cases[0].cascade) > 0):
         raise GainroomError("raised_gains needs a direction that has stiffness")
     search = _Search(cases, unit, groups, most, progress)
     reached = search.descended(start)
     for found in (rounded(reached), reached, start):
-        if all(case.kept(found).meets(case.required) for case in cases):
+        if all(case.required.met_by(case.margins(found)) for case in cases):
             return search.proved(found)
-    return Raised(reached, tuple(case.kept(reached) for case in cases), False)
+    return Raised(reached, tuple(case.margins(reached) for case in cases), False)
 
 
 class _Search:
@@ -139,7 +139,7 @@ class _Search:
         """What is missed most, as margin_slopes.py measures it; negative where all is kept; inf where unstable."""
         worst = -math.inf
         for case in cases:
-            worst = max(worst, case.kept(gains).shortfall(case.required))
+            worst = max(worst, case.required.shortfall(case.margins(gains)))
             self._progress()
             if worst == math.inf:
                 break
@@ -229,12 +229,12 @@ class _Search:
                 order.remove(broken[1])
                 order.insert(0, broken[1])
         told = [why.get(j, ("", -1)) for j in range(gains.shape[1])]
-        return Raised(gains, tuple(case.kept(gains) for case in cases), True, tuple(name for name, _ in told), tuple(k for _, k in told))
+        return Raised(gains, tuple(case.margins(gains) for case in cases), True, tuple(name for name, _ in told), tuple(k for _, k in told))
 
     def _first_broken(self, gains: Gains, order: Sequence[int], blind: Sequence[int]) -> tuple[str, int] | None:
         """What is broken first, and the case; None where nothing is. What is quickly seen comes first, but in `blind` cases."""
         quick = [k for k in order if k not in blind]
-        for look, where in ((Case.breaks, quick), (lambda case, gains: case.kept(gains).missed(case.required), order)):
+        for look, where in ((Case.breaks, quick), (lambda case, gains: case.required.missed(case.margins(gains)), order)):
             for k in where:
                 name = look(self._cases[k], gains)
                 self._progress()

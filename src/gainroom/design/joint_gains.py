@@ -15,7 +15,8 @@ import numpy as np
 
 from ..analysis.crossings import scan_many
 from ..analysis.gain_region import PDRegion, pd_region
-from ..analysis.margins import Margins, margins_of
+from ..analysis.margin_record import Margins, worst_of
+from ..analysis.margins import margins_of
 from ..analysis.range_proof import Proof, prove
 from ..errors import GainroomError
 from ..linear.arrays import Floats
@@ -329,22 +330,6 @@ def slack(margins: Margins, requirements: Requirements) -> dict[str, float]:
     if requirements.peak_sensitivity is not None:
         slacks["peak_sensitivity"] = requirements.peak_sensitivity / margins.peak_sensitivity - 1
     return slacks
-
-
-def worst_of(found: Sequence[Margins]) -> Margins:
-    """Every margin, with its frequency, from the case where it is the worst; no lists of crossings. All cases are stable."""
-    closest = {
-        "gain_margin phase_crossover": min(found, key=lambda one: one.gain_margin),
-        "lower_gain_margin lower_phase_crossover": max(found, key=lambda one: one.lower_gain_margin),
-        "phase_margin gain_crossover": min(found, key=lambda one: abs(one.phase_margin)),
-        "delay_margin delay_crossover": min(found, key=lambda one: one.delay_margin),
-        "peak_sensitivity peak_sensitivity_frequency": max(found, key=lambda one: one.peak_sensitivity),
-        "peak_complementary peak_complementary_frequency": max(found, key=lambda one: one.peak_complementary),
-        "disk_margin disk_margin_frequency": min(found, key=lambda one: one.disk_margin),
-    }
-    values = {name: getattr(case, name) for names, case in closest.items() for name in names.split()}
-    certified = all(one.certified for one in found)
-    return found[0]._replace(**values, phase_crossings=(), gain_crossings=(), certified=certified)
 
 
 def value_of(case: Case, name: str) -> float:

@@ -15,7 +15,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..analysis.coupled_robustness import REAL, Kept, Seen, kept_where, meets_axis, meets_circle, peaks, polished_peaks
+from ..analysis.margin_record import Margins
+from ..analysis.quick_margins import REAL, Sampled, quick_look
+from ..analysis.sampled_curves import meets_axis, meets_circle, peaks, polished_peaks
 from ..linear.arrays import Booleans, Complexes, Floats, Integers
 from ..system.controller import PD, PID, PPI, integrator
 from ..system.loop import Loop
@@ -51,24 +53,24 @@ class Case:
     jacobian: Floats
     cascade: Booleans
     required: Requirements
-    _known: dict[bytes, Kept] = field(default_factory=dict, repr=False, compare=False)
-    _last: list[tuple[bytes, Seen]] = field(default_factory=list, repr=False, compare=False)
+    _known: dict[bytes, Margins] = field(default_factory=dict, repr=False, compare=False)
+    _last: list[tuple[bytes, Sampled]] = field(default_factory=list, repr=False, compare=False)
 
-    def kept(self, gains: Gains) -> Kept:
-        """What the loop with these gains keeps; looked at once."""
+    def margins(self, gains: Gains) -> Margins:
+        """Those of the loop with these gains that requirements bound; looked at once."""
         key = gains.tobytes()
         if key not in self._known:
-            self._known[key], seen = kept_where(self.loop(gains))
+            self._known[key], seen = quick_look(self.loop(gains))
             if seen is not None:
                 self._last[:] = [(key, seen)]
         return self._known[key]
 
-    def seen(self, gains: Gains) -> Seen:
+    def seen(self, gains: Gains) -> Sampled:
         """What is seen of a loop that is stable."""
         key = gains.tobytes()
         if not self._last or self._last[0][0] != key:
             self._known.pop(key, None)
-            self.kept(gains)
+            self.margins(gains)
         return self._last[0][1]
 
     def slopes(self, gains: Gains) -> "Slopes":
@@ -139,7 +141,7 @@ def _log_of_minus(value: Complexes) -> Complexes:
 class _Machine:
     """A case at some gains: values of its loci, return ratios and sensitivities at any ω, and how they change."""
 
-    def __init__(self, case: Case, gains: Gains, seen: Seen) -> None:
+    def __init__(self, case: Case, gains: Gains, seen: Sampled) -> None:
         self.case, self.seen = case, seen
         self._gains, self._points, self._loop = gains, seen.sweep.boundary.points, case.loop(gains)
         controller = self._loop.parts.controller if self._loop.parts is not None else None

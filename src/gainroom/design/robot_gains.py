@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..analysis.coupled_robustness import Kept
+from ..analysis.margin_record import GainLimit, Margins, worst_of
 from ..errors import margin_in_words
 from ..linear.arrays import Booleans, Floats, Integers
 from ..robot.spec import RobotSpec
@@ -47,7 +47,6 @@ UNLIMITED = 100.0
 EVERYWHERE = ""
 """The contact state of the set that is safe in all."""
 _JOINT = ("motor_inertia", "stiffness", "damping", "motor_viscous", "link_viscous")
-NOTHING_KEPT = Kept(True, math.nan, math.nan, math.nan)
 ROUND_OFF = 1e-12
 """Mobility of a joint, relative to the largest, below which the contacts hold it: they leave round-off."""
 HEAVIEST = 1e3  # times the motor's inertia: loads beyond this, or a joint that the contacts hold, do not change a PD's limits
@@ -60,7 +59,7 @@ class GainSet:
     kp, kd    joint space: (n,) [N m/rad], [N m s/rad]; task space: (m,) K'p [1/s²], K'v [1/s]; NaN where nothing can move that joint or
               direction in any state of the set: its gains would do nothing
     ki        (m,) where a task is P/PI [1/s²]; None otherwise
-    kept      the worst of what any case keeps
+    margins   every margin in the case in which it is smallest
     compliance  (m,) weight × inertia / stiffness, whose sum is made small [s²]; NaN where nothing can move
     binding   posture, contact state and place in the uncertainty that keep the softest joint or direction from more, in words
     cases     number of cases in which the requirements were checked
@@ -76,7 +75,7 @@ class GainSet:
     kp: Floats
     kd: Floats
     ki: Floats | None
-    kept: Kept
+    margins: Margins
     binding: str
     cases: int
     compliance: Floats
@@ -215,7 +214,8 @@ def _set(
     cascade, size = beginning.cascade, len(given)
     if not acting:
         nothing = np.full(size, math.nan)
-        return GainSet(contact, nothing, nothing, nothing if cascade.any() else None, NOTHING_KEPT, "", 0, nothing)
+        unknown = Margins.unknown(GainLimit.unknown(size))
+        return GainSet(contact, nothing, nothing, nothing if cascade.any() else None, unknown, "", 0, nothing)
     free = np.flatnonzero(given & np.any([state.moves for state in acting], axis=0))
     weighed = any(state.weighed for state in acting)
     cases = [state.with_weight for state in acting]
@@ -235,13 +235,13 @@ def _set(
     compliance = np.divide(beginning.unit, stiff, out=np.full(size, math.nan), where=stiff > 0)
     softest = max(free.tolist(), key=lambda j: np.nan_to_num(compliance[j]))
     where = tuple("" if k < 0 else cases[k].title for k in found.case)
-    topples = [state.with_weight.title for state in acting if without and not state.with_weight.kept(found.gains).stable]
+    topples = [state.with_weight.title for state in acting if without and not state.with_weight.margins(found.gains).stable]
     return GainSet(
         contact,
         gains[0],
         gains[1],
         gains[2] if cascade.any() else None,
-        _worst(found.kept),
+        worst_of(found.margins),
         where[softest],
         len(acting),
         compliance,
@@ -274,7 +274,7 @@ def _searched(
         if best is None or _most_missed(cases, found) < _most_missed(cases, best):
             best = found
     first = beginning.at(SHARES[0], (WEIGHED if weighed else SOFT)[0])
-    return best or Raised(first, tuple(case.kept(first) for case in cases), False)
+    return best or Raised(first, tuple(case.margins(first) for case in cases), False)
 
 
 def _starts(
@@ -287,7 +287,7 @@ def _starts(
         whole = np.array([safe.kp, safe.kd, np.zeros(len(safe.kp)) if safe.ki is None else safe.ki])
         tried.insert(0, np.where(np.isnan(whole), tried[0], whole))
     for gains in tried:
-        stable = all(case.kept(gains).stable for case in cases)
+        stable = all(case.margins(gains).stable for case in cases)
         progress()
         if stable:
             yield gains
@@ -308,23 +308,24 @@ def _alike(data: Sequence[Floats], free: Integers) -> list[list[int]]:
 
 
 def _most_missed(cases: Sequence[Case], found: Raised) -> float:
-    return max(kept.shortfall(case.required) for kept, case in zip(found.kept, cases, strict=True))
+    return max(case.required.shortfall(margins) for margins, case in zip(found.margins, cases, strict=True))
 
 
 def _nearest(cases: Sequence[Case], found: Raised) -> str:
     """What came nearest, in words."""
-    kept, case = max(zip(found.kept, cases, strict=True), key=lambda pair: pair[0].shortfall(pair[1].required))
-    return f"{_shortage(kept, case.required)} in {case.title}"
+    margins, case = max(zip(found.margins, cases, strict=True), key=lambda pair: pair[1].required.shortfall(pair[0]))
+    return f"{_shortage(margins, case.required)} in {case.title}"
 
 
-def _shortage(kept: Kept, required: Requirements) -> str:
+def _shortage(margins: Margins, required: Requirements) -> str:
     """The requirement that is missed most, in words."""
-    name = kept.missed(required)
+    name = required.missed(margins)
     if name == "stability":
         return "unstable"
-    texts = ([margin_in_words(name, getattr(whose, name), significant) for whose in (kept, required)] for significant in range(3, 10))
-    found, asked = next((pair for pair in texts if pair[0] != pair[1]), ("less", margin_in_words(name, getattr(required, name))))
-    return f"{kept.named(name)} {found} of {asked}"
+    needed = getattr(required, name)
+    texts = ([margin_in_words(name, value, significant) for value in (margins.least(name), needed)] for significant in range(3, 10))
+    found, asked = next((pair for pair in texts if pair[0] != pair[1]), ("less", margin_in_words(name, needed)))
+    return f"{margins.named(name)} {found} of {asked}"
 
 
 def joints_that_move(model: Plant, feedback: str) -> Booleans:
@@ -424,15 +425,3 @@ def _both(state: StateCase, case: Callable[["RobotModel"], Case], moves: Boolean
     weighed = state.model.gravity_stiffness is not None and bool(np.any(state.model.gravity_stiffness))
     whole = case(state.model)
     return _State(state.contact, whole, case(replace(state.model, gravity_stiffness=None)) if weighed else whole, weighed, moves, load)
-
-
-def _worst(kept: Sequence[Kept]) -> Kept:
-    """The least of every margin over all cases."""
-    return Kept(
-        stable=all(one.stable for one in kept),
-        gain_margin=min(one.gain_margin for one in kept),
-        phase_margin=min(one.phase_margin for one in kept),
-        peak_sensitivity=max(one.peak_sensitivity for one in kept),
-        common_phase=min(one.common_phase for one in kept),
-        single_phase=min(one.single_phase for one in kept),
-    )

@@ -80,7 +80,7 @@ def _factors(result: Audit) -> Factors:
         result.states,
         result.spec.robot.joint_names,
         np.array([state.single for state in result.states]),
-        np.array([state.margins.others_closed for state in result.states]),
+        np.array([state.margins.one_loop.gain_margin for state in result.states]),
         tuple(state.limit for state in result.states),
     )
 

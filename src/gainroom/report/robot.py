@@ -179,9 +179,9 @@ def _cards(study: RobotStudy) -> list[Card]:
         note = f"{hertz(limit.frequency)}, {state.title}" if math.isfinite(limit.frequency) else state.title
         cards.append(Card("tasks' gains, at most", digits(limit.gain, "", 3), "×", "stable: ≥ 1", limit.stable, note))
     elif study.stable:
-        state = min(study.states, key=lambda state: state.disk_margin)
-        proved = "" if state.disk_margin_certified else ", not certified"
-        cards.append(Card("disk margin", digits(state.disk_margin, "", 3), note=f"all motors at once, {state.title}{proved}"))
+        state = min(study.states, key=lambda state: state.margins.disk_margin)
+        proved = "" if state.margins.disk_certified else ", not certified"
+        cards.append(Card("disk margin", digits(state.margins.disk_margin, "", 3), note=f"all motors at once, {state.title}{proved}"))
     return cards
 
 
@@ -204,12 +204,12 @@ def _stable_cards(study: RobotStudy) -> list[Card]:
     def at(omega: float) -> str:
         return f"{hertz(omega)}, " if math.isfinite(omega) else ""
 
-    common = narrow.kept.named("phase_margin") == "phase margin"
+    common = narrow.margins.named("phase_margin") == "phase margin"
     where = f"{at(narrow.margins.phase_frequency) if common else ''}{narrow.title}"
     return [
-        margin_card(asked, "gain_margin", least.kept.gain_margin, f"{at(least.limit.frequency)}{least.title}"),
-        margin_card(asked, "phase_margin", narrow.kept.phase_margin, where, label=narrow.kept.named("phase_margin")),
-        margin_card(asked, "peak_sensitivity", high.kept.peak_sensitivity, f"one loop, others closed, {high.title}"),
+        margin_card(asked, "gain_margin", least.margins.least_gain_margin, f"{at(least.limit.frequency)}{least.title}"),
+        margin_card(asked, "phase_margin", narrow.margins.least_phase_margin, where, label=narrow.margins.named("phase_margin")),
+        margin_card(asked, "peak_sensitivity", high.margins.peak_sensitivity, f"one loop, others closed, {high.title}"),
         Card(
             "delay margin",
             digits(1e3 * late.margins.delay_margin, "", 3),
@@ -231,7 +231,7 @@ def _in_range(study: RobotStudy) -> str:
 
 def _disk_words(study: RobotStudy) -> str:
     """Where it opens the loops, and how it was proved."""
-    known = [state.disk_margin_certified for state in study.states if state.disk_margin_certified is not None]
+    known = [state.margins.disk_certified for state in study.states if state.margins.disk_certified is not None]
     words = "every motor's torque is multiplied by a complex factor of its own (2 + δ)/(2 − δ); no factors with |δ| below the margin"
     if not known:
         return f"{words} would lose the robot; an unstable robot has none"

@@ -3,7 +3,7 @@
 import math
 from dataclasses import replace
 
-from ..analysis.coupled_robustness import kept_by
+from ..analysis.quick_margins import quick_margins
 from ..errors import listed
 from ..studies.robot_record import RobotStudy, StateStudy
 from ..system.controller import PPI
@@ -30,7 +30,7 @@ def remedies(study: RobotStudy) -> list[Html]:
 
 
 def _words(study: RobotStudy, name: str, state: StateStudy) -> list[str]:
-    asked, value = study.spec.requirements, getattr(state.kept, name)
+    asked, value = study.spec.requirements, state.margins.least(name)
     if math.isnan(value):
         return [MEANING[name].format(n=state.model.size), f"In {state.title} it is not known."]
     least = margin_value(asked, name, value, False, 3)
@@ -44,7 +44,7 @@ def _words(study: RobotStudy, name: str, state: StateStudy) -> list[str]:
 def _frequency(name: str, state: StateStudy) -> str:
     """Where a phase margin that all loops share is lost."""
     margins = state.margins
-    shared = name == "phase_margin" and state.kept.named(name) == "phase margin"
+    shared = name == "phase_margin" and margins.named(name) == "phase margin"
     return f", at {hertz(margins.phase_frequency)}" if shared else ""
 
 
@@ -56,11 +56,11 @@ def _trials(study: RobotStudy, name: str, state: StateStudy) -> str:
     better, worse = [], []
     for gain, factor in ((rate, MORE), (rate, LESS), ("kp", LESS)):
         changed = replace(controller, **{gain: factor * getattr(controller, gain)})
-        kept = kept_by(spec.loop(state.model, changed))
-        value = getattr(kept, name)
-        helps = kept.stable and (value < getattr(state.kept, name) if name == "peak_sensitivity" else value > getattr(state.kept, name))
+        found = quick_margins(spec.loop(state.model, changed))
+        value, own = found.least(name), state.margins.least(name)
+        helps = found.stable and (value < own if name == "peak_sensitivity" else value > own)
         known = "not known" if math.isnan(value) else margin_value(asked, name, value, None, 3)
-        told = known if kept.stable else "vibration"
+        told = known if found.stable else "vibration"
         (better if helps else worse).append(f"{told} with all {gain} times {factor:g}")
     if not better:
         return f"No small change of all gains mends it ({listed(worse)}): less delay or stiffer, better damped gearboxes would."

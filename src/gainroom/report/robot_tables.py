@@ -69,11 +69,11 @@ def _state_row(state: StateStudy) -> tuple[str, ...]:
         digits(limit.gain),
         frequency(limit.frequency),
         most,
-        digits(math.degrees(state.kept.common_phase), "°", 3),
-        digits(math.degrees(state.kept.single_phase), "°", 3),
+        digits(math.degrees(state.margins.common_phase_margin), "°", 3),
+        digits(math.degrees(state.margins.one_loop_phase_margin), "°", 3),
         digits(1e3 * state.margins.delay_margin, "ms", 3),
-        digits(state.kept.peak_sensitivity, "", 3),
-        digits(state.disk_margin, "", 3) + (", not certified" if state.disk_margin_certified is False else ""),
+        digits(state.margins.peak_sensitivity, "", 3),
+        digits(state.margins.disk_margin, "", 3) + (", not certified" if state.margins.disk_certified is False else ""),
     )
 
 
@@ -213,11 +213,12 @@ def _kept_table(columns: Sequence[Column], spec: RobotSpec, gains: RobotGains) -
         if not one.moves:
             rows.append((name, "–", "–", "–", "nothing moves there: gains do nothing", "–"))
             continue
-        kept = one.kept
+        margins = one.margins
         margins = (
-            digits(decibels(kept.gain_margin), "dB", 3),
-            digits(math.degrees(kept.phase_margin), "°", 3) + (", one loop" if kept.single_phase < kept.common_phase else ""),
-            digits(kept.peak_sensitivity, "", 3),
+            digits(decibels(margins.least_gain_margin), "dB", 3),
+            digits(math.degrees(margins.least_phase_margin), "°", 3)
+            + (", one loop" if margins.one_loop_phase_margin < margins.common_phase_margin else ""),
+            digits(margins.peak_sensitivity, "", 3),
         )
         rows.append((name, *margins, held_back(one, gains.names), str(one.cases)))
     caption = (

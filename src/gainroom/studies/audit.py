@@ -160,7 +160,7 @@ def _joints(result: Audit) -> tuple[AuditedJoint, ...]:
     gains = {name: getattr(controller, name, 0.0) for name in ("kp", "kd", "ki")}
     columns = {name: np.broadcast_to(gain, len(spec.robot.joint_names)) for name, gain in gains.items()}
     alone = np.min([state.single for state in result.states], axis=0)
-    closed = np.min([state.margins.others_closed for state in result.states], axis=0)
+    closed = np.min([state.margins.one_loop.gain_margin for state in result.states], axis=0)
     vibrating = {name for state in result.states if not state.keeps(result.margin) for name in state.limiting_joints}
     return tuple(
         AuditedJoint(

@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..analysis.coupled_margins import JointMargins, joint_margins
-from ..analysis.coupled_robustness import UNKNOWN, Kept, kept_by
-from ..analysis.disk_margin import disk_margin
-from ..analysis.gain_limit import GainLimit, gain_limit
+from ..analysis.gain_limit import gain_limit
 from ..analysis.loci import Sweep
+from ..analysis.margin_record import GainLimit, Margins
+from ..analysis.margins import joint_margins
 from ..analysis.partial_limits import part_limits
 from ..analysis.stability import has_growing_root, unstable_roots
 from ..design.robot_gains import ROUND_OFF, RobotGains, joints_that_move, recommend_robot
@@ -33,8 +32,6 @@ EXPECTED_LOOKS = 250
 """Looks that the search for gains takes per state and corner of the uncertainty, roughly: for the progress bar."""
 ANYWHERE = np.array([0.7, 1.3, 2.1])
 """Frequencies [rad/s] at which a loop that moves anything does not vanish altogether."""
-SAME = 1e-6
-"""Relative: two searches for one margin, both polished, agree by this."""
 HELD = "no joint that has gains can move"
 IDLE = "the tasks move nothing"
 Progress = Callable[[int, int, str], None]
@@ -102,31 +99,10 @@ def _studied(spec: RobotSpec, model: "RobotModel", posture: str, contact: str) -
     tasks = _tasks(spec, model) if spec.robot.stack else None
     if not moves(loop):
         reason = IDLE if spec.control.space == "task" else HELD
-        return StillState(posture, contact, reason, _joints(spec, model, controller, _no_margins(_no_limit(model.size))), tasks)
+        return StillState(posture, contact, reason, _joints(spec, model, controller, Margins.unknown(GainLimit.unknown(model.size))), tasks)
     margins = margins_of(loop)
-    disk = disk_margin(loop) if margins.stable else None
-    return StateStudy(
-        posture=posture,
-        contact=contact,
-        model=model,
-        loop=loop,
-        margins=margins,
-        joints=_joints(spec, model, controller, margins),
-        tasks=tasks,
-        kept=_kept(loop, margins),
-        disk_margin=math.nan if disk is None else disk.margin,
-        disk_margin_certified=None if disk is None else disk.certified,
-    )
-
-
-def _kept(loop: Loop, margins: JointMargins) -> Kept:
-    """What the loop keeps, its phase margin no larger than joint_margins has it: one number wherever it is shown."""
-    if math.isnan(margins.limit.gain):
-        return replace(UNKNOWN, stable=margins.stable)
-    kept = kept_by(loop)
-    if not margins.phase_margin < kept.common_phase * (1 - SAME):
-        return kept
-    return replace(kept, phase_margin=min(margins.phase_margin, kept.single_phase), common_phase=margins.phase_margin)
+    rows = _joints(spec, model, controller, margins)
+    return StateStudy(posture=posture, contact=contact, model=model, loop=loop, margins=margins, joints=rows, tasks=tasks)
 
 
 def moves(loop: Loop) -> bool:
@@ -134,12 +110,12 @@ def moves(loop: Loop) -> bool:
     return bool(np.any(loop.response(ANYWHERE)))
 
 
-def margins_of(loop: Loop) -> JointMargins:
+def margins_of(loop: Loop) -> Margins:
     """joint_margins; where the loci cannot be followed, the verdict alone, with NaN for all else."""
     try:
         return joint_margins(loop)
     except GainroomError as error:
-        return _no_margins(_verdict(loop, error))
+        return Margins.unknown(_verdict(loop, error))
 
 
 def limit_of(loop: Loop) -> GainLimit:
@@ -159,17 +135,7 @@ def _verdict(loop: Loop, error: GainroomError) -> GainLimit:
         stable = not has_growing_root(loop) and (unstable_roots(loop) == 0 or Sweep(loop).unstable(1.0) == 0)
     except (np.linalg.LinAlgError, ValueError):  # gains so absurd that the state matrix is not finite
         raise error from None
-    return _no_limit(loop.size, stable)
-
-
-def _no_limit(size: int, stable: bool = True) -> GainLimit:
-    """A limit of which nothing is known but, perhaps, the verdict."""
-    return GainLimit(stable, math.nan, math.nan, math.nan, np.ones(size, dtype=complex), None)
-
-
-def _no_margins(limit: GainLimit) -> JointMargins:
-    nothing = np.full(len(limit.mode), math.nan)
-    return JointMargins(limit, math.nan, math.nan, math.nan, math.nan, nothing, nothing, nothing)
+    return GainLimit.unknown(loop.size, stable)
 
 
 def single_joint_limits(spec: RobotSpec, model: "RobotModel", controller: PD | PID | PPI) -> Floats:
@@ -225,7 +191,7 @@ def _own(gain: Floats, size: int) -> Floats:
     return own if np.ndim(gain) < 2 else np.where(np.abs(own) > ROUND_OFF * np.abs(matrix).max(), own, 0.0)
 
 
-def _joints(spec: RobotSpec, model: "RobotModel", controller: PD | PID | PPI, margins: JointMargins) -> tuple[JointRow, ...]:
+def _joints(spec: RobotSpec, model: "RobotModel", controller: PD | PID | PPI, margins: Margins) -> tuple[JointRow, ...]:
     size = model.size
     terms = controller.terms()
     kp, kd = (_own(terms.get(powers, np.zeros(())), size) for powers in ((0, 0), (1, 0)))
@@ -237,11 +203,11 @@ def _joints(spec: RobotSpec, model: "RobotModel", controller: PD | PID | PPI, ma
         "link_inertia": load,
         "participation": np.abs(margins.limit.mode) if math.isfinite(margins.limit.frequency) else nothing,
         "single_joint_limit": single_joint_limits(spec, model, controller),
-        "limit_others_closed": margins.others_closed,
+        "limit_others_closed": margins.one_loop.gain_margin,
         "kp": kp,
         "kd": kd,
-        "kp_max": nothing if margins.largest_kp is None else margins.largest_kp,
-        "kd_max": nothing if margins.largest_kd is None else margins.largest_kd,
+        "kp_max": nothing if margins.one_loop.largest_kp is None else margins.one_loop.largest_kp,
+        "kd_max": nothing if margins.one_loop.largest_kd is None else margins.one_loop.largest_kd,
     }
     return tuple(JointRow(name, **{key: float(column[k]) for key, column in columns.items()}) for k, name in enumerate(model.joint_names))
 
@@ -253,7 +219,7 @@ def _tasks(spec: RobotSpec, model: "RobotModel") -> TaskStudy:
     movable = tasks.movable
     acting = np.flatnonzero(movable & ((tasks.kp != 0) | (tasks.kd != 0) | (tasks.ki != 0))).tolist()
     loop = spec.loop(model, spec.shaped(tasks.controller()))
-    limit = limit_of(loop) if acting else _no_limit(model.size)
+    limit = limit_of(loop) if acting else GainLimit.unknown(model.size)
     shares = [replace(tasks, torque=tasks.torque * np.eye(count)[k]) for k in acting]
     parts = [spec.loop(model, spec.shaped(share.controller())) for share in shares]
     alone, closed = np.full(count, math.nan), np.full(count, math.nan)

@@ -7,9 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..analysis.coupled_margins import JointMargins
-from ..analysis.coupled_robustness import Kept
-from ..analysis.gain_limit import GainLimit
+from ..analysis.margin_record import GainLimit, Margins
 from ..design.robot_gains import RobotGains
 from ..linear.arrays import Complexes, Integers
 from ..robot.spec import RobotSpec
@@ -99,7 +97,7 @@ class JudgedState(State):
     """A state in which the gains move something, so that there is a verdict."""
 
     model: "RobotModel"
-    margins: JointMargins
+    margins: Margins
 
     @property
     def limit(self) -> GainLimit:
@@ -114,20 +112,11 @@ class JudgedState(State):
 
 @dataclass(frozen=True)
 class StateStudy(JudgedState):
-    """All that is known of one state.
-
-    kept          what all loops together and each with the others closed keep of gain, phase and sensitivity
-    disk_margin   of all loops, each motor's torque multiplied by a factor of its own (disk_margin.py): how far gain and phase of all
-                  actuators may be off, independently of each other; NaN for an unstable robot
-    disk_margin_certified   proved between the frequencies that were looked at; None for an unstable robot
-    """
+    """All that is known of one state."""
 
     loop: Loop
     joints: tuple[JointRow, ...]
     tasks: TaskStudy | None
-    kept: Kept
-    disk_margin: float
-    disk_margin_certified: bool | None
 
 
 @dataclass(frozen=True)
@@ -176,18 +165,19 @@ class RobotStudy:
     def worst(self) -> dict[str, StateStudy]:
         """By name of a requirement, the state that keeps least of it."""
         least: dict[str, Callable[[StateStudy], float]] = {
-            "gain_margin": lambda state: state.kept.gain_margin,
-            "phase_margin": lambda state: state.kept.phase_margin,
-            "peak_sensitivity": lambda state: -state.kept.peak_sensitivity,
+            "gain_margin": lambda state: state.margins.least_gain_margin,
+            "phase_margin": lambda state: state.margins.least_phase_margin,
+            "peak_sensitivity": lambda state: -state.margins.peak_sensitivity,
         }
-        return {name: min(self.states, key=key) for name, key in least.items()}
+        # Mirrored states differ by round-off: the first of them
+        return {name: min(self.states, key=lambda state, key=key: float(f"{key(state):.9g}")) for name, key in least.items()}
 
     @property
     def unmet(self) -> dict[str, StateStudy]:
         """The requirements that are not kept in every state, each with the worst one; empty for an unstable robot."""
         asked = self.spec.requirements
         one = {name: Requirements(**{name: getattr(asked, name)}) for name in asked.asked}
-        return {name: self.worst[name] for name in one if not self.worst[name].kept.meets(one[name])} if self.stable else {}
+        return {name: self.worst[name] for name in one if not one[name].met_by(self.worst[name].margins)} if self.stable else {}
 
     @property
     def tightest(self) -> StateStudy:

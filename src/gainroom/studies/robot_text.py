@@ -35,7 +35,7 @@ def _unmet(study: RobotStudy) -> list[str]:
     """What is asked for and not kept."""
     asked, parts = study.spec.requirements, []
     for name, state in study.unmet.items():
-        value, needed = getattr(state.kept, name), getattr(asked, name)
+        value, needed = state.margins.least(name), getattr(asked, name)
         if math.isnan(value):
             figures = "not known"
         elif name == "gain_margin":
@@ -44,7 +44,7 @@ def _unmet(study: RobotStudy) -> list[str]:
             figures = f"{beside(math.degrees(value), math.degrees(needed))}° of {math.degrees(needed):.3g}°"
         else:
             figures = f"{beside(value, needed)}, at most {needed:.3g}"
-        parts.append(f"{state.kept.named(name)} ({figures}, {state.title})")
+        parts.append(f"{state.margins.named(name)} ({figures}, {state.title})")
     return [f"Not as required: {listed(parts)}."] if parts else []
 
 

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -15,6 +16,17 @@ the round-off of the search and of dB and degrees, below 1e-8; what this grants 
 def enough(value: float, needed: float) -> bool:
     """Whether `value` is at least `needed` but for ROUND_OFF; False for NaN."""
     return bool(value >= needed * (1 - ROUND_OFF))
+
+
+class Judged(Protocol):
+    """Margins that requirements are held against (analysis/margin_record.py)."""
+
+    @property
+    def stable(self) -> bool: ...
+
+    def least(self, name: str) -> float:
+        """What the requirement `name` bounds; NaN where it is not known."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -67,3 +79,33 @@ class Requirements:
         if needed is None:
             return None
         return enough(needed, value) if name == "peak_sensitivity" else enough(value, needed)
+
+    def met_by(self, found: Judged) -> bool:
+        """Whether a stable loop meets everything that is asked for."""
+        return found.stable and all(self.met(name, found.least(name)) for name in self.asked)
+
+    def missed(self, found: Judged) -> str:
+        """The name of what is missed most: a field of Requirements, or "stability"; "" where nothing is."""
+        if not found.stable:
+            return "stability"
+        short = self.shortfalls(found)
+        return max((name for name in short if not self.met(name, found.least(name))), key=lambda name: short[name], default="")
+
+    def shortfall(self, found: Judged) -> float:
+        """By how much the requirement that is missed most is missed: in ln of a gain or a sensitivity, or as part of a phase.
+
+        Negative where all are met; inf where unstable, or where something is not known.
+        """
+        worst = max(self.shortfalls(found).values(), default=-math.inf)
+        return worst if found.stable else math.inf
+
+    def shortfalls(self, found: Judged) -> dict[str, float]:
+        """The same of every requirement."""
+        asked = {name: (getattr(self, name), found.least(name)) for name in self.asked}
+        short = {
+            name: 1 - value / needed
+            if name == "phase_margin"
+            else (1 if name == "peak_sensitivity" else -1) * (math.log(value) - math.log(needed))
+            for name, (needed, value) in asked.items()
+        }
+        return {name: math.inf if math.isnan(value) else value for name, value in short.items()}

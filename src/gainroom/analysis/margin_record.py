@@ -1,0 +1,258 @@
+"""What a loop of n >= 1 joints has left before it is lost: one record, whatever n is. An unstable loop has no margins: they are NaN."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ..linear.arrays import Booleans, Complexes, Floats
+from .first_crossing import Certificate
+
+
+class PhaseCrossing(NamedTuple):
+    """L is real and negative at `omega` [rad/s]; multiplying the gains by `gain` = −1/Re L puts a root there."""
+
+    omega: float
+    gain: float
+
+
+class GainCrossing(NamedTuple):
+    """|L| = 1 at `omega` [rad/s]; phase_margin [rad] in (−π, π]; delay_margin [s]: extra delay that puts a root there."""
+
+    omega: float
+    phase_margin: float
+    delay_margin: float
+
+
+@dataclass(frozen=True)
+class GainLimit:
+    """The stable interval of the common gain factor g.
+
+    stable       at g = 1
+    gain         its upper end: > 1 where the loop is stable; < 1 where it is not, and lowering the gains to it would make it so;
+                 0 where no lower gain is stable; inf where no higher gain is unstable (one joint, continuous time: none below 1e9)
+    lower_gain   its lower end, 0 where every lower gain is stable (coupled loops: down to 1e-4 of them, or 0.1
+                 where round-off hides more), NaN where no factor below 1 is
+    frequency    of the vibration at the upper end [rad/s], 0 where the robot topples, NaN where there is none
+    mode         (n,) complex, the joints' parts in that vibration, the largest 1
+    certificate, lower_certificate   of the upper and the lower end, None where there is none
+    lower_frequency   at the lower end [rad/s], likewise
+
+    Coupled loops: roots that the gains do not move (joints left free) are not counted; factors up to 1e3 are looked at.
+    """
+
+    stable: bool
+    gain: float
+    lower_gain: float
+    frequency: float
+    mode: Complexes
+    certificate: Certificate | None
+    lower_certificate: Certificate | None = None
+    lower_frequency: float = math.nan
+
+    @classmethod
+    def unknown(cls, size: int, stable: bool = True) -> "GainLimit":
+        """Of `size` joints, where nothing but the verdict is known."""
+        return cls(stable, math.nan, math.nan, math.nan, np.ones(size, dtype=complex), None)
+
+    @property
+    def certified(self) -> bool:
+        """True where roots were counted on both sides of every end."""
+        return all(one.holds for one in (self.certificate, self.lower_certificate) if one is not None)
+
+
+@dataclass(frozen=True)
+class OneLoop:
+    """Margins of one loop at a time, the other n − 1 loops closed. Arrays (n,).
+
+    gain_margin, lower_gain_margin   largest and smallest factor on the gains that act on what one joint measures; inf and 0 where none
+                   (n > 1: none above 1e-3)
+    phase_margin   [rad] the smallest phase, lag or lead; inf where none
+    certified      True where roots were counted on both sides of the factors and of the largest gains; for n = 1 as the scan is
+    largest_kp, largest_kd   largest diagonal gains, the other gains as they are [N m/rad], [N m s/rad]; None where the controller has
+                   no such gains, and where they were not asked for (see joint_margins)
+    """
+
+    gain_margin: Floats
+    lower_gain_margin: Floats
+    phase_margin: Floats
+    certified: Booleans
+    largest_kp: Floats | None = None
+    largest_kd: Floats | None = None
+
+    @classmethod
+    def unknown(cls, size: int) -> "OneLoop":
+        """NaN for each of `size` joints."""
+        nothing = np.full(size, math.nan)
+        return cls(nothing, nothing, nothing, np.zeros(size, dtype=bool), nothing, nothing)
+
+
+@dataclass(frozen=True)
+class Margins:
+    """All margins of one loop of n joints: of all loops together and, in `one_loop`, of one at a time.
+
+    limit                        stable interval of the common factor on all gains; told for unstable loops, too
+    unstable_roots               the verdict: 0 where the loop is stable; −1: unstable, roots not counted
+    phase_margin, gain_crossover [rad] the smallest common phase in size, with its sign (> 0: lag), and its frequency [rad/s]; inf: none
+    delay_margin, delay_crossover   the smallest extra delay in all loops [s], and its frequency [rad/s]; inf: none (n > 1: up to 1 s)
+    peak_sensitivity             Ms = max |S_ii|, S = (I + L)⁻¹, at peak_sensitivity_frequency [rad/s]: for n > 1 the largest of one loop,
+                                 the others closed
+    peak_complementary           Mt = max |L|/|1+L|, at peak_complementary_frequency [rad/s]; NaN for n > 1
+    disk_margin                  balanced disk margin, every loop multiplied by its own factor (Seiler, Packard and Gahinet 2020; for
+                                 n = 1 min 2|1+L|/|1−L|), at disk_margin_frequency [rad/s]; disk_certified: proved between frequencies
+    one_loop                     (n,) arrays
+    certified                    n = 1: nothing between the evaluated frequencies was missed (False for loops given as callables);
+                                 n > 1: roots were counted on both sides of every limit, phase, delay and factor on one loop
+    phase_certificate, delay_certificate   roots counted on both sides; None where there is no such margin, and for n = 1
+    phase_crossings, gain_crossings   all of them for n = 1; in continuous time down to |L| = 0.001, or to where no nearer one can follow
+    """
+
+    limit: GainLimit
+    one_loop: OneLoop
+    unstable_roots: int = 0
+    phase_margin: float = math.nan
+    gain_crossover: float = math.nan
+    delay_margin: float = math.nan
+    delay_crossover: float = math.nan
+    peak_sensitivity: float = math.nan
+    peak_sensitivity_frequency: float = math.nan
+    peak_complementary: float = math.nan
+    peak_complementary_frequency: float = math.nan
+    disk_margin: float = math.nan
+    disk_margin_frequency: float = math.nan
+    disk_certified: bool | None = None
+    certified: bool = False
+    phase_certificate: Certificate | None = None
+    delay_certificate: Certificate | None = None
+    phase_crossings: tuple[PhaseCrossing, ...] = ()
+    gain_crossings: tuple[GainCrossing, ...] = ()
+
+    @classmethod
+    def unknown(cls, limit: GainLimit) -> "Margins":
+        """Nothing but the verdict and, perhaps, the limit."""
+        return cls(limit, OneLoop.unknown(len(limit.mode)), unstable_roots=0 if limit.stable else -1)
+
+    @property
+    def stable(self) -> bool:
+        """At the gains as they are."""
+        return self.limit.stable
+
+    @property
+    def gain_margin(self) -> float:
+        """The factor > 1 on all gains at which the loop is lost; inf where there is none (see GainLimit)."""
+        return self.limit.gain if self.stable else math.nan
+
+    @property
+    def phase_crossover(self) -> float:
+        """The frequency of the vibration at the gain margin [rad/s]; NaN where there is none."""
+        return self.limit.frequency if self.stable else math.nan
+
+    @property
+    def lower_gain_margin(self) -> float:
+        """The factor < 1 at which a conditionally stable loop is lost; 0 where there is none."""
+        return self.limit.lower_gain if self.stable else math.nan
+
+    @property
+    def lower_phase_crossover(self) -> float:
+        """The frequency at the lower gain margin [rad/s]; NaN where there is none."""
+        return self.limit.lower_frequency if self.stable else math.nan
+
+    @property
+    def gain_room(self) -> float:
+        """The smallest factor, up or down, on all gains that is lost."""
+        return min(self.gain_margin, 1 / self.lower_gain_margin if self.lower_gain_margin > 0 else math.inf)
+
+    @property
+    def least_gain_margin(self) -> float:
+        """The smallest factor, up or down, on all gains or on those of one loop, that is lost: what requirements bound."""
+        with np.errstate(divide="ignore"):
+            factors = [self.one_loop.gain_margin, 1 / self.one_loop.lower_gain_margin]
+        return float(np.min(np.append(factors, self.gain_room)))
+
+    @property
+    def common_phase_margin(self) -> float:
+        """[rad] the smallest phase in all loops, of either sign."""
+        return abs(self.phase_margin)
+
+    @property
+    def one_loop_phase_margin(self) -> float:
+        """[rad] the smallest phase in one loop."""
+        return float(self.one_loop.phase_margin.min())
+
+    @property
+    def least_phase_margin(self) -> float:
+        """[rad] the smallest phase, of either sign, in all loops or in one, that is lost: what requirements bound."""
+        return min(self.common_phase_margin, self.one_loop_phase_margin)
+
+    def least(self, name: str) -> float:
+        """What the requirement `name`, a field of Requirements, bounds."""
+        return self.peak_sensitivity if name == "peak_sensitivity" else getattr(self, f"least_{name}")
+
+    def named(self, name: str) -> str:
+        """What that is: "phase margin of one loop" where it is the lesser."""
+        words = name.replace("_", " ")
+        return f"{words} of one loop" if name == "phase_margin" and self.one_loop_phase_margin < self.common_phase_margin else words
+
+    @property
+    def phase_frequency(self) -> float:
+        """gain_crossover, as JointMargins had it, and so on."""
+        return self.gain_crossover
+
+    @property
+    def delay_frequency(self) -> float:
+        return self.delay_crossover
+
+    @property
+    def others_closed(self) -> Floats:
+        return self.one_loop.gain_margin
+
+    @property
+    def lower_others_closed(self) -> Floats:
+        return self.one_loop.lower_gain_margin
+
+    @property
+    def others_certified(self) -> Booleans:
+        return self.one_loop.certified
+
+    @property
+    def largest_kp(self) -> Floats | None:
+        return self.one_loop.largest_kp
+
+    @property
+    def largest_kd(self) -> Floats | None:
+        return self.one_loop.largest_kd
+
+
+def worst_of(found: Sequence[Margins]) -> Margins:
+    """Every margin, with its frequency, from the loop where it is smallest; no lists of crossings, and no certificates."""
+    closest = {
+        "phase_margin gain_crossover": min(found, key=lambda one: abs(one.phase_margin)),
+        "delay_margin delay_crossover": min(found, key=lambda one: one.delay_margin),
+        "peak_sensitivity peak_sensitivity_frequency": max(found, key=lambda one: one.peak_sensitivity),
+        "peak_complementary peak_complementary_frequency": max(found, key=lambda one: one.peak_complementary),
+        "disk_margin disk_margin_frequency": min(found, key=lambda one: one.disk_margin),
+    }
+    upper, lower = (
+        min((one.limit for one in found), key=lambda one: one.gain),
+        max((one.limit for one in found), key=lambda one: one.lower_gain),
+    )
+    limit = GainLimit(
+        stable=all(one.stable for one in found),
+        gain=upper.gain,
+        lower_gain=lower.lower_gain,
+        frequency=upper.frequency,
+        mode=upper.mode,
+        certificate=None,
+        lower_frequency=lower.lower_frequency,
+    )
+    loops = [one.one_loop for one in found]
+    one_loop = OneLoop(
+        gain_margin=np.min([one.gain_margin for one in loops], axis=0),
+        lower_gain_margin=np.max([one.lower_gain_margin for one in loops], axis=0),
+        phase_margin=np.min([one.phase_margin for one in loops], axis=0),
+        certified=np.all([one.certified for one in loops], axis=0),
+    )
+    values = {name: getattr(case, name) for names, case in closest.items() for name in names.split()}
+    return Margins(limit, one_loop, **values, certified=all(one.certified for one in found))

@@ -1,0 +1,85 @@
+"""Crossings and peaks of curves that are known at samples: between which of them, interpolated, and polished."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ..linear.arrays import Complexes, Floats, Integers
+
+ROUNDS = 4  # of parabolas about a peak, of which each finds about half as many digits again
+
+Curves = Callable[[Floats], Complexes]
+"""ω (k,) → (k, m): m scalar responses."""
+
+
+def meets_axis(start: Complexes, end: Complexes) -> tuple[Integers, Integers, Floats, Floats]:
+    """Steps (k, m) that cross the negative real axis: row, column, which share of ω in, and where, interpolated."""
+    rows, columns = np.nonzero((start.imag > 0) != (end.imag > 0))
+    start, end = start[rows, columns], end[rows, columns]
+    share = start.imag / (start.imag - end.imag)
+    value = (start + share * (end - start)).real
+    found = value < 0
+    return rows[found], columns[found], share[found], value[found]
+
+
+def meets_circle(start: Complexes, end: Complexes) -> tuple[Integers, Integers, Floats, Floats]:
+    """Steps (k, m) that cross the unit circle: row, column, which share of ln ω in, and arg(−λ) there, interpolated."""
+    low, high = (np.log(np.maximum(np.abs(value), 1e-300)) for value in (start, end))
+    rows, columns = np.nonzero((low > 0) != (high > 0))
+    low, high, start, end = (each[rows, columns] for each in (low, high, start, end))
+    share = low / (low - high)
+    lag = np.angle(-start) + share * np.angle(end * start.conj())  # size and direction change evenly where curves are powers of ω
+    return rows, columns, share, np.angle(np.exp(1j * lag))
+
+
+def on_axis(curves: Curves, joints: Integers, low: tuple[Floats, Complexes], high: tuple[Floats, Complexes]) -> tuple[Floats, Complexes]:
+    """ω and the real values there of curves between samples (ω, c) on two sides of the real axis, by the Illinois method."""
+    (left, value), (right, other) = low, high
+    first, second = value.imag, other.imag
+    omega, moved_left, moved_right = left, np.zeros(len(joints), dtype=bool), np.zeros(len(joints), dtype=bool)
+    for _ in range(20 if len(joints) else 0):
+        share = np.divide(first, first - second, out=np.full(len(joints), 0.5), where=first != second)
+        omega = left + share * (right - left)
+        value = curves(omega)[np.arange(len(joints)), joints]
+        if np.all(np.abs(value.imag) <= 1e-14 * np.abs(value)):
+            break
+        same = (value.imag > 0) == (first > 0)
+        left, right = np.where(same, omega, left), np.where(same, right, omega)
+        # An end that stays for a second time counts half: else it might stay for ever
+        first = np.where(same, value.imag, np.where(moved_right, 0.5 * first, first))
+        second = np.where(same, np.where(moved_left, 0.5 * second, second), value.imag)
+        moved_left, moved_right = same, ~same
+    return omega, value
+
+
+def peaks(sizes: Floats, least: float) -> tuple[Integers, Integers]:
+    """Samples (k, n) above `least` that are no lower than those beside them: row, which is neither the first nor the last, and column."""
+    inner = sizes[1:-1]
+    rows, columns = np.nonzero((inner >= sizes[:-2]) & (inner >= sizes[2:]) & (inner > least))
+    return rows + 1, columns
+
+
+def polished_peaks(
+    omega: Floats, sizes: Floats, rows: Integers, columns: Integers, at: Callable[[Floats], Floats]
+) -> tuple[Floats, Floats]:
+    """ω and height (k,) of peaks seen in samples: again and again where the parabola through three points about each has its top."""
+    place, height = (np.array([part[rows + k] for k in (-1, 0, 1)]) for part in (omega, sizes))
+    height = height[:, np.arange(len(rows)), columns]
+    for _ in range(ROUNDS if len(rows) else 0):
+        top = _top_of_parabola(place, height)
+        found = at(top)
+        higher, after = found >= height[1], top > place[1]
+        for part, new in ((place, top), (height, found)):
+            low, middle, high = part.copy()
+            part[0] = np.where(higher, np.where(after, middle, low), np.where(after, low, new))
+            part[1] = np.where(higher, new, middle)
+            part[2] = np.where(higher, np.where(after, high, middle), np.where(after, new, high))
+    return place[1], height[1]
+
+
+def _top_of_parabola(place: Floats, height: Floats) -> Floats:
+    """(k,) where the parabolas through three points, (3, k), of which the middle one is highest, have their tops."""
+    (low, middle, high), (before, after) = place, np.diff(height, axis=0) / np.maximum(np.diff(place, axis=0), 1e-300)
+    bend = before - after
+    share = np.divide(before, bend, out=np.full(len(bend), 0.5), where=bend > 0)
+    return np.clip(0.5 * (low + middle) + 0.5 * (high - low) * share, low, high)
