@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from gainroom.cli import main
-from gainroom.files import common_sections as config_sections
 from gainroom.files import joint_scenario as scenario_sections
 from gainroom.files import joint_yaml as config
+from gainroom.files import system_sections as config_sections
 from robot_files import write_arm
 
 ROOT = Path(__file__).parents[1]
@@ -25,13 +25,11 @@ DOCUMENTS = [*docs_output.documents(), ROOT / "CHANGELOG.md", ROOT / "CONTRIBUTI
 SECTIONS = [
     config.JointSection,
     config_sections.DriveSection,
-    config.PDSection,
-    config.PIDSection,
-    config.PPISection,
+    config.JointControlSection,
     config_sections.LowPassSection,
     config_sections.NotchSection,
     config_sections.LimitsSection,
-    config.UncertaintySection,
+    config.JointUncertaintySection,
     scenario_sections.ScenarioSection,
     scenario_sections.StepSection,
     scenario_sections.MoveSection,

@@ -95,7 +95,7 @@ def test_numbers_are_typed_without_their_unit(folder: Path, capsys: pytest.Captu
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("left: [left_sole]", "left: left_sole", ["contacts.left: 'left_sole'", "a list of frames: ['left_sole']"]),
+        ("left: [left_sole]", "left: left_sole", ["contacts.left: 'left_sole'", "must be a list: ['left_sole']"]),
         ("  default:\n", "  locked: left_knee\n  default:\n", ["joints.locked: 'left_knee'", "a list", "['left_knee']"]),
         ("  default:\n", "  lock: [left_knee]\n  default:\n", ["joints.lock: ['left_knee']", "locked, the list", "stiffness"]),
     ],

@@ -16,9 +16,9 @@ from numpy.testing import assert_allclose
 import gainroom as gr
 from gainroom.cli.example import example_texts
 from gainroom.errors import GainroomError
-from gainroom.files.common_sections import RangesSection
 from gainroom.files.robot_sections import ActuatorSection, ContactSection, ModelSection, RobotControlSection, TaskSection
 from gainroom.files.robot_yaml import load_robot, parse_robot
+from gainroom.files.system_sections import UncertaintySection
 from gainroom.io.yaml_text import parse_yaml
 from gainroom.robot.formats.model_files import locate
 from gainroom.robot.spec import RobotSpec
@@ -27,7 +27,7 @@ from robot_truths import hinge, link, write_robot
 
 BIPED = example_texts()["biped"]
 DOCUMENT = (Path(__file__).parents[1] / "docs" / "robots.md").read_text("utf-8")
-SECTIONS = [ModelSection, ActuatorSection, ContactSection, TaskSection, RobotControlSection, RangesSection]
+SECTIONS = [ModelSection, ActuatorSection, ContactSection, TaskSection, RobotControlSection, UncertaintySection]
 SMALL = """\
 model: {file: robot.urdf, base: fixed}
 joints:
@@ -272,7 +272,7 @@ def test_load_robot_carries_its_file(folder: Path):
         ("drive: {", "  locked: arm\ndrive: {", "joints.locked: 'arm' must be a list", ""),
         ("drive: {", "  locked: [1]\ndrive: {", "joints.locked[0]: 1 must be a name", ""),
         ("delay_ms: 2}", "delay_s: 2}", "drive.delay_s: unknown key", "did you mean delay_ms?"),
-        ("delay_ms: 2}", "delay_ms: 600}", "joint 'l_hip': the delay of 1200 ticks must be <= 1000", ""),
+        ("delay_ms: [2, 4]", "delay_ms: [2, 600]", "joint 'l_hip': the delay of 1200 ticks must be <= 1000", ""),
         ("l_hip: -0.2", "l_hp: -0.2", "postures.flat.'l_hp' matches no joint", "did you mean 'l_hip'?"),
         ("l_hip: -0.2", "l_hip: .inf", "postures.flat.l_hip: inf must be <= 10000", ""),
         ("l_hip: -0.2", "l_hip: 30°", "postures.flat.l_hip: '30°' is text", ""),
@@ -281,11 +281,11 @@ def test_load_robot_carries_its_file(folder: Path):
         ("one: [l_foot]", "one: [l_foot, l_foot]", "contacts.one: frame 'l_foot' is used 2 times", ""),
         ("one: [l_foot]", "one: l_foot", "contacts.one: 'l_foot' must be a list", ""),
         ("one: [l_foot]", "one: [7]", "contacts.one[0]: 7 must be a section", ""),
-        ("type: line", "type: lines", "contacts.two[0].type: 'lines' must be flat or line or point", "did you mean line?"),
+        ("type: line", "type: lines", "contacts.two[0].type: 'lines' must be flat, line or point", "did you mean line?"),
         ("[1e4, 1e4, .inf]", "[1e4, 1e4]", "contacts.two[1]: contact 'r_foot'", "3 numbers"),
         ("[1e4, 1e4, .inf]", "[1e4, -1, 1]", "contacts.two[1].stiffness: -1 must be > 0", ""),
         ("stiffness: 1e5, damping", "damping", "contacts.two[0]: contact 'l_foot': damping needs a stiffness", ""),
-        ("type: pd", "type: lqr", "control.type: 'lqr' must be pd or pid or ppi", ""),
+        ("type: pd", "type: lqr", "control.type: 'lqr' must be pd, pid or ppi", ""),
         ("type: pd", "type: ppi", "control.kd: is not a gain of type ppi", "kp, kv, ki"),
         ("type: pd", "type: pid", "control.ki: is missing", ""),
         ("type: pd", "type: pd\n  space: task", "control.kp: is for space joint", ""),

@@ -10,7 +10,7 @@ from ..io.validation import NotNegative, Positive, PositiveOrInfinite, Section, 
 from ..simulation import Chirp, Friction, Multisine, Scenario, Spline, Step, Trajectory
 from ..simulation.spec import SimulationSpec
 from ..system.joint_spec import JointSpec
-from .common_sections import rad_per_s
+from .system_sections import rad_per_s
 
 FURTHEST = 1000.0  # [rad] that a reference may reach; a run has diverged at ten times as much
 LONGEST = 3600.0  # [s]

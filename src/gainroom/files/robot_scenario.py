@@ -8,16 +8,15 @@ import numpy as np
 from pydantic import BeforeValidator, Field
 
 from ..errors import GainroomError, nearest
-from ..io.validation import Positive, PositiveOrInfinite, Section, number
+from ..io.validation import Name, NotNegative, Positive, PositiveOrInfinite, Section, each, number, refusal
 from ..io.yaml_text import shown
 from ..linear.arrays import Floats
 from ..robot.ground import Ground, Sole
 from ..robot.name_patterns import assign
 from ..robot.spec import Robot, RobotScenario
-from .per_joint import Name, PerJoint, a_list, each, mapping, of_type, per_joint
+from .per_joint import PerJoint
 
 Metres = Annotated[float, number(least=-1e3, most=1e3)]
-Limits = Annotated[dict[str, PositiveOrInfinite], BeforeValidator(per_joint)]
 Moves = Annotated[float | list[float], each(number(least=-1e3, most=1e3))]
 
 
@@ -25,7 +24,9 @@ def _ground(value: Any) -> Any:
     """false: none; true: ordinary ground."""
     if isinstance(value, bool):
         return {} if value else None
-    return of_type((dict, type(None)), "true, false or a section")(value)
+    if value is not None and not isinstance(value, dict):
+        raise refusal(f"{shown(value)} must be true, false or a section")
+    return value
 
 
 class RobotMoveSection(Section):
@@ -40,8 +41,8 @@ class RobotMoveSection(Section):
 class RobotFrictionSection(Section):
     """On the motors' side, a number or one per pattern."""
 
-    coulomb: PerJoint = Field(default_factory=dict)
-    viscous: PerJoint = Field(default_factory=dict)
+    coulomb: PerJoint[NotNegative] = Field(default_factory=dict)
+    viscous: PerJoint[NotNegative] = Field(default_factory=dict)
 
 
 class SoleSection(Section):
@@ -49,7 +50,7 @@ class SoleSection(Section):
 
     length: Positive = Field(Sole.length, description="along x of the frame [m]")
     width: Positive = Field(Sole.width, description="along y [m]")
-    center: Annotated[list[Metres], BeforeValidator(a_list), Field(min_length=2, max_length=2)] = Field([0.0, 0.0])
+    center: Annotated[list[Metres], Field(min_length=2, max_length=2)] = Field([0.0, 0.0])
 
     def sole(self) -> Sole:
         """In SI."""
@@ -60,7 +61,7 @@ class GroundSection(Section):
     """Ground that feet may slip on and leave."""
 
     friction: Positive = Ground.friction
-    soles: Annotated[dict[str, SoleSection], BeforeValidator(mapping)] = Field({}, description="by contact frame")
+    soles: dict[str, SoleSection] = Field({}, description="by contact frame")
 
     def ground(self, robot: Robot) -> Ground:
         """In SI, with the soles of the frames that touch it. Raises GainroomError for a sole of none of them."""
@@ -82,7 +83,7 @@ class RobotScenarioSection(Section):
     duration: Annotated[float, number(above=0, most=3600)] = 2.0
     move: RobotMoveSection | None = None
     friction: RobotFrictionSection = RobotFrictionSection()
-    torque_limit: Limits = Field(default_factory=dict)
+    torque_limit: PerJoint[PositiveOrInfinite] = Field(default_factory=dict)
     resolution: Annotated[float, number(least=0, most=1)] = 0.0
     ground: Annotated[GroundSection | None, BeforeValidator(_ground)] = None
 

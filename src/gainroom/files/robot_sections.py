@@ -1,21 +1,22 @@
 """The sections of robot.yaml as they are written: keys, bounds, and what excludes what. Keys that name joints are patterns."""
 
-from typing import Annotated, Any, Literal, get_args
+from dataclasses import replace
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from ..io.validation import NotNegative, Positive, Section, dotted, number, one_of, refusal
+from ..io.validation import Flag, Name, NotNegative, Section, dotted, refusal
 from ..io.yaml_text import shown
 from ..robot.actuators import ActuatorEntry
 from ..robot.body import Base
 from ..robot.contact import Contact, ContactKind
 from ..robot.tasks import FRAMED, Task, TaskKind
-from ..system.controller import PD, PID, PPI
-from .common_sections import Bandwidth, ControlSection, DelayMs, DriveSection, LimitsSection, RangesSection
-from .per_joint import Angle, Flag, Name, PerJoint, Several, Springs, Stiffness, Weight, Weights, a_list, at_most, list_of, mapping, named
+from .per_joint import Angle, PerJoint, Several, Springs, Weight
 from .robot_scenario import RobotScenarioSection
+from .system_sections import Bandwidth, ControlSection, DampingRatio, DelayMs, GearboxSection, Stiffness, SystemFile, UncertaintySection
 
-CONTROLLERS = {"pd": PD, "pid": PID, "ppi": PPI}
+MOST_NAMES = 50
+"""Postures, contact states or tasks in one file."""
 
 
 class ModelSection(Section):
@@ -23,28 +24,21 @@ class ModelSection(Section):
 
     file: Name = Field(description="a URDF or MJCF, beside this file or in package")
     package: Name | None = Field(None, description="an installed Python package that has the file")
-    base: Annotated[Base, one_of(*get_args(Base))] | None = None
+    base: Base | None = None
     gravity_stiffness: Flag | None = None
 
 
-class ActuatorSection(Section):
+class ActuatorSection(GearboxSection):
     """What one pattern says of its joints: motor and gearbox, and where its drive differs from the others."""
 
-    motor_inertia: Positive | None = Field(None, description="on the joint side [kg m²]")
-    rotor_inertia: Positive | None = Field(None, description="of the rotor itself [kg m²]")
-    gear_ratio: Positive | None = None
-    stiffness: Stiffness | None = Field(None, description="of the gearbox [N m/rad], rigid for none")
-    damping: NotNegative | None = None
-    motor_viscous: NotNegative | None = None
-    link_viscous: NotNegative | None = None
+    stiffness: Stiffness | None = Field(None, description="of the gearbox [N m/rad], rigid or .inf for none")
     bandwidth: Bandwidth | None = None
-    damping_ratio: Annotated[float, number(above=0, most=100)] | None = None
+    damping_ratio: DampingRatio | None = None
     delay_ms: DelayMs | None = None
 
     def entry(self) -> ActuatorEntry:
-        """In SI."""
-        values = self.model_dump(exclude={"delay_ms"})
-        return ActuatorEntry(**values, delay=None if self.delay_ms is None else 1e-3 * self.delay_ms)
+        """What is given, in SI."""
+        return super().entry() if self.delay_ms is None else replace(super().entry(), delay=1e-3 * self.delay_ms)
 
 
 class JointsSection(BaseModel):
@@ -53,12 +47,14 @@ class JointsSection(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     entries: dict[str, ActuatorSection] = {}
-    locked: Annotated[list[Name], BeforeValidator(list_of("joint names or patterns"))] = []
+    locked: list[Name] = []
 
     @model_validator(mode="before")
     @classmethod
     def _patterns(cls, data: Any) -> Any:
-        for key, value in mapping(data).items():
+        if not isinstance(data, dict):
+            raise refusal(f"{shown(data)} must be a section")
+        for key, value in data.items():
             if key != "locked" and not isinstance(value, dict):
                 keys = ", ".join(ActuatorSection.model_fields)
                 raise refusal(
@@ -73,7 +69,7 @@ class ContactSection(Section):
     """One frame on the ground."""
 
     frame: Name = Field(description="the frame's name")
-    type: Annotated[ContactKind, one_of(*get_args(ContactKind))] = "flat"
+    type: ContactKind = "flat"
     stiffness: Springs | None = None
     damping: Several | None = None
 
@@ -86,7 +82,7 @@ class TaskSection(Section):
     """One task of the operational space, PD (kp, kd) or P/PI (kp, kv, ki)."""
 
     name: Name = Field(description="for the tables")
-    type: Annotated[TaskKind, one_of(*get_args(TaskKind))] = Field(description="com, position, orientation or posture")
+    type: TaskKind = Field(description="com, position, orientation or posture")
     frame: Name | None = None
     kp: Several = Field(description="[1/s²], with kv [1/s]; a number, or one per direction")
     kd: Several | None = Field(None, description="[1/s]")
@@ -114,52 +110,49 @@ class TaskSection(Section):
 class RobotControlSection(ControlSection):
     """The controller: with its gains in joint space, with those of the tasks in task space."""
 
-    type: Annotated[Literal["pd", "pid", "ppi"], one_of(*CONTROLLERS)] = Field(description="pd, pid or ppi")
-    space: Annotated[Literal["joint", "task"], one_of("joint", "task")] = "joint"
-    kp: PerJoint | None = None
-    kd: PerJoint | None = None
-    kv: PerJoint | None = None
-    ki: PerJoint | None = None
+    space: Literal["joint", "task"] = "joint"
+    kp: PerJoint[NotNegative] | None = Field(None, description="a number, or one per pattern [N m/rad], of ppi [1/s]")
+    kd: PerJoint[NotNegative] | None = Field(None, description="a number, or one per pattern [N m s/rad]")
+    kv: PerJoint[NotNegative] | None = Field(None, description="a number, or one per pattern [N m s/rad]")
+    ki: PerJoint[NotNegative] | None = Field(None, description="a number, or one per pattern [N m/(rad s)], of ppi [N m/rad]")
     rotors: Flag = False
-    weight: Weights | None = None
+    weight: PerJoint[Weight] | None = None
 
-    @model_validator(mode="after")
-    def _gains_of_the_type(self) -> "RobotControlSection":
-        wanted = CONTROLLERS[self.type].gain_names() if self.space == "joint" else ()
-        if self.weight is not None and self.space == "task":
-            raise refusal("is for space joint; in task space weights stand with the tasks", key="weight")
-        for name in ("kp", "kd", "kv", "ki"):
-            given = getattr(self, name) is not None
-            if given and self.space == "task":
-                raise refusal("is for space joint; in task space the gains stand with the tasks", key=name)
-            if given and name not in wanted:
-                raise refusal(f"is not a gain of type {self.type}, which has {', '.join(wanted)}", key=name)
-            if not given and name in wanted:
-                raise refusal(f"is missing: type {self.type} has {', '.join(wanted)}; a number, or one per pattern", key=name)
-        if self.space == "task" and self.type == "pid":
-            raise refusal("pid has no meaning in task space: pd, or ppi", key="type")
-        return self
+    @property
+    def gain_names(self) -> tuple[str, ...]:
+        """The gains of the type; none in task space."""
+        return super().gain_names if self.space == "joint" else ()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_the_space(cls, data: Any) -> Any:
+        if isinstance(data, dict) and data.get("space") == "task":
+            for name in ("kp", "kd", "kv", "ki", "weight"):
+                if data.get(name) is not None:
+                    raise refusal(f"is for space joint; in task space {name} stands with the tasks", key=name)
+            if data.get("type") == "pid":
+                raise refusal("pid has no meaning in task space: pd, or ppi", key="type")
+        return data
 
 
-Postures = Annotated[dict[str, Annotated[dict[str, Angle], BeforeValidator(mapping)]], BeforeValidator(named)]
-ContactList = Annotated[
-    list[Annotated[ContactSection, BeforeValidator(lambda value: {"frame": value} if isinstance(value, str) else value)]],
-    BeforeValidator(lambda value: at_most(list_of("frames", ", or [] for none")(value))),
+Postures = dict[str, dict[str, Angle]]
+ContactStates = dict[
+    str,
+    Annotated[
+        list[Annotated[ContactSection, BeforeValidator(lambda value: {"frame": value} if isinstance(value, str) else value)]],
+        Field(max_length=MOST_NAMES),
+    ],
 ]
 
 
-class RobotFile(Section):
+class RobotFile(SystemFile[RobotControlSection, UncertaintySection]):
     """robot.yaml as it is written."""
 
     model: ModelSection = Field(description="the file with the links")
     joints: JointsSection = JointsSection()
-    drive: DriveSection = Field(description="the current loops and the delay")
-    postures: Postures | None = None
-    contacts: Annotated[dict[str, ContactList], BeforeValidator(named)] | None = None
-    control: RobotControlSection = Field(description="the controller and its gains")
-    tasks: Annotated[list[TaskSection], BeforeValidator(lambda value: at_most(a_list(value)))] = Field([])
-    limits: LimitsSection | None = None
-    uncertainty: RangesSection = RangesSection()
+    postures: Postures | None = Field(None, min_length=1, max_length=MOST_NAMES)
+    contacts: ContactStates | None = Field(None, min_length=1, max_length=MOST_NAMES)
+    tasks: list[TaskSection] = Field([], max_length=MOST_NAMES)
     scenario: RobotScenarioSection = RobotScenarioSection()
 
     @model_validator(mode="after")

@@ -3,7 +3,6 @@
 SI and radians except where a key's name carries another unit. Keys that name joints are patterns: see name_patterns.py.
 """
 
-import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -15,28 +14,21 @@ from ..errors import GainroomError, first_of_many, named, nearest
 from ..io.validation import dotted, validate
 from ..io.yaml_text import read_text, shown
 from ..linear.arrays import Floats
-from ..robot.actuators import Actuators, actuators_of, drives_of, merge_entries
+from ..robot.actuators import actuators_of, drives_of, merge_entries
 from ..robot.body import Base, RigidBody
 from ..robot.contact import Contact
 from ..robot.formats.model_files import is_name, load_model, locate
-from ..robot.name_patterns import assign
-from ..robot.plausibility import unusual_robot
-from ..robot.spec import Posture, Range, Ranges, Robot, RobotControl, RobotSpec
+from ..robot.name_patterns import DEFAULT, assign
+from ..robot.spec import Posture, Ranges, Robot, RobotControl, RobotSpec
 from ..robot.tasks import Task
-from ..system.controller import PD, PID, PPI
-from ..system.drive import Drive
 from ..system.requirements import Requirements
-from .common_sections import delay_of, refuse_long_delay, refuse_quick_filters, spread, tick_of
+from .absurd_values import examined
 from .file_types import parse_as
-from .robot_sections import CONTROLLERS, ContactSection, ModelSection, RobotControlSection, RobotFile
+from .robot_sections import ContactSection, ModelSection, RobotControlSection, RobotFile
 
 LOCKED = "joints.locked"
 MOST_STATES = 500
 USUAL = f"the usual limits are asked for, as the file names none: {Requirements.usual()}"
-MOST_LAG = 1e4
-"""[rad] of phase that a joint's crossover has in its delay: a stable one has about 1."""
-MOST_TICKS = 600
-"""Of delay, all joints together: half a minute on two joints; 50 joints may have 12 each."""
 
 
 def load_robot(path: Path | str) -> Robot:
@@ -57,103 +49,38 @@ def parse_robot(text: str, source: str, folder: Path = Path()) -> RobotSpec:
     """As load_robot_spec, for the text of a file that messages call `source`; a model's path is relative to `folder`."""
     file = validate(RobotFile, parse_as("robot", text, source, "biped"), source)
     with named(source):
-        return _spec(file, source, folder)
+        spec = examined(robot_spec(file, source, _model_path(file.model, folder)))
+        if spec.control.joints is not None and not np.any(spec.control.joints.kp):
+            raise GainroomError("control.kp: must be > 0 on some joint")
+    return spec if file.limits is not None else replace(spec, assumptions=(*spec.assumptions, USUAL))
 
 
-def _spec(file: RobotFile, source: str, folder: Path) -> RobotSpec:
-    tick = tick_of(file.control, file.drive)
-    sampled = tick if file.control.sample_rate_hz is not None else None
-    refuse_quick_filters(file.control, sampled)
-    common = Drive(bandwidth=file.drive.bandwidth, damping_ratio=file.drive.damping_ratio, delay=delay_of(file.drive, tick))
-    robot, drives, assumptions, warnings = _robot(file, source, folder, common)
-    refuse_long_delays(robot.joint_names, [drive.delay for drive in drives], sampled)
-    ranges = _ranges(file, robot.actuators, drives, tick)
-    if ranges.delay is not None:
-        refuse_long_delays(robot.joint_names, ranges.delay[1].tolist(), sampled)
-    control = _control(file.control, robot.body, sampled)
-    if control.joints is not None:
-        refuse_absurd_gains(robot.body, robot.actuators, drives, control.joints)
-    refuse_absurd_tasks(robot.stack, drives)
-    limits = Requirements.usual() if file.limits is None else file.limits.requirements()
-    return RobotSpec(
-        robot=robot,
-        drives=drives,
-        control=control,
-        requirements=limits,
-        uncertainty=ranges,
-        scenario=file.scenario.scenario(robot, file.control.space),
-        assumptions=(*assumptions, *([USUAL] if file.limits is None else [])),
-        warnings=(
-            *warnings,
-            *unusual_robot(robot.actuators, robot.joint_names, drives, control.joints, sampled, limits, robot.body.slides),
-        ),
-    )
-
-
-def refuse_long_delays(names: Sequence[str], delays: Sequence[float], tick: float | None) -> None:
-    """Raise GainroomError where a sampled robot would carry too many ticks of delay, which are states; `tick` None: continuous."""
-    for name, delay in zip(names, delays, strict=True):
-        refuse_long_delay(delay, tick, f"joint {name!r}")
-    if tick is not None and sum(delays) > MOST_TICKS * tick:
-        raise GainroomError(
-            f"the delays of all {len(names)} joints together, {sum(delays) / tick:g} ticks, must be <= {MOST_TICKS} ticks: take a lower "
-            "sample rate, or none for continuous time"
-        )
-
-
-def refuse_absurd_gains(body: RigidBody, actuators: Actuators, drives: Sequence[Drive], controller: PD | PID | PPI) -> None:
-    """Raise GainroomError for gains that would move a joint many times within its delay: that is no loop, but a slip of units.
-
-    Nothing settles where the product of a loop's crossover and its delay is far above 1, and its curves would be followed turn by turn.
-    """
-    links = np.diag(body.mass_matrix(body.neutral()))[body.nv - body.size :]
-    inertia = actuators.motor_inertia + np.where(np.isinf(actuators.stiffness), links, 0.0)
-    stiff, damped = (np.broadcast_to(np.asarray(gain, dtype=float), (body.size,)) for gain in controller.plane_gains())
-    for k, name in enumerate(body.joint_names):
-        gains = f"kp {stiff[k]:g} N·m/rad, kd {damped[k]:g} N·m·s/rad and an inertia of {inertia[k]:g} kg·m²"
-        _refuse_lag(f"joint {name!r}: with {gains}", stiff[k] / inertia[k], damped[k] / inertia[k], drives[k].delay)
-
-
-def refuse_absurd_tasks(tasks: Sequence[Task], drives: Sequence[Drive]) -> None:
-    """The same for tasks, whose gains are accelerations."""
-    delay = max(drive.delay for drive in drives)
-    for index, task in enumerate(tasks):
-        stiff, damped = (float(np.max(np.asarray(gain, dtype=float))) for gain in (task.kp, task.kd))
-        _refuse_lag(f"tasks[{index}]: with gains of {stiff:g} 1/s² and {damped:g} 1/s", stiff, damped, delay)
-
-
-def _refuse_lag(owner: str, stiff: float, damped: float, delay: float) -> None:
-    """`stiff` [1/s²], `damped` [1/s]."""
-    lag = delay * max(math.sqrt(stiff), damped)
-    if lag > MOST_LAG:
-        raise GainroomError(
-            f"{owner} its loop is too quick for a delay of {1e3 * delay:g} ms: {lag:.3g} rad of phase must be <= {MOST_LAG:g} rad; "
-            "look for a wrong unit"
-        )
-
-
-def _robot(file: RobotFile, source: str, folder: Path, common: Drive) -> tuple[Robot, tuple[Drive, ...], tuple[str, ...], tuple[str, ...]]:
-    """The machine, its drives, assumptions and warnings."""
-    path = _model_path(file.model, folder)
+def robot_spec(file: RobotFile, name: str, path: Path) -> RobotSpec:
+    """In SI: the robot `name` with the model at `path`. Raises GainroomError where sections contradict each other or the model."""
+    tick, sample_time = file.tick(), file.sample_time()
     base, assumed = base_of(file.model.base, path, any((file.contacts or {}).values()))
     body = load_model(path, base, file.joints.locked, locked_key=LOCKED)
+    # Patterns may name joints that are locked: to lock a joint, one line is enough.
     names = (*body.joint_names, *body.locked)
     postures = {name: _posture(name, patterns, path, base, file, body) for name, patterns in (file.postures or {"zero": {}}).items()}
     contacts = {name: _contacts(name, sections, body) for name, sections in (file.contacts or {"free": []}).items()}
     if len(postures) * len(contacts) > MOST_STATES:
         raise GainroomError(f"postures and contacts: {len(postures) * len(contacts)} combinations must be at most {MOST_STATES}")
-    # Patterns may name joints that are locked: to lock a joint, one line is enough.
     entries = merge_entries({key: section.entry() for key, section in file.joints.entries.items()}, names)[: body.size]
     actuators, guessed = actuators_of(entries, body.joint_names, body.armature)
-    robot = Robot(
-        name=source,
-        actuators=actuators,
-        postures=postures,
-        contacts=contacts,
-        stack=_tasks(file, body),
-        gravity=file.model.gravity_stiffness,
+    drives = drives_of(entries, file.drive.drive(tick))
+    robot = Robot(name, actuators, postures, contacts, _tasks(file, body), file.model.gravity_stiffness)
+    nominal = {"delay": [drive.delay for drive in drives], **vars(actuators)}
+    return RobotSpec(
+        robot=robot,
+        drives=drives,
+        control=_control(file.control, body, sample_time),
+        requirements=file.requirements(),
+        uncertainty=Ranges(**file.ranges(nominal, tick)),
+        scenario=file.scenario.scenario(robot, file.control.space),
+        assumptions=(*assumed, *guessed),
+        warnings=(*body.notes, *_outside(postures)),
     )
-    return robot, drives_of(entries, common), (*assumed, *guessed), (*body.notes, *_outside(postures))
 
 
 def _model_path(section: ModelSection, folder: Path) -> Path:
@@ -236,13 +163,17 @@ def _tasks(file: RobotFile, body: RigidBody) -> tuple[Task, ...]:
 
 def _control(section: RobotControlSection, body: RigidBody, sample_time: float | None) -> RobotControl:
     """Gains per joint, or nothing but filters in task space."""
-    filters, joints, weight = section.filters(), None, None
-    if section.space == "joint":
-        kind = CONTROLLERS[section.type]
-        gains = {name: _per_joint(f"control.{name}", getattr(section, name), body) for name in kind.gain_names()}
-        joints = kind(**gains, **filters)
-        weight = _per_joint("control.weight", {"default": 1.0, **(section.weight or {})}, body)
-    return RobotControl(section.space, joints, section.feedback, sample_time, **filters, rotors=section.rotors, weight=weight)
+    gains = {name: _per_joint(f"control.{name}", getattr(section, name), body) for name in section.gain_names}
+    in_joints = section.space == "joint"
+    return RobotControl(
+        space=section.space,
+        joints=section.controller(gains) if in_joints else None,
+        feedback=section.feedback,
+        sample_time=sample_time,
+        **section.filters(),
+        rotors=section.rotors,
+        weight=_per_joint("control.weight", {DEFAULT: 1.0, **(section.weight or {})}, body) if in_joints else None,
+    )
 
 
 def _per_joint(owner: str, patterns: Mapping[str, float], body: RigidBody) -> Floats:
@@ -251,27 +182,4 @@ def _per_joint(owner: str, patterns: Mapping[str, float], body: RigidBody) -> Fl
     without = [name for name, found in zip(body.joint_names, matches, strict=True) if not found]
     if without:
         raise GainroomError(f"{owner}: no value for joint {first_of_many(without)}; give default, or patterns that match every joint")
-    gains = np.array([found[-1] for found in matches])
-    if owner == "control.kp" and not np.any(gains):
-        raise GainroomError(f"{owner}: must be > 0 on some joint")
-    return gains
-
-
-def _ranges(file: RobotFile, actuators: Actuators, drives: Sequence[Drive], tick: float | None) -> Ranges:
-    """Each joint's own range around its own value."""
-    section = file.uncertainty
-    key, delay, unit = section.delay_range(tick)
-    given = {"stiffness": section.stiffness, "motor_inertia": section.motor_inertia, "damping": section.damping}
-    ranges = {name: _range(name, value, getattr(actuators, name), 1.0) for name, value in given.items()}
-    return Ranges(delay=_range(key, delay, np.array([drive.delay for drive in drives]), unit), **ranges)
-
-
-def _range(key: str, given: str | list[float] | None, nominal: Floats, unit: float) -> Range | None:
-    """(low, high), each (n,); rigid joints stay rigid."""
-    if given is None:
-        return None
-    if np.all(np.isinf(nominal)):
-        spread(key, given, np.inf, unit)
-    ends = [(value, value) if np.isinf(value) else spread(key, given, float(value), unit) for value in nominal]
-    low, high = np.array(ends, dtype=float).T
-    return low, high
+    return np.array([found[-1] for found in matches])

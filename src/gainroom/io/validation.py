@@ -5,7 +5,7 @@ import math
 import re
 from typing import Annotated, Any, TypeVar
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
 from ..errors import GainroomError
@@ -53,18 +53,17 @@ def _number_hint(text: str) -> str:
 Positive = Annotated[float, number(above=0)]
 NotNegative = Annotated[float, number(least=0)]
 PositiveOrInfinite = Annotated[float, number(above=0, infinite=True)]
+Flag = Annotated[bool, Field(strict=True)]
+Name = Annotated[str, Field(strict=True, min_length=1, max_length=200)]
 
 
-def one_of(*words: str | int) -> BeforeValidator:
-    """A check: one of `words`, spelt exactly."""
+def each(end: BeforeValidator) -> BeforeValidator:
+    """A check: a number, or a list of them, each as `end` allows."""
 
-    def check(value: object) -> object:
-        if isinstance(value, bool) or value not in words:
-            nearest = difflib.get_close_matches(str(value), [str(word) for word in words], 1)
-            raise refusal(
-                f"{shown(value)} must be {' or '.join(str(word) for word in words)}" + (f"; did you mean {nearest[0]}?" if nearest else "")
-            )
-        return value
+    def check(value: object) -> float | list[float]:
+        if isinstance(value, list) and value:
+            return [end.func(item) for item in value]  # type: ignore[call-arg]
+        return end.func(value)  # type: ignore[call-arg]
 
     return BeforeValidator(check)
 
@@ -113,6 +112,16 @@ class Section(BaseModel):
         return data
 
 
+EXPECTED = {
+    "bool_type": "true or false",
+    "dict_type": "a section",
+    "string_type": "a name",
+    "string_too_short": "a name",
+    "string_too_long": "a name of at most 200 characters",
+    "too_short": "one entry or more; leave the section out where there is none",
+}
+"""What a value must be, by the type of pydantic's error."""
+
 AnySection = TypeVar("AnySection", bound=Section)
 
 
@@ -125,10 +134,24 @@ def validate(model: type[AnySection], data: object, source: str, within: str = "
         return model.model_validate(data)
     except ValidationError as error:
         first = error.errors(include_url=False, include_input=True)[0]
-        context = first.get("ctx", {})
-        path = ".".join(part for part in (within, _path(data, first["loc"], context.get("key", ""))) if part)
-        message = context["message"] if first["type"] == "refused" else f"{shown(first['input'])}: {first['msg']}"
-        raise GainroomError(": ".join(part for part in (source, path, message) if part)) from error
+        path = ".".join(part for part in (within, _path(data, first["loc"], first.get("ctx", {}).get("key", ""))) if part)
+        raise GainroomError(": ".join(part for part in (source, path, _message(first)) if part)) from error
+
+
+def _message(error: Any) -> str:
+    """What is wrong with a value, and what is allowed, of one of pydantic's errors."""
+    kind, value, context = error["type"], error["input"], error.get("ctx", {})
+    if kind == "refused":
+        return context["message"]
+    if kind == "literal_error":
+        allowed = context["expected"].replace("'", "")
+        nearest = difflib.get_close_matches(str(value), re.split(r", | or ", allowed), 1)
+        return f"{shown(value)} must be {allowed}" + (f"; did you mean {nearest[0]}?" if nearest else "")
+    if kind == "list_type":
+        return f"{shown(value)} must be a list" + (f": [{shown(value)}]" if isinstance(value, str) else ", [] for none")
+    if kind == "too_long":
+        return f"{len(value)} entries must be at most {context['max_length']}"
+    return f"{shown(value)} must be {EXPECTED[kind]}" if kind in EXPECTED else f"{shown(value)}: {error['msg']}"
 
 
 def checked(owner: str, value: object, check: BeforeValidator) -> float:

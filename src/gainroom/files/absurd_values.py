@@ -1,0 +1,68 @@
+"""What no robot has and no computation would finish with: refused once a description is read, whatever it was read from."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..errors import GainroomError
+from ..robot.plausibility import unusual_robot
+from ..robot.spec import RobotSpec
+from .system_sections import refuse_long_delay
+
+MOST_LAG = 1e4
+"""[rad] of phase that a loop's crossover has in its delay: a stable one has about 1."""
+MOST_TICKS = 600
+"""Of delay, all joints together: half a minute on two joints; 50 joints may have 12 each."""
+
+
+def examined(spec: RobotSpec) -> RobotSpec:
+    """The same with warnings for what lies far outside the usual. Raises GainroomError for what no robot has."""
+    _refuse_absurd(spec)
+    return replace(spec, warnings=(*spec.warnings, *unusual_robot(spec)))
+
+
+def _refuse_absurd(spec: RobotSpec) -> None:
+    """Raise GainroomError for delays of too many ticks, nominal or at their highest, and for loops far too quick for their delay."""
+    names, delays = spec.robot.joint_names, [drive.delay for drive in spec.drives]
+    for each in (delays, *([] if spec.uncertainty.delay is None else [spec.uncertainty.delay[1].tolist()])):
+        _refuse_long_delays(names, each, spec.control.sample_time)
+    if spec.control.joints is not None:
+        _refuse_quick_joints(spec)
+    for index, task in enumerate(spec.robot.stack):  # gains are accelerations
+        stiff, damped = (float(np.max(np.asarray(gain, dtype=float))) for gain in (task.kp, task.kd))
+        _refuse_lag(f"tasks[{index}]: with gains of {stiff:g} 1/s² and {damped:g} 1/s", stiff, damped, max(delays))
+
+
+def _refuse_long_delays(names: Sequence[str], delays: Sequence[float], sample_time: float | None) -> None:
+    """Each tick of delay is a state of a sampled robot; `sample_time` None: continuous."""
+    for name, delay in zip(names, delays, strict=True):
+        refuse_long_delay(delay, sample_time, f"joint {name!r}")
+    if sample_time is not None and sum(delays) > MOST_TICKS * sample_time:
+        raise GainroomError(
+            f"the delays of all {len(names)} joints together, {sum(delays) / sample_time:g} ticks, must be <= {MOST_TICKS} ticks: take a "
+            "lower sample rate, or none for continuous time"
+        )
+
+
+def _refuse_quick_joints(spec: RobotSpec) -> None:
+    """Gains that would move a joint many times within its delay: that is no loop, but a slip of units."""
+    body, actuators = spec.robot.body, spec.robot.actuators
+    assert spec.control.joints is not None
+    links = np.diag(body.mass_matrix(body.neutral()))[body.nv - body.size :]
+    inertia = actuators.motor_inertia + np.where(np.isinf(actuators.stiffness), links, 0.0)
+    stiff, damped = (np.broadcast_to(np.asarray(gain, dtype=float), (body.size,)) for gain in spec.control.joints.plane_gains())
+    for k, name in enumerate(body.joint_names):
+        gains = f"kp {stiff[k]:g} N·m/rad, kd {damped[k]:g} N·m·s/rad and an inertia of {inertia[k]:g} kg·m²"
+        _refuse_lag(f"joint {name!r}: with {gains}", stiff[k] / inertia[k], damped[k] / inertia[k], spec.drives[k].delay)
+
+
+def _refuse_lag(owner: str, stiff: float, damped: float, delay: float) -> None:
+    """`stiff` [1/s²], `damped` [1/s]: nothing settles where a loop's crossover times its delay is far above 1."""
+    lag = delay * max(math.sqrt(stiff), damped)
+    if lag > MOST_LAG:
+        raise GainroomError(
+            f"{owner} its loop is too quick for a delay of {1e3 * delay:g} ms: {lag:.3g} rad of phase must be <= {MOST_LAG:g} rad; "
+            "look for a wrong unit"
+        )

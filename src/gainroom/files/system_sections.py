@@ -1,0 +1,317 @@
+"""The sections that describe a system, of one joint or of a whole robot: motor and gearbox, drive, control, limits, ranges."""
+
+import math
+import re
+from collections.abc import Mapping
+from typing import Annotated, Any, Generic, Literal, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydantic import BeforeValidator, Field, model_validator
+
+from ..errors import GainroomError
+from ..io.validation import NotNegative, Positive, PositiveOrInfinite, Section, number, refusal
+from ..io.yaml_text import shown
+from ..linear.arrays import Floats
+from ..robot.actuators import ActuatorEntry
+from ..system.controller import PD, PID, PPI, LowPass, Notch
+from ..system.drive import Drive
+from ..system.requirements import Requirements
+
+CONTROLLERS = {"pd": PD, "pid": PID, "ppi": PPI}
+PERCENTAGE = re.compile(r"(?:±|\+/-)?\s*([0-9]{1,3}(?:\.[0-9]{0,9})?)\s*%")
+MAX_TICKS = 1000
+"""A sampled loop carries one state per tick of delay."""
+
+DELAY_MS = number(least=0, most=10_000, unit="ms")
+DELAY_TICKS = number(least=0, most=MAX_TICKS, unit="ticks")
+SampleRate = Annotated[float, number(least=1, most=1e6, unit="Hz")]
+DelayMs = Annotated[float, DELAY_MS]
+DelayTicks = Annotated[float, DELAY_TICKS]
+Bandwidth = Annotated[float, number(above=0, most=1e6, infinite=True, unit="rad/s")]
+"""Of a current loop: the quickest have 1e5 rad/s; what is far quicker than that is ideal, .inf."""
+DampingRatio = Annotated[float, number(above=0, most=100)]
+Stiffness = Annotated[PositiveOrInfinite, BeforeValidator(lambda value: math.inf if value == "rigid" else value)]
+
+
+def interval(end: BeforeValidator) -> BeforeValidator:
+    """A check: 20%, or [low, high] with low <= high, both ends as `end` allows."""
+
+    def check(value: object) -> str | list[float]:
+        if isinstance(value, str) and (match := PERCENTAGE.fullmatch(value)):
+            if float(match[1]) >= 100:
+                raise refusal(f"{shown(value)} must be less than 100%")
+            return f"{match[1]}%"
+        if not isinstance(value, list) or len(value) != 2:
+            raise refusal(f"{shown(value)} must be [low, high], or a percentage such as 20%")
+        low, high = (end.func(bound) for bound in value)  # type: ignore[call-arg]
+        if low > high:
+            raise refusal(f"{value} must be [low, high] with low <= high")
+        return [low, high]
+
+    return BeforeValidator(check)
+
+
+PositiveInterval = Annotated[str | list[float], interval(number(above=0))]
+NotNegativeInterval = Annotated[str | list[float], interval(number(least=0))]
+DelayMsInterval = Annotated[str | list[float], interval(DELAY_MS)]
+DelayTicksInterval = Annotated[str | list[float], interval(DELAY_TICKS)]
+
+
+class GearboxSection(Section):
+    """A motor and the gearbox behind it."""
+
+    motor_inertia: Positive | None = Field(None, description="on the joint side [kg m²]")
+    rotor_inertia: Positive | None = Field(None, description="of the rotor itself [kg m²]")
+    gear_ratio: Positive | None = None
+    damping: NotNegative = 0.0
+    motor_viscous: NotNegative = 0.0
+    link_viscous: NotNegative = 0.0
+
+    def entry(self) -> ActuatorEntry:
+        """What is given, in SI."""
+        values = self.model_dump(include=set(ActuatorEntry.__dataclass_fields__), exclude_unset=True)
+        return ActuatorEntry(**values)
+
+
+class DriveSection(Section):
+    """Current loop and delay."""
+
+    bandwidth: Bandwidth = Field(description="of the current loop [rad/s], .inf for an ideal one")
+    damping_ratio: DampingRatio = 0.9
+    delay_ms: DelayMs | None = None
+    delay_ticks: DelayTicks | None = None
+    sample_rate_hz: SampleRate | None = None
+
+    @model_validator(mode="after")
+    def _one_delay(self) -> "DriveSection":
+        if (self.delay_ms is None) == (self.delay_ticks is None):
+            raise refusal("give either delay_ms, or delay_ticks with sample_rate_hz (0 where there is no delay)")
+        return self
+
+    def drive(self, tick: float | None) -> Drive:
+        """In SI; `tick` [s]. Raises GainroomError where ticks have no length."""
+        delay = 1e-3 * (self.delay_ms or 0.0)
+        if self.delay_ticks is not None:
+            if tick is None:
+                raise GainroomError(
+                    f"drive.delay_ticks: {self.delay_ticks} needs sample_rate_hz (in drive, or in control where the "
+                    "loop is to be studied as sampled), or give delay_ms"
+                )
+            delay = self.delay_ticks * tick
+        return Drive(bandwidth=self.bandwidth, damping_ratio=self.damping_ratio, delay=delay)
+
+
+class FrequencySection(Section):
+    """A section with frequencies, each in rad/s under its key, or in Hz under key_hz."""
+
+    def require_either(self, *keys: str) -> None:
+        """Refuse what has not exactly one of each pair."""
+        for key in keys:
+            if (getattr(self, key) is None) == (getattr(self, f"{key}_hz") is None):
+                raise refusal(f"give either {key} [rad/s] or {key}_hz")
+
+    def omega(self, key: str) -> float:
+        """[rad/s]."""
+        return rad_per_s(getattr(self, key), getattr(self, f"{key}_hz"))
+
+    def require_below(self, key: str, owner: str, nyquist: float) -> None:
+        """Raise GainroomError unless the frequency is below half the sample rate [rad/s]; said in the unit that was typed."""
+        if self.omega(key) >= nyquist:
+            hertz = getattr(self, f"{key}_hz")
+            typed = f": {getattr(self, key):g} rad/s" if hertz is None else f"_hz: {hertz:g} Hz"
+            half = f"{nyquist:.6g} rad/s" if hertz is None else f"{nyquist / (2 * math.pi):g} Hz"
+            raise GainroomError(f"{owner}.{key}{typed} must be below half the sample rate, {half}")
+
+
+def rad_per_s(angular: float | None, hertz: float | None) -> float:
+    """[rad/s], of a frequency that was given as that or in Hz."""
+    return 2 * math.pi * (hertz or 0.0) if angular is None else angular
+
+
+class LowPassSection(FrequencySection):
+    """A low-pass filter on the velocity."""
+
+    bandwidth: Positive | None = Field(None, description="[rad/s]")
+    bandwidth_hz: Positive | None = None
+    order: Literal[1, 2] = 1
+    damping_ratio: DampingRatio | None = None
+
+    @model_validator(mode="after")
+    def _one_bandwidth(self) -> "LowPassSection":
+        self.require_either("bandwidth")
+        if self.damping_ratio is not None and self.order == 1:
+            raise refusal("is for order 2 only", key="damping_ratio")
+        return self
+
+    def low_pass(self) -> LowPass:
+        """In rad/s."""
+        optional = self.model_dump(include={"damping_ratio"}, exclude_none=True)
+        return LowPass(bandwidth=self.omega("bandwidth"), order=self.order, **optional)
+
+
+class NotchSection(FrequencySection):
+    """A notch in the controller's output."""
+
+    frequency: Positive | None = Field(None, description="[rad/s]")
+    frequency_hz: Positive | None = None
+    width: Annotated[float, number(above=0, most=100)] | None = None
+    depth: Annotated[float, number(least=0, most=1)] | None = None
+
+    @model_validator(mode="after")
+    def _one_frequency(self) -> "NotchSection":
+        self.require_either("frequency")
+        return self
+
+    def notch(self) -> Notch:
+        """In rad/s."""
+        return Notch(frequency=self.omega("frequency"), **self.model_dump(include={"width", "depth"}, exclude_none=True))
+
+
+class ControlSection(Section):
+    """The controller: its type, the side of its encoders, its filters; subclasses have the gains."""
+
+    type: Literal["pd", "pid", "ppi"] = Field(description="pd, pid or ppi")
+    feedback: Literal["motor", "link"] = Field(description="the side the encoder is on, motor or link")
+    sample_rate_hz: SampleRate | None = None
+    velocity_filter: LowPassSection | None = None
+    notches: list[NotchSection] = Field([], max_length=20)
+
+    @property
+    def gain_names(self) -> tuple[str, ...]:
+        """The gains of the type."""
+        return CONTROLLERS[self.type].gain_names()
+
+    @model_validator(mode="after")
+    def _gains_of_the_type(self) -> "ControlSection":
+        names = ", ".join(self.gain_names)
+        for name in ("kp", "kd", "kv", "ki"):
+            given = getattr(self, name) is not None
+            if given and name not in self.gain_names:
+                raise refusal(f"is not a gain of type {self.type}, which has {names}", key=name)
+            if not given and name in self.gain_names:
+                raise refusal(f"is missing: {type(self).model_fields[name].description}; type {self.type} has {names}", key=name)
+        return self
+
+    def filters(self) -> dict[str, Any]:
+        """What every controller's constructor takes beside the gains."""
+        low_pass = None if self.velocity_filter is None else self.velocity_filter.low_pass()
+        return {"velocity_filter": low_pass, "notches": tuple(section.notch() for section in self.notches)}
+
+    def controller(self, gains: Mapping[str, Any]) -> PD | PID | PPI:
+        """The controller of the type with `gains` and the filters."""
+        return CONTROLLERS[self.type](**gains, **self.filters())
+
+    def require_filters_below(self, nyquist: float) -> None:
+        """Raise GainroomError where a filter lies above half the sample rate [rad/s]."""
+        if self.velocity_filter is not None:
+            self.velocity_filter.require_below("bandwidth", "control.velocity_filter", nyquist)
+        for index, notch in enumerate(self.notches):
+            notch.require_below("frequency", f"control.notches[{index}]", nyquist)
+
+
+class LimitsSection(Section):
+    """Required margins; a margin that is not named is not required."""
+
+    gain_margin_db: Annotated[float, number(above=0, most=100)] | None = None
+    phase_margin_deg: Annotated[float, number(above=0, most=120)] | None = None
+    peak_sensitivity: Annotated[float, number(above=1, most=1000)] | None = None
+
+    def requirements(self) -> Requirements:
+        """As factor and rad."""
+        decibels, degrees = self.gain_margin_db, self.phase_margin_deg
+        return Requirements(
+            gain_margin=None if decibels is None else 10 ** (decibels / 20),
+            phase_margin=None if degrees is None else math.radians(degrees),
+            peak_sensitivity=self.peak_sensitivity,
+        )
+
+
+class UncertaintySection(Section):
+    """Ranges, each [low, high] or a percentage to either side; the limits then hold for every case inside."""
+
+    delay_ms: DelayMsInterval | None = None
+    delay_ticks: DelayTicksInterval | None = None
+    stiffness: PositiveInterval | None = None
+    motor_inertia: PositiveInterval | None = None
+    damping: NotNegativeInterval | None = None
+
+    @model_validator(mode="after")
+    def _one_delay(self) -> "UncertaintySection":
+        if self.delay_ms is not None and self.delay_ticks is not None:
+            raise refusal("give either delay_ms or delay_ticks, not both")
+        return self
+
+    def ranges(self, nominal: Mapping[str, ArrayLike], tick: float | None) -> dict[str, tuple[Floats, Floats]]:
+        """(low, high), each (n,) in SI, of what is uncertain; `nominal` by name of Uncertainty, each of n joints; `tick` [s].
+
+        Raises GainroomError where a range does not contain the nominal value, and where ticks have no length.
+        """
+        if self.delay_ticks is not None and tick is None:
+            raise GainroomError("uncertainty.delay_ticks: needs control.sample_rate_hz or drive.sample_rate_hz")
+        units = {"delay_ms": 1e-3, "delay_ticks": tick or 0.0}
+        found = {}
+        for key in type(self).model_fields:
+            if (given := getattr(self, key)) is not None:
+                name = "delay" if key in units else key
+                found[name] = _around(key, given, np.atleast_1d(np.asarray(nominal[name], dtype=float)), units.get(key, 1.0))
+        return found
+
+
+def _around(key: str, given: str | list[float], nominal: Floats, unit: float) -> tuple[Floats, Floats]:
+    """(low, high) in SI of [low, high] in `unit`, or of a percentage around `nominal` (n,); what is infinite stays so."""
+    finite = np.isfinite(nominal)
+    if not finite.any():
+        raise GainroomError(f"uncertainty.{key}: has no meaning around a value of .inf")
+    if isinstance(given, str):
+        part = float(given.removesuffix("%")) / 100
+        return nominal * (1 - part), nominal * (1 + part)
+    low, high = (end * unit for end in given)
+    outside = finite & ~((low * (1 - 1e-9) <= nominal) & (nominal <= high * (1 + 1e-9)))
+    if outside.any():
+        raise GainroomError(f"uncertainty.{key}: {given} must contain the file's own value, {nominal[outside][0] / unit:g}")
+    return np.where(finite, low, np.inf), np.where(finite, high, np.inf)
+
+
+Control = TypeVar("Control", bound=ControlSection)
+Ranges = TypeVar("Ranges", bound=UncertaintySection)
+
+
+class SystemFile(Section, Generic[Control, Ranges]):
+    """What describes a system in a file, one joint or a robot."""
+
+    drive: DriveSection = Field(description="the current loops and the delay")
+    control: Control = Field(description="the controller and its gains")
+    limits: LimitsSection | None = None
+    uncertainty: Ranges | None = None
+
+    def tick(self) -> float | None:
+        """[s], from whichever section has the rate. Raises GainroomError where they disagree."""
+        control, drive = self.control.sample_rate_hz, self.drive.sample_rate_hz
+        if control is not None and drive is not None and control != drive:
+            raise GainroomError(f"drive.sample_rate_hz: {drive} must equal control.sample_rate_hz {control}, or be left out")
+        rate = drive if control is None else control
+        return None if rate is None else 1 / rate
+
+    def sample_time(self) -> float | None:
+        """Of the controller [s]; None: continuous. Raises GainroomError as `tick`, and for a filter above half the sample rate."""
+        if self.control.sample_rate_hz is None:
+            return None
+        tick = self.tick()
+        assert tick is not None
+        self.control.require_filters_below(math.pi / tick)
+        return tick
+
+    def ranges(self, nominal: Mapping[str, ArrayLike], tick: float | None) -> dict[str, tuple[Floats, Floats]]:
+        """Of what is uncertain: see UncertaintySection."""
+        return {} if self.uncertainty is None else self.uncertainty.ranges(nominal, tick)
+
+    def requirements(self) -> Requirements:
+        """As given, or the usual ones."""
+        return Requirements.usual() if self.limits is None else self.limits.requirements()
+
+
+def refuse_long_delay(delay: float, sample_time: float | None, owner: str) -> None:
+    """Raise GainroomError where a sampled loop would carry too many ticks of delay; `sample_time` None: continuous."""
+    if sample_time is not None and delay > MAX_TICKS * sample_time:
+        raise GainroomError(f"{owner}: the delay of {delay / sample_time:g} ticks must be <= {MAX_TICKS} ticks")
