@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from gainroom.paper.com_motion import SAMPLE_TIME, setup
-from gainroom.simulation.robot_run import RobotSimulation
+from gainroom.simulation.robot_run import RobotStepper
 
 from .table import Table
 
@@ -31,15 +31,15 @@ def run(seed: int) -> Table:
     return Table("Biped in MuJoCo, task-space control at 2 kHz", rows, [note])
 
 
-def _simulation() -> RobotSimulation:
+def _simulation() -> RobotStepper:
     """Standing, past what happens only at the start."""
-    simulation = RobotSimulation(setup("pd"))
+    simulation = RobotStepper(setup("pd"))
     for _ in range(BLOCK):
         simulation.tick(np.zeros(6))
     return simulation
 
 
-def _parts(simulation: RobotSimulation) -> dict[str, tuple[Any, str]]:
+def _parts(simulation: RobotStepper) -> dict[str, tuple[Any, str]]:
     return {
         "MuJoCo": (simulation, "step"),
         "controller": (simulation.control, "tick"),
@@ -47,7 +47,7 @@ def _parts(simulation: RobotSimulation) -> dict[str, tuple[Any, str]]:
     }
 
 
-def _tick_time(simulation: RobotSimulation) -> float:
+def _tick_time(simulation: RobotStepper) -> float:
     """Of one tick, with what a run does besides [s]."""
     taken = []
     offset = np.zeros(6)

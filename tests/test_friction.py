@@ -11,7 +11,7 @@ from scipy.special import ellipk
 import gainroom as gr
 from gainroom.simulation import _motion, testbed_stepping
 from gainroom.simulation.friction import Friction
-from gainroom.simulation.response import Response
+from gainroom.simulation.record import Run
 from gainroom.simulation.run import simulate
 from gainroom.simulation.scenario import Scenario, Start
 from gainroom.simulation.testbed import Testbed
@@ -31,7 +31,7 @@ def free(joint: gr.ElasticJoint, **parts) -> Testbed:
     return Testbed(gr.build_loop(joint, gr.Drive(), gr.PD(0.0, 0.0), sample_time=TICK), **parts)
 
 
-def pushed(bed: Testbed, torque, ticks: int, start: Start | None = None) -> Response:
+def pushed(bed: Testbed, torque, ticks: int, start: Start | None = None) -> Run:
     return simulate(bed, Scenario(0.0, (ticks - 1) * TICK, feedforward=torque, start=start or Start(0.0, 0.0)))
 
 

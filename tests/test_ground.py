@@ -10,10 +10,12 @@ from numpy.testing import assert_allclose
 
 from gainroom.cli import main
 from gainroom.files.robot_yaml import load_robot_spec
+from gainroom.report.simulation_text import warnings
 from gainroom.robot.contact import Contact
 from gainroom.robot.ground import Ground, footings, ground_axes
 from gainroom.simulation.mujoco_model import build_mujoco
-from gainroom.studies.robot_simulation import RobotPlay, play_robot
+from gainroom.simulation.robot_simulation import RobotSimulation
+from gainroom.studies.simulation import Outcome, simulate_study
 from robot_files import SOLO, written
 from robot_truths import actuators, biped, biped_posture, feet
 
@@ -84,17 +86,17 @@ def test_springs_under_a_foot_are_no_ground(body):
 def test_a_quadruped_stands_still_on_point_feet(tmp_path: Path):
     """At half the limit; friction 0.3 would not hold it on slopes of 46 degrees, nor on any beyond 16.7."""
     spec = load_robot_spec(written(tmp_path, SOLO))
-    play = play_robot(spec, gain=0.33)
+    play = simulate_study(RobotSimulation.of(spec), 0.33)
     assert play.completed
     assert play.slip.max() < 5e-4  # soft contacts creep a little
     # The weight is compensated and friction holds the motors: what is left is the ground's softness and rolling on balls of 2 cm.
     assert np.abs(play.run.base[-1, :3] - play.run.base[0, :3]).max() < 2e-3
-    assert not any("slope" in warning or "height" in warning for warning in play.warnings)
+    assert not any("slope" in warning or "height" in warning for warning in warnings(play))
 
 
-def uneven(tmp_path: Path, text: str) -> RobotPlay:
+def uneven(tmp_path: Path, text: str) -> Outcome:
     spec = load_robot_spec(written(tmp_path, text))
-    return play_robot(spec)
+    return simulate_study(RobotSimulation.of(spec))
 
 
 def test_a_sloping_sole_and_feet_at_two_heights_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
@@ -104,18 +106,18 @@ def test_a_sloping_sole_and_feet_at_two_heights_are_told(tmp_path: Path, capsys:
     )
     poses = example[example.index("  bent:") :].splitlines()[0]
     play = uneven(tmp_path, example.replace(poses, '  bent: {".*_hip_pitch": -0.5, ".*_knee": 1.0}'))
-    told = " ".join(play.warnings)
+    told = " ".join(warnings(play))
     assert "slopes by 28.6° under left_sole and right_sole" in told
     assert "heights" not in told
     page = tmp_path / "page.html"
     path = written(tmp_path, example.replace(poses, '  bent: {".*_hip_pitch": -0.5, ".*_knee": 1.0, "left_knee": 0.9}'))
     main(["simulate", str(path), "--report", str(page)])
     capsys.readouterr()
-    play = play_robot(load_robot_spec(path))
-    body, q = play.run.setup.body, play.run.setup.q
+    play = simulate_study(RobotSimulation.of(load_robot_spec(path)))
+    body, q = play.spec.setup.body, play.spec.setup.q
     apart = 1e3 * abs(body.frame_placement(q, "left_sole")[1][2] - body.frame_placement(q, "right_sole")[1][2])
-    assert any(f"{apart:.3g} mm" in warning for warning in play.warnings)
+    assert any(f"{apart:.3g} mm" in warning for warning in warnings(play))
     assert f"{apart:.3g} mm" in page.read_text("utf-8")
     assert "22.9°" in page.read_text("utf-8")  # 0.4 rad
     level = uneven(tmp_path, example)
-    assert not any("slope" in warning or "height" in warning for warning in level.warnings)
+    assert not any("slope" in warning or "height" in warning for warning in warnings(level))

@@ -8,7 +8,8 @@ import yaml
 
 import gainroom as gr
 from gainroom.files.joint_yaml import load_joint, load_simulation, parse_joint, parse_simulation
-from gainroom.studies.joint_simulation import simulate_joint
+from gainroom.report.simulation_text import warnings
+from gainroom.studies.simulation import simulate_study
 from gainroom.system.plausibility import unusual, unusual_joint
 from gainroom.system.requirements import Requirements
 
@@ -150,7 +151,7 @@ def test_a_run_too_short_to_tell_is_refused(duration):
 
 def test_a_run_of_few_periods_says_what_it_cannot_show():
     short = parse_simulation(TESTBED + "\nscenario: {duration: 0.02, reference: {type: hold}}\n", "f")
-    study = simulate_joint(short)
-    assert any("shows no vibration below 150 Hz" in text for text in study.warnings)
-    whole = simulate_joint(load_simulation(EXAMPLES / "testbed-simulated.yaml"))
-    assert not any("shows no vibration below" in text for text in whole.warnings)
+    study = simulate_study(short)
+    assert any("shows no vibration below 150 Hz" in text for text in warnings(study))
+    whole = simulate_study(load_simulation(EXAMPLES / "testbed-simulated.yaml"))
+    assert not any("shows no vibration below" in text for text in warnings(whole))

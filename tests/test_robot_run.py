@@ -15,10 +15,11 @@ from gainroom.robot import load_model
 from gainroom.robot.actuators import Actuators
 from gainroom.robot.ground import Ground, Sole
 from gainroom.robot.spec import RobotControl
-from gainroom.simulation.response import LOGGED, track
+from gainroom.simulation.record import LOGGED
 from gainroom.simulation.robot_onset import motionless
-from gainroom.simulation.robot_run import RobotSimulation, run_robot, stream_robot
+from gainroom.simulation.robot_run import RobotStepper, run_robot, stream_robot
 from gainroom.simulation.robot_setup import RobotSetup, channel_count, hold, joint_setup, robot_setup, substeps_for
+from gainroom.simulation.tracking import track
 from gainroom.simulation.trajectories import Spline
 from gainroom.system.controller import PD
 from gainroom.system.drive import Drive
@@ -190,7 +191,7 @@ def test_refusals(spec):
         joint_setup(ElasticJoint(motor_inertia=1.0, link_inertia=math.inf, stiffness=1e4), Drive(), PD(1.0, 1.0))
     stiff = ElasticJoint(motor_inertia=1e-6, link_inertia=1e-6, stiffness=1e6)
     with pytest.raises(GainroomError, match=r"needs .* steps per tick, at most 64"):
-        RobotSimulation(joint_setup(stiff, Drive(), PD(1.0, 1.0)))
+        RobotStepper(joint_setup(stiff, Drive(), PD(1.0, 1.0)))
     with pytest.raises(GainroomError, match="duration 0 s must be"):
         hold(setup, 0.0)
 
@@ -198,7 +199,7 @@ def test_refusals(spec):
 def test_a_fixed_base_cannot_fall():
     control = RobotControl("joint", PD(1.0, 1.0), "motor", TICK)
     setup = replace(joint_setup(ElasticJoint(motor_inertia=1.0, link_inertia=1.0), Drive(), PD(1.0, 1.0)), control=control)
-    assert RobotSimulation(setup).problem() is None
+    assert RobotStepper(setup).problem() is None
 
 
 def small(folder, kind="revolute"):
@@ -265,7 +266,7 @@ def test_mujocos_warnings_make_no_file(spec, tmp_path, monkeypatch):
     mujoco.set_mju_user_warning(heard.append)
     try:
         setup = setup_of(spec, "joint")
-        simulation = RobotSimulation(setup)
+        simulation = RobotStepper(setup)
         simulation.data.qvel[:] = 1e12
         assert simulation.part(hold(setup, 2 * setup.sample_time), 0).ending == "diverged"
         assert heard == []

@@ -10,20 +10,21 @@ import pytest
 from gainroom.cli import main
 from gainroom.files.logs import read_log
 from gainroom.files.robot_yaml import load_robot_spec
-from gainroom.studies.robot_simulation import play_robot
+from gainroom.simulation.robot_simulation import RobotSimulation
+from gainroom.studies.simulation import simulate_study
 from robot_files import ROBOT, SOLO, write_arm, written
 
 JOINT = ROBOT + "scenario: {duration: 1.0, move: {joint: elbow, by: 0.1, duration: 0.5}}\n"
 
 
-def played(path: Path, capsys: pytest.CaptureFixture[str], *options: str) -> tuple[int, dict]:
+def simulated(path: Path, capsys: pytest.CaptureFixture[str], *options: str) -> tuple[int, dict]:
     status = main(["simulate", str(path), "--json", *options])
     return status, json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
 
 
 def test_joint_space_with_a_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     log = tmp_path / "run.csv"
-    status, facts = played(write_arm(tmp_path, JOINT), capsys, "--log", str(log))
+    status, facts = simulated(write_arm(tmp_path, JOINT), capsys, "--log", str(log))
     assert status == 0
     assert set(facts["tracking"]) == {"shoulder", "elbow"}
     kept = read_log(log)
@@ -32,12 +33,12 @@ def test_joint_space_with_a_log(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert travelled[1] == pytest.approx(0.1, abs=2e-3)  # weight is compensated as it changes: what is left is next to nothing
     assert abs(travelled[0]) < 2e-3
     assert main(["simulate", str(tmp_path / "robot.yaml")]) == 0
-    assert capsys.readouterr().out.startswith("Does not vibrate: elbow stays within ")
+    assert capsys.readouterr().out.startswith("No vibration: elbow stays within ")
 
 
 def test_task_space_moves_the_task(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     text = ROBOT.replace(", kp: 400.0, kd: 30.0", ", space: task")
-    status, facts = played(write_arm(tmp_path, text), capsys)
+    status, facts = simulated(write_arm(tmp_path, text), capsys)
     assert status == 0
     channels = list(facts["tracking"])
     assert channels[:3] == ["com x", "com y", "com z"]
@@ -47,8 +48,8 @@ def test_task_space_moves_the_task(tmp_path: Path, capsys: pytest.CaptureFixture
 def test_friction_leaves_an_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     """A stuck PD joint is off by at most Coulomb torque over kp."""
     rubbing = JOINT.replace("by: 0.1, duration: 0.5}", "by: 0.1, duration: 0.5}, friction: {coulomb: {elbow: 4.0}}")
-    _, free = played(write_arm(tmp_path, JOINT), capsys)
-    _, stuck = played(write_arm(tmp_path, rubbing), capsys)
+    _, free = simulated(write_arm(tmp_path, JOINT), capsys)
+    _, stuck = simulated(write_arm(tmp_path, rubbing), capsys)
     left = abs(stuck["tracking"]["elbow"]["steady_state"])
     assert left > 3 * abs(free["tracking"]["elbow"]["steady_state"])
     assert left < 1.05 * 4.0 / 400.0
@@ -57,7 +58,7 @@ def test_friction_leaves_an_error(tmp_path: Path, capsys: pytest.CaptureFixture[
 def test_commands_are_cut_at_the_torque_limit(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     text = JOINT.replace("scenario: {", "scenario: {torque_limit: {elbow: 7.7}, ")
     log = tmp_path / "run.csv"
-    played(write_arm(tmp_path, text), capsys, "--log", str(log))
+    simulated(write_arm(tmp_path, text), capsys, "--log", str(log))
     logged = read_log(log).signals
     shoulder, elbow = (np.abs(logged["demand_torque"][:, k]).max() for k in (0, 1))
     assert elbow == pytest.approx(7.7, abs=1e-12)
@@ -68,7 +69,7 @@ def test_commands_are_cut_at_the_torque_limit(tmp_path: Path, capsys: pytest.Cap
 def test_encoders_have_steps(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     """What the controller saw, reference less error, is a whole number of steps off its start."""
     path = write_arm(tmp_path, JOINT.replace("scenario: {", "scenario: {resolution: 0.002, "))
-    run = play_robot(load_robot_spec(path)).run
+    run = simulate_study(RobotSimulation.of(load_robot_spec(path))).run
     steps = run.measured / 0.002
     assert np.ptp(steps[:, 1]) > 40  # 0.1 rad are fifty
     assert np.abs(steps - np.round(steps)).max() < 1e-9  # of rounding alone
@@ -80,13 +81,13 @@ def test_a_narrow_sole_lets_the_biped_fall(tmp_path: Path, capsys: pytest.Captur
     for width, status, fell in ((0.15, 0, False), (0.04, 1, True)):
         path = tmp_path / "biped.yaml"
         path.write_text(example.replace("width: 0.15", f"width: {width}"), "utf-8")
-        found, facts = played(path, capsys)
+        found, facts = simulated(path, capsys)
         assert (found, facts["fell"]) == (status, fell)
         assert (facts["ended_at"] is None) != fell
 
 
 def test_too_much_gain_diverges(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    status, facts = played(write_arm(tmp_path, JOINT), capsys, "--gain", "20")
+    status, facts = simulated(write_arm(tmp_path, JOINT), capsys, "--gain", "20")
     assert status == 1
     assert facts["diverged"] or facts["vibrates"]
 
@@ -94,7 +95,7 @@ def test_too_much_gain_diverges(tmp_path: Path, capsys: pytest.CaptureFixture[st
 def test_numbers_are_what_the_log_says(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     """The encoders are the motors', so the log has what the controller saw; the elbow goes 0.1 rad from 0.9."""
     log = tmp_path / "run.csv"
-    _, facts = played(write_arm(tmp_path, JOINT), capsys, "--log", str(log))
+    _, facts = simulated(write_arm(tmp_path, JOINT), capsys, "--log", str(log))
     kept = read_log(log)
     torque, seen = kept.signals["actual_torque"], kept.signals["motor_position"]
     assert facts["torque_peak"] == {name: np.abs(torque[:, k]).max() for k, name in enumerate(kept.joint_names)}
@@ -141,7 +142,7 @@ def test_viscous_friction_counts_in_the_predicted_limit(tmp_path: Path, capsys: 
     """As a scenario's, or as the motors' own: the same linear loop."""
     viscous = JOINT.replace("scenario: {", "scenario: {friction: {viscous: 6.0}, ")
     own = JOINT.replace("damping: 4.0}", "damping: 4.0, motor_viscous: 6.0}")
-    limits = [played(write_arm(tmp_path, text), capsys)[1]["predicted"]["gain_limit"] for text in (JOINT, viscous, own)]
+    limits = [simulated(write_arm(tmp_path, text), capsys)[1]["predicted"]["gain_limit"] for text in (JOINT, viscous, own)]
     assert limits[1] == pytest.approx(limits[2], rel=1e-12)
     assert limits[1] > 1.01 * limits[0]  # drag of 6 N m s/rad, which delay does not turn, helps; round-off is 1e-9
 
@@ -150,11 +151,11 @@ def test_the_log_holds_readings_and_errors_are_of_the_truth(tmp_path: Path, caps
     """As of one joint: whole steps in the log, on both sides, and the errors of the motors themselves."""
     log, step = tmp_path / "run.csv", 0.002
     path = write_arm(tmp_path, JOINT.replace("scenario: {", f"scenario: {{resolution: {step}, "))
-    _, facts = played(path, capsys, "--log", str(log))
+    _, facts = simulated(path, capsys, "--log", str(log))
     kept = read_log(log).signals
     for name in ("motor_position", "link_position"):
         assert np.abs(kept[name] / step - np.round(kept[name] / step)).max() < 1e-9  # of rounding alone
-    run = play_robot(load_robot_spec(path)).run
+    run = simulate_study(RobotSimulation.of(load_robot_spec(path))).run
     assert np.abs(kept["motor_position"] - run.motor_position).max() == pytest.approx(step / 2, rel=0.05)  # some reading is off by that
     true = np.abs(run.reference - run.motor_position).max(axis=0)
     assert [facts["tracking"][name]["peak"] for name in run.channels] == pytest.approx(true, rel=1e-12)
@@ -164,11 +165,11 @@ def test_the_log_holds_readings_and_errors_are_of_the_truth(tmp_path: Path, caps
 def test_the_log_holds_what_was_commanded(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     """Of joints; a task's is no joint's."""
     log = tmp_path / "run.csv"
-    played(write_arm(tmp_path, JOINT), capsys, "--log", str(log))
+    simulated(write_arm(tmp_path, JOINT), capsys, "--log", str(log))
     reference = read_log(log).signals["reference"]
     assert np.ptp(reference, axis=0) == pytest.approx([0.0, 0.1], abs=1e-12)
     assert reference[0, 1] == pytest.approx(0.9, abs=0.01)  # wound up by the weight
-    played(write_arm(tmp_path, ROBOT.replace(", kp: 400.0, kd: 30.0", ", space: task")), capsys, "--log", str(log))
+    simulated(write_arm(tmp_path, ROBOT.replace(", kp: 400.0, kd: 30.0", ", space: task")), capsys, "--log", str(log))
     assert "reference" not in read_log(log).signals
     log.write_text("time,target_torque,reference_velocity\n0,1,2\n1,1,2\n", "utf-8")  # another's
     assert set(read_log(log).signals) == {"target_torque"}

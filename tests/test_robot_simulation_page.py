@@ -19,13 +19,14 @@ import gainroom as gr
 from gainroom.cli import main
 from gainroom.files.robot_yaml import parse_robot
 from gainroom.report.number_format import digits, hertz, milli
-from gainroom.report.played import CLOSE_PERIODS
-from gainroom.report.robot_motion import MOST_CHANNELS
-from gainroom.report.robot_simulation import robot_simulation_page
+from gainroom.report.simulation import simulation_page
+from gainroom.report.simulation_figures import CLOSE_PERIODS, MOST_CHANNELS
+from gainroom.report.simulation_text import sentence, warnings
 from gainroom.robot.tasks import Task
 from gainroom.simulation.oscillation import Vibration, parts_in
 from gainroom.simulation.robot_setup import channel_count, channel_units
-from gainroom.studies.robot_simulation import RobotPlay, play_robot
+from gainroom.simulation.robot_simulation import RobotSimulation
+from gainroom.studies.simulation import Outcome, simulate_study
 from robot_files import ROBOT, write_arm
 from robot_truths import hinge, link, write_robot
 from test_report import figures, without_library
@@ -48,18 +49,18 @@ JOINTS = "control: {type: pd, feedback: motor, sample_rate_hz: 2000, kp: 2000.0,
 ALL_JOINTS = "scenario: {duration: 0.6, move: {joint: '.*', by: 0.05, duration: 0.3}}\n"
 
 
-def played(text: str, gain: float = 1.0) -> RobotPlay:
-    return play_robot(parse_robot(text, "biped.yaml"), gain)
+def simulated(text: str, gain: float = 1.0) -> Outcome:
+    return simulate_study(RobotSimulation.of(parse_robot(text, "biped.yaml")), gain)
 
 
 @pytest.fixture(scope="module")
-def sound() -> RobotPlay:
-    return played(STAND + MOVE)
+def sound() -> Outcome:
+    return simulated(STAND + MOVE)
 
 
 @pytest.fixture(scope="module")
-def sound_page(sound: RobotPlay) -> str:
-    return robot_simulation_page(sound, COMMAND)
+def sound_page(sound: Outcome) -> str:
+    return simulation_page(sound, COMMAND)
 
 
 @pytest.fixture(scope="module")
@@ -70,13 +71,13 @@ def limit() -> gr.GainLimit:
 
 
 @pytest.fixture(scope="module")
-def shaken(limit: gr.GainLimit) -> RobotPlay:
-    return played(STAND + SHAKE, 1.04 * limit.gain)
+def shaken(limit: gr.GainLimit) -> Outcome:
+    return simulated(STAND + SHAKE, 1.04 * limit.gain)
 
 
 @pytest.fixture(scope="module")
-def fallen() -> RobotPlay:
-    return played(TOPPLE)
+def fallen() -> Outcome:
+    return simulated(TOPPLE)
 
 
 def glance(page: str) -> tuple[str, str, list[str]]:
@@ -97,17 +98,17 @@ def drawn(figure: dict, name: str) -> dict[str, np.ndarray]:
     }
 
 
-def test_a_sound_run_at_first_glance(sound: RobotPlay, sound_page: str):
+def test_a_sound_run_at_first_glance(sound: Outcome, sound_page: str):
     state, banner, labels = glance(sound_page)
     assert (state, banner) == ("good", "")
     assert labels == ["largest error", "steady-state error", "torque peak", "vibration", "slip of the feet"]
-    assert sound.sentence.startswith("Does not vibrate: com ")
-    assert escape(sound.sentence) in sound_page
+    assert sentence(sound).startswith("No vibration: com ")
+    assert escape(sentence(sound)) in sound_page
 
 
-def test_the_page_carries_answer_then_reason_in_order(sound: RobotPlay, sound_page: str):
+def test_the_page_carries_answer_then_reason_in_order(sound: Outcome, sound_page: str):
     own = unescape(without_library(sound_page))
-    wanted = (sound.sentence, "In time", "The robot before and after", "Channel by channel", "Joints", "Inputs and assumptions", COMMAND)
+    wanted = (sentence(sound), "In time", "The robot before and after", "Channel by channel", "Joints", "Inputs and assumptions", COMMAND)
     start = own.index("<body")
     for part in wanted:
         start = own.index(part, start)
@@ -124,7 +125,7 @@ def test_the_page_is_self_contained_and_small(sound_page: str):
         assert outside not in own
 
 
-def test_numbers_in_the_tables_are_the_runs(sound: RobotPlay, sound_page: str):
+def test_numbers_in_the_tables_are_the_runs(sound: Outcome, sound_page: str):
     """By definition, from the rows; the table's first column names the channel, then unit and way."""
     run, table = sound.run, cells(sound_page, "channel")
     error = run.reference - run.measured
@@ -139,7 +140,7 @@ def test_numbers_in_the_tables_are_the_runs(sound: RobotPlay, sound_page: str):
     assert [row[0] for row in torques.values()] == [digits(value, "", 3) if value > 1e-3 else "0" for value in peaks]
 
 
-def test_the_hero_shows_all_three_directions_with_their_errors(sound: RobotPlay, sound_page: str):
+def test_the_hero_shows_all_three_directions_with_their_errors(sound: Outcome, sound_page: str):
     """Millimetres from where the run began, the error under them; 500 points or more of 1600 keep the envelope."""
     hero = figures(sound_page)[0]
     for k, name in enumerate(("com x", "com y", "com z")):
@@ -152,7 +153,7 @@ def test_the_hero_shows_all_three_directions_with_their_errors(sound: RobotPlay,
     assert np.abs(drawn(hero, hardest)["y3"][1]).max() == pytest.approx(sound.torque_peak.max(), rel=1e-5)
 
 
-def test_links_are_shown_where_they_are(sound: RobotPlay, sound_page: str):
+def test_links_are_shown_where_they_are(sound: Outcome, sound_page: str):
     """Of the drawn channel pelvis y, from the links' own postures."""
     pictures = [figure for figure in figures(sound_page) if drawn(figure, "links")]
     assert len(pictures) == MOST_CHANNELS
@@ -161,16 +162,16 @@ def test_links_are_shown_where_they_are(sound: RobotPlay, sound_page: str):
     assert np.interp(sound.run.time, *curve) == pytest.approx(true, abs=0.02 * np.ptp(true))  # straight between 500 points
 
 
-def test_slip_is_how_far_a_foot_went(sound: RobotPlay, fallen: RobotPlay):
+def test_slip_is_how_far_a_foot_went(sound: Outcome, fallen: Outcome):
     """A standing foot gives way by less than a tenth of a millimetre; one of a robot that topples about its toes, by centimetres."""
     assert sound.slip.shape == (2,)
     assert sound.slip.max() < 1e-4
     assert fallen.slip.max() > 0.01
 
 
-def test_a_vibrating_run(shaken: RobotPlay, limit: gr.GainLimit):
+def test_a_vibrating_run(shaken: Outcome, limit: gr.GainLimit):
     """4 % above the limit it vibrates within 2 % of the frequency there, in the shape that is predicted there."""
-    page = robot_simulation_page(shaken, COMMAND)
+    page = simulation_page(shaken, COMMAND)
     state, banner, labels = glance(page)
     assert (state, "VIBRATES" in banner) == ("bad", True)
     assert "vibration" in labels
@@ -179,13 +180,13 @@ def test_a_vibrating_run(shaken: RobotPlay, limit: gr.GainLimit):
     assert shaken.vibration.frequency == pytest.approx(limit.frequency, rel=0.02)
     assert hertz(shaken.vibration.frequency) in page
     assert f"The last {CLOSE_PERIODS} periods" in page
-    assert shaken.parts is not None
+    assert shaken.oscillation is not None
     # 4 % of gain turn the shape a little; both are scaled to a largest of 1.
-    assert np.abs(shaken.parts) == pytest.approx(np.abs(limit.mode), abs=0.05)
-    assert [row[-1] for row in cells(page, "joint").values()][3] == digits(abs(shaken.parts[3]), "", 2)
+    assert np.abs(shaken.oscillation.parts) == pytest.approx(np.abs(limit.mode), abs=0.05)
+    assert [row[-1] for row in cells(page, "joint").values()][3] == digits(abs(shaken.oscillation.parts[3]), "", 2)
 
 
-def test_the_prediction_is_the_linear_loops(sound: RobotPlay, shaken: RobotPlay, limit: gr.GainLimit):
+def test_the_prediction_is_the_linear_loops(sound: Outcome, shaken: Outcome, limit: gr.GainLimit):
     assert sound.limit is not None
     assert shaken.limit is not None
     assert sound.limit.gain == pytest.approx(limit.gain, rel=1e-9)
@@ -193,14 +194,14 @@ def test_the_prediction_is_the_linear_loops(sound: RobotPlay, shaken: RobotPlay,
     assert (sound.limit.stable, shaken.limit.stable) == (True, False)
 
 
-def test_a_fallen_run(fallen: RobotPlay):
-    page = robot_simulation_page(fallen, COMMAND)
+def test_a_fallen_run(fallen: Outcome):
+    page = simulation_page(fallen, COMMAND)
     state, banner, labels = glance(page)
     assert (state, banner) == ("bad", "FELL: do not run this on the robot")
     assert labels[0] == "falls after"
     assert fallen.run.ending == "fell"
-    assert fallen.sentence.startswith("The robot fell after ")
-    assert any("it is the move" in warning for warning in fallen.warnings)  # the loop is stable
+    assert sentence(fallen).startswith("The robot fell after ")
+    assert any("it is the move" in warning for warning in warnings(fallen))  # the loop is stable
     assert all(row[4:] == ["–", "–", "–"] for row in cells(page, "channel").values())  # nothing has settled
     assert "<b>FELL</b>" in json.dumps(figures(page))
 
@@ -208,9 +209,9 @@ def test_a_fallen_run(fallen: RobotPlay):
 def test_a_run_that_diverges(limit: gr.GainLimit):
     """Half above the limit: at the frequency of the linear loop's rightmost root, which grows e-fold in a hundredth of a second."""
     gain = 1.5 * limit.gain
-    play = played(STAND + SHAKE, gain)
-    root = gr.rightmost_roots(play.spec.loop(play.spec.robot.linearize("stand", "double")).scaled(gain)).roots[0]
-    page = robot_simulation_page(play, COMMAND)
+    play = simulated(STAND + SHAKE, gain)
+    root = gr.rightmost_roots(play.spec.loop(gain)).roots[0]
+    page = simulation_page(play, COMMAND)
     state, banner, labels = glance(page)
     assert (state, "DIVERGES" in banner) == ("bad", True)
     assert labels[0] == "runs away within"
@@ -218,14 +219,14 @@ def test_a_run_that_diverges(limit: gr.GainLimit):
     assert play.vibration is not None
     assert play.vibration.frequency == pytest.approx(abs(root.imag), rel=0.02)
     assert play.vibration.growth_rate == pytest.approx(root.real, rel=0.05)
-    assert f"vibrating at {play.vibration.frequency / (2 * math.pi):.3g} Hz" in play.sentence
+    assert f"vibrating at {play.vibration.frequency / (2 * math.pi):.3g} Hz" in sentence(play)
     assert "NaN" not in json.dumps(figures(page))
 
 
 def test_many_joints_are_no_heap():
     """The three that are furthest off together, six by themselves, and words on the rest; a robot in free fall stays in its picture."""
-    play = played(LIFTED + JOINTS + ALL_JOINTS)
-    page = robot_simulation_page(play, COMMAND)
+    play = simulated(LIFTED + JOINTS + ALL_JOINTS)
+    page = simulation_page(play, COMMAND)
     hero = figures(page)[0]
     worst = {play.run.channels[k] for k in np.argsort(-play.tracking.peak)[:3]}
     assert {one["name"] for one in hero["data"] if one.get("yaxis") == "y2"} == worst
@@ -242,23 +243,23 @@ def test_many_joints_are_no_heap():
 def test_a_torque_limit_keeps_a_vibration_at_its_size(limit: gr.GainLimit):
     """It neither grows nor dies away, and is one all the same; the page says what limits it."""
     limited = SHAKE.replace("scenario: {", "scenario: {torque_limit: {default: 150, '.*_yaw': .inf}, resolution: 1.0e-6, ")
-    play = played(STAND + limited.replace("duration: 1.0", "duration: 1.5"), 1.3 * limit.gain)
+    play = simulated(STAND + limited.replace("duration: 1.0", "duration: 1.5"), 1.3 * limit.gain)
     assert play.completed
     assert play.vibrates
     assert play.vibration is not None
     assert abs(play.vibration.damping_ratio) < 1e-3
-    assert "keeping up" in play.sentence
+    assert "sustained" in sentence(play)
     assert np.abs(play.run.demand_torque).max() == pytest.approx(150.0)
-    own = unescape(robot_simulation_page(play, COMMAND))
+    own = unescape(simulation_page(play, COMMAND))
     assert "150 N·m, 10 of 12 joints" in own
     assert digits(1e-3, "mrad", 3) in own
 
 
-def test_the_page_tells_the_ground(sound: RobotPlay, sound_page: str):
+def test_the_page_tells_the_ground(sound: Outcome, sound_page: str):
     text = (STAND + MOVE).replace(
         "ground: true", "ground: {friction: 0.6, soles: {left_sole: {length: 0.3, width: 0.12, center: [0.02, 0]}}}"
     )
-    own = unescape(robot_simulation_page(played(text), COMMAND))
+    own = unescape(simulation_page(simulated(text), COMMAND))
     assert "they may slip and lift: friction 0.6, soles left_sole 0.3 m × 0.12 m about (0.02, 0) m, right_sole 0.2 m × 0.1 m" in own
     assert "friction 0.8, soles left_sole 0.2 m × 0.1 m" in unescape(sound_page)
 
@@ -266,26 +267,26 @@ def test_the_page_tells_the_ground(sound: RobotPlay, sound_page: str):
 def test_a_robot_that_holds_still_is_listened_to_from_the_start(limit: gr.GainLimit):
     """Nothing moves, so there is nothing to wait for: neither a warning of a late move, nor a vibration that goes unheard."""
     still = STAND + "scenario: {duration: 0.5, move: {task: com, by: 0}}\n"
-    quiet, shaken = played(still), played(still, 1.1 * limit.gain)
-    assert not any("the move ends late" in warning for warning in quiet.warnings)
+    quiet, shaken = simulated(still), simulated(still, 1.1 * limit.gain)
+    assert not any("comes to rest late" in warning for warning in warnings(quiet))
     assert quiet.sound
     assert not shaken.sound
 
 
 def test_what_nothing_can_move_is_not_said_to_track():
     """The centre of mass in free fall: no motor moves it, which the warning says."""
-    play = played(LIFTED + SAMPLED + TASKS + "scenario: {duration: 0.3, move: {task: com, by: [0.01, 0, 0], duration: 0.1}}\n")
-    assert play.stuck == ("com x",)
-    assert play.sentence.startswith("Does not vibrate: com x")
-    assert any("nothing can move com x" in warning for warning in play.warnings)
+    play = simulated(LIFTED + SAMPLED + TASKS + "scenario: {duration: 0.3, move: {task: com, by: [0.01, 0, 0], duration: 0.1}}\n")
+    assert play.spec.immovable == ("com x",)
+    assert sentence(play).startswith("No vibration: com x")
+    assert any("nothing can move com x" in warning for warning in warnings(play))
     assert play.tracking.steady_state[0] == pytest.approx(0.01, rel=1e-6)
 
 
 def test_a_run_too_short_to_tell_says_so():
-    play = played(STAND + "scenario: {duration: 0.01, move: {task: com, by: 0.01}}\n")
+    play = simulated(STAND + "scenario: {duration: 0.01, move: {task: com, by: 0.01}}\n")
     assert len(play.run.time) == 20
-    assert any("lengthen scenario.duration" in warning for warning in play.warnings)
-    assert glance(robot_simulation_page(play, COMMAND))[0] == "good"
+    assert any("lengthen scenario.duration" in warning for warning in warnings(play))
+    assert glance(simulation_page(play, COMMAND))[0] == "good"
 
 
 def test_hostile_names_are_escaped(tmp_path: Path):
@@ -299,12 +300,12 @@ def test_hostile_names_are_escaped(tmp_path: Path):
     )
     write_robot(tmp_path, links, hinge(escape(HOSTILE), "root", "upper") + hinge("elbow", "upper", "lower", at=(0.0, 0.0, -0.4)))
     text = text.replace("shoulder: 0.4, ", "") + "scenario: {duration: 0.2, move: {task: " + names + ", by: 0.01, duration: 0.1}}\n"
-    play = play_robot(parse_robot(text, "robot.yaml", tmp_path), 1.0)
-    page = robot_simulation_page(play, f"gainroom simulate '{HOSTILE}'")
+    play = simulate_study(RobotSimulation.of(parse_robot(text, "robot.yaml", tmp_path)))
+    page = simulation_page(play, f"gainroom simulate '{HOSTILE}'")
     own = without_library(page)
     assert "<img" not in own
     assert "alert(1)</script" not in own
-    assert "\n" not in play.sentence
+    assert "\n" not in sentence(play)
     for trace in (trace for figure in figures(page) for trace in figure["data"]):
         assert "<" not in str(trace.get("name", ""))
         assert "<" not in str(trace.get("text", ""))
@@ -328,16 +329,10 @@ def test_each_channel_has_its_unit():
         Task(name="foot", kind="position", frame="left_sole", kp=1.0, kd=1.0),
         Task(name="rest", kind="posture", kp=1.0, kd=1.0),
     )
-    setup = replace(played_setup(spec), stack=stack)
+    setup = replace(RobotSimulation.of(spec).setup, stack=stack)
     units = channel_units(setup)
     assert len(units) == channel_count(setup)
     assert units == ("m",) * 3 + ("rad",) * 3 + ("m",) * 3 + ("rad",) * 12
-
-
-def played_setup(spec):
-    from gainroom.studies.robot_simulation import setup_of
-
-    return setup_of(spec)
 
 
 def test_a_slide_counts_in_metres(tmp_path: Path):
@@ -346,10 +341,10 @@ def test_a_slide_counts_in_metres(tmp_path: Path):
         link("root") + link("upper", 4.0, (0.0, 0.0, -0.2), (0.06, 0.06, 0.01)) + link("lower", 4.0, (0.0, 0.0, -0.2), (0.06, 0.06, 0.01))
     )
     write_robot(tmp_path, links, hinge("rail", "root", "upper", kind="prismatic") + hinge("elbow", "upper", "lower", at=(0.0, 0.0, -0.4)))
-    play = play_robot(parse_robot(text, "robot.yaml", tmp_path), 1.0)
-    assert play.units == ("m", "rad")
+    play = simulate_study(RobotSimulation.of(parse_robot(text, "robot.yaml", tmp_path)))
+    assert play.run.units == ("m", "rad")
     assert play.leading == (0,)
-    assert "Of slides read N and mm" in robot_simulation_page(play, COMMAND)
+    assert "Of prismatic joints read N and mm" in simulation_page(play, COMMAND)
 
 
 def test_falling_is_reported_and_is_exit_status_1(tmp_path: Path, capsys: pytest.CaptureFixture[str]):

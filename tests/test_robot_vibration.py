@@ -10,10 +10,11 @@ import pytest
 import gainroom as gr
 from gainroom.cli import main
 from gainroom.files.robot_yaml import load_robot_spec, parse_robot
-from gainroom.report.robot_simulation import robot_simulation_page
-from gainroom.studies.robot_outcome import RobotPlay
-from gainroom.studies.robot_simulation import play_robot
-from gainroom.studies.robot_vibration import chatter
+from gainroom.report.simulation import simulation_page
+from gainroom.report.simulation_text import sentence, warnings
+from gainroom.simulation.robot_simulation import RobotSimulation
+from gainroom.studies.oscillation import torque_chatter
+from gainroom.studies.simulation import Outcome, simulate_study
 from robot_files import ROBOT, SOLO, write_arm, written
 
 pytest.importorskip("mujoco")
@@ -28,14 +29,15 @@ def limit_of(folder: Path, text: str) -> float:
     return gr.gain_limit(spec.loop(spec.robot.linearize(None, None))).gain
 
 
-def played(folder: Path, text: str, gain: float) -> RobotPlay:
-    return play_robot(load_robot_spec(write_arm(folder, text)), gain)
+def simulated(folder: Path, text: str, gain: float) -> Outcome:
+    return simulate_study(RobotSimulation.of(load_robot_spec(write_arm(folder, text))), gain)
 
 
-def root_of(play: RobotPlay) -> complex:
+def root_of(play: Outcome) -> complex:
     """The rightmost of the linear loop that is played, with the scenario's viscous friction."""
-    spec = play.spec
-    robot = replace(spec.robot, actuators=play.run.setup.actuators)
+    assert isinstance(play.spec, RobotSimulation)
+    spec = play.spec.spec
+    robot = replace(spec.robot, actuators=play.spec.setup.actuators)
     model = robot.linearize(spec.scenario.posture, spec.scenario.contact)
     return complex(gr.rightmost_roots(spec.loop(model).scaled(play.gain)).roots[0])
 
@@ -49,47 +51,47 @@ def test_friction_that_hides_an_unstable_loop_is_not_sound(tmp_path: Path, capsy
     assert (facts["diverged"], facts["fell"], facts["vibrates"], facts["predicted"]["stable"]) == (False, False, False, False)
     assert facts["unstable"] is True
     assert facts["sentence"].startswith(
-        "No lasting vibration is seen, but the linear loop is unstable at these gains, 1.07 times the limit: friction hides it; "
+        "No lasting vibration is seen, but these gains are 1.07 times the limit: unstable; friction may hide it, or the run is too short; "
     )
     assert "UNSTABLE: do not run these gains" in page.read_text("utf-8")
     assert '<body class="bad">' in page.read_text("utf-8")
-    calm = played(tmp_path, STILL, 0.9 * gain / 1.07)
+    calm = simulated(tmp_path, STILL, 0.9 * gain / 1.07)
     assert calm.sound
-    assert calm.sentence.startswith("Does not vibrate")
+    assert sentence(calm).startswith("No vibration: ")
 
 
 def test_only_what_the_file_has_is_said_to_hide_it(tmp_path: Path):
     gain = 1.07 * limit_of(tmp_path, STILL)
     for friction, words in (
-        ("duration: 0.03, move: {joint: elbow, by: 0.0}}", "the run may be too short to show it"),
+        ("duration: 0.03, move: {joint: elbow, by: 0.0}}", "the run is too short, or too quiet, to show it"),
         (
-            "duration: 0.4, torque_limit: 900.0, move: {joint: elbow, by: 0.0}, friction: {coulomb: 5.0}}",
-            "friction and the torque limit can",
+            "duration: 0.4, torque_limit: 900.0, resolution: 1.0e-6, move: {joint: elbow, by: 0.0}, friction: {coulomb: 5.0}}",
+            "friction or encoder steps may hide it",  # the torque limit is never reached
         ),
     ):
-        play = played(tmp_path, ROBOT + "scenario: {" + friction + "\n", gain)
+        play = simulated(tmp_path, ROBOT + "scenario: {" + friction + "\n", gain)
         assert not play.sound
-        assert words in play.sentence
+        assert words in sentence(play)
 
 
 def test_a_vibration_in_the_move_counts(tmp_path: Path):
     """While it moves Coulomb friction is a constant and the loop linear: it vibrates there as the rightmost root says; then it sticks."""
-    play = played(tmp_path, MOVING, 1.04 * limit_of(tmp_path, MOVING))
+    play = simulated(tmp_path, MOVING, 1.04 * limit_of(tmp_path, MOVING))
     assert play.completed
-    assert play.heard is not None
-    assert play.heard.moving
+    assert play.oscillation is not None
+    assert play.oscillation.moving
     assert play.vibrates
     assert not play.sound
-    assert play.heard.found.frequency == pytest.approx(root_of(play).imag, rel=0.03)
-    after = play.run.motor_position[round(1.2 / play.run.setup.sample_time) :]
+    assert play.oscillation.found.frequency == pytest.approx(root_of(play).imag, rel=0.03)
+    after = play.run.motor_position[round(1.2 / play.run.sample_time) :]
     assert np.ptp(after, axis=0).max() < 1e-5  # nothing of it is left to hear after the move
-    assert "while it moves" in play.sentence
-    assert "VIBRATES" in robot_simulation_page(play, "gainroom simulate robot.yaml")
+    assert "while it moves" in sentence(play)
+    assert "VIBRATES" in simulation_page(play, "gainroom simulate robot.yaml")
 
 
 @pytest.mark.parametrize("share", [0.4, 0.8])
 def test_below_the_limit_a_move_under_friction_is_no_vibration(tmp_path: Path, share: float):
-    play = played(tmp_path, MOVING, share * limit_of(tmp_path, MOVING))
+    play = simulated(tmp_path, MOVING, share * limit_of(tmp_path, MOVING))
     assert play.sound
 
 
@@ -99,13 +101,13 @@ def test_a_vibration_before_a_fall_is_told(tmp_path: Path):
         "{frame: FR_FOOT, type: point}, {frame: HL_FOOT, type: point}, ", ""
     )
     text = text.replace("duration: 1.0,", "duration: 2.0, move: {joint: '.*_HFE', by: 0.1, duration: 0.5},")
-    play = play_robot(load_robot_spec(written(tmp_path, text)))
+    play = simulate_study(RobotSimulation.of(load_robot_spec(written(tmp_path, text))))
     assert play.run.ending == "fell"
     assert play.vibration is not None
     assert play.vibration.frequency == pytest.approx(root_of(play).imag, rel=0.05)  # of the posture it began in: it has tilted since
-    assert "vibrating at 16" in play.sentence
-    assert any("it vibrates before the end" in warning for warning in play.warnings)
-    calm = play_robot(load_robot_spec(written(tmp_path, text)), 0.5)
+    assert "vibrating at 16" in sentence(play)
+    assert any("it vibrates before the end" in warning for warning in warnings(play))
+    calm = simulate_study(RobotSimulation.of(load_robot_spec(written(tmp_path, text))), 0.5)
     assert calm.run.ending == "fell"
     assert calm.vibration is None
 
@@ -113,12 +115,12 @@ def test_a_vibration_before_a_fall_is_told(tmp_path: Path):
 def test_each_error_is_its_own_channels(tmp_path: Path):
     """The elbow lags most in its move; the shoulder, with much friction, is left furthest off."""
     text = ROBOT + "scenario: {duration: 1.5, move: {joint: '.*', by: [0.02, 0.9], duration: 0.4}, friction: {coulomb: {shoulder: 5.0}}}\n"
-    play = play_robot(parse_robot(text, "robot.yaml", write_arm(tmp_path).parent), 1.0)
+    play = simulate_study(RobotSimulation.of(parse_robot(text, "robot.yaml", write_arm(tmp_path).parent)))
     assert play.leading[0] == int(np.argmax(play.tracking.peak)) == 1
     left = np.abs(play.tracking.steady_state)
-    assert play.left_most == int(np.argmax(left)) == 0
-    assert f"shoulder ends furthest off, by {1e3 * left[0]:.3g} mrad" in play.sentence
-    page = robot_simulation_page(play, "gainroom simulate robot.yaml")
+    assert play.worst_at_end == int(np.argmax(left)) == 0
+    assert f"shoulder ends furthest off, by {1e3 * left[0]:.3g} mrad" in sentence(play)
+    page = simulation_page(play, "gainroom simulate robot.yaml")
     assert "mean of the last tenth, shoulder" in page
     assert "over the whole run, elbow" in page
 
@@ -126,12 +128,12 @@ def test_each_error_is_its_own_channels(tmp_path: Path):
 def test_torque_that_shakes_is_told(tmp_path: Path):
     """Coarse encoders times kd: kicks at every tick, far above the move's frequencies. Of a known sine it is the RMS, by closed form."""
     text = ROBOT + "scenario: {duration: 1.0, move: {joint: elbow, by: 0.1, duration: 0.5}, resolution: 1.0e-3}\n"
-    play = played(tmp_path, text, 1.0)
+    play = simulated(tmp_path, text, 1.0)
     assert play.chattering is not None
-    assert any("shakes by" in warning and "finer encoders" in warning for warning in play.warnings)
-    smooth = played(tmp_path, text.replace(", resolution: 1.0e-3", ""), 1.0)
+    assert any("shakes by" in warning and "finer encoders" in warning for warning in warnings(play))
+    smooth = simulated(tmp_path, text.replace(", resolution: 1.0e-3", ""), 1.0)
     assert smooth.chattering is None
     time = smooth.run.time
     slow, fast = 9.0 * np.sin(4 * np.pi * time), 2.0 * np.sin(600.0 * time)  # 4 pi/0.5 s and its fivefold lie between them
     made = replace(smooth.run, actual_torque=np.column_stack([slow + fast, slow]))
-    assert chatter(made, 0.5) == pytest.approx([2.0 / np.sqrt(2), 0.0], abs=1e-3)  # what the taper lets through of the slow one
+    assert torque_chatter(made, 0.5) == pytest.approx([2.0 / np.sqrt(2), 0.0], abs=1e-3)  # what the taper lets through of the slow one

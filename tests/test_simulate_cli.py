@@ -24,10 +24,11 @@ from gainroom.cli.interrupts import stop_signals
 from gainroom.errors import GainroomError
 from gainroom.files.joint_yaml import parse_simulation
 from gainroom.files.logs import read_log
-from gainroom.report.played import thinned
+from gainroom.report.curves import thinned
 from gainroom.report.simulation import simulation_page
+from gainroom.report.simulation_text import sentence
 from gainroom.simulation import vibration
-from gainroom.studies.joint_simulation import Interrupted, simulate_joint
+from gainroom.studies.simulation import Interrupted, simulate_study
 from mutations import RANDOMS, mutated_data
 
 EXAMPLES = joint_examples()
@@ -44,8 +45,8 @@ def write(folder: Path, text: str) -> Path:
     return path
 
 
-def played(text: str, gain: float = 1.0):
-    return simulate_joint(parse_simulation(text, "joint.yaml"), gain)
+def simulated(text: str, gain: float = 1.0):
+    return simulate_study(parse_simulation(text, "joint.yaml"), gain)
 
 
 def run_json(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> tuple[int, dict]:
@@ -114,17 +115,17 @@ def test_a_lasting_torque_bends_a_pd_by_its_share_of_kp(tmp_path: Path, capsys: 
 def test_gravity_bends_it_by_its_torque():
     """Level, a quarter turn from where it hangs. The link sags under 1 %: cos of 0.014 rad is 1 within 1e-4."""
     text = LINEAR + f"scenario: {{duration: 3.0, reference: {{type: hold}}, gravity: 20.0, hanging_at: {-math.pi / 2}}}\n"
-    study = played(text)
+    study = simulated(text)
     assert study.sound
     assert study.tracking.steady_state[0] == pytest.approx(20.0 / KP, rel=1e-3)
 
 
 def test_hardware_vibrates_where_the_linear_loop_does_and_keeps_it_up():
     """Friction does not hide it once the joint moves; the torque limit ends its growth. Its frequency stays within 3 %."""
-    assert played(HARDWARE).sound
-    shaken = played(HARDWARE, 1.15)
+    assert simulated(HARDWARE).sound
+    shaken = simulated(HARDWARE, 1.15)
     assert shaken.vibrates
-    assert not shaken.response.diverged
+    assert not shaken.run.diverged
     assert shaken.vibration is not None
     assert shaken.vibration.frequency == pytest.approx(shaken.limit.frequency, rel=0.03)
     assert shaken.limit.gain < 1
@@ -142,7 +143,7 @@ def test_hardware_vibrates_where_the_linear_loop_does_and_keeps_it_up():
 )
 def test_what_the_reference_does_is_not_called_a_vibration(reference: str, gain: float, sound: bool):
     """The limit is at 1.11."""
-    assert played(LINEAR + f"scenario: {{reference: {reference}}}\n", gain).sound is sound
+    assert simulated(LINEAR + f"scenario: {{reference: {reference}}}\n", gain).sound is sound
 
 
 def test_oscillations_above_a_frequency():
@@ -204,7 +205,7 @@ def test_a_wrong_scenario_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixt
         ("", "is empty"),
     ],
 )
-def test_what_cannot_be_played(tmp_path: Path, capsys: pytest.CaptureFixture[str], command: str, text: str, says: str):
+def test_what_cannot_be_simulated(tmp_path: Path, capsys: pytest.CaptureFixture[str], command: str, text: str, says: str):
     path = write(tmp_path, text)
     assert main([command, str(path)]) == 2
     err = capsys.readouterr().err
@@ -307,19 +308,19 @@ def test_what_is_ignored_stays_ignored(set_interrupt: Callable[[Any], None]):
 def test_an_interruption_says_how_far_it_came():
     rows = []
     with pytest.raises(Interrupted) as caught:
-        simulate_joint(parse_simulation(LINEAR, ""), rows=rows.append, interrupted=lambda: True)
+        simulate_study(parse_simulation(LINEAR, ""), rows=rows.append, interrupted=lambda: True)
     assert len(rows) == 1
     assert caught.value.time == pytest.approx(rows[0].time[-1] + 5e-4)
 
 
 @pytest.mark.parametrize(("gain", "state", "says"), [(1.0, "good", "No vibration"), (1.5, "bad", "DIVERGES"), (1.14, "bad", "VIBRATES")])
 def test_the_page_says_it_at_first_glance(gain: float, state: str, says: str):
-    study = played(LINEAR + "scenario: {duration: 1.0}\n", gain)
+    study = simulated(LINEAR + "scenario: {duration: 1.0}\n", gain)
     page = simulation_page(study, "gainroom simulate joint.yaml")
     assert f'<body class="{state}">' in page
     assert says in page
-    assert study.sentence in page
-    assert ("periods of the picture" in page) == (not study.sound)
+    assert sentence(study) in page
+    assert ("The last 12 periods: " in page) == (not study.sound)
     assert len(page) < 6e6
 
 

@@ -1,6 +1,7 @@
 """Exact stepping against integration by the method of steps, closed forms, and the loop's own roots and responses."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,9 +10,10 @@ from scipy import signal
 import gainroom as gr
 from gainroom.simulation import _stepping, stepping
 from gainroom.simulation.oscillation import response_vibration
-from gainroom.simulation.response import Response, joined, track
+from gainroom.simulation.record import Run, joined
 from gainroom.simulation.run import simulate, stream
 from gainroom.simulation.scenario import Scenario, Start
+from gainroom.simulation.tracking import track
 from gainroom.simulation.trajectories import Multisine, Spline, Step
 from independent.time_domain import Joints, run
 from refusals import assert_refused
@@ -38,7 +40,7 @@ def as_joints(plant: gr.Plant, *drives: gr.Drive) -> Joints:
     )
 
 
-def assert_agree(response: Response, truth: dict[str, np.ndarray]) -> None:
+def assert_agree(response: Run, truth: dict[str, np.ndarray]) -> None:
     for name, found in (
         ("motor", response.motor_position),
         ("link", response.link_position),
@@ -333,10 +335,7 @@ def test_tracking_of_a_known_response():
     time = TICK * np.arange(4001)
     shaken = omega * math.sqrt(1 - zeta**2)
     position = 3 - 2 * np.exp(-zeta * omega * time) * (np.cos(shaken * time) + zeta / math.sqrt(1 - zeta**2) * np.sin(shaken * time))
-    nothing = np.zeros((4001, 1))
-    rows = (position[:, None], nothing)
-    response = Response(time, np.full((4001, 1), 3.0), *rows, *rows, nothing, nothing, nothing, TICK, "motor", ("j",))
-    found = track(response)
+    found = track(SimpleNamespace(time=time, reference=np.full((4001, 1), 3.0), error=3.0 - position[:, None]))
     assert found.overshoot[0] == pytest.approx(math.exp(-math.pi / math.sqrt(3)), rel=1e-5)  # the peak falls between two ticks
     assert found.peak[0] == pytest.approx(2.0)
     assert found.steady_state[0] == pytest.approx(0.0, abs=1e-7)  # e^-18 is left

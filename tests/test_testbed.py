@@ -11,10 +11,11 @@ import gainroom as gr
 from gainroom.simulation import _contact, _motion, _testbed
 from gainroom.simulation.friction import Friction
 from gainroom.simulation.oscillation import response_vibration
-from gainroom.simulation.response import joined, track
+from gainroom.simulation.record import joined
 from gainroom.simulation.run import simulate, stream
 from gainroom.simulation.scenario import Scenario, Start
 from gainroom.simulation.testbed import Testbed
+from gainroom.simulation.tracking import track
 from gainroom.simulation.trajectories import Chirp, Spline, Step
 from refusals import assert_refused
 

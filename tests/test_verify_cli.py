@@ -9,8 +9,9 @@ import pytest
 from gainroom.cli import main
 from gainroom.cli.example import joint_examples
 from gainroom.files.joint_yaml import parse_joint
+from gainroom.report.verification_text import percent, sentence
 from gainroom.studies import verification
-from gainroom.studies.verification import Case, growth_about, percent, sentence_of, verify_joint
+from gainroom.studies.verification import Case, Verification, growth_about, verify_joint
 
 SAMPLED = joint_examples()["testbed-sampled"]
 CASE_KEYS = {"what", "witness", "predicted_gain", "simulated_gain", "predicted_frequency_rad_s", "simulated_frequency_rad_s"}
@@ -130,18 +131,18 @@ def test_a_difference_has_digits_enough_to_tell_it_from_what_is_allowed():
 def test_cases_that_disagree_are_told_with_how_much_and_where_to_look():
     good = Case("stand: joint space", "linear", 1.0, 1.0, 500.0, 500.0)
     off = Case("stand: joint space", "mujoco", 1.0, 0.9798, 500.0, 560.0)
-    told = sentence_of((good, off), "the robot")
+    told = sentence(Verification((good, off), of_robot=True))
     assert "in 1 of 2 cases: stand: joint space (mujoco), gain 2.02 % apart, frequency 12 % apart with 2 % allowed; " in told
     assert "the linear simulation agrees" in told
-    told = sentence_of((replace(good, simulated_gain=1.01), off))
+    told = sentence(Verification((replace(good, simulated_gain=1.01), off)))
     assert "report the input" in told
     assert told.index("(linear)") < told.index("(mujoco)")  # ten times what is allowed before six times
 
 
 def test_what_verify_leaves_out_is_said():
     good = Case("one joint", "linear", 1.0, 1.0, 500.0, 500.0)
-    assert "without the scenario's friction and torque limit." in sentence_of((good,))
-    assert "without the scenario's friction, torque limit and ground." in sentence_of((good,), "the robot")
+    assert "without the scenario's friction and torque limit." in sentence(Verification((good,)))
+    assert "without the scenario's friction, torque limit and ground." in sentence(Verification((good,), of_robot=True))
 
 
 def test_interrupted_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):

@@ -1,18 +1,29 @@
-"""gainroom simulate: a scenario, played."""
+"""gainroom simulate: a scenario in time, of a joint or of a robot."""
 
+import contextlib
+import signal
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..report.number_format import digits, frequency, milli, settling
+from ..report.number_format import digits, milli, settling
+from .interrupts import Stopped, stop_signals
 from .kinds import kind_of
-from .options import AsJson, Report, command_line, number_option, report_stream
-from .output import emit, emit_json, render, table
-from .run_output import closing, factor_words, limit_facts, limit_words, playing, vibration_facts
+from .options import AsJson, Report, command_line, number_option, refuse_inputs, report_stream
+from .output import emit, emit_json, file_line, render, table
+from .progress import progress_bar
 
 if TYPE_CHECKING:
-    from ..studies.joint_simulation import SimulationStudy
+    from ..simulation import Run
+    from ..simulation.spec import SimulationSpec
+    from ..studies.simulation import Outcome
+
+MOST_JOINTS = 6
+"""In the terminal's table of torques."""
+NUMBERS = ("rms", "peak", "steady_state", "overshoot", "settling_time")
+"""Of Tracking, in JSON."""
 
 
 def simulate(
@@ -25,90 +36,150 @@ def simulate(
     log: Annotated[Path | None, typer.Option("--log", metavar="LOG", help="Also write every tick: .csv, .parquet or .mcap.")] = None,
     gain: Annotated[float, number_option("--gain", "", "Multiply all gains by this.", metavar="FACTOR")] = 1.0,
 ) -> int:
-    """Play the scenario of a joint or a robot: how well it tracks, and whether it vibrates or runs away.
+    """Simulate the scenario of a joint or a robot: how well it tracks, and whether it vibrates or runs away.
 
     \b
     Example:
       gainroom simulate joint.yaml --gain 1.2 --log run.csv --report run.html
 
-    Exit status: 0 no vibration, and stable; 1 diverges, vibrates or is unstable;
+    Exit status: 0 no vibration, and stable; 1 diverges, falls, vibrates or is unstable;
     2 the file or the call is wrong; 130 interrupted (the log holds what was done).
     """
     from ..errors import GainroomError
 
     if not 1e-6 <= gain <= 1e6:  # not a number is refused too
         raise GainroomError(f"--gain: {gain:g} must be a factor from 1e-06 to 1e+06")
-    if kind_of(file) == "robot":
-        from .simulate_robot import simulate_robot
-
-        return simulate_robot(file, as_json, report, log, gain)
-    from ..files.joint_yaml import load_simulation
-
-    spec = load_simulation(file)
+    spec = _load(file)
     with report_stream(report, log) as page:
-        from ..studies.joint_simulation import simulate_joint
-
-        with playing(log, [spec.joint.joint.name], spec.scenario.duration) as told:
-            study = simulate_joint(spec, gain, *told)
+        outcome = _simulated(spec, gain, log)
         if as_json:
-            emit_json(_facts(study, log))
+            emit_json(_facts(outcome, log))
         else:
-            emit(_terminal(study, report, log))
+            emit(_terminal(outcome, report, log))
         if page is not None:
             from ..report.simulation import simulation_page
 
-            page.write(simulation_page(study, command_line("simulate", file, *factor_words(gain), "--report", report)))
-    return 0 if study.sound else 1
+            factor = ("--gain", repr(gain).removesuffix(".0")) if gain != 1 else ()
+            page.write(simulation_page(outcome, command_line("simulate", file, *factor, "--report", report)))
+    return 0 if outcome.sound else 1
 
 
-def _facts(study: "SimulationStudy", log: Path | None) -> dict[str, Any]:
+def _load(file: Path) -> "SimulationSpec":
+    """What the file describes."""
+    if kind_of(file) == "robot":
+        from ..files.robot_yaml import load_robot_spec
+        from ..simulation.robot_simulation import RobotSimulation
+
+        return RobotSimulation.of(load_robot_spec(file))
+    from ..files.joint_yaml import load_simulation
+
+    return load_simulation(file)
+
+
+def _simulated(spec: "SimulationSpec", gain: float, log: Path | None) -> "Outcome":
+    """With progress, and the log as it goes; a run that is stopped says so, and exits."""
+    from ..studies.simulation import Interrupted, simulate_study
+
+    with stop_signals() as stopped:
+        written = "" if log is None else f"; {log} holds what was done"
+        try:
+            with _log_rows(log, spec) as rows, progress_bar("simulate:") as progress:
+                outcome = simulate_study(spec, gain, rows, progress, lambda: stopped() != 0)
+        except Interrupted as end:
+            raise Stopped(stopped(), f" at {end.time:g} s of {spec.duration:g} s{written}") from end
+        except KeyboardInterrupt as end:  # asked twice
+            raise Stopped(stopped() or signal.SIGINT) from end
+    if stopped():  # after the run, while it was being judged
+        raise Stopped(stopped(), written)
+    return outcome
+
+
+@contextlib.contextmanager
+def _log_rows(log: Path | None, spec: "SimulationSpec") -> Iterator[Callable[["Run"], None]]:
+    """What takes the parts of a run. Raises GainroomError where `log` cannot be written."""
+    if log is None:
+        yield lambda part: None
+        return
+    from ..files.logs import open_log
+
+    refuse_inputs(log, "log")
+    with open_log(log, spec.joint_names, spec.signals) as writer:
+        yield lambda part: writer.write(part.columns())
+
+
+def _facts(outcome: "Outcome", log: Path | None) -> dict[str, Any]:
     """What --json prints."""
-    response, found, limit, vibration = study.response, study.tracking, study.limit, study.vibration
-    names = response.joint_names
-    columns = ("rms", "peak", "steady_state", "overshoot", "settling_time")
+    from ..report.simulation_text import sentence, warnings
+
+    run, found, limit, seen = outcome.run, outcome.tracking, outcome.limit, outcome.oscillation
+    by_joint = {
+        name: dict(zip(run.joint_names, getattr(outcome, name).tolist(), strict=True)) for name in ("at_torque_limit", "torque_peak")
+    }
     return {
-        "diverged": response.diverged,
-        "diverged_at": response.diverged_at,
-        "vibrates": study.vibrates,
-        "unstable": study.hidden,
-        "sentence": study.sentence,
-        "model": "linear" if study.spec.is_linear else "testbed",
-        "sample_rate_hz": 1 / response.sample_time,
-        "gain": study.gain,
-        "tracking": {name: {column: getattr(found, column)[k] for column in columns} for k, name in enumerate(names)},
-        "at_torque_limit": dict.fromkeys(names, study.at_torque_limit),
-        "torque_peak": dict(zip(names, study.torque_peak.tolist(), strict=True)),
-        "vibration": vibration_facts(vibration),
-        "predicted": limit_facts(limit),
+        "diverged": run.diverged,
+        "diverged_at": run.diverged_at,
+        "fell": run.ending == "fell",
+        "ended_at": run.ended_at,
+        "vibrates": outcome.vibrates,
+        "unstable": outcome.hidden,
+        "sentence": sentence(outcome),
+        "model": outcome.spec.kind,
+        "sample_rate_hz": 1 / run.sample_time,
+        "gain": outcome.gain,
+        "tracking": {channel: {name: getattr(found, name)[k] for name in NUMBERS} for k, channel in enumerate(run.channels)},
+        **by_joint,
+        "slip": dict(zip(outcome.spec.contact_frames, outcome.slip.tolist(), strict=True)),
+        "vibration": None
+        if seen is None
+        else {
+            "frequency_rad_s": seen.found.frequency,
+            "growth_rate": seen.found.growth_rate,
+            "amplitude": seen.found.amplitude,
+            "joints": [name for name in seen.strongest if name in run.joint_names] or list(run.joint_names),
+        },
+        "predicted": None
+        if limit is None
+        else {"stable": limit.stable, "gain_limit": limit.gain, "limit_frequency_rad_s": limit.frequency},
         "log": None if log is None else str(log),
-        "warnings": list(study.warnings),
+        "warnings": list(warnings(outcome)),
     }
 
 
-def _terminal(study: "SimulationStudy", report: Path | None, log: Path | None) -> str:
-    response, vibration, limit = study.response, study.vibration, study.limit
-    kind = "linear, exact" if study.spec.is_linear else "testbed"
-    title = f"Tracking of the {response.feedback} side ({kind}, {digits(1 / response.sample_time, 'Hz')})"
-    columns = ("[mrad]", "RMS", "peak", "steady state", "overshoot", "settles in", "torque peak")
-    seen = ("none", "")
-    if vibration is not None:
-        growth = "keeps up" if study.keeps_up else digits(vibration.growth_rate, "1/s", 3)
-        seen = frequency(vibration.frequency), f"{growth}, irregular" if study.seen.irregular else growth
-    parts: list[Any] = [
-        study.sentence,
-        "",
-        *([] if response.diverged else [table(title, columns, [_row(study, k) for k in range(len(response.joint_names))])]),
-        table("Vibration", ("", "frequency", "growth"), [("simulated", *seen), ("linear loop", *limit_words(limit))]),
+def _terminal(outcome: "Outcome", report: Path | None, log: Path | None) -> str:
+    from ..report.simulation_text import limit_text, sentence, vibration_text, warnings
+
+    run, found = outcome.run, outcome.tracking
+    floor = 1e-9 if outcome.spec.is_exact else 1e-7
+    tracking = [
+        (
+            f"{channel} [m{run.units[k]}]",
+            *(milli(float(value[k]), floor) for value in (found.rms, found.peak, found.steady_state)),
+            digits(100 * float(found.overshoot[k]), "%", 3),
+            settling(float(found.settling_time[k])),
+        )
+        for k, channel in enumerate(run.channels)
     ]
-    return render(*parts, *closing(log, report, study.warnings))
-
-
-def _row(study: "SimulationStudy", k: int) -> tuple[str, ...]:
-    found = study.tracking
-    return (
-        study.response.joint_names[k],
-        *(milli(float(value[k])) for value in (found.rms, found.peak, found.steady_state)),
-        digits(100 * float(found.overshoot[k]), "%", 3),
-        settling(float(found.settling_time[k])),
-        digits(float(study.torque_peak[k]), "N·m", 3),
-    )
+    hardest = sorted(range(len(run.joint_names)), key=lambda k: -outcome.torque_peak[k])[:MOST_JOINTS]
+    torques = [
+        (run.joint_names[k], *(digits(float(values[k]), run.torque_units[k], 3) for values in (outcome.torque_peak, outcome.torque_rms)))
+        for k in hardest
+    ]
+    rate = digits(1 / run.sample_time, "Hz")
+    parts: list[Any] = [
+        sentence(outcome),
+        "",
+        table(
+            f"Tracking, {run.feedback} side ({outcome.spec.kind}, {rate})",
+            ("", "RMS", "peak", "steady state", "overshoot", "settles in"),
+            tracking,
+        ),
+        table("Joints that work hardest" if len(run.joint_names) > 1 else "Torque", ("", "torque peak", "RMS"), torques),
+        table(
+            "Vibration",
+            ("", "frequency", "growth"),
+            [("simulated", *vibration_text(outcome)), ("linear loop", *limit_text(outcome.limit))],
+        ),
+        *(file_line(name, path) for name, path in (("Log", log), ("Report", report)) if path is not None),
+        *(f"Warning: {warning}" for warning in warnings(outcome)),
+    ]
+    return render(*parts)

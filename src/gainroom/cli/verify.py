@@ -1,6 +1,7 @@
 """gainroom verify: the predicted limit against simulation."""
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,10 +15,25 @@ from .progress import progress_bar
 
 if TYPE_CHECKING:
     from ..robot.spec import RobotSpec
-    from ..studies.verification import Case, Progress, Verification
+    from ..studies.simulation import Progress
+    from ..studies.verification import Case, Verification
     from ..system.joint_spec import JointSpec
 
     Run = Callable[[Progress], Verification]
+
+CASE_KEYS = {
+    "what": "what",
+    "witness": "witness",
+    "predicted_gain": "predicted_gain",
+    "simulated_gain": "simulated_gain",
+    "predicted_frequency_rad_s": "predicted_frequency",
+    "simulated_frequency_rad_s": "simulated_frequency",
+    "gain_difference": "gain_difference",
+    "frequency_difference": "frequency_difference",
+    "tolerance": "tolerance",
+    "agrees": "agrees",
+}
+"""JSON's names of what a Case holds."""
 
 
 def verify(
@@ -39,7 +55,7 @@ def verify(
     Exit status: 0 they agree within the tolerance (linear simulation: 0.1 %, MuJoCo: 2 %); 1 they do not; 2 the file or the call is wrong;
     130 interrupted.
     """
-    spec, run = _robot(file) if kind_of(file) == "robot" else _joint(file)
+    spec, run = _load(file)
     with report_stream(report) as page:
         with progress_bar("verify:") as progress:
             result = run(progress)
@@ -54,58 +70,41 @@ def verify(
     return 0 if result.agrees else 1
 
 
-def _joint(file: Path) -> "tuple[JointSpec, Run]":
+def _load(file: Path) -> "tuple[RobotSpec | JointSpec, Run]":
     """What the file describes, and what verifies it."""
+    from ..studies.verification import verify_joint, verify_robot
+
+    if kind_of(file) == "robot":
+        from ..files.robot_yaml import load_robot_spec
+        from ..simulation.robot_simulation import require_sampled
+
+        robot = load_robot_spec(file)
+        require_sampled(robot)
+        return robot, partial(verify_robot, robot)
     from ..files.joint_yaml import load_simulation
 
-    spec = load_simulation(file).joint
-
-    def run(progress: "Progress") -> "Verification":
-        from ..studies.verification import verify_joint
-
-        return verify_joint(spec, progress)
-
-    return spec, run
-
-
-def _robot(file: Path) -> "tuple[RobotSpec, Run]":
-    """As _joint."""
-    from ..files.robot_yaml import load_robot_spec
-    from ..studies.robot_verification import require_sampled, verify_robot
-
-    spec = load_robot_spec(file)
-    require_sampled(spec)
-    return spec, lambda progress: verify_robot(spec, progress)
+    joint = load_simulation(file).joint
+    return joint, partial(verify_joint, joint)
 
 
 def _facts(result: "Verification") -> dict[str, Any]:
     """What --json prints."""
+    from ..report.verification_text import sentence
+
     return {
         "agrees": result.agrees,
-        "sentence": result.sentence,
-        "cases": [
-            {
-                "what": case.what,
-                "witness": case.witness,
-                "predicted_gain": case.predicted_gain,
-                "simulated_gain": case.simulated_gain,
-                "predicted_frequency_rad_s": case.predicted_frequency,
-                "simulated_frequency_rad_s": case.simulated_frequency,
-                "gain_difference": case.gain_difference,
-                "frequency_difference": case.frequency_difference,
-                "tolerance": case.tolerance,
-                "agrees": case.agrees,
-            }
-            for case in result.cases
-        ],
+        "sentence": sentence(result),
+        "cases": [{name: getattr(case, field) for name, field in CASE_KEYS.items()} for case in result.cases],
         "warnings": list(result.warnings),
     }
 
 
 def _terminal(result: "Verification", report: Path | None) -> str:
+    from ..report.verification_text import sentence
+
     columns = ("witness", "predicted", "simulated", "apart", "allowed", "agrees")
     parts: list[Any] = [
-        result.sentence,
+        sentence(result),
         "",
         table("Vibration begins at this factor on all gains", ("", *columns), [_gain_row(case) for case in result.cases]),
         table("and has this frequency", ("[rad/s]", *columns), [_frequency_row(case) for case in result.cases]),
@@ -127,6 +126,6 @@ def _frequency_row(case: "Case") -> tuple[str, ...]:
 
 
 def _verdict(case: "Case", difference: float) -> tuple[str, str, str]:
-    from ..studies.verification import percent
+    from ..report.verification_text import percent
 
     return percent(difference, case.tolerance), f"{digits(100 * case.tolerance)} %", "yes" if abs(difference) <= case.tolerance else "no"

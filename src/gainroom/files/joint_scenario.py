@@ -8,14 +8,13 @@ from pydantic import BeforeValidator, Field, model_validator
 from ..errors import GainroomError
 from ..io.validation import NotNegative, Positive, PositiveOrInfinite, Section, number, refusal, typed
 from ..simulation import Chirp, Friction, Multisine, Scenario, Spline, Step, Trajectory
-from ..simulation.spec import SimulationSpec
+from ..simulation.spec import JointSimulation
 from ..system.joint_spec import JointSpec
 from .system_sections import rad_per_s
 
 FURTHEST = 1000.0  # [rad] that a reference may reach; a run has diverged at ten times as much
 LONGEST = 3600.0  # [s]
 MOST_SINES = 200
-SWINGING = ("chirp", "multisine")
 
 Angle = Annotated[float, number(least=-FURTHEST, most=FURTHEST)]
 Size = Annotated[float, number(least=0, most=FURTHEST)]
@@ -60,16 +59,8 @@ class ReferenceSection(Section):
         """The reference [rad] over time [s]."""
         raise NotImplementedError
 
-    def ends(self) -> float:
-        """[s] when it comes to rest."""
-        raise NotImplementedError
-
-    def fastest(self) -> float:
-        """About the highest frequency in it [rad/s]; 0 where it does not move, or at once."""
-        return 0.0
-
-    def fastest_as_typed(self) -> str:
-        """The same as `key: value unit`, of a reference that swings."""
+    def fastest_as_typed(self, fastest: float) -> str:
+        """The highest frequency [rad/s] as `key: value unit`, of a reference that swings."""
         raise NotImplementedError
 
 
@@ -80,9 +71,6 @@ class HoldSection(ReferenceSection):
 
     def trajectory(self) -> Trajectory:
         return Step(0.0, base=self.base)
-
-    def ends(self) -> float:
-        return 0.0
 
 
 class StepSection(ReferenceSection):
@@ -95,9 +83,6 @@ class StepSection(ReferenceSection):
     def trajectory(self) -> Trajectory:
         return Step(self.by, self.start, self.base)
 
-    def ends(self) -> float:
-        return self.start
-
 
 class MoveSection(ReferenceSection):
     """From `base` to `base` + `by` along a spline, from rest to rest."""
@@ -109,12 +94,6 @@ class MoveSection(ReferenceSection):
 
     def trajectory(self) -> Trajectory:
         return Spline.move(self.by, self.duration, self.start, 3 if self.type == "cubic" else 5, self.base)
-
-    def ends(self) -> float:
-        return self.start + self.duration
-
-    def fastest(self) -> float:
-        return 4 * math.pi / self.duration  # beyond it a spline has next to nothing
 
 
 class ChirpSection(ReferenceSection):
@@ -138,15 +117,8 @@ class ChirpSection(ReferenceSection):
         first, last = rad_per_s(self.first, self.first_hz), rad_per_s(self.last, self.last_hz)
         return Chirp(self.amplitude, first, last, self.duration, start=self.start, base=self.base)
 
-    def ends(self) -> float:
-        return self.start + self.duration
-
-    def fastest(self) -> float:
-        return max(rad_per_s(self.first, self.first_hz), rad_per_s(self.last, self.last_hz))
-
-    def fastest_as_typed(self) -> str:
-        key = "last" if rad_per_s(self.last, self.last_hz) == self.fastest() else "first"
-        return _as_typed(self, key, self.fastest())
+    def fastest_as_typed(self, fastest: float) -> str:
+        return _as_typed(self, "last" if rad_per_s(self.last, self.last_hz) == fastest else "first", fastest)
 
 
 class MultisineSection(ReferenceSection):
@@ -164,20 +136,12 @@ class MultisineSection(ReferenceSection):
         _either(self, "frequencies")
         return self
 
-    def _angular(self) -> list[float]:
-        return self.frequencies or [rad_per_s(None, value) for value in self.frequencies_hz or []]
-
     def trajectory(self) -> Trajectory:
-        return Multisine(self._angular(), self.amplitude, self.seed, start=self.start, base=self.base)
+        frequencies = self.frequencies or [rad_per_s(None, value) for value in self.frequencies_hz or []]
+        return Multisine(frequencies, self.amplitude, self.seed, start=self.start, base=self.base)
 
-    def ends(self) -> float:
-        return LONGEST
-
-    def fastest(self) -> float:
-        return max(self._angular())
-
-    def fastest_as_typed(self) -> str:
-        return _as_typed(self, "frequencies", self.fastest())
+    def fastest_as_typed(self, fastest: float) -> str:
+        return _as_typed(self, "frequencies", fastest)
 
 
 Reference = Annotated[
@@ -256,34 +220,20 @@ class ScenarioSection(Section):
                 raise refusal(f"{start:g} s must be before the run ends: scenario.duration is {self.duration:g} s", key=f"{name}.start")
         return self
 
-    def spec(self, joint: JointSpec) -> SimulationSpec:
+    def spec(self, joint: JointSpec) -> JointSimulation:
         """With its joint, in SI. Raises GainroomError where the two do not go together."""
         if 1e-3 * self.jitter_ms > joint.drive.delay:
             raise GainroomError(f"scenario.jitter_ms: {self.jitter_ms:g} must be <= the drive's delay, {1e3 * joint.drive.delay:g} ms")
         highest = math.inf if joint.sample_time is None else math.pi / joint.sample_time
-        if self.reference.type in SWINGING and self.reference.fastest() >= highest:
+        reference, disturbance = self.reference.trajectory(), self.disturbance
+        if reference.fastest >= highest:
             raise GainroomError(
-                f"scenario.reference.{self.reference.fastest_as_typed()} must be below half the sample rate, "
+                f"scenario.reference.{self.reference.fastest_as_typed(reference.fastest)} must be below half the sample rate, "
                 f"{highest:.6g} rad/s ({highest / (2 * math.pi):g} Hz)"
             )
-        disturbed = self.disturbance
-        scenario = Scenario(
-            self.reference.trajectory(),
-            self.duration,
-            link_torque=0.0 if disturbed is None else Step(disturbed.torque, disturbed.start),
-            noise=self.noise,
-            seed=self.seed,
-        )
-        return SimulationSpec(
-            joint,
-            scenario,
-            self._hardware(),
-            self.reference.ends(),
-            0.0 if disturbed is None or disturbed.torque == 0 else disturbed.start,
-            self.reference.fastest(),
-            self.reference.type in SWINGING,
-            self._described(),
-        )
+        torque = 0.0 if disturbance is None else Step(disturbance.torque, disturbance.start)
+        scenario = Scenario(reference, self.duration, link_torque=torque, noise=self.noise, seed=self.seed)
+        return JointSimulation.of(joint, scenario, self._hardware(), self._described())
 
     def _described(self) -> dict[str, str]:
         """Key by key what is not left at its default, and the reference."""

@@ -19,7 +19,7 @@ from .file_types import parse_as
 from .system_sections import ControlSection, GearboxSection, PositiveInterval, Stiffness, SystemFile, UncertaintySection, refuse_long_delay
 
 if TYPE_CHECKING:
-    from ..simulation.spec import SimulationSpec
+    from ..simulation.spec import JointSimulation
     from .joint_scenario import ScenarioSection
 
 MOST_DAMPED = 1e4
@@ -43,12 +43,12 @@ def parse_joint(text: str, source: str) -> JointSpec:
         return file.spec()
 
 
-def load_simulation(path: Path) -> "SimulationSpec":
+def load_simulation(path: Path) -> "JointSimulation":
     """As load_joint: the joint with its scenario, the usual one where the file has none."""
     return parse_simulation(read_text(path), str(path))
 
 
-def parse_simulation(text: str, source: str) -> "SimulationSpec":
+def parse_simulation(text: str, source: str) -> "JointSimulation":
     """As load_simulation, for the text of a file that messages call `source`."""
     file = _file(text, source)
     scenario = _scenario(file, source)

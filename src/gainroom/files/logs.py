@@ -19,7 +19,7 @@ import numpy as np
 from ..errors import GainroomError
 from ..io.atomic import replacement, told
 from ..linear.arrays import Floats
-from ..simulation.response import LOGGED, REFERENCE
+from ..simulation.record import LOGGED, REFERENCE
 from .log_formats import READERS, WRITERS, Sink, one_line
 
 Choice = TypeVar("Choice")

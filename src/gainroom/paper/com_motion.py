@@ -14,8 +14,7 @@ import numpy as np
 from ..linear.arrays import Floats
 from ..robot.ground import Ground, Sole
 from ..robot.tasks import Task
-from ..simulation.robot_result import RobotRun
-from ..simulation.robot_run import run_robot
+from ..simulation.robot_run import RobotRun, run_robot
 from ..simulation.robot_setup import RobotSetup
 from ..simulation.trajectories import Spline
 from .biped import COM_KD, COM_KP, MOVE, NAMES, START, biped, on_both_feet

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cache
 
 from ..analysis.gain_limit import gain_limit
-from ..simulation import Chirp, Response, Scenario, Start, Vibration, simulate, vibration
+from ..simulation import Chirp, Run, Scenario, Start, Vibration, simulate, vibration
 from ..simulation.onset import Onset, find_onset, linear_vibration
 from .joints import SAMPLE_TIME, STABLE_KV, TESTBED_KP, VIBRATING_KV
 from .picture import Curve, Panel, Picture
@@ -26,7 +26,7 @@ LAST = 1.0  # [s] that are searched for a vibration
 class Trial:
     """One run of the figure, and the vibration of the gearbox's twist in its last second; None where there is none."""
 
-    response: Response
+    response: Run
     vibration: Vibration | None
 
     @property

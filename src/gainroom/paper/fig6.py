@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 
 from ..linear.arrays import Floats, Integers
-from ..simulation import Response, Scenario, simulate
+from ..simulation import Run, Scenario, simulate
 from .joints import SAMPLE_TIME, TESTBED
 from .picture import Curve, Panel, Picture
 from .row import Row, compare, within
@@ -52,7 +52,7 @@ def pictures() -> Iterator[Picture]:
 
 
 @cache
-def torque_steps() -> Response:
+def torque_steps() -> Run:
     """The torque switched on and off on the joint with its output fixed, as it was for measuring K; no control."""
     loop = loop_of_testbed(0.0, 0.0, BUS_TICKS * SAMPLE_TIME, replace(TESTBED, link_inertia=math.inf))
     on = np.repeat(np.arange(STEPS + 1) % 2, HELD)[:, None]

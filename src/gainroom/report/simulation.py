@@ -1,166 +1,174 @@
-"""The page of a played scenario: answer, numbers, commanded and actual with the torque under them, the vibration close up."""
+"""The page of a simulation: answer, numbers, curves over time, the vibration close up, tables, assumptions; of a joint or a robot."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
-from ..simulation.response import Response
-from ..studies.joint_simulation import SimulationStudy
-from . import style
-from .number_format import digits, gain_factor, milli, settling, typed_gains
-from .page import Card, Html, Lead, Section, block, facts, page, table
-from .played import Curve, Panel, close_up, close_up_words, error_cards, lead, shown_ticks, stacked, vibration_card, vibration_note
-from .shared import filters, footer
+from ..errors import listed
+from ..simulation.robot_run import RobotRun
+from ..simulation.robot_simulation import RobotSimulation
+from ..studies.simulation import Outcome
+from .number_format import digits, gain_factor, hertz, milli, settling
+from .page import Card, Html, Lead, Section, beside, block, facts, page, paragraph, table
+from .shared import footer
+from .simulation_figures import channels, close_up, drawn_channels, floor_of, in_time, pose
+from .simulation_inputs import assumptions, inputs
+from .simulation_text import not_counted, overshoots, sentence, warnings
+
+MODELS = {"linear": "linear sampled model", "testbed": "virtual testbed", "mujoco": "MuJoCo"}
+NOTHING = 1e-3
+"""[N m], and a part in a vibration: less is shown as 0."""
 
 
-def simulation_page(study: SimulationStudy, command: str) -> str:
+def simulation_page(outcome: Outcome, command: str) -> str:
     """The report of a run as one HTML page; `command` is what a reader types to get it again."""
-    sections = [Section("In time", [_traces(study)])]
-    if study.vibration is not None and study.vibrates:
-        sections.append(Section("The vibration", [_close_up(study)]))
+    spec, run = outcome.spec, outcome.run
+    sections = [Section("In time", [in_time(outcome)])]
+    if outcome.vibrates:
+        sections.append(Section("The vibration", [close_up(outcome)]))
+    if isinstance(spec, RobotSimulation) and isinstance(run, RobotRun):
+        sections.append(Section("The robot before and after", [pose(outcome, spec, run)]))
     sections += [
-        *([] if study.response.diverged else [Section("Numbers", [_numbers(study)])]),
-        Section("Inputs and assumptions", [_inputs(study), "Keys and units are those of the file.", _assumptions(study)]),
+        Section("Channel by channel", _by_channel(outcome)),
+        Section("Joints", [_joints(outcome)]),
+        Section("Inputs and assumptions", [facts(inputs(outcome)), paragraph(assumptions(outcome))]),
         Section("This page again", [block(command)]),
     ]
-    kind = "linear sampled model" if study.spec.is_linear else "virtual testbed"
-    return page(f"gainroom simulate: one joint, {kind}", _lead(study), _cards(study), sections, footer())
+    size = len(run.joint_names)
+    what = "one joint" if size == 1 else f"a robot of {size} joints"
+    return page(f"gainroom simulate: {what}, {MODELS[spec.kind]}", _lead(outcome), _cards(outcome), sections, footer())
 
 
-def _lead(study: SimulationStudy) -> Lead:
-    verdict = "" if study.sound else "DIVERGES" if study.response.diverged else "VIBRATES" if study.vibrates else "UNSTABLE"
-    return lead(study.sentence, verdict, study.warnings)
+def _lead(outcome: Outcome) -> Lead:
+    """The answer; where it is bad, a verdict in capitals, and what not to do."""
+    if outcome.sound:
+        return Lead(sentence(outcome), "good", "", warnings(outcome))
+    verdict = {"fell": "FELL", "diverged": "DIVERGES"}.get(outcome.run.ending, "VIBRATES" if outcome.vibrates else "UNSTABLE")
+    what = "this on the robot" if outcome.run.ending == "fell" else "these gains"
+    return Lead(sentence(outcome), "bad", f"{verdict}: do not run {what}", warnings(outcome))
 
 
-def _cards(study: SimulationStudy) -> list[Card]:
-    found, ran = study.tracking, study.response.diverged_at
-    if ran is not None:
-        cards = [Card("runs away within", digits(ran, "", 3), "s", "must not", met=False)]
-    else:
-        peak, rms, steady = (float(np.abs(value).max()) for value in (found.peak, found.rms, found.steady_state))
-        torque = Card("torque peak", digits(float(study.torque_peak.max()), "", 3), "N m", note=f"of the actual torque{_beyond(study)}")
-        errors = error_cards(peak, rms, steady, "mrad")
-        cards = [*(errors[:-1] if math.isnan(steady) else errors), torque]
-    if study.hidden:
-        known = 0 < study.limit.gain < math.inf
-        factor = gain_factor(study.limit.gain, 3) if known else "unstable"
-        cards.append(Card("linear limit", factor, "× these gains" if known else "", requirement="above 1", met=False))
-    return [*cards, vibration_card(study.vibration, study.vibrates, study.limit)]
-
-
-def _beyond(study: SimulationStudy) -> str:
-    """How the actual torque can pass its limit, after the torque's peak."""
-    return "; above the limit, which cuts the demand: the current loop overshoots" if study.overshoots_limit else ""
-
-
-def _traces(study: SimulationStudy) -> Html:
-    """Commanded and both sides; the error; target and actual torque."""
-    response, end = study.response, _shown_ticks(study)
-    notes = [vibration_note(study.vibration)] if study.vibration is not None and study.vibrates else []
-    cut = end < len(response.time)
-    caption = (
-        f"Positions on the joint side of the gearbox, error of the {response.feedback} side, which is fed back; torques at the ticks. "
-        + (f"Cut at {digits(response.time[end - 1], 's', 3)}, where the joint is already out of the picture. " if cut else "")
-        + _conclusion(study)
+def _cards(outcome: Outcome) -> list[Card]:
+    run, found, first, hardest = outcome.run, outcome.tracking, outcome.leading[0], int(np.argmax(outcome.torque_peak))
+    unit, floor = f"m{run.units[first]}", floor_of(outcome)
+    torque = Card(
+        "torque peak",
+        _digits(float(outcome.torque_peak[hardest]), 3),
+        run.torque_units[hardest],
+        note=f"{run.joint_names[hardest]}{_beyond(outcome)}",
     )
-    rows = slice(0, end)
-    return stacked(
-        response.time[rows], _panels(response, rows), "Commanded and actual position, tracking error, torque", caption, 680, notes
-    )
-
-
-def _close_up(study: SimulationStudy) -> Html:
-    """The last periods of the vibration."""
-    assert study.vibration is not None
-    response = study.response
-    rows = close_up(study.vibration, response.sample_time, _shown_ticks(study))
-    return stacked(response.time[rows], _panels(response, rows), *close_up_words(study.vibration, study.limit), 600)
-
-
-def _panels(response: Response, rows: slice) -> list[Panel]:
-    positions = (
-        Curve("motor", response.motor_position[rows, 0], style.BLUE),
-        Curve("link", response.link_position[rows, 0], style.VERMILION, "dash"),
-        Curve("commanded", response.reference[rows, 0], style.BLACK, "dot"),
-    )
-    torques = (
-        Curve("target torque", response.target_torque[rows, 0], style.ORANGE, "dash"),
-        Curve("actual torque", response.actual_torque[rows, 0], style.BLACK),
-    )
-    return [
-        Panel("position", "rad", positions, 0.42),
-        Panel("error", "mrad", [Curve("error", 1e3 * response.error[rows, 0], style.BLUE, named=False)], 0.27),
-        Panel("torque", "N m", torques, 0.31),
+    others = [torque, _vibration_card(outcome), *_slip_card(outcome)]
+    if not outcome.completed:
+        what = "falls after" if run.ending == "fell" else "runs away within"
+        off = Card("largest error", milli(float(found.peak[first])), unit, note=run.channels[first])
+        return [Card(what, digits(outcome.duration, "", 3), "s", "never", met=False), off, *others]
+    last, roughest = outcome.worst_at_end, max(outcome.leading, key=lambda k: float(found.rms[k]))
+    errors = [
+        Card(f"{name} error", milli(abs(float(values[k])), floor), unit, note=f"{over}, {run.channels[k]}")
+        for name, values, k, over in (
+            ("largest", found.peak, first, "over the whole run"),
+            ("RMS", found.rms, roughest, "over the whole run"),
+            ("steady-state", found.steady_state, last, "mean of the last tenth"),
+        )
+        if not math.isnan(values[k])
     ]
+    if len(others) > 2:  # five cards at most
+        rough = f"{milli(float(found.rms[first]), floor)} {unit}"
+        errors = [replace(errors[0], note=f"{run.channels[first]}; RMS {rough}"), *errors[2:]]
+    return [*errors, *others]
 
 
-def _shown_ticks(study: SimulationStudy) -> int:
-    response = study.response
-    return shown_ticks(response.reference, response.error) if response.diverged else len(response.time)
+def _beyond(outcome: Outcome) -> str:
+    """How the actual torque can pass its limit, after the torque's peak."""
+    return "; above the limit, which cuts the demand: the current loop overshoots" if overshoots(outcome) else ""
 
 
-def _conclusion(study: SimulationStudy) -> str:
-    if study.response.diverged:
-        return "These gains must not be run."
-    if study.hidden:
-        return "These gains are unstable, whatever hides it here: lower all of them together, or shorten the delay."
-    if study.vibrates:
-        return "The vibration does not die away: lower all gains together, or shorten the delay."
-    return "Nothing lasts but the error itself: what ends a move short of its goal is friction, gravity or a lasting torque on the joint."
+def _vibration_card(outcome: Outcome) -> Card:
+    """What was found, beside what the linear loop predicts."""
+    found, limit = outcome.vibration, outcome.limit
+    seen = ("none", "") if found is None else (digits(found.frequency / (2 * math.pi), "", 3), "Hz")
+    notes = [not_counted(outcome)] if found is not None and not outcome.vibrates else []
+    if limit is not None and 0 < limit.gain < math.inf:
+        notes.append(f"linear limit: {gain_factor(limit.gain, 3)} × these gains, {hertz(limit.frequency)}")
+    asked = "none sustained" if outcome.stable else "none sustained, and a stable loop"
+    return Card("vibration", *seen, requirement=asked, met=outcome.stable and not outcome.vibrates, note="; ".join(notes))
 
 
-def _numbers(study: SimulationStudy) -> Html:
-    found = study.tracking
-    columns = ("", "RMS [mrad]", "peak [mrad]", "steady state [mrad]", "overshoot", "settles in", "torque peak [N m]")
+def _slip_card(outcome: Outcome) -> list[Card]:
+    """Where feet can slip: how far the one that moves most was from where it started."""
+    if not len(outcome.slip) or "the ground" not in outcome.spec.effects:
+        return []
+    worst = int(np.argmax(outcome.slip))
+    note = f"{outcome.spec.contact_frames[worst]}, slipped or lifted, at most"
+    return [Card("slip of the feet", milli(float(outcome.slip[worst])), "mm", note=note)]
+
+
+def _by_channel(outcome: Outcome) -> list[Html]:
+    run, tracking = outcome.run, _tracking(outcome)
+    if len(run.channels) == 1:  # the picture in time shows all of it
+        return [tracking]
+    chosen = drawn_channels(outcome)
+    words = (
+        "Commanded, as the encoders read it, and where the links are in truth: encoders before elastic gearboxes do not see how far these "
+        "wind up. Everything counts from where the run began."
+    )
+    for unit in ("m", "rad"):
+        hidden = [k for k in range(len(run.units)) if k not in chosen and run.units[k] == unit]
+        if hidden:
+            most = max(float(outcome.tracking.peak[k]) for k in hidden)
+            words += f" Not drawn: {listed([run.channels[k] for k in hidden])}, within {milli(most, floor_of(outcome))} m{unit}."
+    return [paragraph(words), beside(*channels(outcome)), tracking]
+
+
+def _tracking(outcome: Outcome) -> Html:
+    run, found, floor = outcome.run, outcome.tracking, floor_of(outcome)
+    columns = ("channel", "unit", "moved by", "RMS", "peak", "steady state", "overshoot", "settles in")
     rows = [
         (
             name,
-            *(milli(float(value[k])) for value in (found.rms, found.peak, found.steady_state)),
+            f"m{run.units[k]}",
+            *(milli(float(value), floor) for value in (np.ptp(run.reference[:, k]), found.rms[k], found.peak[k], found.steady_state[k])),
             digits(100 * float(found.overshoot[k]), "%", 3),
             settling(float(found.settling_time[k])),
-            digits(float(study.torque_peak[k]), "", 4),
         )
-        for k, name in enumerate(study.response.joint_names)
+        for k, name in enumerate(run.channels)
     ]
     caption = (
-        "Error: reference less position; steady state: its mean over the last tenth of the run, of a reference that rests then. "
-        "Settled: within 2 % of the move for good, and seen to be for a tenth of the run. Only a move has an overshoot; both are judged up "
-        f"to a later disturbance. Torque: of the actual torque{_beyond(study)}."
+        f"Error: commanded less true position on the {run.feedback} side; of tasks, less what the encoders show. Steady state: mean of the "
+        "last tenth, of a reference that rests then. Settled: within 2 % of the move for good, and for a tenth of the run; only a move has "
+        "an overshoot; both are judged up to a later disturbance."
     )
+    return table(columns, rows, caption + ("" if outcome.completed else " The run ended early: there is no steady state."))
+
+
+def _joints(outcome: Outcome) -> Html:
+    run, found = outcome.run, outcome.oscillation
+    wound = np.abs(run.motor_position - run.link_position).max(axis=0)
+    torques = {"torque peak [N m]": outcome.torque_peak, "torque RMS [N m]": outcome.torque_rms}
+    caption = f"Torque: actual, of the motor on the joint side{_beyond(outcome)}"
+    if isinstance(run, RobotRun):
+        torques["gearbox peak [N m]"] = np.abs(run.joint_torque).max(axis=0)
+        caption += "; gearbox: through its spring, – of a rigid one, which nothing measures"
+    parts = found.parts if found is not None and outcome.vibrates and found.names == run.joint_names else None
+    rows = [
+        (
+            name,
+            *(_digits(float(values[k]), 3) for values in torques.values()),
+            *(milli(float(value), floor_of(outcome)) for value in (wound[k], np.ptp(run.link_position[:, k]))),
+            *([] if parts is None else [_digits(abs(complex(parts[k])), 2)]),
+        )
+        for k, name in enumerate(run.joint_names)
+    ]
+    caption += "."
+    if "N" in run.torque_units:
+        caption += " Of prismatic joints read N and mm."
+    columns = ["joint", *torques, "wound up by [mrad]", "moved [mrad]"]
+    if parts is not None:
+        columns.append("part in vibration")
+        caption += " Part: swing of the motor beside the one that swings most."
     return table(columns, rows, caption)
 
 
-def _inputs(study: SimulationStudy) -> Html:
-    spec = study.spec.joint
-    joint, drive = spec.joint, spec.drive
-    pairs = [
-        (
-            "joint",
-            f"J_M {joint.motor_inertia:g}, J_L {joint.link_inertia:g} kg m², K {joint.stiffness:g} N m/rad, B {joint.damping:g} N m s/rad",
-        ),
-        ("drive", f"current loop {drive.bandwidth:g} rad/s, ζ {drive.damping_ratio:g}, delay {1e3 * drive.delay:g} ms"),
-        ("control", f"{typed_gains(spec.controller)}, all × {study.gain:g}; {spec.feedback} side; {filters(spec.controller)}"),
-        (
-            "ticks",
-            f"{digits(1 / study.spec.sample_time, 'Hz')}, {len(study.response.time)} rows over {digits(study.response.time[-1], 's')}",
-        ),
-    ]
-    return facts([*pairs, *study.spec.described.items()])
-
-
-def _assumptions(study: SimulationStudy) -> str:
-    if study.spec.is_linear:
-        rubs = "friction beyond the viscous" if study.spec.hardware else "friction"
-        return (
-            "Linear two-mass joint, stepped exactly from tick to tick: the torque is held in between, velocity is differenced as the "
-            f"controller does it, the delay is exact. No {rubs}, gravity, torque limit or encoder steps: the file's scenario adds them."
-        )
-    sags = (
-        " The run starts at rest at the reference and without torque, so that gravity first pulls the joint down: peaks and RMS hold that."
-        if "gravity" in study.spec.hardware
-        else ""
-    )
-    return (
-        "The same loop on a virtual testbed. Between ticks linear parts are exact; friction and gravity are constant over substeps of "
-        f"25 µs and can create no energy. No backlash, no thermal effects.{sags}"
-    )
+def _digits(value: float, significant: int) -> str:
+    return digits(0.0 if value < NOTHING else value, "", significant)

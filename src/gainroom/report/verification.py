@@ -7,12 +7,13 @@ from typing import Any
 import numpy as np
 
 from ..robot.spec import RobotSpec
-from ..studies.verification import Verification, growth_about, percent
+from ..studies.verification import Verification, growth_about
 from ..system.joint_spec import JointSpec
 from . import style
 from .number_format import digits, frequency, model_in_words
 from .page import Card, Html, Lead, Section, block, figure, page, table
 from .shared import assumptions, footer
+from .verification_text import percent, sentence
 
 
 def verification_page(spec: JointSpec | RobotSpec, result: Verification, command: str) -> str:
@@ -30,7 +31,7 @@ def verification_page(spec: JointSpec | RobotSpec, result: Verification, command
         Section("This page again", [block(command)]),
     ]
     headline = "" if result.agrees else "Prediction and simulation do not agree"
-    lead = Lead(result.sentence, "good" if result.agrees else "bad", headline)
+    lead = Lead(sentence(result), "good" if result.agrees else "bad", headline)
     return page(f"gainroom verify: {what}, {model_in_words(sample_time)}", lead, _cards(result), sections, footer())
 
 
@@ -78,8 +79,8 @@ def _growth(spec: JointSpec, limit: float) -> Html:
         margin={"l": 78, "r": 24, "t": 40, "b": 52},
     )
     caption = (
-        "Below zero a knock dies away, above it grows. The line comes from the loop's roots, the dots from runs in time that know nothing "
-        "of them; both cross zero at the limit."
+        "Below zero the answer to an impulse decays, above it grows. The line comes from the loop's roots, the dots from runs in time that "
+        "know nothing of them; both cross zero at the limit."
     )
     return figure({"data": traces, "layout": layout}, "Vibration begins where its growth changes sign", caption, 440, style.NARROW)
 
@@ -106,8 +107,8 @@ def _table(result: Verification) -> Html:
 
 def _method() -> str:
     return (
-        "Every run begins with a knock on the torque. The fastest-growing oscillation in its second half is read off by a matrix pencil, "
+        "Every run begins with an impulse of torque. The fastest-growing oscillation in its second half is read off by a matrix pencil, "
         "and the factor at which its growth is zero is closed in on from both sides, to one part in a million; in MuJoCo, "
-        "where the motors are kicked, to one in a thousand. Limits are those of small motions: neither prediction nor simulation has the "
-        "scenario's friction, torque limit or ground that feet may leave; gainroom simulate has them."
+        "where the motors begin at a small speed, to one in a thousand. Limits are those of small motions: neither has the scenario's "
+        "friction, torque limit or ground that feet may leave; gainroom simulate has them."
     )

@@ -5,17 +5,18 @@ Whole robots in MuJoCo are in robot_setup, robot_run and robot_onset, which load
 
 from .friction import Friction
 from .oscillation import Vibration, response_vibration, vibration
-from .response import Response, Tracking, track
+from .record import Run
 from .run import simulate, stream
 from .scenario import Scenario, Start
 from .testbed import Testbed
+from .tracking import Tracking, track
 from .trajectories import Chirp, Multisine, Spline, Step, Trajectory
 
 __all__ = [
     "Chirp",
     "Friction",
     "Multisine",
-    "Response",
+    "Run",
     "Scenario",
     "Spline",
     "Start",

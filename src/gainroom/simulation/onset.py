@@ -76,12 +76,12 @@ def linear_vibration(loop: Loop, duration: float = 2.0, seed: int = 0) -> Vibrat
     """What is left of a knock on every joint's torque after `duration` [s], in the sampled linear loop: the fastest-growing oscillation."""
     require_positive("onset", "duration", duration, "s")
     knock = np.vstack([np.random.default_rng(seed).standard_normal(loop.size), np.zeros(loop.size)])  # no symmetry: excites every mode
-    response = simulate(loop, Scenario(0.0, duration, feedforward=knock))
-    later = response.error[len(response.time) // 2 :]
+    run = simulate(loop, Scenario(0.0, duration, feedforward=knock))
+    later = run.error[len(run.time) // 2 :]
     stride = -(-len(later) // LONGEST)  # a fast tick and a slow vibration: the whole half counts, not its last samples
-    found = vibration(later[::stride], stride * response.sample_time, growing=True)
-    if response.diverged and _rate(found) <= 0:
-        return Vibration(0.0, math.inf, response.diverged_at or 0.0)  # it ran off without swinging
+    found = vibration(later[::stride], stride * run.sample_time, growing=True)
+    if run.diverged and _rate(found) <= 0:
+        return Vibration(0.0, math.inf, run.diverged_at or 0.0)  # it ran off without swinging
     return found
 
 

@@ -15,7 +15,7 @@ from ..errors import GainroomError, require_finite, require_positive
 from ..linear.arrays import Complexes, Floats
 
 if TYPE_CHECKING:
-    from .response import Response
+    from .record import Run
 
 LAGS = 100  # columns of the Hankel matrix at most
 LONGEST = 4000  # samples from the end that are looked at
@@ -78,20 +78,20 @@ def vibration(signal: ArrayLike, sample_time: float, growing: bool = False, abov
     return Vibration(abs(rate.imag) / sample_time, rate.real / sample_time, float(amplitude * scale))
 
 
-def response_vibration(response: "Response", above: float = 0.0, after: float = 0.0) -> Vibration | None:
+def response_vibration(run: "Run", above: float = 0.0, after: float = 0.0) -> Vibration | None:
     """Of the tracking error after the reference has come to rest, or where it moves to the end, of the last half of the run.
 
     above   only one of a higher frequency than this [rad/s], such as the reference's own
     after   when something else changed last [s], such as a disturbance: what follows that is looked at
     """
-    moving = np.flatnonzero((np.diff(response.reference, axis=0) != 0).any(axis=1))
-    rest = response.time[moving[-1] + 1] if len(moving) else 0.0
-    return vibration(response.error[rows_after(response, max(float(rest), after))], response.sample_time, above=above)
+    moving = np.flatnonzero((np.diff(run.reference, axis=0) != 0).any(axis=1))
+    rest = run.time[moving[-1] + 1] if len(moving) else 0.0
+    return vibration(run.error[rows_after(run, max(float(rest), after))], run.sample_time, above=above)
 
 
-def rows_after(response: "Response", event: float) -> slice:
+def rows_after(run: "Run", event: float) -> slice:
     """The rows from `event` [s] on, or where too little is left then, the last half of all."""
-    begin, count = int(np.searchsorted(response.time, event)), len(response.time)
+    begin, count = int(np.searchsorted(run.time, event)), len(run.time)
     return slice(begin if count - begin >= max(SHORTEST, count // 10) else count // 2, None)
 
 

@@ -1,8 +1,9 @@
 """A whole robot in time: MuJoCo between the controller's ticks, drives between commands and motors, encoders on the motor side."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -10,13 +11,14 @@ from numpy.typing import ArrayLike
 
 from ..errors import GainroomError, require_count, require_finite, require_positive
 from ..linear.arrays import Floats
-from ..robot.body import is_slide, library
+from ..robot.body import is_slide, library, put_position
 from ..robot.formats.mujoco_messages import mujoco_says
+from ..robot.tasks import Task
 from .mujoco_model import MujocoRobot, build_mujoco
-from .robot_result import Ending, RobotRun, joined_runs
-from .robot_setup import RobotSetup, substeps_for
+from .record import REFERENCE, Ending, Run, Unit, ended, joined
+from .robot_setup import RobotSetup, channel_units, substeps_for
 from .torque_line import TorqueLine
-from .whole_body import WholeBodyControl
+from .whole_body import WholeBodyControl, values_of
 
 BLOCK = 200
 """Ticks of a part."""
@@ -31,6 +33,64 @@ Progress = Callable[[int, int], None]
 """Called with (ticks done, ticks in all)."""
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RobotRun(Run):
+    """A run of a robot; what it holds is finite.
+
+    setup           the robot
+    joint_torque    (k, n) through the gearboxes [N m]; NaN of rigid joints, where nothing measures it
+    base            (k, 7) position [m] and quaternion x, y, z, w of a floating base; (k, 0) of a fixed one
+    """
+
+    setup: RobotSetup
+    joint_torque: Floats
+    base: Floats
+
+    @property
+    def units(self) -> tuple[Unit, ...]:
+        return channel_units(self.setup)
+
+    @property
+    def torque_units(self) -> tuple[str, ...]:
+        return tuple("N" if slides else "N·m" for slides in self.setup.body.slides.tolist())
+
+    @property
+    def error(self) -> Floats:
+        """As of every run; of tasks, reference less what the controller makes of its encoders."""
+        return super().error if self.setup.control.space == "joint" else self.reference - self.measured
+
+    @cached_property
+    def actual(self) -> Floats:
+        return super().actual if self.setup.control.space == "joint" else self._values(self.setup.stack)
+
+    def columns(self) -> dict[str, Floats]:
+        """As of every run; a task's reference is no joint's."""
+        columns = super().columns()
+        return columns if self.setup.control.space == "joint" else {name: columns[name] for name in columns if name != REFERENCE}
+
+    def posture(self, row: int) -> Floats:
+        """(nq,) of the links at one tick."""
+        q = self.setup.body.neutral()
+        q[: self.base.shape[1]] = self.base[row]
+        for joint, position in zip(self.setup.body.joints, self.link_position[row], strict=True):
+            put_position(q, joint, position)
+        return q
+
+    @cached_property
+    def slip(self) -> Floats:
+        """(k, c) how far each contact frame is from where it started [m]."""
+        frames = [Task(name=contact.frame, kind="position", frame=contact.frame, kp=0.0, kd=0.0) for contact in self.setup.contacts]
+        if not frames:
+            return np.zeros((len(self.time), 0))
+        start = np.concatenate([self.setup.body.frame_placement(self.setup.q, contact.frame)[1] for contact in self.setup.contacts])
+        away = self._values(frames) - start
+        return np.linalg.norm(away.reshape(len(self.time), len(frames), 3), axis=2)
+
+    def _values(self, tasks: Sequence[Task]) -> Floats:
+        values = values_of(self.setup.body, tasks, self.setup.q)
+        return np.array([values(self.posture(row)) for row in range(len(self.time))])
+
+
 def run_robot(
     setup: RobotSetup, offsets: ArrayLike, *, gain: float = 1.0, kick: ArrayLike = 0.0, progress: Progress | None = None
 ) -> RobotRun:
@@ -41,7 +101,7 @@ def run_robot(
         parts.append(part)
         done += len(part.time)
         tell(done, len(np.atleast_1d(offsets)))
-    return joined_runs(parts)
+    return joined(parts)
 
 
 def stream_robot(
@@ -57,7 +117,7 @@ def stream_robot(
     Raises GainroomError for input that does not fit.
     """
     plan = require_finite("simulation", "offsets", offsets)
-    simulation = RobotSimulation(setup, gain=gain, kick=kick)
+    simulation = RobotStepper(setup, gain=gain, kick=kick)
     if plan.ndim != 2 or plan.shape[1] != len(simulation.channels) or not len(plan):
         raise GainroomError(f"simulation: offsets of shape {plan.shape} must be (ticks, {len(simulation.channels)})")
     if setup.control.space == "joint":
@@ -70,7 +130,7 @@ def stream_robot(
             return
 
 
-class RobotSimulation:
+class RobotStepper:
     """Plant (`robot`, `data`, `step`), drives (`line`) and controller (`control`), tick by tick."""
 
     def __init__(self, setup: RobotSetup, *, gain: float = 1.0, kick: ArrayLike = 0.0):
@@ -112,22 +172,21 @@ class RobotSimulation:
 
     def part(self, offsets: Floats, first: int) -> RobotRun:
         """The ticks of `offsets` (k, m), of which the first has number `first`, or those until the robot cannot go on."""
-        rows = _Rows(len(offsets), self)
+        rows, problem = [], None
         with mujoco_says(self._mujoco):  # of numbers that are too large: the run says so itself
-            for index, offset in enumerate(offsets):
-                rows.keep(index, *self.tick(offset))
+            for offset in offsets:
+                rows.append(self.tick(offset))
                 problem = self.problem()
                 if problem is not None:
-                    return rows.run(first, *problem)
-        return rows.run(first, "completed", "")
+                    break
+        run = self._run(first, [np.array(column) for column in zip(*rows, strict=True)])
+        return run if problem is None else ended(run, problem[0], (first + len(rows)) * self.setup.sample_time, problem[1])
 
     def tick(self, offset: Floats) -> tuple[Floats, ...]:
-        """One tick of the controller and the simulation up to the next: what `_Rows.keep` keeps."""
+        """One tick of the controller and the simulation up to the next: the columns of `_run`."""
         data, robot, model = self.data, self.robot, self.robot.model
         positions = data.qpos[robot.motor_q] if self.setup.control.feedback == "motor" else robot.link_position(data)
-        if self.setup.encoder_step:
-            positions = np.round(positions / self.setup.encoder_step) * self.setup.encoder_step
-        target, reference, measured = self.control.tick(positions, offset)
+        target, reference, measured = self.control.tick(self.read(positions), offset)
         before = data.qpos.copy(), data.qvel.copy(), reference, measured, target, self.line.torque
         means = self.line.tick(target)
         step, inputs = self.step, data.ctrl
@@ -135,6 +194,40 @@ class RobotSimulation:
             inputs[: self._size] = mean
             step(model, data)
         return *before, self.line.demand
+
+    def _run(self, first: int, columns: Sequence[Floats]) -> RobotRun:
+        """The record of ticks from `first` on, from the columns that `tick` gives, up to the first that is not finite."""
+        finite = np.logical_and.reduce([np.isfinite(column).all(axis=1) for column in columns])
+        count = len(finite) if finite.all() else int(np.argmin(finite))
+        qpos, qvel, reference, measured, target, actual, demand = (column[:count] for column in columns)
+        robot, setup = self.robot, self.setup
+        motors, links, through = qpos[:, robot.motor_q], qpos[:, robot.motor_q], np.full(target.shape, math.nan)
+        links[:, robot.elastic] += qpos[:, robot.spring_q]
+        through[:, robot.elastic] = -robot.stiffness * qpos[:, robot.spring_q] - robot.damping * qvel[:, robot.spring_v]
+        return RobotRun(
+            setup=setup,
+            channels=self.channels,
+            time=setup.sample_time * (first + np.arange(count)),
+            reference=reference,
+            measured=measured,
+            motor_position=motors,
+            link_position=links,
+            motor_reading=self.read(motors),
+            link_reading=self.read(links),
+            target_torque=target,
+            demand_torque=demand,
+            actual_torque=actual,
+            joint_torque=through,
+            base=qpos[:, [0, 1, 2, 4, 5, 6, 3]] if setup.body.base == "floating" else np.zeros((count, 0)),
+            sample_time=setup.sample_time,
+            feedback=setup.control.feedback,
+            joint_names=setup.body.joint_names,
+        )
+
+    def read(self, positions: Floats) -> Floats:
+        """What encoders show, (n,) or (k, n) [rad]."""
+        step = self.setup.encoder_step
+        return np.round(positions / step) * step if step else positions
 
     def problem(self) -> tuple[Ending, str] | None:
         """Why the simulation cannot go on; None while it can."""
@@ -176,44 +269,3 @@ def _upright(setup: RobotSetup) -> _Upright | None:
     x, y, z, w = setup.q[3:7]
     up = (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y))
     return _Upright(float(setup.q[2]) - ground, ground, up)
-
-
-class _Rows:
-    """Rows as they come; turned into a RobotRun at the end."""
-
-    def __init__(self, ticks: int, simulation: RobotSimulation):
-        self._simulation = simulation
-        model, size, channels = simulation.robot.model, simulation.setup.body.size, len(simulation.channels)
-        self._columns = [np.zeros((ticks, width)) for width in (model.nq, model.nv, channels, channels, size, size, size)]
-        self._count = 0
-
-    def keep(self, index: int, *row: Floats) -> None:
-        for column, values in zip(self._columns, row, strict=True):
-            column[index] = values
-        self._count = index + 1
-
-    def run(self, first: int, ending: Ending, reason: str) -> RobotRun:
-        count = self._count
-        finite = np.logical_and.reduce([np.isfinite(column[:count]).all(axis=1) for column in self._columns])
-        count = count if finite.all() else int(np.argmin(finite))
-        qpos, qvel, reference, measured, target, actual, demand = (column[:count] for column in self._columns)
-        robot, setup = self._simulation.robot, self._simulation.setup
-        motors, links, through = qpos[:, robot.motor_q], qpos[:, robot.motor_q], np.full(target.shape, math.nan)
-        links[:, robot.elastic] += qpos[:, robot.spring_q]
-        through[:, robot.elastic] = -robot.stiffness * qpos[:, robot.spring_q] - robot.damping * qvel[:, robot.spring_v]
-        return RobotRun(
-            setup=setup,
-            channels=self._simulation.channels,
-            time=setup.sample_time * (first + np.arange(count)),
-            reference=reference,
-            measured=measured,
-            target_torque=target,
-            demand_torque=demand,
-            actual_torque=actual,
-            joint_torque=through,
-            motor_position=motors,
-            link_position=links,
-            base=qpos[:, [0, 1, 2, 4, 5, 6, 3]] if setup.body.base == "floating" else np.zeros((count, 0)),
-            ending=ending,
-            reason=f"{reason} after {(first + self._count) * setup.sample_time:.4g} s" if reason else "",
-        )

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,14 +19,12 @@ from ..robot.tasks import Task
 from ..system.drive import Drive
 from ..system.loop import Feedback
 from ..system.plant import ElasticJoint
+from .record import Unit
 from .scenario import MOST_TICKS
 
 FINEST = 0.5
 """Steps are so short that the fastest vibration of the plant turns by no more than this in one [rad]: it is heard 1 % too high."""
 MOST_SUBSTEPS = 64
-
-
-Unit = Literal["m", "rad"]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from ..errors import GainroomError
 from ..system.loop import Loop
-from .response import Response, cut, joined
+from .record import Run, cut, joined
 from .scenario import MOST_TICKS, Scenario, Signals
 from .stepping import LinearStepper
 from .testbed import Testbed
@@ -12,7 +12,7 @@ from .testbed import Testbed
 BLOCK = 2000  # ticks
 
 
-def simulate(system: Loop | Testbed, scenario: Scenario) -> Response:
+def simulate(system: Loop | Testbed, scenario: Scenario) -> Run:
     """The whole run.
 
     system    a sampled loop of any number of joints, built with gainroom.build_loop: stepped exactly; or a Testbed
@@ -29,7 +29,7 @@ def simulate(system: Loop | Testbed, scenario: Scenario) -> Response:
     return joined(stream(system, scenario))
 
 
-def stream(system: Loop | Testbed, scenario: Scenario, block: int = BLOCK) -> Iterator[Response]:
+def stream(system: Loop | Testbed, scenario: Scenario, block: int = BLOCK) -> Iterator[Run]:
     """The run in parts of `block` ticks, as they are computed; ends early where it diverges, which the last part then says."""
     signals = Signals(scenario, _sampled(system))
     stepper = _testbed_stepper(system, signals) if isinstance(system, Testbed) else LinearStepper(system, signals)

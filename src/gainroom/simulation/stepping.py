@@ -17,7 +17,7 @@ from ..linear.arrays import Floats
 from ..linear.state_space import StateSpace, hold, split_delay
 from ..system.assembly import actuated_state, controller_state
 from ..system.loop import Loop
-from .response import HUGE, Response
+from .record import HUGE, Run
 from .scenario import Inputs, Signals
 
 SHORT = 5000  # ticks of a run that numpy steps sooner than numba is loaded
@@ -48,7 +48,7 @@ class LinearStepper:
         self._offset: Floats | None = None
         self._short = signals.ticks <= SHORT
 
-    def advance(self, inputs: Inputs, first: int) -> Response:
+    def advance(self, inputs: Inputs, first: int) -> Run:
         """The rows of the next ticks, of which the first has number `first`; rows past the first number that is not finite are left out."""
         assert self.loop.parts is not None
         assert self.loop.sample_time is not None
@@ -70,8 +70,8 @@ class LinearStepper:
         self._state = states[count]
         return self._rows(states[: min(count + 1, len(entering))], entering, inputs, first)
 
-    def _rows(self, states: Floats, entering: Floats, inputs: Inputs, first: int) -> Response:
-        """A response from states (k, m)."""
+    def _rows(self, states: Floats, entering: Floats, inputs: Inputs, first: int) -> Run:
+        """A run from states (k, m)."""
         parts, step, size, count = self.loop.parts, self.loop.sample_time, self.size, len(states)
         assert parts is not None
         assert step is not None
@@ -79,19 +79,22 @@ class LinearStepper:
         motor, link, actual, target = (output[:, k * size : (k + 1) * size] for k in (0, 1, 4, 5))
         demand = self._delayed(target)
         noise = inputs.noise[:count]
-        return Response(
+        readings = (motor + noise, link) if parts.feedback == "motor" else (motor, link + noise)
+        return Run(
             time=step * (first + np.arange(count)),
             reference=inputs.reference[:count],
+            measured=readings[0 if parts.feedback == "motor" else 1],
             motor_position=motor,
             link_position=link,
-            motor_reading=motor + noise if parts.feedback == "motor" else motor,
-            link_reading=link + noise if parts.feedback == "link" else link,
+            motor_reading=readings[0],
+            link_reading=readings[1],
             target_torque=target,
             demand_torque=demand,
             actual_torque=np.where(self.ideal, demand, actual),
             sample_time=step,
             feedback=parts.feedback,
             joint_names=parts.plant.joint_names,
+            channels=parts.plant.joint_names,
         )
 
     def _delayed(self, target: Floats) -> Floats:

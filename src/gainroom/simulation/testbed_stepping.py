@@ -10,7 +10,7 @@ from ..linear.state_space import split_delay
 from ..system.assembly import actuated_state, controller_state
 from ..system.loop import Feedback, Loop
 from ._testbed import Body, Control, Hardware, Memory, advance
-from .response import Response
+from .record import Run
 from .scenario import Inputs, Signals
 from .testbed import Testbed
 
@@ -46,7 +46,7 @@ class TestbedStepper:
             np.zeros(ticks),
         )
 
-    def advance(self, inputs: Inputs, first: int) -> Response:
+    def advance(self, inputs: Inputs, first: int) -> Run:
         """The rows of the next ticks, of which the first has number `first`; rows past the first out of bounds are left out."""
         count, past = len(inputs.reference), len(self._memory.sent)
         still = np.zeros(count)
@@ -64,9 +64,10 @@ class TestbedStepper:
         memory.demand[0] = max(memory.demand[0] - count, -1)  # places are counted from the oldest command that is kept
         self._memory = memory._replace(**{name: getattr(memory, name)[-past:].copy() for name in ("sent", "whole", "fraction")})
         rows = [out[:made, [k]] for k in range(7)]
-        return Response(
+        return Run(
             time=self.sample_time * (first + np.arange(made)),
             reference=inputs.reference[:made],
+            measured=rows[2 if self.feedback == "motor" else 3],
             motor_position=rows[0],
             link_position=rows[1],
             motor_reading=rows[2],
@@ -77,6 +78,7 @@ class TestbedStepper:
             sample_time=self.sample_time,
             feedback=self.feedback,
             joint_names=self.joint_names,
+            channels=self.joint_names,
         )
 
     def _drawn(self, count: int) -> tuple[Integers, Floats]:

@@ -24,6 +24,16 @@ class Trajectory:
         """n; 1 goes with any number of joints."""
         raise NotImplementedError
 
+    @property
+    def end(self) -> float:
+        """[s] from when on it holds still; inf: never."""
+        raise NotImplementedError
+
+    @property
+    def fastest(self) -> float:
+        """The highest frequency of a signal that swings [rad/s]; 0 of one that goes somewhere."""
+        return 0.0
+
     def position(self, time: ArrayLike) -> Floats:
         """The value at `time` (k,): (k, n)."""
         return self.motion(time)[0]
@@ -56,6 +66,10 @@ class Step(Trajectory):
     @property
     def size(self) -> int:
         return len(self.height)
+
+    @property
+    def end(self) -> float:
+        return self.start if self.height.any() else 0.0
 
     def motion(self, time: ArrayLike) -> tuple[Floats, Floats, Floats]:
         after = _column(time) >= self.start - NANOSECOND
@@ -104,6 +118,10 @@ class Spline(Trajectory):
     @property
     def size(self) -> int:
         return self.points.shape[1]
+
+    @property
+    def end(self) -> float:
+        return float(self.times[-1])
 
     def _interpolated(self) -> tuple[Any, Any, Any]:
         """The curve and its first two derivatives."""
@@ -157,6 +175,14 @@ class Chirp(Trajectory):
     @property
     def size(self) -> int:
         return len(self.amplitude)
+
+    @property
+    def end(self) -> float:
+        return self.start + self.duration
+
+    @property
+    def fastest(self) -> float:
+        return max(self.first, self.last)
 
     def motion(self, time: ArrayLike) -> tuple[Floats, Floats, Floats]:
         t = _column(time) - self.start
@@ -223,6 +249,14 @@ class Multisine(Trajectory):
     def size(self) -> int:
         return self.amplitudes.shape[1]
 
+    @property
+    def end(self) -> float:
+        return math.inf
+
+    @property
+    def fastest(self) -> float:
+        return float(self.frequencies.max())
+
     def motion(self, time: ArrayLike) -> tuple[Floats, Floats, Floats]:
         t = _column(time) - self.start
         moving = t >= 0
@@ -232,6 +266,27 @@ class Multisine(Trajectory):
         position = self.base + (self.amplitudes * (sine - np.sin(phases))).sum(axis=1)
         velocity, acceleration = (self.amplitudes * omega * cosine).sum(axis=1), -(self.amplitudes * omega**2 * sine).sum(axis=1)
         return position, velocity * moving, acceleration * moving
+
+
+@dataclass(frozen=True)
+class Held(Trajectory):
+    """`moving` until `stop` [s], and held where it is then."""
+
+    moving: Trajectory
+    stop: float
+
+    @property
+    def size(self) -> int:
+        return self.moving.size
+
+    @property
+    def end(self) -> float:
+        return min(self.stop, self.moving.end)
+
+    def motion(self, time: ArrayLike) -> tuple[Floats, Floats, Floats]:
+        t = _column(time)
+        position, velocity, acceleration = self.moving.motion(np.minimum(t[:, 0], self.stop))
+        return position, velocity * (t <= self.stop), acceleration * (t <= self.stop)
 
 
 def _column(time: ArrayLike) -> Floats:

@@ -1,32 +1,38 @@
 """The predicted gain limit against where simulation begins to vibrate: two ways to one number that share nothing but the model.
 
-The prediction comes from the frequency response, the simulation from tick after tick in time.
+The prediction comes from the frequency response, the simulation from tick after tick in time. Witnesses: the sampled linear loop, which
+shares the model; and for robots MuJoCo with drives and running controller, which shares only the file.
 """
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..analysis.gain_limit import GainLimit, gain_limit
 from ..analysis.stability import rightmost_roots
-from ..errors import GainroomError, apart
+from ..errors import GainroomError
 from ..linear.arrays import Floats
-from ..simulation.onset import FURTHEST, linear_onset, linear_vibration
+from ..robot.body import library
+from ..robot.spec import RobotSpec
+from ..simulation.onset import FURTHEST, Onset, linear_onset, linear_vibration
+from ..simulation.robot_onset import robot_onset
+from ..simulation.robot_run import RobotStepper
+from ..simulation.robot_setup import robot_setup
+from ..simulation.robot_simulation import require_sampled
 from ..system.joint_spec import JointSpec
 from ..system.loop import Loop
+from .robot import moves
+from .simulation import Progress
 
 TOLERANCES = {"linear": 1e-3, "mujoco": 2e-2}
 """By witness: how far, relatively, gain and frequency may be from the prediction."""
 LOWERED = (1.0, 0.3, 0.1)  # factors at which a loop that no lower gains steady is run
 SLOW = 2.0  # [s] of such a run at factor 1
 FEWEST, MOST = 200, 400_000  # ticks of one run
-ONE = "the joint"
+MOST_STATES = 4  # more postures in contact states than this: only the posture of each contact state that vibrates first is simulated
 PERIODS = 100.0  # of the predicted vibration in one run: enough to tell growth of 1e-6 per period from none
-
-Progress = Callable[[int, int, str], None]
-"""Called with (cases done, cases in all, the next one's name)."""
 
 
 @dataclass(frozen=True)
@@ -68,12 +74,16 @@ class Case:
         return abs(self.gain_difference) <= self.tolerance and abs(self.frequency_difference) <= self.tolerance
 
 
+Job = tuple[str, Callable[[], Case]]
+"""A case's name, and what makes it."""
+
+
 @dataclass(frozen=True)
 class Verification:
-    """What `gainroom verify` tells."""
+    """What `gainroom verify` finds."""
 
     cases: tuple[Case, ...]
-    sentence: str
+    of_robot: bool = False
     warnings: tuple[str, ...] = ()
     """What was left out, and why."""
 
@@ -88,10 +98,72 @@ def verify_joint(spec: JointSpec, progress: Progress = lambda done, total, what:
 
     Raises GainroomError for a continuous joint, which has no ticks to simulate.
     """
-    progress(0, 1, "one joint")
-    cases = (linear_case("one joint", spec.loop()),)
-    progress(1, 1, "")
-    return Verification(cases, sentence_of(cases))
+    return _verified([("one joint", lambda: linear_case("one joint", spec.loop()))], progress)
+
+
+def verify_robot(spec: RobotSpec, progress: Progress = lambda done, total, what: None) -> Verification:
+    """The same in every posture and contact state, in joint and in task space, with MuJoCo as a second witness.
+
+    Raises GainroomError for continuous control, and where the gains move nothing in any state.
+    """
+    require_sampled(spec)
+    warnings: list[str] = []
+    jobs = [job for space in spaces(spec) for job in _jobs(space, warnings)]
+    if not jobs:
+        raise GainroomError(f"{spec.robot.name}: the gains move nothing in any posture and contact state, so there is nothing to verify")
+    return replace(_verified(jobs, progress), of_robot=True, warnings=tuple(warnings))
+
+
+def _verified(jobs: list[Job], progress: Progress) -> Verification:
+    cases = []
+    for index, (name, make) in enumerate(jobs):
+        progress(index, len(jobs), name)
+        cases.append(make())
+    progress(len(jobs), len(jobs), "")
+    return Verification(tuple(cases))
+
+
+def spaces(spec: RobotSpec) -> Iterator[RobotSpec]:
+    """The file's control in joint space, where it has such gains, and in task space, where it has tasks."""
+    control = spec.control
+    if control.space == "joint":
+        yield spec
+    if spec.robot.stack:
+        yield replace(spec, control=replace(control, space="task", joints=None))
+
+
+def _jobs(spec: RobotSpec, warnings: list[str]) -> Iterator[Job]:
+    """The cases of one space; what is left out goes to `warnings`."""
+    for posture, contact, loop in _states(spec):
+        name = f"{posture}, {contact}: {spec.control.space} space"
+        yield name, lambda name=name, loop=loop: linear_case(name, loop)
+        try:
+            library("mujoco", "MuJoCo")
+        except GainroomError as error:
+            told = f"MuJoCo as a witness: {error}"
+            warnings += [] if told in warnings else [told]
+            continue
+        try:
+            make = _mujoco(name, spec, posture, contact, loop)
+        except GainroomError as error:
+            warnings.append(f"{name}: {error}")
+            continue
+        if make is not None:
+            yield name, make
+
+
+def _states(spec: RobotSpec) -> list[tuple[str, str, Loop]]:
+    """Posture, contact state and loop of what is simulated."""
+    loops = [(posture, contact, spec.loop(spec.robot.linearize(posture, contact))) for posture, contact in spec.robot.states]
+    loops = [state for state in loops if moves(state[2])]
+    if len(loops) <= MOST_STATES:
+        return loops
+    tightest: dict[str, tuple[float, tuple[str, str, Loop]]] = {}
+    for state in loops:
+        limit = gain_limit(state[2]).gain
+        if state[1] not in tightest or limit < tightest[state[1]][0]:
+            tightest[state[1]] = limit, state
+    return [state for _, state in tightest.values()]
 
 
 @dataclass(frozen=True)
@@ -118,13 +190,32 @@ def linear_case(what: str, loop: Loop) -> Case:
     limit = gain_limit(loop)
     if not 0 < limit.gain < math.inf:
         return _without_limit(what, loop, limit)
-    duration = _duration(loop, limit)
     begin = 1.0 if 1 / FURTHEST < limit.gain < FURTHEST else limit.gain  # the search goes no further than that from where it begins
+    return _case(what, "linear", limit, lambda: linear_onset(loop.scaled(begin), _duration(loop, limit)), begin)
+
+
+def _mujoco(what: str, spec: RobotSpec, posture: str, contact: str, loop: Loop) -> Callable[[], Case] | None:
+    """What makes the case; None where nothing is predicted that a search could find.
+
+    Raises GainroomError where MuJoCo cannot simulate this.
+    """
+    limit = gain_limit(loop)
+    if not (1 / FURTHEST < limit.gain < FURTHEST and limit.frequency > 0):
+        return None
+    if spec.robot.gravity:
+        raise GainroomError("gravity stiffness counts in the prediction; the simulated limit is without gravity")
+    setup = robot_setup(spec, posture, contact)
+    RobotStepper(setup)  # refuses now what it cannot simulate
+    return lambda: _case(what, "mujoco", limit, lambda: robot_onset(setup, limit.gain))
+
+
+def _case(what: str, witness: str, limit: GainLimit, search: Callable[[], Onset], begin: float = 1.0) -> Case:
+    """`limit` beside what `search` finds, as a factor on `begin`; NaN where no factor that was tried changes the verdict."""
     try:
-        onset = linear_onset(loop.scaled(begin), duration)
-    except GainroomError:  # no factor that was tried changes the verdict
-        return Case(what, "linear", limit.gain, math.nan, limit.frequency, math.nan)
-    return Case(what, "linear", limit.gain, begin * onset.gain, limit.frequency, onset.frequency, onset.runs)
+        onset = search()
+    except GainroomError:
+        return Case(what, witness, limit.gain, math.nan, limit.frequency, math.nan)
+    return Case(what, witness, limit.gain, begin * onset.gain, limit.frequency, onset.frequency, onset.runs)
 
 
 def _duration(loop: Loop, limit: GainLimit) -> float:
@@ -144,67 +235,9 @@ def _without_limit(what: str, loop: Loop, limit: GainLimit) -> Case:
         onset = linear_onset(loop)
     except GainroomError:  # the same verdict at every factor: it may be either
         still = linear_vibration(loop)
-        calm = still is None or still.growth_rate <= 0
-        return Case(what, "linear", math.inf, math.inf if calm else math.nan, math.nan, math.nan)
+        decays = still is None or still.growth_rate <= 0
+        return Case(what, "linear", math.inf, math.inf if decays else math.nan, math.nan, math.nan)
     return Case(what, "linear", limit.gain, onset.gain, limit.frequency, onset.frequency, onset.runs)
-
-
-def sentence_of(cases: tuple[Case, ...], what: str = ONE) -> str:
-    """The answer in one sentence; `what` would vibrate."""
-    wrong = sorted((case for case in cases if not case.agrees), key=lambda case: -_furthest(case) / case.tolerance)
-    worst = max(cases, key=lambda case: (_size(case.gain_difference), 0 < case.predicted_gain < math.inf))
-    if wrong:
-        names = ", ".join(f"{case.what} ({case.witness}), {_apart_in_words(case)}" for case in wrong[:3])
-        names += " and others" if len(wrong) > 3 else ""
-        return (
-            f"Simulation and prediction differ by more than the tolerance in {len(wrong)} of {len(cases)} cases: {names}; "
-            f"{_where_to_look(cases, wrong)}."
-        )
-    if not 0 < worst.predicted_gain < math.inf:
-        told = f"no common factor on these gains makes {what} vibrate" if worst.predicted_gain else "no lower gains are stable"
-        return f"Simulation agrees with the prediction: {told}."
-    return (
-        f"Simulation agrees with the prediction: vibration begins at {worst.simulated_gain:.5g} times these gains, predicted "
-        f"{worst.predicted_gain:.5g}, {percent(worst.gain_difference)} apart"
-        + (f" in the worst of {len(cases)} cases" if len(cases) > 1 else "")
-        + f"; both without the scenario's friction{' and' if what == ONE else ','} torque limit{'' if what == ONE else ' and ground'}."
-    )
-
-
-def _furthest(case: Case) -> float:
-    """The larger of both differences."""
-    return max(_size(case.gain_difference), _size(case.frequency_difference))
-
-
-def _apart_in_words(case: Case) -> str:
-    """What of it is off, and by how much."""
-    told = []
-    for what, difference in (("gain", case.gain_difference), ("frequency", case.frequency_difference)):
-        if not abs(difference) <= case.tolerance:
-            told.append(f"no {what} found" if math.isnan(difference) else f"{what} {percent(difference, case.tolerance)} apart")
-    return ", ".join(told) + f" with {100 * case.tolerance:g} % allowed"
-
-
-def _where_to_look(cases: tuple[Case, ...], wrong: list[Case]) -> str:
-    """Which of model and simulation is to be doubted."""
-    if any(case.witness == "linear" for case in wrong):
-        return "the prediction itself is in doubt: report the input"
-    if any(case.witness == "linear" for case in cases):
-        return "the linear simulation agrees, so look at what MuJoCo steps or holds differently: stiff gearboxes on light links, contacts"
-    return "look at stiff gearboxes on light links, and at contacts"
-
-
-def percent(difference: float, tolerance: float = 0.0) -> str:
-    """A relative difference in words, in digits enough to tell it from `tolerance`; below a thousandth of a percent none are worth it."""
-    if math.isnan(difference):
-        return "–"
-    if abs(difference) < 1e-5:
-        return "< 0.001 %"
-    return f"{100 * abs(difference):.{apart(abs(difference), tolerance, 2)}g} %"
-
-
-def _size(value: float) -> float:
-    return math.inf if math.isnan(value) else abs(value)
 
 
 def _difference(predicted: float, simulated: float) -> float:

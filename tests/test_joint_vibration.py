@@ -10,10 +10,11 @@ import pytest
 import gainroom as gr
 from gainroom.cli import main
 from gainroom.files.joint_yaml import parse_simulation
-from gainroom.report.played import shown_ticks
 from gainroom.report.simulation import simulation_page
-from gainroom.simulation.response import track
-from gainroom.studies.joint_simulation import SimulationStudy, simulate_joint
+from gainroom.report.simulation_figures import shown_ticks
+from gainroom.report.simulation_text import overshoots, sentence, warnings
+from gainroom.simulation.tracking import track
+from gainroom.studies.simulation import Outcome, simulate_study
 
 JOINT = """
 joint: {motor_inertia: 0.15, link_inertia: 0.6, stiffness: 6000, damping: 2.0}
@@ -30,8 +31,8 @@ def text(scenario: str, joint: str = JOINT) -> str:
     return f"{joint}scenario: {{{scenario}}}\n"
 
 
-def played(scenario: str, gain: float = 1.0, joint: str = JOINT) -> SimulationStudy:
-    return simulate_joint(parse_simulation(text(scenario, joint), "joint.yaml"), gain)
+def simulated(scenario: str, gain: float = 1.0, joint: str = JOINT) -> Outcome:
+    return simulate_study(parse_simulation(text(scenario, joint), "joint.yaml"), gain)
 
 
 def roots_of(gain: float) -> np.ndarray:
@@ -53,9 +54,9 @@ LATE = [
 def test_what_follows_a_late_event_is_no_vibration(scenario: str):
     """Every root of the loop dies away, and friction takes energy away."""
     assert roots_of(1.0)[0].real < -1
-    study = played(scenario)
-    assert study.sound, study.sentence
-    assert "No vibration" in study.sentence
+    study = simulated(scenario)
+    assert study.sound, sentence(study)
+    assert "No vibration" in sentence(study)
 
 
 SHORT = [
@@ -74,8 +75,8 @@ SHORT = [
 def test_what_a_short_record_catches_on_its_way_to_rest_is_no_vibration(gain: float, scenario: str):
     """0.3 s are a few periods; the loop is stable and friction takes energy away, so whatever swings then comes to rest."""
     assert roots_of(gain)[0].real < -1
-    study = played(f"duration: 0.3, {scenario}", gain)
-    assert study.sound, study.sentence
+    study = simulated(f"duration: 0.3, {scenario}", gain)
+    assert study.sound, sentence(study)
 
 
 @pytest.mark.parametrize("scenario", [*LATE[:4], "duration: 3, reference: {type: step, by: 0.1, start: 2.7}"])
@@ -83,7 +84,7 @@ def test_a_vibration_that_a_late_event_sets_off_is_that_of_the_rightmost_root(sc
     """3 % beyond the limit; the pencil on an exact run is right to far below 1e-3."""
     root = roots_of(4.3)[0]
     assert root.real > 0
-    study = played(scenario, 4.3)
+    study = simulated(scenario, 4.3)
     assert study.vibrates
     assert not study.sound
     assert study.vibration is not None
@@ -95,51 +96,51 @@ def test_a_vibration_that_a_late_event_sets_off_is_that_of_the_rightmost_root(sc
 @pytest.mark.parametrize("scenario", ["duration: 0.05", "duration: 3", "duration: 1, noise: 1.0e-3", LATE[2]])
 def test_a_linear_run_never_contradicts_the_roots(scenario: str, gain: float):
     """The limit is at 4.157."""
-    study, stable = played(scenario, gain), roots_of(gain)[0].real < 0
+    study, stable = simulated(scenario, gain), roots_of(gain)[0].real < 0
     assert study.limit.stable == stable
     assert study.sound == stable
     assert not (study.vibrates and stable)
 
 
 def test_a_short_run_says_that_it_is_too_short():
-    study = played("duration: 0.02", 4.3)
+    study = simulated("duration: 0.02", 4.3)
     assert study.hidden
-    assert "these gains are 1.03 times the limit: unstable; the run is too short" in study.sentence
+    assert "these gains are 1.03 times the limit: unstable; the run is too short" in sentence(study)
 
 
 @pytest.mark.parametrize("scenario", [NOISY, COARSE])
 @pytest.mark.parametrize("gain", [1.0, 3.0, 4.3, 5.0, 6.0, 8.0])
 def test_noise_and_coarse_encoders_do_not_switch_the_verdict_off(scenario: str, gain: float):
-    study = played(scenario, gain)
-    assert study.sound == (roots_of(gain)[0].real < 0), study.sentence
-    assert "friction" not in study.sentence + "".join(study.warnings)
+    study = simulated(scenario, gain)
+    assert study.sound == (roots_of(gain)[0].real < 0), sentence(study)
+    assert "friction" not in sentence(study) + "".join(warnings(study))
 
 
 def test_shaking_without_a_tone_is_told_by_the_true_positions():
     """1.9 times the limit, at the torque limit more than half of the time: the link swings by 4.5 mrad, the encoders' noise is 0.3."""
-    study = played(NOISY, 8.0)
-    run = study.response
+    study = simulated(NOISY, 8.0)
+    run = study.run
     swing = run.motor_position[-1000:, 0].std()
     assert study.vibrates
     assert study.vibration is not None
     assert study.vibration.amplitude == pytest.approx(math.sqrt(2) * swing, rel=0.1)  # noise: a thousand ticks, some 40 periods
     assert study.at_torque_limit == np.mean(np.abs(run.demand_torque) > 30 - 1e-9)
     assert study.at_torque_limit > 0.5
-    assert any("the torque limit cuts" in warning for warning in study.warnings)
+    assert any("the torque limit cuts" in warning for warning in warnings(study))
 
 
 def test_what_is_hidden_is_called_unstable_everywhere(tmp_path, capsys: pytest.CaptureFixture[str]):
-    study = played(HIDDEN, 6.0)
+    study = simulated(HIDDEN, 6.0)
     assert not study.vibrates
     assert study.hidden
     assert not study.sound
-    assert "friction may hide it" in study.sentence
-    assert "noise" not in study.sentence
-    assert "torque limit may" not in study.sentence  # it is never reached
+    assert "friction may hide it" in sentence(study)
+    assert "noise" not in sentence(study)
+    assert "torque limit may" not in sentence(study)  # it is never reached
     page = simulation_page(study, "gainroom simulate joint.yaml")
     assert '<body class="bad">' in page
     assert "UNSTABLE: do not run these gains" in page
-    assert "linear limit</p>" in page
+    assert "linear limit: " in page
     path = tmp_path / "joint.yaml"
     path.write_text(text(HIDDEN), "utf-8")
     assert main(["simulate", str(path), "--gain", "6"]) == 1
@@ -149,20 +150,21 @@ def test_what_is_hidden_is_called_unstable_everywhere(tmp_path, capsys: pytest.C
 def test_a_link_that_rings_behind_a_motor_that_sticks():
     """Held, the motor leaves J_L q̈ + B q̇ + K q = 0: rate −B/2J_L at √(K/J_L − (B/2J_L)²). The torque stays below the friction."""
     joint = JOINT.replace("damping: 2.0", "damping: 0.05")
-    study = played("duration: 3, reference: {type: step, by: 0.05}, friction: {motor: {coulomb: 10}}", 1.0, joint)
-    run = study.response
+    study = simulated("duration: 3, reference: {type: step, by: 0.05}, friction: {motor: {coulomb: 10}}", 1.0, joint)
+    run = study.run
     assert np.ptp(run.motor_position[-500:]) == 0
     assert study.vibrates
     assert not study.sound
-    assert study.seen.side == "link"
+    assert study.oscillation is not None
+    assert study.oscillation.strongest == ("the link side",)
     rate = 0.05 / (2 * 0.6)
     assert study.vibration is not None
     assert study.vibration.growth_rate == pytest.approx(-rate, rel=1e-3)  # the first tenths of a second, before it sticks, are other
     assert study.vibration.frequency == pytest.approx(math.sqrt(6000 / 0.6 - rate**2), rel=1e-5)
     swing = np.ptp(run.link_position[-126:]) / 2  # two periods, in which it falls by half a percent
     assert study.vibration.amplitude == pytest.approx(swing, rel=0.01)
-    assert "halving every 16.6 s" in study.sentence
-    assert "friction must be" in study.warnings[0]
+    assert "halving every 16.6 s" in sentence(study)
+    assert "friction must be" in warnings(study)[0]
 
 
 @pytest.mark.parametrize("extra", ["", ", coulomb: 1"])
@@ -171,20 +173,21 @@ def test_viscous_friction_counts_as_the_joints_own(side: str, extra: str):
     """The same joint with the friction in its joint section has the same limit, and runs alike where nothing else rubs."""
     scenario = f"duration: 1, friction: {{{side}: {{viscous: 10{extra}}}}}"
     other = JOINT.replace("damping: 2.0", f"damping: 2.0, {side}_viscous: 10")
-    study, same = played(scenario, 4.4), played("duration: 1", 4.4, other)
+    study, same = simulated(scenario, 4.4), simulated("duration: 1", 4.4, other)
     assert study.limit.gain == same.limit.gain
-    assert study.limit.gain != played("duration: 1", 4.4).limit.gain
+    assert study.limit.gain != simulated("duration: 1", 4.4).limit.gain
     assert study.spec.is_linear == (extra == "")
     if not extra:
-        assert np.array_equal(study.response.motor_position, same.response.motor_position)
+        assert np.array_equal(study.run.motor_position, same.run.motor_position)
 
 
 def test_a_limit_cycle_is_as_large_as_a_sine_fits():
     """Least squares over the last 150 ticks, 9 periods, beside a parabola, at the best of frequencies within 1 %."""
-    study = played("duration: 3, friction: {motor: {coulomb: 5}}, torque_limit: 50", 6.0)
-    assert study.keeps_up
+    study = simulated("duration: 3, friction: {motor: {coulomb: 5}}, torque_limit: 50", 6.0)
+    assert study.oscillation is not None
+    assert study.oscillation.sustained
     assert study.vibration is not None
-    time, error = study.response.time[-150:], study.response.error[-150:, 0]
+    time, error = study.run.time[-150:], study.run.error[-150:, 0]
     fits = []
     for omega in np.linspace(0.99, 1.01, 41) * study.vibration.frequency:
         basis = np.column_stack([np.cos(omega * time), np.sin(omega * time), np.vander(time - time[-1], 3)])
@@ -194,11 +197,11 @@ def test_a_limit_cycle_is_as_large_as_a_sine_fits():
 
 
 def test_a_later_disturbance_is_not_the_moves_overshoot():
-    calm, pushed = played("duration: 3").tracking, played("duration: 3, disturbance: {torque: 30, start: 1.5}").tracking
+    calm, pushed = simulated("duration: 3").tracking, simulated("duration: 3, disturbance: {torque: 30, start: 1.5}").tracking
     assert pushed.overshoot[0] == calm.overshoot[0] < 0.1
     assert pushed.settling_time[0] == calm.settling_time[0] < 1.0
     assert pushed.steady_state[0] == pytest.approx(-30 / 400, rel=1e-3)  # of the whole run, at rest against kp
-    soon = played("duration: 3, disturbance: {torque: 30, start: 0.51}").tracking
+    soon = simulated("duration: 3, disturbance: {torque: 30, start: 0.51}").tracking
     assert math.isnan(soon.settling_time[0])  # cut short
 
 
@@ -237,18 +240,18 @@ def test_a_reference_that_swings_to_the_end_has_no_steady_state():
         "{type: multisine, amplitude: 0.01, frequencies: [3.0, 9.0]}",
         "{type: chirp, amplitude: 0.1, first: 1, last: 9, duration: 2}",
     ):
-        study = played(f"duration: 2, reference: {reference}")
+        study = simulated(f"duration: 2, reference: {reference}")
         assert np.isnan(study.tracking.steady_state).all()
-        assert "last tenth" not in study.sentence
+        assert "last tenth" not in sentence(study)
         assert "steady-state" not in simulation_page(study, "")
-    rests = played("duration: 4, reference: {type: chirp, amplitude: 0.1, first: 1, last: 9, duration: 2}")
+    rests = simulated("duration: 4, reference: {type: chirp, amplitude: 0.1, first: 1, last: 9, duration: 2}")
     assert abs(rests.tracking.steady_state[0]) < 1e-6  # 1.6 s after it stops the slowest root, 7/s, has left 1e-5 of some 10 mrad
 
 
 def test_the_picture_of_a_step_that_diverges_is_not_empty():
     """The reference is constant from t = 0 on; the picture reaches to where the joint is three times the step away."""
-    study = played("duration: 1, reference: {type: step, by: 0.1}", 40.0)
-    run = study.response
+    study = simulated("duration: 1, reference: {type: step, by: 0.1}", 40.0)
+    run = study.run
     assert run.diverged
     shown = shown_ticks(run.reference, run.error)
     assert np.abs(run.error[: shown - 1]).max() <= 0.3 < abs(run.error[shown - 1, 0])
@@ -261,7 +264,7 @@ def test_a_limit_just_above_the_gains_is_told_apart_from_them(tmp_path, capsys: 
     path.write_text(text("duration: 0.5"), "utf-8")
     main(["simulate", str(path), "--gain", "4.155"])
     out = " ".join(capsys.readouterr().out.split())
-    factor = played("duration: 0.5", 4.155).limit.gain
+    factor = simulated("duration: 0.5", 4.155).limit.gain
     assert 1 < factor < 1.001
     assert float(re.search(r"vibrate at (\S+) times", out)[1]) > 1  # type: ignore[index]
     assert float(re.search(r"from (\S+) × these", out)[1]) > 1  # type: ignore[index]
@@ -269,13 +272,13 @@ def test_a_limit_just_above_the_gains_is_told_apart_from_them(tmp_path, capsys: 
 
 def test_a_torque_above_its_limit_is_explained():
     """ζ = 0.9: the current loop overshoots a step by e^{−πζ/√(1−ζ²)} = 0.15 %, of at most twice the limit."""
-    study = played("duration: 1, torque_limit: 30, reference: {type: step, by: 0.5}", 6.0)
+    study = simulated("duration: 1, torque_limit: 30, reference: {type: step, by: 0.5}", 6.0)
     assert 30 < study.torque_peak[0] < 30 * 1.003
-    assert study.overshoots_limit
-    assert any("the current loop overshoots it" in warning for warning in study.warnings)
+    assert overshoots(study)
+    assert any("the current loop overshoots it" in warning for warning in warnings(study))
     assert "the current loop overshoots" in simulation_page(study, "")
     assert "pulls the joint down" not in simulation_page(study, "")
-    assert "pulls the joint down" in simulation_page(played("duration: 1, gravity: 5"), "")
+    assert "pulls the joint down" in simulation_page(simulated("duration: 1, gravity: 5"), "")
 
 
 @pytest.mark.parametrize(

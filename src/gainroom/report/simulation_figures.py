@@ -1,0 +1,227 @@
+"""A simulated run in pictures: its channels over time, its vibration close up, a robot before and after."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from ..analysis.gain_limit import GainLimit
+from ..linear.arrays import Floats
+from ..simulation.robot_run import RobotRun
+from ..simulation.robot_simulation import RobotSimulation
+from ..studies.oscillation import MUJOCO
+from ..studies.simulation import Outcome
+from . import style
+from .curves import Curve, Panel, stacked
+from .number_format import digits, frequency, hertz, milli
+from .page import Html, figure
+from .robot_drawing import WIDTH, drawing_layout
+from .robot_skeleton import drawn, ghost, labels, path, view_of
+
+TOGETHER = 3  # channels, or joints, in one panel
+MOST_CHANNELS = 6  # that have a picture of their own
+LARGE_POINTS, SMALL_POINTS = 1200, 500  # of a curve, in a picture of its own width and in half of it
+MOST_LOOKS = 1200  # ticks at which links are looked at
+POSES = 200  # on the way of the centre of mass
+ROUNDED = 9  # decimals [m, rad, N m] of what is drawn
+FAR = 0.5  # [rad] from where on a picture counts in rad
+CLOSE_PERIODS = 12  # of the vibration in its own picture
+RUNAWAY = 3.0  # times the reference's range: what a run that diverges is shown up to
+LEAST_RANGE = 0.01  # [rad, m] of a reference that hardly moves
+COLORS = ((style.BLUE, "solid"), (style.VERMILION, "dash"), (style.DARK[style.GREEN], "dashdot"), (style.DARK[style.PURPLE], "longdash"))
+TORQUES = ((style.BLACK, "solid"), (style.ORANGE, "dash"), (style.DARK[style.PURPLE], "dashdot"))
+
+
+def floor_of(outcome: Outcome) -> float:
+    """[m, rad] smaller errors are shown as 0."""
+    return 1e-9 if outcome.spec.is_exact else 1e-7
+
+
+def shown_ticks(reference: Floats, error: Floats) -> int:
+    """Of a run that diverges, (k, n) each, how many ticks are worth a picture: those until it is far out of it."""
+    covered = np.vstack([reference[:1] - error[:1], reference])  # from where it starts: a step at t = 0 alone is a constant
+    widest = RUNAWAY * max(float(np.ptp(covered, axis=0).max()), LEAST_RANGE)
+    far = np.abs(error).max(axis=1) > widest
+    return max(2, min(len(far), int(np.argmax(far)) + 1)) if far.any() else len(far)
+
+
+def _shown(outcome: Outcome) -> int:
+    """How many ticks are drawn."""
+    run, chosen = outcome.run, list(outcome.leading)
+    return shown_ticks(run.reference[:, chosen], run.error[:, chosen]) if run.diverged else len(run.time)
+
+
+def in_time(outcome: Outcome) -> Html:
+    """The channels that lead, their error, and the joints that work hardest; of a single joint both sides, and its target torque."""
+    run, end = outcome.run, _shown(outcome)
+    chosen, unit = sorted(outcome.leading[:TOGETHER]), run.units[outcome.leading[0]]
+    scale, rows = _scale(outcome, chosen[0]), slice(0, end)
+    looks = list(zip(COLORS, chosen, strict=False))
+    if len(run.joint_names) == 1:
+        move = [
+            Curve(side, scale * _change(values[rows, 0]), *look) for side, values, look in zip(*_both_sides(outcome), COLORS, strict=False)
+        ]
+    else:
+        move = [Curve(run.channels[k], scale * _change(run.measured[rows, k]), color) for (color, _), k in looks]
+    move += [Curve("commanded", scale * _change(run.reference[rows, k]), color, "dot", k == chosen[-1]) for (color, _), k in looks]
+    error = [Curve(run.channels[k], 1e3 * np.round(run.error[rows, k], ROUNDED), color, named=False) for (color, _), k in looks]
+    hardest = np.argsort(-np.abs(run.actual_torque[rows]).max(axis=0), kind="stable")[:TOGETHER].tolist()
+    moving = outcome.spec.moves_until > 0
+    panels = [
+        Panel("moved" if moving else "drift", "rad" if scale == 1 else f"m{unit}", move, 0.42),
+        Panel("error", f"m{unit}", error, 0.27),
+        Panel("torque", "N m", _torques(outcome, rows, hardest), 0.31),
+    ]
+    notes = [_vibration_note(outcome)] if outcome.vibrates else []
+    if run.ending == "fell":
+        place = {"xref": "x domain", "yref": "y domain", "xanchor": "right", "yanchor": "top"}
+        notes.append(style.label(0.99, 0.995, f"<b>fell after {digits(outcome.duration, 's', 3)}</b>", style.VERMILION, **place))
+    most = f"{len(chosen)} of {len(outcome.leading)} channels, those furthest off"
+    what = most if len(outcome.leading) > len(chosen) else "What moves" if moving else "All channels"
+    caption = (
+        f"{what}, from where the run began; the {run.feedback} side is fed back. Error: commanded less actual there; torque at the ticks, "
+        "of the joints that work hardest. "
+        + (f"Cut at {digits(run.time[end - 1], 's', 3)}, where it is already out of the picture. " if end < len(run.time) else "")
+        + _conclusion(outcome)
+    )
+    return stacked(run.time[rows], panels, "Commanded and actual, tracking error, torque", caption, 680, notes, 2 * LARGE_POINTS)
+
+
+def _both_sides(outcome: Outcome) -> tuple[tuple[str, ...], tuple[Floats, ...]]:
+    return ("motor", "link"), (outcome.run.motor_position, outcome.run.link_position)
+
+
+def _torques(outcome: Outcome, rows: slice, joints: list[int]) -> list[Curve]:
+    """Actual ones; of a single joint the target too."""
+    run = outcome.run
+    curves = [
+        Curve(run.joint_names[k], np.round(run.actual_torque[rows, k], ROUNDED), *look) for look, k in zip(TORQUES, joints, strict=False)
+    ]
+    return curves if len(run.joint_names) > 1 else [Curve("target torque", run.target_torque[rows, 0], *TORQUES[1]), *curves]
+
+
+def _change(values: Floats) -> Floats:
+    """From where it began, without rounding errors, which would fill a picture where nothing moves."""
+    return np.round(values - values[0], ROUNDED)
+
+
+def _scale(outcome: Outcome, channel: int) -> float:
+    """Of a picture: joints that move far in rad, all else in mm or mrad."""
+    run = outcome.run
+    way = max(float(np.ptp(values[:, channel])) for values in (run.reference, run.measured))
+    return 1.0 if run.units[channel] == "rad" and way > FAR else 1e3
+
+
+def _vibration_note(outcome: Outcome) -> style.Annotation:
+    """Its frequency, at the top of a picture."""
+    assert outcome.vibration is not None
+    omega = outcome.vibration.frequency
+    words = f"<b>vibrates at {hertz(omega)}</b> ({digits(omega, 'rad/s')})"
+    return style.label(0.01, 0.995, words, style.VERMILION, xref="x domain", yref="y domain", xanchor="left", yanchor="top")
+
+
+def _conclusion(outcome: Outcome) -> str:
+    if outcome.run.ending == "fell":
+        return "The run ends where the base has sunk by half its height or tilted by half a radian."
+    if outcome.run.diverged:
+        return "These gains must not be run."
+    if outcome.oscillation is not None and outcome.vibrates:
+        how = "It vibrates while it moves, as is shown below" if outcome.oscillation.moving else "The vibration does not decay"
+        return f"{how}: lower all gains together, or shorten the delay."
+    if outcome.hidden:
+        return "These gains are unstable, whatever hides it here: lower all of them together, or shorten the delay."
+    return "Nothing lasts but the error that is left: what ends a move short of its goal is friction, gravity or a lasting torque."
+
+
+def close_up(outcome: Outcome) -> Html:
+    """The last periods of the vibration: motors and torques of the joints that take part most; of a single joint both sides."""
+    run, found = outcome.run, outcome.oscillation
+    assert found is not None
+    first, end, _ = found.rows.indices(_shown(outcome))
+    ticks = max(24, math.ceil(CLOSE_PERIODS * 2 * math.pi / found.found.frequency / run.sample_time))
+    rows = slice(max(first, end - ticks), end)
+    time, single = run.time[rows], len(run.joint_names) == 1
+    joints = [0] if single else [run.joint_names.index(name) for name in found.strongest[: len(COLORS)]]
+    names, sides = _both_sides(outcome) if single else ([run.joint_names[k] for k in joints], run.motor_position.T[joints][:, :, None])
+    swings = [Curve(name, 1e3 * _swing(time, values[rows, 0]), *look) for name, values, look in zip(names, sides, COLORS, strict=False)]
+    torques = [Curve(run.joint_names[k], run.actual_torque[rows, k], *look, named=False) for look, k in zip(COLORS, joints, strict=False)]
+    panels = [Panel("swing", "mrad", swings, 0.55), Panel("torque", "N m", torques, 0.45)]
+    title = f"The last {CLOSE_PERIODS} periods: {frequency(found.found.frequency)}"
+    if found.moving:
+        title = f"The vibration about {digits(time[-1], 's', 3)}: {frequency(found.found.frequency)}"
+    caption = f"{', '.join(found.strongest[: len(COLORS)])} mainly, without the motion under it. "
+    caption += f"One period is {digits(2e3 * math.pi / found.found.frequency, 'ms', 3)}."
+    if outcome.limit is not None and 0 < outcome.limit.gain < math.inf:
+        caption += f" The linear loop predicts {hertz(outcome.limit.frequency)} where vibration begins; "
+        caption += "above the limit the frequency rises with the gains."
+    return stacked(time, panels, title, caption, 520)
+
+
+def _swing(time: Floats, values: Floats) -> Floats:
+    """Without mean and slope."""
+    line = np.column_stack([np.ones(len(time)), time - time.mean()])
+    return values - line @ np.linalg.lstsq(line, values, rcond=None)[0]
+
+
+def drawn_channels(outcome: Outcome) -> list[int]:
+    """The channels that have a picture: those that lead, then of what is left those furthest off; in the order of the tables."""
+    left = [k for k in outcome.others if outcome.tracking.peak[k] > MUJOCO.least]
+    return sorted([*outcome.leading, *left][:MOST_CHANNELS])
+
+
+def channels(outcome: Outcome) -> list[Html]:
+    """Each of them: commanded, seen and true, and the error."""
+    run, end = outcome.run, _shown(outcome)
+    looks = run.rows(slice(0, end, max(1, end // MOST_LOOKS)))
+    time, floor = run.time[:end], floor_of(outcome)
+
+    def picture(k: int) -> Html:
+        scale, unit, found = _scale(outcome, k), run.units[k], outcome.tracking
+        true = np.interp(time, looks.time, looks.actual[:, k])
+        curves = (
+            Curve("links", scale * _change(true), style.VERMILION, "dash"),
+            Curve("encoders", scale * _change(run.measured[:end, k]), style.BLUE),
+            Curve("commanded", scale * _change(run.reference[:end, k]), style.BLACK, "dot"),
+        )
+        error = [Curve("error", 1e3 * np.round(run.error[:end, k], ROUNDED), style.BLUE, named=False)]
+        panels = [Panel("moved", "rad" if scale == 1 else f"m{unit}", curves, 0.6), Panel("error", f"m{unit}", error, 0.4)]
+        left = "" if math.isnan(found.steady_state[k]) else f", {milli(float(found.steady_state[k]), floor)} left"
+        words = f"At most {milli(float(found.peak[k]), floor)} m{unit} off{left}."
+        return stacked(time, panels, run.channels[k], words, 330, most=SMALL_POINTS)
+
+    return [picture(k) for k in drawn_channels(outcome)]
+
+
+def pose(outcome: Outcome, spec: RobotSimulation, run: RobotRun) -> Html:
+    """The robot where it ended over where it began, with the way of its centre of mass."""
+    model, found = spec.model, outcome.oscillation if outcome.vibrates else None
+    looks = run.rows(slice(None, None, max(1, len(run.time) // POSES)))
+    postures = [looks.posture(row) for row in range(len(looks.time))] + [run.posture(-1)]
+    floats = model.body.base == "floating" and not model.contacts
+    if floats:  # it falls freely, soon out of every picture
+        postures = [np.concatenate([run.posture(0)[:7], posture[7:]]) for posture in postures]
+    start, end = (replace(model, q=postures[row]) for row in (0, -1))
+    centre = np.array([model.body.com(posture) for posture in postures])
+    view = view_of([start, end], 0.3 if found is None else 0.65)  # names stand between the sides
+    wide, high = view.high - view.low
+    parts = np.zeros(model.size, dtype=complex) if outcome.oscillation is None else outcome.oscillation.parts
+    limit = GainLimit(True, math.nan, math.nan, math.nan if found is None else found.found.frequency, parts, None)
+    traces, notes = drawn(end, limit, view, 15)
+    notes += [] if found is None else labels(end, limit, view, float(WIDTH / wide))
+    if run.ending == "fell":
+        place = {"xref": "x domain", "yref": "y domain", "xanchor": "right", "yanchor": "bottom"}
+        notes.append(style.label(1, 0, "<b>FELL</b>", style.VERMILION, **place) | {"font": {"size": 18, "color": "#b34a00"}})
+    bar = {"len": 0.7, "xpad": 4}
+    picture = {"data": [*ghost(start, view), *traces, *path(centre, view)], "layout": drawing_layout(limit, notes, view, [0, 1], bar)}
+    if not outcome.sound:
+        picture["layout"]["plot_bgcolor"] = style.UNSTABLE_GROUND
+    moved = float(np.linalg.norm(centre[-1] - centre[0]))
+    colored = " Joints are coloured by how far their motors swing, the one that swings most counting 1." if found is not None else ""
+    patches = " Dark patches are contact frames." if model.contacts else ""
+    caption = (
+        f"Faint: the start. Blue: the way of the centre of mass, {digits(1e3 * moved, 'mm', 3)} from end to end.{colored}{patches} What is "
+        "farther away is drawn up and to the right, at half scale."
+    )
+    caption = f"In free fall, drawn as if the base had stayed. {caption}" if floats else caption
+    title = f"Where it stood, and where it is after {digits(outcome.duration, 's', 3)}"
+    return figure(picture, title, caption, round(min(max(WIDTH * high / wide, 260), 460)), {"margin.l": 4, "margin.r": 4})

@@ -1,0 +1,143 @@
+"""What a simulation was of, key by key, and what it assumes."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from ..robot.ground import Sole
+from ..simulation.robot_simulation import RobotSimulation
+from ..simulation.spec import JointSimulation
+from ..studies.simulation import Outcome
+from .number_format import digits, milli, typed_gains
+from .robot_tables import angles_in_words, contacts_in_words, machine, span
+from .shared import filters
+
+Pair = tuple[str, str]
+
+
+def inputs(outcome: Outcome) -> list[Pair]:
+    """In the units of the file."""
+    spec, run = outcome.spec, outcome.run
+    ticks = f"{digits(1 / run.sample_time, 'Hz')}, {len(run.time)} rows over {digits(outcome.duration, 's')}"
+    own = _joint(spec, outcome.gain) if isinstance(spec, JointSimulation) else _robot(outcome)
+    return [*own, ("ticks", ticks)]
+
+
+def _joint(spec: JointSimulation, gain: float) -> list[Pair]:
+    joint, drive, controller = spec.joint.joint, spec.joint.drive, spec.joint.controller
+    return [
+        (
+            "joint",
+            f"J_M {joint.motor_inertia:g}, J_L {joint.link_inertia:g} kg m², K {joint.stiffness:g} N m/rad, B {joint.damping:g} N m s/rad",
+        ),
+        ("drive", f"current loop {drive.bandwidth:g} rad/s, ζ {drive.damping_ratio:g}, delay {1e3 * drive.delay:g} ms"),
+        ("control", f"{typed_gains(controller)}, all × {gain:g}; {spec.joint.feedback} side; {filters(controller)}"),
+        *((f"scenario.{key}", text) for key, text in spec.described.items()),
+    ]
+
+
+def _robot(outcome: Outcome) -> list[Pair]:
+    simulation = outcome.spec
+    assert isinstance(simulation, RobotSimulation)
+    spec, setup, scenario = simulation.spec, simulation.setup, simulation.spec.scenario
+    posture, contact = scenario.posture or next(iter(spec.robot.postures)), scenario.contact or next(iter(spec.robot.contacts))
+    size, channels = setup.body.size, zip(outcome.run.channels, simulation.way, outcome.run.units, strict=True)
+    way = ", ".join(f"{name} {milli(float(by))} m{unit}" for name, by, unit in channels if by)
+    footings = ", ".join(f"{one.frame} {math.degrees(one.slope):.3g}°, {milli(one.height, 1e-6)} mm high" for one in simulation.footings)
+    return [
+        *machine(spec),
+        ("gains", f"{_gains(simulation)}; all × {outcome.gain:g}"),
+        (f"posture {posture}", angles_in_words(spec.robot.postures[posture])),
+        (f"contact {contact}", f"{contacts_in_words(setup.contacts)}{_ground(simulation) if setup.contacts else ''}"),
+        *([("ground under the feet, slope and height", footings)] if footings else []),
+        ("move", f"{way} in {digits(simulation.moves_until, 's')}, quintic, from rest to rest" if way else "none: it holds still"),
+        ("Coulomb friction of the motors", span(np.broadcast_to(setup.coulomb, size), "N·m")),
+        ("viscous friction added to the motors", span(np.broadcast_to(scenario.viscous, size), "N·m·s/rad")),
+        ("torque limit", _limits(np.broadcast_to(setup.torque_limit, size))),
+        ("encoder steps, joint side", digits(1e3 * setup.encoder_step, "mrad", 3) if setup.encoder_step else "none"),
+        *(("assumed", text) for text in spec.assumptions),
+    ]
+
+
+def _ground(simulation: RobotSimulation) -> str:
+    ground = simulation.setup.ground
+    if ground is None:
+        return "; held where they are: they cannot slip or lift"
+    feet = [(one, ground.soles.get(one.frame, Sole())) for one in simulation.setup.contacts if one.kind != "point"]
+    soles = ", ".join(f"{one.frame} {_sole(sole) if one.kind == 'flat' else f'{sole.width:g} m wide'}" for one, sole in feet)
+    return f"; they may slip and lift: friction {ground.friction:g}{', soles ' if soles else ''}{soles}"
+
+
+def _sole(sole: Sole) -> str:
+    centre = f" about ({sole.center[0]:g}, {sole.center[1]:g}) m" if any(sole.center) else ""
+    return f"{sole.length:g} m × {sole.width:g} m{centre}"
+
+
+def _limits(limits: np.ndarray) -> str:
+    """Of the joints that have one."""
+    limited = np.isfinite(limits)
+    which = "" if limited.all() else f", {int(limited.sum())} of {len(limits)} joints"
+    return span(limits[limited], "N·m") + which if limited.any() else "none"
+
+
+def _gains(simulation: RobotSimulation) -> str:
+    """As the file has them, joints of the same gains together."""
+    law = simulation.spec.control.joints
+    if law is not None:
+        return ", ".join(f"{name} {span(np.broadcast_to(getattr(law, name), simulation.setup.body.size))}" for name in law.gain_names())
+    tasks = []
+    for task in simulation.setup.stack:
+        gains = {"kp": task.kp} | ({"kd": task.kd} if task.ki is None else {"kv": task.kd, "ki": task.ki})
+        tasks.append(
+            f"{task.name}: " + ", ".join(f"{name} {'/'.join(f'{g:g}' for g in np.atleast_1d(value))}" for name, value in gains.items())
+        )
+    return "; ".join(tasks)
+
+
+def assumptions(outcome: Outcome) -> str:
+    """What the run leaves out, and how it was made."""
+    return _ASSUMPTIONS[outcome.spec.kind](outcome)
+
+
+def _linear(outcome: Outcome) -> str:
+    return (
+        "Linear two-mass joint, stepped exactly from tick to tick: the torque is held in between, velocity is differenced as the "
+        "controller does it, the delay is exact. No dry friction, gravity, torque limit or encoder steps: the file's scenario adds them."
+    )
+
+
+def _testbed(outcome: Outcome) -> str:
+    text = (
+        "The same loop on a virtual testbed. Between ticks linear parts are exact; friction and gravity are constant over substeps of "
+        "25 µs and can create no energy. No backlash, no thermal effects."
+    )
+    sags = (
+        " The run starts at rest at the reference and without torque, so that gravity first pulls the joint down: peaks and RMS hold that."
+    )
+    return text + (sags if "gravity" in outcome.spec.effects else "")
+
+
+def _mujoco(outcome: Outcome) -> str:
+    assert isinstance(outcome.spec, RobotSimulation)
+    setup = outcome.spec.setup
+    contact = (
+        "held contacts are constraints that give way by a ten-thousandth" if setup.ground is None else "the ground pushes back within 2 ms"
+    )
+    text = (
+        "MuJoCo between the controller's ticks, its semi-implicit Euler steps read as a leapfrog and so short that the fastest vibration "
+        f"of the plant is 1 % too high at most. Every elastic joint is a motor behind a spring and a damper; {contact}. Torques come "
+        "through the delay and the current loop; no backlash. The controller knows the links exactly, "
+        f"sees the {setup.control.feedback} side of the gearboxes, takes its contacts as unmoved, and compensates the weight; its "
+        f"Jacobians are renewed every {setup.refresh} ticks."
+    )
+    if outcome.limit is None:
+        return text
+    return (
+        f"{text} The linear limit is that of small motions about the posture at the start, on contacts that hold, without this run's "
+        "Coulomb friction, torque limit and encoder steps; its viscous friction counts."
+    )
+
+
+_ASSUMPTIONS: dict[str, Callable[[Outcome], str]] = {"linear": _linear, "testbed": _testbed, "mujoco": _mujoco}
+"""By the kind of simulation."""

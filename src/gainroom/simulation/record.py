@@ -1,0 +1,153 @@
+"""What came of a run, tick by tick: one record for a joint, the joints of a loop and a whole robot."""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from typing import Literal, TypeVar
+
+import numpy as np
+
+from ..errors import GainroomError
+from ..linear.arrays import Floats
+from ..system.loop import Feedback
+
+HUGE = 1e150  # states beyond are about to overflow
+LAST = 0.1  # of the run: what the steady state is averaged over
+REFERENCE = "reference"
+LOGGED = ("target_torque", "demand_torque", "actual_torque", "motor_position", "link_position", REFERENCE)
+"""The columns of a log beside time, in their order."""
+Ending = Literal["completed", "diverged", "fell"]
+Unit = Literal["m", "rad"]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Run:
+    """One row per tick, k rows of n joints, joint side, SI; of part of a run, or of all of it.
+
+    time             (k,) [s]
+    reference, measured   (k, m) what the controller wanted and saw, by channel: joints [rad, m], or directions of tasks
+    motor_position, link_position   (k, n) where the two sides are [rad]
+    motor_reading, link_reading     (k, n) what their encoders say [rad]
+    target_torque    (k, n) what the controller asks for [N m]
+    demand_torque    (k, n) what has arrived at the current loop: the target, delayed and limited
+    actual_torque    (k, n) what the current loop has made of it
+    sample_time      [s]
+    feedback         the side that the controller measures
+    joint_names, channels   (n,) and (m,) names
+    ending           "completed" (or: goes on), "diverged" or "fell"
+    ended_at, reason   when [s] and why the run ended by itself; None and empty where it did not
+    """
+
+    time: Floats
+    reference: Floats
+    measured: Floats
+    motor_position: Floats
+    link_position: Floats
+    motor_reading: Floats
+    link_reading: Floats
+    target_torque: Floats
+    demand_torque: Floats
+    actual_torque: Floats
+    sample_time: float
+    feedback: Feedback
+    joint_names: tuple[str, ...]
+    channels: tuple[str, ...]
+    ending: Ending = "completed"
+    ended_at: float | None = None
+    reason: str = ""
+
+    @property
+    def units(self) -> tuple[Unit, ...]:
+        """(m,) of the channels."""
+        return ("rad",) * len(self.channels)
+
+    @property
+    def torque_units(self) -> tuple[str, ...]:
+        """(n,) of the joints' torques."""
+        return ("N·m",) * len(self.joint_names)
+
+    @property
+    def diverged(self) -> bool:
+        """True where the run ended because a joint ran away."""
+        return self.ending == "diverged"
+
+    @property
+    def diverged_at(self) -> float | None:
+        """[s]; None where nothing did."""
+        return self.ended_at if self.diverged else None
+
+    @property
+    def fed_back(self) -> Floats:
+        """(k, n) the true position of the side that is measured [rad]."""
+        return self.motor_position if self.feedback == "motor" else self.link_position
+
+    @property
+    def error(self) -> Floats:
+        """(k, m) reference less true position on the side that is fed back."""
+        return self.reference - self.fed_back
+
+    @cached_property
+    def actual(self) -> Floats:
+        """(k, m) the channels' values of the links themselves, which encoders before elastic gearboxes do not see."""
+        return self.link_position
+
+    @cached_property
+    def slip(self) -> Floats:
+        """(k, c) how far each contact frame is from where it started [m]."""
+        return np.zeros((len(self.time), 0))
+
+    def columns(self) -> dict[str, Floats]:
+        """What a log holds: `time` (k,), then each of LOGGED (k, n) that these joints have; positions as the encoders read them."""
+        columns = {name: getattr(self, name) for name in ("time", *LOGGED)}
+        return columns | {"motor_position": self.motor_reading, "link_position": self.link_reading}
+
+    def rows(self: "AnyRun", places: slice) -> "AnyRun":
+        """Some of the ticks."""
+        return replace(self, **{name: values[places] for name, values in self.ticking().items()})
+
+    def ticking(self) -> dict[str, Floats]:
+        """The fields with one row per tick, by name."""
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        return {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
+
+    def steady_error(self, last: float | None = None) -> Floats:
+        """(m,) mean error over the `last` seconds; None: the last tenth. Raises GainroomError for a run that did not last to its end."""
+        if self.ending != "completed":
+            raise GainroomError(f"simulation: no steady state: {self.reason}")
+        rows = round(LAST * len(self.time)) if last is None else round(last / self.sample_time)
+        return self.error[-max(1, rows) :].mean(axis=0)
+
+
+AnyRun = TypeVar("AnyRun", bound=Run)
+
+
+def joined(parts: Iterable[AnyRun]) -> AnyRun:
+    """Parts of one run, one after the other. Raises GainroomError where there is none."""
+    parts = list(parts)
+    if not parts:
+        raise GainroomError("a run needs at least one part")
+    return replace(parts[-1], **{name: np.concatenate([getattr(part, name) for part in parts]) for name in parts[-1].ticking()})
+
+
+def cut(run: Run, limit: float, first: int, ticks: int) -> Run:
+    """`run`, which begins at tick `first`, up to where it diverges, if it does.
+
+    That is before the first row in which a position lies beyond `limit` [rad] or a number is not finite, or where fewer than `ticks` rows
+    came, before the first that did not.
+    """
+    good = np.ones(ticks, dtype=bool)
+    good[len(run.time) :] = False
+    for name in ("motor_position", "link_position", "target_torque", "actual_torque"):
+        bound = limit if name.endswith("position") else np.finfo(float).max
+        good[: len(run.time)] &= (np.abs(getattr(run, name)) <= bound).all(axis=1)  # nan is not <= anything
+    if good.all():
+        return run
+    end = int(np.argmin(good))
+    why = f"a joint is further than {limit:g} rad away" if math.isfinite(limit) else "its numbers are no longer finite"
+    return ended(run.rows(slice(0, end)), "diverged", (first + end) * run.sample_time, f"the simulation diverged: {why}")
+
+
+def ended(run: AnyRun, ending: Ending, time: float, reason: str) -> AnyRun:
+    """`run`, which ended by itself at `time` [s]."""
+    return replace(run, ending=ending, ended_at=time, reason=f"{reason} after {time:.4g} s")

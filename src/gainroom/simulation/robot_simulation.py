@@ -1,0 +1,149 @@
+"""A robot.yaml's scenario as the simulation takes it."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from ..errors import GainroomError, named
+from ..linear.arrays import Floats
+from ..robot.ground import Footing, footings
+from ..robot.model import RobotModel
+from ..robot.name_patterns import select
+from ..robot.spec import RobotSpec
+from ..system.loop import Loop
+from .record import LOGGED, REFERENCE, Run
+from .robot_run import stream_robot
+from .robot_setup import RobotSetup, channel_count, hold, robot_setup
+from .spec import TORQUE_LIMIT, SimulationSpec, refuse_odd_run
+from .trajectories import Spline
+
+MOST_TICKS = 200_000
+"""Of one run, which is kept whole: 100 s at 2 kHz."""
+SMALL = 0.01
+"""[m, rad] of a move where none is given."""
+
+
+def require_sampled(spec: RobotSpec) -> None:
+    """Raises GainroomError for a continuous controller, which has no ticks to simulate."""
+    if spec.control.sample_time is None:
+        raise GainroomError(f"{spec.robot.name}: control.sample_rate_hz: is missing; the simulation runs a sampled controller")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotSimulation(SimulationSpec):
+    """A robot and its scenario.
+
+    spec    the whole file
+    setup   the robot as the scenario has it
+    model   its linear plant there, with the scenario's viscous friction
+    way     (m,) how far each channel moves
+    """
+
+    spec: RobotSpec
+    setup: RobotSetup
+    model: RobotModel
+    way: Floats
+
+    @classmethod
+    def of(cls, spec: RobotSpec) -> "RobotSimulation":
+        """Raises GainroomError for continuous control, and where the simulation cannot have it so."""
+        require_sampled(spec)
+        with named(spec.robot.name):
+            return cls._of(spec)
+
+    @classmethod
+    def _of(cls, spec: RobotSpec) -> "RobotSimulation":
+        scenario, setup = spec.scenario, _setup(spec)
+        refuse_odd_run(scenario.duration, setup.sample_time, MOST_TICKS)
+        way = _way(spec, setup)
+        there = {
+            "friction": np.any(setup.coulomb),
+            "encoder steps": setup.encoder_step > 0,
+            TORQUE_LIMIT: np.any(np.isfinite(setup.torque_limit)),
+            "the ground": setup.ground is not None,
+        }
+        effects = tuple(name for name, given in there.items() if given)
+        return cls(
+            kind="mujoco",
+            duration=scenario.duration,
+            sample_time=setup.sample_time,
+            joint_names=setup.body.joint_names,
+            signals=tuple(name for name in LOGGED if name != REFERENCE or spec.control.space == "joint"),
+            moves_until=scenario.move_duration if way.any() else 0.0,
+            encoder_step=setup.encoder_step,
+            torque_limit=setup.torque_limit,
+            is_linear=not effects,
+            effects=effects,
+            contact_frames=tuple(contact.frame for contact in setup.contacts),
+            warnings=spec.warnings,
+            spec=spec,
+            setup=setup,
+            model=replace(spec.robot, actuators=setup.actuators).linearize(scenario.posture, scenario.contact),
+            way=way,
+        )
+
+    def stream(self, gain: float) -> Iterator[Run]:
+        with named(self.spec.robot.name):
+            time = self.sample_time * np.arange(len(hold(self.setup, self.duration)))
+            offsets = Spline.move(self.way, self.spec.scenario.move_duration, order=5).position(time)
+            yield from stream_robot(self.setup, offsets, gain=gain)
+
+    def loop(self, gain: float = 1.0) -> Loop:
+        """On contacts that hold."""
+        return self.spec.loop(self.model).scaled(gain)
+
+    def at_rest(self, run: Run) -> slice:
+        """Of a run that ran away, its second half."""
+        first = round(self.moves_until / self.sample_time) if run.ending == "completed" else len(run.time) // 2
+        return slice(first, len(run.time))
+
+    @cached_property
+    def footings(self) -> tuple[Footing, ...]:
+        """What the feet stand on; empty where they are held."""
+        setup = self.setup
+        return footings(setup.body, setup.q, setup.contacts) if setup.ground is not None and setup.gravity else ()
+
+    @property
+    def immovable(self) -> tuple[str, ...]:
+        """Directions of tasks that are to move and that nothing can move here, such as the centre of mass in flight."""
+        if self.spec.control.space == "joint":
+            return ()
+        tasks = self.spec.robot.tasks(self.model, self.spec.control.rotors)
+        return tuple(tasks.directions[k] for k in np.flatnonzero((self.way != 0) & ~tasks.movable).tolist())
+
+
+def _setup(spec: RobotSpec) -> RobotSetup:
+    """The robot as its scenario has it."""
+    scenario = spec.scenario
+    setup = robot_setup(
+        spec,
+        scenario.posture,
+        scenario.contact,
+        coulomb=scenario.coulomb,
+        torque_limit=scenario.torque_limit,
+        encoder_step=scenario.resolution,
+        ground=scenario.ground,
+    )
+    viscous = setup.actuators.motor_viscous + scenario.viscous
+    return replace(setup, actuators=replace(setup.actuators, motor_viscous=viscous))
+
+
+def _way(spec: RobotSpec, setup: RobotSetup) -> Floats:
+    """(m,) how far each channel moves. Raises GainroomError where `by` does not fit."""
+    scenario, size = spec.scenario, setup.body.size
+    if spec.control.space == "joint":
+        places = list(range(size) if scenario.joint is None else select(scenario.joint, setup.body.joint_names, "scenario.move.joint"))
+        usual = 0.0 if setup.contacts else SMALL  # joints of closed legs cannot all move as one likes
+    else:
+        counts = [size if task.kind == "posture" else 3 for task in setup.stack]
+        moved = 0 if scenario.task is None else [task.name for task in setup.stack].index(scenario.task)
+        places = list(range(sum(counts[:moved]), sum(counts[: moved + 1])))
+        usual = SMALL if setup.stack[moved].kind == "posture" else (SMALL, 0.0, 0.0)
+    by = np.atleast_1d(usual if scenario.by is None else scenario.by)
+    if len(by) not in (1, len(places)):
+        raise GainroomError(f"scenario.move.by: {len(by)} numbers must be one, or {len(places)}")
+    way = np.zeros(channel_count(setup))
+    way[places] = by
+    return way

@@ -1,0 +1,88 @@
+"""How well a run follows its reference: the numbers that sum it up."""
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from ..linear.arrays import Floats
+from .record import LAST
+
+SETTLED = 0.02  # of the move: the usual band of the settling time
+
+
+@dataclass(frozen=True)
+class Tracking:
+    """How what is fed back follows its reference; each (n,), in its unit: rad, and m for tasks in space.
+
+    rms, peak       of x_d − x over the whole run
+    steady_state    mean of x_d − x over the last tenth of the run
+    overshoot       furthest beyond the final reference, as a part of the way there from where x began; nan where there is no way
+    settling_time   from the reference's first change until x stays within 2 % of that way around the final reference, and is seen to for
+                    at least a tenth of what is judged [s]; inf where it does not until the end, nan where there is no way
+    """
+
+    rms: Floats
+    peak: Floats
+    steady_state: Floats
+    overshoot: Floats
+    settling_time: Floats
+
+
+class Tracked(Protocol):
+    """A run of k ticks and what it was to follow, each (k, m)."""
+
+    @property
+    def time(self) -> Floats: ...
+    @property
+    def reference(self) -> Floats: ...
+    @property
+    def error(self) -> Floats: ...
+
+
+def track(response: Tracked, until: float = math.inf) -> Tracking:
+    """The numbers of a run, however it ended.
+
+    until   when something else sets in [s], such as a disturbance: overshoot and settling are those before it, and a settling that it
+            cut short is nan
+    """
+    error = response.error
+    last = max(1, round(LAST * len(error)))
+    rows = max(1, int(np.searchsorted(response.time, until)))
+    over, settled = np.transpose([_arrival(response, joint, rows) for joint in range(error.shape[1])])
+    return Tracking(
+        rms=np.sqrt(np.mean(error**2, axis=0)),
+        peak=np.abs(error).max(axis=0),
+        steady_state=error[-last:].mean(axis=0),
+        overshoot=over,
+        settling_time=settled,
+    )
+
+
+def _arrival(response: Tracked, joint: int, rows: int) -> tuple[float, float]:
+    """(overshoot, settling time) of one joint within the first `rows`."""
+    reference = response.reference[:rows, joint]
+    position = reference - response.error[:rows, joint]
+    way = reference[-1] - position[0]
+    if way == 0:
+        return math.nan, math.nan
+    beyond = (position - reference[-1]) / way  # −1 at the start, 0 at the goal
+    overshoot = max(0.0, float(beyond.max()))
+    outside = np.flatnonzero(np.abs(beyond) > SETTLED)
+    arrived = int(outside[-1]) + 1 if len(outside) else 0
+    if len(beyond) - arrived < LAST * len(beyond):  # inside by chance, for all that is known
+        return overshoot, math.nan if rows < len(response.time) else math.inf
+    begin = response.time[_departure(reference)]
+    return overshoot, max(0.0, float(response.time[arrived] - begin))
+
+
+def _departure(reference: Floats) -> int:
+    """The row at which `reference` (k,) begins to change: a jump is there at once, what sets out from rest was still there a row before."""
+    moved = np.flatnonzero(reference != reference[0])
+    if not len(moved):
+        return 0
+    first = int(moved[0])
+    way = np.abs(reference[first : first + 2] - reference[first - 1])
+    jumps = len(way) < 2 or way[1] - way[0] < way[0]
+    return first if jumps else first - 1

@@ -1,0 +1,305 @@
+"""The judge of a run: which vibration is in it, and whether it lasts.
+
+It is looked for after the last event, where nothing changes from outside any more. What is stepped exactly is simulated on where that comes
+late, and to see that what a stable linear loop shows does not decay after all; MuJoCo's runs are also searched under the motion.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..analysis.gain_limit import GainLimit
+from ..analysis.stability import rightmost_roots
+from ..linear.arrays import Complexes, Floats
+from ..simulation.oscillation import LONGEST, SHORTEST, Vibration, parts_in, rows_after, vibration
+from ..simulation.record import Run
+from ..simulation.spec import LATE, SimulationSpec
+
+LASTING = 1e-3  # damping ratio below which a vibration on hardware is sustained: what ends its growth there is friction or the torque limit
+RESTING = 0.1  # damping ratio above which an oscillation is a joint coming to rest
+HARMONICS = 5.0  # times a moving reference's own frequency: most of what friction makes of it lies below
+STEADY = 0.1  # of itself: a vibration that changes less over what is looked at is sustained
+PATIENCE = 7.0  # time constants: what comes to rest has left a thousandth then
+HELD = 0.7  # of its size before: irregular motion that falls below decays
+FRICTION_STARTS = (
+    1e-4  # [m, rad] a smaller one is none while it moves: friction strikes as the motion starts and turns, which rings a while
+)
+PREDICTED = 1e-6  # [m, rad] likewise of the very one that the linear loop, unstable, predicts
+WINDOWS = 8  # that a motion is cut into, each overlapping the next by half: friction lets a vibration come and go
+NEAR = 0.15  # relative: how far the frequency may be from that at the limit. It rises with the gains, and other postures have others
+SAME, TIMES = 0.05, 3  # a vibration that no limit predicts must be in so many windows in a row, at frequencies no further apart, relatively
+SPLINE = 5 * 4 * math.pi  # [rad] over a spline's duration: it has next to nothing beyond a fifth of that, and friction makes little of it
+STRONG = 0.5  # of the largest part: what swings so much takes part
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """What is too small to be a vibration [m, rad].
+
+    gone    what has decayed so far is none
+    least   nobody sees less on hardware
+    steps   times the encoders' step, or the noise's deviation: what these make of a stable loop by themselves
+    """
+
+    gone: float
+    least: float
+    steps: float
+
+
+EXACT = Thresholds(gone=1e-9, least=1e-6, steps=3.0)
+MUJOCO = Thresholds(gone=1e-5, least=1e-5, steps=10.0)
+"""Contacts and constraints give way, and gears ring, by less."""
+
+
+@dataclass(frozen=True)
+class Oscillation:
+    """A vibration in a run.
+
+    found       frequency, growth and amplitude [m, rad]: of the error after the last event; of the motor that swings most while it moves
+    rows        of the run in which it was found, or which it goes on after
+    lasts       it grows, or does not decay, and is not too small: it counts
+    sustained   it neither grows nor decays over what was looked at
+    moving      found while the reference moved, or before the run ended by itself
+    irregular   noise or encoder steps drive it so that it has no tone: `found` has the same power, at its mean frequency
+    names, parts   (j,) what swings: a joint's sides, or a robot's motors; and how, complex, the largest 1
+    swing       of what swings most, at the end of those rows [m, rad]
+    least       a smaller amplitude does not count [m, rad]
+    """
+
+    found: Vibration
+    rows: slice
+    names: tuple[str, ...]
+    parts: Complexes
+    swing: float
+    lasts: bool = False
+    sustained: bool = False
+    moving: bool = False
+    irregular: bool = False
+    least: float = 0.0
+
+    @property
+    def strongest(self) -> tuple[str, ...]:
+        """Names of what takes part, the strongest first, those that differ by round-off alone in their order."""
+        parts = np.abs(self.parts)
+        order = np.argsort(-np.round(parts / parts.max(), 6), kind="stable")
+        return tuple(self.names[k] for k in order.tolist() if parts[k] >= STRONG * parts.max())
+
+
+@dataclass(frozen=True)
+class _Record:
+    """Where nothing changes from outside: (k, m) the error, and (k, j) what swings, by name.
+
+    Only what is faster than `above` [rad/s] counts.
+    """
+
+    error: Floats
+    swinging: Floats
+    names: tuple[str, ...]
+    rows: slice
+    above: float = 0.0
+
+
+def judge(spec: SimulationSpec, gain: float, run: Run, limit: GainLimit | None) -> tuple[Oscillation | None, float]:
+    """The vibration in a run with all gains times `gain`: the one that lasts, else one that decays; None where nothing rings.
+
+    limit   of the linear loop, as a factor on the gains of the run; None: they move nothing
+
+    Second: how noise and encoder steps move the joint where no vibration lasts, RMS [rad]. A loop that is linear in truth vibrates only
+    where it is unstable, whatever a short record looks like. Of a robot's run that ended early only an unstable linear loop is looked at:
+    what swings as a robot topples is no vibration.
+    """
+    stable, completed = limit is None or limit.stable, run.ending == "completed"
+    if not spec.is_exact:
+        rest = None
+        if completed or (run.diverged and not stable):
+            rest, _ = _judged(spec, _at_rest(spec, run), stable)
+        return (rest if rest is not None and rest.lasts else _in_motion(spec, run, limit) or rest), 0.0
+    found, shaking = _judged(spec, _quiet(spec, gain, run), stable, irregular=completed)
+    if found is not None and found.lasts and stable and completed:
+        again, shaken = _judged(spec, _settled(spec, gain), stable=True)
+        if again is None or not again.lasts:
+            return again, shaken
+    return found, shaking
+
+
+def _judged(spec: SimulationSpec, record: _Record, stable: bool, irregular: bool = True) -> tuple[Oscillation | None, float]:
+    """What is in `record`, and irregular motion where no vibration lasts; `stable`: the linear loop."""
+    sizes, unsteady = EXACT if spec.is_exact else MUJOCO, max(spec.noise, spec.encoder_step)
+    least = max(sizes.least, sizes.steps * unsteady)
+    if spec.is_exact:
+        least = 0.0 if spec.is_linear else least if stable else sizes.least
+    possible = not (spec.is_exact and spec.is_linear and stable)
+    found = vibration(record.error, spec.sample_time, above=record.above) if len(record.error) >= SHORTEST else None
+    told = None
+    if found is not None and found.damping_ratio <= RESTING and not (found.growth_rate < 0 and found.amplitude < sizes.gone):
+        told = _oscillation(spec, record, found, least, possible)
+    if (told is not None and told.lasts) or not (spec.is_exact and irregular and unsteady > 0 and record.above == 0):
+        return told, 0.0
+    shaken, held = _irregular(spec, record)
+    if shaken is None:
+        return told, 0.0
+    size = shaken.swing / math.sqrt(2)
+    if possible and held and shaken.swing > least:
+        return replace(shaken, least=least), size
+    return told, size
+
+
+def _oscillation(spec: SimulationSpec, record: _Record, found: Vibration, least: float, possible: bool) -> Oscillation:
+    """With its parts and size over the last periods: over a whole record a pole and a limit cycle drift apart in phase."""
+    parts = parts_in(record.swinging, spec.sample_time, found)
+    largest = complex(parts[np.argmax(np.abs(parts))])
+    swing, size = float(np.abs(parts).max()), found.amplitude
+    if spec.is_exact:
+        size = min(size, swing)
+    lasts = possible and _lasts(found, spec.is_linear) and size > least
+    sustained = lasts and not spec.is_linear and abs(found.damping_ratio) < LASTING
+    if spec.is_exact:
+        sustained = sustained and abs(found.growth_rate) * min(len(record.error), LONGEST) * spec.sample_time < STEADY
+    if lasts and spec.is_exact:
+        found = replace(found, amplitude=swing)
+    return Oscillation(found, record.rows, record.names, parts / largest, swing, lasts, sustained, least=least)
+
+
+def _lasts(found: Vibration, linear: bool) -> bool:
+    """Whether it does not decay; `linear`: nothing there could hold it at its size."""
+    return found.growth_rate > 0 if linear else found.damping_ratio < LASTING
+
+
+def _irregular(spec: SimulationSpec, record: _Record) -> tuple[Oscillation | None, bool]:
+    """What moves without a tone in the last third, and whether the third before was no stronger; None where nothing moves.
+
+    Reported as an oscillation with the power of what moves most, at the mean of its frequency (root of the mean square, by power).
+    """
+    third = len(record.swinging) // 3
+    if third < SHORTEST:
+        return None, False
+    line = np.linspace(-1, 1, third)[:, None] ** np.arange(2)
+    thirds = (record.swinging[-2 * third : -third], record.swinging[-third:])
+    before, last = (part - line @ np.linalg.lstsq(line, part, rcond=None)[0] for part in thirds)
+    sizes = last.std(axis=0)
+    most = int(np.argmax(sizes))
+    size = float(last[:, most].std())
+    if size == 0:
+        return None, False
+    power = np.abs(np.fft.rfft(last[:, most] * np.hanning(third))) ** 2
+    omega = 2 * math.pi * np.fft.rfftfreq(third, spec.sample_time)
+    mean = math.sqrt(float(np.average(omega**2, weights=power)))
+    held = bool(size >= HELD * before.std(axis=0).max())
+    found = Vibration(mean, 0.0, math.sqrt(2) * size)
+    parts = (sizes / sizes.max()).astype(complex)
+    return Oscillation(found, record.rows, record.names, parts, found.amplitude, lasts=True, sustained=True, irregular=True), held
+
+
+def _at_rest(spec: SimulationSpec, run: Run) -> _Record:
+    """After the reference came to rest."""
+    rows = spec.at_rest(run)
+    return _Record(run.error[rows], run.motor_position[rows], run.joint_names, rows)
+
+
+def _quiet(spec: SimulationSpec, gain: float, run: Run) -> _Record:
+    """Where to look in a joint's run.
+
+    Where something still changes late in the run, what follows that is no vibration: the same is run on for as long again, its reference
+    held. On hardware, where friction might stop it then, a reference that swings goes on, and only what is much faster counts.
+    """
+    late, duration = spec.last_event, spec.duration
+    if run.diverged:
+        return _sides(run, spec.at_rest(run))
+    swings = spec.fastest > 0 and spec.moves_until >= duration and not spec.is_linear
+    if swings and spec.disturbed_from <= LATE * duration:
+        return _sides(run, rows_after(run, max(spec.disturbed_from, duration / 2)), HARMONICS * spec.fastest)
+    if late <= LATE * duration:
+        return _sides(run, spec.at_rest(run))
+    rest = min(spec.ticks, LONGEST)
+    return _run_on(spec, gain, rest, rest, swings)
+
+
+def _settled(spec: SimulationSpec, gain: float) -> _Record:
+    """Run on until the stable linear loop has come to rest, and looked at for as long as a link takes whose motor friction holds.
+
+    What a short record shows may be a joint on its way to rest; a vibration that friction, steps or a limit sustain is still there then.
+    """
+    longest = LONGEST * spec.sample_time
+    rate = -float(rightmost_roots(spec.loop(gain), count=1).roots[0].real)
+    held = spec.link_decay or rate
+    wait, look = (min(PATIENCE / max(slow, PATIENCE / longest), longest) for slow in (rate, min(rate, held)))
+    rest = round(look / spec.sample_time)
+    return _run_on(spec, gain, round(wait / spec.sample_time) + rest, rest, spec.fastest > 0 and spec.moves_until >= spec.duration)
+
+
+def _run_on(spec: SimulationSpec, gain: float, further: int, rest: int, swings: bool) -> _Record:
+    """The last `rest` of `further` ticks after the run; `swings`: its reference goes on, else it is held."""
+    record = _sides(spec.continued(gain, further, swings), slice(-rest, None), HARMONICS * spec.fastest if swings else 0.0)
+    return replace(record, rows=slice(0, None))
+
+
+def _sides(run: Run, rows: slice, above: float = 0.0) -> _Record:
+    """The true error of both sides."""
+    error = (run.reference - np.hstack([run.motor_position, run.link_position]))[rows]
+    return _Record(error, error, ("the motor side", "the link side"), rows, above)
+
+
+def _in_motion(spec: SimulationSpec, run: Run, limit: GainLimit | None) -> Oscillation | None:
+    """The strongest that is sustained from window to window, or that in one is the one that an unstable loop predicts.
+
+    Above the reference's own frequencies, in the motors' accelerations: there a vibration stands out of the motion under it.
+    """
+    tick, ended, moved = run.sample_time, run.ending != "completed", spec.moves_until
+    unstable = limit is not None and not limit.stable
+    end = len(run.time) if ended else min(len(run.time), round(moved / tick))
+    if ended and not unstable:
+        return None
+    lowest = SPLINE / moved if moved > 0 else 0.0
+    if unstable and limit is not None and limit.frequency > 0:
+        lowest = max(lowest, (1 - NEAR) * limit.frequency) if ended else min(lowest, (1 - NEAR) * limit.frequency)
+    found = [(rows, _in_window(run, rows, lowest)) for rows in _windows(end)]
+    lasting: list[tuple[slice, Vibration]] = []
+    least = max(FRICTION_STARTS, MUJOCO.steps * spec.encoder_step)
+    for index, (rows, one) in enumerate(found):
+        if one is None:
+            continue
+        row = [earlier for _, earlier in found[max(0, index - TIMES + 1) : index + 1] if earlier is not None]
+        again = len(row) == TIMES and all(_alike(earlier, one.frequency, SAME) and earlier.amplitude > least for earlier in row)
+        predicted = unstable and limit is not None and one.amplitude > PREDICTED and _alike(one, limit.frequency, NEAR)
+        if again or predicted:
+            lasting.append((rows, one))
+    if not lasting:
+        return None
+    rows, strongest = max(lasting, key=lambda pair: pair[1].amplitude)
+    turn = complex(strongest.growth_rate, strongest.frequency)
+    parts = parts_in(_accelerations(run, rows), tick, strongest) / turn**2  # in the positions the motion would drown it
+    largest = complex(parts[np.argmax(np.abs(parts))])
+    return Oscillation(strongest, rows, run.joint_names, parts / largest, abs(largest), lasts=True, moving=True)
+
+
+def _alike(one: Vibration, frequency: float, within: float) -> bool:
+    return abs(one.frequency - frequency) <= within * frequency
+
+
+def _windows(end: int) -> list[slice]:
+    """Of `end` ticks; none where they are too few to tell anything."""
+    size = max(SHORTEST + 2, 2 * end // (WINDOWS + 1))
+    return [slice(first, first + size) for first in range(0, end - size + 1, max(1, size // 2))]
+
+
+def _in_window(run: Run, rows: slice, lowest: float) -> Vibration | None:
+    """What grows or is sustained there, with the amplitude of the motors' swing [m, rad]."""
+    found = vibration(_accelerations(run, rows), run.sample_time, above=lowest)
+    if found is None or not _lasts(found, linear=False):
+        return None
+    return Vibration(found.frequency, found.growth_rate, found.amplitude / found.frequency**2)
+
+
+def _accelerations(run: Run, rows: slice) -> Floats:
+    """(k - 2, n) of the motors [m/s², rad/s²]."""
+    return np.diff(run.motor_position[rows], n=2, axis=0) / run.sample_time**2
+
+
+def torque_chatter(run: Run, moved: float) -> Floats:
+    """(n,) RMS of the actual torque beyond the frequencies of a spline that ends at `moved` [s] [N m], over the whole run."""
+    count = len(run.time)
+    taper = np.hanning(count)[:, None]
+    waves = np.fft.rfft(taper * (run.actual_torque - run.actual_torque.mean(axis=0)), axis=0)
+    waves[: math.ceil(SPLINE / (moved or run.time[-1] + run.sample_time) / (2 * math.pi) * count * run.sample_time)] = 0
+    return np.sqrt(np.mean(np.fft.irfft(waves, count, axis=0) ** 2, axis=0) / max(float(np.mean(taper**2)), 1e-300))

@@ -1,0 +1,185 @@
+"""A scenario simulated and judged: how it tracks, whether it vibrates, runs away or falls, and what the linear loop predicts."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from ..analysis.gain_limit import GainLimit
+from ..errors import GainroomError
+from ..linear.arrays import Floats
+from ..simulation.oscillation import Vibration
+from ..simulation.record import Run, joined
+from ..simulation.spec import TORQUE_LIMIT, SimulationSpec
+from ..simulation.tracking import Tracking, track
+from .oscillation import Oscillation, judge, torque_chatter
+from .robot import limit_of, moves
+
+CHATTER = 0.1
+"""Of a joint's torque peak: torque beyond the reference's frequencies that is reported, RMS."""
+LOOKS = 2000
+"""Ticks at most at which the feet are looked at, which takes longer than to simulate them."""
+
+Progress = Callable[[int, int, str], None]
+"""Called with (steps done, steps in all, what comes next)."""
+
+
+class Interrupted(Exception):  # noqa: N818 - asked for, not an error
+    """The run was asked to end; `time` [s] is what was simulated, and is in the log."""
+
+    def __init__(self, time: float) -> None:
+        super().__init__(f"interrupted at {time:g} s")
+        self.time = time
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What `gainroom simulate` finds, for one joint or a robot.
+
+    gain            factor on all gains
+    run             tick by tick
+    tracking        by channel; of a run that ended early only `rms` and `peak`, the others are NaN
+    torque_peak, torque_rms   (n,) of the actual torque [N m]
+    at_torque_limit (n,) share of the ticks at which the demand torque is cut
+    slip            (c,) furthest that each contact frame was from where it started [m]; (0,) without contacts
+    oscillation     the vibration that lasts, else one that decays; None where nothing rings
+    shaking         how noise and encoder steps move a joint in which no vibration lasts, RMS [rad]
+    chatter         (n,) RMS of the actual torque beyond the reference's frequencies [N m]; zeros where the reference is not smooth
+    limit           what the linear sampled loop predicts, the scenario's viscous friction included, as a factor on the gains of the run;
+                    None where the gains move nothing
+    """
+
+    spec: SimulationSpec
+    gain: float
+    run: Run
+    tracking: Tracking
+    torque_peak: Floats
+    torque_rms: Floats
+    at_torque_limit: Floats
+    slip: Floats
+    oscillation: Oscillation | None
+    shaking: float
+    chatter: Floats
+    limit: GainLimit | None
+
+    @property
+    def completed(self) -> bool:
+        """It lasted to its end."""
+        return self.run.ending == "completed"
+
+    @property
+    def duration(self) -> float:
+        """[s] that were simulated."""
+        return len(self.run.time) * self.run.sample_time
+
+    @property
+    def vibration(self) -> Vibration | None:
+        """Also one that decays or is too small to count."""
+        return None if self.oscillation is None else self.oscillation.found
+
+    @property
+    def vibrates(self) -> bool:
+        """A vibration grows, or does not decay."""
+        return self.oscillation is not None and self.oscillation.lasts
+
+    @property
+    def stable(self) -> bool:
+        """What the linear loop says at these gains; True where they move nothing."""
+        return self.limit is None or self.limit.stable
+
+    @property
+    def hidden(self) -> bool:
+        """The linear loop is unstable, and nothing that lasts is seen."""
+        return self.completed and not self.vibrates and not self.stable
+
+    @property
+    def sound(self) -> bool:
+        """It lasted to its end, does not vibrate, and the linear loop is stable."""
+        return self.completed and not self.vibrates and self.stable
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """What there is beside the linear loop and took part in this run."""
+        return tuple(name for name in self.spec.effects if name != TORQUE_LIMIT or self.at_torque_limit.any())
+
+    @cached_property
+    def chattering(self) -> int | None:
+        """The joint whose torque shakes most, where that is much of it."""
+        worst = int(np.argmax(self.chatter))
+        return worst if self.completed and self.chatter[worst] > CHATTER * self.torque_peak[worst] else None
+
+    @cached_property
+    def leading(self) -> tuple[int, ...]:
+        """The channels that show how well it tracks, the one that is furthest off first, all in one unit: those that move, if any."""
+        units, reference = self.run.units, self.run.reference
+        moved = np.flatnonzero((reference != reference[:1]).any(axis=0))
+        among = moved.tolist() if len(moved) else list(range(len(units)))
+        return tuple(sorted((k for k in among if units[k] == units[among[0]]), key=lambda k: -self.tracking.peak[k]))
+
+    @property
+    def worst_at_end(self) -> int:
+        """Of those, the one whose steady-state error is the largest; the first where there is no steady state."""
+        return max(self.leading, key=lambda k: np.nan_to_num(abs(self.tracking.steady_state[k])))
+
+    @cached_property
+    def others(self) -> tuple[int, ...]:
+        """All other channels, the one that is furthest off first, whatever its unit."""
+        return tuple(sorted(set(range(len(self.run.units))) - set(self.leading), key=lambda k: -self.tracking.peak[k]))
+
+
+def simulate_study(
+    spec: SimulationSpec,
+    gain: float = 1.0,
+    rows: Callable[[Run], None] = lambda part: None,
+    progress: Progress = lambda done, total, what: None,
+    interrupted: Callable[[], bool] = lambda: False,
+) -> Outcome:
+    """Simulate the scenario with all gains times `gain`, and judge it.
+
+    rows          takes every part of the run as it is computed, for a log
+    progress      is given ticks done, ticks in all, ""
+    interrupted   is asked between parts whether to stop
+
+    Raises Interrupted, and GainroomError where the hardware does not fit the loop, or MuJoCo is missing or cannot simulate the robot.
+    """
+    parts, done = [], 0
+    for part in spec.stream(gain):
+        rows(part)
+        parts.append(part)
+        done += len(part.time)
+        progress(done, max(done, spec.ticks), "")
+        if interrupted():
+            raise Interrupted(done * spec.sample_time)
+    run = joined(parts)
+    if not len(run.time):
+        raise GainroomError("the first torques are not finite: the gains are too large to compute with")
+    loop = spec.loop(gain)
+    limit = limit_of(loop) if moves(loop) else None
+    oscillation, shaking = judge(spec, gain, run, limit)
+    torque, nothing = run.actual_torque, np.zeros(len(run.joint_names))
+    return Outcome(
+        spec,
+        gain,
+        run,
+        _tracking(spec, run),
+        np.abs(torque).max(axis=0),
+        np.sqrt(np.mean(torque**2, axis=0)),
+        np.mean(np.abs(run.demand_torque) >= spec.torque_limit, axis=0),
+        run.rows(slice(None, None, max(1, len(run.time) // LOOKS))).slip.max(axis=0),
+        oscillation,
+        shaking,
+        nothing if spec.is_exact else torque_chatter(run, spec.moves_until),
+        limit,
+    )
+
+
+def _tracking(spec: SimulationSpec, run: Run) -> Tracking:
+    """A move is judged up to a disturbance that comes after it; a reference that swings goes nowhere."""
+    found, nothing = (
+        track(run, spec.disturbed_from if spec.disturbed_from > spec.moves_until else np.inf),
+        np.full(len(run.channels), np.nan),
+    )
+    if spec.fastest > 0 or run.ending != "completed":
+        found = replace(found, overshoot=nothing, settling_time=nothing)
+    return replace(found, steady_state=nothing) if spec.swings_on or run.ending != "completed" else found
