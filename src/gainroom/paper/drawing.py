@@ -25,7 +25,6 @@ SIDES = {  # of a name: plotly's anchors, and a shift [px]
 }
 BAND, SHADE, BAR = "rgba(0,0,0,0.07)", "rgba(0,114,178,0.10)", "#c8c8c8"
 GAP = 0.08  # of the height, between panels
-TURN = 2 * math.pi
 
 
 def drawn(picture: Picture) -> Html:
@@ -63,24 +62,19 @@ def plotly_figure(picture: Picture) -> dict[str, Any]:
 
 
 def _x_axes(picture: Picture) -> dict[str, Any]:
-    count, low, high = len(picture.panels), *picture.x_range
-    common = {"anchor": f"y{count}" if count > 1 else "y", "fixedrange": True}
-    if picture.logarithmic:
-        axes = {"xaxis": style.log_axis(picture.x_title, low, high, **common)}
-    else:
-        axes = {"xaxis": style.axis(picture.x_title, range=[low, high], **common)}
-    if picture.places:
-        axes["xaxis"] |= {"tickvals": list(range(len(picture.places))), "ticktext": list(picture.places)}
     if picture.hertz:
-        above = {"side": "top", "anchor": "y", "matches": "x", "showgrid": False, "fixedrange": True}
-        axes["xaxis2"] = style.log_axis("frequency [Hz]", low, high, TURN, **above)
-    return axes
+        return style.frequency_axes(*picture.x_range)
+    anchor = "y" if len(picture.panels) == 1 else f"y{len(picture.panels)}"
+    if picture.logarithmic:
+        return {"xaxis": style.log_axis(picture.x_title, *picture.x_range, anchor=anchor)}
+    names = {"tickvals": list(range(len(picture.places))), "ticktext": list(picture.places)} if picture.places else {}
+    return {"xaxis": style.axis(picture.x_title, range=list(picture.x_range), anchor=anchor, **names)}
 
 
 def _y_axis(panel: Panel, **parts: Any) -> dict[str, Any]:
     if panel.logarithmic:
-        return style.log_axis(panel.title, *panel.heights, fixedrange=True, **parts)
-    return style.axis(panel.title, range=list(panel.heights), dtick=panel.step, fixedrange=True, **parts)
+        return style.log_axis(panel.title, *panel.heights, **parts)
+    return style.axis(panel.title, range=list(panel.heights), dtick=panel.step, **parts)
 
 
 def _line(curve: Curve, place: int, axes: dict[str, str]) -> style.Trace:

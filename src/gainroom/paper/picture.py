@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..linear.arrays import Complexes, Floats
+from ..linear.arrays import Floats
+from ..report.bode import response
 from ..system.loop import Loop
 
 AXIS = (1.0, 1e5)  # [rad/s] of every Bode plot in the paper
@@ -85,7 +86,7 @@ def bode(
     marks: tuple[Mark, ...] = (),
 ) -> Picture:
     """Magnitude [dB] and phase [°] of scalar continuous loops by their names, over AXIS; `marks` are on the magnitudes."""
-    drawn = [(name, *_response(loop)) for name, loop in loops.items()]
+    drawn = [(name, *response(loop, *AXIS)) for name, loop in loops.items()]
     panels = (
         Panel("magnitude [dB]", magnitudes, tuple(Curve(name, omega, size) for name, omega, size, _ in drawn), marks, levels=(0.0,)),
         Panel(
@@ -102,25 +103,3 @@ def bode(
 def decibels(loop: Loop, omega: float) -> float:
     """|L(jω)| [dB] of a scalar loop."""
     return float(20 * np.log10(np.abs(loop.response(omega).item())))
-
-
-def _response(loop: Loop) -> tuple[Floats, Floats, Floats]:
-    """omega [rad/s], magnitude [dB] and phase [°]; the phase is the sum of its roots' angles, hence continuous without unwrapping."""
-    system = loop.scalar
-    assert system is not None
-    omega = _grid(np.concatenate([system.zeros, system.poles]), system.delay)
-    phase = np.full(len(omega), 0.0 if system.gain > 0 else -np.pi) - omega * system.delay
-    for roots, sign in ((system.zeros, 1), (system.poles, -1)):
-        phase += sign * np.angle(1j * omega[:, None] - roots).sum(axis=1)
-    return omega, 20 * np.log10(np.abs(system.response(omega))), np.degrees(phase)
-
-
-def _grid(roots: Complexes, delay: float) -> Floats:
-    """Frequencies over AXIS, dense around each resonance; past ten turns of the delay's phase the curves are off the paper's axes."""
-    parts = [np.geomspace(*AXIS, 400)]
-    for root in roots[roots.imag > 0]:
-        parts.append(root.imag + max(abs(root.real), 1e-4 * root.imag) * np.sinh(np.linspace(-7, 7, 61)))
-    if delay:
-        parts.append(np.linspace(0.1 / delay, 20 * np.pi / delay, 300))
-    omega = np.unique(np.concatenate(parts))
-    return omega[(omega >= AXIS[0]) & (omega <= AXIS[1])]

@@ -58,11 +58,11 @@ def hertz(omega: float) -> str:
     return digits(omega / (2 * math.pi), "Hz", 3)
 
 
-def frequency(omega: float | None) -> str:
+def frequency(omega: float | None, significant: int = 4) -> str:
     """`omega` [rad/s] in rad/s and Hz; a dash where there is none."""
     if omega is None or not math.isfinite(omega):
         return "–"
-    return f"{digits(omega, 'rad/s')} ({hertz(omega)})"
+    return f"{digits(omega, 'rad/s', significant)} ({hertz(omega)})"
 
 
 def quantity(name: str, *values: float) -> str:

@@ -8,7 +8,7 @@ from ..linear.arrays import Complexes, Floats
 from ..studies.joint import JointStudy
 from . import style
 from .bode import Case, frequency_span, grid
-from .number_format import digits
+from .number_format import digits, frequency
 from .page import Html, figure
 
 WINDOW = ((-3.2, 1.6), (-2.4, 2.4))  # real, imaginary
@@ -17,9 +17,9 @@ WINDOW = ((-3.2, 1.6), (-2.4, 2.4))  # real, imaginary
 def nyquist(study: JointStudy, shown: list[Case]) -> Html:
     """L(jω) near −1, with the disk that the disk margin keeps free."""
     low, high = frequency_span(study, shown)
-    omega = grid(study.loop, 0.05 * low, high if study.spec.sample_time is not None else 4 * high, study)
+    omega = grid(study.loop, 0.05 * low, high if study.spec.sample_time is not None else 4 * high)
     value = study.loop.response(omega)
-    text = [f"{digits(w, 'rad/s')} ({digits(w / (2 * math.pi), 'Hz')})" for w in omega]
+    text = [frequency(w) for w in omega]
     near: Complexes = np.where(np.abs(value) < 60, value, np.nan)  # what runs off to infinity is far outside the picture
     traces = [
         *_disk(study),

@@ -77,6 +77,15 @@ def log_axis(title: str, low: float, high: float, scale: float = 1.0, **parts: A
     return axis(title, type="log", range=span, tickmode="array", tickvals=ticks, ticktext=names, **parts)
 
 
+def frequency_axes(low: float, high: float) -> dict[str, Any]:
+    """The axes of two panels over [low, high] rad/s: in rad/s under the lower one (x, y2), in Hz above the upper one (x2, y)."""
+    above = {"side": "top", "anchor": "y", "matches": "x", "showgrid": False}
+    return {
+        "xaxis": log_axis("frequency [rad/s]", low, high, anchor="y2"),
+        "xaxis2": log_axis("frequency [Hz]", low, high, 2 * math.pi, **above),
+    }
+
+
 def decades(name: str, low: float, high: float, scale: float = 1.0) -> dict[str, Any]:
     """The ticks of such an axis on a phone: powers of ten only."""
     exponents = range(math.ceil(math.log10(low / scale)), math.floor(math.log10(high / scale)) + 1)
