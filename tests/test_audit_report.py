@@ -12,7 +12,8 @@ from pytest import approx
 import gainroom as gr
 from gainroom.cli import main
 from gainroom.report.number_format import digits
-from gainroom.robot.formats.model_files import is_name, load_model, locate
+from gainroom.robot.formats.model_files import load_model
+from gainroom.robot.formats.model_names import is_name, locate
 from refusals import assert_refused
 from robot_truths import hinge, link, write_robot
 from test_report import figures, without_library

@@ -14,6 +14,7 @@ from numpy.testing import assert_allclose
 from gainroom.errors import GainroomError
 from gainroom.files.gain_files import Gain, gains_of, parse_gains, read_gains
 from gainroom.io.yaml_text import parse_yaml
+from gainroom.robot.formats.model_names import locate
 from mutations import RANDOMS, mutated_data
 
 NAMES = ("l_hip", "l_knee", "r_hip", "r_knee")
@@ -233,9 +234,9 @@ def test_mjcf_without_gains(tmp_path: Path, actuators: str, says: str):
         read_gains(write_mjcf(tmp_path, actuators))
 
 
-def test_a_urdf_holds_no_gains(tmp_path: Path):
-    with pytest.raises(GainroomError, match="a URDF holds no gains; give --gains"):
-        read_gains(tmp_path / "robot.urdf")
+def test_a_urdf_holds_no_gains():
+    with pytest.raises(GainroomError, match=r"biped.urdf: holds no gains: no actuator feeds position back .* give --gains"):
+        read_gains(locate("gainroom:biped.urdf"))
 
 
 @st.composite

@@ -20,7 +20,7 @@ from gainroom.files.robot_sections import ActuatorSection, ContactSection, Model
 from gainroom.files.robot_yaml import load_robot, parse_robot
 from gainroom.files.system_sections import UncertaintySection
 from gainroom.io.yaml_text import parse_yaml
-from gainroom.robot.formats.model_files import locate
+from gainroom.robot.formats.model_names import locate
 from gainroom.robot.spec import RobotSpec
 from mutations import RANDOMS, mutated_data
 from robot_truths import hinge, link, write_robot

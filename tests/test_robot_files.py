@@ -11,7 +11,7 @@ import pytest
 
 from gainroom.errors import GainroomError
 from gainroom.robot import load_model
-from gainroom.robot.formats.model_files import locate
+from gainroom.robot.formats.model_names import locate
 from refusals import assert_refused
 
 THREADED_LOADS = 60
@@ -128,6 +128,7 @@ BAD: dict[str, tuple[str | bytes, list[str]]] = {
     "MJCF element": (mjcf('<body><jont/><geom size="1"/></body>'), ["not a valid MJCF", "jont"]),
     "MJCF without mass": (mjcf('<body name="b"><joint/></body>'), ["not a valid MJCF", "'b'"]),
     "MJCF inertia": (mjcf(MJCF_BODY.format("a").replace("1 1 1", "1 1 5")), ["'a'", "inertia"]),
+    "MJCF reference infinite": (mjcf(MJCF_BODY.format("a").replace("<joint ", '<joint ref="inf" ')), ["orientation", "finite"]),
     "MJCF mass not a number": (mjcf(MJCF_BODY.format("a").replace('mass="1"', 'mass="nan"')), ["'nan'", "finite"]),
     "MJCF out of range": (mjcf(MJCF_BODY.format("a").replace('pos="0 0 0"', 'pos="1e400 0 0"')), ["MJCF"]),
     "MJCF section": (mjcf(before="<defaults/>"), ["<defaults> is no section", "did you mean <default>?"]),

@@ -8,7 +8,7 @@ import pytest
 
 from gainroom.robot import load_model
 from gainroom.robot.actuators import Actuators
-from gainroom.robot.formats.mjcf import position_gains
+from gainroom.robot.formats.model_files import position_gains
 from gainroom.robot.linearize import linearize
 from refusals import assert_refused
 from robot_bodies import (

@@ -19,8 +19,8 @@ from ..errors import GainroomError, first_of_many, named, nearest
 from ..io.validation import checked, number, validate
 from ..io.yaml_text import shown
 from ..robot.body import Base, RigidBody
-from ..robot.formats.mjcf import keyframes
-from ..robot.formats.model_files import load_model, locate
+from ..robot.formats.model_files import keyframes, load_model
+from ..robot.formats.model_names import locate
 from ..robot.name_patterns import DEFAULT, select
 from ..robot.spec import RobotSpec
 from .absurd_values import examined

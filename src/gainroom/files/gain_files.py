@@ -209,13 +209,14 @@ def _ros2_control(data: dict[str, Any], source: str) -> GainFile:
 
 def _mjcf(path: Path) -> GainFile:
     """Position and velocity feedback of an MJCF's actuators; the joints' own damping is passive and only noted."""
-    from ..robot.formats.mjcf import position_gains
+    from ..robot.formats.model_files import position_gains
 
-    if path.suffix.lower() == ".urdf":
-        raise GainroomError(f"{path}: a URDF holds no gains; give --gains FILE")
     found = position_gains(path)
     if not found:
-        raise GainroomError(f"{path}: no actuator feeds position back (<position>, or <general> with affine bias does); give --gains FILE")
+        raise GainroomError(
+            f"{path}: holds no gains: no actuator feeds position back (<position> of an MJCF, or <general> with affine bias, does); give "
+            "--gains FILE"
+        )
     gains = {}
     for joint, (kp, kd) in found.items():
         owner = f"{path}: actuator of joint {shown(joint)}"

@@ -17,7 +17,8 @@ from ..linear.arrays import Floats
 from ..robot.actuators import actuators_of, drives_of, merge_entries
 from ..robot.body import Base, RigidBody
 from ..robot.contact import Contact
-from ..robot.formats.model_files import is_name, load_model, locate
+from ..robot.formats.model_files import has_base, load_model
+from ..robot.formats.model_names import is_name, locate
 from ..robot.name_patterns import DEFAULT, assign
 from ..robot.spec import Posture, Ranges, Robot, RobotControl, RobotSpec
 from ..robot.tasks import Task
@@ -92,8 +93,8 @@ def _model_path(section: ModelSection, folder: Path) -> Path:
 
 
 def base_of(given: Base | None, path: Path, stands: bool) -> tuple[Base | None, tuple[str, ...]]:
-    """The base as given; where a URDF's is not, floating if it `stands` on something. An MJCF says it itself. And a note of the guess."""
-    if given is not None or path.suffix == ".xml":
+    """The base as given or as the file says; else floating if it `stands` on something, and a note of the guess."""
+    if given is not None or has_base(path):
         return given, ()
     base: Base = "floating" if stands else "fixed"
     return base, (f"the base is {base}, as none is given and {'there are contacts' if stands else 'nothing touches the ground'}",)

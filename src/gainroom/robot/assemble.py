@@ -213,12 +213,13 @@ def _require_sane(source: str, model: Any) -> None:
             raise _absurd(source, model, index, f"mass {inertia.mass:g} kg of its links must be >= 0 and <= {LARGEST:g} kg")
         for what, values, most, unit in (
             ("place [m]", placement.translation, FARTHEST, "m"),
+            ("orientation", placement.rotation.ravel(), 2.0, ""),
             ("centre of mass of its links [m]", inertia.lever, FARTHEST, "m"),
             ("inertia of its links [kg m²]", inertia.inertia.ravel(), LARGEST, "kg·m²"),
             ("armature [kg m²]", rotors[joint.idx_v : joint.idx_v + joint.nv], LARGEST, "kg·m²"),
         ):
             if len(values) and not np.abs(values).max() <= most:  # NaN is not <= anything
-                raise _absurd(source, model, index, f"{what} {np.abs(values).max():g} must be finite and <= {most:g} {unit}")
+                raise _absurd(source, model, index, f"{what} {np.abs(values).max():g} must be finite and <= {most:g} {unit}".rstrip())
         if np.any(rotors[joint.idx_v : joint.idx_v + joint.nv] < 0):
             raise _absurd(source, model, index, f"armature {rotors[joint.idx_v]:g} kg·m² must be >= 0")
     for frame in model.frames:

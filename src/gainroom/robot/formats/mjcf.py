@@ -18,53 +18,46 @@ from ...errors import GainroomError, first_of_many
 from ..assemble import Description
 from ..body import Base, library
 from .mjcf_file import compile_mjcf
-from .xml_text import read_xml
+from .model_format import ModelFormat
 
 
-def read_mjcf(root: Element, path: Path, base: Base | None = None) -> Description:
-    """The robot that an MJCF with root element `root` describes; base None: floating where a robot in it has a free joint.
+class Mjcf(ModelFormat):
+    """MuJoCo's format. It says itself what floats; "fixed" holds a free joint, "floating" frees the one robot of a file that has none.
 
-    "fixed" welds a free joint; "floating" frees the one robot of a file that has none. Free things without joints of their own are left
-    out. Raises GainroomError, one line that names the file.
+    Free things without joints of their own are left out.
     """
-    pin = library("pinocchio", "Pinocchio")
-    library("mujoco", "Pinocchio and MuJoCo")
-    compiled = compile_mjcf(root, path)
-    tree = _Tree(pin, compiled.model, str(path))
-    tree.grow(base)
-    notes = (*compiled.notes, *tree.notes, *_not_counted(compiled.model))
-    return Description(str(path), tree.result, compiled.coupled, notes, tree.springs, tree.friction)
 
+    title = "MJCF"
+    has_base = True
 
-def position_gains(path: Path) -> Mapping[str, tuple[float, float]]:
-    """(kp, kd) by joint name [N m/rad, N m s/rad] of the actuators that feed joint position and velocity back; empty without any.
+    def describe(self, root: Element, path: Path, base: Base | None) -> Description:
+        pin = library("pinocchio", "Pinocchio")
+        library("mujoco", "Pinocchio and MuJoCo")
+        compiled = compile_mjcf(root, path)
+        tree = _Tree(pin, compiled.model, str(path))
+        tree.grow(base)
+        notes = (*compiled.notes, *tree.notes, *_not_counted(compiled.model))
+        return Description(str(path), tree.result, compiled.coupled, notes, tree.springs, tree.friction)
 
-    These are <position>, <velocity> and affine <general>, as MuJoCo compiles them, times gear². Raises GainroomError as read_mjcf.
-    """
-    model = compile_mjcf(read_xml(path), path).model
-    gains: dict[str, tuple[float, float]] = {}
-    for index in range(model.nu):
-        joint = model.actuator_trnid[index, 0]
-        stiffness, damping = -model.actuator_biasprm[index, 1:3] * model.actuator_gear[index, 0] ** 2
-        if model.jnt_type[joint] in _ONE_DOF and (stiffness or damping):
-            name = _joint_name(model, joint)
-            before = gains.get(name, (0.0, 0.0))
-            gains[name] = (before[0] + float(stiffness), before[1] + float(damping))
-    return gains
+    def keyframes(self, root: Element, path: Path) -> Mapping[str, Mapping[str, float]]:
+        """Of the joints with one degree of freedom."""
+        model = compile_mjcf(root, path, keyframes=True).model
+        places = {_joint_name(model, joint): model.jnt_qposadr[joint] for joint in range(model.njnt) if model.jnt_type[joint] in _ONE_DOF}
+        frames = {model.key(index).name or f"key#{index}": model.key_qpos[index] for index in range(model.nkey)}
+        return {frame: {joint: float(qpos[place]) for joint, place in places.items()} for frame, qpos in frames.items()}
 
-
-def keyframes(path: Path) -> Mapping[str, Mapping[str, float]]:
-    """By name, the joint positions [rad; m for a slide] of an MJCF's keyframes, those with one degree of freedom; empty for a URDF.
-
-    Raises GainroomError as read_mjcf.
-    """
-    root = read_xml(path)
-    if root.tag != "mujoco":
-        return {}
-    model = compile_mjcf(root, path, keyframes=True).model
-    places = {_joint_name(model, joint): model.jnt_qposadr[joint] for joint in range(model.njnt) if model.jnt_type[joint] in _ONE_DOF}
-    frames = {model.key(index).name or f"key#{index}": model.key_qpos[index] for index in range(model.nkey)}
-    return {frame: {joint: float(qpos[place]) for joint, place in places.items()} for frame, qpos in frames.items()}
+    def position_gains(self, root: Element, path: Path) -> Mapping[str, tuple[float, float]]:
+        """Of <position>, <velocity> and affine <general>, as MuJoCo compiles them, times gear²."""
+        model = compile_mjcf(root, path).model
+        gains: dict[str, tuple[float, float]] = {}
+        for index in range(model.nu):
+            joint = model.actuator_trnid[index, 0]
+            stiffness, damping = -model.actuator_biasprm[index, 1:3] * model.actuator_gear[index, 0] ** 2
+            if model.jnt_type[joint] in _ONE_DOF and (stiffness or damping):
+                name = _joint_name(model, joint)
+                before = gains.get(name, (0.0, 0.0))
+                gains[name] = (before[0] + float(stiffness), before[1] + float(damping))
+        return gains
 
 
 _FREE, _BALL, _SLIDE, _HINGE = range(4)  # mjtJoint

@@ -1,30 +1,20 @@
-"""A robot by its file, by a file in an installed package, or by a name of `robot_descriptions`; and the one front door, load_model."""
+"""A robot's model from its file, in whichever format."""
 
-import contextlib
-import difflib
-import importlib
-import importlib.metadata
-import importlib.resources
-import importlib.util
-import os
-import pkgutil
-import re
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from xml.etree.ElementTree import Element
 
-from ...errors import GainroomError, nearest, one_line
+from ...errors import GainroomError
 from ..assemble import assemble
 from ..body import Base, RigidBody
-from .mjcf import read_mjcf
-from .urdf import read_urdf
+from .mjcf import Mjcf
+from .model_format import ModelFormat
+from .model_names import locate
+from .urdf import Urdf
 from .xml_text import read_xml
 
-ENDINGS = (".urdf", ".xml")
-CATALOGUE = "robot_descriptions"
-OURS = "gainroom"
-PROJECT = re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9._-]{0,60}[A-Za-z0-9])")
-"""What a Python package may be called (PEP 508), of two characters at least."""
+FORMATS: dict[str, ModelFormat] = {"robot": Urdf(), "mujoco": Mjcf()}
+"""By root element."""
 
 
 def load_model(
@@ -52,82 +42,29 @@ def load_model(
     if base not in ("fixed", "floating", None):
         raise GainroomError(f"{path}: base {base!r} must be fixed or floating")
     root = read_xml(path)
-    if root.tag == "robot":
-        description = read_urdf(root, str(path), base)
-    elif root.tag == "mujoco":
-        description = read_mjcf(root, path, base)
-    else:
-        raise GainroomError(f"{path}: root element <{root.tag[:40]}> must be <robot> (URDF) or <mujoco> (MJCF)")
+    description = _format(root, path).describe(root, path, base)
     return assemble(description, base, locked, selected, posture_for_locked, locked_key)
 
 
-def locate(file: str | Path | Mapping[str, str]) -> Path:
-    """Where the file of a model is, see load_model. A path is returned as it is. Raises GainroomError for unknown packages and names."""
-    if isinstance(file, Mapping):
-        if set(file) != {"package", "file"} or not all(isinstance(value, str) for value in file.values()):
-            raise GainroomError(f"model {dict(file)!r} must be {{package: …, file: …}}")
-        return _shipped(file["file"]) if file["package"] == OURS else _in_package(file["package"], file["file"])
-    if isinstance(file, str) and re.match(r"[A-Za-z][A-Za-z0-9+.-]*://", file):
-        raise GainroomError(f"model: {one_line(repr(file), 120)} is an address; download it, with what it includes, and give the file")
-    if isinstance(file, str) and is_name(file):
-        package, colon, inside = file.partition(":")
-        return locate({"package": package, "file": inside}) if colon else _in_catalogue(file)
-    return Path(file)
+def has_base(path: Path) -> bool:
+    """Whether the file itself says if its base is fixed or floating. Raises GainroomError as load_model."""
+    return _format(read_xml(path), path).has_base
 
 
-def is_name(file: str) -> bool:
-    """Whether `file` is no file's path but PACKAGE:FILE, or the name of a robot in robot_descriptions."""
-    return not os.path.exists(file) and (file.isidentifier() or re.fullmatch(r"[\w.-]{2,}:[^:/][^:]*\.(urdf|xml)", file) is not None)
+def keyframes(path: Path) -> Mapping[str, Mapping[str, float]]:
+    """See ModelFormat. Raises GainroomError as load_model."""
+    root = read_xml(path)
+    return _format(root, path).keyframes(root, path)
 
 
-def _shipped(file: str) -> Path:
-    """A model that comes with gainroom."""
-    folder = Path(str(importlib.resources.files("gainroom") / "robot" / "models"))
-    names = tuple(sorted(path.name for path in folder.iterdir() if path.suffix in ENDINGS))
-    if file not in names:
-        raise GainroomError(f"model.file: gainroom ships no {file[:60]!r}{nearest(file, names, 'model')}")
-    return folder / file
+def position_gains(path: Path) -> Mapping[str, tuple[float, float]]:
+    """See ModelFormat. Raises GainroomError as load_model."""
+    root = read_xml(path)
+    return _format(root, path).position_gains(root, path)
 
 
-def _in_package(package: str, file: str) -> Path:
-    try:
-        files = importlib.metadata.files(package)
-    except (importlib.metadata.PackageNotFoundError, ValueError) as error:
-        installed = sorted({found.name for found in importlib.metadata.distributions() if found.name})
-        close = difflib.get_close_matches(package, installed, 1)
-        hint = f"; did you mean {close[0]!r}?" if close else f": pip install {package}" if PROJECT.fullmatch(package) else ""
-        raise GainroomError(f"model: package {one_line(repr(package), 60)} is not installed{hint}") from error
-    models = {str(each): each for each in files or () if each.suffix in ENDINGS}
-    found = [name for name in models if f"/{name}".endswith(f"/{file}")]
-    if len(found) > 1 and file not in found:
-        raise GainroomError(f"model: {file!r} in package {package} may be {' or '.join(found[:3])}; give more of the path")
-    if not found:
-        raise GainroomError(f"model: package {package} has no {file!r}{_nearest_file(file, list(models))}")
-    return Path(str(models[file if file in found else found[0]].locate()))
-
-
-def _nearest_file(file: str, names: Sequence[str]) -> str:
-    """What may have been meant by a file's name: compared as it is, from the end of each path."""
-    parts = file.count("/") + 1
-    ends = sorted({"/".join(name.split("/")[-parts:]) for name in names})
-    close = difflib.get_close_matches(file, ends, 3, cutoff=0.4)
-    return f"; nearest are {', '.join(close)}" if close else f" (it has {len(names)} files that end in .urdf or .xml)"
-
-
-def _in_catalogue(name: str) -> Path:
-    """The file of a robot in robot_descriptions, which downloads it on first use."""
-    spec = importlib.util.find_spec(CATALOGUE)
-    if spec is None:
-        raise GainroomError(f"model {name!r}: no such file; for names of robots, pip install {CATALOGUE}")
-    names = [module.name for module in pkgutil.iter_modules(spec.submodule_search_locations) if module.name.endswith("_description")]
-    if name not in names:
-        raise GainroomError(f"model {name!r}: no such file, and {CATALOGUE} has no such robot{nearest(name, names, 'robot')}")
-    with contextlib.redirect_stdout(sys.stderr):  # it says that it downloads
-        try:
-            module = importlib.import_module(f"{CATALOGUE}.{name}")
-        except (ImportError, OSError, RuntimeError, ValueError) as error:
-            raise GainroomError(f"model {name!r}: {CATALOGUE} cannot provide it: {one_line(error)}") from error
-    path = getattr(module, "URDF_PATH", None) or getattr(module, "MJCF_PATH", None)
-    if path is None:
-        raise GainroomError(f"model {name!r}: {CATALOGUE} has neither a URDF nor an MJCF of it")
-    return Path(path)
+def _format(root: Element, path: Path) -> ModelFormat:
+    if root.tag not in FORMATS:
+        known = " or ".join(f"<{tag}> ({each.title})" for tag, each in FORMATS.items())
+        raise GainroomError(f"{path}: root element <{root.tag[:40]}> must be {known}")
+    return FORMATS[root.tag]

@@ -8,6 +8,7 @@ text that holds that and nothing else.
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element, SubElement, tostring
 
@@ -16,6 +17,7 @@ import numpy as np
 from ...errors import GainroomError, first_of_many, nearest, one_line, typo_of
 from ..assemble import FARTHEST, LARGEST, MASSLESS, Description, floats
 from ..body import Base, library
+from .model_format import ModelFormat
 
 MAX_LINKS = 2000
 """Pinocchio walks down a chain of links by recursion, and the stack ends at about 4000."""
@@ -49,20 +51,22 @@ NEGLIGIBLE = 1e-6
 """Of the largest principal moment of inertia; files carry about six digits."""
 
 
-def read_urdf(root: Element, source: str, base: Base | None = None) -> Description:
-    """The robot that a URDF with root element `root` describes; base None: fixed, unless the file itself has a floating joint.
+class Urdf(ModelFormat):
+    """ROS's format; its base is fixed, unless the file itself has a floating joint."""
 
-    Raises GainroomError, one line that names the file, the link or joint, the value and what is allowed.
-    """
-    pin = library("pinocchio", "Pinocchio")
-    found = _Reader(source)
-    found.read(root)
-    text = tostring(found.bare, "unicode")
-    model = _parse(pin, text, source)
-    if base == "floating" and not floats(model):
-        # Pinocchio mixes two joints up that have one name.
-        model = _parse(pin, text, source, pin.JointModelFreeFlyer(), "root_joint" if "root_joint" not in found.joints else "floating base")
-    return Description(source, model, found.held, found.notes(), friction=found.friction)
+    title = "URDF"
+
+    def describe(self, root: Element, path: Path, base: Base | None) -> Description:
+        pin, source = library("pinocchio", "Pinocchio"), str(path)
+        found = _Reader(source)
+        found.read(root)
+        text = tostring(found.bare, "unicode")
+        model = _parse(pin, text, source)
+        if base == "floating" and not floats(model):
+            # Pinocchio mixes two joints up that have one name.
+            name = "root_joint" if "root_joint" not in found.joints else "floating base"
+            model = _parse(pin, text, source, pin.JointModelFreeFlyer(), name)
+        return Description(source, model, found.held, found.notes(), friction=found.friction)
 
 
 def _parse(pin: Any, text: str, source: str, *root_joint: Any) -> Any:
