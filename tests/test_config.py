@@ -82,9 +82,10 @@ def test_a_file_written_back_means_the_same(text: str):
     assert validate(ScenarioSection, parse_yaml(written, "again.yaml"), "again.yaml", "scenario") == scenario
 
 
-def test_limits_are_the_same_formulas():
+@pytest.mark.parametrize("rigid", [".inf", "rigid"])
+def test_limits_are_the_same_formulas(rigid: str):
     spec = parse_joint(
-        edited(("stiffness: 1e4", "stiffness: .inf"), ("stiffness: 20%, ", ""), ("bandwidth: 4000.0", "bandwidth: .inf")),
+        edited(("stiffness: 1e4", f"stiffness: {rigid}"), ("stiffness: 20%, ", ""), ("bandwidth: 4000.0", "bandwidth: .inf")),
         "f",
     )
     assert math.isinf(spec.joint.stiffness)

@@ -51,13 +51,13 @@ def test_units_in_terminal_and_page(tmp_path: Path, capsys: pytest.CaptureFixtur
 
 def test_which_joints_slide(tmp_path: Path):
     body = load_model(cart(tmp_path, "continuous") / "robot.urdf")
-    np.testing.assert_array_equal(body.slides, [True, False])
+    np.testing.assert_array_equal(body.prismatic, [True, False])
     (tmp_path / "slide.xml").write_text(
         '<mujoco><worldbody><body><joint name="a" axis="1 1 0"/><geom size=".1" mass="1"/><body><joint name="b" type="slide" axis="1 0 1"/>'
         '<geom size=".1" mass="1"/></body></body></worldbody></mujoco>',
         "utf-8",
     )
-    np.testing.assert_array_equal(load_model(tmp_path / "slide.xml").slides, [False, True])
+    np.testing.assert_array_equal(load_model(tmp_path / "slide.xml").prismatic, [False, True])
 
 
 def test_the_force_of_a_slide_is_told_in_newtons(tmp_path: Path, capsys: pytest.CaptureFixture[str]):

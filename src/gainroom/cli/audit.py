@@ -53,8 +53,8 @@ def audit(
         list[str] | None,
         typer.Option(
             metavar="JOINT=ANGLE",
-            help="Where a joint, or all that match a pattern, stands [rad; m for a slide]; or the name of an MJCF's keyframe. May be given "
-            "again, the later wins; 0 where nothing is said.",
+            help="Where a joint, or all that match a pattern, stands [rad; m if prismatic]; or the name of an MJCF's keyframe. May be "
+            "given again, the later wins; 0 where nothing is said.",
         ),
     ] = None,
     margin_db: Annotated[float, number_option("--margin-db", "in dB", "Gain margin that safe gains have [dB].")] = MARGIN_DB,

@@ -41,7 +41,7 @@ def report_stream(report: Path | None, log: Path | None = None) -> Iterator[Stri
         yield None
         return
     from ..errors import GainroomError
-    from ..io.atomic import replacement, told
+    from ..io.atomic import replacement, writing
 
     refuse_inputs(report, "report")
     if log is not None and os.path.realpath(report) == os.path.realpath(log):
@@ -49,7 +49,7 @@ def report_stream(report: Path | None, log: Path | None = None) -> Iterator[Stri
     with replacement(report) as temporary:
         page = StringIO()
         yield page
-        with told(report):
+        with writing(report):
             temporary.write_text(page.getvalue(), "utf-8", newline="\n")
 
 

@@ -49,7 +49,7 @@ DESCRIPTIONS = (".yaml", ".yml", ".json")
 class AuditOptions:
     """As they are typed: ms, Hz, otherwise SI; None: not given. `contacts` are frames on the ground, all at once.
 
-    posture   JOINT=ANGLE (a name or pattern; rad, m where the joint slides), or the name of an MJCF's keyframe; later ones win
+    posture   JOINT=ANGLE (a name or pattern; rad, m if prismatic), or the name of an MJCF's keyframe; later ones win
     """
 
     delay_ms: float
@@ -70,7 +70,7 @@ class AuditOptions:
 
     @property
     def is_elastic(self) -> bool:
-        """Whether the gearboxes bend."""
+        """Whether the gearboxes are elastic."""
         return self.stiffness is not None and math.isfinite(self.stiffness)
 
     def sections(self, file: str, body: RigidBody, gains: JointGains) -> dict[str, Any]:
@@ -152,7 +152,7 @@ def _angles(typed: Sequence[str], path: Path, joint_names: Sequence[str]) -> dic
         try:
             value = float(number_typed)
         except ValueError as error:
-            raise GainroomError(f"{owner}: {shown(number_typed)} must be a number in rad (m where the joint slides)") from error
+            raise GainroomError(f"{owner}: {shown(number_typed)} must be a number in rad (m for a prismatic joint)") from error
         angle = checked(owner, value, ANGLE)
         angles |= dict.fromkeys((joint_names[k] for k in select(pattern, joint_names, owner)), angle)
     return angles
@@ -182,7 +182,7 @@ def _assumptions(body: RigidBody, held: Sequence[str], options: AuditOptions) ->
     if held:
         notes.append(f"these joints are held, as they have no gains: {first_of_many(held)}")
     if not options.is_elastic:
-        notes.append("gearboxes are rigid, which flatters: give --stiffness and --damping")
+        notes.append("gearboxes are rigid, so limits are optimistic: give --stiffness and --damping")
     if options.bandwidth is None:
         notes.append("current loops are infinitely fast: give --bandwidth [rad/s]")
     if body.base == "floating" and not options.contacts:

@@ -5,7 +5,7 @@ Known forms:
     plain           joint name or pattern → {kp, kd, ki, motor_inertia} or [kp, kd], at the top or under `gains`; later patterns win
     ros2_control    p, i, d under a joint's name: joint_trajectory_controller's and pid_controller's `gains`, gazebo's `pid_gains`,
                     effort_controllers' JointPositionController (`joint` and `pid`) and JointGroupPositionController (`pid` per joint)
-    MJCF            <position> and <general> with affine bias, as MuJoCo compiles them (read in robot/mjcf.py)
+    MJCF            <position> and <general> with affine bias, as MuJoCo compiles them (read by robot/formats)
 
 Controllers that command position or velocity are left out: their gains are no N m/rad. Everything else is refused in one line.
 """
@@ -196,12 +196,12 @@ def _ros2_control(data: dict[str, Any], source: str) -> GainFile:
             raise GainroomError(f"{source}: joint {shown(joint)} has gains twice, in {places[joint]} and in {place}; leave one in the file")
         gains[joint] = _pid(node, f"{source}: {place}")
         places[joint] = place
-        strange = [key for key in node if key not in (*TERMS, *BESIDE)]
-        if strange:
-            notes.append(f"{place}: does not count, as it is not known here: {first_of_many([dotted(key) for key in strange])}")
+        unknown = [key for key in node if key not in (*TERMS, *BESIDE)]
+        if unknown:
+            notes.append(f"{place}: does not count, as it is not known here: {first_of_many([dotted(key) for key in unknown])}")
     if not gains:
-        told = "no controller here commands torque: " + notes[0] if notes else f"{UNKNOWN}{_begins(data)}"
-        raise GainroomError(f"{source}: {told}")
+        problem = "no controller here commands torque: " + notes[0] if notes else f"{UNKNOWN}{_begins(data)}"
+        raise GainroomError(f"{source}: {problem}")
     if empty:
         raise GainroomError(f"{source}: {empty[0]}")
     return GainFile(source, "ros2_control", gains, tuple(notes))
@@ -261,7 +261,7 @@ def _along(data: dict[str, Any], path: Sequence[str]) -> list[dict[str, Any]]:
 
 
 def _joint(data: dict[str, Any], path: Sequence[str]) -> str | None:
-    """Whose gains stand at `path`: the nearest key that is no wrapper's, or what stands as `joint` beside the wrapper."""
+    """Whose gains stand at `path`: the nearest key that is no wrapper's, or the value of `joint` beside the wrapper."""
     nodes = _along(data, path)
     for depth in range(len(path) - 1, -1, -1):
         if path[depth] not in WRAPPERS:
@@ -289,7 +289,7 @@ def _no_torque(data: dict[str, Any], path: Sequence[str], types: Mapping[str, An
 
 
 def _without_terms(path: Sequence[str], node: Mapping[str, Any]) -> list[str]:
-    """What stands in the place of gains and has none of them, in words."""
+    """What stands in the place of gains and has none of them."""
     found = []
     if path and any(key in HOLDERS for key in path) and not any(isinstance(value, dict) for value in node.values()):
         found.append(f"{dotted(*path)}: must hold p, i and d{_found(node)}")

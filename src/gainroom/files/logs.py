@@ -17,7 +17,7 @@ from typing import TypeVar
 import numpy as np
 
 from ..errors import GainroomError
-from ..io.atomic import replacement, told
+from ..io.atomic import replacement, writing
 from ..linear.arrays import Floats
 from ..simulation.record import LOGGED, REFERENCE
 from .log_formats import READERS, WRITERS, Sink, one_line
@@ -64,7 +64,7 @@ class LogWriter:
                 raise GainroomError(f"{self.path}: {name} of shape {table.shape} must be {(len(time), len(self.joint_names))}")
             good &= np.isfinite(table).all(axis=1)
         end = len(time) if good.all() else int(np.argmin(good))
-        with told(self.path):
+        with writing(self.path):
             self._sink.rows(time[:end], [table[:end] for table in tables])
         self.rows += end
         if end < len(time):
@@ -91,10 +91,10 @@ def open_log(path: Path, joint_names: Sequence[str], signals: Sequence[str] = LO
         raise GainroomError(f"{path}: signal {wrong[0]!r} must be one of {', '.join(LOGGED)}")
     make, failure = _by_ending(path, WRITERS), None
     with replacement(path) as temporary:
-        with told(path):
+        with writing(path):
             sink = make(temporary)
         try:
-            with told(path):
+            with writing(path):
                 sink.begin(names, signals)
             writer = LogWriter(path, names, tuple(signals), sink)
             try:
@@ -104,7 +104,7 @@ def open_log(path: Path, joint_names: Sequence[str], signals: Sequence[str] = LO
                     raise
                 failure = error  # raised again when what was done is in its place
         finally:
-            with told(path):
+            with writing(path):
                 sink.close()
     if failure is not None:
         raise failure

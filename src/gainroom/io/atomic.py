@@ -19,24 +19,24 @@ def replacement(path: Path) -> Iterator[Path]:
 
     Raises GainroomError where `path` cannot be written.
     """
-    with told(path):
+    with writing(path):
         target = Path(os.path.realpath(path))  # a link stays a link; what it points to is replaced
         _refuse_unwritable(path, target)
     temporary = target.with_name(f".gainroom-{secrets.token_hex(6)}.tmp{target.suffix}")
     with at_last(lambda: temporary.unlink(missing_ok=True)):
-        with told(path):
+        with writing(path):
             try:
                 os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
             except FileNotFoundError as error:  # the directory is there, as has been checked: one like /proc
                 raise GainroomError(f"{path}: cannot be written: the directory {target.parent} takes no new files") from error
         yield temporary
-        with told(path):
+        with writing(path):
             _swap(temporary, target)
 
 
 @contextlib.contextmanager
-def told(path: Path) -> Iterator[None]:
-    """Say in one line what the system does not let be written."""
+def writing(path: Path) -> Iterator[None]:
+    """What the system does not let be written, as a GainroomError."""
     try:
         yield
     except OSError as error:
@@ -44,7 +44,7 @@ def told(path: Path) -> Iterator[None]:
 
 
 def _refuse_unwritable(path: Path, target: Path) -> None:
-    """Refuse what can be told from the names alone."""
+    """Refuse what the names alone show."""
     if target.is_dir():
         raise GainroomError(f"{path}: cannot be written: it is a directory")
     if target.exists() and not target.is_file():

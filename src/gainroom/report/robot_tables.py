@@ -282,7 +282,7 @@ def _control(spec: RobotSpec) -> str:
 
 def angles_in_words(posture: Posture) -> str:
     """Where its joints stand."""
-    angles, unit = posture.angles, "rad, m" if posture.body.slides.any() else "rad"
+    angles, unit = posture.angles, "rad, m" if posture.body.prismatic.any() else "rad"
     told = ", ".join(f"{name} {digits(angle, '', 3)}" for name, angle in list(angles.items())[:40])
     return f"{told} {unit}; others 0" if told else "all joints at 0"
 

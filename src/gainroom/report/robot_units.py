@@ -10,7 +10,7 @@ _UNITS = {"load": ("kg·m²", "kg"), "kp": ("N·m/rad", "N/m"), "kd": ("N·m·s/
 
 def joint_units(body: Any) -> dict[str, str]:
     """The units of a RigidBody's joints by what they are of; under `sliding` a sentence that names those that slide, among hinges."""
-    slides = body.slides.tolist()
+    slides = body.prismatic.tolist()
     if not any(slides):
         return {name: hinge for name, (hinge, _) in _UNITS.items()} | {"sliding": ""}
     if all(slides):

@@ -99,7 +99,7 @@ def merge_entries(entries: Mapping[str, ActuatorEntry], joint_names: Sequence[st
 
 
 def actuators_of(entries: Sequence[ActuatorEntry], joint_names: Sequence[str], armature: Floats) -> tuple[Actuators, tuple[str, ...]]:
-    """The actuators of merged entries, one per joint, and what had to be assumed, in words.
+    """The actuators of merged entries, one per joint, and what had to be assumed.
 
     armature   (n,) reflected rotor inertia found in the model file, 0 where none [kg m²]: used where an entry names no inertia
 

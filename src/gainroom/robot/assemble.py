@@ -28,8 +28,8 @@ LARGEST = 1e12
 LINK = "link:"
 RESERVED = "universe"
 """Pinocchio's own name for what does not move."""
-RUBS = "the joints' own dry friction in the model file is not counted [N m]"
-SPRUNG = "the joints' own springs in the model file count as stiffness beside the gearbox, without the load they carry [N m/rad]"
+FRICTION_NOTE = "the joints' own dry friction in the model file is not counted [N m]"
+SPRING_NOTE = "the joints' own springs in the model file count as stiffness beside the gearbox, without the load they carry [N m/rad]"
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Description:
 
     model   Pinocchio's, with every joint; a floating base, if there is one, is its first. Rotors in `armature`, not in the links
     held    joints that cannot be actuated, and why
-    springs, friction   of the joints themselves, by name [N m/rad; N/m for a slide], [N m; N]
+    springs, friction   of the joints themselves, by name [N m/rad; N/m if prismatic], [N m; N]
     """
 
     source: str
@@ -66,22 +66,22 @@ def assemble(
     names = tuple(model.names[first:])
     positions = _positions(source, names, posture_for_locked or {})
     held = _held(description, names, locked, selected, locked_key or f"{source}: locked")
-    kept = tuple(name for name in names if name not in held)
-    _require_actuated(source, model, names, kept)
+    actuated = tuple(name for name in names if name not in held)
+    _require_actuated(source, model, names, actuated)
 
     welded = (model.names[1],) if base == "fixed" and first == 2 else ()
     reduced, armature = _reduce(model, (*welded, *held), positions)
-    ids = [model.getJointId(name) for name in kept]
+    ids = [model.getJointId(name) for name in actuated]
     body = RigidBody(
         source=source,
         model=reduced,
-        joint_names=kept,
+        joint_names=actuated,
         base="floating" if floats(reduced) else "fixed",
         armature=np.array([armature[model.joints[index].idx_v] for index in ids]),
         locked={name: positions.get(name, 0.0) for name in held},
         notes=_notes(description, held, positions, model),
         bones=tuple(_bone(model, index, first) for index in range(first, model.njoints)),
-        springs={name: stiffness for name, stiffness in description.springs.items() if name in kept},
+        springs={name: stiffness for name, stiffness in description.springs.items() if name in actuated},
     )
     _require_mass(body)
     return body
@@ -161,10 +161,10 @@ def _notes(description: Description, held: Sequence[str], positions: Mapping[str
     followers = [f"{name!r} {why}, at {positions.get(name, 0.0):g}" for name, why in description.held.items() if name in held]
     if followers:
         notes.append(f"held, as they follow others: {first_of_many(followers)}")
-    strange = [model.names[index] for index in range(1, model.njoints) if not _is_physical(model.inertias[index])]
-    if strange:
+    unphysical = [model.names[index] for index in range(1, model.njoints) if not _is_physical(model.inertias[index])]
+    if unphysical:
         notes.append(
-            f"no solid has the inertia of the links on these joints, taken as given: {first_of_many([repr(name) for name in strange])}"
+            f"no solid has the inertia of the links on these joints, taken as given: {first_of_many([repr(name) for name in unphysical])}"
         )
     own = {name: float(model.damping[model.joints[model.getJointId(name)].idx_v]) for name in _one_dof(model) if name not in held}
     damped = [f"{name} {damping:.4g}" for name, damping in own.items() if damping > 0]
@@ -172,10 +172,10 @@ def _notes(description: Description, held: Sequence[str], positions: Mapping[str
         notes.append(
             f"the joints' own damping in the model file is not counted, give it as link_viscous [N m s/rad]: {first_of_many(damped)}"
         )
-    for values, told in ((description.friction, RUBS), (description.springs, SPRUNG)):
+    for values, note in ((description.friction, FRICTION_NOTE), (description.springs, SPRING_NOTE)):
         found = [f"{name} {value:.4g}" for name, value in values.items() if value and name not in held]
         if found:
-            notes.append(f"{told}: {first_of_many(found)}")
+            notes.append(f"{note}: {first_of_many(found)}")
     return (*description.notes, *notes)
 
 
@@ -231,11 +231,11 @@ def _absurd(source: str, model: Any, index: int, problem: str) -> GainroomError:
     return GainroomError(f"{source}: joint {model.names[index]!r}: {problem}")
 
 
-def _require_actuated(source: str, model: Any, names: Sequence[str], kept: Sequence[str]) -> None:
-    if not kept:
+def _require_actuated(source: str, model: Any, names: Sequence[str], actuated: Sequence[str]) -> None:
+    if not actuated:
         there = f"all {len(names)} joints are locked" if names else "it has no joints"
         raise GainroomError(f"{source}: no actuated joint: {there}")
-    for name in kept:
+    for name in actuated:
         freedom = model.joints[model.getJointId(name)].nv
         if freedom != 1:
             raise GainroomError(f"{source}: joint {name!r} has {freedom} degrees of freedom; lock it, as an actuated joint has one")

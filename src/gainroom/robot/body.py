@@ -1,4 +1,4 @@
-"""The links of a robot as rigid bodies: inertia, frames, centre of mass and weight at a posture. Rotors are kept apart.
+"""The links of a robot as rigid bodies: inertia, frames, centre of mass and weight at a posture. Rotors are apart.
 
 Velocities are v = (base twist, joint rates): a floating base comes first, with its linear and angular velocity in its own axes, as
 Pinocchio has it (Featherstone, Rigid Body Dynamics Algorithms, 2008; Carpentier et al., The Pinocchio C++ library, 2019).
@@ -36,13 +36,13 @@ def is_continuous(joint: Any) -> bool:
     return joint.nq == 2 and joint.nv == 1
 
 
-def is_slide(joint: Any) -> bool:
-    """Whether this joint of Pinocchio's moves along its axis instead of about it."""
+def is_prismatic(joint: Any) -> bool:
+    """Whether this joint of Pinocchio's is prismatic."""
     return joint.shortname().startswith("JointModelP")  # PX, PY, PZ, PrismaticUnaligned
 
 
 def put_position(q: Floats, joint: Any, value: float) -> None:
-    """Write `value` [rad; m for a slide] as the position of one of Pinocchio's joints into posture `q`."""
+    """Write `value` [rad; m if prismatic] as the position of one of Pinocchio's joints into posture `q`."""
     q[joint.idx_q : joint.idx_q + joint.nq] = (np.cos(value), np.sin(value)) if is_continuous(joint) else value
 
 
@@ -79,11 +79,11 @@ class RigidBody:
     model         Pinocchio's, links only: its armature and rotor inertias are zero
     joint_names   the n actuated joints, in the model's order
     base          "fixed" | "floating"
-    armature      (n,) reflected rotor inertia that the file names, 0 where it names none [kg m²; kg for a slide]
-    locked        joints of the file that are held, and at which position [rad; m for a slide]
+    armature      (n,) reflected rotor inertia that the file names, 0 where it names none [kg m²; kg if prismatic]
+    locked        joints of the file that are held, and at which position [rad; m if prismatic]
     notes         what a user should know about how the file was read
     bones         joints of the file, parents first, for a drawing
-    springs       of joints that have one of their own, beside the gearbox, by name [N m/rad; N/m for a slide]
+    springs       of joints that have one of their own, beside the gearbox, by name [N m/rad; N/m if prismatic]
 
     Postures q (nq,) hold the base's position and quaternion (x, y, z, w) if it floats, then each joint's angle, or cosine and sine of a
     continuous joint's. Make them with `configuration`. All methods raise GainroomError for a q of wrong shape or not finite.
@@ -108,9 +108,9 @@ class RigidBody:
         return len(self.joint_names)
 
     @property
-    def slides(self) -> Booleans:
-        """(n,) True where a joint slides: its numbers are in m and N, where those of a hinge are in rad and N m."""
-        return np.array([is_slide(joint) for joint in self.joints])
+    def prismatic(self) -> Booleans:
+        """(n,) True where a joint is prismatic: its numbers are in m and N, where those of a hinge are in rad and N m."""
+        return np.array([is_prismatic(joint) for joint in self.joints])
 
     @property
     def nq(self) -> int:
@@ -129,12 +129,12 @@ class RigidBody:
 
     @cached_property
     def lower(self) -> Floats:
-        """(n,) lowest positions [rad; m for a slide], −inf where there is no limit."""
+        """(n,) lowest positions [rad; m if prismatic], −inf where there is no limit."""
         return self._limits(self.model.lowerPositionLimit, -1)
 
     @cached_property
     def upper(self) -> Floats:
-        """(n,) highest positions [rad; m for a slide], inf where there is no limit."""
+        """(n,) highest positions [rad; m if prismatic], inf where there is no limit."""
         return self._limits(self.model.upperPositionLimit, 1)
 
     @property
@@ -147,7 +147,7 @@ class RigidBody:
         return self._pinocchio.neutral(self.model)
 
     def configuration(self, angles: Mapping[str, float]) -> Floats:
-        """(nq,) joints at `angles` [rad; m for a slide], at 0 where not named; a floating base at the identity.
+        """(nq,) joints at `angles` [rad; m if prismatic], at 0 where not named; a floating base at the identity.
 
         A locked joint may be named with the position that it is held at. Raises GainroomError for unknown joints and other positions.
         """
@@ -163,7 +163,7 @@ class RigidBody:
         return q
 
     def angles(self, q: ArrayLike) -> Floats:
-        """(n,) joint positions in posture `q` [rad; m for a slide]; of a continuous joint within ±π."""
+        """(n,) joint positions in posture `q` [rad; m if prismatic]; of a continuous joint within ±π."""
         q = self._posture(q)
         return np.array([np.arctan2(q[j.idx_q + 1], q[j.idx_q]) if is_continuous(j) else q[j.idx_q] for j in self.joints])
 
@@ -188,7 +188,7 @@ class RigidBody:
         return upper + np.triu(upper, 1).T
 
     def gravity_torque(self, q: ArrayLike) -> Floats:
-        """g (N,), what holds the weight: A v̇ = Sᵀ τ − g at rest [N m; N for a slide and for a base's linear part]."""
+        """g (N,), what holds the weight: A v̇ = Sᵀ τ − g at rest [N m; N if prismatic and for a base's linear part]."""
         return self._pinocchio.computeGeneralizedGravity(self.model, self._data, self._posture(q)).copy()
 
     def com(self, q: ArrayLike) -> Floats:

@@ -20,9 +20,9 @@ def unusual_robot(spec: "RobotSpec") -> tuple[str, ...]:
     common = of_control(spec.control.joints, spec.control.sample_time) | of_limits(spec.requirements)
     shared = {key: value for key, value in common.items() if not np.ndim(value)}
     found: dict[str, list[tuple[str, str]]] = {}
-    for k, (name, drive, slides) in enumerate(zip(names, spec.drives, spec.robot.body.slides, strict=True)):
+    for k, (name, drive, prismatic) in enumerate(zip(names, spec.drives, spec.robot.body.prismatic, strict=True)):
         values: dict[str, float] = of_drive(drive) | shared
-        if not slides:
+        if not prismatic:
             values |= {key: float(getattr(actuators, key)[k]) for key in ("motor_inertia", *SIDES)}
             values |= {key: _of_joint(gain, k, len(names)) for key, gain in common.items() if np.ndim(gain)}
         for quantity, text in unusual(values).items():

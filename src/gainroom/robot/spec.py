@@ -201,7 +201,7 @@ class RobotSpec:
     control       controller, sampling and the encoders' side
     requirements, uncertainty   as for one joint
     scenario      what `gainroom simulate` plays
-    assumptions   what was taken for granted where nothing was said, in words
+    assumptions   what was assumed where nothing was said
     warnings      what a user should look at
     """
 

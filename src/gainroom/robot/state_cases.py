@@ -1,4 +1,4 @@
-"""A robot's postures and contact states, as stated and at the corners of what is uncertain."""
+"""A robot's postures and contact states, nominal and at the corners of what is uncertain."""
 
 import itertools
 from collections.abc import Iterator, Mapping
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 class StateCase:
     """One posture and contact state at one place in the uncertainty.
 
-    place        which, in words; "" as stated
+    place        as text; "" for the nominal case
     spec, model  of the robot there
     """
 
@@ -36,7 +36,7 @@ class StateCase:
 
 
 def state_cases(spec: RobotSpec, weight: bool = False) -> Iterator[StateCase]:
-    """Every posture and contact state, each as stated and then at every corner of the uncertainty; `weight`: see Robot.linearize."""
+    """Every posture and contact state, each nominal and then at every corner of the uncertainty; `weight`: see Robot.linearize."""
     uncertain = spec.uncertainty
     corners = [*itertools.product((0.0, 1.0), repeat=len(uncertain.names))] if uncertain.names else []
     for posture, contact in spec.robot.states:

@@ -41,7 +41,7 @@ FRAMED = ("position", "orientation")
 MOVABLE = 1e-6
 # A direction across what a task can move gets a torque of this share of the others' at most, by round-off.
 ROUND_OFF = 1e-10
-# Torques of unit size for directions that can all be moved are independent by more than this share: MOVABLE, with room.
+# Torques of unit size for directions that can all be moved are independent by more than this share: MOVABLE, with a reserve.
 INDEPENDENT = 1e-8
 
 
@@ -111,7 +111,7 @@ class Tasks:
     follow      (N, n) how everything moves with the joints, see `following`
     kp, kd, ki  (m,) the tasks' own gains
     cascade     (m,) True where they are P/PI
-    warnings    directions that cannot be moved, in words
+    warnings    directions that cannot be moved
     """
 
     tasks: tuple[Task, ...]

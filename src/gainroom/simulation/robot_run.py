@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from ..errors import GainroomError, require_count, require_finite, require_positive
 from ..linear.arrays import Floats
-from ..robot.body import is_slide, library, put_position
+from ..robot.body import is_prismatic, library, put_position
 from ..robot.formats.mujoco_messages import mujoco_says
 from ..robot.tasks import Task
 from .mujoco_model import MujocoRobot, build_mujoco
@@ -52,7 +52,7 @@ class RobotRun(Run):
 
     @property
     def torque_units(self) -> tuple[str, ...]:
-        return tuple("N" if slides else "N·m" for slides in self.setup.body.slides.tolist())
+        return tuple("N" if slides else "N·m" for slides in self.setup.body.prismatic.tolist())
 
     @property
     def error(self) -> Floats:
@@ -237,7 +237,7 @@ class RobotStepper:
         speeds = np.abs(data.qvel[robot.motor_v])
         worst = int(np.argmax(speeds))
         if speeds[worst] > self.too_fast:
-            how, unit = ("slides", "m/s") if is_slide(robot.body.joints[worst]) else ("turns", "rad/s")
+            how, unit = ("slides", "m/s") if is_prismatic(robot.body.joints[worst]) else ("turns", "rad/s")
             name = robot.body.joint_names[worst]
             return "diverged", f"the simulation diverged: joint {name!r} {how} faster than {self.too_fast:.3g} {unit}"
         if self._upright is not None and not self._upright.holds(data.qpos[:7].tolist()):

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from ..errors import GainroomError, require_positive
 from ..linear.arrays import Floats
 from ..robot.actuators import Actuators
-from ..robot.body import RigidBody, is_slide, library
+from ..robot.body import RigidBody, is_prismatic, library
 from ..robot.contact import Contact
 from ..robot.ground import Ground
 from ..robot.linearize import linearize
@@ -126,7 +126,7 @@ def channel_count(setup: RobotSetup) -> int:
 
 def channel_units(setup: RobotSetup) -> tuple[Unit, ...]:
     """(m,) what each channel is measured in."""
-    joints: tuple[Unit, ...] = tuple("m" if is_slide(joint) else "rad" for joint in setup.body.joints)
+    joints: tuple[Unit, ...] = tuple("m" if is_prismatic(joint) else "rad" for joint in setup.body.joints)
     if setup.control.space == "joint":
         return joints
     turned: tuple[Unit, ...] = ("rad", "rad", "rad")

@@ -95,7 +95,7 @@ class Audit:
 
     @property
     def angles(self) -> dict[str, float]:
-        """Where every joint of the model stands, held ones too [rad; m for a slide]."""
+        """Where every joint of the model stands, held ones too [rad; m if prismatic]."""
         posture = self.spec.robot.postures[self.worst.posture]
         return {name: posture.angles.get(name, 0.0) for name in posture.body.joint_names} | dict(posture.body.locked)
 

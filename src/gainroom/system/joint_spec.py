@@ -33,5 +33,5 @@ class JointSpec:
         return build_loop(self.joint, self.drive, self.controller, self.feedback, self.sample_time)
 
     def unusual(self) -> tuple[str, ...]:
-        """What lies far outside what actuators have, in words: most often a slip of units."""
+        """What lies far outside what actuators have: most often a slip of units."""
         return unusual_joint(self.joint, self.drive, self.controller, self.sample_time, self.requirements, self.uncertainty, self.typed)

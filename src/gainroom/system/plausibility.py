@@ -1,15 +1,14 @@
 """Values far outside what actuators have: most often a slip of units, which no check of signs and types can see.
 
 The ranges are wide: from the joints of small hands to the legs of a humanoid of 500 kg, an order of magnitude beyond public actuators on
-either side. What lies outside is not refused, it is told with its unit. Some slips stay inside them and cannot be seen (N m/deg, Hz for
-rad/s).
+either side. What lies outside is not refused: a warning names it with its unit. Some slips stay inside them and cannot be seen (N m/deg,
+Hz for rad/s).
 """
 
 import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from .controller import PD, PID, PPI
 from .drive import Drive
 from .plant import ElasticJoint
 
@@ -63,7 +62,7 @@ FORMED = {
     "kd over motor_inertia": Usual(0, 2e4, "rad/s", "the units of kd and motor_inertia"),
 }
 """What follows from it."""
-WORDS = {
+NAMES = {
     "resonance": "the resonance √(K (1/J_M + 1/J_L))",
     "swing": "the swing of the load on the gearbox, √(K/J_L),",
     "mode damping": "the damping ratio of the resonance",
@@ -72,22 +71,22 @@ WORDS = {
 
 
 def unusual(values: Mapping[str, float]) -> dict[str, str]:
-    """By quantity, what is told of those of `values` (SI, names of GIVEN) that lie far outside the usual, and of what they form.
+    """By quantity, the warnings about those of `values` (SI, names of GIVEN) that lie far outside the usual, and of what they form.
 
-    What is formed is left out where one of the values is told itself: it names the slip better.
+    What is formed is left out where one of the values has a warning itself: it names the slip better.
     """
-    told = {}
+    warnings = {}
     for name, value in values.items():
         if name in GIVEN and not _is_usual(value, GIVEN[name]):
             usual = GIVEN[name]
-            told[name] = f"{name} {_with_unit(value, usual)} is far outside the usual, {_span(usual)}: {usual.slips}"
+            warnings[name] = f"{name} {_with_unit(value, usual)} is far outside the usual, {_span(usual)}: {usual.slips}"
     for name, (value, sources) in _formed(values).items():
-        if not _is_usual(value, FORMED[name]) and told.keys().isdisjoint(sources):
+        if not _is_usual(value, FORMED[name]) and warnings.keys().isdisjoint(sources):
             usual = FORMED[name]
-            told[name] = (
-                f"{WORDS.get(name, name)} is {_with_unit(value, usual)}, far outside the usual, {_span(usual)}: check {usual.slips}"
+            warnings[name] = (
+                f"{NAMES.get(name, name)} is {_with_unit(value, usual)}, far outside the usual, {_span(usual)}: check {usual.slips}"
             )
-    return told
+    return warnings
 
 
 def unusual_joint(
@@ -99,16 +98,16 @@ def unusual_joint(
     uncertainty: "Uncertainty",
     typed: Mapping[str, float],
 ) -> tuple[str, ...]:
-    """Warnings for one joint; `typed`: see JointSpec. The ends of ranges are told where the stated value is usual."""
+    """Warnings for one joint; `typed`: see JointSpec. The ends of ranges are looked at where the nominal value is usual."""
     values = {name: getattr(joint, name) for name in ("motor_inertia", "link_inertia", *SIDES)}
-    told = unusual({**typed, **values, **of_drive(drive), **of_control(controller, sample_time), **of_limits(requirements)})
-    if not told.keys().isdisjoint(typed):
-        told.pop("motor_inertia", None)  # their product
+    warnings = unusual({**typed, **values, **of_drive(drive), **of_control(controller, sample_time), **of_limits(requirements)})
+    if not warnings.keys().isdisjoint(typed):
+        warnings.pop("motor_inertia", None)  # their product
     for name in uncertainty.names:
         for end in getattr(uncertainty, name):
-            for text in unusual({name: end}).values() if name not in told else ():
-                told[f"uncertainty.{name}"] = f"uncertainty.{text}"
-    return tuple(told.values())
+            for text in unusual({name: end}).values() if name not in warnings else ():
+                warnings[f"uncertainty.{name}"] = f"uncertainty.{text}"
+    return tuple(warnings.values())
 
 
 def of_drive(drive: Drive) -> dict[str, Any]:
@@ -119,16 +118,17 @@ def of_drive(drive: Drive) -> dict[str, Any]:
 def of_control(controller: Any, sample_time: float | None) -> dict[str, Any]:
     """A controller's values by name."""
     values: dict[str, Any] = {} if sample_time is None else {"sample_rate_hz": 1 / sample_time}
-    if isinstance(controller, PD | PID):
-        values |= {"kp": controller.kp, "kd": controller.kd}
-    elif isinstance(controller, PPI):
-        values["kd"] = controller.kv
-    if isinstance(controller, PD | PID | PPI):
-        if controller.velocity_filter is not None:
-            values["velocity_filter.bandwidth"] = controller.velocity_filter.bandwidth
-        for notch in controller.notches:
-            if not _is_usual(notch.frequency, GIVEN["notch frequency"]):
-                values["notch frequency"] = notch.frequency
+    if not hasattr(controller, "gain_names"):  # none, or any other system
+        return values
+    names = controller.gain_names()
+    # kp of a cascade is in 1/s: only its kv means what kd means elsewhere.
+    gains = {"kd": "kv"} if "kv" in names else {name: name for name in ("kp", "kd") if name in names}
+    values |= {quantity: getattr(controller, name) for quantity, name in gains.items()}
+    if controller.velocity_filter is not None:
+        values["velocity_filter.bandwidth"] = controller.velocity_filter.bandwidth
+    for notch in controller.notches:
+        if not _is_usual(notch.frequency, GIVEN["notch frequency"]):
+            values["notch frequency"] = notch.frequency
     return values
 
 

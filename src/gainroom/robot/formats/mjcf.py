@@ -194,7 +194,7 @@ def _disabled(model: Any, flag: str) -> bool:
 
 
 def _not_counted(model: Any) -> tuple[str, ...]:
-    """What bears on the links and is left out, in words."""
+    """What bears on the links and is left out."""
     notes = []
     lifted = [_body_name(model, body) for body in range(model.nbody) if model.body_gravcomp[body]]
     if lifted:
@@ -207,7 +207,7 @@ def _not_counted(model: Any) -> tuple[str, ...]:
 
 
 def _rotor(model: Any, joint: int) -> float:
-    """Armature of a joint, and of the actuators on it, which stand before their gear [kg m²; kg for a slide]."""
+    """Armature of a joint, and of the actuators on it, which stand before their gear [kg m²; kg if prismatic]."""
     rotor = float(model.dof_armature[model.jnt_dofadr[joint]])
     before_gear = getattr(model, "actuator_armature", np.zeros(model.nu))  # since MuJoCo 3.5
     for index in range(model.nu):

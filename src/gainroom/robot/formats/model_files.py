@@ -32,7 +32,7 @@ def load_model(
     base       "fixed", "floating", or None: fixed, except where the file has a free joint
     locked     patterns (regular expressions for whole names, or names) of joints to hold
     selected   patterns of the joints to keep; None: all
-    posture_for_locked   positions [rad; m for a slide] of the locked joints, 0 where not named; other joints may stand in it too
+    posture_for_locked   positions [rad; m if prismatic] of the locked joints, 0 where not named; other joints may stand in it too
     locked_key   what messages call the list `locked`, where it comes from another file
 
     Raises GainroomError, one line that names the file, where it is missing, malformed, out of bounds or makes no robot; where a pattern

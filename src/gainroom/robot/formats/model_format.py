@@ -24,7 +24,7 @@ class ModelFormat:
         raise NotImplementedError
 
     def keyframes(self, root: Element, path: Path) -> Mapping[str, Mapping[str, float]]:
-        """By name, the postures in the file: joint positions by name [rad; m for a slide]. Raises GainroomError."""
+        """By name, the postures in the file: joint positions by name [rad; m if prismatic]. Raises GainroomError."""
         return {}
 
     def position_gains(self, root: Element, path: Path) -> Mapping[str, tuple[float, float]]:

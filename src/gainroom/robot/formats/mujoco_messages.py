@@ -1,6 +1,6 @@
-"""What MuJoCo warns of, heard instead of printed and written to MUJOCO_LOG.TXT in the current folder.
+"""What MuJoCo warns of, collected instead of printed and written to MUJOCO_LOG.TXT in the current folder.
 
-Its handler is one for the whole process: it is taken over while any thread listens, and given back when the last one has done.
+Its handler is one for the whole process: it is taken over while any thread collects, and given back when the last one has done.
 """
 
 import contextlib
@@ -10,31 +10,31 @@ from typing import Any
 
 _lock = threading.Lock()
 _thread = threading.local()
-_listening = 0
+_collecting = 0
 _before: Callable[[str], object] | None = None
 
 
 @contextlib.contextmanager
 def mujoco_says(mujoco: Any) -> Iterator[list[str]]:
     """Collect the warnings of this thread's work with the module `mujoco`; what other threads do goes where it went before."""
-    global _listening, _before
+    global _collecting, _before
     with _lock:
-        if not _listening:
+        if not _collecting:
             _before = mujoco.get_mju_user_warning()
-            mujoco.set_mju_user_warning(_hear)
-        _listening += 1
+            mujoco.set_mju_user_warning(_collect)
+        _collecting += 1
     outer, _thread.said = getattr(_thread, "said", None), []
     try:
         yield _thread.said
     finally:
         _thread.said = outer
         with _lock:
-            _listening -= 1
-            if not _listening:
+            _collecting -= 1
+            if not _collecting:
                 mujoco.set_mju_user_warning(_before)
 
 
-def _hear(text: str) -> None:
+def _collect(text: str) -> None:
     said = getattr(_thread, "said", None)
     if said is not None:
         said.append(text)
