@@ -359,7 +359,7 @@ def test_coupling_marks_are_the_factors(unstable_page, unstable):
         alone = np.nanmin([row.single_joint_limit for row in state.joints])  # NaN: tasks put no gain on that joint
         assert alone > left
         assert drawn == approx(alone, rel=1e-5)
-    assert "others closed" not in marks
+    assert "other loops closed" not in marks
 
 
 def test_gains_that_nothing_limits(tmp_path):

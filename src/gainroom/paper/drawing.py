@@ -98,10 +98,7 @@ def _points(panel: Panel, axes: dict[str, str], kinds: tuple[str, ...]) -> list[
             name = kinds[kind] if kind < len(kinds) else ""
             text = ["<br>".join(filter(None, (mark.name or name, f"{digits(mark.x)}: {digits(mark.y)}"))) for mark in marks]
             parts = {"name": name, "showlegend": bool(name), "hoverinfo": "text", "text": text} | axes
-            trace = style.markers([mark.x for mark in marks], [mark.y for mark in marks], symbol, color, size, **parts)
-            if symbol.endswith("open"):
-                trace["marker"]["line"] = {"width": 2.2, "color": color}
-            traces.append(trace)
+            traces.append(style.markers([mark.x for mark in marks], [mark.y for mark in marks], symbol, color, size, **parts))
     return traces
 
 

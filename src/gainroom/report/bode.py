@@ -190,10 +190,8 @@ def _rules(study: JointStudy, angles: list[float]) -> list[dict]:
     shapes = [flat | {"y0": 0, "y1": 0}]
     shapes += [flat | {"yref": "y2", "y0": y, "y1": y} for y in (180, -180, -540) if angles[0] < y < angles[1]]
     joint, drive = study.spec.joint, study.spec.drive
-    dotted = {"color": "#bbb", "width": 1, "dash": "dot"}
-    upright = {"type": "line", "yref": "paper", "y0": 0, "y1": 1, "line": dotted, "layer": "below"}
     marked = [omega for omega in (joint.antiresonance, joint.resonance, drive.bandwidth) if math.isfinite(omega)]
-    return shapes + [upright | {"x0": omega, "x1": omega} for omega in marked]
+    return shapes + [style.upright(omega, "#bbb", "dot") for omega in marked]
 
 
 def _title(shown: list[Case]) -> str:

@@ -13,18 +13,18 @@ from .page import Html, figure
 from .robot_room import Factors
 
 WIDEST = 1e3  # ratio of the factors on one axis; what lies beyond is drawn at its end
-NEGLIGIBLE = 0.97  # coupling that leaves more than this share costs nothing worth a word
+NEGLIGIBLE = 0.97  # coupling that leaves more than this of the factor costs nothing worth a word
 MARKS = (
     ("alone", "circle-open", style.BLUE, 15),
-    ("others closed", "circle", style.BLACK, 10),
+    ("other loops closed", "circle", style.BLACK, 10),
     ("all together", "diamond", style.VERMILION, 8),
 )
 Row = tuple[str, tuple[float, float, float]]
-"""Name; factor alone, with the others closed, all together. NaN: none."""
+"""Name; factor alone, with the other loops closed, all together. NaN: none."""
 
 
 def coupling(factors: Factors, what: str) -> tuple[Html, Html]:
-    """What scaling one part alone, one with the others closed, and all together allow: by state, and by part in the tightest state."""
+    """What scaling one part alone, one with the other loops closed, and all together allow: by state, and by part in the tightest state."""
     few, tight = factors.few(), factors.tightest
     by_state: list[Row] = [
         (style.shown(state.title), (_least(few.alone[k]), _least(few.closed[k]), float(few.whole[k]))) for k, state in enumerate(few.states)
@@ -48,18 +48,17 @@ def _dumbbells(rows: Sequence[Row], whole: float, title: str, caption: str) -> H
     finite = [value for _, values in rows for value in (*values, whole) if math.isfinite(value) and value > 0]
     low, high = min([1.0, *finite]), max([1.0, *finite])
     left, right = 0.75 * low, 1.6 * min(high, WIDEST * low)
-    shapes = [_upright(1.0, style.INK, "dot", 1.4)]
+    shapes = [style.upright(1.0, style.INK, "dot", 1.4)]
     notes = [style.label(0.0, 1, "these gains", style.SOFT, yref="paper", yanchor="bottom", bgcolor="rgba(0,0,0,0)")]
     if 0 < whole < math.inf:
-        shapes.append(_upright(whole, style.VERMILION, "solid", 2))
+        shapes.append(style.upright(whole, style.VERMILION, "solid", 2))
         side = "left" if math.log(whole / left) < 0.5 * math.log(right / left) else "right"
         place = {"yref": "paper", "yanchor": "bottom", "xanchor": side, "xshift": 4 if side == "left" else -4}
         notes.append(style.label(math.log10(whole), 0, f"all together {digits(whole, '×', 3)}", style.VERMILION, **place))
-    room = {"range": [len(rows) - (0.4 if math.isnan(whole) else -0.3), -0.6], "fixedrange": True}
-    across = {"type": "log", "range": [math.log10(left), math.log10(right)], "fixedrange": True} | _round_factors(left, right)
+    span = {"range": [len(rows) - (0.4 if math.isnan(whole) else -0.3), -0.6], "fixedrange": True}
     picture = style.layout(
-        xaxis=style.axis("factor on the gains [×]", **across),
-        yaxis=style.axis("", tickvals=list(range(len(rows))), ticktext=[name for name, _ in rows], **room),
+        xaxis=style.log_axis("factor on the gains [×]", left, right, fixedrange=True),
+        yaxis=style.axis("", tickvals=list(range(len(rows))), ticktext=[name for name, _ in rows], **span),
         shapes=shapes,
         annotations=notes,
         showlegend=True,
@@ -75,57 +74,37 @@ def _dumbbells(rows: Sequence[Row], whole: float, title: str, caption: str) -> H
 def _marks(rows: Sequence[Row], left: float, right: float) -> list[style.Trace]:
     """The bars first, the three kinds of marks over them; none outside [left, right]."""
     edge = (right / left) ** 0.03
-
-    def inside(value: float) -> float:
-        return min(max(value, left * edge), right / edge)
-
+    names, values = [name for name, _ in rows], np.array([values for _, values in rows])
+    places = np.clip(values, left * edge, right / edge)
     traces = []
-    for k, (_, values) in enumerate(rows):
-        ends = [inside(value) for value in values if not math.isnan(value)]
-        if ends:
-            traces.append(style.line([min(ends), max(ends)], [k, k], "#b0b0b0", width=3, showlegend=False))
-    for column, (name, symbol, color, size) in enumerate(MARKS):
-        known = [(k, title, values[column]) for k, (title, values) in enumerate(rows) if not math.isnan(values[column])]
-        if not known:
-            continue
-        text = [f"{title}<br>{name}: {digits(value, '×')}" for _, title, value in known]
-        place = [inside(value) for _, _, value in known], [k for k, _, _ in known]
-        trace = style.markers(*place, symbol, color, size, name=name, hoverinfo="text", text=text, showlegend=True)
-        is_open = symbol.endswith("open")
-        trace["marker"]["line"] = {"width": 2.4 if is_open else 1, "color": color if is_open else "white"}
-        traces.append(trace)
+    for k, place in enumerate(places):
+        known = place[~np.isnan(place)]
+        if len(known):
+            traces.append(style.line([known.min(), known.max()], [k, k], "#b0b0b0", width=3, showlegend=False))
+    for column, (kind, symbol, color, size) in enumerate(MARKS):
+        known = np.flatnonzero(~np.isnan(values[:, column]))
+        if len(known):
+            text = [f"{names[k]}<br>{kind}: {digits(values[k, column], '×')}" for k in known]
+            named = {"name": kind, "hoverinfo": "text", "text": text, "showlegend": True}
+            traces.append(style.markers(places[known, column], known, symbol, color, size, **named))
     return traces
 
 
-def _upright(x: float, color: str, dash: str, width: float) -> dict:
-    line = {"color": color, "dash": dash, "width": width}
-    return {"type": "line", "x0": x, "x1": x, "y0": 0, "y1": 1, "yref": "paper", "line": line, "layer": "below"}
-
-
-def _round_factors(left: float, right: float) -> dict:
-    """Ticks at 1, 2 and 5 of every decade, only at 1 over many, at every digit over less than one."""
-    span = right / left
-    steps = (1,) if span >= 300 else (1, 2, 5) if span >= 10 else range(1, 10)
-    decades = range(math.floor(math.log10(left)), math.ceil(math.log10(right)) + 1)
-    values = [step * 10.0**decade for decade in decades for step in steps if left <= step * 10.0**decade <= right]
-    return {"tickmode": "array", "tickvals": values, "ticktext": [digits(value) for value in values]}
-
-
 def _cost_caption(factors: Factors, what: str) -> str:
-    """Where the coupling costs most, in words."""
+    """Where the coupling costs most."""
     pairs = [(_least(alone), float(whole)) for alone, whole in zip(factors.alone, factors.whole, strict=True)]
     costs = [(whole / alone, k) for k, (alone, whole) in enumerate(pairs) if 0 < alone < math.inf and math.isfinite(whole)]
-    if not costs and any(np.any(alone == 0) for alone in factors.alone):
+    if not costs and np.any(factors.alone == 0):
         return _lost_alone(factors, what)
     if not costs:
         return "Nothing limits these gains one by one, so there is nothing to compare."
-    share, k = min(costs)
-    if share > NEGLIGIBLE:
-        return f"Coupling costs next to nothing here: in every state all together allow what the tightest {what} alone does, within 3 %."
+    ratio, k = min(costs)
+    if ratio > NEGLIGIBLE:
+        return f"Coupling costs less than 3 %: in every state all together allow what the tightest {what} alone does."
     alone, whole = pairs[k]
     return (
-        f"Coupling costs most in {factors.states[k].title}: the tightest {what} alone allows {digits(alone, '', 3)}, all together only "
-        f"{digits(whole, '', 3)}, {100 * share:.0f} % of it. Whoever looks at one {what} at a time believes in the open circles."
+        f"Coupling costs most in {factors.states[k].title}: the tightest {what} alone allows {digits(alone, '', 3)} ×, all together "
+        f"{digits(whole, '', 3)} ×, {100 * ratio:.0f} % of it."
     )
 
 
@@ -145,19 +124,15 @@ def _part_caption(factors: Factors, what: str) -> str:
     """What closing the other loops does to each part."""
     tight = factors.tightest
     if not factors.stable[tight]:
-        told = "Unstable as it is: no single factor with the others closed; "
-        if factors.whole[tight] > 0:
-            return f"{told}all gains together have to go left of the line."
-        return (
-            f"{told}how far all gains together would have to be lowered is not known."
-            if math.isnan(factors.whole[tight])
-            else (f"{told}lowering all gains together makes nothing stable.")
-        )
+        whole = factors.whole[tight]
+        lower = "all gains together have to go left of the line" if whole > 0 else "no factor on all gains is stable"
+        lower = "the factor on all gains that is stable is not known" if math.isnan(whole) else lower
+        return f"Unstable: no single factor with the other loops closed; {lower}."
     both = zip(factors.alone[tight].tolist(), factors.closed[tight].tolist(), strict=True)
     pairs = [(closed / alone, k) for k, (alone, closed) in enumerate(both) if 0 < alone < math.inf and closed < math.inf]
     if not pairs:
         return f"No single {what} has a limit here."
-    share, k = min(pairs)
-    if share > NEGLIGIBLE:
-        return f"Every {what} keeps what it has alone, with the others closed."
-    return f"{factors.parts[k]} loses most: with the others closed, {100 * share:.0f} % of what it has alone is left."
+    ratio, k = min(pairs)
+    if ratio > NEGLIGIBLE:
+        return f"With the other loops closed every {what} allows what it does alone."
+    return f"{factors.parts[k]} loses most: with the other loops closed it allows {100 * ratio:.0f} % of what it does alone."

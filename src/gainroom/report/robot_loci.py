@@ -7,15 +7,15 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from ..analysis.loci import Sweep
-from ..linear.arrays import Complexes, Floats
+from ..linear.arrays import Complexes, Floats, Integers
 from ..studies.robot_record import StateStudy
 from . import style
-from .number_format import digits, hertz
+from .number_format import digits, frequency
 from .page import Html, figure
 
-WIDEST = 6.0  # |Re L| beyond which nothing is drawn: crossings far outside are told in words
+WIDEST = 6.0  # |Re L| beyond which nothing is drawn: crossings far outside are reported in text
 TO_DRAW = 0.012  # longest step between samples, relative to the window
-TO_TELL = 0.005  # points closer than this are not written into the page
+TO_WRITE = 0.007  # points closer than this along a locus are not written into the page
 AROUND = math.log(3)  # of the frequency at the limit: the stretch of the leading locus that is drawn strong
 MOST = 40_000  # eigenvalues in one sweep
 
@@ -40,12 +40,12 @@ def loci(state: StateStudy, window: tuple[float, float]) -> Html:
         traces.append(_strong(omega[near], curves[near, leading], window))
     traces.append(style.markers([-1], [0], "x", style.VERMILION, 13, hoverinfo="text", text="the critical point −1", cliponaxis=False))
     notes = [style.label(-1, 0, "−1", style.VERMILION, xanchor="right", yanchor="top", xshift=-5, yshift=-4)]
-    crossing, told = _crossing(state, window)
+    crossing, crossing_notes = _crossing(state, window)
     wide = {"zeroline": True, "zerolinecolor": "#999", "fixedrange": True}
     picture = style.layout(
         xaxis=style.axis("Re λ(L)", range=[left, right], constrain="domain", **wide),
         yaxis=style.axis("Im λ(L)", range=[-half, half], scaleanchor="x", constrain="domain", **wide),
-        annotations=[*notes, *told],
+        annotations=[*notes, *crossing_notes],
         shapes=[_beyond(left)],
         plot_bgcolor="white" if state.limit.stable else style.UNSTABLE_GROUND,
         margin={"l": 62, "r": 8, "t": 8, "b": 48},
@@ -91,43 +91,28 @@ def _leading(state: StateStudy, omega: Floats, curves: Complexes) -> int | None:
     return int(np.argmin(np.abs(there + 1 / state.limit.gain)))
 
 
-def _visible(curve: Complexes, window: tuple[float, float]) -> list[int]:
-    """Samples to write: those that the window may show, none nearly on the one before; −1 where the line is broken."""
-    reach, close = -1.6 * window[0], -TO_TELL * window[0]
-    kept, last = [], complex(math.inf, 0)
-    for k, value in enumerate(curve.tolist()):
-        if abs(value) > reach:
-            if kept and kept[-1] >= 0:
-                kept += [k, -1]
-            last = complex(math.inf, 0)
-            continue
-        if not math.isfinite(last.real) and k:
-            kept.append(k - 1)  # from outside into the picture
-        if abs(value - last) > close or not math.isfinite(last.real):
-            kept.append(k)
-            last = value
-    return kept
+def _drawn(curve: Complexes, window: tuple[float, float]) -> tuple[Integers, Complexes]:
+    """Samples to draw and their values: what the window may show and its neighbours, none nearly on another; −1 and NaN break the line."""
+    reach, close = -1.6 * window[0], -TO_WRITE * window[0]
+    inside = np.abs(curve) <= reach
+    edge = np.convolve(inside, [1, 1, 1], "same").astype(bool) & ~inside
+    travelled = np.append(0.0, np.cumsum(np.minimum(np.abs(np.diff(curve)), reach)))
+    index = np.flatnonzero(edge | (inside & np.append(True, np.diff(np.floor(travelled / close)) > 0)))
+    leaves = np.flatnonzero(edge[index][1:] & edge[index][:-1]) + 1
+    index = np.insert(index, leaves, -1)
+    return index, np.where(index < 0, np.nan, np.round(curve[index], 4))
 
 
 def _background(curves: Complexes, window: tuple[float, float]) -> style.Trace:
-    x, y = [], []
-    for curve in curves.T:
-        for k in [*_visible(curve, window), -1]:
-            x.append(None if k < 0 else _short(curve[k].real))
-            y.append(None if k < 0 else _short(curve[k].imag))
-    return style.line(x, y, "#9a9a9a", width=1.3, name="other loci")
-
-
-def _short(value: float) -> float:
-    return round(float(value), 4)
+    values: Complexes = np.concatenate([np.append(_drawn(curve, window)[1], np.nan) for curve in curves.T])
+    return style.line(values.real, values.imag, "#9a9a9a", width=1.3, name="other loci")
 
 
 def _strong(omega: Floats, curve: Complexes, window: tuple[float, float]) -> style.Trace:
     """The stretch of a locus around the limit, with the frequencies on it."""
-    kept = _visible(curve, window)
-    x, y = ([None if k < 0 else _short(part[k]) for k in kept] for part in (curve.real, curve.imag))
-    text = ["" if k < 0 else f"{digits(omega[k], 'rad/s')} ({hertz(omega[k])})" for k in kept]
-    return style.line(x, y, style.BLACK, width=2.8, hoverinfo="text", text=text)
+    index, values = _drawn(curve, window)
+    text = ["" if k < 0 else frequency(float(omega[k])) for k in index]
+    return style.line(values.real, values.imag, style.BLACK, width=2.8, hoverinfo="text", text=text)
 
 
 def _crossing(state: StateStudy, window: tuple[float, float]) -> tuple[list[style.Trace], list[style.Annotation]]:
@@ -136,8 +121,9 @@ def _crossing(state: StateStudy, window: tuple[float, float]) -> tuple[list[styl
     if not math.isfinite(limit.frequency):
         return [], []
     at = -1 / limit.gain
-    text = f"λ = {digits(at, '', 3)} at {digits(limit.frequency, 'rad/s', 3)} ({hertz(limit.frequency)})<br>limit 1/{digits(-at, '', 3)} = "
-    text += f"<b>{digits(limit.gain, '', 3)} ×</b>"
+    text = (
+        f"λ = {digits(at, '', 3)} at {frequency(limit.frequency, 3)}<br>limit 1/{digits(-at, '', 3)} = <b>{digits(limit.gain, '', 3)} ×</b>"
+    )
     half = window[1]
     inside = at > window[0]
     place = {"axref": "x", "ayref": "y", "showarrow": True, "arrowhead": 2, "arrowwidth": 1.4, "arrowcolor": style.INK, "standoff": 6}

@@ -179,9 +179,7 @@ def _contacts(model: RobotModel, view: View, project: Projection) -> list[style.
 
 def _centre(model: RobotModel, project: Projection) -> style.Trace:
     plane = project(model.body.com(model.q)[None])
-    trace = style.markers(plane[:, 0], plane[:, 1], "circle-cross-open", style.BLUE, 13, hoverinfo="text", text="centre of mass")
-    trace["marker"]["line"] = {"width": 1.8, "color": style.BLUE}
-    return trace
+    return style.markers(plane[:, 0], plane[:, 1], "circle-cross-open", style.BLUE, 13, hoverinfo="text", text="centre of mass")
 
 
 def _scale(view: View) -> style.Trace:

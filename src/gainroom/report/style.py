@@ -64,11 +64,11 @@ def axis(title: str, **parts: Any) -> dict[str, Any]:
 
 
 def log_axis(title: str, low: float, high: float, scale: float = 1.0, **parts: Any) -> dict[str, Any]:
-    """A logarithmic axis over [low, high] with a tick at every 1, 2 and 5, written in units of `scale` (2π: rad/s in Hz)."""
-    wide = high / low > 3e3  # only powers of ten have room for their names
+    """A logarithmic axis over [low, high] with ticks at 1, 2 and 5, or at every digit, in units of `scale` (2π: rad/s in Hz)."""
+    wide, narrow = high / low > 3e3, high / low < 10  # wide: only powers of ten have room for their names
     ticks, names = [], []
     for decade in range(math.floor(math.log10(low / scale)), math.ceil(math.log10(high / scale)) + 1):
-        for step in (1, 2, 5):
+        for step in range(1, 10) if narrow else (1, 2, 5):
             value = step * 10.0**decade
             if low <= value * scale * (1 + ROUNDING) and value * scale <= high * (1 + ROUNDING):
                 ticks.append(value * scale)
@@ -107,8 +107,15 @@ def line(x: Any, y: Any, color: str, *, dash: str = "solid", width: float = 2, *
 
 def markers(x: Any, y: Any, symbol: str, color: str, size: float = 10, **parts: Any) -> Trace:
     """Points."""
-    marker = {"symbol": symbol, "color": color, "size": size, "line": {"color": "white", "width": 1.5}}
+    edge = {"color": color, "width": 2.2} if symbol.endswith("open") else {"color": "white", "width": 1.5}
+    marker = {"symbol": symbol, "color": color, "size": size, "line": edge}
     return {"type": "scatter", "mode": "markers", "x": x, "y": y, "marker": marker, "hoverinfo": "skip"} | parts
+
+
+def upright(x: float, color: str, dash: str = "solid", width: float = 1, **parts: Any) -> dict[str, Any]:
+    """A line across the whole height, behind all else."""
+    line = {"color": color, "dash": dash, "width": width}
+    return {"type": "line", "x0": x, "x1": x, "y0": 0, "y1": 1, "yref": "paper", "line": line, "layer": "below"} | parts
 
 
 def label(x: float, y: float, text: str, color: str = INK, **parts: Any) -> Annotation:
