@@ -9,7 +9,13 @@ import numpy as np
 
 from gainroom.robot import load_model
 from gainroom.robot.actuators import Actuators
+from gainroom.robot.body import RigidBody
 from gainroom.robot.contact import Contact, contact_jacobian
+from gainroom.robot.spec import RobotControl
+from gainroom.simulation.robot_setup import RobotSetup
+from gainroom.system.drive import Drive
+from gainroom.system.loop import Feedback
+from gainroom.system.plant import ElasticJoint
 
 SIDES = ("left", "right")
 JOINTS = ("hip_yaw", "hip_roll", "hip_pitch", "knee", "ankle_pitch", "ankle_roll")
@@ -114,4 +120,25 @@ def hinge(name: str, parent: str, child: str, at=(0.0, 0.0, 0.0), axis="0 1 0", 
     return (
         f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/><origin xyz="{at[0]} {at[1]} {at[2]}"/>'
         f'<axis xyz="{axis}"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint>'
+    )
+
+
+def joint_setup(
+    joint: ElasticJoint, drive: Drive, controller: Any, feedback: Feedback = "motor", sample_time: float = 5e-4, **options: Any
+) -> RobotSetup:
+    """One joint with its load on a fixed base, as a robot; `options` are RobotSetup's own, the rest as for build_loop."""
+    import pinocchio as pin
+
+    model = pin.Model()
+    model.gravity.linear = np.zeros(3)
+    index = model.addJoint(0, pin.JointModelRZ(), pin.SE3.Identity(), joint.name)
+    model.appendBodyToJoint(index, pin.Inertia(1.0, np.zeros(3), np.diag([1.0, 1.0, 1.0]) * joint.link_inertia), pin.SE3.Identity())
+    values = (joint.motor_inertia, joint.stiffness, joint.damping, joint.motor_viscous, joint.link_viscous)
+    return RobotSetup(
+        body=RigidBody(f"joint '{joint.name}'", model, (joint.name,), "fixed", np.zeros(1)),
+        actuators=Actuators(*(np.array([value]) for value in values)),
+        drives=(drive,),
+        control=RobotControl("joint", controller, feedback, sample_time),
+        q=np.zeros(1),
+        **options,
     )

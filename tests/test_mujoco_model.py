@@ -116,10 +116,10 @@ def test_positions_and_weight_are_the_bodys(body, seed):
     robot = build_mujoco(body, actuators(12), q, timestep=STEP)
     torque = np.linspace(-30.0, 40.0, 12)
     data = robot.new_data(q, torque)
-    assert_allclose(robot.posture(data), q, atol=1e-14)
-    assert_allclose(robot.link_position(data), body.angles(q), atol=1e-14)
-    assert_allclose(robot.motor_position(data) - robot.link_position(data), torque / 1e4, atol=1e-14)  # wound up by τ_J/K
-    assert_allclose(robot.joint_torque(data), torque, rtol=1e-9)
+    assert_allclose(data.qpos[[0, 1, 2, 4, 5, 6, 3]], q[:7], atol=1e-14)  # MuJoCo's quaternions begin with w
+    assert_allclose(robot.link_position(data.qpos), body.angles(q), atol=1e-14)
+    assert_allclose(robot.motor_position(data.qpos) - robot.link_position(data.qpos), torque / 1e4, atol=1e-14)  # wound up by τ_J/K
+    assert_allclose(robot.joint_torque(data.qpos, data.qvel), torque, rtol=1e-9)
     mujoco.mj_forward(robot.model, data)
     mapped = velocity_map(robot, data)[:, : body.nv]
     assert_allclose(mapped.T @ data.qfrc_bias, body.gravity_torque(q), atol=1e-11 * np.abs(body.gravity_torque(q)).max())
@@ -246,11 +246,11 @@ def test_coulomb_friction_holds_a_joint_and_lets_it_go(body):
     data.ctrl[0] = 9.5
     for _ in range(4000):
         mujoco.mj_step(robot.model, data)
-    assert abs(robot.motor_position(data)[0]) < 1e-5  # creep of (1 − 0.9999) a h² per step: 1.2e-8 rad × 4000 at most
+    assert abs(robot.motor_position(data.qpos)[0]) < 1e-5  # creep of (1 − 0.9999) a h² per step: 1.2e-8 rad × 4000 at most
     data.ctrl[0] = 10.5
     for _ in range(400):
         mujoco.mj_step(robot.model, data)
-    assert robot.motor_position(data)[0] > 1e-3
+    assert robot.motor_position(data.qpos)[0] > 1e-3
 
 
 def test_feet_stand_on_real_ground(body):

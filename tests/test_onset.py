@@ -83,7 +83,7 @@ def test_running_away_without_swinging_counts_as_growth():
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: find_onset(lambda gain: Vibration(1.0, 1.0, 1.0), 1.0, 2.0), ["die away at 1", "grow at 2"]),
+        (lambda: find_onset(lambda gain: Vibration(1.0, 1.0, 1.0), 1.0, 2.0), ["decay at 1", "grow at 2"]),
         (lambda: linear_onset(sampled(gr.PD(100.0, 5.0), gr.ElasticJoint(0.2, 0.8, 1e4), feedback="link")), ["grows at every factor"]),
         (lambda: linear_onset(sampled(gr.PD(1.0, 1.0)), duration=0.0), ["duration 0"]),
     ],

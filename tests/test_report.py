@@ -13,7 +13,7 @@ import gainroom as gr
 from gainroom.report import joint_page
 from gainroom.report.number_format import digits
 from gainroom.report.page import Card, Html, Lead, Section, figure, page, table
-from gainroom.report.stepping import step_response
+from gainroom.simulation.step_response import step_response
 from gainroom.studies.joint import _change
 
 HOSTILE = "</script><script>alert(1)</script>'\"><img src=x onerror=alert(2)> & joint.yaml"

@@ -24,13 +24,13 @@ from gainroom.robot.spec import RobotControl
 from gainroom.robot.tasks import Task, tasks_of
 from gainroom.simulation.robot_onset import motionless, robot_onset, robot_vibration
 from gainroom.simulation.robot_run import run_robot
-from gainroom.simulation.robot_setup import RobotSetup, hold, joint_setup, robot_setup
+from gainroom.simulation.robot_setup import RobotSetup, hold, robot_setup
 from gainroom.system.controller import PD, PPI, LowPass, Notch
 from gainroom.system.drive import Drive
 from gainroom.system.loop import build_loop
 from gainroom.system.plant import ElasticJoint
 from robot_files import SOLO
-from robot_truths import BOTH, actuators, any_posture, feet, hinge, link, write_robot
+from robot_truths import BOTH, actuators, any_posture, feet, hinge, joint_setup, link, write_robot
 
 TICK = 5e-4
 CLOSE = 1e-2
@@ -169,7 +169,7 @@ def test_no_onset_is_told():
     """Without delay worth the name, PD on a rigid joint would have to be a thousand times harder."""
     setup = joint_setup(ElasticJoint(motor_inertia=1.0, link_inertia=1.0), Drive(), PD(1e-3, 1e-2), sample_time=TICK)
     seen = []
-    with pytest.raises(GainroomError, match="dies away at every factor up to"):
+    with pytest.raises(GainroomError, match="decays at every factor up to"):
         robot_onset(setup, progress=lambda runs, gain: seen.append((runs, gain)))
     assert [runs for runs, _ in seen] == list(range(len(seen)))
 

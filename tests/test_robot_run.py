@@ -18,13 +18,13 @@ from gainroom.robot.spec import RobotControl
 from gainroom.simulation.record import LOGGED
 from gainroom.simulation.robot_onset import motionless
 from gainroom.simulation.robot_run import RobotStepper, run_robot, stream_robot
-from gainroom.simulation.robot_setup import RobotSetup, channel_count, hold, joint_setup, robot_setup, substeps_for
+from gainroom.simulation.robot_setup import RobotSetup, channel_count, hold, robot_setup, substeps_for
 from gainroom.simulation.tracking import track
 from gainroom.simulation.trajectories import Spline
 from gainroom.system.controller import PD
 from gainroom.system.drive import Drive
 from gainroom.system.plant import ElasticJoint
-from robot_truths import hinge, link, write_robot
+from robot_truths import hinge, joint_setup, link, write_robot
 
 TICK = 5e-4
 GROUND = Ground(soles={name: Sole(length=0.28, width=0.15, center=(-0.008, 0.0)) for name in ("left_sole", "right_sole")})
@@ -113,7 +113,7 @@ def test_gains_beyond_the_limit_stop_the_run(spec, gain, tmp_path, monkeypatch):
     """Twice the limit vibrates until a motor runs away; absurd gains blow up in a few ticks. Nothing is left lying about."""
     monkeypatch.chdir(tmp_path)
     setup = setup_of(spec, "joint")
-    run = run_robot(setup, hold(setup, 1.0), gain=gain, kick=1e-3)
+    run = run_robot(setup, hold(setup, 1.0), gain=gain, initial_speed=1e-3)
     assert run.ending == "diverged"
     assert "turns faster than 50 rad/s after" in run.reason
     assert run.time[-1] < 0.9
@@ -149,7 +149,7 @@ def test_viscous_friction_of_both_sides_slows_a_coasting_joint():
     """No gains to speak of: a kicked rigid joint coasts down with (D_m + D_l)/(J_m + J_L)."""
     joint = ElasticJoint(motor_inertia=0.3, link_inertia=0.7, motor_viscous=2.0, link_viscous=1.0)
     setup = joint_setup(joint, Drive(), PD(1e-9, 0.0), sample_time=TICK, substeps=8)
-    run = run_robot(setup, hold(setup, 0.5), kick=0.4)
+    run = run_robot(setup, hold(setup, 0.5), initial_speed=0.4)
     assert run.measured[-1, 0] == pytest.approx(0.4 / 3 * (1 - math.exp(-3 * run.time[-1])), rel=1e-3)
 
 
@@ -187,8 +187,6 @@ def test_refusals(spec):
         run_robot(setup, np.full((10, 6), np.nan))
     with pytest.raises(GainroomError, match="give sample_rate_hz"):
         run_robot(replace(setup, control=replace(setup.control, sample_time=None)), np.zeros((10, 6)))
-    with pytest.raises(GainroomError, match="link_inertia inf"):
-        joint_setup(ElasticJoint(motor_inertia=1.0, link_inertia=math.inf, stiffness=1e4), Drive(), PD(1.0, 1.0))
     stiff = ElasticJoint(motor_inertia=1e-6, link_inertia=1e-6, stiffness=1e6)
     with pytest.raises(GainroomError, match=r"needs .* steps per tick, at most 64"):
         RobotStepper(joint_setup(stiff, Drive(), PD(1.0, 1.0)))
@@ -224,7 +222,7 @@ def test_a_fast_planned_move_is_no_divergence(tmp_path):
 
 @pytest.mark.parametrize(("kind", "says"), [("revolute", "turns faster than 50 rad/s"), ("prismatic", "slides faster than 50 m/s")])
 def test_the_joint_that_runs_away_is_named_with_its_unit(tmp_path, kind, says):
-    run = run_robot(small(tmp_path, kind), hold(small(tmp_path, kind), 0.1), gain=1e-6, kick=[0.0, 60.0])
+    run = run_robot(small(tmp_path, kind), hold(small(tmp_path, kind), 0.1), gain=1e-6, initial_speed=[0.0, 60.0])
     assert run.ending == "diverged"
     assert f"joint 'second' {says} after" in run.reason
 

@@ -6,38 +6,33 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import listed
-from ..simulation.robot_run import RobotRun
-from ..simulation.robot_simulation import RobotSimulation
 from ..studies.simulation import Outcome
 from .number_format import digits, gain_factor, hertz, milli, settling
 from .page import Card, Html, Lead, Section, beside, block, facts, page, paragraph, table
 from .shared import footer
-from .simulation_figures import channels, close_up, drawn_channels, floor_of, in_time, pose
-from .simulation_inputs import assumptions, inputs
+from .simulation_figures import channels, close_up, drawn_channels, floor_of, in_time
+from .simulation_kinds import KINDS, inputs
 from .simulation_text import not_counted, overshoots, sentence, warnings
 
-MODELS = {"linear": "linear sampled model", "testbed": "virtual testbed", "mujoco": "MuJoCo"}
 NOTHING = 1e-3
 """[N m], and a part in a vibration: less is shown as 0."""
 
 
 def simulation_page(outcome: Outcome, command: str) -> str:
     """The report of a run as one HTML page; `command` is what a reader types to get it again."""
-    spec, run = outcome.spec, outcome.run
+    kind, size = KINDS[outcome.spec.kind], len(outcome.run.joint_names)
     sections = [Section("In time", [in_time(outcome)])]
     if outcome.vibrates:
         sections.append(Section("The vibration", [close_up(outcome)]))
-    if isinstance(spec, RobotSimulation) and isinstance(run, RobotRun):
-        sections.append(Section("The robot before and after", [pose(outcome, spec, run)]))
     sections += [
+        *kind.sections(outcome),
         Section("Channel by channel", _by_channel(outcome)),
         Section("Joints", [_joints(outcome)]),
-        Section("Inputs and assumptions", [facts(inputs(outcome)), paragraph(assumptions(outcome))]),
+        Section("Inputs and assumptions", [facts(inputs(outcome)), paragraph(kind.assumptions(outcome))]),
         Section("This page again", [block(command)]),
     ]
-    size = len(run.joint_names)
     what = "one joint" if size == 1 else f"a robot of {size} joints"
-    return page(f"gainroom simulate: {what}, {MODELS[spec.kind]}", _lead(outcome), _cards(outcome), sections, footer())
+    return page(f"gainroom simulate: {what}, {kind.title}", _lead(outcome), _cards(outcome), sections, footer())
 
 
 def _lead(outcome: Outcome) -> Lead:
@@ -147,7 +142,7 @@ def _joints(outcome: Outcome) -> Html:
     wound = np.abs(run.motor_position - run.link_position).max(axis=0)
     torques = {"torque peak [N m]": outcome.torque_peak, "torque RMS [N m]": outcome.torque_rms}
     caption = f"Torque: actual, of the motor on the joint side{_beyond(outcome)}"
-    if isinstance(run, RobotRun):
+    if run.joint_torque is not None:
         torques["gearbox peak [N m]"] = np.abs(run.joint_torque).max(axis=0)
         caption += "; gearbox: through its spring, – of a rigid one, which nothing measures"
     parts = found.parts if found is not None and outcome.vibrates and found.names == run.joint_names else None

@@ -10,7 +10,7 @@ from ..studies.simulation import Outcome
 from .number_format import digits, frequency, gain_factor
 
 TINY = 1e-6
-"""[m, rad] smaller errors are not told apart in a sentence."""
+"""[m, rad] smaller errors are not distinguished in a sentence."""
 PERIODS = 3
 """Of a vibration that a run must hold to show whether it lasts."""
 SLOW = 10.0
@@ -134,26 +134,26 @@ def prediction(limit: GainLimit | None) -> str:
 
 def warnings(outcome: Outcome) -> tuple[str, ...]:
     """What a user should know or do, each with the remedy."""
-    spec, limit, told = outcome.spec, outcome.limit, list(outcome.spec.warnings)
+    spec, limit, texts = outcome.spec, outcome.limit, list(outcome.spec.warnings)
     slowest = PERIODS / spec.duration  # [Hz] that the run can show
     fast = limit.frequency / (2 * math.pi) if limit is not None and limit.frequency > 0 else SLOW
     if outcome.completed and not outcome.vibrates and slowest > fast:
-        told.append(f"a run of {spec.duration:g} s shows no vibration below {slowest:.3g} Hz: lengthen scenario.duration")
+        texts.append(f"a run of {spec.duration:g} s shows no vibration below {slowest:.3g} Hz: lengthen scenario.duration")
     if outcome.completed and spec.moves_late and not spec.fastest:
-        told.append("the reference comes to rest late or not at all: lengthen scenario.duration for a steady state worth the name")
-    told += _place_warnings(spec)
+        texts.append("the reference comes to rest late or not at all: lengthen scenario.duration for a steady state worth the name")
+    texts += _place_warnings(spec)
     if outcome.chattering is not None and not outcome.vibrates:
         remedy = "finer encoders, a velocity filter or a lower kd damp it" if spec.encoder_step else "a lower kd damps it"
-        told.append(f"{_chatter(outcome, outcome.chattering)} beyond the frequencies of the move: {remedy}")
-    told += _verdict_warnings(outcome)
+        texts.append(f"{_chatter(outcome, outcome.chattering)} beyond the frequencies of the move: {remedy}")
+    texts += _verdict_warnings(outcome)
     if outcome.at_torque_limit.any():
-        told.append(_limit_warning(outcome))
+        texts.append(_limit_warning(outcome))
     if outcome.sound and outcome.shaking > EXACT.least:
         causes = [name for name in spec.effects if name in ("noise", "encoder steps")]
-        told.append(f"no vibration lasts, but the joint shakes from {listed(causes)}: {1e3 * outcome.shaking:.3g} mrad RMS")
+        texts.append(f"no vibration lasts, but the joint shakes from {listed(causes)}: {1e3 * outcome.shaking:.3g} mrad RMS")
     if spec.kind == "linear":
-        told.append("linear run, without dry friction, gravity, torque limit or encoder steps: the scenario section of the file adds them")
-    return tuple(told)
+        texts.append("linear run, without dry friction, gravity, torque limit or encoder steps: the scenario section of the file adds them")
+    return tuple(texts)
 
 
 def _verdict_warnings(outcome: Outcome) -> list[str]:
@@ -191,23 +191,23 @@ def overshoots(outcome: Outcome) -> bool:
 
 def _place_warnings(spec: SimulationSpec) -> list[str]:
     """Of what the scenario cannot have, and of ground that is not one level floor."""
-    told = []
+    texts = []
     if spec.immovable:
-        told.append(
+        texts.append(
             f"nothing can move {listed(spec.immovable)} in this posture and contact state: take another state, or move another task"
         )
     steepest = max((footing.slope for footing in spec.footings), default=0.0)
     if steepest > SLOPING:
         frames = listed([footing.frame for footing in spec.footings if footing.slope > steepest - SLOPING])
-        told.append(
+        texts.append(
             f"the ground slopes by {math.degrees(steepest):.3g}° under {frames}, as the contact frames do in this posture: "
             "for a level floor turn the feet until they are level"
         )
     highest = max(spec.footings, key=lambda footing: footing.height, default=None)
     if highest is not None and highest.height > UNEVEN:
         lowest = min(spec.footings, key=lambda footing: footing.height)
-        told.append(
+        texts.append(
             f"the feet stand at different heights: {highest.frame} {1e3 * highest.height:.3g} mm above {lowest.frame}: "
             "for one floor change the posture until they are level"
         )
-    return told
+    return texts

@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..simulation.step_response import StepResponse, step_response
 from ..studies.joint import JointStudy
 from . import style
 from .number_format import digits, hertz
 from .page import Html, figure
-from .stepping import StepResponse, step_response
 
 POINTS = 1200  # drawn per curve
 

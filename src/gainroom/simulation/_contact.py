@@ -1,6 +1,6 @@
 """Compiled: what friction does during one substep, given what would happen without it.
 
-Everything is told in the mean velocity v̄ of the substep: it is `free` without the contact, and every N m of friction takes `gain` off. The
+All is in terms of the mean velocity v̄ of the substep: it is `free` without the contact, and every N m of friction takes `gain` off. The
 friction torque τ is the same all through the substep and obeys the law at v̄, so the work that it takes out, τ v̄ h, is never negative:
 friction can create no energy, however long the substep is (a discrete gradient; the error of sliding falls with h²).
 

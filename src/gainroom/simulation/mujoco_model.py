@@ -4,7 +4,7 @@ An elastic joint is two joints of MuJoCo in one body: the motor's, with armature
 the gearbox's, with stiffness K and damping B, by q − θ, so that the link stands at their sum q. A rigid joint is one joint with armature.
 
 MuJoCo's Euler integrator moves positions with the velocity it has just changed. Read with velocities half a step earlier than positions,
-that is the leapfrog rule: positions are right to second order, a vibration at ω is heard at ω (1 + (ω h)²/24), and nothing leads by half
+that is the leapfrog rule: positions are right to second order, a vibration at ω appears at ω (1 + (ω h)²/24), and nothing leads by half
 a step, provided that the torque of a step at t is the mean over t ± h/2 (torque_line.py gives that).
 """
 
@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from ..errors import GainroomError, require_finite, require_positive
 from ..linear.arrays import Floats, Integers
 from ..robot.actuators import Actuators
-from ..robot.body import RigidBody, library, put_position
+from ..robot.body import RigidBody, library
 from ..robot.contact import Contact
 from ..robot.formats.mjcf_file import ARENA
 from ..robot.ground import Ground, Sole, ground_axes, upwards
@@ -70,30 +70,21 @@ class MujocoRobot:
         data.qpos[self.motor_q], data.qpos[self.spring_q] = motors, -twist
         return data
 
-    def motor_position(self, data: Any) -> Floats:
-        """θ (n,) [rad]."""
-        return data.qpos[self.motor_q]
+    def motor_position(self, qpos: Floats) -> Floats:
+        """θ (..., n) [rad] in MuJoCo's positions (..., nq)."""
+        return qpos[..., self.motor_q]
 
-    def link_position(self, data: Any) -> Floats:
-        """q (n,) [rad]."""
-        position = data.qpos[self.motor_q]
-        position[self.elastic] += data.qpos[self.spring_q]
+    def link_position(self, qpos: Floats) -> Floats:
+        """q (..., n) [rad]."""
+        position = qpos[..., self.motor_q]
+        position[..., self.elastic] += qpos[..., self.spring_q]
         return position
 
-    def joint_torque(self, data: Any) -> Floats:
-        """(n,) τ_J = K (θ − q) + B (θ̇ − q̇) [N m] of elastic joints; NaN of rigid ones, where nothing measures it."""
-        torque = np.full(len(self.elastic), math.nan)
-        torque[self.elastic] = -self.stiffness * data.qpos[self.spring_q] - self.damping * data.qvel[self.spring_v]
+    def joint_torque(self, qpos: Floats, qvel: Floats) -> Floats:
+        """(..., n) τ_J = K (θ − q) + B (θ̇ − q̇) [N m] of elastic joints; NaN of rigid ones, where nothing measures it."""
+        torque = np.full((*qpos.shape[:-1], len(self.elastic)), math.nan)
+        torque[..., self.elastic] = -self.stiffness * qpos[..., self.spring_q] - self.damping * qvel[..., self.spring_v]
         return torque
-
-    def posture(self, data: Any) -> Floats:
-        """The links' posture (nq,), as the body has it."""
-        q = self.body.neutral()
-        if self.body.base == "floating":
-            q[:3], q[3:7] = data.qpos[:3], data.qpos[[4, 5, 6, 3]]
-        for joint, angle in zip(self.body.joints, self.link_position(data), strict=True):
-            put_position(q, joint, angle)
-        return q
 
 
 def build_mujoco(
@@ -181,10 +172,10 @@ def _add_links(mujoco: Any, spec: Any, body: RigidBody, actuators: Actuators) ->
         record = joint.createData()
         joint.calc(record, neutral)
         motion = np.array(record.S).ravel()  # of one degree of freedom: linear or angular, constant
-        slides = np.any(motion[:3])
+        prismatic = np.any(motion[:3])
         shape = {
-            "type": mujoco.mjtJoint.mjJNT_SLIDE if slides else mujoco.mjtJoint.mjJNT_HINGE,
-            "axis": motion[:3] if slides else motion[3:],
+            "type": mujoco.mjtJoint.mjJNT_SLIDE if prismatic else mujoco.mjtJoint.mjJNT_HINGE,
+            "axis": motion[:3] if prismatic else motion[3:],
         }
         k = body.joint_names.index(model.names[index])
         link.add_joint(name=_motor(model.names[index]), armature=actuators.motor_inertia[k], **shape)

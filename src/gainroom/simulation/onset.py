@@ -1,7 +1,7 @@
 """Where vibration begins, found by running a system again and again: the witness against a computed limit.
 
-Nothing here knows of frequency responses. A run is struck once; the fastest-growing oscillation in it tells on which side of the limit the
-gains are, and by how much.
+Nothing here knows of frequency responses. A run begins with an impulse; the fastest-growing oscillation in it shows on which side of the
+limit the gains are, and by how much.
 """
 
 import math
@@ -31,19 +31,19 @@ class Onset:
     runs: int
 
 
-def find_onset(shaken: Callable[[float], Vibration | None], stable: float, growing: float, tolerance: float = 1e-6) -> Onset:
-    """The gain between `stable` and `growing` at which the vibration `shaken(gain)` neither grows nor dies away.
+def find_onset(vibration_at: Callable[[float], Vibration | None], stable: float, growing: float, tolerance: float = 1e-6) -> Onset:
+    """The gain between `stable` and `growing` at which the vibration `vibration_at(gain)` neither grows nor decays.
 
-    shaken      what a run with that gain shows; None: nothing is left of it
-    tolerance   of the gain, relative
+    vibration_at   what a run with that gain shows; None: nothing is left of it
+    tolerance      of the gain, relative
 
     Raises GainroomError where the two ends are not what they are called.
     """
-    low, high = shaken(stable), shaken(growing)
+    low, high = vibration_at(stable), vibration_at(growing)
     rates = [_rate(low), _rate(high)]
     if rates[0] >= 0 or rates[1] <= 0:
         raise GainroomError(
-            f"onset: the vibration must die away at {stable:g} and grow at {growing:g}, not at {rates[0]:g}/s and {rates[1]:g}/s"
+            f"onset: the vibration must decay at {stable:g} and grow at {growing:g}, not at {rates[0]:g}/s and {rates[1]:g}/s"
         )
     weights, latest, runs, last = list(rates), high, 2, 0
     while abs(growing - stable) > tolerance * abs(growing) and runs < ENOUGH:
@@ -53,7 +53,7 @@ def find_onset(shaken: Callable[[float], Vibration | None], stable: float, growi
             # a hair to the side of the older end, so that both ends close in on the limit
             hair = tolerance / 3 * (growing - stable) / abs(growing - stable) * abs(growing)
             middle = min(max(chord + (hair if last < 0 else -hair), min(stable, growing)), max(stable, growing))
-        here = shaken(middle)
+        here = vibration_at(middle)
         runs, rate = runs + 1, _rate(here)
         latest = here or latest
         side = 1 if rate > 0 else -1
@@ -73,10 +73,10 @@ def _rate(found: Vibration | None) -> float:
 
 
 def linear_vibration(loop: Loop, duration: float = 2.0, seed: int = 0) -> Vibration | None:
-    """What is left of a knock on every joint's torque after `duration` [s], in the sampled linear loop: the fastest-growing oscillation."""
+    """The fastest-growing oscillation `duration` [s] after an impulse of every joint's torque, in the sampled linear loop."""
     require_positive("onset", "duration", duration, "s")
-    knock = np.vstack([np.random.default_rng(seed).standard_normal(loop.size), np.zeros(loop.size)])  # no symmetry: excites every mode
-    run = simulate(loop, Scenario(0.0, duration, feedforward=knock))
+    impulse = np.vstack([np.random.default_rng(seed).standard_normal(loop.size), np.zeros(loop.size)])  # no symmetry: excites every mode
+    run = simulate(loop, Scenario(0.0, duration, feedforward=impulse))
     later = run.error[len(run.time) // 2 :]
     stride = -(-len(later) // LONGEST)  # a fast tick and a slow vibration: the whole half counts, not its last samples
     found = vibration(later[::stride], stride * run.sample_time, growing=True)
@@ -95,17 +95,17 @@ def linear_onset(loop: Loop, duration: float = 2.0, tolerance: float = 1e-6) -> 
     return search_onset(lambda factor: linear_vibration(loop.scaled(factor), duration), tolerance)
 
 
-def search_onset(shaken: Callable[[float], Vibration | None], tolerance: float, near: float = 1.0, step: float = 2.0) -> Onset:
-    """find_onset between ends that are looked for from `near` on, `step` by `step`: up where all dies away, else down.
+def search_onset(vibration_at: Callable[[float], Vibration | None], tolerance: float, near: float = 1.0, step: float = 2.0) -> Onset:
+    """find_onset between ends that are looked for from `near` on, `step` by `step`: up where all decays, else down.
 
     Raises GainroomError where no factor between near/1000 and 1000 near does.
     """
     require_positive("onset", "near", near)
     factor = near
-    direction = 1 / step if _rate(shaken(factor)) > 0 else step
+    direction = 1 / step if _rate(vibration_at(factor)) > 0 else step
     while near / FURTHEST < factor * direction < FURTHEST * near:
         factor *= direction
-        if (_rate(shaken(factor)) > 0) == (direction > 1):
+        if (_rate(vibration_at(factor)) > 0) == (direction > 1):
             ends = (factor / direction, factor) if direction > 1 else (factor, factor / direction)
-            return find_onset(shaken, *ends, tolerance)
-    raise GainroomError(f"onset: the loop {'dies away' if direction > 1 else 'grows'} at every factor up to {factor:g}")
+            return find_onset(vibration_at, *ends, tolerance)
+    raise GainroomError(f"onset: the loop {'decays' if direction > 1 else 'grows'} at every factor up to {factor:g}")

@@ -29,7 +29,7 @@ FLOOR = 1e-12  # of the signal's largest value: rounding
 
 @dataclass(frozen=True)
 class Vibration:
-    """frequency [rad/s]; growth_rate [1/s], negative where it dies away; amplitude at the end of the signal, in its unit."""
+    """frequency [rad/s]; growth_rate [1/s], negative where it decays; amplitude at the end of the signal, in its unit."""
 
     frequency: float
     growth_rate: float
@@ -37,14 +37,14 @@ class Vibration:
 
     @property
     def damping_ratio(self) -> float:
-        """−cos of the pole's angle: 0 where it neither grows nor dies away, negative where it grows."""
+        """−cos of the pole's angle: 0 where it neither grows nor decays, negative where it grows."""
         return -self.growth_rate / math.hypot(self.growth_rate, self.frequency) if math.isfinite(self.growth_rate) else -1.0
 
 
 def vibration(signal: ArrayLike, sample_time: float, growing: bool = False, above: float = 0.0) -> Vibration | None:
     """The oscillation that is strongest in the last third of `signal` (k,) or (k, n), of which at most 4000 samples are used.
 
-    growing   rather the one that grows most, or dies away least, however weak it still is
+    growing   rather the one that grows most, or decays least, however weak it still is
     above     only one of a higher frequency than this [rad/s]
 
     None where there is nothing that oscillates for at least one and a half periods and stands out of the noise.

@@ -32,6 +32,7 @@ class Run:
     target_torque    (k, n) what the controller asks for [N m]
     demand_torque    (k, n) what has arrived at the current loop: the target, delayed and limited
     actual_torque    (k, n) what the current loop has made of it
+    joint_torque     (k, n) through the gearboxes [N m], NaN of rigid joints, where nothing measures it; None: not recorded
     sample_time      [s]
     feedback         the side that the controller measures
     joint_names, channels   (n,) and (m,) names
@@ -53,6 +54,7 @@ class Run:
     feedback: Feedback
     joint_names: tuple[str, ...]
     channels: tuple[str, ...]
+    joint_torque: Floats | None = None
     ending: Ending = "completed"
     ended_at: float | None = None
     reason: str = ""

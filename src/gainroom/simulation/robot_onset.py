@@ -1,4 +1,4 @@
-"""Where vibration begins in MuJoCo: the factor on all gains at which, after a small kick, the robot no longer comes to rest.
+"""Where vibration begins in MuJoCo: the factor on all gains at which, after a small initial speed, the robot no longer comes to rest.
 
 A witness for gain_limit that knows nothing of loci, linear models or delays in z: bodies, springs, drives and the running controller, and
 the growth of what the motors do. Without gravity, friction or feet that lift, as the limits are those of small motions.
@@ -15,12 +15,12 @@ from .oscillation import Vibration, vibration
 from .robot_run import run_robot
 from .robot_setup import RobotSetup, hold, substeps_for
 
-KICK = 1e-4
+INITIAL_SPEED = 1e-4
 """Speed of the motors at the start [rad/s]: small enough that what is nonlinear, a millionth, is not seen, and far above rounding."""
 SETTLED = 0.1
-"""Share of a run that is not looked at, so that what dies quickly is gone."""
+"""Share of a run that is not looked at, so that what decays quickly is gone."""
 FINE_STEPS, FINE = 4, 1.25e-4
-"""Substeps per tick at least, and how long each may be [s]: vibrations at 500 rad/s are then heard 2e-4 too high, and held contacts, which
+"""Substeps per tick at least, and how long each may be [s]: vibrations at 500 rad/s are then 2e-4 too fast, and held contacts, which
 MuJoCo lets give way for two steps, are hard beside 1000 rad/s: on steps twice as long a quadruped's limit is 2 % too low."""
 DURATION = 0.5
 """Of a run [s]: long enough to tell the vibrations of nearly equal legs apart."""
@@ -38,17 +38,17 @@ def robot_onset(setup: RobotSetup, near: float = 1.0, progress: Callable[[int, f
 
     Raises GainroomError where no factor between near/1000 and 1000 near does.
     """
-    still = motionless(setup)
+    bare = motionless(setup)
     made = 0
 
-    def shaken(gain: float) -> Vibration | None:
+    def vibration_at(gain: float) -> Vibration | None:
         nonlocal made
         if progress is not None:
             progress(made, gain)
         made += 1
-        return robot_vibration(still, gain)
+        return robot_vibration(bare, gain)
 
-    return search_onset(shaken, ACCURACY, near, STEP)
+    return search_onset(vibration_at, ACCURACY, near, STEP)
 
 
 def motionless(setup: RobotSetup) -> RobotSetup:
@@ -58,11 +58,11 @@ def motionless(setup: RobotSetup) -> RobotSetup:
 
 
 def robot_vibration(setup: RobotSetup, gain: float) -> Vibration | None:
-    """What a kick of all motors leaves with all gains times `gain`: the fastest-growing vibration; None: nothing."""
-    kick = KICK * np.random.default_rng(0).standard_normal(setup.body.size)
-    run = run_robot(setup, hold(setup, DURATION), gain=gain, kick=kick)
-    shaking = np.diff(run.motor_position, n=2, axis=0)[int(SETTLED * len(run.time)) :]  # without what drifts at constant speed
-    found = vibration(shaking, setup.sample_time, growing=True) if len(shaking) else None
+    """What an initial speed of all motors leaves with all gains times `gain`: the fastest-growing vibration; None: nothing."""
+    speed = INITIAL_SPEED * np.random.default_rng(0).standard_normal(setup.body.size)
+    run = run_robot(setup, hold(setup, DURATION), gain=gain, initial_speed=speed)
+    swing = np.diff(run.motor_position, n=2, axis=0)[int(SETTLED * len(run.time)) :]  # without what drifts at constant speed
+    found = vibration(swing, setup.sample_time, growing=True) if len(swing) else None
     if run.ending != "completed" and (found is None or found.growth_rate <= 0):
         return Vibration(0.0, math.inf, 0.0)  # it ran off without swinging
     return found

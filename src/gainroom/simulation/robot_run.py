@@ -38,12 +38,10 @@ class RobotRun(Run):
     """A run of a robot; what it holds is finite.
 
     setup           the robot
-    joint_torque    (k, n) through the gearboxes [N m]; NaN of rigid joints, where nothing measures it
     base            (k, 7) position [m] and quaternion x, y, z, w of a floating base; (k, 0) of a fixed one
     """
 
     setup: RobotSetup
-    joint_torque: Floats
     base: Floats
 
     @property
@@ -52,7 +50,7 @@ class RobotRun(Run):
 
     @property
     def torque_units(self) -> tuple[str, ...]:
-        return tuple("N" if slides else "N·m" for slides in self.setup.body.prismatic.tolist())
+        return tuple("N" if prismatic else "N·m" for prismatic in self.setup.body.prismatic.tolist())
 
     @property
     def error(self) -> Floats:
@@ -92,12 +90,12 @@ class RobotRun(Run):
 
 
 def run_robot(
-    setup: RobotSetup, offsets: ArrayLike, *, gain: float = 1.0, kick: ArrayLike = 0.0, progress: Progress | None = None
+    setup: RobotSetup, offsets: ArrayLike, *, gain: float = 1.0, initial_speed: ArrayLike = 0.0, progress: Progress | None = None
 ) -> RobotRun:
     """The whole run, as stream_robot has it; `progress` is called after each part."""
     tell = progress or (lambda done, total: None)
     parts, done = [], 0
-    for part in stream_robot(setup, offsets, gain=gain, kick=kick):
+    for part in stream_robot(setup, offsets, gain=gain, initial_speed=initial_speed):
         parts.append(part)
         done += len(part.time)
         tell(done, len(np.atleast_1d(offsets)))
@@ -105,19 +103,19 @@ def run_robot(
 
 
 def stream_robot(
-    setup: RobotSetup, offsets: ArrayLike, *, gain: float = 1.0, kick: ArrayLike = 0.0, block: int = BLOCK
+    setup: RobotSetup, offsets: ArrayLike, *, gain: float = 1.0, initial_speed: ArrayLike = 0.0, block: int = BLOCK
 ) -> Iterator[RobotRun]:
     """The robot from rest in its posture, gearboxes wound up by its weight and drives holding it, in parts of `block` ticks.
 
     offsets   (k, m) where each channel shall be from where it starts, one row per tick; see `hold`
     gain      common factor on all gains
-    kick      (n,) speed of the motors at the start [rad/s]
+    initial_speed   (n,) speed of the motors at the start [rad/s]
 
     Ends early where the robot falls, runs away or is no longer finite, which the last part then says; what it holds is finite.
     Raises GainroomError for input that does not fit.
     """
     plan = require_finite("simulation", "offsets", offsets)
-    simulation = RobotStepper(setup, gain=gain, kick=kick)
+    simulation = RobotStepper(setup, gain=gain, initial_speed=initial_speed)
     if plan.ndim != 2 or plan.shape[1] != len(simulation.channels) or not len(plan):
         raise GainroomError(f"simulation: offsets of shape {plan.shape} must be (ticks, {len(simulation.channels)})")
     if setup.control.space == "joint":
@@ -133,7 +131,7 @@ def stream_robot(
 class RobotStepper:
     """Plant (`robot`, `data`, `step`), drives (`line`) and controller (`control`), tick by tick."""
 
-    def __init__(self, setup: RobotSetup, *, gain: float = 1.0, kick: ArrayLike = 0.0):
+    def __init__(self, setup: RobotSetup, *, gain: float = 1.0, initial_speed: ArrayLike = 0.0):
         self._mujoco = library("mujoco", "MuJoCo")
         self.step: Callable[[Any, Any], None] = self._mujoco.mj_step
         substeps = substeps_for(setup) if setup.substeps is None else require_count("simulation", "substeps", setup.substeps, 1)
@@ -165,7 +163,7 @@ class RobotStepper:
         self.line = TorqueLine(setup.drives, setup.sample_time, substeps, setup.torque_limit)
         self.line.rest(start)
         self.data: Any = self.robot.new_data(setup.q, start)
-        self.data.qvel[self.robot.motor_v] = require_finite("simulation", "kick", kick)
+        self.data.qvel[self.robot.motor_v] = require_finite("simulation", "initial_speed", initial_speed)
         self.too_fast = TOO_FAST
         self._size = setup.body.size
         self._upright = _upright(setup)
@@ -185,7 +183,7 @@ class RobotStepper:
     def tick(self, offset: Floats) -> tuple[Floats, ...]:
         """One tick of the controller and the simulation up to the next: the columns of `_run`."""
         data, robot, model = self.data, self.robot, self.robot.model
-        positions = data.qpos[robot.motor_q] if self.setup.control.feedback == "motor" else robot.link_position(data)
+        positions = (robot.motor_position if self.setup.control.feedback == "motor" else robot.link_position)(data.qpos)
         target, reference, measured = self.control.tick(self.read(positions), offset)
         before = data.qpos.copy(), data.qvel.copy(), reference, measured, target, self.line.torque
         means = self.line.tick(target)
@@ -201,9 +199,7 @@ class RobotStepper:
         count = len(finite) if finite.all() else int(np.argmin(finite))
         qpos, qvel, reference, measured, target, actual, demand = (column[:count] for column in columns)
         robot, setup = self.robot, self.setup
-        motors, links, through = qpos[:, robot.motor_q], qpos[:, robot.motor_q], np.full(target.shape, math.nan)
-        links[:, robot.elastic] += qpos[:, robot.spring_q]
-        through[:, robot.elastic] = -robot.stiffness * qpos[:, robot.spring_q] - robot.damping * qvel[:, robot.spring_v]
+        motors, links = robot.motor_position(qpos), robot.link_position(qpos)
         return RobotRun(
             setup=setup,
             channels=self.channels,
@@ -217,7 +213,7 @@ class RobotStepper:
             target_torque=target,
             demand_torque=demand,
             actual_torque=actual,
-            joint_torque=through,
+            joint_torque=robot.joint_torque(qpos, qvel),
             base=qpos[:, [0, 1, 2, 4, 5, 6, 3]] if setup.body.base == "floating" else np.zeros((count, 0)),
             sample_time=setup.sample_time,
             feedback=setup.control.feedback,

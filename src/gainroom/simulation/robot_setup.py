@@ -10,20 +10,18 @@ from numpy.typing import ArrayLike
 from ..errors import GainroomError, require_positive
 from ..linear.arrays import Floats
 from ..robot.actuators import Actuators
-from ..robot.body import RigidBody, is_prismatic, library
+from ..robot.body import RigidBody, is_prismatic
 from ..robot.contact import Contact
 from ..robot.ground import Ground
 from ..robot.linearize import linearize
 from ..robot.spec import RobotControl, RobotSpec
 from ..robot.tasks import Task
 from ..system.drive import Drive
-from ..system.loop import Feedback
-from ..system.plant import ElasticJoint
 from .record import Unit
 from .scenario import MOST_TICKS
 
 FINEST = 0.5
-"""Steps are so short that the fastest vibration of the plant turns by no more than this in one [rad]: it is heard 1 % too high."""
+"""Steps are so short that the fastest vibration of the plant turns by no more than this in one [rad]: it is simulated 1 % too fast."""
 MOST_SUBSTEPS = 64
 
 
@@ -76,31 +74,6 @@ def robot_setup(spec: RobotSpec, posture: str | None = None, contact: str | None
         q=model.q,
         contacts=model.contacts,
         stack=spec.robot.stack,
-        **options,
-    )
-
-
-def joint_setup(
-    joint: ElasticJoint, drive: Drive, controller: Any, feedback: Feedback = "motor", sample_time: float = 5e-4, **options: Any
-) -> RobotSetup:
-    """One joint with its load on a fixed base, as a robot; `options` are RobotSetup's own, the rest as for build_loop.
-
-    Raises GainroomError for a locked output (link_inertia inf), which is no body.
-    """
-    pin = library("pinocchio", "Pinocchio")
-    if math.isinf(joint.link_inertia):
-        raise GainroomError(f"joint '{joint.name}': link_inertia inf cannot be simulated as a body")
-    model = pin.Model()
-    model.gravity.linear = np.zeros(3)
-    index = model.addJoint(0, pin.JointModelRZ(), pin.SE3.Identity(), joint.name)
-    model.appendBodyToJoint(index, pin.Inertia(1.0, np.zeros(3), np.diag([1.0, 1.0, 1.0]) * joint.link_inertia), pin.SE3.Identity())
-    values = (joint.motor_inertia, joint.stiffness, joint.damping, joint.motor_viscous, joint.link_viscous)
-    return RobotSetup(
-        body=RigidBody(f"joint '{joint.name}'", model, (joint.name,), "fixed", np.zeros(1)),
-        actuators=Actuators(*(np.array([value]) for value in values)),
-        drives=(drive,),
-        control=RobotControl("joint", controller, feedback, sample_time),
-        q=np.zeros(1),
         **options,
     )
 

@@ -23,8 +23,8 @@ DIVERGED = 1e4  # [rad] further than any joint turns, and far from where a doubl
 class Start:
     """The state at t = 0: positions [rad] and velocities [rad/s] of both sides, each a number or (n,).
 
-    None: positions where the reference was before t = 0, velocities 0. Until t = 0 everything had stood still there; current loops and
-    delay lines hold no torque, integrators are empty. A velocity given here is a kick.
+    None: positions where the reference was before t = 0, velocities 0. Until t = 0 everything was at rest there; current loops and
+    delay lines hold no torque, integrators are empty. A velocity given here acts like an impact.
     """
 
     motor_position: Any = None
@@ -124,11 +124,11 @@ class Signals:
         """
         given, states = self.scenario.start, []
         sides = np.vstack([self._form.motor_position, self._form.link_position])
-        for name, still in (("position", self.before), ("velocity", 0.0)):
+        for name, usual in (("position", self.before), ("velocity", 0.0)):
             values = []
             for side in ("motor", "link"):
                 value = getattr(given, f"{side}_{name}")
-                values.append(self._per_joint(f"start.{side}_{name}", still if value is None else value))
+                values.append(self._per_joint(f"start.{side}_{name}", usual if value is None else value))
             both = np.concatenate(values)
             coordinates = np.linalg.lstsq(sides, both, rcond=None)[0]
             if not np.allclose(sides @ coordinates, both, rtol=0, atol=1e-9 * max(1.0, np.abs(both).max())):

@@ -25,7 +25,7 @@ NO_RATE = "control.sample_rate_hz: is missing: a simulation goes tick by tick; a
 LATE = 0.75
 """Of the run: what happens later leaves too little to look at."""
 FEWEST_TICKS = 20
-"""Of one run: in fewer nothing can be told of a vibration, which takes ten ticks or so to turn once."""
+"""Of one run: in fewer a vibration cannot be seen, which takes ten ticks or so to turn once."""
 TORQUE_LIMIT = "the torque limit"
 PORTION = 0.25
 """[s] simulated between two looks at progress and interruption, where a block of ticks would be longer."""

@@ -49,13 +49,13 @@ class TestbedStepper:
     def advance(self, inputs: Inputs, first: int) -> Run:
         """The rows of the next ticks, of which the first has number `first`; rows past the first out of bounds are left out."""
         count, past = len(inputs.reference), len(self._memory.sent)
-        still = np.zeros(count)
-        noises = (inputs.noise[:, 0], still) if self.feedback == "motor" else (still, inputs.noise[:, 0])
+        nothing = np.zeros(count)
+        noises = (inputs.noise[:, 0], nothing) if self.feedback == "motor" else (nothing, inputs.noise[:, 0])
         columns = (inputs.reference, inputs.motion, inputs.feedforward, inputs.motor_torque, inputs.link_torque)
         given = np.column_stack([*(column[:, 0] for column in columns), *noises])
         whole, fraction = self._drawn(count)
         memory = self._memory._replace(
-            sent=np.append(self._memory.sent, still),
+            sent=np.append(self._memory.sent, nothing),
             whole=np.append(self._memory.whole, whole),
             fraction=np.append(self._memory.fraction, fraction),
         )

@@ -73,8 +73,8 @@ class Step(Trajectory):
 
     def motion(self, time: ArrayLike) -> tuple[Floats, Floats, Floats]:
         after = _column(time) >= self.start - NANOSECOND
-        still = np.zeros((len(after), self.size))
-        return self.base + self.height * after, still, still.copy()
+        rest = np.zeros((len(after), self.size))
+        return self.base + self.height * after, rest, rest.copy()
 
 
 @dataclass(frozen=True)
@@ -212,7 +212,7 @@ class Multisine(Trajectory):
     amplitudes    a number, (m,), or (m, n)
     joints        n, where the amplitudes do not say
 
-    The sum begins at 0, so the loop is not struck: its value at `start` is taken off.
+    The sum begins at 0, so the loop is not excited by a jump: its value at `start` is taken off.
     """
 
     frequencies: Any

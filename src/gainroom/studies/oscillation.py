@@ -131,18 +131,18 @@ def _judged(spec: SimulationSpec, record: _Record, stable: bool, irregular: bool
         least = 0.0 if spec.is_linear else least if stable else sizes.least
     possible = not (spec.is_exact and spec.is_linear and stable)
     found = vibration(record.error, spec.sample_time, above=record.above) if len(record.error) >= SHORTEST else None
-    told = None
+    judged = None
     if found is not None and found.damping_ratio <= RESTING and not (found.growth_rate < 0 and found.amplitude < sizes.gone):
-        told = _oscillation(spec, record, found, least, possible)
-    if (told is not None and told.lasts) or not (spec.is_exact and irregular and unsteady > 0 and record.above == 0):
-        return told, 0.0
+        judged = _oscillation(spec, record, found, least, possible)
+    if (judged is not None and judged.lasts) or not (spec.is_exact and irregular and unsteady > 0 and record.above == 0):
+        return judged, 0.0
     shaken, held = _irregular(spec, record)
     if shaken is None:
-        return told, 0.0
+        return judged, 0.0
     size = shaken.swing / math.sqrt(2)
     if possible and held and shaken.swing > least:
         return replace(shaken, least=least), size
-    return told, size
+    return judged, size
 
 
 def _oscillation(spec: SimulationSpec, record: _Record, found: Vibration, least: float, possible: bool) -> Oscillation:

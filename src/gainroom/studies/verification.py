@@ -140,8 +140,8 @@ def _jobs(spec: RobotSpec, warnings: list[str]) -> Iterator[Job]:
         try:
             library("mujoco", "MuJoCo")
         except GainroomError as error:
-            told = f"MuJoCo as a witness: {error}"
-            warnings += [] if told in warnings else [told]
+            reason = f"MuJoCo as a witness: {error}"
+            warnings += [] if reason in warnings else [reason]
             continue
         try:
             make = _mujoco(name, spec, posture, contact, loop)
@@ -234,8 +234,8 @@ def _without_limit(what: str, loop: Loop, limit: GainLimit) -> Case:
     try:
         onset = linear_onset(loop)
     except GainroomError:  # the same verdict at every factor: it may be either
-        still = linear_vibration(loop)
-        decays = still is None or still.growth_rate <= 0
+        found = linear_vibration(loop)
+        decays = found is None or found.growth_rate <= 0
         return Case(what, "linear", math.inf, math.inf if decays else math.nan, math.nan, math.nan)
     return Case(what, "linear", limit.gain, onset.gain, limit.frequency, onset.frequency, onset.runs)
 

@@ -1,17 +1,21 @@
-"""What a simulation was of, key by key, and what it assumes."""
+"""What the page of a simulation says of each kind of it: inputs, assumptions, pictures of its own."""
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..robot.ground import Sole
+from ..simulation.robot_run import RobotRun
 from ..simulation.robot_simulation import RobotSimulation
 from ..simulation.spec import JointSimulation
 from ..studies.simulation import Outcome
 from .number_format import digits, milli, typed_gains
+from .page import Section
 from .robot_tables import angles_in_words, contacts_in_words, machine, span
 from .shared import filters
+from .simulation_figures import pose
 
 Pair = tuple[str, str]
 
@@ -20,11 +24,12 @@ def inputs(outcome: Outcome) -> list[Pair]:
     """In the units of the file."""
     spec, run = outcome.spec, outcome.run
     ticks = f"{digits(1 / run.sample_time, 'Hz')}, {len(run.time)} rows over {digits(outcome.duration, 's')}"
-    own = _joint(spec, outcome.gain) if isinstance(spec, JointSimulation) else _robot(outcome)
-    return [*own, ("ticks", ticks)]
+    return [*KINDS[spec.kind].inputs(outcome), ("ticks", ticks)]
 
 
-def _joint(spec: JointSimulation, gain: float) -> list[Pair]:
+def _joint(outcome: Outcome) -> list[Pair]:
+    spec = outcome.spec
+    assert isinstance(spec, JointSimulation)
     joint, drive, controller = spec.joint.joint, spec.joint.drive, spec.joint.controller
     return [
         (
@@ -32,7 +37,7 @@ def _joint(spec: JointSimulation, gain: float) -> list[Pair]:
             f"J_M {joint.motor_inertia:g}, J_L {joint.link_inertia:g} kg m², K {joint.stiffness:g} N m/rad, B {joint.damping:g} N m s/rad",
         ),
         ("drive", f"current loop {drive.bandwidth:g} rad/s, ζ {drive.damping_ratio:g}, delay {1e3 * drive.delay:g} ms"),
-        ("control", f"{typed_gains(controller)}, all × {gain:g}; {spec.joint.feedback} side; {filters(controller)}"),
+        ("control", f"{typed_gains(controller)}, all × {outcome.gain:g}; {spec.joint.feedback} side; {filters(controller)}"),
         *((f"scenario.{key}", text) for key, text in spec.described.items()),
     ]
 
@@ -95,11 +100,6 @@ def _gains(simulation: RobotSimulation) -> str:
     return "; ".join(tasks)
 
 
-def assumptions(outcome: Outcome) -> str:
-    """What the run leaves out, and how it was made."""
-    return _ASSUMPTIONS[outcome.spec.kind](outcome)
-
-
 def _linear(outcome: Outcome) -> str:
     return (
         "Linear two-mass joint, stepped exactly from tick to tick: the torque is held in between, velocity is differenced as the "
@@ -139,5 +139,25 @@ def _mujoco(outcome: Outcome) -> str:
     )
 
 
-_ASSUMPTIONS: dict[str, Callable[[Outcome], str]] = {"linear": _linear, "testbed": _testbed, "mujoco": _mujoco}
-"""By the kind of simulation."""
+def _before_and_after(outcome: Outcome) -> list[Section]:
+    assert isinstance(outcome.spec, RobotSimulation)
+    assert isinstance(outcome.run, RobotRun)
+    return [Section("The robot before and after", [pose(outcome, outcome.spec, outcome.run)])]
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One way to simulate: its name, its inputs, what it assumes and leaves out, and sections that only its page has."""
+
+    title: str
+    inputs: Callable[[Outcome], list[Pair]]
+    assumptions: Callable[[Outcome], str]
+    sections: Callable[[Outcome], list[Section]] = lambda outcome: []
+
+
+KINDS = {
+    "linear": Kind("linear sampled model", _joint, _linear),
+    "testbed": Kind("virtual testbed", _joint, _testbed),
+    "mujoco": Kind("MuJoCo", _robot, _mujoco, _before_and_after),
+}
+"""By SimulationSpec.kind."""

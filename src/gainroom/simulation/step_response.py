@@ -17,10 +17,11 @@ from ..analysis.stability import rightmost_roots
 from ..errors import GainroomError
 from ..linear.arrays import Complexes, Floats
 from ..linear.state_space import StateSpace, realize
-from ..simulation.run import simulate
-from ..simulation.scenario import Scenario
-from ..simulation.trajectories import Step
 from ..system.loop import Loop
+from .run import simulate
+from .scenario import Scenario
+from .stepping import recur
+from .trajectories import Step
 
 SETTLE = 4.0  # time constants of the slowest root that are shown
 GROW = 3.4  # growth times of the fastest root of an unstable loop: a factor of 30
@@ -95,24 +96,19 @@ def _sampled(loop: Loop, step: float, count: int) -> tuple[Floats, Floats]:
 
 
 def _delayed(loop: Loop, step: float, late: int, count: int) -> tuple[Floats, Floats]:
-    """`count` steps of a continuous loop whose delay is `late` of them: (z, position), (count + 1,) each.
-
-    One delay at a time is one product.
-    """
-    both = _joined(loop, step)
-    block = _Block.of(both, late)
-    state, sent = np.zeros(len(both.a)), np.zeros(late)
-    rows = []
-    for turn in range(count // late + 1):
-        # The point that follows the block's last one is this block's own first command, known only when its outputs are.
-        # In the first block it is the unit step itself, which does not ramp up inside the interval before it.
-        following = np.append(sent[1:], 0.0)
-        output = block.output_state @ state + block.output_input @ np.concatenate([sent, following])
-        rows.append(output.reshape(late, 2))
-        command = 1.0 - rows[-1][:, 0]
-        following[-1] = command[0] if turn else 0.0
-        state = block.next_state @ state + block.next_input @ np.concatenate([sent, following])
-        sent = command
+    """`count` steps of a continuous loop whose delay is `late` of them: (z, position), (count + 1,) each."""
+    system, before, after = _joined(loop, step)
+    states, sent, rows = np.zeros((late + 1, len(system.a))), np.zeros(late), []
+    direct, transposed = system.d.sum(axis=1), system.a.T.copy()
+    for turn in range(count // late + 1):  # in one delay the commands are those that were sent in the one before
+        forcing = np.outer(sent, before) + np.outer(np.append(sent[1:], 0.0), after)
+        states[0] = states[-1]
+        recur(transposed, forcing, states)
+        rows.append(states[:-1] @ system.c.T + np.outer(sent, direct))
+        # The point that follows the last one is this delay's own first command, known only when its outputs are.
+        # In the first delay it is the unit step itself, which does not ramp up inside the interval before it.
+        sent = 1.0 - rows[-1][:, 0]
+        states[-1] += after * (sent[0] if turn else 0.0)
     table = np.vstack(rows)[: count + 1]
     return table[:, 0], table[:, 1]
 
@@ -140,30 +136,17 @@ def _undelayed(loop: Loop, step: float, count: int) -> tuple[Floats, Floats]:
     return 1.0 - table @ row, table[:, states:-1] @ plant.c[0]
 
 
-@dataclass(frozen=True)
-class _Recursion:
-    """x⁺ = a x + before u + after u⁺, y = c x + d u."""
+def _joined(loop: Loop, step: float) -> tuple[StateSpace, Floats, Floats]:
+    """Loop (command → z) and plant (command → position) side by side, both fed the same: x⁺ = a x + before u + after u⁺, y = c x + d u.
 
-    a: Floats
-    before: Floats
-    after: Floats
-    c: Floats
-    d: Floats
+    One step of a continuous system whose inputs are straight in between (first-order hold; Franklin, Powell and Workman, sec. 6.3).
+    """
+    from scipy.linalg import expm
 
-
-def _joined(loop: Loop, step: float) -> _Recursion:
-    """Loop (command → z) and plant (command → position) side by side, each with its own input."""
     assert loop.open_loop is not None
     assert loop.actuated is not None
     part = loop.open_loop
-    scaled = StateSpace(part.a, part.b, loop.gain * part.c, loop.gain * part.d)
-    return _ramped(scaled.beside(realize(loop.actuated)), step)
-
-
-def _ramped(system: StateSpace, step: float) -> _Recursion:
-    """One step of a continuous system whose inputs are straight in between (first-order hold; Franklin, Powell and Workman, sec. 6.3)."""
-    from scipy.linalg import expm
-
+    system = StateSpace(part.a, part.b, loop.gain * part.c, loop.gain * part.d).beside(realize(loop.actuated))
     states, inputs = system.b.shape
     total = np.zeros((states + 2 * inputs,) * 2)
     total[:states, :states] = step * system.a
@@ -171,31 +154,5 @@ def _ramped(system: StateSpace, step: float) -> _Recursion:
     total[states : states + inputs, states + inputs :] = np.eye(inputs)
     over = expm(total)
     after = over[:states, states + inputs :]
-    return _Recursion(over[:states, :states], over[:states, states : states + inputs] - after, after, system.c, system.d)
-
-
-@dataclass(frozen=True)
-class _Block:
-    """`m` steps at once, both inputs fed alike: outputs at the m points (2m,) and the next state, from the state and [u (m), u⁺ (m)]."""
-
-    output_state: Floats
-    output_input: Floats
-    next_state: Floats
-    next_input: Floats
-
-    @classmethod
-    def of(cls, part: _Recursion, m: int) -> "_Block":
-        """Stepped once for every unit vector of state and input."""
-        states = len(part.a)
-        before, after, direct = part.before.sum(axis=1), part.after.sum(axis=1), part.d.sum(axis=1)
-        basis = np.eye(states, states + 2 * m)
-        outputs = []
-        for k in range(m):
-            rows = part.c @ basis
-            rows[:, states + k] += direct
-            outputs.append(rows)
-            basis = part.a @ basis
-            basis[:, states + k] += before
-            basis[:, states + m + k] += after
-        table = np.vstack(outputs)
-        return cls(table[:, :states], table[:, states:], basis[:, :states], basis[:, states:])
+    before = over[:states, states : states + inputs] - after
+    return StateSpace(over[:states, :states], before, system.c, system.d), before.sum(axis=1), after.sum(axis=1)
