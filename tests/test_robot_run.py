@@ -18,7 +18,7 @@ from gainroom.robot.spec import RobotControl
 from gainroom.simulation.record import LOGGED
 from gainroom.simulation.robot_onset import motionless
 from gainroom.simulation.robot_run import RobotStepper, run_robot, stream_robot
-from gainroom.simulation.robot_setup import RobotSetup, channel_count, hold, robot_setup, substeps_for
+from gainroom.simulation.robot_setup import RobotSetup, channel_units, hold, robot_setup, substeps_for
 from gainroom.simulation.tracking import track
 from gainroom.simulation.trajectories import Spline
 from gainroom.system.controller import PD
@@ -180,7 +180,7 @@ def test_demand_is_the_target_late_and_limited(spec):
 
 def test_refusals(spec):
     setup = setup_of(spec)
-    assert channel_count(setup) == 6
+    assert len(channel_units(setup)) == 6
     with pytest.raises(GainroomError, match=r"offsets of shape \(10, 3\) must be \(ticks, 6\)"):
         run_robot(setup, np.zeros((10, 3)))
     with pytest.raises(GainroomError, match=r"offsets .* must be finite"):

@@ -12,15 +12,15 @@ from ..simulation.spec import JointSimulation
 from ..system.joint_spec import JointSpec
 from .system_sections import rad_per_s
 
-FURTHEST = 1000.0  # [rad] that a reference may reach; a run has diverged at ten times as much
-LONGEST = 3600.0  # [s]
+FURTHEST_REFERENCE = 1000.0  # [rad] that a reference may reach; a run has diverged at ten times as much
+LONGEST_RUN = 3600.0  # [s]
 MOST_SINES = 200
 
-Angle = Annotated[float, number(least=-FURTHEST, most=FURTHEST)]
-Size = Annotated[float, number(least=0, most=FURTHEST)]
+Angle = Annotated[float, number(least=-FURTHEST_REFERENCE, most=FURTHEST_REFERENCE)]
+Size = Annotated[float, number(least=0, most=FURTHEST_REFERENCE)]
 Torque = Annotated[float, number(least=-1e12)]
-Instant = Annotated[float, number(least=0, most=LONGEST)]
-Duration = Annotated[float, number(above=0, most=LONGEST)]
+Instant = Annotated[float, number(least=0, most=LONGEST_RUN)]
+Duration = Annotated[float, number(above=0, most=LONGEST_RUN)]
 Frequencies = Annotated[list[Positive], Field(min_length=1, max_length=MOST_SINES)]
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from ..errors import GainroomError
 from ..io.atomic import replacement, writing
 from ..linear.arrays import Floats
-from ..simulation.record import LOGGED, REFERENCE
+from ..simulation.record import LOGGED, REFERENCE_SIGNAL
 from .log_formats import READERS, WRITERS, Sink, one_line
 
 Choice = TypeVar("Choice")
@@ -152,8 +152,8 @@ def _by_joint(path: Path, table: Mapping[str, Floats]) -> tuple[tuple[str, ...],
                 found.setdefault(name[len(signal) + 1 :], {})[signal] = values
     if not found:
         raise GainroomError(f"{path}: has none of the columns {', '.join(LOGGED)}; it has {', '.join(table) or 'only time'}")
-    if any(set(signals) != {REFERENCE} for signals in found.values()):  # another's "reference_velocity" is no joint
-        found = {joint: signals for joint, signals in found.items() if set(signals) != {REFERENCE}}
+    if any(set(signals) != {REFERENCE_SIGNAL} for signals in found.values()):  # another's "reference_velocity" is no joint
+        found = {joint: signals for joint, signals in found.items() if set(signals) != {REFERENCE_SIGNAL}}
     every = set().union(*found.values())
     for joint, signals in found.items():
         if missing := sorted(every - set(signals)):

@@ -14,7 +14,7 @@ from .page import Html, figure
 
 MOST_POINTS = 2400  # of a curve
 MARGINS = {"l": 78, "r": 24, "t": 8, "b": 52}  # [px]
-GAP, LEGEND_LINE = 14, 21  # [px] between panels, and what a line of a legend takes
+PANEL_GAP, LEGEND_LINE = 14, 21  # [px] between panels, and what a line of a legend takes
 WIDE, PHONE = 920, 300  # [px] that a legend has
 LETTER, KEY = 7.0, 46  # [px] of a legend's entry: about that much per letter, and the line before it
 
@@ -79,7 +79,7 @@ def stacked(
 
 def _domains(panels: Sequence[Panel], height: float, width: float) -> list[list[float]]:
     """Where each panel is, from the bottom 0 to the top 1 of `height` [px], with space for its legend of `width` [px] above it."""
-    above = [LEGEND_LINE * _legend_lines(panel, width) + (GAP if index else 0) for index, panel in enumerate(panels)]
+    above = [LEGEND_LINE * _legend_lines(panel, width) + (PANEL_GAP if index else 0) for index, panel in enumerate(panels)]
     left = height - sum(above)
     shares = [panel.share / sum(panel.share for panel in panels) for panel in panels]
     domains, top = [], height

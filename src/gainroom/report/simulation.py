@@ -14,7 +14,7 @@ from .simulation_figures import channels, close_up, drawn_channels, floor_of, in
 from .simulation_kinds import KINDS, inputs
 from .simulation_text import not_counted, overshoots, sentence, warnings
 
-NOTHING = 1e-3
+SHOWN_AS_ZERO = 1e-3
 """[N m], and a part in a vibration: less is shown as 0."""
 
 
@@ -166,4 +166,4 @@ def _joints(outcome: Outcome) -> Html:
 
 
 def _digits(value: float, significant: int) -> str:
-    return digits(0.0 if value < NOTHING else value, "", significant)
+    return digits(0.0 if value < SHOWN_AS_ZERO else value, "", significant)

@@ -18,13 +18,13 @@ from .page import Html, figure
 from .robot_drawing import WIDTH, drawing_layout
 from .robot_skeleton import drawn, ghost, labels, path, view_of
 
-TOGETHER = 3  # channels, or joints, in one panel
+MOST_TOGETHER = 3  # channels, or joints, in one panel
 MOST_CHANNELS = 6  # that have a picture of their own
 LARGE_POINTS, SMALL_POINTS = 1200, 500  # of a curve, in a picture of its own width and in half of it
 MOST_LOOKS = 1200  # ticks at which links are looked at
 POSES = 200  # on the way of the centre of mass
 ROUNDED = 9  # decimals [m, rad, N m] of what is drawn
-FAR = 0.5  # [rad] from where on a picture counts in rad
+FAR_TURN = 0.5  # [rad] from where on a picture counts in rad
 CLOSE_PERIODS = 12  # of the vibration in its own picture
 RUNAWAY = 3.0  # times the reference's range: what a run that diverges is shown up to
 LEAST_RANGE = 0.01  # [rad, m] of a reference that hardly moves
@@ -54,7 +54,7 @@ def _shown(outcome: Outcome) -> int:
 def in_time(outcome: Outcome) -> Html:
     """The channels that lead, their error, and the joints that work hardest; of a single joint both sides, and its target torque."""
     run, end = outcome.run, _shown(outcome)
-    chosen, unit = sorted(outcome.leading[:TOGETHER]), run.units[outcome.leading[0]]
+    chosen, unit = sorted(outcome.leading[:MOST_TOGETHER]), run.units[outcome.leading[0]]
     scale, rows = _scale(outcome, chosen[0]), slice(0, end)
     looks = list(zip(COLORS, chosen, strict=False))
     if len(run.joint_names) == 1:
@@ -65,7 +65,7 @@ def in_time(outcome: Outcome) -> Html:
         move = [Curve(run.channels[k], scale * _change(run.measured[rows, k]), color) for (color, _), k in looks]
     move += [Curve("commanded", scale * _change(run.reference[rows, k]), color, "dot", k == chosen[-1]) for (color, _), k in looks]
     error = [Curve(run.channels[k], 1e3 * np.round(run.error[rows, k], ROUNDED), color, named=False) for (color, _), k in looks]
-    hardest = np.argsort(-np.abs(run.actual_torque[rows]).max(axis=0), kind="stable")[:TOGETHER].tolist()
+    hardest = np.argsort(-np.abs(run.actual_torque[rows]).max(axis=0), kind="stable")[:MOST_TOGETHER].tolist()
     moving = outcome.spec.moves_until > 0
     panels = [
         Panel("moved" if moving else "drift", "rad" if scale == 1 else f"m{unit}", move, 0.42),
@@ -109,7 +109,7 @@ def _scale(outcome: Outcome, channel: int) -> float:
     """Of a picture: joints that move far in rad, all else in mm or mrad."""
     run = outcome.run
     way = max(float(np.ptp(values[:, channel])) for values in (run.reference, run.measured))
-    return 1.0 if run.units[channel] == "rad" and way > FAR else 1e3
+    return 1.0 if run.units[channel] == "rad" and way > FAR_TURN else 1e3
 
 
 def _vibration_note(outcome: Outcome) -> style.Annotation:

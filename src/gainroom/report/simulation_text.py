@@ -9,11 +9,11 @@ from ..studies.oscillation import EXACT, MUJOCO
 from ..studies.simulation import Outcome
 from .number_format import digits, frequency, gain_factor
 
-TINY = 1e-6
+SMALLEST_ERROR = 1e-6
 """[m, rad] smaller errors are not distinguished in a sentence."""
-PERIODS = 3
+PERIODS_SHOWN = 3
 """Of a vibration that a run must hold to show whether it lasts."""
-SLOW = 10.0
+SHOWN_BY_ALL = 10.0
 """Vibrations above it are shown by every run worth the name [Hz], where the linear loop has no frequency to compare with."""
 SLOPING = math.radians(1.0)
 """A flat foot's ground that slopes by more is reported [rad]."""
@@ -81,7 +81,7 @@ def not_counted(outcome: Outcome) -> str:
 def _size(outcome: Outcome, channel: int, number: str) -> str:
     """A number of the tracking error, with its unit."""
     value, unit = abs(getattr(outcome.tracking, number)[channel]), f"m{outcome.run.units[channel]}"
-    return f"{1e3 * value:.3g} {unit}" if value >= TINY else f"less than {1e3 * TINY:g} {unit}"
+    return f"{1e3 * value:.3g} {unit}" if value >= SMALLEST_ERROR else f"less than {1e3 * SMALLEST_ERROR:g} {unit}"
 
 
 def _errors(outcome: Outcome) -> str:
@@ -135,8 +135,8 @@ def prediction(limit: GainLimit | None) -> str:
 def warnings(outcome: Outcome) -> tuple[str, ...]:
     """What a user should know or do, each with the remedy."""
     spec, limit, texts = outcome.spec, outcome.limit, list(outcome.spec.warnings)
-    slowest = PERIODS / spec.duration  # [Hz] that the run can show
-    fast = limit.frequency / (2 * math.pi) if limit is not None and limit.frequency > 0 else SLOW
+    slowest = PERIODS_SHOWN / spec.duration  # [Hz] that the run can show
+    fast = limit.frequency / (2 * math.pi) if limit is not None and limit.frequency > 0 else SHOWN_BY_ALL
     if outcome.completed and not outcome.vibrates and slowest > fast:
         texts.append(f"a run of {spec.duration:g} s shows no vibration below {slowest:.3g} Hz: lengthen scenario.duration")
     if outcome.completed and spec.moves_late and not spec.fastest:

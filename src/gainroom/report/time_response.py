@@ -11,7 +11,7 @@ from . import style
 from .number_format import digits, hertz
 from .page import Html, figure
 
-POINTS = 1200  # drawn per curve
+CURVE_POINTS = 1200  # drawn per curve
 
 
 def time_response(study: JointStudy) -> Html:
@@ -24,7 +24,7 @@ def time_response(study: JointStudy) -> Html:
         shown.append(("recommended", step_response(loop, float(own.time[-1])), style.BLUE, "dash", 2.0))
     traces, notes = [], []
     for name, response, color, dash, width in shown:
-        pick = slice(None, None, max(1, len(response.time) // POINTS))
+        pick = slice(None, None, max(1, len(response.time) // CURVE_POINTS))
         time = 1e3 * response.time[pick]
         shape = "hv" if study.spec.sample_time is not None and len(time) < 150 else "linear"
         parts = {"dash": dash, "width": width, "name": name, "hoverinfo": "x+y+name"}

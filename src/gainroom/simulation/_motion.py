@@ -14,8 +14,8 @@ from ..linear.arrays import Floats
 from ._contact import dry, jit, lugre
 
 SWEEPS = 60  # over motor, gravity and link, which hardly touch each other within a substep
-MOTOR, LINK = 1, 2  # places among the body's inputs, behind the demand
-TERMS = 22  # of the Taylor series at norm <= 1/2: 0.5^22/22! is 1e-28
+MOTOR_INPUT, LINK_INPUT = 1, 2  # places among the body's inputs, behind the demand
+TAYLOR_TERMS = 22  # of the Taylor series at norm <= 1/2: 0.5^22/22! is 1e-28
 
 
 class Body(NamedTuple):
@@ -55,7 +55,7 @@ def propagator(system, width, transition):
     for i in range(size):
         for j in range(size):
             term[i, j] = transition[i, j] = 1.0 if i == j else 0.0
-    for k in range(1, TERMS):
+    for k in range(1, TAYLOR_TERMS):
         product(term, system, scale / k, other)
         for i in range(size):
             for j in range(size):
@@ -126,7 +126,7 @@ def substep(state, bent, transition, width, torques, body, laws, gravity, fresh)
         for other in range(2):
             answer[side, other] = 0.0
             for i in range(size):
-                answer[side, other] += positions[side, i] * transition[i, size + MOTOR + other]
+                answer[side, other] += positions[side, i] * transition[i, size + MOTOR_INPUT + other]
     torque, weight = np.zeros(2), 0.0
     stuck, velocity, end = np.zeros(2), np.empty(2), np.empty(2)
     for side in range(2):
@@ -151,7 +151,7 @@ def substep(state, bent, transition, width, torques, body, laws, gravity, fresh)
         if change <= 1e-13 * (abs(torque[0]) + abs(torque[1]) + abs(weight)):
             break
     for i in range(size):
-        fresh[i] -= transition[i, size + MOTOR] * torque[0] + transition[i, size + LINK] * (torque[1] + weight)
+        fresh[i] -= transition[i, size + MOTOR_INPUT] * torque[0] + transition[i, size + LINK_INPUT] * (torque[1] + weight)
     for side in range(2):
         bent[side] = end[side]
         if stuck[side] > 0:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..analysis.compiled import cached_njit
-from .record import HUGE
+from .record import OVERFLOWING
 
 SPARSE = 4
 """A matrix with fewer nonzero entries than one in so many is gone through entry by entry: a delay of many ticks is a line of ones."""
@@ -27,7 +27,7 @@ def recur(transposed, forcing, states):
                 for i in range(size):
                     states[k + 1, i] += transposed[j, i] * value
         for i in range(size):
-            if not abs(states[k + 1, i]) < HUGE:
+            if not abs(states[k + 1, i]) < OVERFLOWING:
                 return k
     return len(forcing)
 

@@ -11,7 +11,7 @@ from ._motion import Body, dot, propagator, substep
 
 MOTOR, LINK, MOTOR_READING, LINK_READING, TARGET, DEMAND, ACTUAL = range(7)  # columns of what comes out
 REFERENCE, MOTION, FEEDFORWARD, MOTOR_TORQUE, LINK_TORQUE, MOTOR_NOISE, LINK_NOISE = range(7)  # of what goes in
-NEAR = 1e-9  # of a tick: two instants closer than this are one
+SAME_INSTANT = 1e-9  # of a tick: two instants closer than this are one
 
 
 class Control(NamedTuple):
@@ -97,16 +97,16 @@ def advance(body, control, hardware, memory, given, out):
             end = cell / hardware.cells
             arrival = next_arrival(memory, past + k, now)
             until = min(arrival, end)
-            if until - now > NEAR:
+            if until - now > SAME_INSTANT:
                 torques[0] = memory.demand[1]
                 transition, width = base, hardware.tick / hardware.cells
-                if abs((until - now) * hardware.cells - 1) > NEAR:
+                if abs((until - now) * hardware.cells - 1) > SAME_INSTANT:
                     transition, width = chosen(body, hardware.tick * (until - now), widths, spare), hardware.tick * (until - now)
                 substep(memory.state, memory.bent, transition, width, torques, body, hardware.laws, hardware.gravity, fresh)
             now = until
             if arrival <= end:
                 newest_at(memory, past + k, arrival, hardware.torque_limit)
-            if end - now <= NEAR:
+            if end - now <= SAME_INSTANT:
                 cell += 1
     return len(given)
 
@@ -136,7 +136,7 @@ def newest_at(memory, tick, fraction, limit):
     """The drive takes up the newest command that arrives at `fraction` of the tick at place `tick`, unless it has a newer one."""
     place = int(memory.demand[0])
     for j in range(tick, place, -1):
-        if j + memory.whole[j] == tick and abs(memory.fraction[j] - fraction) <= NEAR:
+        if j + memory.whole[j] == tick and abs(memory.fraction[j] - fraction) <= SAME_INSTANT:
             memory.demand[0], memory.demand[1] = j, min(max(memory.sent[j], -limit), limit)
             return
 
@@ -146,7 +146,7 @@ def next_arrival(memory, tick, now):
     """The first fraction of the tick after `now` at which a command arrives that is newer than the drive's; 2 where none does."""
     first = 2.0
     for j in range(tick, int(memory.demand[0]), -1):
-        if j + memory.whole[j] == tick and now + NEAR < memory.fraction[j] < first:
+        if j + memory.whole[j] == tick and now + SAME_INSTANT < memory.fraction[j] < first:
             first = memory.fraction[j]
     return first
 

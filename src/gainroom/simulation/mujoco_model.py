@@ -25,7 +25,7 @@ from ..robot.formats.mjcf_file import ARENA
 from ..robot.ground import Ground, Sole, ground_axes, upwards
 from ..robot.name_patterns import nearest
 
-CLOSEST = 0.9999
+HARDEST_CONSTRAINT = 0.9999
 """MuJoCo's largest constraint impedance: what is left of a motion against a constraint is 1e-4 of what it would be, before feedback."""
 HEIGHT = 0.02
 """Of the boxes under flat feet, and the radius of the cylinders and balls under line and point contacts [m]."""
@@ -228,7 +228,7 @@ def _set_values(mujoco: Any, robot: MujocoRobot, actuators: Actuators, friction:
     model.dof_damping[robot.motor_v] = actuators.motor_viscous + np.where(elastic, 0.0, actuators.link_viscous)
     model.dof_frictionloss[robot.motor_v] = friction
     model.dof_solref[robot.motor_v] = 2 * timestep, 1.0  # standing still again within one step
-    model.dof_solimp[robot.motor_v, :2] = CLOSEST
+    model.dof_solimp[robot.motor_v, :2] = HARDEST_CONSTRAINT
     model.jnt_stiffness[model.dof_jntid[robot.spring_v]] = robot.stiffness
     model.dof_damping[robot.spring_v] = robot.damping
     for k, name in enumerate(body.joint_names):
@@ -324,7 +324,7 @@ def _add_holds(mujoco: Any, pin: Any, spec: Any, foot: _Place, world: _Place, co
             name1=names[0],
             name2=names[1],
             solref=[2 * timestep, 1.0],  # errors die out in two steps, the fastest that MuJoCo allows
-            solimp=[CLOSEST, CLOSEST, 1e-3, 0.5, 2.0],
+            solimp=[HARDEST_CONSTRAINT, HARDEST_CONSTRAINT, 1e-3, 0.5, 2.0],
         )
 
 

@@ -12,12 +12,12 @@ import numpy as np
 
 from ..errors import GainroomError, require_positive
 from ..system.loop import Loop
-from .oscillation import LONGEST, Vibration, vibration
+from .oscillation import MOST_SAMPLES, Vibration, vibration
 from .run import simulate
 from .scenario import Scenario
 
-FURTHEST = 1e3  # factors on the gains beyond this, or below its inverse, are not tried
-ENOUGH = 100  # runs
+FURTHEST_FACTOR = 1e3  # factors on the gains beyond this, or below its inverse, are not tried
+MOST_RUNS = 100  # runs
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ def find_onset(vibration_at: Callable[[float], Vibration | None], stable: float,
             f"onset: the vibration must decay at {stable:g} and grow at {growing:g}, not at {rates[0]:g}/s and {rates[1]:g}/s"
         )
     weights, latest, runs, last = list(rates), high, 2, 0
-    while abs(growing - stable) > tolerance * abs(growing) and runs < ENOUGH:
+    while abs(growing - stable) > tolerance * abs(growing) and runs < MOST_RUNS:
         middle = (stable + growing) / 2
         if np.isfinite(weights).all():  # Illinois: growth is all but straight in the gain near the limit
             chord = (stable * weights[1] - growing * weights[0]) / (weights[1] - weights[0])
@@ -78,7 +78,7 @@ def linear_vibration(loop: Loop, duration: float = 2.0, seed: int = 0) -> Vibrat
     impulse = np.vstack([np.random.default_rng(seed).standard_normal(loop.size), np.zeros(loop.size)])  # no symmetry: excites every mode
     run = simulate(loop, Scenario(0.0, duration, feedforward=impulse))
     later = run.error[len(run.time) // 2 :]
-    stride = -(-len(later) // LONGEST)  # a fast tick and a slow vibration: the whole half counts, not its last samples
+    stride = -(-len(later) // MOST_SAMPLES)  # a fast tick and a slow vibration: the whole half counts, not its last samples
     found = vibration(later[::stride], stride * run.sample_time, growing=True)
     if run.diverged and _rate(found) <= 0:
         return Vibration(0.0, math.inf, run.diverged_at or 0.0)  # it ran off without swinging
@@ -103,7 +103,7 @@ def search_onset(vibration_at: Callable[[float], Vibration | None], tolerance: f
     require_positive("onset", "near", near)
     factor = near
     direction = 1 / step if _rate(vibration_at(factor)) > 0 else step
-    while near / FURTHEST < factor * direction < FURTHEST * near:
+    while near / FURTHEST_FACTOR < factor * direction < FURTHEST_FACTOR * near:
         factor *= direction
         if (_rate(vibration_at(factor)) > 0) == (direction > 1):
             ends = (factor / direction, factor) if direction > 1 else (factor, factor / direction)

@@ -18,13 +18,13 @@ if TYPE_CHECKING:
     from .record import Run
 
 LAGS = 100  # columns of the Hankel matrix at most
-LONGEST = 4000  # samples from the end that are looked at
-SHORTEST = 24
-NOISE = 2.858  # times the median singular value: what is noise in a square matrix; in a tall one even a little less
-PERIODS = 1.5  # that the window must hold of an oscillation
+MOST_SAMPLES = 4000  # samples from the end that are looked at
+FEWEST_SAMPLES = 24
+NOISE_FACTOR = 2.858  # times the median singular value: what is noise in a square matrix; in a tall one even a little less
+FEWEST_PERIODS = 1.5  # that the window must hold of an oscillation
 PERIODS_FITTED = 12  # that parts are taken from
-SIGNIFICANT = 4.0  # times what the strongest of all frequencies explains in white noise
-FLOOR = 1e-12  # of the signal's largest value: rounding
+SIGNIFICANCE = 4.0  # times what the strongest of all frequencies explains in white noise
+ROUNDING = 1e-12  # of the signal's largest value: rounding
 
 
 @dataclass(frozen=True)
@@ -54,9 +54,9 @@ def vibration(signal: ArrayLike, sample_time: float, growing: bool = False, abov
     table = table[:, None] if table.ndim == 1 else table
     if table.ndim != 2:
         raise GainroomError(f"vibration: signal of shape {table.shape} must be (k,) or (k, n)")
-    table = table[-LONGEST:]
+    table = table[-MOST_SAMPLES:]
     scale = np.abs(table).max(initial=0.0)
-    if len(table) < SHORTEST or scale == 0:
+    if len(table) < FEWEST_SAMPLES or scale == 0:
         return None
     table = table / scale
     table = table - table.mean(axis=0)
@@ -73,7 +73,7 @@ def vibration(signal: ArrayLike, sample_time: float, growing: bool = False, abov
             others = rates[(rates != found[0]) & (rates != found[0].conjugate())]
             found = _strongest(table, np.append(others, [finer, finer.conjugate()]), growing, lowest) or found
     rate, amplitude = found
-    if amplitude < FLOOR:
+    if amplitude < ROUNDING:
         return None
     return Vibration(abs(rate.imag) / sample_time, rate.real / sample_time, float(amplitude * scale))
 
@@ -92,7 +92,7 @@ def response_vibration(run: "Run", above: float = 0.0, after: float = 0.0) -> Vi
 def rows_after(run: "Run", event: float) -> slice:
     """The rows from `event` [s] on, or where too little is left then, the last half of all."""
     begin, count = int(np.searchsorted(run.time, event)), len(run.time)
-    return slice(begin if count - begin >= max(SHORTEST, count // 10) else count // 2, None)
+    return slice(begin if count - begin >= max(FEWEST_SAMPLES, count // 10) else count // 2, None)
 
 
 def parts_in(signal: ArrayLike, sample_time: float, found: Vibration) -> Complexes:
@@ -102,7 +102,7 @@ def parts_in(signal: ArrayLike, sample_time: float, found: Vibration) -> Complex
     """
     table = require_finite("vibration", "signal", signal)
     period = 2 * math.pi / found.frequency / sample_time
-    table = table[-max(SHORTEST, math.ceil(PERIODS_FITTED * period)) :]
+    table = table[-max(FEWEST_SAMPLES, math.ceil(PERIODS_FITTED * period)) :]
     shape = _shapes(np.array([complex(found.growth_rate, found.frequency) * sample_time]), len(table))[:, 0]
     shape /= shape[-1]
     line = np.linspace(-1, 1, len(table))
@@ -119,7 +119,7 @@ def _poles(table: Floats, stride: int) -> Complexes:
     hankel = np.concatenate(list(table.T[:, places]))
     _, sizes, right = np.linalg.svd(hankel, full_matrices=False)
     rounding = max(hankel.shape) * np.finfo(float).eps * sizes[0]
-    rank = int(np.count_nonzero(sizes > max(NOISE * float(np.median(sizes)), rounding)))
+    rank = int(np.count_nonzero(sizes > max(NOISE_FACTOR * float(np.median(sizes)), rounding)))
     if rank == 0:
         return np.zeros(0, dtype=complex)
     space = right[: min(rank, lags)].T
@@ -150,8 +150,8 @@ def _strongest(table: Floats, rates: Complexes, growing: bool, lowest: float) ->
     squares = (weights[:pairs] ** 2 + weights[pairs : 2 * pairs] ** 2) / 2
     swing = np.abs(shapes) ** 2
     explained, latest = swing.sum(axis=0) * squares.sum(axis=1), swing[-(count // 3) :].sum(axis=0) * squares.sum(axis=1)
-    noise = SIGNIFICANT * 2 * math.log(count) * np.mean(left_over**2) * table.shape[1]
-    good = (upper.imag * count >= PERIODS * 2 * math.pi) & (upper.imag > lowest) & (explained > noise)
+    noise = SIGNIFICANCE * 2 * math.log(count) * np.mean(left_over**2) * table.shape[1]
+    good = (upper.imag * count >= FEWEST_PERIODS * 2 * math.pi) & (upper.imag > lowest) & (explained > noise)
     if not good.any():
         return None
     best = int(np.argmax(np.where(good, upper.real if growing else latest, -np.inf)))

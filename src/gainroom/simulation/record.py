@@ -12,10 +12,10 @@ from ..errors import GainroomError
 from ..linear.arrays import Floats
 from ..system.loop import Feedback
 
-HUGE = 1e150  # states beyond are about to overflow
-LAST = 0.1  # of the run: what the steady state is averaged over
-REFERENCE = "reference"
-LOGGED = ("target_torque", "demand_torque", "actual_torque", "motor_position", "link_position", REFERENCE)
+OVERFLOWING = 1e150  # states beyond are about to overflow
+STEADY_SHARE = 0.1  # of the run: what the steady state is averaged over
+REFERENCE_SIGNAL = "reference"
+LOGGED = ("target_torque", "demand_torque", "actual_torque", "motor_position", "link_position", REFERENCE_SIGNAL)
 """The columns of a log beside time, in their order."""
 Ending = Literal["completed", "diverged", "fell"]
 Unit = Literal["m", "rad"]
@@ -117,7 +117,7 @@ class Run:
         """(m,) mean error over the `last` seconds; None: the last tenth. Raises GainroomError for a run that did not last to its end."""
         if self.ending != "completed":
             raise GainroomError(f"simulation: no steady state: {self.reason}")
-        rows = round(LAST * len(self.time)) if last is None else round(last / self.sample_time)
+        rows = round(STEADY_SHARE * len(self.time)) if last is None else round(last / self.sample_time)
         return self.error[-max(1, rows) :].mean(axis=0)
 
 

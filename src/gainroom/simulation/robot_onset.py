@@ -17,14 +17,14 @@ from .robot_setup import RobotSetup, hold, substeps_for
 
 INITIAL_SPEED = 1e-4
 """Speed of the motors at the start [rad/s]: small enough that what is nonlinear, a millionth, is not seen, and far above rounding."""
-SETTLED = 0.1
+TRANSIENT = 0.1
 """Share of a run that is not looked at, so that what decays quickly is gone."""
 FINE_STEPS, FINE = 4, 1.25e-4
 """Substeps per tick at least, and how long each may be [s]: vibrations at 500 rad/s are then 2e-4 too fast, and held contacts, which
 MuJoCo lets give way for two steps, are hard beside 1000 rad/s: on steps twice as long a quadruped's limit is 2 % too low."""
-DURATION = 0.5
+RUN_DURATION = 0.5
 """Of a run [s]: long enough to tell the vibrations of nearly equal legs apart."""
-STEP = 1.5
+SEARCH_STEP = 1.5
 """Factor between the gains tried while looking for one that vibrates and one that does not."""
 ACCURACY = 1e-3
 """Of the factor."""
@@ -48,7 +48,7 @@ def robot_onset(setup: RobotSetup, near: float = 1.0, progress: Callable[[int, f
         made += 1
         return robot_vibration(bare, gain)
 
-    return search_onset(vibration_at, ACCURACY, near, STEP)
+    return search_onset(vibration_at, ACCURACY, near, SEARCH_STEP)
 
 
 def motionless(setup: RobotSetup) -> RobotSetup:
@@ -60,8 +60,8 @@ def motionless(setup: RobotSetup) -> RobotSetup:
 def robot_vibration(setup: RobotSetup, gain: float) -> Vibration | None:
     """What an initial speed of all motors leaves with all gains times `gain`: the fastest-growing vibration; None: nothing."""
     speed = INITIAL_SPEED * np.random.default_rng(0).standard_normal(setup.body.size)
-    run = run_robot(setup, hold(setup, DURATION), gain=gain, initial_speed=speed)
-    swing = np.diff(run.motor_position, n=2, axis=0)[int(SETTLED * len(run.time)) :]  # without what drifts at constant speed
+    run = run_robot(setup, hold(setup, RUN_DURATION), gain=gain, initial_speed=speed)
+    swing = np.diff(run.motor_position, n=2, axis=0)[int(TRANSIENT * len(run.time)) :]  # without what drifts at constant speed
     found = vibration(swing, setup.sample_time, growing=True) if len(swing) else None
     if run.ending != "completed" and (found is None or found.growth_rate <= 0):
         return Vibration(0.0, math.inf, 0.0)  # it ran off without swinging

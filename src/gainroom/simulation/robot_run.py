@@ -15,12 +15,12 @@ from ..robot.body import is_prismatic, library, put_position
 from ..robot.formats.mujoco_messages import mujoco_says
 from ..robot.tasks import Task
 from .mujoco_model import MujocoRobot, build_mujoco
-from .record import REFERENCE, Ending, Run, Unit, ended, joined
+from .record import REFERENCE_SIGNAL, Ending, Run, Unit, ended, joined
 from .robot_setup import RobotSetup, channel_units, substeps_for
 from .torque_line import TorqueLine
 from .whole_body import WholeBodyControl, values_of
 
-BLOCK = 200
+MUJOCO_BLOCK = 200
 """Ticks of a part."""
 TOO_FAST = 50.0
 """A motor faster than this, joint side, and than any move of joints that is planned, has run away [rad/s, m/s]."""
@@ -64,7 +64,7 @@ class RobotRun(Run):
     def columns(self) -> dict[str, Floats]:
         """As of every run; a task's reference is no joint's."""
         columns = super().columns()
-        return columns if self.setup.control.space == "joint" else {name: columns[name] for name in columns if name != REFERENCE}
+        return columns if self.setup.control.space == "joint" else {name: columns[name] for name in columns if name != REFERENCE_SIGNAL}
 
     def posture(self, row: int) -> Floats:
         """(nq,) of the links at one tick."""
@@ -103,7 +103,7 @@ def run_robot(
 
 
 def stream_robot(
-    setup: RobotSetup, offsets: ArrayLike, *, gain: float = 1.0, initial_speed: ArrayLike = 0.0, block: int = BLOCK
+    setup: RobotSetup, offsets: ArrayLike, *, gain: float = 1.0, initial_speed: ArrayLike = 0.0, block: int = MUJOCO_BLOCK
 ) -> Iterator[RobotRun]:
     """The robot from rest in its posture, gearboxes wound up by its weight and drives holding it, in parts of `block` ticks.
 

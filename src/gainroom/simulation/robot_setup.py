@@ -20,7 +20,7 @@ from ..system.drive import Drive
 from .record import Unit
 from .scenario import MOST_TICKS
 
-FINEST = 0.5
+LARGEST_STEP_ANGLE = 0.5
 """Steps are so short that the fastest vibration of the plant turns by no more than this in one [rad]: it is simulated 1 % too fast."""
 MOST_SUBSTEPS = 64
 
@@ -81,20 +81,14 @@ def robot_setup(spec: RobotSpec, posture: str | None = None, contact: str | None
 def hold(setup: RobotSetup, duration: float) -> Floats:
     """(k, m) offsets of zero for `duration` [s]. Raises GainroomError for more than MOST_TICKS rows, over all channels together."""
     duration = require_positive("simulation", "duration", duration, "s")
-    longest = MOST_TICKS / channel_count(setup) * setup.sample_time
+    channels = len(channel_units(setup))
+    longest = MOST_TICKS / channels * setup.sample_time
     if duration > longest:
         raise GainroomError(
             f"simulation: duration {duration:g} s must be at most {longest:g} s at a sample time of {setup.sample_time:g} s"
         )
     ticks = math.ceil(duration / setup.sample_time - 1e-9)
-    return np.zeros((ticks, channel_count(setup)))
-
-
-def channel_count(setup: RobotSetup) -> int:
-    """m: joints, or directions of the tasks."""
-    if setup.control.space == "joint":
-        return setup.body.size
-    return sum(setup.body.size if task.kind == "posture" else 3 for task in setup.stack)
+    return np.zeros((ticks, channels))
 
 
 def channel_units(setup: RobotSetup) -> tuple[Unit, ...]:
@@ -112,7 +106,7 @@ def substeps_for(setup: RobotSetup) -> int:
     """Steps per tick that the fastest vibration of the linear model needs. Raises GainroomError where they are too many."""
     plant = linearize(setup.body, setup.actuators, setup.q, setup.contacts)
     fastest = np.abs(plant.resonances()).max(initial=0.0)
-    needed = max(1, math.ceil(fastest * setup.sample_time / FINEST))
+    needed = max(1, math.ceil(fastest * setup.sample_time / LARGEST_STEP_ANGLE))
     if needed > MOST_SUBSTEPS:
         raise GainroomError(
             f"simulation: the fastest vibration, {fastest:.3g} rad/s, needs {needed} steps per tick, at most {MOST_SUBSTEPS} are taken: "

@@ -13,15 +13,15 @@ from ..robot.model import RobotModel
 from ..robot.name_patterns import select
 from ..robot.spec import RobotSpec
 from ..system.loop import Loop
-from .record import LOGGED, REFERENCE, Run
+from .record import LOGGED, REFERENCE_SIGNAL, Run
 from .robot_run import stream_robot
-from .robot_setup import RobotSetup, channel_count, hold, robot_setup
+from .robot_setup import RobotSetup, channel_units, hold, robot_setup
 from .spec import TORQUE_LIMIT, SimulationSpec, refuse_odd_run
 from .trajectories import Spline
 
-MOST_TICKS = 200_000
+MOST_ROBOT_TICKS = 200_000
 """Of one run, which is kept whole: 100 s at 2 kHz."""
-SMALL = 0.01
+DEFAULT_MOVE = 0.01
 """[m, rad] of a move where none is given."""
 
 
@@ -56,7 +56,7 @@ class RobotSimulation(SimulationSpec):
     @classmethod
     def _of(cls, spec: RobotSpec) -> "RobotSimulation":
         scenario, setup = spec.scenario, _setup(spec)
-        refuse_odd_run(scenario.duration, setup.sample_time, MOST_TICKS)
+        refuse_odd_run(scenario.duration, setup.sample_time, MOST_ROBOT_TICKS)
         way = _way(spec, setup)
         there = {
             "friction": np.any(setup.coulomb),
@@ -70,7 +70,7 @@ class RobotSimulation(SimulationSpec):
             duration=scenario.duration,
             sample_time=setup.sample_time,
             joint_names=setup.body.joint_names,
-            signals=tuple(name for name in LOGGED if name != REFERENCE or spec.control.space == "joint"),
+            signals=tuple(name for name in LOGGED if name != REFERENCE_SIGNAL or spec.control.space == "joint"),
             moves_until=scenario.move_duration if way.any() else 0.0,
             encoder_step=setup.encoder_step,
             torque_limit=setup.torque_limit,
@@ -135,15 +135,15 @@ def _way(spec: RobotSpec, setup: RobotSetup) -> Floats:
     scenario, size = spec.scenario, setup.body.size
     if spec.control.space == "joint":
         places = list(range(size) if scenario.joint is None else select(scenario.joint, setup.body.joint_names, "scenario.move.joint"))
-        usual = 0.0 if setup.contacts else SMALL  # joints of closed legs cannot all move as one likes
+        usual = 0.0 if setup.contacts else DEFAULT_MOVE  # joints of closed legs cannot all move as one likes
     else:
         counts = [size if task.kind == "posture" else 3 for task in setup.stack]
         moved = 0 if scenario.task is None else [task.name for task in setup.stack].index(scenario.task)
         places = list(range(sum(counts[:moved]), sum(counts[: moved + 1])))
-        usual = SMALL if setup.stack[moved].kind == "posture" else (SMALL, 0.0, 0.0)
+        usual = DEFAULT_MOVE if setup.stack[moved].kind == "posture" else (DEFAULT_MOVE, 0.0, 0.0)
     by = np.atleast_1d(usual if scenario.by is None else scenario.by)
     if len(by) not in (1, len(places)):
         raise GainroomError(f"scenario.move.by: {len(by)} numbers must be one, or {len(places)}")
-    way = np.zeros(channel_count(setup))
+    way = np.zeros(len(channel_units(setup)))
     way[places] = by
     return way

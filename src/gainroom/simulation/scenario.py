@@ -14,7 +14,7 @@ from .trajectories import Step, Trajectory
 
 MOST_TICKS = 2_000_000
 """Of a run that is kept whole, over all joints together: some 150 MB."""
-LONGEST = 1e12
+MOST_STREAMED_TICKS = 1e12
 """[ticks] of any run, years at 1 kHz: numbers of ticks stay whole in a double."""
 DIVERGED = 1e4  # [rad] further than any joint turns, and far from where a double overflows
 
@@ -104,10 +104,10 @@ class Signals:
         assert loop.sample_time is not None
         self.scenario, self.size, self.sample_time = scenario, loop.size, loop.sample_time
         self._form = loop.parts.plant.mechanism()
-        if scenario.duration / self.sample_time > LONGEST:
+        if scenario.duration / self.sample_time > MOST_STREAMED_TICKS:
             raise GainroomError(
-                f"scenario: duration {scenario.duration:g} s must be at most {LONGEST:g} ticks of {self.sample_time:g} s, "
-                f"{LONGEST * self.sample_time:g} s"
+                f"scenario: duration {scenario.duration:g} s must be at most {MOST_STREAMED_TICKS:g} ticks of {self.sample_time:g} s, "
+                f"{MOST_STREAMED_TICKS * self.sample_time:g} s"
             )
         whole, fraction = split_delay(scenario.duration, self.sample_time)
         self.ticks = int(whole) + (1 if fraction > 0 else 0)

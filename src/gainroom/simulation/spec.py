@@ -13,7 +13,7 @@ from ..system.joint_spec import JointSpec
 from ..system.loop import Loop
 from . import Friction, Scenario, Testbed
 from .oscillation import rows_after
-from .record import LAST, LOGGED, Run
+from .record import LOGGED, STEADY_SHARE, Run
 from .run import BLOCK, simulate, stream
 from .scenario import MOST_TICKS
 from .trajectories import Held
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from ..robot.ground import Footing
 
 NO_RATE = "control.sample_rate_hz: is missing: a simulation goes tick by tick; add the controller's rate [Hz]"
-LATE = 0.75
+LATE_SHARE = 0.75
 """Of the run: what happens later leaves too little to look at."""
 FEWEST_TICKS = 20
 """Of one run: in fewer a vibration cannot be seen, which takes ten ticks or so to turn once."""
@@ -81,12 +81,12 @@ class SimulationSpec:
     @property
     def moves_late(self) -> bool:
         """Too little of the run is left to look at when the reference has come to rest."""
-        return self.moves_until > LATE * self.duration
+        return self.moves_until > LATE_SHARE * self.duration
 
     @property
     def swings_on(self) -> bool:
         """The reference still swings in what the steady state is averaged over: there is none."""
-        return self.fastest > 0 and self.moves_until > (1 - LAST) * self.duration
+        return self.fastest > 0 and self.moves_until > (1 - STEADY_SHARE) * self.duration
 
     @property
     def is_exact(self) -> bool:

@@ -25,11 +25,11 @@ from .trajectories import Step
 
 SETTLE = 4.0  # time constants of the slowest root that are shown
 GROW = 3.4  # growth times of the fastest root of an unstable loop: a factor of 30
-MOST = 20_000  # steps
-POINTS = 1200  # without delay and sampling
-SMOOTH = 0.25  # [rad] largest turn of the fastest shown root within the first, coarsest step
-ENOUGH = 3e-4  # relative change by halving the step that ends the halving
-FINEST = 200  # steps per delay after which it ends anyway
+MOST_STEPS = 20_000  # steps
+UNDELAYED_POINTS = 1200  # without delay and sampling
+LARGEST_TURN = 0.25  # [rad] largest turn of the fastest shown root within the first, coarsest step
+CONVERGED = 3e-4  # relative change by halving the step that ends the halving
+MOST_STEPS_PER_DELAY = 200  # steps per delay after which it ends anyway
 
 
 @dataclass(frozen=True)
@@ -62,19 +62,21 @@ def step_response(loop: Loop, end: float | None = None) -> StepResponse:
     end = _horizon(roots) if end is None else end
     growth, frequency = float(roots[0].real), float(abs(roots[0].imag))
     if loop.sample_time is not None:
-        step, count = loop.sample_time, min(math.ceil(end / loop.sample_time), MOST)
+        step, count = loop.sample_time, min(math.ceil(end / loop.sample_time), MOST_STEPS)
         return StepResponse(step * np.arange(count + 1), *_sampled(loop, step, count), 0.0, growth, frequency)
     delay = float(loop.delays[0])
     if delay == 0:
-        return StepResponse(np.linspace(0, end, POINTS + 1), *_undelayed(loop, end / POINTS, POINTS), 0.0, growth, frequency)
-    late = max(8, math.ceil(delay * float(np.abs(roots[:4]).max()) / SMOOTH))
-    steps = min(math.ceil(end / delay), MOST // late + 1) * late
+        return StepResponse(
+            np.linspace(0, end, UNDELAYED_POINTS + 1), *_undelayed(loop, end / UNDELAYED_POINTS, UNDELAYED_POINTS), 0.0, growth, frequency
+        )
+    late = max(8, math.ceil(delay * float(np.abs(roots[:4]).max()) / LARGEST_TURN))
+    steps = min(math.ceil(end / delay), MOST_STEPS // late + 1) * late
     reference, disturbance = _delayed(loop, delay / late, late, steps)
     while True:
         coarse, late, steps = reference, 2 * late, 2 * steps
         reference, disturbance = _delayed(loop, delay / late, late, steps)
         change = float(np.abs(reference[::2] - coarse).max() / np.abs(reference).max())
-        if change < ENOUGH or late > FINEST:
+        if change < CONVERGED or late > MOST_STEPS_PER_DELAY:
             return StepResponse(delay / late * np.arange(steps + 1), reference, disturbance, change, growth, frequency)
 
 

@@ -17,7 +17,7 @@ from ..linear.arrays import Floats
 from ..linear.state_space import StateSpace, hold, split_delay
 from ..system.assembly import actuated_state, controller_state
 from ..system.loop import Loop
-from .record import HUGE, Run
+from .record import OVERFLOWING, Run
 from .scenario import Inputs, Signals
 
 SHORT = 5000  # ticks of a run that numpy steps sooner than numba is loaded
@@ -108,13 +108,13 @@ class LinearStepper:
 def recur(transposed: Floats, forcing: Floats, states: Floats) -> int:
     """Fill states (k + 1, m) from states[0] by x⁺ = A x + f, with A transposed (m, m) and f (k, m).
 
-    Returns the number of steps made: k, or fewer where the next state is beyond HUGE (that one is not counted).
+    Returns the number of steps made: k, or fewer where the next state is beyond OVERFLOWING (that one is not counted).
     """
     with np.errstate(over="ignore", invalid="ignore"):
         for k in range(len(forcing)):
             np.dot(states[k], transposed, out=states[k + 1])
             states[k + 1] += forcing[k]
-        beyond = ~(np.abs(states[1:]) < HUGE).all(axis=1)
+        beyond = ~(np.abs(states[1:]) < OVERFLOWING).all(axis=1)
     return int(np.argmax(beyond)) if beyond.any() else len(forcing)
 
 

@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from ..linear.arrays import Floats
-from .record import LAST
+from .record import STEADY_SHARE
 
 SETTLED = 0.02  # of the move: the usual band of the settling time
 
@@ -48,7 +48,7 @@ def track(response: Tracked, until: float = math.inf) -> Tracking:
             cut short is nan
     """
     error = response.error
-    last = max(1, round(LAST * len(error)))
+    last = max(1, round(STEADY_SHARE * len(error)))
     rows = max(1, int(np.searchsorted(response.time, until)))
     over, settled = np.transpose([_arrival(response, joint, rows) for joint in range(error.shape[1])])
     return Tracking(
@@ -71,7 +71,7 @@ def _arrival(response: Tracked, joint: int, rows: int) -> tuple[float, float]:
     overshoot = max(0.0, float(beyond.max()))
     outside = np.flatnonzero(np.abs(beyond) > SETTLED)
     arrived = int(outside[-1]) + 1 if len(outside) else 0
-    if len(beyond) - arrived < LAST * len(beyond):  # inside by chance, for all that is known
+    if len(beyond) - arrived < STEADY_SHARE * len(beyond):  # inside by chance, for all that is known
         return overshoot, math.nan if rows < len(response.time) else math.inf
     begin = response.time[_departure(reference)]
     return overshoot, max(0.0, float(response.time[arrived] - begin))

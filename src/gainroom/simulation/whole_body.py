@@ -30,7 +30,7 @@ from ..robot.tasks import Task, TaskPPI, Tasks, following, tasks_of
 from ..system.controller import PD, PPI
 from .sampled_control import SampledControl
 
-EXACT = 4
+FIRST_NEWTON_STEPS = 4
 """Newton steps at the first tick, when gearboxes that carry weight are already wound up."""
 
 
@@ -180,7 +180,7 @@ class WholeBodyControl:
             self._age += 1
             if self._age > self._refresh:
                 self._renew()
-            for _ in range(EXACT if first else 1):
+            for _ in range(FIRST_NEWTON_STEPS if first else 1):
                 self._estimate.update(positions)
         value = self._values(self._estimate.q) if self._stack else positions
         if first:

@@ -12,25 +12,25 @@ import numpy as np
 from ..analysis.gain_limit import GainLimit
 from ..analysis.stability import rightmost_roots
 from ..linear.arrays import Complexes, Floats
-from ..simulation.oscillation import LONGEST, SHORTEST, Vibration, parts_in, rows_after, vibration
+from ..simulation.oscillation import FEWEST_SAMPLES, MOST_SAMPLES, Vibration, parts_in, rows_after, vibration
 from ..simulation.record import Run
-from ..simulation.spec import LATE, SimulationSpec
+from ..simulation.spec import LATE_SHARE, SimulationSpec
+from .robot_record import STRONG, strongest_first
 
 LASTING = 1e-3  # damping ratio below which a vibration on hardware is sustained: what ends its growth there is friction or the torque limit
 RESTING = 0.1  # damping ratio above which an oscillation is a joint coming to rest
 HARMONICS = 5.0  # times a moving reference's own frequency: most of what friction makes of it lies below
-STEADY = 0.1  # of itself: a vibration that changes less over what is looked at is sustained
+UNCHANGED = 0.1  # of itself: a vibration that changes less over what is looked at is sustained
 PATIENCE = 7.0  # time constants: what comes to rest has left a thousandth then
-HELD = 0.7  # of its size before: irregular motion that falls below decays
+UNDIMINISHED = 0.7  # of its size before: irregular motion that falls below decays
 FRICTION_STARTS = (
     1e-4  # [m, rad] a smaller one is none while it moves: friction strikes as the motion starts and turns, which rings a while
 )
 PREDICTED = 1e-6  # [m, rad] likewise of the very one that the linear loop, unstable, predicts
 WINDOWS = 8  # that a motion is cut into, each overlapping the next by half: friction lets a vibration come and go
-NEAR = 0.15  # relative: how far the frequency may be from that at the limit. It rises with the gains, and other postures have others
-SAME, TIMES = 0.05, 3  # a vibration that no limit predicts must be in so many windows in a row, at frequencies no further apart, relatively
+NEAR_LIMIT = 0.15  # relative: how far the frequency may be from that at the limit. It rises with the gains, and other postures have others
+SAME_FREQUENCY, TIMES = 0.05, 3  # relative: no further apart in so many windows in a row is a vibration that no limit predicts
 SPLINE = 5 * 4 * math.pi  # [rad] over a spline's duration: it has next to nothing beyond a fifth of that, and friction makes little of it
-STRONG = 0.5  # of the largest part: what swings so much takes part
 
 
 @dataclass(frozen=True)
@@ -80,10 +80,9 @@ class Oscillation:
 
     @property
     def strongest(self) -> tuple[str, ...]:
-        """Names of what takes part, the strongest first, those that differ by round-off alone in their order."""
+        """Names of what takes part, the strongest first."""
         parts = np.abs(self.parts)
-        order = np.argsort(-np.round(parts / parts.max(), 6), kind="stable")
-        return tuple(self.names[k] for k in order.tolist() if parts[k] >= STRONG * parts.max())
+        return tuple(self.names[k] for k in strongest_first(self.parts).tolist() if parts[k] >= STRONG * parts.max())
 
 
 @dataclass(frozen=True)
@@ -130,7 +129,7 @@ def _judged(spec: SimulationSpec, record: _Record, stable: bool, irregular: bool
     if spec.is_exact:
         least = 0.0 if spec.is_linear else least if stable else sizes.least
     possible = not (spec.is_exact and spec.is_linear and stable)
-    found = vibration(record.error, spec.sample_time, above=record.above) if len(record.error) >= SHORTEST else None
+    found = vibration(record.error, spec.sample_time, above=record.above) if len(record.error) >= FEWEST_SAMPLES else None
     judged = None
     if found is not None and found.damping_ratio <= RESTING and not (found.growth_rate < 0 and found.amplitude < sizes.gone):
         judged = _oscillation(spec, record, found, least, possible)
@@ -155,7 +154,7 @@ def _oscillation(spec: SimulationSpec, record: _Record, found: Vibration, least:
     lasts = possible and _lasts(found, spec.is_linear) and size > least
     sustained = lasts and not spec.is_linear and abs(found.damping_ratio) < LASTING
     if spec.is_exact:
-        sustained = sustained and abs(found.growth_rate) * min(len(record.error), LONGEST) * spec.sample_time < STEADY
+        sustained = sustained and abs(found.growth_rate) * min(len(record.error), MOST_SAMPLES) * spec.sample_time < UNCHANGED
     if lasts and spec.is_exact:
         found = replace(found, amplitude=swing)
     return Oscillation(found, record.rows, record.names, parts / largest, swing, lasts, sustained, least=least)
@@ -172,7 +171,7 @@ def _irregular(spec: SimulationSpec, record: _Record) -> tuple[Oscillation | Non
     Reported as an oscillation with the power of what moves most, at the mean of its frequency (root of the mean square, by power).
     """
     third = len(record.swinging) // 3
-    if third < SHORTEST:
+    if third < FEWEST_SAMPLES:
         return None, False
     line = np.linspace(-1, 1, third)[:, None] ** np.arange(2)
     thirds = (record.swinging[-2 * third : -third], record.swinging[-third:])
@@ -185,7 +184,7 @@ def _irregular(spec: SimulationSpec, record: _Record) -> tuple[Oscillation | Non
     power = np.abs(np.fft.rfft(last[:, most] * np.hanning(third))) ** 2
     omega = 2 * math.pi * np.fft.rfftfreq(third, spec.sample_time)
     mean = math.sqrt(float(np.average(omega**2, weights=power)))
-    held = bool(size >= HELD * before.std(axis=0).max())
+    held = bool(size >= UNDIMINISHED * before.std(axis=0).max())
     found = Vibration(mean, 0.0, math.sqrt(2) * size)
     parts = (sizes / sizes.max()).astype(complex)
     return Oscillation(found, record.rows, record.names, parts, found.amplitude, lasts=True, sustained=True, irregular=True), held
@@ -207,11 +206,11 @@ def _quiet(spec: SimulationSpec, gain: float, run: Run) -> _Record:
     if run.diverged:
         return _sides(run, spec.at_rest(run))
     swings = spec.fastest > 0 and spec.moves_until >= duration and not spec.is_linear
-    if swings and spec.disturbed_from <= LATE * duration:
+    if swings and spec.disturbed_from <= LATE_SHARE * duration:
         return _sides(run, rows_after(run, max(spec.disturbed_from, duration / 2)), HARMONICS * spec.fastest)
-    if late <= LATE * duration:
+    if late <= LATE_SHARE * duration:
         return _sides(run, spec.at_rest(run))
-    rest = min(spec.ticks, LONGEST)
+    rest = min(spec.ticks, MOST_SAMPLES)
     return _run_on(spec, gain, rest, rest, swings)
 
 
@@ -220,7 +219,7 @@ def _settled(spec: SimulationSpec, gain: float) -> _Record:
 
     What a short record shows may be a joint on its way to rest; a vibration that friction, steps or a limit sustain is still there then.
     """
-    longest = LONGEST * spec.sample_time
+    longest = MOST_SAMPLES * spec.sample_time
     rate = -float(rightmost_roots(spec.loop(gain), count=1).roots[0].real)
     held = spec.link_decay or rate
     wait, look = (min(PATIENCE / max(slow, PATIENCE / longest), longest) for slow in (rate, min(rate, held)))
@@ -252,7 +251,7 @@ def _in_motion(spec: SimulationSpec, run: Run, limit: GainLimit | None) -> Oscil
         return None
     lowest = SPLINE / moved if moved > 0 else 0.0
     if unstable and limit is not None and limit.frequency > 0:
-        lowest = max(lowest, (1 - NEAR) * limit.frequency) if ended else min(lowest, (1 - NEAR) * limit.frequency)
+        lowest = max(lowest, (1 - NEAR_LIMIT) * limit.frequency) if ended else min(lowest, (1 - NEAR_LIMIT) * limit.frequency)
     found = [(rows, _in_window(run, rows, lowest)) for rows in _windows(end)]
     lasting: list[tuple[slice, Vibration]] = []
     least = max(FRICTION_STARTS, MUJOCO.steps * spec.encoder_step)
@@ -260,8 +259,8 @@ def _in_motion(spec: SimulationSpec, run: Run, limit: GainLimit | None) -> Oscil
         if one is None:
             continue
         row = [earlier for _, earlier in found[max(0, index - TIMES + 1) : index + 1] if earlier is not None]
-        again = len(row) == TIMES and all(_alike(earlier, one.frequency, SAME) and earlier.amplitude > least for earlier in row)
-        predicted = unstable and limit is not None and one.amplitude > PREDICTED and _alike(one, limit.frequency, NEAR)
+        again = len(row) == TIMES and all(_alike(earlier, one.frequency, SAME_FREQUENCY) and earlier.amplitude > least for earlier in row)
+        predicted = unstable and limit is not None and one.amplitude > PREDICTED and _alike(one, limit.frequency, NEAR_LIMIT)
         if again or predicted:
             lasting.append((rows, one))
     if not lasting:
@@ -279,7 +278,7 @@ def _alike(one: Vibration, frequency: float, within: float) -> bool:
 
 def _windows(end: int) -> list[slice]:
     """Of `end` ticks; none where they are too few to tell anything."""
-    size = max(SHORTEST + 2, 2 * end // (WINDOWS + 1))
+    size = max(FEWEST_SAMPLES + 2, 2 * end // (WINDOWS + 1))
     return [slice(first, first + size) for first in range(0, end - size + 1, max(1, size // 2))]
 
 

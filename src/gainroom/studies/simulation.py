@@ -18,7 +18,7 @@ from .robot import limit_of, moves
 
 CHATTER = 0.1
 """Of a joint's torque peak: torque beyond the reference's frequencies that is reported, RMS."""
-LOOKS = 2000
+MOST_SLIP_LOOKS = 2000
 """Ticks at most at which the feet are looked at, which takes longer than to simulate them."""
 
 Progress = Callable[[int, int, str], None]
@@ -166,7 +166,7 @@ def simulate_study(
         np.abs(torque).max(axis=0),
         np.sqrt(np.mean(torque**2, axis=0)),
         np.mean(np.abs(run.demand_torque) >= spec.torque_limit, axis=0),
-        run.rows(slice(None, None, max(1, len(run.time) // LOOKS))).slip.max(axis=0),
+        run.rows(slice(None, None, max(1, len(run.time) // MOST_SLIP_LOOKS))).slip.max(axis=0),
         oscillation,
         shaking,
         nothing if spec.is_exact else torque_chatter(run, spec.moves_until),

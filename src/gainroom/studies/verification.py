@@ -16,7 +16,7 @@ from ..errors import GainroomError
 from ..linear.arrays import Floats
 from ..robot.body import library
 from ..robot.spec import RobotSpec
-from ..simulation.onset import FURTHEST, Onset, linear_onset, linear_vibration
+from ..simulation.onset import FURTHEST_FACTOR, Onset, linear_onset, linear_vibration
 from ..simulation.robot_onset import robot_onset
 from ..simulation.robot_run import RobotStepper
 from ..simulation.robot_setup import robot_setup
@@ -29,10 +29,10 @@ from .simulation import Progress
 TOLERANCES = {"linear": 1e-3, "mujoco": 2e-2}
 """By witness: how far, relatively, gain and frequency may be from the prediction."""
 LOWERED = (1.0, 0.3, 0.1)  # factors at which a loop that no lower gains steady is run
-SLOW = 2.0  # [s] of such a run at factor 1
-FEWEST, MOST = 200, 400_000  # ticks of one run
-MOST_STATES = 4  # more postures in contact states than this: only the posture of each contact state that vibrates first is simulated
-PERIODS = 100.0  # of the predicted vibration in one run: enough to tell growth of 1e-6 per period from none
+LOWERED_DURATION = 2.0  # [s] of such a run at factor 1
+FEWEST_RUN_TICKS, MOST_RUN_TICKS = 200, 400_000  # ticks of one run
+MOST_VERIFIED_STATES = 4  # of more, only the posture of each contact state that vibrates first is simulated
+PERIODS_PER_RUN = 100.0  # of the predicted vibration in one run: enough to tell growth of 1e-6 per period from none
 
 
 @dataclass(frozen=True)
@@ -156,7 +156,7 @@ def _states(spec: RobotSpec) -> list[tuple[str, str, Loop]]:
     """Posture, contact state and loop of what is simulated."""
     loops = [(posture, contact, spec.loop(spec.robot.linearize(posture, contact))) for posture, contact in spec.robot.states]
     loops = [state for state in loops if moves(state[2])]
-    if len(loops) <= MOST_STATES:
+    if len(loops) <= MOST_VERIFIED_STATES:
         return loops
     tightest: dict[str, tuple[float, tuple[str, str, Loop]]] = {}
     for state in loops:
@@ -190,7 +190,8 @@ def linear_case(what: str, loop: Loop) -> Case:
     limit = gain_limit(loop)
     if not 0 < limit.gain < math.inf:
         return _without_limit(what, loop, limit)
-    begin = 1.0 if 1 / FURTHEST < limit.gain < FURTHEST else limit.gain  # the search goes no further than that from where it begins
+    near = 1 / FURTHEST_FACTOR < limit.gain < FURTHEST_FACTOR
+    begin = 1.0 if near else limit.gain  # the search goes no further than that from where it begins
     return _case(what, "linear", limit, lambda: linear_onset(loop.scaled(begin), _duration(loop, limit)), begin)
 
 
@@ -200,7 +201,7 @@ def _mujoco(what: str, spec: RobotSpec, posture: str, contact: str, loop: Loop) 
     Raises GainroomError where MuJoCo cannot simulate this.
     """
     limit = gain_limit(loop)
-    if not (1 / FURTHEST < limit.gain < FURTHEST and limit.frequency > 0):
+    if not (1 / FURTHEST_FACTOR < limit.gain < FURTHEST_FACTOR and limit.frequency > 0):
         return None
     if spec.robot.gravity:
         raise GainroomError("gravity stiffness counts in the prediction; the simulated limit is without gravity")
@@ -221,14 +222,14 @@ def _case(what: str, witness: str, limit: GainLimit, search: Callable[[], Onset]
 def _duration(loop: Loop, limit: GainLimit) -> float:
     """Of one run [s], by the predicted frequency; only how long is looked, not what is seen, comes from it."""
     assert loop.sample_time is not None
-    wanted = PERIODS * 2 * math.pi / limit.frequency if limit.frequency > 0 else 0.0
-    return float(np.clip(wanted, FEWEST * loop.sample_time, MOST * loop.sample_time))
+    wanted = PERIODS_PER_RUN * 2 * math.pi / limit.frequency if limit.frequency > 0 else 0.0
+    return float(np.clip(wanted, FEWEST_RUN_TICKS * loop.sample_time, MOST_RUN_TICKS * loop.sample_time))
 
 
 def _without_limit(what: str, loop: Loop, limit: GainLimit) -> Case:
     """No factor changes the predicted verdict; none that is tried may change the simulated one."""
     if limit.gain == 0:  # it grows at every factor, and the more slowly the lower the gains
-        grown = [linear_vibration(loop.scaled(factor), SLOW / math.sqrt(factor)) for factor in LOWERED]
+        grown = [linear_vibration(loop.scaled(factor), LOWERED_DURATION / math.sqrt(factor)) for factor in LOWERED]
         grows = all(found is not None and found.growth_rate > 0 for found in grown)
         return Case(what, "linear", 0.0, 0.0 if grows else math.nan, math.nan, math.nan, len(LOWERED))
     try:
