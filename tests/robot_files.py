@@ -1,5 +1,6 @@
 """Small robot.yamls: an arm of two links that hangs in the vertical plane, and Solo12 on point feet."""
 
+from dataclasses import replace
 from pathlib import Path
 
 from robot_truths import hinge, link, write_robot
@@ -31,6 +32,13 @@ def written(folder: Path, text: str) -> Path:
     path = folder / "robot.yaml"
     path.write_text(text, "utf-8")
     return path
+
+
+def changed(state, **numbers):
+    """A state of a study with some of its numbers, and what they are made from, as they are given here."""
+    other = replace(state)
+    vars(other).update(numbers)
+    return other
 
 
 def write_arm(folder: Path, text: str = ROBOT) -> Path:

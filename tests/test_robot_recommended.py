@@ -17,9 +17,9 @@ from gainroom.analysis.quick_margins import quick_margins
 from gainroom.cli import main
 from gainroom.design.robot_gains import GainSet, RobotGains, recommend_robot
 from gainroom.files.robot_yaml import parse_robot
+from gainroom.report.robot_text import free_joints, warnings
 from gainroom.robot.spec import RobotSpec
 from gainroom.studies.robot import study_robot
-from gainroom.studies.robot_text import free_joints
 from robot_files import SOLO, write_arm
 
 BIPED = """\
@@ -232,7 +232,7 @@ def test_a_joint_without_kp_is_named(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert free_joints(parse_robot(text, "arm", tmp_path)) == []
     path.write_text(text.replace("kp: 400.0", "kp: {shoulder: 400.0, elbow: 0.0}"), "utf-8")
     study = study_robot(parse_robot(path.read_text("utf-8"), "arm", tmp_path), recommend=False)
-    assert any(warning.startswith("elbow: kp is 0: this joint is free and drifts") for warning in study.warnings)
+    assert any(warning.startswith("elbow: kp is 0: this joint is free and drifts") for warning in warnings(study))
     (tmp_path / "gains.yaml").write_text("shoulder: {kp: 400, kd: 30}\nelbow: {kp: 0, kd: 30}\n", "utf-8")
     call = ["audit", str(tmp_path / "robot.urdf"), "--gains", str(tmp_path / "gains.yaml"), "--delay-ms", "2", "--motor-inertia", "0.5"]
     main([*call, "--base", "fixed", "--json"])

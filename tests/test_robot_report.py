@@ -19,7 +19,9 @@ from gainroom.report.number_format import digits
 from gainroom.report.robot import MOST_PICTURES, robot_page
 from gainroom.report.robot_room import MOST_STATES
 from gainroom.report.robot_skeleton import common_view
+from gainroom.report.robot_text import sentence
 from gainroom.studies.robot import RobotStudy, study_robot
+from robot_files import changed
 from robot_truths import hinge, link, write_robot
 from test_report import figures, without_library
 
@@ -120,7 +122,7 @@ def test_page_is_self_contained_and_small(page):
 def test_page_carries_answer_then_reason_in_order(page, biped):
     own = unescape(without_library(page))
     wanted = [
-        biped.sentence,
+        sentence(biped),
         "gain margin",
         "≥ 6 dB",
         "How it would vibrate",
@@ -306,11 +308,11 @@ def test_unmet_requirements_are_told(page, biped):
 
 
 def test_state_and_joint_tables_hold_the_study(page, biped):
-    rows = cells(without_library(page), "posture, contact")
+    rows = cells(without_library(page), "state")
     assert [name.replace("\u00a0", " ") for name in rows] == [state.title for state in biped.states]
     for row, state in zip(rows.values(), biped.states, strict=True):
         assert row[:2] == ["yes", digits(state.limit.gain)]
-        assert row[-1] == digits(state.margins.disk_margin, "", 3)
+        assert row[-2] == digits(state.margins.disk_margin, "", 3)
     joints = cells(without_library(page), "joint")
     assert list(joints) == list(biped.spec.robot.joint_names)
     for name, row in zip(joints, biped.tightest.joints, strict=True):
@@ -378,7 +380,7 @@ def test_gains_that_no_factor_saves(small_arm):
     (state,) = small_arm.states
     limit = GainLimit(False, 0.0, math.nan, math.nan, np.ones(2, dtype=complex), None)
     margins = Margins.unknown(limit)
-    study = replace(small_arm, states=(replace(state, margins=margins),))
+    study = replace(small_arm, every=(changed(state, margins=margins),))
     html = robot_page(study, COMMAND)
     own = without_library(html)
     assert '<body class="bad">' in own
@@ -401,15 +403,15 @@ def test_what_a_user_typed_is_text(tmp_path):
 
 def test_many_states_stay_readable(biped):
     """Two postures in nine contact states: the tightest are drawn, the tables have all."""
-    states = tuple(replace(state, posture=f"posture {k // 9}", contact=f"contact {k % 9}") for k, state in enumerate(6 * biped.states))
-    study = replace(biped, states=states)
+    named = ((state, {"posture": f"posture {k // 9}", "contact": f"contact {k % 9}"}) for k, state in enumerate(6 * biped.states))
+    study = replace(biped, every=tuple(changed(state, **vars(state) | names) for state, names in named))
     html = robot_page(study, COMMAND)
     assert len(html.encode()) < 6e6
     assert len(drawings(html)) == 1 + MOST_PICTURES
     assert len(loci_figures(html)) == MOST_PICTURES
     heat = next(one for figure in figures(html) for one in figure["data"] if one["type"] == "heatmap")
     assert len(heat["x"]) == MOST_STATES
-    assert len(cells(without_library(html), "posture, contact")) == len(states)
+    assert len(cells(without_library(html), "state")) == len(study.states)
     assert "1 contact state with more room is not drawn" in without_library(html)
 
 

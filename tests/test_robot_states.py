@@ -21,10 +21,12 @@ from gainroom.design.robot_gains import recommend_robot
 from gainroom.files.audit_options import AuditOptions, audit_spec
 from gainroom.files.robot_yaml import parse_robot
 from gainroom.report.robot import robot_page
+from gainroom.report.robot_text import audit_sentence, audit_warnings, sentence, warnings
 from gainroom.studies.audit import Audit, audit
-from gainroom.studies.robot import RobotStudy, study_robot, study_state
-from gainroom.studies.robot_record import limiting_joints
+from gainroom.studies.robot import RobotStudy, study_robot
+from gainroom.studies.state import limiting_joints, state_of
 from refusals import assert_refused
+from robot_files import changed
 from robot_truths import hinge, link, write_robot
 
 LEG = """\
@@ -85,7 +87,7 @@ def without(folder: Path) -> RobotStudy:
 
 
 def test_a_state_in_which_nothing_moves_is_apart(leg: RobotStudy, without: RobotStudy):
-    (state,), (alone,), (still,) = leg.states, without.states, leg.still
+    (state,), (alone,), (still,) = leg.states, without.states, leg.immobile
     assert (still.title, still.reason) == ("bent, flight", "the tasks move nothing")
     assert (state.limit.gain, state.limit.frequency, state.margins.disk_margin) == (
         alone.limit.gain,
@@ -94,9 +96,9 @@ def test_a_state_in_which_nothing_moves_is_apart(leg: RobotStudy, without: Robot
     )
     assert state.joints == alone.joints
     assert leg.stable == without.stable
-    assert not without.still
-    assert leg.sentence.endswith("In bent, flight the tasks move nothing.")
-    (warning,) = [text for text in leg.warnings if "bent, flight" in text]
+    assert not without.immobile
+    assert sentence(leg).endswith("In bent, flight the tasks move nothing.")
+    (warning,) = [text for text in warnings(leg) if "bent, flight" in text]
     for word in ("no verdict and no limit", "posture task"):
         assert word in warning
 
@@ -157,28 +159,28 @@ def test_terminal_and_page_say_it_in_words(folder: Path, tmp_path: Path, capsys:
     assert max(map(len, out.splitlines())) <= max(100, len(f"Report: {report}"))
     words = " ".join(out.split())
     for text in (
-        "bent, flight – – – – – – – nothing moves –",
+        "bent, flight – – – – – – – – nothing moves",
         "No gains for com y: nothing can move there",
         "Nothing moves in contact flight",
     ):
         assert text in words
     page = report.read_text("utf-8")
-    for text in ("<td>bent,\u00a0flight</td><td>nothing moves</td>", "nothing moves there: gains do nothing", "no loop is closed"):
+    for text in ("<td>bent, flight</td><td>–</td>", "nothing moves there: gains do nothing", "no loop is closed"):
         assert text in page
 
 
 def test_joint_control_with_idle_tasks(folder: Path):
     """The joints are judged in every state, the tasks in those where they move something."""
     study = studied(folder, LEG.replace(LEG.splitlines()[5], JOINTS))
-    assert not study.still
+    assert not study.immobile
     assert [state.tasks is not None and state.tasks.moves for state in study.states] == [False, True]
     assert "The tasks move nothing in bent, flight" in robot_page(study, "again")
 
 
 def test_contacts_that_hold_every_joint(folder: Path):
     study = studied(folder, HELD, recommend=True)
-    assert ([state.contact for state in study.states], [state.contact for state in study.still]) == (["free"], ["held"])
-    assert study.sentence.endswith("In bent, held no joint that has gains can move.")
+    assert ([state.contact for state in study.states], [state.contact for state in study.immobile]) == (["free"], ["held"])
+    assert sentence(study).endswith("In bent, held no joint that has gains can move.")
     (gains,) = study.recommended
     assert {name: one is not None and one.moves for name, one in gains.per_contact.items()} == {"free": True, "held": False}
     assert gains.everywhere is not None
@@ -303,14 +305,14 @@ def test_what_is_not_known_is_said(folder: Path, monkeypatch: pytest.MonkeyPatch
         monkeypatch.undo()
         word = "Stable" if studied(folder, text).stable else "Unstable"
         for name in ("joint_margins", "gain_limit"):
-            monkeypatch.setattr(f"gainroom.studies.robot.{name}", lost)
+            monkeypatch.setattr(f"gainroom.studies.state.{name}", lost)
         study = studied(folder, text)
         (state,) = study.states
         assert state.limit.stable == (word == "Stable") == (text == alone)
         assert math.isnan(state.limit.gain)
-        assert study.sentence.startswith(word)
-        assert study.sentence.endswith("In bent, stand only the verdict is known, not how far the gains may go.")
-        assert any("counted from the roots" in warning for warning in study.warnings)
+        assert sentence(study).startswith(word)
+        assert sentence(study).endswith("In bent, stand only the verdict is known, not how far the gains may go.")
+        assert any("counted from the roots" in warning for warning in warnings(study))
         page = robot_page(study, "again")
         assert not re.search(r">nan\b|\bnan<|>∞ ×", page[page.index("<body") :])
         monkeypatch.setattr("gainroom.studies.robot.study_robot", lambda spec, progress, study=study: study)
@@ -353,13 +355,13 @@ def test_gravity_counts_on_two_feet_in_continuous_time():
     )
     spec = parse_robot(text, "robot.yaml")
     for posture in ("stand", "crouch"):
-        state = study_state(spec, posture, "double")
+        state = state_of(spec, posture, "double")
         assert state.limit.stable
         assert state.limit.certificate.holds
         assert 0 < state.limit.lower_gain < 1
         assert math.isfinite(state.margins.gain_margin)
         sampled = replace(spec, control=replace(spec.control, sample_time=5e-4))
-        held = study_state(sampled, posture, "double")
+        held = state_of(sampled, posture, "double")
         assert state.limit.lower_gain == approx(held.limit.lower_gain, rel=1e-3)  # of statics, which no sampling changes
 
 
@@ -381,12 +383,12 @@ def test_a_disk_margin_that_is_not_certified_says_so(
     folder: Path, leg: RobotStudy, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], certified: bool, shown: str
 ):
     (state,) = leg.states
-    study = replace(leg, states=(replace(state, margins=replace(state.margins, disk_margin=0.25, disk_certified=certified)),))
+    study = replace(leg, every=(changed(state, margins=replace(state.margins, disk_margin=0.25, disk_certified=certified)),))
     monkeypatch.setattr("gainroom.studies.robot.study_robot", lambda spec, progress: study)
     main(["robot", str(folder / "leg.yaml")])
     assert shown in capsys.readouterr().out
     page = robot_page(study, "again")
-    assert ("<td>0.25, not certified</td>" in page) == (not certified)
+    assert f"<td>{shown.strip()}</td>" in page
     assert f"proved between frequencies, too, in {'all' if certified else '0 of 1'} stable states" in page
 
 
@@ -404,9 +406,9 @@ def audited(folder: Path, *contacts: str) -> Audit:
 
 def test_audit_says_where_contacts_hold_every_joint(folder: Path, capsys: pytest.CaptureFixture[str]):
     free, held = audited(folder), audited(folder, "thigh", "shank", "foot")
-    assert held.still == (("zero", "contact"),)
+    assert [(state.posture, state.contact) for state in held.immobile] == [("zero", "contact")]
     assert (held.safe, held.joints, held.delay_limit) == (free.safe, free.joints, free.delay_limit)
-    assert any("contact: no joint that has gains can move" in warning for warning in held.warnings)
+    assert any("contact: no joint that has gains can move" in warning for warning in audit_warnings(held))
     call = ["audit", str(folder / "robot.urdf"), "--gains", str(folder / "gains.yaml"), "--delay-ms", "2", "--base", "fixed"]
     call += ["--motor-inertia", "0.5", "--contact", "thigh", "--contact", "shank", "--contact", "foot"]
     assert main([*call, "--json"]) == 0
@@ -414,18 +416,18 @@ def test_audit_says_where_contacts_hold_every_joint(folder: Path, capsys: pytest
     assert first.keys() == second.keys()
     assert (first["moves"], second["moves"], second["stable"]) == (True, False, None)
     assert main(call) == 0
-    assert "contact – nothing moves – –" in " ".join(capsys.readouterr().out.split())
+    assert "contact – – – nothing moves –" in " ".join(capsys.readouterr().out.split())
 
 
 def test_audit_without_a_limit_is_not_safe(folder: Path, monkeypatch: pytest.MonkeyPatch):
     def lost(loop: gr.Loop) -> None:
         raise gr.GainroomError("the loci could not be followed")
 
-    monkeypatch.setattr("gainroom.studies.robot.joint_margins", lost)
+    monkeypatch.setattr("gainroom.studies.state.joint_margins", lost)
     result = audited(folder)
     assert result.worst.limit.stable
     assert not result.safe
-    assert "how far these gains may go in free is not known" in result.sentence
+    assert "how far these gains may go in free is not known" in audit_sentence(result)
 
 
 @pytest.mark.parametrize("resonance", [300.0, 600.0, 900.0, 1500.0, 2000.0, 3000.0])

@@ -17,6 +17,7 @@ from gainroom.design.robot_gains import recommend_robot
 from gainroom.files.audit_options import AuditOptions, audit_spec, margin_factor
 from gainroom.files.robot_yaml import parse_robot
 from gainroom.io.yaml_text import parse_yaml
+from gainroom.report.robot_text import audit_sentence, sentence, warnings
 from gainroom.robot.spec import RobotSpec
 from gainroom.studies.audit import audit
 from gainroom.studies.robot import RobotStudy, study_robot
@@ -132,7 +133,7 @@ def test_every_task_direction_too(spec: RobotSpec, study: RobotStudy):
             continue
         ends = (found.tasks.scaled(f"tip {row.direction}", row.limit_others_closed * (1 + sign * NEAR)) for sign in (-1, 1))
         assert crosses(*(spec.loop(state.model, tasks.controller()) for tasks in ends))
-    assert any("tip" in warning for warning in study.warnings)
+    assert any("tip" in warning for warning in warnings(study))
 
 
 def test_control_in_task_space_is_the_tasks_limit(folder: Path, study: RobotStudy):
@@ -154,7 +155,7 @@ def test_progress_counts_states(spec: RobotSpec):
 
 
 def test_sentence_and_status(folder: Path, study: RobotStudy, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    assert study.sentence.startswith(f"Stable: these gains can be multiplied by {study.states[0].limit.gain:.3g} (")
+    assert sentence(study).startswith(f"Stable: these gains can be multiplied by {study.states[0].limit.gain:.3g} (")
     text = ROBOT.replace("kd: {hip: 40, knee: 20}", "kd: {hip: 40, knee: 4000}").replace("robot.urdf", str(folder / "robot.urdf"))
     (tmp_path / "robot.yaml").write_text(text, "utf-8")
     assert main(["robot", str(tmp_path / "robot.yaml")]) == 1
@@ -168,21 +169,21 @@ def test_unstable_tasks_are_told_first(folder: Path, study: RobotStudy):
     """Tasks that are not what is closed do not change the verdict; the sentence and the first warning tell of them."""
     tasks = study.states[0].tasks
     assert tasks is not None
-    assert not any("UNSTABLE" in told or "gains are unstable" in told for told in (study.sentence, *study.warnings))
+    assert not any("UNSTABLE" in told or "gains are unstable" in told for told in (sentence(study), *warnings(study)))
     factor = 2 * tasks.limit.gain  # half of which is the limit
     text = ROBOT.replace("[200, 200, 200]", str([200 * factor] * 3)).replace("[20, 20, 20]", str([20 * factor] * 3))
     lost = study_robot(parse_robot(text, "f", folder), recommend=False)
     assert lost.stable
-    assert lost.sentence.startswith("Stable: ")
-    assert "tasks, closed in the joints' place, are UNSTABLE; they may be scaled by 0.5 at most." in lost.sentence
-    assert lost.warnings[0] == "bent, free: the tasks' gains are unstable; they may be scaled by 0.5 at most"
+    assert sentence(lost).startswith("Stable: ")
+    assert "tasks, closed in the joints' place, are UNSTABLE; they may be scaled by 0.5 at most." in sentence(lost)
+    assert warnings(lost)[0] == "bent, free: the tasks' gains are unstable; they may be scaled by 0.5 at most"
 
 
 def test_motions_that_drift_are_told(folder: Path, study: RobotStudy):
     """Two joints, a tip that moves in a plane: both held; with the centre of mass along x alone, one is not."""
-    assert not any("drift" in text for text in study.warnings)
+    assert not any("drift" in text for text in warnings(study))
     text = ROBOT.replace("type: position, frame: tip, kp: [200, 200, 200]", "type: com, kp: [200, 0, 0]")
-    (found,) = [text for text in study_robot(parse_robot(text, "f", folder), recommend=False).warnings if "drift" in text]
+    (found,) = [text for text in warnings(study_robot(parse_robot(text, "f", folder), recommend=False)) if "drift" in text]
     assert found.startswith("bent, free: 1 of the joints' 2 motions ")
     assert "posture task" in found
 
@@ -205,7 +206,7 @@ def test_robot_terminal(folder: Path, capsys: pytest.CaptureFixture[str]):
     assert err == ""
     assert "\x1b" not in out
     assert max(map(len, out.splitlines())) <= 100
-    for word in ("hip", "knee", "tip x", "bent, free", "Hz", "kp max", "kd max", "share", "Required: gain margin ≥ 6 dB"):
+    for word in ("hip", "knee", "tip x", "bent, free", "Hz", "kp max", "kd max", "part", "Required: gain margin ≥ 6 dB"):
         assert word in out
 
 
@@ -216,7 +217,7 @@ def test_terminal_has_no_column_without_a_number(folder: Path, tmp_path: Path, c
         main(["robot", str(tmp_path / "robot.yaml")])
         lines = capsys.readouterr().out.splitlines()
         (head,) = [lines[k + 2].split() for k, line in enumerate(lines) if line.startswith("Tasks, bent, free")]
-        assert head == (["kp", "kd", "or", "kv", "ki", "alone", "closed"] if column else ["kp", "kd", "alone", "closed"])
+        assert ("ki" in head) == column
 
 
 def test_report_is_one_page(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
@@ -260,7 +261,7 @@ def test_audit_margin_decides(folder: Path):
     tighter = audit(spec, 1.01 * limit)
     assert not tighter.safe
     assert {joint.name for joint in tighter.joints if not joint.safe} >= set(tighter.limiting_joints) != set()
-    assert tighter.sentence.startswith("Not safe")
+    assert audit_sentence(tighter).startswith("Not safe")
 
 
 @pytest.mark.parametrize(("scale", "words"), [((1, 10), "1 of 2 joints is not safe"), ((10, 10), "2 of 2 joints are not safe")])
@@ -269,7 +270,7 @@ def test_unsafe_joints_are_counted_in_english(folder: Path, tmp_path: Path, scal
     hip, knee = ({"kp": 20.0 * factor, "kd": 20.0 * factor} for factor in scale)
     gains.write_text(yaml.safe_dump({"hip": hip, "knee": knee}), "utf-8")
     options = AuditOptions(2.0, stiffness=5e3, damping=2.0, motor_inertia=0.5, bandwidth=3000.0)
-    assert words in audit(audit_spec(str(folder / "robot.urdf"), gains, options)).sentence
+    assert words in audit_sentence(audit(audit_spec(str(folder / "robot.urdf"), gains, options)))
 
 
 def test_joints_without_gains_are_held_still(folder: Path, tmp_path: Path):

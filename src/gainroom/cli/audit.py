@@ -5,10 +5,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..report.number_format import as_typed, decibels, digits, frequency, model_in_words, model_kind
-from ..report.robot_units import joint_units
+from ..report.number_format import as_typed, decibels, model_in_words, model_kind
 from .options import AsJson, Report, command_line, number_option, report_stream
-from .output import emit, emit_json, file_line, render, table
+from .output import column_table, emit, emit_json, file_line, render
 from .progress import progress_bar
 
 if TYPE_CHECKING:
@@ -17,10 +16,6 @@ if TYPE_CHECKING:
 
 Number = float | None
 MARGIN_DB = 6.0
-LEGEND = (
-    "Limits are factors on gains, in the worst state. alone: no other loop, neighbours free; closed: all other loops as they are. "
-    "kp [{kp}], kd [{kd}], motor inertia on the joint side [{load}]; delay limit: total delay at which the robot vibrates.{sliding}"
-)
 
 
 def audit(
@@ -115,11 +110,14 @@ def _command(model: str, gains: Path | None, options: "AuditOptions", margin_db:
 
 def _facts(result: "Audit") -> dict[str, Any]:
     """What --json prints."""
-    sample_time = result.spec.control.sample_time
+    from ..report.columns import AUDITED_JOINT, audited_states, facts
+    from ..report.robot_text import audit_sentence, audit_warnings
+
+    columns = audited_states(result.enough_in)
     return {
         "safe": result.safe,
-        "sentence": result.sentence,
-        "model": model_kind(sample_time),
+        "sentence": audit_sentence(result),
+        "model": model_kind(result.spec.control.sample_time),
         "margin_db": as_typed(decibels(result.margin)),
         "stable": all(state.limit.stable for state in result.states),
         "gain_limit": result.worst.limit.gain,
@@ -128,62 +126,30 @@ def _facts(result: "Audit") -> dict[str, Any]:
         "limiting_joints": list(result.limiting_joints),
         "posture": result.angles,
         "base": result.spec.robot.body.base,
-        "joints": [{name: getattr(joint, name) for name in joint.__dataclass_fields__} for joint in result.joints],
-        "states": [
-            {
-                "posture": state.posture,
-                "contact": state.contact,
-                "moves": True,
-                "stable": state.limit.stable,
-                "gain_limit": state.limit.gain,
-                "limit_frequency_rad_s": state.limit.frequency,
-                "delay_limit_ms": 1e3 * state.delay_limit,
-                "certified": state.margins.certified,
-            }
-            for state in result.states
-        ]
-        + [{"posture": posture, "contact": contact, "moves": False, **dict.fromkeys(_NO_LOOP)} for posture, contact in result.still],
+        "joints": [facts(AUDITED_JOINT, joint) for joint in result.joints],
+        "states": [facts(columns, state) for state in result.states + result.immobile],
         "assumptions": list(result.spec.assumptions),
-        "warnings": list(result.warnings),
+        "warnings": list(audit_warnings(result)),
     }
 
 
-_NO_LOOP = ("stable", "gain_limit", "limit_frequency_rad_s", "delay_limit_ms", "certified")
-
-
 def _terminal(result: "Audit", report: Path | None) -> str:
-    model = model_in_words(result.spec.control.sample_time)
-    states = [
-        (
-            state.contact,
-            digits(state.limit.gain),
-            frequency(state.limit.frequency),
-            digits(1e3 * state.delay_limit, "ms"),
-            "yes" if state.keeps(result.margin) else "no",
-        )
-        for state in result.states
-    ]
-    states += [(contact, "–", "nothing moves", "–", "–") for _, contact in result.still]
-    joints = [
-        (
-            joint.name,
-            digits(joint.kp),
-            digits(joint.kd),
-            digits(joint.motor_inertia),
-            digits(joint.gain_limit),
-            digits(joint.limit_others_closed),
-            "yes" if joint.safe else "no",
-        )
-        for joint in result.joints
-    ]
+    from ..report.audit import joint_caption
+    from ..report.columns import AUDITED_JOINT, audited_states, definitions
+    from ..report.robot_text import audit_sentence, audit_warnings
+
+    title = f"All joints together ({model_in_words(result.spec.control.sample_time)})"
+    columns = audited_states(result.enough_in)
     return render(
-        result.sentence,
+        audit_sentence(result),
         "",
-        table(f"All joints together ({model}); factor on all gains", ("", "limit", "vibrates at", "delay limit", "safe"), states),
-        table("Joint by joint", ("", "kp", "kd", "motor inertia", "alone", "closed", "safe"), joints),
-        LEGEND.format(**joint_units(result.spec.robot.body)),
+        column_table(title, columns, result.states + result.immobile),
+        definitions(columns),
+        "",
+        column_table("Joint by joint, in the worst state", AUDITED_JOINT, result.joints),
+        joint_caption(result),
         f"Posture: {result.states[0].posture}; {result.spec.robot.body.base} base",
         *([] if report is None else [file_line("Report", report)]),
         *(f"Assumed: {assumption}" for assumption in result.spec.assumptions),
-        *(f"Warning: {warning}" for warning in result.warnings),
+        *(f"Warning: {warning}" for warning in audit_warnings(result)),
     )

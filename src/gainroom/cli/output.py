@@ -12,6 +12,8 @@ from .streams import give_up
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from ..report.columns import Column
+
 WIDTH = 100
 """Columns, at most."""
 NARROWEST = 40
@@ -66,6 +68,13 @@ def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]]) -> 
     for row in rows:
         result.add_row(*(Text(cell, style=styles.get(cell, "")) for cell in row))
     return result
+
+
+def column_table(title: str, columns: Sequence["Column"], rows: Iterable[Any]) -> "Table":
+    """A table of report.columns."""
+    from ..report.columns import tabulated
+
+    return table(title, *tabulated(columns, rows))
 
 
 def file_line(name: str, path: object) -> Any:

@@ -8,30 +8,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..report.number_format import decibels, digits, hertz, model_in_words, model_kind
-from ..report.robot_units import joint_units, judged
+from ..report.number_format import decibels, digits, model_in_words, model_kind
+from ..report.robot_units import judged
 from .options import AsJson, Report, command_line, report_stream
-from .output import emit, emit_json, file_line, render, table
+from .output import column_table, emit, emit_json, file_line, render, table
 from .progress import progress_bar
 
 if TYPE_CHECKING:
-    from ..analysis.margin_record import Margins
     from ..design.robot_gains import GainSet, RobotGains
-    from ..studies.robot_record import JointRow, RobotStudy, StateStudy, StillState, TaskRow
-
-
-STATES = (
-    "limit: the factor on all gains; delay: what may be added before the robot vibrates; phase: phase margin, by "
-    "which all loops at once may lag; single: the least by which one may, the others closed; Ms: the largest peak sensitivity of one "
-    "loop, likewise; disk: disk margin, every motor's torque off by a factor of its own (~: not certified)."
-)
-"""What the columns of the states' table mean; below it."""
-LEGEND = (
-    "alone, closed: factor on the gains with no other loop and neighbours free, and with all other loops as they are. load: link inertia "
-    "with neighbours free [{load}]; kp [{kp}], kd [{kd}], of tasks [1/s²], [1/s]; kp max: the largest with kd and all other joints' gains "
-    "as they are, kd max likewise; share: in the vibration at the limit, 1 for the joint that moves most.{sliding}"
-)
-"""The same for the tables of joints and tasks."""
+    from ..studies.robot import RobotStudy
+    from ..studies.state import State
 
 
 def robot(
@@ -71,84 +57,30 @@ def robot(
 
 def _facts(study: "RobotStudy") -> dict[str, Any]:
     """What --json prints."""
+    from ..report.columns import STATE, facts
+    from ..report.robot_text import sentence, warnings
+
     sample_time = study.spec.control.sample_time
-    states = [*map(_state_facts, study.states), *map(_still_facts, study.still)]
-    order = study.spec.robot.states
     return {
         "stable": study.stable,
         "stable_in_range": study.stable_in_range,
         "unstable_at": study.unstable_at or None,
-        "sentence": study.sentence,
+        "sentence": sentence(study),
         "requirements_met": study.stable and not study.unmet,
         "unmet": list(study.unmet),
         "model": model_kind(sample_time),
         "sample_rate_hz": None if sample_time is None else 1 / sample_time,
-        "states": sorted(states, key=lambda facts: order.index((facts["posture"], facts["contact"]))),
+        "states": [facts(STATE, state) for state in study.every],
         "recommended": [_gains_facts(gains) for gains in study.recommended] or None,
         "assumptions": list(study.spec.assumptions),
-        "warnings": list(study.warnings),
-    }
-
-
-def _state_facts(state: "StateStudy") -> dict[str, Any]:
-    limit, margins, tasks = state.limit, state.margins, state.tasks
-    return {
-        "posture": state.posture,
-        "contact": state.contact,
-        "moves": True,
-        "stable": limit.stable,
-        "gain_limit": limit.gain,
-        "lower_gain_limit": limit.lower_gain,
-        "limit_frequency_rad_s": limit.frequency,
-        "limit_certified": limit.certificate is not None and limit.certificate.holds,
-        "certified": margins.certified,
-        "limiting_joints": list(state.limiting_joints),
-        "phase_margin_deg": math.degrees(margins.common_phase_margin),
-        "single_loop_phase_margin_deg": math.degrees(margins.one_loop_phase_margin),
-        "delay_margin_ms": 1e3 * margins.delay_margin,
-        "disk_margin": margins.disk_margin,
-        "disk_margin_certified": margins.disk_certified,
-        "kept": _kept_facts(margins),
-        "joints": [_row_facts(row) for row in state.joints],
-        "tasks": [] if tasks is None else [_row_facts(row) for row in tasks.rows],
-        "tasks_gain_limit": None if tasks is None else tasks.limit.gain,
-        "tasks_limit_frequency_rad_s": None if tasks is None else tasks.limit.frequency,
-    }
-
-
-_NO_LOOP = (
-    "stable",
-    "gain_limit",
-    "lower_gain_limit",
-    "limit_frequency_rad_s",
-    "limit_certified",
-    "certified",
-    "phase_margin_deg",
-    "single_loop_phase_margin_deg",
-    "delay_margin_ms",
-    "disk_margin",
-    "disk_margin_certified",
-    "kept",
-    "tasks_gain_limit",
-    "tasks_limit_frequency_rad_s",
-)
-
-
-def _still_facts(state: "StillState") -> dict[str, Any]:
-    """A state in which the gains move nothing: the same keys, null where there is no number."""
-    return {
-        "posture": state.posture,
-        "contact": state.contact,
-        "moves": False,
-        **dict.fromkeys(_NO_LOOP),
-        "limiting_joints": [],
-        "joints": [_row_facts(row) for row in state.joints],
-        "tasks": [] if state.tasks is None else [_row_facts(row) for row in state.tasks.rows],
+        "warnings": list(warnings(study)),
     }
 
 
 def _gains_facts(gains: "RobotGains") -> dict[str, Any]:
     """Recommended gains of one space: those that are safe everywhere, and by contact state."""
+    from ..report.columns import margin_facts
+
     sets = {"everywhere": gains.everywhere, **gains.per_contact}
     return {
         "space": gains.space,
@@ -169,7 +101,7 @@ def _gains_facts(gains: "RobotGains") -> dict[str, Any]:
                 "without_weight": found.without_weight,
                 "nearest_with_weight": found.nearest or None,
                 "topples": list(found.topples),
-                **_kept_facts(found.margins),
+                **margin_facts(found.margins),
             }
             for name, found in sets.items()
             if found is not None
@@ -179,30 +111,16 @@ def _gains_facts(gains: "RobotGains") -> dict[str, Any]:
     }
 
 
-def _kept_facts(margins: "Margins") -> dict[str, Any]:
-    return {
-        "gain_margin_db": decibels(margins.least_gain_margin),
-        "phase_margin_deg": math.degrees(margins.least_phase_margin),
-        "phase_margin_is": margins.named("phase_margin"),
-        "peak_sensitivity": margins.peak_sensitivity,
-    }
-
-
-def _row_facts(row: "JointRow | TaskRow") -> dict[str, Any]:
-    return {name: getattr(row, name) for name in row.__dataclass_fields__}
-
-
 def _terminal(study: "RobotStudy", report: Path | None) -> str:
-    model = model_in_words(study.spec.control.sample_time)
-    states = table(
-        f"All joints together ({model}); factor on all gains",
-        ("state", "limit", "at", "delay", "phase", "single", "Ms", "disk", "most of all", "stable"),
-        [*map(_state_row, study.states), *((state.title, *7 * ("–",), "nothing moves", "–") for state in study.still)],
-    )
-    parts: list[Any] = [study.sentence, "", states, STATES, ""]
+    from ..report.columns import STATE, definitions
+    from ..report.robot_tables import joint_legend
+    from ..report.robot_text import sentence, warnings
+
+    title = f"All joints together ({model_in_words(study.spec.control.sample_time)})"
+    parts: list[Any] = [sentence(study), "", column_table(title, STATE, study.states + study.immobile), definitions(STATE), ""]
     for state in study.tightest_by_contact:
         parts += _contact_tables(state)
-    parts.append(LEGEND.format(**joint_units(study.spec.robot.body)))
+    parts.append(joint_legend(study.spec.robot.body))
     if len(study.spec.robot.postures) > 1:
         parts.append("Of several postures, these tables show the tightest; --json has them all.")
     parts.append("")
@@ -212,47 +130,18 @@ def _terminal(study: "RobotStudy", report: Path | None) -> str:
     if report is not None:
         parts.append(file_line("Report", report))
     parts += [f"Assumed: {assumption}" for assumption in study.spec.assumptions]
-    parts += [f"Warning: {warning}" for warning in study.warnings]
+    parts += [f"Warning: {warning}" for warning in warnings(study)]
     return render(*parts)
 
 
-def _state_row(state: "StateStudy") -> tuple[str, ...]:
-    limit, margins = state.limit, state.margins
-    first, *others = state.limiting_joints or ("–",)
-    delay = margins.delay_margin
-    return (
-        state.title,
-        digits(limit.gain),
-        hertz(limit.frequency) if math.isfinite(limit.frequency) else "–",
-        f"+{digits(1e3 * delay, 'ms', 3)}" if limit.stable and not math.isnan(delay) else "–",
-        digits(math.degrees(margins.common_phase_margin), "°", 3) if limit.stable else "–",
-        digits(math.degrees(margins.one_loop_phase_margin), "°", 3) if limit.stable else "–",
-        digits(margins.peak_sensitivity, significant=3) if limit.stable else "–",
-        ("~" if margins.disk_certified is False else "") + digits(margins.disk_margin, significant=3),
-        f"{first}, +{len(others)}" if others else first,
-        "yes" if limit.stable else "no",
-    )
+def _contact_tables(state: "State") -> list[Any]:
+    from ..report.columns import JOINT, TASK
+    from ..report.robot_tables import TASK_UNITS, tasks_together
 
-
-def _contact_tables(state: "StateStudy") -> list[Any]:
-    columns = ("", "load", "alone", "closed", "kp", "kp max", "kd", "kd max", "share")
-    parts: list[Any] = [table(f"Joints, {state.title}", columns, [_joint_row(row) for row in state.joints])]
+    parts: list[Any] = [column_table(f"Joints, {state.title}", JOINT, state.joints)]
     if state.tasks is not None and state.tasks.moves:
-        title = f"Tasks, {state.title}; together {digits(state.tasks.limit.gain)}"
-        cascade = any(row.ki is not None for row in state.tasks.rows)
-        columns = ("", "kp", *(("kd or kv", "ki") if cascade else ("kd",)), "alone", "closed")
-        parts.append(table(title, columns, [_task_row(row, cascade) for row in state.tasks.rows]))
+        parts += [column_table(f"Tasks, {state.title}; together {tasks_together(state.tasks)}", TASK, state.tasks.rows), TASK_UNITS, ""]
     return parts
-
-
-def _joint_row(row: "JointRow") -> tuple[str, ...]:
-    numbers = (row.link_inertia, row.single_joint_limit, row.limit_others_closed, row.kp, row.kp_max, row.kd, row.kd_max)
-    return (row.name, *map(digits, numbers), digits(row.participation, significant=2) if row.participation >= 1e-3 else "–")
-
-
-def _task_row(row: "TaskRow", cascade: bool) -> tuple[str, ...]:
-    ki = ("" if row.ki is None else digits(row.ki),) if cascade else ()
-    return (f"{row.name} {row.direction}", digits(row.kp), digits(row.kd), *ki, digits(row.gain_limit), digits(row.limit_others_closed))
 
 
 def _gains_parts(gains: "RobotGains", first: tuple[str, str]) -> list[Any]:
@@ -285,7 +174,7 @@ def _gains_parts(gains: "RobotGains", first: tuple[str, str]) -> list[Any]:
 
 def _held_words(found: "GainSet", names: Sequence[str]) -> str:
     """What stands in the way of the softest, and of how many joints each margin does."""
-    from ..studies.robot_text import held_back
+    from ..report.robot_text import held_back
 
     reasons = Counter(f"{margin.replace('_', ' ')} in {state}" for margin, state in zip(found.margin, found.case, strict=True) if margin)
     counted = ", ".join(f"{reason} {count}" for reason, count in reasons.most_common(4))

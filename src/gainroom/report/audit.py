@@ -7,13 +7,15 @@ import numpy as np
 from ..errors import listed
 from ..studies.audit import Audit
 from ..system.requirements import Requirements
-from .number_format import decibels, digits, frequency, hertz, model_kind
+from .columns import AUDITED_JOINT, audited_states, definitions, tabulated
+from .number_format import decibels, digits, hertz, model_kind
 from .page import Card, Html, Lead, Section, beside, block, facts, page, paragraph, table
 from .robot_coupling import coupling
 from .robot_drawing import hero, small
 from .robot_room import Factors, heat_map
 from .robot_skeleton import common_view
 from .robot_tables import MARKS, inputs
+from .robot_text import audit_sentence, audit_warnings
 from .robot_units import joint_units
 from .shared import assumptions, footer, limit_proofs, margin_card, unstable_card
 
@@ -26,13 +28,13 @@ def audit_page(result: Audit, command: str) -> str:
     spec, factors = result.spec, _factors(result)
     sample_time = spec.control.sample_time
     taken = assumptions(f"Linear about posture {result.worst.posture}", sample_time, "; contacts hold and do not slip or lift")
-    told = [facts([("taken for granted", text) for text in spec.assumptions])]
+    told = [facts([("assumed", text) for text in spec.assumptions])]
     sections = [
         Section("How it would vibrate", _vibrations(result)),
         Section("How much room is left", [heat_map(factors, "joint"), _state_table(result)]),
         Section("Joint by joint", [_joint_table(result)]),
         Section("What the coupling costs", [beside(*coupling(factors, "joint"))]),
-        Section("Inputs and assumptions", [inputs(spec), taken, *told, *map(paragraph, result.warnings[ON_TOP:])]),
+        Section("Inputs and assumptions", [inputs(spec), taken, *told, *map(paragraph, audit_warnings(result)[ON_TOP:])]),
         Section("What was certified, and how", [_certificate(result)]),
         Section("This page again", [block(command)]),
     ]
@@ -41,13 +43,13 @@ def audit_page(result: Audit, command: str) -> str:
 
 
 def _lead(result: Audit) -> Lead:
-    warnings = result.warnings[:ON_TOP]
+    warnings = audit_warnings(result)[:ON_TOP]
     if result.safe:
-        return Lead(result.sentence, "good", "", warnings)
+        return Lead(audit_sentence(result), "good", "", warnings)
     if not result.worst.limit.stable:
-        return Lead(result.sentence, "bad", "NOT SAFE, UNSTABLE: do not run these gains", warnings)
+        return Lead(audit_sentence(result), "bad", "NOT SAFE, UNSTABLE: do not run these gains", warnings)
     return Lead(
-        result.sentence, "warn", f"NOT SAFE: stable, but with less than {digits(decibels(result.margin), 'dB', 3)} of room", warnings
+        audit_sentence(result), "warn", f"NOT SAFE: stable, but with less than {digits(decibels(result.margin), 'dB', 3)} of room", warnings
     )
 
 
@@ -79,7 +81,7 @@ def _factors(result: Audit) -> Factors:
     return Factors(
         result.states,
         result.spec.robot.joint_names,
-        np.array([state.single for state in result.states]),
+        np.array([state.single_joint_limits for state in result.states]),
         np.array([state.margins.one_loop.gain_margin for state in result.states]),
         tuple(state.limit for state in result.states),
     )
@@ -94,40 +96,22 @@ def _vibrations(result: Audit) -> list[Html]:
 
 
 def _state_table(result: Audit) -> Html:
-    headers = ["contact", "safe", "limit [×]", "vibrates at", "most of all", "vibrates from a delay of"]
-    rows = [
-        (
-            state.contact,
-            "yes" if state.keeps(result.margin) else "no",
-            digits(state.limit.gain),
-            frequency(state.limit.frequency),
-            listed(state.limiting_joints) or "–",
-            digits(1e3 * state.delay_limit, "ms"),
-        )
-        for state in result.states
-    ]
-    rows += [(contact, "nothing moves", *("–",) * 4) for _, contact in result.still]
-    caption = (
-        f"Limit: the factor on all gains together; safe is {_asked(result)} or more. The delay is that of every joint's drive, all at once."
-    )
-    return table(headers, rows, caption, MARKS)
+    columns = audited_states(result.enough_in)
+    return table(*tabulated(columns, result.states + result.immobile), f"{definitions(columns)} Safe: {_asked(result)} or more.", MARKS)
 
 
 def _joint_table(result: Audit) -> Html:
-    integral = any(joint.ki for joint in result.joints)
+    return table(*tabulated(AUDITED_JOINT, result.joints), joint_caption(result), MARKS)
+
+
+def joint_caption(result: Audit) -> str:
+    """What the columns of AUDITED_JOINT are, with their units."""
     units = joint_units(result.spec.robot.body)
-    headers = ["joint", "safe", f"kp [{units['kp']}]", f"kd [{units['kd']}]", *([f"ki [{units['ki']}]"] if integral else [])]
-    headers += [f"motor inertia [{units['load']}]", "alone [×]", "others closed [×]"]
-    rows = []
-    for joint in result.joints:
-        numbers = (joint.kp, joint.kd, *((joint.ki,) if integral else ()), joint.motor_inertia, joint.gain_limit, joint.limit_others_closed)
-        rows.append((joint.name, "yes" if joint.safe else "no", *map(digits, numbers)))
-    caption = (
-        "In the worst state. Alone: the factor on the joint's gains if it were the only one, its neighbours free; others closed: with all "
-        f"others as they are. Safe: {_asked(result)} or more alone, and no part in the vibration of a robot with less as a whole."
-        f"{units['sliding']}"
+    return (
+        f"In the worst state. {definitions(AUDITED_JOINT)} kp [{units['kp']}], kd [{units['kd']}], ki [{units['ki']}], motor inertia "
+        f"[{units['load']}].{units['prismatic']} Safe: {_asked(result)} or more alone, and no part in the vibration of a robot with less "
+        "as a whole."
     )
-    return table(headers, rows, caption, MARKS)
 
 
 def _asked(result: Audit) -> str:
@@ -136,9 +120,9 @@ def _asked(result: Audit) -> str:
 
 def _certificate(result: Audit) -> Html:
     pairs = limit_proofs([state.limit for state in result.states])
-    if result.still:
-        still = listed([contact for _, contact in result.still])
-        pairs.append(("no verdict", f"{still}: the contacts hold every joint that has gains, so no loop is closed"))
+    if result.immobile:
+        immobile = listed([state.contact for state in result.immobile])
+        pairs.append(("no verdict", f"{immobile}: the contacts hold every joint that has gains, so no loop is closed"))
     pairs += [
         ("others closed", "each loop's own curve with the others closed, sampled until smooth; its crossings polished"),
         (

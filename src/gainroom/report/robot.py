@@ -4,7 +4,8 @@ import math
 from collections.abc import Sequence
 
 from ..errors import listed
-from ..studies.robot_record import RobotStudy, StateStudy, by_room
+from ..studies.robot import RobotStudy
+from ..studies.state import State, by_headroom
 from .number_format import digits, hertz, model_kind
 from .page import Card, Html, Lead, Section, beside, block, facts, page, paragraph
 from .robot_coupling import coupling
@@ -14,6 +15,7 @@ from .robot_remedies import remedies
 from .robot_room import heat_map, joint_factors, task_factors
 from .robot_skeleton import common_view
 from .robot_tables import folded, gain_tables, inputs, joint_table, state_table, task_table
+from .robot_text import sentence, warnings
 from .robot_units import judged
 from .shared import assumptions, footer, limit_proofs, margin_card, unstable_card
 
@@ -44,16 +46,16 @@ def robot_page(study: RobotStudy, command: str) -> str:
     return page(title, _lead(study), _cards(study), sections, footer())
 
 
-def _shown(study: RobotStudy) -> list[StateStudy]:
+def _shown(study: RobotStudy) -> list[State]:
     """All states if they are few; else the tightest posture of each contact state; of many contact states, the tightest."""
     if len(study.states) <= FEW:
         return list(study.states)
     found = study.tightest_by_contact
-    order = sorted(found, key=lambda state: by_room(state.limit))[:MOST_PICTURES]
+    order = sorted(found, key=lambda state: by_headroom(state.limit))[:MOST_PICTURES]
     return [state for state in found if state in order]
 
 
-def _vibrations(study: RobotStudy, shown: Sequence[StateStudy]) -> list[Html]:
+def _vibrations(study: RobotStudy, shown: Sequence[State]) -> list[Html]:
     parts = [hero(study.tightest, len(study.states) == 1)]
     if len(shown) > 1:
         view = common_view(shown)
@@ -68,7 +70,7 @@ def _vibrations(study: RobotStudy, shown: Sequence[StateStudy]) -> list[Html]:
     )
 
 
-def _others(study: RobotStudy, state: StateStudy) -> int:
+def _others(study: RobotStudy, state: State) -> int:
     """Postures in the same contact state."""
     return sum(other.contact == state.contact for other in study.states) - 1
 
@@ -85,7 +87,7 @@ def _loci_words() -> Html:
     )
 
 
-def _tasks(study: RobotStudy, shown: Sequence[StateStudy]) -> list[Section]:
+def _tasks(study: RobotStudy, shown: Sequence[State]) -> list[Section]:
     """The operational space, where the file has tasks."""
     if not study.spec.robot.stack:
         return []
@@ -107,9 +109,9 @@ def _tasks(study: RobotStudy, shown: Sequence[StateStudy]) -> list[Section]:
     return [Section("Operational space", parts)]
 
 
-def _tightest_tasks(study: RobotStudy) -> list[StateStudy]:
+def _tightest_tasks(study: RobotStudy) -> list[State]:
     """Of each contact state the posture in which the tasks have the least room, at most MOST_PICTURES; none where nothing moves."""
-    found: dict[str, StateStudy] = {}
+    found: dict[str, State] = {}
     for state in study.states:
         if _task_moves(state) and (state.contact not in found or _task_room(state) < _task_room(found[state.contact])):
             found[state.contact] = state
@@ -117,12 +119,12 @@ def _tightest_tasks(study: RobotStudy) -> list[StateStudy]:
     return [state for state in found.values() if state in order]
 
 
-def _task_moves(state: StateStudy) -> bool:
+def _task_moves(state: State) -> bool:
     return state.tasks is not None and state.tasks.moves
 
 
-def _task_room(state: StateStudy) -> tuple[bool, float]:
-    return (True, math.inf) if state.tasks is None else by_room(state.tasks.limit)
+def _task_room(state: State) -> tuple[bool, float]:
+    return (True, math.inf) if state.tasks is None else by_headroom(state.tasks.limit)
 
 
 def _gains(study: RobotStudy) -> list[Html]:
@@ -149,23 +151,23 @@ def _joints(study: RobotStudy) -> list[Html]:
 
 
 def _lead(study: RobotStudy) -> Lead:
-    warnings = study.warnings[:ON_TOP]
+    answer, first = sentence(study), warnings(study)[:ON_TOP]
     unstable = [state.title for state in study.states if not state.limit.stable]
     if unstable:
         count, states = len(unstable), len(study.states)
         where = "" if states == 1 else f" in all {states} states" if count == states else f" in {'; '.join(unstable[:3])}"
         more = f" and {count - 3} more" if 3 < count < states else ""
-        return Lead(study.sentence, "bad", f"UNSTABLE{where}{more}: do not run these gains", warnings)
+        return Lead(answer, "bad", f"UNSTABLE{where}{more}: do not run these gains", first)
     if study.unstable_at:
         where = f"UNSTABLE within the stated ranges, in {study.unstable_at}: do not run these gains"
-        return Lead(study.sentence, "bad", where, warnings)
+        return Lead(answer, "bad", where, first)
     lost = [state.title for state in study.states if _task_moves(state) and state.tasks is not None and not state.tasks.limit.stable]
     told = [f"the tasks' gains are UNSTABLE in {listed(lost)}"] if lost else []
     if study.unmet:
         told.append(f"not as required: {', '.join(name.replace('_', ' ') for name in study.unmet)}")
     if told:
-        return Lead(study.sentence, "warn", f"Stable, but {'; '.join(told)}", warnings)
-    return Lead(study.sentence, "good", "", warnings)
+        return Lead(answer, "warn", f"Stable, but {'; '.join(told)}", first)
+    return Lead(answer, "good", "", first)
 
 
 def _cards(study: RobotStudy) -> list[Card]:
@@ -221,8 +223,8 @@ def _stable_cards(study: RobotStudy) -> list[Card]:
 
 def _words(study: RobotStudy) -> list[Html]:
     """What the file left open, and the warnings that do not stand on top."""
-    assumed = [facts([("taken for granted", text) for text in study.spec.assumptions])] if study.spec.assumptions else []
-    return [*assumed, *map(paragraph, study.warnings[ON_TOP:])]
+    assumed = [facts([("assumed", text) for text in study.spec.assumptions])] if study.spec.assumptions else []
+    return [*assumed, *map(paragraph, warnings(study)[ON_TOP:])]
 
 
 def _in_range(study: RobotStudy) -> str:
@@ -241,8 +243,8 @@ def _disk_words(study: RobotStudy) -> str:
 
 def _certificate(study: RobotStudy) -> Html:
     pairs = limit_proofs([state.limit for state in study.states])
-    if study.still:
-        pairs.append(("no verdict", f"{listed([state.title for state in study.still])}: {study.still[0].reason}, so no loop is closed"))
+    if study.immobile:
+        pairs.append(("no verdict", f"{listed([one.title for one in study.immobile])}: {study.immobile[0].reason}, so no loop is closed"))
     pairs += [
         ("others closed, largest gains", "each loop's own curve with the others closed, sampled until smooth; its crossings polished"),
         ("disk margin", _disk_words(study)),

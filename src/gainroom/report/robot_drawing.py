@@ -6,7 +6,7 @@ import numpy as np
 
 from ..analysis.gain_limit import GainLimit
 from ..robot.model import RobotModel
-from ..studies.robot_record import JudgedState, limiting_joints, strongest_first
+from ..studies.state import State, limiting_joints, strongest_first
 from . import style
 from .number_format import digits, hertz
 from .page import Html, figure
@@ -18,7 +18,7 @@ MOST_BARS, FEW_BARS = 14, 6  # beside the drawing, and on a phone
 WIDTH = 1028  # [px] of a picture on a wide screen
 
 
-def hero(state: JudgedState, alone: bool) -> Html:
+def hero(state: State, alone: bool) -> Html:
     """The state with the least room, large, with each joint's part beside it. `alone`: it is the only one."""
     view, limit = common_view([state], 0.65), state.limit  # names stand between the sides
     wide, high = view.high - view.low
@@ -49,7 +49,7 @@ def hero(state: JudgedState, alone: bool) -> Html:
     return figure({"data": [*traces, bars], "layout": picture}, _title(state, alone), _hero_caption(state), height, narrow)
 
 
-def small(state: JudgedState, limit: GainLimit, view: View, others: int) -> Html:
+def small(state: State, limit: GainLimit, view: View, others: int) -> Html:
     """One contact state among others, in the common view, with the vibration at `limit`: of its joints' gains or its tasks'.
 
     others   postures of this contact state that have more room
@@ -75,7 +75,7 @@ def _short(limit: GainLimit) -> str:
     return text if limit.stable else f"UNSTABLE; {text}"
 
 
-def _title(state: JudgedState, alone: bool) -> str:
+def _title(state: State, alone: bool) -> str:
     """The hero's."""
     limit, where = state.limit, "The robot" if alone else f"The tightest state, {state.title}:"
     if math.isnan(limit.gain):
@@ -89,7 +89,7 @@ def _title(state: JudgedState, alone: bool) -> str:
     return f"{where} UNSTABLE, stable only below {factor}\u00a0× these gains; there it vibrates {at}"
 
 
-def _hero_caption(state: JudgedState) -> str:
+def _hero_caption(state: State) -> str:
     text = (
         "Each joint is coloured by how far it moves in the vibration at the limit, the joint that moves most counting 1; rings are joints "
         "that share one point, the first of the chain outermost. Angles beside the bars: how far each swings behind the first, 180° being "

@@ -8,7 +8,7 @@ from scipy.optimize import linear_sum_assignment
 
 from ..analysis.loci import Sweep
 from ..linear.arrays import Complexes, Floats, Integers
-from ..studies.robot_record import StateStudy
+from ..studies.state import State
 from . import style
 from .number_format import digits, frequency
 from .page import Html, figure
@@ -20,14 +20,14 @@ AROUND = math.log(3)  # of the frequency at the limit: the stretch of the leadin
 MOST = 40_000  # eigenvalues in one sweep
 
 
-def loci_window(states: Sequence[StateStudy]) -> tuple[float, float]:
+def loci_window(states: Sequence[State]) -> tuple[float, float]:
     """(left end, half the height) of a window that shows −1 and where the loci cross, the same for every state."""
     crossings = [1 / state.limit.gain for state in states if 0 < state.limit.gain < math.inf]
     left = -min(max([1.25, *(1.2 * one for one in crossings)]), WIDEST)
     return left, 0.4 * (0.35 - left)
 
 
-def loci(state: StateStudy, window: tuple[float, float]) -> Html:
+def loci(state: State, window: tuple[float, float]) -> Html:
     """The loci for ω > 0; the one that sets the limit strong around it."""
     left, half = window
     right = left + 1.15 * (0.35 - left)
@@ -53,7 +53,7 @@ def loci(state: StateStudy, window: tuple[float, float]) -> Html:
     return figure({"data": [*traces, *crossing], "layout": picture}, _title(state), _caption(state, leading), 370, style.NARROW)
 
 
-def _fine(state: StateStudy, window: tuple[float, float]) -> Sweep:
+def _fine(state: State, window: tuple[float, float]) -> Sweep:
     """The sweep of the state's loop with samples close enough to be joined by straight lines inside the window."""
     sweep = Sweep(state.loop)
     longest = -TO_DRAW * window[0]
@@ -81,7 +81,7 @@ def _followed(sweep: Sweep) -> Complexes:
     return curves
 
 
-def _leading(state: StateStudy, omega: Floats, curves: Complexes) -> int | None:
+def _leading(state: State, omega: Floats, curves: Complexes) -> int | None:
     """The locus that crosses the negative real axis at the limit; None where there is no limit."""
     if not math.isfinite(state.limit.frequency):
         return None
@@ -115,7 +115,7 @@ def _strong(omega: Floats, curve: Complexes, window: tuple[float, float]) -> sty
     return style.line(values.real, values.imag, style.BLACK, width=2.8, hoverinfo="text", text=text)
 
 
-def _crossing(state: StateStudy, window: tuple[float, float]) -> tuple[list[style.Trace], list[style.Annotation]]:
+def _crossing(state: State, window: tuple[float, float]) -> tuple[list[style.Trace], list[style.Annotation]]:
     """The point where the limit is read off, with its frequency."""
     limit = state.limit
     if not math.isfinite(limit.frequency):
@@ -140,7 +140,7 @@ def _beyond(left: float) -> dict:
     return {"type": "line", "x0": left, "x1": -1, "y0": 0, "y1": 0, "line": line, "opacity": 0.55, "layer": "below"}
 
 
-def _title(state: StateStudy) -> str:
+def _title(state: State) -> str:
     verdict = "" if state.limit.stable else "UNSTABLE; "
     if math.isnan(state.limit.gain):
         return f"{state.title}: {verdict}the limit is not known"
@@ -149,7 +149,7 @@ def _title(state: StateStudy) -> str:
     return f"{state.title}: {verdict}{'crosses' if state.limit.stable else 'crossed'} at {digits(-1 / state.limit.gain, '', 3)}"
 
 
-def _caption(state: StateStudy, leading: int | None) -> str:
+def _caption(state: State, leading: int | None) -> str:
     limit = state.limit
     if math.isnan(limit.gain):
         return "These loci could not be followed to a limit: what is drawn may miss parts of them."

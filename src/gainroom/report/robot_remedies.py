@@ -5,7 +5,8 @@ from dataclasses import replace
 
 from ..analysis.quick_margins import quick_margins
 from ..errors import listed
-from ..studies.robot_record import RobotStudy, StateStudy
+from ..studies.robot import RobotStudy
+from ..studies.state import State
 from ..system.controller import PPI
 from .number_format import hertz, margin_value
 from .page import Html, paragraph
@@ -29,7 +30,7 @@ def remedies(study: RobotStudy) -> list[Html]:
     return [*told, paragraph(keep)] if told and any(gains.everywhere is not None for gains in study.recommended) else told
 
 
-def _words(study: RobotStudy, name: str, state: StateStudy) -> list[str]:
+def _words(study: RobotStudy, name: str, state: State) -> list[str]:
     asked, value = study.spec.requirements, state.margins.least(name)
     if math.isnan(value):
         return [MEANING[name].format(n=state.model.size), f"In {state.title} it is not known."]
@@ -41,14 +42,14 @@ def _words(study: RobotStudy, name: str, state: StateStudy) -> list[str]:
     ]
 
 
-def _frequency(name: str, state: StateStudy) -> str:
+def _frequency(name: str, state: State) -> str:
     """Where a phase margin that all loops share is lost."""
     margins = state.margins
-    shared = name == "phase_margin" and margins.named(name) == "phase margin"
-    return f", at {hertz(margins.phase_frequency)}" if shared else ""
+    shared = name == "phase_margin" and state.margins.named(name) == "phase margin"
+    return f", at {hertz(margins.gain_crossover)}" if shared else ""
 
 
-def _trials(study: RobotStudy, name: str, state: StateStudy) -> str:
+def _trials(study: RobotStudy, name: str, state: State) -> str:
     """The margin with more and with less damping, and with less stiffness."""
     spec, asked = study.spec, study.spec.requirements
     controller = spec.controller(state.model)

@@ -8,7 +8,8 @@ import numpy as np
 
 from ..analysis.gain_limit import GainLimit
 from ..linear.arrays import Floats
-from ..studies.robot_record import JudgedState, RobotStudy, by_room
+from ..studies.robot import RobotStudy
+from ..studies.state import State, by_headroom
 from . import style
 from .number_format import digits
 from .page import Html, figure
@@ -30,7 +31,7 @@ class Factors:
     limits   (states,) of all gains together
     """
 
-    states: tuple[JudgedState, ...]
+    states: tuple[State, ...]
     parts: tuple[str, ...]
     alone: Floats
     closed: Floats
@@ -47,18 +48,18 @@ class Factors:
         return tuple(limit.stable for limit in self.limits)
 
     @property
-    def by_room(self) -> list[int]:
+    def by_headroom(self) -> list[int]:
         """Indices of the states, the one with the least room first."""
-        return sorted(range(len(self.states)), key=lambda k: by_room(self.limits[k]))
+        return sorted(range(len(self.states)), key=lambda k: by_headroom(self.limits[k]))
 
     @property
     def tightest(self) -> int:
         """Index of the state with the least room."""
-        return self.by_room[0]
+        return self.by_headroom[0]
 
     def few(self) -> "Factors":
         """At most MOST_STATES states, the tightest, in their order."""
-        kept = sorted(self.by_room[:MOST_STATES])
+        kept = sorted(self.by_headroom[:MOST_STATES])
         return Factors(
             tuple(self.states[k] for k in kept),
             self.parts,
@@ -146,7 +147,7 @@ def _colour_bar() -> dict:
     return {"tickvals": [math.log10(mark) for mark in marks], "ticktext": text, "thickness": 12, "outlinewidth": 0, "len": 0.9}
 
 
-def _columns(states: Sequence[JudgedState]) -> tuple[list[str], bool]:
+def _columns(states: Sequence[State]) -> tuple[list[str], bool]:
     """Names of the columns, and whether they have to stand upright."""
     postures = len({state.posture for state in states}) > 1
     labels = [f"<b>{style.shown(state.contact)}</b>" + (f"<br>{style.shown(state.posture)}" if postures else "") for state in states]

@@ -9,7 +9,7 @@ import numpy as np
 from ..analysis.gain_limit import GainLimit
 from ..linear.arrays import Floats, Integers
 from ..robot.model import RobotModel
-from ..studies.robot_record import JudgedState, limiting_joints
+from ..studies.state import State, limiting_joints
 from . import style
 from .number_format import digits
 
@@ -43,7 +43,7 @@ class View:
         return points[:, [1, 2]] - points[:, [0]] * DEPTH + np.array([self.shift, 0.0])
 
 
-def common_view(states: Sequence[JudgedState], gap: float = 0.3) -> View:
+def common_view(states: Sequence[State], gap: float = 0.3) -> View:
     """A view that holds the robot in each of `states`, with `gap` of its size between the two sides."""
     return view_of([state.model for state in states], gap)
 

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from html import escape
+from typing import Any
 
 import numpy as np
 
@@ -10,10 +11,12 @@ from ..design.robot_gains import GainSet, RobotGains
 from ..linear.arrays import Floats
 from ..robot.contact import Contact
 from ..robot.spec import Posture, RobotSpec
-from ..studies.robot_record import RobotStudy, StateStudy
-from ..studies.robot_text import held_back
-from .number_format import MARGIN_NAMES, decibels, digits, frequency, quantity, requirement
+from ..studies.robot import RobotStudy
+from ..studies.state import State, TaskStudy
+from .columns import JOINT, STATE, TASK, Column, definitions, tabulated
+from .number_format import MARGIN_NAMES, decibels, digits, hertz, quantity, requirement
 from .page import Html, facts, paragraph, table
+from .robot_text import held_back
 from .robot_units import joint_units
 from .shared import filters
 
@@ -22,11 +25,12 @@ GRAVITY = {
     False: "left out",
     None: "left out; its stiffness is counted in gains to use where rigid contacts hold the base",
 }
-MARKS = {"yes": "met", "no": "unmet", "UNSTABLE": "unmet", "not confirmed": "unmet"}
+MARKS = {"yes": "met", "no": "unmet", "unstable": "unmet", "not confirmed": "unmet"}
 MOST_ROWS = 600
 """Of one table: beyond it a page becomes slow; --json has everything."""
-Column = tuple[str, GainSet | None]
+Named = tuple[str, GainSet | None]
 """A set of gains under its name."""
+TASK_UNITS = "PD: kp [1/s²], kd [1/s]; P/PI: kp [1/s], kv [1/s], ki [1/s²]."
 
 
 def folded(summary: str, *parts: Html) -> Html:
@@ -36,105 +40,65 @@ def folded(summary: str, *parts: Html) -> Html:
 
 def state_table(study: RobotStudy) -> Html:
     """Every state: how far all gains together may go, and what else is left."""
-    headers = [
-        "posture, contact",
-        "stable",
-        "limit [×]",
-        "vibrates at",
-        "most of all",
-        "phase margin",
-        "phase, one loop",
-        "delay margin",
-        "Ms",
-        "disk margin",
-    ]
-    rows = [_state_row(state) for state in study.states]
-    caption = (
-        "Limit: the factor on all gains together. Phase and delay margin: the same change in all loops at once. Phase, one loop: the least "
-        "in one loop, the others closed. Ms: the largest peak sensitivity of one loop with the others closed. Disk margin: every motor's "
-        "torque off in gain and phase at once, each in its own way; not certified: only at the frequencies that were looked at. Margins of "
-        "an unstable robot mean nothing."
-    )
-    nothing = ("–",) * (len(headers) - 2)
-    rows += [(state.title.replace(" ", "\u00a0"), "nothing moves", *nothing) for state in study.still]
-    return table(headers, rows[:MOST_ROWS], caption + _cut(len(rows)), MARKS)
+    return _table(STATE, study.states + study.immobile, f"{definitions(STATE)} Margins of an unstable robot mean nothing.")
 
 
-def _state_row(state: StateStudy) -> tuple[str, ...]:
-    limit, joints = state.limit, state.limiting_joints
-    most = joints[0] + (f", +{len(joints) - 1}" if len(joints) > 1 else "") if joints else "–"
-    return (
-        state.title.replace(" ", "\u00a0"),
-        "yes" if limit.stable else "UNSTABLE",
-        digits(limit.gain),
-        frequency(limit.frequency),
-        most,
-        digits(math.degrees(state.margins.common_phase_margin), "°", 3),
-        digits(math.degrees(state.margins.one_loop_phase_margin), "°", 3),
-        digits(1e3 * state.margins.delay_margin, "ms", 3),
-        digits(state.margins.peak_sensitivity, "", 3),
-        digits(state.margins.disk_margin, "", 3) + (", not certified" if state.margins.disk_certified is False else ""),
-    )
-
-
-def joint_table(states: Sequence[StateStudy], caption: str = "") -> Html:
+def joint_table(states: Sequence[State], caption: str = "") -> Html:
     """Every joint in the given states."""
-    several, units = len(states) > 1, joint_units(states[0].model.body)
-    headers = ["joint", f"load [{units['load']}]", "alone [×]", "others closed [×]"]
-    headers += [f"kp [{units['kp']}]", "largest kp, all else as it is", f"kd [{units['kd']}]", "largest kd, all else as it is", "share"]
-    rows = []
-    for state in states:
-        for row in state.joints:
-            numbers = (row.link_inertia, row.single_joint_limit, row.limit_others_closed, row.kp, row.kp_max, row.kd, row.kd_max)
-            name = f"{row.name}, {state.title}" if several else row.name
-            rows.append((name, *map(digits, numbers), digits(row.participation, "", 2) if row.participation >= 1e-3 else "–"))
-    return table(headers, rows[:MOST_ROWS], caption + units["sliding"] + _cut(len(rows)), MARKS)
+    rows = [(state, row) for state in states for row in state.joints]
+    return _several(JOINT, rows, len(states) > 1, f"{caption} {joint_legend(states[0].model.body)}")
+
+
+def joint_legend(body: Any) -> str:
+    """What the columns of JOINT are, with their units."""
+    units = joint_units(body)
+    return f"{definitions(JOINT)} load [{units['load']}], kp [{units['kp']}], kd [{units['kd']}].{units['prismatic']}"
+
+
+def task_table(states: Sequence[State]) -> Html:
+    """Every task direction in the given states."""
+    found = [(state, state.tasks) for state in states if state.tasks is not None]
+    together = [f"{state.title}: {tasks_together(tasks)}" for state, tasks in found]
+    caption = (
+        f"{definitions(TASK)} {TASK_UNITS} Factors on the gains until the robot vibrates. Gains act on accelerations of the task: inertia "
+        f"is taken out by the controller's model. All directions together: {'; '.join(together)}."
+    )
+    return _several(TASK, [(state, row) for state, tasks in found for row in tasks.rows], True, caption)
+
+
+def tasks_together(tasks: TaskStudy) -> str:
+    """The factor on all gains of the tasks."""
+    at = f" at {hertz(tasks.limit.frequency)}" if math.isfinite(tasks.limit.frequency) else ""
+    return f"{digits(tasks.limit.gain)}{at}{'' if tasks.limit.stable else ', UNSTABLE'}"
+
+
+def _several(columns: Sequence[Column], rows: Sequence[tuple[State, Any]], named: bool, caption: str) -> Html:
+    """Rows of states, whose first cell has the state's name behind it where there are several."""
+    headings, texts = tabulated(columns, [row for _, row in rows[:MOST_ROWS]])
+    names = [f", {state.title}" if named else "" for state, _ in rows]
+    return table(
+        headings, [(first + name, *rest) for (first, *rest), name in zip(texts, names, strict=False)], caption + _cut(len(rows)), MARKS
+    )
+
+
+def _table(columns: Sequence[Column], rows: Sequence[Any], caption: str) -> Html:
+    return table(*tabulated(columns, rows[:MOST_ROWS]), caption + _cut(len(rows)), MARKS)
 
 
 def _cut(rows: int) -> str:
     return f" The first {MOST_ROWS} of {rows} rows; --json has them all." if rows > MOST_ROWS else ""
 
 
-def task_table(states: Sequence[StateStudy]) -> Html:
-    """Every task direction in the given states."""
-    found = [(state, state.tasks) for state in states if state.tasks is not None]
-    cascade = any(bool(tasks.tasks.cascade.any()) for _, tasks in found)
-    gains = ["kp [1/s² or 1/s]", "kd, kv [1/s]", "ki [1/s²]"] if cascade else ["kp [1/s²]", "kd [1/s]"]
-    rows = []
-    for state, tasks in found:
-        for row in tasks.rows:
-            own = (row.kp, row.kd, row.ki) if cascade else (row.kp, row.kd)
-            together = digits(tasks.limit.gain) if tasks.limit.stable else f"{digits(tasks.limit.gain)} UNSTABLE"
-            name = f"{row.name} {row.direction}, {state.title}"
-            rows.append(
-                (
-                    name,
-                    *map(digits, own),
-                    digits(row.gain_limit),
-                    digits(row.limit_others_closed),
-                    together,
-                    frequency(tasks.limit.frequency),
-                )
-            )
-    marks = {row[-2]: "unmet" for row in rows if row[-2].endswith("UNSTABLE")}
-    caption = (
-        "Factors on the gains until the robot vibrates: this direction with no other closed, with the others as they are, and all "
-        "directions together. Gains act on accelerations of the task: inertia is taken out by the controller's model."
-    )
-    headers = ["direction", *gains, "alone [×]", "others closed [×]", "all together [×]", "vibrates at"]
-    return table(headers, rows[:MOST_ROWS], caption + _cut(len(rows)), marks)
-
-
 def gain_tables(gains: RobotGains, spec: RobotSpec) -> list[Html]:
     """Gains to use: the one safe set and one per contact state, in both unit systems, and what each set keeps."""
-    columns: list[Column] = [("safe in all", gains.everywhere)]
+    columns: list[Named] = [("safe in all", gains.everywhere)]
     if len(gains.per_contact) > 1:  # of one contact state the set would be the same again
         columns += gains.per_contact.items()
     kept = _kept_table(columns, spec, gains)
     if all(one is None or not one.moves for _, one in columns):
         return [kept]
     if gains.inertia is None:
-        return [paragraph(_units(columns)), _gain_table(gains, columns, None, _gain_caption(gains)), kept]
+        return [paragraph(TASK_UNITS), _gain_table(gains, columns, None, _gain_caption(gains)), kept]
     posture, contact = spec.robot.states[0]
     units = joint_units(spec.robot.body)
     words = (
@@ -143,7 +107,7 @@ def gain_tables(gains: RobotGains, spec: RobotSpec) -> list[Html]:
         "be compared in these. In another state the loads, and with them these numbers, differ; the gains above do not."
     )
     return [
-        paragraph(f"kp [{units['kp']}], kd [{units['kd']}]:{units['sliding']}"),
+        paragraph(f"kp [{units['kp']}], kd [{units['kd']}]:{units['prismatic']}"),
         _gain_table(gains, columns, None, _gain_caption(gains)),
         paragraph(words),
         _gain_table(gains, columns, gains.inertia, ""),
@@ -151,13 +115,7 @@ def gain_tables(gains: RobotGains, spec: RobotSpec) -> list[Html]:
     ]
 
 
-def _units(columns: Sequence[Column]) -> str:
-    if any(one is not None and one.ki is not None for _, one in columns):
-        return "PD: kp [1/s²], kd [1/s]; P/PI: kp [1/s], kv [1/s], ki [1/s²]:"
-    return "kp [1/s²], kd [1/s]:"
-
-
-def _gain_table(gains: RobotGains, columns: Sequence[Column], divisor: Floats | None, caption: str) -> Html:
+def _gain_table(gains: RobotGains, columns: Sequence[Named], divisor: Floats | None, caption: str) -> Html:
     """Rows: joints or directions; two or three columns per set."""
     cascade = any(one is not None and one.ki is not None for _, one in columns)
     headers = [gains.space if gains.space == "joint" else "direction"]
@@ -201,7 +159,7 @@ def _gain_caption(gains: RobotGains) -> str:
     )
 
 
-def _kept_table(columns: Sequence[Column], spec: RobotSpec, gains: RobotGains) -> Html:
+def _kept_table(columns: Sequence[Named], spec: RobotSpec, gains: RobotGains) -> Html:
     """What every set keeps, beside what is required."""
     needs = {title: requirement(spec.requirements, name, 3) for name, title in MARGIN_NAMES.items()}
     headers = ["set", *(f"{title} ({need})" if need else title for title, need in needs.items()), "held back by", "cases"]
@@ -213,12 +171,12 @@ def _kept_table(columns: Sequence[Column], spec: RobotSpec, gains: RobotGains) -
         if not one.moves:
             rows.append((name, "–", "–", "–", "nothing moves there: gains do nothing", "–"))
             continue
-        margins = one.margins
+        found = one.margins
         margins = (
-            digits(decibels(margins.least_gain_margin), "dB", 3),
-            digits(math.degrees(margins.least_phase_margin), "°", 3)
-            + (", one loop" if margins.one_loop_phase_margin < margins.common_phase_margin else ""),
-            digits(margins.peak_sensitivity, "", 3),
+            digits(decibels(found.least_gain_margin), "dB", 3),
+            digits(math.degrees(found.least_phase_margin), "°", 3)
+            + (", one loop" if found.one_loop_phase_margin < found.common_phase_margin else ""),
+            digits(found.peak_sensitivity, "", 3),
         )
         rows.append((name, *margins, held_back(one, gains.names), str(one.cases)))
     caption = (

@@ -5,19 +5,16 @@ from typing import Any
 from ..errors import first_of_many
 
 _UNITS = {"load": ("kg·m²", "kg"), "kp": ("N·m/rad", "N/m"), "kd": ("N·m·s/rad", "N·s/m"), "ki": ("N·m/(rad·s)", "N/(m·s)")}
-"""Of a hinge and of a joint that slides; a load is a motor's inertia too."""
+"""Of a revolute and of a prismatic joint; a load is a motor's inertia too."""
 
 
 def joint_units(body: Any) -> dict[str, str]:
-    """The units of a RigidBody's joints by what they are of; under `sliding` a sentence that names those that slide, among hinges."""
-    slides = body.prismatic.tolist()
-    if not any(slides):
-        return {name: hinge for name, (hinge, _) in _UNITS.items()} | {"sliding": ""}
-    if all(slides):
-        return {name: slide for name, (_, slide) in _UNITS.items()} | {"sliding": ""}
-    found = [name for name, slide in zip(body.joint_names, slides, strict=True) if slide]
-    units = {name: f"{hinge}; slides {slide}" for name, (hinge, slide) in _UNITS.items()}
-    return units | {"sliding": f" Joints that slide: {first_of_many(found)}."}
+    """The units of a RigidBody's joints by what they are of; under `prismatic` a sentence that names such joints among revolute ones."""
+    prismatic = [name for name, slides in zip(body.joint_names, body.prismatic.tolist(), strict=True) if slides]
+    if len(prismatic) in (0, body.size):
+        return {name: both[bool(prismatic)] for name, both in _UNITS.items()} | {"prismatic": ""}
+    units = {name: f"{revolute}; prismatic {other}" for name, (revolute, other) in _UNITS.items()}
+    return units | {"prismatic": f" Prismatic joints: {first_of_many(prismatic)}."}
 
 
 def judged(spec: Any) -> str:
@@ -25,7 +22,7 @@ def judged(spec: Any) -> str:
     required = f"Required: {spec.requirements}"
     if spec.control.space == "task":
         return f"{required}; of all tasks closed together, and of gains to use."
-    told = f"{required}; of the joints' gains closed together, and of gains to use."
+    text = f"{required}; of the joints' gains closed together, and of gains to use."
     if not spec.robot.stack:
-        return told
-    return f"{told} The tasks' own gains, closed in the joints' place, are judged by stability alone: a limit above 1."
+        return text
+    return f"{text} The tasks' own gains, closed in the joints' place, are judged by stability alone: a limit above 1."

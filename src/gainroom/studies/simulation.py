@@ -14,7 +14,7 @@ from ..simulation.record import Run, joined
 from ..simulation.spec import TORQUE_LIMIT, SimulationSpec
 from ..simulation.tracking import Tracking, track
 from .oscillation import Oscillation, judge, torque_chatter
-from .robot import limit_of, moves
+from .state import limit_of, moves
 
 CHATTER = 0.1
 """Of a joint's torque peak: torque beyond the reference's frequencies that is reported, RMS."""

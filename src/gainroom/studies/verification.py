@@ -23,8 +23,8 @@ from ..simulation.robot_setup import robot_setup
 from ..simulation.robot_simulation import require_sampled
 from ..system.joint_spec import JointSpec
 from ..system.loop import Loop
-from .robot import moves
 from .simulation import Progress
+from .state import moves
 
 TOLERANCES = {"linear": 1e-3, "mujoco": 2e-2}
 """By witness: how far, relatively, gain and frequency may be from the prediction."""

@@ -1,4 +1,4 @@
-"""The answer of a study in words: one sentence, and what a user should know or do."""
+"""What a study or an audit of a robot says in sentences: the answer, and what a user should know or do."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -10,10 +10,14 @@ from ..analysis.margins import to_db
 from ..design.robot_gains import GainSet, RobotGains
 from ..errors import beside, frequency_in_words, listed
 from ..robot.spec import RobotSpec
+from ..studies.audit import Audit
+from ..studies.joint import CONTINUOUS, NOT_EVERYWHERE
+from ..studies.robot import RobotStudy
+from ..studies.state import HELD, State, by_headroom
 from ..system.controller import gain_matrix
-from .joint import CONTINUOUS, NOT_EVERYWHERE
-from .robot_record import JudgedState, RobotStudy, StateStudy, by_room
 
+SLIGHT = 0.05
+"""Damping ratio of a motor on its spring that is proposed for a trial where none was given; gearboxes have more than nothing."""
 COUPLED = 0.95
 """Below this share of the tightest joint's own limit, coupling between joints costs something worth saying."""
 
@@ -23,11 +27,11 @@ def sentence(study: RobotStudy) -> str:
     told = [_verdict(study), *_lost_tasks(study), *_unmet(study)]
     if study.unstable_at:
         told[0] = f"{NOT_EVERYWHERE}: unstable in {study.unstable_at}. As stated: {told[0][0].lower()}{told[0][1:]}"
-    blind = _blind(study)
+    blind = [state.title for state in study.without_limit]
     if blind:
         told.append(f"In {listed(blind)} only the verdict is known, not how far the gains may go.")
-    if study.still:
-        told.append(f"In {listed([state.title for state in study.still])} {study.still[0].reason}.")
+    if study.immobile:
+        told.append(f"In {listed([state.title for state in study.immobile])} {study.immobile[0].reason}.")
     return " ".join(told)
 
 
@@ -50,24 +54,17 @@ def _unmet(study: RobotStudy) -> list[str]:
 
 def _lost_tasks(study: RobotStudy) -> list[str]:
     """That the file's tasks, which are not what is closed, are unstable in some states."""
-    lost = _unstable_tasks(study)
+    lost = study.unstable_tasks
     if not lost:
         return []
-    worst = min(lost, key=lambda state: by_room(_tasks_limit(state)))
+    worst = min(lost, key=lambda state: by_headroom(_tasks_limit(state)))
     gain, count = _tasks_limit(worst).gain, len(study.states)
     share = "all" if len(lost) == count else f"{len(lost)} of"
     where = "" if count == 1 else f" in {share} {count} states, worst of all in {worst.title}"
     return [f"But the file's tasks, closed in the joints' place, are UNSTABLE{where}{_at_most(gain)}."]
 
 
-def _unstable_tasks(study: RobotStudy) -> list[StateStudy]:
-    """The states in which the tasks' own gains, which the file does not close, are unstable."""
-    if study.spec.control.space == "task":
-        return []
-    return [state for state in study.states if state.tasks is not None and state.tasks.moves and not state.tasks.limit.stable]
-
-
-def _tasks_limit(state: StateStudy) -> GainLimit:
+def _tasks_limit(state: State) -> GainLimit:
     assert state.tasks is not None
     return state.tasks.limit
 
@@ -82,19 +79,14 @@ def _adrift(study: RobotStudy) -> list[str]:
     return [f"{listed(titles)}: {text}: in task space they drift; add a posture task" for text, titles in found.items()]
 
 
-def _blind(study: RobotStudy) -> list[str]:
-    """The states whose limit is not known."""
-    return [state.title for state in study.states if math.isnan(state.limit.gain)]
-
-
 def _verdict(study: RobotStudy) -> str:
     worst, count = study.tightest, len(study.states)
     where = f"in posture {worst.posture}, contact {worst.contact}"
     limit = worst.limit
-    act = " in which the gains act" if study.still else ""
+    act = " in which the gains act" if study.immobile else ""
     every = f"{' in the one state' if act else ''}{act}" if count == 1 else f" in all {count} states{act}"
     unstable = sum(not state.limit.stable for state in study.states)
-    if not unstable and _blind(study) and not math.isfinite(limit.gain):
+    if not unstable and study.without_limit and not math.isfinite(limit.gain):
         return f"Stable{every}."
     if not unstable and math.isinf(limit.gain):
         return f"Stable{every}: no common factor up to 1000 on these gains makes the modelled robot vibrate."
@@ -116,7 +108,7 @@ def _verdict(study: RobotStudy) -> str:
     return f"{start}: with these gains the robot does not settle {where}, and no common factor that lowers them makes it stable."
 
 
-def _coupling(state: StateStudy) -> str:
+def _coupling(state: State) -> str:
     """What the joints cost each other, against the tightest of them alone."""
     alone = min((row.single_joint_limit for row in state.joints if not math.isnan(row.single_joint_limit)), default=math.nan)
     if state.limit.gain < COUPLED * alone:
@@ -128,7 +120,7 @@ def warnings(study: RobotStudy) -> tuple[str, ...]:
     """What a user should know or do, each with the remedy."""
     spec = study.spec
     found = _unstable(study)
-    found += [f"{state.title}: the tasks' gains are unstable{_at_most(_tasks_limit(state).gain)}" for state in _unstable_tasks(study)]
+    found += [f"{state.title}: the tasks' gains are unstable{_at_most(_tasks_limit(state).gain)}" for state in study.unstable_tasks]
     found += _still(study)
     found += [f"{state.title}: {text}" for state in study.states if state.tasks is not None for text in state.tasks.tasks.warnings]
     found += _adrift(study)
@@ -141,7 +133,7 @@ def warnings(study: RobotStudy) -> tuple[str, ...]:
     return tuple(dict.fromkeys(found))
 
 
-def unconfirmed(states: Iterable[JudgedState]) -> list[str]:
+def unconfirmed(states: Iterable[State]) -> list[str]:
     """A warning that names the states in which a limit or margin is not certified."""
     names = [state.title for state in states if not state.margins.certified]
     if not names:
@@ -161,14 +153,14 @@ def _unstable(study: RobotStudy) -> list[str]:
 def _still(study: RobotStudy) -> list[str]:
     """The states without a verdict, and those whose verdict has no limit."""
     found = []
-    if study.still:
+    if study.immobile:
         remedy = "lock those joints, or check the contacts"
         if study.spec.control.space == "task":
             remedy = "control it in joint space or with a posture task, or leave it out"
-        reason = study.still[0].reason
-        titles = listed([state.title for state in study.still])
+        reason = study.immobile[0].reason
+        titles = listed([state.title for state in study.immobile])
         found.append(f"{titles}: {reason} in this contact state: no verdict and no limit there; {remedy}")
-    blind = _blind(study)
+    blind = [state.title for state in study.without_limit]
     if blind:
         found.append(
             f"{listed(blind)}: the verdict is counted from the roots, but the loci could not be followed to a limit, so how far the gains "
@@ -257,3 +249,64 @@ def _at_most(gain: float) -> str:
     if math.isnan(gain):
         return "; how far they would have to be lowered is not known"
     return f"; they may be scaled by {gain:.3g} at most" if gain > 0 else ", and no factor that lowers them makes them stable"
+
+
+def audit_sentence(result: Audit) -> str:
+    """The answer in one sentence."""
+    worst, count = result.worst, sum(not joint.safe for joint in result.joints)
+    limit = worst.limit
+    delays = f"it vibrates from {1e3 * result.delay_limit:.3g} ms of delay" if math.isfinite(result.delay_limit) else "no delay does"
+    delays = "without delay, too" if result.delay_limit == 0 else delays
+    delays = "from which delay is not known" if math.isnan(result.delay_limit) else delays
+    given = f"{1e3 * result.delay:.3g} ms"
+    if not limit.stable:
+        room = (
+            f"multiply them by less than {limit.gain:.3g}"
+            if limit.gain > 0
+            else f"no lower gains in the same ratio help{_try_damping(result)}"
+        )
+        room = "whether lower gains help is not known" if math.isnan(limit.gain) else room
+        return f"Not safe: the robot vibrates with these gains at {given} of delay ({delays}); {room}; {_count(count, result)}."
+    unknown = [state.contact for state in result.states if math.isnan(state.limit.gain)]
+    if unknown:
+        return f"Not safe: it is stable, but how far these gains may go in {listed(unknown)} is not known; {_count(count, result)}."
+    at = f" at {limit.frequency / (2 * math.pi):.3g} Hz" if math.isfinite(limit.frequency) else ""
+    factors, levels = (limit.gain, result.margin), (to_db(limit.gain), to_db(result.margin))
+    enough = result.enough_in(worst)
+    factor, level = (f"{pair[0]:.3g}" if enough else beside(*pair) for pair in (factors, levels))
+    room = f"all gains can be multiplied by {factor} ({level} dB) before it vibrates{at}"
+    room = "no common factor on all gains makes it vibrate" if math.isinf(limit.gain) else room
+    asked = f"{result.margin:.3g} ({to_db(result.margin):.2g} dB)"
+    if not result.safe:
+        short = f"but a joint by itself has less than the {asked} asked for" if enough else f"less than the {asked} asked for"
+        return f"Not safe: {room}, {short}; {delays}; {_count(count, result)}."
+    return f"Safe: {room}; {delays}, and has {given}."
+
+
+def _try_damping(result: Audit) -> str:
+    """Why no lower gains help where gearboxes were given no damping, and a number to try: a twentieth of the critical damping."""
+    actuators = result.spec.robot.actuators
+    bare = np.isfinite(actuators.stiffness) & (actuators.damping == 0)
+    if not np.any(bare):
+        return ""
+    try_it = 2 * SLIGHT * np.sqrt(np.median(actuators.stiffness[bare] * actuators.motor_inertia[bare]))
+    return (
+        " while the gearboxes' damping is taken as 0: measure it, or try a little: "
+        f"--damping {try_it:.1g} is {100 * SLIGHT:.0f} % of critical"
+    )
+
+
+def _count(unsafe: int, result: Audit) -> str:
+    return f"{unsafe} of {len(result.joints)} joints {'is' if unsafe == 1 else 'are'} not safe"
+
+
+def audit_warnings(result: Audit) -> tuple[str, ...]:
+    """What was assumed, and what a user should do about it."""
+    spec = result.spec
+    warnings = list(spec.warnings)
+    if spec.control.sample_time is None:
+        warnings.append("continuous model: hold and velocity difference of a real controller cost about one more tick; give --rate-hz")
+    if result.immobile:
+        contacts = listed([state.contact for state in result.immobile])
+        warnings.append(f"{contacts}: {HELD} in this contact state: nothing is judged there; check the contacts")
+    return (*warnings, *free_joints(spec), *unconfirmed(result.states))

@@ -1,0 +1,265 @@
+"""Every number on screen, once: terminal, JSON, page and documentation are made from the columns here.
+
+A further column is one more entry in a list below; nothing else has to know it.
+"""
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from ..analysis.margin_record import Margins
+from ..errors import listed
+from ..studies.state import State
+from .number_format import decibels, digits, hertz
+
+
+@dataclass(frozen=True)
+class Column:
+    """One quantity of a row: a state, a joint, a direction of a task, a set of margins.
+
+    title        heading; "" for what is in JSON alone
+    key          name in JSON, which carries the unit where that is not SI; "" for what is shown alone
+    value        row → what JSON holds: a number in the unit of `key`, a text or a list; None where there is none
+    unit         shown behind the number
+    definition   what it is, in a sentence without its subject
+    significant  digits shown
+    shown        row → the text shown, where that is not `value` with its unit
+    """
+
+    title: str
+    key: str
+    value: Callable[[Any], Any]
+    unit: str = ""
+    definition: str = ""
+    significant: int = 4
+    shown: Callable[[Any], str] | None = None
+
+    def text(self, row: Any) -> str:
+        """What a person reads."""
+        if self.shown is not None:
+            return self.shown(row)
+        value = self.value(row)
+        return value if isinstance(value, str) else digits(value, self.unit, self.significant)
+
+
+def facts(columns: Iterable[Column], row: Any) -> dict[str, Any]:
+    """A row in JSON."""
+    return {column.key: column.value(row) for column in columns if column.key}
+
+
+def tabulated(columns: Sequence[Column], rows: Iterable[Any]) -> tuple[list[str], list[tuple[str, ...]]]:
+    """Headings and rows of a table: the columns that are shown, without those that are empty in every row."""
+    placed, rows = [column for column in columns if column.title], [*rows]
+    texts = [[column.text(row) for row in rows] for column in placed]
+    filled = [k for k, cells in enumerate(texts) if k == 0 or any(cell not in ("", "–") for cell in cells)]
+    return [placed[k].title for k in filled], [*zip(*(texts[k] for k in filled), strict=True)]
+
+
+def definitions(columns: Sequence[Column]) -> str:
+    """What the columns are, below a table."""
+    return "; ".join(f"{column.title}: {column.definition}" for column in columns if column.title and column.definition) + "."
+
+
+def yes(value: bool | None) -> str:
+    """A verdict in a table; a dash where there is none."""
+    return "–" if value is None else "yes" if value else "no"
+
+
+def _if_moving(value: Callable[[State], Any]) -> Callable[[State], Any]:
+    """Of a state in which the gains move nothing there is no such number."""
+    return lambda state: value(state) if state.moves else None
+
+
+def _if_stable(value: Callable[[State], Any]) -> Callable[[State], Any]:
+    return lambda state: value(state) if state.moves and state.limit.stable else None
+
+
+def _mainly(state: State) -> str:
+    """The joints that take most part in the vibration at the limit."""
+    if not state.moves:
+        return "nothing moves"
+    first, *others = state.limiting_joints or ("–",)
+    return f"{first}, +{len(others)}" if others else first
+
+
+def margin_facts(margins: Margins) -> dict[str, Any]:
+    """What requirements bound, in JSON."""
+    return {
+        "gain_margin_db": decibels(margins.least_gain_margin),
+        "phase_margin_deg": math.degrees(margins.least_phase_margin),
+        "phase_margin_is": margins.named("phase_margin"),
+        "peak_sensitivity": margins.peak_sensitivity,
+    }
+
+
+def _disk(state: State) -> str:
+    return ("~" if state.margins.disk_certified is False else "") + digits(state.margins.disk_margin, significant=3)
+
+
+def _frequency(state: State) -> str:
+    return hertz(state.limit.frequency) if state.moves and math.isfinite(state.limit.frequency) else "–"
+
+
+STABLE = _if_moving(lambda state: state.limit.stable)
+POSTURE = Column("", "posture", lambda state: state.posture)
+CONTACT = Column("", "contact", lambda state: state.contact)
+MOVES = Column("", "moves", lambda state: state.moves)
+LIMIT = Column(
+    "limit",
+    "gain_limit",
+    _if_moving(lambda state: state.limit.gain),
+    definition="the factor on all gains together at which the robot begins to vibrate",
+)
+AT = Column("at", "limit_frequency_rad_s", _if_moving(lambda state: state.limit.frequency), shown=_frequency)
+MAINLY = Column(
+    "mainly",
+    "limiting_joints",
+    lambda state: list(state.limiting_joints),
+    definition="the joints that move most in that vibration",
+    shown=_mainly,
+)
+CERTIFIED = Column("", "certified", _if_moving(lambda state: state.margins.certified))
+
+STATE = [
+    Column("state", "", lambda state: state.title),
+    POSTURE,
+    CONTACT,
+    MOVES,
+    Column("stable", "stable", STABLE, shown=lambda state: yes(STABLE(state))),
+    LIMIT,
+    Column("", "lower_gain_limit", _if_moving(lambda state: state.limit.lower_gain)),
+    AT,
+    Column("", "limit_certified", _if_moving(lambda state: state.limit.certificate is not None and state.limit.certificate.holds)),
+    CERTIFIED,
+    Column(
+        "delay",
+        "delay_margin_ms",
+        _if_moving(lambda state: 1e3 * state.margins.delay_margin),
+        "ms",
+        "what may be added in all loops before the robot vibrates",
+        3,
+    ),
+    Column(
+        "phase",
+        "phase_margin_deg",
+        _if_moving(lambda state: math.degrees(state.margins.common_phase_margin)),
+        "°",
+        "the phase margin, by which all loops at once may lag or lead",
+        3,
+    ),
+    Column(
+        "one loop",
+        "single_loop_phase_margin_deg",
+        _if_moving(lambda state: math.degrees(state.margins.one_loop_phase_margin)),
+        "°",
+        "the least by which one loop may, the other loops closed",
+        3,
+    ),
+    Column(
+        "Ms",
+        "",
+        _if_stable(lambda state: state.margins.peak_sensitivity),
+        definition="the largest peak sensitivity of one loop, the other loops closed",
+        significant=3,
+    ),
+    Column(
+        "disk",
+        "disk_margin",
+        _if_moving(lambda state: state.margins.disk_margin),
+        definition="the disk margin, every motor's torque off in gain and phase by a factor of its own (~: not certified)",
+        shown=_disk,
+    ),
+    Column("", "disk_margin_certified", _if_moving(lambda state: state.margins.disk_certified)),
+    MAINLY,
+    Column("", "kept", _if_moving(lambda state: margin_facts(state.margins))),
+    Column("", "joints", lambda state: [facts(JOINT, row) for row in state.joints]),
+    Column("", "tasks", lambda state: [] if state.tasks is None else [facts(TASK, row) for row in state.tasks.rows]),
+    Column("", "tasks_gain_limit", lambda state: state.tasks.limit.gain if state.moves and state.tasks else None),
+    Column("", "tasks_limit_frequency_rad_s", lambda state: state.tasks.limit.frequency if state.moves and state.tasks else None),
+]
+"""A posture in a contact state."""
+
+ALONE = Column(
+    "alone",
+    "single_joint_limit",
+    lambda row: row.single_joint_limit,
+    definition="the factor on the joint's gains with no other loop closed and its neighbours free",
+)
+CLOSED = Column(
+    "others closed",
+    "limit_others_closed",
+    lambda row: row.limit_others_closed,
+    definition="the factor on the gains with all other loops as they are",
+)
+KP = Column("kp", "kp", lambda row: row.kp)
+KD = Column("kd", "kd", lambda row: row.kd)
+
+JOINT = [
+    Column("joint", "name", lambda row: row.name),
+    Column("load", "link_inertia", lambda row: row.link_inertia, definition="1/W_ii, what the joint moves with its neighbours free"),
+    ALONE,
+    CLOSED,
+    KP,
+    Column("kp max", "kp_max", lambda row: row.kp_max, definition="the largest, kd and all other joints' gains as they are"),
+    KD,
+    Column("kd max", "kd_max", lambda row: row.kd_max, definition="likewise"),
+    Column(
+        "part",
+        "participation",
+        lambda row: row.participation,
+        definition="participation in the vibration at the limit, 1 for the joint that moves most",
+        shown=lambda row: digits(row.participation, significant=2) if row.participation >= 1e-3 else "–",
+    ),
+]
+"""A joint of a robot in one state."""
+
+TASK = [
+    Column("direction", "", lambda row: f"{row.name} {row.direction}"),
+    Column("", "name", lambda row: row.name),
+    Column("", "direction", lambda row: row.direction),
+    Column("", "moves", lambda row: row.moves),
+    KP,
+    Column("kd, kv", "kd", lambda row: row.kd),
+    Column("ki", "ki", lambda row: row.ki),
+    Column("alone", "gain_limit", lambda row: row.gain_limit, definition="the factor on its gains with no other direction closed"),
+    CLOSED,
+]
+"""A direction of a task."""
+
+
+def audited_states(safe: Callable[[State], bool]) -> list[Column]:
+    """A contact state of an audit; `safe` judges one."""
+    return [
+        Column("contact", "contact", lambda state: state.contact),
+        POSTURE,
+        MOVES,
+        Column("", "stable", STABLE),
+        Column("safe", "", _if_moving(safe), shown=lambda state: yes(safe(state) if state.moves else None)),
+        LIMIT,
+        AT,
+        Column(
+            "mainly", "", lambda state: None, shown=lambda state: listed(state.limiting_joints) or "–" if state.moves else "nothing moves"
+        ),
+        Column(
+            "delay limit",
+            "delay_limit_ms",
+            _if_moving(lambda state: 1e3 * state.delay_limit),
+            "ms",
+            "the total delay, of every joint's drive at once, at which the robot vibrates",
+        ),
+        CERTIFIED,
+    ]
+
+
+AUDITED_JOINT = [
+    Column("joint", "name", lambda row: row.name),
+    Column("safe", "safe", lambda row: row.safe, shown=lambda row: yes(row.safe)),
+    KP,
+    KD,
+    Column("ki", "ki", lambda row: row.ki, shown=lambda row: digits(row.ki or math.nan)),
+    Column("motor inertia", "motor_inertia", lambda row: row.motor_inertia, definition="on the joint side"),
+    Column("alone", "gain_limit", lambda row: row.gain_limit, definition=ALONE.definition),
+    CLOSED,
+]
+"""A joint of an audit, in its worst state."""

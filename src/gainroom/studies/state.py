@@ -1,0 +1,338 @@
+"""A robot in one posture and contact state: its loop, and every number about it, each computed when it is first asked for."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..analysis.gain_limit import gain_limit
+from ..analysis.loci import Sweep
+from ..analysis.margin_record import GainLimit, Margins
+from ..analysis.margins import joint_margins
+from ..analysis.partial_limits import part_limits
+from ..analysis.stability import has_growing_root, unstable_roots
+from ..design.robot_gains import ROUND_OFF, joints_that_move
+from ..errors import GainroomError, computable
+from ..linear.arrays import Complexes, Floats, Integers
+from ..robot.spec import RobotSpec
+from ..system.controller import PD, PID, PPI, gain_matrix
+from ..system.loop import Loop, build_loop
+from ..system.plant import Compliance, Plant
+
+if TYPE_CHECKING:
+    from ..robot.model import RobotModel
+    from ..robot.tasks import Tasks
+
+STRONG = 0.5
+"""A joint takes part in a vibration where it moves by at least this share of the one that moves most."""
+ANYWHERE = np.array([0.7, 1.3, 2.1])
+"""Frequencies [rad/s] at which a loop that moves anything does not vanish altogether."""
+HELD = "no joint that has gains can move"
+IDLE = "the tasks move nothing"
+Progress = Callable[[int, int, str], None]
+"""Called with (states done, states in all, the next one's name)."""
+
+
+@dataclass(frozen=True)
+class JointRow:
+    """One joint in one state.
+
+    link_inertia        1/W_ii: the load with every neighbour free [kg m²]; inf where the contacts hold the joint
+    participation       its part in the vibration at the limit, relative to the largest
+    single_joint_limit  factor on its gains if it were the only joint, with that load
+    limit_others_closed factor on its gains with all other loops as they are; NaN for an unstable robot
+    kp, kd              what the controller does on this joint alone: N m/rad, N m s/rad
+    kp_max, kd_max      largest, the other gains as they are; NaN where unstable, or the controller has none
+    """
+
+    name: str
+    link_inertia: float
+    participation: float
+    single_joint_limit: float
+    limit_others_closed: float
+    kp: float
+    kd: float
+    kp_max: float
+    kd_max: float
+
+
+@dataclass(frozen=True)
+class TaskRow:
+    """One direction of a task.
+
+    moves        False where no joint can move it in this state: its gains do nothing, and both limits are NaN
+    kp, kd       its own gains [1/s²], [1/s]; P/PI: [1/s], [1/s], with ki [1/s²]; ki None: PD
+    gain_limit   factor on them with no other direction closed; NaN where its gains are 0, and where it is not known
+    limit_others_closed   factor on them with all others as they are; NaN where the stack is unstable
+    """
+
+    name: str
+    direction: str
+    moves: bool
+    kp: float
+    kd: float
+    ki: float | None
+    gain_limit: float
+    limit_others_closed: float
+
+
+@dataclass(frozen=True)
+class TaskStudy:
+    """The operational space in one state: the limit of all tasks together (NaN where they move nothing), and each direction."""
+
+    tasks: "Tasks"
+    limit: GainLimit
+    rows: tuple[TaskRow, ...]
+
+    @property
+    def moves(self) -> bool:
+        """Whether any direction can be moved in this state."""
+        return any(row.moves for row in self.rows)
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """One posture in one contact state. Where its gains move nothing, all numbers of its loop are NaN."""
+
+    spec: RobotSpec
+    posture: str
+    contact: str
+    model: "RobotModel"
+
+    @property
+    def title(self) -> str:
+        """For tables and messages."""
+        return f"{self.posture}, {self.contact}"
+
+    @cached_property
+    def controller(self) -> PD | PID | PPI:
+        """The file's own in joint space, that of its tasks in task space."""
+        return self.spec.controller(self.model)
+
+    @cached_property
+    def loop(self) -> Loop:
+        """All joints together."""
+        return self.spec.loop(self.model, self.controller)
+
+    @cached_property
+    def moves(self) -> bool:
+        """Whether the gains move anything at all: not where contacts hold all that they act on."""
+        return moves(self.loop)
+
+    @property
+    def reason(self) -> str:
+        """Why they do not, for messages; "" where they do."""
+        return "" if self.moves else IDLE if self.spec.control.space == "task" else HELD
+
+    @cached_property
+    def margins(self) -> Margins:
+        """Of all loops together, and of each with the other loops closed."""
+        return margins_of(self.loop) if self.moves else Margins.unknown(GainLimit.unknown(self.model.size))
+
+    @property
+    def limit(self) -> GainLimit:
+        """Of the common factor on all gains; its numbers are NaN where only the verdict is known."""
+        return self.margins.limit
+
+    @property
+    def limiting_joints(self) -> tuple[str, ...]:
+        """Those that take part in the vibration at the limit, the strongest first."""
+        return limiting_joints(self.limit, self.model.joint_names)
+
+    @cached_property
+    def single_joint_limits(self) -> Floats:
+        """(n,) factor on each joint's gains if it were the only one, its load 1/W_ii; NaN without gains, inf where it cannot move."""
+        limits = np.full(self.model.size, math.nan)
+        control = self.spec.control
+        movable = joints_that_move(self.model, control.feedback)
+        for k in range(self.model.size):
+            own = joint_controller(self.controller, k, self.model.size)
+            if not any(np.any(gain) for gain in own.terms().values()):
+                continue
+            if not movable[k]:
+                limits[k] = math.inf
+                continue
+            alone = build_loop(single_joint(self.model, k), self.spec.drives[k], own, control.feedback, control.sample_time)
+            limits[k] = limit_of(alone).gain
+        return limits
+
+    @cached_property
+    def delay_limit(self) -> float:
+        """The total delay [s] at which the robot vibrates; NaN where it is not known, 0 where it does without delay."""
+        if self.margins.stable:
+            return max(drive.delay for drive in self.spec.drives) + self.margins.delay_margin
+        at_once = replace(self.spec, drives=tuple(replace(drive, delay=0.0) for drive in self.spec.drives))
+        without = margins_of(at_once.loop(self.model, self.controller))
+        return without.delay_margin if without.stable else 0.0
+
+    @cached_property
+    def joints(self) -> tuple[JointRow, ...]:
+        """Joint by joint."""
+        size, margins, model = self.model.size, self.margins, self.model
+        terms = self.controller.terms()
+        kp, kd = (_own(terms.get(powers, np.zeros(())), size) for powers in ((0, 0), (1, 0)))
+        nothing = np.full(size, math.nan)
+        with np.errstate(divide="ignore"):
+            load = 1 / np.diagonal(_at_least_zero(model.link_inverse_inertia, model.link_inverse_inertia))
+        columns = {
+            "link_inertia": load,
+            "participation": np.abs(margins.limit.mode) if math.isfinite(margins.limit.frequency) else nothing,
+            "single_joint_limit": self.single_joint_limits,
+            "limit_others_closed": margins.one_loop.gain_margin,
+            "kp": kp,
+            "kd": kd,
+            "kp_max": nothing if margins.one_loop.largest_kp is None else margins.one_loop.largest_kp,
+            "kd_max": nothing if margins.one_loop.largest_kd is None else margins.one_loop.largest_kd,
+        }
+        return tuple(JointRow(name, **{key: float(one[k]) for key, one in columns.items()}) for k, name in enumerate(model.joint_names))
+
+    @cached_property
+    def tasks(self) -> TaskStudy | None:
+        """All tasks together, and each direction by itself; None without tasks."""
+        spec, model = self.spec, self.model
+        if not spec.robot.stack:
+            return None
+        tasks = spec.robot.tasks(model, spec.control.rotors)
+        count, movable = len(tasks.directions), tasks.movable
+        acting = np.flatnonzero(movable & ((tasks.kp != 0) | (tasks.kd != 0) | (tasks.ki != 0))).tolist()
+        loop = spec.loop(model, spec.shaped(tasks.controller()))
+        limit = limit_of(loop) if acting else GainLimit.unknown(model.size)
+        shares = [replace(tasks, torque=tasks.torque * np.eye(count)[k]) for k in acting]
+        parts = [spec.loop(model, spec.shaped(share.controller())) for share in shares]
+        alone, closed = np.full(count, math.nan), np.full(count, math.nan)
+        alone[acting] = [limit_of(part).gain for part in parts]
+        if limit.stable:
+            closed[acting] = part_limits(loop, parts)
+        owners = [task.name for task in tasks.tasks for _ in range(model.size if task.kind == "posture" else 3)]
+        rows = tuple(
+            TaskRow(
+                name=owner,
+                direction=tasks.directions[k].removeprefix(f"{owner} "),
+                moves=bool(movable[k]),
+                kp=float(tasks.kp[k]),
+                kd=float(tasks.kd[k]),
+                ki=float(tasks.ki[k]) if tasks.cascade[k] else None,
+                gain_limit=float(alone[k]),
+                limit_others_closed=float(closed[k]),
+            )
+            for k, owner in enumerate(owners)
+        )
+        return TaskStudy(tasks, limit, rows)
+
+
+def states_of(spec: RobotSpec, numbers: tuple[str, ...], progress: Progress | None = None) -> tuple[State, ...]:
+    """Every posture in every contact state, with these of its `numbers` computed.
+
+    Raises GainroomError for a state that cannot be linearised, where its numbers are too far apart to compute with, and where the gains
+    move nothing in any state.
+    """
+    tell = progress or (lambda done, total, what: None)
+    names, found = spec.robot.states, []
+    for index, (posture, contact) in enumerate(names):
+        tell(index, len(names), f"state {posture}, {contact}")
+        found.append(state_of(spec, posture, contact, numbers))
+    tell(len(names), len(names), "")
+    if not any(state.moves for state in found):
+        raise GainroomError(f"{spec.robot.name}: {found[0].reason} in any posture and contact state, so there is nothing to study")
+    return tuple(found)
+
+
+def state_of(spec: RobotSpec, posture: str, contact: str, numbers: tuple[str, ...] = ()) -> State:
+    """One posture in one contact state; see states_of."""
+    state = State(spec, posture, contact, spec.robot.linearize(posture, contact))
+    with computable(f"{spec.robot.name}: posture {posture!r}, contact {contact!r}"):
+        for name in ("moves", *numbers):
+            getattr(state, name)
+    return state
+
+
+def moves(loop: Loop) -> bool:
+    """Whether the gains move anything at all."""
+    return bool(np.any(loop.response(ANYWHERE)))
+
+
+def margins_of(loop: Loop) -> Margins:
+    """joint_margins; where the loci cannot be followed, the verdict alone, with NaN for all else."""
+    try:
+        return joint_margins(loop)
+    except GainroomError as error:
+        return Margins.unknown(_verdict(loop, error))
+
+
+def limit_of(loop: Loop) -> GainLimit:
+    """gain_limit, or the verdict alone."""
+    try:
+        return gain_limit(loop)
+    except GainroomError as error:
+        return _verdict(loop, error)
+
+
+def _verdict(loop: Loop, error: GainroomError) -> GainLimit:
+    """Whether the loop is stable where nothing else could be found: as gain_limit has it, roots that no gain moves are not counted.
+
+    Raises `error` where the roots cannot be found, either.
+    """
+    try:
+        stable = not has_growing_root(loop) and (unstable_roots(loop) == 0 or Sweep(loop).unstable(1.0) == 0)
+    except (np.linalg.LinAlgError, ValueError):  # gains so absurd that the state matrix is not finite
+        raise error from None
+    return GainLimit.unknown(loop.size, stable)
+
+
+def single_joint(model: Plant, k: int) -> Plant:
+    """Joint `k` by itself, its neighbours free: W_kk, and what of contact and gravity acts on it."""
+    one = slice(k, k + 1)
+    soft = model.compliance
+    return Plant(
+        link_inverse_inertia=_at_least_zero(model.link_inverse_inertia[one, one], model.link_inverse_inertia),
+        **{name: getattr(model, name)[one] for name in ("motor_inertia", "stiffness", "damping", "motor_viscous", "link_viscous")},
+        gravity_stiffness=None if model.gravity_stiffness is None else model.gravity_stiffness[one, one],
+        compliance=None if soft is None else Compliance(soft.coupling[one], soft.inverse_inertia, soft.stiffness, soft.damping),
+        joint_names=model.joint_names[one],
+    )
+
+
+def _at_least_zero(entry: Floats, whole: Floats) -> Floats:
+    """W_kk, 0 where the contacts leave round-off."""
+    return np.where(entry > ROUND_OFF * np.abs(whole).max(), entry, 0.0)
+
+
+def joint_controller(controller: PD | PID | PPI, k: int, size: int) -> PD | PID | PPI:
+    """What an n-joint controller does on joint `k` alone: its diagonal. Matrices of a P/PI count as the PID that they amount to."""
+    gains = {name: getattr(controller, name) for name in controller.gain_names()}
+    if type(controller) is PPI and all(np.ndim(gain) < 2 for gain in gains.values()):
+        return replace(controller, **{name: float(np.broadcast_to(gain, size)[k]) for name, gain in gains.items()})
+    terms = {powers: float(_own(gain, size)[k]) for powers, gain in controller.terms().items()}
+    # velocity and integral of the same error make its position
+    kp, ki, kd = terms.get((0, 0), 0.0) + terms.get((1, 1), 0.0), terms.get((0, 1), 0.0), terms.get((1, 0), 0.0)
+    filters = {"velocity_filter": controller.velocity_filter, "notches": controller.notches}
+    return PID(kp=kp, ki=ki, kd=kd, **filters) if ki else PD(kp=kp, kd=kd, **filters)
+
+
+def _own(gain: Floats, size: int) -> Floats:
+    """(n,) what a gain does on each joint alone. Matrices of tasks leave round-off on joints that no task moves."""
+    matrix = gain_matrix("gain", gain, size)
+    own = np.diagonal(matrix)
+    return own if np.ndim(gain) < 2 else np.where(np.abs(own) > ROUND_OFF * np.abs(matrix).max(), own, 0.0)
+
+
+def by_headroom(limit: GainLimit) -> tuple[bool, float]:
+    """Sorts limits: unstable ones first, then the one with the least headroom. One that is not known (NaN) counts as far away."""
+    return limit.stable, math.inf if math.isnan(limit.gain) else limit.gain
+
+
+def strongest_first(mode: Complexes) -> Integers:
+    """The joints by falling part in a vibration, those that differ by round-off alone (left and right) in the model's order."""
+    parts = np.abs(mode)
+    return np.argsort(-np.round(parts / parts.max(), 6), kind="stable")
+
+
+def limiting_joints(limit: GainLimit, names: tuple[str, ...]) -> tuple[str, ...]:
+    """The joints that take part in the vibration at a limit, the strongest first; none where there is no limit."""
+    if not math.isfinite(limit.frequency):
+        return ()
+    parts = np.abs(limit.mode)
+    return tuple(names[k] for k in strongest_first(limit.mode) if parts[k] >= STRONG * parts.max())
