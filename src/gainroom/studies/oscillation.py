@@ -15,7 +15,7 @@ from ..linear.arrays import Complexes, Floats
 from ..simulation.oscillation import FEWEST_SAMPLES, MOST_SAMPLES, Vibration, parts_in, rows_after, vibration
 from ..simulation.record import Run
 from ..simulation.spec import LATE_SHARE, SimulationSpec
-from .robot_record import STRONG, strongest_first
+from .state import STRONG, strongest_first
 
 LASTING = 1e-3  # damping ratio below which a vibration on hardware is sustained: what ends its growth there is friction or the torque limit
 RESTING = 0.1  # damping ratio above which an oscillation is a joint coming to rest
