@@ -58,7 +58,7 @@ def rows() -> Iterator[Row]:
         edge, expected = supporting(contact, joint), motor_alone() / (MOTOR_INERTIA + supporting(contact, joint).load)
         note = (
             f"Largest K'v in {SUPPORTS[contact]}, all other joints held: load {edge.load:.1f} kg·m², largest kd {edge.kd:.0f} N·m·s/rad. "
-            f"What must come out: the lone motor's largest kd, {motor_alone():.0f}, over J_M + J_L. Tolerance 5 %: what the load does to "
+            f"Expected: the lone motor's largest kd, {motor_alone():.0f}, over J_M + J_L. Tolerance 5 %: what the load does to "
             "kd (claim 2)."
         )
         note = _claim() if (contact, joint) == ("left", "ankle_pitch") else note
@@ -77,7 +77,7 @@ def rows() -> Iterator[Row]:
     for axis, two, one in zip("xyz", com_limits("double"), com_limits("left"), strict=True):
         note = (
             f"Centre of mass along {axis} by itself, K'p to K'v as in Table I: K'v may be {two:.3g} 1/s on two legs and {one:.3g} on one. "
-            f"What must come out: more on two, by {CLEARLY:g} at least."
+            f"Expected: more on two, by {CLEARLY:g} at least."
         )
         yield at_least(f"claim3.com_{axis}.kv_limit_double_over_single", CLEARLY, two / one, "×", note)
 
@@ -141,9 +141,9 @@ def shared_load(link_inverse_inertia: Floats, moving: list[int], driven: int) ->
     sizes, directions = np.linalg.eigh(link_inverse_inertia)
     possible = sizes > SINGULAR * sizes[-1]
     held = [index for index in range(len(sizes)) if index not in moving]
-    still = directions[held][:, possible]
-    motion = np.linalg.svd(still)[2][-1]  # y with the held joints at rest
-    assert np.linalg.norm(still @ motion) < 1e-7
+    at_rest = directions[held][:, possible]
+    motion = np.linalg.svd(at_rest)[2][-1]  # y with the held joints at rest
+    assert np.linalg.norm(at_rest @ motion) < 1e-7
     return float(motion @ (motion / sizes[possible]) / (directions[driven, possible] @ motion) ** 2)
 
 

@@ -64,11 +64,11 @@ def rows() -> Iterator[Row]:
             key = f"claim4.{contact}.{gains}"
             verdict = "unstable" if found.full < 1 else "stable"
             note = (
-                f"Factor on {named} in {support}: {verdict}. What must come out: the lone motor's largest kd ({motor_alone():.0f} "
+                f"Factor on {named} in {support}: {verdict}. Expected: the lone motor's largest kd ({motor_alone():.0f} "
                 "N·m·s/rad) over the largest eigenvalue of Kvq; tolerance 5 %, what gearbox and kp do to kd."
             )
             yield compare(f"{key}.gain_limit", found.expected, found.full, "×", 0.05 * found.expected, note)
-            note = "The diagonals alone. What must come out: the tightest joint by itself; 2 %, as the links couple the joints a little."
+            note = "The diagonals alone. Expected: the tightest joint by itself; 2 %, as the links couple the joints a little."
             yield compare(f"{key}.diagonal_limit", found.single, found.diagonal, "×", 0.02 * found.single, note)
             note = "The same gains with rigid gearboxes: harmless."
             yield at_least(f"{key}.rigid_limit", 1.0, found.rigid, "×", note)
@@ -78,7 +78,7 @@ def rows() -> Iterator[Row]:
     single = standing_limits("left", "table1_gains")
     note = (
         f"Corrected for single support: the diagonals alone allow {single.diagonal:.2f}, the full matrices {single.full:.2f}. There the "
-        f"supporting ankle roll by itself is the limit ({single.single:.2f}). What must come out if coupling is the reason: {CLEARLY:g} "
+        f"supporting ankle roll by itself is the limit ({single.single:.2f}). Expected if coupling is the reason: {CLEARLY:g} "
         "at least."
     )
     yield at_least("claim4.left.table1_gains.coupling_factor", CLEARLY, single.coupling, "×", note)

@@ -2,8 +2,9 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import cache
 
-from ..analysis.margins import from_db, margins, to_db
+from ..analysis.margins import Margins, from_db, margins, to_db
 from ..system.loop import Loop, build_loop
 from .joints import DRIVE, GAINS, RATIO, joint_with_load, rigid
 from .picture import Mark, Picture, bode
@@ -20,17 +21,14 @@ CASES = {  # case: label, printed gain margin [dB], half its last digit, printed
 def rows() -> Iterator[Row]:
     """Gain margin and phase crossover of the four cases; what elasticity and delay cost together (Secs. III-A and V)."""
     inferred = "Joint, drive and gains inferred from the four cases together."
-    room = {}
     for case, (_, printed, half_digit, crossover) in CASES.items():
-        found = margins(_loop(case))
-        room[case] = to_db(found.gain_margin)
-        yield compare(f"fig9.{case}.gain_margin_db", float(printed), room[case], "dB", half_digit, inferred, printed)
+        yield compare(f"fig9.{case}.gain_margin_db", float(printed), _gain_margin(case), "dB", half_digit, inferred, printed)
         tolerance, note = 0.5, "Half a rad/s, as printed."
         if crossover > 1000:
             tolerance, note = 1.0, "Tolerance 1 rad/s: the two cases printed as 3970 differ by 0.9."
         key = f"fig9.{case}.phase_crossover_rad_s"
-        yield compare(key, crossover, found.phase_crossover, "rad/s", tolerance, note, f"{crossover:g}")
-    lost = {case: room["neither"] - room[case] for case in ("elasticity", "delay", "both")}
+        yield compare(key, crossover, _margins(case).phase_crossover, "rad/s", tolerance, note, f"{crossover:g}")
+    lost = {case: _gain_margin("neither") - _gain_margin(case) for case in ("elasticity", "delay", "both")}
     together = lost["elasticity"] + lost["delay"]
     note = (
         f"Claim 1: far less margin is left with both than with either. True: elasticity alone costs {lost['elasticity']:.2f} dB, delay "
@@ -43,13 +41,11 @@ def rows() -> Iterator[Row]:
 def pictures() -> Iterator[Picture]:
     """The figure."""
     cases = ("both", "elasticity", "delay", "neither")
-    found = {case: margins(_loop(case)) for case in cases}
-    room = {case: to_db(found[case].gain_margin) for case in cases}
     marks = tuple(
         Mark(
-            found[case].phase_crossover,
-            -room[case],
-            f"{room[case]:.1f} dB<br>{found[case].phase_crossover:.0f} rad/s",
+            _margins(case).phase_crossover,
+            -_gain_margin(case),
+            f"{_gain_margin(case):.1f} dB<br>{_margins(case).phase_crossover:.0f} rad/s",
             side="right above" if case in ("both", "elasticity") else "left below",
             stem=0.0,
         )
@@ -57,11 +53,22 @@ def pictures() -> Iterator[Picture]:
     )
     caption = (
         "Elasticity frees the motor from its load at high frequency; delay lets the phase reach −180° at "
-        f"{found['delay'].phase_crossover:.0f} instead of {found['neither'].phase_crossover:.0f} rad/s. With both, "
-        f"{room['both']:.1f} dB is left: a factor of {from_db(room['both']):.2g} on the gains."
+        f"{_margins('delay').phase_crossover:.0f} instead of {_margins('neither').phase_crossover:.0f} rad/s. With both, "
+        f"{_gain_margin('both'):.1f} dB is left: a factor of {from_db(_gain_margin('both')):.2g} on the gains."
     )
-    title = f"Fig. 9. The open loop with PD: elasticity and delay together leave {room['both']:.0f} of {room['neither']:.0f} dB"
+    left, whole = _gain_margin("both"), _gain_margin("neither")
+    title = f"Fig. 9. The open loop with PD: elasticity and delay together leave {left:.0f} of {whole:.0f} dB"
     yield bode(title, caption, {CASES[case][0]: _loop(case) for case in cases}, (-100, 50), (-900, 180), marks)
+
+
+@cache
+def _margins(case: str) -> Margins:
+    return margins(_loop(case))
+
+
+def _gain_margin(case: str) -> float:
+    """Of one case [dB]."""
+    return to_db(_margins(case).gain_margin)
 
 
 def _loop(case: str) -> Loop:

@@ -10,7 +10,7 @@ class Row:
     """A comparison.
 
     id         figure, case and quantity, joined by dots; the quantity names its unit
-    paper      the paper's number, the middle of its range, or what must come out where it prints nothing (the note says what)
+    paper      the paper's number, the middle of its range, or what is expected where it prints nothing (the note says why)
     computed   the same, computed on the spot
     tolerance  how far `computed` may be from `paper`; the note says why where it is not half a unit of the last printed digit
     printed    the paper's own digits, "" where it prints none

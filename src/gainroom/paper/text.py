@@ -34,7 +34,7 @@ def value_text(value: float | bool) -> str:
 
 
 def _paper(row: Row) -> str:
-    """The paper's number or range with the tolerance; in brackets what must come out where the paper prints nothing."""
+    """The paper's number or range with the tolerance; in brackets what is expected where the paper prints nothing."""
     text = row.printed if row.is_range else f"≥ {value_text(row.paper)}" if row.is_least else value_text(row.paper)
     if row.tolerance and not row.is_range:
         text += f" ± {digits(float(f'{row.tolerance:.2g}'))}"

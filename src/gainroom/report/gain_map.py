@@ -16,7 +16,8 @@ from .map_lines import View, contours, outlines
 from .number_format import decibels, digits, hertz, plane_names
 from .page import Html, figure
 
-HOVER = (15, 11)  # points of the map that tell their margins
+HOVER = (15, 11)  # points of the map that show their margins
+REQUIRED = "rgba(86,180,233,0.38)"
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,7 @@ def gain_map(study: JointStudy) -> Html:
     stable = outlines(study.region, view)
     traces, notes = _stable_area(stable, view)
     if study.required_region.required.asked:
-        traces += _required_area(study, view)
+        traces += [_area(outline, REQUIRED) for outline in outlines(study.required_region, view)]
     names = plane_names(study.spec.controller)
     marks, mark_notes = _marks(spots, view, names)
     lines, line_notes = contours(study, view, mark_notes)
@@ -50,7 +51,7 @@ def gain_map(study: JointStudy) -> Html:
         margin={"l": 72, "r": 24, "t": 44, "b": 52},
         updatemenus=[_zoom(view)] if view.whole_kp > 1.2 * view.kp else [],
     )
-    title = "Which gains are stable, and how much margin they keep"
+    title = "Stable gains and their margins"
     return figure({"data": traces, "layout": picture}, title, _caption(study), 620, style.NARROW)
 
 
@@ -88,23 +89,15 @@ def _zoom(view: View) -> dict[str, Any]:
 
 def _stable_area(stable: list[Floats], view: View) -> tuple[list[style.Trace], list[style.Annotation]]:
     """Hatched ground, and the stable gains cut out of it."""
-    far_kp, far_kd = 3 * view.whole_kp, 3 * view.whole_kd
+    kp, kd = 3 * view.whole_kp, 3 * view.whole_kd
     hatch = {"shape": "/", "fgcolor": "#b5b5b5", "bgcolor": "#efefef", "size": 9, "solidity": 0.18}
-    ground = style.line(
-        [0, far_kp, far_kp, 0, 0], [0, 0, far_kd, far_kd, 0], "#efefef", width=0, fill="toself", fillpattern=hatch, hoveron="points"
-    )
-    traces = [ground]
-    for outline in stable:
-        traces.append(style.line(outline[:, 0], outline[:, 1], "#fffdf3", width=0, fill="toself", fillcolor="#fffdf3", hoveron="points"))
+    ground = _area(np.array([[0, 0], [kp, 0], [kp, kd], [0, kd], [0, 0]]), "#efefef") | {"fillpattern": hatch}
     word = style.label(0.985, 0.985, "unstable", style.INK, xref="paper", yref="paper", xanchor="right", yanchor="top")
-    return traces, [word | {"font": {"size": 15, "color": style.INK}}]
+    return [ground, *(_area(outline, "#fffdf3") for outline in stable)], [word | {"font": {"size": 15, "color": style.INK}}]
 
 
-def _required_area(study: JointStudy, view: View) -> list[style.Trace]:
-    return [
-        style.line(outline[:, 0], outline[:, 1], style.BLUE, width=0, fill="toself", fillcolor="rgba(86,180,233,0.38)", hoveron="points")
-        for outline in outlines(study.required_region, view)
-    ]
+def _area(outline: Floats, color: str) -> style.Trace:
+    return style.line(outline[:, 0], outline[:, 1], color, width=0, fill="toself", fillcolor=color, hoveron="points")
 
 
 def _marks(spots: list[Place], view: View, names: tuple[str, str]) -> tuple[list[style.Trace], list[style.Annotation]]:
@@ -125,14 +118,14 @@ def _marks(spots: list[Place], view: View, names: tuple[str, str]) -> tuple[list
 
 
 def _hover(study: JointStudy, view: View) -> style.Trace:
-    """An invisible grid of points that tell their margins."""
+    """An invisible grid of points that show their margins."""
     kp, kd = ((np.arange(count) + 0.5) / count * end for count, end in zip(HOVER, (view.kp, view.kd), strict=True))
     grid_kp, grid_kd = (part.ravel() for part in np.meshgrid(kp, kd))
     stable = study.region.contains(grid_kp, grid_kd)
     texts = np.full(len(grid_kp), "unstable", dtype=object)
     index = np.flatnonzero(stable)
     for k, found in zip(index, _margins_at(study, grid_kp[index], grid_kd[index]), strict=True):
-        texts[k] = _told(found)
+        texts[k] = _margins_text(found)
     kp_name, kd_name = plane_names(study.spec.controller)
     words = [
         f"{kp_name} {digits(x, '', 3)}, {kd_name} {digits(y, '', 3)}<br>{text}" for x, y, text in zip(grid_kp, grid_kd, texts, strict=True)
@@ -165,7 +158,7 @@ def _margins_at(study: JointStudy, kps: Floats, kds: Floats) -> list[Margins]:
     return [margins_of(loop, scan) for loop, scan in zip(loops, scans, strict=True)]
 
 
-def _told(found: Margins) -> str:
+def _margins_text(found: Margins) -> str:
     if not found.stable:
         return "unstable"
     vibration = f", would vibrate at {hertz(found.phase_crossover)}" if math.isfinite(found.phase_crossover) else ""
@@ -176,10 +169,7 @@ def _told(found: Margins) -> str:
 
 
 def _caption(study: JointStudy) -> str:
-    text = (
-        "Keep the dot off the hatched ground, where the joint vibrates; the thick edge is coloured, and labelled, by the frequency "
-        "at which it would."
-    )
+    text = "Hatched: unstable. The thick edge is coloured, and labelled, by the frequency at which the joint vibrates there."
     if study.required_region.required.asked:
         text += " Inside the blue area every requirement is met"
         text += " for the stated joint alone, not over the uncertainty." if study.spec.uncertainty.names else " for the stated joint."

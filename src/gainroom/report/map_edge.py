@@ -1,8 +1,6 @@
 """The boundary of stability in the gain map, coloured and labelled by the frequency at which the joint vibrates there."""
 
 import math
-from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
@@ -21,29 +19,25 @@ def vibration_edge(
 ) -> tuple[list[style.Trace], list[style.Annotation]]:
     """The boundary of stability, coloured by the frequency at which the joint vibrates there."""
     pieces = [opened(outline) for outline in stable]
-    table = [(piece, _frequencies(region, piece)) for piece in pieces]
-    known = np.concatenate([omega[np.isfinite(omega)] for _, omega in table]) if table else np.zeros(0)
+    found = [_frequencies(region, piece) for piece in pieces]
+    known = np.concatenate([np.zeros(0), *found])
+    known = known[np.isfinite(known)]
     if not len(known):
         return [], []
-    low, high = float(known.min()), float(known.max()) * (1 + 1e-9)
-    traces: dict[int, tuple[list[Any], list[Any], list[Any]]] = {}
-    candidates = []
-    for piece, omega in table:
-        for k in range(len(piece) - 1):
-            pair = omega[k : k + 2]
-            if not np.isfinite(pair).all():
-                continue
-            share = math.log(float(pair.mean()) / low) / max(math.log(high / low), 1e-9)
-            xs, ys, texts = traces.setdefault(min(int(share * BINS), BINS - 1), ([], [], []))
-            xs += [piece[k, 0], piece[k + 1, 0], None]
-            ys += [piece[k, 1], piece[k + 1, 1], None]
-            texts += [f"vibrates at {frequency(float(w))}" for w in pair] + [""]
-        candidates += [(x, y, w) for (x, y), w in zip(piece, omega, strict=True) if math.isfinite(w)]
-    drawn = [
-        style.line(xs, ys, _shade((index + 0.5) / BINS), width=5, text=texts, hoverinfo="text")
-        for index, (xs, ys, texts) in sorted(traces.items())
-    ]
-    return drawn, _frequency_labels(candidates, view, taken)
+    low, high = float(known.min()), float(known.max())
+    start, end = (np.vstack([piece[part] for piece in pieces]) for part in (slice(None, -1), slice(1, None)))
+    first, second = (np.concatenate([omega[part] for omega in found]) for part in (slice(None, -1), slice(1, None)))
+    height = np.log(0.5 * (first + second) / low) / max(math.log(high / low), 1e-9)  # 0 at the lowest frequency, 1 at the highest
+    drawn = []
+    for index in range(BINS):
+        chosen = np.flatnonzero((height >= index / BINS) & ((height < (index + 1) / BINS) | (index == BINS - 1)))
+        if len(chosen):
+            x, y = (np.column_stack([start[chosen, axis], end[chosen, axis], np.full(len(chosen), np.nan)]).ravel() for axis in (0, 1))
+            ends = np.column_stack([first[chosen], second[chosen], np.full(len(chosen), np.nan)]).ravel()
+            text = ["" if math.isnan(omega) else f"vibrates at {frequency(omega)}" for omega in ends.tolist()]
+            drawn.append(style.line(x, y, _shade((index + 0.5) / BINS), width=5, text=text, hoverinfo="text"))
+    candidates = [(x, y, w) for piece, omega in zip(pieces, found, strict=True) for (x, y), w in zip(piece, omega, strict=True)]
+    return drawn, _frequency_labels([one for one in candidates if math.isfinite(one[2])], view, taken)
 
 
 def _frequencies(region: PDRegion, piece: Floats) -> Floats:
@@ -78,11 +72,7 @@ def _frequency_labels(points: list[tuple[float, float, float]], view: View, take
     return notes
 
 
-def _shade(share: float) -> str:
+def _shade(height: float) -> str:
     """A colour between dark blue (slow) and orange (fast), of falling darkness so that it survives a grey print."""
-    stops = ((0.0, (20, 30, 110)), (0.5, (130, 60, 140)), (1.0, (235, 130, 30)))
-    for (start, low), (end, high) in pairwise(stops):
-        if share <= end:
-            part = (share - start) / (end - start)
-            return "rgb(" + ",".join(str(round(a + part * (b - a))) for a, b in zip(low, high, strict=True)) + ")"
-    return "rgb(235,130,30)"
+    channels = ((20, 130, 235), (30, 60, 130), (110, 140, 30))
+    return "rgb(" + ",".join(str(round(float(np.interp(height, (0, 0.5, 1), channel)))) for channel in channels) + ")"

@@ -10,9 +10,14 @@ from ..linear.arrays import Floats
 from ..studies.joint import JointStudy
 from ..system.requirements import Requirements
 from . import style
-from .number_format import decibels, digits
+from .number_format import MARGIN_NAMES, margin_value
 
 COLUMNS = 40  # lines kp = const on which a boundary is computed
+CONTOURS = (  # a margin by its field in Requirements, a stricter level of it, colour, dash
+    ("gain_margin", lambda value: value**2, style.GREEN, "solid"),
+    ("phase_margin", lambda value: min(1.5 * value, 3.0), style.BLUE, "dash"),
+    ("peak_sensitivity", lambda value: 1 + (value - 1) / 2, style.PURPLE, "dot"),
+)
 
 
 @dataclass(frozen=True)
@@ -74,8 +79,8 @@ def contours(study: JointStudy, view: View, taken: list[style.Annotation]) -> tu
         for outline in outlines(replace(study.region, required=level), view):
             line = opened(outline)
             drawn.append(line)
-            told = {"hoverinfo": "text", "text": text + (" (required)" if asked else "")}
-            traces.append(style.line(line[:, 0], line[:, 1], color, dash=dash, width=2.6 if asked else 1.4, **told))
+            hover = {"hoverinfo": "text", "text": text + (" (required)" if asked else "")}
+            traces.append(style.line(line[:, 0], line[:, 1], color, dash=dash, width=2.6 if asked else 1.4, **hover))
         spot = _label_spot(drawn, view, place, taken + notes)
         if spot is not None:
             notes.append(style.label(*spot, text, color, name="" if asked else "wide"))
@@ -83,19 +88,13 @@ def contours(study: JointStudy, view: View, taken: list[style.Annotation]) -> tu
 
 
 def _levels(asked: Requirements) -> list[tuple[Requirements, str, str, str, bool]]:
-    """Contours to draw: (one requirement, label, colour, dash, whether it is the one asked for)."""
-    usual = Requirements.usual()
-    gain, phase, peak = (getattr(asked, name) or getattr(usual, name) for name in ("gain_margin", "phase_margin", "peak_sensitivity"))
+    """Contours to draw: (one requirement, label, colour, dash, whether it is the one asked for), each usual level and a stricter one."""
     result = []
-    for value in (gain, gain**2):
-        text = f"gain margin {digits(decibels(value), 'dB', 3)}"
-        result.append((Requirements(gain_margin=value), text, style.GREEN, "solid", value == asked.gain_margin))
-    for value in (phase, min(1.5 * phase, 3.0)):
-        text = f"phase margin {digits(math.degrees(value), '°', 3)}"
-        result.append((Requirements(phase_margin=value), text, style.BLUE, "dash", value == asked.phase_margin))
-    for value in (peak, 1 + (peak - 1) / 2):
-        text = f"Ms {digits(value, '', 3)}"
-        result.append((Requirements(peak_sensitivity=value), text, style.PURPLE, "dot", value == asked.peak_sensitivity))
+    for name, stricter, color, dash in CONTOURS:
+        value = getattr(asked, name) or getattr(Requirements.usual(), name)
+        for level in (value, stricter(value)):
+            text = f"{MARGIN_NAMES[name]} {margin_value(asked, name, level, None, 3)}"
+            result.append((Requirements(**{name: level}), text, color, dash, level == getattr(asked, name)))
     return result
 
 

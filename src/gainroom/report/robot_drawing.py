@@ -10,7 +10,7 @@ from ..studies.state import State, limiting_joints, strongest_first
 from . import style
 from .number_format import digits, hertz
 from .page import Html, figure
-from .robot_skeleton import View, common_view, drawn, labels, part_in_words, vibration
+from .robot_skeleton import View, common_view, drawn, labels, participation_text, vibration
 
 # ColorBrewer's YlOrBr (Brewer 2013): light to dark in grey too, and to all eyes
 PARTICIPATION = [[0, "#fffbe6"], [0.15, "#fee391"], [0.35, "#fec44f"], [0.55, "#fe9929"], [0.75, "#cc4c02"], [1, "#662506"]]
@@ -24,7 +24,7 @@ def hero(state: State, alone: bool) -> Html:
     wide, high = view.high - view.low
     part = min(0.54, max(0.4, 0.42 * wide / high))
     traces, notes = drawn(state.model, limit, view, 17)
-    if vibration(limit) is None:  # nothing that joints could have a share in
+    if vibration(limit) is None:  # nothing that joints could take part in
         height = round(min(max(part * WIDTH * high / wide, 220), 420)) + 16
         layout = drawing_layout(limit, notes, view, [0, 1], {})
         return figure({"data": traces, "layout": layout}, _title(state, alone), _hero_caption(state), height)
@@ -34,7 +34,7 @@ def hero(state: State, alone: bool) -> Html:
     bar = {"orientation": "h", "x": 0.5 * part, "xanchor": "center", "y": 0, "yanchor": "top", "len": 0.3}
     picture = drawing_layout(limit, notes, view, [0, part], bar)
     picture |= {
-        "xaxis2": style.axis("share in the vibration [–]", domain=[part + 0.24, 1], range=[0, 1.7], anchor="y2", tickvals=[0, 0.5, 1]),
+        "xaxis2": style.axis("participation factor [–]", domain=[part + 0.24, 1], range=[0, 1.7], anchor="y2", tickvals=[0, 0.5, 1]),
         "yaxis2": style.axis("", range=[len(names) - 0.4, -0.6], tickvals=list(range(len(names))), ticktext=names, anchor="x2", ticks="")
         | {"showgrid": False},
     }
@@ -42,7 +42,7 @@ def hero(state: State, alone: bool) -> Html:
     narrow |= {
         "xaxis2.domain": [0.4, 1],
         "yaxis2.domain": [0, 0.34],
-        "xaxis2.title.text": "share [–]",
+        "xaxis2.title.text": "participation [–]",
         "coloraxis.showscale": False,
         "yaxis2.range": [FEW_BARS - 0.4, -0.6],
     }
@@ -61,7 +61,7 @@ def small(state: State, limit: GainLimit, view: View, others: int) -> Html:
     joints = limiting_joints(limit, state.model.joint_names)
     posture = f"The tightest of {others + 1} postures. " if others else ""
     posture += f"{digits(limit.frequency, 'rad/s')}. " if joints else ""
-    most = f"Most of all: {', '.join(joints[:4])}{' and more' if len(joints) > 4 else ''}." if joints else "No joint leads."
+    most = f"Mainly: {', '.join(joints[:4])}{' and more' if len(joints) > 4 else ''}." if joints else "No joint takes part mainly."
     return figure({"data": traces, "layout": picture}, f"{state.title}: {_short(limit)}", posture + most, height)
 
 
@@ -100,7 +100,7 @@ def _hero_caption(state: State) -> str:
     if not joints:
         return text.partition(";")[0] + ": here there is no vibration to show, and joints stay white."
     lead = f"{joints[0]} leads" if len(joints) == 1 else f"{' and '.join(joints[:2])} lead" + (" with others" if len(joints) > 2 else "")
-    return f"{lead}: start there if more room is needed. {text}"
+    return f"{lead}: start there for more gain headroom. {text}"
 
 
 def drawing_layout(limit: GainLimit, notes: list[style.Annotation], view: View, domain: list[float], bar: dict) -> dict:
@@ -118,7 +118,7 @@ def drawing_layout(limit: GainLimit, notes: list[style.Annotation], view: View, 
             "cmin": 0,
             "cmax": 1,
             "showscale": vibration(limit) is not None,
-            "colorbar": {"title": {"text": "share"}, "thickness": 10, "tickvals": [0, 0.5, 1], "outlinewidth": 0} | bar,
+            "colorbar": {"title": {"text": "participation"}, "thickness": 10, "tickvals": [0, 0.5, 1], "outlinewidth": 0} | bar,
         },
     )
 
@@ -136,7 +136,7 @@ def _bars(model: RobotModel, limit: GainLimit) -> tuple[style.Trace, list[str]]:
         "xaxis": "x2",
         "yaxis": "y2",
         "width": 0.72,
-        "text": [part_in_words(complex(mode[k])) for k in chosen],
+        "text": [participation_text(complex(mode[k])) for k in chosen],
         "textposition": "outside",
         "constraintext": "none",
         "cliponaxis": False,

@@ -65,8 +65,8 @@ def vibration(limit: GainLimit) -> Floats | None:
     return np.abs(limit.mode) if math.isfinite(limit.frequency) else None
 
 
-def part_in_words(part: complex) -> str:
-    """A joint's part in words: how much, and how far behind the strongest."""
+def participation_text(part: complex) -> str:
+    """A joint's participation factor, and how far it swings behind the strongest."""
     angle = round(math.degrees(-np.angle(part))) % 360
     lag = f", {angle}°" if abs(part) >= FELT else ""
     return f"{100 * abs(part):.0f} %{lag}"
@@ -129,9 +129,9 @@ def _joints(model: RobotModel, limit: GainLimit, plane: Floats, depth: Floats, s
     rings = _rings(skeleton.positions, skeleton.joints, view.size)
     order = sorted(range(len(plane)), key=lambda k: (-round(float(depth[k]) / view.size, 2), -rings[k], k))
     moving = [k for k in order if skeleton.joints[k] >= 0]
-    still = [k for k in order if skeleton.joints[k] < 0]
-    told = [style.shown(skeleton.names[k]) + ("" if parts is None else f": {part_in_words(mode[skeleton.joints[k]])}") for k in moving]
-    discs = style.markers(plane[moving, 0], plane[moving, 1], "circle", "white", hoverinfo="text", text=told, cliponaxis=False)
+    immobile = [k for k in order if skeleton.joints[k] < 0]
+    text = [style.shown(skeleton.names[k]) + ("" if parts is None else f": {participation_text(mode[skeleton.joints[k]])}") for k in moving]
+    discs = style.markers(plane[moving, 0], plane[moving, 1], "circle", "white", hoverinfo="text", text=text, cliponaxis=False)
     discs["marker"] |= {
         "size": [size * (1 + 0.62 * rings[k]) for k in moving],
         "color": "white" if parts is None else [float(parts[skeleton.joints[k]]) for k in moving],
@@ -139,11 +139,11 @@ def _joints(model: RobotModel, limit: GainLimit, plane: Floats, depth: Floats, s
         "opacity": 1,
         "line": {"color": "#4a4a4a", "width": 1.2},
     }
-    names = [style.shown(skeleton.names[k]) for k in still]
-    held = style.markers(plane[still, 0], plane[still, 1], "circle", NEAR, hoverinfo="text", text=names, cliponaxis=False)
+    names = [style.shown(skeleton.names[k]) for k in immobile]
+    held = style.markers(plane[immobile, 0], plane[immobile, 1], "circle", NEAR, hoverinfo="text", text=names, cliponaxis=False)
     held["marker"] |= {
-        "size": [0.75 * size if k == 0 else 0.4 * size for k in still],
-        "symbol": ["square" if k == 0 else "circle" for k in still],
+        "size": [0.75 * size if k == 0 else 0.4 * size for k in immobile],
+        "symbol": ["square" if k == 0 else "circle" for k in immobile],
         "opacity": 1,
         "line": {"width": 0},
     }
