@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..report.number_format import digits, milli, settling
+from ..report.number_format import digits
 from .interrupts import Stopped, stop_signals
 from .kinds import kind_of
 from .options import AsJson, Report, command_line, number_option, refuse_inputs, report_stream
@@ -146,19 +146,10 @@ def _facts(outcome: "Outcome", log: Path | None) -> dict[str, Any]:
 
 
 def _terminal(outcome: "Outcome", report: Path | None, log: Path | None) -> str:
-    from ..report.simulation_text import limit_text, sentence, vibration_text, warnings
+    from ..report.simulation_text import TRACKING, limit_text, sentence, tracking_cells, vibration_text, warnings
 
-    run, found = outcome.run, outcome.tracking
-    floor = 1e-9 if outcome.spec.is_exact else 1e-7
-    tracking = [
-        (
-            f"{channel} [m{run.units[k]}]",
-            *(milli(float(value[k]), floor) for value in (found.rms, found.peak, found.steady_state)),
-            digits(100 * float(found.overshoot[k]), "%", 3),
-            settling(float(found.settling_time[k])),
-        )
-        for k, channel in enumerate(run.channels)
-    ]
+    run = outcome.run
+    tracking = [(f"{channel} [m{run.units[k]}]", *tracking_cells(outcome, k)) for k, channel in enumerate(run.channels)]
     hardest = sorted(range(len(run.joint_names)), key=lambda k: -outcome.torque_peak[k])[:MOST_JOINTS]
     torques = [
         (run.joint_names[k], *(digits(float(values[k]), run.torque_units[k], 3) for values in (outcome.torque_peak, outcome.torque_rms)))
@@ -170,7 +161,7 @@ def _terminal(outcome: "Outcome", report: Path | None, log: Path | None) -> str:
         "",
         table(
             f"Tracking, {run.feedback} side ({outcome.spec.kind}, {rate})",
-            ("", "RMS", "peak", "steady state", "overshoot", "settles in"),
+            ("", *TRACKING),
             tracking,
         ),
         table("Joints that work hardest" if len(run.joint_names) > 1 else "Torque", ("", "torque peak", "RMS"), torques),

@@ -7,12 +7,12 @@ import numpy as np
 
 from ..errors import listed
 from ..studies.simulation import Outcome
-from .number_format import digits, gain_factor, hertz, milli, settling
+from .number_format import digits, gain_factor, hertz, milli
 from .page import Card, Html, Lead, Section, beside, block, facts, page, paragraph, table
 from .shared import footer
-from .simulation_figures import channels, close_up, drawn_channels, floor_of, in_time
+from .simulation_figures import channels, close_up, drawn_channels, in_time
 from .simulation_kinds import KINDS, inputs
-from .simulation_text import not_counted, overshoots, sentence, warnings
+from .simulation_text import TRACKING, floor_of, not_counted, overshoots, sentence, tracking_cells, warnings
 
 SHOWN_AS_ZERO = 1e-3
 """[N m], and a part in a vibration: less is shown as 0."""
@@ -117,16 +117,10 @@ def _by_channel(outcome: Outcome) -> list[Html]:
 
 
 def _tracking(outcome: Outcome) -> Html:
-    run, found, floor = outcome.run, outcome.tracking, floor_of(outcome)
-    columns = ("channel", "unit", "moved by", "RMS", "peak", "steady state", "overshoot", "settles in")
+    run, floor = outcome.run, floor_of(outcome)
+    columns = ("channel", "unit", "moved by", *TRACKING)
     rows = [
-        (
-            name,
-            f"m{run.units[k]}",
-            *(milli(float(value), floor) for value in (np.ptp(run.reference[:, k]), found.rms[k], found.peak[k], found.steady_state[k])),
-            digits(100 * float(found.overshoot[k]), "%", 3),
-            settling(float(found.settling_time[k])),
-        )
+        (name, f"m{run.units[k]}", milli(float(np.ptp(run.reference[:, k])), floor), *tracking_cells(outcome, k))
         for k, name in enumerate(run.channels)
     ]
     caption = (

@@ -17,6 +17,7 @@ from .number_format import digits, frequency, hertz, milli
 from .page import Html, figure
 from .robot_drawing import WIDTH, drawing_layout
 from .robot_skeleton import drawn, ghost, labels, path, view_of
+from .simulation_text import floor_of
 
 MOST_TOGETHER = 3  # channels, or joints, in one panel
 MOST_CHANNELS = 6  # that have a picture of their own
@@ -30,11 +31,6 @@ RUNAWAY = 3.0  # times the reference's range: what a run that diverges is shown 
 LEAST_RANGE = 0.01  # [rad, m] of a reference that hardly moves
 COLORS = ((style.BLUE, "solid"), (style.VERMILION, "dash"), (style.DARK[style.GREEN], "dashdot"), (style.DARK[style.PURPLE], "longdash"))
 TORQUES = ((style.BLACK, "solid"), (style.ORANGE, "dash"), (style.DARK[style.PURPLE], "dashdot"))
-
-
-def floor_of(outcome: Outcome) -> float:
-    """[m, rad] smaller errors are shown as 0."""
-    return 1e-9 if outcome.spec.is_exact else 1e-7
 
 
 def shown_ticks(reference: Floats, error: Floats) -> int:

@@ -7,7 +7,7 @@ from ..errors import beside, frequency_in_words, listed, printable
 from ..simulation.spec import SimulationSpec
 from ..studies.oscillation import EXACT, MUJOCO
 from ..studies.simulation import Outcome
-from .number_format import digits, frequency, gain_factor
+from .number_format import digits, frequency, gain_factor, milli, settling
 
 SMALLEST_ERROR = 1e-6
 """[m, rad] smaller errors are not distinguished in a sentence."""
@@ -19,6 +19,22 @@ SLOPING = math.radians(1.0)
 """A flat foot's ground that slopes by more is reported [rad]."""
 UNEVEN = 1e-3
 """Feet that stand higher than others by more are reported [m]."""
+
+
+TRACKING = ("RMS", "peak", "steady state", "overshoot", "settles in")
+"""Titles of tracking_cells."""
+
+
+def floor_of(outcome: Outcome) -> float:
+    """[m, rad] smaller errors are shown as 0."""
+    return 1e-9 if outcome.spec.is_exact else 1e-7
+
+
+def tracking_cells(outcome: Outcome, channel: int) -> tuple[str, ...]:
+    """How one channel tracks, in thousandths of its unit, percent and seconds."""
+    found = outcome.tracking
+    errors = (milli(float(values[channel]), floor_of(outcome)) for values in (found.rms, found.peak, found.steady_state))
+    return *errors, digits(100 * float(found.overshoot[channel]), "%", 3), settling(float(found.settling_time[channel]))
 
 
 def sentence(outcome: Outcome) -> str:

@@ -4,6 +4,7 @@ import math
 
 from ..errors import apart
 from ..studies.verification import Case, Verification
+from .number_format import digits
 
 
 def sentence(result: Verification) -> str:
@@ -59,6 +60,18 @@ def percent(difference: float, tolerance: float = 0.0) -> str:
     if abs(difference) < 1e-5:
         return "< 0.001 %"
     return f"{100 * abs(difference):.{apart(abs(difference), tolerance, 2)}g} %"
+
+
+def gain_cells(case: Case) -> tuple[str, ...]:
+    """Predicted and simulated factor on the gains, and how far they are apart."""
+    gains = (digits(gain, "", 6) for gain in (case.predicted_gain, case.simulated_gain))
+    return *gains, percent(case.gain_difference, case.tolerance)
+
+
+def frequency_cells(case: Case) -> tuple[str, ...]:
+    """The same of the frequency [rad/s]."""
+    frequencies = (digits(omega, "", 5) for omega in (case.predicted_frequency, case.simulated_frequency))
+    return *frequencies, percent(case.frequency_difference, case.tolerance)
 
 
 def _size(value: float) -> float:
