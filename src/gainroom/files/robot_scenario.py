@@ -12,7 +12,7 @@ from ..io.validation import Name, NotNegative, Positive, PositiveOrInfinite, Sec
 from ..io.yaml_text import shown
 from ..linear.arrays import Floats
 from ..robot.ground import Ground, Sole
-from ..robot.name_patterns import assign
+from ..robot.name_patterns import strongest
 from ..robot.spec import Robot, RobotScenario
 from .per_joint import PerJoint
 
@@ -118,5 +118,5 @@ class RobotScenarioSection(Section):
 
 def _where_given(values: Mapping[str, float], robot: Robot, key: str, otherwise: float) -> Floats:
     """(n,) numbers of scenario.`key`; `otherwise` where no pattern matches."""
-    found = assign(values, robot.joint_names, f"scenario.{key}")
-    return np.array([each[-1] if each else otherwise for each in found])
+    found = strongest(values, robot.joint_names, f"scenario.{key}")
+    return np.array([otherwise if value is None else value for value in found])

@@ -19,7 +19,7 @@ from ..robot.body import Base, RigidBody
 from ..robot.contact import Contact
 from ..robot.formats.model_files import has_base, load_model
 from ..robot.formats.model_names import is_name, locate
-from ..robot.name_patterns import DEFAULT, assign
+from ..robot.name_patterns import DEFAULT, strongest
 from ..robot.spec import Posture, Ranges, Robot, RobotControl, RobotSpec
 from ..robot.tasks import Task
 from ..system.requirements import Requirements
@@ -111,8 +111,8 @@ def _posture(name: str, patterns: Mapping[str, float], path: Path, base: Base | 
 
 def _angles(name: str, patterns: Mapping[str, float], joint_names: Sequence[str]) -> dict[str, float]:
     """One posture's angles by joint name."""
-    matches = assign(patterns, joint_names, f"postures.{dotted(name)}")
-    return {joint: found[-1] for joint, found in zip(joint_names, matches, strict=True) if found}
+    found = strongest(patterns, joint_names, f"postures.{dotted(name)}")
+    return {joint: angle for joint, angle in zip(joint_names, found, strict=True) if angle is not None}
 
 
 def _outside(postures: Mapping[str, Posture]) -> tuple[str, ...]:
@@ -150,16 +150,17 @@ def _require_frame(frame: str, body: RigidBody, owner: str) -> None:
 
 def _tasks(file: RobotFile, body: RigidBody) -> tuple[Task, ...]:
     """The stack, with frames that are there and as many gains as directions."""
-    for index, section in enumerate(file.tasks):
+    tasks = tuple(section.task() for section in file.tasks)
+    for index, (section, task) in enumerate(zip(file.tasks, tasks, strict=True)):
         place = f"tasks[{index}]"
-        if section.frame is not None:
-            _require_frame(section.frame, body, f"{place}.frame")
-        size = len(body.joint_names) if section.type == "posture" else 3
+        if task.frame is not None:
+            _require_frame(task.frame, body, f"{place}.frame")
+        size = len(task.directions(body.joint_names))
         for key in ("kp", "kd", "kv", "ki"):
             given = getattr(section, key)
             if isinstance(given, list) and len(given) != size:
                 raise GainroomError(f"{place}.{key}: {shown(given)} must be a number, or {size} numbers, one per direction")
-    return tuple(section.task() for section in file.tasks)
+    return tasks
 
 
 def _control(section: RobotControlSection, body: RigidBody, sample_time: float | None) -> RobotControl:
@@ -179,8 +180,8 @@ def _control(section: RobotControlSection, body: RigidBody, sample_time: float |
 
 def _per_joint(owner: str, patterns: Mapping[str, float], body: RigidBody) -> Floats:
     """One gain per joint (n,). Raises GainroomError where a joint has none, or all are 0."""
-    matches = assign(patterns, (*body.joint_names, *body.locked), owner)[: body.size]
-    without = [name for name, found in zip(body.joint_names, matches, strict=True) if not found]
+    found = strongest(patterns, (*body.joint_names, *body.locked), owner)[: body.size]
+    without = [name for name, value in zip(body.joint_names, found, strict=True) if value is None]
     if without:
         raise GainroomError(f"{owner}: no value for joint {first_of_many(without)}; give default, or patterns that match every joint")
-    return np.array([found[-1] for found in matches])
+    return np.array(found)

@@ -59,7 +59,7 @@ def assemble(
 ) -> RigidBody:
     """The body whose joints are the `selected` ones (None: all) without the `locked` ones; see load_model. Raises GainroomError."""
     source, model = description.source, description.model
-    _require_few(source, model)
+    require_at_most(source, model.njoints - 1, "joints", MAX_JOINTS)
     _require_names(source, model)
     _require_sane(source, model)
     first = 2 if floats(model) else 1
@@ -85,6 +85,12 @@ def assemble(
     )
     _require_mass(body)
     return body
+
+
+def require_at_most(source: str, count: int, what: str, most: int) -> None:
+    """Raise GainroomError for a file that holds too many of something."""
+    if count > most:
+        raise GainroomError(f"{source}: has {count} {what} and must have at most {most}")
 
 
 def floats(model: Any) -> bool:
@@ -189,11 +195,6 @@ def _is_physical(inertia: Any) -> bool:
     a, b, c = np.linalg.eigvalsh(inertia.inertia)
     slack = 1e-6 * abs(c)  # files carry about six digits
     return a >= -slack and a + b >= c - slack
-
-
-def _require_few(source: str, model: Any) -> None:
-    if model.njoints - 1 > MAX_JOINTS:
-        raise GainroomError(f"{source}: has {model.njoints - 1} joints and must have at most {MAX_JOINTS}")
 
 
 def _require_names(source: str, model: Any) -> None:

@@ -139,3 +139,8 @@ def assign(values: Mapping[str, Value], names: Sequence[str], owner: str) -> lis
         for index in found:
             result[index].append(values[pattern])
     return result
+
+
+def strongest(values: Mapping[str, Value], names: Sequence[str], owner: str) -> list[Value | None]:
+    """For each name, the value of the last pattern that matches it, None where none does. Raises GainroomError as assign."""
+    return [found[-1] if found else None for found in assign(values, names, owner)]

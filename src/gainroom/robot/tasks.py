@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import GainroomError, first_of_many, nearest, require_finite
-from ..linear.arrays import Booleans, Floats
+from ..linear.arrays import Booleans, Floats, Integers
 from ..system.controller import PD, PPI
 from .contact import free_motion
 from .model import Stance
@@ -79,6 +79,21 @@ class Task:
             if getattr(self, gain) is not None:
                 require_finite(f"task {self.name!r}", gain, getattr(self, gain))
 
+    def directions(self, joint_names: Sequence[str]) -> tuple[str, ...]:
+        """(m,) what it has gains for: x, y and z, or every joint."""
+        return tuple(joint_names) if self.kind == "posture" else ("x", "y", "z")
+
+    def jacobian(self, model: Stance) -> Floats:
+        """J (m, N), in world axes."""
+        if self.kind == "posture":
+            return model.selection
+        if self.kind == "com":
+            return model.body.com_jacobian(model.q)
+        assert self.frame is not None
+        rotation = model.body.frame_placement(model.q, self.frame)[0]
+        local = model.body.frame_jacobian(model.q, self.frame)
+        return rotation @ (local[:3] if self.kind == "position" else local[3:])
+
 
 @dataclass(frozen=True)
 class TaskPPI(PPI):
@@ -106,6 +121,7 @@ class Tasks:
 
     tasks       by falling priority
     directions  (m,) their names, "com x" and so on; a posture's end in the joint's name
+    owners      (m,) index of each direction's task
     jacobian    Eᵀ (m, n): joint errors → task errors, the base following the joints
     torque      X (n, m): accelerations asked for → joint torques; E Λ where tasks do not conflict
     follow      (N, n) how everything moves with the joints, see `following`
@@ -116,6 +132,7 @@ class Tasks:
 
     tasks: tuple[Task, ...]
     directions: tuple[str, ...]
+    owners: Integers
     jacobian: Floats
     torque: Floats
     follow: Floats
@@ -131,18 +148,14 @@ class Tasks:
     @property
     def weight(self) -> Floats:
         """(m,) of every direction: its task's."""
-        return np.repeat([task.weight for task in self.tasks], [self._size(task) for task in self.tasks])
+        return np.array([task.weight for task in self.tasks])[self.owners]
 
     @property
     def movable(self) -> Booleans:
         """(m,) False where the joints cannot move a direction, or tasks above it take all that could."""
         torques = np.linalg.norm(self.torque, axis=0)
-        owners = np.repeat(np.arange(len(self.tasks)), [self._size(task) for task in self.tasks])
-        largest = np.array([torques[owners == owner].max() for owner in owners])
+        largest = np.array([torques[self.owners == owner].max() for owner in self.owners])
         return torques > ROUND_OFF * largest
-
-    def _size(self, task: Task) -> int:
-        return len(self.torque) if task.kind == "posture" else 3
 
     @property
     def motions(self) -> int:
@@ -221,7 +234,7 @@ def tasks_of(model: Stance, tasks: Sequence[Task], rotors: bool = False) -> Task
     joints = model.selection @ motion  # M = S R', with W' = M Mᵀ
     inverse = np.linalg.pinv(joints, rcond=MOVABLE)
     follow = motion @ inverse
-    jacobians = [_jacobian(model, task) for task in tasks]
+    jacobians = [task.jacobian(model) for task in tasks]
     rows = [jacobian @ follow for jacobian in jacobians]
     alone = free_motion(inertia, np.zeros((0, len(inertia))))
     scales = [float(np.linalg.norm(jacobian @ alone, 2)) for jacobian in jacobians]
@@ -229,7 +242,8 @@ def tasks_of(model: Stance, tasks: Sequence[Task], rotors: bool = False) -> Task
     sizes = [len(row) for row in rows]
     return Tasks(
         tasks=tasks,
-        directions=tuple(name for task in tasks for name in _directions(model, task)),
+        directions=tuple(f"{task.name} {direction}" for task in tasks for direction in task.directions(model.joint_names)),
+        owners=np.repeat(np.arange(len(tasks)), sizes),
         jacobian=np.vstack(rows),
         torque=inverse.T @ force,
         follow=follow,
@@ -286,23 +300,6 @@ def _stack(tasks: Sequence[Task], rows: Sequence[Floats], scales: Sequence[float
                 f"{'; the joints are enough for more, so the posture may be singular: try another' if rank and start <= width else ''}"
             )
     return force, tuple(warnings)
-
-
-def _jacobian(model: Stance, task: Task) -> Floats:
-    """J (m, N) of one task, in world axes."""
-    if task.kind == "posture":
-        return model.selection
-    if task.kind == "com":
-        return model.body.com_jacobian(model.q)
-    assert task.frame is not None
-    rotation = model.body.frame_placement(model.q, task.frame)[0]
-    local = model.body.frame_jacobian(model.q, task.frame)
-    return rotation @ (local[:3] if task.kind == "position" else local[3:])
-
-
-def _directions(model: Stance, task: Task) -> tuple[str, ...]:
-    parts = model.joint_names if task.kind == "posture" else ("x", "y", "z")
-    return tuple(f"{task.name} {part}" for part in parts)
 
 
 def _gains(name: str, tasks: Sequence[Task], sizes: Sequence[int]) -> Floats:

@@ -137,7 +137,7 @@ def _way(spec: RobotSpec, setup: RobotSetup) -> Floats:
         places = list(range(size) if scenario.joint is None else select(scenario.joint, setup.body.joint_names, "scenario.move.joint"))
         usual = 0.0 if setup.contacts else DEFAULT_MOVE  # joints of closed legs cannot all move as one likes
     else:
-        counts = [size if task.kind == "posture" else 3 for task in setup.stack]
+        counts = [len(task.directions(setup.body.joint_names)) for task in setup.stack]
         moved = 0 if scenario.task is None else [task.name for task in setup.stack].index(scenario.task)
         places = list(range(sum(counts[:moved]), sum(counts[: moved + 1])))
         usual = DEFAULT_MOVE if setup.stack[moved].kind == "posture" else (DEFAULT_MOVE, 0.0, 0.0)

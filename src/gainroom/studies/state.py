@@ -206,7 +206,7 @@ class State:
         alone[acting] = [limit_of(part).gain for part in parts]
         if limit.stable:
             closed[acting] = part_limits(loop, parts)
-        owners = [task.name for task in tasks.tasks for _ in range(model.size if task.kind == "posture" else 3)]
+        owners = [tasks.tasks[owner].name for owner in tasks.owners]
         rows = tuple(
             TaskRow(
                 name=owner,

@@ -20,7 +20,7 @@ import numpy as np
 
 from ...errors import GainroomError, one_line, typo_of
 from ...io.tracking import note_read
-from ..assemble import MAX_JOINTS
+from ..assemble import MAX_JOINTS, require_at_most
 from ..body import library
 from .mujoco_messages import mujoco_says
 from .xml_text import MAX_BYTES, MAX_DEPTH, MAX_ELEMENTS, read_xml
@@ -176,8 +176,7 @@ def _trim(root: Element, source: str, sections: tuple[str, ...]) -> None:
     counts.update(f"{section.tag}" for section in root if section.tag in ("asset", "actuator", "equality", *KEYFRAMES) for _ in section)
     counts["joint"] += counts["freejoint"]
     for tag, most in MOST.items():
-        if counts[tag] > most:
-            raise GainroomError(f"{source}: has {counts[tag]} of <{tag}> and must have at most {most}")
+        require_at_most(source, counts[tag], f"of <{tag}>", most)
 
 
 def _trim_shapes(root: Element) -> None:

@@ -15,7 +15,7 @@ from xml.etree.ElementTree import Element, SubElement, tostring
 import numpy as np
 
 from ...errors import GainroomError, first_of_many, nearest, one_line, typo_of
-from ..assemble import FARTHEST, LARGEST, MASSLESS, Description, floats
+from ..assemble import FARTHEST, LARGEST, MASSLESS, Description, floats, require_at_most
 from ..body import Base, library
 from .model_format import ModelFormat
 
@@ -99,8 +99,7 @@ class _Reader:
             raise GainroomError(f"{source}: No name given: <robot> must have the attribute name")
         self._require_known(root, source)
         links, joints = root.findall("link"), root.findall("joint")
-        if len(links) > MAX_LINKS:
-            raise GainroomError(f"{source}: has {len(links)} links and must have at most {MAX_LINKS}")
+        require_at_most(source, len(links), "links", MAX_LINKS)
         self.links, self.joints = self._names(links, "link"), self._names(joints, "joint")
         for link in links:
             self._add_link(link)
