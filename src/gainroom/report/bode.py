@@ -118,9 +118,9 @@ def frequency_span(study: JointStudy, shown: list[Case]) -> tuple[float, float]:
     return max(low, 1e-5 * high), high
 
 
-def _range(values: Floats, least: float, room: float) -> list[float]:
-    """An axis that shows `values` from `least` up, with some room on either side."""
-    return [max(float(values.min()) - room, least), float(values.max()) + room]
+def _range(values: Floats, least: float, margin: float) -> list[float]:
+    """An axis that shows `values` from `least` up, with `margin` on either side."""
+    return [max(float(values.min()) - margin, least), float(values.max()) + margin]
 
 
 def _margin_arrows(

@@ -116,6 +116,6 @@ def _label_spot(lines: list[Floats], view: View, place: int, taken: list[style.A
     others = np.array([[note["x"] / view.kp, note["y"] / view.kd] for note in taken] or [[0.0, 2.0]])
     # A label is about three times as wide as it is high: distance across counts a third
     gap = np.abs(scaled[good][:, None] - others) * [1 / 0.3, 1 / 0.06]
-    room = np.minimum(gap.max(axis=2).min(axis=1), 1.6)
-    best = good[int(np.argmax(room + 0.6 * scaled[good, 1] - 0.2 * np.abs(scaled[good, 0] - (0.3 + 0.1 * place))))]
+    clear = np.minimum(gap.max(axis=2).min(axis=1), 1.6)
+    best = good[int(np.argmax(clear + 0.6 * scaled[good, 1] - 0.2 * np.abs(scaled[good, 0] - (0.3 + 0.1 * place))))]
     return float(points[best, 0]), float(points[best, 1])

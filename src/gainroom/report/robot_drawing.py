@@ -19,7 +19,7 @@ WIDTH = 1028  # [px] of a picture on a wide screen
 
 
 def hero(state: State, alone: bool) -> Html:
-    """The state with the least room, large, with each joint's part beside it. `alone`: it is the only one."""
+    """The state with the least gain headroom, large, with each joint's participation factor beside it. `alone`: it is the only one."""
     view, limit = common_view([state], 0.65), state.limit  # names stand between the sides
     wide, high = view.high - view.low
     part = min(0.54, max(0.4, 0.42 * wide / high))
@@ -52,7 +52,7 @@ def hero(state: State, alone: bool) -> Html:
 def small(state: State, limit: GainLimit, view: View, others: int) -> Html:
     """One contact state among others, in the common view, with the vibration at `limit`: of its joints' gains or its tasks'.
 
-    others   postures of this contact state that have more room
+    others   postures of this contact state with more gain headroom
     """
     traces, notes = drawn(state.model, limit, view, 12)
     picture = drawing_layout(limit, notes, view, [0, 1], {"len": 0.7, "xpad": 4})
