@@ -169,6 +169,8 @@ def test_only_the_margins_that_are_named_are_required():
         ("phase_margin_deg: 30.0", "phase_margin_deg: 0", "limits.phase_margin_deg: 0 must be > 0", ""),
         ("link_inertia: 16.0", "link_inertia: sixteen", "joint.link_inertia: 'sixteen' is text and must be a number", ""),
         ("limits: {", "limit: {", "limit: unknown key", "did you mean limits?"),
+        ("damping: 1,", "damping: ,", "joint.damping: nothing is not a number", ""),
+        ("uncertainty: {", "uncertainty:\n# {", "uncertainty: nothing must be a section", "delay_ms"),
     ],
 )
 def test_what_is_wrong_is_named(old: str, new: str, start: str, contains: str):

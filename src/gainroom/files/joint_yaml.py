@@ -114,7 +114,7 @@ class JointFile(SystemFile[JointControlSection, JointUncertaintySection]):
         refuse_long_delay(drive.delay, sample_time, "drive")
         _refuse_seized_gearbox(joint)
         nominal = {"delay": drive.delay, **vars(joint)}
-        ranges = {name: (float(low[0]), float(high[0])) for name, (low, high) in self.ranges(nominal, tick).items()}
+        ranges = {name: (float(low[0]), float(high[0])) for name, (low, high) in self.uncertainty.ranges(nominal, tick).items()}
         return JointSpec(
             joint=joint,
             drive=drive,

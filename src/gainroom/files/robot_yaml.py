@@ -77,7 +77,7 @@ def robot_spec(file: RobotFile, name: str, path: Path) -> RobotSpec:
         drives=drives,
         control=_control(file.control, body, sample_time),
         requirements=file.requirements(),
-        uncertainty=Ranges(**file.ranges(nominal, tick)),
+        uncertainty=Ranges(**file.uncertainty.ranges(nominal, tick)),
         scenario=file.scenario.scenario(robot, file.control.space),
         assumptions=(*assumed, *guessed),
         warnings=(*body.notes, *_outside(postures)),

@@ -283,7 +283,7 @@ class SystemFile(Section, Generic[Control, Ranges]):
     drive: DriveSection = Field(description="the current loops and the delay")
     control: Control = Field(description="the controller and its gains")
     limits: LimitsSection | None = None
-    uncertainty: Ranges | None = None
+    uncertainty: Ranges = Field(default_factory=dict, validate_default=True)  # type: ignore[assignment] - {} as a section
 
     def tick(self) -> float | None:
         """[s], from whichever section has the rate. Raises GainroomError where they disagree."""
@@ -301,10 +301,6 @@ class SystemFile(Section, Generic[Control, Ranges]):
         assert tick is not None
         self.control.require_filters_below(math.pi / tick)
         return tick
-
-    def ranges(self, nominal: Mapping[str, ArrayLike], tick: float | None) -> dict[str, tuple[Floats, Floats]]:
-        """Of what is uncertain: see UncertaintySection."""
-        return {} if self.uncertainty is None else self.uncertainty.ranges(nominal, tick)
 
     def requirements(self) -> Requirements:
         """As given, or the usual ones."""
