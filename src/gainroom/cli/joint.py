@@ -10,14 +10,11 @@ from ..report.number_format import (
     as_typed,
     decibels,
     digits,
-    frequency,
-    margin_value,
     model_in_words,
     model_kind,
     own_gains,
     plane_names,
     quantity,
-    requirement,
     typed_gains,
 )
 from .options import AsJson, Report, command_line, report_stream
@@ -65,6 +62,8 @@ def joint(
 
 def _facts(study: "JointStudy") -> dict[str, Any]:
     """What --json prints."""
+    from ..report.columns import MARGIN, facts
+
     margins, requirements, rule = study.margins, study.spec.requirements, study.rule
     sample_time, recommended = study.spec.sample_time, study.recommended
     return {
@@ -76,7 +75,7 @@ def _facts(study: "JointStudy") -> dict[str, Any]:
         "model": model_kind(sample_time),
         "sample_rate_hz": None if sample_time is None else 1 / sample_time,
         "unstable_roots": margins.unstable_roots,
-        **_margin_facts(margins),
+        **facts(MARGIN, margins),
         "max_kp": study.max_kp,
         "max_kd": study.max_kd,
         "gain_limit": study.limit.gain,
@@ -88,20 +87,22 @@ def _facts(study: "JointStudy") -> dict[str, Any]:
             "peak_sensitivity": requirements.peak_sensitivity,
         },
         "recommended": None if recommended is None else _recommended_facts(recommended),
-        "rule": {"kp": rule.kp, "kd": rule.kd, "stable": rule.margins.stable, "margins": _margin_facts(rule.margins)},
+        "rule": {"kp": rule.kp, "kd": rule.kd, "stable": rule.margins.stable, "margins": facts(MARGIN, rule.margins)},
         "warnings": list(study.warnings),
     }
 
 
 def _recommended_facts(recommended: "Recommendation") -> dict[str, Any]:
+    from ..report.columns import MARGIN, facts
+
     controller = recommended.controller
     gains = {name: value for name, value, _ in own_gains(controller)}
     return {
         **gains,
         "controller": {"type": type(controller).__name__.lower(), **gains},
         "plane": {"kp": recommended.kp, "kd": recommended.kd},
-        "margins": _margin_facts(recommended.worst),
-        "nominal": _margin_facts(recommended.nominal),
+        "margins": facts(MARGIN, recommended.worst),
+        "nominal": facts(MARGIN, recommended.nominal),
         "worst_case": recommended.worst_case,
         "binding": recommended.binding,
         "costs": recommended.costs,
@@ -110,26 +111,15 @@ def _recommended_facts(recommended: "Recommendation") -> dict[str, Any]:
     }
 
 
-def _margin_facts(margins: "Margins") -> dict[str, float]:
-    return {
-        "gain_margin_db": decibels(margins.gain_margin),
-        "lower_gain_margin_db": decibels(margins.lower_gain_margin),
-        "phase_crossover_rad_s": margins.phase_crossover,
-        "phase_margin_deg": math.degrees(margins.phase_margin),
-        "gain_crossover_rad_s": margins.gain_crossover,
-        "delay_margin_ms": 1e3 * margins.delay_margin,
-        "peak_sensitivity": margins.peak_sensitivity,
-        "disk_margin": margins.disk_margin,
-    }
-
-
 def _terminal(study: "JointStudy", report: Path | None) -> str:
-    model = model_in_words(study.spec.sample_time)
+    from ..report.columns import MARGIN
+
+    model, bounded = model_in_words(study.spec.sample_time), [column.title for column in MARGIN if column.requirement]
     parts: list[Any] = [
         study.sentence,
         "",
         table(f"Margins ({model})", ("", "value", "at", "required", "met"), _margin_rows(study)),
-        table("Gains", ("", *plane_names(study.spec.controller), "gain margin", "phase margin", "peak sensitivity"), _gain_rows(study)),
+        table("Gains", ("", *plane_names(study.spec.controller), *bounded), _gain_rows(study)),
     ]
     if study.recommended is not None:
         controller = study.recommended.controller
@@ -160,51 +150,15 @@ def _what_binds(recommended: "Recommendation") -> str:
     return " ".join([*parts, f"Checked: {recommended.certificate}."])
 
 
-def _margin_rows(study: "JointStudy") -> list[tuple[str, str, str, str, str]]:
-    margins, required = study.margins, study.spec.requirements
+def _margin_rows(study: "JointStudy") -> list[tuple[str, ...]]:
+    from ..report.columns import judged_rows, yes
 
-    def met(enough: bool | None) -> str:
-        return "" if enough is None else "yes" if margins.stable and enough else "no"
-
-    rows = [("stable", "yes" if margins.stable else "NO", "", "yes", met(True))]
+    stable = study.margins.stable
+    rows = [("stable", "yes" if stable else "NO", "", "yes", yes(stable))]
     if study.spec.uncertainty.names:
-        told = "NO" if not study.stable_in_range else "yes" if study.range_proved else "not proved"
-        rows.append(("stable in the stated ranges", told, "", "yes", met(study.stable_in_range) if told != "not proved" else ""))
-    kept = required.met("gain_margin", margins.gain_room)
-    rows.append(
-        (
-            "gain margin",
-            margin_value(required, "gain_margin", margins.gain_margin, kept),
-            frequency(margins.phase_crossover),
-            requirement(required, "gain_margin"),
-            met(kept),
-        )
-    )
-    if margins.lower_gain_margin > 0:
-        rows.append(("gain may fall by", digits(-decibels(margins.lower_gain_margin), "dB"), "", "", ""))
-    kept = required.met("phase_margin", abs(margins.phase_margin))
-    rows.append(
-        (
-            "phase margin",
-            margin_value(required, "phase_margin", margins.phase_margin, kept),
-            frequency(margins.gain_crossover),
-            requirement(required, "phase_margin"),
-            met(kept),
-        )
-    )
-    rows.append(("delay margin", digits(1e3 * margins.delay_margin, "ms"), frequency(margins.delay_crossover), "", ""))
-    kept = required.met("peak_sensitivity", margins.peak_sensitivity)
-    rows.append(
-        (
-            "peak sensitivity",
-            margin_value(required, "peak_sensitivity", margins.peak_sensitivity, kept),
-            frequency(margins.peak_sensitivity_frequency),
-            requirement(required, "peak_sensitivity"),
-            met(kept),
-        )
-    )
-    rows.append(("disk margin", digits(margins.disk_margin), "", "", ""))
-    return rows
+        text = "NO" if not study.stable_in_range else "yes" if study.range_proved else "not proved"
+        rows.append(("stable in the stated ranges", text, "", "yes", "" if text == "not proved" else yes(study.stable_in_range)))
+    return [*rows, *judged_rows(study.margins, study.spec.requirements)]
 
 
 def _gain_rows(study: "JointStudy") -> list[tuple[str, ...]]:
@@ -234,11 +188,9 @@ def _kd_at_the_top(study: "JointStudy") -> float:
     return float(stable[-1].mean()) if len(stable) and math.isfinite(stable[-1, 1]) else math.nan
 
 
-def _margin_cells(margins: "Margins") -> tuple[str, str, str]:
-    if not margins.stable:
-        return "unstable", "", ""
-    return (
-        digits(decibels(margins.gain_margin), "dB"),
-        digits(math.degrees(margins.phase_margin), "°"),
-        digits(margins.peak_sensitivity),
-    )
+def _margin_cells(margins: "Margins") -> tuple[str, ...]:
+    """What is required of it, or may be."""
+    from ..report.columns import MARGIN
+
+    bounded = [column for column in MARGIN if column.requirement]
+    return tuple(column.text(margins) for column in bounded) if margins.stable else ("unstable", *("" for _ in bounded[1:]))

@@ -6,12 +6,15 @@ A further column is one more entry in a list below; nothing else has to know it.
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..analysis.margin_record import Margins
 from ..errors import listed
-from ..studies.state import State
-from .number_format import decibels, digits, hertz
+from ..system.requirements import Requirements
+from .number_format import decibels, digits, frequency, hertz, margin_value, requirement
+
+if TYPE_CHECKING:
+    from ..studies.state import State
 
 
 @dataclass(frozen=True)
@@ -25,6 +28,8 @@ class Column:
     definition   what it is, in a sentence without its subject
     significant  digits shown
     shown        row → the text shown, where that is not `value` with its unit
+    at           row → the frequency [rad/s] that belongs to it
+    requirement  the field of Requirements that bounds it
     """
 
     title: str
@@ -34,6 +39,8 @@ class Column:
     definition: str = ""
     significant: int = 4
     shown: Callable[[Any], str] | None = None
+    at: Callable[[Any], float] | None = None
+    requirement: str = ""
 
     def text(self, row: Any) -> str:
         """What a person reads."""
@@ -66,16 +73,16 @@ def yes(value: bool | None) -> str:
     return "–" if value is None else "yes" if value else "no"
 
 
-def _if_moving(value: Callable[[State], Any]) -> Callable[[State], Any]:
+def _if_moving(value: Callable[["State"], Any]) -> Callable[["State"], Any]:
     """Of a state in which the gains move nothing there is no such number."""
     return lambda state: value(state) if state.moves else None
 
 
-def _if_stable(value: Callable[[State], Any]) -> Callable[[State], Any]:
+def _if_stable(value: Callable[["State"], Any]) -> Callable[["State"], Any]:
     return lambda state: value(state) if state.moves and state.limit.stable else None
 
 
-def _mainly(state: State) -> str:
+def _mainly(state: "State") -> str:
     """The joints that take most part in the vibration at the limit."""
     if not state.moves:
         return "nothing moves"
@@ -93,13 +100,75 @@ def margin_facts(margins: Margins) -> dict[str, Any]:
     }
 
 
-def _disk(state: State) -> str:
+def _disk(state: "State") -> str:
     return ("~" if state.margins.disk_certified is False else "") + digits(state.margins.disk_margin, significant=3)
 
 
-def _frequency(state: State) -> str:
+def _frequency(state: "State") -> str:
     return hertz(state.limit.frequency) if state.moves and math.isfinite(state.limit.frequency) else "–"
 
+
+def judged_rows(margins: Margins, required: Requirements) -> list[tuple[str, ...]]:
+    """Every margin of one loop: name, value, frequency, what is required, and whether it is met."""
+    rows = []
+    for column in MARGIN:
+        if column.title:
+            name = column.requirement
+            met = required.met(name, margins.least(name)) if name else None
+            text = margin_value(required, name, getattr(margins, name), met) if name else column.text(margins)
+            at = "" if column.at is None else frequency(column.at(margins))
+            verdict = "" if met is None else yes(margins.stable and met)
+            rows.append((column.title, text, at, requirement(required, name) if name else "", verdict))
+    return rows
+
+
+def compared_rows(found: Sequence[Margins]) -> list[tuple[str, ...]]:
+    """Every margin of several loops side by side, each with its frequency below it."""
+    rows = []
+    for column in MARGIN:
+        if column.title:
+            rows.append((column.title, *(column.text(one) for one in found)))
+            if column.at is not None:
+                rows.append(("… at", *(frequency(column.at(one)) for one in found)))
+    return rows
+
+
+def _lower(margins: Margins) -> str:
+    return "any" if margins.stable and margins.lower_gain_margin == 0 else digits(-decibels(margins.lower_gain_margin), "dB")
+
+
+MARGIN = [
+    Column(
+        "gain margin",
+        "gain_margin_db",
+        lambda m: decibels(m.gain_margin),
+        "dB",
+        at=lambda m: m.phase_crossover,
+        requirement="gain_margin",
+    ),
+    Column("", "phase_crossover_rad_s", lambda m: m.phase_crossover),
+    Column("gain may fall by", "lower_gain_margin_db", lambda m: decibels(m.lower_gain_margin), shown=_lower),
+    Column(
+        "phase margin",
+        "phase_margin_deg",
+        lambda m: math.degrees(m.phase_margin),
+        "°",
+        at=lambda m: m.gain_crossover,
+        requirement="phase_margin",
+    ),
+    Column("", "gain_crossover_rad_s", lambda m: m.gain_crossover),
+    Column("delay margin", "delay_margin_ms", lambda m: 1e3 * m.delay_margin, "ms", at=lambda m: m.delay_crossover),
+    Column(
+        "peak sensitivity",
+        "peak_sensitivity",
+        lambda m: m.peak_sensitivity,
+        at=lambda m: m.peak_sensitivity_frequency,
+        requirement="peak_sensitivity",
+    ),
+    Column("peak complementary sensitivity", "", lambda m: m.peak_complementary, at=lambda m: m.peak_complementary_frequency),
+    Column("disk margin", "disk_margin", lambda m: m.disk_margin, at=lambda m: m.disk_margin_frequency),
+]
+"""The margins of one loop."""
 
 STABLE = _if_moving(lambda state: state.limit.stable)
 POSTURE = Column("", "posture", lambda state: state.posture)
@@ -228,7 +297,7 @@ TASK = [
 """A direction of a task."""
 
 
-def audited_states(safe: Callable[[State], bool]) -> list[Column]:
+def audited_states(safe: Callable[["State"], bool]) -> list[Column]:
     """A contact state of an audit; `safe` judges one."""
     return [
         Column("contact", "contact", lambda state: state.contact),

@@ -7,6 +7,7 @@ from ..studies.joint import JointStudy
 from ..system.controller import PD
 from ..system.joint_spec import JointSpec
 from .bode import Case
+from .columns import compared_rows
 from .number_format import decibels, digits, frequency, own_gains, plane_names, quantity
 from .page import Html, facts, table
 from .shared import filters
@@ -34,7 +35,7 @@ def margin_table(study: JointStudy) -> Html:
         (f"{kp_name} [N·m/rad]", *(digits(kp) for kp, _ in gains)),
         (f"{kd_name} [N·m·s/rad]", *(digits(kd) for _, kd in gains)),
         ("stable", *("yes" if one.stable else "unstable" for one in found)),
-        *([label, *(told(one) for one in found)] for label, told in _ROWS),
+        *compared_rows(found),
     ]
     caption = (
         "The 10 Hz rule is kp = J ω², kd = 2 ζ J ω with ω = 2π·10 rad/s, ζ = 2 and J the motor inertia. "
@@ -50,21 +51,6 @@ def _own_gains(study: JointStudy) -> tuple[float, float]:
         return math.nan, math.nan
     kp, kd = study.spec.controller.plane_gains()
     return float(kp), float(kd)
-
-
-_ROWS = (
-    ("gain margin [dB]", lambda m: digits(decibels(m.gain_margin))),
-    ("… at [rad/s]", lambda m: digits(m.phase_crossover)),
-    ("gain may fall by [dB]", lambda m: "any" if m.stable and m.lower_gain_margin == 0 else digits(-decibels(m.lower_gain_margin))),
-    ("phase margin [°]", lambda m: digits(math.degrees(m.phase_margin))),
-    ("… at [rad/s]", lambda m: digits(m.gain_crossover)),
-    ("delay margin [ms]", lambda m: digits(1e3 * m.delay_margin)),
-    ("… at [rad/s]", lambda m: digits(m.delay_crossover)),
-    ("peak sensitivity Ms [–]", lambda m: digits(m.peak_sensitivity)),
-    ("… at [rad/s]", lambda m: digits(m.peak_sensitivity_frequency)),
-    ("peak complementary sensitivity Mt [–]", lambda m: digits(m.peak_complementary)),
-    ("disk margin [–]", lambda m: digits(m.disk_margin)),
-)
 
 
 def crossing_table(found: Margins) -> Html:
