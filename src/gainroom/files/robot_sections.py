@@ -7,10 +7,10 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_valida
 
 from ..io.validation import Flag, Name, NotNegative, Section, dotted, refusal
 from ..io.yaml_text import shown
-from ..robot.actuators import ActuatorEntry
 from ..robot.body import Base
 from ..robot.contact import Contact, ContactKind
 from ..robot.tasks import FRAMED, Task, TaskKind
+from ..system.actuator_entry import ActuatorEntry
 from .per_joint import Angle, PerJoint, Several, Springs, Weight
 from .robot_scenario import RobotScenarioSection
 from .system_sections import Bandwidth, ControlSection, DampingRatio, DelayMs, GearboxSection, Stiffness, SystemFile, UncertaintySection

@@ -13,7 +13,7 @@ from ..errors import GainroomError
 from ..io.validation import NotNegative, Positive, PositiveOrInfinite, Section, number, refusal
 from ..io.yaml_text import shown
 from ..linear.arrays import Floats
-from ..robot.actuators import ActuatorEntry
+from ..system.actuator_entry import ActuatorEntry
 from ..system.controller import PD, PID, PPI, LowPass, Notch
 from ..system.drive import Drive
 from ..system.requirements import Requirements

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..errors import GainroomError, first_of_many, require_positive
 from ..linear.arrays import Floats
+from ..system.actuator_entry import ActuatorEntry
 from ..system.drive import Drive
 from .name_patterns import assign
 
@@ -41,47 +42,6 @@ class Actuators:
                 require_positive("actuators", name, value, zero=name != "stiffness", infinite=name == "stiffness")
         if np.any((self.motor_inertia == 0) & np.isfinite(self.stiffness)):
             raise GainroomError("actuators: motor_inertia 0 kg·m² must be > 0 on an elastic joint")
-
-
-@dataclass(frozen=True)
-class ActuatorEntry:
-    """What one entry says; None: nothing. Units as Actuators and Drive.
-
-    motor_inertia, or rotor_inertia [kg m², motor side] with gear_ratio; bandwidth, damping_ratio, delay override the drive's
-    """
-
-    motor_inertia: float | None = None
-    rotor_inertia: float | None = None
-    gear_ratio: float | None = None
-    stiffness: float | None = None
-    damping: float | None = None
-    motor_viscous: float | None = None
-    link_viscous: float | None = None
-    bandwidth: float | None = None
-    damping_ratio: float | None = None
-    delay: float | None = None
-
-    def over(self, weaker: "ActuatorEntry") -> "ActuatorEntry":
-        """This entry's values where it has any, `weaker`'s elsewhere. A motor inertia replaces a rotor with its gear, and vice versa."""
-        given = {name: value for name, value in asdict(self).items() if value is not None}
-        if "motor_inertia" in given:
-            weaker = replace(weaker, rotor_inertia=None, gear_ratio=None)
-        elif "rotor_inertia" in given and "gear_ratio" in given:
-            weaker = replace(weaker, motor_inertia=None)
-        return replace(weaker, **given)
-
-    def reflected(self, owner: str) -> float | None:
-        """J_m on the joint side, None where nothing is said. Raises GainroomError where only half of it is."""
-        halves = {"rotor_inertia": self.rotor_inertia, "gear_ratio": self.gear_ratio}
-        said = [name for name, value in halves.items() if value is not None]
-        if self.motor_inertia is not None and said:
-            raise GainroomError(f"{owner}: {said[0]} has no meaning beside motor_inertia; give either")
-        if self.motor_inertia is not None or not said:
-            return self.motor_inertia
-        if self.rotor_inertia is None or self.gear_ratio is None:
-            missing = "gear_ratio" if self.gear_ratio is None else "rotor_inertia"
-            raise GainroomError(f"{owner}: {said[0]} needs {missing}, or give motor_inertia (joint side) instead of both")
-        return self.rotor_inertia * self.gear_ratio**2
 
 
 def merge_entries(entries: Mapping[str, ActuatorEntry], joint_names: Sequence[str]) -> tuple[ActuatorEntry, ...]:
