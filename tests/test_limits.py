@@ -12,7 +12,7 @@ import gainroom as gr
 from draws import draw_plant, draw_setup
 from gainroom.analysis import gain_limit as limits
 from gainroom.analysis.gain_limit import coupled_limit
-from gainroom.analysis.loci import AT_ONCE, MOST, Sweep, in_blocks
+from gainroom.analysis.loci import LOCI, Sweep, in_blocks
 from gainroom.analysis.quick_margins import quick_margins
 from gainroom.analysis.stability import scan_loop, unstable_roots
 
@@ -216,9 +216,9 @@ def test_no_work_is_done_on_more_matrices_than_fit():
         return omega[:, None] * np.ones(3)
 
     size = 40
-    omega = np.linspace(1, 2, 3 * AT_ONCE // size**2 + 5)
+    omega = np.linspace(1, 2, 3 * LOCI.at_once // size**2 + 5)
     assert np.array_equal(in_blocks(function, omega, size), omega[:, None] * np.ones(3))
-    assert max(blocks) * size**2 <= AT_ONCE
+    assert max(blocks) * size**2 <= LOCI.at_once
     assert in_blocks(function, omega[:0], size).shape == (0, 3)
 
 
@@ -233,7 +233,7 @@ def test_wild_gains_are_bounded_work(seed):
     with contextlib.suppress(gr.GainroomError):
         limit = coupled_limit(sweep)
         assert limit.gain == 0 or limit.certificate is None or limit.certificate.holds
-    assert len(sweep.omega) < 3 * MOST
+    assert len(sweep.omega) < 3 * LOCI.most
 
 
 @pytest.mark.parametrize("sample_time", [None, 1e-3], ids=["continuous", "sampled"])

@@ -1,7 +1,7 @@
 """Margins of several coupled loops: of all together, and of one loop at a time with the others closed. Each is certified by root counts."""
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -10,25 +10,35 @@ from ..linear.arrays import Booleans, Complexes, Floats, Integers
 from ..system.controller import PD, PID, gain_matrix
 from ..system.loop import Loop
 from .disk_margin import disk_margin
-from .first_crossing import NUDGE, TOWARDS, Certificate, End, Family, Rough, delays, listed, phases
+from .first_crossing import SEARCH, Certificate, End, Family, Rough, delays, listed, phases
 from .gain_limit import coupled_limit
-from .loci import CLOSEST, MOST, Sweep, in_blocks, passes
+from .loci import LOCI, Sweep, in_blocks, passes
 from .margin_record import Margins, OneLoop
 from .quick_margins import Peak, Sampled, own_phases
 from .sampled_curves import Curves, meets_axis, on_axis
 
-LONGEST_DELAY = 1.0  # [s] extra that is looked at: a hundred times what actuators have
-RELATIVE_MOVE = 0.25  # of a curve between samples, near the negative real axis
-REAL = 1e-6  # part of its size up to which what is imaginary at an end of the boundary is taken for round-off
-DEEP = 1e-5  # of the lowest frequency at which loci bend: under integrators what crosses further down is round-off
-HALVED = 30  # times that the lowest frequency is halved to see what curves are at rest
-SMOOTH = 1e-3  # of a curve: second differences over steps of 1 % that are larger tell of round-off
-BLURRED = 1e-3  # estimate of the round-off in curves up to which they are looked at
-ENOUGH = 1e-9  # of it: what it is known to no better
-LEAN = 0.3  # part of it that may be imaginary where it is looked for
-SETTLED = 1e-2  # of a curve's value at rest: what it moves by, at most, further down
-LEAST_FACTOR = 1e-3  # on one joint's gains: what limits it further down counts as none
-FAINTEST = 1e-6  # of a curve's largest value: where it is smaller it is not followed, and what it would limit counts as without limit
+
+@dataclass(frozen=True)
+class CurveTolerances:
+    """How the curve of one loop is sampled and read."""
+
+    longest_delay: float = 1.0  # [s] extra that is looked at: a hundred times what actuators have
+    relative_move: float = 0.25  # of a curve between samples, near the negative real axis
+    real: float = 1e-6  # part of its size up to which what is imaginary at an end of the boundary is taken for round-off
+    # of the lowest frequency at which loci bend: under integrators what crosses further down is round-off
+    deep: float = 1e-5
+    halved: int = 30  # times that the lowest frequency is halved to see what curves are at rest
+    smooth: float = 1e-3  # of a curve: second differences over steps of 1 % that are larger tell of round-off
+    blurred: float = 1e-3  # estimate of the round-off in curves up to which they are looked at
+    enough: float = 1e-9  # of it: what it is known to no better
+    lean: float = 0.3  # part of it that may be imaginary where it is looked for
+    settled: float = 1e-2  # of a curve's value at rest: what it moves by, at most, further down
+    least_factor: float = 1e-3  # on one joint's gains: what limits it further down counts as none
+    # of a curve's largest value: where it is smaller it is not followed, and what it would limit counts as without limit
+    faintest: float = 1e-6
+
+
+CURVES = CurveTolerances()
 
 
 def coupled_margins(loop: Loop) -> Margins:
@@ -84,7 +94,7 @@ def common_phase(sweep: Sweep) -> End | None:
 def _common_delay(sweep: Sweep) -> End | None:
     family = delays(sweep)
     longest = max((one.at for one in family.crossings()), default=None)
-    return None if longest is None else family.end(0.0, min(1.1 * longest, LONGEST_DELAY))
+    return None if longest is None else family.end(0.0, min(1.1 * longest, CURVES.longest_delay))
 
 
 def one_loop_margins(sweep: Sweep) -> OneLoop:
@@ -115,7 +125,7 @@ def one_loop_margins(sweep: Sweep) -> OneLoop:
         closed = np.where(np.abs(closed) > 1e-3, closed, np.einsum("kij,kji->ki", sensitive, returned))
         return np.hstack([closed, -closed, *alone])
 
-    farthest = np.repeat([math.inf, 1 - LEAST_FACTOR, *(math.inf for _ in units)], size)
+    farthest = np.repeat([math.inf, 1 - CURVES.least_factor, *(math.inf for _ in units)], size)
     found, certified = room(sweep, curves, farthest)
     found, certified = found.reshape(-1, size), np.all(certified.reshape(-1, size), axis=0, keepdims=True)[0]
     smallest = np.where(np.isfinite(found[1]), 1 - found[1], 0.0)
@@ -148,16 +158,16 @@ def room(sweep: Sweep, curves: Curves, farthest: Floats | float = math.inf) -> t
     integrates = sweep.loop.parts is not None and any(integral for _, integral in sweep.loop.parts.controller.terms())
     farthest = np.broadcast_to(farthest, family.size)
     nearest = [one if one is None or one.at < most else None for one, most in zip(family.nearest(), farthest.tolist(), strict=True)]
-    family.add(np.concatenate([one.omega * (1 + TOWARDS) for one in nearest if one is not None] or [np.zeros(0)]))
+    family.add(np.concatenate([one.omega * (1 + SEARCH.towards) for one in nearest if one is not None] or [np.zeros(0)]))
     found, certified = np.full(family.size, math.inf), family.settled.copy()
     for joint, one in enumerate(nearest):
         if one is None:
             continue
-        certificate = Certificate(*(family.count(joint, one.at * (1 + side * NUDGE)) for side in (-1, 1)))
-        end = None if certificate.holds else family.of(joint).end(0.0, one.at * (1 + 10 * NUDGE))
+        certificate = Certificate(*(family.count(joint, one.at * (1 + side * SEARCH.nudge)) for side in (-1, 1)))
+        end = None if certificate.holds else family.of(joint).end(0.0, one.at * (1 + 10 * SEARCH.nudge))
         holds = certificate.holds or (end is not None and end.certificate.holds)
         found[joint] = end.at if end is not None and holds else one.at
-        drowned = integrates and (one if end is None else end).omega < DEEP * sweep.first
+        drowned = integrates and (one if end is None else end).omega < CURVES.deep * sweep.first
         certified[joint] &= holds and family.tells(joint, found[joint]) and not drowned
     return found, certified
 
@@ -187,8 +197,8 @@ class _Curves:
 
     def _halved(self, highest: float) -> tuple[Floats, Complexes]:
         """Frequencies (k,) from `highest` down, and the curves there and 1 and 2 % above (k, 3, m), as far as they can be computed."""
-        levels = highest * 0.5 ** np.arange(HALVED)
-        blurred = self._sweep.boundary.blurred(levels) > BLURRED
+        levels = highest * 0.5 ** np.arange(CURVES.halved)
+        blurred = self._sweep.boundary.blurred(levels) > CURVES.blurred
         levels = levels[: max(3, int(np.argmax(np.append(blurred, True))))]
         return levels, self._given((levels[:, None] * [1.0, 1.01, 1.02]).ravel()).reshape(len(levels), 3, -1)
 
@@ -201,7 +211,7 @@ class _Curves:
     def tells(self, joint: int, change: float) -> bool:
         """True where it is known from the value at rest on which side of 0 1 + δ c begins, for δ on both sides of `change`."""
         rest = self._rest[joint]
-        return rest.order > 0 or abs(abs(1 + change * rest.value) - NUDGE) > abs(change) * rest.error
+        return rest.order > 0 or abs(abs(1 + change * rest.value) - SEARCH.nudge) > abs(change) * rest.error
 
     def add(self, omega: Floats) -> None:
         """Take samples at more frequencies."""
@@ -214,8 +224,8 @@ class _Curves:
         """By how many unstable roots 1 + `change` c differs from 1."""
         curve = change * self.values[:, joint]
         for _ in range(40):
-            close = passes(curve[:-1], curve[1:]) & (np.diff(self.omega) > CLOSEST * self.omega[1:])
-            if not close.any() or len(self.omega) > MOST:
+            close = passes(curve[:-1], curve[1:]) & (np.diff(self.omega) > LOCI.closest * self.omega[1:])
+            if not close.any() or len(self.omega) > LOCI.most:
                 break
             self.add(0.5 * (self.omega[:-1] + self.omega[1:])[close])
             curve = change * self.values[:, joint]
@@ -230,14 +240,14 @@ class _Curves:
 
     def nearest(self) -> list[Rough | None]:
         """The leftmost crossing of the negative real axis by each curve."""
-        least = np.maximum(FAINTEST * np.abs(self.values).max(axis=0), 1e-300)
+        least = np.maximum(CURVES.faintest * np.abs(self.values).max(axis=0), 1e-300)
         found: list[Rough | None] = [None] * self.size
         for joint, rest in enumerate(self._rest):
             if rest.settled and rest.order == 0 and rest.value < -least[joint]:
                 found[joint] = Rough(-1 / rest.value, float(self._lowest[joint]), complex(rest.value))
         if self._sweep.last is not None:
             for joint, value in enumerate(self.values[-1].tolist()):
-                if value.real < -least[joint] and abs(value.imag) < REAL * abs(value):
+                if value.real < -least[joint] and abs(value.imag) < CURVES.real * abs(value):
                     found[joint] = _further_left(found[joint], Rough(-1 / value.real, float(self.omega[-1]), value))
         rows, joints = np.nonzero(_foremost(self.values, _meet_axis(self.values)))
         for joint, one in zip(joints.tolist(), self._polished(rows, joints), strict=True):
@@ -259,7 +269,7 @@ class _Curves:
         def crossings() -> list[Rough]:
             rows, _, share, value = meets_axis(self.values[:-1, [joint]], self.values[1:, [joint]])
             omega = self.omega[rows] + share * (self.omega[rows + 1] - self.omega[rows])
-            seen = value < -FAINTEST * np.abs(self.values[:, joint]).max()
+            seen = value < -CURVES.faintest * np.abs(self.values[:, joint]).max()
             return listed(-1 / value[seen], omega[seen], value[seen].astype(complex))
 
         def polish(group: list[Rough]) -> list[Rough]:
@@ -293,23 +303,23 @@ def _at_rest(levels: Floats, curve: Complexes, least: float) -> _Rest:
     on which it moves no more, where it is smooth. `least`: smaller values are as good as 0.
     """
     size = np.maximum(np.abs(curve), max(least, 1e-300))
-    smooth = np.abs(curve[:, 0] - 2 * curve[:, 1] + curve[:, 2]) <= SMOOTH * size[:, 0]
+    smooth = np.abs(curve[:, 0] - 2 * curve[:, 1] + curve[:, 2]) <= CURVES.smooth * size[:, 0]
     lowest = np.flatnonzero(smooth[:-2] & smooth[1:-1] & smooth[2:])
     if not len(lowest):
         return _Rest(0, 0, float(curve[0, 0].real), math.inf, False)
     last = int(lowest[-1]) + 1  # the next may just be lost
     order = round(float(np.log2(max(abs(curve[last, 0]), 1e-300) / max(abs(curve[last - 1, 0]), 1e-300))))
-    if order < 0 or size[last, 0] <= FAINTEST * least:
+    if order < 0 or size[last, 0] <= CURVES.faintest * least:
         return _Rest(last, 0, 0.0, 2 * abs(float(curve[last, 0].real)), True)
     flat = curve[: last + 1, 0] * (1j * levels[: last + 1] / levels[last]) ** order
     # c is real on the real axis: what is left of its real part falls with ω², and two levels tell the rest of it
     ahead, scale = flat.real[1:] + np.diff(flat.real) / 3, max(abs(flat[last]), least)
-    away = (np.abs(ahead - ahead[-1]) > SETTLED * scale) | (np.abs(flat.imag[1:]) > LEAN * scale)
+    away = (np.abs(ahead - ahead[-1]) > CURVES.settled * scale) | (np.abs(flat.imag[1:]) > CURVES.lean * scale)
     first = int(np.flatnonzero(away)[-1]) + 1 if away.any() else 0
     moved = np.abs(np.diff(ahead))[first:]
     if not len(moved):
         return _Rest(last, order, float(flat[last].real), math.inf, False)
-    enough = moved <= ENOUGH * max(abs(flat[last]), 10 * least)
+    enough = moved <= CURVES.enough * max(abs(flat[last]), 10 * least)
     row = first + int(np.argmax(enough) if enough.any() else np.argmin(moved)) + 2
     return _Rest(row, order, float(ahead[row - 1]), float(moved[row - 2 - first]), True)
 
@@ -325,7 +335,7 @@ def _meet_axis(values: Complexes) -> Booleans:
 
 def _foremost(values: Complexes, crosses: Booleans) -> Booleans:
     """Of the steps (k − 1, m) that cross the real axis, those that may hold a curve's leftmost crossing."""
-    spread = 1 + RELATIVE_MOVE  # how far beyond its ends a step may reach
+    spread = 1 + CURVES.relative_move  # how far beyond its ends a step may reach
     left = spread * np.minimum(values.real[:-1], values.real[1:])
     surely = np.where(crosses, np.maximum(values.real[:-1], values.real[1:]) / spread, 0.0).min(axis=0, initial=0.0)
     return crosses & (left <= surely)
@@ -337,10 +347,10 @@ def _resolved(omega: Floats, values: Complexes, curves: Curves) -> tuple[Floats,
         start, end = values[:-1], values[1:]
         size = np.maximum(np.abs(start), np.abs(end))
         near = (np.minimum(start.real, end.real) < 0) & (np.minimum(np.abs(start.imag), np.abs(end.imag)) < size)
-        followed = size > FAINTEST * np.abs(values).max(axis=0)
-        rough = np.any(near & (np.abs(end - start) > RELATIVE_MOVE * size) & followed, axis=1)
+        followed = size > CURVES.faintest * np.abs(values).max(axis=0)
+        rough = np.any(near & (np.abs(end - start) > CURVES.relative_move * size) & followed, axis=1)
         rough &= np.diff(omega) > 1e-9 * omega[1:]
-        if not rough.any() or len(omega) > MOST:
+        if not rough.any() or len(omega) > LOCI.most:
             break
         spots = np.flatnonzero(rough)
         middle = 0.5 * (omega[spots] + omega[spots + 1])

@@ -6,7 +6,7 @@ crossing that is found need not be the first: then the count inside tells, and t
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -16,19 +16,30 @@ from ..linear.arrays import Complexes, Floats
 from .loci import Boundary, Sweep
 from .sampled_curves import meets_axis, meets_circle
 
-NUDGE = 1e-6  # the certificate counts roots at limit·(1 ± NUDGE)
-# Relative distances from a crossing at which samples tell on which side of it ±NUDGE lies: no step is longer than twice its distance.
-TOWARDS = np.concatenate([sign * np.geomspace(0.2 * NUDGE, 0.03, 14) for sign in (-1, 1)])
-AROUND = np.linspace(-0.06, 0.06, 121)  # where a crossing was not where its neighbours promised
-CLOSE = 0.03  # relative distance within which crossings, interpolated between samples, may change places when polished
-TRIES = 12  # crossings that are polished and counted before halving has to do
-POLISHED = 1e-3  # relative width of a bracket from which on its crossing is polished
-SHARES = (1e-5, 1e-3, 0.1)  # of a bracket that are tried before it is halved
-HALVINGS = 50  # of a bracket; more only chase round-off
-LOOKS = 2  # times that samples are taken about a crossing that was not found
-DIPS = 8  # rounds of samples about what comes near the unit circle
-LOWEST = 1e-6  # factors on coupled loops below this count as none
-LOWEST_UNDAMPED = 1e-3  # likewise, beside an undamped resonance: smaller ones may only tell how far the boundary leans there
+
+@dataclass(frozen=True)
+class Search:
+    """How the first root that crosses the boundary is looked for."""
+
+    nudge: float = 1e-6  # the certificate counts roots at limit·(1 ± NUDGE)
+    # Relative distances from a crossing at which samples tell on which side of it ±NUDGE lies: no step is longer than twice its distance.
+    towards: Floats = field(default_factory=lambda: np.concatenate([sign * np.geomspace(0.2e-6, 0.03, 14) for sign in (-1, 1)]))
+    # where a crossing was not where its neighbours promised
+    around: Floats = field(default_factory=lambda: np.linspace(-0.06, 0.06, 121))
+    # relative distance within which crossings, interpolated between samples, may change places when polished
+    close: float = 0.03
+    tries: int = 12  # crossings that are polished and counted before halving has to do
+    polished: float = 1e-3  # relative width of a bracket from which on its crossing is polished
+    shares: tuple[float, ...] = (1e-5, 1e-3, 0.1)  # of a bracket that are tried before it is halved
+    halvings: int = 50  # of a bracket; more only chase round-off
+    looks: int = 2  # times that samples are taken about a crossing that was not found
+    dips: int = 8  # rounds of samples about what comes near the unit circle
+    lowest: float = 1e-6  # factors on coupled loops below this count as none
+    # likewise, beside an undamped resonance: smaller ones may only tell how far the boundary leans there
+    lowest_undamped: float = 1e-3
+
+
+SEARCH = Search()
 
 
 @dataclass(frozen=True)
@@ -37,7 +48,7 @@ class Certificate:
 
     inside: int
     outside: int
-    nudge: float = NUDGE
+    nudge: float = SEARCH.nudge
 
     @property
     def holds(self) -> bool:
@@ -89,12 +100,12 @@ class Family:
         """
         way = math.copysign(1.0, stop - start)
         passed, looked = start, 0
-        for _ in range(TRIES):
+        for _ in range(SEARCH.tries):
             ahead = [one for one in self.crossings() if way * passed < way * one.at <= way * stop]
             if not ahead:
                 break
             nearest = min(ahead, key=lambda one: way * one.at)
-            group = [one for one in ahead if abs(one.at - nearest.at) <= CLOSE * abs(nearest.at)]
+            group = [one for one in ahead if abs(one.at - nearest.at) <= SEARCH.close * abs(nearest.at)]
             exact = [one for one in self.polish(group) if way * one.at > way * passed]
             if exact:
                 first = min(exact, key=lambda one: way * one.at)
@@ -102,19 +113,19 @@ class Family:
                 if certificate.holds:
                     return self._ended(first, certificate)
                 if certificate.inside != 0:
-                    found = self._between(start, first.at * (1 - way * NUDGE))
+                    found = self._between(start, first.at * (1 - way * SEARCH.nudge))
                     return found if found.certificate.holds else self._ended(first, certificate)
-                passed = way * max(way * first.at * (1 + way * NUDGE), way * passed)  # no root crosses there
-            elif looked < LOOKS:
-                self.closer(nearest.omega * (1 + AROUND))
+                passed = way * max(way * first.at * (1 + way * SEARCH.nudge), way * passed)  # no root crosses there
+            elif looked < SEARCH.looks:
+                self.closer(nearest.omega * (1 + SEARCH.around))
                 looked += 1
             else:
                 passed, looked = way * max(way * one.at for one in group), 0
         return self._between(start, stop) if self.count(stop) != 0 else None
 
     def _certified(self, found: Rough, way: float) -> Certificate:
-        self.closer(found.omega * (1 + TOWARDS))
-        inside, outside = (self.count(found.at * (1 + way * side * NUDGE)) for side in (-1, 1))
+        self.closer(found.omega * (1 + SEARCH.towards))
+        inside, outside = (self.count(found.at * (1 + way * side * SEARCH.nudge)) for side in (-1, 1))
         return Certificate(inside, outside)
 
     def _ended(self, found: Rough, certificate: Certificate) -> End:
@@ -123,18 +134,18 @@ class Family:
     def _between(self, stable: float, unstable: float) -> End:
         """The end by halving; polished as soon as its bracket is narrow."""
         way = math.copysign(1.0, unstable - stable)
-        for share in SHARES:  # mostly the first crossing lies close before the one that was found
+        for share in SEARCH.shares:  # mostly the first crossing lies close before the one that was found
             inside = unstable - share * (unstable - stable)
             if self.count(inside) == 0:
                 stable = inside
                 break
             unstable = inside
-        for _ in range(HALVINGS):
-            if abs(unstable - stable) <= NUDGE * abs(unstable):
+        for _ in range(SEARCH.halvings):
+            if abs(unstable - stable) <= SEARCH.nudge * abs(unstable):
                 break
             low, high = sorted((stable, unstable))
-            if high - low < POLISHED * abs(unstable):
-                near = sorted(self.crossings(), key=lambda one: abs(one.at - unstable))[:TRIES]
+            if high - low < SEARCH.polished * abs(unstable):
+                near = sorted(self.crossings(), key=lambda one: abs(one.at - unstable))[: SEARCH.tries]
                 for one in self.polish([*near, self.nearest(unstable)]):
                     if low <= one.at <= high and (certificate := self._certified(one, way)).holds:
                         return self._ended(one, certificate)
@@ -194,7 +205,7 @@ def delays(sweep: Sweep) -> Family:
     def polish(group: list[Rough]) -> list[Rough]:
         exact = []
         for at, omega, _ in place(*_circle_polished(sweep.boundary, group)):
-            for _ in range(TRIES):  # a share of a tick is nearly, not quite, a phase: each step gains some four digits
+            for _ in range(SEARCH.tries):  # a share of a tick is nearly, not quite, a phase: each step gains some four digits
                 turn = complex(np.exp(-1j * omega * split(at)[0]))
                 found = _circle_polished(later(at), [Rough(at, omega, -1 / turn)])
                 if not len(found[0]):
@@ -286,14 +297,14 @@ def _axis_crossings(sweep: Sweep) -> list[Rough]:
         values.append(at_end)
         places.append(np.full(len(at_end), sweep.last))
     value, omega = np.concatenate(values), np.concatenate(places)
-    reached = (value < -1 / sweep.highest) & (value > -1 / (LOWEST_UNDAMPED if sweep.undamped else LOWEST))
+    reached = (value < -1 / sweep.highest) & (value > -1 / (SEARCH.lowest_undamped if sweep.undamped else SEARCH.lowest))
     return listed(-1 / value[reached], omega[reached], value[reached].astype(complex))
 
 
 def _circle_crossings(sweep: Sweep) -> tuple[Floats, Complexes]:
     """ω and λ of the crossings of the unit circle by all loci, interpolated."""
     steps = sweep.steps()
-    for _ in range(DIPS):  # a resonance may rise above the circle, or dip below it, between two samples
+    for _ in range(SEARCH.dips):  # a resonance may rise above the circle, or dip below it, between two samples
         low, high = height(steps.start), height(steps.end)
         move = np.maximum(np.abs(high - low), np.abs(np.angle(steps.end * steps.start.conj())))
         near = np.minimum(np.abs(low), np.abs(high))

@@ -8,8 +8,8 @@ import numpy as np
 
 from ..errors import GainroomError
 from ..system.loop import Loop
-from .first_crossing import LOWEST, LOWEST_UNDAMPED, NUDGE, Certificate, End, Family, gains
-from .loci import HIGHEST, Sweep
+from .first_crossing import SEARCH, Certificate, End, Family, gains
+from .loci import LOCI, Sweep
 from .margin_record import GainLimit
 from .stability import INFINITELY_MANY, has_growing_root, scan_loop, unstable_roots
 
@@ -27,7 +27,7 @@ def gain_limit(loop: Loop) -> GainLimit:
     if loop.size == 1:
         return _scalar_limit(loop)
     limit = coupled_limit(Sweep(loop, NEAREST, for_limit=True))
-    return limit if limit.gain < math.inf else coupled_limit(Sweep(loop, HIGHEST, for_limit=True))
+    return limit if limit.gain < math.inf else coupled_limit(Sweep(loop, LOCI.highest, for_limit=True))
 
 
 def _scalar_limit(loop: Loop) -> GainLimit:
@@ -49,7 +49,7 @@ def _scalar_limit(loop: Loop) -> GainLimit:
         return _no_limit(loop, stable, gain, lower)
 
     def counted(end: float, way: int) -> Certificate:
-        return Certificate(*(unstable_roots(loop.scaled(end * (1 + way * side * NUDGE))) for side in (-1, 1)))
+        return Certificate(*(unstable_roots(loop.scaled(end * (1 + way * side * SEARCH.nudge))) for side in (-1, 1)))
 
     below = counted(lower, -1) if lower > 0 else None
     at = float(phases[upper - 2, 0]) if lower > 0 else math.nan
@@ -129,7 +129,7 @@ def _lower_end(sweep: Sweep, family: Family, inside: float) -> End | None:
     """The lower end of a stable interval, looked for as far down as round-off lets roots be counted; None where none is found."""
     lower = None
     for share in FAR_BELOW:
-        lower = family.end(inside, max(share * inside, LOWEST_UNDAMPED if sweep.undamped else LOWEST))
+        lower = family.end(inside, max(share * inside, SEARCH.lowest_undamped if sweep.undamped else SEARCH.lowest))
         if lower is None or lower.certificate.holds:
             break
     return lower
@@ -137,6 +137,6 @@ def _lower_end(sweep: Sweep, family: Family, inside: float) -> End | None:
 
 def _inside_below(sweep: Sweep) -> float | None:
     """The highest factor below 1 that is found to be stable; None where there is none."""
-    edges = sorted({LOWEST, 1.0, *(one.at for one in gains(sweep).crossings() if one.at < 1)})
+    edges = sorted({SEARCH.lowest, 1.0, *(one.at for one in gains(sweep).crossings() if one.at < 1)})
     factors = [*JUST_BELOW.tolist(), *(math.sqrt(low * high) for low, high in pairwise(edges))]
     return next((factor for factor in sorted(factors, reverse=True) if sweep.unstable(factor) == 0), None)

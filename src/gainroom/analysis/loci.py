@@ -13,7 +13,7 @@ negative real axis by itself (`calm`) there is nothing to follow.
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -23,28 +23,40 @@ from ..linear.arrays import Booleans, Complexes, Floats, Integers
 from ..system.loop import Loop
 from .passive_intervals import calm_spans
 
-HIGHEST = 1e3  # of the factors that are looked at
-SMOOTH = 0.12  # largest relative move of an eigenvalue between samples near the negative real axis
-DETOUR = 0.5  # of its angle to that axis: a turn that stays smaller does not reach the axis in between
-GROWTH = 0.7  # largest change of ln|λ| between samples
-LARGE = 1e3  # eigenvalues beyond this belong to integrators
-UNDAMPED = 1e-8  # damping ratio below which a resonance counts as undamped
-TILT = 1e-9  # damping ratio, negative, of the ray that takes the place of the boundary then
-HUGE = 1e9  # eigenvalues beyond this drown the small ones in round-off
-NOTHING = 1e-150  # eigenvalues smaller than this are zero
-NOISE = 1e-10  # of the largest eigenvalue: smaller ones are no better than round-off
-STEEPEST = 2.5  # of a fall, about 1: from two integrators and a memory, 3, to a velocity alone, -1; beyond is round-off
-ASTRAY = 0.02  # of the order of a fall: more tells of round-off
-REAL = 0.3  # part of its size up to which what is imaginary of a locus near ω = 0 is taken for the distance to 0
-PER_DECADE = 6
-OUTSIDE = 10.0  # size of what integrators make of the lowest samples: no locus crosses the unit circle further down
-BESIDE = 1.02  # a step so short, from the lowest sample, that the nearest locus is the same, or falls alike
-AROUND = np.array([-6.0, -1.5, 0.0, 1.5, 6.0])  # half-widths of a resonance that are sampled
-LOWEST = 1e-12  # of the highest frequency
-CLOSEST = 1e-10  # relative distance of samples at which refinement stops
-MOST = 12_000  # samples of large matrices; of small ones more, up to as many entries
-AT_ONCE = 2_000_000  # entries of all matrices that are held at a time
-COMPARED = 500_000  # distances between eigenvalues that are held at a time
+
+@dataclass(frozen=True)
+class Resolution:
+    """How finely loci are sampled, and which numbers count as round-off."""
+
+    highest: float = 1e3  # of the factors that are looked at
+    smooth: float = 0.12  # largest relative move of an eigenvalue between samples near the negative real axis
+    detour: float = 0.5  # of its angle to that axis: a turn that stays smaller does not reach the axis in between
+    growth: float = 0.7  # largest change of ln|λ| between samples
+    large: float = 1e3  # eigenvalues beyond this belong to integrators
+    undamped: float = 1e-8  # damping ratio below which a resonance counts as undamped
+    tilt: float = 1e-9  # damping ratio, negative, of the ray that takes the place of the boundary then
+    huge: float = 1e9  # eigenvalues beyond this drown the small ones in round-off
+    nothing: float = 1e-150  # eigenvalues smaller than this are zero
+    noise: float = 1e-10  # of the largest eigenvalue: smaller ones are no better than round-off
+    # of a fall, about 1: from two integrators and a memory, 3, to a velocity alone, -1; beyond is round-off
+    steepest: float = 2.5
+    astray: float = 0.02  # of the order of a fall: more tells of round-off
+    # part of its size up to which what is imaginary of a locus near ω = 0 is taken for the distance to 0
+    real: float = 0.3
+    per_decade: int = 6
+    # size of what integrators make of the lowest samples: no locus crosses the unit circle further down
+    outside: float = 10.0
+    beside: float = 1.02  # a step so short, from the lowest sample, that the nearest locus is the same, or falls alike
+    # half-widths of a resonance that are sampled
+    around: Floats = field(default_factory=lambda: np.array([-6.0, -1.5, 0.0, 1.5, 6.0]))
+    lowest: float = 1e-12  # of the highest frequency
+    closest: float = 1e-10  # relative distance of samples at which refinement stops
+    most: int = 12_000  # samples of large matrices; of small ones more, up to as many entries
+    at_once: int = 2_000_000  # entries of all matrices that are held at a time
+    compared: int = 500_000  # distances between eigenvalues that are held at a time
+
+
+LOCI = Resolution()
 
 
 @dataclass(frozen=True)
@@ -65,9 +77,9 @@ class Boundary:
         self.loop = loop
         self.last = None if loop.sample_time is None else math.pi / loop.sample_time
         # A resonance without damping is a pole on the boundary, which the loci pass at infinity: then the boundary leans, and what grows
-        # slower than TILT tells is not counted.
-        self.undamped = bool(np.any((loop.bends.imag > 0) & (np.abs(loop.bends.real) < UNDAMPED * loop.bends.imag)))
-        self._ray = 1j + TILT if self.undamped else 1j  # s = ω (j + TILT)
+        # slower than LOCI.tilt tells is not counted.
+        self.undamped = bool(np.any((loop.bends.imag > 0) & (np.abs(loop.bends.real) < LOCI.undamped * loop.bends.imag)))
+        self._ray = 1j + LOCI.tilt if self.undamped else 1j  # s = ω (j + LOCI.tilt)
 
     def points(self, omega: Floats) -> Complexes:
         """s (k,) at omega (k,)."""
@@ -133,14 +145,14 @@ class Sweep:
     for_limit  what a limit needs and no more: those smaller ones are set to 0, and nothing is sampled where the loop is calm
     """
 
-    def __init__(self, loop: Loop, highest: float = HIGHEST, for_limit: bool = False) -> None:
+    def __init__(self, loop: Loop, highest: float = LOCI.highest, for_limit: bool = False) -> None:
         self.loop, self.highest, self._for_limit = loop, highest, for_limit
         self.boundary = Boundary(loop)
         self.last, self.undamped = self.boundary.last, self.boundary.undamped
         grid = _first_grid(loop, self.last)
         self.first = float(grid[0])  # lower than all that bends the loci
         self._calm = calm_spans(loop, 1e-4 * grid[0], grid[-1]) if for_limit else np.zeros((0, 2))
-        self.omega = np.union1d(_without_inside(grid, self._calm), BESIDE * grid[:1])
+        self.omega = np.union1d(_without_inside(grid, self._calm), LOCI.beside * grid[:1])
         self.largest = 0.0
         self._lowest = (math.nan, np.zeros(0))
         self._bottom = False  # True where round-off hides what is further down
@@ -156,7 +168,7 @@ class Sweep:
     @property
     def full(self) -> bool:
         """No more samples are taken: the loci of this loop cannot be followed."""
-        return len(self.omega) > max(MOST, 30 * MOST // self.loop.size**2)
+        return len(self.omega) > max(LOCI.most, 30 * LOCI.most // self.loop.size**2)
 
     def add(self, omega: Floats) -> None:
         """Take samples at more frequencies."""
@@ -213,7 +225,7 @@ class Sweep:
         for _ in range(60):
             before, after = steps.start * factor[:-1, None], steps.end * factor[1:, None]
             close = np.any(passes(before, after) | self._winds(before, after, delay), axis=1)
-            close &= (np.diff(self.omega) > CLOSEST * self.omega[1:]) & ~self.calm
+            close &= (np.diff(self.omega) > LOCI.closest * self.omega[1:]) & ~self.calm
             if not close.any() or self.full:
                 break
             places = np.flatnonzero(close)
@@ -226,7 +238,7 @@ class Sweep:
         # From ω = 0+ to the first sample: integrators point along their own value there, times e^{−j phase}/jᵏ; what settles is real.
         orders = np.maximum(np.round(self._falls()), 0.0)
         own = self.loci[0] * 1j**orders
-        own = np.where(np.abs(own.imag) < REAL * np.abs(own), np.sign(own.real), own)
+        own = np.where(np.abs(own.imag) < LOCI.real * np.abs(own), np.sign(own.real), own)
         settled = np.sign((1 + gain * self.loci[0]).real)
         turned += float(np.sum(np.angle(before[0] * np.where(orders > 0, (own * np.exp(-1j * phase)).conj() * 1j**orders, settled))))
         turned -= phase * np.count_nonzero(orders > 0)
@@ -257,14 +269,14 @@ class Sweep:
             orders, told = np.round(falls), falls != 0  # what is lost in round-off would be no better further down
             unsettled = (orders > 1) & (gain * np.abs(self.loci[0]) < 100)
             unsettled |= told & (orders == 0) & (np.abs(one.imag) > 0.1 * np.abs(one.real))
-            if not unsettled.any() or self._bottom or self.omega[0] < LOWEST * self.omega[-1]:
+            if not unsettled.any() or self._bottom or self.omega[0] < LOCI.lowest * self.omega[-1]:
                 break
-            self._further_down(lambda falls, orders=orders: (orders > 0) & (np.abs(falls - np.round(falls)) > ASTRAY))
+            self._further_down(lambda falls, orders=orders: (orders > 0) & (np.abs(falls - np.round(falls)) > LOCI.astray))
 
     def _further_down(self, lost: Callable[[Floats], Booleans]) -> None:
         """Take samples further down, unless round-off has `lost` a locus there: it would turn every count."""
         above, lowest = (self.omega, self.loci, self._pairs, self._lowest), self.omega[0] / 16
-        self.add(np.array([lowest, BESIDE * lowest, 4 * lowest]))
+        self.add(np.array([lowest, LOCI.beside * lowest, 4 * lowest]))
         if np.any(lost(self._falls())):
             self.omega, self.loci, self._pairs, self._lowest = above
             self._bottom = True
@@ -272,9 +284,9 @@ class Sweep:
     def _falls(self) -> Floats:
         """(r,) how each locus falls at the lowest sample, as 1/ωᵏ: k; 0 where it is lost in round-off."""
         if self._lowest[0] != self.omega[0]:
-            self.add(BESIDE * self.omega[:1])
+            self.add(LOCI.beside * self.omega[:1])
             size, after = np.abs(self.loci[0]), np.abs(self.loci[1][self._pairs[0]])
-            told = (size > max(1e-9, NOISE * size.max())) & (after > 0)
+            told = (size > max(1e-9, LOCI.noise * size.max())) & (after > 0)
             falls = np.log(np.divide(size, after, out=np.ones(len(size)), where=told)) / math.log(self.omega[1] / self.omega[0])
             self._lowest = float(self.omega[0]), falls
         return self._lowest[1]
@@ -301,10 +313,10 @@ class Sweep:
         for _ in range(40):
             falls = self._falls()
             settled = np.all(np.abs(falls - np.round(falls)) < 0.05) and self.omega[0] < self._slowest
-            settled &= self._for_limit or not np.any((falls > 0.5) & (np.abs(self.loci[0]) < OUTSIDE))
-            if settled or self._bottom or np.abs(self.loci[0]).max() > HUGE or self.omega[0] < 1e3 * LOWEST * self.omega[-1]:
+            settled &= self._for_limit or not np.any((falls > 0.5) & (np.abs(self.loci[0]) < LOCI.outside))
+            if settled or self._bottom or np.abs(self.loci[0]).max() > LOCI.huge or self.omega[0] < 1e3 * LOCI.lowest * self.omega[-1]:
                 break
-            self._further_down(lambda falls: np.abs(falls - 1) > STEEPEST)
+            self._further_down(lambda falls: np.abs(falls - 1) > LOCI.steepest)
         while self.last is None and np.abs(self.loci[-1]).max() * self.highest > 1 and self.omega[-1] < 1e12 * self.omega[0]:
             self.add(self.omega[-1] * np.array([1.5, 2.0]))
 
@@ -316,15 +328,15 @@ class Sweep:
         turned, grown = np.abs(np.angle(steps.end * steps.start.conj())), np.abs(_size(steps.end) - _size(steps.start))
         move = np.abs(steps.end - steps.start)
         # Far beyond −1 the loci of integrators fall along straight lines, on which a step of a decade loses nothing.
-        far = np.where(size > LARGE, turned * size, move) > SMOOTH * size
-        seen = size > np.maximum(1 / self.highest, NOISE * size.max(axis=1, keepdims=True))
-        rough = np.any(((turned > DETOUR * away) | (grown > GROWTH)) & far & seen, axis=1)
-        return np.flatnonzero(rough & ~self.calm & (np.diff(self.omega) > CLOSEST * self.omega[1:]))
+        far = np.where(size > LOCI.large, turned * size, move) > LOCI.smooth * size
+        seen = size > np.maximum(1 / self.highest, LOCI.noise * size.max(axis=1, keepdims=True))
+        rough = np.any(((turned > LOCI.detour * away) | (grown > LOCI.growth)) & far & seen, axis=1)
+        return np.flatnonzero(rough & ~self.calm & (np.diff(self.omega) > LOCI.closest * self.omega[1:]))
 
 
 def in_blocks(function: Callable[[Floats], Complexes], omega: Floats, size: int) -> Complexes:
     """`function` (k,) → (k, …), which needs a few matrices (size, size) for each ω, over any number of them in bounded memory."""
-    rows = max(1, AT_ONCE // size**2)
+    rows = max(1, LOCI.at_once // size**2)
     return np.concatenate([function(omega[k : k + rows]) for k in range(0, max(len(omega), 1), rows)])
 
 
@@ -339,7 +351,7 @@ def _without_inside(omega: Floats, spans: Floats) -> Floats:
 
 def _size(value: Complexes) -> Floats:
     """ln|λ|."""
-    return np.log(np.maximum(np.abs(value), NOTHING))
+    return np.log(np.maximum(np.abs(value), LOCI.nothing))
 
 
 def _pairing(before: Complexes, after: Complexes) -> Integers:
@@ -348,7 +360,7 @@ def _pairing(before: Complexes, after: Complexes) -> Integers:
     Near in size and direction: at low frequencies all loci fall alike, and each may come to where the next one was.
     """
     size = before.shape[1]
-    rows = max(1, COMPARED // max(size, 1) ** 2)
+    rows = max(1, LOCI.compared // max(size, 1) ** 2)
     blocks = [_paired(before[k : k + rows], after[k : k + rows]) for k in range(0, max(len(before), 1), rows)]
     return np.concatenate(blocks)
 
@@ -395,12 +407,12 @@ def _first_grid(loop: Loop, last: float | None) -> Floats:
     low, high = (0.1 * sizes.min(), 3 * sizes.max()) if len(sizes) else (0.1, 10.0)
     high = high if last is None else last
     low = min(low, 1e-2 * high)
-    grid = [np.geomspace(low, high, max(8, round(PER_DECADE * math.log10(high / low))))]
+    grid = [np.geomspace(low, high, max(8, round(LOCI.per_decade * math.log10(high / low))))]
     center = bends.imag[bends.imag > 0]
     width = np.maximum(np.abs(bends.real[bends.imag > 0]), 1e-6 * center)
     if last is not None:  # what swings faster than half the sample rate shows mirrored below it
         center = np.abs((center + last) % (2 * last) - last)
-    grid.append((center[:, None] + width[:, None] * AROUND).ravel())
+    grid.append((center[:, None] + width[:, None] * LOCI.around).ravel())
     omega = np.unique(np.concatenate(grid))
     omega = omega[(omega >= low) & (omega <= high)]
     return omega[np.append(True, np.diff(omega) > 1e-7 * omega[1:])]

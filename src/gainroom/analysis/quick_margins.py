@@ -13,14 +13,24 @@ import numpy as np
 
 from ..linear.arrays import Booleans, Complexes, Floats, Integers
 from ..system.loop import Loop
-from .first_crossing import NUDGE, Family, gains, height, phases, slope
-from .loci import MOST, Sweep, in_blocks
+from .first_crossing import SEARCH, Family, gains, height, phases, slope
+from .loci import LOCI, Sweep, in_blocks
 from .margin_record import GainLimit, Margins, OneLoop
 from .sampled_curves import meets_axis, meets_circle, on_axis, peaks, polished_peaks
 
-REAL = 0.01  # share of imaginary part that a value next to the end of the boundary may have
-CLOSE = 0.05  # relative: crossings and peaks whose interpolated margins are that near the least one are polished
-SLACK = 0.01  # [rad, or of ln g] the same, of margins so small that interpolation is off by more than that part of them
+
+@dataclass(frozen=True)
+class Closeness:
+    """What a quick look polishes."""
+
+    real: float = 0.01  # share of imaginary part that a value next to the end of the boundary may have
+    # relative: crossings and peaks whose interpolated margins are that near the least one are polished
+    close: float = 0.05
+    # [rad, or of ln g] the same, of margins so small that interpolation is off by more than that part of them
+    slack: float = 0.01
+
+
+QUICK = Closeness()
 
 
 @dataclass(frozen=True)
@@ -66,7 +76,7 @@ class Sampled:
     def peak(self) -> Peak:
         """The largest |S_ii|."""
         omega, sizes = self.single.omega, np.abs(self.sensitivity)
-        rows, joints = peaks(sizes, (1 - CLOSE) * sizes.max())
+        rows, joints = peaks(sizes, (1 - QUICK.close) * sizes.max())
         among = np.arange(len(rows)), joints
         place, height = polished_peaks(omega, sizes, rows, joints, lambda omega: np.abs(self.sensitivity_at(omega))[among])
         row = int(np.argmax(sizes.max(axis=1)))
@@ -131,7 +141,7 @@ def _resolved(sweep: Sweep, sensitivity: Callable[[Floats], Complexes]) -> tuple
     for _ in range(10):
         move = np.abs(np.diff(values, axis=0)).max(axis=1)
         rough = np.flatnonzero((move > 0.1) & (np.diff(omega) > 1e-7 * omega[1:]))
-        if not len(rough) or len(omega) > MOST:
+        if not len(rough) or len(omega) > LOCI.most:
             break
         middle = 0.5 * (omega[rough] + omega[rough + 1])
         values = np.insert(values, rough + 1, sensitivity(middle), axis=0)
@@ -141,7 +151,7 @@ def _resolved(sweep: Sweep, sensitivity: Callable[[Floats], Complexes]) -> tuple
 
 def _near_least(sizes: Floats) -> Booleans:
     """True for what may be the least when it is polished."""
-    return sizes <= sizes.min(initial=math.inf) * (1 + CLOSE) + SLACK
+    return sizes <= sizes.min(initial=math.inf) * (1 + QUICK.close) + QUICK.slack
 
 
 def _own_factors(single: Curves) -> float:
@@ -157,7 +167,7 @@ def own_phases(single: Curves, each: bool = True) -> Floats:
     rows, joints, _, lag = meets_circle(single.values[:-1], single.values[1:])
     least = np.full(single.values.shape[1], math.inf)
     np.minimum.at(least, joints, np.abs(lag))
-    chosen = np.abs(lag) <= (least[joints] if each else least.min()) * (1 + CLOSE) + SLACK
+    chosen = np.abs(lag) <= (least[joints] if each else least.min()) * (1 + QUICK.close) + QUICK.slack
 
     def bent(value: Complexes) -> Complexes:
         """On the real axis, at its lag, where the value is on the unit circle."""
@@ -183,7 +193,7 @@ def _common_factor(sweep: Sweep) -> float:
 
 def _counted(family: Family, start: float, end: float) -> float:
     """`end`, or where the first root crosses before it: of two crossings close together polishing may find one twice."""
-    first = family.end(start, end + NUDGE * (start - end))
+    first = family.end(start, end + SEARCH.nudge * (start - end))
     return end if first is None or abs(first.at - start) > abs(end - start) else first.at
 
 
@@ -211,5 +221,5 @@ def _polished(
 
 def _factor_of_real(values: Complexes | Floats) -> float:
     """The smallest |ln g| with −1/g among the values that are real."""
-    real = np.real(values[np.abs(np.imag(values)) < REAL * np.abs(values)])
+    real = np.real(values[np.abs(np.imag(values)) < QUICK.real * np.abs(values)])
     return float(np.abs(np.log(-real[real < 0])).min(initial=math.inf))

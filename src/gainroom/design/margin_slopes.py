@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..analysis.margin_record import Margins
-from ..analysis.quick_margins import REAL, Sampled, quick_look
+from ..analysis.quick_margins import QUICK, Sampled, quick_look
 from ..analysis.sampled_curves import meets_axis, meets_circle, peaks, polished_peaks
 from ..linear.arrays import Booleans, Complexes, Floats, Integers
 from ..system.controller import PD, PID, PPI, integrator
@@ -274,7 +274,7 @@ def _along(
 
 def _at_end(curve: _Curve, omega: float, values: Complexes | Floats, needed: float, near: float) -> Slopes:
     """Values that are real and negative where the boundary ends, which a gain moves along the axis."""
-    real = (np.real(values) < 0) & (np.abs(np.imag(values)) < REAL * np.abs(values))
+    real = (np.real(values) < 0) & (np.abs(np.imag(values)) < QUICK.real * np.abs(values))
     which = np.flatnonzero(real & (np.abs(np.log(np.maximum(np.abs(values), 1e-300))) < needed + near))
     found = curve(np.full(len(which), omega), which, np.asarray(values, dtype=complex)[which])
     margin = found.log.real
