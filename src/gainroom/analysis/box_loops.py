@@ -27,7 +27,7 @@ from ._balls import Ball, Disc, constant, gathered, inverse, plus, times, turned
 
 FEWEST_ALIASES, MOST_ALIASES = 3, 24
 TURN = 2 * math.pi
-ROUNDING = 1e-11  # of log|L| and arg L: far above that of some fifty operations in doubles
+SECTOR_ROUNDING = 1e-11  # of log|L| and arg L: far above that of some fifty operations in doubles
 
 
 @dataclass(frozen=True)
@@ -53,11 +53,11 @@ class BoxLoop:
         self, joint: ElasticJoint, drive: Drive, uncertainty: Uncertainty, controller: Any, feedback: Feedback, sample_time: float | None
     ) -> None:
         self.feedback, self.sample_time = feedback, sample_time
-        self.stated = {name: getattr(joint, name) for name in ("motor_inertia", "link_inertia", "stiffness", "damping")}
-        self.stated["delay"] = drive.delay
+        self.nominal = {name: getattr(joint, name) for name in ("motor_inertia", "link_inertia", "stiffness", "damping")}
+        self.nominal["delay"] = drive.delay
         self.viscous = float(joint.motor_viscous), float(joint.link_viscous)
         self.ranges = {name: getattr(uncertainty, name) for name in uncertainty.names}
-        self.stated |= {name: low for name, (low, high) in self.ranges.items() if low == high}
+        self.nominal |= {name: low for name, (low, high) in self.ranges.items() if low == high}
         self.names = tuple(name for name, (low, high) in self.ranges.items() if low < high)
         self.low = np.array([self.ranges[name][0] for name in self.names])
         self.high = np.array([self.ranges[name][1] for name in self.names])
@@ -67,7 +67,7 @@ class BoxLoop:
         self.aliases = 0 if sample_time is None else self._aliases()
 
     def _ends(self, name: str) -> tuple[float, float]:
-        return self.ranges.get(name, (self.stated[name], self.stated[name]))
+        return self.ranges.get(name, (self.nominal[name], self.nominal[name]))
 
     @property
     def nyquist(self) -> float | None:
@@ -83,7 +83,7 @@ class BoxLoop:
         return ends[0], ends[1]
 
     def _end(self, name: str, corners: Floats) -> Any:
-        return corners[:, 1 + self.names.index(name)] if name in self.names else self.stated[name]
+        return corners[:, 1 + self.names.index(name)] if name in self.names else self.nominal[name]
 
     @property
     def resonances(self) -> tuple[float, float]:
@@ -141,7 +141,7 @@ class BoxLoop:
             return self._sectors(self._parts(low, high, scaled), self._parts(middle, middle, scaled))
 
     def _parts(self, low: Floats, high: Floats, scaled: bool) -> "_Parts":
-        values = {name: constant(value, len(low)) for name, value in self.stated.items()}
+        values = {name: constant(value, len(low)) for name, value in self.nominal.items()}
         values |= {name: Ball.parameter(1 + i, low[:, 1 + i], high[:, 1 + i]) for i, name in enumerate(self.names)}
         frequency = Ball.parameter(0, low[:, 0], high[:, 0])
         if self.rigid:
@@ -237,7 +237,7 @@ class BoxLoop:
         table = np.zeros((3, len(at), 1 + len(self.names)))
         for i, (mid, rad) in slopes.items():
             table[:, :, i] = np.abs(mid.real) + rad, np.abs(mid.imag) + rad, np.abs(mid) + rad
-        log_reach, phase_reach = (table[k].sum(axis=1) + hidden + ROUNDING for k in (0, 1))
+        log_reach, phase_reach = (table[k].sum(axis=1) + hidden + SECTOR_ROUNDING for k in (0, 1))
         log_center, phase = np.log(np.abs(center)), np.angle(center)
         known = np.isfinite(log_center + log_reach + phase_reach)
         log_low, log_high = (np.log(size * other) for size, other in zip(body, moved.control, strict=True))

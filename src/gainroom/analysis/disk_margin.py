@@ -26,8 +26,8 @@ SCALAR_TOLERANCE = 1 / 0.99 - 1  # the same of the scan of one loop (crossings.p
 SAMPLES, CHECKS = 100, 12  # of S − T: from which the search for the peak starts; at which the modes are checked
 MOST_TRIED, MOST_POLISHED = 48, 4  # samples whose D is improved, local peaks that are climbed
 RUNGS = 60  # intervals that the certificate starts from
-AT_ONCE, MOST_INTERVALS = 128, 5_000  # bounds of memory and of time
-SMOOTH, FINEST = 0.05, 1e-6  # neighbouring samples of a plain response: largest relative step of σ_max, least relative distance
+INTERVALS_AT_ONCE, MOST_INTERVALS = 128, 5_000  # bounds of memory and of time
+LARGEST_RISE, LEAST_DISTANCE = 0.05, 1e-6  # neighbouring samples of a plain response: largest relative step of σ_max, least relative distance
 
 Response = Callable[[Floats], Complexes]
 
@@ -106,7 +106,7 @@ def disk_margin_of(response: Response, omega: Floats) -> MultiLoopDisk:
     while True:
         values = matrices(points)
         heights = np.log(largest(scaled(values, balanced(values))))
-        rough = (np.abs(np.diff(heights)) > SMOOTH) & (np.diff(points) > FINEST * points[1:])
+        rough = (np.abs(np.diff(heights)) > LARGEST_RISE) & (np.diff(points) > LEAST_DISTANCE * points[1:])
         if not rough.any() or len(points) > MOST_INTERVALS:
             break
         points = np.sort(np.append(points, 0.5 * (points[1:] + points[:-1])[rough]))
@@ -192,7 +192,7 @@ def _bounded(modes: Modes, peak: _Peak, lowest: float) -> tuple[_Peak, float]:
     low, high, x = edges[:-1], edges[1:], np.full((RUNGS, len(modes.delays)), np.nan)
     count = 0
     while len(low) and count < MOST_INTERVALS:
-        now, later = slice(-AT_ONCE, None), slice(0, -AT_ONCE)
+        now, later = slice(-INTERVALS_AT_ONCE, None), slice(0, -INTERVALS_AT_ONCE)
         expansion = expanded(modes, low[now], high[now])
         peak, mine, rest, x_now = _judged(modes, expansion, peak, x[now])
         count += len(mine)

@@ -1,4 +1,4 @@
-"""Gains that a margin forbids, on lines kp = const, as intervals of kd.
+"""Gains that a margin excludes, on lines kp = const, as intervals of kd.
 
 A margin keeps L(jω) out of a set: a gain margin out of the segment [−g, −1/g], a phase margin out of the arc |L| = 1, |arg(−L)| ≤ φ, a
 sensitivity ceiling out of the disk |1 + L| < 1/Ms. On a line kp = const, and at one ω, the kd for which L lies in the set are points or
@@ -31,8 +31,8 @@ class Branch:
         return self.solve(kp, a, b)
 
 
-def forbidden(plane: GainPlane, omega: Floats, name: str, value: float, kps: Floats, window: Floats, polish: bool = True) -> list[Floats]:
-    """The kd that one requirement forbids, for each kp of `kps` (m,): disjoint sorted intervals (p, 2); everything: (−inf, inf).
+def excluded(plane: GainPlane, omega: Floats, name: str, value: float, kps: Floats, window: Floats, polish: bool = True) -> list[Floats]:
+    """The kd that one requirement excludes, for each kp of `kps` (m,): disjoint sorted intervals (p, 2); everything: (−inf, inf).
 
     name, value   a field of Requirements
     omega         (k,) grid that resolves the plane

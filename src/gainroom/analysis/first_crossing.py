@@ -287,7 +287,7 @@ def _axis_crossings(sweep: Sweep) -> list[Rough]:
     """Crossings of the negative real axis by all loci."""
     steps = sweep.steps()
     rows, _, share, value = meets_axis(steps.start, steps.end)
-    followed = ~sweep.calm[rows]
+    followed = ~sweep.passive[rows]
     rows, share, value = rows[followed], share[followed], value[followed]
     omega = sweep.omega[rows] + share * (sweep.omega[rows + 1] - sweep.omega[rows])
     at_rest = sweep.at_rest()

@@ -13,7 +13,7 @@ from .loci import LOCI, Sweep
 from .margin_record import GainLimit
 from .stability import INFINITELY_MANY, has_growing_root, scan_loop, unstable_roots
 
-NEAREST = 10.0  # of the factors that are looked at first on coupled loops; most limits lie below
+NEAREST_FACTORS = 10.0  # of the factors that are looked at first on coupled loops; most limits lie below
 FAR_BELOW = (1e-4, 1e-3, 1e-2, 0.1)  # of stable gains: how far down a lower end is looked for; round-off may hide what integrators do
 MOST_COUNTED = 300  # intervals of the factor whose roots are counted one by one
 JUST_BELOW = 1 - np.geomspace(1e-6, 0.5, 18)  # factors on an unstable loop at which roots are counted beside those between crossings
@@ -26,7 +26,7 @@ def gain_limit(loop: Loop) -> GainLimit:
     """
     if loop.size == 1:
         return _scalar_limit(loop)
-    limit = coupled_limit(Sweep(loop, NEAREST, for_limit=True))
+    limit = coupled_limit(Sweep(loop, NEAREST_FACTORS, for_limit=True))
     return limit if limit.gain < math.inf else coupled_limit(Sweep(loop, LOCI.highest, for_limit=True))
 
 

@@ -16,7 +16,7 @@ from ..linear.transfer_function import Factored, growth
 POINTS_PER_DECADE = 120
 MOST_TURNS = 20_000  # samples that follow the delay's phase
 DEEPEST = 1e-9  # the curve is followed down to this share of the lowest frequency sampled finely
-ROUNDING = 4e-15  # of a gain that solves for L = target: closer than this to the wanted one, ω cannot be told apart
+GAIN_ROUNDING = 4e-15  # of a gain that solves for L = target: closer than this to the wanted one, ω cannot be told apart
 UNRESOLVED = 2e-9  # relative distance of zeros between which no sample lies
 PINCH = 1e-9  # relative distance from a pinch within which the curve is taken as the straight line it is there
 SMALL_TURN = 0.12  # [rad] largest turn of a curve, drawn to scale, between neighbouring samples
@@ -321,7 +321,7 @@ class Curve:
             low[active], high[active] = np.where(below, here, low[active]), np.where(below, high[active], here)
             with np.errstate(divide="ignore", invalid="ignore"):
                 step = here - (along - wanted) / slope
-            done = (np.abs(step - here) <= 1e-15 * here) | (np.abs(along - wanted) <= ROUNDING * np.abs(wanted))
+            done = (np.abs(step - here) <= 1e-15 * here) | (np.abs(along - wanted) <= GAIN_ROUNDING * np.abs(wanted))
             inside = (step > low[active]) & (step < high[active])
             omega[active] = np.where(done, here, np.where(inside, step, 0.5 * (low[active] + high[active])))
             active = active[~done & (high[active] - low[active] > 4e-16 * here)]

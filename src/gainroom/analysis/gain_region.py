@@ -1,6 +1,6 @@
 """The region of PD gains that are stable and keep the required margins: exact membership, boundary, largest gains.
 
-On each line kp = const the crossings of the stability curve (gain_plane.py) and the intervals that margins forbid (excluded_region.py) are
+On each line kp = const the crossings of the stability curve (gain_plane.py) and the intervals that margins exclude (excluded_region.py) are
 known to machine precision. Between crossings the number of unstable roots is constant; it is counted once (Nyquist) and then carried
 across each crossing by the direction in which its root moves, once per cell, not once per point.
 """
@@ -22,7 +22,7 @@ from ..system.loop import Feedback, build_loop
 from ..system.plant import ElasticJoint, Plant
 from ..system.requirements import Requirements
 from .crossings import scan_many
-from .excluded_region import forbidden
+from .excluded_region import excluded
 from .gain_plane import Curve, GainPlane
 
 FEW_TURNS = 10.0  # [rad] ωT up to which gains are chosen at which roots are counted
@@ -68,17 +68,17 @@ class PDRegion:
         kps = np.atleast_1d(np.asarray(kps, dtype=float))
         free = self.stable_columns(kps)
         for name in self.required.asked:
-            free = self.barred(name, kps, free)
+            free = self.excluding(name, kps, free)
         return free
 
-    def barred(self, name: str, kps: Floats, free: list[Floats], polish: bool = True) -> list[Floats]:
-        """`free`, intervals of kd for each kp, without what one requirement forbids."""
+    def excluding(self, name: str, kps: Floats, free: list[Floats], polish: bool = True) -> list[Floats]:
+        """`free`, intervals of kd for each kp, without what one requirement excludes."""
         filled = [m for m, intervals in enumerate(free) if len(intervals)]
         result = list(free)
         if filled:
             window = np.array([[free[m][0, 0], free[m][-1, 1]] for m in filled])
             value = getattr(self.required, name)
-            walls = forbidden(self._plane, self._curve.omega, name, value, np.asarray(kps)[filled], window, polish)
+            walls = excluded(self._plane, self._curve.omega, name, value, np.asarray(kps)[filled], window, polish)
             for m, wall in zip(filled, walls, strict=True):
                 result[m] = without(free[m], wall)
         return result
@@ -272,11 +272,11 @@ class _Row:
         return np.where(kps > self.static, right, np.where(kps < self.static, self.base[0] + level - start[0], 1))
 
 
-def without(free: Floats, barred: Floats) -> Floats:
-    """`free` minus `barred`, both disjoint sorted intervals (p, 2)."""
+def without(free: Floats, excluded: Floats) -> Floats:
+    """`free` minus `excluded`, both disjoint sorted intervals (p, 2)."""
     pieces = []
     for low, high in free:
-        for start, end in barred[(barred[:, 1] > low) & (barred[:, 0] < high)]:
+        for start, end in excluded[(excluded[:, 1] > low) & (excluded[:, 0] < high)]:
             if start > low:
                 pieces.append((low, start))
             low = max(low, end)

@@ -8,7 +8,7 @@ Between neighbouring samples an eigenvalue turns by a part of its angle to the n
 is a check, not a proof as for one joint (crossings.py); what is reported is polished, and counted on both sides.
 
 A limit alone needs few samples: loci too small to matter are told by a norm, and where a passive mechanism under PD keeps them off the
-negative real axis by itself (`calm`) there is nothing to follow.
+negative real axis by itself (`passive`) there is nothing to follow.
 """
 
 import math
@@ -21,7 +21,7 @@ import numpy as np
 from ..errors import GainroomError
 from ..linear.arrays import Booleans, Complexes, Floats, Integers
 from ..system.loop import Loop
-from .passive_intervals import calm_spans
+from .passive_intervals import passive_intervals
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class Boundary:
         self.last = None if loop.sample_time is None else math.pi / loop.sample_time
         # A resonance without damping is a pole on the boundary, which the loci pass at infinity: then the boundary leans, and what grows
         # slower than LOCI.tilt tells is not counted.
-        self.undamped = bool(np.any((loop.bends.imag > 0) & (np.abs(loop.bends.real) < LOCI.undamped * loop.bends.imag)))
+        self.undamped = bool(np.any((loop.corner_frequencies.imag > 0) & (np.abs(loop.corner_frequencies.real) < LOCI.undamped * loop.corner_frequencies.imag)))
         self._ray = 1j + LOCI.tilt if self.undamped else 1j  # s = ω (j + LOCI.tilt)
 
     def points(self, omega: Floats) -> Complexes:
@@ -142,7 +142,7 @@ class Sweep:
     """Samples of the loci of a loop, refined on demand. `omega` (k,) [rad/s] rising, `loci` (k, r), r <= n of them.
 
     highest    of the factors that are asked for: eigenvalues smaller than 1/highest are not followed
-    for_limit  what a limit needs and no more: those smaller ones are set to 0, and nothing is sampled where the loop is calm
+    for_limit  what a limit needs and no more: those smaller ones are set to 0, and nothing is sampled where the loop is passive
     """
 
     def __init__(self, loop: Loop, highest: float = LOCI.highest, for_limit: bool = False) -> None:
@@ -150,9 +150,9 @@ class Sweep:
         self.boundary = Boundary(loop)
         self.last, self.undamped = self.boundary.last, self.boundary.undamped
         grid = _first_grid(loop, self.last)
-        self.first = float(grid[0])  # lower than all that bends the loci
-        self._calm = calm_spans(loop, 1e-4 * grid[0], grid[-1]) if for_limit else np.zeros((0, 2))
-        self.omega = np.union1d(_without_inside(grid, self._calm), LOCI.beside * grid[:1])
+        self.first = float(grid[0])  # lower than all corner frequencies of the loci
+        self._passive = passive_intervals(loop, 1e-4 * grid[0], grid[-1]) if for_limit else np.zeros((0, 2))
+        self.omega = np.union1d(_without_inside(grid, self._passive), LOCI.beside * grid[:1])
         self.largest = 0.0
         self._lowest = (math.nan, np.zeros(0))
         self._bottom = False  # True where round-off hides what is further down
@@ -207,12 +207,12 @@ class Sweep:
         return self.boundary.mode(1e-6 * float(self.omega[0]), value)
 
     @property
-    def calm(self) -> Booleans:
+    def passive(self) -> Booleans:
         """(k − 1,) True where no locus can meet the negative real axis between two samples."""
-        if not len(self._calm):
+        if not len(self._passive):
             return np.zeros(len(self.omega) - 1, dtype=bool)
-        span = np.searchsorted(self._calm[:, 0], self.omega[:-1], side="right") - 1
-        return (span >= 0) & (self.omega[1:] <= self._calm[span, 1])
+        span = np.searchsorted(self._passive[:, 0], self.omega[:-1], side="right") - 1
+        return (span >= 0) & (self.omega[1:] <= self._passive[span, 1])
 
     def unstable(self, gain: float, phase: float = 0.0, delay: float = 0.0) -> int:
         """Unstable closed-loop roots with L multiplied by gain e^{−j(phase + ω delay)}, as far as the gains move them.
@@ -225,7 +225,7 @@ class Sweep:
         for _ in range(60):
             before, after = steps.start * factor[:-1, None], steps.end * factor[1:, None]
             close = np.any(passes(before, after) | self._winds(before, after, delay), axis=1)
-            close &= (np.diff(self.omega) > LOCI.closest * self.omega[1:]) & ~self.calm
+            close &= (np.diff(self.omega) > LOCI.closest * self.omega[1:]) & ~self.passive
             if not close.any() or self.full:
                 break
             places = np.flatnonzero(close)
@@ -233,8 +233,8 @@ class Sweep:
             factor, steps = self._factor(gain, phase, delay), self.steps()
         before, after = 1 + steps.start * factor[:-1, None], 1 + steps.end * factor[1:, None]
         # 1 + gλ stays off the negative real axis where λ does: its principal angles may be subtracted.
-        calm = self.calm[:, None]
-        turned = float(np.sum(np.where(calm, np.angle(after) - np.angle(before), np.angle(after * before.conj()))))
+        passive = self.passive[:, None]
+        turned = float(np.sum(np.where(passive, np.angle(after) - np.angle(before), np.angle(after * before.conj()))))
         # From ω = 0+ to the first sample: integrators point along their own value there, times e^{−j phase}/jᵏ; what settles is real.
         orders = np.maximum(np.round(self._falls()), 0.0)
         own = self.loci[0] * 1j**orders
@@ -331,7 +331,7 @@ class Sweep:
         far = np.where(size > LOCI.large, turned * size, move) > LOCI.smooth * size
         seen = size > np.maximum(1 / self.highest, LOCI.noise * size.max(axis=1, keepdims=True))
         rough = np.any(((turned > LOCI.detour * away) | (grown > LOCI.growth)) & far & seen, axis=1)
-        return np.flatnonzero(rough & ~self.calm & (np.diff(self.omega) > LOCI.closest * self.omega[1:]))
+        return np.flatnonzero(rough & ~self.passive & (np.diff(self.omega) > LOCI.closest * self.omega[1:]))
 
 
 def in_blocks(function: Callable[[Floats], Complexes], omega: Floats, size: int) -> Complexes:
@@ -401,15 +401,15 @@ def _longest_delay(loop: Loop) -> float:
 
 def _first_grid(loop: Loop, last: float | None) -> Floats:
     """Every order of magnitude, every resonance on its own scale, and several samples per turn of the delay."""
-    bends = loop.bends
+    corners = loop.corner_frequencies
     longest = _longest_delay(loop)
-    sizes = np.append(np.abs(bends)[np.abs(bends) > 0], 1 / longest if longest else [])
+    sizes = np.append(np.abs(corners)[np.abs(corners) > 0], 1 / longest if longest else [])
     low, high = (0.1 * sizes.min(), 3 * sizes.max()) if len(sizes) else (0.1, 10.0)
     high = high if last is None else last
     low = min(low, 1e-2 * high)
     grid = [np.geomspace(low, high, max(8, round(LOCI.per_decade * math.log10(high / low))))]
-    center = bends.imag[bends.imag > 0]
-    width = np.maximum(np.abs(bends.real[bends.imag > 0]), 1e-6 * center)
+    center = corners.imag[corners.imag > 0]
+    width = np.maximum(np.abs(corners.real[corners.imag > 0]), 1e-6 * center)
     if last is not None:  # what swings faster than half the sample rate shows mirrored below it
         center = np.abs((center + last) % (2 * last) - last)
     grid.append((center[:, None] + width[:, None] * LOCI.around).ravel())

@@ -20,7 +20,7 @@ from ..system.loop import Loop
 PER_DECADE = 40  # of the frequencies at which lead and lag are compared
 
 
-def calm_spans(loop: Loop, low: float, high: float) -> Floats:
+def passive_intervals(loop: Loop, low: float, high: float) -> Floats:
     """(k, 2) the spans of [low, high] rad/s in which no eigenvalue of L(jω) is real and negative, whatever W is; none where not known.
 
     Known for continuous loops with motor-side feedback, PD, PID or PPI without filters, with diagonal gains >= 0, without gravity.
@@ -54,6 +54,6 @@ def calm_spans(loop: Loop, low: float, high: float) -> Floats:
     lag = np.arctan2(2 * damping * ratio, 1 - ratio * ratio) + omega[:, None] * delays
     # The zeros of D lie to the left, so the lead only rises, and the lag only grows: within a step both stay between their ends.
     least, most = lead[:-1] - lag[1:], lead[1:] - lag[:-1]
-    calm = np.all((least > -np.pi / 2) & (most < np.pi / 2), axis=1)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], calm, [False]])))
+    passive = np.all((least > -np.pi / 2) & (most < np.pi / 2), axis=1)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], passive, [False]])))
     return omega[edges].reshape(-1, 2)

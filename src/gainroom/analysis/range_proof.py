@@ -27,8 +27,8 @@ Judge = Callable[[dict[str, float]], bool]
 
 CHUNK = 4096  # boxes looked at together
 FIRST_STEP = 1.5  # of the frequencies between which the first boxes lie
-NEARBY = 0.1  # of a forbidden set, in log L: from here on a joint is judged, and again at each half of that
-NEAR = (0.6, 1.7)  # of the resonance: between these the frequency is counted in resonances
+NEARBY = 0.1  # of a excluded set, in log L: from here on a joint is judged, and again at each half of that
+NEAR_RESONANCE = (0.6, 1.7)  # of the resonance: between these the frequency is counted in resonances
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ class _Search:
                 sectors = self.loop.at(low, high, scaled)
                 if self.breaks(sectors, low, high):
                     return Proof(False, spent, True, self.worst)
-                open_ = ~self.kept(sectors)
+                open_ = ~self.clear(sectors)
                 if not open_.any():
                     continue
                 if spent > self.most:
@@ -107,7 +107,7 @@ class _Search:
         """Boxes that together cover all frequencies for all joints: (counted in resonances, low, high)."""
         last = self.loop.nyquist or self.loop.silent_above(self.smallest())
         pieces = [(False, *self.whole(np.append(0.0, _steps(1e-3 * last, last))))]
-        return pieces if self.loop.rigid else [(True, *self.whole(_steps(*NEAR))), *pieces]
+        return pieces if self.loop.rigid else [(True, *self.whole(_steps(*NEAR_RESONANCE))), *pieces]
 
     def covered(self, low: Floats, high: Floats, scaled: bool) -> Booleans:
         """True for boxes that others cover: near the resonance those counted in resonances, beyond half the sample rate all."""
@@ -117,7 +117,7 @@ class _Search:
         if self.loop.rigid:
             return np.zeros(len(low), dtype=bool)
         slow, fast = self.loop.resonances_in(low, high)
-        return (low[:, 0] >= NEAR[0] * fast) & (high[:, 0] <= NEAR[1] * slow)
+        return (low[:, 0] >= NEAR_RESONANCE[0] * fast) & (high[:, 0] <= NEAR_RESONANCE[1] * slow)
 
     def whole(self, ends: Floats) -> tuple[Floats, Floats]:
         """One box of all parameters per step between `ends`."""
@@ -135,19 +135,19 @@ class _Search:
             sizes.append(1 - 1 / asked.peak_sensitivity)
         return 0.999 * min(sizes)
 
-    def kept(self, found: Sectors) -> Booleans:
-        """True where L stays out of every forbidden set in the whole box."""
+    def clear(self, found: Sectors) -> Booleans:
+        """True where L stays out of every excluded set in the whole box."""
         log_low, log_high, asked = found.log_low, found.log_high, self.requirements
         nearest = math.pi * (2 * np.floor((found.phase_low + found.phase_high) / (4 * math.pi)) + 1)
         apart = np.maximum(0.0, np.maximum(found.phase_low - nearest, nearest - found.phase_high))  # of arg L from −1's
         factor = 0.0 if asked.gain_margin is None else math.log(asked.gain_margin) * (1 - ROUND_OFF)
-        kept = (apart > 0) | (log_low > factor) | (log_high < -factor)
+        clear = (apart > 0) | (log_low > factor) | (log_high < -factor)
         if asked.phase_margin is not None:
-            kept &= (log_low > 0) | (log_high < 0) | (apart >= asked.phase_margin * (1 - ROUND_OFF))
+            clear &= (log_low > 0) | (log_high < 0) | (apart >= asked.phase_margin * (1 - ROUND_OFF))
         if asked.peak_sensitivity is not None:
             bound = objective_bound(0, log_low, log_high, found.phase_low, found.phase_high)
-            kept &= bound * asked.peak_sensitivity >= 1 - ROUND_OFF
-        return kept
+            clear &= bound * asked.peak_sensitivity >= 1 - ROUND_OFF
+        return clear
 
     def breaks(self, found: Sectors, low: Floats, high: Floats) -> bool:
         """Look at the middles of the boxes; True where one of their joints breaks a requirement, which `judge` has the last word on."""
@@ -162,7 +162,7 @@ class _Search:
         return False
 
     def distance(self, value: Complexes) -> Floats:
-        """How far each L is from the forbidden set, in log L, or of the disk in shares of it (< 0: within)."""
+        """How far each L is from the excluded set, in log L, or of the disk in shares of it (< 0: within)."""
         asked = self.requirements
         with np.errstate(all="ignore"):
             apart, log = np.abs(np.angle(-value)), np.abs(np.log(np.abs(value)))

@@ -15,11 +15,11 @@ from ..linear.arrays import Complexes, Floats
 from ._peaks import objective
 from .crossings import Scan, half_encirclements
 
-LOWEST, HIGHEST, PER_DECADE = 1e-5, 1e7, 60  # [rad/s], [rad/s], points
-SMOOTH = 0.3  # largest step of log|L| and arg L between neighbours
+FIRST, LAST, DENSITY = 1e-5, 1e7, 60  # [rad/s], [rad/s], points
+LARGEST_STEP = 0.3  # largest step of log|L| and arg L between neighbours
 QUIET = 1e-6  # |L| below which a response is not refined
 
-ROUNDING: Any = 4 * np.finfo(float).eps  # the least that brentq accepts
+LEAST_STEP: Any = 4 * np.finfo(float).eps  # the least that brentq accepts
 
 Response = Callable[[Floats], Complexes]
 
@@ -54,11 +54,11 @@ def scan_callable(response: Response) -> Scan:
 
 
 def _sample(response: Response) -> tuple[Floats, Complexes]:
-    omega = np.geomspace(LOWEST, HIGHEST, round(PER_DECADE * math.log10(HIGHEST / LOWEST)))
+    omega = np.geomspace(FIRST, LAST, round(DENSITY * math.log10(LAST / FIRST)))
     value = _checked(response, omega)
     for _ in range(40):
         step = np.abs(np.log(value[1:] / value[:-1]))
-        rough = np.flatnonzero((step > SMOOTH) & (np.maximum(np.abs(value[1:]), np.abs(value[:-1])) > QUIET))
+        rough = np.flatnonzero((step > LARGEST_STEP) & (np.maximum(np.abs(value[1:]), np.abs(value[:-1])) > QUIET))
         rough = rough[np.diff(omega)[rough] > 1e-12 * omega[rough]]
         if not len(rough) or len(omega) > 200_000:
             break
@@ -78,7 +78,7 @@ def _checked(response: Response, omega: Floats) -> Complexes:
 def _root(function: Callable[[float], float], low: float, high: float) -> float:
     from scipy.optimize import brentq
 
-    root: Any = brentq(function, low, high, xtol=1e-15 * high, rtol=ROUNDING)
+    root: Any = brentq(function, low, high, xtol=1e-15 * high, rtol=LEAST_STEP)
     return float(root)
 
 

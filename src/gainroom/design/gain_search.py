@@ -29,9 +29,9 @@ RAISE = 1.05
 """No stiffness can be raised by this factor, whether its damping stays or rises as much."""
 DIGITS = 4
 RADIUS = 0.3  # of the first step, in ln of a gain
-WIDEST = 1.0
-NARROWEST = 2e-4  # at which a search ends
-SMALL = 3e-5  # a step that promises less than this ends it too
+LARGEST_RADIUS = 1.0
+LEAST_RADIUS = 2e-4  # at which a search ends
+LEAST_PROMISE = 3e-5  # a step that promises less than this ends it too
 PRICES = ((10.0, 1e-3), (50.0, 3e-3), (250.0, 2e-2))
 """What a requirement missed by 1 costs, against ln of what is made small, and how much more than asked for is kept: first as much as may
 be lost where gains are rounded. Where that does not hold, more: two loci that meet part again like a square root, which has no tangent.
@@ -164,7 +164,7 @@ class _Search:
                 if len(kept) > SLOW and kept[-SLOW][0] - kept[-1][0] < LITTLE:
                     break
             step, promised = self._step(gains, slopes, missed + reserve, radius, price, reserve)
-            if promised < SMALL:
+            if promised < LEAST_PROMISE:
                 break
             tried = moved(gains, step, self._cascade)
             after = self._missed(tried, cases)
@@ -173,10 +173,10 @@ class _Search:
                 gains, missed = tried, after
                 slopes = Slopes.of([case.slopes(gains) for case in cases])
                 if gained > 0.7 * promised and np.abs(step).max() > 0.99 * radius:
-                    radius = min(2 * radius, WIDEST)
+                    radius = min(2 * radius, LARGEST_RADIUS)
             else:
                 radius = 0.4 * min(radius, float(np.abs(step).max()))
-            if radius < NARROWEST:
+            if radius < LEAST_RADIUS:
                 break
         return min(kept, key=lambda each: each[0])[1:] if kept else (gains, missed)
 

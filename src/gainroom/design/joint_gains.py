@@ -25,7 +25,7 @@ from ..system.drive import Drive
 from ..system.loop import Feedback, Loop, build_loop
 from ..system.plant import ElasticJoint
 from ..system.requirements import ROUND_OFF, Requirements
-from ..system.uncertainty import STATED, Case, Place, Uncertainty
+from ..system.uncertainty import NOMINAL, Case, Place, Uncertainty
 
 COST_ACCURACY = 0.01
 FILLING = 16  # cases inside the uncertainty beside corners and centre
@@ -138,7 +138,7 @@ class _Search:
     def likely_worst(self) -> Place:
         """A corner to start from: the one that moderate gains, for the delay there is, bring nearest to a requirement."""
         if not self.uncertainty.names:
-            return STATED
+            return NOMINAL
         lag = max(self.case(place)[1].delay for place in self.uncertainty.corners) + 2 / self.drive.bandwidth + (self.sample_time or 0.0)
         crossover = 0.2 / lag if lag else 2 * math.pi
         inertia = self.joint.motor_inertia + min(self.joint.link_inertia, self.joint.motor_inertia)
@@ -173,8 +173,8 @@ class _Search:
         slacks = slack(worst, self.requirements)
         binding = max(asked, key=lambda name: (costs[name] if costs[name] >= (1 + COST_ACCURACY) * kp else kp, -slacks[name]))
         if self.uncertainty.names:
-            costs["uncertainty"] = self.cost(kp, asked, [self.region(self.case(STATED))])
-        nominal = self.margins([STATED], kp, kd)[0]
+            costs["uncertainty"] = self.cost(kp, asked, [self.region(self.case(NOMINAL))])
+        nominal = self.margins([NOMINAL], kp, kd)[0]
         case = self.case(place)
         return Recommendation(
             kp=kp,
@@ -218,8 +218,8 @@ class _Search:
         """The screened case with the least slack. Stops at the first screening that finds one below zero."""
         self.seen, self.checked = [], set()
         places = self.uncertainty.corners
-        if self.uncertainty.names:  # without uncertainty the one corner is STATED already
-            places = [*places, STATED, *self.uncertainty.inside(FILLING)]
+        if self.uncertainty.names:  # without uncertainty the one corner is NOMINAL already
+            places = [*places, NOMINAL, *self.uncertainty.inside(FILLING)]
         best = self.least(places, kp, kd)
         return best if best[2] < 0 else self.worst_near(best, kp, kd)
 
@@ -299,7 +299,7 @@ class _Search:
         for region in regions:
             free = region.stable_columns(kps, polish)
             for name in names:
-                free = region.barred(name, kps, free, polish)
+                free = region.excluding(name, kps, free, polish)
             result = [_common(first, second) for first, second in zip(result, free, strict=True)]
         return result
 

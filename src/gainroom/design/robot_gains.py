@@ -47,7 +47,7 @@ UNLIMITED = 100.0
 EVERYWHERE = ""
 """The contact state of the set that is safe in all."""
 _JOINT = ("motor_inertia", "stiffness", "damping", "motor_viscous", "link_viscous")
-ROUND_OFF = 1e-12
+IMMOBILE = 1e-12
 """Mobility of a joint, relative to the largest, below which the contacts hold it: they leave round-off."""
 HEAVIEST = 1e3  # times the motor's inertia: loads beyond this, or a joint that the contacts hold, do not change a PD's limits
 
@@ -331,14 +331,14 @@ def _shortage(margins: Margins, required: Requirements) -> str:
 def joints_that_move(model: Plant, feedback: str) -> Booleans:
     """(n,) False where contacts hold a joint, so that no gain on it is felt: rigid, or measured on the link's side."""
     own = np.diagonal(model.link_inverse_inertia)
-    free = own > ROUND_OFF * np.abs(model.link_inverse_inertia).max()
+    free = own > IMMOBILE * np.abs(model.link_inverse_inertia).max()
     return free if feedback == "link" else free | model.elastic
 
 
 def _link_inertia(model: "RobotModel") -> Floats:
     """(n,) 1/W_ii, bounded where the contacts hold a joint: by its motor's inertia or, without one, by the heaviest load that can move."""
     own = np.diagonal(model.link_inverse_inertia)
-    free = own[own > ROUND_OFF * own.max()]
+    free = own[own > IMMOBILE * own.max()]
     heaviest = HEAVIEST * np.where(model.motor_inertia > 0, model.motor_inertia, 1 / free.min() if len(free) else 1.0)
     return np.minimum(1 / np.maximum(own, 1 / heaviest), heaviest)
 

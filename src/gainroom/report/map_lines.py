@@ -60,7 +60,7 @@ def _tip(region: PDRegion, widest: float) -> float:
     for _ in range(3):
         free = region.stable_columns(kps, polish=False)
         for name in region.required.asked:
-            free = region.barred(name, kps, free, polish=False)
+            free = region.excluding(name, kps, free, polish=False)
         filled = np.flatnonzero([len(intervals) > 0 for intervals in free])
         if len(filled):
             inside = float(kps[filled[-1]])

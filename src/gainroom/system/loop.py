@@ -77,8 +77,8 @@ class Loop:
         return controller_state(self.parts.controller, self.size, self.sample_time) @ _body(self.parts)
 
     @cached_property
-    def bends(self) -> Complexes:
-        """Roughly where the response bends, in s: resonances (Im > 0), current loops, filters; for placing samples."""
+    def corner_frequencies(self) -> Complexes:
+        """Rough corner frequencies of the response, in s: resonances (Im > 0), current loops, filters; for placing samples."""
         if self.parts is None:
             assert self.given is not None
             poles = np.linalg.eigvals(self.given.a)
@@ -204,7 +204,7 @@ class Loop:
         if self.size == 1:
             return build_loop(self.parts.plant, self.parts.drives, controller, self.parts.feedback, self.sample_time)
         found = replace(self, parts=replace(self.parts, controller=controller))
-        vars(found)["bends"] = self.bends  # of plant, drives and filters
+        vars(found)["corner_frequencies"] = self.corner_frequencies  # of plant, drives and filters
         return found
 
     def delayed(self, extra: float) -> "Loop":

@@ -15,7 +15,7 @@ from .plant import ElasticJoint
 Case = tuple[ElasticJoint, Drive]
 Place = tuple[float, ...]
 """Where in the uncertainty: one number in [0, 1] per uncertain quantity."""
-STATED: Place = ()
+NOMINAL: Place = ()
 """The place of the stated values."""
 
 
@@ -68,7 +68,7 @@ class Uncertainty:
 
     @property
     def corners(self) -> list[Place]:
-        """Every combination of lowest and highest values; STATED where nothing is uncertain."""
+        """Every combination of lowest and highest values; NOMINAL where nothing is uncertain."""
         return list(itertools.product((0.0, 1.0), repeat=len(self.names)))
 
     def inside(self, count: int) -> list[Place]:

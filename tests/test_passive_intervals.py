@@ -9,7 +9,7 @@ import gainroom as gr
 from draws import draw_plant, log_uniform
 from gainroom.analysis.gain_limit import coupled_limit
 from gainroom.analysis.loci import Sweep
-from gainroom.analysis.passive_intervals import PER_DECADE, calm_spans
+from gainroom.analysis.passive_intervals import PER_DECADE, passive_intervals
 from gainroom.system.plant import Compliance
 
 
@@ -37,16 +37,16 @@ def draw_loop(seed: int) -> gr.Loop:
 
 
 def test_draws_are_worth_looking_at():
-    """Most of the loops below are calm somewhere, and none is calm everywhere."""
-    spans = [calm_spans(draw_loop(seed), 1e-2, 1e4) for seed in range(60)]
+    """Most of the loops below are passive somewhere, and none is passive everywhere."""
+    spans = [passive_intervals(draw_loop(seed), 1e-2, 1e4) for seed in range(60)]
     assert sum(len(span) > 0 for span in spans) > 40
     assert all(np.sum(np.log10(span[:, 1] / span[:, 0])) < 5.9 for span in spans)
 
 
 @pytest.mark.parametrize("seed", range(60))
-def test_no_eigenvalue_is_negative_where_it_is_calm(seed):
+def test_no_eigenvalue_is_negative_where_it_is_passive(seed):
     loop = draw_loop(seed)
-    for low, high in calm_spans(loop, 1e-2, 1e4):
+    for low, high in passive_intervals(loop, 1e-2, 1e4):
         omega = np.geomspace(low, high, 400)
         values = np.linalg.eigvals(loop.response(omega))
         values = values[np.abs(values) > 1e-9 * np.abs(values).max(axis=1, keepdims=True)]  # zeros come with the sign of round-off
@@ -54,7 +54,7 @@ def test_no_eigenvalue_is_negative_where_it_is_calm(seed):
 
 
 @pytest.mark.parametrize("seed", range(60))
-def test_factors_of_calm_frequencies_are_no_limit(seed):
+def test_factors_of_passive_frequencies_are_no_limit(seed):
     """With the span's samples in place and without, the same limit: found from the loci alone, followed through every frequency."""
     loop = draw_loop(seed)
     lean, full = gr.gain_limit(loop), coupled_limit(Sweep(loop))
@@ -63,7 +63,7 @@ def test_factors_of_calm_frequencies_are_no_limit(seed):
     assert lean.lower_gain == pytest.approx(full.lower_gain, rel=1e-9, abs=1e-12, nan_ok=True)
     if 0 < lean.gain < inf:
         assert lean.frequency == pytest.approx(full.frequency, rel=1e-7)
-        assert not any(low < lean.frequency < high for low, high in calm_spans(loop, 1e-2, 1e4))
+        assert not any(low < lean.frequency < high for low, high in passive_intervals(loop, 1e-2, 1e4))
 
 
 def test_the_span_of_rigid_joints_ends_at_their_crossover():
@@ -71,7 +71,7 @@ def test_the_span_of_rigid_joints_ends_at_their_crossover():
     drive, law = gr.Drive(3000.0, 0.8, 2e-3), gr.PD(400.0, 20.0)
     crossover = gr.margins(gr.build_loop(gr.ElasticJoint(0.3, 0.9), drive, law)).phase_crossover
     loop = gr.build_loop(gr.Plant(np.diag([1 / 0.9, 2.0]), np.array([0.3, 0.2]), inf), drive, law)
-    ((low, high),) = calm_spans(loop, 1e-2, 1e4)
+    ((low, high),) = passive_intervals(loop, 1e-2, 1e4)
     assert low == 1e-2
     assert crossover * 10 ** (-1.5 / PER_DECADE) < high < crossover
 
@@ -90,5 +90,5 @@ def test_the_span_of_rigid_joints_ends_at_their_crossover():
 )
 def test_nothing_is_claimed_beyond_the_proof(change):
     setup = {"joint": gr.Plant(np.eye(2), np.full(2, 0.3), 5e3, 1.0), "drive": gr.Drive(3000.0), "controller": gr.PD(300.0, 20.0)}
-    assert len(calm_spans(gr.build_loop(**setup), 1e-2, 1e4)) == 1
-    assert len(calm_spans(gr.build_loop(**(setup | change)), 1e-2, 1e4)) == 0
+    assert len(passive_intervals(gr.build_loop(**setup), 1e-2, 1e4)) == 1
+    assert len(passive_intervals(gr.build_loop(**(setup | change)), 1e-2, 1e4)) == 0
