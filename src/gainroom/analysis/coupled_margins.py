@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..linear.arrays import Booleans, Complexes, Floats, Integers
-from ..system.controller import PD, PID, gain_matrix
+from ..system.controller import gain_matrix
 from ..system.loop import Loop
 from .disk_margin import disk_margin
 from .first_crossing import SEARCH, Certificate, End, Family, Rough, delays, listed, phases
@@ -107,10 +107,7 @@ def one_loop_margins(sweep: Sweep) -> OneLoop:
     loop = sweep.loop
     assert loop.parts is not None
     controller, size, sample_time = loop.parts.controller, loop.size, loop.sample_time
-    units = []
-    if isinstance(controller, PD | PID):
-        others = {"ki": 0.0} if isinstance(controller, PID) else {}
-        units = [replace(controller, kp=kp, kd=kd, **others) for kp, kd in ((1.0, 0.0), (0.0, 1.0))]
+    units = controller.units()
 
     def curves(omega: Floats) -> Complexes:
         s = sweep.boundary.points(omega)
@@ -120,7 +117,7 @@ def one_loop_margins(sweep: Sweep) -> OneLoop:
         returned = actuated @ law
         sensitive = sensitivity(loop, returned)
         own = np.einsum("kij,kji->ki", sensitive, actuated)
-        alone = [own * unit.matrix(s, v, 1, sample_time)[:, 0] for unit in units]
+        alone = [own * unit.matrix(s, v, 1, sample_time)[:, 0] for unit in units.values()]
         closed = 1 - np.diagonal(sensitive, axis1=1, axis2=2)
         closed = np.where(np.abs(closed) > 1e-3, closed, np.einsum("kij,kji->ki", sensitive, returned))
         return np.hstack([closed, -closed, *alone])
@@ -129,11 +126,11 @@ def one_loop_margins(sweep: Sweep) -> OneLoop:
     found, certified = room(sweep, curves, farthest)
     found, certified = found.reshape(-1, size), np.all(certified.reshape(-1, size), axis=0, keepdims=True)[0]
     smallest = np.where(np.isfinite(found[1]), 1 - found[1], 0.0)
-    one_loop = OneLoop(1 + found[0], smallest, np.full(size, math.nan), certified)
-    if not units:
-        return one_loop
-    kp, kd = (np.diagonal(gain_matrix(name, getattr(controller, name), size)) * loop.gain for name in ("kp", "kd"))
-    return replace(one_loop, largest_kp=kp + found[2], largest_kd=kd + found[3])
+    largest = {
+        f"largest_{name}": np.diagonal(gain_matrix(name, getattr(controller, name), size)) * loop.gain + more
+        for name, more in zip(units, found[2:], strict=True)
+    }
+    return OneLoop(1 + found[0], smallest, np.full(size, math.nan), certified, **largest)
 
 
 def sensitivity(loop: Loop, returned: Complexes) -> Complexes:

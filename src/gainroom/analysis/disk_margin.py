@@ -27,7 +27,10 @@ SAMPLES, CHECKS = 100, 12  # of S − T: from which the search for the peak star
 MOST_TRIED, MOST_POLISHED = 48, 4  # samples whose D is improved, local peaks that are climbed
 RUNGS = 60  # intervals that the certificate starts from
 INTERVALS_AT_ONCE, MOST_INTERVALS = 128, 5_000  # bounds of memory and of time
-LARGEST_RISE, LEAST_DISTANCE = 0.05, 1e-6  # neighbouring samples of a plain response: largest relative step of σ_max, least relative distance
+LARGEST_RISE, LEAST_DISTANCE = (
+    0.05,
+    1e-6,
+)  # neighbouring samples of a response: largest relative step of σ_max, least distance
 
 Response = Callable[[Floats], Complexes]
 

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from ..errors import GainroomError, require_finite
 from ..linear.arrays import Booleans, Floats, Integers
 from ..linear.transfer_function import Factored
-from ..system.controller import PD, PID, PPI
+from ..system.controller import PD, Controller
 from ..system.drive import Drive
 from ..system.loop import Feedback, build_loop
 from ..system.plant import ElasticJoint, Plant
@@ -43,7 +43,7 @@ def pd_region(
     controller   a PD, PID or PPI whose filters, notches and integral ratio are kept while kp and kd vary; None: plain PD
     """
     template = PD(1.0, 1.0) if controller is None else controller
-    if not isinstance(template, PD | PID | PPI):
+    if not getattr(template, "has_plane", False):
         raise GainroomError(f"pd_region: controller {type(template).__name__} must be a PD, PID or PPI")
     loop = build_loop(joint, drive, template, feedback, sample_time)
     if loop.actuated is None:
@@ -56,7 +56,7 @@ class PDRegion:
     """See pd_region. `actuated` is the loop without its controller, `template` gives the controller at each (kp, kd)."""
 
     actuated: Factored
-    template: PD | PID | PPI
+    template: Controller
     required: Requirements
 
     def scalar(self, kp: float, kd: float) -> Factored:

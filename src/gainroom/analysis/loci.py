@@ -78,7 +78,8 @@ class Boundary:
         self.last = None if loop.sample_time is None else math.pi / loop.sample_time
         # A resonance without damping is a pole on the boundary, which the loci pass at infinity: then the boundary leans, and what grows
         # slower than LOCI.tilt tells is not counted.
-        self.undamped = bool(np.any((loop.corner_frequencies.imag > 0) & (np.abs(loop.corner_frequencies.real) < LOCI.undamped * loop.corner_frequencies.imag)))
+        corners = loop.corner_frequencies
+        self.undamped = bool(np.any((corners.imag > 0) & (np.abs(corners.real) < LOCI.undamped * corners.imag)))
         self._ray = 1j + LOCI.tilt if self.undamped else 1j  # s = ω (j + LOCI.tilt)
 
     def points(self, omega: Floats) -> Complexes:

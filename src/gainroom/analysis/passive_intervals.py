@@ -14,7 +14,7 @@ boundary leans (loci.py), the mechanism is passive too.
 import numpy as np
 
 from ..linear.arrays import Floats
-from ..system.controller import PD, PID, PPI, gain_matrix, integrator
+from ..system.controller import gain_matrix
 from ..system.loop import Loop
 
 PER_DECADE = 40  # of the frequencies at which lead and lag are compared
@@ -31,20 +31,15 @@ def passive_intervals(loop: Loop, low: float, high: float) -> Floats:
         or parts.sample_time is not None
         or parts.feedback != "motor"
         or parts.plant.gravity_stiffness is not None
-        or not isinstance(parts.controller, PD | PID | PPI)
-        or parts.controller.notches
-        or parts.controller.velocity_filter is not None
+        or not parts.controller.lead_rises
     ):
         return np.zeros((0, 2))
-    gains = {powers: gain_matrix("gain", gain, loop.size) for powers, gain in parts.controller.terms().items()}
-    if any(np.count_nonzero(gain) != np.count_nonzero(np.diagonal(gain)) or np.any(gain < 0) for gain in gains.values()):
+    gains = [gain_matrix("gain", gain, loop.size) for gain in parts.controller.terms().values()]
+    if any(np.count_nonzero(gain) != np.count_nonzero(np.diagonal(gain)) or np.any(gain < 0) for gain in gains):
         return np.zeros((0, 2))
     omega = np.geomspace(low, high, max(2, round(PER_DECADE * np.log10(high / low))))
     s = 1j * omega
-    velocity, integral = (np.polyval(num, s) / np.polyval(den, s) for num, den in (parts.controller.velocity(None), integrator(None)))
-    law = np.zeros((len(omega), loop.size), dtype=complex)
-    for (power_v, power_i), gain in gains.items():
-        law += (velocity**power_v * integral**power_i)[:, None] * np.diagonal(gain)
+    law = np.diagonal(parts.controller.matrix(s, s, loop.size, None), axis1=1, axis2=2)
     driven = np.any(law, axis=0)
     lead = np.unwrap(np.angle(loop.gain * law[:, driven] / s[:, None]), axis=0)
     bandwidth = np.array([drive.bandwidth for drive in parts.drives])[driven]

@@ -19,7 +19,7 @@ from ..analysis.margin_record import Margins
 from ..analysis.quick_margins import QUICK, Sampled, quick_look
 from ..analysis.sampled_curves import meets_axis, meets_circle, peaks, polished_peaks
 from ..linear.arrays import Booleans, Complexes, Floats, Integers
-from ..system.controller import PD, PID, PPI, integrator
+from ..system.controller import integrator
 from ..system.loop import Loop
 from ..system.requirements import Requirements
 
@@ -144,9 +144,8 @@ class _Machine:
     def __init__(self, case: Case, gains: Gains, seen: Sampled) -> None:
         self.case, self.seen = case, seen
         self._gains, self._points, self._loop = gains, seen.sweep.boundary.points, case.loop(gains)
-        controller = self._loop.parts.controller if self._loop.parts is not None else None
-        assert isinstance(controller, PD | PID | PPI)
-        self._controller = controller
+        assert self._loop.parts is not None
+        self._controller = self._loop.parts.controller
 
     def _law(self, s: Complexes) -> tuple[Complexes, Complexes]:
         """d (k, m), and its changes (k, 2, m)."""

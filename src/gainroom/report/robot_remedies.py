@@ -7,7 +7,6 @@ from ..analysis.quick_margins import quick_margins
 from ..errors import listed
 from ..studies.robot import RobotStudy
 from ..studies.state import State
-from ..system.controller import PPI
 from .number_format import hertz, margin_value
 from .page import Html, paragraph
 
@@ -53,7 +52,7 @@ def _trials(study: RobotStudy, name: str, state: State) -> str:
     """The margin with more and with less damping, and with less stiffness."""
     spec, asked = study.spec, study.spec.requirements
     controller = spec.controller(state.model)
-    rate = "kv" if isinstance(controller, PPI) else "kd"
+    rate = controller.damping_name
     better, worse = [], []
     for gain, factor in ((rate, MORE), (rate, LESS), ("kp", LESS)):
         changed = replace(controller, **{gain: factor * getattr(controller, gain)})

@@ -4,7 +4,6 @@ import math
 
 from ..analysis.margins import Margins
 from ..studies.joint import JointStudy
-from ..system.controller import PD
 from ..system.joint_spec import JointSpec
 from .bode import Case
 from .columns import compared_rows
@@ -27,7 +26,7 @@ def margin_table(study: JointStudy) -> Html:
             names.append(name)
             found.append(margins)
             gains.append((recommended.kp, recommended.kd))
-    names.append("10 Hz rule" if isinstance(study.spec.controller, PD) else "10 Hz rule (plain PD)")
+    names.append("10 Hz rule" if study.spec.controller.kind == "PD" else "10 Hz rule (plain PD)")
     found.append(study.rule.margins)
     gains.append((study.rule.kp, study.rule.kd))
     kp_name, kd_name = plane_names(study.spec.controller)

@@ -4,7 +4,7 @@ import numpy as np
 
 from ..linear.arrays import Floats
 from ..system.assembly import controller_state
-from ..system.controller import PPI, Controller
+from ..system.controller import Controller
 
 
 class SampledControl:
@@ -21,7 +21,7 @@ class SampledControl:
         system = controller_state(controller, channels, sample_time)
         # (state, error, motion) → (next state, output), in one product
         self._step = np.block([[np.eye(len(system.a)) + sample_time * system.a, sample_time * system.b], [system.c, system.d]])
-        self._of_error = not isinstance(controller, PPI)
+        self._of_error = controller.rate_of_error
         self._state = np.zeros(len(system.a))
         self._from = np.zeros(channels)
 

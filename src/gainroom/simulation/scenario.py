@@ -8,7 +8,6 @@ import numpy as np
 from ..errors import GainroomError, require_count, require_finite, require_positive
 from ..linear.arrays import Floats
 from ..linear.state_space import split_delay
-from ..system.controller import PPI
 from ..system.loop import Loop
 from .trajectories import Step, Trajectory
 
@@ -113,7 +112,7 @@ class Signals:
         self.ticks = int(whole) + (1 if fraction > 0 else 0)
         self.before = self._at(scenario.reference, "reference", -1, 1)[0]
         follows = scenario.reference_velocity
-        self._follows = not isinstance(loop.parts.controller, PPI) if follows is None else follows
+        self._follows = loop.parts.controller.rate_of_error if follows is None else follows
         self._random = np.random.default_rng([scenario.seed, 0])
         self._noise = self._per_joint("noise", scenario.noise)
 

@@ -80,7 +80,7 @@ def study_joint(spec: JointSpec) -> JointStudy:
     """Everything about one joint."""
     loop = spec.loop()
     found, limit = margins(loop), gain_limit(loop)
-    template = spec.controller if isinstance(spec.controller, PD | PID | PPI) else PD(1.0, 1.0)
+    template = spec.controller if spec.controller.has_plane else PD(1.0, 1.0)
     place = {"feedback": spec.feedback, "sample_time": spec.sample_time, "controller": template}
     region = pd_region(spec.joint, spec.drive, **place)
     asked = {name: getattr(spec.requirements, name) for name in spec.requirements.asked}
@@ -159,13 +159,10 @@ def _without(spec: JointSpec) -> dict[str, float]:
 def _no_gains(spec: JointSpec) -> str:
     """That nothing can be recommended, and what would help."""
     controller, uncertain = spec.controller, bool(spec.uncertainty.names)
-    kind, remedies = "PD", ["relax limits", "shorten the delay"]
-    if isinstance(controller, PID | PPI):
-        kind = "PID" if isinstance(controller, PID) else "P/PI"
-        if controller.ki != 0:
-            ratio = "ki/kp" if isinstance(controller, PID) else "ki/kv"
-            kind = f"{kind} gains with this file's {ratio}, which is held,"
-            remedies.insert(0, "lower ki")
+    kind, remedies = controller.kind if controller.has_plane else "PD", ["relax limits", "shorten the delay"]
+    if controller.held_ratio and controller.ki != 0:
+        kind = f"{kind} gains with this file's {controller.held_ratio}, which is held,"
+        remedies.insert(0, "lower ki")
     if uncertain:
         remedies.insert(-1, "shrink uncertainty")
     kept = "were found that keep the required margins in every stated case" if uncertain else "keep the required margins"

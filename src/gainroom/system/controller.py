@@ -17,7 +17,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -80,8 +80,20 @@ class Notch:
 
 
 @dataclass(frozen=True)
-class _Feedback:
-    """What every controller of this module shares: filters, and the sum of terms."""
+class Controller:
+    """A sum of terms with filters; a subclass names its gains and says which terms they make. Nothing else asks what sort it is.
+
+    kind             as people call it
+    has_plane        its gains can move in a kp–kd plane (plane, plane_gains, from_plane)
+    damping_name     of the gain on velocity; held_ratio: of two gains, held while they move in that plane; "" where there is none
+    rate_of_error    its velocity is that of the error, so that a moving reference counts; False: of the measured position alone
+    """
+
+    kind: ClassVar[str] = "controller"
+    has_plane: ClassVar[bool] = True
+    damping_name: ClassVar[str] = "kd"
+    held_ratio: ClassVar[str] = ""
+    rate_of_error: ClassVar[bool] = True
 
     velocity_filter: LowPass | None = field(default=None, kw_only=True)
     notches: tuple[Notch, ...] = field(default=(), kw_only=True)
@@ -181,9 +193,18 @@ class _Feedback:
                 denominator = np.polymul(denominator, den)
         return self.shaping(sample_time) * ratio(numerator, denominator, sample_time)
 
-    def scaled(self, factor: float) -> "_Feedback":
+    @property
+    def lead_rises(self) -> bool:
+        """arg D(jω) rises with ω on every joint of its own, in continuous time: gains >= 0 without filters put no zero to the right."""
+        return self.has_plane and self.velocity_filter is None and not self.notches
+
+    def units(self) -> "dict[str, Controller]":
+        """By name, the controllers that one diagonal gain, kp or kd, makes by itself when it is 1; empty where gains do not act so."""
+        return {}
+
+    def scaled(self, factor: float) -> "Controller":
         """The same controller with its whole output multiplied by `factor`."""
-        raise NotImplementedError
+        return replace(self, **{name: factor * getattr(self, name) for name in self.gain_names()})
 
     def plane(self) -> tuple[Terms, Terms]:
         """What kp and kd each multiply when this controller's gains move in the kp–kd plane, its other ratios held."""
@@ -193,7 +214,7 @@ class _Feedback:
         """Where this controller stands in that plane."""
         raise GainroomError(f"{type(self).__name__} has no kp–kd plane")
 
-    def from_plane(self, kp: float, kd: float) -> "_Feedback":
+    def from_plane(self, kp: float, kd: float) -> "Controller":
         """The controller at a point of that plane."""
         raise GainroomError(f"{type(self).__name__} has no kp–kd plane")
 
@@ -207,11 +228,12 @@ class _Feedback:
 
 
 @dataclass(frozen=True)
-class PD(_Feedback):
+class PD(Controller):
     """kp [N m/rad], kd [N m s/rad]: numbers, (n,) or (n, n)."""
 
     kp: Any
     kd: Any
+    kind = "PD"
 
     @classmethod
     def gain_names(cls) -> tuple[str, ...]:
@@ -220,8 +242,8 @@ class PD(_Feedback):
     def terms(self) -> Terms:
         return _nonzero({(0, 0): self.kp, (1, 0): self.kd})
 
-    def scaled(self, factor: float) -> "PD":
-        return replace(self, kp=self.kp * factor, kd=self.kd * factor)
+    def units(self) -> dict[str, Controller]:
+        return {"kp": replace(self, kp=1.0, kd=0.0), "kd": replace(self, kp=0.0, kd=1.0)}
 
     def plane(self) -> tuple[Terms, Terms]:
         return _nonzero({(0, 0): 1.0}), _nonzero({(1, 0): 1.0})
@@ -234,12 +256,14 @@ class PD(_Feedback):
 
 
 @dataclass(frozen=True)
-class PID(_Feedback):
+class PID(Controller):
     """kp [N m/rad], ki [N m/(rad s)], kd [N m s/rad]: numbers, (n,) or (n, n)."""
 
     kp: Any
     ki: Any
     kd: Any
+    kind = "PID"
+    held_ratio = "ki/kp"
 
     @classmethod
     def gain_names(cls) -> tuple[str, ...]:
@@ -248,8 +272,8 @@ class PID(_Feedback):
     def terms(self) -> Terms:
         return _nonzero({(0, 0): self.kp, (1, 0): self.kd, (0, 1): self.ki})
 
-    def scaled(self, factor: float) -> "PID":
-        return replace(self, kp=self.kp * factor, ki=self.ki * factor, kd=self.kd * factor)
+    def units(self) -> dict[str, Controller]:
+        return {"kp": replace(self, kp=1.0, ki=0.0, kd=0.0), "kd": replace(self, kp=0.0, ki=0.0, kd=1.0)}
 
     def plane(self) -> tuple[Terms, Terms]:
         """ki/kp is held."""
@@ -263,12 +287,16 @@ class PID(_Feedback):
 
 
 @dataclass(frozen=True)
-class PPI(_Feedback):
+class PPI(Controller):
     """Cascade u = (kv + ki/s)(kp (x_d − x) − ẋ): kp [1/s], kv [N m s/rad], ki [N m/rad]: numbers, (n,) or (n, n)."""
 
     kp: Any
     kv: Any
     ki: Any = 0.0
+    kind = "P/PI"
+    damping_name = "kv"
+    held_ratio = "ki/kv"
+    rate_of_error = False
 
     @classmethod
     def gain_names(cls) -> tuple[str, ...]:
@@ -294,11 +322,12 @@ class PPI(_Feedback):
 
 
 @dataclass(frozen=True)
-class Compensator(_Feedback):
+class Compensator(Controller):
     """Any scalar LTI system as controller, the same on every joint; `system` is any that gainroom.loop_from accepts, no callable."""
 
     system: Any
     gain: Any = 1.0
+    has_plane = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "system", factored_from(self.system))
@@ -315,12 +344,6 @@ class Compensator(_Feedback):
         if self.system.sample_time != sample_time:
             raise GainroomError(f"controller: sample time {self.system.sample_time} must equal the loop's sample_time {sample_time}")
         return self.system * super().shaping(sample_time)
-
-    def scaled(self, factor: float) -> "Compensator":
-        return replace(self, gain=self.gain * factor)
-
-
-Controller = PD | PID | PPI | Compensator
 
 
 @lru_cache(256)

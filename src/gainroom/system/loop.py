@@ -20,7 +20,7 @@ from ..linear.sampling import sample
 from ..linear.state_space import StateSpace, factored, hold, realize, split_delay
 from ..linear.transfer_function import Factored, ratio
 from .assembly import Feedback, Parts, actuated_state, controller_state, current_loop
-from .controller import PD, PID, PPI, Compensator, gain_matrix
+from .controller import Compensator, Controller, gain_matrix
 from .drive import Drive
 from .plant import ElasticJoint, Plant
 
@@ -255,7 +255,7 @@ def build_loop(
         raise GainroomError(f"feedback {feedback!r} must be 'motor' or 'link'")
     if sample_time is not None:
         require_positive("loop", "sample_time", sample_time, "s")
-    if not isinstance(controller, PD | PID | PPI | Compensator):
+    if not isinstance(controller, Controller):
         controller = Compensator(system=factored_from(controller))
     if plant.size > 1:
         controller.require_size(plant.size)

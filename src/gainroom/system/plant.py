@@ -278,7 +278,7 @@ class Plant:
         return Mechanism(mass, damping, stiffness, motor_position.T, motor_position, link_position)
 
     def resonances(self) -> Complexes:
-        """Corner frequencies of the response: roughly the poles with motors free, then with motors held (zeros of the motor's response), Im > 0.
+        """Rough corner frequencies: poles with motors free, then with motors held (zeros of the motor's response), Im > 0.
 
         Undamped modes with their modal damping: good for placing samples, not exact.
         """
