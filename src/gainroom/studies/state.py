@@ -14,7 +14,7 @@ from ..analysis.margin_record import GainLimit, Margins
 from ..analysis.margins import joint_margins
 from ..analysis.partial_limits import part_limits
 from ..analysis.stability import has_growing_root, unstable_roots
-from ..design.robot_gains import ROUND_OFF, joints_that_move
+from ..design.robot_gains import IMMOBILE, joints_that_move
 from ..errors import GainroomError, computable
 from ..linear.arrays import Complexes, Floats, Integers
 from ..robot.spec import RobotSpec
@@ -297,7 +297,7 @@ def single_joint(model: Plant, k: int) -> Plant:
 
 def _at_least_zero(entry: Floats, whole: Floats) -> Floats:
     """W_kk, 0 where the contacts leave round-off."""
-    return np.where(entry > ROUND_OFF * np.abs(whole).max(), entry, 0.0)
+    return np.where(entry > IMMOBILE * np.abs(whole).max(), entry, 0.0)
 
 
 def joint_controller(controller: PD | PID | PPI, k: int, size: int) -> PD | PID | PPI:
@@ -316,7 +316,7 @@ def _own(gain: Floats, size: int) -> Floats:
     """(n,) what a gain does on each joint alone. Matrices of tasks leave round-off on joints that no task moves."""
     matrix = gain_matrix("gain", gain, size)
     own = np.diagonal(matrix)
-    return own if np.ndim(gain) < 2 else np.where(np.abs(own) > ROUND_OFF * np.abs(matrix).max(), own, 0.0)
+    return own if np.ndim(gain) < 2 else np.where(np.abs(own) > IMMOBILE * np.abs(matrix).max(), own, 0.0)
 
 
 def by_headroom(limit: GainLimit) -> tuple[bool, float]:
