@@ -259,9 +259,9 @@ def test_a_share_of_the_damaged_inputs(tmp_path: Path):
     population(range(SHARE), tmp_path)
 
 
-@pytest.mark.parametrize("index", [4402, 4961, 8008, 8201])
+@pytest.mark.parametrize("index", [617, 1936, 4402, 4961, 8008, 8201])
 def test_draws_that_once_failed(index: int, tmp_path: Path):
-    """A gearbox damped a million times too much, tasks that contacts hold, and a task that would be done ten thousand times per delay."""
+    """A gearbox damped a million times too much, a task to be done ten thousand times per delay, loops that cannot be followed."""
     assert run(index, tmp_path, 2017)[0] in ("answer", "refusal")
 
 

@@ -94,7 +94,7 @@ def raised_gains(
     """
     if not cases or not any(case.required.asked for case in cases):
         raise GainroomError("raised_gains needs at least one case and one requirement")
-    if not all(case.margins(start).stable for case in cases):
+    if not all(case.known(start) for case in cases):
         raise GainroomError("raised_gains needs gains to begin with that are stable in every case")
     if not np.any(stiffness(start, cases[0].cascade) > 0):
         raise GainroomError("raised_gains needs a direction that has stiffness")

@@ -65,8 +65,12 @@ class Case:
                 self._last[:] = [(key, seen)]
         return self._known[key]
 
+    def known(self, gains: Gains) -> bool:
+        """Whether the loop with these gains is stable, and could be followed."""
+        return self.required.shortfall(self.margins(gains)) < math.inf
+
     def seen(self, gains: Gains) -> Sampled:
-        """What is seen of a loop that is stable."""
+        """What is seen of a loop that is `known`."""
         key = gains.tobytes()
         if not self._last or self._last[0][0] != key:
             self._known.pop(key, None)
