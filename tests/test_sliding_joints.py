@@ -40,10 +40,10 @@ def test_units_in_terminal_and_page(tmp_path: Path, capsys: pytest.CaptureFixtur
     terminal = " ".join(capsys.readouterr().out.split())
     page = " ".join(unescape(re.sub(r"<(script|style).*?</\1>", "", report.read_text("utf-8"), flags=re.S)).split())
     for text in (terminal, page):
-        assert ("Joints that slide: rail." in text) == (second == "revolute")
+        assert ("Prismatic joints: rail." in text) == (second == "revolute")
         for hinges, slides in (("N·m/rad", "N/m"), ("N·m·s/rad", "N·s/m"), ("kg·m²", "kg")):
             assert (f"[{slides}]" in text) == (second == "prismatic")
-            assert (f"[{hinges}; slides {slides}]" in text) == (second == "revolute")
+            assert (f"[{hinges}; prismatic {slides}]" in text) == (second == "revolute")
             assert f"[{hinges}]" not in text
     if second == "prismatic":
         assert "N·m" not in page

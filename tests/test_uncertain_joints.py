@@ -92,7 +92,7 @@ def test_sectors_contain_the_loop(number):
     inside = 0
     for k in range(len(low)):
         point = rng.uniform(low[k], high[k])
-        values = {**loop.stated, **dict(zip(loop.names, point[1:].tolist(), strict=True))}
+        values = {**loop.nominal, **dict(zip(loop.names, point[1:].tolist(), strict=True))}
         drive = replace(case.drive, delay=values.pop("delay"))
         joint = replace(case.joint, **values)
         omega = point[0] * (sqrt(joint.stiffness * (1 / joint.motor_inertia + 1 / joint.link_inertia)) if scaled else 1.0)
