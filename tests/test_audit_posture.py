@@ -66,7 +66,7 @@ def test_limits_are_those_of_the_posture(leg: Path, posture: tuple[str, ...], an
     result = audited(leg, *posture)
     assert result.angles == approx(dict(zip(("hip", "knee", "ankle"), angles, strict=True)), abs=1e-15)
     # Two programs' mass matrices agree to 1e-12; limits are found to better than 1e-8.
-    assert result.worst.limit.gain == approx(limit_by_mujoco(leg, angles), rel=1e-8)
+    assert result.tightest.limit.gain == approx(limit_by_mujoco(leg, angles), rel=1e-8)
 
 
 def test_postures_matter_and_are_told(leg: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
@@ -78,7 +78,7 @@ def test_postures_matter_and_are_told(leg: Path, tmp_path: Path, capsys: pytest.
         told.append(" ".join(capsys.readouterr().out.split()))
     facts = json.loads(told[0])
     assert facts["posture"] == {"hip": -0.4, "knee": 0.8, "ankle": 1.4}
-    assert facts["gain_limit"] != approx(audited(leg).worst.limit.gain, rel=1e-2)
+    assert facts["gain_limit"] != approx(audited(leg).tightest.limit.gain, rel=1e-2)
     assert "Posture: home" in told[1]
     text = " ".join(re.sub(r"<[^>]*>", " ", unescape(page.read_text("utf-8"))).split())
     assert "Linear about posture home" in text

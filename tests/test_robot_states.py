@@ -425,7 +425,7 @@ def test_audit_without_a_limit_is_not_safe(folder: Path, monkeypatch: pytest.Mon
 
     monkeypatch.setattr("gainroom.studies.state.joint_margins", lost)
     result = audited(folder)
-    assert result.worst.limit.stable
+    assert result.tightest.limit.stable
     assert not result.safe
     assert "how far these gains may go in free is not known" in audit_sentence(result)
 

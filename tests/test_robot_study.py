@@ -233,7 +233,7 @@ def test_audit_agrees_with_the_robot_file(folder: Path, study: RobotStudy):
     result = audit(audit_spec(str(folder / "robot.urdf"), folder / "gains.yaml", options))
     text = ROBOT.replace("bent: {hip: 0.3, knee: -0.8}", "zero: {hip: 0}")
     (state,) = study_robot(parse_robot(text, "f", folder), recommend=False).states
-    assert result.worst.limit.gain == approx(state.limit.gain, rel=1e-9)
+    assert result.tightest.limit.gain == approx(state.limit.gain, rel=1e-9)
     assert [joint.gain_limit for joint in result.joints] == approx([row.single_joint_limit for row in state.joints])
     assert [joint.limit_others_closed for joint in result.joints] == approx([row.limit_others_closed for row in state.joints])
     assert result.delay_limit == approx(2e-3 + state.margins.delay_margin)
@@ -256,7 +256,7 @@ def test_audit_vibrates_from_its_delay_limit(folder: Path):
 
 def test_audit_margin_decides(folder: Path):
     spec = audit_spec(str(folder / "robot.urdf"), folder / "gains.yaml", AuditOptions(2.0, motor_inertia=0.5))
-    limit = audit(spec).worst.limit.gain
+    limit = audit(spec).tightest.limit.gain
     assert audit(spec, 0.99 * limit).safe
     tighter = audit(spec, 1.01 * limit)
     assert not tighter.safe

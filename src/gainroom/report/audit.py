@@ -27,7 +27,7 @@ def audit_page(result: Audit, command: str) -> str:
     """The report of an audit as one HTML page; `command` is what a reader types to get it again."""
     spec, factors = result.spec, _factors(result)
     sample_time = spec.control.sample_time
-    taken = assumptions(f"Linear about posture {result.worst.posture}", sample_time, "; contacts hold and do not slip or lift")
+    taken = assumptions(f"Linear about posture {result.tightest.posture}", sample_time, "; contacts hold and do not slip or lift")
     told = [facts([("assumed", text) for text in spec.assumptions])]
     sections = [
         Section("How it would vibrate", _vibrations(result)),
@@ -46,7 +46,7 @@ def _lead(result: Audit) -> Lead:
     warnings = audit_warnings(result)[:ON_TOP]
     if result.safe:
         return Lead(audit_sentence(result), "good", "", warnings)
-    if not result.worst.limit.stable:
+    if not result.tightest.limit.stable:
         return Lead(audit_sentence(result), "bad", "NOT SAFE, UNSTABLE: do not run these gains", warnings)
     return Lead(
         audit_sentence(result), "warn", f"NOT SAFE: stable, but with less than {digits(decibels(result.margin), 'dB', 3)} of room", warnings
@@ -55,7 +55,7 @@ def _lead(result: Audit) -> Lead:
 
 def _cards(result: Audit) -> list[Card]:
     """Three or four numbers for the first glance, each the worst of all states."""
-    worst, asked = result.worst, Requirements(gain_margin=result.margin)
+    worst, asked = result.tightest, Requirements(gain_margin=result.margin)
     limit, joints = worst.limit, result.limiting_joints
     at = f"{hertz(limit.frequency)}, {worst.title}" if math.isfinite(limit.frequency) else worst.title
     first = unstable_card(asked, limit, f", {worst.title}", worst.title)
@@ -88,7 +88,7 @@ def _factors(result: Audit) -> Factors:
 
 
 def _vibrations(result: Audit) -> list[Html]:
-    parts = [hero(result.worst, len(result.states) == 1)]
+    parts = [hero(result.tightest, len(result.states) == 1)]
     if len(result.states) > 1:
         view = common_view(result.states)
         parts.append(beside(*(small(state, state.limit, view, 0) for state in result.states)))

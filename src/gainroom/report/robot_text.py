@@ -253,7 +253,7 @@ def _at_most(gain: float) -> str:
 
 def audit_sentence(result: Audit) -> str:
     """The answer in one sentence."""
-    worst, count = result.worst, sum(not joint.safe for joint in result.joints)
+    worst, count = result.tightest, sum(not joint.safe for joint in result.joints)
     limit = worst.limit
     delays = f"it vibrates from {1e3 * result.delay_limit:.3g} ms of delay" if math.isfinite(result.delay_limit) else "no delay does"
     delays = "without delay, too" if result.delay_limit == 0 else delays

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..robot.spec import RobotSpec
 from ..system.requirements import enough
-from .state import Progress, State, by_headroom, states_of
+from .state import Progress, State, Studied, states_of
 
 MARGIN = 2.0
 """The factor on all gains that safe gains survive where none is asked for: 6 dB."""
@@ -33,26 +33,13 @@ class AuditedJoint:
 
 
 @dataclass(frozen=True)
-class Audit:
+class Audit(Studied):
     """What `gainroom audit` reports.
 
     margin   the factor that was asked for
-    every    all states, of one posture
     """
 
-    spec: RobotSpec
     margin: float
-    every: tuple[State, ...]
-
-    @property
-    def states(self) -> tuple[State, ...]:
-        """Those in which the gains move something: one or more."""
-        return tuple(state for state in self.every if state.moves)
-
-    @property
-    def immobile(self) -> tuple[State, ...]:
-        """The others: contacts hold every joint that has gains."""
-        return tuple(state for state in self.every if not state.moves)
 
     @property
     def safe(self) -> bool:
@@ -85,24 +72,19 @@ class Audit:
         )
 
     @property
-    def worst(self) -> State:
-        """The state with the least headroom."""
-        return min(self.states, key=lambda state: by_headroom(state.limit))
-
-    @property
     def delay_limit(self) -> float:
         """[s], over all states; NaN where none is known."""
         return min((state.delay_limit for state in self.states if not math.isnan(state.delay_limit)), default=math.nan)
 
     @property
     def limiting_joints(self) -> tuple[str, ...]:
-        """Those that vibrate at the worst state's limit, the strongest first."""
-        return self.worst.limiting_joints
+        """Those that vibrate at the tightest state's limit, the strongest first."""
+        return self.tightest.limiting_joints
 
     @property
     def angles(self) -> dict[str, float]:
         """Where every joint of the model stands, held ones too [rad; m for a prismatic joint]."""
-        posture = self.spec.robot.postures[self.worst.posture]
+        posture = self.spec.robot.postures[self.tightest.posture]
         return {name: posture.angles.get(name, 0.0) for name in posture.body.joint_names} | dict(posture.body.locked)
 
     @property
@@ -113,4 +95,4 @@ class Audit:
 
 def audit(spec: RobotSpec, margin: float = MARGIN, progress: Progress | None = None) -> Audit:
     """Every state of `spec`, whose control must be in joint space, against a required gain margin (a factor). Raises as states_of does."""
-    return Audit(spec, margin, states_of(spec, NUMBERS, progress))
+    return Audit(spec, states_of(spec, NUMBERS, progress), margin)

@@ -10,7 +10,7 @@ from ..errors import computable
 from ..robot.spec import RobotSpec
 from ..robot.state_cases import state_cases
 from ..system.requirements import Requirements
-from .state import Progress, State, by_headroom, limit_of, moves, states_of
+from .state import Progress, State, Studied, by_headroom, limit_of, moves, states_of
 
 EXPECTED_LOOKS = 250
 """Looks that the search for gains takes per state and corner of the uncertainty, roughly: for the progress bar."""
@@ -18,29 +18,16 @@ NUMBERS = ("margins", "joints", "tasks")
 
 
 @dataclass(frozen=True)
-class RobotStudy:
+class RobotStudy(Studied):
     """What `gainroom robot` reports.
 
-    every         all states, in the file's order
     recommended   by space
     unstable_at   posture, contact state and corner of the uncertainty in which the gains as given are unstable, for messages; "" where
                   none is found, nothing is uncertain, or they are unstable at the nominal values
     """
 
-    spec: RobotSpec
-    every: tuple[State, ...]
     recommended: tuple[RobotGains, ...] = ()
     unstable_at: str = ""
-
-    @property
-    def states(self) -> tuple[State, ...]:
-        """Those in which the gains move something: one or more."""
-        return tuple(state for state in self.every if state.moves)
-
-    @property
-    def immobile(self) -> tuple[State, ...]:
-        """The others."""
-        return tuple(state for state in self.every if not state.moves)
 
     @property
     def stable(self) -> bool:
@@ -69,11 +56,6 @@ class RobotStudy:
         asked = self.spec.requirements
         one = {name: Requirements(**{name: getattr(asked, name)}) for name in asked.asked}
         return {name: self.worst[name] for name in one if not one[name].met_by(self.worst[name].margins)} if self.stable else {}
-
-    @property
-    def tightest(self) -> State:
-        """The state with the least headroom."""
-        return min(self.states, key=lambda state: by_headroom(state.limit))
 
     @property
     def tightest_by_contact(self) -> tuple[State, ...]:

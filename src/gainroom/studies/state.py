@@ -223,6 +223,29 @@ class State:
         return TaskStudy(tasks, limit, rows)
 
 
+@dataclass(frozen=True)
+class Studied:
+    """All states of a robot, in the file's order."""
+
+    spec: RobotSpec
+    every: tuple[State, ...]
+
+    @property
+    def states(self) -> tuple[State, ...]:
+        """Those in which the gains move something: one or more."""
+        return tuple(state for state in self.every if state.moves)
+
+    @property
+    def immobile(self) -> tuple[State, ...]:
+        """The others: no loop is closed there, so there is no verdict and no limit."""
+        return tuple(state for state in self.every if not state.moves)
+
+    @property
+    def tightest(self) -> State:
+        """The state with the least headroom."""
+        return min(self.states, key=lambda state: by_headroom(state.limit))
+
+
 def states_of(spec: RobotSpec, numbers: tuple[str, ...], progress: Progress | None = None) -> tuple[State, ...]:
     """Every posture in every contact state, with these of its `numbers` computed.
 
