@@ -160,6 +160,16 @@ def test_share(draw):
     confirm(draw, range(SHARE))
 
 
+@pytest.mark.parametrize("number", [807, 1642, 1809])
+def test_loops_whose_integrators_drown_the_rest(number):
+    """I + L is singular to the last digit at rest: no disk margin is known there, all else is."""
+    pair = chain(2017, number)
+    found = gr.joint_margins(pair.loop)
+    assert math.isnan(found.disk_margin)
+    assert found.disk_certified is False
+    assert found.stable == (unstable(pair.machine) == 0)
+
+
 @pytest.mark.population
 @pytest.mark.skipif("'population' not in config.getoption('markexpr')", reason="runs with -m population")
 @pytest.mark.parametrize("batch", range(BATCHES))

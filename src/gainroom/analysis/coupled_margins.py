@@ -9,7 +9,7 @@ import numpy as np
 from ..linear.arrays import Booleans, Complexes, Floats, Integers
 from ..system.controller import gain_matrix
 from ..system.loop import Loop
-from .disk_margin import disk_margin
+from .disk_margin import MultiLoopDisk, disk_margin
 from .first_crossing import SEARCH, Certificate, End, Family, Rough, delays, listed, phases
 from .gain_limit import coupled_limit
 from .loci import LOCI, Sweep, in_blocks, passes
@@ -54,7 +54,7 @@ def coupled_margins(loop: Loop) -> Margins:
     phase = common_phase(sweep)
     delay = _common_delay(sweep)
     one_loop = replace(one_loop_margins(sweep), phase_margin=own_phase)
-    disk = disk_margin(loop)
+    disk = _disk(loop)
     certificates = [end.certificate.holds for end in (phase, delay) if end is not None]
     return Margins(
         limit,
@@ -65,13 +65,21 @@ def coupled_margins(loop: Loop) -> Margins:
         delay_crossover=delay.omega if delay else math.nan,
         peak_sensitivity=peak.height,
         peak_sensitivity_frequency=peak.omega,
-        disk_margin=disk.margin,
-        disk_margin_frequency=disk.frequency,
-        disk_certified=disk.certified,
+        disk_margin=disk.margin if disk else math.nan,
+        disk_margin_frequency=disk.frequency if disk else math.nan,
+        disk_certified=disk.certified if disk else False,
         certified=limit.certified and all(certificates) and bool(np.all(one_loop.certified)),
         phase_certificate=phase.certificate if phase else None,
         delay_certificate=delay.certificate if delay else None,
     )
+
+
+def _disk(loop: Loop) -> MultiLoopDisk | None:
+    """The disk margin; None where integrators drown all else in round-off, so that I + L is singular to the last digit."""
+    try:
+        return disk_margin(loop)
+    except np.linalg.LinAlgError:
+        return None
 
 
 def _one_loop_peak_and_phases(sweep: Sweep) -> tuple[Peak, Floats]:
