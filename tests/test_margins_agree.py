@@ -52,3 +52,12 @@ def test_scan_and_loci_agree(seed: int, sampled: bool):
     same(loci.peak_sensitivity, scan.peak_sensitivity, 1e-7)  # flat at its top, which the loci reach by parabolas
     if scan.delay_margin < 1.0:  # longer ones the loci leave out
         same(loci.delay_margin, scan.delay_margin, 1e-9 if loop.sample_time is None else 2e-5)  # a fraction of a tick is not just a phase
+
+
+def test_an_unstable_loop_with_a_counted_limit_is_certified():
+    """Nothing but its limit is claimed of it."""
+    plant = gr.Plant(np.array([[1.0, 0.3], [0.3, 2.0]]), np.full(2, 0.5), np.full(2, 1e4), np.full(2, 2.0))
+    found = gr.joint_margins(gr.build_loop(plant, gr.Drive(4000.0, 0.9, 2e-3), gr.PD(np.full(2, 8000.0), np.full(2, 400.0))))
+    assert not found.stable
+    assert found.limit.certificate.holds
+    assert found.certified

@@ -50,7 +50,7 @@ def coupled_margins(loop: Loop) -> Margins:
     peak, own_phase = _one_loop_peak_and_phases(sweep)  # first, on samples that no other search has added to
     limit = coupled_limit(sweep)
     if not limit.stable:
-        return replace(Margins.unknown(limit), unstable_roots=max(sweep.unstable(1.0), 1))
+        return replace(Margins.unknown(limit), unstable_roots=max(sweep.unstable(1.0), 1), certified=limit.certified)
     phase = common_phase(sweep)
     delay = _common_delay(sweep)
     one_loop = replace(one_loop_margins(sweep), phase_margin=own_phase)
