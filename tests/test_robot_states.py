@@ -14,7 +14,7 @@ from pytest import approx
 
 import gainroom as gr
 from gainroom.analysis.disk_margin import disk_margin_of
-from gainroom.analysis.margin_record import GainLimit
+from gainroom.analysis.margin_record import GainLimit, Margins
 from gainroom.analysis.quick_margins import quick_margins
 from gainroom.cli import main
 from gainroom.design.robot_gains import recommend_robot
@@ -390,6 +390,16 @@ def test_a_disk_margin_that_is_not_certified_says_so(
     page = robot_page(study, "again")
     assert f"<td>{shown.strip()}</td>" in page
     assert f"proved between frequencies, too, in {'all' if certified else '0 of 1'} stable states" in page
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_what_one_state_does_not_tell_is_not_met(leg: RobotStudy, first: bool):
+    """Whatever the order of states: all that is required is missed where nothing but the verdict is known."""
+    (state,) = leg.states
+    unknown = changed(state, margins=Margins.unknown(GainLimit.unknown(state.model.size)))
+    study = replace(leg, every=(unknown, state) if first else (state, unknown))
+    assert study.stable
+    assert study.unmet == dict.fromkeys(study.spec.requirements.asked, unknown)
 
 
 def test_legs_that_round_off_tells_apart_keep_the_models_order():

@@ -6,7 +6,7 @@ import shlex
 from collections.abc import Iterator
 from io import StringIO
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -67,3 +67,13 @@ def command_line(*words: str | Path | None) -> str:
     """The command that makes the same page again, for its last section."""
     text = shlex.join(["gainroom", *(str(word) for word in words if word is not None)])
     return text.encode("utf-8", "backslashreplace").decode()
+
+
+def kind_of(file: Path) -> Literal["joint", "robot"]:
+    """By its sections; what cannot be told is refused as a joint's. Raises GainroomError where it cannot be read, or is a model."""
+    from ..files.file_types import kind_of_file, wrong_kind
+
+    found = kind_of_file(file)
+    if found == "model":
+        raise wrong_kind(str(file), "joint.yaml or robot.yaml", found)
+    return "robot" if found == "robot" else "joint"

@@ -10,8 +10,7 @@ import typer
 
 from ..report.number_format import digits
 from .interrupts import Stopped, stop_signals
-from .kinds import kind_of
-from .options import AsJson, Report, command_line, number_option, refuse_inputs, report_stream
+from .options import AsJson, Report, command_line, kind_of, number_option, refuse_inputs, report_stream
 from .output import emit, emit_json, file_line, render, table
 from .progress import progress_bar
 

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..report.number_format import digits
-from .kinds import kind_of
-from .options import AsJson, Report, command_line, report_stream
+from .options import AsJson, Report, command_line, kind_of, report_stream
 from .output import emit, emit_json, file_line, render, table
 from .progress import progress_bar
 

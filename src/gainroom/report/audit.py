@@ -10,6 +10,7 @@ from ..system.requirements import Requirements
 from .columns import AUDITED_JOINT, audited_states, definitions, tabulated
 from .number_format import decibels, digits, hertz, model_kind
 from .page import Card, Html, Lead, Section, beside, block, facts, page, paragraph, table
+from .page_parts import assumptions, footer, limit_proofs, margin_card, unstable_card
 from .robot_coupling import coupling
 from .robot_drawing import hero, small
 from .robot_room import Factors, heat_map
@@ -17,7 +18,6 @@ from .robot_skeleton import common_view
 from .robot_tables import MARKS, inputs
 from .robot_text import audit_sentence, audit_warnings
 from .robot_units import joint_units
-from .shared import assumptions, footer, limit_proofs, margin_card, unstable_card
 
 ON_TOP = 4
 """Warnings shown before everything else; the others stand with the assumptions."""

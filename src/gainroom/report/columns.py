@@ -78,10 +78,6 @@ def _if_moving(value: Callable[["State"], Any]) -> Callable[["State"], Any]:
     return lambda state: value(state) if state.moves else None
 
 
-def _if_stable(value: Callable[["State"], Any]) -> Callable[["State"], Any]:
-    return lambda state: value(state) if state.moves and state.limit.stable else None
-
-
 def _mainly(state: "State") -> str:
     """The joints that take most part in the vibration at the limit."""
     if not state.moves:
@@ -228,7 +224,7 @@ STATE = [
     Column(
         "Ms",
         "",
-        _if_stable(lambda state: state.margins.peak_sensitivity),
+        _if_moving(lambda state: state.margins.peak_sensitivity),
         definition="the largest peak sensitivity of one loop, the other loops closed",
         significant=3,
     ),

@@ -10,7 +10,7 @@ from .gain_map import gain_map
 from .number_format import digits, frequency, hertz, model_kind, own_gains, plane_names, typed_gains
 from .nyquist import nyquist
 from .page import Card, Html, Lead, Section, block, facts, page
-from .shared import assumptions, footer, margin_card, unstable_card
+from .page_parts import assumptions, footer, margin_card, unstable_card
 from .tables import case_table, crossing_table, inputs, margin_table
 from .time_response import time_response
 

@@ -8,6 +8,7 @@ from ..studies.robot import RobotStudy
 from ..studies.state import State, by_headroom
 from .number_format import digits, hertz, model_kind
 from .page import Card, Html, Lead, Section, beside, block, facts, page, paragraph
+from .page_parts import assumptions, footer, limit_proofs, margin_card, unstable_card
 from .robot_coupling import coupling
 from .robot_drawing import hero, small
 from .robot_loci import loci, loci_window
@@ -17,7 +18,6 @@ from .robot_skeleton import common_view
 from .robot_tables import folded, gain_tables, inputs, joint_table, state_table, task_table
 from .robot_text import sentence, warnings
 from .robot_units import judged
-from .shared import assumptions, footer, limit_proofs, margin_card, unstable_card
 
 FEW = 4
 """States of which each has a picture; of more, the tightest posture of each contact state has one."""
@@ -207,7 +207,7 @@ def _stable_cards(study: RobotStudy) -> list[Card]:
         return f"{hertz(omega)}, " if math.isfinite(omega) else ""
 
     common = narrow.margins.named("phase_margin") == "phase margin"
-    where = f"{at(narrow.margins.phase_frequency) if common else ''}{narrow.title}"
+    where = f"{at(narrow.margins.gain_crossover) if common else ''}{narrow.title}"
     return [
         margin_card(asked, "gain_margin", least.margins.least_gain_margin, f"{at(least.limit.frequency)}{least.title}"),
         margin_card(asked, "phase_margin", narrow.margins.least_phase_margin, where, label=narrow.margins.named("phase_margin")),
@@ -216,7 +216,7 @@ def _stable_cards(study: RobotStudy) -> list[Card]:
             "delay margin",
             digits(1e3 * late.margins.delay_margin, "", 3),
             "ms" if math.isfinite(late.margins.delay_margin) else "",
-            note=f"{at(late.margins.delay_frequency)}{late.title}",
+            note=f"{at(late.margins.delay_crossover)}{late.title}",
         ),
     ]
 

@@ -16,9 +16,9 @@ from ..studies.state import State, TaskStudy
 from .columns import JOINT, STATE, TASK, Column, definitions, tabulated
 from .number_format import MARGIN_NAMES, decibels, digits, hertz, quantity, requirement
 from .page import Html, facts, paragraph, table
+from .page_parts import filters
 from .robot_text import held_back
 from .robot_units import joint_units
-from .shared import filters
 
 GRAVITY = {
     True: "its stiffness is counted",

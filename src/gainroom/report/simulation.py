@@ -9,7 +9,7 @@ from ..errors import listed
 from ..studies.simulation import Outcome
 from .number_format import digits, gain_factor, hertz, milli
 from .page import Card, Html, Lead, Section, beside, block, facts, page, paragraph, table
-from .shared import footer
+from .page_parts import footer
 from .simulation_figures import channels, close_up, drawn_channels, in_time
 from .simulation_kinds import KINDS, inputs
 from .simulation_text import TRACKING, floor_of, not_counted, overshoots, sentence, tracking_cells, warnings

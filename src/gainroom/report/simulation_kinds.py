@@ -13,8 +13,8 @@ from ..simulation.spec import JointSimulation
 from ..studies.simulation import Outcome
 from .number_format import digits, milli, typed_gains
 from .page import Section
+from .page_parts import filters
 from .robot_tables import angles_in_words, contacts_in_words, machine, span
-from .shared import filters
 from .simulation_figures import pose
 
 Pair = tuple[str, str]

@@ -9,7 +9,7 @@ from .bode import Case
 from .columns import compared_rows
 from .number_format import decibels, digits, frequency, own_gains, plane_names, quantity
 from .page import Html, facts, table
-from .shared import filters
+from .page_parts import filters
 
 MARKS = {"yes": "met", "no": "unmet", "unstable": "unmet", "not certified": "unmet"}
 

@@ -12,7 +12,7 @@ from ..system.joint_spec import JointSpec
 from . import style
 from .number_format import digits, frequency, model_in_words
 from .page import Card, Html, Lead, Section, block, figure, page, table
-from .shared import assumptions, footer
+from .page_parts import assumptions, footer
 from .verification_text import frequency_cells, gain_cells, percent, sentence
 
 

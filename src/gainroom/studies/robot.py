@@ -2,14 +2,12 @@
 
 import itertools
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from ..design.robot_gains import RobotGains, recommend_robot
 from ..errors import computable
 from ..robot.spec import RobotSpec
 from ..robot.state_cases import state_cases
-from ..system.requirements import Requirements
 from .state import Progress, State, Studied, by_headroom, limit_of, moves, states_of
 
 EXPECTED_LOOKS = 250
@@ -41,21 +39,24 @@ class RobotStudy(Studied):
 
     @property
     def worst(self) -> dict[str, State]:
-        """By name of a requirement, the state that keeps least of it."""
-        least: dict[str, Callable[[State], float]] = {
-            "gain_margin": lambda state: state.margins.least_gain_margin,
-            "phase_margin": lambda state: state.margins.least_phase_margin,
-            "peak_sensitivity": lambda state: -state.margins.peak_sensitivity,
-        }
-        # Mirrored states differ by round-off: the first of them
-        return {name: min(self.states, key=lambda state, key=key: float(f"{key(state):.9g}")) for name, key in least.items()}
+        """By name of a requirement, the state that has least left of it; one of which that is not known comes first.
+
+        Of mirrored states, which differ by round-off, the first.
+        """
+
+        def left(state: State, name: str) -> float:
+            value = state.margins.least(name) * (-1 if name == "peak_sensitivity" else 1)
+            return -math.inf if math.isnan(value) else float(f"{value:.9g}")
+
+        names = ("gain_margin", "phase_margin", "peak_sensitivity")
+        return {name: min(self.states, key=lambda state, name=name: left(state, name)) for name in names}
 
     @property
     def unmet(self) -> dict[str, State]:
         """The requirements that are not met in every state, each with the worst one; empty for an unstable robot."""
         asked = self.spec.requirements
-        one = {name: Requirements(**{name: getattr(asked, name)}) for name in asked.asked}
-        return {name: self.worst[name] for name in one if not one[name].met_by(self.worst[name].margins)} if self.stable else {}
+        missed = {name: state for name, state in self.worst.items() if asked.met(name, state.margins.least(name)) is False}
+        return missed if self.stable else {}
 
     @property
     def tightest_by_contact(self) -> tuple[State, ...]:
