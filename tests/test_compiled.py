@@ -56,6 +56,17 @@ def test_a_whole_cache_is_used(file: Path):
     assert hits(again) == 1
 
 
+def test_a_changed_kernel_beside_it_is_compiled_anew(file: Path):
+    """Kernels call each other across files."""
+    beside = file.with_name("_beside.py")
+    beside.write_text("", "utf-8")
+    assert loaded(file).halved(3.0) == 1.5
+    beside.write_text("# changed\n", "utf-8")
+    again = loaded(file)
+    assert again.halved(3.0) == 1.5
+    assert hits(again) == 0
+
+
 @pytest.mark.parametrize("ending", ["nbi", "nbc"])
 @pytest.mark.parametrize("damage", ["empty", "half", "other bytes", "one bit", "a folder"])
 def test_a_damaged_cache_is_made_anew(file: Path, ending: str, damage: str):

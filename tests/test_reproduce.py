@@ -11,7 +11,7 @@ from gainroom.paper import FIGURES, Reproduction, eq4, eq10, run_reproduction
 from gainroom.paper.page import reproduction_page
 from gainroom.paper.row import at_least, compare
 from gainroom.robot.tasks import Tasks
-from gainroom.system.loop import ClosedLoop
+from gainroom.system.closed_loop import ClosedLoop
 
 FIG9 = {"neither": (52.1, 3970), "elasticity": (27.5, 3970), "delay": (31.0, 619), "both": (6.2, 620)}
 PREFIXES = ("eq4.", "fig4.", "fig5.", "fig6.", "fig7.", *(f"fig9.{case}." for case in FIG9), "testbed.", "fig11.")

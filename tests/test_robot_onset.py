@@ -25,8 +25,9 @@ from gainroom.robot.tasks import Task, tasks_of
 from gainroom.simulation.robot_onset import motionless, robot_onset, robot_vibration
 from gainroom.simulation.robot_run import run_robot
 from gainroom.simulation.robot_setup import RobotSetup, hold, robot_setup
-from gainroom.system.controller import PD, PPI, LowPass, Notch
+from gainroom.system.controller import PD, PPI
 from gainroom.system.drive import Drive
+from gainroom.system.filters import LowPass, Notch
 from gainroom.system.loop import build_loop
 from gainroom.system.plant import ElasticJoint
 from robot_files import SOLO

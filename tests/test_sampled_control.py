@@ -5,7 +5,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from gainroom.simulation.sampled_control import SampledControl
-from gainroom.system.controller import PD, PID, PPI, LowPass, Notch
+from gainroom.system.controller import PD, PID, PPI
+from gainroom.system.filters import LowPass, Notch
 
 TICK = 5e-4
 FILTERED = {"velocity_filter": LowPass(600.0, 2), "notches": (Notch(400.0, 0.6, 0.2),)}

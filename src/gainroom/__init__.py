@@ -19,10 +19,12 @@ if TYPE_CHECKING:
     from .files.robot_yaml import load_robot
     from .simulation import Friction, Scenario, Testbed, simulate
     from .studies.joint import JointStudy, study_joint
-    from .system.controller import PD, PID, PPI, Compensator, LowPass, Notch
+    from .system.closed_loop import ClosedLoop, closed_loop
+    from .system.controller import PD, PID, PPI, Compensator
     from .system.drive import Drive
+    from .system.filters import LowPass, Notch
     from .system.joint_spec import JointSpec
-    from .system.loop import ClosedLoop, Loop, build_loop, closed_loop, loop_from
+    from .system.loop import Loop, build_loop, loop_from
     from .system.plant import Compliance, ElasticJoint, Plant
     from .system.requirements import Requirements
     from .system.uncertainty import Uncertainty
@@ -33,8 +35,10 @@ __version__ = "0.1.0"
 _HOME = {
     "system.plant": ("ElasticJoint", "Plant", "Compliance"),
     "system.drive": ("Drive",),
-    "system.controller": ("PD", "PID", "PPI", "Compensator", "LowPass", "Notch"),
-    "system.loop": ("Loop", "build_loop", "loop_from", "closed_loop", "ClosedLoop"),
+    "system.controller": ("PD", "PID", "PPI", "Compensator"),
+    "system.filters": ("LowPass", "Notch"),
+    "system.loop": ("Loop", "build_loop", "loop_from"),
+    "system.closed_loop": ("closed_loop", "ClosedLoop"),
     "analysis.stability": ("is_stable", "rightmost_roots", "Roots"),
     "analysis.margins": ("margins", "Margins", "joint_margins", "JointMargins"),
     "analysis.gain_region": ("pd_region", "PDRegion"),

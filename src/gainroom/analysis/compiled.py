@@ -31,12 +31,17 @@ class _Summed(IndexDataCacheFile):
         return pickle.loads(content)
 
 
+def _stamp(file: Path) -> list[tuple[str, float, int]]:
+    """Of a kernel's file and the kernels beside it: they call each other, and numba by itself looks at the caller's file alone."""
+    return [(path.name, path.stat().st_mtime, path.stat().st_size) for path in sorted({file, *file.parent.glob("_*.py")})]
+
+
 class _Cache(FunctionCache):
     """What it cannot read it empties, and what it cannot write it leaves."""
 
     def __init__(self, function: Any) -> None:
         super().__init__(function)
-        self._cache_file = _Summed(self._cache_path, self._impl.filename_base, self._impl.locator.get_source_stamp())
+        self._cache_file = _Summed(self._cache_path, self._impl.filename_base, _stamp(Path(function.__code__.co_filename)))
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         try:

@@ -12,10 +12,11 @@ from ..system.loop import Loop
 from .disk_margin import MultiLoopDisk, disk_margin
 from .first_crossing import SEARCH, Certificate, End, Family, Rough, delays, listed, phases
 from .gain_limit import coupled_limit
-from .loci import LOCI, Sweep, in_blocks, passes
+from .loci import Sweep, passes
 from .margin_record import Margins, OneLoop
 from .quick_margins import Peak, Sampled, own_phases
 from .sampled_curves import Curves, meets_axis, on_axis
+from .stability_boundary import LOCI, in_blocks
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,10 @@ import numpy as np
 from ..errors import GainroomError
 from ..system.loop import Loop
 from .first_crossing import SEARCH, Certificate, End, Family, gains
-from .loci import LOCI, Sweep
+from .loci import Sweep
 from .margin_record import GainLimit
 from .stability import INFINITELY_MANY, has_growing_root, scan_loop, unstable_roots
+from .stability_boundary import LOCI
 
 NEAREST_FACTORS = 10.0  # of the factors that are looked at first on coupled loops; most limits lie below
 FAR_BELOW = (1e-4, 1e-3, 1e-2, 0.1)  # of stable gains: how far down a lower end is looked for; round-off may hide what integrators do

@@ -13,7 +13,7 @@ negative real axis by itself (`passive`) there is nothing to follow.
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -22,41 +22,7 @@ from ..errors import GainroomError
 from ..linear.arrays import Booleans, Complexes, Floats, Integers
 from ..system.loop import Loop
 from .passive_intervals import passive_intervals
-
-
-@dataclass(frozen=True)
-class Resolution:
-    """How finely loci are sampled, and which numbers count as round-off."""
-
-    highest: float = 1e3  # of the factors that are looked at
-    smooth: float = 0.12  # largest relative move of an eigenvalue between samples near the negative real axis
-    detour: float = 0.5  # of its angle to that axis: a turn that stays smaller does not reach the axis in between
-    growth: float = 0.7  # largest change of ln|λ| between samples
-    large: float = 1e3  # eigenvalues beyond this belong to integrators
-    undamped: float = 1e-8  # damping ratio below which a resonance counts as undamped
-    tilt: float = 1e-9  # damping ratio, negative, of the ray that takes the place of the boundary then
-    huge: float = 1e9  # eigenvalues beyond this drown the small ones in round-off
-    nothing: float = 1e-150  # eigenvalues smaller than this are zero
-    noise: float = 1e-10  # of the largest eigenvalue: smaller ones are no better than round-off
-    # of a fall, about 1: from two integrators and a memory, 3, to a velocity alone, -1; beyond is round-off
-    steepest: float = 2.5
-    astray: float = 0.02  # of the order of a fall: more tells of round-off
-    # part of its size up to which what is imaginary of a locus near ω = 0 is taken for the distance to 0
-    real: float = 0.3
-    per_decade: int = 6
-    # size of what integrators make of the lowest samples: no locus crosses the unit circle further down
-    outside: float = 10.0
-    beside: float = 1.02  # a step so short, from the lowest sample, that the nearest locus is the same, or falls alike
-    # half-widths of a resonance that are sampled
-    around: Floats = field(default_factory=lambda: np.array([-6.0, -1.5, 0.0, 1.5, 6.0]))
-    lowest: float = 1e-12  # of the highest frequency
-    closest: float = 1e-10  # relative distance of samples at which refinement stops
-    most: int = 12_000  # samples of large matrices; of small ones more, up to as many entries
-    at_once: int = 2_000_000  # entries of all matrices that are held at a time
-    compared: int = 500_000  # distances between eigenvalues that are held at a time
-
-
-LOCI = Resolution()
+from .stability_boundary import LOCI, Boundary, in_blocks
 
 
 @dataclass(frozen=True)
@@ -68,75 +34,6 @@ class Steps:
 
     start: Complexes
     end: Complexes
-
-
-class Boundary:
-    """The stability boundary of a loop, and the loci on it one frequency at a time. `last` [rad/s]: half the sample rate; None: no end."""
-
-    def __init__(self, loop: Loop) -> None:
-        self.loop = loop
-        self.last = None if loop.sample_time is None else math.pi / loop.sample_time
-        # A resonance without damping is a pole on the boundary, which the loci pass at infinity: then the boundary leans, and what grows
-        # slower than LOCI.tilt tells is not counted.
-        corners = loop.corner_frequencies
-        self.undamped = bool(np.any((corners.imag > 0) & (np.abs(corners.real) < LOCI.undamped * corners.imag)))
-        self._ray = 1j + LOCI.tilt if self.undamped else 1j  # s = ω (j + LOCI.tilt)
-
-    def points(self, omega: Floats) -> Complexes:
-        """s (k,) at omega (k,)."""
-        return self._ray * omega
-
-    def core(self, omega: Floats) -> Complexes:
-        """L (k, r, r) at omega (k,), as far as the gains reach."""
-        return self.loop.core(self.points(omega))
-
-    def blurred(self, omega: Floats) -> Floats:
-        """(k,) how far (I + L)⁻¹ may be off by round-off at low omega (k,): one motion's share of L drowns beside a much larger one."""
-        core = self.core(omega)
-        size = np.linalg.norm(core, axis=(1, 2))
-        least = np.linalg.svd(np.eye(core.shape[1]) + core, compute_uv=False)[:, -1]
-        with np.errstate(divide="ignore"):
-            return self.loop.round_off(omega) * np.maximum(1.0, size / least**2)
-
-    def eigen(self, omega: Floats) -> tuple[Complexes, Complexes]:
-        """Eigenvalues (k, r) and vectors (k, r, r) of the core of L at omega (k,), computed once for frequencies that are the same."""
-        distinct, place = np.unique(omega, return_inverse=True)
-        values, vectors = np.linalg.eig(self.core(distinct))
-        return values[place], vectors[place]
-
-    def mode(self, omega: float, value: complex) -> Complexes:
-        """The measured positions (n,) of the locus that is at `value` at `omega`, the largest part 1."""
-        values, vectors = self.eigen(np.array([omega]))
-        mode = self.loop.lifted(self._ray * omega, vectors[0][:, np.argmin(np.abs(values[0] - value))])
-        return mode / mode[np.argmax(np.abs(mode))]
-
-    def crossings(self, omega: Floats, wanted: Complexes, height: Callable[[Complexes], Floats]) -> tuple[Floats, Complexes]:
-        """Where `height` of the loci that are at `wanted` (k,) at `omega` (k,) is zero, by secants: ω and λ.
-
-        A locus is followed by its vector: near-equal legs have loci that lie closer together than they move in one step. The caller
-        checks what has been reached.
-        """
-        values, vectors = self.eigen(omega)
-        rows = np.arange(len(omega))
-        which = np.argmin(np.abs(values - wanted[:, None]), axis=1)
-        value, mode = values[rows, which], vectors[rows, :, which]
-        before, first = omega, height(value)
-        omega = np.where(omega == self.last, omega, omega * (1 - 1e-6))
-        top = math.inf if self.last is None else self.last
-        for _ in range(40):
-            moving = np.flatnonzero(omega != before)
-            if not len(moving):
-                break
-            values, vectors = self.eigen(omega[moving])
-            which = np.argmax(np.abs(np.einsum("ki,kij->kj", mode[moving].conj(), vectors)), axis=1)
-            value[moving], mode[moving] = values[rows[: len(moving)], which], vectors[rows[: len(moving)], :, which]
-            now = height(value)
-            rise, run = now - first, omega - before
-            step = np.divide(now * run, rise, out=np.zeros(len(omega)), where=rise != 0)
-            step[(np.abs(step) <= 1e-14 * omega) | (omega == before)] = 0.0
-            first = np.where(omega == before, first, now)
-            before, omega = omega, np.clip(omega - step, 0.5 * omega, np.minimum(2 * omega, top))
-        return omega, value
 
 
 class Sweep:
@@ -333,12 +230,6 @@ class Sweep:
         seen = size > np.maximum(1 / self.highest, LOCI.noise * size.max(axis=1, keepdims=True))
         rough = np.any(((turned > LOCI.detour * away) | (grown > LOCI.growth)) & far & seen, axis=1)
         return np.flatnonzero(rough & ~self.passive & (np.diff(self.omega) > LOCI.closest * self.omega[1:]))
-
-
-def in_blocks(function: Callable[[Floats], Complexes], omega: Floats, size: int) -> Complexes:
-    """`function` (k,) → (k, …), which needs a few matrices (size, size) for each ω, over any number of them in bounded memory."""
-    rows = max(1, LOCI.at_once // size**2)
-    return np.concatenate([function(omega[k : k + rows]) for k in range(0, max(len(omega), 1), rows)])
 
 
 def _without_inside(omega: Floats, spans: Floats) -> Floats:

@@ -14,9 +14,10 @@ import numpy as np
 from ..linear.arrays import Booleans, Complexes, Floats, Integers
 from ..system.loop import Loop
 from .first_crossing import SEARCH, Family, gains, height, phases, slope
-from .loci import LOCI, Sweep, in_blocks
+from .loci import Sweep
 from .margin_record import GainLimit, Margins, OneLoop
 from .sampled_curves import meets_axis, meets_circle, on_axis, peaks, polished_peaks
+from .stability_boundary import LOCI, in_blocks
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from ..analysis.margin_record import Margins
 from ..analysis.quick_margins import QUICK, Sampled, quick_look
 from ..analysis.sampled_curves import meets_axis, meets_circle, peaks, polished_peaks
 from ..linear.arrays import Booleans, Complexes, Floats, Integers
-from ..system.controller import integrator
+from ..system.filters import integrator
 from ..system.loop import Loop
 from ..system.requirements import Requirements
 

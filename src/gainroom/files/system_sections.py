@@ -14,8 +14,9 @@ from ..io.validation import NotNegative, Positive, PositiveOrInfinite, Section, 
 from ..io.yaml_text import shown
 from ..linear.arrays import Floats
 from ..system.actuator_entry import ActuatorEntry
-from ..system.controller import PD, PID, PPI, LowPass, Notch
+from ..system.controller import PD, PID, PPI
 from ..system.drive import Drive
+from ..system.filters import LowPass, Notch
 from ..system.requirements import Requirements
 
 CONTROLLERS = {"pd": PD, "pid": PID, "ppi": PPI}

@@ -4,7 +4,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ..system.loop import build_loop, closed_loop
+from ..system.closed_loop import closed_loop
+from ..system.loop import build_loop
 from .joints import DRIVE, GAINS, RATIO, joint_with_load
 from .picture import AXIS
 from .row import Row, compare

@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike
 
 from ..errors import GainroomError, first_of_many, nearest
 from ..linear.arrays import Floats
-from ..system.controller import PD, PID, PPI, LowPass, Notch
+from ..system.controller import PD, PID, PPI
 from ..system.drive import Drive
+from ..system.filters import LowPass, Notch
 from ..system.loop import Feedback, Loop, build_loop
 from ..system.requirements import Requirements
 from ..system.uncertainty import between

@@ -16,12 +16,12 @@ from ..errors import GainroomError, one_line, require_count, require_finite, req
 from ..linear.arrays import Booleans, Complexes, Floats, Integers
 from ..linear.lti import factored_from, is_lti, sample_time_of
 from ..linear.response_cache import Remembered
-from ..linear.sampling import sample
-from ..linear.state_space import StateSpace, factored, hold, realize, split_delay
+from ..linear.state_space import StateSpace, hold, realize, split_delay
 from ..linear.transfer_function import Factored, ratio
-from .assembly import Feedback, Parts, actuated_state, controller_state, current_loop
+from .assembly import Feedback, Parts, controller_state
 from .controller import Compensator, Controller, gain_matrix
 from .drive import Drive
+from .measured_response import actuated_scalar, measured_signals, measured_state
 from .plant import ElasticJoint, Plant
 
 NO_GAIN = 1e-11  # of the largest gain: less is what round-off leaves of none, and spoils eigenvectors
@@ -74,7 +74,7 @@ class Loop:
         """From torque command to controller output without `delays` (in sampled time they are states); None for callables."""
         if self.parts is None:
             return self.given
-        return controller_state(self.parts.controller, self.size, self.sample_time) @ _body(self.parts)
+        return controller_state(self.parts.controller, self.size, self.sample_time) @ measured_signals(self.parts)
 
     @cached_property
     def corner_frequencies(self) -> Complexes:
@@ -183,7 +183,7 @@ class Loop:
         assert self.parts is not None
         assert self.sample_time is not None
         _, fraction = split_delay(np.array([drive.delay for drive in self.parts.drives]), self.sample_time)
-        return hold(_measured(self.parts, "position"), fraction * self.sample_time, self.sample_time)
+        return hold(measured_state(self.parts, "position"), fraction * self.sample_time, self.sample_time)
 
     def response(self, omega: ArrayLike) -> Complexes:
         """L(jω), or L(e^{jωT_s}), at omega [rad/s] (k,): (k,) for n = 1, else (k, n, n)."""
@@ -267,7 +267,7 @@ def build_loop(
             return loop  # springs, dampers and masses alone are passive
         assert loop.open_loop is not None
         return replace(loop, unstable_poles=np.count_nonzero(_unstable(np.linalg.eigvals(loop.open_loop.a), sample_time)))
-    actuated, control = _actuated_scalar(parts), controller.transfer(sample_time)
+    actuated, control = actuated_scalar(parts), controller.transfer(sample_time)
     return Loop(1, sample_time, actuated, control, delays, unstable_poles=(actuated * control).unstable_poles, parts=parts)
 
 
@@ -326,98 +326,7 @@ def _whole_ticks(delay: float, sample_time: float) -> StateSpace:
     return hold(nothing, np.array([delay]), sample_time)
 
 
-@dataclass(frozen=True)
-class ClosedLoop:
-    """Eq. (4) of Jung et al. 2017: x = L/(1+L) x_d − L/(1+L) n + C P e^{−sT}/(1+L) d; responses at omega [rad/s] (k,)."""
-
-    loop: Loop
-
-    def reference(self, omega: ArrayLike) -> Complexes:
-        """From reference to measured position."""
-        value = self.loop.response(omega)
-        return value / (1 + value)
-
-    def noise(self, omega: ArrayLike) -> Complexes:
-        """From measurement noise to the true position on the measured side."""
-        return -self.reference(omega)
-
-    def disturbance(self, omega: ArrayLike) -> Complexes:
-        """From a torque added to the command to measured position [rad/(N m)]."""
-        assert self.loop.actuated is not None
-        return self.loop.actuated.response(np.atleast_1d(omega)) / (1 + self.loop.response(omega))
-
-
-def closed_loop(loop: Loop) -> ClosedLoop:
-    """Reference, noise and disturbance responses of a scalar loop built from its parts."""
-    if loop.scalar is None:
-        raise GainroomError("closed_loop needs a loop of one joint built with build_loop or from an LTI system")
-    return ClosedLoop(loop)
-
-
 def _unstable(poles: Complexes, sample_time: float | None) -> Booleans:
     """True where a pole in v grows by more than the round-off of an eigenvalue solver on repeated roots."""
     rate = poles.real if sample_time is None else poles.real + np.abs(poles) ** 2 * sample_time / 2
     return rate > 1e-5 * np.abs(poles).max(initial=0.0) * 1e-2
-
-
-def _body(parts: Parts) -> StateSpace:
-    """Torque command (n) → measured positions, then what velocity is made from (2n): velocities, or in sampled time positions again.
-
-    Sampled exactly, delays included, where there is a sample time.
-    """
-    if parts.sample_time is None:
-        return _measured(parts, "position", "velocity")
-    return hold(_measured(parts, "position", "position"), np.array([drive.delay for drive in parts.drives]), parts.sample_time)
-
-
-def _measured(parts: Parts, *quantities: str) -> StateSpace:
-    """Torque command (n), not delayed → what is measured, "position" or "velocity" (n each)."""
-    size = parts.plant.size
-    first = {"position": 0, "velocity": 2 * size}
-    side = 0 if parts.feedback == "motor" else size
-    rows = [first[quantity] + side + np.arange(size) for quantity in quantities]
-    return actuated_state(parts.plant, parts.drives).between(np.arange(size), np.concatenate(rows))
-
-
-def _actuated_scalar(parts: Parts) -> Factored:
-    """P C e^{−sT} of one joint from the exact polynomials of eq. (2), sampled exactly where there is a sample time."""
-    plant, drive = parts.plant, parts.drives[0]
-    continuous = _joint_transfer(plant, parts.feedback) * current_loop(drive)
-    if parts.sample_time is None:
-        return Factored(continuous.zeros, continuous.poles, continuous.gain, drive.delay)
-    ticks, fraction = split_delay(drive.delay, parts.sample_time)
-    return replace(sample(continuous, parts.sample_time, float(fraction)), delay=float(ticks) * parts.sample_time)  # whole ticks stay exact
-
-
-def _joint_transfer(plant: Plant, feedback: Feedback) -> Factored:
-    """P_M or P_L of one joint: with w = W, eq. (2) in a form that holds for rigid joints (K = ∞) and locked outputs (w = 0)."""
-    if plant.compliance is not None:
-        return _resting_transfer(plant, feedback)
-    w, motor = plant.link_inverse_inertia[0, 0], plant.motor_inertia[0]
-    stiffness, damping = plant.stiffness[0], plant.damping[0]
-    motor_viscous, link_viscous = plant.motor_viscous[0], plant.link_viscous[0]
-    gravity = 0.0 if plant.gravity_stiffness is None else plant.gravity_stiffness[0, 0]
-    link = np.array([1.0, w * link_viscous, w * gravity])  # s² q = w (τ_J − link_viscous s q − gravity q)
-    if np.isinf(stiffness):
-        return ratio([w], [1 + w * motor, w * (motor_viscous + link_viscous), w * gravity])
-    gearbox = np.array([damping, stiffness])
-    if w == 0:  # output locked
-        if feedback == "link":
-            raise GainroomError("a joint with its output locked (link_inertia inf) cannot be fed back from the link side")
-        return ratio([1.0], [motor, motor_viscous + damping, stiffness])
-    denominator = np.polymul([motor, motor_viscous, 0.0], np.polyadd(link, w * gearbox))
-    denominator = np.polyadd(denominator, np.polymul(gearbox, link))
-    numerator = np.polyadd(link, w * gearbox) if feedback == "motor" else w * gearbox
-    return ratio(numerator, denominator)
-
-
-def _resting_transfer(plant: Plant, feedback: Feedback) -> Factored:
-    """P_M or P_L of one joint whose links rest on springs, from the second-order form."""
-    form = plant.mechanism()
-    states, inverse = len(form.mass), np.linalg.inv(form.mass)
-    a = np.block([[np.zeros((states, states)), np.eye(states)], [-inverse @ form.stiffness, -inverse @ form.damping]])
-    position = form.motor_position if feedback == "motor" else form.link_position
-    system = StateSpace(a, np.vstack([np.zeros((states, 1)), inverse @ form.force]), np.hstack([position, 0 * position]), np.zeros((1, 1)))
-    poles = np.linalg.eigvals(a)
-    poles[np.abs(poles) < 1e-6 * np.abs(poles).max()] = 0.0  # a joint free to turn: its double integrator comes out to half the digits
-    return factored(system, poles, None)

@@ -1,0 +1,75 @@
+"""From torque command to measured position: the polynomials of one joint, eq. (2), and the state space of any number of them."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..errors import GainroomError
+from ..linear.sampling import sample
+from ..linear.state_space import StateSpace, factored, hold, split_delay
+from ..linear.transfer_function import Factored, ratio
+from .assembly import Feedback, Parts, actuated_state, current_loop
+from .plant import Plant
+
+
+def measured_signals(parts: Parts) -> StateSpace:
+    """Torque command (n) → measured positions, then what velocity is made from (2n): velocities, or in sampled time positions again.
+
+    Sampled exactly, delays included, where there is a sample time.
+    """
+    if parts.sample_time is None:
+        return measured_state(parts, "position", "velocity")
+    return hold(measured_state(parts, "position", "position"), np.array([drive.delay for drive in parts.drives]), parts.sample_time)
+
+
+def measured_state(parts: Parts, *quantities: str) -> StateSpace:
+    """Torque command (n), not delayed → what is measured, "position" or "velocity" (n each)."""
+    size = parts.plant.size
+    first = {"position": 0, "velocity": 2 * size}
+    side = 0 if parts.feedback == "motor" else size
+    rows = [first[quantity] + side + np.arange(size) for quantity in quantities]
+    return actuated_state(parts.plant, parts.drives).between(np.arange(size), np.concatenate(rows))
+
+
+def actuated_scalar(parts: Parts) -> Factored:
+    """P C e^{−sT} of one joint from the exact polynomials of eq. (2), sampled exactly where there is a sample time."""
+    plant, drive = parts.plant, parts.drives[0]
+    continuous = _joint_transfer(plant, parts.feedback) * current_loop(drive)
+    if parts.sample_time is None:
+        return Factored(continuous.zeros, continuous.poles, continuous.gain, drive.delay)
+    ticks, fraction = split_delay(drive.delay, parts.sample_time)
+    return replace(sample(continuous, parts.sample_time, float(fraction)), delay=float(ticks) * parts.sample_time)  # whole ticks stay exact
+
+
+def _joint_transfer(plant: Plant, feedback: Feedback) -> Factored:
+    """P_M or P_L of one joint: with w = W, eq. (2) in a form that holds for rigid joints (K = ∞) and locked outputs (w = 0)."""
+    if plant.compliance is not None:
+        return _resting_transfer(plant, feedback)
+    w, motor = plant.link_inverse_inertia[0, 0], plant.motor_inertia[0]
+    stiffness, damping = plant.stiffness[0], plant.damping[0]
+    motor_viscous, link_viscous = plant.motor_viscous[0], plant.link_viscous[0]
+    gravity = 0.0 if plant.gravity_stiffness is None else plant.gravity_stiffness[0, 0]
+    link = np.array([1.0, w * link_viscous, w * gravity])  # s² q = w (τ_J − link_viscous s q − gravity q)
+    if np.isinf(stiffness):
+        return ratio([w], [1 + w * motor, w * (motor_viscous + link_viscous), w * gravity])
+    gearbox = np.array([damping, stiffness])
+    if w == 0:  # output locked
+        if feedback == "link":
+            raise GainroomError("a joint with its output locked (link_inertia inf) cannot be fed back from the link side")
+        return ratio([1.0], [motor, motor_viscous + damping, stiffness])
+    denominator = np.polymul([motor, motor_viscous, 0.0], np.polyadd(link, w * gearbox))
+    denominator = np.polyadd(denominator, np.polymul(gearbox, link))
+    numerator = np.polyadd(link, w * gearbox) if feedback == "motor" else w * gearbox
+    return ratio(numerator, denominator)
+
+
+def _resting_transfer(plant: Plant, feedback: Feedback) -> Factored:
+    """P_M or P_L of one joint whose links rest on springs, from the second-order form."""
+    form = plant.mechanism()
+    states, inverse = len(form.mass), np.linalg.inv(form.mass)
+    a = np.block([[np.zeros((states, states)), np.eye(states)], [-inverse @ form.stiffness, -inverse @ form.damping]])
+    position = form.motor_position if feedback == "motor" else form.link_position
+    system = StateSpace(a, np.vstack([np.zeros((states, 1)), inverse @ form.force]), np.hstack([position, 0 * position]), np.zeros((1, 1)))
+    poles = np.linalg.eigvals(a)
+    poles[np.abs(poles) < 1e-6 * np.abs(poles).max()] = 0.0  # a joint free to turn: its double integrator comes out to half the digits
+    return factored(system, poles, None)
