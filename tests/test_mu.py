@@ -66,7 +66,7 @@ def test_closed_forms(size):
         assert found.upper == pytest.approx(mu, rel=1e-6, abs=1e-12)
         assert found.lower <= found.upper
     triangular = np.triu(complex_normal(rng, size, size))
-    # the infimum is not reached: D stays within what ROOM = 1e-9 leaves it
+    # the infimum is not reached: D stays within what SMALLEST_ENTRY = 1e-9 leaves it
     assert structured_singular_value(triangular).upper == pytest.approx(np.abs(np.diag(triangular)).max(), rel=1e-3)
 
 

@@ -156,7 +156,12 @@ def test_gain_map_of_an_integral_controller_leaves_the_plain_pd_rule_out():
     symbols = {trace["marker"]["symbol"] for trace in drawn["data"] if trace.get("mode") == "markers"}
     assert symbols == {"circle", "star"}
     assert drawn["layout"]["xaxis"]["title"]["text"] == "kv·kp [N·m/rad]"
-    for words in ("10 Hz rule (plain PD)", "for the stated joint alone", "recommended (worst case)", "recommended (as stated)"):
+    for words in (
+        "10 Hz rule (plain PD)",
+        "for the nominal joint, not over the uncertainty",
+        "recommended (worst case)",
+        "recommended (as stated)",
+    ):
         assert words in own
 
 

@@ -17,7 +17,7 @@ from gainroom.analysis.quick_margins import quick_margins
 from gainroom.files.robot_yaml import parse_robot
 from gainroom.report.number_format import digits
 from gainroom.report.robot import MOST_PICTURES, robot_page
-from gainroom.report.robot_room import MOST_STATES
+from gainroom.report.robot_headroom import MOST_STATES
 from gainroom.report.robot_skeleton import common_view
 from gainroom.report.robot_text import sentence
 from gainroom.studies.robot import RobotStudy, study_robot
@@ -369,8 +369,8 @@ def test_gains_that_nothing_limits(tmp_path):
     assert math.isinf(study.tightest.limit.gain)
     html = robot_page(study, COMMAND)
     own = without_library(html)
-    assert "does not vibrate at any factor" in own
-    assert "None of the loci crosses" in own
+    assert "no vibration at any factor" in own
+    assert "No locus crosses" in own
     for trace in traces(drawings(html)[0], "joints"):
         assert trace["marker"]["color"] == "white"
     assert not re.search(r">nan\b|\bnan<", own)
@@ -384,7 +384,7 @@ def test_gains_that_no_factor_saves(small_arm):
     html = robot_page(study, COMMAND)
     own = without_library(html)
     assert '<body class="bad">' in own
-    assert "no factor that lowers the gains helps" in own
+    assert "UNSTABLE at any lower gain" in own
     assert "no factor makes" in own
     assert not re.search(r">nan\b|\bnan<", own)
 
@@ -419,11 +419,9 @@ def test_a_requirement_that_is_not_met_is_explained(page, biped):
     """What a phase margin of several loops is, and what other gains would make of it: as the loops with those gains have it."""
     words = " ".join(re.sub(r"<[^>]*>", " ", unescape(without_library(page))).split())
     state = biped.unmet["phase_margin"]
-    assert f"Phase margin of {state.model.size} loops: the smallest angle" in words
+    assert f"Phase margin of {state.model.size} loops: the smallest phase lag or lead" in words
     assert f"in {state.title}, at {state.margins.gain_crossover / (2 * np.pi):.3g} Hz" in words
-    (told,) = re.findall(
-        r"It would be ([\d.]+)° with all kd times 1.25 and ([\d.]+)° with all kp times 0.8, but ([\d.]+)° with all kd", words
-    )
+    (told,) = re.findall(r"It would be ([\d.]+)° with all kd × 1.25 and ([\d.]+)° with all kp × 0.8, but ([\d.]+)° with all kd", words)
     drives, control = biped.spec.drives, biped.spec.control
     for (kp, kd), shown in zip(((1.0, 1.25), (0.8, 1.0), (1.0, 0.8)), told, strict=True):
         changed = gr.PD(kp * control.joints.kp, kd * control.joints.kd)

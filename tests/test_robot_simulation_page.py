@@ -102,13 +102,13 @@ def test_a_sound_run_at_first_glance(sound: Outcome, sound_page: str):
     state, banner, labels = glance(sound_page)
     assert (state, banner) == ("good", "")
     assert labels == ["largest error", "steady-state error", "torque peak", "vibration", "slip of the feet"]
-    assert sentence(sound).startswith("No vibration: com ")
+    assert sentence(sound).startswith("No vibration. Largest tracking error ")
     assert escape(sentence(sound)) in sound_page
 
 
 def test_the_page_carries_answer_then_reason_in_order(sound: Outcome, sound_page: str):
     own = unescape(without_library(sound_page))
-    wanted = (sentence(sound), "In time", "The robot before and after", "Channel by channel", "Joints", "Inputs and assumptions", COMMAND)
+    wanted = (sentence(sound), "In time", "Initial and final posture", "Channel by channel", "Joints", "Inputs and assumptions", COMMAND)
     start = own.index("<body")
     for part in wanted:
         start = own.index(part, start)
@@ -201,7 +201,7 @@ def test_a_fallen_run(fallen: Outcome):
     assert labels[0] == "falls after"
     assert fallen.run.ending == "fell"
     assert sentence(fallen).startswith("The robot fell after ")
-    assert any("it is the move" in warning for warning in warnings(fallen))  # the loop is stable
+    assert any("the move, the feet or friction end the run" in warning for warning in warnings(fallen))  # the loop is stable
     assert all(row[4:] == ["–", "–", "–"] for row in cells(page, "channel").values())  # nothing has settled
     assert "<b>FELL</b>" in json.dumps(figures(page))
 
@@ -214,7 +214,7 @@ def test_a_run_that_diverges(limit: gr.GainLimit):
     page = simulation_page(play, COMMAND)
     state, banner, labels = glance(page)
     assert (state, "DIVERGES" in banner) == ("bad", True)
-    assert labels[0] == "runs away within"
+    assert labels[0] == "diverges after"
     assert play.run.ending == "diverged"
     assert play.vibration is not None
     assert play.vibration.frequency == pytest.approx(abs(root.imag), rel=0.02)
@@ -277,8 +277,8 @@ def test_what_nothing_can_move_is_not_said_to_track():
     """The centre of mass in free fall: no motor moves it, which the warning says."""
     play = simulated(LIFTED + SAMPLED + TASKS + "scenario: {duration: 0.3, move: {task: com, by: [0.01, 0, 0], duration: 0.1}}\n")
     assert play.spec.immovable == ("com x",)
-    assert sentence(play).startswith("No vibration: com x")
-    assert any("nothing can move com x" in warning for warning in warnings(play))
+    assert sentence(play).startswith("No vibration. Largest tracking error ")
+    assert any("com x cannot move" in warning for warning in warnings(play))
     assert play.tracking.steady_state[0] == pytest.approx(0.01, rel=1e-6)
 
 
@@ -343,7 +343,7 @@ def test_a_slide_counts_in_metres(tmp_path: Path):
     play = simulate_study(RobotSimulation.of(parse_robot(text, "robot.yaml", tmp_path)))
     assert play.run.units == ("m", "rad")
     assert play.leading == (0,)
-    assert "Of prismatic joints read N and mm" in simulation_page(play, COMMAND)
+    assert "Prismatic joints: N and mm" in simulation_page(play, COMMAND)
 
 
 def test_falling_is_reported_and_is_exit_status_1(tmp_path: Path, capsys: pytest.CaptureFixture[str]):

@@ -51,19 +51,19 @@ def test_friction_that_hides_an_unstable_loop_is_not_sound(tmp_path: Path, capsy
     assert (facts["diverged"], facts["fell"], facts["vibrates"], facts["predicted"]["stable"]) == (False, False, False, False)
     assert facts["unstable"] is True
     assert facts["sentence"].startswith(
-        "No lasting vibration is seen, but these gains are 1.07 times the limit: unstable; friction may hide it, or the run is too short; "
+        "Unstable: these gains are 1.07 × the limit. This run shows no sustained vibration: friction may hide it, or the run is too short. "
     )
     assert "UNSTABLE: do not run these gains" in page.read_text("utf-8")
     assert '<body class="bad">' in page.read_text("utf-8")
-    calm = simulated(tmp_path, STILL, 0.9 * gain / 1.07)
-    assert calm.sound
-    assert sentence(calm).startswith("No vibration: ")
+    stable = simulated(tmp_path, STILL, 0.9 * gain / 1.07)
+    assert stable.sound
+    assert sentence(stable).startswith("No vibration. ")
 
 
 def test_only_what_the_file_has_is_said_to_hide_it(tmp_path: Path):
     gain = 1.07 * limit_of(tmp_path, STILL)
     for friction, words in (
-        ("duration: 0.03, move: {joint: elbow, by: 0.0}}", "the run is too short, or too quiet, to show it"),
+        ("duration: 0.03, move: {joint: elbow, by: 0.0}}", "the run is too short, or excites it too little"),
         (
             "duration: 0.4, torque_limit: 900.0, resolution: 1.0e-6, move: {joint: elbow, by: 0.0}, friction: {coulomb: 5.0}}",
             "friction or encoder steps may hide it",  # the torque limit is never reached
@@ -84,7 +84,7 @@ def test_a_vibration_in_the_move_counts(tmp_path: Path):
     assert not play.sound
     assert play.oscillation.found.frequency == pytest.approx(root_of(play).imag, rel=0.03)
     after = play.run.motor_position[round(1.2 / play.run.sample_time) :]
-    assert np.ptp(after, axis=0).max() < 1e-5  # nothing of it is left to hear after the move
+    assert np.ptp(after, axis=0).max() < 1e-5  # it has decayed after the move
     assert "while it moves" in sentence(play)
     assert "VIBRATES" in simulation_page(play, "gainroom simulate robot.yaml")
 
@@ -95,7 +95,7 @@ def test_below_the_limit_a_move_under_friction_is_no_vibration(tmp_path: Path, s
     assert play.sound
 
 
-def test_a_vibration_before_a_fall_is_told(tmp_path: Path):
+def test_a_vibration_before_a_fall_is_reported(tmp_path: Path):
     """Two feet cannot carry it; until it has fallen it vibrates as the linear loop says."""
     text = SOLO.replace("contacts: {all: [", "contacts: {diag: [").replace(
         "{frame: FR_FOOT, type: point}, {frame: HL_FOOT, type: point}, ", ""
@@ -106,10 +106,10 @@ def test_a_vibration_before_a_fall_is_told(tmp_path: Path):
     assert play.vibration is not None
     assert play.vibration.frequency == pytest.approx(root_of(play).imag, rel=0.05)  # of the posture it began in: it has tilted since
     assert "vibrating at 16" in sentence(play)
-    assert any("it vibrates before the end" in warning for warning in warnings(play))
-    calm = simulate_study(RobotSimulation.of(load_robot_spec(written(tmp_path, text))), 0.5)
-    assert calm.run.ending == "fell"
-    assert calm.vibration is None
+    assert any("it vibrates before it falls" in warning for warning in warnings(play))
+    slow = simulate_study(RobotSimulation.of(load_robot_spec(written(tmp_path, text))), 0.5)
+    assert slow.run.ending == "fell"
+    assert slow.vibration is None
 
 
 def test_each_error_is_its_own_channels(tmp_path: Path):
@@ -119,18 +119,18 @@ def test_each_error_is_its_own_channels(tmp_path: Path):
     assert play.leading[0] == int(np.argmax(play.tracking.peak)) == 1
     left = np.abs(play.tracking.steady_state)
     assert play.worst_at_end == int(np.argmax(left)) == 0
-    assert f"shoulder ends furthest off, by {1e3 * left[0]:.3g} mrad" in sentence(play)
+    assert f"steady-state error {1e3 * left[0]:.3g} mrad (shoulder)" in sentence(play)
     page = simulation_page(play, "gainroom simulate robot.yaml")
     assert "mean of the last tenth, shoulder" in page
     assert "over the whole run, elbow" in page
 
 
-def test_torque_that_shakes_is_told(tmp_path: Path):
+def test_torque_ripple_is_reported(tmp_path: Path):
     """Coarse encoders times kd: kicks at every tick, far above the move's frequencies. Of a known sine it is the RMS, by closed form."""
     text = ROBOT + "scenario: {duration: 1.0, move: {joint: elbow, by: 0.1, duration: 0.5}, resolution: 1.0e-3}\n"
     play = simulated(tmp_path, text, 1.0)
     assert play.chattering is not None
-    assert any("shakes by" in warning and "finer encoders" in warning for warning in warnings(play))
+    assert any("the torque ripple of" in warning and "finer encoders" in warning for warning in warnings(play))
     smooth = simulated(tmp_path, text.replace(", resolution: 1.0e-3", ""), 1.0)
     assert smooth.chattering is None
     time = smooth.run.time

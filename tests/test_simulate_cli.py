@@ -339,7 +339,7 @@ def test_terminal(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     assert main(["simulate", str(write(tmp_path, LINEAR)), "--report", str(page), "--log", str(log)]) == 0
     out, err = capsys.readouterr()
     assert err == ""
-    assert out.startswith("No vibration: ")
+    assert out.startswith("No vibration. ")
     assert max(map(len, out.splitlines())) <= max(100, len(f"Report: {page}"))
     assert f"Log: {log}\n" in out
     assert page.exists()

@@ -30,9 +30,9 @@ def plus(first: Disc, second: Disc) -> Disc:
 def inverse(disc: Disc) -> Disc:
     """Disc of all inverses; not finite where 0 is in `disc`."""
     mid, rad = disc
-    room = np.abs(mid) ** 2 - rad**2
-    room = np.where(room > 0, room, np.nan)
-    return np.conj(mid) / room, rad / room
+    least_square = np.abs(mid) ** 2 - rad**2
+    least_square = np.where(least_square > 0, least_square, np.nan)
+    return np.conj(mid) / least_square, rad / least_square
 
 
 def turned(disc: Disc) -> Disc:

@@ -114,7 +114,7 @@ class Opened:
         return self.system.at(_variable(omega, self.sample_time)) * np.exp(-1j * omega[:, None] * self.delays)[:, None, :]
 
     def modes(self) -> Modes:
-        """The modes of the loops closed without delay. Defective ones come out wrong: `agrees` tells."""
+        """The modes of the loops closed without delay. Defective ones are wrong: `agrees` detects them."""
         system, size = self.system, len(self.delays)
         share = 1 + SPREAD * np.linspace(-1, 1, size)
         poles, vectors = np.linalg.eig(system.a - (system.b * share) @ system.c)
@@ -197,8 +197,8 @@ class Expansion:
         turn = h * self.longest
         r = (1 + self.most) * modes + turn**3 / 6 * (u0 + u1 + u2) + turn * u2 + turn**2 / 2 * (u1 + u2)
         wrong = r + m1 * y2 + m2 * y1 + m2 * y2 + (m0 + m1 + m2) * r
-        room = 1 - y1 - y2 - r  # ‖(Y(δ) Y⁻¹)⁻¹‖ ≤ 1/room
-        rest = np.where(room > 0, wrong / np.where(room > 0, room, 1.0), np.inf)
+        smallest_gain = 1 - y1 - y2 - r  # ‖(Y(δ) Y⁻¹)⁻¹‖ ≤ 1/smallest_gain
+        rest = np.where(smallest_gain > 0, wrong / np.where(smallest_gain > 0, smallest_gain, 1.0), np.inf)
         height = m0 + m1 + m2
         close = np.flatnonzero((height + rest > enough) & np.isfinite(rest))
         if len(close):

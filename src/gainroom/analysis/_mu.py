@@ -21,7 +21,7 @@ FIRST_POWER = 64.0
 SHARPEN, LATE = 4.0, 3  # factor on q once its minimum has been reached; after so many times the path of minima is followed straight on
 NEWTON_STEPS = 80
 LARGEST_STEP = 8.0  # of x
-ROOM = 1e-9  # entries below this share of the largest count as this share: a triangular M would send D to infinity
+SMALLEST_ENTRY = 1e-9  # entries below this part of the largest count as this part: a triangular M would send D to infinity
 POWER_STEPS, STARTS = 60, 8
 SMALLEST = 1e-300
 
@@ -57,7 +57,7 @@ def balanced(matrices: Complexes) -> Floats:
     size = matrices.shape[1]
     diagonal = np.arange(size)
     squares = np.abs(matrices) ** 2
-    squares += ROOM**2 * np.max(squares, axis=(1, 2), keepdims=True) + SMALLEST
+    squares += SMALLEST_ENTRY**2 * np.max(squares, axis=(1, 2), keepdims=True) + SMALLEST
     squares[:, diagonal, diagonal] = 0.0
     scaling = np.zeros(matrices.shape[:2])
     for _ in range(8 if size > 1 else 0):

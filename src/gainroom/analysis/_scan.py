@@ -1,4 +1,4 @@
-"""Compiled kernel: every crossing and every peak of a scalar response, certified between the points it looks at.
+"""Compiled kernel: every crossing and every peak of a scalar response, certified between the sampled points.
 
 L(v) = gain Π(v − zeros)/Π(v − poles) e^{−jωT} is a product, so d log L/dω is a sum of one simple term per root. Between *breakpoints*
 (the frequencies where some term has an extremum) each term is monotone, hence its range on an interval is given by its two ends, and

@@ -1,4 +1,4 @@
-"""numba's compiler with a cache that helps where it can and never stands in the way.
+"""numba's compiler with a cache on disk that may fail without an error.
 
 A cache that cannot be written, or a damaged one, costs the seconds of compiling again; numba by itself stops with an error.
 """
@@ -25,8 +25,8 @@ class _Summed(IndexDataCacheFile):
 
     def _load_data(self, name: str) -> Any:
         content = Path(self._data_path(name)).read_bytes()
-        stated, content = content[:32], content[32:]
-        if sha256(content).digest() != stated:
+        checksum, content = content[:32], content[32:]
+        if sha256(content).digest() != checksum:
             raise ValueError(f"{name} is damaged")
         return pickle.loads(content)
 

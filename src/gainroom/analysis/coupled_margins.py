@@ -23,14 +23,14 @@ from .stability_boundary import LOCI, in_blocks
 class CurveTolerances:
     """How the curve of one loop is sampled and read."""
 
-    longest_delay: float = 1.0  # [s] extra that is looked at: a hundred times what actuators have
+    longest_delay: float = 1.0  # [s] extra that is searched: a hundred times what actuators have
     relative_move: float = 0.25  # of a curve between samples, near the negative real axis
     real: float = 1e-6  # part of its size up to which what is imaginary at an end of the boundary is taken for round-off
     # of the lowest frequency at which loci bend: under integrators what crosses further down is round-off
     deep: float = 1e-5
     halved: int = 30  # times that the lowest frequency is halved to see what curves are at rest
-    smooth: float = 1e-3  # of a curve: second differences over steps of 1 % that are larger tell of round-off
-    blurred: float = 1e-3  # estimate of the round-off in curves up to which they are looked at
+    smooth: float = 1e-3  # of a curve: second differences over steps of 1 % that are larger are round-off
+    blurred: float = 1e-3  # estimate of the round-off in curves up to which they are used
     enough: float = 1e-9  # of it: what it is known to no better
     lean: float = 0.3  # part of it that may be imaginary where it is looked for
     settled: float = 1e-2  # of a curve's value at rest: what it moves by, at most, further down
@@ -132,7 +132,7 @@ def one_loop_margins(sweep: Sweep) -> OneLoop:
         return np.hstack([closed, -closed, *alone])
 
     farthest = np.repeat([math.inf, 1 - CURVES.least_factor, *(math.inf for _ in units)], size)
-    found, certified = room(sweep, curves, farthest)
+    found, certified = distances(sweep, curves, farthest)
     found, certified = found.reshape(-1, size), np.all(certified.reshape(-1, size), axis=0, keepdims=True)[0]
     smallest = np.where(np.isfinite(found[1]), 1 - found[1], 0.0)
     largest = {
@@ -154,7 +154,7 @@ def sensitivity(loop: Loop, returned: Complexes) -> Complexes:
     return unseen + (seen - unseen @ returned @ seen) @ back @ seen.T
 
 
-def room(sweep: Sweep, curves: Curves, farthest: Floats | float = math.inf) -> tuple[Floats, Booleans]:
+def distances(sweep: Sweep, curves: Curves, farthest: Floats | float = math.inf) -> tuple[Floats, Booleans]:
     """(m,) the smallest δ > 0 with 1 + δ c(jω) = 0 for each curve c of a stable loop, inf where none is; and where that is certified.
 
     c is analytic wherever the loop is stable, so 1 + δ c turns about 0 by as many turns as δ brings unstable roots. What lies beyond
@@ -174,7 +174,7 @@ def room(sweep: Sweep, curves: Curves, farthest: Floats | float = math.inf) -> t
         holds = certificate.holds or (end is not None and end.certificate.holds)
         found[joint] = end.at if end is not None and holds else one.at
         drowned = integrates and (one if end is None else end).omega < CURVES.deep * sweep.first
-        certified[joint] &= holds and family.tells(joint, found[joint]) and not drowned
+        certified[joint] &= holds and family.certifies(joint, found[joint]) and not drowned
     return found, certified
 
 
@@ -214,7 +214,7 @@ class _Curves:
     def _holding(self, omega: Floats, values: Complexes) -> Complexes:
         return np.where(omega[:, None] <= self._lowest, self._held, values)
 
-    def tells(self, joint: int, change: float) -> bool:
+    def certifies(self, joint: int, change: float) -> bool:
         """True where it is known from the value at rest on which side of 0 1 + δ c begins, for δ on both sides of `change`."""
         rest = self._rest[joint]
         return rest.order > 0 or abs(abs(1 + change * rest.value) - SEARCH.nudge) > abs(change) * rest.error
@@ -267,7 +267,7 @@ class _Curves:
         return listed(np.divide(-1, value.real, out=np.full(len(value), math.inf), where=value.real != 0), omega, value)
 
     def of(self, joint: int) -> Family:
-        """The change of what one curve stands for."""
+        """The change that one curve represents."""
 
         def steps() -> Integers:
             return np.flatnonzero(_meet_axis(self.values[:, [joint]])[:, 0])
@@ -318,7 +318,7 @@ def _at_rest(levels: Floats, curve: Complexes, least: float) -> _Rest:
     if order < 0 or size[last, 0] <= CURVES.faintest * least:
         return _Rest(last, 0, 0.0, 2 * abs(float(curve[last, 0].real)), True)
     flat = curve[: last + 1, 0] * (1j * levels[: last + 1] / levels[last]) ** order
-    # c is real on the real axis: what is left of its real part falls with ω², and two levels tell the rest of it
+    # c is real on the real axis: what is left of its real part falls with ω², and two levels give the rest of it
     ahead, scale = flat.real[1:] + np.diff(flat.real) / 3, max(abs(flat[last]), least)
     away = (np.abs(ahead - ahead[-1]) > CURVES.settled * scale) | (np.abs(flat.imag[1:]) > CURVES.lean * scale)
     first = int(np.flatnonzero(away)[-1]) + 1 if away.any() else 0

@@ -1,4 +1,4 @@
-"""Every crossing and every peak of scalar responses, certified between the points looked at; many loops at once, in numpy.
+"""Every crossing and every peak of scalar responses, certified between the sampled points; many loops at once, in numpy.
 
 L(v) = gain Π(v − zeros)/Π(v − poles) e^{−jωT} is a product, so d log L/dω is a sum of one simple term per root. Between *breakpoints*
 (the frequencies where some term has an extremum) each term is monotone, hence its range on an interval is given by its two ends, and
@@ -33,7 +33,7 @@ class Scan:
 
     gains        (g, 2): ω of every |L| = 1, arg L there by continuity from small s > 0
     phases       (p, 3): ω of every arg L = π (mod 2π), |L| there, sign of the phase slope (0 at an end of the boundary)
-    peaks        (3, 2): ω and minimum of |1+L|, |1+L|/|L|, 2|1+L|/|1−L|; zeros when not asked for
+    peaks        (3, 2): ω and minimum of |1+L|, |1+L|/|L|, 2|1+L|/|1−L|; zeros when not requested
     half_turns   change of arg(1+L) along the upper half of the contour, divided by π
     certified    False where rounding or the work limit stopped the proof
     """
@@ -91,7 +91,7 @@ def next_floor(loop: Factored, phases: Floats, floor: float) -> float | None:
 
 
 def finished(loop: Factored, scan: Scan, with_peaks: bool) -> Scan:
-    """`scan` without crossings too small to tell the first one, and with the end at ω = ∞ of a loop with as many zeros as poles."""
+    """`scan` without crossings too small to affect the first one, and with the end at ω = ∞ of a loop with as many zeros as poles."""
     if loop.sample_time is not None:
         return scan
     phases, peaks = scan.phases[scan.phases[:, 1] >= LOWEST_FLOOR], scan.peaks

@@ -21,7 +21,7 @@ from ._disk_modes import AGREEMENT, Expansion, Modes, expanded, opened_at_torque
 from ._mu import balanced, from_below, improved, largest, scaled
 from .stability import scan_loop
 
-TOLERANCE = 1e-3  # a peak between the frequencies looked at may be higher than the one reported by this share of it
+TOLERANCE = 1e-3  # a peak between the sampled frequencies may be higher than the one reported by this share of it
 SCALAR_TOLERANCE = 1 / 0.99 - 1  # the same of the scan of one loop (crossings.py)
 SAMPLES, CHECKS = 100, 12  # of S − T: from which the search for the peak starts; at which the modes are checked
 MOST_TRIED, MOST_POLISHED = 48, 4  # samples whose D is improved, local peaks that are climbed
@@ -42,7 +42,7 @@ class MultiLoopDisk:
     margin        α, the least 2/σ_max(D (S − T) D⁻¹) over frequency, each with its best D: no δ with max|δ_i| < α loses the loops.
                   At most 2 (factors from 0 to ∞), as a loop that fades at high frequency cannot do better. Gains of all loops may lie
                   anywhere in [(2 − α)/(2 + α), (2 + α)/(2 − α)], or phases in ±2 atan(α/2), independently of each other
-    lower_margin  what has been proved: between the frequencies looked at, nothing lower than this; 0 where nothing is proved
+    lower_margin  what has been proved: between the sampled frequencies, nothing lower than this; 0 where nothing is proved
     upper_margin  max|δ_i| of `factors`: the true margin at `frequency` is in [margin, upper_margin]; equal for n ≤ 3
     frequency     of the peak [rad/s]; 0 and inf can be
     scaling       (n,) diagonal of D there, geometric mean 1
@@ -92,7 +92,7 @@ def disk_margin_of(response: Response, omega: Floats) -> MultiLoopDisk:
     """The same of any return ratio ω (k,) → L (k, n, n) or (k,), sampled at `omega` (k,) [rad/s], refined and polished; not certified.
 
     For factors at another place (`loop.response`: on the measured positions) and for loops from elsewhere. What lies below the first or
-    above the last ω is not looked at. Raises GainroomError where the response is not finite or has another shape.
+    above the last ω is not examined. Raises GainroomError where the response is not finite or has another shape.
     """
 
     def matrices(points: Floats) -> Complexes:

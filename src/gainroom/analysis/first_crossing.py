@@ -1,7 +1,7 @@
 """How far a factor, a phase or a delay in all loops may go before the first root crosses the stability boundary.
 
 Each answer is a claim, "stable up to here", so roots are counted on both sides of it. Where loci lie close together (equal legs), the
-crossing that is found need not be the first: then the count inside tells, and the first is searched between what is stable and what is not.
+crossing that is found need not be the first: then the count inside decides, and the first is searched in between.
 """
 
 import math
@@ -23,7 +23,7 @@ class Search:
     """How the first root that crosses the boundary is looked for."""
 
     nudge: float = 1e-6  # the certificate counts roots at limit·(1 ± NUDGE)
-    # Relative distances from a crossing at which samples tell on which side of it ±NUDGE lies: no step is longer than twice its distance.
+    # Relative distances from a crossing at which samples show on which side of it ±NUDGE lies: no step is longer than twice its distance.
     towards: Floats = field(default_factory=lambda: np.concatenate([sign * np.geomspace(0.2e-6, 0.03, 14) for sign in (-1, 1)]))
     # where a crossing was not where its neighbours promised
     around: Floats = field(default_factory=lambda: np.linspace(-0.06, 0.06, 121))
@@ -36,7 +36,7 @@ class Search:
     looks: int = 2  # times that samples are taken about a crossing that was not found
     dips: int = 8  # rounds of samples about what comes near the unit circle
     lowest: float = 1e-6  # factors on coupled loops below this count as none
-    # likewise, beside an undamped resonance: smaller ones may only tell how far the boundary leans there
+    # likewise, beside an undamped resonance: smaller ones may only show the tilt of the boundary there
     lowest_undamped: float = 1e-3
 
 
@@ -80,7 +80,7 @@ class Family:
     """Loops that differ in one number t: a factor on gains, a phase or a delay in all loops.
 
     count       t → unstable roots, 0 where the loop is stable
-    crossings   → where roots cross the boundary, as far as the present samples tell
+    crossings   → where roots cross the boundary, as far as the present samples show
     polish      exact crossings from such; what leads nowhere is left out
     closer      takes samples at more frequencies
     nearest     t → what is nearest to the boundary there
@@ -97,7 +97,7 @@ class Family:
     def end(self, start: float, stop: float) -> End | None:
         """The end of the stable interval around `start` on the way to `stop`; None where all of that way is stable.
 
-        Where samples cannot tell, the certificate does not hold.
+        Where samples are too few, the certificate does not hold.
         """
         way = math.copysign(1.0, stop - start)
         passed, looked = start, 0

@@ -14,7 +14,7 @@ from .margin_record import GainLimit
 from .stability import INFINITELY_MANY, has_growing_root, scan_loop, unstable_roots
 from .stability_boundary import LOCI
 
-NEAREST_FACTORS = 10.0  # of the factors that are looked at first on coupled loops; most limits lie below
+NEAREST_FACTORS = 10.0  # of the factors that are searched first on coupled loops; most limits lie below
 FAR_BELOW = (1e-4, 1e-3, 1e-2, 0.1)  # of stable gains: how far down a lower end is looked for; round-off may hide what integrators do
 MOST_COUNTED = 300  # intervals of the factor whose roots are counted one by one
 JUST_BELOW = 1 - np.geomspace(1e-6, 0.5, 18)  # factors on an unstable loop at which roots are counted beside those between crossings
@@ -97,7 +97,7 @@ def _no_limit(loop: Loop, stable: bool, gain: float, lower: float) -> GainLimit:
 
 
 def coupled_limit(sweep: Sweep) -> GainLimit:
-    """gain_limit of several joints, from where their loci cross the negative real axis; factors up to `sweep.highest` are looked at."""
+    """gain_limit of several joints, from where their loci cross the negative real axis; factors up to `sweep.highest` are searched."""
     if not sweep.largest:
         raise GainroomError("gain_limit: all gains are zero")
     family, stable = gains(sweep), sweep.unstable(1.0) == 0

@@ -16,7 +16,7 @@ from ..linear.transfer_function import Factored, growth
 POINTS_PER_DECADE = 120
 MOST_TURNS = 20_000  # samples that follow the delay's phase
 DEEPEST = 1e-9  # the curve is followed down to this share of the lowest frequency sampled finely
-GAIN_ROUNDING = 4e-15  # of a gain that solves for L = target: closer than this to the wanted one, ω cannot be told apart
+GAIN_ROUNDING = 4e-15  # of a gain that solves for L = target: closer than this to the target, ω cannot be distinguished
 UNRESOLVED = 2e-9  # relative distance of zeros between which no sample lies
 PINCH = 1e-9  # relative distance from a pinch within which the curve is taken as the straight line it is there
 SMALL_TURN = 0.12  # [rad] largest turn of a curve, drawn to scale, between neighbouring samples
@@ -265,7 +265,7 @@ class Curve:
                 continue
             (given, bend), (free, free_bend) = (np.array(part) / self.target for part in (parts if axis == "kp" else parts[::-1]))
             rate, other = np.full(len(values), np.inf), values
-            for _ in range(4):  # the bends of A and B move the other gain by a constant; in ω they vanish
+            for _ in range(4):  # the corners of A and B move the other gain by a constant; in ω they vanish
                 with np.errstate(divide="ignore", invalid="ignore"):  # no crossing where the curve is parallel to the lines
                     here, there = given + bend / rate, free + free_bend / rate
                     other = -values * here.imag / there.imag

@@ -1,13 +1,13 @@
 """The characteristic loci of coupled loops along the stability boundary: the eigenvalues λ of L(jω), sampled and followed.
 
-det(I + z L(jω)) = 0 exactly where an eigenvalue equals −1/z. So the loci tell where any common factor z puts a root on the boundary: a
+det(I + z L(jω)) = 0 exactly where an eigenvalue equals −1/z. So the loci show where any common factor z puts a root on the boundary: a
 gain where they cross the negative real axis, a phase or a delay where they cross the unit circle; and their turns around −1/z count the
 unstable roots (Nyquist, MacFarlane and Postlethwaite 1977). L is sampled once, as finely as the loci need, for all of these.
 
 Between neighbouring samples an eigenvalue turns by a part of its angle to the negative real axis, or moves by a small part of itself. That
 is a check, not a proof as for one joint (crossings.py); what is reported is polished, and counted on both sides.
 
-A limit alone needs few samples: loci too small to matter are told by a norm, and where a passive mechanism under PD keeps them off the
+A limit alone needs few samples: loci too small to matter are excluded by a norm, and where a passive mechanism under PD keeps them off the
 negative real axis by itself (`passive`) there is nothing to follow.
 """
 
@@ -39,7 +39,7 @@ class Steps:
 class Sweep:
     """Samples of the loci of a loop, refined on demand. `omega` (k,) [rad/s] rising, `loci` (k, r), r <= n of them.
 
-    highest    of the factors that are asked for: eigenvalues smaller than 1/highest are not followed
+    highest    of the requested factors: eigenvalues smaller than 1/highest are not followed
     for_limit  what a limit needs and no more: those smaller ones are set to 0, and nothing is sampled where the loop is passive
     """
 
@@ -80,12 +80,12 @@ class Sweep:
         split = np.zeros(len(self.omega) + 1, dtype=bool)  # intervals of before, with what lies outside on either side
         split[place] = True
         is_new = np.insert(np.zeros(len(self.omega), dtype=bool), place, True)
-        kept = ~is_new[:-1] & ~is_new[1:]
+        unchanged = ~is_new[:-1] & ~is_new[1:]
         self.omega = np.insert(self.omega, place, fresh)
         self.loci = np.insert(self.loci, place, values, axis=0)
         pairs = np.empty((len(self.omega) - 1, self.loci.shape[1]), dtype=int)
-        pairs[kept] = self._pairs[~split[1:-1]]
-        pairs[~kept] = _pairing(self.loci[:-1][~kept], self.loci[1:][~kept])
+        pairs[unchanged] = self._pairs[~split[1:-1]]
+        pairs[~unchanged] = _pairing(self.loci[:-1][~unchanged], self.loci[1:][~unchanged])
         self._pairs = pairs
 
     def steps(self) -> Steps:
@@ -93,7 +93,7 @@ class Sweep:
         return Steps(self.loci[:-1], np.take_along_axis(self.loci[1:], self._pairs, axis=1))
 
     def at_rest(self) -> Floats:
-        """The loci that settle as ω → 0, which are real there: gravity holds the joints, or topples them, against these."""
+        """The loci that settle as ω → 0, which are real there: gravity holds the joints, or makes them topple, against these."""
         plant = None if self.loop.parts is None else self.loop.parts.plant
         if plant is None or plant.gravity_stiffness is None:
             return np.zeros(0)
@@ -115,8 +115,8 @@ class Sweep:
     def unstable(self, gain: float, phase: float = 0.0, delay: float = 0.0) -> int:
         """Unstable closed-loop roots with L multiplied by gain e^{−j(phase + ω delay)}, as far as the gains move them.
 
-        gain <= highest. `phase` [rad] in [−π, π] turns every locus alike, which no loop of real gains does: then the number only tells by
-        how many turns about −1 the loci differ from those without it, and may be negative. `delay` [s] in continuous time.
+        gain <= highest. `phase` [rad] in [−π, π] turns every locus alike, which no loop of real gains does: then the number is only the
+        difference of the turns about −1 from those without it, and may be negative. `delay` [s] in continuous time.
         """
         self._reach_down(gain)
         factor, steps = self._factor(gain, phase, delay), self.steps()
@@ -156,17 +156,17 @@ class Sweep:
         return gain * np.exp(-1j * (phase + self.omega * delay))
 
     def _winds(self, before: Complexes, after: Complexes, delay: float) -> Booleans:
-        """True where a delay turns a locus further between samples than its ends tell, and it is large enough to reach −1."""
+        """True where a delay turns a locus further between samples than its ends show, and it is large enough to reach −1."""
         turned = np.diff(self.omega) * delay
         return (turned > 0.3)[:, None] & (np.maximum(np.abs(before), np.abs(after)) > 0.5)
 
     def _reach_down(self, gain: float) -> None:
-        """Down to where double integrators rule at this gain too, and to where what settles has told on which side of −1/gain."""
+        """Down to where double integrators rule at this gain too, and to where settled loci are clearly on one side of −1/gain."""
         for _ in range(20):
             falls, one = self._falls(), 1 + gain * self.loci[0]
-            orders, told = np.round(falls), falls != 0  # what is lost in round-off would be no better further down
+            orders, known = np.round(falls), falls != 0  # what is lost in round-off would be no better further down
             unsettled = (orders > 1) & (gain * np.abs(self.loci[0]) < 100)
-            unsettled |= told & (orders == 0) & (np.abs(one.imag) > 0.1 * np.abs(one.real))
+            unsettled |= known & (orders == 0) & (np.abs(one.imag) > 0.1 * np.abs(one.real))
             if not unsettled.any() or self._bottom or self.omega[0] < LOCI.lowest * self.omega[-1]:
                 break
             self._further_down(lambda falls, orders=orders: (orders > 0) & (np.abs(falls - np.round(falls)) > LOCI.astray))
@@ -184,8 +184,8 @@ class Sweep:
         if self._lowest[0] != self.omega[0]:
             self.add(LOCI.beside * self.omega[:1])
             size, after = np.abs(self.loci[0]), np.abs(self.loci[1][self._pairs[0]])
-            told = (size > max(1e-9, LOCI.noise * size.max())) & (after > 0)
-            falls = np.log(np.divide(size, after, out=np.ones(len(size)), where=told)) / math.log(self.omega[1] / self.omega[0])
+            known = (size > max(1e-9, LOCI.noise * size.max())) & (after > 0)
+            falls = np.log(np.divide(size, after, out=np.ones(len(size)), where=known)) / math.log(self.omega[1] / self.omega[0])
             self._lowest = float(self.omega[0]), falls
         return self._lowest[1]
 
@@ -273,7 +273,7 @@ def _paired(before: Complexes, after: Complexes) -> Integers:
 
 
 def passes(start: Complexes, end: Complexes) -> Booleans:
-    """True where a step passes −1 at less than a third of its own length: which side it passes is not to be told from its ends."""
+    """True where a step passes −1 at less than a third of its own length: its ends do not show on which side."""
     move = end - start
     length = np.maximum(np.abs(move), 1e-150)
     along = np.clip(((-1 - start) * move.conj()).real / length**2, 0.0, 1.0)
@@ -302,7 +302,7 @@ def _first_grid(loop: Loop, last: float | None) -> Floats:
     grid = [np.geomspace(low, high, max(8, round(LOCI.per_decade * math.log10(high / low))))]
     center = corners.imag[corners.imag > 0]
     width = np.maximum(np.abs(corners.real[corners.imag > 0]), 1e-6 * center)
-    if last is not None:  # what swings faster than half the sample rate shows mirrored below it
+    if last is not None:  # resonances above half the sample rate are aliased below it
         center = np.abs((center + last) % (2 * last) - last)
     grid.append((center[:, None] + width[:, None] * LOCI.around).ravel())
     omega = np.unique(np.concatenate(grid))

@@ -142,7 +142,7 @@ def _later(loop: Loop, extra: float) -> tuple[Loop, Scan, int]:
 
 
 def margins_of(loop: Loop, scan: Scan) -> Margins:
-    """The margins of one joint that a finished scan tells; of an unstable loop not the limit."""
+    """The margins of one joint from a finished scan; without the gain limit of an unstable loop."""
     unstable = unstable_roots(loop, scan)
     gain_crossings = tuple(_gain_crossing(omega, phase) for omega, phase in scan.gains.tolist())
     phase_crossings = tuple(PhaseCrossing(omega, 1 / size if size > 0 else math.inf) for omega, size, _ in scan.phases.tolist())

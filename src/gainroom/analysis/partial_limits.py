@@ -10,7 +10,7 @@ import numpy as np
 
 from ..linear.arrays import Complexes, Floats
 from ..system.loop import Loop
-from .coupled_margins import room, sensitivity
+from .coupled_margins import distances, sensitivity
 from .loci import Sweep
 
 
@@ -33,4 +33,4 @@ def part_limits(loop: Loop, parts: Sequence[Loop]) -> Floats:
         sensitive = sensitivity(loop, loop.gain * actuated @ law) @ actuated
         return np.stack([np.einsum("kij,kji->k", sensitive, one) for one in laws], axis=1)
 
-    return 1 + room(sweep, traces)[0]
+    return 1 + distances(sweep, traces)[0]

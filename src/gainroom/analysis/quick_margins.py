@@ -1,7 +1,7 @@
 """A quick look at the margins that requirements bound, for searches: the least of each, not certified (see coupled_margins.py).
 
 Found between samples that are refined until neighbours differ little; then what may be the least is polished, so that gains that are said
-to meet a requirement meet it to the last digits when they are looked at again.
+to meet a requirement meet it to the last digits when they are examined again.
 """
 
 import math

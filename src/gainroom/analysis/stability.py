@@ -23,7 +23,7 @@ MOST_STATES = 1000  # with discretised delay lines, for a proof that may as well
 INFINITELY_MANY = 10**9
 SINGULAR = 1e-13  # of the largest singular value: smaller ones are 0
 AT_REST = 1e-3  # [1/s] likewise, where all else is fast
-SILENT = 1e-10  # of the gains: what a motion that no gain moves tells the controller, or hears of it
+SILENT = 1e-10  # of the gains: coupling between the controller and a motion on which no gain acts
 MARGINAL = 1e-12  # a crossing with | |L| − 1 | below this puts a root on the boundary: not called stable
 
 
@@ -113,7 +113,7 @@ def is_stable(loop: Loop) -> bool:
 
 
 def rightmost_roots(loop: Loop, count: int = 6) -> Roots:
-    """The `count` rightmost closed-loop roots, polished, with residuals; those that rest on the boundary whatever the gains stand apart.
+    """The `count` rightmost closed-loop roots, polished, with residuals; those that are on the boundary at any gains are listed separately.
 
     Raises GainroomError for a loop given as a callable: it has no state space.
     """
@@ -249,7 +249,7 @@ def _chebyshev(nodes: int) -> Floats:
 
 
 def _candidates(system: _Characteristic, nodes: int, count: int) -> Complexes:
-    """Eigenvalues of the discretised delay lines, rightmost first, upper half plane; more than asked for, as some are spurious."""
+    """Eigenvalues of the discretised delay lines, rightmost first, upper half plane; more than requested, as some are spurious."""
     values = np.linalg.eigvals(system.collocated(nodes))
     values = values[values.imag >= 0]
     return values[np.argsort(-values.real)][: 2 * count + 10]
@@ -291,12 +291,12 @@ def _rightmost(roots: Complexes, residuals: Floats, lost: int, count: int, sampl
         keep = np.isfinite(roots)
         roots, residuals = roots[keep], residuals[keep]
     order = np.argsort(-roots.real, kind="stable")
-    kept: list[complex] = []
+    distinct: list[complex] = []
     sizes: list[float] = []
     for root, residual in zip(roots[order], residuals[order], strict=True):
         real = abs(root.imag) <= 1e-9 * abs(root) or (sample_time is not None and abs(root.imag) >= math.pi / sample_time * (1 - 1e-12))
-        if any(abs(root - other) <= 1e-9 * abs(root) or abs(root.conjugate() - other) <= 1e-9 * abs(root) for other in kept):
+        if any(abs(root - other) <= 1e-9 * abs(root) or abs(root.conjugate() - other) <= 1e-9 * abs(root) for other in distinct):
             continue
-        kept += [root] if real else [root, root.conjugate()]
+        distinct += [root] if real else [root, root.conjugate()]
         sizes += [residual] if real else [residual, residual]
-    return Roots(np.array(kept[:count]), np.array(sizes[:count]), lost)
+    return Roots(np.array(distinct[:count]), np.array(sizes[:count]), lost)

@@ -14,7 +14,7 @@ from ..system.loop import Loop
 class Resolution:
     """How finely loci are sampled, and which numbers count as round-off."""
 
-    highest: float = 1e3  # of the factors that are looked at
+    highest: float = 1e3  # of the factors that are searched
     smooth: float = 0.12  # largest relative move of an eigenvalue between samples near the negative real axis
     detour: float = 0.5  # of its angle to that axis: a turn that stays smaller does not reach the axis in between
     growth: float = 0.7  # largest change of ln|λ| between samples
@@ -26,7 +26,7 @@ class Resolution:
     noise: float = 1e-10  # of the largest eigenvalue: smaller ones are no better than round-off
     # of a fall, about 1: from two integrators and a memory, 3, to a velocity alone, -1; beyond is round-off
     steepest: float = 2.5
-    astray: float = 0.02  # of the order of a fall: more tells of round-off
+    astray: float = 0.02  # deviation of the order of a fall from a whole number; more is round-off
     # part of its size up to which what is imaginary of a locus near ω = 0 is taken for the distance to 0
     real: float = 0.3
     per_decade: int = 6
@@ -52,7 +52,7 @@ class Boundary:
         self.loop = loop
         self.last = None if loop.sample_time is None else math.pi / loop.sample_time
         # A resonance without damping is a pole on the boundary, which the loci pass at infinity: then the boundary leans, and what grows
-        # slower than LOCI.tilt tells is not counted.
+        # slower than LOCI.tilt is not counted.
         corners = loop.corner_frequencies
         self.undamped = bool(np.any((corners.imag > 0) & (np.abs(corners.real) < LOCI.undamped * corners.imag)))
         self._ray = 1j + LOCI.tilt if self.undamped else 1j  # s = ω (j + LOCI.tilt)

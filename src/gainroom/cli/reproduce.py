@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def reproduce(as_json: AsJson = False, verbose: Verbose = False, report: Report = None) -> int:
-    """Compute the figures, Table I and the claims of Jung et al. (Humanoids 2017) on the spot and compare.
+    """Compute the figures, Table I and the claims of Jung et al. (Humanoids 2017) and compare.
 
     \b
     Example:
@@ -33,14 +33,14 @@ def reproduce(as_json: AsJson = False, verbose: Verbose = False, report: Report 
 
 
 def _terminal(result: "Reproduction", verbose: bool) -> str:
-    """The count and the rows that disagree; `verbose`: all rows, why some disagree, and what becomes of the paper's claims."""
+    """The count and the rows that disagree; `verbose`: all rows, why some disagree, and the paper's claims checked."""
     from ..paper.text import COLUMNS, cells, claims, summary
 
     head, warnings = summary(result.rows), [f"Warning: {warning}" for warning in result.warnings]
-    apart = [row for row in result.rows if not row.agrees]
+    disagreeing = [row for row in result.rows if not row.agrees]
     if not verbose:
-        parts = [table("Rows that disagree", COLUMNS[:-1], [cells(row)[:-1] for row in apart])] if apart else []
-        return render(head, "", *parts, *warnings, "--verbose: all rows, why some disagree, and what becomes of the paper's claims.")
+        parts = [table("Rows that disagree", COLUMNS[:-1], [cells(row)[:-1] for row in disagreeing])] if disagreeing else []
+        return render(head, "", *parts, *warnings, "--verbose: all rows, why some disagree, and the paper's claims checked.")
     return render(
         head,
         "",
@@ -51,6 +51,6 @@ def _terminal(result: "Reproduction", verbose: bool) -> str:
         "",
         "What disagrees, and why",
         "",
-        *(f"{row.id}: {row.note}" for row in apart if not row.is_claim),
+        *(f"{row.id}: {row.note}" for row in disagreeing if not row.is_claim),
         *warnings,
     )

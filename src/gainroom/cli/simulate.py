@@ -35,14 +35,14 @@ def simulate(
     log: Annotated[Path | None, typer.Option("--log", metavar="LOG", help="Also write every tick: .csv, .parquet or .mcap.")] = None,
     gain: Annotated[float, number_option("--gain", "", "Multiply all gains by this.", metavar="FACTOR")] = 1.0,
 ) -> int:
-    """Simulate the scenario of a joint or a robot: how well it tracks, and whether it vibrates or runs away.
+    """Simulate the scenario of a joint or a robot: how well it tracks, and whether it vibrates or diverges.
 
     \b
     Example:
       gainroom simulate joint.yaml --gain 1.2 --log run.csv --report run.html
 
     Exit status: 0 no vibration, and stable; 1 diverges, falls, vibrates or is unstable;
-    2 the file or the call is wrong; 130 interrupted (the log holds what was done).
+    2 the file or the call is wrong; 130 interrupted (the log has the rows up to then).
     """
     from ..errors import GainroomError
 
@@ -76,11 +76,11 @@ def _load(file: Path) -> "SimulationSpec":
 
 
 def _simulated(spec: "SimulationSpec", gain: float, log: Path | None) -> "Outcome":
-    """With progress, and the log as it goes; a run that is stopped says so, and exits."""
+    """With progress, and the log as it goes; an interrupted run reports where it stopped, and exits."""
     from ..studies.simulation import Interrupted, simulate_study
 
     with stop_signals() as stopped:
-        written = "" if log is None else f"; {log} holds what was done"
+        written = "" if log is None else f"; {log} has the rows up to then"
         try:
             with _log_rows(log, spec) as rows, progress_bar("simulate:") as progress:
                 outcome = simulate_study(spec, gain, rows, progress, lambda: stopped() != 0)
@@ -95,7 +95,7 @@ def _simulated(spec: "SimulationSpec", gain: float, log: Path | None) -> "Outcom
 
 @contextlib.contextmanager
 def _log_rows(log: Path | None, spec: "SimulationSpec") -> Iterator[Callable[["Run"], None]]:
-    """What takes the parts of a run. Raises GainroomError where `log` cannot be written."""
+    """A function that takes the parts of a run. Raises GainroomError where `log` cannot be written."""
     if log is None:
         yield lambda part: None
         return
@@ -163,7 +163,7 @@ def _terminal(outcome: "Outcome", report: Path | None, log: Path | None) -> str:
             ("", *TRACKING),
             tracking,
         ),
-        table("Joints that work hardest" if len(run.joint_names) > 1 else "Torque", ("", "torque peak", "RMS"), torques),
+        table("Joints with the largest torques" if len(run.joint_names) > 1 else "Torque", ("", "torque peak", "RMS"), torques),
         table(
             "Vibration",
             ("", "frequency", "growth"),

@@ -1,4 +1,4 @@
-"""gainroom verify: the predicted limit against simulation."""
+"""gainroom verify: the predicted limit compared with simulation."""
 
 from collections.abc import Callable
 from functools import partial
@@ -43,7 +43,7 @@ def verify(
     as_json: AsJson = False,
     report: Report = None,
 ) -> int:
-    """Find by simulation the gains at which vibration begins, and set them against the predicted limit.
+    """Find by simulation the gains at which vibration starts, and compare them with the predicted limit.
 
     A robot is simulated twice, in every contact state: its linear loop, and its bodies, springs and drives in MuJoCo.
 
@@ -70,7 +70,7 @@ def verify(
 
 
 def _load(file: Path) -> "tuple[RobotSpec | JointSpec, Run]":
-    """What the file describes, and what verifies it."""
+    """What the file describes, and the function that verifies it."""
     from ..studies.verification import verify_joint, verify_robot
 
     if kind_of(file) == "robot":
@@ -101,14 +101,14 @@ def _facts(result: "Verification") -> dict[str, Any]:
 def _terminal(result: "Verification", report: Path | None) -> str:
     from ..report.verification_text import frequency_cells, gain_cells, sentence
 
-    columns = ("witness", "predicted", "simulated", "apart", "allowed", "agrees")
+    columns = ("method", "predicted", "simulated", "difference", "allowed", "agrees")
     gains = [(case.what, case.witness, *gain_cells(case), *_verdict(case, case.gain_difference)) for case in result.cases]
     frequencies = [(case.what, case.witness, *frequency_cells(case), *_verdict(case, case.frequency_difference)) for case in result.cases]
     parts: list[Any] = [
         sentence(result),
         "",
-        table("Vibration begins at this factor on all gains", ("", *columns), gains),
-        table("and has this frequency", ("[rad/s]", *columns), frequencies),
+        table("Factor on all gains at which vibration starts", ("", *columns), gains),
+        table("Its frequency", ("[rad/s]", *columns), frequencies),
     ]
     parts += [f"Left out: {warning}" for warning in result.warnings]
     if report is not None:

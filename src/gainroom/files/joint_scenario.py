@@ -1,4 +1,4 @@
-"""The scenario section of joint.yaml: what happens to the joint, and what its hardware has beyond the linear model."""
+"""The scenario section of joint.yaml: reference, disturbances, and hardware effects beyond the linear model."""
 
 import math
 from typing import Annotated, Any, Literal
@@ -33,7 +33,7 @@ def _whole(value: object) -> int:
 Seed = Annotated[int, BeforeValidator(_whole)]
 
 
-def _word(value: object) -> str:
+def _typed(value: object) -> str:
     """A value as it would be typed."""
     return f"{value:g}" if isinstance(value, float) else str(value)
 
@@ -60,7 +60,7 @@ class ReferenceSection(Section):
         raise NotImplementedError
 
     def fastest_as_typed(self, fastest: float) -> str:
-        """The highest frequency [rad/s] as `key: value unit`, of a reference that swings."""
+        """The highest frequency [rad/s] as `key: value unit`, of an oscillating reference."""
         raise NotImplementedError
 
 
@@ -236,16 +236,16 @@ class ScenarioSection(Section):
         return JointSimulation.of(joint, scenario, self._hardware(), self._described())
 
     def _described(self) -> dict[str, str]:
-        """Key by key what is not left at its default, and the reference."""
+        """The reference, and every key that is not at its default, as text."""
         data = self.model_dump(exclude_defaults=True)
         data = {"duration": self.duration, "reference": self.reference.model_dump(exclude_none=True), **data}
         for side, friction in data.pop("friction", {}).items():
             data[f"friction.{side}"] = friction
         words = {name: value if isinstance(value, dict) else {"": value} for name, value in data.items()}
-        return {name: ", ".join(f"{key} {_word(value)}".strip() for key, value in each.items()) for name, each in words.items()}
+        return {name: ", ".join(f"{key} {_typed(value)}".strip() for key, value in each.items()) for name, each in words.items()}
 
     def _hardware(self) -> dict[str, Any]:
-        """What is not the linear loop."""
+        """The hardware effects beyond the linear loop."""
         names = ("gravity", "torque_limit", "motor_resolution", "link_resolution", "whole_ticks")
         found = {name: getattr(self, name) for name in names if getattr(self, name) != type(self).model_fields[name].default}
         if self.gravity:

@@ -1,4 +1,4 @@
-"""joint.yaml: one joint, its drive, its controller and what is asked of them, checked and turned into a JointSpec.
+"""joint.yaml: one joint, its drive, its controller and requirements, checked and turned into a JointSpec.
 
 Everything is SI and radians except where a key's name carries another unit (delay_ms, sample_rate_hz, gain_margin_db).
 """
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from .joint_scenario import ScenarioSection
 
 MOST_DAMPED = 1e4
-"""Damping ratio of motor and spring: beyond it nothing is left of the spring."""
+"""Damping ratio of motor and spring: beyond it the spring has no effect."""
 
 
 def load_joint(path: Path) -> JointSpec:

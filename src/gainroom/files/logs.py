@@ -4,8 +4,8 @@ Columns: `time` [s]; `target_torque`, `demand_torque`, `actual_torque` [N m, joi
 [rad, joint side]. Any but `time` may be missing. In CSV and Parquet a log of several joints has them once per joint, its name behind an
 underscore: `motor_position_l_knee`. In MCAP every joint has its topic, `/l_knee`, with JSON messages of the plain names.
 
-A log is written as the run goes on, beside its place and under another name, and takes that place however the run ends: what was done until
-then can be read. A run that ends badly before its first row leaves the place as it was. Numbers that are none end the log.
+A log is written during the run under a temporary name in its folder and renamed when the run ends, in any way: its rows up to then can be
+read. A run that fails before its first row leaves the old file. A number that is not finite ends the log.
 """
 
 import contextlib
@@ -29,7 +29,7 @@ ONE_JOINT = "joint"
 
 @dataclass(frozen=True)
 class Log:
-    """What a log holds.
+    """The content of a log.
 
     time          (k,) rising [s]
     signals       (k, n) by name, those of LOGGED that the file has
@@ -115,7 +115,7 @@ def read_log(path: Path, columns: Mapping[str, str] | None = None) -> Log:
 
     columns   what the file calls a column, by this module's name for it, e.g. {"target_torque": "cmd"}
 
-    Raises GainroomError where the file cannot be read, has no time or no signal, or holds numbers that are none.
+    Raises GainroomError where the file cannot be read, has no time or no signal, or holds numbers that are not finite.
     """
     path = Path(path)
     read = _by_ending(path, READERS)

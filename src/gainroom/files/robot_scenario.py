@@ -1,4 +1,4 @@
-"""The scenario section of robot.yaml: what a simulated robot does, and what it has beyond the linear model."""
+"""The scenario section of robot.yaml: the move, and hardware effects beyond the linear model."""
 
 import math
 from collections.abc import Mapping
@@ -76,7 +76,7 @@ class GroundSection(Section):
 
 
 class RobotScenarioSection(Section):
-    """What `gainroom simulate` plays."""
+    """What `gainroom simulate` simulates."""
 
     posture: Name | None = None
     contact: Name | None = None

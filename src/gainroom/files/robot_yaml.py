@@ -1,4 +1,4 @@
-"""robot.yaml: a robot, how it stands, its actuators and control, and what is asked of them, turned into a RobotSpec.
+"""robot.yaml: a robot, its postures and contacts, actuators, control and requirements, turned into a RobotSpec.
 
 SI and radians except where a key's name carries another unit. Keys that name joints are patterns: see name_patterns.py.
 """
@@ -97,7 +97,7 @@ def base_of(given: Base | None, path: Path, stands: bool) -> tuple[Base | None, 
     if given is not None or has_base(path):
         return given, ()
     base: Base = "floating" if stands else "fixed"
-    return base, (f"the base is {base}, as none is given and {'there are contacts' if stands else 'nothing touches the ground'}",)
+    return base, (f"the base is {base}, because none is given and there are {'' if stands else 'no '}contacts",)
 
 
 def _posture(name: str, patterns: Mapping[str, float], path: Path, base: Base | None, file: RobotFile, body: RigidBody) -> Posture:

@@ -1,4 +1,4 @@
-"""Writing a file so that nobody ever sees half of it, and what was there before stays until the new one is whole."""
+"""Atomic writing: a file is replaced as a whole, or stays as it was."""
 
 import contextlib
 import os
@@ -36,7 +36,7 @@ def replacement(path: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """What the system does not let be written, as a GainroomError."""
+    """Turns an OSError in the block into a GainroomError."""
     try:
         yield
     except OSError as error:

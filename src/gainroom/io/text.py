@@ -1,4 +1,4 @@
-"""Text in, with bounds: whatever a path leads to costs little, and one line says what is wrong with it."""
+"""Reading text with bounds: any path costs little time and memory, and an error is one line."""
 
 import os
 import stat

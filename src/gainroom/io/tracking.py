@@ -1,4 +1,4 @@
-"""Files that a run has read, and what it has not finished: known in one place, so that neither is lost however the run ends.
+"""Files that a run has read, and its unfinished actions, so that they can be undone however the run ends.
 
 Only the standard library is needed here: a command can leave at once, also while it still loads.
 """

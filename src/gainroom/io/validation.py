@@ -1,4 +1,4 @@
-"""Sections of a configuration file: what a key may hold, and one line that says what is wrong."""
+"""Validation of the sections of a configuration file; an error is one line."""
 
 import difflib
 import math

@@ -1,4 +1,4 @@
-"""YAML in, with bounds: a file from anywhere costs little and says in one line what is wrong with it.
+"""Reading YAML with bounds: any file costs little time and memory, and an error is one line.
 
 Scalars are read by YAML 1.2's core rules, not PyYAML's 1.1: 1e4 is a number, `on` is a word, 010 and 1:30 are no
 numbers.

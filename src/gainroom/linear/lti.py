@@ -68,7 +68,7 @@ def _read(system: Any) -> Factored:
 
 
 def _polynomial(value: Any) -> np.ndarray:
-    """One polynomial out of the nested lists that transfer functions keep."""
+    """One polynomial out of the nested lists of a transfer function."""
     while isinstance(value, list | tuple) and len(value) == 1 and np.ndim(value[0]) > 0:
         value = value[0]
     array = np.squeeze(np.asarray(value, dtype=object if isinstance(value, list) else None))

@@ -27,7 +27,7 @@ FASTEST = 50.0  # growth rate of a pole times the tick: e^50 exceeds what a doub
 def sample(system: Factored, sample_time: float, fraction: float = 0.0) -> Factored:
     """`system` (continuous, strictly proper, its delay left aside) sampled at T_s [s] with `fraction` in [0, 1) of a tick of delay.
 
-    Kept, as the same joint is looked at under many gains. Raises GainroomError where it topples within a small part of a tick.
+    Cached: the same joint is studied with many gains. Raises GainroomError where it topples within a small part of a tick.
     """
     rate = float(np.max(system.poles.real, initial=0.0))
     if rate * sample_time > FASTEST:
@@ -117,7 +117,7 @@ def _without(polynomial: list, root) -> list:
 def _roots(polynomial: list) -> list:
     """Roots of a real polynomial: found in double precision, polished by Newton in extended precision.
 
-    Roots that lie close together are kept apart by Aberth's form of Newton's step.
+    Aberth's form of Newton's step separates roots that lie close together.
     """
     from mpmath import mpc, mpf, polyroots
 

@@ -60,7 +60,7 @@ def com_tasks(model: RobotModel, rotors: bool = True, pelvis: bool = False) -> T
 
 
 def free_loads(contact: str) -> Floats:
-    """(12,) 1/W_ii [kg m²]: what every joint feels with its neighbours free."""
+    """(12,) 1/W_ii [kg m²]: the load of every joint with its neighbours free."""
     return 1 / np.diag(standing(contact).link_inverse_inertia)
 
 
@@ -95,5 +95,5 @@ def on_both_feet(body: RigidBody, com: Floats, pitch: float, near: Floats | None
 
 
 def _turn(axes: Floats, wanted: Rotation) -> Floats:
-    """What is left to turn, in the frame's own axes [rad]."""
+    """The remaining rotation, in the frame's own axes [rad]."""
     return (Rotation.from_matrix(axes).inv() * wanted).as_rotvec()

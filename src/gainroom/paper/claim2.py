@@ -36,7 +36,7 @@ def rows() -> Iterator[Row]:
 
 
 def biped_rows() -> Iterator[Row]:
-    """The same gains on every joint of the biped by itself, with the load that it feels: the spread over the twelve joints."""
+    """The same gains on every joint of the biped by itself, with its own load: the spread over the twelve joints."""
     for contact, support in SUPPORTS.items():
         loads = free_loads(contact)
         found = [to_db(limit_with_load(load).gain) for load in loads.tolist()]
@@ -57,7 +57,7 @@ def pictures() -> Iterator[Picture]:
         "Flat to the right: the motor alone sets the limit of heavy loads. The load matters where the resonance √(K (1/J_M + 1/J_L)) comes "
         f"near the frequency of vibration. Grey: within {TOLERANCE:g} dB. Less damping than the printed B of 1 makes the dips deeper."
     )
-    title = "Claim 2. How the gain limit changes with the load: hardly, while the joint's resonance lies well below its vibration"
+    title = "Claim 2. The gain limit hardly depends on the load while the joint's resonance lies well below its vibration frequency"
     panel = Panel("gain limit against heaviest load [dB]", (-5.5, 3.5), curves, band=(-TOLERANCE, TOLERANCE))
     yield Picture(title, caption, "load inertia / motor inertia", (1e-3, 1e3), (panel,), logarithmic=True)
 

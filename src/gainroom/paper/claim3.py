@@ -1,8 +1,8 @@
 """Claim 3: a joint with a large load, as the supporting ankle, cannot reach high tracking performance under PD (Secs. III-A and V).
 
-What limits kd [N·m·s/rad] is the motor and the delay; what tracks is kd over all the inertia that it moves, K'v = kd/(J_M + J_L) [1/s].
-The load of an ankle depends on what its neighbours do: with them free it is 1/W_ii; with all held, the ankle carries the robot, and in
-double support two ankles share it.
+Motor and delay limit kd [N·m·s/rad]; tracking performance is kd over the whole inertia that it moves, K'v = kd/(J_M + J_L) [1/s].
+The load of an ankle depends on its neighbours: with them free it is 1/W_ii; with all held, the ankle carries the robot, and in double
+support two ankles share it.
 """
 
 from collections.abc import Iterator
@@ -39,7 +39,7 @@ SWAY = {  # joints that move when the body sways over the standing feet and all 
 class Edge:
     """A joint at the edge of stability.
 
-    load   that it feels [kg·m²]
+    load   [kg·m²]
     kd     largest, with Fig. 9's kp per kd [N·m·s/rad]
     rate   K'v = kd / (J_M + load) [1/s]
     """
@@ -58,8 +58,8 @@ def rows() -> Iterator[Row]:
         edge, expected = supporting(contact, joint), motor_alone() / (MOTOR_INERTIA + supporting(contact, joint).load)
         note = (
             f"Largest K'v in {SUPPORTS[contact]}, all other joints held: load {edge.load:.1f} kg·m², largest kd {edge.kd:.0f} N·m·s/rad. "
-            f"Expected: the lone motor's largest kd, {motor_alone():.0f}, over J_M + J_L. Tolerance 5 %: what the load does to "
-            "kd (claim 2)."
+            f"Expected: the lone motor's largest kd, {motor_alone():.0f}, over J_M + J_L. Tolerance 5 %: the effect of the load "
+            "on kd (claim 2)."
         )
         note = _claim() if (contact, joint) == ("left", "ankle_pitch") else note
         yield compare(f"claim3.{contact}.{joint}.kv_limit_per_s", expected, edge.rate, "1/s", TOLERANCE * expected, note)
@@ -70,7 +70,7 @@ def rows() -> Iterator[Row]:
     for joint in ANKLES:
         two, one = (free_load(contact, f"left_{joint}") for contact in SUPPORTS)
         note = (
-            f"Corrected: with its neighbours free the ankle feels {two:.3g} kg·m² on two legs and {one:.3g} on one. Lifting the other "
+            f"Corrected: with its neighbours free the ankle's load is {two:.3g} kg·m² on two legs and {one:.3g} on one. Lifting the other "
             f"foot loads it only through joints that are held. {PAPER}"
         )
         yield at_least(f"claim3.{joint}.free.load_ratio", CLEARLY, one / two, "×", note)
@@ -100,10 +100,10 @@ def pictures() -> Iterator[Picture]:
         Panel("K'v = kd/(J_M + J_L) [1/s]", (4.0, 1500.0), (Curve("", loads, kd / (MOTOR_INERTIA + loads)),), below, logarithmic=True),
     )
     caption = (
-        "Above: motor and delay set kd, whatever the load. Below: the same kd divided by all that it moves. Kp and Kd in Fig. 9's ratio, "
+        "Above: motor and delay set kd at every load. Below: the same kd divided by the moved inertia. Kp and Kd in Fig. 9's ratio, "
         f"T = {1e3 * DRIVE.delay:g} ms; supporting ankles with all other joints held, the others with their neighbours free."
     )
-    title = "Claim 3. Every load takes the same kd, and a heavy one gets little tracking for it"
+    title = "Claim 3. The largest kd does not depend on the load, so a heavy load tracks slowly"
     kinds = (*(f"biped, {name}" for name in SUPPORTS.values()), "biped, swinging leg")
     yield Picture(title, caption, "load inertia J_L [kg·m²]", (0.01, 200.0), panels, kinds, logarithmic=True)
 
@@ -129,7 +129,7 @@ def supporting(contact: str, joint: str) -> Edge:
 
 
 def free_load(contact: str, name: str) -> float:
-    """What a joint feels with its neighbours free [kg m²]."""
+    """A joint's load with its neighbours free [kg m²]."""
     return float(free_loads(contact)[NAMES.index(name)])
 
 
@@ -164,9 +164,9 @@ def _claim() -> str:
     light = edge_at(free_load("double", "left_hip_yaw"))
     return (
         "Claim 3: a joint with a large load, as the supporting ankle, cannot reach high tracking performance under PD. Confirmed: the "
-        f"largest kd is the motor's whatever the load ({one.kd:.0f} N·m·s/rad), so the largest K'v = kd/(J_M + J_L) is {light.rate:.0f} "
-        f"1/s at the hip yaw, {two.rate:.1f} at an ankle pitch that shares the robot with the other leg ({two.load:.0f} kg·m²) and "
-        f"{one.rate:.1f} at one that carries it alone ({one.load:.0f}). Corrected: single support loads the ankle only where the joints "
-        f"above it are held; with them free it feels {free_load('double', 'left_ankle_pitch'):.2g} kg·m² on two legs and "
-        f"{free_load('left', 'left_ankle_pitch'):.2g} on one."
+        f"largest kd is that of the motor alone at any load ({one.kd:.0f} N·m·s/rad), so the largest K'v = kd/(J_M + J_L) is "
+        f"{light.rate:.0f} 1/s at the hip yaw, {two.rate:.1f} at an ankle pitch that shares the robot with the other leg "
+        f"({two.load:.0f} kg·m²) and {one.rate:.1f} at one that carries it alone ({one.load:.0f}). Corrected: single support loads the "
+        f"ankle only where the joints above it are held; with them free its load is {free_load('double', 'left_ankle_pitch'):.2g} kg·m² "
+        f"on two legs and {free_load('left', 'left_ankle_pitch'):.2g} on one."
     )

@@ -1,6 +1,6 @@
 """Claim 4: operational-space limits lie below the joint limits because of off-diagonal coupling (Sec. IV-C).
 
-Control of the centre of mass closed through the full matrices Kpq and Kvq of eqs. (9) and (10), through their diagonals alone, and joint
+Control of the centre of mass through the full matrices Kpq and Kvq of eqs. (9) and (10), through their diagonals alone, and joint
 by joint. Where the vibration is far above the robot's own motions every motor is an inertia J_M by itself, and the full matrices act
 along their eigenvectors: the limit is the lone motor's largest kd over the largest eigenvalue of Kvq.
 """
@@ -30,7 +30,7 @@ GAIN_SETS = {  # K'p [1/s²], K'v [1/s] in x, y, z
 NAMED = {"table1_gains": "K'p 50, 90, 200, K'v 1, 5, 15", "com_100_20": "K'p 100, K'v 20"}
 PRINTED_GAP = (300.0, 57.6)  # [N·m·s/rad] "around 300" for a joint by itself; the largest in Table I
 CLEARLY = 1.5
-"""Coupling that costs a third of the limit is a reason; 10 % is none."""
+"""Coupling that costs a third of the limit counts as its cause; 10 % does not."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Limits:
 
     @property
     def coupling(self) -> float:
-        """What the off-diagonal entries cost."""
+        """The cost of the off-diagonal entries: diagonal over full."""
         return self.diagonal / self.full
 
 
@@ -70,7 +70,7 @@ def rows() -> Iterator[Row]:
             yield compare(f"{key}.gain_limit", found.expected, found.full, "×", 0.05 * found.expected, note)
             note = "The diagonals alone. Expected: the tightest joint by itself; 2 %, as the links couple the joints a little."
             yield compare(f"{key}.diagonal_limit", found.single, found.diagonal, "×", 0.02 * found.single, note)
-            note = "The same gains with rigid gearboxes: harmless."
+            note = "The same gains with rigid gearboxes: stable."
             yield at_least(f"{key}.rigid_limit", 1.0, found.rigid, "×", note)
     gap = PRINTED_GAP[0] / PRINTED_GAP[1]
     cost = table1_limits().coupling
@@ -102,7 +102,7 @@ def pictures() -> Iterator[Picture]:
     panel = Panel("factor on the gains at the edge of stability", (0.2, 100.0), marks=marks, levels=(1.0,), logarithmic=True)
     caption = (
         "Below 1 these gains make the robot vibrate. On two legs one joint at a time suggests the open circles; the full matrices allow "
-        "less. On one leg the supporting ankle roll is the limit by itself. With rigid gearboxes none of these gains would matter."
+        "less. On one leg the supporting ankle roll is the limit by itself. With rigid gearboxes all of these gains are stable."
     )
     title = "Claim 4. Limits of centre-of-mass control: below the joints' own on two legs, at the ankle's own on one"
     yield Picture(title, caption, "", (-0.5, len(places) - 0.5), (panel,), tuple(kinds.values()), places=places)
@@ -119,7 +119,7 @@ def standing_limits(contact: str, gains: str) -> Limits:
 
 @cache
 def table1_limits() -> Limits:
-    """Table I's gains in Table I's posture: where along the motion the full matrices leave least."""
+    """Table I's gains in Table I's posture: at the point of the motion where the full matrices have the smallest limit."""
     models = [standing_so(q) for q in motion(LEAN.pitch)[::2]]
     return min((_limits(model, *com_tasks(model).joint_gains(COM_KP, COM_KD)) for model in models), key=lambda found: found.full)
 
@@ -140,9 +140,9 @@ def _claim() -> str:
     return (
         "Claim 4: operational-space limits lie below the joint limits because of off-diagonal coupling (Table I's 57.6 against around "
         f"300). Confirmed on two legs: at Table I's gains the full matrices may be scaled by {double.full:.2f}, their diagonals by "
-        f"{double.diagonal:.2f} ({double.coupling:.2g} times more), as the largest eigenvalue of Kvq is what counts and not its largest "
-        f"diagonal entry. Corrected twice: in Table I's own posture coupling makes a factor of {table.coupling:.2g} out of the printed "
-        f"{gap:.2g}, and the gains could still be scaled by {table.full:.2g} before this model vibrates, so something else held the "
-        f"robot back; and on one leg coupling costs {100 * (1 - 1 / single.coupling):.0f} %, the ankle roll being the limit by itself "
+        f"{double.diagonal:.2f} ({double.coupling:.2g} times more), as the largest eigenvalue of Kvq counts, not its largest diagonal "
+        f"entry. Corrected twice: in Table I's own posture coupling explains a factor of {table.coupling:.2g} of the printed "
+        f"{gap:.2g}, and the gains could still be scaled by {table.full:.2g} before this model vibrates, so something else limited the "
+        f"robot; and on one leg coupling costs {100 * (1 - 1 / single.coupling):.0f} %, the ankle roll being the limit by itself "
         f"({single.full:.2f} against {single.single:.2f})."
     )

@@ -34,27 +34,27 @@ PRINTED = {"pd": ("14.0", "5.1", "13.0"), "ppi": ("5.6", "2.9", "1.0")}  # [mm]
 TOLERANCE = 1.0  # [mm]
 EVERY = 10  # ticks between points that are drawn
 WHY = {
-    "x": "The integrator works with Kv/Ki = 1 s: what is left depends on when one looks.",
-    "y": "Kp Kv is 100 against PD's 90 and Kv/Ki is 50 s, so the same friction must leave nearly as much.",
+    "x": "The integrator's time constant Kv/Ki is 1 s: the remaining error depends on the time.",
+    "y": "Kp Kv is 100 against PD's 90 and Kv/Ki is 50 s, so the same friction leaves nearly the same error.",
     "z": "Kp Kv is 2.5 times PD's gain.",
 }
 
 
 @dataclass(frozen=True)
 class ComMotion:
-    """One run; time (k,) counts from the beginning of the motion [s], the rest is of the centre of mass in x, y, z [m]."""
+    """One run; time (k,) counts from the start of the motion [s], the rest is of the centre of mass in x, y, z [m]."""
 
     run: RobotRun
     time: Floats
 
     @property
     def error(self) -> Floats:
-        """(k, 3) reference less measured, from encoders before the gearboxes, as the controller sees it."""
+        """(k, 3) reference minus measured, from encoders on the motor side, as the controller has it."""
         return self.run.error[:, :3]
 
     @property
     def steady(self) -> Floats:
-        """(3,) what is left at the end."""
+        """(3,) at the end."""
         return self.run.steady_error(STEADY)[:3]
 
     @property
@@ -114,7 +114,7 @@ def ppi_rows() -> Iterator[Row]:
         note = f"Predicted with PD's friction; {before:.1f} mm one second earlier. {WHY[direction]}"
         yield compare(f"fig14.{direction}.steady_error_mm", float(text), error, "mm", TOLERANCE, note, text)
     for direction, pd, ppi in zip(DIRECTIONS, _left("pd"), _left("ppi"), strict=True):
-        yield same(f"fig14.{direction}.below_pd", True, ppi < pd, "P/PI leaves less than PD at rest.")
+        yield same(f"fig14.{direction}.below_pd", True, ppi < pd, "The error at rest is smaller under P/PI than under PD.")
 
 
 def pictures(controller: str) -> Iterator[Picture]:
@@ -125,7 +125,7 @@ def pictures(controller: str) -> Iterator[Picture]:
     curves = tuple(Curve(name, time, error[:, k]) for k, name in enumerate(DIRECTIONS))
     left = ", ".join(f"{name} {value:.3g}" for name, value in zip(DIRECTIONS, _left(controller), strict=True))
     caption = (
-        f"The motion begins at 0 and ends at {MOTION:g} s. Left at the end: {left} mm; printed: {', '.join(PRINTED[controller])} mm. "
+        f"The motion begins at 0 and ends at {MOTION:g} s. Errors at the end: {left} mm; printed: {', '.join(PRINTED[controller])} mm. "
         + ("Friction, not printed, is set for these." if controller == "pd" else "The robot of Fig. 12 with the same friction.")
     )
     figure, law = LAWS[controller]

@@ -1,4 +1,4 @@
-"""Fig. 11: the testbed under Kp:Kv 1600:80 and 1600:70, with friction, sampling and encoders; and the limit between the two, simulated.
+"""Fig. 11: the testbed under Kp:Kv 1600:80 and 1600:70, with friction, sampling and encoders; and the simulated limit between the two.
 
 The paper does not print the trajectory; here the joint swings about −0.5 rad, where its figure shows it, fast enough to leave stiction.
 """
@@ -31,14 +31,14 @@ class Trial:
 
     @property
     def vibrates(self) -> bool:
-        """A vibration that anyone would notice: over ten steps of the encoder, and not decaying."""
+        """A vibration of more than ten encoder steps that does not decay."""
         found = self.vibration
         return found is not None and found.amplitude > 10 * MOTOR_RESOLUTION and found.growth_rate > -1.0
 
 
 def rows() -> Iterator[Row]:
     """The two trials, the vibration, and the limit between them."""
-    hardware = "Virtual testbed: friction, gravity, encoders and torque limit (assumed), the inferred delay, a swing about −0.5 rad."
+    hardware = "Virtual testbed: friction, gravity, encoders and torque limit (assumed), the inferred delay, a sine about −0.5 rad."
     for kv, stable in ((STABLE_KV, True), (VIBRATING_KV, False)):
         yield same(f"fig11.kv_{kv:g}.stable", stable, not trial(kv).vibrates, f"Kp:Kv 1600:{kv:g}, simulated. {hardware}")
     predicted, seen = gain_limit(loop_of_testbed(TESTBED_KP, VIBRATING_KV)).frequency, trial(VIBRATING_KV).vibration
@@ -49,7 +49,7 @@ def rows() -> Iterator[Row]:
     frequency = math.nan if seen is None else seen.frequency
     yield compare("fig11.vibration_frequency_rad_s", predicted, frequency, "rad/s", 0.03 * predicted, note)
     limit = simulated_limit()
-    note = f"The Kv at which the linear loop, stepped at 2 kHz, begins to vibrate at Kp 1600 ({limit.runs} runs). The paper: 70 to 80."
+    note = f"The Kv at which the linear loop, simulated at 2 kHz, starts to vibrate at Kp 1600 ({limit.runs} runs). The paper: 70 to 80."
     yield within("fig11.kv_limit", STABLE_KV, VIBRATING_KV, limit.gain, "N·m·s/rad", note)
 
 
@@ -70,7 +70,7 @@ def pictures() -> Iterator[Picture]:
     frequency = "" if seen is None else f" at {seen.frequency / (2 * math.pi):.3g} Hz ({seen.frequency:.4g} rad/s)"
     caption = (
         f"Kp 1600. With Kv {VIBRATING_KV:g} the joint vibrates{frequency} and the torque runs between its limits; with Kv {STABLE_KV:g} "
-        "only the error that friction leaves remains. The paper does not print the trajectory: here the joint swings about −0.5 rad."
+        "only the error due to friction remains. The paper does not print the trajectory: here the joint oscillates about −0.5 rad."
     )
     title = "Fig. 11. Tracking on the virtual testbed: Kv 80 vibrates, Kv 70 does not"
     yield Picture(title, caption, "time [s]", SHOWN, tuple(panels))
@@ -78,7 +78,7 @@ def pictures() -> Iterator[Picture]:
 
 @cache
 def trial(kv: float) -> Trial:
-    """The joint swings under Kp 1600 and `kv` [N m s/rad]."""
+    """The joint follows a sine under Kp 1600 and `kv` [N m s/rad]."""
     reference = Chirp(SWING, RATE, RATE, DURATION, base=CENTRE)
     start = Start(CENTRE, CENTRE, SWING * RATE, SWING * RATE)
     response = simulate(virtual_testbed(loop_of_testbed(TESTBED_KP, kv)), Scenario(reference, DURATION, start=start))
@@ -88,5 +88,5 @@ def trial(kv: float) -> Trial:
 
 @cache
 def simulated_limit(delay: float = BUS_DELAY) -> Onset:
-    """The Kv at which the linear loop begins to vibrate at Kp 1600, by stepping it; `delay` [s] in the drive."""
+    """The Kv at which the linear loop starts to vibrate at Kp 1600, by simulation; `delay` [s] in the drive."""
     return find_onset(lambda kv: linear_vibration(loop_of_testbed(TESTBED_KP, kv, delay)), 40.0, 130.0)

@@ -10,12 +10,12 @@ from .drawing import drawn
 from .row import Row, counts
 from .text import BRACKETS, COLUMNS, cells, claims, summary, value_text
 
-FIRST = "Fig. 9"  # what a reader came for
+FIRST = "Fig. 9"  # the section that comes first
 SOURCE = (
     "Jung, Hwang, Lee, Sim, Park: Analysis of Position Tracking in Torque Control of Humanoid Robots Considering Joint Elasticity and "
     "Time Delay. Humanoids 2017."
 )
-CARDS = {  # the numbers that the paper is known for
+CARDS = {  # the paper's main numbers
     "fig9.both.gain_margin_db": "Fig. 9, gain margin with elasticity and delay",
     "fig9.both.phase_crossover_rad_s": "Fig. 9, frequency of the vibration",
     "testbed.phase_crossover_rad_s": "Testbed, frequency of the vibration",
@@ -25,7 +25,7 @@ CARDS = {  # the numbers that the paper is known for
 
 
 def reproduction_page(result: Reproduction, command: str) -> str:
-    """A self-contained HTML page. `command` is what a reader types to get it again."""
+    """A self-contained HTML page. `command` is the command that makes it."""
     first, *others = sorted(map(_section, result.figures), key=lambda section: not section.title.startswith(FIRST))
     return page(
         "Jung et al., Humanoids 2017, reproduced",
@@ -54,7 +54,7 @@ def _card(label: str, row: Row) -> Card:
 
 
 def _section(figure: Reproduced) -> Section:
-    """Pictures, rows that disagree, and the others to be opened."""
+    """Pictures, rows that disagree, and the others folded."""
     apart = [row for row in figure.rows if not row.agrees]
     others = [row for row in figure.rows if row.agrees]
     parts = [*map(drawn, figure.pictures), *([_table(apart)] if apart else [])]
@@ -73,7 +73,7 @@ def _named(row: Row) -> Html:
 
 
 def _inputs() -> Html:
-    """What the numbers rest on, and whether the paper prints it."""
+    """The inputs, and whether the paper prints them."""
     joint, drive, gains, testbed = joints.joint_with_load(joints.RATIO), joints.DRIVE, joints.GAINS, joints.TESTBED
     matching = "inferred from Fig. 9's four cases"
     rows = (

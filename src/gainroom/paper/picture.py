@@ -1,4 +1,4 @@
-"""What is drawn, as numbers: panels of curves and marks above each other over one axis. drawing.py turns them into plotly's format."""
+"""Figures as numbers: panels of curves and marks above each other over one axis. drawing.py turns them into plotly's format."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ class Curve:
 class Mark:
     """A point with its name on a `side` of it: "left", "right", "above", "below", or two of them.
 
-    kind   0, 1, 2 … tells sorts of marks apart
+    kind   0, 1, 2 … selects the marker
     stem   height that a bar runs to from the point
     """
 

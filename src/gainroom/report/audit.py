@@ -13,7 +13,7 @@ from .page import Card, Html, Lead, Section, beside, block, facts, page, paragra
 from .page_parts import assumptions, footer, limit_proofs, margin_card, unstable_card
 from .robot_coupling import coupling
 from .robot_drawing import hero, small
-from .robot_room import Factors, heat_map
+from .robot_headroom import Factors, heat_map
 from .robot_skeleton import common_view
 from .robot_tables import MARKS, inputs
 from .robot_text import audit_sentence, audit_warnings

@@ -15,7 +15,7 @@ from .number_format import decibels, digits, frequency, hertz
 from .page import Html, figure
 
 PER_DECADE = 120
-FLOOR, DEEPEST = -60.0, -560.0  # [dB], [°] nothing below is shown
+FLOOR, DEEPEST = -60.0, -560.0  # [dB], [°]: lower values are not drawn
 LOOK = (("solid", style.BLACK, 3.0), ("dash", style.BLUE, 1.8), ("dot", style.VERMILION, 2.2), ("dashdot", style.GREEN, 1.8))
 
 
@@ -32,15 +32,15 @@ def cases(study: JointStudy) -> list[Case]:
     """The loop as it is, then without elasticity, without delay, without both, as far as they differ."""
     spec = study.spec
     elastic = math.isfinite(spec.joint.stiffness) and math.isfinite(spec.joint.link_inertia)
-    late = spec.drive.delay > 0
-    both = [name for name, present in (("elasticity", elastic), ("delay", late)) if present]
+    delayed = spec.drive.delay > 0
+    both = [name for name, present in (("elasticity", elastic), ("delay", delayed)) if present]
     found = [Case(f"with {' and '.join(both)}" if both else "this loop", study.loop, study.margins)]
     if elastic:
         found.append(_case("without elasticity", _rigid(spec)))
-    if late:
-        found.append(_case("without delay", _instant(spec)))
-    if elastic and late:
-        found.append(_case("without both", _instant(_rigid(spec))))
+    if delayed:
+        found.append(_case("without delay", _undelayed(spec)))
+    if elastic and delayed:
+        found.append(_case("without both", _undelayed(_rigid(spec))))
     return found
 
 
@@ -53,7 +53,7 @@ def _rigid(spec: JointSpec) -> JointSpec:
     return replace(spec, joint=replace(spec.joint, stiffness=math.inf, damping=0.0))
 
 
-def _instant(spec: JointSpec) -> JointSpec:
+def _undelayed(spec: JointSpec) -> JointSpec:
     return replace(spec, drive=replace(spec.drive, delay=0.0))
 
 
@@ -77,7 +77,7 @@ def bode(study: JointStudy, shown: list[Case]) -> Html:
         showlegend=True,
         legend=style.switches(1.13),
         annotations=_landmark_names(study, span) + arrows,
-        shapes=_rules(study, angles),
+        shapes=_lines(study, angles),
         margin={"l": 78, "r": 24, "t": 96, "b": 52},
     )
     narrow = {**style.NARROW, "xaxis2.title.text": "Hz", "yaxis.title.text": "|L| [dB]", "yaxis2.title.text": "arg L [°]"}
@@ -132,7 +132,7 @@ def _margin_arrows(
     if crossings:
         crossing = min(crossings, key=lambda c: abs(decibels(c.gain)))
         x, level = math.log10(crossing.omega), -decibels(crossing.gain)
-        what = "gain margin" if found.stable else "too high by" if crossing.gain < 1 else "left"
+        what = "gain margin" if found.stable else "too high by" if crossing.gain < 1 else "margin"
         short = digits(abs(level), "dB", 3)
         side = "right" if _place(crossing.omega, span) > 0.72 else "left"
         place = {"xanchor": side, "yanchor": "bottom", "yshift": 3, "align": side}
@@ -184,7 +184,7 @@ def _landmark_names(study: JointStudy, span: tuple[float, float]) -> list[style.
     ]
 
 
-def _rules(study: JointStudy, angles: list[float]) -> list[dict]:
+def _lines(study: JointStudy, angles: list[float]) -> list[dict]:
     """0 dB, −180° and its repeats, and the landmarks."""
     flat = {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "line": {"color": "#777", "width": 1.2}, "layer": "below"}
     shapes = [flat | {"y0": 0, "y1": 0}]
@@ -196,7 +196,7 @@ def _rules(study: JointStudy, angles: list[float]) -> list[dict]:
 
 def _title(shown: list[Case]) -> str:
     if len(shown) == 4:
-        return "Open loop: what elasticity and delay each take away"
+        return "Open loop with and without elasticity and delay"
     return "Open loop" + (f", with and {shown[1].name}" if len(shown) == 2 else "")
 
 
@@ -208,7 +208,7 @@ def _caption(study: JointStudy, shown: list[Case]) -> str:
         cases.append(f"{case.name}: {margin}" + (f" at {hertz(found.phase_crossover)}" if math.isfinite(found.phase_crossover) else ""))
     text = f"Gain margins: {'; '.join(cases)}. "
     if study.spec.drive.delay > 0:
-        text += "The delay leaves the magnitude as it is and turns the phase by −ωT. "
+        text += "The delay does not change the magnitude and turns the phase by −ωT. "
     if any(case.name == "without elasticity" for case in shown):
-        text += "Elasticity lifts the magnitude above the resonance. "
+        text += "Elasticity raises the magnitude above the resonance. "
     return text + ("Click a name above the picture to switch its line." if len(shown) > 1 else "")

@@ -1,4 +1,4 @@
-"""The gain map: which (kp, kd) are stable, which keep the requirements, where the margins run, and where it would vibrate."""
+"""The gain map: the stable (kp, kd), those that meet the requirements, lines of equal margin, and vibration frequencies at the edge."""
 
 import math
 from dataclasses import dataclass, replace
@@ -21,8 +21,8 @@ REQUIRED = "rgba(86,180,233,0.38)"
 
 
 @dataclass(frozen=True)
-class Place:
-    """A pair of gains to be shown."""
+class GainPoint:
+    """A pair of gains to be drawn."""
 
     name: str
     kp: float
@@ -33,7 +33,7 @@ class Place:
 
 def gain_map(study: JointStudy) -> Html:
     """The map as a figure with its caption."""
-    spots = places(study)
+    spots = gain_points(study)
     view = _view(study, spots)
     stable = outlines(study.region, view)
     traces, notes = _stable_area(stable, view)
@@ -55,21 +55,21 @@ def gain_map(study: JointStudy) -> Html:
     return figure({"data": traces, "layout": picture}, title, _caption(study), 620, style.NARROW)
 
 
-def places(study: JointStudy) -> list[Place]:
-    """The file's gains, the recommended ones and the 10 Hz rule's, as far as they exist and belong on this map."""
+def gain_points(study: JointStudy) -> list[GainPoint]:
+    """The file's gains, the recommended ones and the 10 Hz rule's, where they exist and are points of this plane."""
     found = []
     if study.max_kd is not None:
         kp, kd = study.spec.controller.plane_gains()
-        found.append(Place("this file", float(kp), float(kd), "circle", style.BLACK))
+        found.append(GainPoint("this file", float(kp), float(kd), "circle", style.BLACK))
     if study.recommended is not None:
-        found.append(Place("recommended", study.recommended.kp, study.recommended.kd, "star", style.BLUE))
-    if not getattr(study.spec.controller, "ki", 0):  # the rule is a plain PD: the map of an integral controller tells nothing about it
-        found.append(Place("10 Hz rule", study.rule.kp, study.rule.kd, "x", style.VERMILION))
+        found.append(GainPoint("recommended", study.recommended.kp, study.recommended.kd, "star", style.BLUE))
+    if not getattr(study.spec.controller, "ki", 0):  # the rule is a plain PD, which is no point of the plane of an integral controller
+        found.append(GainPoint("10 Hz rule", study.rule.kp, study.rule.kd, "x", style.VERMILION))
     return found
 
 
-def _view(study: JointStudy, spots: list[Place]) -> View:
-    """Around the gains of interest, no wider than what is stable."""
+def _view(study: JointStudy, spots: list[GainPoint]) -> View:
+    """Around the gains of interest, no wider than the stable region."""
     outline = np.vstack(study.region.boundary) if study.region.boundary else np.zeros((1, 2))
     widest = max(float(outline[:, 0].max()), 1e-12)
     wanted = max(spot.kp for spot in spots)
@@ -81,14 +81,14 @@ def _view(study: JointStudy, spots: list[Place]) -> View:
 
 
 def _zoom(view: View) -> dict[str, Any]:
-    """Two buttons: around the gains, or everything."""
+    """Two buttons: around the gains, or the whole stable region."""
     ranges = (("Around these gains", view.kp, view.kd), ("All stable gains", view.whole_kp, view.whole_kd))
     buttons = [{"label": text, "method": "relayout", "args": [{"xaxis.range": [0, kp], "yaxis.range": [0, kd]}]} for text, kp, kd in ranges]
     return {"type": "buttons", "direction": "right", "x": 0, "xanchor": "left", "y": 1.02, "yanchor": "bottom", "buttons": buttons}
 
 
 def _stable_area(stable: list[Floats], view: View) -> tuple[list[style.Trace], list[style.Annotation]]:
-    """Hatched ground, and the stable gains cut out of it."""
+    """A hatched background, and the stable region on it."""
     kp, kd = 3 * view.whole_kp, 3 * view.whole_kd
     hatch = {"shape": "/", "fgcolor": "#b5b5b5", "bgcolor": "#efefef", "size": 9, "solidity": 0.18}
     ground = _area(np.array([[0, 0], [kp, 0], [kp, kd], [0, kd], [0, 0]]), "#efefef") | {"fillpattern": hatch}
@@ -100,7 +100,7 @@ def _area(outline: Floats, color: str) -> style.Trace:
     return style.line(outline[:, 0], outline[:, 1], color, width=0, fill="toself", fillcolor=color, hoveron="points")
 
 
-def _marks(spots: list[Place], view: View, names: tuple[str, str]) -> tuple[list[style.Trace], list[style.Annotation]]:
+def _marks(spots: list[GainPoint], view: View, names: tuple[str, str]) -> tuple[list[style.Trace], list[style.Annotation]]:
     """Dot, star and cross with their names; gains that coincide share one name."""
     traces, notes, named = [], [], set()
     for place, spot in enumerate(spots):
@@ -161,7 +161,7 @@ def _margins_at(study: JointStudy, kps: Floats, kds: Floats) -> list[Margins]:
 def _margins_text(found: Margins) -> str:
     if not found.stable:
         return "unstable"
-    vibration = f", would vibrate at {hertz(found.phase_crossover)}" if math.isfinite(found.phase_crossover) else ""
+    vibration = f", vibration at {hertz(found.phase_crossover)}" if math.isfinite(found.phase_crossover) else ""
     return (
         f"gain margin {digits(decibels(found.gain_margin), 'dB', 3)}{vibration}"
         f"<br>phase margin {digits(math.degrees(found.phase_margin), '°', 3)}<br>Ms {digits(found.peak_sensitivity, '', 3)}"
@@ -172,11 +172,15 @@ def _caption(study: JointStudy) -> str:
     text = "Hatched: unstable. The thick edge is coloured, and labelled, by the frequency at which the joint vibrates there."
     if study.required_region.required.asked:
         text += " Inside the blue area every requirement is met"
-        text += " for the stated joint alone, not over the uncertainty." if study.spec.uncertainty.names else " for the stated joint."
+        text += " for the nominal joint, not over the uncertainty." if study.spec.uncertainty.names else " for the nominal joint."
     kp_name, kd_name = plane_names(study.spec.controller)
     if study.recommended is not None:
         text += f" The star has the largest {kp_name} that meets them"
-        within = " everywhere in the stated ranges." if study.recommended.proved else " in every case looked at within the stated ranges."
+        within = (
+            " everywhere in the uncertain ranges (proved)."
+            if study.recommended.proved
+            else " in every case examined within the uncertain ranges."
+        )
         text += within if study.spec.uncertainty.names else "."
     if study.max_kd is not None and math.isfinite(study.max_kd):
         text += f" At this {kp_name}, {kd_name} may reach {digits(study.max_kd, 'N·m·s/rad', 3)}."

@@ -1,4 +1,4 @@
-"""Outlines of what is allowed in the gain map, and the lines of equal margin, exact on every line kp = const that is drawn."""
+"""Outlines of the allowed region in the gain map, and lines of equal margin, exact on every line kp = const that is drawn."""
 
 import math
 from dataclasses import dataclass, replace

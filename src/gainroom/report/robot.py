@@ -11,9 +11,9 @@ from .page import Card, Html, Lead, Section, beside, block, facts, page, paragra
 from .page_parts import assumptions, footer, limit_proofs, margin_card, unstable_card
 from .robot_coupling import coupling
 from .robot_drawing import hero, small
+from .robot_headroom import heat_map, joint_factors, task_factors
 from .robot_loci import loci, loci_window
 from .robot_remedies import remedies
-from .robot_room import heat_map, joint_factors, task_factors
 from .robot_skeleton import common_view
 from .robot_tables import folded, gain_tables, inputs, joint_table, state_table, task_table
 from .robot_text import sentence, warnings

@@ -1,4 +1,4 @@
-"""What the coupling costs: the factor that one loop alone would allow, beside what the whole robot allows."""
+"""The cost of coupling: the gain factor that one loop alone allows, beside what the whole robot allows."""
 
 import math
 from collections.abc import Sequence
@@ -10,10 +10,10 @@ from ..linear.arrays import Floats
 from . import style
 from .number_format import digits
 from .page import Html, figure
-from .robot_room import Factors
+from .robot_headroom import Factors
 
 WIDEST = 1e3  # ratio of the factors on one axis; what lies beyond is drawn at its end
-NEGLIGIBLE = 0.97  # coupling that leaves more than this of the factor costs nothing worth a word
+NEGLIGIBLE = 0.97  # of the factor alone: where more remains, the cost of coupling is not reported
 MARKS = (
     ("alone", "circle-open", style.BLUE, 15),
     ("other loops closed", "circle", style.BLACK, 10),
@@ -24,17 +24,18 @@ Row = tuple[str, tuple[float, float, float]]
 
 
 def coupling(factors: Factors, what: str) -> tuple[Html, Html]:
-    """What scaling one part alone, one with the other loops closed, and all together allow: by state, and by part in the tightest state."""
+    """The factors on one part alone, on one with the other loops closed, and on all: by state, and by part in the tightest state."""
     few, tight = factors.few(), factors.tightest
     by_state: list[Row] = [
-        (style.shown(state.title), (_least(few.alone[k]), _least(few.closed[k]), float(few.whole[k]))) for k, state in enumerate(few.states)
+        (style.shown(state.title), (_least(few.alone[k]), _least(few.other_loops_closed[k]), float(few.together[k])))
+        for k, state in enumerate(few.states)
     ]
-    parts = zip(factors.parts, factors.alone[tight].tolist(), factors.closed[tight].tolist(), strict=True)
+    parts = zip(factors.parts, factors.alone[tight].tolist(), factors.other_loops_closed[tight].tolist(), strict=True)
     by_part: list[Row] = [(style.shown(part), (alone, closed, math.nan)) for part, alone, closed in parts]
     title = f"Each {what} in {factors.states[tight].title}"
     return (
         _dumbbells(by_state, math.nan, f"Tightest {what}, state by state", _cost_caption(factors, what)),
-        _dumbbells(by_part, float(factors.whole[tight]), title, _part_caption(factors, what)),
+        _dumbbells(by_part, float(factors.together[tight]), title, _part_caption(factors, what)),
     )
 
 
@@ -92,15 +93,15 @@ def _marks(rows: Sequence[Row], left: float, right: float) -> list[style.Trace]:
 
 def _cost_caption(factors: Factors, what: str) -> str:
     """Where the coupling costs most."""
-    pairs = [(_least(alone), float(whole)) for alone, whole in zip(factors.alone, factors.whole, strict=True)]
+    pairs = [(_least(alone), float(whole)) for alone, whole in zip(factors.alone, factors.together, strict=True)]
     costs = [(whole / alone, k) for k, (alone, whole) in enumerate(pairs) if 0 < alone < math.inf and math.isfinite(whole)]
     if not costs and np.any(factors.alone == 0):
         return _lost_alone(factors, what)
     if not costs:
-        return "Nothing limits these gains one by one, so there is nothing to compare."
+        return "No single gain has a limit, so there is nothing to compare."
     ratio, k = min(costs)
     if ratio > NEGLIGIBLE:
-        return f"Coupling costs less than 3 %: in every state all together allow what the tightest {what} alone does."
+        return f"Coupling costs less than 3 %: in every state all gains together allow the factor of the tightest {what} alone."
     alone, whole = pairs[k]
     return (
         f"Coupling costs most in {factors.states[k].title}: the tightest {what} alone allows {digits(alone, '', 3)} ×, all together "
@@ -109,30 +110,29 @@ def _cost_caption(factors: Factors, what: str) -> str:
 
 
 def _lost_alone(factors: Factors, what: str) -> str:
-    """That parts are unstable by themselves, whatever the factor: there is nothing left for the coupling to cost."""
+    """Parts that are unstable by themselves at any factor: coupling is not the cause."""
     lost = [part for k, part in enumerate(factors.parts) if np.any(factors.alone[:, k] == 0)]
     known = int(np.count_nonzero(~np.isnan(factors.alone).all(axis=0)))
     if len(lost) == known:
-        return f"No {what} is stable by itself, by whatever factor its gains are lowered: the coupling is not what makes it vibrate."
+        return f"No {what} is stable by itself at any lower gains: coupling is not the cause of the vibration."
     return (
-        f"Not stable by themselves, by whatever factor their gains are lowered: {listed(lost)} ({len(lost)} of {known}). "
-        "The coupling is not what makes them vibrate."
+        f"Unstable by themselves at any lower gains: {listed(lost)} ({len(lost)} of {known}). Coupling is not the cause of their vibration."
     )
 
 
 def _part_caption(factors: Factors, what: str) -> str:
-    """What closing the other loops does to each part."""
+    """The effect of closing the other loops on each part."""
     tight = factors.tightest
     if not factors.stable[tight]:
-        whole = factors.whole[tight]
-        lower = "all gains together have to go left of the line" if whole > 0 else "no factor on all gains is stable"
-        lower = "the factor on all gains that is stable is not known" if math.isnan(whole) else lower
-        return f"Unstable: no single factor with the other loops closed; {lower}."
-    both = zip(factors.alone[tight].tolist(), factors.closed[tight].tolist(), strict=True)
+        whole = factors.together[tight]
+        lower = "all gains together must be scaled to the left of the line" if whole > 0 else "no factor on all gains is stable"
+        lower = "the stable factor on all gains is not known" if math.isnan(whole) else lower
+        return f"Unstable: with the other loops closed no single {what} has a factor; {lower}."
+    both = zip(factors.alone[tight].tolist(), factors.other_loops_closed[tight].tolist(), strict=True)
     pairs = [(closed / alone, k) for k, (alone, closed) in enumerate(both) if 0 < alone < math.inf and closed < math.inf]
     if not pairs:
         return f"No single {what} has a limit here."
     ratio, k = min(pairs)
     if ratio > NEGLIGIBLE:
-        return f"With the other loops closed every {what} allows what it does alone."
-    return f"{factors.parts[k]} loses most: with the other loops closed it allows {100 * ratio:.0f} % of what it does alone."
+        return f"With the other loops closed every {what} allows the same factor as alone."
+    return f"{factors.parts[k]} loses most: with the other loops closed it allows {100 * ratio:.0f} % of its factor alone."

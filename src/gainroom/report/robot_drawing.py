@@ -24,7 +24,7 @@ def hero(state: State, alone: bool) -> Html:
     wide, high = view.high - view.low
     part = min(0.54, max(0.4, 0.42 * wide / high))
     traces, notes = drawn(state.model, limit, view, 17)
-    if vibration(limit) is None:  # nothing that joints could take part in
+    if vibration(limit) is None:  # no vibration
         height = round(min(max(part * WIDTH * high / wide, 220), 420)) + 16
         layout = drawing_layout(limit, notes, view, [0, 1], {})
         return figure({"data": traces, "layout": layout}, _title(state, alone), _hero_caption(state), height)
@@ -68,9 +68,9 @@ def small(state: State, limit: GainLimit, view: View, others: int) -> Html:
 def _short(limit: GainLimit) -> str:
     """At which frequency it would vibrate, and at which factor."""
     if math.isnan(limit.gain):
-        return "stable, how far is not known" if limit.stable else "UNSTABLE, how far is not known"
+        return f"{'stable' if limit.stable else 'UNSTABLE'}, gain limit not known"
     if not math.isfinite(limit.frequency):
-        return "no vibration" if limit.stable else "UNSTABLE at any lower gain"
+        return "no vibration at any factor" if limit.stable else "UNSTABLE at any lower gain"
     text = f"{hertz(limit.frequency)} at {digits(limit.gain, '', 3)}\u00a0×"
     return text if limit.stable else f"UNSTABLE; {text}"
 
@@ -79,32 +79,32 @@ def _title(state: State, alone: bool) -> str:
     """The hero's."""
     limit, where = state.limit, "The robot" if alone else f"The tightest state, {state.title}:"
     if math.isnan(limit.gain):
-        return f"{where} {'stable' if limit.stable else 'UNSTABLE'}; how far the gains may go is not known"
+        return f"{where} {'stable' if limit.stable else 'UNSTABLE'}; gain limit not known"
     if not math.isfinite(limit.frequency):
-        return f"{where} does not vibrate at any factor" if limit.stable else f"{where} UNSTABLE, and no factor that lowers the gains helps"
+        return f"{where} no vibration at any factor" if limit.stable else f"{where} UNSTABLE at any lower gain"
     at = f"at {hertz(limit.frequency)} ({digits(limit.frequency, 'rad/s', 3)})"
     factor = digits(limit.gain, "", 3)
     if limit.stable:
-        return f"{where} vibrates {at} once all gains are multiplied by {factor}"
-    return f"{where} UNSTABLE, stable only below {factor}\u00a0× these gains; there it vibrates {at}"
+        return f"{where} vibration starts at {factor}\u00a0× these gains, {at}"
+    return f"{where} UNSTABLE; stable below {factor}\u00a0× these gains, where vibration starts {at}"
 
 
 def _hero_caption(state: State) -> str:
     text = (
-        "Each joint is coloured by how far it moves in the vibration at the limit, the joint that moves most counting 1; rings are joints "
-        "that share one point, the first of the chain outermost. Angles beside the bars: how far each swings behind the first, 180° being "
-        "opposite. Dark patches are contacts held to the ground, the crossed circle is the centre of mass. What is farther away is drawn "
-        "up and to the right, at half scale."
+        "The colour of a joint is its participation factor: its motion in the vibration at the limit, relative to the largest; "
+        "rings are joints at one point, the first of the chain outermost. Angles beside the bars: phase lag behind the first joint, 180° "
+        "is opposite. Dark patches are contacts, the crossed circle is the centre of mass. What is farther away is drawn up and to the "
+        "right, at half scale."
     )
     joints = state.limiting_joints
     if not joints:
-        return text.partition(";")[0] + ": here there is no vibration to show, and joints stay white."
+        return text.partition(";")[0] + ". Here there is no vibration, so joints are white."
     lead = f"{joints[0]} leads" if len(joints) == 1 else f"{' and '.join(joints[:2])} lead" + (" with others" if len(joints) > 2 else "")
     return f"{lead}: start there for more gain headroom. {text}"
 
 
 def drawing_layout(limit: GainLimit, notes: list[style.Annotation], view: View, domain: list[float], bar: dict) -> dict:
-    """The axes of a drawing, equal in both directions and hidden, in the share `domain` of the width; `bar`: the colour bar's place."""
+    """The axes of a drawing, equal in both directions and hidden, in `domain` of the width; `bar`: the place of the colour bar."""
     hidden = {"showgrid": False, "showline": False, "showticklabels": False, "ticks": "", "zeroline": False, "fixedrange": True}
     ground = "white" if limit.stable else style.UNSTABLE_GROUND
     return style.layout(
@@ -124,7 +124,7 @@ def drawing_layout(limit: GainLimit, notes: list[style.Annotation], view: View, 
 
 
 def _bars(model: RobotModel, limit: GainLimit) -> tuple[style.Trace, list[str]]:
-    """The strongest joints with their part, the strongest on top."""
+    """The joints with the largest participation factors, the largest on top."""
     parts, mode = np.abs(limit.mode), limit.mode
     chosen = strongest_first(mode)[:MOST_BARS]
     values = parts[chosen].tolist()

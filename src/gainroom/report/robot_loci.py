@@ -1,4 +1,4 @@
-"""The characteristic loci of a state near the critical point: which of them comes close, and at which frequency."""
+"""The characteristic loci of a state near the critical point −1."""
 
 import math
 from collections.abc import Sequence
@@ -13,10 +13,10 @@ from . import style
 from .number_format import digits, frequency
 from .page import Html, figure
 
-WIDEST = 6.0  # |Re L| beyond which nothing is drawn: crossings far outside are reported in text
+WIDEST = 6.0  # |Re L| beyond which nothing is drawn; crossings outside are labelled
 TO_DRAW = 0.012  # longest step between samples, relative to the window
 TO_WRITE = 0.007  # points closer than this along a locus are not written into the page
-AROUND = math.log(3)  # of the frequency at the limit: the stretch of the leading locus that is drawn strong
+AROUND = math.log(3)  # of the frequency at the limit: the part of the critical locus that is drawn bold
 MOST = 40_000  # eigenvalues in one sweep
 
 
@@ -28,16 +28,16 @@ def loci_window(states: Sequence[State]) -> tuple[float, float]:
 
 
 def loci(state: State, window: tuple[float, float]) -> Html:
-    """The loci for ω > 0; the one that sets the limit strong around it."""
+    """The loci for ω > 0; the one that sets the limit bold near it."""
     left, half = window
     right = left + 1.15 * (0.35 - left)
     sweep = _fine(state, window)
     curves, omega = _followed(sweep), sweep.omega
-    leading = _leading(state, omega, curves)
+    critical = _critical(state, omega, curves)
     traces = [_background(curves, window)]
-    if leading is not None:
+    if critical is not None:
         near = np.abs(np.log(omega / state.limit.frequency)) < AROUND
-        traces.append(_strong(omega[near], curves[near, leading], window))
+        traces.append(_bold(omega[near], curves[near, critical], window))
     traces.append(style.markers([-1], [0], "x", style.VERMILION, 13, hoverinfo="text", text="the critical point −1", cliponaxis=False))
     notes = [style.label(-1, 0, "−1", style.VERMILION, xanchor="right", yanchor="top", xshift=-5, yshift=-4)]
     crossing, crossing_notes = _crossing(state, window)
@@ -50,7 +50,7 @@ def loci(state: State, window: tuple[float, float]) -> Html:
         plot_bgcolor="white" if state.limit.stable else style.UNSTABLE_GROUND,
         margin={"l": 62, "r": 8, "t": 8, "b": 48},
     )
-    return figure({"data": [*traces, *crossing], "layout": picture}, _title(state), _caption(state, leading), 370, style.NARROW)
+    return figure({"data": [*traces, *crossing], "layout": picture}, _title(state), _caption(state, critical), 370, style.NARROW)
 
 
 def _fine(state: State, window: tuple[float, float]) -> Sweep:
@@ -81,7 +81,7 @@ def _followed(sweep: Sweep) -> Complexes:
     return curves
 
 
-def _leading(state: State, omega: Floats, curves: Complexes) -> int | None:
+def _critical(state: State, omega: Floats, curves: Complexes) -> int | None:
     """The locus that crosses the negative real axis at the limit; None where there is no limit."""
     if not math.isfinite(state.limit.frequency):
         return None
@@ -108,15 +108,15 @@ def _background(curves: Complexes, window: tuple[float, float]) -> style.Trace:
     return style.line(values.real, values.imag, "#9a9a9a", width=1.3, name="other loci")
 
 
-def _strong(omega: Floats, curve: Complexes, window: tuple[float, float]) -> style.Trace:
-    """The stretch of a locus around the limit, with the frequencies on it."""
+def _bold(omega: Floats, curve: Complexes, window: tuple[float, float]) -> style.Trace:
+    """A locus near the limit, with its frequencies."""
     index, values = _drawn(curve, window)
     text = ["" if k < 0 else frequency(float(omega[k])) for k in index]
     return style.line(values.real, values.imag, style.BLACK, width=2.8, hoverinfo="text", text=text)
 
 
 def _crossing(state: State, window: tuple[float, float]) -> tuple[list[style.Trace], list[style.Annotation]]:
-    """The point where the limit is read off, with its frequency."""
+    """The crossing that sets the limit, with its frequency."""
     limit = state.limit
     if not math.isfinite(limit.frequency):
         return [], []
@@ -135,7 +135,7 @@ def _crossing(state: State, window: tuple[float, float]) -> tuple[list[style.Tra
 
 
 def _beyond(left: float) -> dict:
-    """From −1 to the left: a locus that crosses there is already unstable, as far as no other turn makes up for it."""
+    """From −1 to the left: a locus that crosses there is beyond its limit."""
     line = {"color": style.VERMILION, "width": 4}
     return {"type": "line", "x0": left, "x1": -1, "y0": 0, "y1": 0, "line": line, "opacity": 0.55, "layer": "below"}
 
@@ -143,18 +143,18 @@ def _beyond(left: float) -> dict:
 def _title(state: State) -> str:
     verdict = "" if state.limit.stable else "UNSTABLE; "
     if math.isnan(state.limit.gain):
-        return f"{state.title}: {verdict}the limit is not known"
+        return f"{state.title}: {verdict}limit not known"
     if not math.isfinite(state.limit.frequency):
         return f"{state.title}: {verdict}no crossing sets a limit"
     return f"{state.title}: {verdict}{'crosses' if state.limit.stable else 'crossed'} at {digits(-1 / state.limit.gain, '', 3)}"
 
 
-def _caption(state: State, leading: int | None) -> str:
+def _caption(state: State, critical: int | None) -> str:
     limit = state.limit
     if math.isnan(limit.gain):
-        return "These loci could not be followed to a limit: what is drawn may miss parts of them."
-    if leading is None:
-        return "None of the loci crosses the negative real axis where it would set a limit."
+        return "These loci could not be followed to a limit; the drawing may be incomplete."
+    if critical is None:
+        return "No locus crosses the negative real axis where it would set a limit."
     if limit.stable:
-        return f"With all gains {digits(limit.gain, '', 3)} times as large the strong locus would go through −1."
-    return f"The loci turn about −1; below {digits(limit.gain, '', 3)} times these gains they no longer do."
+        return f"At {digits(limit.gain, '', 3)} × these gains the bold locus passes through −1."
+    return f"The loci encircle −1; below {digits(limit.gain, '', 3)} × these gains they do not."

@@ -1,4 +1,4 @@
-"""What a requirement that a robot does not keep means for several loops at once, and what a change of its gains would do to it."""
+"""Unmet requirements of a robot: what each means for several coupled loops, and how a change of gains would change it."""
 
 import math
 from dataclasses import replace
@@ -12,44 +12,45 @@ from .page import Html, paragraph
 
 MORE, LESS = 1.25, 0.8
 MEANING = {
-    "gain_margin": "Gain margin of {n} loops: the smallest factor, up or down, at which the robot vibrates when it multiplies all gains at "
-    "once, or those of one joint while the others stay.",
-    "phase_margin": "Phase margin of {n} loops: the smallest angle at which the robot vibrates when all loops lag or lead by it at once, "
-    "or one loop while the others stay. It belongs to the robot, not to a joint: where legs and ground couple the loops, it may be far "
-    "less than every joint has by itself.",
-    "peak_sensitivity": "Peak sensitivity Ms of {n} loops: the most by which one loop, the others closed, magnifies disturbances at some "
-    "frequency; 1/Ms is how near its return ratio comes to −1.",
+    "gain_margin": "Gain margin of {n} loops: the smallest factor, above or below 1, at which the robot starts to vibrate, on all gains at "
+    "once or on the gains of one joint.",
+    "phase_margin": "Phase margin of {n} loops: the smallest phase lag or lead at which the robot starts to vibrate, in all loops at once "
+    "or in one loop. It belongs to the robot, not to a joint: where legs and ground couple the loops, it may be far less than that of "
+    "every joint by itself.",
+    "peak_sensitivity": "Peak sensitivity Ms of {n} loops: the largest amplification of disturbances by one loop, other loops closed, at "
+    "any frequency; 1/Ms is the least distance of its return ratio from −1.",
 }
 
 
 def remedies(study: RobotStudy) -> list[Html]:
-    """A paragraph for every requirement that is not kept."""
-    told = [paragraph(" ".join(_words(study, name, state))) for name, state in study.unmet.items()]
-    keep = "Gains to use, further down, keep all that is required."
-    return [*told, paragraph(keep)] if told and any(gains.everywhere is not None for gains in study.recommended) else told
+    """A paragraph for every unmet requirement."""
+    paragraphs = [paragraph(" ".join(_sentences(study, name, state))) for name, state in study.unmet.items()]
+    if paragraphs and any(gains.everywhere is not None for gains in study.recommended):
+        paragraphs.append(paragraph("The recommended gains below meet every requirement."))
+    return paragraphs
 
 
-def _words(study: RobotStudy, name: str, state: State) -> list[str]:
+def _sentences(study: RobotStudy, name: str, state: State) -> list[str]:
     asked, value = study.spec.requirements, state.margins.least(name)
     if math.isnan(value):
-        return [MEANING[name].format(n=state.model.size), f"In {state.title} it is not known."]
+        return [MEANING[name].format(n=state.model.size), f"It is not known in {state.title}."]
     least = margin_value(asked, name, value, False, 3)
     return [
         MEANING[name].format(n=state.model.size),
-        f"Here it is {least} in {state.title}{_frequency(name, state)}.",
+        f"It is {least} in {state.title}{_frequency(name, state)}.",
         _trials(study, name, state),
     ]
 
 
 def _frequency(name: str, state: State) -> str:
-    """Where a phase margin that all loops share is lost."""
+    """The gain crossover where the phase margin is that of all loops at once."""
     margins = state.margins
     shared = name == "phase_margin" and state.margins.named(name) == "phase margin"
     return f", at {hertz(margins.gain_crossover)}" if shared else ""
 
 
 def _trials(study: RobotStudy, name: str, state: State) -> str:
-    """The margin with more and with less damping, and with less stiffness."""
+    """The margin with 1.25 and 0.8 times the damping gains, and with 0.8 times the stiffness gains."""
     spec, asked = study.spec, study.spec.requirements
     controller = spec.controller(state.model)
     rate = controller.damping_name
@@ -60,9 +61,9 @@ def _trials(study: RobotStudy, name: str, state: State) -> str:
         value, own = found.least(name), state.margins.least(name)
         helps = found.stable and (value < own if name == "peak_sensitivity" else value > own)
         known = "not known" if math.isnan(value) else margin_value(asked, name, value, None, 3)
-        told = known if found.stable else "vibration"
-        (better if helps else worse).append(f"{told} with all {gain} times {factor:g}")
+        outcome = known if found.stable else "unstable"
+        (better if helps else worse).append(f"{outcome} with all {gain} × {factor:g}")
     if not better:
-        return f"No small change of all gains mends it ({listed(worse)}): less delay or stiffer, better damped gearboxes would."
+        return f"No small change of all gains improves it ({listed(worse)}). Less delay, or stiffer or better damped gearboxes, would."
     without = f", but {listed(worse)}" if worse else ""
     return f"It would be {listed(better)}{without}."

@@ -1,4 +1,4 @@
-"""A robot as a skeleton, seen from its right and from the front, its joints coloured by their part in a vibration."""
+"""A robot as a skeleton, seen from its right and from the front, its joints coloured by their participation factors."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -17,7 +17,7 @@ DEPTH = 0.5 * np.array([math.cos(math.pi / 6), math.sin(math.pi / 6)])  # cabine
 SAME_PLACE = 0.015  # of the robot's size: joints closer than this are drawn around one point
 NEAR, FAR = "#7d7d7d", "#bdbdbd"  # links
 GHOST = "#b9dcf2"  # links in another posture
-FELT = 0.05  # smaller parts get no angle
+SMALLEST_PART = 0.05  # participation factors below it get no angle
 LINE = 17  # [px] a line of text is high
 Projection = Callable[[Floats], Floats]
 
@@ -56,24 +56,24 @@ def view_of(models: Sequence[RobotModel], gap: float = 0.3) -> View:
     side, front = bare.side(nodes), bare.front(nodes)
     shift = float(side[:, 0].max() - front[:, 0].min()) + gap * size
     both = np.vstack([side, front + np.array([shift, 0.0])])
-    low, high = np.array([0.1, 0.18]), np.array([0.7 * gap - 0.1, 0.16])  # room for words
+    low, high = np.array([0.1, 0.18]), np.array([0.7 * gap - 0.1, 0.16])  # space for labels
     return View(both.min(axis=0) - low * size, both.max(axis=0) + high * size, shift, size)
 
 
 def vibration(limit: GainLimit) -> Floats | None:
-    """(n,) part of each joint in the vibration at the limit; None where there is none."""
+    """(n,) participation factor of each joint in the vibration at the limit; None where there is none."""
     return np.abs(limit.mode) if math.isfinite(limit.frequency) else None
 
 
 def participation_text(part: complex) -> str:
-    """A joint's participation factor, and how far it swings behind the strongest."""
+    """A joint's participation factor, and its phase lag behind the strongest."""
     angle = round(math.degrees(-np.angle(part))) % 360
-    lag = f", {angle}°" if abs(part) >= FELT else ""
+    lag = f", {angle}°" if abs(part) >= SMALLEST_PART else ""
     return f"{100 * abs(part):.0f} %{lag}"
 
 
 def _outline(model: RobotModel) -> Floats:
-    """(k, 3) what must be in the picture."""
+    """(k, 3) points that must be in the picture."""
     body, q = model.body, model.q
     return np.vstack([body.skeleton(q).positions, body.com(q), *(body.frame_placement(q, one.frame)[1] for one in model.contacts)])
 
@@ -91,7 +91,7 @@ def drawn(model: RobotModel, limit: GainLimit, view: View, size: int) -> tuple[l
 
 
 def _links(model: RobotModel, plane: Floats, depth: Floats, view: View) -> list[style.Trace]:
-    """Lines from every node to the one it hangs on; those in the farther half lighter, and first."""
+    """Lines from every node to its parent; those in the farther half lighter, and first."""
     parents = model.body.skeleton(model.q).parents
     ends = [(k, int(parent)) for k, parent in enumerate(parents) if parent >= 0]
     middle = 0.5 * (depth.min() + depth.max())
@@ -111,14 +111,14 @@ def _between(plane: Floats, ends: Sequence[tuple[int, int]], color: str, width: 
 
 
 def ghost(model: RobotModel, view: View) -> list[style.Trace]:
-    """Where the links of another posture are, faintly, to be drawn first."""
+    """The links of another posture, faint, to be drawn first."""
     skeleton = model.body.skeleton(model.q)
     ends = [(k, int(parent)) for k, parent in enumerate(skeleton.parents) if parent >= 0]
     return [_between(project(skeleton.positions), ends, GHOST, 4) for project in (view.side, view.front)]
 
 
 def path(points: Floats, view: View) -> list[style.Trace]:
-    """The way of a point (k, 3) [m] in both views."""
+    """The path of a point (k, 3) [m] in both views."""
     planes = (project(points) for project in (view.side, view.front))
     return [style.line(plane[:, 0], plane[:, 1], style.BLUE, width=2.5) for plane in planes]
 
@@ -158,7 +158,7 @@ def _rings(positions: Floats, joints: Integers, size: float) -> list[int]:
 
 
 def _contacts(model: RobotModel, view: View, project: Projection) -> list[style.Trace]:
-    """A patch under each contact: flat, a line about which it rolls, or a point; not to scale. A fixed base stands on one, too."""
+    """A patch under each contact: flat, line or point, not to scale; one under a fixed base, too."""
     body, q = model.body, model.q
     half = 0.075 * view.size
     marks = []

@@ -1,4 +1,4 @@
-"""The tables of a robot's page, and its inputs in words."""
+"""The tables of a robot's page, and its inputs as text."""
 
 import math
 from collections.abc import Sequence
@@ -39,8 +39,8 @@ def folded(summary: str, *parts: Html) -> Html:
 
 
 def state_table(study: RobotStudy) -> Html:
-    """Every state: how far all gains together may go, and what else is left."""
-    return _table(STATE, study.states + study.immobile, f"{definitions(STATE)} Margins of an unstable robot mean nothing.")
+    """Every state: the factor on all gains together, and the margins."""
+    return _table(STATE, study.states + study.immobile, f"{definitions(STATE)} Margins of an unstable robot are meaningless.")
 
 
 def joint_table(states: Sequence[State], caption: str = "") -> Html:
@@ -60,8 +60,8 @@ def task_table(states: Sequence[State]) -> Html:
     found = [(state, state.tasks) for state in states if state.tasks is not None]
     together = [f"{state.title}: {tasks_together(tasks)}" for state, tasks in found]
     caption = (
-        f"{definitions(TASK)} {TASK_UNITS} Factors on the gains until the robot vibrates. Gains act on accelerations of the task: inertia "
-        f"is taken out by the controller's model. All directions together: {'; '.join(together)}."
+        f"{definitions(TASK)} {TASK_UNITS} Factors are on the gains, until the robot vibrates. Gains act on accelerations of the task: the "
+        f"controller's model takes the inertia out. All directions together: {'; '.join(together)}."
     )
     return _several(TASK, [(state, row) for state, tasks in found for row in tasks.rows], True, caption)
 
@@ -90,28 +90,28 @@ def _cut(rows: int) -> str:
 
 
 def gain_tables(gains: RobotGains, spec: RobotSpec) -> list[Html]:
-    """Gains to use: the one safe set and one per contact state, in both unit systems, and what each set keeps."""
+    """Gains to use: the one safe set and one per contact state, in both unit systems, and the margins of each set."""
     columns: list[Named] = [("safe in all", gains.everywhere)]
     if len(gains.per_contact) > 1:  # of one contact state the set would be the same again
         columns += gains.per_contact.items()
-    kept = _kept_table(columns, spec, gains)
+    margins = _margins_table(columns, spec, gains)
     if all(one is None or not one.moves for _, one in columns):
-        return [kept]
+        return [margins]
     if gains.inertia is None:
-        return [paragraph(TASK_UNITS), _gain_table(gains, columns, None, _gain_caption(gains)), kept]
+        return [paragraph(TASK_UNITS), _gain_table(gains, columns, None, _gain_caption(gains)), margins]
     posture, contact = spec.robot.states[0]
     units = joint_units(spec.robot.body)
     words = (
-        f"The same, in every column divided by what each joint has to move in {posture}, {contact}, the first state: J_m + J_L, the "
-        "motor's inertia and J_L = 1/W_ii, the load with all other joints free. kp [1/s²], kd [1/s]: joints of one robot, and robots, can "
-        "be compared in these. In another state the loads, and with them these numbers, differ; the gains above do not."
+        f"The same gains, each divided by the inertia that its joint moves in the first state, {posture}, {contact}: J_m + J_L, the "
+        "motor's inertia and J_L = 1/W_ii, the load with all other joints free. kp [1/s²] and kd [1/s] compare joints, and robots. In "
+        "another state the loads, and with them these numbers, differ; the gains above do not."
     )
     return [
         paragraph(f"kp [{units['kp']}], kd [{units['kd']}]:{units['prismatic']}"),
         _gain_table(gains, columns, None, _gain_caption(gains)),
         paragraph(words),
         _gain_table(gains, columns, gains.inertia, ""),
-        kept,
+        margins,
     ]
 
 
@@ -128,11 +128,11 @@ def _gain_table(gains: RobotGains, columns: Sequence[Named], divisor: Floats | N
     known = [one for _, one in columns if one is not None]
     if any(np.isnan(one.kp).any() for one in known):
         cause = (
-            "nothing can move that joint there"
+            "that joint cannot move there"
             if gains.space == "joint"
-            else "the joints cannot move that direction there beside the tasks above"
+            else "the joints cannot move that direction there beside the tasks before it"
         )
-        caption += f" A dash: {cause}, so its gains do nothing."
+        caption += f" A dash: {cause}, so its gains have no effect."
     return table(headers, rows, caption)
 
 
@@ -146,30 +146,30 @@ def _cells(gains: GainSet | None, k: int, scale: float, cascade: bool) -> tuple[
 def _gain_caption(gains: RobotGains) -> str:
     known = {name: cost for name, cost in gains.cost.items() if math.isfinite(cost) and len(gains.per_contact) > 1}
     if gains.everywhere is None:
-        return "No single set keeps the requirements in every state: change gains with the contacts."
+        return "No single set meets the requirements in every state: switch gains with the contacts."
     if not known:
         return "One set for every state."
     name = max(known, key=known.__getitem__)
     if known[name] < 1.02:
-        return "The one safe set costs nothing: every contact state of its own would allow the same gains."
+        return "The one safe set costs nothing: no contact state by itself allows higher gains."
     costs = ", ".join(f"{digits(cost, '', 3)} ({contact})" for contact, cost in known.items())
     return (
-        f"What the one safe set costs: gains chosen for each contact state by itself may have a kp larger by a factor of {costs}. "
+        f"The cost of one safe set: gains chosen for each contact state by itself may have a kp larger by a factor of {costs}. "
         f"Switching gains with the contacts pays most in {name}."
     )
 
 
-def _kept_table(columns: Sequence[Named], spec: RobotSpec, gains: RobotGains) -> Html:
-    """What every set keeps, beside what is required."""
+def _margins_table(columns: Sequence[Named], spec: RobotSpec, gains: RobotGains) -> Html:
+    """The margins of every set, beside what is required."""
     needs = {title: requirement(spec.requirements, name, 3) for name, title in MARGIN_NAMES.items()}
-    headers = ["set", *(f"{title} ({need})" if need else title for title, need in needs.items()), "held back by", "cases"]
+    headers = ["set", *(f"{title} ({need})" if need else title for title, need in needs.items()), "limited by", "cases"]
     rows, nearest = [], {**gains.nearest, columns[0][0]: gains.nearest.get("", "")}
     for name, one in columns:
         if one is None:
-            rows.append((name, "–", "–", "–", f"none found that keep the requirements; the nearest: {nearest.get(name, '')}", "–"))
+            rows.append((name, "–", "–", "–", f"none found that meet the requirements; nearest: {nearest.get(name, '')}", "–"))
             continue
         if not one.moves:
-            rows.append((name, "–", "–", "–", "nothing moves there: gains do nothing", "–"))
+            rows.append((name, "–", "–", "–", "nothing moves there: gains have no effect", "–"))
             continue
         found = one.margins
         margins = (
@@ -180,19 +180,19 @@ def _kept_table(columns: Sequence[Named], spec: RobotSpec, gains: RobotGains) ->
         )
         rows.append((name, *margins, held_back(one, gains.names), str(one.cases)))
     caption = (
-        "The least of each margin over all loops, all together and one by one with the others closed, in every case that was looked at. "
-        "Held back by: what would be missed, and where, if the softest joint or direction were 5 % stiffer."
+        "The least of each margin over all loops, all together and one at a time with the other loops closed, in every case examined. "
+        "Limited by: the requirement that fails, and where, if the softest joint or direction is made 5 % stiffer."
     )
     return table(headers, rows, caption, sorts=False)
 
 
 def inputs(spec: RobotSpec) -> Html:
-    """The robot, its actuators, drives and control as the page has used them."""
+    """The robot, its actuators, drives and control as used on this page."""
     pairs = [
         *machine(spec),
         ("gravity", GRAVITY[spec.robot.gravity]),
-        *((f"posture {name}", angles_in_words(posture)) for name, posture in list(spec.robot.postures.items())[:12]),
-        *((f"contact {name}", contacts_in_words(contacts)) for name, contacts in list(spec.robot.contacts.items())[:12]),
+        *((f"posture {name}", angles_text(posture)) for name, posture in list(spec.robot.postures.items())[:12]),
+        *((f"contact {name}", contacts_text(contacts)) for name, contacts in list(spec.robot.contacts.items())[:12]),
         ("uncertainty", _uncertainty(spec)),
     ]
     return facts(pairs)
@@ -238,22 +238,22 @@ def _control(spec: RobotSpec) -> str:
     return f"{kind} in {control.space} space; {filters(control)}; {time}{rotors}"
 
 
-def angles_in_words(posture: Posture) -> str:
-    """Where its joints stand."""
+def angles_text(posture: Posture) -> str:
+    """Its joint angles as text."""
     angles, unit = posture.angles, "rad, m" if posture.body.prismatic.any() else "rad"
-    told = ", ".join(f"{name} {digits(angle, '', 3)}" for name, angle in list(angles.items())[:40])
-    return f"{told} {unit}; others 0" if told else "all joints at 0"
+    text = ", ".join(f"{name} {digits(angle, '', 3)}" for name, angle in list(angles.items())[:40])
+    return f"{text} {unit}; others 0" if text else "all joints at 0"
 
 
-def contacts_in_words(contacts: Sequence[Contact]) -> str:
-    """A contact state's."""
+def contacts_text(contacts: Sequence[Contact]) -> str:
+    """The contacts of a state as text."""
     return "; ".join(f"{one.frame}, {one.kind}, {'rigid' if one.stiffness is None else 'on springs'}" for one in contacts) or "none"
 
 
 def _uncertainty(spec: RobotSpec) -> str:
-    told = []
+    ranges = []
     for name in spec.uncertainty.names:
         low, high = getattr(spec.uncertainty, name)
         finite = np.isfinite(high)
-        told.append(quantity(name, float(np.min(low[finite])), float(np.max(high[finite]))) if finite.any() else f"{name}: rigid")
-    return ", ".join(told) or "none stated: every value is taken as exact"
+        ranges.append(quantity(name, float(np.min(low[finite])), float(np.max(high[finite]))) if finite.any() else f"{name}: rigid")
+    return ", ".join(ranges) or "none given: every value is taken as exact"

@@ -1,4 +1,4 @@
-"""The page of a simulation: answer, numbers, curves over time, the vibration close up, tables, assumptions; of a joint or a robot."""
+"""The page of a simulation of a joint or a robot: verdict, numbers, curves over time, the vibration, tables, assumptions."""
 
 import math
 from dataclasses import replace
@@ -11,15 +11,15 @@ from .number_format import digits, gain_factor, hertz, milli
 from .page import Card, Html, Lead, Section, beside, block, facts, page, paragraph, table
 from .page_parts import footer
 from .simulation_figures import channels, close_up, drawn_channels, in_time
-from .simulation_kinds import KINDS, inputs
+from .simulation_inputs import KINDS, inputs
 from .simulation_text import TRACKING, floor_of, not_counted, overshoots, sentence, tracking_cells, warnings
 
 SHOWN_AS_ZERO = 1e-3
-"""[N m], and a part in a vibration: less is shown as 0."""
+"""[N·m], and a participation factor: less is shown as 0."""
 
 
 def simulation_page(outcome: Outcome, command: str) -> str:
-    """The report of a run as one HTML page; `command` is what a reader types to get it again."""
+    """The report of a run as one HTML page; `command` is the command that makes it."""
     kind, size = KINDS[outcome.spec.kind], len(outcome.run.joint_names)
     sections = [Section("In time", [in_time(outcome)])]
     if outcome.vibrates:
@@ -36,7 +36,7 @@ def simulation_page(outcome: Outcome, command: str) -> str:
 
 
 def _lead(outcome: Outcome) -> Lead:
-    """The answer; where it is bad, a verdict in capitals, and what not to do."""
+    """The verdict with its sentence and warnings."""
     if outcome.sound:
         return Lead(sentence(outcome), "good", "", warnings(outcome))
     verdict = {"fell": "FELL", "diverged": "DIVERGES"}.get(outcome.run.ending, "VIBRATES" if outcome.vibrates else "UNSTABLE")
@@ -55,7 +55,7 @@ def _cards(outcome: Outcome) -> list[Card]:
     )
     others = [torque, _vibration_card(outcome), *_slip_card(outcome)]
     if not outcome.completed:
-        what = "falls after" if run.ending == "fell" else "runs away within"
+        what = "falls after" if run.ending == "fell" else "diverges after"
         off = Card("largest error", milli(float(found.peak[first])), unit, note=run.channels[first])
         return [Card(what, digits(outcome.duration, "", 3), "s", "never", met=False), off, *others]
     last, roughest = outcome.worst_at_end, max(outcome.leading, key=lambda k: float(found.rms[k]))
@@ -75,87 +75,87 @@ def _cards(outcome: Outcome) -> list[Card]:
 
 
 def _beyond(outcome: Outcome) -> str:
-    """How the actual torque can pass its limit, after the torque's peak."""
-    return "; above the limit, which cuts the demand: the current loop overshoots" if overshoots(outcome) else ""
+    """A note where the actual torque passes its limit."""
+    return "; above the limit: the current loop overshoots the demand" if overshoots(outcome) else ""
 
 
 def _vibration_card(outcome: Outcome) -> Card:
-    """What was found, beside what the linear loop predicts."""
+    """The simulated vibration, beside what the linear loop predicts."""
     found, limit = outcome.vibration, outcome.limit
     seen = ("none", "") if found is None else (digits(found.frequency / (2 * math.pi), "", 3), "Hz")
     notes = [not_counted(outcome)] if found is not None and not outcome.vibrates else []
     if limit is not None and 0 < limit.gain < math.inf:
         notes.append(f"linear limit: {gain_factor(limit.gain, 3)} × these gains, {hertz(limit.frequency)}")
-    asked = "none sustained" if outcome.stable else "none sustained, and a stable loop"
+    asked = "none sustained" if outcome.stable else "none sustained, stable loop"
     return Card("vibration", *seen, requirement=asked, met=outcome.stable and not outcome.vibrates, note="; ".join(notes))
 
 
 def _slip_card(outcome: Outcome) -> list[Card]:
-    """Where feet can slip: how far the one that moves most was from where it started."""
+    """Where feet can slip: the largest displacement of a contact frame from its start."""
     if not len(outcome.slip) or "the ground" not in outcome.spec.effects:
         return []
     worst = int(np.argmax(outcome.slip))
-    note = f"{outcome.spec.contact_frames[worst]}, slipped or lifted, at most"
+    note = f"{outcome.spec.contact_frames[worst]}: largest displacement, slipped or lifted"
     return [Card("slip of the feet", milli(float(outcome.slip[worst])), "mm", note=note)]
 
 
 def _by_channel(outcome: Outcome) -> list[Html]:
     run, tracking = outcome.run, _tracking(outcome)
-    if len(run.channels) == 1:  # the picture in time shows all of it
+    if len(run.channels) == 1:  # the curves over time show all of it
         return [tracking]
     chosen = drawn_channels(outcome)
     words = (
-        "Commanded, as the encoders read it, and where the links are in truth: encoders before elastic gearboxes do not see how far these "
-        "wind up. Everything counts from where the run began."
+        "Commanded, measured by the encoders, and true position of the links: encoders on the motor side do not measure the deflection of "
+        "elastic gearboxes. All curves start at 0."
     )
     for unit in ("m", "rad"):
         hidden = [k for k in range(len(run.units)) if k not in chosen and run.units[k] == unit]
         if hidden:
             most = max(float(outcome.tracking.peak[k]) for k in hidden)
-            words += f" Not drawn: {listed([run.channels[k] for k in hidden])}, within {milli(most, floor_of(outcome))} m{unit}."
+            words += f" Not drawn: {listed([run.channels[k] for k in hidden])}, error at most {milli(most, floor_of(outcome))} m{unit}."
     return [paragraph(words), beside(*channels(outcome)), tracking]
 
 
 def _tracking(outcome: Outcome) -> Html:
     run, floor = outcome.run, floor_of(outcome)
-    columns = ("channel", "unit", "moved by", *TRACKING)
+    columns = ("channel", "unit", "move", *TRACKING)
     rows = [
         (name, f"m{run.units[k]}", milli(float(np.ptp(run.reference[:, k])), floor), *tracking_cells(outcome, k))
         for k, name in enumerate(run.channels)
     ]
     caption = (
-        f"Error: commanded less true position on the {run.feedback} side; of tasks, less what the encoders show. Steady state: mean of the "
-        "last tenth, of a reference that rests then. Settled: within 2 % of the move for good, and for a tenth of the run; only a move has "
-        "an overshoot; both are judged up to a later disturbance."
+        f"Error: commanded minus true position on the {run.feedback} side; for tasks, minus the position that the encoders give. Steady "
+        "state: mean of the last tenth, if the reference is at rest then. Settling time: from when the error stays within 2 % of the move, "
+        "for at least a tenth of the run. Overshoot and settling time are those of a move, before any later disturbance."
     )
-    return table(columns, rows, caption + ("" if outcome.completed else " The run ended early: there is no steady state."))
+    return table(columns, rows, caption + ("" if outcome.completed else " The run ended early, without a steady state."))
 
 
 def _joints(outcome: Outcome) -> Html:
     run, found = outcome.run, outcome.oscillation
-    wound = np.abs(run.motor_position - run.link_position).max(axis=0)
+    deflection = np.abs(run.motor_position - run.link_position).max(axis=0)
     torques = {"torque peak [N m]": outcome.torque_peak, "torque RMS [N m]": outcome.torque_rms}
     caption = f"Torque: actual, of the motor on the joint side{_beyond(outcome)}"
     if run.joint_torque is not None:
         torques["gearbox peak [N m]"] = np.abs(run.joint_torque).max(axis=0)
-        caption += "; gearbox: through its spring, – of a rigid one, which nothing measures"
+        caption += "; gearbox: the torque in its spring, – for rigid gearboxes"
     parts = found.parts if found is not None and outcome.vibrates and found.names == run.joint_names else None
     rows = [
         (
             name,
             *(_digits(float(values[k]), 3) for values in torques.values()),
-            *(milli(float(value), floor_of(outcome)) for value in (wound[k], np.ptp(run.link_position[:, k]))),
+            *(milli(float(value), floor_of(outcome)) for value in (deflection[k], np.ptp(run.link_position[:, k]))),
             *([] if parts is None else [_digits(abs(complex(parts[k])), 2)]),
         )
         for k, name in enumerate(run.joint_names)
     ]
     caption += "."
     if "N" in run.torque_units:
-        caption += " Of prismatic joints read N and mm."
-    columns = ["joint", *torques, "wound up by [mrad]", "moved [mrad]"]
+        caption += " Prismatic joints: N and mm."
+    columns = ["joint", *torques, "deflection [mrad]", "range [mrad]"]
     if parts is not None:
-        columns.append("part in vibration")
-        caption += " Part: swing of the motor beside the one that swings most."
+        columns.append("participation factor")
+        caption += " Participation factor: amplitude of the motor in the vibration, relative to the largest."
     return table(columns, rows, caption)
 
 

@@ -1,4 +1,4 @@
-"""A simulated run in pictures: its channels over time, its vibration close up, a robot before and after."""
+"""Figures of a simulated run: channels over time, the vibration enlarged, the initial and the final posture of a robot."""
 
 import math
 from dataclasses import replace
@@ -20,23 +20,23 @@ from .robot_skeleton import drawn, ghost, labels, path, view_of
 from .simulation_text import floor_of
 
 MOST_TOGETHER = 3  # channels, or joints, in one panel
-MOST_CHANNELS = 6  # that have a picture of their own
-LARGE_POINTS, SMALL_POINTS = 1200, 500  # of a curve, in a picture of its own width and in half of it
-MOST_LOOKS = 1200  # ticks at which links are looked at
-POSES = 200  # on the way of the centre of mass
+MOST_CHANNELS = 6  # that have a figure of their own
+LARGE_POINTS, SMALL_POINTS = 1200, 500  # of a curve, in a figure of full and of half width
+MOST_LINK_TICKS = 1200  # at which true link positions are computed
+POSES = 200  # on the path of the centre of mass
 ROUNDED = 9  # decimals [m, rad, N m] of what is drawn
-FAR_TURN = 0.5  # [rad] from where on a picture counts in rad
-CLOSE_PERIODS = 12  # of the vibration in its own picture
-RUNAWAY = 3.0  # times the reference's range: what a run that diverges is shown up to
+LARGE_ANGLE = 0.5  # [rad] from which on an axis is in rad instead of mrad
+CLOSE_PERIODS = 12  # of the vibration in its own figure
+DIVERGED_RANGE = 3.0  # times the reference's range: a run that diverges is drawn up to it
 LEAST_RANGE = 0.01  # [rad, m] of a reference that hardly moves
 COLORS = ((style.BLUE, "solid"), (style.VERMILION, "dash"), (style.DARK[style.GREEN], "dashdot"), (style.DARK[style.PURPLE], "longdash"))
 TORQUES = ((style.BLACK, "solid"), (style.ORANGE, "dash"), (style.DARK[style.PURPLE], "dashdot"))
 
 
 def shown_ticks(reference: Floats, error: Floats) -> int:
-    """Of a run that diverges, (k, n) each, how many ticks are worth a picture: those until it is far out of it."""
+    """The number of ticks of a diverging run, (k, n) each, to be drawn: those within DIVERGED_RANGE."""
     covered = np.vstack([reference[:1] - error[:1], reference])  # from where it starts: a step at t = 0 alone is a constant
-    widest = RUNAWAY * max(float(np.ptp(covered, axis=0).max()), LEAST_RANGE)
+    widest = DIVERGED_RANGE * max(float(np.ptp(covered, axis=0).max()), LEAST_RANGE)
     far = np.abs(error).max(axis=1) > widest
     return max(2, min(len(far), int(np.argmax(far)) + 1)) if far.any() else len(far)
 
@@ -48,7 +48,7 @@ def _shown(outcome: Outcome) -> int:
 
 
 def in_time(outcome: Outcome) -> Html:
-    """The channels that lead, their error, and the joints that work hardest; of a single joint both sides, and its target torque."""
+    """The leading channels, their errors, and the joints with the largest torques; of a single joint both sides, and its target torque."""
     run, end = outcome.run, _shown(outcome)
     chosen, unit = sorted(outcome.leading[:MOST_TOGETHER]), run.units[outcome.leading[0]]
     scale, rows = _scale(outcome, chosen[0]), slice(0, end)
@@ -64,7 +64,7 @@ def in_time(outcome: Outcome) -> Html:
     hardest = np.argsort(-np.abs(run.actual_torque[rows]).max(axis=0), kind="stable")[:MOST_TOGETHER].tolist()
     moving = outcome.spec.moves_until > 0
     panels = [
-        Panel("moved" if moving else "drift", "rad" if scale == 1 else f"m{unit}", move, 0.42),
+        Panel("position" if moving else "drift", "rad" if scale == 1 else f"m{unit}", move, 0.42),
         Panel("error", f"m{unit}", error, 0.27),
         Panel("torque", "N m", _torques(outcome, rows, hardest), 0.31),
     ]
@@ -72,12 +72,12 @@ def in_time(outcome: Outcome) -> Html:
     if run.ending == "fell":
         place = {"xref": "x domain", "yref": "y domain", "xanchor": "right", "yanchor": "top"}
         notes.append(style.label(0.99, 0.995, f"<b>fell after {digits(outcome.duration, 's', 3)}</b>", style.VERMILION, **place))
-    most = f"{len(chosen)} of {len(outcome.leading)} channels, those furthest off"
-    what = most if len(outcome.leading) > len(chosen) else "What moves" if moving else "All channels"
+    most = f"{len(chosen)} of {len(outcome.leading)} channels, those with the largest errors"
+    what = most if len(outcome.leading) > len(chosen) else "Moving channels" if moving else "All channels"
     caption = (
-        f"{what}, from where the run began; the {run.feedback} side is fed back. Error: commanded less actual there; torque at the ticks, "
-        "of the joints that work hardest. "
-        + (f"Cut at {digits(run.time[end - 1], 's', 3)}, where it is already out of the picture. " if end < len(run.time) else "")
+        f"{what}; all curves start at 0. The {run.feedback} side is fed back. Error: commanded minus actual position there. Torque at "
+        "the ticks, of the joints with the largest. "
+        + (f"Cut at {digits(run.time[end - 1], 's', 3)}, beyond the range of the figure. " if end < len(run.time) else "")
         + _conclusion(outcome)
     )
     return stacked(run.time[rows], panels, "Commanded and actual, tracking error, torque", caption, 680, notes, 2 * LARGE_POINTS)
@@ -97,19 +97,19 @@ def _torques(outcome: Outcome, rows: slice, joints: list[int]) -> list[Curve]:
 
 
 def _change(values: Floats) -> Floats:
-    """From where it began, without rounding errors, which would fill a picture where nothing moves."""
+    """Relative to the start, without rounding errors, which would fill a figure where nothing moves."""
     return np.round(values - values[0], ROUNDED)
 
 
 def _scale(outcome: Outcome, channel: int) -> float:
-    """Of a picture: joints that move far in rad, all else in mm or mrad."""
+    """The factor from SI to the axis: rad for joints that move far, else mm or mrad."""
     run = outcome.run
-    way = max(float(np.ptp(values[:, channel])) for values in (run.reference, run.measured))
-    return 1.0 if run.units[channel] == "rad" and way > FAR_TURN else 1e3
+    extent = max(float(np.ptp(values[:, channel])) for values in (run.reference, run.measured))
+    return 1.0 if run.units[channel] == "rad" and extent > LARGE_ANGLE else 1e3
 
 
 def _vibration_note(outcome: Outcome) -> style.Annotation:
-    """Its frequency, at the top of a picture."""
+    """Its frequency, at the top of a figure."""
     assert outcome.vibration is not None
     omega = outcome.vibration.frequency
     words = f"<b>vibrates at {hertz(omega)}</b> ({digits(omega, 'rad/s')})"
@@ -118,11 +118,11 @@ def _vibration_note(outcome: Outcome) -> style.Annotation:
 
 def _conclusion(outcome: Outcome) -> str:
     if outcome.run.ending == "fell":
-        return "The run ends where the base has sunk by half its height or tilted by half a radian."
+        return "The run ends when the base has sunk by half its height or tilted by 0.5 rad."
     if outcome.run.diverged:
         return "These gains must not be run."
     if outcome.oscillation is not None and outcome.vibrates:
-        how = "It vibrates while it moves, as is shown below" if outcome.oscillation.moving else "The vibration does not decay"
+        how = "It vibrates while it moves; see below" if outcome.oscillation.moving else "The vibration does not decay"
         return f"{how}: lower all gains together, or shorten the delay."
     if outcome.hidden:
         return "These gains are unstable, whatever hides it here: lower all of them together, or shorten the delay."
@@ -145,30 +145,30 @@ def close_up(outcome: Outcome) -> Html:
     title = f"The last {CLOSE_PERIODS} periods: {frequency(found.found.frequency)}"
     if found.moving:
         title = f"The vibration about {digits(time[-1], 's', 3)}: {frequency(found.found.frequency)}"
-    caption = f"{', '.join(found.strongest[: len(COLORS)])} mainly, without the motion under it. "
+    caption = f"Mainly {', '.join(found.strongest[: len(COLORS)])}, without the slow motion. "
     caption += f"One period is {digits(2e3 * math.pi / found.found.frequency, 'ms', 3)}."
     if outcome.limit is not None and 0 < outcome.limit.gain < math.inf:
-        caption += f" The linear loop predicts {hertz(outcome.limit.frequency)} where vibration begins; "
+        caption += f" The linear loop predicts {hertz(outcome.limit.frequency)} where vibration starts; "
         caption += "above the limit the frequency rises with the gains."
     return stacked(time, panels, title, caption, 520)
 
 
 def _swing(time: Floats, values: Floats) -> Floats:
-    """Without mean and slope."""
+    """`values` without mean and slope."""
     line = np.column_stack([np.ones(len(time)), time - time.mean()])
     return values - line @ np.linalg.lstsq(line, values, rcond=None)[0]
 
 
 def drawn_channels(outcome: Outcome) -> list[int]:
-    """The channels that have a picture: those that lead, then of what is left those furthest off; in the order of the tables."""
+    """The channels that have a figure: the leading ones, then those of the others with the largest errors; in the order of the tables."""
     left = [k for k in outcome.others if outcome.tracking.peak[k] > MUJOCO.least]
     return sorted([*outcome.leading, *left][:MOST_CHANNELS])
 
 
 def channels(outcome: Outcome) -> list[Html]:
-    """Each of them: commanded, seen and true, and the error."""
+    """One figure per channel: commanded, measured and true position, and the error."""
     run, end = outcome.run, _shown(outcome)
-    looks = run.rows(slice(0, end, max(1, end // MOST_LOOKS)))
+    looks = run.rows(slice(0, end, max(1, end // MOST_LINK_TICKS)))
     time, floor = run.time[:end], floor_of(outcome)
 
     def picture(k: int) -> Html:
@@ -180,21 +180,21 @@ def channels(outcome: Outcome) -> list[Html]:
             Curve("commanded", scale * _change(run.reference[:end, k]), style.BLACK, "dot"),
         )
         error = [Curve("error", 1e3 * np.round(run.error[:end, k], ROUNDED), style.BLUE, named=False)]
-        panels = [Panel("moved", "rad" if scale == 1 else f"m{unit}", curves, 0.6), Panel("error", f"m{unit}", error, 0.4)]
-        left = "" if math.isnan(found.steady_state[k]) else f", {milli(float(found.steady_state[k]), floor)} left"
-        words = f"At most {milli(float(found.peak[k]), floor)} m{unit} off{left}."
+        panels = [Panel("position", "rad" if scale == 1 else f"m{unit}", curves, 0.6), Panel("error", f"m{unit}", error, 0.4)]
+        steady = "" if math.isnan(found.steady_state[k]) else f", steady-state error {milli(float(found.steady_state[k]), floor)} m{unit}"
+        words = f"Largest error {milli(float(found.peak[k]), floor)} m{unit}{steady}."
         return stacked(time, panels, run.channels[k], words, 330, most=SMALL_POINTS)
 
     return [picture(k) for k in drawn_channels(outcome)]
 
 
 def pose(outcome: Outcome, spec: RobotSimulation, run: RobotRun) -> Html:
-    """The robot where it ended over where it began, with the way of its centre of mass."""
+    """The final posture over the initial one, with the path of the centre of mass."""
     model, found = spec.model, outcome.oscillation if outcome.vibrates else None
     looks = run.rows(slice(None, None, max(1, len(run.time) // POSES)))
     postures = [looks.posture(row) for row in range(len(looks.time))] + [run.posture(-1)]
     floats = model.body.base == "floating" and not model.contacts
-    if floats:  # it falls freely, soon out of every picture
+    if floats:  # in free fall, soon out of every figure
         postures = [np.concatenate([run.posture(0)[:7], posture[7:]]) for posture in postures]
     start, end = (replace(model, q=postures[row]) for row in (0, -1))
     centre = np.array([model.body.com(posture) for posture in postures])
@@ -212,12 +212,14 @@ def pose(outcome: Outcome, spec: RobotSimulation, run: RobotRun) -> Html:
     if not outcome.sound:
         picture["layout"]["plot_bgcolor"] = style.UNSTABLE_GROUND
     moved = float(np.linalg.norm(centre[-1] - centre[0]))
-    colored = " Joints are coloured by how far their motors swing, the one that swings most counting 1." if found is not None else ""
+    colored = (
+        " Joints are coloured by the amplitude of their motors in the vibration, relative to the largest." if found is not None else ""
+    )
     patches = " Dark patches are contact frames." if model.contacts else ""
     caption = (
-        f"Faint: the start. Blue: the way of the centre of mass, {digits(1e3 * moved, 'mm', 3)} from end to end.{colored}{patches} What is "
-        "farther away is drawn up and to the right, at half scale."
+        f"Faint: initial posture. Blue: path of the centre of mass, {digits(1e3 * moved, 'mm', 3)} from end to end.{colored}{patches} "
+        "What is farther away is drawn up and to the right, at half scale."
     )
-    caption = f"In free fall, drawn as if the base had stayed. {caption}" if floats else caption
-    title = f"Where it stood, and where it is after {digits(outcome.duration, 's', 3)}"
+    caption = f"In free fall, drawn relative to the base. {caption}" if floats else caption
+    title = f"Initial posture, and posture after {digits(outcome.duration, 's', 3)}"
     return figure(picture, title, caption, round(min(max(WIDTH * high / wide, 260), 460)), {"margin.l": 4, "margin.r": 4})

@@ -47,7 +47,7 @@ def time_response(study: JointStudy) -> Html:
     )
     narrow = {**style.NARROW, "yaxis.title.text": "position [–]", "yaxis2.title.text": "position [µrad]"}
     return figure(
-        {"data": traces, "layout": picture}, "Step of the reference, and a step of disturbing torque", _caption(study, own), 560, narrow
+        {"data": traces, "layout": picture}, "Step of the reference, and step of a disturbance torque", _caption(study, own), 560, narrow
     )
 
 
@@ -60,8 +60,8 @@ def _panel_names() -> list[style.Annotation]:
 
 
 def _vibration(response: StepResponse) -> style.Annotation:
-    """The frequency of a growing vibration, at the top of the picture."""
-    words = f"vibrates at {hertz(response.frequency)}" if response.frequency > 0 else "drifts away"
+    """The frequency of a growing vibration, at the top of the figure."""
+    words = f"vibrates at {hertz(response.frequency)}" if response.frequency > 0 else "diverges"
     doubling = math.log(2) / response.growth
     text = f"<b>{words}</b>, doubling every {digits(1e3 * doubling, 'ms', 3)}"
     return style.label(0.01, 0.99, text, style.VERMILION, xref="paper", yref="paper", xanchor="left", yanchor="top")
@@ -72,16 +72,15 @@ def _caption(study: JointStudy, own: StepResponse) -> str:
     text = f"Position of the {side} side. "
     if own.growth > 0:
         rate = f"{digits(own.growth, '1/s', 3)}"
-        text += f"The answer grows at {rate} and {hertz(own.frequency)}: do not run these gains. "
+        text += f"The response grows at {rate}, at {hertz(own.frequency)}: do not run these gains. "
     else:
         overshoot = 100 * (float(own.reference.max()) - 1)
         last = 1e6 * float(np.abs(own.disturbance[-1]))
-        text += (
-            f"These gains overshoot by {digits(max(overshoot, 0.0), '%', 3)}; the step is differentiated too, as in eq. (4) of the paper. "
-        )
-        text += f"Under a lasting torque of 1 N·m the joint gives way by {digits(last, 'µrad', 3)} at the end of the picture. "
+        text += f"These gains overshoot by {digits(max(overshoot, 0.0), '%', 3)}; the controller differentiates the step, "
+        text += "as in eq. (4) of the paper. "
+        text += f"A constant torque of 1 N·m deflects the joint by {digits(last, 'µrad', 3)} at the end of the figure. "
     if study.spec.sample_time is not None:
-        return text + "Stepped exactly from tick to tick; torque is held in between."
+        return text + "Stepped exactly from tick to tick; torque is held between ticks."
     if study.spec.drive.delay == 0:
         return text + "Stepped exactly (matrix exponential)."
     return text + f"Stepped with the exact delay; halving the step changes the curve by {_share(own.change)}."

@@ -1,4 +1,4 @@
-"""The page of a verification: predicted and simulated limit, and how growth changes its sign between them."""
+"""The page of a verification: predicted and simulated limit, and the growth rate about the limit."""
 
 import math
 from html import escape
@@ -23,14 +23,19 @@ def verification_page(spec: JointSpec | RobotSpec, result: Verification, command
         what, model, sample_time = "one joint", "Linear two-mass joint", spec.sample_time
         sections = [Section("Growth about the limit", [_growth(spec, limit)])] if 0 < limit < math.inf else []
     else:
-        what, model, sample_time, sections = "a robot", "Robot about each posture, all joints closed at once", spec.control.sample_time, []
+        what, model, sample_time, sections = (
+            "a robot",
+            "Robot linearised about each posture, all loops closed",
+            spec.control.sample_time,
+            [],
+        )
     notes = ["Left out: " + warning for warning in result.warnings]
     sections += [
         Section("Predicted and simulated", [_table(result)]),
         Section("Assumptions", [assumptions(model, sample_time), _method(), *map(escape, notes)]),
         Section("This page again", [block(command)]),
     ]
-    headline = "" if result.agrees else "Prediction and simulation do not agree"
+    headline = "" if result.agrees else "Simulation and prediction disagree"
     lead = Lead(sentence(result), "good" if result.agrees else "bad", headline)
     return page(f"gainroom verify: {what}, {model_in_words(sample_time)}", lead, _cards(result), sections, footer())
 
@@ -42,12 +47,12 @@ def _cards(result: Verification) -> list[Card]:
         cards.append(Card("simulated limit", digits(case.simulated_gain, "", 5), "× these gains", allowed, case.agrees, case.what))
         note = f"predicted {frequency(case.predicted_frequency)}"
         cards.append(Card("simulated frequency", digits(case.simulated_frequency, "", 5), "rad/s", note=note))
-        cards.append(Card("apart", percent(case.gain_difference, case.tolerance), note="in gain"))
+        cards.append(Card("difference", percent(case.gain_difference, case.tolerance), note="in gain"))
     return cards
 
 
 def _growth(spec: JointSpec, limit: float) -> Html:
-    """Growth by gain: the rightmost root's as a line, the runs' as dots."""
+    """Growth rate over gain: the rightmost root's as a line, that of simulated runs as dots."""
     found = growth_about(spec.loop())
     seen = np.isfinite(found.simulated)
     hover: dict[str, Any] = {"hovertemplate": "× %{x:.4g}: %{y:.4g} 1/s", "hoverinfo": "all"}
@@ -69,7 +74,7 @@ def _growth(spec: JointSpec, limit: float) -> Html:
     }
     layout = style.layout(
         xaxis=style.axis("factor on all gains [–]"),
-        yaxis=style.axis("growth of the vibration [1/s]"),
+        yaxis=style.axis("growth rate of the vibration [1/s]"),
         shapes=[zero, wall],
         annotations=[
             style.label(limit, 0.02, f"predicted limit {digits(limit, '', 5)}", yref="paper", yanchor="bottom", xanchor="left", xshift=4)
@@ -79,14 +84,25 @@ def _growth(spec: JointSpec, limit: float) -> Html:
         margin={"l": 78, "r": 24, "t": 40, "b": 52},
     )
     caption = (
-        "Below zero the answer to an impulse decays, above it grows. The line comes from the loop's roots, the dots from runs in time that "
-        "know nothing of them; both cross zero at the limit."
+        "Below zero the impulse response decays, above zero it grows. The line is computed from the loop's roots, the dots from simulated "
+        "runs; both cross zero at the limit."
     )
-    return figure({"data": traces, "layout": layout}, "Vibration begins where its growth changes sign", caption, 440, style.NARROW)
+    return figure({"data": traces, "layout": layout}, "Vibration starts where its growth rate changes sign", caption, 440, style.NARROW)
 
 
 def _table(result: Verification) -> Html:
-    columns = ("Case", "Witness", "Gain predicted", "simulated", "apart", "[rad/s] predicted", "simulated", "apart", "Allowed", "Agrees")
+    columns = (
+        "Case",
+        "Method",
+        "Gain predicted",
+        "simulated",
+        "difference",
+        "[rad/s] predicted",
+        "simulated",
+        "difference",
+        "Allowed",
+        "Agrees",
+    )
     rows = []
     for case in result.cases:
         verdict = f"{digits(100 * case.tolerance)} %", "yes" if case.agrees else "no"
@@ -96,8 +112,8 @@ def _table(result: Verification) -> Html:
 
 def _method() -> str:
     return (
-        "Every run begins with an impulse of torque. The fastest-growing oscillation in its second half is read off by a matrix pencil, "
-        "and the factor at which its growth is zero is closed in on from both sides, to one part in a million; in MuJoCo, "
-        "where the motors begin at a small speed, to one in a thousand. Limits are those of small motions: neither has the scenario's "
-        "friction, torque limit or ground that feet may leave; gainroom simulate has them."
+        "Every run starts with a torque impulse. A matrix pencil finds the fastest-growing oscillation in its second half, and a bracketed "
+        "search the factor at which its growth rate is zero, to one part in a million; in MuJoCo, where the motors start at a small "
+        "speed, to one in a thousand. Limits are those of small motions, without the scenario's friction, torque limit or ground that "
+        "feet may leave; gainroom simulate includes them."
     )

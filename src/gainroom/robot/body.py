@@ -1,4 +1,4 @@
-"""The links of a robot as rigid bodies: inertia, frames, centre of mass and weight at a posture. Rotors are apart.
+"""The links of a robot as rigid bodies, without rotors: inertia, frames, centre of mass and gravity torques at a posture.
 
 Velocities are v = (base twist, joint rates): a floating base comes first, with its linear and angular velocity in its own axes, as
 Pinocchio has it (Featherstone, Rigid Body Dynamics Algorithms, 2008; Carpentier et al., The Pinocchio C++ library, 2019).
@@ -75,13 +75,13 @@ class Skeleton:
 class RigidBody:
     """Rigid links, n actuated joints of one degree of freedom each, and N = n (fixed base) or 6 + n (floating base).
 
-    source        what messages call it
+    source        its name in messages
     model         Pinocchio's, links only: its armature and rotor inertias are zero
     joint_names   the n actuated joints, in the model's order
     base          "fixed" | "floating"
-    armature      (n,) reflected rotor inertia that the file names, 0 where it names none [kg m²; kg if prismatic]
+    armature      (n,) reflected rotor inertia given in the file, 0 where none [kg m²; kg if prismatic]
     locked        joints of the file that are held, and at which position [rad; m if prismatic]
-    notes         what a user should know about how the file was read
+    notes         warnings about how the file was read
     bones         joints of the file, parents first, for a drawing
     springs       of joints that have one of their own, beside the gearbox, by name [N m/rad; N/m if prismatic]
 
@@ -124,7 +124,7 @@ class RigidBody:
 
     @cached_property
     def total_mass(self) -> float:
-        """Of everything that moves [kg]."""
+        """Of all moving links [kg]."""
         return float(sum(self.model.inertias[joint].mass for joint in range(1, self.model.njoints)))
 
     @cached_property
@@ -188,7 +188,7 @@ class RigidBody:
         return upper + np.triu(upper, 1).T
 
     def gravity_torque(self, q: ArrayLike) -> Floats:
-        """g (N,), what holds the weight: A v̇ = Sᵀ τ − g at rest [N m; N if prismatic and for a base's linear part]."""
+        """g (N,), the torques that balance gravity: A v̇ = Sᵀ τ − g at rest [N m; N if prismatic and for a base's linear part]."""
         return self._pinocchio.computeGeneralizedGravity(self.model, self._data, self._posture(q)).copy()
 
     def com(self, q: ArrayLike) -> Floats:

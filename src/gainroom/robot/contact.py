@@ -1,11 +1,11 @@
-"""Contacts with the ground: which directions of a frame are held, rigidly or by springs, and what motion that leaves.
+"""Contacts with the ground: the directions of a frame that are constrained, rigidly or by springs, and the motion that remains free.
 
 Rigid contact takes motion away. With the links' inertia A (N, N) and the rows J_c of what is held (theory after Park and Khatib 2006,
 and Sentis, Park and Khatib 2010):
 
     Λ_c = (J_c A⁻¹ J_cᵀ)⁺,    N_c = I − A⁻¹ J_cᵀ Λ_c J_c,    P = A⁻¹ N_cᵀ = R Rᵀ
 
-P takes forces to accelerations; the columns of R span the motion that is left. Redundant rows (two frames on one foot, feet closed
+P takes forces to accelerations; the columns of R span the free motion. Redundant rows (two frames on one foot, feet closed
 into a loop) change nothing.
 """
 

@@ -1,4 +1,4 @@
-"""Ground that feet may slip on and leave, and the soles that touch it: what a simulation needs beyond a contact's frame."""
+"""Ground on which feet may slip and from which they may lift, and the soles that touch it; for simulation."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -57,8 +57,8 @@ def upwards(body: Any) -> Floats | None:
 def ground_axes(contact: Contact, frame: Floats, up: Floats | None) -> Floats:
     """(3, 3) axes of the ground under a contact frame of axes `frame` (3, 3), in world axes; the last column is its normal.
 
-    A flat foot says itself how its ground slopes. A line lies in it along its y, a point says nothing: there the ground is as level as it
-    can be. `up` (3,) None, without gravity: nothing is level, the frame's own axes.
+    Under a flat contact the ground has the frame's slope. Under a line contact it contains the frame's y axis, under a point contact
+    nothing is given: there it is as level as possible. `up` (3,); None, without gravity: the frame's own axes.
     """
     if contact.kind == "flat" or up is None:
         return frame

@@ -70,7 +70,7 @@ def linearize(body: "RigidBody", actuators: "Actuators", q: Floats, contacts: Se
 
 
 def gravity_stiffness(body: "RigidBody", q: Floats, contacts: Sequence[Contact] = ()) -> Floats:
-    """G (n, n), symmetric [N m/rad]: how the joint torque that holds the robot still changes as it moves on its rigid contacts.
+    """G (n, n), symmetric [N m/rad]: the change of the holding joint torque with motion on its rigid contacts.
 
     Near equilibrium, with torque τ₀ and contact forces f₀ that hold the robot, g = Sᵀ τ₀ + J_cᵀ f₀, the links obey
 
@@ -118,7 +118,7 @@ def gravity_stiffness(body: "RigidBody", q: Floats, contacts: Sequence[Contact] 
 
 
 def _stiffness(body: "RigidBody", q: Floats, contacts: Sequence[Contact], gravity: bool) -> Floats | None:
-    """What pulls the links back beside the gearboxes: gravity where it counts, and the joints' own springs; None: nothing.
+    """The stiffness on the links beside the gearboxes: gravity where `gravity`, and the joints' own springs; None: none.
 
     A spring between the two links of joint j turns −k δq_j, a joint torque like those of the gearbox: it adds k to G's diagonal on any
     contacts.
@@ -138,7 +138,7 @@ def holds_base(body: "RigidBody", q: Floats, contacts: Sequence[Contact]) -> boo
 
 
 def _free(motion: Floats, joints: Floats) -> int:
-    """How many directions of the base can move while the joints stand still."""
+    """The number of directions in which the base can move while the joints are immobile."""
     sizes = np.linalg.svd(joints, compute_uv=False)
     return motion.shape[1] - int(np.count_nonzero(sizes > REDUNDANT * sizes.max(initial=0.0)))
 

@@ -1,4 +1,4 @@
-"""The robot linear about one posture in one contact state: a plant of n joints, and what the operational space needs besides."""
+"""The robot linearised about one posture in one contact state: a plant of n joints, with what the operational space needs."""
 
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
@@ -34,7 +34,7 @@ class Stance(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class RobotModel(Plant):
-    """A Plant that remembers the robot it was taken from.
+    """A Plant with the robot that it was linearised from.
 
     body               the links
     q                  posture, in the body's configuration (nq,)

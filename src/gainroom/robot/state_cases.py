@@ -1,4 +1,4 @@
-"""A robot's postures and contact states, nominal and at the corners of what is uncertain."""
+"""A robot's postures and contact states, nominal and at the corners of the uncertainty."""
 
 import itertools
 from collections.abc import Iterator, Mapping
@@ -47,10 +47,10 @@ def state_cases(spec: RobotSpec, weight: bool = False) -> Iterator[StateCase]:
             delays = np.array([drive.delay for drive in drives])
             values = {name: delays if name == "delay" else getattr(actuators, name) for name in uncertain.names}
             ends = dict(zip(uncertain.names, corner, strict=True))
-            yield StateCase(posture, contact, _in_words(values, ends), moved, moved.robot.linearize(posture, contact, weight))
+            yield StateCase(posture, contact, _corner_text(values, ends), moved, moved.robot.linearize(posture, contact, weight))
 
 
-def _in_words(values: Mapping[str, Floats], ends: Mapping[str, float]) -> str:
+def _corner_text(values: Mapping[str, Floats], ends: Mapping[str, float]) -> str:
     """Each quantity by its value, or by its end where joints differ."""
     return ", ".join(
         case_in_words({name: float(each[0])}) if np.all(each == each[0]) else f"{name.replace('_', ' ')} {'high' if ends[name] else 'low'}"

@@ -15,7 +15,7 @@ for what they already do to it:
 
     Ê_k = N E_k,    Λ̂_k = (Ê_kᵀ W' Ê_k)⁺,    Γ_k = Ê_k Λ̂_k (a_k − E_kᵀ W' (Γ_1 + … + Γ_{k−1}))
 
-so tasks above never feel it, and tasks that do not conflict all get the acceleration they ask for: then the whole stack obeys (9) and
+so it does not affect the tasks above it, and tasks without conflict all get the commanded acceleration: then the whole stack obeys (9) and
 (10) with one E and one Λ.
 """
 
@@ -55,7 +55,7 @@ class Task:
     frame   for position and orientation
     kp, kd  PD: accelerations asked for per error, K'p [1/s²] and K'v [1/s]
     ki      not None: P/PI, a = (kd + ki/s)(kp x_e − ẋ): kp [1/s], kd [1/s], ki [1/s²] (Fig. 13 of Jung et al. 2017)
-    weight  > 0: how much its stiffness counts when gains are recommended
+    weight  > 0: of its stiffness when gains are recommended
 
     Raises GainroomError for an unknown kind, a frame missing or out of place, and gains that are not finite.
     """

@@ -1,4 +1,4 @@
-"""Compiled: what friction does during one substep, given what would happen without it.
+"""Compiled: friction during one substep, from the motion without it.
 
 All is in terms of the mean velocity v̄ of the substep: it is `free` without the contact, and every N m of friction takes `gain` off. The
 friction torque τ is the same all through the substep and obeys the law at v̄, so the work that it takes out, τ v̄ h, is never negative:
@@ -53,7 +53,7 @@ def dry(law, free, gain):
 
 @jit
 def bristles(law, bent, rate, width):
-    """With bristles: (mean torque, bend at the end) of a substep of `width` [s] at constant velocity `rate`, from bend z = `bent`.
+    """With bristles: (mean torque, deflection at the end) of a substep of `width` [s] at constant velocity `rate`, from z = `bent`.
 
     ż = v − a z with a = σ_0 |v| / F(v) is then linear: z approaches v/a as e^{−a t}.
     """
@@ -71,7 +71,7 @@ def bristles(law, bent, rate, width):
 
 @jit
 def lugre(law, bent, free, gain, width, guess):
-    """With bristles: (τ, v̄, bend at the end), v̄ + gain τ(v̄) = free by a bracketed secant from `guess`."""
+    """With bristles: (τ, v̄, deflection at the end), v̄ + gain τ(v̄) = free by a bracketed secant from `guess`."""
     most = max(law[3] * abs(bent), law[1])
     most *= 1 + 2 * law[4] / (law[3] * width)  # no torque is larger, whatever v̄ is
     low, high = free - gain * most, free + gain * most

@@ -13,7 +13,7 @@ import numpy as np
 from ..linear.arrays import Floats
 from ._contact import dry, jit, lugre
 
-SWEEPS = 60  # over motor, gravity and link, which hardly touch each other within a substep
+SWEEPS = 60  # over motor, gravity and link, which couple weakly within a substep
 MOTOR_INPUT, LINK_INPUT = 1, 2  # places among the body's inputs, behind the demand
 TAYLOR_TERMS = 22  # of the Taylor series at norm <= 1/2: 0.5^22/22! is 1e-28
 
@@ -100,7 +100,7 @@ def mean_gravity(moment, angle, turn):
 
 @jit
 def substep(state, bent, transition, width, torques, body, laws, gravity, fresh):
-    """Move `state` (m,) and the bristles' bend (2,) by one substep of `width` [s].
+    """Move `state` (m,) and the bristles' deflections (2,) by one substep of `width` [s].
 
     transition (m + 3, m + 3) of state and inputs; torques (3,): demand, outside torques on motor and link; body: see `Body`; laws (2, 5);
     gravity: m g l, where it hangs; fresh (m,): work space.
@@ -162,7 +162,7 @@ def substep(state, bent, transition, width, torques, body, laws, gravity, fresh)
 
 @jit
 def hold(state, fresh, position, rate, entry, coordinates):
-    """A side that stood still on average over a substep: take out what is left of its velocity, and the rounding of its position."""
+    """A side whose mean velocity over a substep was 0: remove its remaining velocity, and the rounding of its position."""
     unit = dot(rate, entry)
     push, slip = dot(rate, fresh) / unit, (dot(position, fresh) - dot(position, state)) / unit
     for i in range(len(state) - coordinates, len(state)):

@@ -4,7 +4,7 @@ Sliding steadily at velocity v the torque against the motion is, in either model
 
     F(v) = F_C + (F_S − F_C) e^{−(v/v_s)²}    (+ viscous · v)
 
-Without bristles the contact sticks at v = 0 and carries anything up to F_S. With bristles (Canudas de Wit, Olsson, Åström and
+Without bristles the contact sticks at v = 0 and carries up to F_S. With bristles (Canudas de Wit, Olsson, Åström and
 Lischinsky, A new model for control of systems with friction, 1995) it is a spring there:
 
     τ = σ_0 z + σ_1 ż + viscous · v,    ż = v − σ_0 |v| / F(v) · z
@@ -62,11 +62,11 @@ class Friction:
 
     @property
     def is_viscous(self) -> bool:
-        """Nothing sticks: it is linear."""
+        """True without stiction: the friction is linear."""
         return self.coulomb == 0  # then F_S and the bristles' torque are 0 too
 
     def torque(self, velocity: ArrayLike) -> Floats:
-        """Against the motion when it slides steadily at `velocity` [rad/s], any shape; 0 at rest, where it is what it must be."""
+        """Friction torque at constant `velocity` [rad/s], any shape; 0 at rest, where it balances the load."""
         v = np.asarray(velocity, dtype=float)
         dry = self.coulomb + (self.breakaway - self.coulomb) * np.exp(-((v / self.stribeck_velocity) ** 2))
         return np.sign(v) * dry + self.viscous * v

@@ -30,7 +30,7 @@ HARDEST_CONSTRAINT = 0.9999
 HEIGHT = 0.02
 """Of the boxes under flat feet, and the radius of the cylinders and balls under line and point contacts [m]."""
 GROUND_TIME = 2e-3
-"""How fast the ground pushes back [s]: as hard as concrete beside the frequencies at which loops vibrate."""
+"""Time constant of the ground force [s]: as hard as concrete beside the frequencies at which loops vibrate."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +39,7 @@ class MujocoRobot:
 
     model        the MjModel; its first n actuators are the motors, in the body's order
     body         the links it was made from
-    contacts     what it stands on
+    contacts     its contacts
     motor_q, motor_v     (n,) addresses of the motors in qpos and qvel
     elastic      (n,) True where there is a gearbox spring
     spring_q, spring_v   addresses of the springs of the elastic joints
@@ -58,7 +58,7 @@ class MujocoRobot:
     damping: Floats
 
     def new_data(self, q: ArrayLike, torque: ArrayLike = 0.0) -> Any:
-        """An MjData at rest, links in posture `q` (nq,), gearboxes wound up by joint torque (n,) [N m]: θ = q + τ_J/K."""
+        """An MjData at rest, links in posture `q` (nq,), gearboxes deflected by joint torque (n,) [N m]: θ = q + τ_J/K."""
         data = library("mujoco", "MuJoCo").MjData(self.model)
         q = require_finite(self.body.source, "posture", q)
         joint_torque = np.broadcast_to(require_finite(self.body.source, "torque", torque), (self.body.size,))
@@ -101,8 +101,7 @@ def build_mujoco(
     """The robot, ready to be simulated from posture `q`.
 
     body, actuators   links and motors; stiffness inf: rigid
-    q          (nq,) where the contact frames are now is where they are held, or where the ground is; springs in the joints themselves
-               carry nothing there
+    q          (nq,) posture in which contact frames are fixed, or the ground is placed, and springs in the joints are unloaded
     contacts   rigid ones are held by constraints, or stand on the ground; those with stiffness hang on springs and dampers
     timestep   h [s]; stable up to 2/ω of the fastest vibration
     coulomb    (n,) or one for all: Coulomb friction on the motor side [N m]; viscous friction is the actuators' own
@@ -227,7 +226,7 @@ def _set_values(mujoco: Any, robot: MujocoRobot, actuators: Actuators, friction:
         model.body_mass[link], model.body_inertia[link] = inertia.mass, _principal(inertia.inertia)[0]
     model.dof_damping[robot.motor_v] = actuators.motor_viscous + np.where(elastic, 0.0, actuators.link_viscous)
     model.dof_frictionloss[robot.motor_v] = friction
-    model.dof_solref[robot.motor_v] = 2 * timestep, 1.0  # standing still again within one step
+    model.dof_solref[robot.motor_v] = 2 * timestep, 1.0  # at rest again within one step
     model.dof_solimp[robot.motor_v, :2] = HARDEST_CONSTRAINT
     model.jnt_stiffness[model.dof_jntid[robot.spring_v]] = robot.stiffness
     model.dof_damping[robot.spring_v] = robot.damping
@@ -243,7 +242,7 @@ def _set_values(mujoco: Any, robot: MujocoRobot, actuators: Actuators, friction:
     option.solver, option.jacobian = mujoco.mjtSolver.mjSOL_NEWTON, mujoco.mjtJacobian.mjJAC_DENSE
     option.cone, option.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, 10.0  # feet creep ten times less than they would
     option.tolerance = 1e-10
-    # A state gone wrong is to be seen, not reset; one robot is one island.
+    # A diverging state must be visible, not reset; one robot is one island.
     option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET | mujoco.mjtDisableBit.mjDSBL_ISLAND)
     mujoco.mj_setConst(model, mujoco.MjData(model))
 

@@ -1,7 +1,7 @@
-"""Where vibration begins, found by running a system again and again: the witness against a computed limit.
+"""Onset of vibration, found by repeated simulation: an independent check of a computed limit.
 
-Nothing here knows of frequency responses. A run begins with an impulse; the fastest-growing oscillation in it shows on which side of the
-limit the gains are, and by how much.
+No frequency response is used. A run starts with an impulse; the growth rate of its fastest-growing oscillation shows on which side of
+the limit the gains are.
 """
 
 import math
@@ -22,7 +22,7 @@ MOST_RUNS = 100  # runs
 
 @dataclass(frozen=True)
 class Onset:
-    """gain where growth changes its sign, between `stable` and `growing`; frequency there [rad/s]; runs it took."""
+    """gain where the growth rate changes its sign, between `stable` and `growing`; frequency there [rad/s]; runs it took."""
 
     gain: float
     frequency: float
@@ -34,10 +34,10 @@ class Onset:
 def find_onset(vibration_at: Callable[[float], Vibration | None], stable: float, growing: float, tolerance: float = 1e-6) -> Onset:
     """The gain between `stable` and `growing` at which the vibration `vibration_at(gain)` neither grows nor decays.
 
-    vibration_at   what a run with that gain shows; None: nothing is left of it
+    vibration_at   the vibration in a run with that gain; None: it has decayed
     tolerance      of the gain, relative
 
-    Raises GainroomError where the two ends are not what they are called.
+    Raises GainroomError where the vibration does not decay at `stable` or does not grow at `growing`.
     """
     low, high = vibration_at(stable), vibration_at(growing)
     rates = [_rate(low), _rate(high)]
@@ -81,12 +81,12 @@ def linear_vibration(loop: Loop, duration: float = 2.0, seed: int = 0) -> Vibrat
     stride = -(-len(later) // MOST_SAMPLES)  # a fast tick and a slow vibration: the whole half counts, not its last samples
     found = vibration(later[::stride], stride * run.sample_time, growing=True)
     if run.diverged and _rate(found) <= 0:
-        return Vibration(0.0, math.inf, run.diverged_at or 0.0)  # it ran off without swinging
+        return Vibration(0.0, math.inf, run.diverged_at or 0.0)  # it diverged without oscillation
     return found
 
 
 def linear_onset(loop: Loop, duration: float = 2.0, tolerance: float = 1e-6) -> Onset:
-    """The common factor on all gains of a sampled loop at which its linear simulation begins to vibrate.
+    """The common factor on all gains of a sampled loop at which its linear simulation starts to vibrate.
 
     duration   of a run [s]: some tens of the vibration's periods
 
@@ -96,7 +96,7 @@ def linear_onset(loop: Loop, duration: float = 2.0, tolerance: float = 1e-6) -> 
 
 
 def search_onset(vibration_at: Callable[[float], Vibration | None], tolerance: float, near: float = 1.0, step: float = 2.0) -> Onset:
-    """find_onset between ends that are looked for from `near` on, `step` by `step`: up where all decays, else down.
+    """find_onset between ends that are searched from `near` on in factors of `step`: up where vibration decays, else down.
 
     Raises GainroomError where no factor between near/1000 and 1000 near does.
     """

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from .record import Run
 
 LAGS = 100  # columns of the Hankel matrix at most
-MOST_SAMPLES = 4000  # samples from the end that are looked at
+MOST_SAMPLES = 4000  # samples from the end that are used
 FEWEST_SAMPLES = 24
 NOISE_FACTOR = 2.858  # times the median singular value: what is noise in a square matrix; in a tall one even a little less
 FEWEST_PERIODS = 1.5  # that the window must hold of an oscillation
@@ -44,10 +44,10 @@ class Vibration:
 def vibration(signal: ArrayLike, sample_time: float, growing: bool = False, above: float = 0.0) -> Vibration | None:
     """The oscillation that is strongest in the last third of `signal` (k,) or (k, n), of which at most 4000 samples are used.
 
-    growing   rather the one that grows most, or decays least, however weak it still is
+    growing   instead the one with the largest growth rate, however small its amplitude
     above     only one of a higher frequency than this [rad/s]
 
-    None where there is nothing that oscillates for at least one and a half periods and stands out of the noise.
+    None where nothing oscillates for at least one and a half periods above the noise.
     """
     require_positive("vibration", "sample_time", sample_time, "s")
     table = require_finite("vibration", "signal", signal)
@@ -82,7 +82,7 @@ def response_vibration(run: "Run", above: float = 0.0, after: float = 0.0) -> Vi
     """Of the tracking error after the reference has come to rest, or where it moves to the end, of the last half of the run.
 
     above   only one of a higher frequency than this [rad/s], such as the reference's own
-    after   when something else changed last [s], such as a disturbance: what follows that is looked at
+    after   last other change [s], such as a disturbance; only later rows are used
     """
     moving = np.flatnonzero((np.diff(run.reference, axis=0) != 0).any(axis=1))
     rest = run.time[moving[-1] + 1] if len(moving) else 0.0
@@ -96,7 +96,7 @@ def rows_after(run: "Run", event: float) -> slice:
 
 
 def parts_in(signal: ArrayLike, sample_time: float, found: Vibration) -> Complexes:
-    """(n,) each column's part in the vibration `found` at the end of `signal` (k, n), in its unit; the angle is its phase.
+    """(n,) each column's complex amplitude in the vibration `found` at the end of `signal` (k, n), in its unit; the angle is its phase.
 
     Least squares over at most the last twelve periods, beside a straight line in every column.
     """

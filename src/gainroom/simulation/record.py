@@ -1,4 +1,4 @@
-"""What came of a run, tick by tick: one record for a joint, the joints of a loop and a whole robot."""
+"""The record of a run, tick by tick: one type for a joint, the joints of a loop and a whole robot."""
 
 import math
 from collections.abc import Iterable
@@ -23,21 +23,21 @@ Unit = Literal["m", "rad"]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Run:
-    """One row per tick, k rows of n joints, joint side, SI; of part of a run, or of all of it.
+    """A run or a part of it: one row per tick, k rows of n joints, joint side, SI.
 
     time             (k,) [s]
-    reference, measured   (k, m) what the controller wanted and saw, by channel: joints [rad, m], or directions of tasks
-    motor_position, link_position   (k, n) where the two sides are [rad]
-    motor_reading, link_reading     (k, n) what their encoders say [rad]
-    target_torque    (k, n) what the controller asks for [N m]
-    demand_torque    (k, n) what has arrived at the current loop: the target, delayed and limited
-    actual_torque    (k, n) what the current loop has made of it
-    joint_torque     (k, n) through the gearboxes [N m], NaN of rigid joints, where nothing measures it; None: not recorded
+    reference, measured   (k, m) reference and measured value of each channel: joints [rad, m], or directions of tasks
+    motor_position, link_position   (k, n) true positions of both sides [rad]
+    motor_reading, link_reading     (k, n) their encoder readings [rad]
+    target_torque    (k, n) the controller's output [N m]
+    demand_torque    (k, n) input of the current loop: the target, delayed and limited [N m]
+    actual_torque    (k, n) output of the current loop [N m]
+    joint_torque     (k, n) through the gearboxes [N m], NaN for rigid joints; None: not recorded
     sample_time      [s]
-    feedback         the side that the controller measures
+    feedback         the side that the controller measures, "motor" or "link"
     joint_names, channels   (n,) and (m,) names
-    ending           "completed" (or: goes on), "diverged" or "fell"
-    ended_at, reason   when [s] and why the run ended by itself; None and empty where it did not
+    ending           "completed" (or not yet ended), "diverged" or "fell"
+    ended_at, reason   when [s] and why the run ended early; None and empty where it did not
     """
 
     time: Floats
@@ -71,12 +71,12 @@ class Run:
 
     @property
     def diverged(self) -> bool:
-        """True where the run ended because a joint ran away."""
+        """True where the run ended because a joint diverged."""
         return self.ending == "diverged"
 
     @property
     def diverged_at(self) -> float | None:
-        """[s]; None where nothing did."""
+        """[s]; None where nothing diverged."""
         return self.ended_at if self.diverged else None
 
     @property
@@ -91,16 +91,16 @@ class Run:
 
     @cached_property
     def actual(self) -> Floats:
-        """(k, m) the channels' values of the links themselves, which encoders before elastic gearboxes do not see."""
+        """(k, m) the channels' values computed from the true link positions."""
         return self.link_position
 
     @cached_property
     def slip(self) -> Floats:
-        """(k, c) how far each contact frame is from where it started [m]."""
+        """(k, c) distance of each contact frame from its start [m]."""
         return np.zeros((len(self.time), 0))
 
     def columns(self) -> dict[str, Floats]:
-        """What a log holds: `time` (k,), then each of LOGGED (k, n) that these joints have; positions as the encoders read them."""
+        """The columns of a log: `time` (k,), then each of LOGGED (k, n) that these joints have; positions as the encoders read them."""
         columns = {name: getattr(self, name) for name in ("time", *LOGGED)}
         return columns | {"motor_position": self.motor_reading, "link_position": self.link_reading}
 
@@ -135,8 +135,8 @@ def joined(parts: Iterable[AnyRun]) -> AnyRun:
 def cut(run: Run, limit: float, first: int, ticks: int) -> Run:
     """`run`, which begins at tick `first`, up to where it diverges, if it does.
 
-    That is before the first row in which a position lies beyond `limit` [rad] or a number is not finite, or where fewer than `ticks` rows
-    came, before the first that did not.
+    It ends before the first row in which a position exceeds `limit` [rad] or a number is not finite; where fewer than `ticks` rows were
+    computed, after the last of them.
     """
     good = np.ones(ticks, dtype=bool)
     good[len(run.time) :] = False
@@ -146,10 +146,10 @@ def cut(run: Run, limit: float, first: int, ticks: int) -> Run:
     if good.all():
         return run
     end = int(np.argmin(good))
-    why = f"a joint is further than {limit:g} rad away" if math.isfinite(limit) else "its numbers are no longer finite"
+    why = f"a joint position exceeded {limit:g} rad" if math.isfinite(limit) else "its numbers are no longer finite"
     return ended(run.rows(slice(0, end)), "diverged", (first + end) * run.sample_time, f"the simulation diverged: {why}")
 
 
 def ended(run: AnyRun, ending: Ending, time: float, reason: str) -> AnyRun:
-    """`run`, which ended by itself at `time` [s]."""
+    """`run`, which ended early at `time` [s]."""
     return replace(run, ending=ending, ended_at=time, reason=f"{reason} after {time:.4g} s")

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from ..errors import GainroomError, require_count, require_finite, require_positive
 from ..linear.arrays import Floats
 from ..robot.body import is_prismatic, library, put_position
-from ..robot.formats.mujoco_messages import mujoco_says
+from ..robot.formats.mujoco_messages import mujoco_warnings
 from ..robot.tasks import Task
 from .mujoco_model import MujocoRobot, build_mujoco
 from .record import REFERENCE_SIGNAL, Ending, Run, Unit, ended, joined
@@ -23,11 +23,11 @@ from .whole_body import WholeBodyControl, values_of
 MUJOCO_BLOCK = 200
 """Ticks of a part."""
 TOO_FAST = 50.0
-"""A motor faster than this, joint side, and than any move of joints that is planned, has run away [rad/s, m/s]."""
+"""A motor faster than this, joint side, and faster than BEYOND_PLAN times the planned move, has diverged [rad/s, m/s]."""
 BEYOND_PLAN = 5.0
 """Times the fastest planned speed."""
 FALLEN = 0.5
-"""A floating base that has sunk or risen by this share of its height above the feet, or tilted by this many radians, has fallen."""
+"""A floating base that has sunk or risen by this part of its height above the feet, or tilted by this many radians, has fallen."""
 
 Progress = Callable[[int, int], None]
 """Called with (ticks done, ticks in all)."""
@@ -54,7 +54,7 @@ class RobotRun(Run):
 
     @property
     def error(self) -> Floats:
-        """As of every run; of tasks, reference less what the controller makes of its encoders."""
+        """As of every run; of tasks, reference minus the value that the controller computes from its encoders."""
         return super().error if self.setup.control.space == "joint" else self.reference - self.measured
 
     @cached_property
@@ -76,7 +76,7 @@ class RobotRun(Run):
 
     @cached_property
     def slip(self) -> Floats:
-        """(k, c) how far each contact frame is from where it started [m]."""
+        """(k, c) distance of each contact frame from its start [m]."""
         frames = [Task(name=contact.frame, kind="position", frame=contact.frame, kp=0.0, kd=0.0) for contact in self.setup.contacts]
         if not frames:
             return np.zeros((len(self.time), 0))
@@ -93,19 +93,19 @@ def run_robot(
     setup: RobotSetup, offsets: ArrayLike, *, gain: float = 1.0, initial_speed: ArrayLike = 0.0, progress: Progress | None = None
 ) -> RobotRun:
     """The whole run, as stream_robot has it; `progress` is called after each part."""
-    tell = progress or (lambda done, total: None)
+    report = progress or (lambda done, total: None)
     parts, done = [], 0
     for part in stream_robot(setup, offsets, gain=gain, initial_speed=initial_speed):
         parts.append(part)
         done += len(part.time)
-        tell(done, len(np.atleast_1d(offsets)))
+        report(done, len(np.atleast_1d(offsets)))
     return joined(parts)
 
 
 def stream_robot(
     setup: RobotSetup, offsets: ArrayLike, *, gain: float = 1.0, initial_speed: ArrayLike = 0.0, block: int = MUJOCO_BLOCK
 ) -> Iterator[RobotRun]:
-    """The robot from rest in its posture, gearboxes wound up by its weight and drives holding it, in parts of `block` ticks.
+    """The robot from rest in its posture, gearboxes deflected by its weight and drives holding it, in parts of `block` ticks.
 
     offsets   (k, m) where each channel shall be from where it starts, one row per tick; see `hold`
     gain      common factor on all gains
@@ -171,7 +171,7 @@ class RobotStepper:
     def part(self, offsets: Floats, first: int) -> RobotRun:
         """The ticks of `offsets` (k, m), of which the first has number `first`, or those until the robot cannot go on."""
         rows, problem = [], None
-        with mujoco_says(self._mujoco):  # of numbers that are too large: the run says so itself
+        with mujoco_warnings(self._mujoco):  # about numbers that are too large: the run reports them itself
             for offset in offsets:
                 rows.append(self.tick(offset))
                 problem = self.problem()
@@ -221,7 +221,7 @@ class RobotStepper:
         )
 
     def read(self, positions: Floats) -> Floats:
-        """What encoders show, (n,) or (k, n) [rad]."""
+        """Encoder readings, (n,) or (k, n) [rad]."""
         step = self.setup.encoder_step
         return np.round(positions / step) * step if step else positions
 
@@ -233,9 +233,9 @@ class RobotStepper:
         speeds = np.abs(data.qvel[robot.motor_v])
         worst = int(np.argmax(speeds))
         if speeds[worst] > self.too_fast:
-            how, unit = ("slides", "m/s") if is_prismatic(robot.body.joints[worst]) else ("turns", "rad/s")
+            unit = "m/s" if is_prismatic(robot.body.joints[worst]) else "rad/s"
             name = robot.body.joint_names[worst]
-            return "diverged", f"the simulation diverged: joint {name!r} {how} faster than {self.too_fast:.3g} {unit}"
+            return "diverged", f"the simulation diverged: joint {name!r} moves faster than {self.too_fast:.3g} {unit}"
         if self._upright is not None and not self._upright.holds(data.qpos[:7].tolist()):
             return "fell", "the robot fell"
         return None
@@ -243,14 +243,14 @@ class RobotStepper:
 
 @dataclass(frozen=True)
 class _Upright:
-    """Where a floating base started: height over the contacts, their height, and the vertical in its own axes."""
+    """The initial pose of a floating base: height over the contacts, their height, and the vertical in its own axes."""
 
     height: float
     ground: float
     up: tuple[float, float, float]
 
     def holds(self, base: list[float]) -> bool:
-        """Whether the base, at position and quaternion w, x, y, z, is about where it started."""
+        """Whether the base, at position and quaternion w, x, y, z, is near its initial height and tilt."""
         _, _, z, qw, qx, qy, qz = base
         a, b, c = self.up
         vertical = 2 * (qx * qz - qy * qw) * a + 2 * (qy * qz + qx * qw) * b + (1 - 2 * (qx * qx + qy * qy)) * c

@@ -1,4 +1,4 @@
-"""What a simulated robot is: links, actuators, drives, controller, ground; and how long its steps may be."""
+"""A simulated robot: links, actuators, drives, controller, ground; and the length of its steps."""
 
 import math
 from dataclasses import dataclass
@@ -27,11 +27,11 @@ MOST_SUBSTEPS = 64
 
 @dataclass(frozen=True, kw_only=True)
 class RobotSetup:
-    """Everything about a simulated robot but what it is asked to do.
+    """A simulated robot, without its references.
 
     q           (nq,) posture at the start
     contacts    frames on the ground
-    ground      None: rigid contacts are held where they are; else feet may slip and lift
+    ground      None: rigid contacts are fixed; else feet may slip and lift
     coulomb     (n,) or one for all: Coulomb friction on the motor side [N m]
     torque_limit  likewise: of the commands [N m]
     encoder_step  resolution of the encoders, joint side; 0: ideal [rad]

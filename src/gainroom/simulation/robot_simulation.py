@@ -1,4 +1,4 @@
-"""A robot.yaml's scenario as the simulation takes it."""
+"""A robot and its scenario, as simulated in MuJoCo."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -20,7 +20,7 @@ from .spec import TORQUE_LIMIT, SimulationSpec, refuse_odd_run
 from .trajectories import Spline
 
 MOST_ROBOT_TICKS = 200_000
-"""Of one run, which is kept whole: 100 s at 2 kHz."""
+"""Of one run, which is held in memory: 100 s at 2 kHz."""
 DEFAULT_MOVE = 0.01
 """[m, rad] of a move where none is given."""
 
@@ -38,17 +38,17 @@ class RobotSimulation(SimulationSpec):
     spec    the whole file
     setup   the robot as the scenario has it
     model   its linear plant there, with the scenario's viscous friction
-    way     (m,) how far each channel moves
+    displacement   (m,) of each channel [rad, m]
     """
 
     spec: RobotSpec
     setup: RobotSetup
     model: RobotModel
-    way: Floats
+    displacement: Floats
 
     @classmethod
     def of(cls, spec: RobotSpec) -> "RobotSimulation":
-        """Raises GainroomError for continuous control, and where the simulation cannot have it so."""
+        """Raises GainroomError for continuous control, and where the scenario does not fit."""
         require_sampled(spec)
         with named(spec.robot.name):
             return cls._of(spec)
@@ -57,7 +57,7 @@ class RobotSimulation(SimulationSpec):
     def _of(cls, spec: RobotSpec) -> "RobotSimulation":
         scenario, setup = spec.scenario, _setup(spec)
         refuse_odd_run(scenario.duration, setup.sample_time, MOST_ROBOT_TICKS)
-        way = _way(spec, setup)
+        displacement = _displacement(spec, setup)
         there = {
             "friction": np.any(setup.coulomb),
             "encoder steps": setup.encoder_step > 0,
@@ -71,7 +71,7 @@ class RobotSimulation(SimulationSpec):
             sample_time=setup.sample_time,
             joint_names=setup.body.joint_names,
             signals=tuple(name for name in LOGGED if name != REFERENCE_SIGNAL or spec.control.space == "joint"),
-            moves_until=scenario.move_duration if way.any() else 0.0,
+            moves_until=scenario.move_duration if displacement.any() else 0.0,
             encoder_step=setup.encoder_step,
             torque_limit=setup.torque_limit,
             is_linear=not effects,
@@ -81,37 +81,37 @@ class RobotSimulation(SimulationSpec):
             spec=spec,
             setup=setup,
             model=replace(spec.robot, actuators=setup.actuators).linearize(scenario.posture, scenario.contact),
-            way=way,
+            displacement=displacement,
         )
 
     def stream(self, gain: float) -> Iterator[Run]:
         with named(self.spec.robot.name):
             time = self.sample_time * np.arange(len(hold(self.setup, self.duration)))
-            offsets = Spline.move(self.way, self.spec.scenario.move_duration, order=5).position(time)
+            offsets = Spline.move(self.displacement, self.spec.scenario.move_duration, order=5).position(time)
             yield from stream_robot(self.setup, offsets, gain=gain)
 
     def loop(self, gain: float = 1.0) -> Loop:
-        """On contacts that hold."""
+        """With fixed contacts."""
         return self.spec.loop(self.model).scaled(gain)
 
     def at_rest(self, run: Run) -> slice:
-        """Of a run that ran away, its second half."""
+        """Of a run that ended early, its second half."""
         first = round(self.moves_until / self.sample_time) if run.ending == "completed" else len(run.time) // 2
         return slice(first, len(run.time))
 
     @cached_property
     def footings(self) -> tuple[Footing, ...]:
-        """What the feet stand on; empty where they are held."""
+        """The ground under the feet; empty for fixed contacts."""
         setup = self.setup
         return footings(setup.body, setup.q, setup.contacts) if setup.ground is not None and setup.gravity else ()
 
     @property
     def immovable(self) -> tuple[str, ...]:
-        """Directions of tasks that are to move and that nothing can move here, such as the centre of mass in flight."""
+        """Directions of tasks that should move and cannot, such as the centre of mass in flight."""
         if self.spec.control.space == "joint":
             return ()
         tasks = self.spec.robot.tasks(self.model, self.spec.control.rotors)
-        return tuple(tasks.directions[k] for k in np.flatnonzero((self.way != 0) & ~tasks.movable).tolist())
+        return tuple(tasks.directions[k] for k in np.flatnonzero((self.displacement != 0) & ~tasks.movable).tolist())
 
 
 def _setup(spec: RobotSpec) -> RobotSetup:
@@ -130,12 +130,12 @@ def _setup(spec: RobotSpec) -> RobotSetup:
     return replace(setup, actuators=replace(setup.actuators, motor_viscous=viscous))
 
 
-def _way(spec: RobotSpec, setup: RobotSetup) -> Floats:
-    """(m,) how far each channel moves. Raises GainroomError where `by` does not fit."""
+def _displacement(spec: RobotSpec, setup: RobotSetup) -> Floats:
+    """(m,) displacement of each channel. Raises GainroomError where `by` does not fit."""
     scenario, size = spec.scenario, setup.body.size
     if spec.control.space == "joint":
         places = list(range(size) if scenario.joint is None else select(scenario.joint, setup.body.joint_names, "scenario.move.joint"))
-        usual = 0.0 if setup.contacts else DEFAULT_MOVE  # joints of closed legs cannot all move as one likes
+        usual = 0.0 if setup.contacts else DEFAULT_MOVE  # joints of legs in a closed chain cannot move independently
     else:
         counts = [len(task.directions(setup.body.joint_names)) for task in setup.stack]
         moved = 0 if scenario.task is None else [task.name for task in setup.stack].index(scenario.task)

@@ -17,14 +17,14 @@ def simulate(system: Loop | Testbed, scenario: Scenario) -> Run:
 
     system    a sampled loop of any number of joints, built with gainroom.build_loop: stepped exactly; or a Testbed
 
-    Raises GainroomError where system and scenario do not go together, and for a run too long to be kept.
+    Raises GainroomError where system and scenario do not go together, and for a run too long to be held in memory.
     """
     loop = _sampled(system)
     assert loop.sample_time is not None
     if scenario.duration / loop.sample_time * loop.size > MOST_TICKS:
         raise GainroomError(
             f"scenario: duration {scenario.duration:g} s must be at most {MOST_TICKS / loop.size * loop.sample_time:g} s, which are "
-            f"{MOST_TICKS} ticks over all {loop.size} joints; stream() hands out longer runs part by part"
+            f"{MOST_TICKS} ticks over all {loop.size} joints; stream() yields longer runs in parts"
         )
     return joined(stream(system, scenario))
 

@@ -8,7 +8,7 @@ from ..system.controller import Controller
 
 
 class SampledControl:
-    """A controller with gains per channel, and its filters; remembers what filters and integrators hold.
+    """A controller with gains per channel, and its filters; with the states of filters and integrators.
 
     controller    gains: numbers, (m,) or (m, m)
     channels      m
@@ -26,7 +26,7 @@ class SampledControl:
         self._from = np.zeros(channels)
 
     def rest(self, error: Floats, value: Floats) -> None:
-        """As if `error` and measured `value`, each (m,), had stood still: what velocity is made from begins there; the rest is empty."""
+        """Start from rest at `error` and measured `value`, each (m,): velocity starts at 0, filters and integrators are empty."""
         self._state[:] = 0.0
         self._from = error if self._of_error else -value
 

@@ -1,4 +1,4 @@
-"""What happens to a loop: where it starts, where it is to go, what disturbs it; evaluated tick by tick."""
+"""A scenario: initial state, reference and disturbances of a loop; evaluated tick by tick."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -12,7 +12,7 @@ from ..system.loop import Loop
 from .trajectories import Step, Trajectory
 
 MOST_TICKS = 2_000_000
-"""Of a run that is kept whole, over all joints together: some 150 MB."""
+"""Of a run that is held in memory, over all joints together: about 150 MB."""
 MOST_STREAMED_TICKS = 1e12
 """[ticks] of any run, years at 1 kHz: numbers of ticks stay whole in a double."""
 DIVERGED = 1e4  # [rad] further than any joint turns, and far from where a double overflows
@@ -22,7 +22,7 @@ DIVERGED = 1e4  # [rad] further than any joint turns, and far from where a doubl
 class Start:
     """The state at t = 0: positions [rad] and velocities [rad/s] of both sides, each a number or (n,).
 
-    None: positions where the reference was before t = 0, velocities 0. Until t = 0 everything was at rest there; current loops and
+    None: positions of the reference before t = 0, velocities 0. Until t = 0 everything was at rest there; current loops and
     delay lines hold no torque, integrators are empty. A velocity given here acts like an impact.
     """
 
@@ -37,7 +37,7 @@ class Scenario:
     """One run.
 
     reference           x_d [rad]: a Trajectory, a number, or (k, n) values, one row per tick (held before the first, after the last)
-    duration            [s]; `simulate` keeps at most MOST_TICKS ticks over all joints, `stream` hands them out as they come
+    duration            [s]; `simulate` takes at most MOST_TICKS ticks over all joints, `stream` yields any number in parts
     reference_velocity  True: velocity gains act on the velocity error, D (x_d − x) as in eq. (4) of Jung et al. 2017; False: on the
                         measured velocity only; None: False for the P/PI cascade, as its Fig. 13, True for every other controller
     feedforward         torque added to the target torque [N m]; eq. (4)'s d
@@ -45,7 +45,7 @@ class Scenario:
     noise               standard deviation of the measured position [rad], a number or (n,)
     seed                of the noise
     start               see Start
-    limit               a joint further away than this has diverged, which ends the run [rad]
+    limit               a joint position beyond this has diverged, which ends the run [rad]
 
     Torques as reference: a Trajectory, a number, or (k, n) values.
     """
@@ -79,7 +79,7 @@ class Scenario:
 
 @dataclass(frozen=True)
 class Inputs:
-    """What enters the loop at k ticks in a row, each (k, n).
+    """Inputs of the loop at k successive ticks, each (k, n).
 
     reference   what position gains compare with the measured position [rad]
     motion      what the controller's differences compare with it [rad]

@@ -1,4 +1,4 @@
-"""What is simulated: a system on its controller's ticks, what hardware has around it, and what happens to it."""
+"""What is simulated: a sampled system, its hardware effects, and the scenario."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -23,32 +23,32 @@ if TYPE_CHECKING:
 
 NO_RATE = "control.sample_rate_hz: is missing: a simulation goes tick by tick; add the controller's rate [Hz]"
 LATE_SHARE = 0.75
-"""Of the run: what happens later leaves too little to look at."""
+"""Of the run: a reference that moves longer leaves too little of it at rest."""
 FEWEST_TICKS = 20
-"""Of one run: in fewer a vibration cannot be seen, which takes ten ticks or so to turn once."""
+"""Of one run: one period of a vibration takes about ten ticks."""
 TORQUE_LIMIT = "the torque limit"
 PORTION = 0.25
-"""[s] simulated between two looks at progress and interruption, where a block of ticks would be longer."""
+"""[s] simulated between two updates of progress and interruption, where a block of ticks would be longer."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SimulationSpec:
-    """What one run needs to be made and to be judged: of a joint here, of a robot in robot_simulation.py. SI units.
+    """What is needed to simulate and judge one run; of a joint here, of a robot in robot_simulation.py. SI units.
 
     kind             "linear", "testbed" or "mujoco"
     duration, sample_time   [s]
     joint_names      (n,)
     signals          those of LOGGED that a log of the run has
     moves_until      [s] when the reference comes to rest
-    disturbed_from   [s] when a torque from outside sets in; 0 where there is none
-    fastest          the highest frequency of a reference that swings [rad/s]; 0 of one that goes somewhere
+    disturbed_from   [s] when a disturbance torque starts; 0: none
+    fastest          the highest frequency of an oscillating reference [rad/s]; 0 for a move
     noise, encoder_step   [rad] standard deviation, and resolution, of what is fed back; 0: exact
     torque_limit     (n,) or one for all [N m]; inf: none
-    is_linear        nothing is there that could hold a vibration at its size
-    effects          names of what there is beside the linear loop, and of noise: they may hide a vibration, or hold one at its size
-    link_decay       [1/s] how fast a link comes to rest behind a motor that stands, B/2J_L
+    is_linear        no effect that could bound a vibration's amplitude
+    effects          names of the effects beside the linear loop, noise included: they may hide a vibration, or bound its amplitude
+    link_decay       [1/s] decay rate of a link behind an immobile motor, B/2J_L
     contact_frames   (c,) names
-    warnings         what a user should look at before anything is simulated
+    warnings         what a user should check before simulating
     """
 
     kind: str
@@ -70,37 +70,37 @@ class SimulationSpec:
 
     @property
     def ticks(self) -> int:
-        """Of the whole run, about."""
+        """Ticks of the whole run."""
         return round(self.duration / self.sample_time)
 
     @property
     def last_event(self) -> float:
-        """[s] after which nothing changes from outside any more."""
+        """[s] of the last change of reference or disturbance."""
         return max(self.moves_until, self.disturbed_from)
 
     @property
     def moves_late(self) -> bool:
-        """Too little of the run is left to look at when the reference has come to rest."""
+        """True where too little of the run is left when the reference has come to rest."""
         return self.moves_until > LATE_SHARE * self.duration
 
     @property
     def swings_on(self) -> bool:
-        """The reference still swings in what the steady state is averaged over: there is none."""
+        """True where the reference still oscillates in the window of the steady-state error."""
         return self.fastest > 0 and self.moves_until > (1 - STEADY_SHARE) * self.duration
 
     @property
     def is_exact(self) -> bool:
-        """Stepped without an integrator's error, and quickly: judged to the last digit, also by simulating on."""
+        """True where stepping is exact: then a run may be continued to judge it."""
         return self.kind != "mujoco"
 
     @property
     def immovable(self) -> tuple[str, ...]:
-        """Channels that are to move and that nothing can move here."""
+        """Channels that should move and cannot."""
         return ()
 
     @cached_property
     def footings(self) -> "tuple[Footing, ...]":
-        """What feet stand on; empty where they are held, and without feet."""
+        """The ground under the feet; empty for fixed contacts and without feet."""
         return ()
 
     def stream(self, gain: float) -> Iterator[Run]:
@@ -112,20 +112,20 @@ class SimulationSpec:
         raise NotImplementedError
 
     def at_rest(self, run: Run) -> slice:
-        """The rows in which nothing changes from outside any more."""
+        """The rows after the last change of reference or disturbance."""
         raise NotImplementedError
 
     def continued(self, gain: float, ticks: int, moving: bool) -> Run:
-        """The same from its start, and `ticks` further; `moving`: the reference goes on, else it is held. Where `is_exact`."""
+        """The run from its start, `ticks` longer; `moving`: the reference continues, else it is held. Only where `is_exact`."""
         raise NotImplementedError
 
 
 def refuse_odd_run(duration: float, sample_time: float, most: int) -> None:
-    """Raise GainroomError where `duration` [s] is more than `most` ticks of `sample_time` [s], or too few to tell anything."""
+    """Raise GainroomError where `duration` [s] is more than `most` ticks of `sample_time` [s], or fewer than FEWEST_TICKS."""
     ticks = round(duration / sample_time)
     if ticks < FEWEST_TICKS:
         raise GainroomError(
-            f"scenario.duration: {duration:g} s is too short to tell anything: "
+            f"scenario.duration: {duration:g} s is too short: "
             f"it must be at least {FEWEST_TICKS} ticks of {sample_time:g} s, {FEWEST_TICKS * sample_time:g} s"
         )
     if ticks > most:
@@ -137,7 +137,7 @@ class JointSimulation(SimulationSpec):
     """A joint, its hardware and a scenario.
 
     hardware    arguments of simulation.Testbed beside the loop; empty: the linear loop, stepped exactly
-    described   what the file says of the scenario, key by key, for a page
+    described   the file's scenario as text, by key
     """
 
     joint: JointSpec
@@ -204,7 +204,7 @@ class JointSimulation(SimulationSpec):
         return stream(self.system(gain), self.scenario, max(1, min(BLOCK, round(PORTION / self.sample_time))))
 
     def at_rest(self, run: Run) -> slice:
-        """Where too little is left by then, the last half."""
+        """The last half, where too little is left by then."""
         return rows_after(run, self.last_event)
 
     def continued(self, gain: float, ticks: int, moving: bool) -> Run:

@@ -1,11 +1,11 @@
 """The closed loop in time, scalar loops only.
 
-With a unit step w added at the torque command, the loop L obeys  z = L (w − z): z is the answer of the measured position to a unit step of
+With a unit step w added at the torque command, the loop L obeys  z = L (w − z): z is the measured position after a unit step of
 the reference (L/(1+L), eq. (4) of Jung et al. 2017), and the position under that step of torque is P C e^{−sT} (w − z).
 
 Sampled: the exact discrete state space, stepped. Continuous without delay: exact (matrix exponential; the input is constant). Continuous
 with delay: method of steps. One delay is a whole number of steps, each step integrates the plant exactly with the delayed command
-taken as straight between two points. The error falls with the square of the step, which is halved until nothing changes any more.
+taken as straight between two points. The error falls with the square of the step, which is halved until the result converges.
 """
 
 import math
@@ -34,7 +34,7 @@ MOST_STEPS_PER_DELAY = 200  # steps per delay after which it ends anyway
 
 @dataclass(frozen=True)
 class StepResponse:
-    """Answers to unit steps at t = 0.
+    """Responses to unit steps at t = 0.
 
     time         (k,) [s]
     reference    (k,) measured position for a unit step of its reference
@@ -81,7 +81,7 @@ def step_response(loop: Loop, end: float | None = None) -> StepResponse:
 
 
 def _horizon(roots: Complexes) -> float:
-    """A time after which nothing new is to be seen."""
+    """The time that is simulated."""
     growth = float(roots[0].real)
     fastest = float(np.abs(roots).max()) or 1.0
     if growth > 0:

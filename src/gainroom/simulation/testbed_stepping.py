@@ -61,7 +61,7 @@ class TestbedStepper:
         )
         out = np.empty((count, 7))
         made = advance(self._body, self._control, self._hardware, memory, given, out)
-        memory.demand[0] = max(memory.demand[0] - count, -1)  # places are counted from the oldest command that is kept
+        memory.demand[0] = max(memory.demand[0] - count, -1)  # places are counted from the oldest command in memory
         self._memory = memory._replace(**{name: getattr(memory, name)[-past:].copy() for name in ("sent", "whole", "fraction")})
         rows = [out[:made, [k]] for k in range(7)]
         return Run(

@@ -17,14 +17,14 @@ from ..system.drive import Drive
 
 
 class TorqueLine:
-    """The drives of n joints between a controller's ticks and a simulation's steps; remembers the commands under way.
+    """The drives of n joints between a controller's ticks and a simulation's steps; with the commands in transit.
 
     drives        one per joint
     sample_time   between ticks [s]
     substeps      steps of the simulation per tick
     limit         (n,) or one for all: commands are cut to ± this [N m]
 
-    `demand` (n,) is what had arrived at the current loops at the last tick [N m].
+    `demand` (n,) is the input of the current loops at the last tick [N m].
     """
 
     def __init__(self, drives: Sequence[Drive], sample_time: float, substeps: int, limit: ArrayLike = np.inf):
@@ -48,7 +48,7 @@ class TorqueLine:
         self.rest(0.0)
 
     def rest(self, torque: ArrayLike) -> None:
-        """As if `torque`, (n,) or one for all [N m], had been asked for since ever."""
+        """Start from a constant past command `torque`, (n,) or one for all [N m]."""
         start = np.broadcast_to(require_finite("simulation", "torque", torque), (self._size,))
         self._signals = np.tile(start, self._map.shape[1] // self._size)
         self._signals[self._size : 2 * self._size] = 0.0

@@ -1,4 +1,4 @@
-"""How well a run follows its reference: the numbers that sum it up."""
+"""Tracking performance of a run: error, overshoot, settling time."""
 
 import math
 from dataclasses import dataclass
@@ -18,9 +18,9 @@ class Tracking:
 
     rms, peak       of x_d − x over the whole run
     steady_state    mean of x_d − x over the last tenth of the run
-    overshoot       furthest beyond the final reference, as a part of the way there from where x began; nan where there is no way
-    settling_time   from the reference's first change until x stays within 2 % of that way around the final reference, and is seen to for
-                    at least a tenth of what is judged [s]; inf where it does not until the end, nan where there is no way
+    overshoot       largest excess over the final reference, relative to the move from the initial x; nan without a move
+    settling_time   from the reference's first change until x stays within 2 % of that move around the final reference, for at least
+                    a tenth of the rows judged [s]; inf where it does not settle, nan without a move
     """
 
     rms: Floats
@@ -42,10 +42,9 @@ class Tracked(Protocol):
 
 
 def track(response: Tracked, until: float = math.inf) -> Tracking:
-    """The numbers of a run, however it ended.
+    """The numbers of a run, completed or not.
 
-    until   when something else sets in [s], such as a disturbance: overshoot and settling are those before it, and a settling that it
-            cut short is nan
+    until   start of a later disturbance [s]: overshoot and settling time are those before it; nan for a settling time that it cuts short
     """
     error = response.error
     last = max(1, round(STEADY_SHARE * len(error)))
@@ -67,18 +66,18 @@ def _arrival(response: Tracked, joint: int, rows: int) -> tuple[float, float]:
     way = reference[-1] - position[0]
     if way == 0:
         return math.nan, math.nan
-    beyond = (position - reference[-1]) / way  # −1 at the start, 0 at the goal
+    beyond = (position - reference[-1]) / way  # −1 at the start, 0 at the final reference
     overshoot = max(0.0, float(beyond.max()))
     outside = np.flatnonzero(np.abs(beyond) > SETTLED)
     arrived = int(outside[-1]) + 1 if len(outside) else 0
-    if len(beyond) - arrived < STEADY_SHARE * len(beyond):  # inside by chance, for all that is known
+    if len(beyond) - arrived < STEADY_SHARE * len(beyond):  # too few rows to be sure that it has settled
         return overshoot, math.nan if rows < len(response.time) else math.inf
     begin = response.time[_departure(reference)]
     return overshoot, max(0.0, float(response.time[arrived] - begin))
 
 
 def _departure(reference: Floats) -> int:
-    """The row at which `reference` (k,) begins to change: a jump is there at once, what sets out from rest was still there a row before."""
+    """The row at which `reference` (k,) begins to change: a jump at its own row, a smooth start one row before."""
     moved = np.flatnonzero(reference != reference[0])
     if not len(moved):
         return 0

@@ -1,6 +1,6 @@
 """Reference signals as functions of time: step, spline, chirp, multisine; each for n joints, with velocity and acceleration.
 
-Every signal holds still outside its own time; a step has no velocity at its edge.
+Every signal is constant outside its own time; a step has no velocity at its edge.
 """
 
 import math
@@ -17,7 +17,7 @@ NANOSECOND = 1e-9  # the 600th tick of 0.5 ms is at 0.3 s, also where its produc
 
 
 class Trajectory:
-    """A function of time t [s] (k,) with values (k, n) in the unit of what it stands for: rad, or N m for a torque."""
+    """A function of time t [s] (k,) with values (k, n) in rad, or N m for a torque."""
 
     @property
     def size(self) -> int:
@@ -26,12 +26,12 @@ class Trajectory:
 
     @property
     def end(self) -> float:
-        """[s] from when on it holds still; inf: never."""
+        """[s] from which on it is constant; inf: never."""
         raise NotImplementedError
 
     @property
     def fastest(self) -> float:
-        """The highest frequency of a signal that swings [rad/s]; 0 of one that goes somewhere."""
+        """The highest frequency of an oscillating signal [rad/s]; 0 for a move."""
         return 0.0
 
     def position(self, time: ArrayLike) -> Floats:
@@ -84,7 +84,7 @@ class Spline(Trajectory):
     times    (p,) [s], rising
     points   (p,) or (p, n)
     order    3: cubic, 5: quintic; a quintic starts and ends without acceleration too
-    pause    come to rest at every point; else run through them with as many continuous derivatives as the order has room for
+    pause    come to rest at every point; else pass them with as many continuous derivatives as the order allows
 
     Between two points these are the usual 3τ² − 2τ³ and 10τ³ − 15τ⁴ + 6τ⁵.
     """
@@ -110,7 +110,7 @@ class Spline(Trajectory):
 
     @classmethod
     def move(cls, by: ArrayLike, duration: float, start: float = 0.0, order: int = 3, base: ArrayLike = 0.0) -> "Spline":
-        """From `base` to `base` + `by` (numbers or (n,)) in `duration` [s], beginning at `start` [s]."""
+        """From `base` to `base` + `by` (numbers or (n,)) in `duration` [s], from `start` [s] on."""
         require_positive("spline", "duration", duration, "s")
         begin, way = np.broadcast_arrays(np.atleast_1d(require_finite("spline", "base", base)), require_finite("spline", "by", by))
         return cls((start, start + duration), np.stack([begin, begin + way]), order)
@@ -127,12 +127,12 @@ class Spline(Trajectory):
         """The curve and its first two derivatives."""
         from scipy.interpolate import BPoly, make_interp_spline
 
-        still = range(1, (self.order + 1) // 2)  # derivatives that are 0 at rest
+        zero = range(1, (self.order + 1) // 2)  # derivatives that are 0 at rest
         if self.pause:
-            rows = np.stack([self.points, *(np.zeros_like(self.points) for _ in still)], axis=1)
+            rows = np.stack([self.points, *(np.zeros_like(self.points) for _ in zero)], axis=1)
             curve: Any = BPoly.from_derivatives(self.times, rows)
         else:
-            rest = [(derivative, np.zeros(self.size)) for derivative in still]
+            rest = [(derivative, np.zeros(self.size)) for derivative in zero]
             curve = make_interp_spline(self.times, self.points, k=self.order, bc_type=(rest, rest))  # type: ignore[arg-type]
         return curve, curve.derivative(1), curve.derivative(2)
 
@@ -270,7 +270,7 @@ class Multisine(Trajectory):
 
 @dataclass(frozen=True)
 class Held(Trajectory):
-    """`moving` until `stop` [s], and held where it is then."""
+    """`moving` until `stop` [s], then constant."""
 
     moving: Trajectory
     stop: float

@@ -1,7 +1,7 @@
 """The controller of a whole robot at its ticks: encoders in, motor torques out.
 
-It knows what the real one knows: the encoders, its own model of the links, and that the contacts do not move. Where the base is follows
-from that: with the joints taken as the encoders read, base and joints are moved until the contact frames are back in place, the joints
+It has what a real one has: the encoders, its own model of the links, and the assumption that contacts do not move. The pose of the base
+follows from these: with the joints taken as the encoders read, base and joints are moved until the contact frames are in place, the joints
 as little as possible (in front of elastic gearboxes, encoders of legs closed into a loop contradict each other a little). That is one
 Newton step per tick, as little happens in between, by
 

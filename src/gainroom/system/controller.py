@@ -34,11 +34,11 @@ Terms = dict[tuple[int, int], Floats]
 
 @dataclass(frozen=True)
 class Controller:
-    """A sum of terms with filters; a subclass names its gains and says which terms they make. Nothing else asks what sort it is.
+    """A sum of terms with filters; a subclass names its gains and says which terms they make. No other module distinguishes controllers.
 
-    kind             as people call it
+    kind             its name in reports
     has_plane        its gains can move in a kp–kd plane (plane, plane_gains, from_plane)
-    damping_name     of the gain on velocity; held_ratio: of two gains, held while they move in that plane; "" where there is none
+    damping_name     of the gain on velocity; held_ratio: of two gains, constant in that plane; "" where there is none
     rate_of_error    its velocity is that of the error, so that a moving reference counts; False: of the measured position alone
     """
 
@@ -70,7 +70,7 @@ class Controller:
     def require_size(self, size: int) -> None:
         """Raise GainroomError, naming the gain, where one does not fit `size` > 1 joints, or is negative on one.
 
-        Counts of coupled loops rest on L at low frequency, where a negative gain on a motion that nothing else holds is not seen.
+        Counts of coupled loops rest on L at low frequency, where a negative gain on a motion without other stiffness is not visible.
         """
         for name in self.gain_names():
             gain = gain_matrix(f"{type(self).__name__}: {name}", getattr(self, name), size)
@@ -105,7 +105,7 @@ class Controller:
         return total if shaping.is_one else shaping.at(s)[:, None, None] * total
 
     def _matrices(self, size: int) -> Terms:
-        """`terms` as (n, n) matrices; kept, as responses are asked for many times."""
+        """`terms` as (n, n) matrices; cached, as responses are evaluated many times."""
         if size not in self._sized:
             self._sized[size] = {powers: gain_matrix("gain", gain, size) for powers, gain in self.terms().items()}
         return self._sized[size]
@@ -164,7 +164,7 @@ class Controller:
         raise GainroomError(f"{type(self).__name__} has no kp–kd plane")
 
     def plane_gains(self) -> tuple[float, float]:
-        """Where this controller stands in that plane."""
+        """This controller's point in that plane."""
         raise GainroomError(f"{type(self).__name__} has no kp–kd plane")
 
     def from_plane(self, kp: float, kd: float) -> "Controller":

@@ -1,6 +1,6 @@
 """The loop: plant, drive, delay and controller closed around n joints; continuous or sampled.
 
-Return ratio at the motor torque, motor-side feedback:  L(s) = P_M C e^{−sT} D   (link-side: P_L). For n = 1 the loop is kept as zeros,
+Return ratio at the motor torque, motor-side feedback:  L(s) = P_M C e^{−sT} D   (link-side: P_L). For n = 1 the loop is stored as zeros,
 poles and exact delay; for any n it also has a state space with the delayed channels apart, from which roots come.
 """
 
@@ -41,7 +41,7 @@ class Loop:
     unstable_poles   of L; those on the stability boundary are not counted
     parts         what it was built from, None for loops from elsewhere
     gain          common factor on all controller gains
-    known         P C e^{−sT} of several joints at points where it is known; None: it is not kept
+    known         P C e^{−sT} of several joints cached by point; None: not cached
     """
 
     size: int
@@ -195,11 +195,11 @@ class Loop:
         return replace(self, gain=self.gain * factor)
 
     def remembering(self) -> "Loop":
-        """The same loop of several joints, which keeps what its plant and drives respond, for `regained`."""
+        """The same loop of several joints, with the responses of plant and drives cached, for `regained`."""
         return self if self.size == 1 else replace(self, known=Remembered(self.actuated_at))
 
     def regained(self, controller: Any) -> "Loop":
-        """The same plant and drives under a controller that differs in its gains alone: neither filters, notches nor sort."""
+        """The same plant and drives under a controller that differs in its gains alone: with the same filters, notches and type."""
         assert self.parts is not None
         if self.size == 1:
             return build_loop(self.parts.plant, self.parts.drives, controller, self.parts.feedback, self.sample_time)

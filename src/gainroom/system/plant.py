@@ -63,12 +63,12 @@ class ElasticJoint:
 
     @property
     def antiresonance(self) -> float:
-        """√(K/J_L) [rad/s]: the load swings against a motor held still. inf for a rigid joint."""
+        """√(K/J_L) [rad/s]: the load oscillates against a fixed motor. inf for a rigid joint."""
         return math.sqrt(self.stiffness / self.link_inertia)
 
     @property
     def resonance(self) -> float:
-        """√(K (1/J_M + 1/J_L)) [rad/s]: motor and load swing against each other, undamped. inf for a rigid joint."""
+        """√(K (1/J_M + 1/J_L)) [rad/s]: motor and load oscillate against each other, undamped. inf for a rigid joint."""
         if math.isinf(self.stiffness):
             return math.inf
         return math.sqrt(self.stiffness * (1 / self.motor_inertia + 1 / self.link_inertia))

@@ -3,7 +3,7 @@
 (Pinocchio's own MJCF reader is silently wrong on some files: masses of default classes, settotalmass, all trees after the first.)
 
 A body stands at T₀ E₁ … E_m in its parent, with T₀ its place at qpos0 and E_j = Trans(p_j) Rot(a_j, q_j − q0_j) Trans(−p_j) for the m
-joints in it; slides translate by a_j (q_j − q0_j) instead (MuJoCo's documentation, Computation: kinematics).
+joints in it; prismatic joints translate by a_j (q_j − q0_j) instead (MuJoCo's documentation, Computation: kinematics).
 """
 
 from collections.abc import Mapping

@@ -22,7 +22,7 @@ from ...errors import GainroomError, one_line, typo_of
 from ...io.tracking import note_read
 from ..assemble import MAX_JOINTS, require_at_most
 from ..body import library
-from .mujoco_messages import mujoco_says
+from .mujoco_messages import mujoco_warnings
 from .xml_text import MAX_BYTES, MAX_DEPTH, MAX_ELEMENTS, read_xml
 
 SECTIONS = ("compiler", "option", "default", "asset", "worldbody", "equality", "actuator")
@@ -271,7 +271,7 @@ def _drop_actuators(mujoco: Any, spec: Any) -> None:
 @contextlib.contextmanager
 def _warnings(mujoco: Any) -> Iterator[list[str]]:
     """Collect MuJoCo's warnings, of either kind."""
-    with mujoco_says(mujoco) as said, warnings.catch_warnings(record=True) as caught:
+    with mujoco_warnings(mujoco) as said, warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         yield said
     said.extend(str(each.message) for each in caught)

@@ -27,11 +27,11 @@ def load_model(
 ) -> RigidBody:
     """The links of a robot.
 
-    file       a URDF or MJCF, told apart by its root element; {"package": …, "file": …} or "package:file" for one in an installed Python
+    file       a URDF or MJCF, recognised by its root element; {"package": …, "file": …} or "package:file" for one in an installed Python
                package, as in example-robot-data, or gainroom's own; or the name of a module of robot_descriptions, where that is installed
     base       "fixed", "floating", or None: fixed, except where the file has a free joint
     locked     patterns (regular expressions for whole names, or names) of joints to hold
-    selected   patterns of the joints to keep; None: all
+    selected   patterns of the joints to use; None: all
     posture_for_locked   positions [rad; m if prismatic] of the locked joints, 0 where not named; other joints may stand in it too
     locked_key   what messages call the list `locked`, where it comes from another file
 

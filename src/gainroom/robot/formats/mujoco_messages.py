@@ -1,4 +1,4 @@
-"""What MuJoCo warns of, collected instead of printed and written to MUJOCO_LOG.TXT in the current folder.
+"""Warnings of MuJoCo, collected instead of printed and written to MUJOCO_LOG.TXT in the current folder.
 
 Its handler is one for the whole process: it is taken over while any thread collects, and given back when the last one has done.
 """
@@ -15,7 +15,7 @@ _before: Callable[[str], object] | None = None
 
 
 @contextlib.contextmanager
-def mujoco_says(mujoco: Any) -> Iterator[list[str]]:
+def mujoco_warnings(mujoco: Any) -> Iterator[list[str]]:
     """Collect the warnings of this thread's work with the module `mujoco`; what other threads do goes where it went before."""
     global _collecting, _before
     with _lock:

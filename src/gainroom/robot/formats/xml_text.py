@@ -1,4 +1,4 @@
-"""XML in, with bounds: a robot file from anywhere costs little and says in one line what is wrong with it.
+"""Reading XML with bounds: any file costs little time and memory, and an error is one line.
 
 Document types and entities have no use in a robot file and are refused before they are read, so nothing expands. Namespace prefixes are
 part of a name, bound or not, as robot files have them.

@@ -1,4 +1,4 @@
-"""What the page of a simulation says of each kind of it: inputs, assumptions, pictures of its own."""
+"""The inputs and assumptions of each kind of simulation, and the sections that only its page has."""
 
 import math
 from collections.abc import Callable
@@ -14,7 +14,7 @@ from ..studies.simulation import Outcome
 from .number_format import digits, milli, typed_gains
 from .page import Section
 from .page_parts import filters
-from .robot_tables import angles_in_words, contacts_in_words, machine, span
+from .robot_tables import angles_text, contacts_text, machine, span
 from .simulation_figures import pose
 
 Pair = tuple[str, str]
@@ -47,16 +47,16 @@ def _robot(outcome: Outcome) -> list[Pair]:
     assert isinstance(simulation, RobotSimulation)
     spec, setup, scenario = simulation.spec, simulation.setup, simulation.spec.scenario
     posture, contact = scenario.posture or next(iter(spec.robot.postures)), scenario.contact or next(iter(spec.robot.contacts))
-    size, channels = setup.body.size, zip(outcome.run.channels, simulation.way, outcome.run.units, strict=True)
-    way = ", ".join(f"{name} {milli(float(by))} m{unit}" for name, by, unit in channels if by)
+    size, channels = setup.body.size, zip(outcome.run.channels, simulation.displacement, outcome.run.units, strict=True)
+    move = ", ".join(f"{name} {milli(float(by))} m{unit}" for name, by, unit in channels if by)
     footings = ", ".join(f"{one.frame} {math.degrees(one.slope):.3g}°, {milli(one.height, 1e-6)} mm high" for one in simulation.footings)
     return [
         *machine(spec),
         ("gains", f"{_gains(simulation)}; all × {outcome.gain:g}"),
-        (f"posture {posture}", angles_in_words(spec.robot.postures[posture])),
-        (f"contact {contact}", f"{contacts_in_words(setup.contacts)}{_ground(simulation) if setup.contacts else ''}"),
+        (f"posture {posture}", angles_text(spec.robot.postures[posture])),
+        (f"contact {contact}", f"{contacts_text(setup.contacts)}{_ground(simulation) if setup.contacts else ''}"),
         *([("ground under the feet, slope and height", footings)] if footings else []),
-        ("move", f"{way} in {digits(simulation.moves_until, 's')}, quintic, from rest to rest" if way else "none: it holds still"),
+        ("move", f"{move} in {digits(simulation.moves_until, 's')}, quintic, from rest to rest" if move else "none"),
         ("Coulomb friction of the motors", span(np.broadcast_to(setup.coulomb, size), "N·m")),
         ("viscous friction added to the motors", span(np.broadcast_to(scenario.viscous, size), "N·m·s/rad")),
         ("torque limit", _limits(np.broadcast_to(setup.torque_limit, size))),
@@ -68,7 +68,7 @@ def _robot(outcome: Outcome) -> list[Pair]:
 def _ground(simulation: RobotSimulation) -> str:
     ground = simulation.setup.ground
     if ground is None:
-        return "; held where they are: they cannot slip or lift"
+        return "; fixed: they cannot slip or lift"
     feet = [(one, ground.soles.get(one.frame, Sole())) for one in simulation.setup.contacts if one.kind != "point"]
     soles = ", ".join(f"{one.frame} {_sole(sole) if one.kind == 'flat' else f'{sole.width:g} m wide'}" for one, sole in feet)
     return f"; they may slip and lift: friction {ground.friction:g}{', soles ' if soles else ''}{soles}"
@@ -80,14 +80,14 @@ def _sole(sole: Sole) -> str:
 
 
 def _limits(limits: np.ndarray) -> str:
-    """Of the joints that have one."""
+    """The torque limits of the joints that have one."""
     limited = np.isfinite(limits)
     which = "" if limited.all() else f", {int(limited.sum())} of {len(limits)} joints"
     return span(limits[limited], "N·m") + which if limited.any() else "none"
 
 
 def _gains(simulation: RobotSimulation) -> str:
-    """As the file has them, joints of the same gains together."""
+    """The gains of the file."""
     law = simulation.spec.control.joints
     if law is not None:
         return ", ".join(f"{name} {span(np.broadcast_to(getattr(law, name), simulation.setup.body.size))}" for name in law.gain_names())
@@ -102,52 +102,54 @@ def _gains(simulation: RobotSimulation) -> str:
 
 def _linear(outcome: Outcome) -> str:
     return (
-        "Linear two-mass joint, stepped exactly from tick to tick: the torque is held in between, velocity is differenced as the "
-        "controller does it, the delay is exact. No dry friction, gravity, torque limit or encoder steps: the file's scenario adds them."
+        "Linear two-mass joint, stepped exactly from tick to tick: torque held between ticks, velocity by the controller's own difference, "
+        "exact delay. No dry friction, gravity, torque limit or encoder steps: the file's scenario adds them."
     )
 
 
 def _testbed(outcome: Outcome) -> str:
     text = (
         "The same loop on a virtual testbed. Between ticks linear parts are exact; friction and gravity are constant over substeps of "
-        "25 µs and can create no energy. No backlash, no thermal effects."
+        "25 µs and create no energy. No backlash, no thermal effects."
     )
-    sags = (
-        " The run starts at rest at the reference and without torque, so that gravity first pulls the joint down: peaks and RMS hold that."
+    start = (
+        " The run starts at rest at the reference and without torque, so gravity first pulls the joint down; peaks and RMS include this."
     )
-    return text + (sags if "gravity" in outcome.spec.effects else "")
+    return text + (start if "gravity" in outcome.spec.effects else "")
 
 
 def _mujoco(outcome: Outcome) -> str:
     assert isinstance(outcome.spec, RobotSimulation)
     setup = outcome.spec.setup
     contact = (
-        "held contacts are constraints that give way by a ten-thousandth" if setup.ground is None else "the ground pushes back within 2 ms"
+        "fixed contacts are constraints that yield by a ten-thousandth"
+        if setup.ground is None
+        else "the ground force builds up within 2 ms"
     )
     text = (
-        "MuJoCo between the controller's ticks, its semi-implicit Euler steps read as a leapfrog and so short that the fastest vibration "
-        f"of the plant is 1 % too high at most. Every elastic joint is a motor behind a spring and a damper; {contact}. Torques come "
-        "through the delay and the current loop; no backlash. The controller knows the links exactly, "
-        f"sees the {setup.control.feedback} side of the gearboxes, takes its contacts as unmoved, and compensates the weight; its "
-        f"Jacobians are renewed every {setup.refresh} ticks."
+        "MuJoCo between the controller's ticks, its semi-implicit Euler steps taken as leapfrog steps, so short that the frequency of the "
+        f"fastest vibration of the plant is at most 1 % too high. Every elastic joint is a motor behind a spring and a damper; {contact}. "
+        "Torques pass the delay and the current loop; no backlash. The controller has an exact model of the links, measures the "
+        f"{setup.control.feedback} side of the gearboxes, assumes fixed contacts and compensates gravity; its Jacobians are updated "
+        f"every {setup.refresh} ticks."
     )
     if outcome.limit is None:
         return text
     return (
-        f"{text} The linear limit is that of small motions about the posture at the start, on contacts that hold, without this run's "
-        "Coulomb friction, torque limit and encoder steps; its viscous friction counts."
+        f"{text} The linear limit is that of small motions about the initial posture with fixed contacts, without this run's Coulomb "
+        "friction, torque limit and encoder steps; its viscous friction is included."
     )
 
 
-def _before_and_after(outcome: Outcome) -> list[Section]:
+def _poses(outcome: Outcome) -> list[Section]:
     assert isinstance(outcome.spec, RobotSimulation)
     assert isinstance(outcome.run, RobotRun)
-    return [Section("The robot before and after", [pose(outcome, outcome.spec, outcome.run)])]
+    return [Section("Initial and final posture", [pose(outcome, outcome.spec, outcome.run)])]
 
 
 @dataclass(frozen=True)
 class Kind:
-    """One way to simulate: its name, its inputs, what it assumes and leaves out, and sections that only its page has."""
+    """One kind of simulation: title, inputs, assumptions, and sections that only its page has."""
 
     title: str
     inputs: Callable[[Outcome], list[Pair]]
@@ -158,6 +160,6 @@ class Kind:
 KINDS = {
     "linear": Kind("linear sampled model", _joint, _linear),
     "testbed": Kind("virtual testbed", _joint, _testbed),
-    "mujoco": Kind("MuJoCo", _robot, _mujoco, _before_and_after),
+    "mujoco": Kind("MuJoCo", _robot, _mujoco, _poses),
 }
 """By SimulationSpec.kind."""

@@ -1,4 +1,4 @@
-"""What is left of the gains, by joint or task direction and state: the numbers, and their heat map."""
+"""Gain headroom by joint or task direction and state: the factors on the gains until vibration, and their heat map."""
 
 import math
 from collections.abc import Sequence
@@ -14,31 +14,31 @@ from . import style
 from .number_format import digits
 from .page import Html, figure
 
-# Vermilion and blue of Okabe and Ito around white: too much, and room. Light enough for dark numbers everywhere.
-ROOM = [[0, "#e07a2f"], [0.25, "#f3b98e"], [0.5, "#ffffff"], [0.75, "#b5d7ee"], [1, "#62a9d8"]]
-DECADE = 1.0  # factors from 0.1 to 10 are told apart by colour
+# Vermilion and blue of Okabe and Ito around white: too much gain, and headroom. Light enough for dark numbers everywhere.
+COLOR_SCALE = [[0, "#e07a2f"], [0.25, "#f3b98e"], [0.5, "#ffffff"], [0.75, "#b5d7ee"], [1, "#62a9d8"]]
+DECADE = 1.0  # the colours span factors from 0.1 to 10
 MOST_STATES = 16  # in one picture
 TOGETHER = "all together"
 
 
 @dataclass(frozen=True)
 class Factors:
-    """Factors on the gains of one space until the robot vibrates, in several states.
+    """Factors on the gains of one space, joints or task directions, at which the robot starts to vibrate, in several states.
 
-    parts    names of the joints or directions
-    alone    (states, parts) with nothing else closed
-    closed   (states, parts) with everything else as it is; NaN where the state is unstable
-    limits   (states,) of all gains together
+    parts                names of the joints or directions
+    alone                (states, parts) all other loops open
+    other_loops_closed   (states, parts) all other loops closed with their gains; NaN where the state is unstable
+    limits               (states,) of all gains together
     """
 
     states: tuple[State, ...]
     parts: tuple[str, ...]
     alone: Floats
-    closed: Floats
+    other_loops_closed: Floats
     limits: tuple[GainLimit, ...]
 
     @property
-    def whole(self) -> Floats:
+    def together(self) -> Floats:
         """(states,) the factor on all gains together."""
         return np.array([limit.gain for limit in self.limits])
 
@@ -49,28 +49,28 @@ class Factors:
 
     @property
     def by_headroom(self) -> list[int]:
-        """Indices of the states, the one with the least room first."""
+        """Indices of the states, the one with the least headroom first."""
         return sorted(range(len(self.states)), key=lambda k: by_headroom(self.limits[k]))
 
     @property
     def tightest(self) -> int:
-        """Index of the state with the least room."""
+        """Index of the state with the least headroom."""
         return self.by_headroom[0]
 
     def few(self) -> "Factors":
         """At most MOST_STATES states, the tightest, in their order."""
-        kept = sorted(self.by_headroom[:MOST_STATES])
+        shown = sorted(self.by_headroom[:MOST_STATES])
         return Factors(
-            tuple(self.states[k] for k in kept),
+            tuple(self.states[k] for k in shown),
             self.parts,
-            self.alone[kept],
-            self.closed[kept],
-            tuple(self.limits[k] for k in kept),
+            self.alone[shown],
+            self.other_loops_closed[shown],
+            tuple(self.limits[k] for k in shown),
         )
 
 
 def joint_factors(study: RobotStudy) -> Factors:
-    """Of the loops that the file closes, joint by joint."""
+    """Of the file's loops, joint by joint."""
     return Factors(
         study.states,
         study.spec.robot.joint_names,
@@ -81,7 +81,7 @@ def joint_factors(study: RobotStudy) -> Factors:
 
 
 def task_factors(study: RobotStudy) -> Factors | None:
-    """Of the tasks, direction by direction, in the states in which they move something; None without any."""
+    """Of the tasks, direction by direction, in the states in which they can move; None without any."""
     found = [(state, state.tasks) for state in study.states if state.tasks is not None and state.tasks.moves]
     if not found:
         return None
@@ -98,7 +98,7 @@ def heat_map(factors: Factors, what: str) -> Html:
     """Rows: all together, then every part; columns: states. `what` is scaled: "joint" or "task direction"."""
     total, factors = len(factors.states), factors.few()
     known = any(factors.stable)  # where nothing is stable, single parts have no factor
-    values = np.vstack([factors.whole, factors.closed.T]) if known else factors.whole[None]
+    values = np.vstack([factors.together, factors.other_loops_closed.T]) if known else factors.together[None]
     names = [f"<b>{TOGETHER}</b>", *(style.shown(part) for part in factors.parts if known)]
     columns = list(range(len(factors.states)))
     rows, wide = list(range(len(names))), len(columns) > 8
@@ -117,15 +117,15 @@ def heat_map(factors: Factors, what: str) -> Html:
         yaxis=style.axis("", tickvals=rows, ticktext=names, showgrid=False, ticks="", showline=False, fixedrange=True)
         | {"range": [len(rows) - 0.5, -0.5]},
         shapes=[_rule(len(columns)), *_unstable_columns(factors)] if known else [],
-        annotations=[*_unstable_words(factors), *_nothing(factors)] if known else [],
-        coloraxis={"colorscale": ROOM, "cmin": -DECADE, "cmax": DECADE, "showscale": known, "colorbar": _colour_bar()},
+        annotations=[*_unstable_labels(factors), *_no_gains(factors)] if known else [],
+        coloraxis={"colorscale": COLOR_SCALE, "cmin": -DECADE, "cmax": DECADE, "showscale": known, "colorbar": _colour_bar()},
         plot_bgcolor="#efefef",
         margin={"l": 20, "r": 8, "t": 24, "b": 12},
     )
     narrow = {"margin.l": 8, "margin.r": 4, "coloraxis.showscale": False} | (
         {"xaxis.tickangle": -90, "margin.t": 70} if len(columns) > 4 else {}
     )
-    title = f"Factor on the gains of each {what} until the robot vibrates, all others as they are"
+    title = f"Factor on the gains of each {what} at which the robot starts to vibrate, other loops closed"
     if not known:
         title = "Factor on all gains below which the robot is stable"
     height = round(26 * len(rows) + 90 + (60 if high else 0))
@@ -137,7 +137,7 @@ def _hover(factors: Factors, values: Floats) -> list[list[str]]:
     titles = [style.shown(state.title) for state in factors.states]
     return [
         [f"{name}<br>{title}<br>{digits(value, '×', 4)}" for title, value in zip(titles, row, strict=True)]
-        for name, row in zip(names, values.tolist(), strict=False)  # the sum alone where nothing is stable
+        for name, row in zip(names, values.tolist(), strict=False)  # all together alone where nothing is stable
     ]
 
 
@@ -156,7 +156,7 @@ def _columns(states: Sequence[State]) -> tuple[list[str], bool]:
 
 
 def _rule(columns: int) -> dict:
-    """A line between the sum and its parts."""
+    """A line between all gains together and the single parts."""
     return {"type": "line", "x0": -0.5, "x1": columns - 0.5, "y0": 0.5, "y1": 0.5, "line": {"color": style.INK, "width": 2}}
 
 
@@ -166,21 +166,21 @@ def _unstable_columns(factors: Factors) -> list[dict]:
     return [{**place, "x0": k - 0.48, "x1": k + 0.48} for k, stable in enumerate(factors.stable) if not stable]
 
 
-def _unstable_words(factors: Factors) -> list[style.Annotation]:
+def _unstable_labels(factors: Factors) -> list[style.Annotation]:
     middle = 0.5 + 0.5 * len(factors.parts)
     look = {"textangle": -90, "bgcolor": "rgba(0,0,0,0)"}
     return [style.label(k, middle, "<b>UNSTABLE</b>", style.VERMILION, **look) for k, stable in enumerate(factors.stable) if not stable]
 
 
-def _nothing(factors: Factors) -> list[style.Annotation]:
+def _no_gains(factors: Factors) -> list[style.Annotation]:
     """A dash where a stable state has no gains to scale."""
-    empty = [(k, row) for k, row in np.argwhere(np.isnan(factors.closed)).tolist() if factors.stable[k]]
+    empty = [(k, row) for k, row in np.argwhere(np.isnan(factors.other_loops_closed)).tolist() if factors.stable[k]]
     return [style.label(k, row + 1, "–", style.SOFT, bgcolor="rgba(0,0,0,0)") for k, row in empty]
 
 
 def _map_caption(factors: Factors, total: int, what: str) -> str:
     words = (
-        "White is the limit: 1 means that these gains are at it. Blue has room, vermilion has too much gain. The first row scales every "
+        "White is the limit: 1 means that these gains are at it. Blue: headroom; vermilion: too much gain. The first row scales every "
         f"{what} at once."
     )
     if not any(factors.stable):
@@ -188,12 +188,12 @@ def _map_caption(factors: Factors, total: int, what: str) -> str:
     elif not all(factors.stable):
         words += f" Where a state is unstable, no single {what} has a factor of its own: lower all gains below the factor in the first row."
     tightest = factors.tightest
-    closed = factors.closed[tightest]
+    closed = factors.other_loops_closed[tightest]
     if factors.stable[tightest] and np.any(np.isfinite(closed)):
         k = int(np.nanargmin(closed))
-        words += f" Least room for one alone in {factors.states[tightest].title}: {factors.parts[k]}, {digits(closed[k], '', 3)}."
-    if _nothing(factors):
-        words += f" A dash: no gain acts on that {what} there."
+        words += f" Least headroom of one {what} in {factors.states[tightest].title}: {factors.parts[k]}, {digits(closed[k], '', 3)}."
+    if _no_gains(factors):
+        words += f" A dash: no gain acts on that {what} in that state."
     if total > len(factors.states):
         words += f" The {len(factors.states)} tightest of {total} states are shown; the tables have all."
     return words
