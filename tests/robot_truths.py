@@ -11,11 +11,11 @@ from gainroom.robot import load_model
 from gainroom.robot.actuators import Actuators
 from gainroom.robot.body import RigidBody
 from gainroom.robot.contact import Contact, contact_jacobian
-from gainroom.robot.spec import RobotControl
 from gainroom.simulation.robot_setup import RobotSetup
 from gainroom.system.drive import Drive
 from gainroom.system.loop import Feedback
 from gainroom.system.plant import ElasticJoint
+from gainroom.system.system import Control
 
 SIDES = ("left", "right")
 JOINTS = ("hip_yaw", "hip_roll", "hip_pitch", "knee", "ankle_pitch", "ankle_roll")
@@ -138,7 +138,7 @@ def joint_setup(
         body=RigidBody(f"joint '{joint.name}'", model, (joint.name,), "fixed", np.zeros(1)),
         actuators=Actuators(*(np.array([value]) for value in values)),
         drives=(drive,),
-        control=RobotControl("joint", controller, feedback, sample_time),
+        control=Control("joint", controller, feedback, sample_time),
         q=np.zeros(1),
         **options,
     )

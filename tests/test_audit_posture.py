@@ -96,7 +96,7 @@ def test_damping_of_the_model_is_said_to_be_left_out(leg: Path):
     (found,) = [text for text in audit_warnings(audited(leg)) if "damping" in text]
     assert "hip 0.4" in found
     assert "not counted" in found
-    assert any("armature" in text and "hip 0.1" in text for text in audited(leg).spec.assumptions)
+    assert any("armature" in text and "hip 0.1" in text for text in audited(leg).system.assumptions)
 
 
 @pytest.mark.parametrize(

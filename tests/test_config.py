@@ -49,17 +49,17 @@ def refusal(*edits: tuple[str, str]) -> str:
 
 def test_every_key_arrives_in_si():
     spec = parse_joint(FULL, "knee.yaml")
-    assert spec.joint.motor_inertia == approx(1.0)
-    assert (spec.joint.link_inertia, spec.joint.stiffness, spec.joint.damping) == (16.0, 1e4, 1.0)
-    assert (spec.joint.motor_viscous, spec.joint.link_viscous) == (0.2, 0.3)
-    assert (spec.drive.bandwidth, spec.drive.damping_ratio) == (4000.0, 0.8)
-    assert spec.drive.delay == approx(4.5 / 2000)
-    assert spec.sample_time == 1 / 2000
-    assert (float(spec.controller.kp), float(spec.controller.kd), spec.feedback) == (1e4, 300.0, "motor")
-    assert spec.controller.velocity_filter.bandwidth == approx(2 * math.pi * 100)
-    assert (spec.controller.velocity_filter.order, spec.controller.velocity_filter.damping_ratio) == (2, 0.7)
-    assert [notch.frequency for notch in spec.controller.notches] == approx([300.0, 2 * math.pi * 80])
-    assert (spec.controller.notches[0].width, spec.controller.notches[0].depth) == (0.4, 0.2)
+    assert spec.source.motor_inertia == approx(1.0)
+    assert (spec.source.link_inertia, spec.source.stiffness, spec.source.damping) == (16.0, 1e4, 1.0)
+    assert (spec.source.motor_viscous, spec.source.link_viscous) == (0.2, 0.3)
+    assert (spec.drives[0].bandwidth, spec.drives[0].damping_ratio) == (4000.0, 0.8)
+    assert spec.drives[0].delay == approx(4.5 / 2000)
+    assert spec.control.sample_time == 1 / 2000
+    assert (float(spec.control.controller.kp), float(spec.control.controller.kd), spec.control.feedback) == (1e4, 300.0, "motor")
+    assert spec.control.controller.velocity_filter.bandwidth == approx(2 * math.pi * 100)
+    assert (spec.control.controller.velocity_filter.order, spec.control.controller.velocity_filter.damping_ratio) == (2, 0.7)
+    assert [notch.frequency for notch in spec.control.controller.notches] == approx([300.0, 2 * math.pi * 80])
+    assert (spec.control.controller.notches[0].width, spec.control.controller.notches[0].depth) == (0.4, 0.2)
     assert 20 * math.log10(spec.requirements.gain_margin) == approx(6.0)
     assert math.degrees(spec.requirements.phase_margin) == approx(30.0)
     assert spec.requirements.peak_sensitivity == 2.0
@@ -88,22 +88,22 @@ def test_limits_are_the_same_formulas(rigid: str):
         edited(("stiffness: 1e4", f"stiffness: {rigid}"), ("stiffness: 20%, ", ""), ("bandwidth: 4000.0", "bandwidth: .inf")),
         "f",
     )
-    assert math.isinf(spec.joint.stiffness)
-    assert spec.drive.is_ideal
+    assert math.isinf(spec.source.stiffness)
+    assert spec.drives[0].is_ideal
 
 
 def test_without_a_rate_in_control_the_model_is_continuous():
     spec = parse_joint(edited(("  sample_rate_hz: 2000\n", ""), ("ticks: 4.5", "ticks: 4.5, sample_rate_hz: 2000")), "f")
-    assert spec.sample_time is None
-    assert spec.drive.delay == approx(4.5 / 2000)
+    assert spec.control.sample_time is None
+    assert spec.drives[0].delay == approx(4.5 / 2000)
 
 
 @pytest.mark.parametrize(("kind", "gains"), [("pid", {"kp": 100.0, "ki": 5.0, "kd": 3.0}), ("ppi", {"kp": 40.0, "kv": 5.0, "ki": 1.0})])
 def test_other_controllers(kind: str, gains: dict[str, float]):
     keys = "".join(f"  {name}: {value}\n" for name, value in gains.items())
     spec = parse_joint(edited(("type: pd", f"type: {kind}"), ("  kp: 1.0e4\n  kd: 300.0\n", keys)), "f")
-    assert type(spec.controller).__name__.lower() == kind
-    assert {name: float(getattr(spec.controller, name)) for name in gains} == gains
+    assert type(spec.control.controller).__name__.lower() == kind
+    assert {name: float(getattr(spec.control.controller, name)) for name in gains} == gains
 
 
 def test_only_the_margins_that_are_named_are_required():

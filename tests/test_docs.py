@@ -94,7 +94,7 @@ def test_every_key_of_a_robots_answer_is_documented(told: Callable[..., dict], c
 def test_the_documented_file_is_a_valid_one():
     block, scenario = re.findall(r"^```yaml\n(.*?)^```", (ROOT / "docs" / "files.md").read_text("utf-8"), re.MULTILINE | re.DOTALL)
     spec = config.parse_joint(block, "docs/files.md")
-    assert spec.joint.motor_inertia == pytest.approx(1.0)
+    assert spec.source.motor_inertia == pytest.approx(1.0)
     assert spec.uncertainty.stiffness == pytest.approx((8e3, 12e3))
     played = config.parse_simulation(block.replace("feedback: motor", "feedback: motor, sample_rate_hz: 2000") + scenario, "docs/files.md")
     assert played.scenario.duration == 2.0

@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from gainroom.cli import main
-from gainroom.files.robot_yaml import load_robot_spec
+from gainroom.files.robot_yaml import load_robot_system
 from gainroom.report.simulation_text import warnings
 from gainroom.robot.contact import Contact
 from gainroom.robot.ground import Ground, footings, ground_axes
@@ -85,7 +85,7 @@ def test_springs_under_a_foot_are_no_ground(body):
 
 def test_a_quadruped_stands_still_on_point_feet(tmp_path: Path):
     """At half the limit; friction 0.3 would not hold it on slopes of 46 degrees, nor on any beyond 16.7."""
-    spec = load_robot_spec(written(tmp_path, SOLO))
+    spec = load_robot_system(written(tmp_path, SOLO))
     play = simulate_study(RobotSimulation.of(spec), 0.33)
     assert play.completed
     assert play.slip.max() < 5e-4  # soft contacts creep a little
@@ -95,7 +95,7 @@ def test_a_quadruped_stands_still_on_point_feet(tmp_path: Path):
 
 
 def uneven(tmp_path: Path, text: str) -> Outcome:
-    spec = load_robot_spec(written(tmp_path, text))
+    spec = load_robot_system(written(tmp_path, text))
     return simulate_study(RobotSimulation.of(spec))
 
 
@@ -113,7 +113,7 @@ def test_a_sloping_sole_and_feet_at_two_heights_are_told(tmp_path: Path, capsys:
     path = written(tmp_path, example.replace(poses, '  bent: {".*_hip_pitch": -0.5, ".*_knee": 1.0, "left_knee": 0.9}'))
     main(["simulate", str(path), "--report", str(page)])
     capsys.readouterr()
-    play = simulate_study(RobotSimulation.of(load_robot_spec(path)))
+    play = simulate_study(RobotSimulation.of(load_robot_system(path)))
     body, q = play.spec.setup.body, play.spec.setup.q
     apart = 1e3 * abs(body.frame_placement(q, "left_sole")[1][2] - body.frame_placement(q, "right_sole")[1][2])
     assert any(f"{apart:.3g} mm" in warning for warning in warnings(play))

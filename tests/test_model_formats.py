@@ -67,9 +67,9 @@ def test_a_robot_yaml_takes_it(chain: Path):
 
 def test_audit_takes_its_gains_and_keyframes(chain: Path):
     spec = audit_spec(str(chain), None, AuditOptions(2.0, motor_inertia=0.1, posture=("bent",)))
-    assert spec.control.joints is not None
-    assert_allclose(spec.control.joints.kp, [200.0, 200.0])
-    assert spec.robot.postures["bent"].angles == {"hinge1": 0.5 * np.pi}
+    assert spec.control.controller is not None
+    assert_allclose(spec.control.controller.kp, [200.0, 200.0])
+    assert spec.source.postures["bent"].angles == {"hinge1": 0.5 * np.pi}
 
 
 def test_what_is_the_same_for_all_formats_is_checked_for_it_too(chain: Path):

@@ -10,7 +10,7 @@ import gainroom as gr
 from gainroom.files.joint_yaml import load_joint, load_simulation, parse_joint, parse_simulation
 from gainroom.report.simulation_text import warnings
 from gainroom.studies.simulation import simulate_study
-from gainroom.system.plausibility import unusual, unusual_joint
+from gainroom.system.plausibility import unusual, unusual_values
 from gainroom.system.requirements import Requirements
 
 EXAMPLES = files("gainroom") / "files" / "examples"
@@ -59,28 +59,28 @@ def changed(section: str, key: str, value: float) -> str:
 @pytest.mark.parametrize("slip", SLIPS)
 def test_slips_of_units_are_told(slip):
     *change, word = SLIPS[slip]
-    told = parse_joint(changed(*change), "f").unusual()
+    told = unusual_values(parse_joint(changed(*change), "f"))
     assert any(word in text for text in told), told
 
 
 @pytest.mark.parametrize("slip", UNSEEN)
 def test_slips_that_cannot_be_seen(slip):
     """Not told, and the module says so: the day they are, this list shrinks."""
-    assert parse_joint(changed(*UNSEEN[slip]), "f").unusual() == ()
+    assert unusual_values(parse_joint(changed(*UNSEEN[slip]), "f")) == ()
 
 
 @pytest.mark.parametrize("name", ["fig9", "talos-knee", "testbed", "testbed-sampled", "testbed-simulated"])
 def test_shipped_joints_are_usual(name):
     spec = load_joint(EXAMPLES / f"{name}.yaml")
-    assert spec.unusual() == ()
+    assert unusual_values(spec) == ()
 
 
 @pytest.mark.parametrize("name", ["biped", "biped-simulated"])
 def test_shipped_robots_are_usual(name):
     pytest.importorskip("pinocchio")
-    from gainroom.files.robot_yaml import load_robot_spec
+    from gainroom.files.robot_yaml import load_robot_system
 
-    assert not any("usual" in text for text in load_robot_spec(EXAMPLES / f"{name}.yaml").warnings)
+    assert not any("usual" in text for text in load_robot_system(EXAMPLES / f"{name}.yaml").warnings)
 
 
 # motor inertia, stiffness, damping [kg m2, N m/rad, N m s/rad], joint side, with their public sources; loads from light to a whole body
@@ -108,7 +108,7 @@ def test_public_actuators_are_usual(name, end):
     controller = gr.PD(motor * omega**2, 4 * motor * omega)
     for delay, rate in ((0.2e-3, 10e3), (2e-3, 2e3), (20e-3, 50.0)):
         drive = gr.Drive(4000.0, 0.9, delay)
-        assert unusual_joint(joint, drive, controller, 1 / rate, Requirements.usual(), gr.Uncertainty(), {}) == ()
+        assert unusual_values(gr.JointSpec(joint, drive, controller, "motor", 1 / rate)) == ()
 
 
 def test_none_and_rigid_pass():
@@ -117,7 +117,7 @@ def test_none_and_rigid_pass():
 
 def test_ends_of_ranges_are_told():
     spec = parse_joint(TESTBED + "\nuncertainty: {link_inertia: [0.5, 50000]}\n", "f")
-    (told,) = spec.unusual()
+    (told,) = unusual_values(spec)
     assert told.startswith("uncertainty.link_inertia 5e+04 kg·m²")
 
 
@@ -138,7 +138,7 @@ def test_a_robot_names_its_joints():
 
 def test_margins_asked_for_are_told_in_their_units():
     asked = Requirements(gain_margin=2.0, phase_margin=radians(0.5))
-    told = unusual_joint(gr.ElasticJoint(0.2, 0.8, 1e4, 1.0), gr.Drive(), gr.PD(100.0, 5.0), None, asked, gr.Uncertainty(), {})
+    told = unusual_values(gr.JointSpec(gr.ElasticJoint(0.2, 0.8, 1e4, 1.0), gr.Drive(), gr.PD(100.0, 5.0), requirements=asked))
     assert len(told) == 1
     assert "phase_margin_deg 0.5 °" in told[0]
 

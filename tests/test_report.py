@@ -11,19 +11,20 @@ from pytest import approx
 
 import gainroom as gr
 from gainroom.report import joint_page
+from gainroom.report.joint_text import _change, sentence
+from gainroom.report.joint_text import warnings as warnings_of
 from gainroom.report.number_format import digits
 from gainroom.report.page import Card, Html, Lead, Section, figure, page, table
 from gainroom.simulation.step_response import step_response
-from gainroom.studies.joint import _change
 
 HOSTILE = "</script><script>alert(1)</script>'\"><img src=x onerror=alert(2)> & joint.yaml"
 COMMAND = f"gainroom joint '{HOSTILE}' --report out.html"
 
 
-def specification(kd: float = 70.0, sample_time: float | None = None, **joint: float) -> gr.JointSpec:
+def specification(kd: float = 70.0, sample_time: float | None = None, **joint: float) -> gr.System:
     """The paper's testbed: kd 70 is stable, kd 80 is not."""
     values = {"motor_inertia": 0.2, "link_inertia": 0.8, "stiffness": 1e4, "damping": 1.0} | joint
-    return gr.JointSpec(gr.ElasticJoint(**values), gr.Drive(4000.0, 0.9, 2.674e-3), gr.PD(1600.0, kd), "motor", sample_time)
+    return gr.System.of_joint(gr.ElasticJoint(**values), gr.Drive(4000.0, 0.9, 2.674e-3), gr.PD(1600.0, kd), "motor", sample_time)
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +71,7 @@ def test_page_is_self_contained_and_small(stable_page):
 def test_page_carries_answer_then_reason_in_order(stable, stable_page):
     own = unescape(without_library(stable_page))
     wanted = [
-        stable.sentence,
+        sentence(stable),
         "gain margin",
         "≥ 6 dB",
         "Gain map",
@@ -149,7 +150,7 @@ def test_gain_map_draws_the_exact_boundary(stable, stable_page):
 
 
 def test_gain_map_of_an_integral_controller_leaves_the_plain_pd_rule_out():
-    spec = replace(specification(), controller=gr.PPI(20.0, 10.0, 30.0), uncertainty=gr.Uncertainty(delay=(2e-3, 3e-3)))
+    spec = replace(specification().with_controller(gr.PPI(20.0, 10.0, 30.0)), uncertainty=gr.Uncertainty(delay=(2e-3, 3e-3)))
     html = joint_page(gr.study_joint(spec), "gainroom joint joint.yaml")
     own = unescape(without_library(html))
     drawn = figures(html)[0]
@@ -166,15 +167,15 @@ def test_gain_map_of_an_integral_controller_leaves_the_plain_pd_rule_out():
 
 
 def test_a_loop_that_no_factor_stabilises_says_so():
-    spec = replace(specification(), controller=gr.PID(100.0, 1e6, 5.0), requirements=gr.Requirements())
+    spec = replace(specification().with_controller(gr.PID(100.0, 1e6, 5.0)), requirements=gr.Requirements())
     study = gr.study_joint(spec)
     assert study.limit.gain == 0
     assert "no factor makes it stable" in without_library(joint_page(study, "gainroom joint joint.yaml"))
 
 
 def test_no_gains_for_an_integral_controller_names_the_ratio_that_is_held():
-    spec = replace(specification(), controller=gr.PID(100.0, 20_000.0, 5.0))
-    warnings = " ".join(gr.study_joint(spec).warnings)
+    spec = specification().with_controller(gr.PID(100.0, 20_000.0, 5.0))
+    warnings = " ".join(warnings_of(gr.study_joint(spec)))
     assert "ki/kp, which is held, keep the required margins: lower ki" in warnings
     assert "uncertainty" not in warnings.partition("lower ki")[2].partition(" shorten")[0]
 
@@ -208,11 +209,11 @@ def test_bode_shows_the_four_cases(stable_page):
     [
         specification(sample_time=5e-4),
         specification(stiffness=np.inf, damping=0.0),
-        replace(specification(), drive=gr.Drive(), requirements=gr.Requirements()),
-        replace(specification(), drive=gr.Drive(4000.0)),
+        replace(specification(), drives=(gr.Drive(),), requirements=gr.Requirements()),
+        replace(specification(), drives=(gr.Drive(4000.0),)),
         replace(specification(), requirements=gr.Requirements()),
-        replace(specification(), controller=gr.PID(1600.0, 3000.0, 50.0, velocity_filter=gr.LowPass(2000.0))),
-        replace(specification(), controller=gr.PPI(20.0, 50.0, 100.0), feedback="link"),
+        specification().with_controller(gr.PID(1600.0, 3000.0, 50.0, velocity_filter=gr.LowPass(2000.0))),
+        replace(specification(), control=gr.Control("joint", gr.PPI(20.0, 50.0, 100.0), "link")),
         replace(specification(), uncertainty=gr.Uncertainty(delay=(2e-3, 3e-3))),
     ],
     ids=["sampled", "rigid", "no limit at all", "no delay", "nothing required", "PID", "P/PI on the link", "uncertain"],
@@ -221,8 +222,8 @@ def test_every_kind_of_joint_has_a_page(spec):
     study = gr.study_joint(spec)
     html = joint_page(study, "gainroom joint joint.yaml --report joint.html")
     own = unescape(without_library(html))
-    assert study.sentence in own
-    assert ("sampled at 2" in own) == (spec.sample_time is not None)
+    assert sentence(study) in own
+    assert ("sampled at 2" in own) == (spec.control.sample_time is not None)
     assert len(figures(html)) == 4
     for drawn in figures(html):
         assert any(value is not None for trace in drawn["data"] for value in trace["x"])

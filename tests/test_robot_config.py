@@ -21,7 +21,7 @@ from gainroom.files.robot_yaml import load_robot, parse_robot
 from gainroom.files.system_sections import UncertaintySection
 from gainroom.io.yaml_text import parse_yaml
 from gainroom.robot.formats.model_names import locate
-from gainroom.robot.spec import RobotSpec
+from gainroom.system.system import System
 from mutations import RANDOMS, mutated_data
 from robot_truths import hinge, link, write_robot
 
@@ -82,7 +82,7 @@ def edited(*edits: tuple[str, str]) -> str:
     return text
 
 
-def read(folder: Path, *edits: tuple[str, str]) -> RobotSpec:
+def read(folder: Path, *edits: tuple[str, str]) -> System:
     return parse_robot(edited(*edits), "robot.yaml", folder)
 
 
@@ -97,7 +97,7 @@ def refusal(folder: Path, *edits: tuple[str, str]) -> str:
 
 def test_every_key_arrives_in_si(folder: Path):
     spec = read(folder)
-    robot, control = spec.robot, spec.control
+    robot, control = spec.source, spec.control
     assert robot.joint_names == ("l_hip", "l_knee", "r_hip", "r_knee")
     assert robot.body.base == "fixed"
     assert_allclose(robot.actuators.motor_inertia, [1.0, 0.25, 1.0, 0.25], rtol=1e-15)
@@ -115,10 +115,10 @@ def test_every_key_arrives_in_si(folder: Path):
     assert_allclose(robot.contacts["two"][1].springs, [1e4, 1e4, math.inf])
     assert robot.contacts["none"] == ()
     assert (control.space, control.feedback, control.sample_time) == ("joint", "motor", 1 / 2000)
-    assert_allclose(control.joints.kp, [200, 100, 200, 100])
-    assert_allclose(control.joints.kd, 5)
-    assert control.joints.velocity_filter.bandwidth == pytest.approx(2 * math.pi * 100)
-    assert control.joints.notches[0].frequency == 300
+    assert_allclose(control.controller.kp, [200, 100, 200, 100])
+    assert_allclose(control.controller.kd, 5)
+    assert control.controller.velocity_filter.bandwidth == pytest.approx(2 * math.pi * 100)
+    assert control.controller.notches[0].frequency == 300
     assert [(task.name, task.kind, task.frame) for task in robot.stack] == [("foot", "position", "l_foot"), ("rest", "posture", None)]
     assert (robot.stack[0].kp, robot.stack[0].kd, robot.stack[0].ki) == ([50, 60, 70], 9, None)
     assert (robot.stack[1].kp, robot.stack[1].kd, robot.stack[1].ki) == (10, 5, 1)
@@ -135,11 +135,13 @@ def test_ranges_are_each_joints_own(folder: Path):
     assert_allclose(ranges.stiffness, ([8e3, 8e3, math.inf, math.inf], [1.2e4, 1.2e4, math.inf, math.inf]))
     assert_allclose(ranges.motor_inertia, ([0.9, 0.225, 0.9, 0.225], [1.1, 0.275, 1.1, 0.275]))
     assert_allclose(ranges.damping, (np.zeros(4), np.full(4, 5.0)))
-    low, drives = ranges.case(spec.robot.actuators, spec.drives, (0, 0, 0, 0))
+    least = spec.at((0, 0, 0, 0))
+    low, drives = least.source.actuators, least.drives
     assert_allclose(low.stiffness, ranges.stiffness[0])
     assert_allclose(low.damping, 0)
     assert [drive.delay for drive in drives] == pytest.approx([1e-3] * 4)
-    high, drives = ranges.case(spec.robot.actuators, spec.drives, (1, 1, 1, 0.5))
+    most = spec.at((1, 1, 1, 0.5))
+    high, drives = most.source.actuators, most.drives
     assert_allclose(high.stiffness, ranges.stiffness[1])
     assert_allclose(high.motor_inertia, ranges.motor_inertia[1])
     assert_allclose(high.damping, 2.5)
@@ -147,7 +149,7 @@ def test_ranges_are_each_joints_own(folder: Path):
 
 
 def test_linearised_by_name(folder: Path):
-    robot = read(folder).robot
+    robot = read(folder).source
     model = robot.linearize(posture="bent", contact="none")
     q = robot.body.configuration({"l_hip": 0.1, "l_knee": 0.6, "r_hip": 0.1, "r_knee": 0.6})
     assert_allclose(model.link_inverse_inertia, np.linalg.inv(robot.body.mass_matrix(q)), rtol=1e-12)
@@ -161,7 +163,7 @@ def test_linearised_by_name(folder: Path):
 
 
 def test_tasks_of_the_file(folder: Path):
-    robot = read(folder).robot
+    robot = read(folder).source
     tasks = robot.tasks(robot.linearize("bent", "none"))
     assert tasks.directions[:3] == ("foot x", "foot y", "foot z")
     assert_allclose(tasks.kp, [50, 60, 70, 10, 10, 10, 10])
@@ -171,11 +173,11 @@ def test_tasks_of_the_file(folder: Path):
 def test_control_in_task_space(folder: Path):
     gains = ('  kp: {default: 200, ".*_knee": 100}\n  kd: 5\n', "")
     spec = read(folder, gains, ("type: pd", "type: ppi\n  space: task\n  rotors: true"))
-    model = spec.robot.linearize("bent", "none")
+    model = spec.source.linearize("bent", "none")
     controller = spec.controller(model)
     assert controller.velocity_filter == spec.control.velocity_filter is not None
     assert controller.notches == spec.control.notches != ()
-    expected = spec.robot.tasks(model, rotors=True).controller().terms()
+    expected = spec.source.tasks(model, rotors=True).controller().terms()
     assert {key: value.tolist() for key, value in controller.terms().items()} == {key: value.tolist() for key, value in expected.items()}
     assert spec.loop(model).size == 4
 
@@ -184,19 +186,19 @@ def test_control_in_task_space(folder: Path):
 def test_other_controllers(folder: Path, kind: str, gains: dict[str, float]):
     keys = "".join(f"  {name}: {value}\n" for name, value in gains.items())
     spec = read(folder, ("type: pd", f"type: {kind}"), ('  kp: {default: 200, ".*_knee": 100}\n  kd: 5\n', keys))
-    assert type(spec.control.joints).__name__.lower() == kind
+    assert type(spec.control.controller).__name__.lower() == kind
     for name, value in gains.items():
-        assert_allclose(getattr(spec.control.joints, name), np.full(4, value))
+        assert_allclose(getattr(spec.control.controller, name), np.full(4, value))
 
 
 def test_locked_joints_stand_as_each_posture_says(folder: Path):
-    robot = read(folder, ("drive: {", "  locked: [r_.*]\ndrive: {")).robot
+    robot = read(folder, ("drive: {", "  locked: [r_.*]\ndrive: {")).source
     assert robot.joint_names == ("l_hip", "l_knee")
     assert dict(robot.postures["bent"].body.locked) == {"r_hip": 0.1, "r_knee": 0.6}
     assert dict(robot.postures["flat"].body.locked) == {"r_hip": 0.0, "r_knee": 0.0}
     assert dict(robot.postures["bent"].angles) == {"l_hip": 0.1, "l_knee": 0.6}
     assert robot.linearize("bent", "none").size == 2
-    whole = read(folder).robot.linearize("bent", "none")
+    whole = read(folder).source.linearize("bent", "none")
     # On a fixed base the legs do not feel each other.
     assert_allclose(robot.linearize("bent", "none").link_inverse_inertia, whole.link_inverse_inertia[:2, :2], rtol=1e-12)
 
@@ -204,16 +206,16 @@ def test_locked_joints_stand_as_each_posture_says(folder: Path):
 def test_what_is_left_out_is_assumed_and_said(folder: Path):
     text = "model: {file: robot.urdf}\ndrive: {bandwidth: .inf, delay_ms: 1}\ncontrol: {type: pd, feedback: motor, kp: 1, kd: 1}\n"
     spec = parse_robot(text, "f", folder)
-    assert spec.robot.states == (("zero", "free"),)
-    assert spec.robot.body.base == "fixed"
-    assert np.all(np.isinf(spec.robot.actuators.stiffness))
+    assert spec.source.states == (("zero", "free"),)
+    assert spec.source.body.base == "fixed"
+    assert np.all(np.isinf(spec.source.actuators.stiffness))
     base, bare, usual = spec.assumptions
     assert "the base is fixed" in base
     assert "rigid with motor inertia 0: l_hip, l_knee, r_hip, r_knee" in bare
     assert "usual limits" in usual
     assert "gain margin ≥ 6 dB, phase margin ≥ 30°, Ms ≤ 2" in usual
     spec = parse_robot(text + "contacts: {stand: [l_foot]}", "f", folder)
-    assert spec.robot.body.base == "floating"
+    assert spec.source.body.base == "floating"
     assert "the base is floating" in spec.assumptions[0]
 
 
@@ -225,11 +227,11 @@ def test_a_posture_beyond_the_limits_is_a_warning(folder: Path):
 def test_the_shipped_biped():
     spec = parse_robot(BIPED, "biped.yaml")
     assert spec.assumptions == spec.warnings == ()
-    assert spec.robot.body.base == "floating"
-    assert len(spec.robot.joint_names) == 12
-    assert set(spec.robot.contacts) == {"double", "left", "right", "flight"}
-    assert set(spec.robot.postures) == {"stand", "crouch"}
-    assert_allclose(spec.robot.actuators.motor_inertia, 1.0, rtol=1e-15)
+    assert spec.source.body.base == "floating"
+    assert len(spec.source.joint_names) == 12
+    assert set(spec.source.contacts) == {"double", "left", "right", "flight"}
+    assert set(spec.source.postures) == {"stand", "crouch"}
+    assert_allclose(spec.source.actuators.motor_inertia, 1.0, rtol=1e-15)
 
 
 def test_load_robot_carries_its_file(folder: Path):
@@ -237,10 +239,10 @@ def test_load_robot_carries_its_file(folder: Path):
     path.write_text(SMALL, "utf-8")
     robot = load_robot(path)
     assert robot.name == str(path)
-    assert robot.spec is not None
-    assert robot.spec.robot == robot
+    assert robot.system is not None
+    assert robot.system.source == robot
     model = robot.linearize("bent", "none")
-    for thing, words in ((robot, "4 joints"), (robot.spec, "joint space"), (model, "posture 'bent'"), (robot.body, "4 joints")):
+    for thing, words in ((robot, "4 joints"), (robot.system, "joint space"), (model, "posture 'bent'"), (robot.body, "4 joints")):
         assert words in repr(thing)
         assert "\n" not in repr(thing)
         assert "array(" not in repr(thing)
@@ -371,7 +373,7 @@ def test_every_key_is_documented(section):
 def test_the_documented_file_is_a_valid_one():
     (block,) = re.findall(r"^```yaml\n(.*?)^```", DOCUMENT, re.MULTILINE | re.DOTALL)
     spec = parse_robot(block, "docs/robots.md")
-    assert spec.robot.actuators.motor_inertia.max() == pytest.approx(1e-4 * 144**2)
+    assert spec.source.actuators.motor_inertia.max() == pytest.approx(1e-4 * 144**2)
 
 
 def test_the_documented_names_of_a_packaged_model_are_one_file():

@@ -20,7 +20,7 @@ from draws import draw_plant
 from gainroom.analysis.disk_margin import disk_margin
 from gainroom.cli import main
 from gainroom.files.robot_yaml import parse_robot
-from gainroom.robot.spec import RobotSpec
+from gainroom.system.system import System
 
 # Limits are polished to machine precision, of matrices whose condition number is some thousands.
 POLISHED = 1e-9
@@ -199,7 +199,7 @@ class Biped:
         (folder / "robot.urdf").write_text(self.urdf(), "utf-8")
         (folder / "robot.yaml").write_text(self.yaml(("both",)), "utf-8")
 
-    def spec(self, folder: Path) -> RobotSpec:
+    def spec(self, folder: Path) -> System:
         return parse_robot(self.yaml(), "f", folder)
 
     def label(self, plain: str) -> str:
@@ -237,7 +237,7 @@ def test_operational_space(folder: Path, variant: str, contact: str):
     """Joint gains of the tasks, their limit as a whole and along each direction."""
     biped = VARIANTS[variant]
     one, two = Biped().spec(folder / "plain"), biped.spec(folder / variant)
-    first, second = (spec.robot.linearize("bent", contact) for spec in (one, two))
+    first, second = (spec.source.linearize("bent", contact) for spec in (one, two))
     order = [first.joint_names.index(name) for name in sorted(first.joint_names)]
     there = [second.joint_names.index(biped.label(first.joint_names[k])) for k in order]
     flip = np.array([-1.0 if biped.mirrored and "roll" in first.joint_names[k] else 1.0 for k in order])
@@ -245,7 +245,7 @@ def test_operational_space(folder: Path, variant: str, contact: str):
     square = biped.unit**2
     inverse = first.link_inverse_inertia[np.ix_(order, order)]
     assert_allclose(second.link_inverse_inertia[np.ix_(there, there)] * square * signs, inverse, atol=1e-9 * np.abs(inverse).max())
-    tasks, others = one.robot.tasks(first), two.robot.tasks(second)
+    tasks, others = one.source.tasks(first), two.source.tasks(second)
     for gains, found in zip(tasks.joint_gains(), others.joint_gains(), strict=True):
         wanted = gains[np.ix_(order, order)]
         assert_allclose(found[np.ix_(there, there)] * signs / square, wanted, atol=1e-8 * np.abs(wanted).max())

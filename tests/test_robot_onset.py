@@ -20,7 +20,6 @@ from gainroom.robot.actuators import Actuators
 from gainroom.robot.contact import Contact
 from gainroom.robot.ground import Ground, Sole
 from gainroom.robot.linearize import linearize
-from gainroom.robot.spec import RobotControl
 from gainroom.robot.tasks import Task, tasks_of
 from gainroom.simulation.robot_onset import motionless, robot_onset, robot_vibration
 from gainroom.simulation.robot_run import run_robot
@@ -30,6 +29,7 @@ from gainroom.system.drive import Drive
 from gainroom.system.filters import LowPass, Notch
 from gainroom.system.loop import build_loop
 from gainroom.system.plant import ElasticJoint
+from gainroom.system.system import Control
 from robot_files import SOLO
 from robot_truths import BOTH, actuators, any_posture, feet, hinge, joint_setup, link, write_robot
 
@@ -48,7 +48,7 @@ def assert_witnessed(limit, setup, near=None):
 
 @pytest.fixture(scope="module")
 def spec():
-    return load_robot(str(files("gainroom") / "files" / "examples" / "biped.yaml")).spec
+    return load_robot(str(files("gainroom") / "files" / "examples" / "biped.yaml")).system
 
 
 JOINT_LOOPS = {
@@ -79,24 +79,24 @@ SPACES = (("joint", "double"), ("joint", "left"), ("joint", "flight"), ("task", 
 @pytest.mark.parametrize("posture", ["stand", "crouch"])
 @pytest.mark.parametrize(("space", "contact"), SPACES)
 def test_biped(spec, space, contact, posture):
-    control = replace(spec.control, space=space, sample_time=TICK, joints=spec.control.joints if space == "joint" else None)
+    control = replace(spec.control, space=space, sample_time=TICK, controller=spec.control.controller if space == "joint" else None)
     asked = replace(spec, control=control)
-    limit = gain_limit(asked.loop(asked.robot.linearize(posture, contact)))
+    limit = gain_limit(asked.loop(asked.source.linearize(posture, contact)))
     assert_witnessed(limit, robot_setup(asked, posture, contact))
 
 
 @pytest.mark.parametrize("held", [BOTH, feet("left_sole"), [Contact("left_sole"), Contact("right_sole", "line", (2e5, 2e3), (200.0, 2.0))]])
 def test_biped_in_general_posture_with_a_cascade(spec, held):
     """P/PI for the centre of mass, PD for the pelvis; legs that are not alike, and one foot on soft ground."""
-    body = spec.robot.body
+    body = spec.source.body
     q = any_posture(body, 0)
     com = Task(name="com", kind="com", kp=[10, 15, 20], kd=[3, 4, 5], ki=[0.5, 0.2, 1.0])
     stack = (com, Task(name="pelvis", kind="orientation", frame="pelvis", kp=100, kd=20))
-    model = linearize(body, spec.robot.actuators, q, held)
+    model = linearize(body, spec.source.actuators, q, held)
     limit = gain_limit(build_loop(model, spec.drives, tasks_of(model, stack).controller(), "motor", TICK))
-    control = replace(spec.control, space="task", joints=None, sample_time=TICK)
+    control = replace(spec.control, space="task", controller=None, sample_time=TICK)
     setup = RobotSetup(
-        body=body, actuators=spec.robot.actuators, drives=spec.drives, control=control, q=q, contacts=tuple(held), stack=stack
+        body=body, actuators=spec.source.actuators, drives=spec.drives, control=control, q=q, contacts=tuple(held), stack=stack
     )
     assert_witnessed(limit, setup)
 
@@ -116,7 +116,7 @@ def test_talos():
     stack = (com, Task(name="base", kind="orientation", frame="base_link", kp=40, kd=10), Task(name="rest", kind="posture", kp=20, kd=5))
     model = linearize(body, motors, q, feet("left_sole_link", "right_sole_link"))
     limit = gain_limit(build_loop(model, drives, tasks_of(model, stack).controller(), "motor", TICK))
-    control = RobotControl("task", None, "motor", TICK)
+    control = Control("task", None, "motor", TICK)
     setup = RobotSetup(body=body, actuators=motors, drives=drives, control=control, q=q, contacts=model.contacts, stack=stack)
     assert_witnessed(limit, setup)
     soles = {contact.frame: Sole(length=0.2, width=0.12) for contact in model.contacts}
@@ -126,7 +126,7 @@ def test_talos():
 
 
 def arm_setup(arm, motors, q, controller, drive):
-    control = RobotControl("joint", controller, "motor", TICK)
+    control = Control("joint", controller, "motor", TICK)
     return RobotSetup(body=arm, actuators=motors, drives=(drive,) * arm.size, control=control, q=q)
 
 
@@ -189,7 +189,7 @@ def test_a_quadruped_of_light_links_at_1_khz():
     Within 1 %, half of what verify allows: what is left is the contacts' giving way, which steps four times finer do not change.
     """
     spec = parse_robot(SOLO, "solo.yaml")
-    loop = spec.loop(spec.robot.linearize("stand", "all"))
+    loop = spec.loop(spec.source.linearize("stand", "all"))
     limit = gain_limit(loop)
     found = robot_onset(robot_setup(spec, "stand", "all"), limit.gain)
     assert found.gain == pytest.approx(limit.gain, rel=0.01)

@@ -18,8 +18,8 @@ from gainroom.cli import main
 from gainroom.design.robot_gains import GainSet, RobotGains, recommend_robot
 from gainroom.files.robot_yaml import parse_robot
 from gainroom.report.robot_text import free_joints, warnings
-from gainroom.robot.spec import RobotSpec
 from gainroom.studies.robot import study_robot
+from gainroom.system.system import System
 from robot_files import SOLO, write_arm
 
 BIPED = """\
@@ -69,7 +69,7 @@ control: {type: pd, feedback: motor, sample_rate_hz: 1000, kp: 40, kd: 1}
 
 
 @pytest.fixture(scope="module")
-def biped() -> tuple[RobotSpec, RobotGains]:
+def biped() -> tuple[System, RobotGains]:
     spec = parse_robot(BIPED, "biped")
     return spec, recommend_robot(spec)
 
@@ -79,13 +79,13 @@ def safe(gains: RobotGains) -> GainSet:
     return gains.everywhere
 
 
-def loops(spec: RobotSpec, kp: np.ndarray, kd: np.ndarray, weight: bool) -> dict[str, gr.Loop]:
+def loops(spec: System, kp: np.ndarray, kd: np.ndarray, weight: bool) -> dict[str, gr.Loop]:
     """Built from the file anew."""
-    states = [(spec.robot.linearize(posture, contact, weight=weight), f"{posture}, {contact}") for posture, contact in spec.robot.states]
+    states = [(spec.source.linearize(posture, contact, weight=weight), f"{posture}, {contact}") for posture, contact in spec.source.states]
     return {title: gr.build_loop(model, spec.drives, gr.PD(kp, kd), "motor", spec.control.sample_time) for model, title in states}
 
 
-def assert_none_can_be_raised(spec: RobotSpec, found: GainSet) -> None:
+def assert_none_can_be_raised(spec: System, found: GainSet) -> None:
     """The definition: kp alone, and kp with kd, of every joint."""
     weight = not found.without_weight
     assert all(spec.requirements.met_by(quick_margins(loop)) for loop in loops(spec, found.kp, found.kd, weight).values())
@@ -99,11 +99,11 @@ def assert_none_can_be_raised(spec: RobotSpec, found: GainSet) -> None:
         for kd in (found.kd, found.kd * more):
             kept = {title: quick_margins(loop) for title, loop in loops(spec, found.kp * more, kd, weight).items()}
             broken = {title for title, one in kept.items() if not spec.requirements.met_by(one)}
-            assert broken, f"{spec.robot.joint_names[j]} can be raised"
+            assert broken, f"{spec.source.joint_names[j]} can be raised"
         assert found.case[j] in kept
 
 
-def test_none_can_be_raised(biped: tuple[RobotSpec, RobotGains]):
+def test_none_can_be_raised(biped: tuple[System, RobotGains]):
     spec, gains = biped
     found = safe(gains)
     assert not found.without_weight
@@ -112,7 +112,7 @@ def test_none_can_be_raised(biped: tuple[RobotSpec, RobotGains]):
     assert found.margin[found.softest] in spec.requirements.asked
 
 
-def test_legs_get_equal_gains(biped: tuple[RobotSpec, RobotGains]):
+def test_legs_get_equal_gains(biped: tuple[System, RobotGains]):
     """A state that is its own mirror image; one leg may have been raised alone by a last step of 4 %, or of 5 %."""
     _, gains = biped
     kp = safe(gains).kp
@@ -135,7 +135,7 @@ def assert_stands(text: str, gains: RobotGains, folder: Path, capsys: pytest.Cap
     assert facts["ended_at"] is None or facts["ended_at"] == pytest.approx(2.0, abs=1e-2)
 
 
-def test_the_robot_stands_on_them(biped: tuple[RobotSpec, RobotGains], tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_the_robot_stands_on_them(biped: tuple[System, RobotGains], tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     """A joint of the robot sampled at 2 kHz keeps a little less than the continuous one."""
     assert_stands(BIPED.replace("feedback: motor,", "feedback: motor, sample_rate_hz: 2000,"), biped[1], tmp_path, capsys)
 

@@ -230,7 +230,7 @@ def test_heat_map_tells_what_is_left(page, biped):
     def loop(scale: float) -> gr.Loop:
         kp, kd = np.full(12, 2000.0), np.full(12, 100.0)
         kp[joint], kd[joint] = scale * kp[joint], scale * kd[joint]
-        return gr.build_loop(state.model, biped.spec.drives, gr.PD(kp, kd), "motor")
+        return gr.build_loop(state.model, biped.system.drives, gr.PD(kp, kd), "motor")
 
     assert gr.is_stable(loop(0.999 * factor))
     assert not gr.is_stable(loop(1.001 * factor))
@@ -302,7 +302,7 @@ def test_unmet_requirements_are_told(page, biped):
     own = without_library(page)
     assert '<body class="warn">' in own
     kept = [quick_margins(state.loop) for state in biped.states]
-    assert not all(biped.spec.requirements.met_by(one) for one in kept)
+    assert not all(biped.system.requirements.met_by(one) for one in kept)
     peak = max(one.peak_sensitivity for one in kept)
     assert f'<p class="value">{digits(peak, "", 3)}</p>' in own
 
@@ -314,7 +314,7 @@ def test_state_and_joint_tables_hold_the_study(page, biped):
         assert row[:2] == ["yes", digits(state.limit.gain)]
         assert row[-2] == digits(state.margins.disk_margin, "", 3)
     joints = cells(without_library(page), "joint")
-    assert list(joints) == list(biped.spec.robot.joint_names)
+    assert list(joints) == list(biped.system.source.joint_names)
     for name, row in zip(joints, biped.tightest.joints, strict=True):
         assert joints[name][:5] == [
             digits(v) for v in (row.link_inertia, row.single_joint_limit, row.limit_others_closed, row.kp, row.kp_max)
@@ -422,9 +422,9 @@ def test_a_requirement_that_is_not_met_is_explained(page, biped):
     assert f"Phase margin of {state.model.size} loops: the smallest phase lag or lead" in words
     assert f"in {state.title}, at {state.margins.gain_crossover / (2 * np.pi):.3g} Hz" in words
     (told,) = re.findall(r"It would be ([\d.]+)° with all kd × 1.25 and ([\d.]+)° with all kp × 0.8, but ([\d.]+)° with all kd", words)
-    drives, control = biped.spec.drives, biped.spec.control
+    drives, control = biped.system.drives, biped.system.control
     for (kp, kd), shown in zip(((1.0, 1.25), (0.8, 1.0), (1.0, 0.8)), told, strict=True):
-        changed = gr.PD(kp * control.joints.kp, kd * control.joints.kd)
+        changed = gr.PD(kp * control.controller.kp, kd * control.controller.kd)
         truth = gr.joint_margins(gr.build_loop(state.model, drives, changed, control.feedback, control.sample_time)).phase_margin
         assert float(shown) == pytest.approx(np.degrees(truth), rel=5e-3)  # three digits, interpolated to a part in a thousand
 

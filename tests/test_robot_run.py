@@ -14,7 +14,6 @@ from gainroom.errors import GainroomError
 from gainroom.robot import load_model
 from gainroom.robot.actuators import Actuators
 from gainroom.robot.ground import Ground, Sole
-from gainroom.robot.spec import RobotControl
 from gainroom.simulation.record import LOGGED
 from gainroom.simulation.robot_onset import motionless
 from gainroom.simulation.robot_run import RobotStepper, run_robot, stream_robot
@@ -24,6 +23,7 @@ from gainroom.simulation.trajectories import Spline
 from gainroom.system.controller import PD
 from gainroom.system.drive import Drive
 from gainroom.system.plant import ElasticJoint
+from gainroom.system.system import Control
 from robot_truths import hinge, joint_setup, link, write_robot
 
 TICK = 5e-4
@@ -32,11 +32,11 @@ GROUND = Ground(soles={name: Sole(length=0.28, width=0.15, center=(-0.008, 0.0))
 
 @pytest.fixture(scope="module")
 def spec():
-    return load_robot(str(files("gainroom") / "files" / "examples" / "biped.yaml")).spec
+    return load_robot(str(files("gainroom") / "files" / "examples" / "biped.yaml")).system
 
 
 def setup_of(spec, space="task", posture="crouch", contact="double", **options):
-    control = replace(spec.control, space=space, sample_time=TICK, joints=spec.control.joints if space == "joint" else None)
+    control = replace(spec.control, space=space, sample_time=TICK, controller=spec.control.controller if space == "joint" else None)
     return robot_setup(replace(spec, control=control), posture, contact, **options)
 
 
@@ -195,7 +195,7 @@ def test_refusals(spec):
 
 
 def test_a_fixed_base_cannot_fall():
-    control = RobotControl("joint", PD(1.0, 1.0), "motor", TICK)
+    control = Control("joint", PD(1.0, 1.0), "motor", TICK)
     setup = replace(joint_setup(ElasticJoint(motor_inertia=1.0, link_inertia=1.0), Drive(), PD(1.0, 1.0)), control=control)
     assert RobotStepper(setup).problem() is None
 
@@ -206,7 +206,7 @@ def small(folder, kind="revolute"):
     joints = hinge("first", "root", "upper", kind=kind) + hinge("second", "upper", "lower", kind=kind)
     body = load_model(write_robot(folder, links, joints), base="fixed")
     motors = Actuators(*(np.full(2, value) for value in (0.1, math.inf, 0.0, 0.0, 0.0)))
-    law = RobotControl("joint", PD(400.0 * np.ones(2), 40.0 * np.ones(2)), "motor", 1e-3)
+    law = Control("joint", PD(400.0 * np.ones(2), 40.0 * np.ones(2)), "motor", 1e-3)
     return RobotSetup(body=body, actuators=motors, drives=(Drive(),) * 2, control=law, q=body.neutral(), gravity=False)
 
 
@@ -246,7 +246,7 @@ control: {type: pd, feedback: motor, sample_rate_hz: 2000, kp: 2000, kd: 100}
         lines = Path("/proc/self/status").read_text("utf-8").splitlines()
         return 1024 * next(int(line.split()[1]) for line in lines if line.startswith("VmSize:"))
 
-    setup = motionless(robot_setup(load_robot(str(robot)).spec))
+    setup = motionless(robot_setup(load_robot(str(robot)).system))
     sizes = []
     for _ in range(20):
         run_robot(setup, hold(setup, 8 * setup.sample_time))

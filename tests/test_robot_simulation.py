@@ -9,7 +9,7 @@ import pytest
 
 from gainroom.cli import main
 from gainroom.files.logs import read_log
-from gainroom.files.robot_yaml import load_robot_spec
+from gainroom.files.robot_yaml import load_robot_system
 from gainroom.simulation.robot_simulation import RobotSimulation
 from gainroom.studies.simulation import simulate_study
 from robot_files import ROBOT, SOLO, write_arm, written
@@ -69,7 +69,7 @@ def test_commands_are_cut_at_the_torque_limit(tmp_path: Path, capsys: pytest.Cap
 def test_encoders_have_steps(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     """What the controller saw, reference less error, is a whole number of steps off its start."""
     path = write_arm(tmp_path, JOINT.replace("scenario: {", "scenario: {resolution: 0.002, "))
-    run = simulate_study(RobotSimulation.of(load_robot_spec(path))).run
+    run = simulate_study(RobotSimulation.of(load_robot_system(path))).run
     steps = run.measured / 0.002
     assert np.ptp(steps[:, 1]) > 40  # 0.1 rad are fifty
     assert np.abs(steps - np.round(steps)).max() < 1e-9  # of rounding alone
@@ -155,7 +155,7 @@ def test_the_log_holds_readings_and_errors_are_of_the_truth(tmp_path: Path, caps
     kept = read_log(log).signals
     for name in ("motor_position", "link_position"):
         assert np.abs(kept[name] / step - np.round(kept[name] / step)).max() < 1e-9  # of rounding alone
-    run = simulate_study(RobotSimulation.of(load_robot_spec(path))).run
+    run = simulate_study(RobotSimulation.of(load_robot_system(path))).run
     assert np.abs(kept["motor_position"] - run.motor_position).max() == pytest.approx(step / 2, rel=0.05)  # some reading is off by that
     true = np.abs(run.reference - run.motor_position).max(axis=0)
     assert [facts["tracking"][name]["peak"] for name in run.channels] == pytest.approx(true, rel=1e-12)

@@ -67,7 +67,7 @@ def sound_page(sound: Outcome) -> str:
 def limit() -> gr.GainLimit:
     """Of the same robot, by the front door."""
     spec = parse_robot(STAND + SHAKE, "biped.yaml")
-    return gr.gain_limit(spec.loop(spec.robot.linearize("stand", "double")))
+    return gr.gain_limit(spec.loop(spec.source.linearize("stand", "double")))
 
 
 @pytest.fixture(scope="module")
@@ -325,7 +325,7 @@ def test_parts_of_a_known_vibration():
 def test_each_channel_has_its_unit():
     spec = parse_robot(STAND + SHAKE, "biped.yaml")
     stack = (
-        *spec.robot.stack,
+        *spec.source.stack,
         Task(name="foot", kind="position", frame="left_sole", kp=1.0, kd=1.0),
         Task(name="rest", kind="posture", kp=1.0, kd=1.0),
     )

@@ -269,13 +269,13 @@ def test_cascade_gains_are_those_that_were_checked(folder: Path):
     text = LEG.replace("type: pd", "type: ppi").replace("kp: [100, 100, 60], kd: [10, 10, 5]", "kp: 10, kv: [10, 10, 4], ki: 5")
     text = text.replace("flight: [], ", "")
     study = studied(folder, text, recommend=True)
-    (state,), spec = study.states, study.spec
+    (state,), spec = study.states, study.system
     found = study.recommended[1].everywhere
     assert found is not None
     assert found.ki is not None
-    tasks = spec.robot.tasks(state.model)
+    tasks = spec.source.tasks(state.model)
     gains = {name: np.nan_to_num(getattr(found, name)) for name in ("kp", "kd", "ki")}
-    kept = quick_margins(spec.loop(state.model, spec.shaped(replace(tasks, **gains).controller())))
+    kept = quick_margins(spec.loop(state.model, spec.filtered(replace(tasks, **gains).controller())))
     assert_equal(asdict(kept), asdict(found.margins))
 
 
@@ -399,7 +399,7 @@ def test_what_one_state_does_not_tell_is_not_met(leg: RobotStudy, first: bool):
     unknown = changed(state, margins=Margins.unknown(GainLimit.unknown(state.model.size)))
     study = replace(leg, every=(unknown, state) if first else (state, unknown))
     assert study.stable
-    assert study.unmet == dict.fromkeys(study.spec.requirements.asked, unknown)
+    assert study.unmet == dict.fromkeys(study.system.requirements.asked, unknown)
 
 
 def test_legs_that_round_off_tells_apart_keep_the_models_order():

@@ -18,9 +18,9 @@ from gainroom.files.audit_options import AuditOptions, audit_spec, margin_factor
 from gainroom.files.robot_yaml import parse_robot
 from gainroom.io.yaml_text import parse_yaml
 from gainroom.report.robot_text import audit_sentence, sentence, warnings
-from gainroom.robot.spec import RobotSpec
 from gainroom.studies.audit import audit
 from gainroom.studies.robot import RobotStudy, study_robot
+from gainroom.system.system import System
 from mutations import RANDOMS, mutated_data
 from refusals import assert_refused
 from robot_truths import hinge, link, write_robot
@@ -63,12 +63,12 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def spec(folder: Path) -> RobotSpec:
+def spec(folder: Path) -> System:
     return parse_robot(ROBOT, "f", folder)
 
 
 @pytest.fixture(scope="module")
-def study(spec: RobotSpec) -> RobotStudy:
+def study(spec: System) -> RobotStudy:
     return study_robot(spec, recommend=False)
 
 
@@ -96,9 +96,9 @@ def test_one_joint_is_the_joint_of_issue_one(tmp_path: Path):
     assert row.kd_max == approx(gr.pd_region(joint, gr.Drive(3000.0, 0.9, 2e-3)).max_kd(900.0), rel=1e-6)
 
 
-def test_every_limit_is_where_the_roots_cross(spec: RobotSpec, study: RobotStudy):
+def test_every_limit_is_where_the_roots_cross(spec: System, study: RobotStudy):
     (state,) = study.states
-    model, controller = state.model, spec.control.joints
+    model, controller = state.model, spec.control.controller
     assert isinstance(controller, gr.PD)
     assert crosses(*(state.loop.scaled((1 + sign * NEAR) * state.limit.gain) for sign in (-1, 1)))
 
@@ -119,7 +119,7 @@ def test_every_limit_is_where_the_roots_cross(spec: RobotSpec, study: RobotStudy
         assert row.single_joint_limit == approx(gr.margins(single).gain_margin, rel=1e-9)
 
 
-def test_every_task_direction_too(spec: RobotSpec, study: RobotStudy):
+def test_every_task_direction_too(spec: System, study: RobotStudy):
     (state,) = study.states
     found = state.tasks
     assert found is not None
@@ -148,7 +148,7 @@ def test_control_in_task_space_is_the_tasks_limit(folder: Path, study: RobotStud
     assert [row.kd for row in state.joints] == approx(np.diagonal(gains[1]))
 
 
-def test_progress_counts_states(spec: RobotSpec):
+def test_progress_counts_states(spec: System):
     said: list[tuple[int, int, str]] = []
     study_robot(spec, lambda done, total, what: said.append((done, total, what)), recommend=False)
     assert said == [(0, 1, "state bent, free"), (1, 1, "")]
@@ -241,7 +241,7 @@ def test_audit_agrees_with_the_robot_file(folder: Path, study: RobotStudy):
 
 
 def test_audit_vibrates_from_its_delay_limit(folder: Path):
-    def spec_at(delay: float) -> RobotSpec:
+    def spec_at(delay: float) -> System:
         return audit_spec(str(folder / "robot.urdf"), folder / "gains.yaml", AuditOptions(1e3 * delay, motor_inertia=0.5))
 
     for delay in (2e-3, 30e-3):  # stable, and unstable: then the limit is below
@@ -250,7 +250,7 @@ def test_audit_vibrates_from_its_delay_limit(folder: Path):
         loops = []
         for sign in (-1, 1):
             spec = spec_at(limit * (1 + sign * NEAR))
-            loops.append(spec.loop(spec.robot.linearize()))
+            loops.append(spec.loop(spec.source.linearize()))
         assert crosses(*loops)
 
 
@@ -277,7 +277,7 @@ def test_joints_without_gains_are_held_still(folder: Path, tmp_path: Path):
     (tmp_path / "hip.yaml").write_text("hip: {kp: 900, kd: 40}", "utf-8")
     result = audit(audit_spec(str(folder / "robot.urdf"), tmp_path / "hip.yaml", AuditOptions(2.0, motor_inertia=0.5)))
     assert [joint.name for joint in result.joints] == ["hip"]
-    assert any("held, as they have no gains: knee" in assumption for assumption in result.spec.assumptions)
+    assert any("held, as they have no gains: knee" in assumption for assumption in result.system.assumptions)
 
 
 def test_audit_json_and_status(folder: Path, capsys: pytest.CaptureFixture[str]):
@@ -312,7 +312,7 @@ def test_audit_json_and_status(folder: Path, capsys: pytest.CaptureFixture[str])
     ],
 )
 def test_bad_options(folder: Path, options: dict, words: list[str]):
-    def make() -> RobotSpec:
+    def make() -> System:
         return audit_spec(str(folder / "robot.urdf"), folder / "gains.yaml", AuditOptions(**{"delay_ms": 2.0, **options}))
 
     assert_refused(make, words)

@@ -10,10 +10,10 @@ import pytest
 
 from gainroom.cli import main
 from gainroom.errors import GainroomError
-from gainroom.files.robot_yaml import load_robot_spec
+from gainroom.files.robot_yaml import load_robot_system
 from gainroom.simulation.onset import linear_vibration
 from gainroom.studies import verification
-from gainroom.studies.verification import verify_robot
+from gainroom.studies.verification import verify
 from robot_files import ROBOT, write_arm
 
 
@@ -61,15 +61,15 @@ def test_without_mujoco_the_linear_witness_is_left(tmp_path: Path, monkeypatch: 
         raise GainroomError("MuJoCo is missing")
 
     monkeypatch.setattr(verification, "library", missing)
-    found = verify_robot(load_robot_spec(write_arm(tmp_path)))
+    found = verify(load_robot_system(write_arm(tmp_path)))
     assert {case.witness for case in found.cases} == {"linear"}
     assert found.warnings == ("MuJoCo as a witness: MuJoCo is missing",)
 
 
 def test_a_knock_reaches_the_vibration_of_legs_against_each_other():
     """The biped's tightest mode moves both legs with opposite rolls: a knock with the legs' symmetry would not see it grow."""
-    spec = load_robot_spec(Path(str(files("gainroom") / "files" / "examples" / "biped.yaml")))
-    loop = replace(spec, control=replace(spec.control, sample_time=5e-4)).loop(spec.robot.linearize("stand", "double"))
+    spec = load_robot_system(Path(str(files("gainroom") / "files" / "examples" / "biped.yaml")))
+    loop = replace(spec, control=replace(spec.control, sample_time=5e-4)).loop(spec.source.linearize("stand", "double"))
     limit = verification.gain_limit(loop)
     assert np.sum(np.abs(limit.mode) > 0.3) > 2  # a mode of many joints
     for factor, grows in ((0.9995, False), (1.0005, True)):

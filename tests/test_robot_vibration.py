@@ -9,7 +9,7 @@ import pytest
 
 import gainroom as gr
 from gainroom.cli import main
-from gainroom.files.robot_yaml import load_robot_spec, parse_robot
+from gainroom.files.robot_yaml import load_robot_system, parse_robot
 from gainroom.report.simulation import simulation_page
 from gainroom.report.simulation_text import sentence, warnings
 from gainroom.simulation.robot_simulation import RobotSimulation
@@ -25,19 +25,19 @@ MOVING = ROBOT + "scenario: {duration: 1.5, move: {joint: '.*', by: 0.5, duratio
 
 def limit_of(folder: Path, text: str) -> float:
     """By the front door."""
-    spec = load_robot_spec(write_arm(folder, text))
-    return gr.gain_limit(spec.loop(spec.robot.linearize(None, None))).gain
+    spec = load_robot_system(write_arm(folder, text))
+    return gr.gain_limit(spec.loop(spec.source.linearize(None, None))).gain
 
 
 def simulated(folder: Path, text: str, gain: float) -> Outcome:
-    return simulate_study(RobotSimulation.of(load_robot_spec(write_arm(folder, text))), gain)
+    return simulate_study(RobotSimulation.of(load_robot_system(write_arm(folder, text))), gain)
 
 
 def root_of(play: Outcome) -> complex:
     """The rightmost of the linear loop that is played, with the scenario's viscous friction."""
     assert isinstance(play.spec, RobotSimulation)
-    spec = play.spec.spec
-    robot = replace(spec.robot, actuators=play.spec.setup.actuators)
+    spec = play.spec.system
+    robot = replace(spec.source, actuators=play.spec.setup.actuators)
     model = robot.linearize(spec.scenario.posture, spec.scenario.contact)
     return complex(gr.rightmost_roots(spec.loop(model).scaled(play.gain)).roots[0])
 
@@ -101,13 +101,13 @@ def test_a_vibration_before_a_fall_is_reported(tmp_path: Path):
         "{frame: FR_FOOT, type: point}, {frame: HL_FOOT, type: point}, ", ""
     )
     text = text.replace("duration: 1.0,", "duration: 2.0, move: {joint: '.*_HFE', by: 0.1, duration: 0.5},")
-    play = simulate_study(RobotSimulation.of(load_robot_spec(written(tmp_path, text))))
+    play = simulate_study(RobotSimulation.of(load_robot_system(written(tmp_path, text))))
     assert play.run.ending == "fell"
     assert play.vibration is not None
     assert play.vibration.frequency == pytest.approx(root_of(play).imag, rel=0.05)  # of the posture it began in: it has tilted since
     assert "vibrating at 16" in sentence(play)
     assert any("it vibrates before it falls" in warning for warning in warnings(play))
-    slow = simulate_study(RobotSimulation.of(load_robot_spec(written(tmp_path, text))), 0.5)
+    slow = simulate_study(RobotSimulation.of(load_robot_system(written(tmp_path, text))), 0.5)
     assert slow.run.ending == "fell"
     assert slow.vibration is None
 

@@ -18,8 +18,8 @@ from gainroom.analysis.box_loops import BoxLoop
 from gainroom.analysis.range_proof import prove
 from gainroom.design.joint_gains import recommend_pd
 from gainroom.studies.joint import study_joint
-from gainroom.system.joint_spec import JointSpec
 from gainroom.system.requirements import Requirements
+from gainroom.system.system import System
 from uncertain_joints import MET, Uncertain, draw_uncertain, worst_found
 
 SEED = int(os.environ.get("GAINROOM_SEED", "1"))
@@ -136,7 +136,7 @@ def test_nothing_false_is_proved(name, sample_time):
     assert not proof.holds
 
 
-def hidden_window() -> tuple[JointSpec, float]:
+def hidden_window() -> tuple[System, float]:
     """A joint whose gains are unstable only for stiffnesses within 1 % of one, between the cases looked at; and that stiffness."""
     joint, drive = gr.ElasticJoint(0.2, 0.8, 1e4, 0.3), gr.Drive(4000.0, 0.9, 8e-3)
 
@@ -148,7 +148,7 @@ def hidden_window() -> tuple[JointSpec, float]:
     # a range in which it lies at 0.53, between the places 1/2 and 9/16 of a filling of 16
     ends = worst / 1.8**0.53, worst * 1.8**0.47
     controller, ranges = gr.PD(60.0 * gain, 4.0 * gain), gr.Uncertainty(stiffness=ends)
-    return JointSpec(replace(joint, stiffness=ends[0]), drive, controller, "motor", uncertainty=ranges), worst
+    return System.of_joint(replace(joint, stiffness=ends[0]), drive, controller, "motor", uncertainty=ranges), worst
 
 
 def test_an_instability_inside_the_ranges_is_found():
@@ -158,11 +158,11 @@ def test_an_instability_inside_the_ranges_is_found():
     assert not study.stable_in_range
     found = study.unstable_at["stiffness"]
     assert found == pytest.approx(worst, rel=0.02)
-    assert not gr.is_stable(replace(spec, joint=replace(spec.joint, stiffness=found)).loop())
+    assert not gr.is_stable(spec.with_values(stiffness=found).loop())
 
 
 def test_stable_gains_are_proved_stable_in_the_ranges():
-    study = study_joint(JointSpec(*TESTBED, gr.PD(100.0, 5.0), "motor", 5e-4, uncertainty=RANGES))
+    study = study_joint(System.of_joint(*TESTBED, gr.PD(100.0, 5.0), "motor", 5e-4, uncertainty=RANGES))
     assert study.stable_in_range
     assert study.range_proved
 

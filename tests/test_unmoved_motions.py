@@ -1,7 +1,6 @@
 """Motions that no gain moves: left out of verdict, limit and roots alike, and listed apart; where they grow, they count."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +11,7 @@ from gainroom.cli import main
 from gainroom.cli.example import joint_examples
 from gainroom.files import joint_yaml as config
 from gainroom.linear.transfer_function import ratio
+from gainroom.report import joint_text
 from gainroom.system.plant import Compliance
 
 DRIVE = gr.Drive(4000.0, 0.9, 2e-3)
@@ -92,7 +92,7 @@ HOLDS_OR_DRIFTS = [
 def test_one_joint_that_drifts_is_told_so(controller, drifts, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
     """A file's kp must be above 0; a script's may be 0."""
     spec = config.parse_joint(joint_examples()["testbed"], "testbed")
-    monkeypatch.setattr(config, "load_joint", lambda file: replace(spec, controller=controller))
+    monkeypatch.setattr(config, "load_joint", lambda file: spec.with_controller(controller))
     for as_json in (False, True):
         assert main(["joint", "testbed", *(["--json"] if as_json else [])]) == 0
         out = capsys.readouterr().out
@@ -103,7 +103,7 @@ def test_one_joint_that_drifts_is_told_so(controller, drifts, monkeypatch: pytes
 @pytest.mark.parametrize("last", [0.0, 1.0])
 def test_a_compensator_that_passes_no_standing_error_drifts(last):
     spec = config.parse_joint(joint_examples()["testbed"], "testbed")
-    warnings = gr.study_joint(replace(spec, controller=gr.Compensator(ratio([10.0, last], [1e-3, 1.0])))).warnings
+    warnings = joint_text.warnings(gr.study_joint(spec.with_controller(gr.Compensator(ratio([10.0, last], [1e-3, 1.0])))))
     assert any("against a standing error: nothing holds the joint's position" in warning for warning in warnings) is (last == 0)
 
 

@@ -11,7 +11,7 @@ from gainroom.cli.example import joint_examples
 from gainroom.files.joint_yaml import parse_joint
 from gainroom.report.verification_text import percent, sentence
 from gainroom.studies import verification
-from gainroom.studies.verification import Case, Verification, growth_about, verify_joint
+from gainroom.studies.verification import Case, Verification, growth_about, verify
 
 SAMPLED = joint_examples()["testbed-sampled"]
 CASE_KEYS = {"what", "witness", "predicted_gain", "simulated_gain", "predicted_frequency_rad_s", "simulated_frequency_rad_s"}
@@ -29,7 +29,7 @@ def with_control(control: str) -> str:
 )
 def test_simulation_finds_the_predicted_limit(control: str):
     """Asked for: 0.1 %. The onset is closed in on to 1e-6, so that 1e-4 leaves a hundredfold room and still catches any real difference."""
-    (case,) = verify_joint(parse_joint(with_control(control), "")).cases
+    (case,) = verify(parse_joint(with_control(control), "")).cases
     assert case.witness == "linear"
     assert case.agrees
     assert case.simulated_gain == pytest.approx(case.predicted_gain, rel=1e-4)
@@ -39,13 +39,13 @@ def test_simulation_finds_the_predicted_limit(control: str):
 def test_fast_ticks_and_a_slow_vibration():
     """At 40 kHz the last 4000 ticks would hold five periods only, and a hundred are run."""
     text = SAMPLED.replace("sample_rate_hz: 2000 ", "sample_rate_hz: 40000 ")
-    (case,) = verify_joint(parse_joint(text, "")).cases
+    (case,) = verify(parse_joint(text, "")).cases
     assert case.agrees
 
 
 def test_a_loop_that_no_gain_steadies():
     """Without kd the delay turns the resonance unstable at every kp."""
-    (case,) = verify_joint(parse_joint(SAMPLED.replace("kd: 70.0", "kd: 0.0").replace("damping: 1.0 ", "damping: 0.0 "), "")).cases
+    (case,) = verify(parse_joint(SAMPLED.replace("kd: 70.0", "kd: 0.0").replace("damping: 1.0 ", "damping: 0.0 "), "")).cases
     assert case.predicted_gain == case.simulated_gain == 0
     assert case.agrees
 
@@ -56,7 +56,7 @@ def test_a_loop_that_nothing_shakes(monkeypatch: pytest.MonkeyPatch):
     text += "control: {type: pd, kp: 10.0, kd: 3.0, feedback: motor, sample_rate_hz: 5000}\n"
     right = verification.gain_limit
     monkeypatch.setattr(verification, "gain_limit", lambda loop: replace(right(loop), gain=float("inf"), frequency=float("nan")))
-    (case,) = verify_joint(parse_joint(text, "")).cases
+    (case,) = verify(parse_joint(text, "")).cases
     assert right(parse_joint(text, "").loop()).gain > 1000
     assert case.simulated_gain == float("inf")
     assert case.agrees

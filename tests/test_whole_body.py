@@ -9,10 +9,10 @@ from numpy.testing import assert_allclose
 from gainroom.errors import GainroomError
 from gainroom.robot.contact import Contact, contact_jacobian
 from gainroom.robot.linearize import linearize
-from gainroom.robot.spec import RobotControl
 from gainroom.robot.tasks import Task, tasks_of
 from gainroom.simulation.whole_body import PostureEstimate, WholeBodyControl, stance_of, values_of
 from gainroom.system.controller import PD
+from gainroom.system.system import Control
 from robot_truths import BOTH, actuators, any_posture, biped, biped_posture, feet, move_on_contacts
 
 TICK = 5e-4
@@ -21,7 +21,7 @@ STACK = (
     Task(name="pelvis", kind="orientation", frame="pelvis", kp=100, kd=20),
     Task(name="rest", kind="posture", kp=30, kd=5),
 )
-TASK_SPACE = RobotControl("task", None, "motor", TICK)
+TASK_SPACE = Control("task", None, "motor", TICK)
 CONTACTS = {"double": BOTH, "left": feet("left_sole"), "flight": [], "line": [Contact("left_sole", "line"), Contact("right_sole")]}
 TINY = 1e-6
 
@@ -105,7 +105,7 @@ def test_the_weight_is_held(body, held):
 def test_joint_space_is_joint_pd_and_weight(body):
     q = biped_posture(body)
     gains = PD(np.full(12, 2000.0), np.full(12, 100.0))
-    control = RobotControl("joint", gains, "motor", TICK)
+    control = Control("joint", gains, "motor", TICK)
     running = control_of(body, q, BOTH, control, stack=())
     rest, offset = body.angles(q), np.linspace(0, 0.01, 12)
     start = running.tick(rest, 0 * offset)[0]

@@ -18,15 +18,16 @@ if TYPE_CHECKING:
     from .errors import GainroomError
     from .files.robot_yaml import load_robot
     from .simulation import Friction, Scenario, Testbed, simulate
+    from .studies.analysis import Analysis, State, analyze
     from .studies.joint import JointStudy, study_joint
     from .system.closed_loop import ClosedLoop, closed_loop
     from .system.controller import PD, PID, PPI, Compensator
     from .system.drive import Drive
     from .system.filters import LowPass, Notch
-    from .system.joint_spec import JointSpec
     from .system.loop import Loop, build_loop, loop_from
     from .system.plant import Compliance, ElasticJoint, Plant
     from .system.requirements import Requirements
+    from .system.system import Control, JointSpec, System
     from .system.uncertainty import Uncertainty
 
 __version__ = "0.1.0"
@@ -46,7 +47,8 @@ _HOME = {
     "design.joint_gains": ("recommend_pd", "Recommendation"),
     "system.requirements": ("Requirements",),
     "system.uncertainty": ("Uncertainty",),
-    "system.joint_spec": ("JointSpec",),
+    "system.system": ("System", "Control", "JointSpec"),
+    "studies.analysis": ("analyze", "Analysis", "State"),
     "studies.joint": ("study_joint", "JointStudy"),
     "files.robot_yaml": ("load_robot",),
     "simulation": ("Scenario", "simulate", "Testbed", "Friction"),
@@ -59,9 +61,11 @@ __all__ = [
     "PD",
     "PID",
     "PPI",
+    "Analysis",
     "ClosedLoop",
     "Compliance",
     "Compensator",
+    "Control",
     "Drive",
     "ElasticJoint",
     "Friction",
@@ -80,8 +84,11 @@ __all__ = [
     "Requirements",
     "Roots",
     "Scenario",
+    "State",
+    "System",
     "Testbed",
     "Uncertainty",
+    "analyze",
     "build_loop",
     "closed_loop",
     "gain_limit",

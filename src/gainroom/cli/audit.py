@@ -73,10 +73,10 @@ def audit(
         delay_ms, rate_hz, stiffness, damping, motor_inertia, bandwidth, base, tuple(contact or ()), tuple(posture or ())
     )
     margin = margin_factor(margin_db)
-    spec = audit_spec(model, gains, options)
+    system = audit_spec(model, gains, options)
     with report_stream(report) as page:
         with progress_bar("audit:") as progress:
-            result = run_audit(spec, margin, progress)
+            result = run_audit(system, margin, progress)
         if as_json:
             emit_json(_facts(result))
         else:
@@ -117,7 +117,7 @@ def _facts(result: "Audit") -> dict[str, Any]:
     return {
         "safe": result.safe,
         "sentence": audit_sentence(result),
-        "model": model_kind(result.spec.control.sample_time),
+        "model": model_kind(result.system.control.sample_time),
         "margin_db": as_typed(decibels(result.margin)),
         "stable": all(state.limit.stable for state in result.states),
         "gain_limit": result.tightest.limit.gain,
@@ -125,10 +125,10 @@ def _facts(result: "Audit") -> dict[str, Any]:
         "delay_limit_ms": 1e3 * result.delay_limit,
         "limiting_joints": list(result.limiting_joints),
         "posture": result.angles,
-        "base": result.spec.robot.body.base,
+        "base": result.system.source.body.base,
         "joints": [facts(AUDITED_JOINT, joint) for joint in result.joints],
         "states": [facts(columns, state) for state in result.states + result.immobile],
-        "assumptions": list(result.spec.assumptions),
+        "assumptions": list(result.system.assumptions),
         "warnings": list(audit_warnings(result)),
     }
 
@@ -138,7 +138,7 @@ def _terminal(result: "Audit", report: Path | None) -> str:
     from ..report.columns import AUDITED_JOINT, audited_states, definitions
     from ..report.robot_text import audit_sentence, audit_warnings
 
-    title = f"All joints together ({model_in_words(result.spec.control.sample_time)})"
+    title = f"All joints together ({model_in_words(result.system.control.sample_time)})"
     columns = audited_states(result.enough_in)
     return render(
         audit_sentence(result),
@@ -148,8 +148,8 @@ def _terminal(result: "Audit", report: Path | None) -> str:
         "",
         column_table("Joint by joint, in the worst state", AUDITED_JOINT, result.joints),
         joint_caption(result),
-        f"Posture: {result.states[0].posture}; {result.spec.robot.body.base} base",
+        f"Posture: {result.states[0].posture}; {result.system.source.body.base} base",
         *([] if report is None else [file_line("Report", report)]),
-        *(f"Assumed: {assumption}" for assumption in result.spec.assumptions),
+        *(f"Assumed: {assumption}" for assumption in result.system.assumptions),
         *(f"Warning: {warning}" for warning in audit_warnings(result)),
     )

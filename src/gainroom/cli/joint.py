@@ -44,11 +44,11 @@ def joint(
     """
     from ..files.joint_yaml import load_joint
 
-    spec = load_joint(file)
+    system = load_joint(file)
     with report_stream(report) as page:
         from ..studies.joint import study_joint
 
-        study = study_joint(spec)
+        study = study_joint(system)
         if as_json:
             emit_json(_facts(study))
         else:
@@ -63,15 +63,16 @@ def joint(
 def _facts(study: "JointStudy") -> dict[str, Any]:
     """What --json prints."""
     from ..report.columns import MARGIN, facts
+    from ..report.joint_text import sentence, warnings
 
-    margins, requirements, rule = study.margins, study.spec.requirements, study.rule
-    sample_time, recommended = study.spec.sample_time, study.recommended
+    margins, requirements, rule = study.margins, study.system.requirements, study.rule
+    sample_time, recommended = study.system.control.sample_time, study.recommended
     return {
         "stable": margins.stable,
         "stable_in_range": study.stable_in_range,
         "unstable_at": study.unstable_at or None,
         "range_proved": study.range_proved,
-        "sentence": study.sentence,
+        "sentence": sentence(study),
         "model": model_kind(sample_time),
         "sample_rate_hz": None if sample_time is None else 1 / sample_time,
         "unstable_roots": margins.unstable_roots,
@@ -81,6 +82,9 @@ def _facts(study: "JointStudy") -> dict[str, Any]:
         "gain_limit": study.limit.gain,
         "lower_gain_limit": study.limit.lower_gain,
         "limit_frequency_rad_s": study.limit.frequency,
+        "requirements_met": study.requirements_met,
+        "unmet": list(study.unmet),
+        "worst": facts(MARGIN, study.in_range.margins),
         "required": {
             "gain_margin_db": None if requirements.gain_margin is None else as_typed(decibels(requirements.gain_margin)),
             "phase_margin_deg": None if requirements.phase_margin is None else as_typed(math.degrees(requirements.phase_margin)),
@@ -88,7 +92,7 @@ def _facts(study: "JointStudy") -> dict[str, Any]:
         },
         "recommended": None if recommended is None else _recommended_facts(recommended),
         "rule": {"kp": rule.kp, "kd": rule.kd, "stable": rule.margins.stable, "margins": facts(MARGIN, rule.margins)},
-        "warnings": list(study.warnings),
+        "warnings": list(warnings(study)),
     }
 
 
@@ -113,13 +117,14 @@ def _recommended_facts(recommended: "Recommendation") -> dict[str, Any]:
 
 def _terminal(study: "JointStudy", report: Path | None) -> str:
     from ..report.columns import MARGIN
+    from ..report.joint_text import sentence, warnings
 
-    model, bounded = model_in_words(study.spec.sample_time), [column.title for column in MARGIN if column.requirement]
+    model, bounded = model_in_words(study.system.control.sample_time), [column.title for column in MARGIN if column.requirement]
     parts: list[Any] = [
-        study.sentence,
+        sentence(study),
         "",
         table(f"Margins ({model})", ("", "value", "at", "required", "met"), _margin_rows(study)),
-        table("Gains", ("", *plane_names(study.spec.controller), *bounded), _gain_rows(study)),
+        table("Gains", ("", *plane_names(study.system.control.controller), *bounded), _gain_rows(study)),
     ]
     if study.recommended is not None:
         controller = study.recommended.controller
@@ -129,7 +134,7 @@ def _terminal(study: "JointStudy", report: Path | None) -> str:
     parts.append("10 Hz rule: kp = J ω², kd = 2 ζ J ω with ω = 2π·10 rad/s, ζ = 2, J the motor inertia.")
     if report is not None:
         parts.append(file_line("Report", report))
-    parts += [f"Warning: {warning}" for warning in study.warnings]
+    parts += [f"Warning: {warning}" for warning in warnings(study)]
     return render(*parts)
 
 
@@ -155,14 +160,14 @@ def _margin_rows(study: "JointStudy") -> list[tuple[str, ...]]:
 
     stable = study.margins.stable
     rows = [("stable", "yes" if stable else "NO", "", "yes", yes(stable))]
-    if study.spec.uncertainty.names:
+    if study.system.uncertainty.names:
         text = "NO" if not study.stable_in_range else "yes" if study.range_proved else "not proved"
         rows.append(("stable in the stated ranges", text, "", "yes", "" if text == "not proved" else yes(study.stable_in_range)))
-    return [*rows, *judged_rows(study.margins, study.spec.requirements)]
+    return [*rows, *judged_rows(study.margins, study.system.requirements)]
 
 
 def _gain_rows(study: "JointStudy") -> list[tuple[str, ...]]:
-    controller, recommended, rule = study.spec.controller, study.recommended, study.rule
+    controller, recommended, rule = study.system.control.controller, study.recommended, study.rule
     kp_name, kd_name = plane_names(controller)
     kp, kd = controller.plane_gains()
     rows = [("this file's", digits(kp), digits(kd), *_margin_cells(study.margins))]
@@ -170,7 +175,7 @@ def _gain_rows(study: "JointStudy") -> list[tuple[str, ...]]:
     rows.append((f"largest {kp_name} of all", digits(study.max_kp), digits(_kd_at_the_top(study)), "", "", ""))
     if recommended is not None:
         gains = digits(recommended.kp), digits(recommended.kd)
-        if study.spec.uncertainty.names:
+        if study.system.uncertainty.names:
             rows.append(("recommended (worst case)", *gains, *_margin_cells(recommended.worst)))
             rows.append(("recommended (as stated)", *gains, *_margin_cells(recommended.nominal)))
         else:

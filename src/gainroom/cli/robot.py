@@ -36,14 +36,14 @@ def robot(
 
     Exit status: 0 stable in every state, also at the corners of `uncertainty`; 1 unstable; 2 the file or the call is wrong.
     """
-    from ..files.robot_yaml import load_robot_spec
+    from ..files.robot_yaml import load_robot_system
 
-    spec = load_robot_spec(file)
+    system = load_robot_system(file)
     with report_stream(report) as page:
         from ..studies.robot import study_robot
 
         with progress_bar("robot:") as progress:
-            study = study_robot(spec, progress)
+            study = study_robot(system, progress)
         if as_json:
             emit_json(_facts(study))
         else:
@@ -60,7 +60,7 @@ def _facts(study: "RobotStudy") -> dict[str, Any]:
     from ..report.columns import STATE, facts
     from ..report.robot_text import sentence, warnings
 
-    sample_time = study.spec.control.sample_time
+    sample_time = study.system.control.sample_time
     return {
         "stable": study.stable,
         "stable_in_range": study.stable_in_range,
@@ -72,7 +72,7 @@ def _facts(study: "RobotStudy") -> dict[str, Any]:
         "sample_rate_hz": None if sample_time is None else 1 / sample_time,
         "states": [facts(STATE, state) for state in study.every],
         "recommended": [_gains_facts(gains) for gains in study.recommended] or None,
-        "assumptions": list(study.spec.assumptions),
+        "assumptions": list(study.system.assumptions),
         "warnings": list(warnings(study)),
     }
 
@@ -116,20 +116,20 @@ def _terminal(study: "RobotStudy", report: Path | None) -> str:
     from ..report.robot_tables import joint_legend
     from ..report.robot_text import sentence, warnings
 
-    title = f"All joints together ({model_in_words(study.spec.control.sample_time)})"
+    title = f"All joints together ({model_in_words(study.system.control.sample_time)})"
     parts: list[Any] = [sentence(study), "", column_table(title, STATE, study.states + study.immobile), definitions(STATE), ""]
     for state in study.tightest_by_contact:
         parts += _contact_tables(state)
-    parts.append(joint_legend(study.spec.robot.body))
-    if len(study.spec.robot.postures) > 1:
+    parts.append(joint_legend(study.system.source.body))
+    if len(study.system.source.postures) > 1:
         parts.append("Of several postures, these tables show the tightest; --json has them all.")
     parts.append("")
     for gains in study.recommended:
-        parts += _gains_parts(gains, study.spec.robot.states[0])
-    parts.append(judged(study.spec))
+        parts += _gains_parts(gains, study.system.source.states[0])
+    parts.append(judged(study.system))
     if report is not None:
         parts.append(file_line("Report", report))
-    parts += [f"Assumed: {assumption}" for assumption in study.spec.assumptions]
+    parts += [f"Assumed: {assumption}" for assumption in study.system.assumptions]
     parts += [f"Warning: {warning}" for warning in warnings(study)]
     return render(*parts)
 

@@ -66,10 +66,10 @@ def simulate(
 def _load(file: Path) -> "SimulationSpec":
     """What the file describes."""
     if kind_of(file) == "robot":
-        from ..files.robot_yaml import load_robot_spec
+        from ..files.robot_yaml import load_robot_system
         from ..simulation.robot_simulation import RobotSimulation
 
-        return RobotSimulation.of(load_robot_spec(file))
+        return RobotSimulation.of(load_robot_system(file))
     from ..files.joint_yaml import load_simulation
 
     return load_simulation(file)

@@ -1,7 +1,6 @@
 """gainroom verify: the predicted limit compared with simulation."""
 
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,10 +12,9 @@ from .output import emit, emit_json, file_line, render, table
 from .progress import progress_bar
 
 if TYPE_CHECKING:
-    from ..robot.spec import RobotSpec
     from ..studies.simulation import Progress
     from ..studies.verification import Case, Verification
-    from ..system.joint_spec import JointSpec
+    from ..system.system import System
 
     Run = Callable[[Progress], Verification]
 
@@ -54,10 +52,12 @@ def verify(
     Exit status: 0 they agree within the tolerance (linear simulation: 0.1 %, MuJoCo: 2 %); 1 they do not; 2 the file or the call is wrong;
     130 interrupted.
     """
-    spec, run = _load(file)
+    system = _load(file)
     with report_stream(report) as page:
+        from ..studies.verification import verify as verified
+
         with progress_bar("verify:") as progress:
-            result = run(progress)
+            result = verified(system, progress)
         if as_json:
             emit_json(_facts(result))
         else:
@@ -65,25 +65,22 @@ def verify(
         if page is not None:
             from ..report.verification import verification_page
 
-            page.write(verification_page(spec, result, command_line("verify", file, "--report", report)))
+            page.write(verification_page(system, result, command_line("verify", file, "--report", report)))
     return 0 if result.agrees else 1
 
 
-def _load(file: Path) -> "tuple[RobotSpec | JointSpec, Run]":
-    """What the file describes, and the function that verifies it."""
-    from ..studies.verification import verify_joint, verify_robot
-
+def _load(file: Path) -> "System":
+    """What the file describes."""
     if kind_of(file) == "robot":
-        from ..files.robot_yaml import load_robot_spec
+        from ..files.robot_yaml import load_robot_system
         from ..simulation.robot_simulation import require_sampled
 
-        robot = load_robot_spec(file)
+        robot = load_robot_system(file)
         require_sampled(robot)
-        return robot, partial(verify_robot, robot)
+        return robot
     from ..files.joint_yaml import load_simulation
 
-    joint = load_simulation(file).joint
-    return joint, partial(verify_joint, joint)
+    return load_simulation(file).system
 
 
 def _facts(result: "Verification") -> dict[str, Any]:

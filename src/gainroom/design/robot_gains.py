@@ -19,12 +19,11 @@ import numpy as np
 from ..analysis.margin_record import GainLimit, Margins, worst_of
 from ..errors import margin_in_words
 from ..linear.arrays import Booleans, Floats, Integers
-from ..robot.spec import RobotSpec
-from ..robot.state_cases import StateCase, state_cases
 from ..system.controller import PD
 from ..system.loop import Loop
 from ..system.plant import ElasticJoint, Plant
 from ..system.requirements import Requirements
+from ..system.system import StateCase, System
 from .gain_search import Raised, raised_gains, stiffness
 from .joint_gains import recommend_pd
 from .margin_slopes import Case, Gains
@@ -162,37 +161,37 @@ class _Beginning:
         return np.array([np.where(self.cascade, softness, share * softness) * kp, share * kd, share * softness * ki])
 
 
-def recommend_robot(spec: RobotSpec, space: str = "joint", progress: Callable[[], None] = lambda: None) -> RobotGains:
+def recommend_robot(system: System, space: str = "joint", progress: Callable[[], None] = lambda: None) -> RobotGains:
     """Gains for the joints, or for the file's tasks (space "task").
 
     Raises GainroomError where nothing is required, and in task space without tasks.
     """
-    states = list(state_cases(spec, weight=space == "joint"))
+    states = list(system.cases(weight=space == "joint"))
     first = states[0].model
     found = [_joint_state(state) if space == "joint" else _task_state(state) for state in states]
     moved = [state.model for state, one in zip(states, found, strict=True) if one.moves.any()] or [first]
-    beginning = _joints_alone(spec, first, np.min([_link_inertia(model) for model in moved], axis=0))
+    beginning = _joints_alone(system, first, np.min([_link_inertia(model) for model in moved], axis=0))
     if space == "joint":
-        names, inertia = spec.robot.joint_names, first.motor_inertia + _link_inertia(first)
+        names, inertia = system.source.joint_names, first.motor_inertia + _link_inertia(first)
     else:
-        tasks = spec.robot.tasks(first, spec.control.rotors)
+        tasks = system.source.tasks(first, system.control.rotors)
         names, inertia = tasks.directions, None
         beginning = _tasks_alike(tasks, beginning)
     nearest: dict[str, str] = {}
     safe = _set(EVERYWHERE, found, beginning, progress, nearest)
     per_contact: dict[str, GainSet | None] = {}
-    for contact in spec.robot.contacts:
+    for contact in system.source.contacts:
         own = [state for state in found if state.contact == contact]
         whole = safe and replace(safe, contact=contact)
         per_contact[contact] = whole if len(own) == len(found) else _set(contact, own, beginning, progress, nearest, safe)
         if len(own) == len(found) and EVERYWHERE in nearest:
             nearest[contact] = nearest[EVERYWHERE]
-    return RobotGains(space, tuple(names), per_contact, safe, inertia, nearest, _unweighed(spec, space, states))
+    return RobotGains(space, tuple(names), per_contact, safe, inertia, nearest, _unweighed(system, space, states))
 
 
-def _unweighed(spec: RobotSpec, space: str, states: Sequence[StateCase]) -> tuple[str, ...]:
+def _unweighed(system: System, space: str, states: Sequence[StateCase]) -> tuple[str, ...]:
     """Where the weight cannot count although it should."""
-    if spec.robot.gravity is not None or spec.robot.body.base == "fixed" or space == "task":
+    if system.source.gravity is not None or system.source.body.base == "fixed" or space == "task":
         return ()
     return tuple(state.title for state in states if state.model.contacts and state.model.gravity_stiffness is None and not state.place)
 
@@ -343,10 +342,10 @@ def _link_inertia(model: "RobotModel") -> Floats:
     return np.minimum(1 / np.maximum(own, 1 / heaviest), heaviest)
 
 
-def _joints_alone(spec: RobotSpec, model: "RobotModel", lightest: Floats) -> _Beginning:
+def _joints_alone(system: System, model: "RobotModel", lightest: Floats) -> _Beginning:
     """What each joint alone is recommended, with its lightest load and its longest delay."""
     size = model.size
-    latest = [drive.delay for drive in spec.drives] if spec.uncertainty.delay is None else spec.uncertainty.delay[1].tolist()
+    latest = [drive.delay for drive in system.drives] if system.uncertainty.delay is None else system.uncertainty.delay[1].tolist()
     heaviest = float(lightest.max())
     known: dict[tuple, tuple[float, float]] = {}
     gains, unit = np.zeros((3, size)), np.zeros(size)
@@ -355,15 +354,15 @@ def _joints_alone(spec: RobotSpec, model: "RobotModel", lightest: Floats) -> _Be
         unit[k] = float(model.motor_inertia[k]) + link
         # As if its inertia were 1: then what is rounded does not hang on units.
         parts: dict[str, Any] = {name: float(getattr(model, name)[k]) / unit[k] for name in _JOINT}
-        joint, drive = ElasticJoint(link_inertia=link / unit[k], **parts), replace(spec.drives[k], delay=latest[k])
+        joint, drive = ElasticJoint(link_inertia=link / unit[k], **parts), replace(system.drives[k], delay=latest[k])
         key = (*parts.values(), joint.link_inertia, drive)
         if key not in known:
-            known[key] = _alone(spec, joint, drive)
+            known[key] = _alone(system, joint, drive)
         gains[:2, k] = unit[k] * np.array(known[key])
     data = [*(np.asarray(getattr(model, name), dtype=float) for name in _JOINT), np.array(latest)]
-    data += [np.array([getattr(drive, name) for drive in spec.drives]) for name in ("bandwidth", "damping_ratio")]
-    if spec.control.weight is not None:
-        unit, data = unit * spec.control.weight, [*data, spec.control.weight]
+    data += [np.array([getattr(drive, name) for drive in system.drives]) for name in ("bandwidth", "damping_ratio")]
+    if system.control.weight is not None:
+        unit, data = unit * system.control.weight, [*data, system.control.weight]
     return _Beginning(gains, unit, data, np.zeros(size, dtype=bool))
 
 
@@ -379,11 +378,11 @@ def _tasks_alike(tasks: "Tasks", joints: _Beginning) -> _Beginning:
     return _Beginning(gains, tasks.weight, [], tasks.cascade)
 
 
-def _alone(spec: RobotSpec, joint: ElasticJoint, drive) -> tuple[float, float]:
+def _alone(system: System, joint: ElasticJoint, drive) -> tuple[float, float]:
     """Recommended kp and kd of one joint; a critically damped guess where nothing limits it."""
-    template = PD(1.0, 1.0, velocity_filter=spec.control.velocity_filter, notches=spec.control.notches)
-    place = {"feedback": spec.control.feedback, "sample_time": spec.control.sample_time, "controller": template}
-    found = recommend_pd(joint, drive, spec.requirements, **place)
+    template = PD(1.0, 1.0, velocity_filter=system.control.velocity_filter, notches=system.control.notches)
+    place = {"feedback": system.control.feedback, "sample_time": system.control.sample_time, "controller": template}
+    found = recommend_pd(joint, drive, system.requirements, **place)
     if found is not None:
         return found.kp, found.kd
     inertia, crossover = joint.motor_inertia + joint.link_inertia, 0.2 / max(drive.delay + 2 / drive.bandwidth, 1e-3)
@@ -391,31 +390,31 @@ def _alone(spec: RobotSpec, joint: ElasticJoint, drive) -> tuple[float, float]:
 
 
 def _joint_state(state: StateCase) -> _State:
-    spec, size = state.spec, state.model.size
+    system, size = state.system, state.model.size
 
     def case(model: "RobotModel") -> Case:
-        first = spec.loop(model, spec.shaped(PD(np.ones(size), np.ones(size)))).remembering()
+        first = system.loop(model, system.filtered(PD(np.ones(size), np.ones(size)))).remembering()
 
         def loop(gains: Gains) -> Loop:
-            return first.regained(spec.shaped(PD(gains[0], gains[1])))
+            return first.regained(system.filtered(PD(gains[0], gains[1])))
 
-        return Case(state.title, loop, np.eye(size), np.eye(size), np.zeros(size, dtype=bool), spec.requirements)
+        return Case(state.title, loop, np.eye(size), np.eye(size), np.zeros(size, dtype=bool), system.requirements)
 
-    return _both(state, case, joints_that_move(state.model, spec.control.feedback), _link_inertia(state.model))
+    return _both(state, case, joints_that_move(state.model, system.control.feedback), _link_inertia(state.model))
 
 
 def _task_state(state: StateCase) -> _State:
-    spec = state.spec
-    tasks = spec.robot.tasks(state.model, spec.control.rotors)
+    system = state.system
+    tasks = system.source.tasks(state.model, system.control.rotors)
 
     def case(model: "RobotModel") -> Case:
-        first = spec.loop(model, spec.shaped(tasks.controller())).remembering()
+        first = system.loop(model, system.filtered(tasks.controller())).remembering()
 
         def loop(gains: Gains) -> Loop:
             kp, kd, ki = gains
-            return first.regained(spec.shaped(replace(tasks, kp=kp, kd=kd, ki=ki).controller()))
+            return first.regained(system.filtered(replace(tasks, kp=kp, kd=kd, ki=ki).controller()))
 
-        return Case(state.title, loop, tasks.torque, tasks.jacobian, tasks.cascade, spec.requirements)
+        return Case(state.title, loop, tasks.torque, tasks.jacobian, tasks.cascade, system.requirements)
 
     return _both(state, case, tasks.movable, np.arange(1.0, len(tasks.kp) + 1))
 

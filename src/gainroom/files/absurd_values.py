@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import GainroomError
-from ..robot.plausibility import unusual_robot
-from ..robot.spec import RobotSpec
+from ..system.plausibility import unusual_values
+from ..system.system import System
 from .system_sections import refuse_long_delay
 
 MOST_LAG = 1e4
@@ -17,20 +17,20 @@ MOST_TICKS = 600
 """Of delay, all joints together: half a minute on two joints; 50 joints may have 12 each."""
 
 
-def examined(spec: RobotSpec) -> RobotSpec:
+def examined(system: System) -> System:
     """The same with warnings for what lies far outside the usual. Raises GainroomError for what no robot has."""
-    _refuse_absurd(spec)
-    return replace(spec, warnings=(*spec.warnings, *unusual_robot(spec)))
+    _refuse_absurd(system)
+    return replace(system, warnings=(*system.warnings, *unusual_values(system)))
 
 
-def _refuse_absurd(spec: RobotSpec) -> None:
+def _refuse_absurd(system: System) -> None:
     """Raise GainroomError for delays of too many ticks, nominal or at their highest, and for loops far too quick for their delay."""
-    names, delays = spec.robot.joint_names, [drive.delay for drive in spec.drives]
-    for each in (delays, *([] if spec.uncertainty.delay is None else [spec.uncertainty.delay[1].tolist()])):
-        _refuse_long_delays(names, each, spec.control.sample_time)
-    if spec.control.joints is not None:
-        _refuse_quick_joints(spec)
-    for index, task in enumerate(spec.robot.stack):  # gains are accelerations
+    names, delays = system.source.joint_names, [drive.delay for drive in system.drives]
+    for each in (delays, *([] if system.uncertainty.delay is None else [system.uncertainty.delay[1].tolist()])):
+        _refuse_long_delays(names, each, system.control.sample_time)
+    if system.control.controller is not None:
+        _refuse_quick_joints(system)
+    for index, task in enumerate(system.source.stack):  # gains are accelerations
         stiff, damped = (float(np.max(np.asarray(gain, dtype=float))) for gain in (task.kp, task.kd))
         _refuse_lag(f"tasks[{index}]: with gains of {stiff:g} 1/s² and {damped:g} 1/s", stiff, damped, max(delays))
 
@@ -46,16 +46,16 @@ def _refuse_long_delays(names: Sequence[str], delays: Sequence[float], sample_ti
         )
 
 
-def _refuse_quick_joints(spec: RobotSpec) -> None:
+def _refuse_quick_joints(system: System) -> None:
     """Gains that would move a joint many times within its delay: that is no loop, but a slip of units."""
-    body, actuators = spec.robot.body, spec.robot.actuators
-    assert spec.control.joints is not None
+    body, actuators = system.source.body, system.source.actuators
+    assert system.control.controller is not None
     links = np.diag(body.mass_matrix(body.neutral()))[body.nv - body.size :]
     inertia = actuators.motor_inertia + np.where(np.isinf(actuators.stiffness), links, 0.0)
-    stiff, damped = (np.broadcast_to(np.asarray(gain, dtype=float), (body.size,)) for gain in spec.control.joints.plane_gains())
+    stiff, damped = (np.broadcast_to(np.asarray(gain, dtype=float), (body.size,)) for gain in system.control.controller.plane_gains())
     for k, name in enumerate(body.joint_names):
         gains = f"kp {stiff[k]:g} N·m/rad, kd {damped[k]:g} N·m·s/rad and an inertia of {inertia[k]:g} kg·m²"
-        _refuse_lag(f"joint {name!r}: with {gains}", stiff[k] / inertia[k], damped[k] / inertia[k], spec.drives[k].delay)
+        _refuse_lag(f"joint {name!r}: with {gains}", stiff[k] / inertia[k], damped[k] / inertia[k], system.drives[k].delay)
 
 
 def _refuse_lag(owner: str, stiff: float, damped: float, delay: float) -> None:

@@ -22,7 +22,7 @@ from ..robot.body import Base, RigidBody
 from ..robot.formats.model_files import keyframes, load_model
 from ..robot.formats.model_names import locate
 from ..robot.name_patterns import DEFAULT, select
-from ..robot.spec import RobotSpec
+from ..system.system import System
 from .absurd_values import examined
 from .file_types import kind_of_file, wrong_kind
 from .gain_files import JointGains, gains_of, read_gains
@@ -102,7 +102,7 @@ def margin_factor(decibels: float) -> float:
     return 10 ** (checked("--margin-db", decibels, number(least=0, most=100)) / 20)
 
 
-def audit_spec(model: str, gains: Path | None, options: AuditOptions) -> RobotSpec:
+def audit_spec(model: str, gains: Path | None, options: AuditOptions) -> System:
     """A robot with the gains it has; joints without gains are held.
 
     model   a URDF or MJCF, or a name of robot_descriptions
@@ -124,7 +124,7 @@ def audit_spec(model: str, gains: Path | None, options: AuditOptions) -> RobotSp
         spec = robot_spec(file, str(path), path)
     with named(str(source)):
         spec = examined(spec)
-    assumptions = (*spec.assumptions, *_assumptions(spec.robot.body, file.joints.locked, options))
+    assumptions = (*spec.assumptions, *_assumptions(spec.source.body, file.joints.locked, options))
     return replace(spec, assumptions=assumptions, warnings=(*found.notes, *spec.warnings))
 
 

@@ -9,7 +9,7 @@ from ..errors import GainroomError
 from ..io.validation import NotNegative, Positive, PositiveOrInfinite, Section, number, refusal, typed
 from ..simulation import Chirp, Friction, Multisine, Scenario, Spline, Step, Trajectory
 from ..simulation.spec import JointSimulation
-from ..system.joint_spec import JointSpec
+from ..system.system import System
 from .system_sections import rad_per_s
 
 FURTHEST_REFERENCE = 1000.0  # [rad] that a reference may reach; a run has diverged at ten times as much
@@ -220,11 +220,11 @@ class ScenarioSection(Section):
                 raise refusal(f"{start:g} s must be before the run ends: scenario.duration is {self.duration:g} s", key=f"{name}.start")
         return self
 
-    def spec(self, joint: JointSpec) -> JointSimulation:
+    def spec(self, joint: System) -> JointSimulation:
         """With its joint, in SI. Raises GainroomError where the two do not go together."""
-        if 1e-3 * self.jitter_ms > joint.drive.delay:
-            raise GainroomError(f"scenario.jitter_ms: {self.jitter_ms:g} must be <= the drive's delay, {1e3 * joint.drive.delay:g} ms")
-        highest = math.inf if joint.sample_time is None else math.pi / joint.sample_time
+        if 1e-3 * self.jitter_ms > joint.delay:
+            raise GainroomError(f"scenario.jitter_ms: {self.jitter_ms:g} must be <= the drive's delay, {1e3 * joint.delay:g} ms")
+        highest = math.inf if joint.control.sample_time is None else math.pi / joint.control.sample_time
         reference, disturbance = self.reference.trajectory(), self.disturbance
         if reference.fastest >= highest:
             raise GainroomError(

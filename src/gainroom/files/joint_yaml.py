@@ -1,4 +1,4 @@
-"""joint.yaml: one joint, its drive, its controller and requirements, checked and turned into a JointSpec.
+"""joint.yaml: one joint, its drive, its controller and requirements, checked and turned into a System.
 
 Everything is SI and radians except where a key's name carries another unit (delay_ms, sample_rate_hz, gain_margin_db).
 """
@@ -12,9 +12,8 @@ from pydantic import Field
 from ..errors import GainroomError, named
 from ..io.validation import NotNegative, Positive, PositiveOrInfinite, validate
 from ..io.yaml_text import read_text
-from ..system.joint_spec import JointSpec
 from ..system.plant import ElasticJoint
-from ..system.uncertainty import Uncertainty
+from ..system.system import System
 from .file_types import parse_as
 from .system_sections import ControlSection, GearboxSection, PositiveInterval, Stiffness, SystemFile, UncertaintySection, refuse_long_delay
 
@@ -26,7 +25,7 @@ MOST_DAMPED = 1e4
 """Damping ratio of motor and spring: beyond it the spring has no effect."""
 
 
-def load_joint(path: Path) -> JointSpec:
+def load_joint(path: Path) -> System:
     """The joint that a joint.yaml describes.
 
     Raises GainroomError, one line that names the file, the key, the value and what is allowed.
@@ -34,7 +33,7 @@ def load_joint(path: Path) -> JointSpec:
     return parse_joint(read_text(path), str(path))
 
 
-def parse_joint(text: str, source: str) -> JointSpec:
+def parse_joint(text: str, source: str) -> System:
     """As load_joint, for the text of a file that messages call `source`."""
     file = _file(text, source)
     if file.scenario != {}:
@@ -107,23 +106,22 @@ class JointFile(SystemFile[JointControlSection, JointUncertaintySection]):
     joint: JointSection = Field(description="the inertias and the gearbox")
     scenario: Any = Field(default_factory=dict, description="what happens to the joint: a ScenarioSection")
 
-    def spec(self) -> JointSpec:
+    def spec(self) -> System:
         """In SI units. Raises GainroomError where sections contradict each other."""
         joint, tick, sample_time = self.joint.joint(), self.tick(), self.sample_time()
         drive = self.drive.drive(tick)
         refuse_long_delay(drive.delay, sample_time, "drive")
         _refuse_seized_gearbox(joint)
         nominal = {"delay": drive.delay, **vars(joint)}
-        ranges = {name: (float(low[0]), float(high[0])) for name, (low, high) in self.uncertainty.ranges(nominal, tick).items()}
-        return JointSpec(
+        return System.of_joint(
             joint=joint,
             drive=drive,
             controller=self.control.controller({name: getattr(self.control, name) for name in self.control.gain_names}),
             feedback=self.control.feedback,
             sample_time=sample_time,
             requirements=self.requirements(),
-            uncertainty=Uncertainty(**ranges),
-            typed=self.joint.model_dump(include={"rotor_inertia", "gear_ratio"}, exclude_none=True),
+            uncertainty=self.uncertainty.uncertainty(nominal, tick),
+            entered=self.joint.model_dump(include={"rotor_inertia", "gear_ratio"}, exclude_none=True),
         )
 
 

@@ -13,7 +13,7 @@ from ..io.yaml_text import shown
 from ..linear.arrays import Floats
 from ..robot.ground import Ground, Sole
 from ..robot.name_patterns import strongest
-from ..robot.spec import Robot, RobotScenario
+from ..robot.robot import Robot, RobotScenario
 from .per_joint import PerJoint
 
 Metres = Annotated[float, number(least=-1e3, most=1e3)]

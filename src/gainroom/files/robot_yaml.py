@@ -1,4 +1,4 @@
-"""robot.yaml: a robot, its postures and contacts, actuators, control and requirements, turned into a RobotSpec.
+"""robot.yaml: a robot, its postures and contacts, actuators, control and requirements, turned into a System.
 
 SI and radians except where a key's name carries another unit. Keys that name joints are patterns: see name_patterns.py.
 """
@@ -20,9 +20,10 @@ from ..robot.contact import Contact
 from ..robot.formats.model_files import has_base, load_model
 from ..robot.formats.model_names import is_name, locate
 from ..robot.name_patterns import DEFAULT, strongest
-from ..robot.spec import Posture, Ranges, Robot, RobotControl, RobotSpec
+from ..robot.robot import Posture, Robot
 from ..robot.tasks import Task
 from ..system.requirements import Requirements
+from ..system.system import Control, System
 from .absurd_values import examined
 from .file_types import parse_as
 from .robot_sections import ContactSection, ModelSection, RobotControlSection, RobotFile
@@ -33,30 +34,30 @@ USUAL = f"the usual limits are asked for, as the file names none: {Requirements.
 
 
 def load_robot(path: Path | str) -> Robot:
-    """The robot that a robot.yaml describes; its `spec` has control, limits and warnings.
+    """The robot that a robot.yaml describes; its `system` has control, limits and warnings.
 
     Raises GainroomError, one line that names the file, the key, the value and what is allowed.
     """
-    spec = load_robot_spec(Path(path))
-    return replace(spec.robot, spec=spec)
+    system = load_robot_system(Path(path))
+    return replace(system.source, system=system)
 
 
-def load_robot_spec(path: Path) -> RobotSpec:
+def load_robot_system(path: Path) -> System:
     """As load_robot: everything in the file."""
     return parse_robot(read_text(path), str(path), path.parent)
 
 
-def parse_robot(text: str, source: str, folder: Path = Path()) -> RobotSpec:
-    """As load_robot_spec, for the text of a file that messages call `source`; a model's path is relative to `folder`."""
+def parse_robot(text: str, source: str, folder: Path = Path()) -> System:
+    """As load_robot_system, for the text of a file that messages call `source`; a model's path is relative to `folder`."""
     file = validate(RobotFile, parse_as("robot", text, source, "biped"), source)
     with named(source):
-        spec = examined(robot_spec(file, source, _model_path(file.model, folder)))
-        if spec.control.joints is not None and not np.any(spec.control.joints.kp):
+        system = examined(robot_spec(file, source, _model_path(file.model, folder)))
+        if system.control.controller is not None and not np.any(system.control.controller.kp):
             raise GainroomError("control.kp: must be > 0 on some joint")
-    return spec if file.limits is not None else replace(spec, assumptions=(*spec.assumptions, USUAL))
+    return system if file.limits is not None else replace(system, assumptions=(*system.assumptions, USUAL))
 
 
-def robot_spec(file: RobotFile, name: str, path: Path) -> RobotSpec:
+def robot_spec(file: RobotFile, name: str, path: Path) -> System:
     """In SI: the robot `name` with the model at `path`. Raises GainroomError where sections contradict each other or the model."""
     tick, sample_time = file.tick(), file.sample_time()
     base, assumed = base_of(file.model.base, path, any((file.contacts or {}).values()))
@@ -72,12 +73,12 @@ def robot_spec(file: RobotFile, name: str, path: Path) -> RobotSpec:
     drives = drives_of(entries, file.drive.drive(tick))
     robot = Robot(name, actuators, postures, contacts, _tasks(file, body), file.model.gravity_stiffness)
     nominal = {"delay": [drive.delay for drive in drives], **vars(actuators)}
-    return RobotSpec(
-        robot=robot,
+    return System(
+        source=robot,
         drives=drives,
         control=_control(file.control, body, sample_time),
         requirements=file.requirements(),
-        uncertainty=Ranges(**file.uncertainty.ranges(nominal, tick)),
+        uncertainty=file.uncertainty.uncertainty(nominal, tick),
         scenario=file.scenario.scenario(robot, file.control.space),
         assumptions=(*assumed, *guessed),
         warnings=(*body.notes, *_outside(postures)),
@@ -163,13 +164,13 @@ def _tasks(file: RobotFile, body: RigidBody) -> tuple[Task, ...]:
     return tasks
 
 
-def _control(section: RobotControlSection, body: RigidBody, sample_time: float | None) -> RobotControl:
+def _control(section: RobotControlSection, body: RigidBody, sample_time: float | None) -> Control:
     """Gains per joint, or nothing but filters in task space."""
     gains = {name: _per_joint(f"control.{name}", getattr(section, name), body) for name in section.gain_names}
     in_joints = section.space == "joint"
-    return RobotControl(
+    return Control(
         space=section.space,
-        joints=section.controller(gains) if in_joints else None,
+        controller=section.controller(gains) if in_joints else None,
         feedback=section.feedback,
         sample_time=sample_time,
         **section.filters(),

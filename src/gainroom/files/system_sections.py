@@ -18,6 +18,7 @@ from ..system.controller import PD, PID, PPI
 from ..system.drive import Drive
 from ..system.filters import LowPass, Notch
 from ..system.requirements import Requirements
+from ..system.uncertainty import Uncertainty
 
 CONTROLLERS = {"pd": PD, "pid": PID, "ppi": PPI}
 PERCENTAGE = re.compile(r"(?:±|\+/-)?\s*([0-9]{1,3}(?:\.[0-9]{0,9})?)\s*%")
@@ -243,8 +244,8 @@ class UncertaintySection(Section):
             raise refusal("give either delay_ms or delay_ticks, not both")
         return self
 
-    def ranges(self, nominal: Mapping[str, ArrayLike], tick: float | None) -> dict[str, tuple[Floats, Floats]]:
-        """(low, high), each (n,) in SI, of what is uncertain; `nominal` by name of Uncertainty, each of n joints; `tick` [s].
+    def uncertainty(self, nominal: Mapping[str, ArrayLike], tick: float | None) -> Uncertainty:
+        """In SI; `nominal` by name of Uncertainty, a number or one for each of n joints; `tick` [s].
 
         Raises GainroomError where a range does not contain the nominal value, and where ticks have no length.
         """
@@ -255,12 +256,12 @@ class UncertaintySection(Section):
         for key in type(self).model_fields:
             if (given := getattr(self, key)) is not None:
                 name = "delay" if key in units else key
-                found[name] = _around(key, given, np.atleast_1d(np.asarray(nominal[name], dtype=float)), units.get(key, 1.0))
-        return found
+                found[name] = _around(key, given, np.asarray(nominal[name], dtype=float), units.get(key, 1.0))
+        return Uncertainty(**found)
 
 
 def _around(key: str, given: str | list[float], nominal: Floats, unit: float) -> tuple[Floats, Floats]:
-    """(low, high) in SI of [low, high] in `unit`, or of a percentage around `nominal` (n,); what is infinite stays so."""
+    """(low, high) in SI of [low, high] in `unit`, or of a percentage around `nominal`, () or (n,); what is infinite stays so."""
     finite = np.isfinite(nominal)
     if not finite.any():
         raise GainroomError(f"uncertainty.{key}: has no meaning around a value of .inf")

@@ -1,6 +1,5 @@
 """The biped that ships with gainroom, standing in for the paper's: actuators as the paper's, posture and shapes of the links ours."""
 
-from dataclasses import replace
 from functools import cache
 from importlib.resources import files
 
@@ -13,8 +12,8 @@ from ..linear.arrays import Floats
 from ..robot.body import RigidBody
 from ..robot.linearize import linearize
 from ..robot.model import RobotModel
-from ..robot.spec import RobotSpec
 from ..robot.tasks import Task, Tasks, tasks_of
+from ..system.system import System
 
 EXAMPLE = "biped.yaml"
 SUPPORTS = {"double": "double support", "left": "single support"}  # contact states of the example; in single support the right leg swings
@@ -30,7 +29,7 @@ LONGEST = 0.5  # step [rad] that does not turn the knees over
 
 
 @cache
-def biped() -> RobotSpec:
+def biped() -> System:
     """The example file. Raises GainroomError where Pinocchio is not installed."""
     return parse_robot((files("gainroom") / "files" / "examples" / EXAMPLE).read_text("utf-8"), EXAMPLE)
 
@@ -38,16 +37,15 @@ def biped() -> RobotSpec:
 @cache
 def standing(contact: str, rigid: bool = False) -> RobotModel:
     """The biped in the example's first posture (knees at 0.6 rad); `rigid`: without elasticity."""
-    robot = biped().robot
+    robot = biped().source
     if rigid:
-        size = len(robot.joint_names)
-        robot = replace(robot, actuators=replace(robot.actuators, stiffness=np.full(size, np.inf), damping=np.zeros(size)))
+        robot = robot.with_quantities(stiffness=np.inf, damping=0.0)
     return robot.linearize(contact=contact)
 
 
 def standing_so(q: Floats) -> RobotModel:
     """The biped on both feet in posture `q`."""
-    robot = biped().robot
+    robot = biped().source
     return linearize(robot.body, robot.actuators, q, robot.contacts["double"])
 
 

@@ -71,7 +71,7 @@ class ComMotion:
 def setup(controller: str) -> RobotSetup:
     """The robot with the gains of "pd" or "ppi"."""
     spec = biped()
-    robot, control = spec.robot, spec.control
+    robot, control = spec.source, spec.control
     (pelvis,) = (task for task in robot.stack if task.name == "pelvis")
     kp, kd, ki = (COM_KP, COM_KD, None) if controller == "pd" else (CASCADE_KP, CASCADE_KV, CASCADE_KI)
     com = Task(name="com", kind="com", kp=kp, kd=kd, ki=ki)
@@ -80,7 +80,7 @@ def setup(controller: str) -> RobotSetup:
         body=robot.body,
         actuators=replace(robot.actuators, motor_viscous=np.full(len(NAMES), VISCOUS)),
         drives=spec.drives,
-        control=replace(control, space="task", joints=None, sample_time=SAMPLE_TIME),
+        control=replace(control, space="task", controller=None, sample_time=SAMPLE_TIME),
         q=on_both_feet(robot.body, START, 0.0),
         contacts=robot.contacts["double"],
         stack=(com, pelvis),

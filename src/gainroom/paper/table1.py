@@ -131,7 +131,7 @@ def typical_factor(account: Account) -> float:
 @cache
 def motion(pitch: float, lower: float = 0.0) -> tuple[Floats, ...]:
     """Postures along the motion. Fig. 12's spline sets their timing, which the largest gains do not depend on."""
-    body, postures, near = biped().robot.body, [], None
+    body, postures, near = biped().source.body, [], None
     for share in np.linspace(0.0, 1.0, STEPS):
         near = on_both_feet(body, START - [0.0, 0.0, lower] + share * MOVE, pitch, near)
         postures.append(near)

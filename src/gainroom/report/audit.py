@@ -25,16 +25,16 @@ ON_TOP = 4
 
 def audit_page(result: Audit, command: str) -> str:
     """The report of an audit as one HTML page; `command` is what a reader types to get it again."""
-    spec, factors = result.spec, _factors(result)
-    sample_time = spec.control.sample_time
+    system, factors = result.system, _factors(result)
+    sample_time = system.control.sample_time
     taken = assumptions(f"Linear about posture {result.tightest.posture}", sample_time, "; contacts hold and do not slip or lift")
-    told = [facts([("assumed", text) for text in spec.assumptions])]
+    told = [facts([("assumed", text) for text in system.assumptions])]
     sections = [
         Section("How it would vibrate", _vibrations(result)),
         Section("How much room is left", [heat_map(factors, "joint"), _state_table(result)]),
         Section("Joint by joint", [_joint_table(result)]),
         Section("What the coupling costs", [beside(*coupling(factors, "joint"))]),
-        Section("Inputs and assumptions", [inputs(spec), taken, *told, *map(paragraph, audit_warnings(result)[ON_TOP:])]),
+        Section("Inputs and assumptions", [inputs(system), taken, *told, *map(paragraph, audit_warnings(result)[ON_TOP:])]),
         Section("What was certified, and how", [_certificate(result)]),
         Section("This page again", [block(command)]),
     ]
@@ -69,8 +69,8 @@ def _cards(result: Audit) -> list[Card]:
             "vibrates from a delay of",
             digits(1e3 * result.delay_limit, "", 3),
             "ms" if math.isfinite(result.delay_limit) else "",
-            f"> {digits(1e3 * result.delay, 'ms', 3)}, what it has",
-            None if math.isnan(result.delay_limit) else result.delay_limit > result.delay,
+            f"> {digits(1e3 * result.system.delay, 'ms', 3)}, what it has",
+            None if math.isnan(result.delay_limit) else result.delay_limit > result.system.delay,
         ),
         Card("unsafe joints", str(len(unsafe)), f"of {len(result.joints)}", "none", not unsafe, listed(unsafe)),
         *([vibrates] if joints else []),
@@ -80,7 +80,7 @@ def _cards(result: Audit) -> list[Card]:
 def _factors(result: Audit) -> Factors:
     return Factors(
         result.states,
-        result.spec.robot.joint_names,
+        result.system.source.joint_names,
         np.array([state.single_joint_limits for state in result.states]),
         np.array([state.margins.one_loop.gain_margin for state in result.states]),
         tuple(state.limit for state in result.states),
@@ -106,7 +106,7 @@ def _joint_table(result: Audit) -> Html:
 
 def joint_caption(result: Audit) -> str:
     """What the columns of AUDITED_JOINT are, with their units."""
-    units = joint_units(result.spec.robot.body)
+    units = joint_units(result.system.source.body)
     return (
         f"In the worst state. {definitions(AUDITED_JOINT)} kp [{units['kp']}], kd [{units['kd']}], ki [{units['ki']}], motor inertia "
         f"[{units['load']}].{units['prismatic']} Safe: {_asked(result)} or more alone, and no part in the vibration of a robot with less "

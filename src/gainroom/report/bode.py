@@ -1,14 +1,13 @@
 """The open loop over frequency, with and without elasticity and delay, as Fig. 9 of Jung et al. 2017."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from ..analysis.margins import Margins, margins
+from ..analysis.margins import Margins
 from ..linear.arrays import Floats
 from ..studies.joint import JointStudy
-from ..system.joint_spec import JointSpec
 from ..system.loop import Loop
 from . import style
 from .number_format import decibels, digits, frequency, hertz
@@ -30,31 +29,10 @@ class Case:
 
 def cases(study: JointStudy) -> list[Case]:
     """The loop as it is, then without elasticity, without delay, without both, as far as they differ."""
-    spec = study.spec
-    elastic = math.isfinite(spec.joint.stiffness) and math.isfinite(spec.joint.link_inertia)
-    delayed = spec.drive.delay > 0
-    both = [name for name, present in (("elasticity", elastic), ("delay", delayed)) if present]
-    found = [Case(f"with {' and '.join(both)}" if both else "this loop", study.loop, study.margins)]
-    if elastic:
-        found.append(_case("without elasticity", _rigid(spec)))
-    if delayed:
-        found.append(_case("without delay", _undelayed(spec)))
-    if elastic and delayed:
-        found.append(_case("without both", _undelayed(_rigid(spec))))
-    return found
-
-
-def _case(name: str, spec: JointSpec) -> Case:
-    loop = spec.loop()
-    return Case(name, loop, margins(loop))
-
-
-def _rigid(spec: JointSpec) -> JointSpec:
-    return replace(spec, joint=replace(spec.joint, stiffness=math.inf, damping=0.0))
-
-
-def _undelayed(spec: JointSpec) -> JointSpec:
-    return replace(spec, drive=replace(spec.drive, delay=0.0))
+    present = [name for name in ("elasticity", "delay") if name in study.others]
+    found = [Case(f"with {' and '.join(present)}" if present else "this loop", study.loop, study.margins)]
+    names = {"elasticity": "without elasticity", "delay": "without delay", "delay and elasticity": "without both"}
+    return found + [Case(title, *study.others[name]) for name, title in names.items() if name in study.others]
 
 
 def bode(study: JointStudy, shown: list[Case]) -> Html:
@@ -107,14 +85,14 @@ def grid(loop: Loop, low: float, high: float) -> Floats:
 
 def frequency_span(study: JointStudy, shown: list[Case]) -> tuple[float, float]:
     """From well below the first crossover to well above the last landmark, to the Nyquist frequency in sampled time."""
-    joint, drive = study.spec.joint, study.spec.drive
+    joint, drive = study.system.source, study.system.drives[0]
     marks = [joint.resonance, joint.antiresonance, drive.bandwidth]
     for case in shown:
         marks += [c.omega for c in case.margins.gain_crossings] + [case.margins.phase_crossover]
     known = [w for w in marks if math.isfinite(w) and w > 0] or [1.0]
     low, high = 0.2 * min(known), 2.5 * max(known)
-    if study.spec.sample_time is not None:
-        high = math.pi / study.spec.sample_time
+    if study.system.control.sample_time is not None:
+        high = math.pi / study.system.control.sample_time
     return max(low, 1e-5 * high), high
 
 
@@ -162,7 +140,7 @@ def _place(omega: float, span: tuple[float, float]) -> float:
 
 def _landmark_names(study: JointStudy, span: tuple[float, float]) -> list[style.Annotation]:
     """Resonance and anti-resonance named at the foot of the magnitude, the current loop and half the sample rate at its top."""
-    joint, drive, step = study.spec.joint, study.spec.drive, study.spec.sample_time
+    joint, drive, step = study.system.source, study.system.drives[0], study.system.control.sample_time
     named = [
         ("anti-resonance", joint.antiresonance, 0.475),
         ("resonance", joint.resonance, 0.51),
@@ -189,7 +167,7 @@ def _lines(study: JointStudy, angles: list[float]) -> list[dict]:
     flat = {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "line": {"color": "#777", "width": 1.2}, "layer": "below"}
     shapes = [flat | {"y0": 0, "y1": 0}]
     shapes += [flat | {"yref": "y2", "y0": y, "y1": y} for y in (180, -180, -540) if angles[0] < y < angles[1]]
-    joint, drive = study.spec.joint, study.spec.drive
+    joint, drive = study.system.source, study.system.drives[0]
     marked = [omega for omega in (joint.antiresonance, joint.resonance, drive.bandwidth) if math.isfinite(omega)]
     return shapes + [style.upright(omega, "#bbb", "dot") for omega in marked]
 
@@ -207,7 +185,7 @@ def _caption(study: JointStudy, shown: list[Case]) -> str:
         margin = digits(decibels(found.gain_margin), "dB", 3) if found.stable else "unstable"
         cases.append(f"{case.name}: {margin}" + (f" at {hertz(found.phase_crossover)}" if math.isfinite(found.phase_crossover) else ""))
     text = f"Gain margins: {'; '.join(cases)}. "
-    if study.spec.drive.delay > 0:
+    if study.system.delay > 0:
         text += "The delay does not change the magnitude and turns the phase by −ωT. "
     if any(case.name == "without elasticity" for case in shown):
         text += "Elasticity raises the magnitude above the resonance. "

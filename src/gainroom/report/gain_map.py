@@ -39,7 +39,7 @@ def gain_map(study: JointStudy) -> Html:
     traces, notes = _stable_area(stable, view)
     if study.required_region.required.asked:
         traces += [_area(outline, REQUIRED) for outline in outlines(study.required_region, view)]
-    names = plane_names(study.spec.controller)
+    names = plane_names(study.system.control.controller)
     marks, mark_notes = _marks(spots, view, names)
     lines, line_notes = contours(study, view, mark_notes)
     edge, edge_notes = vibration_edge(study.region, stable, view, mark_notes)
@@ -59,11 +59,13 @@ def gain_points(study: JointStudy) -> list[GainPoint]:
     """The file's gains, the recommended ones and the 10 Hz rule's, where they exist and are points of this plane."""
     found = []
     if study.max_kd is not None:
-        kp, kd = study.spec.controller.plane_gains()
+        kp, kd = study.system.control.controller.plane_gains()
         found.append(GainPoint("this file", float(kp), float(kd), "circle", style.BLACK))
     if study.recommended is not None:
         found.append(GainPoint("recommended", study.recommended.kp, study.recommended.kd, "star", style.BLUE))
-    if not getattr(study.spec.controller, "ki", 0):  # the rule is a plain PD, which is no point of the plane of an integral controller
+    if not getattr(
+        study.system.control.controller, "ki", 0
+    ):  # the rule is a plain PD, which is no point of the plane of an integral controller
         found.append(GainPoint("10 Hz rule", study.rule.kp, study.rule.kd, "x", style.VERMILION))
     return found
 
@@ -126,7 +128,7 @@ def _hover(study: JointStudy, view: View) -> style.Trace:
     index = np.flatnonzero(stable)
     for k, found in zip(index, _margins_at(study, grid_kp[index], grid_kd[index]), strict=True):
         texts[k] = _margins_text(found)
-    kp_name, kd_name = plane_names(study.spec.controller)
+    kp_name, kd_name = plane_names(study.system.control.controller)
     words = [
         f"{kp_name} {digits(x, '', 3)}, {kd_name} {digits(y, '', 3)}<br>{text}" for x, y, text in zip(grid_kp, grid_kd, texts, strict=True)
     ]
@@ -172,8 +174,8 @@ def _caption(study: JointStudy) -> str:
     text = "Hatched: unstable. The thick edge is coloured, and labelled, by the frequency at which the joint vibrates there."
     if study.required_region.required.asked:
         text += " Inside the blue area every requirement is met"
-        text += " for the nominal joint, not over the uncertainty." if study.spec.uncertainty.names else " for the nominal joint."
-    kp_name, kd_name = plane_names(study.spec.controller)
+        text += " for the nominal joint, not over the uncertainty." if study.system.uncertainty.names else " for the nominal joint."
+    kp_name, kd_name = plane_names(study.system.control.controller)
     if study.recommended is not None:
         text += f" The star has the largest {kp_name} that meets them"
         within = (
@@ -181,9 +183,9 @@ def _caption(study: JointStudy) -> str:
             if study.recommended.proved
             else " in every case examined within the uncertain ranges."
         )
-        text += within if study.spec.uncertainty.names else "."
+        text += within if study.system.uncertainty.names else "."
     if study.max_kd is not None and math.isfinite(study.max_kd):
         text += f" At this {kp_name}, {kd_name} may reach {digits(study.max_kd, 'N·m·s/rad', 3)}."
-    if study.spec.requirements.asked:
+    if study.system.requirements.asked:
         text += " Thick lines are the required margins, thin ones stricter levels."
     return text + " Hover over the map for the margins at any point."

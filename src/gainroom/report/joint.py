@@ -7,6 +7,7 @@ from ..errors import case_in_words
 from ..studies.joint import JointStudy
 from .bode import bode, cases
 from .gain_map import gain_map
+from .joint_text import sentence, warnings
 from .number_format import digits, frequency, hertz, model_kind, own_gains, plane_names, typed_gains
 from .nyquist import nyquist
 from .page import Card, Html, Lead, Section, block, facts, page
@@ -25,29 +26,29 @@ def joint_page(study: JointStudy, command: str) -> str:
         Section("Margins", [margin_table(study), _binding(study)]),
         Section("With and without elasticity and delay", [case_table(shown)]),
         Section("All crossings of this file's loop", [crossing_table(study.margins)]),
-        Section("Inputs and assumptions", [inputs(study), assumptions("Linear two-mass joint", study.spec.sample_time)]),
+        Section("Inputs and assumptions", [inputs(study), assumptions("Linear two-mass joint", study.system.control.sample_time)]),
         Section("What was certified, and how", [_certificate(study)]),
         Section("This page again", [block(command)]),
     ]
-    title = f"gainroom joint: gains of one joint, {model_kind(study.spec.sample_time)} model"
+    title = f"gainroom joint: gains of one joint, {model_kind(study.system.control.sample_time)} model"
     return page(title, _lead(study), _cards(study), sections, footer())
 
 
 def _lead(study: JointStudy) -> Lead:
     if not study.margins.stable:
-        return Lead(study.sentence, "bad", "UNSTABLE: do not run these gains", study.warnings)
+        return Lead(sentence(study), "bad", "UNSTABLE: do not run these gains", warnings(study))
     if study.unstable_at:
         where = case_in_words(study.unstable_at)
-        return Lead(study.sentence, "bad", f"UNSTABLE within the stated ranges, at {where}: do not run these gains", study.warnings)
+        return Lead(sentence(study), "bad", f"UNSTABLE within the stated ranges, at {where}: do not run these gains", warnings(study))
     unmet = [card.label for card in _cards(study) if card.met is False]
     if unmet:
-        return Lead(study.sentence, "warn", f"Stable, but not with the required margin: {', '.join(unmet)}", study.warnings)
-    return Lead(study.sentence, "good", "", study.warnings)
+        return Lead(sentence(study), "warn", f"Stable, but not with the required margin: {', '.join(unmet)}", warnings(study))
+    return Lead(sentence(study), "good", "", warnings(study))
 
 
 def _cards(study: JointStudy) -> list[Card]:
     """Three to five numbers for the first glance."""
-    found, asked = study.margins, study.spec.requirements
+    found, asked = study.margins, study.system.requirements
     if found.stable:
         first = margin_card(asked, "gain_margin", found.gain_margin, _at(found.phase_crossover), found.gain_room)
     else:
@@ -91,7 +92,7 @@ def _certificate(study: JointStudy) -> Html:
         ("margins", crossings if found.certified else "estimates: a crossing or peak could not be proved"),
         ("verdict", _verdict(found)),
     ]
-    if study.spec.uncertainty.names and found.stable:
+    if study.system.uncertainty.names and found.stable:
         told = f"unstable at {case_in_words(study.unstable_at)}" if study.unstable_at else "stable"
         how = "a case that was counted" if study.unstable_at else "proved for every joint within them, between all frequencies"
         if not study.range_proved:

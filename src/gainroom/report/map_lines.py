@@ -74,7 +74,7 @@ def _tip(region: PDRegion, widest: float) -> float:
 def contours(study: JointStudy, view: View, taken: list[style.Annotation]) -> tuple[list[style.Trace], list[style.Annotation]]:
     """Lines of equal gain margin, phase margin and Ms; those that are required are drawn thicker."""
     traces, notes = [], []
-    for place, (level, text, color, dash, asked) in enumerate(_levels(study.spec.requirements)):
+    for place, (level, text, color, dash, asked) in enumerate(_levels(study.system.requirements)):
         drawn = []
         for outline in outlines(replace(study.region, required=level), view):
             line = opened(outline)

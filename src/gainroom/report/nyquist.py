@@ -17,7 +17,7 @@ WINDOW = ((-3.2, 1.6), (-2.4, 2.4))  # real, imaginary
 def nyquist(study: JointStudy, shown: list[Case]) -> Html:
     """L(jω) near −1, with the disk about −1 that the disk margin excludes."""
     low, high = frequency_span(study, shown)
-    omega = grid(study.loop, 0.05 * low, high if study.spec.sample_time is not None else 4 * high)
+    omega = grid(study.loop, 0.05 * low, high if study.system.control.sample_time is not None else 4 * high)
     value = study.loop.response(omega)
     text = [frequency(w) for w in omega]
     near: Complexes = np.where(np.abs(value) < 60, value, np.nan)  # what runs off to infinity is far outside the picture

@@ -28,7 +28,7 @@ ON_TOP = 4
 
 def robot_page(study: RobotStudy, command: str) -> str:
     """The report of a study as one HTML page; `command` is what a reader types to get it again."""
-    shown, sample_time = _shown(study), study.spec.control.sample_time
+    shown, sample_time = _shown(study), study.system.control.sample_time
     taken = assumptions("Linear about each posture", sample_time, "; contacts hold and do not slip or lift")
     sections = [
         Section("How it would vibrate", _vibrations(study, shown)),
@@ -38,11 +38,11 @@ def robot_page(study: RobotStudy, command: str) -> str:
         Section("Gains to use", _gains(study)),
         *_tasks(study, shown),
         Section("Joints", _joints(study)),
-        Section("Inputs and assumptions", [inputs(study.spec), taken, *_words(study)]),
+        Section("Inputs and assumptions", [inputs(study.system), taken, *_words(study)]),
         Section("What was certified, and how", [_certificate(study)]),
         Section("This page again", [block(command)]),
     ]
-    title = f"gainroom robot: gains of {study.spec.robot.body.size} joints, {model_kind(sample_time)} model"
+    title = f"gainroom robot: gains of {study.system.source.body.size} joints, {model_kind(sample_time)} model"
     return page(title, _lead(study), _cards(study), sections, footer())
 
 
@@ -76,7 +76,7 @@ def _others(study: RobotStudy, state: State) -> int:
 
 
 def _room(study: RobotStudy) -> list[Html]:
-    return [paragraph(judged(study.spec)), heat_map(joint_factors(study), "joint"), state_table(study), *remedies(study)]
+    return [paragraph(judged(study.system)), heat_map(joint_factors(study), "joint"), state_table(study), *remedies(study)]
 
 
 def _loci_words() -> Html:
@@ -89,15 +89,15 @@ def _loci_words() -> Html:
 
 def _tasks(study: RobotStudy, shown: Sequence[State]) -> list[Section]:
     """The operational space, where the file has tasks."""
-    if not study.spec.robot.stack:
+    if not study.system.source.stack:
         return []
     factors = task_factors(study)
     if factors is None:
         return [Section("Operational space", [paragraph("The tasks move nothing in any posture and contact state.")])]
     tightest = _tightest_tasks(study)
-    still = [state.title for state in study.states if not _task_moves(state)] if study.spec.control.space == "joint" else []
+    still = [state.title for state in study.states if not _task_moves(state)] if study.system.control.space == "joint" else []
     parts = [paragraph(f"The tasks move nothing in {listed(still)}: nothing is told of them there.")] if still else []
-    if study.spec.control.space == "joint":
+    if study.system.control.space == "joint":
         words = "The file's controller closes the joints; here its tasks are closed in their place, with their own gains."
         view = common_view(shown)
         drawings = [small(state, state.tasks.limit, view, 0) for state in tightest if state.tasks is not None]
@@ -133,7 +133,7 @@ def _gains(study: RobotStudy) -> list[Html]:
     parts = []
     for gains in study.recommended:
         words = "Joint space: gains per joint." if gains.space == "joint" else "Operational space: gains per task direction."
-        parts += [paragraph(words + " They keep the requirements with every loop closed."), *gain_tables(gains, study.spec)]
+        parts += [paragraph(words + " They keep the requirements with every loop closed."), *gain_tables(gains, study.system)]
     return parts
 
 
@@ -174,7 +174,7 @@ def _cards(study: RobotStudy) -> list[Card]:
     """Three to five numbers for the first glance, each the worst of all states."""
     cards = _stable_cards(study) if study.stable else _unstable_cards(study)
     found = [state for state in study.states if _task_moves(state)]
-    if found and study.spec.control.space == "joint":
+    if found and study.system.control.space == "joint":
         state = min(found, key=_task_room)
         assert state.tasks is not None
         limit = state.tasks.limit
@@ -192,14 +192,14 @@ def _unstable_cards(study: RobotStudy) -> list[Card]:
     lowered, count = 0 < limit.gain < math.inf, sum(not state.limit.stable for state in study.states)
     vibrates = Card("vibrates at", digits(limit.frequency / (2 * math.pi), "", 3), "Hz", note=", ".join(tight.limiting_joints[:2]))
     return [
-        unstable_card(study.spec.requirements, limit, f", {tight.title}", tight.title),
+        unstable_card(study.system.requirements, limit, f", {tight.title}", tight.title),
         Card("unstable states", f"{count}", f"of {len(study.states)}", "none", False),
         *([vibrates] if lowered else []),
     ]
 
 
 def _stable_cards(study: RobotStudy) -> list[Card]:
-    asked, worst = study.spec.requirements, study.worst
+    asked, worst = study.system.requirements, study.worst
     least, narrow, high = worst["gain_margin"], worst["phase_margin"], worst["peak_sensitivity"]
     late = min(study.states, key=lambda state: state.margins.delay_margin)
 
@@ -223,7 +223,7 @@ def _stable_cards(study: RobotStudy) -> list[Card]:
 
 def _words(study: RobotStudy) -> list[Html]:
     """What the file left open, and the warnings that do not stand on top."""
-    assumed = [facts([("assumed", text) for text in study.spec.assumptions])] if study.spec.assumptions else []
+    assumed = [facts([("assumed", text) for text in study.system.assumptions])] if study.system.assumptions else []
     return [*assumed, *map(paragraph, warnings(study)[ON_TOP:])]
 
 
@@ -249,7 +249,7 @@ def _certificate(study: RobotStudy) -> Html:
         ("others closed, largest gains", "each loop's own curve with the others closed, sampled until smooth; its crossings polished"),
         ("disk margin", _disk_words(study)),
         ("phase and Ms of single loops", "searched between refined samples; what may be the least is polished"),
-        *([("stated ranges", f"{_in_range(study)}; looked at corners, between them not proved")] if study.spec.uncertainty.names else []),
+        *([("stated ranges", f"{_in_range(study)}; looked at corners, between them not proved")] if study.system.uncertainty.names else []),
         ("recommended gains", "checked in every posture, contact state and corner of the uncertainty; between the corners not proved"),
     ]
     return facts(pairs)

@@ -73,7 +73,7 @@ def joint_factors(study: RobotStudy) -> Factors:
     """Of the file's loops, joint by joint."""
     return Factors(
         study.states,
-        study.spec.robot.joint_names,
+        study.system.source.joint_names,
         np.array([[row.single_joint_limit for row in state.joints] for state in study.states]),
         np.array([[row.limit_others_closed for row in state.joints] for state in study.states]),
         tuple(state.limit for state in study.states),

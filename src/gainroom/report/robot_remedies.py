@@ -31,7 +31,7 @@ def remedies(study: RobotStudy) -> list[Html]:
 
 
 def _sentences(study: RobotStudy, name: str, state: State) -> list[str]:
-    asked, value = study.spec.requirements, state.margins.least(name)
+    asked, value = study.system.requirements, state.margins.least(name)
     if math.isnan(value):
         return [MEANING[name].format(n=state.model.size), f"It is not known in {state.title}."]
     least = margin_value(asked, name, value, False, 3)
@@ -51,13 +51,13 @@ def _frequency(name: str, state: State) -> str:
 
 def _trials(study: RobotStudy, name: str, state: State) -> str:
     """The margin with 1.25 and 0.8 times the damping gains, and with 0.8 times the stiffness gains."""
-    spec, asked = study.spec, study.spec.requirements
-    controller = spec.controller(state.model)
+    system, asked = study.system, study.system.requirements
+    controller = system.controller(state.model)
     rate = controller.damping_name
     better, worse = [], []
     for gain, factor in ((rate, MORE), (rate, LESS), ("kp", LESS)):
         changed = replace(controller, **{gain: factor * getattr(controller, gain)})
-        found = quick_margins(spec.loop(state.model, changed))
+        found = quick_margins(system.loop(state.model, changed))
         value, own = found.least(name), state.margins.least(name)
         helps = found.stable and (value < own if name == "peak_sensitivity" else value > own)
         known = "not known" if math.isnan(value) else margin_value(asked, name, value, None, 3)

@@ -10,9 +10,10 @@ import numpy as np
 from ..design.robot_gains import GainSet, RobotGains
 from ..linear.arrays import Floats
 from ..robot.contact import Contact
-from ..robot.spec import Posture, RobotSpec
+from ..robot.robot import Posture
 from ..studies.robot import RobotStudy
 from ..studies.state import State, TaskStudy
+from ..system.system import System
 from .columns import JOINT, STATE, TASK, Column, definitions, tabulated
 from .number_format import MARGIN_NAMES, decibels, digits, hertz, quantity, requirement
 from .page import Html, facts, paragraph, table
@@ -89,18 +90,18 @@ def _cut(rows: int) -> str:
     return f" The first {MOST_ROWS} of {rows} rows; --json has them all." if rows > MOST_ROWS else ""
 
 
-def gain_tables(gains: RobotGains, spec: RobotSpec) -> list[Html]:
+def gain_tables(gains: RobotGains, system: System) -> list[Html]:
     """Gains to use: the one safe set and one per contact state, in both unit systems, and the margins of each set."""
     columns: list[Named] = [("safe in all", gains.everywhere)]
     if len(gains.per_contact) > 1:  # of one contact state the set would be the same again
         columns += gains.per_contact.items()
-    margins = _margins_table(columns, spec, gains)
+    margins = _margins_table(columns, system, gains)
     if all(one is None or not one.moves for _, one in columns):
         return [margins]
     if gains.inertia is None:
         return [paragraph(TASK_UNITS), _gain_table(gains, columns, None, _gain_caption(gains)), margins]
-    posture, contact = spec.robot.states[0]
-    units = joint_units(spec.robot.body)
+    posture, contact = system.source.states[0]
+    units = joint_units(system.source.body)
     words = (
         f"The same gains, each divided by the inertia that its joint moves in the first state, {posture}, {contact}: J_m + J_L, the "
         "motor's inertia and J_L = 1/W_ii, the load with all other joints free. kp [1/s²] and kd [1/s] compare joints, and robots. In "
@@ -159,9 +160,9 @@ def _gain_caption(gains: RobotGains) -> str:
     )
 
 
-def _margins_table(columns: Sequence[Named], spec: RobotSpec, gains: RobotGains) -> Html:
+def _margins_table(columns: Sequence[Named], system: System, gains: RobotGains) -> Html:
     """The margins of every set, beside what is required."""
-    needs = {title: requirement(spec.requirements, name, 3) for name, title in MARGIN_NAMES.items()}
+    needs = {title: requirement(system.requirements, name, 3) for name, title in MARGIN_NAMES.items()}
     headers = ["set", *(f"{title} ({need})" if need else title for title, need in needs.items()), "limited by", "cases"]
     rows, nearest = [], {**gains.nearest, columns[0][0]: gains.nearest.get("", "")}
     for name, one in columns:
@@ -186,25 +187,25 @@ def _margins_table(columns: Sequence[Named], spec: RobotSpec, gains: RobotGains)
     return table(headers, rows, caption, sorts=False)
 
 
-def inputs(spec: RobotSpec) -> Html:
+def inputs(system: System) -> Html:
     """The robot, its actuators, drives and control as used on this page."""
     pairs = [
-        *machine(spec),
-        ("gravity", GRAVITY[spec.robot.gravity]),
-        *((f"posture {name}", angles_text(posture)) for name, posture in list(spec.robot.postures.items())[:12]),
-        *((f"contact {name}", contacts_text(contacts)) for name, contacts in list(spec.robot.contacts.items())[:12]),
-        ("uncertainty", _uncertainty(spec)),
+        *machine(system),
+        ("gravity", GRAVITY[system.source.gravity]),
+        *((f"posture {name}", angles_text(posture)) for name, posture in list(system.source.postures.items())[:12]),
+        *((f"contact {name}", contacts_text(contacts)) for name, contacts in list(system.source.contacts.items())[:12]),
+        ("uncertainty", _uncertainty(system)),
     ]
     return facts(pairs)
 
 
-def machine(spec: RobotSpec) -> list[tuple[str, str]]:
+def machine(system: System) -> list[tuple[str, str]]:
     """The robot, its actuators, drives and control."""
-    body, actuators = spec.robot.body, spec.robot.actuators
+    body, actuators = system.source.body, system.source.actuators
     rigid = int(np.count_nonzero(np.isinf(actuators.stiffness)))
-    drives, units = spec.drives, joint_units(body)
+    drives, units = system.drives, joint_units(body)
     return [
-        *([] if spec.robot.name == body.source else [("file", spec.robot.name)]),
+        *([] if system.source.name == body.source else [("file", system.source.name)]),
         ("model", body.source),
         ("joints", f"{body.size} actuated, {len(body.locked)} locked; {body.base} base; {digits(body.total_mass, 'kg')}"),
         ("motor inertia, joint side", span(actuators.motor_inertia, units["load"])),
@@ -216,8 +217,8 @@ def machine(spec: RobotSpec) -> list[tuple[str, str]]:
         ("viscous friction, motor and link", f"{span(actuators.motor_viscous)} and {span(actuators.link_viscous, units['kd'])}"),
         ("current loops", span([d.bandwidth for d in drives], "rad/s") + f", ζ {span([d.damping_ratio for d in drives])}"),
         ("delay, target to demand torque", span([1e3 * drive.delay for drive in drives], "ms")),
-        ("control", _control(spec)),
-        ("encoders", f"{spec.control.feedback} side of the gearboxes"),
+        ("control", _control(system)),
+        ("encoders", f"{system.control.feedback} side of the gearboxes"),
     ]
 
 
@@ -230,11 +231,11 @@ def span(values, unit: str = "") -> str:
     return digits(low, unit) if low == high else f"{digits(low)} to {digits(high, unit)}"
 
 
-def _control(spec: RobotSpec) -> str:
-    control = spec.control
-    kind = "tasks" if control.joints is None else type(control.joints).__name__
+def _control(system: System) -> str:
+    control = system.control
+    kind = "tasks" if control.controller is None else type(control.controller).__name__
     time = "continuous" if control.sample_time is None else f"sampled at {digits(1 / control.sample_time, 'Hz')}"
-    rotors = "" if not spec.robot.stack else f"; the tasks' model {'counts' if control.rotors else 'leaves out'} the rotors"
+    rotors = "" if not system.source.stack else f"; the tasks' model {'counts' if control.rotors else 'leaves out'} the rotors"
     return f"{kind} in {control.space} space; {filters(control)}; {time}{rotors}"
 
 
@@ -250,10 +251,10 @@ def contacts_text(contacts: Sequence[Contact]) -> str:
     return "; ".join(f"{one.frame}, {one.kind}, {'rigid' if one.stiffness is None else 'on springs'}" for one in contacts) or "none"
 
 
-def _uncertainty(spec: RobotSpec) -> str:
+def _uncertainty(system: System) -> str:
     ranges = []
-    for name in spec.uncertainty.names:
-        low, high = getattr(spec.uncertainty, name)
+    for name in system.uncertainty.names:
+        low, high = getattr(system.uncertainty, name)
         finite = np.isfinite(high)
         ranges.append(quantity(name, float(np.min(low[finite])), float(np.max(high[finite]))) if finite.any() else f"{name}: rigid")
     return ", ".join(ranges) or "none given: every value is taken as exact"

@@ -9,12 +9,12 @@ from ..analysis.gain_limit import GainLimit
 from ..analysis.margins import to_db
 from ..design.robot_gains import GainSet, RobotGains
 from ..errors import beside, frequency_in_words, listed
-from ..robot.spec import RobotSpec
 from ..studies.audit import Audit
-from ..studies.joint import CONTINUOUS, NOT_EVERYWHERE
 from ..studies.robot import RobotStudy
 from ..studies.state import HELD, State, by_headroom
 from ..system.controller import gain_matrix
+from ..system.system import System
+from .joint_text import CONTINUOUS, NOT_EVERYWHERE
 
 SLIGHT = 0.05
 """Damping ratio of a motor on its spring that is proposed for a trial where none was given; gearboxes have more than nothing."""
@@ -37,7 +37,7 @@ def sentence(study: RobotStudy) -> str:
 
 def _unmet(study: RobotStudy) -> list[str]:
     """What is asked for and not kept."""
-    asked, parts = study.spec.requirements, []
+    asked, parts = study.system.requirements, []
     for name, state in study.unmet.items():
         value, needed = state.margins.least(name), getattr(asked, name)
         if math.isnan(value):
@@ -118,17 +118,17 @@ def _coupling(state: State) -> str:
 
 def warnings(study: RobotStudy) -> tuple[str, ...]:
     """What a user should know or do, each with the remedy."""
-    spec = study.spec
+    system = study.system
     found = _unstable(study)
     found += [f"{state.title}: the tasks' gains are unstable{_at_most(_tasks_limit(state).gain)}" for state in study.unstable_tasks]
     found += _still(study)
     found += [f"{state.title}: {text}" for state in study.states if state.tasks is not None for text in state.tasks.tasks.warnings]
     found += _adrift(study)
-    found += [*unconfirmed(study.states), *free_joints(spec), *_weightless(study), *_gains_to_use(study)]
-    found += [*_undamped(study), *spec.warnings]
-    if spec.control.sample_time is None and any(drive.delay > 0 for drive in spec.drives):
+    found += [*unconfirmed(study.states), *free_joints(system), *_weightless(study), *_gains_to_use(study)]
+    found += [*_undamped(study), *system.warnings]
+    if system.control.sample_time is None and system.delay > 0:
         found.append(CONTINUOUS)
-    if not spec.uncertainty.names:
+    if not system.uncertainty.names:
         found.append("stiffness, damping, inertia and delay are taken as exact; give uncertainty: for gains that hold over a range")
     return tuple(dict.fromkeys(found))
 
@@ -155,7 +155,7 @@ def _still(study: RobotStudy) -> list[str]:
     found = []
     if study.immobile:
         remedy = "lock those joints, or check the contacts"
-        if study.spec.control.space == "task":
+        if study.system.control.space == "task":
             remedy = "control it in joint space or with a posture task, or leave it out"
         reason = study.immobile[0].reason
         titles = listed([state.title for state in study.immobile])
@@ -169,15 +169,15 @@ def _still(study: RobotStudy) -> list[str]:
     return found
 
 
-def free_joints(spec: RobotSpec) -> list[str]:
+def free_joints(system: System) -> list[str]:
     """Joints that nothing brings back: the verdict counts their drift as at rest."""
-    if spec.control.joints is None:
+    if system.control.controller is None:
         return []
-    kept = np.zeros(spec.robot.body.size)
-    for powers, gain in spec.control.joints.terms().items():
+    kept = np.zeros(system.source.body.size)
+    for powers, gain in system.control.controller.terms().items():
         if powers in ((0, 0), (0, 1), (1, 1)):
             kept += np.abs(np.diagonal(gain_matrix("gain", gain, len(kept))))
-    names = [name for name, some in zip(spec.robot.joint_names, kept.tolist(), strict=True) if not some]
+    names = [name for name, some in zip(system.source.joint_names, kept.tolist(), strict=True) if not some]
     if not names:
         return []
     several = len(names) > 1
@@ -189,7 +189,7 @@ def free_joints(spec: RobotSpec) -> list[str]:
 
 def _weightless(study: RobotStudy) -> list[str]:
     """What leaving gravity out means for a robot that stands."""
-    robot = study.spec.robot
+    robot = study.system.source
     if robot.gravity or robot.body.base == "fixed" or not any(robot.contacts.values()):
         return []
     return ["gravity is left out: on its feet the robot keeps less at low frequencies, and may topple; set model.gravity_stiffness: true"]
@@ -229,10 +229,10 @@ def _same(gains: RobotGains) -> list[str]:
 
 def _undamped(study: RobotStudy) -> list[str]:
     """What springs without damping mean for the answer."""
-    actuators = study.spec.robot.actuators
+    actuators = study.system.source.actuators
     if not np.any(np.isfinite(actuators.stiffness) & (actuators.damping == 0)):
         return []
-    if study.spec.control.feedback == "link":
+    if study.system.control.feedback == "link":
         return [
             "link-side feedback on undamped elastic joints: whether their resonances settle hangs on the lag of delay and drive alone, "
             "and without lag they never do: measure damping, or close the loops on the motor side"
@@ -258,7 +258,7 @@ def audit_sentence(result: Audit) -> str:
     delays = f"it vibrates from {1e3 * result.delay_limit:.3g} ms of delay" if math.isfinite(result.delay_limit) else "no delay does"
     delays = "without delay, too" if result.delay_limit == 0 else delays
     delays = "from which delay is not known" if math.isnan(result.delay_limit) else delays
-    given = f"{1e3 * result.delay:.3g} ms"
+    given = f"{1e3 * result.system.delay:.3g} ms"
     if not limit.stable:
         room = (
             f"multiply them by less than {limit.gain:.3g}"
@@ -285,7 +285,7 @@ def audit_sentence(result: Audit) -> str:
 
 def _try_damping(result: Audit) -> str:
     """Why no lower gains help where gearboxes were given no damping, and a number to try: a twentieth of the critical damping."""
-    actuators = result.spec.robot.actuators
+    actuators = result.system.source.actuators
     bare = np.isfinite(actuators.stiffness) & (actuators.damping == 0)
     if not np.any(bare):
         return ""
@@ -302,11 +302,11 @@ def _count(unsafe: int, result: Audit) -> str:
 
 def audit_warnings(result: Audit) -> tuple[str, ...]:
     """What was assumed, and what a user should do about it."""
-    spec = result.spec
-    warnings = list(spec.warnings)
-    if spec.control.sample_time is None:
+    system = result.system
+    warnings = list(system.warnings)
+    if system.control.sample_time is None:
         warnings.append("continuous model: hold and velocity difference of a real controller cost about one more tick; give --rate-hz")
     if result.immobile:
         contacts = listed([state.contact for state in result.immobile])
         warnings.append(f"{contacts}: {HELD} in this contact state: nothing is judged there; check the contacts")
-    return (*warnings, *free_joints(spec), *unconfirmed(result.states))
+    return (*warnings, *free_joints(system), *unconfirmed(result.states))

@@ -17,12 +17,12 @@ def joint_units(body: Any) -> dict[str, str]:
     return units | {"prismatic": f" Prismatic joints: {first_of_many(prismatic)}."}
 
 
-def judged(spec: Any) -> str:
-    """What a RobotSpec requires, and of which gains."""
-    required = f"Required: {spec.requirements}"
-    if spec.control.space == "task":
+def judged(system: Any) -> str:
+    """What a System requires, and of which gains."""
+    required = f"Required: {system.requirements}"
+    if system.control.space == "task":
         return f"{required}; of all tasks closed together, and of gains to use."
     text = f"{required}; of the joints' gains closed together, and of gains to use."
-    if not spec.robot.stack:
+    if not system.source.stack:
         return text
     return f"{text} The tasks' own gains, closed in the joints' place, are judged by stability alone: a limit above 1."

@@ -30,14 +30,15 @@ def inputs(outcome: Outcome) -> list[Pair]:
 def _joint(outcome: Outcome) -> list[Pair]:
     spec = outcome.spec
     assert isinstance(spec, JointSimulation)
-    joint, drive, controller = spec.joint.joint, spec.joint.drive, spec.joint.controller
+    system = spec.system
+    joint, drive, controller = system.source, system.drives[0], system.control.controller
     return [
         (
             "joint",
             f"J_M {joint.motor_inertia:g}, J_L {joint.link_inertia:g} kg m², K {joint.stiffness:g} N m/rad, B {joint.damping:g} N m s/rad",
         ),
         ("drive", f"current loop {drive.bandwidth:g} rad/s, ζ {drive.damping_ratio:g}, delay {1e3 * drive.delay:g} ms"),
-        ("control", f"{typed_gains(controller)}, all × {outcome.gain:g}; {spec.joint.feedback} side; {filters(controller)}"),
+        ("control", f"{typed_gains(controller)}, all × {outcome.gain:g}; {system.control.feedback} side; {filters(controller)}"),
         *((f"scenario.{key}", text) for key, text in spec.described.items()),
     ]
 
@@ -45,15 +46,15 @@ def _joint(outcome: Outcome) -> list[Pair]:
 def _robot(outcome: Outcome) -> list[Pair]:
     simulation = outcome.spec
     assert isinstance(simulation, RobotSimulation)
-    spec, setup, scenario = simulation.spec, simulation.setup, simulation.spec.scenario
-    posture, contact = scenario.posture or next(iter(spec.robot.postures)), scenario.contact or next(iter(spec.robot.contacts))
+    system, setup, scenario = simulation.system, simulation.setup, simulation.system.scenario
+    posture, contact = scenario.posture or next(iter(system.source.postures)), scenario.contact or next(iter(system.source.contacts))
     size, channels = setup.body.size, zip(outcome.run.channels, simulation.displacement, outcome.run.units, strict=True)
     move = ", ".join(f"{name} {milli(float(by))} m{unit}" for name, by, unit in channels if by)
     footings = ", ".join(f"{one.frame} {math.degrees(one.slope):.3g}°, {milli(one.height, 1e-6)} mm high" for one in simulation.footings)
     return [
-        *machine(spec),
+        *machine(system),
         ("gains", f"{_gains(simulation)}; all × {outcome.gain:g}"),
-        (f"posture {posture}", angles_text(spec.robot.postures[posture])),
+        (f"posture {posture}", angles_text(system.source.postures[posture])),
         (f"contact {contact}", f"{contacts_text(setup.contacts)}{_ground(simulation) if setup.contacts else ''}"),
         *([("ground under the feet, slope and height", footings)] if footings else []),
         ("move", f"{move} in {digits(simulation.moves_until, 's')}, quintic, from rest to rest" if move else "none"),
@@ -61,7 +62,7 @@ def _robot(outcome: Outcome) -> list[Pair]:
         ("viscous friction added to the motors", span(np.broadcast_to(scenario.viscous, size), "N·m·s/rad")),
         ("torque limit", _limits(np.broadcast_to(setup.torque_limit, size))),
         ("encoder steps, joint side", digits(1e3 * setup.encoder_step, "mrad", 3) if setup.encoder_step else "none"),
-        *(("assumed", text) for text in spec.assumptions),
+        *(("assumed", text) for text in system.assumptions),
     ]
 
 
@@ -88,7 +89,7 @@ def _limits(limits: np.ndarray) -> str:
 
 def _gains(simulation: RobotSimulation) -> str:
     """The gains of the file."""
-    law = simulation.spec.control.joints
+    law = simulation.system.control.controller
     if law is not None:
         return ", ".join(f"{name} {span(np.broadcast_to(getattr(law, name), simulation.setup.body.size))}" for name in law.gain_names())
     tasks = []

@@ -4,7 +4,7 @@ import math
 
 from ..analysis.margins import Margins
 from ..studies.joint import JointStudy
-from ..system.joint_spec import JointSpec
+from ..system.system import System
 from .bode import Case
 from .columns import compared_rows
 from .number_format import decibels, digits, frequency, own_gains, plane_names, quantity
@@ -20,16 +20,16 @@ def margin_table(study: JointStudy) -> Html:
     recommended = study.recommended
     if recommended is not None:
         shown = [("recommended", recommended.nominal)]
-        if study.spec.uncertainty.names:
+        if study.system.uncertainty.names:
             shown = [("recommended (worst case)", recommended.worst), ("recommended (as stated)", recommended.nominal)]
         for name, margins in shown:
             names.append(name)
             found.append(margins)
             gains.append((recommended.kp, recommended.kd))
-    names.append("10 Hz rule" if study.spec.controller.kind == "PD" else "10 Hz rule (plain PD)")
+    names.append("10 Hz rule" if study.system.control.controller.kind == "PD" else "10 Hz rule (plain PD)")
     found.append(study.rule.margins)
     gains.append((study.rule.kp, study.rule.kd))
-    kp_name, kd_name = plane_names(study.spec.controller)
+    kp_name, kd_name = plane_names(study.system.control.controller)
     rows = [
         (f"{kp_name} [N·m/rad]", *(digits(kp) for kp, _ in gains)),
         (f"{kd_name} [N·m·s/rad]", *(digits(kd) for _, kd in gains)),
@@ -40,7 +40,7 @@ def margin_table(study: JointStudy) -> Html:
         "The 10 Hz rule is kp = J ω², kd = 2 ζ J ω with ω = 2π·10 rad/s, ζ = 2 and J the motor inertia. "
         "Margins of an unstable loop mean nothing."
     )
-    if recommended is not None and study.spec.uncertainty.names:
+    if recommended is not None and study.system.uncertainty.names:
         caption += " Worst case: every margin where it is smallest over the cases looked at, so a column may hold several of them."
     return table(["", *names], rows, caption, MARKS, sorts=False)
 
@@ -48,7 +48,7 @@ def margin_table(study: JointStudy) -> Html:
 def _own_gains(study: JointStudy) -> tuple[float, float]:
     if study.max_kd is None:
         return math.nan, math.nan
-    kp, kd = study.spec.controller.plane_gains()
+    kp, kd = study.system.control.controller.plane_gains()
     return float(kp), float(kd)
 
 
@@ -91,8 +91,8 @@ def case_table(shown: list[Case]) -> Html:
 
 def inputs(study: JointStudy) -> Html:
     """The joint, the drive, the controller and what is required, as the page has used them."""
-    spec = study.spec
-    joint, drive = spec.joint, spec.drive
+    system = study.system
+    joint, drive = system.source, system.drives[0]
     pairs = [
         ("motor inertia, joint side", digits(joint.motor_inertia, "kg·m²")),
         ("link inertia", digits(joint.link_inertia, "kg·m²")),
@@ -107,36 +107,37 @@ def inputs(study: JointStudy) -> Html:
             "current loop",
             "ideal" if drive.is_ideal else f"bandwidth ω_c {digits(drive.bandwidth, 'rad/s')}, ζ {digits(drive.damping_ratio)}",
         ),
-        ("delay, target to demand torque", _delay(spec)),
-        ("controller", _controller(spec)),
-        ("encoder", f"{spec.feedback} side of the gearbox"),
-        ("time", _time(spec)),
-        ("required", str(spec.requirements)),
-        ("uncertainty", _uncertainty(spec)),
+        ("delay, target to demand torque", _delay(system)),
+        ("controller", _controller(system)),
+        ("encoder", f"{system.control.feedback} side of the gearbox"),
+        ("time", _time(system)),
+        ("required", str(system.requirements)),
+        ("uncertainty", _uncertainty(system)),
     ]
     return facts(pairs)
 
 
-def _delay(spec: JointSpec) -> str:
-    text = digits(1e3 * spec.drive.delay, "ms")
-    return text if spec.sample_time is None else f"{text} = {digits(spec.drive.delay / spec.sample_time)} ticks"
+def _delay(system: System) -> str:
+    text = digits(1e3 * system.delay, "ms")
+    return text if system.control.sample_time is None else f"{text} = {digits(system.delay / system.control.sample_time)} ticks"
 
 
-def _controller(spec: JointSpec) -> str:
-    controller = spec.controller
+def _controller(system: System) -> str:
+    controller = system.control.controller
     gains = ", ".join(f"{name} {digits(value, unit)}" for name, value, unit in own_gains(controller))
     return f"{type(controller).__name__}: {gains}; {filters(controller)}"
 
 
-def _time(spec: JointSpec) -> str:
-    if spec.sample_time is None:
+def _time(system: System) -> str:
+    sample_time = system.control.sample_time
+    if sample_time is None:
         return "continuous: no sampling, no hold, the velocity is known exactly; the delay is exact"
     return (
-        f"sampled at {digits(1 / spec.sample_time, 'Hz')}: torque held between ticks, velocity by difference, plant and delay discretised "
+        f"sampled at {digits(1 / sample_time, 'Hz')}: torque held between ticks, velocity by difference, plant and delay discretised "
         "exactly; responses at the sample instants"
     )
 
 
-def _uncertainty(spec: JointSpec) -> str:
-    told = ", ".join(quantity(name, *getattr(spec.uncertainty, name)) for name in spec.uncertainty.names)
+def _uncertainty(system: System) -> str:
+    told = ", ".join(quantity(name, *getattr(system.uncertainty, name)) for name in system.uncertainty.names)
     return told or "none stated: every value is taken as exact"

@@ -1,7 +1,6 @@
 """Step and disturbance response of the file's gains and the recommended ones."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
@@ -20,13 +19,13 @@ def time_response(study: JointStudy) -> Html:
     shown = [("this file", own, style.BLACK, "solid", 2.6)]
     recommended = study.recommended
     if recommended is not None:
-        loop = replace(study.spec, controller=recommended.controller).loop()
+        loop = study.system.loop(controller=recommended.controller)
         shown.append(("recommended", step_response(loop, float(own.time[-1])), style.BLUE, "dash", 2.0))
     traces, notes = [], []
     for name, response, color, dash, width in shown:
         pick = slice(None, None, max(1, len(response.time) // CURVE_POINTS))
         time = 1e3 * response.time[pick]
-        shape = "hv" if study.spec.sample_time is not None and len(time) < 150 else "linear"
+        shape = "hv" if study.system.control.sample_time is not None and len(time) < 150 else "linear"
         parts = {"dash": dash, "width": width, "name": name, "hoverinfo": "x+y+name"}
         for values, axis in ((response.reference, "y"), (1e6 * response.disturbance, "y2")):
             trace = style.line(time, values[pick], color, **parts, yaxis=axis, legendgroup=name, showlegend=axis == "y")
@@ -68,7 +67,7 @@ def _vibration(response: StepResponse) -> style.Annotation:
 
 
 def _caption(study: JointStudy, own: StepResponse) -> str:
-    side = study.spec.feedback
+    side = study.system.control.feedback
     text = f"Position of the {side} side. "
     if own.growth > 0:
         rate = f"{digits(own.growth, '1/s', 3)}"
@@ -79,9 +78,9 @@ def _caption(study: JointStudy, own: StepResponse) -> str:
         text += f"These gains overshoot by {digits(max(overshoot, 0.0), '%', 3)}; the controller differentiates the step, "
         text += "as in eq. (4) of the paper. "
         text += f"A constant torque of 1 N·m deflects the joint by {digits(last, 'µrad', 3)} at the end of the figure. "
-    if study.spec.sample_time is not None:
+    if study.system.control.sample_time is not None:
         return text + "Stepped exactly from tick to tick; torque is held between ticks."
-    if study.spec.drive.delay == 0:
+    if study.system.delay == 0:
         return text + "Stepped exactly (matrix exponential)."
     return text + f"Stepped with the exact delay; halving the step changes the curve by {_share(own.change)}."
 

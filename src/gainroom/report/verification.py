@@ -6,9 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from ..robot.spec import RobotSpec
 from ..studies.verification import Verification, growth_about
-from ..system.joint_spec import JointSpec
+from ..system.system import System
 from . import style
 from .number_format import digits, frequency, model_in_words
 from .page import Card, Html, Lead, Section, block, figure, page, table
@@ -16,19 +15,15 @@ from .page_parts import assumptions, footer
 from .verification_text import frequency_cells, gain_cells, percent, sentence
 
 
-def verification_page(spec: JointSpec | RobotSpec, result: Verification, command: str) -> str:
+def verification_page(system: System, result: Verification, command: str) -> str:
     """The report as one HTML page; `command` is what a reader types to get it again."""
     limit = result.cases[0].predicted_gain
-    if isinstance(spec, JointSpec):
-        what, model, sample_time = "one joint", "Linear two-mass joint", spec.sample_time
-        sections = [Section("Growth about the limit", [_growth(spec, limit)])] if 0 < limit < math.inf else []
-    else:
-        what, model, sample_time, sections = (
-            "a robot",
-            "Robot linearised about each posture, all loops closed",
-            spec.control.sample_time,
-            [],
-        )
+    sample_time, sections = system.control.sample_time, []
+    what, model = "a robot", "Robot linearised about each posture, all loops closed"
+    if not result.of_robot:
+        what, model = "one joint", "Linear two-mass joint"
+    if not result.of_robot and 0 < limit < math.inf:
+        sections.append(Section("Growth about the limit", [_growth(system, limit)]))
     notes = ["Left out: " + warning for warning in result.warnings]
     sections += [
         Section("Predicted and simulated", [_table(result)]),
@@ -51,9 +46,9 @@ def _cards(result: Verification) -> list[Card]:
     return cards
 
 
-def _growth(spec: JointSpec, limit: float) -> Html:
+def _growth(system: System, limit: float) -> Html:
     """Growth rate over gain: the rightmost root's as a line, that of simulated runs as dots."""
-    found = growth_about(spec.loop())
+    found = growth_about(system.loop())
     seen = np.isfinite(found.simulated)
     hover: dict[str, Any] = {"hovertemplate": "× %{x:.4g}: %{y:.4g} 1/s", "hoverinfo": "all"}
     traces = [

@@ -14,9 +14,9 @@ from ..robot.body import RigidBody, is_prismatic
 from ..robot.contact import Contact
 from ..robot.ground import Ground
 from ..robot.linearize import linearize
-from ..robot.spec import RobotControl, RobotSpec
 from ..robot.tasks import Task
 from ..system.drive import Drive
+from ..system.system import Control, System
 from .record import Unit
 from .scenario import MOST_TICKS
 
@@ -43,7 +43,7 @@ class RobotSetup:
     body: RigidBody
     actuators: Actuators
     drives: tuple[Drive, ...]
-    control: RobotControl
+    control: Control
     q: Floats
     contacts: tuple[Contact, ...] = ()
     stack: tuple[Task, ...] = ()
@@ -63,17 +63,17 @@ class RobotSetup:
         return self.control.sample_time
 
 
-def robot_setup(spec: RobotSpec, posture: str | None = None, contact: str | None = None, **options: Any) -> RobotSetup:
+def robot_setup(system: System, posture: str | None = None, contact: str | None = None, **options: Any) -> RobotSetup:
     """A setup of one state of a robot.yaml; `options` are RobotSetup's own."""
-    model = spec.robot.linearize(posture, contact)
+    model = system.source.linearize(posture, contact)
     return RobotSetup(
         body=model.body,
-        actuators=spec.robot.actuators,
-        drives=spec.drives,
-        control=spec.control,
+        actuators=system.source.actuators,
+        drives=system.drives,
+        control=system.control,
         q=model.q,
         contacts=model.contacts,
-        stack=spec.robot.stack,
+        stack=system.source.stack,
         **options,
     )
 

@@ -11,8 +11,8 @@ from ..linear.arrays import Floats
 from ..robot.ground import Footing, footings
 from ..robot.model import RobotModel
 from ..robot.name_patterns import select
-from ..robot.spec import RobotSpec
 from ..system.loop import Loop
+from ..system.system import System
 from .record import LOGGED, REFERENCE_SIGNAL, Run
 from .robot_run import stream_robot
 from .robot_setup import RobotSetup, channel_units, hold, robot_setup
@@ -25,39 +25,39 @@ DEFAULT_MOVE = 0.01
 """[m, rad] of a move where none is given."""
 
 
-def require_sampled(spec: RobotSpec) -> None:
+def require_sampled(system: System) -> None:
     """Raises GainroomError for a continuous controller, which has no ticks to simulate."""
-    if spec.control.sample_time is None:
-        raise GainroomError(f"{spec.robot.name}: control.sample_rate_hz: is missing; the simulation runs a sampled controller")
+    if system.control.sample_time is None:
+        raise GainroomError(f"{system.source.name}: control.sample_rate_hz: is missing; the simulation runs a sampled controller")
 
 
 @dataclass(frozen=True, kw_only=True)
 class RobotSimulation(SimulationSpec):
     """A robot and its scenario.
 
-    spec    the whole file
+    system    the whole file
     setup   the robot as the scenario has it
     model   its linear plant there, with the scenario's viscous friction
     displacement   (m,) of each channel [rad, m]
     """
 
-    spec: RobotSpec
+    system: System
     setup: RobotSetup
     model: RobotModel
     displacement: Floats
 
     @classmethod
-    def of(cls, spec: RobotSpec) -> "RobotSimulation":
+    def of(cls, system: System) -> "RobotSimulation":
         """Raises GainroomError for continuous control, and where the scenario does not fit."""
-        require_sampled(spec)
-        with named(spec.robot.name):
-            return cls._of(spec)
+        require_sampled(system)
+        with named(system.source.name):
+            return cls._of(system)
 
     @classmethod
-    def _of(cls, spec: RobotSpec) -> "RobotSimulation":
-        scenario, setup = spec.scenario, _setup(spec)
+    def _of(cls, system: System) -> "RobotSimulation":
+        scenario, setup = system.scenario, _setup(system)
         refuse_odd_run(scenario.duration, setup.sample_time, MOST_ROBOT_TICKS)
-        displacement = _displacement(spec, setup)
+        displacement = _displacement(system, setup)
         there = {
             "friction": np.any(setup.coulomb),
             "encoder steps": setup.encoder_step > 0,
@@ -70,29 +70,29 @@ class RobotSimulation(SimulationSpec):
             duration=scenario.duration,
             sample_time=setup.sample_time,
             joint_names=setup.body.joint_names,
-            signals=tuple(name for name in LOGGED if name != REFERENCE_SIGNAL or spec.control.space == "joint"),
+            signals=tuple(name for name in LOGGED if name != REFERENCE_SIGNAL or system.control.space == "joint"),
             moves_until=scenario.move_duration if displacement.any() else 0.0,
             encoder_step=setup.encoder_step,
             torque_limit=setup.torque_limit,
             is_linear=not effects,
             effects=effects,
             contact_frames=tuple(contact.frame for contact in setup.contacts),
-            warnings=spec.warnings,
-            spec=spec,
+            warnings=system.warnings,
+            system=system,
             setup=setup,
-            model=replace(spec.robot, actuators=setup.actuators).linearize(scenario.posture, scenario.contact),
+            model=replace(system.source, actuators=setup.actuators).linearize(scenario.posture, scenario.contact),
             displacement=displacement,
         )
 
     def stream(self, gain: float) -> Iterator[Run]:
-        with named(self.spec.robot.name):
+        with named(self.system.source.name):
             time = self.sample_time * np.arange(len(hold(self.setup, self.duration)))
-            offsets = Spline.move(self.displacement, self.spec.scenario.move_duration, order=5).position(time)
+            offsets = Spline.move(self.displacement, self.system.scenario.move_duration, order=5).position(time)
             yield from stream_robot(self.setup, offsets, gain=gain)
 
     def loop(self, gain: float = 1.0) -> Loop:
         """With fixed contacts."""
-        return self.spec.loop(self.model).scaled(gain)
+        return self.system.loop(self.model).scaled(gain)
 
     def at_rest(self, run: Run) -> slice:
         """Of a run that ended early, its second half."""
@@ -108,17 +108,17 @@ class RobotSimulation(SimulationSpec):
     @property
     def immovable(self) -> tuple[str, ...]:
         """Directions of tasks that should move and cannot, such as the centre of mass in flight."""
-        if self.spec.control.space == "joint":
+        if self.system.control.space == "joint":
             return ()
-        tasks = self.spec.robot.tasks(self.model, self.spec.control.rotors)
+        tasks = self.system.source.tasks(self.model, self.system.control.rotors)
         return tuple(tasks.directions[k] for k in np.flatnonzero((self.displacement != 0) & ~tasks.movable).tolist())
 
 
-def _setup(spec: RobotSpec) -> RobotSetup:
+def _setup(system: System) -> RobotSetup:
     """The robot as its scenario has it."""
-    scenario = spec.scenario
+    scenario = system.scenario
     setup = robot_setup(
-        spec,
+        system,
         scenario.posture,
         scenario.contact,
         coulomb=scenario.coulomb,
@@ -130,10 +130,10 @@ def _setup(spec: RobotSpec) -> RobotSetup:
     return replace(setup, actuators=replace(setup.actuators, motor_viscous=viscous))
 
 
-def _displacement(spec: RobotSpec, setup: RobotSetup) -> Floats:
+def _displacement(system: System, setup: RobotSetup) -> Floats:
     """(m,) displacement of each channel. Raises GainroomError where `by` does not fit."""
-    scenario, size = spec.scenario, setup.body.size
-    if spec.control.space == "joint":
+    scenario, size = system.scenario, setup.body.size
+    if system.control.space == "joint":
         places = list(range(size) if scenario.joint is None else select(scenario.joint, setup.body.joint_names, "scenario.move.joint"))
         usual = 0.0 if setup.contacts else DEFAULT_MOVE  # joints of legs in a closed chain cannot move independently
     else:

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import GainroomError
-from ..system.joint_spec import JointSpec
 from ..system.loop import Loop
+from ..system.plausibility import unusual_values
+from ..system.system import System
 from . import Friction, Scenario, Testbed
 from .oscillation import rows_after
 from .record import LOGGED, STEADY_SHARE, Run
@@ -140,19 +141,20 @@ class JointSimulation(SimulationSpec):
     described   the file's scenario as text, by key
     """
 
-    joint: JointSpec
+    system: System
     scenario: Scenario
     hardware: Mapping[str, Any]
     described: Mapping[str, str]
 
     @classmethod
-    def of(cls, joint: JointSpec, scenario: Scenario, hardware: Mapping[str, Any], described: Mapping[str, str]) -> "JointSimulation":
+    def of(cls, system: System, scenario: Scenario, hardware: Mapping[str, Any], described: Mapping[str, str]) -> "JointSimulation":
         """`scenario` with Trajectories. Raises GainroomError for a continuous joint, and where the hardware does not fit the loop."""
-        if joint.sample_time is None:
+        joint, feedback, sample_time = system.source, system.control.feedback, system.control.sample_time
+        if sample_time is None:
             raise GainroomError(NO_RATE)
-        refuse_odd_run(scenario.duration, joint.sample_time, MOST_TICKS)
+        refuse_odd_run(scenario.duration, sample_time, MOST_TICKS)
         frictions = [value for value in hardware.values() if isinstance(value, Friction)]
-        noise, step = float(scenario.noise), float(hardware.get(f"{joint.feedback}_resolution", 0.0))
+        noise, step = float(scenario.noise), float(hardware.get(f"{feedback}_resolution", 0.0))
         linear = all(isinstance(value, Friction) and value.is_viscous for value in hardware.values())
         there = {
             "friction": not all(friction.is_viscous for friction in frictions),
@@ -166,8 +168,8 @@ class JointSimulation(SimulationSpec):
         spec = cls(
             kind="linear" if linear else "testbed",
             duration=scenario.duration,
-            sample_time=joint.sample_time,
-            joint_names=(joint.joint.name,),
+            sample_time=sample_time,
+            joint_names=joint.joint_names,
             moves_until=scenario.reference.end,
             disturbed_from=scenario.link_torque.end,
             fastest=scenario.reference.fastest,
@@ -176,32 +178,32 @@ class JointSimulation(SimulationSpec):
             torque_limit=hardware.get("torque_limit", np.inf),
             is_linear=linear,
             effects=tuple(name for name, given in there.items() if given),
-            link_decay=joint.joint.damping / (2 * joint.joint.link_inertia),
-            warnings=joint.unusual(),
-            joint=joint,
+            link_decay=joint.damping / (2 * joint.link_inertia),
+            warnings=unusual_values(system),
+            system=system,
             scenario=scenario,
             hardware=hardware,
             described=described,
         )
-        spec.system()
+        spec.simulated()
         return spec
 
     def loop(self, gain: float = 1.0) -> Loop:
-        joint = self.joint.joint
+        joint = self.system.source
         viscous = {
             f"{side}_viscous": getattr(joint, f"{side}_viscous") + self.hardware.get(f"{side}_friction", Friction()).viscous
             for side in ("motor", "link")
         }
-        return replace(self.joint, joint=replace(joint, **viscous)).loop().scaled(gain)
+        return self.system.with_values(**viscous).loop().scaled(gain)
 
-    def system(self, gain: float = 1.0) -> Loop | Testbed:
+    def simulated(self, gain: float = 1.0) -> Loop | Testbed:
         """What is simulated. Raises GainroomError where loop and hardware do not go together."""
         if self.is_linear:
             return self.loop(gain)
-        return Testbed(self.joint.loop().scaled(gain), **self.hardware)  # which adds viscous friction itself
+        return Testbed(self.system.loop().scaled(gain), **self.hardware)  # which adds viscous friction itself
 
     def stream(self, gain: float) -> Iterator[Run]:
-        return stream(self.system(gain), self.scenario, max(1, min(BLOCK, round(PORTION / self.sample_time))))
+        return stream(self.simulated(gain), self.scenario, max(1, min(BLOCK, round(PORTION / self.sample_time))))
 
     def at_rest(self, run: Run) -> slice:
         """The last half, where too little is left by then."""
@@ -209,4 +211,6 @@ class JointSimulation(SimulationSpec):
 
     def continued(self, gain: float, ticks: int, moving: bool) -> Run:
         reference = self.scenario.reference if moving else Held(self.scenario.reference, self.duration)
-        return simulate(self.system(gain), replace(self.scenario, reference=reference, duration=self.duration + ticks * self.sample_time))
+        return simulate(
+            self.simulated(gain), replace(self.scenario, reference=reference, duration=self.duration + ticks * self.sample_time)
+        )

@@ -25,9 +25,9 @@ from ..errors import GainroomError, require_count, require_finite
 from ..linear.arrays import Floats
 from ..robot.body import RigidBody, is_continuous, library, put_position
 from ..robot.contact import Contact, contact_jacobian
-from ..robot.spec import RobotControl
 from ..robot.tasks import Task, TaskPPI, Tasks, following, tasks_of
 from ..system.controller import PD, PPI
+from ..system.system import Control
 from .sampled_control import SampledControl
 
 FIRST_NEWTON_STEPS = 4
@@ -142,7 +142,7 @@ class WholeBodyControl:
         motor_inertia: Floats,
         contacts: Sequence[Contact],
         start: ArrayLike,
-        control: RobotControl,
+        control: Control,
         stack: Sequence[Task] = (),
         *,
         gravity: bool = True,
@@ -203,7 +203,7 @@ class WholeBodyControl:
         """D(z) of the channels."""
         control = self._control
         if not self._tasks:
-            return control.joints
+            return control.controller
         filters = {"velocity_filter": control.velocity_filter, "notches": control.notches}
         law = self._tasks.controller()
         if isinstance(law, TaskPPI):

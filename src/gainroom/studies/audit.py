@@ -9,9 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..robot.spec import RobotSpec
 from ..system.requirements import enough
-from .state import Progress, State, Studied, states_of
+from ..system.system import System
+from .analysis import Analysis, analyze
+from .state import Progress, State
 
 MARGIN = 2.0
 """The factor on all gains that safe gains survive where none is asked for: 6 dB."""
@@ -33,7 +34,7 @@ class AuditedJoint:
 
 
 @dataclass(frozen=True)
-class Audit(Studied):
+class Audit(Analysis):
     """What `gainroom audit` reports.
 
     margin   the factor that was asked for
@@ -53,9 +54,9 @@ class Audit(Studied):
     @property
     def joints(self) -> tuple[AuditedJoint, ...]:
         """Joint by joint, each in its worst state."""
-        spec = self.spec
-        gains = {name: getattr(spec.control.joints, name, 0.0) for name in ("kp", "kd", "ki")}
-        columns = {name: np.broadcast_to(gain, len(spec.robot.joint_names)) for name, gain in gains.items()}
+        system = self.system
+        gains = {name: getattr(system.control.controller, name, 0.0) for name in ("kp", "kd", "ki")}
+        columns = {name: np.broadcast_to(gain, len(system.source.joint_names)) for name, gain in gains.items()}
         alone = np.min([state.single_joint_limits for state in self.states], axis=0)
         closed = np.min([state.margins.one_loop.gain_margin for state in self.states], axis=0)
         vibrating = {name for state in self.states if not self.enough_in(state) for name in state.limiting_joints}
@@ -63,12 +64,12 @@ class Audit(Studied):
             AuditedJoint(
                 name=name,
                 **{key: float(column[k]) for key, column in columns.items()},
-                motor_inertia=float(spec.robot.actuators.motor_inertia[k]),
+                motor_inertia=float(system.source.actuators.motor_inertia[k]),
                 safe=enough(float(alone[k]), self.margin) and name not in vibrating,
                 gain_limit=float(alone[k]),
                 limit_others_closed=float(closed[k]),
             )
-            for k, name in enumerate(spec.robot.joint_names)
+            for k, name in enumerate(system.source.joint_names)
         )
 
     @property
@@ -84,15 +85,10 @@ class Audit(Studied):
     @property
     def angles(self) -> dict[str, float]:
         """Where every joint of the model stands, held ones too [rad; m for a prismatic joint]."""
-        posture = self.spec.robot.postures[self.tightest.posture]
+        posture = self.system.source.postures[self.tightest.posture]
         return {name: posture.angles.get(name, 0.0) for name in posture.body.joint_names} | dict(posture.body.locked)
 
-    @property
-    def delay(self) -> float:
-        """What it runs with [s]."""
-        return max(drive.delay for drive in self.spec.drives)
 
-
-def audit(spec: RobotSpec, margin: float = MARGIN, progress: Progress | None = None) -> Audit:
-    """Every state of `spec`, whose control must be in joint space, against a required gain margin (a factor). Raises as states_of does."""
-    return Audit(spec, states_of(spec, NUMBERS, progress), margin)
+def audit(system: System, margin: float = MARGIN, progress: Progress | None = None) -> Audit:
+    """Every state of `system`, whose control must be in joint space, against a required gain margin (a factor). Raises as analyze does."""
+    return Audit(system, analyze(system, progress, NUMBERS).every, margin)

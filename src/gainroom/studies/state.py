@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,13 +17,12 @@ from ..analysis.stability import has_growing_root, unstable_roots
 from ..design.robot_gains import IMMOBILE, joints_that_move
 from ..errors import GainroomError, computable
 from ..linear.arrays import Complexes, Floats, Integers
-from ..robot.spec import RobotSpec
 from ..system.controller import PD, PID, PPI, gain_matrix
 from ..system.loop import Loop, build_loop
 from ..system.plant import Compliance, Plant
+from ..system.system import System
 
 if TYPE_CHECKING:
-    from ..robot.model import RobotModel
     from ..robot.tasks import Tasks
 
 STRONG = 0.5
@@ -97,10 +96,10 @@ class TaskStudy:
 class State:
     """One posture in one contact state. Where its gains move nothing, all numbers of its loop are NaN."""
 
-    spec: RobotSpec
+    system: System
     posture: str
     contact: str
-    model: "RobotModel"
+    model: Any
 
     @property
     def title(self) -> str:
@@ -110,12 +109,12 @@ class State:
     @cached_property
     def controller(self) -> PD | PID | PPI:
         """The file's own in joint space, that of its tasks in task space."""
-        return self.spec.controller(self.model)
+        return self.system.controller(self.model)
 
     @cached_property
     def loop(self) -> Loop:
         """All joints together."""
-        return self.spec.loop(self.model, self.controller)
+        return self.system.loop(self.model, self.controller)
 
     @cached_property
     def moves(self) -> bool:
@@ -125,7 +124,7 @@ class State:
     @property
     def reason(self) -> str:
         """Why they do not, for messages; "" where they do."""
-        return "" if self.moves else IDLE if self.spec.control.space == "task" else HELD
+        return "" if self.moves else IDLE if self.system.control.space == "task" else HELD
 
     @cached_property
     def margins(self) -> Margins:
@@ -146,7 +145,7 @@ class State:
     def single_joint_limits(self) -> Floats:
         """(n,) factor on each joint's gains if it were the only one, its load 1/W_ii; NaN without gains, inf where it cannot move."""
         limits = np.full(self.model.size, math.nan)
-        control = self.spec.control
+        control = self.system.control
         movable = joints_that_move(self.model, control.feedback)
         for k in range(self.model.size):
             own = joint_controller(self.controller, k, self.model.size)
@@ -155,7 +154,7 @@ class State:
             if not movable[k]:
                 limits[k] = math.inf
                 continue
-            alone = build_loop(single_joint(self.model, k), self.spec.drives[k], own, control.feedback, control.sample_time)
+            alone = build_loop(single_joint(self.model, k), self.system.drives[k], own, control.feedback, control.sample_time)
             limits[k] = limit_of(alone).gain
         return limits
 
@@ -163,9 +162,8 @@ class State:
     def delay_limit(self) -> float:
         """The total delay [s] at which the robot vibrates; NaN where it is not known, 0 where it does without delay."""
         if self.margins.stable:
-            return max(drive.delay for drive in self.spec.drives) + self.margins.delay_margin
-        at_once = replace(self.spec, drives=tuple(replace(drive, delay=0.0) for drive in self.spec.drives))
-        without = margins_of(at_once.loop(self.model, self.controller))
+            return self.system.delay + self.margins.delay_margin
+        without = margins_of(self.system.with_values(delay=0.0).loop(self.model, self.controller))
         return without.delay_margin if without.stable else 0.0
 
     @cached_property
@@ -192,16 +190,16 @@ class State:
     @cached_property
     def tasks(self) -> TaskStudy | None:
         """All tasks together, and each direction by itself; None without tasks."""
-        spec, model = self.spec, self.model
-        if not spec.robot.stack:
+        system, model = self.system, self.model
+        if not system.source.stack:
             return None
-        tasks = spec.robot.tasks(model, spec.control.rotors)
+        tasks = system.source.tasks(model, system.control.rotors)
         count, movable = len(tasks.directions), tasks.movable
         acting = np.flatnonzero(movable & ((tasks.kp != 0) | (tasks.kd != 0) | (tasks.ki != 0))).tolist()
-        loop = spec.loop(model, spec.shaped(tasks.controller()))
+        loop = system.loop(model, system.filtered(tasks.controller()))
         limit = limit_of(loop) if acting else GainLimit.unknown(model.size)
         shares = [replace(tasks, torque=tasks.torque * np.eye(count)[k]) for k in acting]
-        parts = [spec.loop(model, spec.shaped(share.controller())) for share in shares]
+        parts = [system.loop(model, system.filtered(share.controller())) for share in shares]
         alone, closed = np.full(count, math.nan), np.full(count, math.nan)
         alone[acting] = [limit_of(part).gain for part in parts]
         if limit.stable:
@@ -223,50 +221,11 @@ class State:
         return TaskStudy(tasks, limit, rows)
 
 
-@dataclass(frozen=True)
-class Studied:
-    """All states of a robot, in the file's order."""
-
-    spec: RobotSpec
-    every: tuple[State, ...]
-
-    @property
-    def states(self) -> tuple[State, ...]:
-        """Those in which the gains move something: one or more."""
-        return tuple(state for state in self.every if state.moves)
-
-    @property
-    def immobile(self) -> tuple[State, ...]:
-        """The others: no loop is closed there, so there is no verdict and no limit."""
-        return tuple(state for state in self.every if not state.moves)
-
-    @property
-    def tightest(self) -> State:
-        """The state with the least headroom."""
-        return min(self.states, key=lambda state: by_headroom(state.limit))
-
-
-def states_of(spec: RobotSpec, numbers: tuple[str, ...], progress: Progress | None = None) -> tuple[State, ...]:
-    """Every posture in every contact state, with these of its `numbers` computed.
-
-    Raises GainroomError for a state that cannot be linearised, where its numbers are too far apart to compute with, and where the gains
-    move nothing in any state.
-    """
-    tell = progress or (lambda done, total, what: None)
-    names, found = spec.robot.states, []
-    for index, (posture, contact) in enumerate(names):
-        tell(index, len(names), f"state {posture}, {contact}")
-        found.append(state_of(spec, posture, contact, numbers))
-    tell(len(names), len(names), "")
-    if not any(state.moves for state in found):
-        raise GainroomError(f"{spec.robot.name}: {found[0].reason} in any posture and contact state, so there is nothing to study")
-    return tuple(found)
-
-
-def state_of(spec: RobotSpec, posture: str, contact: str, numbers: tuple[str, ...] = ()) -> State:
-    """One posture in one contact state; see states_of."""
-    state = State(spec, posture, contact, spec.robot.linearize(posture, contact))
-    with computable(f"{spec.robot.name}: posture {posture!r}, contact {contact!r}"):
+def state_of(system: System, posture: str, contact: str, numbers: tuple[str, ...] = ()) -> State:
+    """One posture in one contact state; see analyze in analysis.py."""
+    state = State(system, posture, contact, system.source.linearize(posture, contact))
+    where = f": posture {posture!r}, contact {contact!r}" if posture else ""
+    with computable(system.source.name + where):
         for name in ("moves", *numbers):
             getattr(state, name)
     return state

@@ -15,14 +15,13 @@ from ..analysis.stability import rightmost_roots
 from ..errors import GainroomError
 from ..linear.arrays import Floats
 from ..robot.body import library
-from ..robot.spec import RobotSpec
 from ..simulation.onset import FURTHEST_FACTOR, Onset, linear_onset, linear_vibration
 from ..simulation.robot_onset import robot_onset
 from ..simulation.robot_run import RobotStepper
 from ..simulation.robot_setup import robot_setup
 from ..simulation.robot_simulation import require_sampled
-from ..system.joint_spec import JointSpec
 from ..system.loop import Loop
+from ..system.system import System
 from .simulation import Progress
 from .state import moves
 
@@ -93,50 +92,41 @@ class Verification:
         return all(case.agrees for case in self.cases)
 
 
-def verify_joint(spec: JointSpec, progress: Progress = lambda done, total, what: None) -> Verification:
-    """The common factor on a joint's gains at which it begins to vibrate, predicted and by linear simulation.
+def verify(system: System, progress: Progress = lambda done, total, what: None) -> Verification:
+    """The common factor on all gains at which vibration begins, predicted and by linear simulation, in every state.
 
-    Raises GainroomError for a continuous joint, which has no ticks to simulate.
-    """
-    return _verified([("one joint", lambda: linear_case("one joint", spec.loop()))], progress)
-
-
-def verify_robot(spec: RobotSpec, progress: Progress = lambda done, total, what: None) -> Verification:
-    """The same in every posture and contact state, in joint and in task space, with MuJoCo as a second witness.
-
+    A robot's in joint and in task space, with MuJoCo as a second witness.
     Raises GainroomError for continuous control, and where the gains move nothing in any state.
     """
-    require_sampled(spec)
+    require_sampled(system)
     warnings: list[str] = []
-    jobs = [job for space in spaces(spec) for job in _jobs(space, warnings)]
+    jobs = [job for space in spaces(system) for job in _jobs(space, warnings)]
     if not jobs:
-        raise GainroomError(f"{spec.robot.name}: the gains move nothing in any posture and contact state, so there is nothing to verify")
-    return replace(_verified(jobs, progress), of_robot=True, warnings=tuple(warnings))
-
-
-def _verified(jobs: list[Job], progress: Progress) -> Verification:
+        raise GainroomError(f"{system.source.name}: the gains move nothing in any posture and contact state, so there is nothing to verify")
     cases = []
     for index, (name, make) in enumerate(jobs):
         progress(index, len(jobs), name)
         cases.append(make())
     progress(len(jobs), len(jobs), "")
-    return Verification(tuple(cases))
+    return Verification(tuple(cases), system.source.body is not None, tuple(warnings))
 
 
-def spaces(spec: RobotSpec) -> Iterator[RobotSpec]:
+def spaces(system: System) -> Iterator[System]:
     """The file's control in joint space, where it has such gains, and in task space, where it has tasks."""
-    control = spec.control
+    control = system.control
     if control.space == "joint":
-        yield spec
-    if spec.robot.stack:
-        yield replace(spec, control=replace(control, space="task", joints=None))
+        yield system
+    if system.source.stack:
+        yield replace(system, control=replace(control, space="task", controller=None))
 
 
-def _jobs(spec: RobotSpec, warnings: list[str]) -> Iterator[Job]:
+def _jobs(system: System, warnings: list[str]) -> Iterator[Job]:
     """The cases of one space; what is left out goes to `warnings`."""
-    for posture, contact, loop in _states(spec):
-        name = f"{posture}, {contact}: {spec.control.space} space"
+    for posture, contact, loop in _states(system):
+        name = f"{posture}, {contact}: {system.control.space} space" if posture else "one joint"
         yield name, lambda name=name, loop=loop: linear_case(name, loop)
+        if system.source.body is None:
+            continue
         try:
             library("mujoco", "MuJoCo")
         except GainroomError as error:
@@ -144,7 +134,7 @@ def _jobs(spec: RobotSpec, warnings: list[str]) -> Iterator[Job]:
             warnings += [] if reason in warnings else [reason]
             continue
         try:
-            make = _mujoco(name, spec, posture, contact, loop)
+            make = _mujoco(name, system, posture, contact, loop)
         except GainroomError as error:
             warnings.append(f"{name}: {error}")
             continue
@@ -152,9 +142,9 @@ def _jobs(spec: RobotSpec, warnings: list[str]) -> Iterator[Job]:
             yield name, make
 
 
-def _states(spec: RobotSpec) -> list[tuple[str, str, Loop]]:
+def _states(system: System) -> list[tuple[str, str, Loop]]:
     """Posture, contact state and loop of what is simulated."""
-    loops = [(posture, contact, spec.loop(spec.robot.linearize(posture, contact))) for posture, contact in spec.robot.states]
+    loops = [(posture, contact, system.loop(system.source.linearize(posture, contact))) for posture, contact in system.source.states]
     loops = [state for state in loops if moves(state[2])]
     if len(loops) <= MOST_VERIFIED_STATES:
         return loops
@@ -195,7 +185,7 @@ def linear_case(what: str, loop: Loop) -> Case:
     return _case(what, "linear", limit, lambda: linear_onset(loop.scaled(begin), _duration(loop, limit)), begin)
 
 
-def _mujoco(what: str, spec: RobotSpec, posture: str, contact: str, loop: Loop) -> Callable[[], Case] | None:
+def _mujoco(what: str, system: System, posture: str, contact: str, loop: Loop) -> Callable[[], Case] | None:
     """What makes the case; None where nothing is predicted that a search could find.
 
     Raises GainroomError where MuJoCo cannot simulate this.
@@ -203,9 +193,9 @@ def _mujoco(what: str, spec: RobotSpec, posture: str, contact: str, loop: Loop) 
     limit = gain_limit(loop)
     if not (1 / FURTHEST_FACTOR < limit.gain < FURTHEST_FACTOR and limit.frequency > 0):
         return None
-    if spec.robot.gravity:
+    if system.source.gravity:
         raise GainroomError("gravity stiffness counts in the prediction; the simulated limit is without gravity")
-    setup = robot_setup(spec, posture, contact)
+    setup = robot_setup(system, posture, contact)
     RobotStepper(setup)  # refuses now what it cannot simulate
     return lambda: _case(what, "mujoco", limit, lambda: robot_onset(setup, limit.gain))
 

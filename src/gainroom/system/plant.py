@@ -12,8 +12,10 @@ inertia to the links. After Jung et al. 2017, eqs. (1) and (2); Spong 1987 for n
 """
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import ClassVar, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -72,6 +74,34 @@ class ElasticJoint:
         if math.isinf(self.stiffness):
             return math.inf
         return math.sqrt(self.stiffness * (1 / self.motor_inertia + 1 / self.link_inertia))
+
+    # A joint is a source of plants (system.py): a robot of one joint in one state.
+    states: ClassVar[tuple[tuple[str, str], ...]] = (("", ""),)
+    body: ClassVar[None] = None
+    stack: ClassVar[tuple[()]] = ()
+    prismatic: ClassVar[Booleans] = np.zeros(1, dtype=bool)
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """(1,)."""
+        return (self.name,)
+
+    @property
+    def quantities(self) -> Mapping[str, Floats]:
+        """Inertias, gearbox and friction by name, each (1,)."""
+        return {name: np.array([value]) for name, value in vars(self).items() if name != "name"}
+
+    def with_quantities(self, **values: ArrayLike) -> "ElasticJoint":
+        """The same joint with other values, by name."""
+        return replace(self, **{name: float(np.reshape(value, ())) for name, value in values.items()})
+
+    def linearize(self, posture: str | None = None, contact: str | None = None, weight: bool = False) -> "Plant":
+        """`plant`, as the source of plants that a system has: one state, without names."""
+        return self.plant()
+
+    def tasks(self, model: "Plant", rotors: bool = False) -> NoReturn:
+        """Raise GainroomError: there are none."""
+        raise GainroomError(f"{self.name}: there are no tasks")
 
     def plant(self) -> "Plant":
         """This joint as a plant of n = 1."""

@@ -9,15 +9,16 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
+
+from ..errors import first_of_many
 from .drive import Drive
-from .plant import ElasticJoint
+from .system import System
 
 if TYPE_CHECKING:
     from .requirements import Requirements
-    from .uncertainty import Uncertainty
 
 TURN = 2 * math.pi
-SIDES = ("stiffness", "damping", "motor_viscous", "link_viscous")
 
 
 class Usual(NamedTuple):
@@ -89,25 +90,39 @@ def unusual(values: Mapping[str, float]) -> dict[str, str]:
     return warnings
 
 
-def unusual_joint(
-    joint: ElasticJoint,
-    drive: Drive,
-    controller: Any,
-    sample_time: float | None,
-    requirements: "Requirements",
-    uncertainty: "Uncertainty",
-    typed: Mapping[str, float],
-) -> tuple[str, ...]:
-    """Warnings for one joint; `typed`: see JointSpec. The ends of ranges are looked at where the nominal value is usual."""
-    values = {name: getattr(joint, name) for name in ("motor_inertia", "link_inertia", *SIDES)}
-    warnings = unusual({**typed, **values, **of_drive(drive), **of_control(controller, sample_time), **of_limits(requirements)})
-    if not warnings.keys().isdisjoint(typed):
-        warnings.pop("motor_inertia", None)  # their product
-    for name in uncertainty.names:
-        for end in getattr(uncertainty, name):
-            for text in unusual({name: end}).values() if name not in warnings else ():
-                warnings[f"uncertainty.{name}"] = f"uncertainty.{text}"
-    return tuple(warnings.values())
+def unusual_values(system: System) -> tuple[str, ...]:
+    """What lies far outside what actuators have: warnings for the joints of a system, those of one quantity together.
+
+    The ends of ranges are looked at where the nominal value is usual. Of a prismatic joint, in kg and N, only drive and rate are looked at.
+    """
+    source, size = system.source, len(system.drives)
+    common = of_control(system.control.controller, system.control.sample_time) | of_limits(system.requirements)
+    shared = {key: value for key, value in common.items() if not np.ndim(value)}
+    found: dict[str, list[tuple[str, str]]] = {}
+    for k, (joint, drive) in enumerate(zip(source.joint_names, system.drives, strict=True)):
+        values: dict[str, float] = of_drive(drive) | shared
+        if not source.prismatic[k]:
+            values = {**system.entered, **{key: float(each[k]) for key, each in source.quantities.items()}, **values}
+            values |= {key: _of_joint(gain, k, size) for key, gain in common.items() if np.ndim(gain)}
+        warnings = unusual(values)
+        if not warnings.keys().isdisjoint(system.entered):
+            warnings.pop("motor_inertia", None)  # their product
+        for name in [name for name in system.uncertainty.names if not source.prismatic[k] or name == "delay"]:
+            for end in getattr(system.uncertainty, name):
+                for text in unusual({name: _of_joint(end, k, size)}).values() if name not in warnings else ():
+                    warnings[f"uncertainty.{name}"] = f"uncertainty.{text}"
+        for quantity, text in warnings.items():
+            found.setdefault(quantity, []).append((joint, text))
+    texts = []
+    for quantity, cases in found.items():
+        owners = "" if quantity in shared or size == 1 else f"joint {first_of_many([repr(name) for name, _ in cases])}: "
+        texts.append(owners + cases[0][1])
+    return tuple(texts)
+
+
+def _of_joint(value: Any, joint: int, size: int) -> float:
+    """Of values per joint, or of their matrix."""
+    return float(np.diagonal(value)[joint] if np.ndim(value) == 2 else np.broadcast_to(value, size)[joint])
 
 
 def of_drive(drive: Drive) -> dict[str, Any]:

@@ -1,9 +1,10 @@
-"""What is not known exactly about a joint: intervals, and the places in them that are looked at."""
+"""What is not known exactly about a system: intervals, and the places in them that are looked at."""
 
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from .drive import Drive
 from .plant import ElasticJoint
 
 Case = tuple[ElasticJoint, Drive]
+Interval = tuple[Any, Any]
 Place = tuple[float, ...]
 """Where in the uncertainty: one number in [0, 1] per uncertain quantity."""
 NOMINAL: Place = ()
@@ -21,16 +23,18 @@ NOMINAL: Place = ()
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """Intervals (low, high) that contain the true values, SI units; None: known exactly.
+    """Intervals (low, high) that contain the true values, SI units; None: known exactly. Both ends numbers, or (n,) arrays, one per joint.
 
     delay [s], stiffness [N m/rad], link_inertia and motor_inertia [kg m²], damping [N m s/rad]
+
+    Raises GainroomError where an interval is not (low, high) with 0 <= low <= high.
     """
 
-    delay: tuple[float, float] | None = None
-    stiffness: tuple[float, float] | None = None
-    link_inertia: tuple[float, float] | None = None
-    motor_inertia: tuple[float, float] | None = None
-    damping: tuple[float, float] | None = None
+    delay: Interval | None = None
+    stiffness: Interval | None = None
+    link_inertia: Interval | None = None
+    motor_inertia: Interval | None = None
+    damping: Interval | None = None
 
     def __post_init__(self) -> None:
         for name in self.__dataclass_fields__:
@@ -43,12 +47,15 @@ class Uncertainty:
         """What is uncertain."""
         return tuple(name for name in self.__dataclass_fields__ if getattr(self, name) is not None)
 
+    def values(self, place: Sequence[float]) -> dict[str, Floats]:
+        """What is uncertain at `place`, one number in [0, 1] per quantity, the same share for all joints; geometric where low > 0."""
+        return {
+            name: between(low, high, share) for name, share in zip(self.names, place, strict=True) for low, high in [getattr(self, name)]
+        }
+
     def case(self, joint: ElasticJoint, drive: Drive, place: Sequence[float]) -> Case:
-        """The joint and drive at `place`, one number in [0, 1] per uncertain quantity; geometric between ends that are > 0."""
-        values = {}
-        for name, share in zip(self.names, place, strict=True):
-            low, high = getattr(self, name)
-            values[name] = float(between(low, high, share))
+        """The joint and drive at `place`."""
+        values = {name: float(value) for name, value in self.values(place).items()}
         delay = values.pop("delay", drive.delay)
         return replace(joint, **values), replace(drive, delay=delay)
 
@@ -72,9 +79,11 @@ class Uncertainty:
         return list(itertools.product((0.0, 1.0), repeat=len(self.names)))
 
     def inside(self, count: int) -> list[Place]:
-        """The centre, and `count` places that fill the rest evenly."""
+        """The centre, and `count` places of a Halton sequence, which fill the rest evenly."""
+        from scipy.stats import qmc  # takes half a second, and most joints have no uncertainty
+
         size = len(self.names)
-        return [(0.5,) * size, *map(tuple, _halton(size, count).tolist())]
+        return [(0.5,) * size, *map(tuple, qmc.Halton(size, scramble=False).random(count + 1)[1:].tolist())]
 
 
 def between(low: Floats | float, high: Floats | float, share: float) -> Floats:
@@ -96,22 +105,13 @@ def share_of(low: float, high: float, value: float) -> float:
 
 
 def _is_interval(value: object) -> bool:
-    """Whether `value` is (low, high), two finite real numbers with 0 <= low <= high."""
-    if not isinstance(value, tuple | list) or len(value) != 2:
+    """Whether `value` is (low, high), both finite real numbers, or arrays of them, with 0 <= low <= high."""
+    if not isinstance(value, tuple | list) or len(value) != 2 or any(isinstance(end, bool | str) for end in value):
         return False
-    if not all(isinstance(end, int | float | np.integer | np.floating) and not isinstance(end, bool) for end in value):
+    try:
+        low, high = (np.asarray(end, dtype=float) for end in value)
+    except (TypeError, ValueError):
         return False
-    return 0 <= value[0] <= value[1] < math.inf
-
-
-def _halton(count: int, points: int) -> Floats:
-    """(points, count) Halton sequence in [0, 1]: fills a box evenly (Halton 1960)."""
-    result = np.zeros((points, count))
-    for axis, base in enumerate((2, 3, 5, 7, 11)[:count]):
-        for k in range(points):
-            share, rest = 1.0, k + 1
-            while rest:
-                share /= base
-                result[k, axis] += share * (rest % base)
-                rest //= base
-    return result
+    ordered = (low >= 0) & (low <= high) & (high < math.inf)
+    rigid = np.isinf(low) & np.isinf(high) & (low.ndim > 0)  # among joints some of which have a spring
+    return low.shape == high.shape and bool(np.all(ordered | rigid))

@@ -1,7 +1,7 @@
-"""A robot ready to be studied: its links, actuators, postures and contact states, its drives and control, and what is asked of them. SI."""
+"""A robot: its links, actuators, postures, contact states and tasks; a source of plants. SI."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -9,24 +9,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import GainroomError, first_of_many, nearest
-from ..linear.arrays import Floats
-from ..system.controller import PD, PID, PPI
-from ..system.drive import Drive
-from ..system.filters import LowPass, Notch
-from ..system.loop import Feedback, Loop, build_loop
-from ..system.requirements import Requirements
-from ..system.uncertainty import between
+from ..linear.arrays import Booleans, Floats
 
 if TYPE_CHECKING:
+    from ..system.system import System
     from .actuators import Actuators
     from .body import RigidBody
     from .contact import Contact
     from .ground import Ground
     from .model import RobotModel
     from .tasks import Task, Tasks
-
-Range = tuple[Floats, Floats]
-"""Lowest and highest value of each joint, each (n,)."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +36,7 @@ class Robot:
     postures, contacts   by name, in the file's order
     stack                tasks by falling priority; none: joint space only
     gravity              True: with gravity stiffness; None: only in `linearize(weight=True)`
-    spec                 the whole file, with control and limits; None for a robot made by hand
+    system               the whole file, with control and limits; None for a robot made by hand
     """
 
     name: str
@@ -53,7 +45,7 @@ class Robot:
     contacts: Mapping[str, "tuple[Contact, ...]"]
     stack: "tuple[Task, ...]" = ()
     gravity: bool | None = False
-    spec: "RobotSpec | None" = field(default=None, compare=False)
+    system: "System | None" = field(default=None, compare=False)
 
     def __repr__(self) -> str:
         names = f"postures {first_of_many(tuple(self.postures))}; contacts {first_of_many(tuple(self.contacts))}"
@@ -73,6 +65,21 @@ class Robot:
     def states(self) -> tuple[tuple[str, str], ...]:
         """Every posture with every contact state, by name."""
         return tuple((posture, contact) for contact in self.contacts for posture in self.postures)
+
+    @property
+    def prismatic(self) -> Booleans:
+        """(n,) True where a joint is prismatic: its numbers are in m and N."""
+        return self.body.prismatic
+
+    @property
+    def quantities(self) -> Mapping[str, Floats]:
+        """Motor inertia, gearbox and friction by name, each (n,)."""
+        return vars(self.actuators)
+
+    def with_quantities(self, **values: ArrayLike) -> "Robot":
+        """The same links with other actuators: `values` by name in `quantities`, a number or (n,)."""
+        each = {name: np.broadcast_to(np.asarray(value, dtype=float), len(self.joint_names)) for name, value in values.items()}
+        return replace(self, actuators=replace(self.actuators, **each))
 
     def linearize(self, posture: str | None = None, contact: str | None = None, weight: bool = False) -> "RobotModel":
         """The plant about one posture in one contact state; without names, the first ones.
@@ -116,55 +123,6 @@ def _known(kind: str, name: str | None, values: Mapping[str, Any]) -> str:
 
 
 @dataclass(frozen=True)
-class Ranges:
-    """What is not known exactly, joint by joint; None: known exactly.
-
-    delay [s], stiffness [N m/rad], motor_inertia [kg m²], damping [N m s/rad]
-    """
-
-    delay: Range | None = None
-    stiffness: Range | None = None
-    motor_inertia: Range | None = None
-    damping: Range | None = None
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """What is uncertain."""
-        return tuple(name for name in self.__dataclass_fields__ if getattr(self, name) is not None)
-
-    def case(self, actuators: "Actuators", drives: Sequence[Drive], place: Sequence[float]) -> "tuple[Actuators, tuple[Drive, ...]]":
-        """Actuators and drives at `place`, one number in [0, 1] per uncertain quantity, the same share for all joints."""
-        values = {}
-        for name, share in zip(self.names, place, strict=True):
-            low, high = getattr(self, name)
-            values[name] = between(low, high, share)
-        delays = values.pop("delay", np.array([drive.delay for drive in drives]))
-        moved = tuple(replace(drive, delay=float(delay)) for drive, delay in zip(drives, delays, strict=True))
-        return replace(actuators, **values), moved
-
-
-@dataclass(frozen=True)
-class RobotControl:
-    """The controller: gains per joint in joint space, or filters around the tasks' own gains.
-
-    space     "joint" or "task"
-    joints    PD, PID or PPI with gains (n,); None in task space
-    feedback  "motor" or "link": the side of the gearbox the encoders are on
-    rotors    the tasks' model of the robot counts the motors' inertia
-    weight    (n,) how much each joint's stiffness counts when gains are recommended
-    """
-
-    space: str
-    joints: PD | PID | PPI | None
-    feedback: Feedback
-    sample_time: float | None = None
-    velocity_filter: LowPass | None = None
-    notches: tuple[Notch, ...] = ()
-    rotors: bool = False
-    weight: Floats | None = None
-
-
-@dataclass(frozen=True)
 class RobotScenario:
     """What a simulated robot does: it stands in a posture, and moves a task or joints from rest to rest.
 
@@ -191,44 +149,3 @@ class RobotScenario:
     torque_limit: ArrayLike = math.inf
     resolution: float = 0.0
     ground: "Ground | None" = None
-
-
-@dataclass(frozen=True)
-class RobotSpec:
-    """What a robot.yaml says.
-
-    robot         the machine
-    drives        one per joint
-    control       controller, sampling and the encoders' side
-    requirements, uncertainty   as for one joint
-    scenario      what `gainroom simulate` plays
-    assumptions   what was assumed where nothing was said
-    warnings      what a user should look at
-    """
-
-    robot: Robot
-    drives: tuple[Drive, ...]
-    control: RobotControl
-    requirements: Requirements = field(default_factory=Requirements.usual)
-    uncertainty: Ranges = field(default_factory=Ranges)
-    scenario: RobotScenario = field(default_factory=RobotScenario)
-    assumptions: tuple[str, ...] = ()
-    warnings: tuple[str, ...] = ()
-
-    def __repr__(self) -> str:
-        return f"RobotSpec({self.robot!r}, control in {self.control.space} space)"
-
-    def controller(self, model: "RobotModel") -> PD | PID | PPI:
-        """The controller of n joints in one state: the file's own in joint space, that of its tasks in task space."""
-        if self.control.joints is not None:
-            return self.control.joints
-        return self.shaped(self.robot.tasks(model, self.control.rotors).controller())
-
-    def shaped(self, controller: PD | PID | PPI) -> PD | PID | PPI:
-        """A controller with this specification's filters."""
-        return replace(controller, velocity_filter=self.control.velocity_filter, notches=self.control.notches)
-
-    def loop(self, model: "RobotModel", controller: Any = None) -> Loop:
-        """The loop of one state, with another controller where one is given."""
-        controller = self.controller(model) if controller is None else controller
-        return build_loop(model, self.drives, controller, self.control.feedback, self.control.sample_time)

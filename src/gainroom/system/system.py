@@ -1,0 +1,211 @@
+"""What a user describes: a source of plants, drives, control, what is required, and what is not known exactly."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, Generic, Protocol, Self, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..errors import case_in_words
+from ..linear.arrays import Booleans, Floats
+from .controller import PD
+from .drive import Drive
+from .filters import LowPass, Notch
+from .loop import Feedback, Loop, build_loop
+from .plant import ElasticJoint, Plant
+from .requirements import Requirements
+from .uncertainty import NOMINAL, Place, Uncertainty
+
+
+class PlantSource(Protocol):
+    """What plants come from: one joint (ElasticJoint, plant.py) or a robot (Robot, robot/robot.py) in its postures and contact states.
+
+    name, joint_names (n,)   for messages and tables
+    prismatic   (n,) True where a joint is prismatic: its numbers are in m and N
+    states      (posture, contact state) by name; of one joint a single one without names
+    body        the links; None for one joint
+    stack       tasks by falling priority
+    quantities  of the actuators by name in Uncertainty and plausibility.py, each (n,), SI
+    """
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def joint_names(self) -> tuple[str, ...]: ...
+    @property
+    def prismatic(self) -> Booleans: ...
+    @property
+    def states(self) -> tuple[tuple[str, str], ...]: ...
+    @property
+    def body(self) -> Any: ...
+    @property
+    def stack(self) -> tuple[Any, ...]: ...
+    @property
+    def quantities(self) -> Mapping[str, Floats]: ...
+
+    def linearize(self, posture: str | None = None, contact: str | None = None, weight: bool = False) -> Plant:
+        """The plant in one state, without names the first; `weight`: with gravity stiffness where nothing is said of gravity."""
+        ...
+
+    def tasks(self, model: Any, rotors: bool = False) -> Any:
+        """The operational space at a linearised state."""
+        ...
+
+    def with_quantities(self, **values: ArrayLike) -> Self:
+        """The same with other actuators: `values` by name in `quantities`, a number or (n,)."""
+        ...
+
+
+Source = TypeVar("Source", bound=PlantSource)
+
+
+@dataclass(frozen=True)
+class Control:
+    """The controller: gains in joint space, or filters around the tasks' own gains.
+
+    space       "joint" or "task"
+    controller  of n joints, with gains () or (n,); None in task space
+    feedback    "motor" or "link": the side of the gearbox the encoders are on
+    sample_time [s]; None: continuous
+    rotors      the tasks' model of the robot counts the motors' inertia
+    weight      (n,) how much each joint's stiffness counts when gains are recommended
+    """
+
+    space: str
+    controller: Any
+    feedback: Feedback
+    sample_time: float | None = None
+    velocity_filter: LowPass | None = None
+    notches: tuple[Notch, ...] = ()
+    rotors: bool = False
+    weight: Floats | None = None
+
+
+@dataclass(frozen=True)
+class System(Generic[Source]):
+    """One joint or a whole robot, as a file describes it.
+
+    source        what its plants come from
+    drives        one per joint
+    scenario      what `gainroom simulate` does with it; None where the file has none, or it was not asked for
+    entered       values that a file gives in place of a source's quantities, by key: rotor_inertia, gear_ratio
+    assumptions   what was assumed where nothing was said
+    warnings      what a user should look at
+    """
+
+    source: Source
+    drives: tuple[Drive, ...]
+    control: Control
+    requirements: Requirements = field(default_factory=Requirements.usual)
+    uncertainty: Uncertainty = field(default_factory=Uncertainty)
+    scenario: Any = None
+    entered: Mapping[str, float] = field(default_factory=dict)
+    assumptions: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+    @classmethod
+    def of_joint(
+        cls,
+        joint: ElasticJoint,
+        drive: Drive,
+        controller: Any,
+        feedback: Feedback = "motor",
+        sample_time: float | None = None,
+        requirements: Requirements | None = None,
+        uncertainty: Uncertainty | None = None,
+        **others: Any,
+    ) -> "System":
+        """One joint with its drive and controller; requirements None: the usual ones; `others`: fields of System."""
+        return cls(
+            joint,  # type: ignore[arg-type] - a source like any other
+            (drive,),
+            Control("joint", controller, feedback, sample_time),
+            Requirements.usual() if requirements is None else requirements,
+            Uncertainty() if uncertainty is None else uncertainty,
+            **others,
+        )
+
+    def __repr__(self) -> str:
+        return f"System({self.source!r}, control in {self.control.space} space)"
+
+    @property
+    def delay(self) -> float:
+        """The longest of its drives' [s]."""
+        return max(drive.delay for drive in self.drives)
+
+    def controller(self, model: Any) -> Any:
+        """The controller of n joints in one state: the file's own in joint space, that of its tasks in task space."""
+        if self.control.controller is not None:
+            return self.control.controller
+        return self.filtered(self.source.tasks(model, self.control.rotors).controller())
+
+    def filtered(self, controller: PD) -> PD:
+        """A controller with this system's filters."""
+        return replace(controller, velocity_filter=self.control.velocity_filter, notches=self.control.notches)
+
+    def with_controller(self, controller: Any) -> "System":
+        """The same with another controller in joint space."""
+        return replace(self, control=replace(self.control, space="joint", controller=controller))
+
+    def loop(self, model: Plant | None = None, controller: Any = None) -> Loop:
+        """The loop of one state, by default the first, with another controller where one is given."""
+        model = self.source.linearize() if model is None else model
+        controller = self.controller(model) if controller is None else controller
+        return build_loop(model, self.drives, controller, self.control.feedback, self.control.sample_time)
+
+    def with_values(self, delay: ArrayLike | None = None, **values: ArrayLike) -> "System":
+        """The same with other delays [s] and other quantities of the source, each a number or (n,)."""
+        delays = np.broadcast_to([drive.delay for drive in self.drives] if delay is None else delay, len(self.drives))
+        drives = tuple(replace(drive, delay=float(one)) for drive, one in zip(self.drives, delays, strict=True))
+        return replace(self, source=self.source.with_quantities(**values) if values else self.source, drives=drives)
+
+    def at(self, place: Place) -> "System":
+        """The system at a place in its uncertainty; at NOMINAL itself."""
+        return self if place == NOMINAL else self.with_values(**self.uncertainty.values(place))
+
+    def cases(self, weight: bool = False) -> Iterator["StateCase"]:
+        """Every state, nominal and then at every corner of the uncertainty; `weight`: see PlantSource.linearize."""
+        corners = [NOMINAL, *self.uncertainty.corners] if self.uncertainty.names else [NOMINAL]
+        for posture, contact in self.source.states:
+            for corner in corners:
+                moved = self.at(corner)
+                yield StateCase(
+                    posture, contact, _place_text(self.uncertainty, corner), moved, moved.source.linearize(posture, contact, weight)
+                )
+
+
+@dataclass(frozen=True)
+class StateCase:
+    """One posture and contact state at one place in the uncertainty.
+
+    place          as text; "" for the nominal case
+    system, model  there
+    """
+
+    posture: str
+    contact: str
+    place: str
+    system: System
+    model: Any
+
+    @property
+    def title(self) -> str:
+        """For messages."""
+        return f"{self.posture}, {self.contact}" + (f" ({self.place})" if self.place else "")
+
+
+def _place_text(uncertainty: Uncertainty, corner: Place) -> str:
+    """Each quantity by its value, or by its end where joints differ."""
+    if corner == NOMINAL:
+        return ""
+    values = {name: np.atleast_1d(value) for name, value in uncertainty.values(corner).items()}
+    ends = dict(zip(values, corner, strict=True))
+    return ", ".join(
+        case_in_words({name: float(each[0])}) if np.all(each == each[0]) else f"{name.replace('_', ' ')} {'high' if ends[name] else 'low'}"
+        for name, each in values.items()
+    )
+
+
+JointSpec = System.of_joint
+"""The system of one joint, by the name that it had."""
