@@ -11,7 +11,7 @@ from gainroom.files.logs import open_log, read_log
 from gainroom.paper.fig6 import STEPS, delays_in, torque_steps
 from gainroom.paper.fig11 import simulated_limit, trial
 from gainroom.paper.joints import SAMPLE_TIME, TESTBED, TESTBED_DRIVE, TESTBED_KP
-from gainroom.paper.virtual import BUS_DELAY, loop_of_testbed
+from gainroom.paper.virtual_testbed import BUS_DELAY, loop_of_testbed
 
 
 @pytest.fixture(scope="module")

@@ -11,8 +11,8 @@ from scipy.special import ellipk
 import gainroom as gr
 from gainroom.simulation import _motion, testbed_stepping
 from gainroom.simulation.friction import Friction
-from gainroom.simulation.record import Run
 from gainroom.simulation.run import simulate
+from gainroom.simulation.run_record import Run
 from gainroom.simulation.scenario import Scenario, Start
 from gainroom.simulation.testbed import Testbed
 from gainroom.simulation.trajectories import Spline

@@ -15,8 +15,8 @@ import pytest
 import gainroom as gr
 from gainroom.files.logs import Log, open_log, read_log
 from gainroom.simulation.friction import Friction
-from gainroom.simulation.record import LOGGED
 from gainroom.simulation.run import simulate, stream
+from gainroom.simulation.run_record import LOGGED
 from gainroom.simulation.scenario import Scenario
 from gainroom.simulation.testbed import Testbed
 from gainroom.simulation.trajectories import Spline, Step

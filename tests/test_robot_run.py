@@ -14,10 +14,10 @@ from gainroom.errors import GainroomError
 from gainroom.robot import load_model
 from gainroom.robot.actuators import Actuators
 from gainroom.robot.ground import Ground, Sole
-from gainroom.simulation.record import LOGGED
 from gainroom.simulation.robot_onset import motionless
 from gainroom.simulation.robot_run import RobotStepper, run_robot, stream_robot
 from gainroom.simulation.robot_setup import RobotSetup, channel_units, hold, robot_setup, substeps_for
+from gainroom.simulation.run_record import LOGGED
 from gainroom.simulation.tracking import track
 from gainroom.simulation.trajectories import Spline
 from gainroom.system.controller import PD
@@ -115,7 +115,7 @@ def test_gains_beyond_the_limit_stop_the_run(spec, gain, tmp_path, monkeypatch):
     setup = setup_of(spec, "joint")
     run = run_robot(setup, hold(setup, 1.0), gain=gain, initial_speed=1e-3)
     assert run.ending == "diverged"
-    assert "turns faster than 50 rad/s after" in run.reason
+    assert "moves faster than 50 rad/s after" in run.reason
     assert run.time[-1] < 0.9
     assert np.isfinite(run.target_torque).all()
     assert not list(tmp_path.iterdir())
@@ -220,7 +220,7 @@ def test_a_fast_planned_move_is_no_divergence(tmp_path):
         assert np.abs(np.diff(run.motor_position, axis=0)).max() / 1e-3 == pytest.approx(fastest, rel=0.05)
 
 
-@pytest.mark.parametrize(("kind", "says"), [("revolute", "turns faster than 50 rad/s"), ("prismatic", "slides faster than 50 m/s")])
+@pytest.mark.parametrize(("kind", "says"), [("revolute", "moves faster than 50 rad/s"), ("prismatic", "slides faster than 50 m/s")])
 def test_the_joint_that_runs_away_is_named_with_its_unit(tmp_path, kind, says):
     run = run_robot(small(tmp_path, kind), hold(small(tmp_path, kind), 0.1), gain=1e-6, initial_speed=[0.0, 60.0])
     assert run.ending == "diverged"

@@ -10,8 +10,8 @@ from scipy import signal
 import gainroom as gr
 from gainroom.simulation import _stepping, stepping
 from gainroom.simulation.oscillation import response_vibration
-from gainroom.simulation.record import Run, joined
 from gainroom.simulation.run import simulate, stream
+from gainroom.simulation.run_record import Run, joined
 from gainroom.simulation.scenario import Scenario, Start
 from gainroom.simulation.tracking import track
 from gainroom.simulation.trajectories import Multisine, Spline, Step

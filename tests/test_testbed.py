@@ -11,8 +11,8 @@ import gainroom as gr
 from gainroom.simulation import _contact, _motion, _testbed
 from gainroom.simulation.friction import Friction
 from gainroom.simulation.oscillation import response_vibration
-from gainroom.simulation.record import joined
 from gainroom.simulation.run import simulate, stream
+from gainroom.simulation.run_record import joined
 from gainroom.simulation.scenario import Scenario, Start
 from gainroom.simulation.testbed import Testbed
 from gainroom.simulation.tracking import track

@@ -40,7 +40,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(arguments: Sequence[str] | None) -> int:
     import typer
 
-    from ..io.tracking import forget_read
+    from ..io.run_files import forget_read
     from .front import app
 
     show_everything()

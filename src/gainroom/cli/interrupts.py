@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable, Iterator
 from types import FrameType
 
-from ..io.tracking import undo_unfinished
+from ..io.run_files import undo_unfinished
 
 ASKED = (signal.SIGINT, signal.SIGTERM)
 INTERRUPTED = "gainroom: interrupted"

@@ -56,7 +56,7 @@ def report_stream(report: Path | None, log: Path | None = None) -> Iterator[Stri
 def refuse_inputs(path: Path, what: str) -> None:
     """Raise GainroomError where `path` is a file that has been read, by whatever name: `what` is to be written there."""
     from ..errors import GainroomError
-    from ..io.tracking import read_as
+    from ..io.run_files import read_as
 
     name = read_as(path)
     if name is not None:

@@ -34,7 +34,7 @@ def reproduce(as_json: AsJson = False, verbose: Verbose = False, report: Report 
 
 def _terminal(result: "Reproduction", verbose: bool) -> str:
     """The count and the rows that disagree; `verbose`: all rows, why some disagree, and the paper's claims checked."""
-    from ..paper.text import COLUMNS, cells, claims, summary
+    from ..paper.row_text import COLUMNS, cells, claims, summary
 
     head, warnings = summary(result.rows), [f"Warning: {warning}" for warning in result.warnings]
     disagreeing = [row for row in result.rows if not row.agrees]

@@ -16,7 +16,7 @@ from .progress import progress_bar
 
 if TYPE_CHECKING:
     from ..simulation import Run
-    from ..simulation.spec import SimulationSpec
+    from ..simulation.simulation_spec import SimulationSpec
     from ..studies.simulation import Outcome
 
 MOST_JOINTS = 6

@@ -8,7 +8,7 @@ from pydantic import BeforeValidator, Field, model_validator
 from ..errors import GainroomError
 from ..io.validation import NotNegative, Positive, PositiveOrInfinite, Section, number, refusal, typed
 from ..simulation import Chirp, Friction, Multisine, Scenario, Spline, Step, Trajectory
-from ..simulation.spec import JointSimulation
+from ..simulation.simulation_spec import JointSimulation
 from ..system.system import System
 from .system_sections import rad_per_s
 

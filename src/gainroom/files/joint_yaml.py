@@ -18,7 +18,7 @@ from .file_types import parse_as
 from .system_sections import ControlSection, GearboxSection, PositiveInterval, Stiffness, SystemFile, UncertaintySection, refuse_long_delay
 
 if TYPE_CHECKING:
-    from ..simulation.spec import JointSimulation
+    from ..simulation.simulation_spec import JointSimulation
     from .joint_scenario import ScenarioSection
 
 MOST_DAMPED = 1e4
@@ -51,7 +51,7 @@ def parse_simulation(text: str, source: str) -> "JointSimulation":
     """As load_simulation, for the text of a file that messages call `source`."""
     file = _file(text, source)
     scenario = _scenario(file, source)
-    from ..simulation.spec import NO_RATE
+    from ..simulation.simulation_spec import NO_RATE
 
     with named(source):
         if file.control.sample_rate_hz is None:  # else a delay in ticks would ask for another remedy

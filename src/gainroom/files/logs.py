@@ -19,7 +19,7 @@ import numpy as np
 from ..errors import GainroomError
 from ..io.atomic import replacement, writing
 from ..linear.arrays import Floats
-from ..simulation.record import LOGGED, REFERENCE_SIGNAL
+from ..simulation.run_record import LOGGED, REFERENCE_SIGNAL
 from .log_formats import READERS, WRITERS, Sink, one_line
 
 Choice = TypeVar("Choice")

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from ..errors import GainroomError
-from .tracking import at_last
+from .run_files import at_last
 
 
 @contextlib.contextmanager

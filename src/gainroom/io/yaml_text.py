@@ -14,7 +14,7 @@ from typing import Any
 import yaml
 
 from ..errors import GainroomError, printable
-from .text import bounded_text
+from .bounded_text import bounded_text
 
 MAX_BYTES = 1 << 20
 MAX_DEPTH = 20

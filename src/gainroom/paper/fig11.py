@@ -14,7 +14,7 @@ from ..simulation.onset import Onset, find_onset, linear_vibration
 from .joints import SAMPLE_TIME, STABLE_KV, TESTBED_KP, VIBRATING_KV
 from .picture import Curve, Panel, Picture
 from .row import Row, compare, same, within
-from .virtual import BUS_DELAY, MOTOR_RESOLUTION, loop_of_testbed, virtual_testbed
+from .virtual_testbed import BUS_DELAY, MOTOR_RESOLUTION, loop_of_testbed, virtual_testbed
 
 DURATION = 4.0  # [s] the figure shows 2.8 to 3.5 s
 CENTRE, SWING, RATE = -0.5, 0.5, math.pi  # [rad], [rad], [rad/s]

@@ -12,7 +12,7 @@ from ..simulation import Run, Scenario, simulate
 from .joints import SAMPLE_TIME, TESTBED
 from .picture import Curve, Panel, Picture
 from .row import Row, compare, within
-from .virtual import loop_of_testbed, virtual_testbed
+from .virtual_testbed import loop_of_testbed, virtual_testbed
 
 TORQUE = 11.0  # [N m] about where the figure's steps end
 BUS_TICKS, JITTER_TICKS = 5.0, 1.0  # printed: 4 to 6 ticks

@@ -8,7 +8,7 @@ from ..report.page import Card, Html, Lead, Section, block, details, facts, page
 from . import Reproduced, Reproduction, joints
 from .drawing import drawn
 from .row import Row, counts
-from .text import BRACKETS, COLUMNS, cells, claims, summary, value_text
+from .row_text import BRACKETS, COLUMNS, cells, claims, summary, value_text
 
 FIRST = "Fig. 9"  # the section that comes first
 SOURCE = (

@@ -14,7 +14,7 @@ from ..system.loop import build_loop
 from .joints import SAMPLE_TIME, STABLE_KV, TESTBED, TESTBED_DRIVE, TESTBED_KP, VIBRATING_KV
 from .picture import Curve, Mark, Panel, Picture
 from .row import Row, compare, same, within
-from .virtual import BUS_DELAY
+from .virtual_testbed import BUS_DELAY
 
 PRINTED_KV, PRINTED_CROSSOVER, PRINTED_MARGIN = 77.0, 494.0, 76.8e-3  # [N m s/rad], [rad/s], [dB]
 GRID_LIMITS = {4.0: 86.25, 5.0: 65.25}  # ticks: first unstable Kv on a grid of 0.25, computed elsewhere before

@@ -9,7 +9,7 @@ import numpy as np
 from ..robot.ground import Sole
 from ..simulation.robot_run import RobotRun
 from ..simulation.robot_simulation import RobotSimulation
-from ..simulation.spec import JointSimulation
+from ..simulation.simulation_spec import JointSimulation
 from ..studies.simulation import Outcome
 from .number_format import digits, milli, typed_gains
 from .page import Section

@@ -4,7 +4,7 @@ import math
 
 from ..analysis.gain_limit import GainLimit
 from ..errors import beside, frequency_in_words, listed, printable
-from ..simulation.spec import SimulationSpec
+from ..simulation.simulation_spec import SimulationSpec
 from ..studies.oscillation import EXACT, MUJOCO
 from ..studies.simulation import Outcome
 from .number_format import digits, frequency, gain_factor, milli, settling

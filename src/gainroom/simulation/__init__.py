@@ -5,8 +5,8 @@ Whole robots in MuJoCo are in robot_setup, robot_run and robot_onset, which load
 
 from .friction import Friction
 from .oscillation import Vibration, response_vibration, vibration
-from .record import Run
 from .run import simulate, stream
+from .run_record import Run
 from .scenario import Scenario, Start
 from .testbed import Testbed
 from .tracking import Tracking, track

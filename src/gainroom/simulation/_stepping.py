@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..analysis.compiled import cached_njit
-from .record import OVERFLOWING
+from .run_record import OVERFLOWING
 
 SPARSE = 4
 """A matrix with fewer nonzero entries than one in so many is gone through entry by entry: a delay of many ticks is a line of ones."""

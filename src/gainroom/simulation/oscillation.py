@@ -15,7 +15,7 @@ from ..errors import GainroomError, require_finite, require_positive
 from ..linear.arrays import Complexes, Floats
 
 if TYPE_CHECKING:
-    from .record import Run
+    from .run_record import Run
 
 LAGS = 100  # columns of the Hankel matrix at most
 MOST_SAMPLES = 4000  # samples from the end that are used

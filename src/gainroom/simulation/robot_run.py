@@ -15,8 +15,8 @@ from ..robot.body import is_prismatic, library, put_position
 from ..robot.formats.mujoco_messages import mujoco_warnings
 from ..robot.tasks import Task
 from .mujoco_model import MujocoRobot, build_mujoco
-from .record import REFERENCE_SIGNAL, Ending, Run, Unit, ended, joined
 from .robot_setup import RobotSetup, channel_units, substeps_for
+from .run_record import REFERENCE_SIGNAL, Ending, Run, Unit, ended, joined
 from .torque_line import TorqueLine
 from .whole_body import WholeBodyControl, values_of
 

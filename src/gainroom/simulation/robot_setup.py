@@ -17,7 +17,7 @@ from ..robot.linearize import linearize
 from ..robot.tasks import Task
 from ..system.drive import Drive
 from ..system.system import Control, System
-from .record import Unit
+from .run_record import Unit
 from .scenario import MOST_TICKS
 
 LARGEST_STEP_ANGLE = 0.5

@@ -13,10 +13,10 @@ from ..robot.model import RobotModel
 from ..robot.name_patterns import select
 from ..system.loop import Loop
 from ..system.system import System
-from .record import LOGGED, REFERENCE_SIGNAL, Run
 from .robot_run import stream_robot
 from .robot_setup import RobotSetup, channel_units, hold, robot_setup
-from .spec import TORQUE_LIMIT, SimulationSpec, refuse_odd_run
+from .run_record import LOGGED, REFERENCE_SIGNAL, Run
+from .simulation_spec import TORQUE_LIMIT, SimulationSpec, refuse_odd_run
 from .trajectories import Spline
 
 MOST_ROBOT_TICKS = 200_000

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from ..errors import GainroomError
 from ..system.loop import Loop
-from .record import Run, cut, joined
+from .run_record import Run, cut, joined
 from .scenario import MOST_TICKS, Scenario, Signals
 from .stepping import LinearStepper
 from .testbed import Testbed

@@ -17,7 +17,7 @@ from ..linear.arrays import Floats
 from ..linear.state_space import StateSpace, hold, split_delay
 from ..system.assembly import actuated_state, controller_state
 from ..system.loop import Loop
-from .record import OVERFLOWING, Run
+from .run_record import OVERFLOWING, Run
 from .scenario import Inputs, Signals
 
 SHORT = 5000  # ticks of a run that numpy steps sooner than numba is loaded

@@ -10,7 +10,7 @@ from ..linear.state_space import split_delay
 from ..system.assembly import actuated_state, controller_state
 from ..system.loop import Feedback, Loop
 from ._testbed import Body, Control, Hardware, Memory, advance
-from .record import Run
+from .run_record import Run
 from .scenario import Inputs, Signals
 from .testbed import Testbed
 

@@ -10,8 +10,8 @@ from ..analysis.gain_limit import GainLimit
 from ..errors import GainroomError
 from ..linear.arrays import Floats
 from ..simulation.oscillation import Vibration
-from ..simulation.record import Run, joined
-from ..simulation.spec import TORQUE_LIMIT, SimulationSpec
+from ..simulation.run_record import Run, joined
+from ..simulation.simulation_spec import TORQUE_LIMIT, SimulationSpec
 from ..simulation.tracking import Tracking, track
 from .oscillation import Oscillation, judge, torque_chatter
 from .state import limit_of, moves

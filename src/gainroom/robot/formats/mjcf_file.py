@@ -19,7 +19,7 @@ from xml.etree.ElementTree import Element, tostring
 import numpy as np
 
 from ...errors import GainroomError, one_line, typo_of
-from ...io.tracking import note_read
+from ...io.run_files import note_read
 from ..assemble import MAX_JOINTS, require_at_most
 from ..body import library
 from .mujoco_messages import mujoco_warnings

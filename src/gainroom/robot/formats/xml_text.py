@@ -10,7 +10,7 @@ from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
 
 from ...errors import GainroomError
-from ...io.text import bounded_text
+from ...io.bounded_text import bounded_text
 
 MAX_BYTES = 50 * 2**20
 MAX_ELEMENTS = 100_000

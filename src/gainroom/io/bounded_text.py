@@ -5,7 +5,7 @@ import stat
 from pathlib import Path
 
 from ..errors import GainroomError
-from .tracking import note_read
+from .run_files import note_read
 
 
 def bounded_text(path: Path, most: int, what: str) -> str:

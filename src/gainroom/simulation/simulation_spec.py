@@ -14,8 +14,8 @@ from ..system.plausibility import unusual_values
 from ..system.system import System
 from . import Friction, Scenario, Testbed
 from .oscillation import rows_after
-from .record import LOGGED, STEADY_SHARE, Run
 from .run import BLOCK, simulate, stream
+from .run_record import LOGGED, STEADY_SHARE, Run
 from .scenario import MOST_TICKS
 from .trajectories import Held
 
