@@ -220,7 +220,7 @@ def test_a_fast_planned_move_is_no_divergence(tmp_path):
         assert np.abs(np.diff(run.motor_position, axis=0)).max() / 1e-3 == pytest.approx(fastest, rel=0.05)
 
 
-@pytest.mark.parametrize(("kind", "says"), [("revolute", "moves faster than 50 rad/s"), ("prismatic", "slides faster than 50 m/s")])
+@pytest.mark.parametrize(("kind", "says"), [("revolute", "moves faster than 50 rad/s"), ("prismatic", "moves faster than 50 m/s")])
 def test_the_joint_that_runs_away_is_named_with_its_unit(tmp_path, kind, says):
     run = run_robot(small(tmp_path, kind), hold(small(tmp_path, kind), 0.1), gain=1e-6, initial_speed=[0.0, 60.0])
     assert run.ending == "diverged"
