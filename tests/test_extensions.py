@@ -86,6 +86,34 @@ def test_a_controller_is_one_class():
     assert "Series" in joint_page(study, "again")
 
 
+@dataclass(frozen=True)
+class Loaded(gr.ElasticJoint):
+    """A source of plants: one joint with each of several loads [kg m²], a state each."""
+
+    loads: tuple[float, ...] = ()
+
+    @property
+    def states(self):
+        return tuple((f"{load:g} kg m²", "held") for load in self.loads)
+
+    def linearize(self, posture=None, contact=None, weight=False):
+        load = next(load for load, (name, _) in zip(self.loads, self.states, strict=True) if name == posture)
+        return gr.ElasticJoint(self.motor_inertia, load, self.stiffness, self.damping).plant()
+
+
+def test_a_source_of_plants_is_one_class():
+    """Every state that it names is analysed, and the requirements are judged over all of them."""
+    loads, drive, law = (0.5, 4.0, 16.0), gr.Drive(4000.0, 0.9, 2e-3), gr.PD(1600.0, 64.0)
+    source = Loaded(1.0, 16.0, 1e4, 1.0, loads=loads)
+    found = gr.analyze(gr.System(source, (drive,), gr.Control("joint", law, "motor")))
+    alone = [gr.margins(gr.build_loop(gr.ElasticJoint(1.0, load, 1e4, 1.0), drive, law)) for load in loads]
+    assert [state.margins.gain_margin for state in found.every] == pytest.approx([one.gain_margin for one in alone], rel=1e-9)
+    least = min(range(len(loads)), key=lambda k: alone[k].gain_margin)
+    assert found.tightest.posture == f"{loads[least]:g} kg m²"
+    assert found.worst["phase_margin"].margins.phase_margin == pytest.approx(min(one.phase_margin for one in alone), rel=1e-9)
+    assert found.requirements_met is all(gr.Requirements.usual().met_by(one) for one in alone)
+
+
 def test_a_controller_of_several_joints_is_the_same_class():
     plant = gr.Plant(np.array([[1.0, 0.3], [0.3, 2.0]]), np.full(2, 0.5), np.full(2, 1e4), np.full(2, 2.0))
     drive = gr.Drive(4000.0, 0.9, 2e-3)

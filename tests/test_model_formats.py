@@ -1,5 +1,6 @@
 """A new format of robot files is one class and its line in FORMATS: everything that takes a model takes it then."""
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from xml.etree.ElementTree import Element
@@ -9,6 +10,8 @@ import pinocchio as pin
 import pytest
 from numpy.testing import assert_allclose
 
+import gainroom as gr
+from gainroom.cli import main
 from gainroom.errors import GainroomError
 from gainroom.files.audit_options import AuditOptions, audit_spec
 from gainroom.files.robot_yaml import load_robot
@@ -63,6 +66,28 @@ def test_a_robot_yaml_takes_it(chain: Path):
     # Two point masses, the outer rod at a right angle: A = [[(m1 + 2 m2) L², m2 L²], [m2 L², m2 L²]].
     expected = LENGTH**2 * np.array([[7.0, 2.0], [2.0, 2.0]])
     assert_allclose(np.linalg.inv(model.link_inverse_inertia), expected, rtol=1e-12)
+
+
+def test_its_robot_is_analysed_recommended_for_and_shown(chain: Path, capsys: pytest.CaptureFixture[str]):
+    """The gain limit of one joint alone is that of the joint that it is; gains to use are found; terminal and page name its joints."""
+    file, page = chain.parent / "robot.yaml", chain.parent / "robot.html"
+    file.write_text(
+        "model: {file: two.xml}\njoints: {default: {motor_inertia: 0.1}}\ndrive: {bandwidth: .inf, delay_ms: 2}\n"
+        "control: {type: pd, feedback: motor, kp: 200, kd: 10}\npostures: {bent: {hinge1: 1.5707963267948966}}\n",
+        "utf-8",
+    )
+    assert main(["robot", str(file), "--json", "--report", str(page)]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    (state,) = facts["states"]
+    inverse = np.linalg.inv(LENGTH**2 * np.array([[7.0, 2.0], [2.0, 2.0]]))
+    for k, joint in enumerate(state["joints"]):
+        alone = gr.build_loop(gr.ElasticJoint(0.1, 1 / inverse[k, k]), gr.Drive(delay=2e-3), gr.PD(200.0, 10.0))
+        assert joint["name"] == f"hinge{k}"
+        assert joint["single_joint_limit"] == pytest.approx(gr.gain_limit(alone).gain, rel=1e-9)
+    assert min(facts["recommended"][0]["sets"][0]["kp"]) > 0
+    assert "hinge1" in page.read_text("utf-8")
+    assert main(["robot", str(file)]) == 0
+    assert "hinge1" in capsys.readouterr().out
 
 
 def test_audit_takes_its_gains_and_keyframes(chain: Path):
