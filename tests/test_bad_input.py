@@ -178,7 +178,7 @@ def mutated_file(random: Random) -> bytes:
     return raw
 
 
-@settings(max_examples=3000, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=1000, deadline=None, suppress_health_check=list(HealthCheck))
 @given(random=RANDOMS)
 def test_mutated_files_are_read_or_refused_in_one_line(random: Random):
     content = mutated_file(random)
@@ -203,7 +203,7 @@ def runs_to_an_answer_or_a_line(random: Random, tmp_path: Path, capsys: pytest.C
 
 
 @pytest.mark.slow
-@settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=100, deadline=None, suppress_health_check=list(HealthCheck))
 @given(random=RANDOMS)
 def test_mutated_files_run_to_an_answer_or_a_line(random: Random, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     runs_to_an_answer_or_a_line(random, tmp_path, capsys)

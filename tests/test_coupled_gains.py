@@ -1,6 +1,7 @@
 """The largest scale of gains: against single joints where nothing couples, and against its own definition where everything does."""
 
 from dataclasses import replace
+from functools import cache
 from math import exp, inf, log, nan
 
 import numpy as np
@@ -11,7 +12,7 @@ from draws import draw_plant
 from gainroom.analysis.margin_record import GainLimit, Margins, OneLoop
 from gainroom.analysis.margins import joint_margins
 from gainroom.analysis.quick_margins import quick_margins
-from gainroom.design.gain_search import PRICES, RAISE, raised_gains, rounded, stiffer
+from gainroom.design.gain_search import PRICES, RAISE, Raised, raised_gains, rounded, stiffer
 from gainroom.design.margin_slopes import Case, moved
 from gainroom.linear import response_cache as remembered
 from gainroom.report.number_format import margin_value
@@ -63,7 +64,7 @@ def test_coupled_joints_keep_the_least_of_all_their_margins(seed, sample_time):
 def test_close_crossings_of_near_equal_limbs_are_not_lost():
     """Against the certified margins of all loops together: two loci meet the unit circle, or the axis, side by side."""
     seen = 0
-    for number in range(60):
+    for number in range(30):
         loop = limbs(2017, number).loop
         kept = quick_margins(loop)
         if not kept.stable:
@@ -73,7 +74,7 @@ def test_close_crossings_of_near_equal_limbs_are_not_lost():
         assert kept.phase_margin == pytest.approx(whole.phase_margin, rel=1e-5)  # ends are counted 1e-6 beside
         assert kept.least_gain_margin <= min(whole.limit.gain, lower) * (1 + 1e-5)
         seen += 1
-    assert seen > 20
+    assert seen > 10
 
 
 def test_an_unstable_loop_keeps_nothing():
@@ -107,26 +108,32 @@ def found_for(cases, groups=None, **kwargs):
     return raised_gains(cases, soft(size), np.ones(size), groups, 1e9, **kwargs)
 
 
-@pytest.mark.parametrize("sample_time", [None, 5e-4])
-@pytest.mark.parametrize("seed", range(3))
-def test_none_can_be_raised(seed, sample_time):
-    """The definition, on random coupled joints and on directions across them, in two cases at once."""
+@cache
+def searched(seed: int, sample_time: float | None) -> tuple[list[Case], Raised]:
+    """Random coupled joints, and directions across them, in two cases at once; with the gains found for both."""
     rng = np.random.default_rng([41, seed])
     size = int(rng.integers(2, 5))
     torque = np.eye(size) if seed != 1 else np.linalg.qr(rng.standard_normal((size, size)))[0][:, : size - 1]
     plant = draw_plant(rng, size)
     required = REQUIRED if seed != 1 else gr.Requirements(gain_margin=2.0, peak_sensitivity=2.0)  # what no direction moves has no phase
     cases = [case_of(plant, required, delay, torque, sample_time) for delay in (2e-3, 3e-3)]
-    found = found_for(cases)
+    return cases, found_for(cases)
+
+
+@pytest.mark.parametrize("sample_time", [None, 5e-4])
+@pytest.mark.parametrize("seed", range(3))
+def test_none_can_be_raised(seed, sample_time):
+    """The definition."""
+    cases, found = searched(seed, sample_time)
     assert all(holds(case, found.gains) for case in cases)
     assert list(found.margins) == [case.margins(found.gains) for case in cases]  # the very records
     assert found.gains.tolist() == rounded(found.gains).tolist()  # what is typed in is what was looked at
-    for j in range(torque.shape[1]):
+    for j in range(found.gains.shape[1]):
         for power in (0.0, 1.0):
             more = found.gains.copy()
             more[:2, j] *= 1.05, 1.05**power
             assert not all(holds(case, more) for case in cases), f"direction {j} can be raised"
-        assert found.margin[j] in (*required.asked, "stability")
+        assert found.margin[j] in (*cases[0].required.asked, "stability")
         assert not holds(cases[found.case[j]], stiffer(found.gains, j, RAISE, 0.0, cases[0].cascade))
 
 
@@ -223,17 +230,16 @@ def test_slopes_are_the_changes_of_margins(seed, across, sample_time):
 def test_what_is_seen_to_break_breaks(seed, sample_time):
     """Near gains that were looked at, without a full look; some steps break something, others nothing."""
     rng = np.random.default_rng([49, seed])
-    size = int(rng.integers(2, 5))
-    case = case_of(draw_plant(rng, size), sample_time=sample_time)
-    found = raised_gains([case], soft(size), np.ones(size), [[j] for j in range(size)], 1e9).gains
+    (*_, case), found = searched(seed, sample_time)  # with the longer delay, which limits the gains
+    size = found.gains.shape[1]
     said = []
     for k in range(20):
         way = rng.uniform(-0.1, 0.06, (2, size)) if k % 2 else np.array([rng.uniform(-0.1, -0.02, size), np.full(size, -0.01)])
-        gains = moved(found, way, case.cascade)
-        case.seen(found)
+        gains = moved(found.gains, way, case.cascade)
+        case.seen(found.gains)
         name = case.breaks(gains)
         said.append(bool(name))
-        assert not name or not REQUIRED.met(name, case.margins(gains).least(name))
+        assert not name or not case.required.met(name, case.margins(gains).least(name))
     assert True in said
     assert False in said
 

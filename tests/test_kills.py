@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 
 import gainroom as gr
-from faults import BIPED, COMMANDS, GAINS, Outcome, environment, faults_of, furnish, gainroom, heard
+from faults import BIPED, COMMANDS, GAINS, Outcome, environment, faults_of, furnish, gainroom, heard, undisturbed
 
 SEED = int(os.environ.get("GAINROOM_SEED", "20171117"))
 WHOLE = int(os.environ.get("GAINROOM_POPULATION", "100"))
@@ -33,15 +33,12 @@ pytestmark = pytest.mark.skipif(not WITNESS.exists(), reason="asks Linux which s
 
 
 @cache
-def undisturbed(name: str) -> tuple[int, float]:
-    """Status and duration [s] of a command that nothing disturbs; the duration says only when others are killed."""
-    with TemporaryDirectory() as folder:
-        furnish(Path(folder), old=True)
-        begun = time.monotonic()
-        run = gainroom(Path(folder), *COMMANDS[name])
-        assert run.stderr == ""
-        assert run.returncode in (0, 1), name
-        return run.returncode, time.monotonic() - begun
+def finished(name: str) -> tuple[int, float]:
+    """Status and duration [s] of a command that nothing disturbs."""
+    run, lasts = undisturbed(*COMMANDS[name])
+    assert run.stderr == ""
+    assert run.returncode in (0, 1), name
+    return run.returncode, lasts
 
 
 def wait_until_heeded(process: subprocess.Popen[str]) -> None:
@@ -58,7 +55,7 @@ def killed(index: int, names: tuple[str, ...], folder: Path) -> tuple[str, list[
     """What became of draw number `index`: "killed", "done" all the same, or "too late" to be killed; and its faults."""
     rng = np.random.default_rng([SEED, index])
     name, number = names[index % len(names)], SIGNALS[index // len(names) % len(SIGNALS)]
-    finished, lasts = undisturbed(name)
+    status, lasts = finished(name)
     furnish(folder, old=bool(rng.integers(2)))
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
     process = subprocess.Popen(
@@ -79,8 +76,8 @@ def killed(index: int, names: tuple[str, ...], folder: Path) -> tuple[str, list[
     finally:
         process.kill()
     after = Outcome.of(folder, process.returncode, out, err)
-    wrong = faults_of(name, number, before, after, folder, finished)
-    ended = "too late" if late else "done" if after.status == finished else "killed"
+    wrong = faults_of(name, number, before, after, folder, status)
+    ended = "too late" if late else "done" if after.status == status else "killed"
     return ended, [f"{index}, {name}, {number.name}: {fault}" for fault in wrong]
 
 
@@ -131,9 +128,9 @@ def at_event(folder: Path, name: str, count: int, number: int) -> tuple[bool, li
     command = [sys.executable, "-c", AT_AN_EVENT, str(count), str(int(number)), *COMMANDS[name]]
     run = subprocess.run(command, cwd=folder, capture_output=True, text=True, env=environment(), preexec_fn=heard, check=False)
     after = Outcome.of(folder, run.returncode, run.stdout, run.stderr)
-    finished, _ = undisturbed(name)
-    wrong = faults_of(name, number, before, after, folder, finished)
-    return after.status != finished, [f"{name}, operation {count}, {signal.Signals(number).name}: {fault}" for fault in wrong]
+    status, _ = finished(name)
+    wrong = faults_of(name, number, before, after, folder, status)
+    return after.status != status, [f"{name}, operation {count}, {signal.Signals(number).name}: {fault}" for fault in wrong]
 
 
 @pytest.mark.population

@@ -28,8 +28,8 @@ def test_the_wheel_alone_runs_the_demo(tmp_path: Path):
     names = zipfile.ZipFile(wheel).namelist()
     assert {"gainroom/py.typed", "gainroom/files/examples/testbed.yaml"} <= set(names)
     assert not [name for name in names if not re.match(r"gainroom(-[\d.]+\.dist-info)?/", name)]
-    run(sys.executable, "-m", "venv", "empty", cwd=tmp_path)
-    run("empty/bin/python", "-m", "pip", "install", "-q", "--no-compile", wheel, cwd=tmp_path)
+    run(sys.executable, "-m", "venv", "--without-pip", "empty", cwd=tmp_path)
+    run(sys.executable, "-m", "pip", "--python", "empty", "install", "-q", "--no-compile", wheel, cwd=tmp_path)
     gainroom = tmp_path / "empty" / "bin" / "gainroom"
     (tmp_path / "testbed.yaml").write_text(run(gainroom, "example", "testbed", cwd=tmp_path), "utf-8")
     facts = json.loads(run(gainroom, "joint", "testbed.yaml", "--json", "--report", "testbed.html", cwd=tmp_path))

@@ -1,12 +1,15 @@
-"""The paper's numbers, within what issue and paper allow; rows that say what they are."""
+"""The paper's numbers, within what issue and paper allow; rows that say what they are; what the command prints of them."""
 
 import html
+import json
 import math
 import re
 import sys
+from collections.abc import Callable
 
 import pytest
 
+from gainroom.cli import main
 from gainroom.paper import FIGURES, Reproduction, eq4, eq10, run_reproduction
 from gainroom.paper.page import reproduction_page
 from gainroom.paper.row import at_least, compare
@@ -141,3 +144,38 @@ def test_the_page_is_whole(result: Reproduction):
     for figure in result.figures:
         assert html.escape(figure.title) in page
         assert all(html.escape(picture.title) in page for picture in figure.pictures)
+
+
+@pytest.fixture
+def shown(result: Reproduction, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
+    """What the command prints of `result`, which is computed once."""
+    monkeypatch.setattr("gainroom.paper.run_reproduction", lambda: result)
+
+    def run(*options: str) -> str:
+        assert main(["reproduce", *options]) == 0
+        return capsys.readouterr().out
+
+    return run
+
+
+def test_reproduce_counts_what_the_paper_prints_apart(shown: Callable[..., str]):
+    out = shown("--verbose")
+    rows = [line for line in out.splitlines() if re.match(r" (eq\d+|fig\d+|testbed|table1|claim\d)\.", line)]
+    printed, further = ([line for line in rows if line.split()[1].startswith("(") is bracket] for bracket in (False, True))
+    agree, hold = (sum(line.endswith(" yes") for line in group) for group in (printed, further))
+    assert out.startswith(f"{agree} of {len(printed)} numbers of the paper agree; {hold} of {len(further)} further checks hold")
+    # What the paper prints and is reproduced here: at least Figs. 4 to 9, the testbed and Table I.
+    assert len(printed) > 40
+    assert max(map(len, out.splitlines())) <= 100
+    assert next(line for line in out.splitlines() if "testbed.delay_ms" in line).split()[1:4] == ["2", "to", "3"]
+    short = shown().splitlines()
+    assert short[0] == out.splitlines()[0]
+    named = [line.split()[0] for line in short if re.match(r" (fig\d+|table1|claim\d)\.", line)]
+    assert named == [line.split()[0] for line in rows if line.endswith(" no")]
+    assert max(map(len, short)) <= 80
+
+
+def test_the_rows_as_json(shown: Callable[..., str]):
+    rows = json.loads(shown("--json"), parse_constant=pytest.fail)["rows"]
+    assert all(set(row) >= {"id", "paper", "computed", "unit", "agrees", "note"} for row in rows)
+    assert {row["id"].split(".")[0] for row in rows} >= {"fig4", "fig5", "fig7", "fig9", "testbed"}

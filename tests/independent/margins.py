@@ -62,8 +62,11 @@ class GridMargins:
 
 
 def grid_margins(joint: PDJoint, sample_time: float | None = None) -> GridMargins:
-    """Margins between neighbouring grid points by straight lines: about four digits, fewer where L turns in between."""
-    loop = response(joint, frequency_grid(joint, sample_time), sample_time)
+    return margins_on_grid(response(joint, frequency_grid(joint, sample_time), sample_time))
+
+
+def margins_on_grid(loop: np.ndarray) -> GridMargins:
+    """Margins between neighbouring points of L on a dense grid by straight lines: about four digits, fewer where L turns in between."""
     before, after = loop[:-1], loop[1:]
     share = np.divide(before.imag, before.imag - after.imag, where=before.imag != after.imag, out=np.zeros(len(before)))
     real = before.real + share * (after.real - before.real)

@@ -24,6 +24,7 @@ from ._peaks import find_peaks, objective
 from ._walk import Nodes, bisect, bounds, first_nodes, intervals, jumps, log_size, resolve_turns, turn_between, unwrap, values_between
 
 FLOOR = 1e-3  # in continuous time the walk ends where |L| stays below; lower until it cannot come back to the nearest crossing found
+MANY = 1000  # crossings of which those found are left alone; of fewer, it costs less to look at all again
 LOWEST_FLOOR = 1e-9  # crossings below are left out: which of them comes first is not known
 
 
@@ -152,18 +153,22 @@ def _polish(batch: Batch, nodes: Nodes, left: Integers, function: Callable[[Comp
     owner, low, high = nodes.owner[left], nodes.omega[left].copy(), nodes.omega[left + 1].copy()
     rising = function(nodes.value[left]) <= 0
     omega = 0.5 * (low + high)
-    delay = batch.delay[owner] if part == "imag" else 0.0
     value = np.zeros(len(left), dtype=complex)
+    open_ = np.arange(len(left))  # intervals whose root is not yet found
     for _ in range(80):
-        value, terms = batch.evaluate(owner, omega)
-        f, slope = function(value), getattr(terms, part).sum(axis=1) - delay
-        below = (f <= 0) == rising
-        low, high = np.where(below, omega, low), np.where(below, high, omega)
-        step = omega - np.divide(f, slope, out=np.full(len(f), np.inf), where=slope != 0)
-        done = (f == 0) | (np.abs(step - omega) <= 1e-15 * omega)
-        omega = np.where(done, omega, np.where((step > low) & (step < high), step, 0.5 * (low + high)))
+        at = omega[open_]
+        value[open_], terms = batch.evaluate(owner[open_], at)
+        f, slope = function(value[open_]), getattr(terms, part).sum(axis=1) - (batch.delay[owner[open_]] if part == "imag" else 0.0)
+        below = (f <= 0) == rising[open_]
+        low[open_], high[open_] = np.where(below, at, low[open_]), np.where(below, high[open_], at)
+        step = at - np.divide(f, slope, out=np.full(len(f), np.inf), where=slope != 0)
+        done = (f == 0) | (np.abs(step - at) <= 1e-15 * at)
+        inside = (step > low[open_]) & (step < high[open_])
+        omega[open_] = np.where(done, at, np.where(inside, step, 0.5 * (low[open_] + high[open_])))
         if done.all():
             break
+        if len(open_) > MANY:
+            open_ = open_[~done]
     return omega, value
 
 

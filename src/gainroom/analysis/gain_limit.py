@@ -35,10 +35,10 @@ def _scalar_limit(loop: Loop) -> GainLimit:
     """From the crossings of the certified scan: between neighbouring ones the number of unstable roots is constant."""
     if loop.scalar is not None and loop.scalar.gain == 0:
         raise GainroomError("gain_limit: all gains are zero")
-    phases = scan_loop(loop, with_peaks=False).phases
-    phases = phases[phases[:, 1] > 0]
+    scan = scan_loop(loop, with_peaks=False)
+    phases = scan.phases[scan.phases[:, 1] > 0]
     phases = phases[np.argsort(-phases[:, 1], kind="stable")]
-    stable = unstable_roots(loop) == 0
+    stable = unstable_roots(loop, scan) == 0
     factors = [0.0, *(1 / size for size in phases[:, 1].tolist()), math.inf]
     upper = next(k for k, factor in enumerate(factors) if factor > 1)
     if not stable:
