@@ -30,7 +30,7 @@ from robot_truths import hinge, link
 
 SEED = int(os.environ.get("GAINROOM_SEED", "2017"))
 WHOLE = int(os.environ.get("GAINROOM_POPULATION", "10000"))
-SHARE = min(80, WHOLE)
+SHARE = min(50, WHOLE)
 BATCH = 250
 MOST_SECONDS = 20.0
 MOST_SHOWN = 5

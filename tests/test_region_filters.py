@@ -18,7 +18,7 @@ from independent.delay_roots import UndecidedError
 from wide_joints import Case, wide
 
 SEED = int(os.environ.get("GAINROOM_SEED", "1"))
-WHOLE, SHARE, BATCH = 400, 20, 10
+WHOLE, SHARE, BATCH = 400, 10, 10
 SHIFT = 1e-6  # relative: the claim to be confirmed
 
 

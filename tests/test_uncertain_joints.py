@@ -23,7 +23,7 @@ from gainroom.system.system import System
 from uncertain_joints import MET, Uncertain, draw_uncertain, worst_found
 
 SEED = int(os.environ.get("GAINROOM_SEED", "1"))
-WHOLE, SHARE, BATCH = 260, 6, 20
+WHOLE, SHARE, BATCH = 260, 4, 20
 
 
 def draw(number: int, seed: int = SEED) -> tuple[Uncertain, np.random.Generator]:
