@@ -13,7 +13,7 @@ from gainroom.files.robot_yaml import load_robot_system, parse_robot
 from gainroom.report.simulation import simulation_page
 from gainroom.report.simulation_text import sentence, warnings
 from gainroom.simulation.robot_simulation import RobotSimulation
-from gainroom.studies.oscillation import torque_chatter
+from gainroom.studies.oscillation import torque_ripple_of
 from gainroom.studies.simulation import Outcome, simulate_study
 from robot_files import ROBOT, SOLO, write_arm, written
 
@@ -129,11 +129,11 @@ def test_torque_ripple_is_reported(tmp_path: Path):
     """Coarse encoders times kd: kicks at every tick, far above the move's frequencies. Of a known sine it is the RMS, by closed form."""
     text = ROBOT + "scenario: {duration: 1.0, move: {joint: elbow, by: 0.1, duration: 0.5}, resolution: 1.0e-3}\n"
     play = simulated(tmp_path, text, 1.0)
-    assert play.chattering is not None
+    assert play.rippling is not None
     assert any("the torque ripple of" in warning and "finer encoders" in warning for warning in warnings(play))
     smooth = simulated(tmp_path, text.replace(", resolution: 1.0e-3", ""), 1.0)
-    assert smooth.chattering is None
+    assert smooth.rippling is None
     time = smooth.run.time
     slow, fast = 9.0 * np.sin(4 * np.pi * time), 2.0 * np.sin(600.0 * time)  # 4 pi/0.5 s and its fivefold lie between them
     made = replace(smooth.run, actual_torque=np.column_stack([slow + fast, slow]))
-    assert torque_chatter(made, 0.5) == pytest.approx([2.0 / np.sqrt(2), 0.0], abs=1e-3)  # what the taper lets through of the slow one
+    assert torque_ripple_of(made, 0.5) == pytest.approx([2.0 / np.sqrt(2), 0.0], abs=1e-3)  # what the taper lets through of the slow one

@@ -187,10 +187,10 @@ def test_a_limit_turns_divergence_into_a_limit_cycle():
     assert simulate(loop, Scenario(Step(0.01), 3.0)).diverged
     found = simulate(Testbed(loop, torque_limit=50.0), Scenario(Step(0.01), 3.0))
     assert not found.diverged
-    shaking = response_vibration(found)
-    assert shaking is not None
-    assert shaking.growth_rate == pytest.approx(0.0, abs=0.5)
-    assert shaking.amplitude > 1e-3
+    noise_motion = response_vibration(found)
+    assert noise_motion is not None
+    assert noise_motion.growth_rate == pytest.approx(0.0, abs=0.5)
+    assert noise_motion.amplitude > 1e-3
 
 
 def test_encoders_count_steps():

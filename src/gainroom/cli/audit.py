@@ -40,23 +40,21 @@ def audit(
         Number, number_option("--motor-inertia", "in kg m²", "Joint side [kg m²], where the gains' file names none.")
     ] = None,
     bandwidth: Annotated[Number, number_option("--bandwidth", "in rad/s", "Of the current loops [rad/s]; without it, ideal.")] = None,
-    base: Annotated[
-        str | None, typer.Option(help="fixed or floating; without it, an MJCF says it itself. fixed holds a free joint.")
-    ] = None,
-    contact: Annotated[list[str] | None, typer.Option(metavar="NAME", help="A frame on the ground; may be given again.")] = None,
+    base: Annotated[str | None, typer.Option(help="fixed or floating; without it, as the MJCF has it. fixed locks a free joint.")] = None,
+    contact: Annotated[list[str] | None, typer.Option(metavar="NAME", help="A frame on the ground; may be repeated.")] = None,
     posture: Annotated[
         list[str] | None,
         typer.Option(
             metavar="JOINT=ANGLE",
-            help="Where a joint, or all that match a pattern, stands [rad; m if prismatic]; or the name of an MJCF's keyframe. May be "
-            "given again, the later wins; 0 where nothing is said.",
+            help="Position of a joint, or of all that match a pattern [rad; m if prismatic]; or the name of an MJCF's keyframe. May be "
+            "repeated, the later wins; default 0.",
         ),
     ] = None,
     margin_db: Annotated[float, number_option("--margin-db", "in dB", "Gain margin that safe gains have [dB].")] = MARGIN_DB,
     as_json: AsJson = False,
     report: Report = None,
 ) -> int:
-    """Which of the gains that a robot already has are safe, how much room is left, and how much delay would make it vibrate.
+    """Which of the gains that a robot already has are safe, their headroom, and the delay at which it vibrates.
 
     \b
     Example:
@@ -89,7 +87,7 @@ def audit(
 
 
 def _command(model: str, gains: Path | None, options: "AuditOptions", margin_db: float, report: Path | None) -> str:
-    """What a reader types to get the same page."""
+    """The command that makes the same page."""
     typed: list[tuple[str, Any]] = [
         ("--delay-ms", options.delay_ms),
         ("--gains", gains),

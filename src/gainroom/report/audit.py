@@ -1,4 +1,4 @@
-"""The page of an audit: safe or not, numbers, how the robot would vibrate, what is left of each joint's gains, and how it was computed."""
+"""The page of an audit: verdict, numbers, the vibration at the limit, headroom by joint, and how it was computed."""
 
 import math
 
@@ -20,23 +20,23 @@ from .robot_text import audit_sentence, audit_warnings
 from .robot_units import joint_units
 
 ON_TOP = 4
-"""Warnings shown before everything else; the others stand with the assumptions."""
+"""Warnings shown first; the others are listed with the assumptions."""
 
 
 def audit_page(result: Audit, command: str) -> str:
-    """The report of an audit as one HTML page; `command` is what a reader types to get it again."""
+    """The report of an audit as one HTML page; `command` is the command that makes it."""
     system, factors = result.system, _factors(result)
     sample_time = system.control.sample_time
-    taken = assumptions(f"Linear about posture {result.tightest.posture}", sample_time, "; contacts hold and do not slip or lift")
+    taken = assumptions(f"Linear about posture {result.tightest.posture}", sample_time, "; contacts neither slip nor lift")
     told = [facts([("assumed", text) for text in system.assumptions])]
     sections = [
-        Section("How it would vibrate", _vibrations(result)),
-        Section("How much room is left", [heat_map(factors, "joint"), _state_table(result)]),
+        Section("Vibration at the limit", _vibrations(result)),
+        Section("Gain headroom", [heat_map(factors, "joint"), _state_table(result)]),
         Section("Joint by joint", [_joint_table(result)]),
-        Section("What the coupling costs", [beside(*coupling(factors, "joint"))]),
+        Section("Cost of coupling", [beside(*coupling(factors, "joint"))]),
         Section("Inputs and assumptions", [inputs(system), taken, *told, *map(paragraph, audit_warnings(result)[ON_TOP:])]),
-        Section("What was certified, and how", [_certificate(result)]),
-        Section("This page again", [block(command)]),
+        Section("Certification", [_certificate(result)]),
+        Section("Command", [block(command)]),
     ]
     title = f"gainroom audit: gains of {len(result.joints)} joints, {model_kind(sample_time)} model"
     return page(title, _lead(result), _cards(result), sections, footer())
@@ -49,12 +49,15 @@ def _lead(result: Audit) -> Lead:
     if not result.tightest.limit.stable:
         return Lead(audit_sentence(result), "bad", "NOT SAFE, UNSTABLE: do not run these gains", warnings)
     return Lead(
-        audit_sentence(result), "warn", f"NOT SAFE: stable, but with less than {digits(decibels(result.margin), 'dB', 3)} of room", warnings
+        audit_sentence(result),
+        "warn",
+        f"NOT SAFE: stable, but with less than {digits(decibels(result.margin), 'dB', 3)} of gain margin",
+        warnings,
     )
 
 
 def _cards(result: Audit) -> list[Card]:
-    """Three or four numbers for the first glance, each the worst of all states."""
+    """Three or four numbers, each the worst of all states."""
     worst, asked = result.tightest, Requirements(gain_margin=result.margin)
     limit, joints = worst.limit, result.limiting_joints
     at = f"{hertz(limit.frequency)}, {worst.title}" if math.isfinite(limit.frequency) else worst.title
@@ -62,14 +65,14 @@ def _cards(result: Audit) -> list[Card]:
     if limit.stable:
         first = margin_card(asked, "gain_margin", limit.gain, f"all gains together, {at}")
     unsafe = [joint.name for joint in result.joints if not joint.safe]
-    vibrates = Card("would vibrate at", digits(limit.frequency / (2 * math.pi), "", 3), "Hz", note=f"most of all {listed(joints)}")
+    vibrates = Card("vibration at", digits(limit.frequency / (2 * math.pi), "", 3), "Hz", note=f"mainly {listed(joints)}")
     return [
         first,
         Card(
             "vibrates from a delay of",
             digits(1e3 * result.delay_limit, "", 3),
             "ms" if math.isfinite(result.delay_limit) else "",
-            f"> {digits(1e3 * result.system.delay, 'ms', 3)}, what it has",
+            f"> {digits(1e3 * result.system.delay, 'ms', 3)}, its delay",
             None if math.isnan(result.delay_limit) else result.delay_limit > result.system.delay,
         ),
         Card("unsafe joints", str(len(unsafe)), f"of {len(result.joints)}", "none", not unsafe, listed(unsafe)),
@@ -109,8 +112,7 @@ def joint_caption(result: Audit) -> str:
     units = joint_units(result.system.source.body)
     return (
         f"In the worst state. {definitions(AUDITED_JOINT)} kp [{units['kp']}], kd [{units['kd']}], ki [{units['ki']}], motor inertia "
-        f"[{units['load']}].{units['prismatic']} Safe: {_asked(result)} or more alone, and no part in the vibration of a robot with less "
-        "as a whole."
+        f"[{units['load']}].{units['prismatic']} Safe: {_asked(result)} or more alone, and no part in the vibration of a state with less."
     )
 
 
@@ -122,12 +124,12 @@ def _certificate(result: Audit) -> Html:
     pairs = limit_proofs([state.limit for state in result.states])
     if result.immobile:
         immobile = listed([state.contact for state in result.immobile])
-        pairs.append(("no verdict", f"{immobile}: the contacts hold every joint that has gains, so no loop is closed"))
+        pairs.append(("no verdict", f"{immobile}: the contacts lock every joint that has gains, so no loop is closed"))
     pairs += [
-        ("others closed", "each loop's own curve with the others closed, sampled until smooth; its crossings polished"),
+        ("one loop at a time", "each loop's own curve with the other loops closed, sampled until smooth; its crossings polished"),
         (
             "delay",
-            "the smallest extra delay of all loops that takes a locus through −1; for gains that are unstable, counted from no delay",
+            "the smallest extra delay in all loops at which a locus passes through −1; for unstable gains, counted from zero delay",
         ),
     ]
     return facts(pairs)

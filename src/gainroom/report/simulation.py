@@ -29,7 +29,7 @@ def simulation_page(outcome: Outcome, command: str) -> str:
         Section("Channel by channel", _by_channel(outcome)),
         Section("Joints", [_joints(outcome)]),
         Section("Inputs and assumptions", [facts(inputs(outcome)), paragraph(kind.assumptions(outcome))]),
-        Section("This page again", [block(command)]),
+        Section("Command", [block(command)]),
     ]
     what = "one joint" if size == 1 else f"a robot of {size} joints"
     return page(f"gainroom simulate: {what}, {kind.title}", _lead(outcome), _cards(outcome), sections, footer())

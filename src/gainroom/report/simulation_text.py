@@ -124,12 +124,12 @@ def _hiding(outcome: Outcome) -> str:
     """Why the run may not show the vibration."""
     hiding = [name for name in outcome.effects if name in ("friction", "noise", "encoder steps", "the torque limit")]
     text = f"{listed(hiding, 'or')} may hide it, or the run is too short" if hiding else "the run is too short, or excites it too little"
-    return text if outcome.chattering is None else f"{text}; {_chatter(outcome, outcome.chattering)}"
+    return text if outcome.rippling is None else f"{text}; {_ripple(outcome, outcome.rippling)}"
 
 
-def _chatter(outcome: Outcome, joint: int) -> str:
+def _ripple(outcome: Outcome, joint: int) -> str:
     run = outcome.run
-    return f"the torque ripple of {printable(run.joint_names[joint])} is {outcome.chatter[joint]:.3g} {run.torque_units[joint]} RMS"
+    return f"the torque ripple of {printable(run.joint_names[joint])} is {outcome.torque_ripple[joint]:.3g} {run.torque_units[joint]} RMS"
 
 
 def prediction(limit: GainLimit | None) -> str:
@@ -157,15 +157,15 @@ def warnings(outcome: Outcome) -> tuple[str, ...]:
     if outcome.completed and spec.moves_late and not spec.fastest:
         texts.append("the reference moves until the end, or nearly: lengthen scenario.duration to measure a steady-state error")
     texts += _place_warnings(spec)
-    if outcome.chattering is not None and not outcome.vibrates:
+    if outcome.rippling is not None and not outcome.vibrates:
         remedy = "finer encoders, a velocity filter or a lower kd reduce it" if spec.encoder_step else "a lower kd reduces it"
-        texts.append(f"{_chatter(outcome, outcome.chattering)} above the frequencies of the move: {remedy}")
+        texts.append(f"{_ripple(outcome, outcome.rippling)} above the frequencies of the move: {remedy}")
     texts += _verdict_warnings(outcome)
     if outcome.at_torque_limit.any():
         texts.append(_limit_warning(outcome))
-    if outcome.sound and outcome.shaking > EXACT.least:
+    if outcome.sound and outcome.noise_motion > EXACT.least:
         causes = [name for name in spec.effects if name in ("noise", "encoder steps")]
-        texts.append(f"{listed(causes)} move the joint by {1e3 * outcome.shaking:.3g} mrad RMS, without a sustained vibration")
+        texts.append(f"{listed(causes)} move the joint by {1e3 * outcome.noise_motion:.3g} mrad RMS, without a sustained vibration")
     if spec.kind == "linear":
         texts.append(
             "this run is linear, without dry friction, gravity, torque limit or encoder steps: the scenario section of the file adds them"

@@ -16,7 +16,7 @@ from .verification_text import frequency_cells, gain_cells, percent, sentence
 
 
 def verification_page(system: System, result: Verification, command: str) -> str:
-    """The report as one HTML page; `command` is what a reader types to get it again."""
+    """The report as one HTML page; `command` is the command that makes it."""
     limit = result.cases[0].predicted_gain
     sample_time, sections = system.control.sample_time, []
     what, model = "a robot", "Robot linearised about each posture, all loops closed"
@@ -28,7 +28,7 @@ def verification_page(system: System, result: Verification, command: str) -> str
     sections += [
         Section("Predicted and simulated", [_table(result)]),
         Section("Assumptions", [assumptions(model, sample_time), _method(), *map(escape, notes)]),
-        Section("This page again", [block(command)]),
+        Section("Command", [block(command)]),
     ]
     headline = "" if result.agrees else "Simulation and prediction disagree"
     lead = Lead(sentence(result), "good" if result.agrees else "bad", headline)

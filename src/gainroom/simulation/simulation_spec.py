@@ -85,7 +85,7 @@ class SimulationSpec:
         return self.moves_until > LATE_SHARE * self.duration
 
     @property
-    def swings_on(self) -> bool:
+    def never_rests(self) -> bool:
         """True where the reference still oscillates in the window of the steady-state error."""
         return self.fastest > 0 and self.moves_until > (1 - STEADY_SHARE) * self.duration
 

@@ -1,4 +1,4 @@
-"""Gains that a robot already runs with: which are safe, how much headroom is left, and how much delay would make it vibrate.
+"""The gains that a robot already has: which are safe, their headroom, and the delay at which the robot vibrates.
 
 A joint is safe where its gains have the required margin on it alone, its neighbours free, and where it takes no part in the vibration of
 a robot that does not have it as a whole.
@@ -15,13 +15,13 @@ from .analysis import Analysis, analyze
 from .state import Progress, State
 
 MARGIN = 2.0
-"""The factor on all gains that safe gains survive where none is asked for: 6 dB."""
+"""The required factor on all gains by default: 6 dB."""
 NUMBERS = ("margins", "single_joint_limits", "delay_limit")
 
 
 @dataclass(frozen=True)
 class AuditedJoint:
-    """One joint's gains, and the factor on them that it survives alone and with the other loops closed, in the worst state."""
+    """One joint's gains, and the stable factor on them, alone and with the other loops closed, in the worst state."""
 
     name: str
     kp: float
@@ -35,9 +35,9 @@ class AuditedJoint:
 
 @dataclass(frozen=True)
 class Audit(Analysis):
-    """What `gainroom audit` reports.
+    """The result of `gainroom audit`.
 
-    margin   the factor that was asked for
+    margin   the required factor
     """
 
     margin: float
@@ -79,12 +79,12 @@ class Audit(Analysis):
 
     @property
     def limiting_joints(self) -> tuple[str, ...]:
-        """Those that vibrate at the tightest state's limit, the strongest first."""
+        """The joints that vibrate at the tightest state's limit, the largest participation factor first."""
         return self.tightest.limiting_joints
 
     @property
     def angles(self) -> dict[str, float]:
-        """Where every joint of the model stands, held ones too [rad; m for a prismatic joint]."""
+        """Position of every joint of the model, locked ones too [rad; m for a prismatic joint]."""
         posture = self.system.source.postures[self.tightest.posture]
         return {name: posture.angles.get(name, 0.0) for name in posture.body.joint_names} | dict(posture.body.locked)
 

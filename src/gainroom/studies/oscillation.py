@@ -1,7 +1,7 @@
-"""The judge of a run: which vibration is in it, and whether it lasts.
+"""Detection of vibration in a run, and whether it is sustained.
 
-It is looked for after the last event, where nothing changes from outside any more. What is stepped exactly is simulated on where that comes
-late, and to see that what a stable linear loop shows does not decay after all; MuJoCo's runs are also searched under the motion.
+It is searched after the last change of reference or disturbance. A run that is stepped exactly is continued where that comes late, and
+where a stable linear loop shows an oscillation, which may still decay; MuJoCo's runs are also searched during the motion.
 """
 
 import math
@@ -18,28 +18,26 @@ from ..simulation.simulation_spec import LATE_SHARE, SimulationSpec
 from .state import STRONG, strongest_first
 
 LASTING = 1e-3  # damping ratio below which a vibration on hardware is sustained: what ends its growth there is friction or the torque limit
-RESTING = 0.1  # damping ratio above which an oscillation is a joint coming to rest
-HARMONICS = 5.0  # times a moving reference's own frequency: most of what friction makes of it lies below
-UNCHANGED = 0.1  # of itself: a vibration that changes less over what is looked at is sustained
-PATIENCE = 7.0  # time constants: what comes to rest has left a thousandth then
+RESTING = 0.1  # damping ratio above which an oscillation is the settling of a joint
+HARMONICS = 5.0  # times a moving reference's own frequency: most of friction's harmonics lie below
+UNCHANGED = 0.1  # relative: a vibration that changes less over the rows examined is sustained
+PATIENCE = 7.0  # time constants: a decaying motion is then down to a thousandth
 UNDIMINISHED = 0.7  # of its size before: irregular motion that falls below decays
-FRICTION_STARTS = (
-    1e-4  # [m, rad] a smaller one is none while it moves: friction strikes as the motion starts and turns, which rings a while
-)
-PREDICTED = 1e-6  # [m, rad] likewise of the very one that the linear loop, unstable, predicts
-WINDOWS = 8  # that a motion is cut into, each overlapping the next by half: friction lets a vibration come and go
+FRICTION_STARTS = 1e-4  # [m, rad] smaller oscillations during motion are not counted: friction excites them as the motion starts and turns
+PREDICTED = 1e-6  # [m, rad] likewise of the vibration that an unstable linear loop predicts
+WINDOWS = 8  # that a motion is cut into, each overlapping the next by half: under friction a vibration comes and goes
 NEAR_LIMIT = 0.15  # relative: how far the frequency may be from that at the limit. It rises with the gains, and other postures have others
-SAME_FREQUENCY, TIMES = 0.05, 3  # relative: no further apart in so many windows in a row is a vibration that no limit predicts
-SPLINE = 5 * 4 * math.pi  # [rad] over a spline's duration: it has next to nothing beyond a fifth of that, and friction makes little of it
+SAME_FREQUENCY, TIMES = 0.05, 3  # relative: no further apart in so many successive windows: a vibration, also where no limit predicts one
+SPLINE = 5 * 4 * math.pi  # [rad] over a spline's duration: it has almost no energy beyond a fifth of that, friction's harmonics included
 
 
 @dataclass(frozen=True)
 class Thresholds:
-    """What is too small to be a vibration [m, rad].
+    """Amplitudes below which a vibration is not counted [m, rad].
 
-    gone    what has decayed so far is none
-    least   nobody sees less on hardware
-    steps   times the encoders' step, or the noise's deviation: what these make of a stable loop by themselves
+    gone    decayed
+    least   below what is visible on hardware
+    steps   times the encoders' step, or the noise's standard deviation, which cause as much in a stable loop
     """
 
     gone: float
@@ -49,21 +47,21 @@ class Thresholds:
 
 EXACT = Thresholds(gone=1e-9, least=1e-6, steps=3.0)
 MUJOCO = Thresholds(gone=1e-5, least=1e-5, steps=10.0)
-"""Contacts and constraints give way, and gears ring, by less."""
+"""The compliance of contacts and constraints, and the transients of gears, are smaller."""
 
 
 @dataclass(frozen=True)
 class Oscillation:
     """A vibration in a run.
 
-    found       frequency, growth and amplitude [m, rad]: of the error after the last event; of the motor that swings most while it moves
-    rows        of the run in which it was found, or which it goes on after
-    lasts       it grows, or does not decay, and is not too small: it counts
-    sustained   it neither grows nor decays over what was looked at
-    moving      found while the reference moved, or before the run ended by itself
-    irregular   noise or encoder steps drive it so that it has no tone: `found` has the same power, at its mean frequency
-    names, parts   (j,) what swings: a joint's sides, or a robot's motors; and how, complex, the largest 1
-    swing       of what swings most, at the end of those rows [m, rad]
+    found       frequency, growth and amplitude [m, rad]: of the error after the last event; during motion, of the motor that moves most
+    rows        of the run in which it was found
+    lasts       it grows, or does not decay, and is large enough: it counts
+    sustained   it neither grows nor decays over the rows examined
+    moving      found while the reference moved, or before the run ended early
+    irregular   noise or encoder steps drive it, without a single frequency: `found` has the same power, at its mean frequency
+    names, parts   (j,) a joint's sides, or a robot's motors, and their complex amplitudes, the largest 1
+    swing       the largest amplitude, at the end of those rows [m, rad]
     least       a smaller amplitude does not count [m, rad]
     """
 
@@ -80,16 +78,16 @@ class Oscillation:
 
     @property
     def strongest(self) -> tuple[str, ...]:
-        """Names of what takes part, the strongest first."""
+        """Names of those that take part, the largest amplitude first."""
         parts = np.abs(self.parts)
         return tuple(self.names[k] for k in strongest_first(self.parts).tolist() if parts[k] >= STRONG * parts.max())
 
 
 @dataclass(frozen=True)
 class _Record:
-    """Where nothing changes from outside: (k, m) the error, and (k, j) what swings, by name.
+    """Rows without a change of reference or disturbance: (k, m) the error, and (k, j) the oscillating positions, by name.
 
-    Only what is faster than `above` [rad/s] counts.
+    Only frequencies above `above` [rad/s] count.
     """
 
     error: Floats
@@ -100,13 +98,13 @@ class _Record:
 
 
 def judge(spec: SimulationSpec, gain: float, run: Run, limit: GainLimit | None) -> tuple[Oscillation | None, float]:
-    """The vibration in a run with all gains times `gain`: the one that lasts, else one that decays; None where nothing rings.
+    """The vibration in a run with all gains times `gain`: one that is sustained or grows, else one that decays; None where there is none.
 
-    limit   of the linear loop, as a factor on the gains of the run; None: they move nothing
+    limit   of the linear loop, as a factor on the gains of the run; None: they act on no motion
 
-    Second: how noise and encoder steps move the joint where no vibration lasts, RMS [rad]. A loop that is linear in truth vibrates only
-    where it is unstable, whatever a short record looks like. Of a robot's run that ended early only an unstable linear loop is looked at:
-    what swings as a robot topples is no vibration.
+    Second: the motion of the joint due to noise and encoder steps where no vibration is sustained, RMS [rad]. A linear loop vibrates only
+    where it is unstable, whatever a short record shows. A robot's run that ended early is searched only where its linear loop is unstable:
+    the oscillation of a toppling robot is no vibration.
     """
     stable, completed = limit is None or limit.stable, run.ending == "completed"
     if not spec.is_exact:
@@ -114,16 +112,16 @@ def judge(spec: SimulationSpec, gain: float, run: Run, limit: GainLimit | None) 
         if completed or (run.diverged and not stable):
             rest, _ = _judged(spec, _at_rest(spec, run), stable)
         return (rest if rest is not None and rest.lasts else _in_motion(spec, run, limit) or rest), 0.0
-    found, shaking = _judged(spec, _quiet(spec, gain, run), stable, irregular=completed)
+    found, noise_motion = _judged(spec, _after_last_event(spec, gain, run), stable, irregular=completed)
     if found is not None and found.lasts and stable and completed:
-        again, shaken = _judged(spec, _settled(spec, gain), stable=True)
+        again, noise_motion = _judged(spec, _after_settling(spec, gain), stable=True)
         if again is None or not again.lasts:
-            return again, shaken
-    return found, shaking
+            return again, noise_motion
+    return found, noise_motion
 
 
 def _judged(spec: SimulationSpec, record: _Record, stable: bool, irregular: bool = True) -> tuple[Oscillation | None, float]:
-    """What is in `record`, and irregular motion where no vibration lasts; `stable`: the linear loop."""
+    """The vibration in `record`, and the RMS of irregular motion where none is sustained; `stable`: the linear loop."""
     sizes, unsteady = EXACT if spec.is_exact else MUJOCO, max(spec.noise, spec.encoder_step)
     least = max(sizes.least, sizes.steps * unsteady)
     if spec.is_exact:
@@ -135,12 +133,12 @@ def _judged(spec: SimulationSpec, record: _Record, stable: bool, irregular: bool
         judged = _oscillation(spec, record, found, least, possible)
     if (judged is not None and judged.lasts) or not (spec.is_exact and irregular and unsteady > 0 and record.above == 0):
         return judged, 0.0
-    shaken, held = _irregular(spec, record)
-    if shaken is None:
+    driven, held = _irregular(spec, record)
+    if driven is None:
         return judged, 0.0
-    size = shaken.swing / math.sqrt(2)
-    if possible and held and shaken.swing > least:
-        return replace(shaken, least=least), size
+    size = driven.swing / math.sqrt(2)
+    if possible and held and driven.swing > least:
+        return replace(driven, least=least), size
     return judged, size
 
 
@@ -161,14 +159,14 @@ def _oscillation(spec: SimulationSpec, record: _Record, found: Vibration, least:
 
 
 def _lasts(found: Vibration, linear: bool) -> bool:
-    """Whether it does not decay; `linear`: nothing there could hold it at its size."""
+    """Whether it does not decay; `linear`: no effect bounds its amplitude."""
     return found.growth_rate > 0 if linear else found.damping_ratio < LASTING
 
 
 def _irregular(spec: SimulationSpec, record: _Record) -> tuple[Oscillation | None, bool]:
-    """What moves without a tone in the last third, and whether the third before was no stronger; None where nothing moves.
+    """Motion without a single frequency in the last third, and whether it has not decayed since the third before; None without motion.
 
-    Reported as an oscillation with the power of what moves most, at the mean of its frequency (root of the mean square, by power).
+    Reported as an oscillation with the power of the largest signal, at the mean of its frequency (root of the mean square, by power).
     """
     third = len(record.swinging) // 3
     if third < FEWEST_SAMPLES:
@@ -196,11 +194,11 @@ def _at_rest(spec: SimulationSpec, run: Run) -> _Record:
     return _Record(run.error[rows], run.motor_position[rows], run.joint_names, rows)
 
 
-def _quiet(spec: SimulationSpec, gain: float, run: Run) -> _Record:
-    """Where to look in a joint's run.
+def _after_last_event(spec: SimulationSpec, gain: float, run: Run) -> _Record:
+    """The rows of a joint's run that are searched.
 
-    Where something still changes late in the run, what follows that is no vibration: the same is run on for as long again, its reference
-    held. On hardware, where friction might stop it then, a reference that swings goes on, and only what is much faster counts.
+    After a late change the response is no vibration: the run is continued for as long again, its reference held. With friction, which might
+    stop it then, an oscillating reference continues, and only much higher frequencies count.
     """
     late, duration = spec.last_event, spec.duration
     if run.diverged:
@@ -214,10 +212,10 @@ def _quiet(spec: SimulationSpec, gain: float, run: Run) -> _Record:
     return _run_on(spec, gain, rest, rest, swings)
 
 
-def _settled(spec: SimulationSpec, gain: float) -> _Record:
-    """Run on until the stable linear loop has come to rest, and looked at for as long as a link takes whose motor friction holds.
+def _after_settling(spec: SimulationSpec, gain: float) -> _Record:
+    """The run continued until the stable linear loop has settled, then for as long as a link behind an immobile motor takes to settle.
 
-    What a short record shows may be a joint on its way to rest; a vibration that friction, steps or a limit sustain is still there then.
+    A short record may show a settling joint; a vibration that friction, steps or a limit sustain is still there then.
     """
     longest = MOST_SAMPLES * spec.sample_time
     rate = -float(rightmost_roots(spec.loop(gain), count=1).roots[0].real)
@@ -228,7 +226,7 @@ def _settled(spec: SimulationSpec, gain: float) -> _Record:
 
 
 def _run_on(spec: SimulationSpec, gain: float, further: int, rest: int, swings: bool) -> _Record:
-    """The last `rest` of `further` ticks after the run; `swings`: its reference goes on, else it is held."""
+    """The last `rest` of `further` ticks after the run; `swings`: its reference continues, else it is held."""
     record = _sides(spec.continued(gain, further, swings), slice(-rest, None), HARMONICS * spec.fastest if swings else 0.0)
     return replace(record, rows=slice(0, None))
 
@@ -240,9 +238,9 @@ def _sides(run: Run, rows: slice, above: float = 0.0) -> _Record:
 
 
 def _in_motion(spec: SimulationSpec, run: Run, limit: GainLimit | None) -> Oscillation | None:
-    """The strongest that is sustained from window to window, or that in one is the one that an unstable loop predicts.
+    """The strongest vibration that is found in successive windows, or that has the frequency of an unstable loop in one.
 
-    Above the reference's own frequencies, in the motors' accelerations: there a vibration stands out of the motion under it.
+    Above the reference's own frequencies, in the motors' accelerations, where a vibration dominates the motion.
     """
     tick, ended, moved = run.sample_time, run.ending != "completed", spec.moves_until
     unstable = limit is not None and not limit.stable
@@ -267,7 +265,7 @@ def _in_motion(spec: SimulationSpec, run: Run, limit: GainLimit | None) -> Oscil
         return None
     rows, strongest = max(lasting, key=lambda pair: pair[1].amplitude)
     turn = complex(strongest.growth_rate, strongest.frequency)
-    parts = parts_in(_accelerations(run, rows), tick, strongest) / turn**2  # in the positions the motion would drown it
+    parts = parts_in(_accelerations(run, rows), tick, strongest) / turn**2  # of the positions, in which the motion dominates
     largest = complex(parts[np.argmax(np.abs(parts))])
     return Oscillation(strongest, rows, run.joint_names, parts / largest, abs(largest), lasts=True, moving=True)
 
@@ -277,7 +275,7 @@ def _alike(one: Vibration, frequency: float, within: float) -> bool:
 
 
 def _windows(end: int) -> list[slice]:
-    """Of `end` ticks; none where they are too few to tell anything."""
+    """Of `end` ticks; none where they are too few."""
     size = max(FEWEST_SAMPLES + 2, 2 * end // (WINDOWS + 1))
     return [slice(first, first + size) for first in range(0, end - size + 1, max(1, size // 2))]
 
@@ -295,7 +293,7 @@ def _accelerations(run: Run, rows: slice) -> Floats:
     return np.diff(run.motor_position[rows], n=2, axis=0) / run.sample_time**2
 
 
-def torque_chatter(run: Run, moved: float) -> Floats:
+def torque_ripple_of(run: Run, moved: float) -> Floats:
     """(n,) RMS of the actual torque beyond the frequencies of a spline that ends at `moved` [s] [N m], over the whole run."""
     count = len(run.time)
     taper = np.hanning(count)[:, None]

@@ -1,4 +1,4 @@
-"""A scenario simulated and judged: how it tracks, whether it vibrates, runs away or falls, and what the linear loop predicts."""
+"""A scenario simulated and judged: tracking, vibration, divergence or fall, and the linear loop's prediction."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -13,13 +13,13 @@ from ..simulation.oscillation import Vibration
 from ..simulation.run_record import Run, joined
 from ..simulation.simulation_spec import TORQUE_LIMIT, SimulationSpec
 from ..simulation.tracking import Tracking, track
-from .oscillation import Oscillation, judge, torque_chatter
+from .oscillation import Oscillation, judge, torque_ripple_of
 from .state import limit_of, moves
 
-CHATTER = 0.1
-"""Of a joint's torque peak: torque beyond the reference's frequencies that is reported, RMS."""
+RIPPLE = 0.1
+"""Of a joint's torque peak: torque ripple above the reference's frequencies that is reported, RMS."""
 MOST_SLIP_LOOKS = 2000
-"""Ticks at most at which the feet are looked at, which takes longer than to simulate them."""
+"""Ticks at most at which the slip of the feet is computed, which takes longer than simulating them."""
 
 Progress = Callable[[int, int, str], None]
 """Called with (steps done, steps in all, what comes next)."""
@@ -41,13 +41,13 @@ class Outcome:
     run             tick by tick
     tracking        by channel; of a run that ended early only `rms` and `peak`, the others are NaN
     torque_peak, torque_rms   (n,) of the actual torque [N m]
-    at_torque_limit (n,) share of the ticks at which the demand torque is cut
-    slip            (c,) furthest that each contact frame was from where it started [m]; (0,) without contacts
-    oscillation     the vibration that lasts, else one that decays; None where nothing rings
-    shaking         how noise and encoder steps move a joint in which no vibration lasts, RMS [rad]
-    chatter         (n,) RMS of the actual torque beyond the reference's frequencies [N m]; zeros where the reference is not smooth
+    at_torque_limit (n,) fraction of the ticks at which the demand torque is cut
+    slip            (c,) largest displacement of each contact frame from its start [m]; (0,) without contacts
+    oscillation     a sustained or growing vibration, else one that decays; None where there is none
+    noise_motion    motion of a joint due to noise and encoder steps where no vibration is sustained, RMS [rad]
+    torque_ripple   (n,) RMS of the actual torque above the reference's frequencies [N m]; zeros where the reference is not smooth
     limit           what the linear sampled loop predicts, the scenario's viscous friction included, as a factor on the gains of the run;
-                    None where the gains move nothing
+                    None where the gains act on no motion
     """
 
     spec: SimulationSpec
@@ -59,23 +59,23 @@ class Outcome:
     at_torque_limit: Floats
     slip: Floats
     oscillation: Oscillation | None
-    shaking: float
-    chatter: Floats
+    noise_motion: float
+    torque_ripple: Floats
     limit: GainLimit | None
 
     @property
     def completed(self) -> bool:
-        """It lasted to its end."""
+        """The run reached its end."""
         return self.run.ending == "completed"
 
     @property
     def duration(self) -> float:
-        """[s] that were simulated."""
+        """Simulated time [s]."""
         return len(self.run.time) * self.run.sample_time
 
     @property
     def vibration(self) -> Vibration | None:
-        """Also one that decays or is too small to count."""
+        """The vibration found, also one that decays or is too small to count."""
         return None if self.oscillation is None else self.oscillation.found
 
     @property
@@ -85,33 +85,33 @@ class Outcome:
 
     @property
     def stable(self) -> bool:
-        """What the linear loop says at these gains; True where they move nothing."""
+        """Stability of the linear loop at these gains; True where they act on no motion."""
         return self.limit is None or self.limit.stable
 
     @property
     def hidden(self) -> bool:
-        """The linear loop is unstable, and nothing that lasts is seen."""
+        """True where the linear loop is unstable and no sustained oscillation is detected."""
         return self.completed and not self.vibrates and not self.stable
 
     @property
     def sound(self) -> bool:
-        """It lasted to its end, does not vibrate, and the linear loop is stable."""
+        """True where the run reached its end without vibration, and the linear loop is stable."""
         return self.completed and not self.vibrates and self.stable
 
     @property
     def effects(self) -> tuple[str, ...]:
-        """What there is beside the linear loop and took part in this run."""
+        """The effects beside the linear loop that were active in this run."""
         return tuple(name for name in self.spec.effects if name != TORQUE_LIMIT or self.at_torque_limit.any())
 
     @cached_property
-    def chattering(self) -> int | None:
-        """The joint whose torque shakes most, where that is much of it."""
-        worst = int(np.argmax(self.chatter))
-        return worst if self.completed and self.chatter[worst] > CHATTER * self.torque_peak[worst] else None
+    def rippling(self) -> int | None:
+        """The joint with the largest torque ripple; None where it is small."""
+        worst = int(np.argmax(self.torque_ripple))
+        return worst if self.completed and self.torque_ripple[worst] > RIPPLE * self.torque_peak[worst] else None
 
     @cached_property
     def leading(self) -> tuple[int, ...]:
-        """The channels that show how well it tracks, the one that is furthest off first, all in one unit: those that move, if any."""
+        """The channels by which tracking is judged, largest error first, all in one unit: those that move, if any."""
         units, reference = self.run.units, self.run.reference
         moved = np.flatnonzero((reference != reference[:1]).any(axis=0))
         among = moved.tolist() if len(moved) else list(range(len(units)))
@@ -124,7 +124,7 @@ class Outcome:
 
     @cached_property
     def others(self) -> tuple[int, ...]:
-        """All other channels, the one that is furthest off first, whatever its unit."""
+        """All other channels, largest error first, in any unit."""
         return tuple(sorted(set(range(len(self.run.units))) - set(self.leading), key=lambda k: -self.tracking.peak[k]))
 
 
@@ -137,7 +137,7 @@ def simulate_study(
 ) -> Outcome:
     """Simulate the scenario with all gains times `gain`, and judge it.
 
-    rows          takes every part of the run as it is computed, for a log
+    rows          called with every part of the run as it is computed, for a log
     progress      is given ticks done, ticks in all, ""
     interrupted   is asked between parts whether to stop
 
@@ -156,7 +156,7 @@ def simulate_study(
         raise GainroomError("the first torques are not finite: the gains are too large to compute with")
     loop = spec.loop(gain)
     limit = limit_of(loop) if moves(loop) else None
-    oscillation, shaking = judge(spec, gain, run, limit)
+    oscillation, noise_motion = judge(spec, gain, run, limit)
     torque, nothing = run.actual_torque, np.zeros(len(run.joint_names))
     return Outcome(
         spec,
@@ -168,18 +168,18 @@ def simulate_study(
         np.mean(np.abs(run.demand_torque) >= spec.torque_limit, axis=0),
         run.rows(slice(None, None, max(1, len(run.time) // MOST_SLIP_LOOKS))).slip.max(axis=0),
         oscillation,
-        shaking,
-        nothing if spec.is_exact else torque_chatter(run, spec.moves_until),
+        noise_motion,
+        nothing if spec.is_exact else torque_ripple_of(run, spec.moves_until),
         limit,
     )
 
 
 def _tracking(spec: SimulationSpec, run: Run) -> Tracking:
-    """A move is judged up to a disturbance that comes after it; a reference that swings goes nowhere."""
+    """A move is judged up to a disturbance that comes after it; an oscillating reference is no move."""
     found, nothing = (
         track(run, spec.disturbed_from if spec.disturbed_from > spec.moves_until else np.inf),
         np.full(len(run.channels), np.nan),
     )
     if spec.fastest > 0 or run.ending != "completed":
         found = replace(found, overshoot=nothing, settling_time=nothing)
-    return replace(found, steady_state=nothing) if spec.swings_on or run.ending != "completed" else found
+    return replace(found, steady_state=nothing) if spec.never_rests or run.ending != "completed" else found

@@ -1,4 +1,4 @@
-"""A robot in one posture and contact state: its loop, and every number about it, each computed when it is first asked for."""
+"""A robot in one posture and contact state: its loop and its numbers, each computed on first use."""
 
 import math
 from collections.abc import Callable
@@ -26,9 +26,9 @@ if TYPE_CHECKING:
     from ..robot.tasks import Tasks
 
 STRONG = 0.5
-"""A joint takes part in a vibration where it moves by at least this share of the one that moves most."""
+"""A joint takes part in a vibration where it moves by at least this part of the joint that moves most."""
 ANYWHERE = np.array([0.7, 1.3, 2.1])
-"""Frequencies [rad/s] at which a loop that moves anything does not vanish altogether."""
+"""Frequencies [rad/s] at one of which a loop that acts on any motion is not 0."""
 HELD = "no joint that has gains can move"
 IDLE = "the tasks move nothing"
 Progress = Callable[[int, int, str], None]
@@ -39,12 +39,12 @@ Progress = Callable[[int, int, str], None]
 class JointRow:
     """One joint in one state.
 
-    link_inertia        1/W_ii: the load with every neighbour free [kg m²]; inf where the contacts hold the joint
-    participation       its part in the vibration at the limit, relative to the largest
+    link_inertia        1/W_ii: the load with every neighbour free [kg m²]; inf where the contacts lock the joint
+    participation       participation factor in the vibration at the limit, relative to the largest
     single_joint_limit  factor on its gains if it were the only joint, with that load
-    limit_others_closed factor on its gains with all other loops as they are; NaN for an unstable robot
-    kp, kd              what the controller does on this joint alone: N m/rad, N m s/rad
-    kp_max, kd_max      largest, the other gains as they are; NaN where unstable, or the controller has none
+    limit_others_closed factor on its gains, other loops closed; NaN for an unstable robot
+    kp, kd              the controller's gains on this joint alone: N m/rad, N m s/rad
+    kp_max, kd_max      largest, other loops closed; NaN where unstable, or the controller has none
     """
 
     name: str
@@ -62,10 +62,10 @@ class JointRow:
 class TaskRow:
     """One direction of a task.
 
-    moves        False where no joint can move it in this state: its gains do nothing, and both limits are NaN
+    moves        False where no joint can move it in this state: its gains have no effect, and both limits are NaN
     kp, kd       its own gains [1/s²], [1/s]; P/PI: [1/s], [1/s], with ki [1/s²]; ki None: PD
-    gain_limit   factor on them with no other direction closed; NaN where its gains are 0, and where it is not known
-    limit_others_closed   factor on them with all others as they are; NaN where the stack is unstable
+    gain_limit   factor on them, other directions open; NaN where its gains are 0, and where it is not known
+    limit_others_closed   factor on them, other directions closed; NaN where the stack is unstable
     """
 
     name: str
@@ -80,7 +80,7 @@ class TaskRow:
 
 @dataclass(frozen=True)
 class TaskStudy:
-    """The operational space in one state: the limit of all tasks together (NaN where they move nothing), and each direction."""
+    """The operational space in one state: the limit of all tasks together (NaN where they act on no motion), and each direction."""
 
     tasks: "Tasks"
     limit: GainLimit
@@ -94,7 +94,7 @@ class TaskStudy:
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """One posture in one contact state. Where its gains move nothing, all numbers of its loop are NaN."""
+    """One posture in one contact state. Where its gains act on no motion, all numbers of its loop are NaN."""
 
     system: System
     posture: str
@@ -118,7 +118,7 @@ class State:
 
     @cached_property
     def moves(self) -> bool:
-        """Whether the gains move anything at all: not where contacts hold all that they act on."""
+        """Whether the gains act on any motion: not where contacts lock all their joints."""
         return moves(self.loop)
 
     @property
@@ -138,7 +138,7 @@ class State:
 
     @property
     def limiting_joints(self) -> tuple[str, ...]:
-        """Those that take part in the vibration at the limit, the strongest first."""
+        """The joints that take part in the vibration at the limit, the largest participation factor first."""
         return limiting_joints(self.limit, self.model.joint_names)
 
     @cached_property
@@ -232,7 +232,7 @@ def state_of(system: System, posture: str, contact: str, numbers: tuple[str, ...
 
 
 def moves(loop: Loop) -> bool:
-    """Whether the gains move anything at all."""
+    """Whether the gains act on any motion."""
     return bool(np.any(loop.response(ANYWHERE)))
 
 
@@ -265,7 +265,7 @@ def _verdict(loop: Loop, error: GainroomError) -> GainLimit:
 
 
 def single_joint(model: Plant, k: int) -> Plant:
-    """Joint `k` by itself, its neighbours free: W_kk, and what of contact and gravity acts on it."""
+    """Joint `k` by itself, its neighbours free: W_kk, and with its part of contact and gravity stiffness."""
     one = slice(k, k + 1)
     soft = model.compliance
     return Plant(
@@ -283,7 +283,7 @@ def _at_least_zero(entry: Floats, whole: Floats) -> Floats:
 
 
 def joint_controller(controller: PD | PID | PPI, k: int, size: int) -> PD | PID | PPI:
-    """What an n-joint controller does on joint `k` alone: its diagonal. Matrices of a P/PI count as the PID that they amount to."""
+    """An n-joint controller on joint `k` alone: its diagonal. Matrices of a P/PI count as the equivalent PID."""
     gains = {name: getattr(controller, name) for name in controller.gain_names()}
     if type(controller) is PPI and all(np.ndim(gain) < 2 for gain in gains.values()):
         return replace(controller, **{name: float(np.broadcast_to(gain, size)[k]) for name, gain in gains.items()})
@@ -295,7 +295,7 @@ def joint_controller(controller: PD | PID | PPI, k: int, size: int) -> PD | PID 
 
 
 def _own(gain: Floats, size: int) -> Floats:
-    """(n,) what a gain does on each joint alone. Matrices of tasks leave round-off on joints that no task moves."""
+    """(n,) what a gain does on each joint alone. Matrices of tasks have round-off on joints that no task moves."""
     matrix = gain_matrix("gain", gain, size)
     own = np.diagonal(matrix)
     return own if np.ndim(gain) < 2 else np.where(np.abs(own) > IMMOBILE * np.abs(matrix).max(), own, 0.0)
@@ -307,13 +307,13 @@ def by_headroom(limit: GainLimit) -> tuple[bool, float]:
 
 
 def strongest_first(mode: Complexes) -> Integers:
-    """The joints by falling part in a vibration, those that differ by round-off alone (left and right) in the model's order."""
+    """The joints by falling participation factor; those that differ by round-off alone (left and right) in the model's order."""
     parts = np.abs(mode)
     return np.argsort(-np.round(parts / parts.max(), 6), kind="stable")
 
 
 def limiting_joints(limit: GainLimit, names: tuple[str, ...]) -> tuple[str, ...]:
-    """The joints that take part in the vibration at a limit, the strongest first; none where there is no limit."""
+    """The joints that take part in the vibration at a limit, the largest participation factor first; none where there is no limit."""
     if not math.isfinite(limit.frequency):
         return ()
     parts = np.abs(limit.mode)

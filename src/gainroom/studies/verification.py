@@ -1,6 +1,6 @@
-"""The predicted gain limit against where simulation begins to vibrate: two ways to one number that share nothing but the model.
+"""The predicted gain limit compared with the onset of vibration in simulation: two methods that share only the model.
 
-The prediction comes from the frequency response, the simulation from tick after tick in time. Witnesses: the sampled linear loop, which
+The prediction comes from the frequency response, the simulation from stepping in time. Two witnesses: the sampled linear loop, which
 shares the model; and for robots MuJoCo with drives and running controller, which shares only the file.
 """
 
@@ -26,19 +26,19 @@ from .simulation import Progress
 from .state import moves
 
 TOLERANCES = {"linear": 1e-3, "mujoco": 2e-2}
-"""By witness: how far, relatively, gain and frequency may be from the prediction."""
-LOWERED = (1.0, 0.3, 0.1)  # factors at which a loop that no lower gains steady is run
+"""By witness: the largest relative difference of gain and frequency from the prediction."""
+LOWERED = (1.0, 0.3, 0.1)  # factors at which a loop is simulated that no lower gains stabilise
 LOWERED_DURATION = 2.0  # [s] of such a run at factor 1
 FEWEST_RUN_TICKS, MOST_RUN_TICKS = 200, 400_000  # ticks of one run
 MOST_VERIFIED_STATES = 4  # of more, only the posture of each contact state that vibrates first is simulated
-PERIODS_PER_RUN = 100.0  # of the predicted vibration in one run: enough to tell growth of 1e-6 per period from none
+PERIODS_PER_RUN = 100.0  # of the predicted vibration in one run: enough to detect growth of 1e-6 per period
 
 
 @dataclass(frozen=True)
 class Case:
     """One limit, predicted and simulated. Gains: factors on the file's; infinite, with frequency NaN, where none vibrates.
 
-    what       in words
+    what       as text
     witness    "linear" or "mujoco"
     """
 
@@ -57,7 +57,7 @@ class Case:
 
     @property
     def gain_difference(self) -> float:
-        """Simulated over predicted, less 1; 0 where neither vibrates."""
+        """Simulated over predicted, minus 1; 0 where neither vibrates."""
         return _difference(self.predicted_gain, self.simulated_gain)
 
     @property
@@ -79,7 +79,7 @@ Job = tuple[str, Callable[[], Case]]
 
 @dataclass(frozen=True)
 class Verification:
-    """What `gainroom verify` finds."""
+    """The result of `gainroom verify`."""
 
     cases: tuple[Case, ...]
     of_robot: bool = False
@@ -93,16 +93,18 @@ class Verification:
 
 
 def verify(system: System, progress: Progress = lambda done, total, what: None) -> Verification:
-    """The common factor on all gains at which vibration begins, predicted and by linear simulation, in every state.
+    """The common factor on all gains at which vibration starts, predicted and by linear simulation, in every state.
 
     A robot's in joint and in task space, with MuJoCo as a second witness.
-    Raises GainroomError for continuous control, and where the gains move nothing in any state.
+    Raises GainroomError for continuous control, and where the gains act on no motion in any state.
     """
     require_sampled(system)
     warnings: list[str] = []
     jobs = [job for space in spaces(system) for job in _jobs(space, warnings)]
     if not jobs:
-        raise GainroomError(f"{system.source.name}: the gains move nothing in any posture and contact state, so there is nothing to verify")
+        raise GainroomError(
+            f"{system.source.name}: the gains act on no motion in any posture and contact state, so there is nothing to verify"
+        )
     cases = []
     for index, (name, make) in enumerate(jobs):
         progress(index, len(jobs), name)
@@ -158,7 +160,7 @@ def _states(system: System) -> list[tuple[str, str, Loop]]:
 
 @dataclass(frozen=True)
 class Growth:
-    """How fast a vibration grows, by the factor on all gains (k,): `predicted` from the rightmost root, and `simulated` [1/s]."""
+    """Growth rate of the vibration over the factor on all gains (k,): `predicted` by the rightmost root, and `simulated` [1/s]."""
 
     gain: Floats
     predicted: Floats
@@ -166,7 +168,7 @@ class Growth:
 
 
 def growth_about(loop: Loop, count: int = 9) -> Growth:
-    """Over the tenth of the gain to either side of its limit, which must be finite, for a picture; NaN where a run shows no vibration."""
+    """Within 10 % of the gain limit, which must be finite, for a figure; NaN where a run shows no vibration."""
     limit = gain_limit(loop)
     gains = limit.gain * np.linspace(0.9, 1.1, count)
     found = [linear_vibration(loop.scaled(gain), _duration(loop, limit)) for gain in gains]
@@ -181,12 +183,12 @@ def linear_case(what: str, loop: Loop) -> Case:
     if not 0 < limit.gain < math.inf:
         return _without_limit(what, loop, limit)
     near = 1 / FURTHEST_FACTOR < limit.gain < FURTHEST_FACTOR
-    begin = 1.0 if near else limit.gain  # the search goes no further than that from where it begins
+    begin = 1.0 if near else limit.gain  # the search stays within that factor of its start
     return _case(what, "linear", limit, lambda: linear_onset(loop.scaled(begin), _duration(loop, limit)), begin)
 
 
 def _mujoco(what: str, system: System, posture: str, contact: str, loop: Loop) -> Callable[[], Case] | None:
-    """What makes the case; None where nothing is predicted that a search could find.
+    """The function that makes the case; None where no predicted limit can be searched.
 
     Raises GainroomError where MuJoCo cannot simulate this.
     """
@@ -210,7 +212,7 @@ def _case(what: str, witness: str, limit: GainLimit, search: Callable[[], Onset]
 
 
 def _duration(loop: Loop, limit: GainLimit) -> float:
-    """Of one run [s], by the predicted frequency; only how long is looked, not what is seen, comes from it."""
+    """Of one run [s], by the predicted frequency; it sets the duration alone."""
     assert loop.sample_time is not None
     wanted = PERIODS_PER_RUN * 2 * math.pi / limit.frequency if limit.frequency > 0 else 0.0
     return float(np.clip(wanted, FEWEST_RUN_TICKS * loop.sample_time, MOST_RUN_TICKS * loop.sample_time))
@@ -218,7 +220,7 @@ def _duration(loop: Loop, limit: GainLimit) -> float:
 
 def _without_limit(what: str, loop: Loop, limit: GainLimit) -> Case:
     """No factor changes the predicted verdict; none that is tried may change the simulated one."""
-    if limit.gain == 0:  # it grows at every factor, and the more slowly the lower the gains
+    if limit.gain == 0:  # it grows at every factor, more slowly at lower gains
         grown = [linear_vibration(loop.scaled(factor), LOWERED_DURATION / math.sqrt(factor)) for factor in LOWERED]
         grows = all(found is not None and found.growth_rate > 0 for found in grown)
         return Case(what, "linear", 0.0, 0.0 if grows else math.nan, math.nan, math.nan, len(LOWERED))
