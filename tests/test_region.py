@@ -72,7 +72,7 @@ def test_membership_is_the_verdict_on_the_loop(seed, kind, sampled, asked):
     assert stable.boundary
     low, high = window(stable)
     region = region_of(setup, asked)
-    points = rng.uniform(low - 0.1 * (high - low), high + 0.1 * (high - low), size=(20, 2))
+    points = rng.uniform(low - 0.1 * (high - low), high + 0.1 * (high - low), size=(12, 2))
     answers = region.contains(points[:, 0], points[:, 1])
     for (kp, kd), inside in zip(points.tolist(), answers.tolist(), strict=True):
         if inside:
