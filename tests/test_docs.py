@@ -28,7 +28,7 @@ SECTIONS = [
     config.JointControlSection,
     config_sections.LowPassSection,
     config_sections.NotchSection,
-    config_sections.LimitsSection,
+    config_sections.limits_section(),
     config.JointUncertaintySection,
     scenario_sections.ScenarioSection,
     scenario_sections.StepSection,

@@ -64,15 +64,6 @@ def case_in_words(values: Mapping[str, float]) -> str:
     return ", ".join(f"{name.replace('_', ' ')} {scale * value:.4g} {unit}" for name, value, scale, unit in told)
 
 
-def margin_in_words(name: str, value: float, significant: int = 3) -> str:
-    """A margin by its name in Requirements, SI: "6 dB", "30°", "2"."""
-    if not math.isfinite(value):
-        return "not known" if math.isnan(value) else "∞"
-    if name == "gain_margin":
-        return f"{20 * math.log10(value):.{significant}g} dB"
-    return f"{math.degrees(value):.{significant}g}°" if name == "phase_margin" else f"{value:.{significant}g}"
-
-
 def nearest(name: str, names: Sequence[str], kind: str) -> str:
     """What may have been meant, and what there is: the end of a message about an unknown name."""
     close = difflib.get_close_matches(name, names, 1, cutoff=0.5)

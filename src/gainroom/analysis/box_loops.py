@@ -45,6 +45,11 @@ class Sectors:
     center: Complexes
     score: Floats
 
+    def apart(self) -> Floats:
+        """By how much, at least, arg L differs from that of −1; 0 where it may be the same."""
+        nearest = math.pi * (2 * np.floor((self.phase_low + self.phase_high) / (4 * math.pi)) + 1)
+        return np.maximum(0.0, np.maximum(self.phase_low - nearest, nearest - self.phase_high))
+
 
 class BoxLoop:
     """One joint's loop over ranges. `names`: the parameters beside the frequency, which is number 0, in the order of the boxes."""

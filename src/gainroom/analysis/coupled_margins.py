@@ -48,7 +48,7 @@ def coupled_margins(loop: Loop) -> Margins:
     Raises GainroomError for gains that are all zero, and where the loci cannot be followed.
     """
     sweep = Sweep(loop)
-    peak, own_phase = _one_loop_peak_and_phases(sweep)  # first, on samples that no other search has added to
+    peak, complementary, own_phase = _one_loop_peaks_and_phases(sweep)  # first, on samples that no other search has added to
     limit = coupled_limit(sweep)
     if not limit.stable:
         return replace(Margins.unknown(limit), unstable_roots=max(sweep.unstable(1.0), 1), certified=limit.certified)
@@ -66,6 +66,8 @@ def coupled_margins(loop: Loop) -> Margins:
         delay_crossover=delay.omega if delay else math.nan,
         peak_sensitivity=peak.height,
         peak_sensitivity_frequency=peak.omega,
+        peak_complementary=complementary.height,
+        peak_complementary_frequency=complementary.omega,
         disk_margin=disk.margin if disk else math.nan,
         disk_margin_frequency=disk.frequency if disk else math.nan,
         disk_certified=disk.certified if disk else False,
@@ -83,15 +85,15 @@ def _disk(loop: Loop) -> MultiLoopDisk | None:
         return None
 
 
-def _one_loop_peak_and_phases(sweep: Sweep) -> tuple[Peak, Floats]:
-    """The largest |S_ii|, and the smallest phase in each loop (n,); of a stable loop."""
+def _one_loop_peaks_and_phases(sweep: Sweep) -> tuple[Peak, Peak, Floats]:
+    """The largest |S_ii| and |T_ii|, and the smallest phase in each loop (n,); of a stable loop."""
     if not sweep.largest or sweep.unstable(1.0) != 0 or sweep.full:
-        return Peak(math.nan, math.nan), np.full(sweep.loop.size, math.nan)
+        return Peak(math.nan, math.nan), Peak(math.nan, math.nan), np.full(sweep.loop.size, math.nan)
     try:
         sampled = Sampled.of(sweep)
-        return sampled.peak(), own_phases(sampled.single)
+        return sampled.peak(), sampled.peak(-1.0, 1.0), own_phases(sampled.single)
     except np.linalg.LinAlgError:  # a root on the boundary, to the last digit
-        return Peak(math.inf, math.nan), np.zeros(sweep.loop.size)
+        return Peak(math.inf, math.nan), Peak(math.inf, math.nan), np.zeros(sweep.loop.size)
 
 
 def common_phase(sweep: Sweep) -> End | None:

@@ -6,6 +6,7 @@ across each crossing by the direction in which its root moves, once per cell, no
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -18,13 +19,17 @@ from ..linear.arrays import Booleans, Floats, Integers
 from ..linear.transfer_function import Factored
 from ..system.controller import PD, Controller
 from ..system.drive import Drive
-from ..system.loop import Feedback, build_loop
+from ..system.loop import Feedback, Loop, build_loop
 from ..system.plant import ElasticJoint, Plant
 from ..system.requirements import Requirements
 from .crossings import scan_many
-from .excluded_region import excluded
+from .excluded_region import Lines
 from .gain_plane import Curve, GainPlane
+from .margin_record import Margins
+from .margins import margins_of
 
+SAMPLED = 24  # gains in each interval of kd, where a requirement gives no excluded set
+HALVED, FEW_HALVED = 40, 10  # times, from one of them to the next: where ends are polished and where not
 FEW_TURNS = 10.0  # [rad] ωT up to which gains are chosen at which roots are counted
 
 
@@ -37,10 +42,12 @@ def pd_region(
     feedback: Feedback = "motor",
     sample_time: float | None = None,
     controller: Any = None,
+    **others: Any,
 ) -> "PDRegion":
     """The gains (kp, kd) of one joint that are stable and keep every margin asked for (factor; rad; factor).
 
     controller   a PD, PID or PPI whose filters, notches and integral ratio are kept while kp and kd vary; None: plain PD
+    others       further requirements by name, SI (system/requirements.py)
     """
     template = PD(1.0, 1.0) if controller is None else controller
     if not getattr(template, "has_plane", False):
@@ -48,7 +55,7 @@ def pd_region(
     loop = build_loop(joint, drive, template, feedback, sample_time)
     if loop.actuated is None:
         raise GainroomError(f"pd_region is for one joint, not for {loop.size}")
-    return PDRegion(loop.actuated, template, Requirements(gain_margin, phase_margin, peak_sensitivity))
+    return PDRegion(loop.actuated, template, Requirements(gain_margin, phase_margin, peak_sensitivity, **others))
 
 
 @dataclass(frozen=True)
@@ -67,21 +74,58 @@ class PDRegion:
         """For each kp (m,): the allowed kd as open intervals (p, 2), sorted; ends may be ±inf."""
         kps = np.atleast_1d(np.asarray(kps, dtype=float))
         free = self.stable_columns(kps)
-        for name in self.required.asked:
-            free = self.excluding(name, kps, free)
+        return self.excluding(self.required, kps, free)
+
+    def excluding(self, required: Requirements, kps: Floats, free: list[Floats], polish: bool = True) -> list[Floats]:
+        """`free`, intervals of kd for each kp, without what `required` excludes."""
+        free, kps = list(free), np.asarray(kps)
+        for one, needed in sorted(required.asked_for, key=lambda pair: pair[0].excluded(pair[1]) is None):
+            filled = [m for m, intervals in enumerate(free) if len(intervals)]
+            shape = one.excluded(needed)
+            if shape is None:
+                for m in filled:
+                    free[m] = self._where(lambda found, one=one, needed=needed: one.met(needed, one.value(found)), kps[m], free[m], polish)
+            elif filled:
+                window = np.array([[free[m][0, 0], free[m][-1, 1]] for m in filled])
+                lines = Lines(self._plane, self._curve.omega, kps[filled], window, polish)
+                for m, wall in zip(filled, lines.excluded(shape), strict=True):
+                    free[m] = without(free[m], wall)
         return free
 
-    def excluding(self, name: str, kps: Floats, free: list[Floats], polish: bool = True) -> list[Floats]:
-        """`free`, intervals of kd for each kp, without what one requirement excludes."""
-        filled = [m for m, intervals in enumerate(free) if len(intervals)]
-        result = list(free)
-        if filled:
-            window = np.array([[free[m][0, 0], free[m][-1, 1]] for m in filled])
-            value = getattr(self.required, name)
-            walls = excluded(self._plane, self._curve.omega, name, value, np.asarray(kps)[filled], window, polish)
-            for m, wall in zip(filled, walls, strict=True):
-                result[m] = without(free[m], wall)
-        return result
+    def _where(self, met: Callable[[Margins], bool], kp: float, free: Floats, polish: bool) -> Floats:
+        """The parts of `free` (p, 2), stable intervals of kd at one kp, in which margins are `met`.
+
+        Judged at SAMPLED gains in each interval; where neighbours differ, the end between them is halved to. What is met, or is not, only
+        between two neighbours is not seen.
+        """
+        kds = np.concatenate([self._samples(*interval) for interval in free.tolist()])
+        inside = np.array([met(found) for found in self.margins(kp, kds)], dtype=bool)
+        apart = np.repeat(np.arange(len(free)), SAMPLED)
+        k = np.flatnonzero((inside[1:] != inside[:-1]) & (apart[1:] == apart[:-1]))
+        good, bad = np.where(inside[k], kds[k], kds[k + 1]), np.where(inside[k], kds[k + 1], kds[k])
+        for _ in range((HALVED if polish else FEW_HALVED) if len(k) else 0):
+            middle = 0.5 * (good + bad)
+            still = np.array([met(found) for found in self.margins(kp, middle)], dtype=bool)
+            good, bad = np.where(still, middle, good), np.where(still, bad, middle)
+        ends = np.sort(np.concatenate([good, free[:, 0][inside[::SAMPLED]], free[:, 1][inside[SAMPLED - 1 :: SAMPLED]]]))
+        return ends.reshape(-1, 2)
+
+    def _samples(self, low: float, high: float) -> Floats:
+        """SAMPLED kd within an interval, closer together near its ends; as far as the stability boundary goes where it has none."""
+        _, reached = self._curve.along("kd")
+        farthest = 2 * float(np.max(np.abs(reached[np.isfinite(reached)]), initial=1.0))
+        low, high = max(low, min(-farthest, high - farthest)), min(high, max(farthest, low + farthest))
+        return low + (high - low) * 0.5 * (1 - np.cos(np.linspace(0, math.pi, SAMPLED + 2)[1:-1]))
+
+    def margins(self, kp: ArrayLike, kd: ArrayLike) -> list[Margins]:
+        """The margins at each pair of gains; kp and kd broadcast."""
+        kps, kds = (part.ravel().tolist() for part in np.broadcast_arrays(kp, kd))
+        step, loops = self.actuated.sample_time, []
+        for gains in zip(kps, kds, strict=True):
+            control = self.template.in_plane(*gains, step)
+            loops.append(Loop(1, step, self.actuated, control, unstable_poles=(self.actuated * control).unstable_poles))
+        scans = scan_many([loop.scalar for loop in loops if loop.scalar is not None]) if loops else []
+        return [margins_of(loop, scan) for loop, scan in zip(loops, scans, strict=True)]
 
     def stable_columns(self, kps: Floats, polish: bool = True) -> list[Floats]:
         """As `columns`, for bare stability."""

@@ -99,7 +99,7 @@ class Margins:
     delay_margin, delay_crossover   the smallest extra delay in all loops [s], and its frequency [rad/s]; inf: none (n > 1: up to 1 s)
     peak_sensitivity             Ms = max |S_ii|, S = (I + L)⁻¹, at peak_sensitivity_frequency [rad/s]: for n > 1 the largest of one loop,
                                  the others closed
-    peak_complementary           Mt = max |L|/|1+L|, at peak_complementary_frequency [rad/s]; NaN for n > 1
+    peak_complementary           Mt = max |T_ii|, T = I − S, at peak_complementary_frequency [rad/s], likewise
     disk_margin                  balanced disk margin, every loop multiplied by its own factor (Seiler, Packard and Gahinet 2020; for
                                  n = 1 min 2|1+L|/|1−L|), at disk_margin_frequency [rad/s]; disk_certified: proved between frequencies
     one_loop                     (n,) arrays
@@ -185,15 +185,6 @@ class Margins:
     def least_phase_margin(self) -> float:
         """[rad] the smallest phase, of either sign, in all loops or in one, that is lost: what requirements bound."""
         return min(self.common_phase_margin, self.one_loop_phase_margin)
-
-    def least(self, name: str) -> float:
-        """What the requirement `name`, a field of Requirements, bounds."""
-        return self.peak_sensitivity if name == "peak_sensitivity" else getattr(self, f"least_{name}")
-
-    def named(self, name: str) -> str:
-        """What that is: "phase margin of one loop" where it is the lesser."""
-        words = name.replace("_", " ")
-        return f"{words} of one loop" if name == "phase_margin" and self.one_loop_phase_margin < self.common_phase_margin else words
 
     @property
     def phase_frequency(self) -> float:

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..linear.arrays import Booleans, Complexes, Floats, Integers
 from ..system.loop import Loop
+from ..system.requirements import Requirements
 from .first_crossing import SEARCH, Family, gains, height, phases, slope
 from .loci import Sweep
 from .margin_record import GainLimit, Margins, OneLoop
@@ -49,7 +50,7 @@ class Curves:
 
 
 class Peak(NamedTuple):
-    """The largest |S_ii|, and where [rad/s]."""
+    """The largest |S_ii|, or what is asked for, and where [rad/s]."""
 
     height: float
     omega: float
@@ -74,12 +75,12 @@ class Sampled:
         omega, values = _resolved(sweep, sensitivity)
         return cls(sweep, Curves(omega, _return_ratio(values), lambda omega: _return_ratio(sensitivity(omega))), values, sensitivity)
 
-    def peak(self) -> Peak:
-        """The largest |S_ii|."""
-        omega, sizes = self.single.omega, np.abs(self.sensitivity)
+    def peak(self, slope: float = 1.0, offset: float = 0.0) -> Peak:
+        """The largest |slope S_ii + offset|."""
+        omega, sizes = self.single.omega, np.abs(slope * self.sensitivity + offset)
         rows, joints = peaks(sizes, (1 - QUICK.close) * sizes.max())
         among = np.arange(len(rows)), joints
-        place, height = polished_peaks(omega, sizes, rows, joints, lambda omega: np.abs(self.sensitivity_at(omega))[among])
+        place, height = polished_peaks(omega, sizes, rows, joints, lambda omega: np.abs(slope * self.sensitivity_at(omega) + offset)[among])
         row = int(np.argmax(sizes.max(axis=1)))
         return max([Peak(float(sizes[row].max()), float(omega[row])), *map(Peak, height.tolist(), place.tolist())])
 
@@ -95,7 +96,7 @@ class Sampled:
 
 
 def quick_margins(loop: Loop) -> Margins:
-    """The gain and phase margins and the peak sensitivity that requirements bound, of a loop built from parts, n >= 1; all else is NaN.
+    """The gain and phase margins and the peak sensitivity, of a loop built from parts, n >= 1; the rest is NaN.
 
     Gains: the lesser of the factors up and down stands under both names, and the least over all loops for each. Nothing is known, so
     that no requirement is met, where the loci cannot be followed.
@@ -103,8 +104,18 @@ def quick_margins(loop: Loop) -> Margins:
     return quick_look(loop)[0]
 
 
-def quick_look(loop: Loop) -> tuple[Margins, Sampled | None]:
-    """`quick_margins`, and the samples behind them of a loop that is stable."""
+def quick_look(loop: Loop, required: Requirements | None = None) -> tuple[Margins, Sampled | None]:
+    """`quick_margins`, and the samples behind them of a loop that is stable (required_margins in margins.py: where these do not tell)."""
+    found, sampled = _look(loop)
+    if required is None or sampled is None:
+        return found, sampled
+    for one, _ in required.asked_for:
+        if math.isnan(one.value(found)):
+            found = replace(found, **one.sampled(sampled))
+    return found, sampled
+
+
+def _look(loop: Loop) -> tuple[Margins, Sampled | None]:
     sweep = Sweep(loop)
     count = sweep.unstable(1.0)
     if count > 0 or sweep.full or count < 0:

@@ -1,9 +1,9 @@
 """Does every joint within the ranges keep what is asked? A proof, or a joint that does not, or an honest "not proved".
 
-A margin keeps L(jω) out of a set that holds −1 (excluded_region.py). Where one joint of the ranges is stable, and L stays out of that set
-at every frequency for every joint within them, no root can cross the stability boundary on the way from that joint to any other, so all
-of them are stable and keep the margin (zero exclusion: Barmish 1994, New Tools for Robustness of Linear Systems). Boxes of frequency and
-parameters are split in two until L is shown to stay out of the set everywhere in each (box_loops.py), or until the middle of one lies
+A requirement keeps L(jω) out of a set that holds −1 (system/excluded_sets.py). Where one joint of the ranges is stable, and L stays out of
+that set at every frequency for every joint within them, no root can cross the stability boundary on the way from that joint to any other,
+so all of them are stable and keep the margin (zero exclusion: Barmish 1994, New Tools for Robustness of Linear Systems). Boxes of frequency
+and parameters are split in two until L is shown to stay out of the set everywhere in each (box_loops.py), or until the middle of one lies
 in it, or until the work is spent.
 """
 
@@ -17,10 +17,10 @@ import numpy as np
 from ..linear.arrays import Booleans, Complexes, Floats
 from ..system.assembly import Feedback
 from ..system.drive import Drive
+from ..system.excluded_sets import ExcludedSet, Segment
 from ..system.plant import ElasticJoint
-from ..system.requirements import ROUND_OFF, Requirements
+from ..system.requirements import Requirements
 from ..system.uncertainty import Uncertainty
-from ._peaks import objective_bound
 from .box_loops import BoxLoop, Sectors
 
 Judge = Callable[[dict[str, float]], bool]
@@ -60,20 +60,24 @@ def prove(
 ) -> Proof:
     """Whether `requirements` hold in all of `uncertainty`; with nothing required, whether no root can reach the stability boundary.
 
+    A requirement that gives no excluded set cannot be proved: nothing is looked at then.
+
     judge  whether the joint with these values (by quantity, SI) breaks what is asked, exactly; asked about the nearest to doing so
     most   boxes to look at before giving up
     """
     loop = BoxLoop(joint, drive, uncertainty, controller, feedback, sample_time)
-    if not loop.boundable:
+    shapes = [one.excluded(needed) for one, needed in requirements.asked_for]
+    given = [shape for shape in shapes if shape is not None]
+    if not loop.boundable or len(given) < len(shapes):
         return Proof(False, 0, False, {})
-    return _Search(loop, requirements, judge, most).run()
+    return _Search(loop, [Segment(1.0), *given], judge, most).run()
 
 
 class _Search:
-    """Boxes that are not decided yet, and the joint that came nearest to breaking a requirement."""
+    """Boxes that are not decided yet, and the joint that came nearest to one of the excluded sets, `shapes`."""
 
-    def __init__(self, loop: BoxLoop, requirements: Requirements, judge: Judge, most: int) -> None:
-        self.loop, self.requirements, self.judge, self.most = loop, requirements, judge, most
+    def __init__(self, loop: BoxLoop, shapes: list[ExcludedSet], judge: Judge, most: int) -> None:
+        self.loop, self.shapes, self.judge, self.most = loop, shapes, judge, most
         self.least, self.judged = math.inf, NEARBY
         self.worst: dict[str, float] = {}
 
@@ -127,27 +131,11 @@ class _Search:
 
     def smallest(self) -> float:
         """|L| below which no requirement can be broken."""
-        asked = self.requirements
-        sizes = [0.99]
-        if asked.gain_margin is not None:
-            sizes.append(1 / asked.gain_margin)
-        if asked.peak_sensitivity is not None:
-            sizes.append(1 - 1 / asked.peak_sensitivity)
-        return 0.999 * min(sizes)
+        return 0.999 * min(0.99, *(shape.smallest for shape in self.shapes))
 
     def clear(self, found: Sectors) -> Booleans:
         """True where L stays out of every excluded set in the whole box."""
-        log_low, log_high, asked = found.log_low, found.log_high, self.requirements
-        nearest = math.pi * (2 * np.floor((found.phase_low + found.phase_high) / (4 * math.pi)) + 1)
-        apart = np.maximum(0.0, np.maximum(found.phase_low - nearest, nearest - found.phase_high))  # of arg L from −1's
-        factor = 0.0 if asked.gain_margin is None else math.log(asked.gain_margin) * (1 - ROUND_OFF)
-        clear = (apart > 0) | (log_low > factor) | (log_high < -factor)
-        if asked.phase_margin is not None:
-            clear &= (log_low > 0) | (log_high < 0) | (apart >= asked.phase_margin * (1 - ROUND_OFF))
-        if asked.peak_sensitivity is not None:
-            bound = objective_bound(0, log_low, log_high, found.phase_low, found.phase_high)
-            clear &= bound * asked.peak_sensitivity >= 1 - ROUND_OFF
-        return clear
+        return np.all([shape.clear(found) for shape in self.shapes], axis=0)
 
     def breaks(self, found: Sectors, low: Floats, high: Floats) -> bool:
         """Look at the middles of the boxes; True where one of their joints breaks a requirement, which `judge` has the last word on."""
@@ -162,16 +150,8 @@ class _Search:
         return False
 
     def distance(self, value: Complexes) -> Floats:
-        """How far each L is from the excluded set, in log L, or of the disk in shares of it (< 0: within)."""
-        asked = self.requirements
-        with np.errstate(all="ignore"):
-            apart, log = np.abs(np.angle(-value)), np.abs(np.log(np.abs(value)))
-        factor = 0.0 if asked.gain_margin is None else math.log(asked.gain_margin)
-        distance = np.hypot(apart, np.maximum(log - factor, 0.0))
-        if asked.phase_margin is not None:
-            distance = np.minimum(distance, np.hypot(np.maximum(apart - asked.phase_margin, 0.0), log))
-        if asked.peak_sensitivity is not None:
-            distance = np.minimum(distance, np.abs(1 + value) * asked.peak_sensitivity - 1)
+        """How far each L is from the excluded sets."""
+        distance = np.min([shape.distance(value) for shape in self.shapes], axis=0)
         return np.where(np.isnan(distance), np.inf, distance)
 
 

@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..report.number_format import (
-    as_typed,
-    decibels,
     digits,
     model_in_words,
     model_kind,
@@ -62,7 +60,7 @@ def joint(
 
 def _facts(study: "JointStudy") -> dict[str, Any]:
     """What --json prints."""
-    from ..report.columns import MARGIN, facts
+    from ..report.columns import facts, margin_columns, required_facts
     from ..report.joint_text import sentence, warnings
 
     margins, requirements, rule = study.margins, study.system.requirements, study.rule
@@ -76,7 +74,7 @@ def _facts(study: "JointStudy") -> dict[str, Any]:
         "model": model_kind(sample_time),
         "sample_rate_hz": None if sample_time is None else 1 / sample_time,
         "unstable_roots": margins.unstable_roots,
-        **facts(MARGIN, margins),
+        **facts(margin_columns(), margins),
         "max_kp": study.max_kp,
         "max_kd": study.max_kd,
         "gain_limit": study.limit.gain,
@@ -84,20 +82,16 @@ def _facts(study: "JointStudy") -> dict[str, Any]:
         "limit_frequency_rad_s": study.limit.frequency,
         "requirements_met": study.requirements_met,
         "unmet": list(study.unmet),
-        "worst": facts(MARGIN, study.in_range.margins),
-        "required": {
-            "gain_margin_db": None if requirements.gain_margin is None else as_typed(decibels(requirements.gain_margin)),
-            "phase_margin_deg": None if requirements.phase_margin is None else as_typed(math.degrees(requirements.phase_margin)),
-            "peak_sensitivity": requirements.peak_sensitivity,
-        },
+        "worst": facts(margin_columns(), study.in_range.margins),
+        "required": required_facts(requirements),
         "recommended": None if recommended is None else _recommended_facts(recommended),
-        "rule": {"kp": rule.kp, "kd": rule.kd, "stable": rule.margins.stable, "margins": facts(MARGIN, rule.margins)},
+        "rule": {"kp": rule.kp, "kd": rule.kd, "stable": rule.margins.stable, "margins": facts(margin_columns(), rule.margins)},
         "warnings": list(warnings(study)),
     }
 
 
 def _recommended_facts(recommended: "Recommendation") -> dict[str, Any]:
-    from ..report.columns import MARGIN, facts
+    from ..report.columns import facts, margin_columns
 
     controller = recommended.controller
     gains = {name: value for name, value, _ in own_gains(controller)}
@@ -105,8 +99,8 @@ def _recommended_facts(recommended: "Recommendation") -> dict[str, Any]:
         **gains,
         "controller": {"type": type(controller).__name__.lower(), **gains},
         "plane": {"kp": recommended.kp, "kd": recommended.kd},
-        "margins": facts(MARGIN, recommended.worst),
-        "nominal": facts(MARGIN, recommended.nominal),
+        "margins": facts(margin_columns(), recommended.worst),
+        "nominal": facts(margin_columns(), recommended.nominal),
         "worst_case": recommended.worst_case,
         "binding": recommended.binding,
         "costs": recommended.costs,
@@ -116,10 +110,10 @@ def _recommended_facts(recommended: "Recommendation") -> dict[str, Any]:
 
 
 def _terminal(study: "JointStudy", report: Path | None) -> str:
-    from ..report.columns import MARGIN
+    from ..report.columns import bounded_columns
     from ..report.joint_text import sentence, warnings
 
-    model, bounded = model_in_words(study.system.control.sample_time), [column.title for column in MARGIN if column.requirement]
+    model, bounded = model_in_words(study.system.control.sample_time), [column.title for column in bounded_columns()]
     parts: list[Any] = [
         sentence(study),
         "",
@@ -140,7 +134,9 @@ def _terminal(study: "JointStudy", report: Path | None) -> str:
 
 def _what_binds(recommended: "Recommendation") -> str:
     """Which requirement stops kp from going higher, and how far it would go without each."""
-    words = {name: "without the " + name.replace("_", " ") for name in recommended.costs} | {"uncertainty": "with exact parameters"}
+    from ..system.requirements import title_of
+
+    words = {name: f"without the {title_of(name)}" for name in recommended.costs} | {"uncertainty": "with exact parameters"}
     kp_name, _ = plane_names(recommended.controller)
     worst = ", ".join(quantity(name, value) for name, value in recommended.worst_case.items())
     parts = [f"What binds the recommended gains: the {recommended.held_back_by()}" + (f" (tightest at {worst})." if worst else ".")]
@@ -171,8 +167,9 @@ def _gain_rows(study: "JointStudy") -> list[tuple[str, ...]]:
     kp_name, kd_name = plane_names(controller)
     kp, kd = controller.plane_gains()
     rows = [("this file's", digits(kp), digits(kd), *_margin_cells(study.margins))]
-    rows.append((f"largest {kd_name} at this {kp_name}", digits(kp), digits(study.max_kd), "", "", ""))
-    rows.append((f"largest {kp_name} of all", digits(study.max_kp), digits(_kd_at_the_top(study)), "", "", ""))
+    nothing = ("",) * (len(rows[0]) - 3)
+    rows.append((f"largest {kd_name} at this {kp_name}", digits(kp), digits(study.max_kd), *nothing))
+    rows.append((f"largest {kp_name} of all", digits(study.max_kp), digits(_kd_at_the_top(study)), *nothing))
     if recommended is not None:
         gains = digits(recommended.kp), digits(recommended.kd)
         if study.system.uncertainty.names:
@@ -195,7 +192,7 @@ def _kd_at_the_top(study: "JointStudy") -> float:
 
 def _margin_cells(margins: "Margins") -> tuple[str, ...]:
     """What is required of it, or may be."""
-    from ..report.columns import MARGIN
+    from ..report.columns import bounded_columns
 
-    bounded = [column for column in MARGIN if column.requirement]
+    bounded = bounded_columns()
     return tuple(column.text(margins) for column in bounded) if margins.stable else ("unstable", *("" for _ in bounded[1:]))

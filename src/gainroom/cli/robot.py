@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..report.number_format import decibels, digits, model_in_words, model_kind
+from ..report.number_format import digits, model_in_words, model_kind
 from ..report.robot_units import judged
 from .options import AsJson, Report, command_line, report_stream
 from .output import column_table, emit, emit_json, file_line, render, table
@@ -57,7 +57,7 @@ def robot(
 
 def _facts(study: "RobotStudy") -> dict[str, Any]:
     """What --json prints."""
-    from ..report.columns import STATE, facts
+    from ..report.columns import facts, state_columns
     from ..report.robot_text import sentence, warnings
 
     sample_time = study.system.control.sample_time
@@ -70,7 +70,7 @@ def _facts(study: "RobotStudy") -> dict[str, Any]:
         "unmet": list(study.unmet),
         "model": model_kind(sample_time),
         "sample_rate_hz": None if sample_time is None else 1 / sample_time,
-        "states": [facts(STATE, state) for state in study.every],
+        "states": [facts(state_columns(), state) for state in study.every],
         "recommended": [_gains_facts(gains) for gains in study.recommended] or None,
         "assumptions": list(study.system.assumptions),
         "warnings": list(warnings(study)),
@@ -112,12 +112,13 @@ def _gains_facts(gains: "RobotGains") -> dict[str, Any]:
 
 
 def _terminal(study: "RobotStudy", report: Path | None) -> str:
-    from ..report.columns import STATE, definitions
+    from ..report.columns import definitions, state_columns
     from ..report.robot_tables import joint_legend
     from ..report.robot_text import sentence, warnings
 
     title = f"All joints together ({model_in_words(study.system.control.sample_time)})"
-    parts: list[Any] = [sentence(study), "", column_table(title, STATE, study.states + study.immobile), definitions(STATE), ""]
+    columns = state_columns()
+    parts: list[Any] = [sentence(study), "", column_table(title, columns, study.states + study.immobile), definitions(columns), ""]
     for state in study.tightest_by_contact:
         parts += _contact_tables(state)
     parts.append(joint_legend(study.system.source.body))
@@ -146,6 +147,8 @@ def _contact_tables(state: "State") -> list[Any]:
 
 def _gains_parts(gains: "RobotGains", first: tuple[str, str]) -> list[Any]:
     """The gains that are safe in every state, and what each contact state alone would allow; `first`: posture and contact state."""
+    from ..report.columns import margins_in_words
+
     found = gains.everywhere
     if found is None:
         told = f"No gains were found that keep the required margins in every state, {gains.space} space; the nearest: {gains.nearest['']}."
@@ -159,13 +162,10 @@ def _gains_parts(gains: "RobotGains", first: tuple[str, str]) -> list[Any]:
     if scale is not None:
         columns, numbers = (*columns, "kp/J [1/s²]", "kd/J [1/s]"), [*numbers, found.kp / scale, found.kd / scale]
     rows = [(name, *map(digits, row)) for name, *row in zip(gains.names, *(column.tolist() for column in numbers), strict=True)]
-    margins = found.margins
-    least = f"{digits(decibels(margins.least_gain_margin), 'dB', 3)}, {digits(math.degrees(margins.least_phase_margin), '°', 3)}"
-    peak = digits(margins.peak_sensitivity, significant=3)
     where = "Without the weight" if found.without_weight else "In every state"
     words = (
-        f"{where} they keep {least} ({margins.named('phase_margin')}) and a peak sensitivity of {peak}, all loops together "
-        f"and each with the others closed. None can be raised by 5 %: {_held_words(found, gains.names)}."
+        f"{where} they keep: {margins_in_words(found.margins)}; all loops together and each with the others closed. "
+        f"None can be raised by 5 %: {_held_words(found, gains.names)}."
     )
     if scale is not None:
         words += f" J: the motor's inertia and the load 1/W_ii in {', '.join(first)}, the first state; in another, kp/J and kd/J differ."
@@ -175,8 +175,9 @@ def _gains_parts(gains: "RobotGains", first: tuple[str, str]) -> list[Any]:
 def _held_words(found: "GainSet", names: Sequence[str]) -> str:
     """What stands in the way of the softest, and of how many joints each margin does."""
     from ..report.robot_text import held_back
+    from ..system.requirements import title_of
 
-    reasons = Counter(f"{margin.replace('_', ' ')} in {state}" for margin, state in zip(found.margin, found.case, strict=True) if margin)
+    reasons = Counter(f"{title_of(margin)} in {state}" for margin, state in zip(found.margin, found.case, strict=True) if margin)
     counted = ", ".join(f"{reason} {count}" for reason, count in reasons.most_common(4))
     return f"the softest is held back by {held_back(found, names)}; of all, {counted}"
 

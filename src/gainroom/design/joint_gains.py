@@ -16,7 +16,7 @@ import numpy as np
 from ..analysis.crossings import scan_many
 from ..analysis.gain_region import PDRegion, pd_region
 from ..analysis.margin_record import Margins, worst_of
-from ..analysis.margins import margins_of
+from ..analysis.margins import margins, margins_of
 from ..analysis.range_proof import Proof, prove
 from ..errors import GainroomError
 from ..linear.arrays import Floats
@@ -24,7 +24,7 @@ from ..system.controller import PD
 from ..system.drive import Drive
 from ..system.loop import Feedback, Loop, build_loop
 from ..system.plant import ElasticJoint
-from ..system.requirements import ROUND_OFF, Requirements
+from ..system.requirements import REQUIREMENTS, ROUND_OFF, Requirements, title_of
 from ..system.uncertainty import NOMINAL, Case, Place, Uncertainty
 
 COST_ACCURACY = 0.01
@@ -32,12 +32,13 @@ FILLING = 16  # cases inside the uncertainty beside corners and centre
 RESERVE = 0.002  # of each requirement, kept at the active cases of an uncertain joint: leaves a proof room to come to an end
 UNPROVED_RESERVE = 0.02  # the same where it came to none
 QUICK_BOXES, MOST_BOXES = 200_000, 500_000  # of a proof, about 1 s and 3 s: with the first reserve, and with the second
+ALIKE = 1e-3  # of a requirement: of cases that come as near to missing it but for this, the first stands for all
 MOST_ACTIVE = 6  # cases at a time: what an older one forbids is found out again, if it still matters
 MOST_ROUNDS = 20  # cases that break a requirement, one after the other
 QUICK_ROUNDS = 10  # from then on kp is lowered in large steps
 
 Found = tuple[Place, Margins, float]
-"""A case, its margins, and the least slack of a requirement there."""
+"""A case, its margins, and by how much the requirement is missed there that is missed most; below 0: all are met."""
 
 
 @dataclass(frozen=True)
@@ -74,9 +75,9 @@ class Recommendation:
 
     def held_back_by(self) -> str:
         """The requirement that binds in words, or all of them where dropping any one alone gains nothing."""
-        asked = [name.replace("_", " ") for name in self.costs if name != "uncertainty"]
+        asked = [title_of(name) for name in self.costs if name != "uncertainty"]
         if self.binding in self.felt or len(asked) == 1:
-            return self.binding.replace("_", " ")
+            return title_of(self.binding)
         return f"{', '.join(asked[:-1])} and {asked[-1]} together"
 
 
@@ -98,7 +99,7 @@ def recommend_pd(
     """
     requirements = Requirements.usual() if requirements is None else requirements
     if not requirements.asked:
-        raise GainroomError("recommend: at least one of gain_margin, phase_margin, peak_sensitivity must be required")
+        raise GainroomError(f"recommend: at least one of {', '.join(REQUIREMENTS)} must be required")
     search = _Search(joint, drive, requirements, uncertainty or Uncertainty(), feedback, sample_time, controller or PD(1.0, 1.0))
     return search.run()
 
@@ -132,8 +133,7 @@ class _Search:
 
     def region(self, case: Case) -> PDRegion:
         aimed = self.requirements.tightened(self.reserve)
-        asked = {name: getattr(aimed, name) for name in aimed.asked}
-        return pd_region(*case, feedback=self.feedback, sample_time=self.sample_time, controller=self.template, **asked)
+        return pd_region(*case, feedback=self.feedback, sample_time=self.sample_time, controller=self.template, **aimed.needed)
 
     def likely_worst(self) -> Place:
         """A corner to start from: the one that moderate gains, for the delay there is, bring nearest to a requirement."""
@@ -152,9 +152,9 @@ class _Search:
             if found is None:
                 return None
             kp, kd = found
-            place, worst, least = self.worst(kp, kd)
-            if least >= self.reserve / 2:
-                place, worst, least = self.proved(kp, kd, (place, worst, least))
+            place, worst, missed = self.worst(kp, kd)
+            if missed <= -self.reserve / 2:
+                place, worst, missed = self.proved(kp, kd, (place, worst, missed))
                 if self.proof is None or self.proof.holds:
                     break
                 if not self.proof.broken:
@@ -170,8 +170,8 @@ class _Search:
             return None
         asked = self.requirements.asked
         costs = {name: self.cost(kp, [other for other in asked if other != name], self.active) for name in asked}
-        slacks = slack(worst, self.requirements)
-        binding = max(asked, key=lambda name: (costs[name] if costs[name] >= (1 + COST_ACCURACY) * kp else kp, -slacks[name]))
+        short = self.requirements.shortfalls(worst)
+        binding = max(asked, key=lambda name: (costs[name] if costs[name] >= (1 + COST_ACCURACY) * kp else kp, short[name]))
         if self.uncertainty.names:
             costs["uncertainty"] = self.cost(kp, asked, [self.region(self.case(NOMINAL))])
         nominal = self.margins([NOMINAL], kp, kd)[0]
@@ -211,27 +211,30 @@ class _Search:
             if place not in self.plants:
                 self.plants[place] = build_loop(*self.case(place), self.template, self.feedback, self.sample_time)
             loops.append(replace(self.plants[place], control=control, parts=None))
+        if any(one.excluded(needed) is None for one, needed in self.requirements.asked_for):  # which may be of any margin there is
+            controller = self.template.from_plane(kp, kd)
+            return [margins(build_loop(*self.case(place), controller, self.feedback, self.sample_time)) for place in places]
         scans = scan_many([loop.scalar for loop in loops if loop.scalar is not None])
         return [margins_of(loop, scan) for loop, scan in zip(loops, scans, strict=True)]
 
     def worst(self, kp: float, kd: float) -> Found:
-        """The screened case with the least slack. Stops at the first screening that finds one below zero."""
+        """The screened case that misses most. Stops at the first screening that finds one that misses something."""
         self.seen, self.checked = [], set()
         places = self.uncertainty.corners
         if self.uncertainty.names:  # without uncertainty the one corner is NOMINAL already
             places = [*places, NOMINAL, *self.uncertainty.inside(FILLING)]
         best = self.least(places, kp, kd)
-        return best if best[2] < 0 else self.worst_near(best, kp, kd)
+        return best if best[2] > 0 else self.worst_near(best, kp, kd)
 
     def worst_near(self, best: Found, kp: float, kd: float) -> Found:
-        """A local search for the least slack from a case on."""
+        """A local search for what misses most from a case on."""
         count = len(self.uncertainty.names)
         step = 0.25
-        while count and step > 0.01 and best[2] > -math.inf:
+        while count and step > 0.01 and best[2] < math.inf:
             shifts = step * np.vstack([np.eye(count), -np.eye(count)])
             center = np.array(best[0] or (0.5,) * count)
             trial = self.least([tuple(place) for place in np.clip(center + shifts, 0.0, 1.0).tolist()], kp, kd)
-            if trial[2] < best[2]:
+            if trial[2] > best[2]:
                 best = trial
             else:
                 step /= 2
@@ -243,7 +246,7 @@ class _Search:
             return best
 
         def breaks(values: dict[str, float]) -> bool:
-            return self.least([self.uncertainty.place(values)], kp, kd)[2] < -ROUND_OFF
+            return self.least([self.uncertainty.place(values)], kp, kd)[2] > ROUND_OFF
 
         controller = self.template.from_plane(kp, kd)
         most = MOST_BOXES if self.reserve == UNPROVED_RESERVE else QUICK_BOXES
@@ -255,15 +258,16 @@ class _Search:
         near = self.least([self.uncertainty.place(self.proof.worst)], kp, kd)
         if self.proof.broken:
             near = self.worst_near(near, kp, kd)
-        return min(best, near, key=lambda found: found[2])
+        return max(best, near, key=lambda found: found[2])
 
     def least(self, places: Sequence[Place], kp: float, kd: float) -> Found:
         found = self.margins(places, kp, kd)
         self.checked.update(places)
         self.seen += found
-        slacks = [min(slack(one, self.requirements).values()) for one in found]
-        k = int(np.argmin(slacks))
-        return places[k], found[k], slacks[k]
+        missed = np.array([self.requirements.shortfall(one) for one in found])
+        most = float(missed.max())
+        k = int(np.argmax(missed if most > 0 else missed >= most - ALIKE))
+        return places[k], found[k], most
 
     def stiffest(self, low: float, high: float) -> tuple[float, float] | None:
         """The largest kp, rounded down to three digits, and its best kd, over the active cases."""
@@ -297,9 +301,7 @@ class _Search:
         """For each kp: the kd that every region allows."""
         result = [np.array([[0.0, np.inf]])] * len(kps)
         for region in regions:
-            free = region.stable_columns(kps, polish)
-            for name in names:
-                free = region.excluding(name, kps, free, polish)
+            free = region.excluding(region.required.only(*names), kps, region.stable_columns(kps, polish), polish)
             result = [_common(first, second) for first, second in zip(result, free, strict=True)]
         return result
 
@@ -316,20 +318,6 @@ class _Search:
             if high <= low * (1 + accuracy):
                 return low
             kps = np.geomspace(low, high, 8)
-
-
-def slack(margins: Margins, requirements: Requirements) -> dict[str, float]:
-    """How far each required margin is kept, relative to the requirement: 0 just met, < 0 broken, −inf unstable."""
-    if not margins.stable:
-        return dict.fromkeys(requirements.asked, -math.inf)
-    slacks = {}
-    if requirements.gain_margin is not None:
-        slacks["gain_margin"] = margins.gain_room / requirements.gain_margin - 1
-    if requirements.phase_margin is not None:
-        slacks["phase_margin"] = abs(margins.phase_margin) / requirements.phase_margin - 1
-    if requirements.peak_sensitivity is not None:
-        slacks["peak_sensitivity"] = requirements.peak_sensitivity / margins.peak_sensitivity - 1
-    return slacks
 
 
 def value_of(case: Case, name: str) -> float:

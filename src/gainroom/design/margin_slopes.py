@@ -16,12 +16,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..analysis.margin_record import Margins
-from ..analysis.quick_margins import QUICK, Sampled, quick_look
+from ..analysis.margins import required_margins
+from ..analysis.quick_margins import QUICK, Sampled
 from ..analysis.sampled_curves import meets_axis, meets_circle, peaks, polished_peaks
 from ..linear.arrays import Booleans, Complexes, Floats, Integers
 from ..system.filters import integrator
 from ..system.loop import Loop
-from ..system.requirements import Requirements
+from ..system.requirements import Requirement, Requirements
 
 Gains = Floats
 """(3, m): kp, kd and ki of every direction; of a P/PI one kp, kv and ki."""
@@ -33,6 +34,7 @@ NEARLY = 1e-4  # of z: a crossing as near as this is found, as what is left of i
 ASIDE = 1e-5  # relative: how far to go to tell one
 OFF_COURSE = 1e-3  # of z: what ends further from a crossing has led nowhere
 BROKEN = 1e-5  # what is missed by less may be round-off
+DIFFERENCE = 1e-3  # in ln of a gain, of a margin whose slope is not known in closed form
 BELIEVED = 100.0  # two crossings that are about to vanish move ever faster: no further than this is believed
 
 
@@ -60,7 +62,7 @@ class Case:
         """Those of the loop with these gains that requirements bound; looked at once."""
         key = gains.tobytes()
         if key not in self._known:
-            self._known[key], seen = quick_look(self.loop(gains))
+            self._known[key], seen = required_margins(self.loop(gains), self.required)
             if seen is not None:
                 self._last[:] = [(key, seen)]
         return self._known[key]
@@ -79,7 +81,7 @@ class Case:
 
     def slopes(self, gains: Gains) -> "Slopes":
         """Everything near being missed by a loop that is stable, and how it moves."""
-        return _slopes(_Machine(self, gains, self.seen(gains)), NEAR)
+        return _Curves(_Machine(self, gains, self.seen(gains)), NEAR).slopes()
 
     def breaks(self, gains: Gains) -> str:
         """The requirement that a loop of gains near those looked at last is seen to break; "" where that is not to be seen so quickly.
@@ -88,7 +90,7 @@ class Case:
         """
         if not self._last:
             return ""
-        found = _slopes(_Machine(self, gains, self._last[0][1]), FOLLOWED)
+        found = _Curves(_Machine(self, gains, self._last[0][1]), FOLLOWED, followed=True).slopes()
         worst = int(np.argmax(found.missed)) if len(found.missed) else -1
         return found.name[worst] if worst >= 0 and found.missed[worst] > BROKEN else ""
 
@@ -147,13 +149,13 @@ class _Machine:
 
     def __init__(self, case: Case, gains: Gains, seen: Sampled) -> None:
         self.case, self.seen = case, seen
-        self._gains, self._points, self._loop = gains, seen.sweep.boundary.points, case.loop(gains)
+        self.gains, self._points, self._loop = gains, seen.sweep.boundary.points, case.loop(gains)
         assert self._loop.parts is not None
         self._controller = self._loop.parts.controller
 
     def _law(self, s: Complexes) -> tuple[Complexes, Complexes]:
         """d (k, m), and its changes (k, 2, m)."""
-        loop, (kp, kd, ki) = self._loop, self._gains
+        loop, (kp, kd, ki) = self._loop, self.gains
         v, time = loop.variable(s)[:, None], loop.sample_time
         velocity, integral = (np.polyval(num, v) / np.polyval(den, v) for num, den in (self._controller.velocity(time), integrator(time)))
         shaping, cascade = self._controller.shaping(time).at(s)[:, None], self.case.cascade
@@ -196,55 +198,112 @@ class _Machine:
         return _Values(values[rows, which], (np.einsum("km,kmj->kj", left, seen) * right[rows, :, which])[:, None, :] * change)
 
 
+Part = tuple[int, Slopes]
+PEAKS, ENDS = 0, 3  # places; loci and return ratios are between
 _Curve = Callable[[Floats, Integers, Complexes], _Values]
 """ω (k,), which (k,), about where (k,) → values of one kind of curve."""
 
 
-def _slopes(machine: _Machine, near: float) -> Slopes:
-    """What is missed or kept by less than `near`, about where loops were `seen`."""
-    required, seen = machine.case.required, machine.seen
-    steps, single = seen.sweep.steps(), seen.single
-    loci = machine.locus, seen.sweep.omega, steps.start, steps.end
-    ratios = machine.ratio, single.omega, single.values[:-1], single.values[1:]
-    found = [Slopes(np.zeros(0), np.zeros((0, 2, machine.case.torque.shape[1])), ())]
-    if required.peak_sensitivity is not None:
-        found.append(_at_peaks(machine, near, required.peak_sensitivity))
-    for curve, omega, start, end in (loci, ratios):
-        if required.gain_margin is not None:
-            needed = math.log(required.gain_margin)
+@dataclass(frozen=True)
+class _Curves:
+    """What requirements ask of the loops of a machine: what is missed or met by less than `near`, about where they were seen.
+
+    followed   True: where gains are only a little further than where loops were seen; what is not followed is left out
+
+    Parts come with their place, peaks first, then loci, return ratios and ends: where a search is flat, their order decides by round-off.
+    """
+
+    machine: _Machine
+    near: float
+    followed: bool = False
+
+    def slopes(self) -> Slopes:
+        """Everything that is required."""
+        found = [part for one, needed in self.machine.case.required.asked_for for part in one.slopes(self, needed)]
+        return Slopes.of([self._nothing, *(part for _, part in sorted(found, key=lambda pair: pair[0]))])
+
+    @property
+    def _nothing(self) -> Slopes:
+        return Slopes(np.zeros(0), np.zeros((0, 2, self.machine.case.torque.shape[1])), ())
+
+    @property
+    def _curves(self) -> "list[tuple[_Curve, Floats, Complexes, Complexes]]":
+        """The loci, and the return ratios: their values at any ω, and as seen, ω and the two ends of each step."""
+        machine, seen = self.machine, self.machine.seen
+        steps, single = seen.sweep.steps(), seen.single
+        loci = machine.locus, seen.sweep.omega, steps.start, steps.end
+        return [loci, (machine.ratio, single.omega, single.values[:-1], single.values[1:])]
+
+    def at_axis(self, name: str, factor: float) -> list[Part]:
+        """Gain margins: where loci and return ratios are real and negative."""
+        found, needed = [], math.log(factor)
+        for place, (curve, omega, start, end) in enumerate(self._curves, PEAKS + 1):
             rows, which, share, value = meets_axis(start, end)
-            close = np.abs(np.log(-value)) < needed + near
+            close = np.abs(np.log(-value)) < needed + self.near
             rows, which, share, value = rows[close], which[close], share[close], value[close]
-            place = omega[rows] + share * (omega[rows + 1] - omega[rows])
-            found.append(_along(curve, (omega[rows], place), which, (start[rows, which], value.astype(complex)), needed, False))
-        if required.phase_margin is not None:
-            needed = required.phase_margin
+            near = omega[rows] + share * (omega[rows + 1] - omega[rows])
+            crossings = _crossings(curve, (omega[rows], near), which, (start[rows, which], value.astype(complex)), 1.0)
+            found.append((place, _limited(needed, *crossings, 1.0, name)))
+        for omega, *both in self.machine.seen.ends():
+            for (curve, *_), values in zip(self._curves, both, strict=True):
+                found.append((ENDS, _at_end(curve, omega, values, needed, self.near, name)))
+        return found
+
+    def at_circle(self, name: str, angle: float) -> list[Part]:
+        """Phase margins: where loci and return ratios are of size 1."""
+        found = []
+        for place, (curve, omega, start, end) in enumerate(self._curves, PEAKS + 1):
             rows, which, share, lag = meets_circle(start, end)
-            close = np.abs(lag) < needed * (1 + near)
+            close = np.abs(lag) < angle * (1 + self.near)
             rows, which, share, lag = rows[close], which[close], share[close], lag[close]
-            place = omega[rows] * (omega[rows + 1] / omega[rows]) ** share
-            found.append(_along(curve, (omega[rows], place), which, (start[rows, which], -np.exp(1j * lag)), needed, True))
-    if required.gain_margin is not None:
-        for omega, *both in seen.ends():
-            for curve, values in zip((machine.locus, machine.ratio), both, strict=True):
-                found.append(_at_end(curve, omega, values, math.log(required.gain_margin), near))
-    return Slopes.of(found)
+            near = omega[rows] * (omega[rows + 1] / omega[rows]) ** share
+            crossings = _crossings(curve, (omega[rows], near), which, (start[rows, which], -np.exp(1j * lag)), 1j)
+            found.append((place, _limited(angle, *crossings, angle, name)))
+        return found
+
+    def at_peaks(self, name: str, ceiling: float, slope: float, offset: float) -> list[Part]:
+        """Where |slope S_ii + offset| is largest: a change of place changes nothing there."""
+        machine, single = self.machine, self.machine.seen.single
+
+        def values(omega: Floats, which: Integers) -> _Values:
+            own = machine.sensitivity(omega, which)
+            return _Values(slope * own.value + offset, slope * own.change)
+
+        sizes = np.abs(slope * machine.seen.sensitivity + offset)
+        rows, which = peaks(sizes, ceiling * math.exp(-self.near))
+        place, _ = polished_peaks(single.omega, sizes, rows, which, lambda omega: np.abs(values(omega, which).value))
+        found = values(place, which)
+        return [(PEAKS, Slopes(found.log.real - math.log(ceiling), found.growth.real, (name,) * len(place)))]
+
+    def by_differences(self, requirement: Requirement, needed: float) -> list[Part]:
+        """The worst of a margin that has no curve here: its differences from that at gains a little larger, one after the other."""
+        case, gains = self.machine.case, self.machine.gains
+        size = case.torque.shape[1]
+        if self.followed:
+            return []
+
+        def missed(gains: Gains) -> float:
+            found = case.margins(gains)
+            return requirement.shortfall(needed, requirement.value(found)) if found.stable else math.inf
+
+        here, slope = missed(gains), np.zeros((1, 2, size))
+        if here < -self.near:
+            return []
+        for place in np.ndindex(2, size):
+            step = np.zeros((2, size))
+            step[place] = DIFFERENCE
+            there = missed(moved(gains, step, case.cascade))
+            slope[0][place] = (there - here) / DIFFERENCE if math.isfinite(there) else BELIEVED
+        return [(PEAKS, _believed(np.array([here]), slope, requirement.name))]
 
 
-def _at_peaks(machine: _Machine, near: float, most: float) -> Slopes:
-    """Where |S_ii| is largest: a change of place changes nothing there."""
-    single, sizes = machine.seen.single, np.abs(machine.seen.sensitivity)
-    rows, which = peaks(sizes, most * math.exp(-near))
-    place, _ = polished_peaks(single.omega, sizes, rows, which, lambda omega: np.abs(machine.sensitivity(omega, which).value))
-    values = machine.sensitivity(place, which)
-    return Slopes(values.log.real - math.log(most), values.growth.real, ("peak_sensitivity",) * len(place))
+def _crossings(
+    curve: _Curve, omega: tuple[Floats, Floats], which: Integers, values: tuple[Complexes, Complexes], turn: complex
+) -> tuple[Floats, Floats]:
+    """Margins (c,) at the crossings near the second of two ω, with values as interpolated, and how they move (c, 2, m).
 
-
-def _along(
-    curve: _Curve, omega: tuple[Floats, Floats], which: Integers, values: tuple[Complexes, Complexes], needed: float, phase: bool
-) -> Slopes:
-    """Crossings near the second of two ω, with values as interpolated: `phase` of those of the unit circle, else gains on the axis."""
-    turn, unit = (1j, needed) if phase else (1.0, 1.0)  # z / turn: its real part is the margin, its imaginary part is 0 at the crossing
+    turn   1: of the negative real axis, 1j: of the unit circle; the real part of z / turn is the margin, its imaginary part is 0 there
+    """
     before, place = (part.copy() for part in omega)
     back, here = (_log_of_minus(value) / turn for value in values)
     growth: Complexes = np.zeros((len(place), 2, 0), dtype=complex)
@@ -271,19 +330,22 @@ def _along(
     margin = here.real - along * here.imag
     moves = growth.real - along[:, None, None] * growth.imag
     true = np.abs(here.imag) < OFF_COURSE
-    name = "phase_margin" if phase else "gain_margin"
-    return _limited((needed - np.abs(margin[true])) / unit, -np.sign(margin[true])[:, None, None] * moves[true] / unit, name)
+    return margin[true], moves[true]
 
 
-def _at_end(curve: _Curve, omega: float, values: Complexes | Floats, needed: float, near: float) -> Slopes:
+def _at_end(curve: _Curve, omega: float, values: Complexes | Floats, needed: float, near: float, name: str) -> Slopes:
     """Values that are real and negative where the boundary ends, which a gain moves along the axis."""
     real = (np.real(values) < 0) & (np.abs(np.imag(values)) < QUICK.real * np.abs(values))
     which = np.flatnonzero(real & (np.abs(np.log(np.maximum(np.abs(values), 1e-300))) < needed + near))
     found = curve(np.full(len(which), omega), which, np.asarray(values, dtype=complex)[which])
-    margin = found.log.real
-    return _limited(needed - np.abs(margin), -np.sign(margin)[:, None, None] * found.growth.real, "gain_margin")
+    return _limited(needed, found.log.real, found.growth.real, 1.0, name)
 
 
-def _limited(missed: Floats, slope: Floats, name: str) -> Slopes:
+def _limited(needed: float, margin: Floats, moves: Floats, unit: float, name: str) -> Slopes:
+    """By how much margins, of either sign, miss what is needed, in shares of `unit`."""
+    return _believed((needed - np.abs(margin)) / unit, -np.sign(margin)[:, None, None] * moves / unit, name)
+
+
+def _believed(missed: Floats, slope: Floats, name: str) -> Slopes:
     steepest = np.abs(slope).max(axis=(1, 2), initial=0.0)
     return Slopes(missed, slope * np.minimum(1.0, BELIEVED / np.maximum(steepest, BELIEVED))[:, None, None], (name,) * len(missed))

@@ -17,12 +17,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..analysis.margin_record import GainLimit, Margins, worst_of
-from ..errors import margin_in_words
 from ..linear.arrays import Booleans, Floats, Integers
 from ..system.controller import PD
 from ..system.loop import Loop
 from ..system.plant import ElasticJoint, Plant
-from ..system.requirements import Requirements
+from ..system.requirements import REQUIREMENTS, Requirements
 from ..system.system import StateCase, System
 from .gain_search import Raised, raised_gains, stiffness
 from .joint_gains import recommend_pd
@@ -321,10 +320,10 @@ def _shortage(margins: Margins, required: Requirements) -> str:
     name = required.missed(margins)
     if name == "stability":
         return "unstable"
-    needed = getattr(required, name)
-    texts = ([margin_in_words(name, value, significant) for value in (margins.least(name), needed)] for significant in range(3, 10))
-    found, asked = next((pair for pair in texts if pair[0] != pair[1]), ("less", margin_in_words(name, needed)))
-    return f"{margins.named(name)} {found} of {asked}"
+    one, needed = REQUIREMENTS[name], required.needed[name]
+    texts = ([one.text(value, significant) for value in (one.value(margins), needed)] for significant in range(3, 10))
+    found, asked = next((pair for pair in texts if pair[0] != pair[1]), ("less", one.text(needed)))
+    return f"{one.named(margins)} {found} of {asked}"
 
 
 def joints_that_move(model: Plant, feedback: str) -> Booleans:

@@ -3,21 +3,22 @@
 import math
 import re
 from collections.abc import Mapping
+from functools import cache
 from typing import Annotated, Any, Generic, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field, create_model, model_validator
 
 from ..errors import GainroomError
-from ..io.validation import NotNegative, Positive, PositiveOrInfinite, Section, number, refusal
+from ..io.validation import NotNegative, Positive, PositiveOrInfinite, Section, made_when_read, number, refusal
 from ..io.yaml_text import shown
 from ..linear.arrays import Floats
 from ..system.actuator_entry import ActuatorEntry
 from ..system.controller import PD, PID, PPI
 from ..system.drive import Drive
 from ..system.filters import LowPass, Notch
-from ..system.requirements import Requirements
+from ..system.requirements import REQUIREMENTS, Requirement, Requirements
 from ..system.uncertainty import Uncertainty
 
 CONTROLLERS = {"pd": PD, "pid": PID, "ppi": PPI}
@@ -212,21 +213,18 @@ class ControlSection(Section):
             notch.require_below("frequency", f"control.notches[{index}]", nyquist)
 
 
-class LimitsSection(Section):
-    """Required margins; a margin that is not named is not required."""
+def limits_section() -> type[Section]:
+    """Required margins, one key per requirement; a margin that is not named is not required."""
+    return _limits_section(tuple(REQUIREMENTS.values()))
 
-    gain_margin_db: Annotated[float, number(above=0, most=100)] | None = None
-    phase_margin_deg: Annotated[float, number(above=0, most=120)] | None = None
-    peak_sensitivity: Annotated[float, number(above=1, most=1000)] | None = None
 
-    def requirements(self) -> Requirements:
-        """As factor and rad."""
-        decibels, degrees = self.gain_margin_db, self.phase_margin_deg
-        return Requirements(
-            gain_margin=None if decibels is None else 10 ** (decibels / 20),
-            phase_margin=None if degrees is None else math.radians(degrees),
-            peak_sensitivity=self.peak_sensitivity,
-        )
+@cache
+def _limits_section(requirements: tuple[Requirement, ...]) -> type[Section]:
+    fields: dict[str, Any] = {}
+    for one in requirements:
+        value: Any = Annotated[float, number(above=one.in_unit(one.low), most=one.most)]
+        fields[one.key] = value | None, None
+    return create_model("LimitsSection", __base__=Section, **fields)
 
 
 class UncertaintySection(Section):
@@ -284,7 +282,7 @@ class SystemFile(Section, Generic[Control, Ranges]):
 
     drive: DriveSection = Field(description="the current loops and the delay")
     control: Control = Field(description="the controller and its gains")
-    limits: LimitsSection | None = None
+    limits: Annotated[Any, made_when_read(limits_section)] = None
     uncertainty: Ranges = Field(default_factory=dict, validate_default=True)  # type: ignore[assignment] - {} as a section
 
     def tick(self) -> float | None:
@@ -306,7 +304,10 @@ class SystemFile(Section, Generic[Control, Ranges]):
 
     def requirements(self) -> Requirements:
         """As given, or the usual ones."""
-        return Requirements.usual() if self.limits is None else self.limits.requirements()
+        if self.limits is None:
+            return Requirements.usual()
+        given = {one.name: (one, getattr(self.limits, one.key)) for one in REQUIREMENTS.values()}
+        return Requirements(**{name: one.in_si(value) for name, (one, value) in given.items() if value is not None})
 
 
 def refuse_long_delay(delay: float, sample_time: float | None, owner: str) -> None:

@@ -3,6 +3,7 @@
 import difflib
 import math
 import re
+from collections.abc import Callable
 from typing import Annotated, Any, TypeVar
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
@@ -136,6 +137,19 @@ def validate(model: type[AnySection], data: object, source: str, within: str = "
         first = error.errors(include_url=False, include_input=True)[0]
         path = ".".join(part for part in (within, _path(data, first["loc"], first.get("ctx", {}).get("key", ""))) if part)
         raise GainroomError(": ".join(part for part in (source, path, _message(first)) if part)) from error
+
+
+def made_when_read(model: Callable[[], type[Section]]) -> BeforeValidator:
+    """A check of a section whose keys are known only when it is read; None stays None."""
+
+    def check(value: object) -> Section | None:
+        try:
+            return None if value is None else model().model_validate(value)
+        except ValidationError as error:
+            first = error.errors(include_url=False, include_input=True)[0]
+            raise refusal(_message(first), key=_path(value, first["loc"], first.get("ctx", {}).get("key", ""))) from None
+
+    return BeforeValidator(check)
 
 
 def _message(error: Any) -> str:

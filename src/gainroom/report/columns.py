@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from ..analysis.margin_record import Margins
-from ..errors import listed
-from ..system.requirements import Requirements
-from .number_format import decibels, digits, frequency, hertz, margin_value, requirement
+from ..errors import apart, listed
+from ..system.requirements import REQUIREMENTS, Requirements
+from .number_format import as_typed, decibels, digits, frequency, hertz
 
 if TYPE_CHECKING:
     from ..studies.state import State
@@ -29,7 +29,7 @@ class Column:
     significant  digits shown
     shown        row → the text shown, where that is not `value` with its unit
     at           row → the frequency [rad/s] that belongs to it
-    requirement  the field of Requirements that bounds it
+    margin       the field of Margins that it is, where a requirement may bound it
     """
 
     title: str
@@ -40,7 +40,12 @@ class Column:
     significant: int = 4
     shown: Callable[[Any], str] | None = None
     at: Callable[[Any], float] | None = None
-    requirement: str = ""
+    margin: str = ""
+
+    @property
+    def requirement(self) -> str:
+        """The name of the requirement that bounds it; "" where none does."""
+        return self.margin if self.margin in REQUIREMENTS else ""
 
     def text(self, row: Any) -> str:
         """What a person reads."""
@@ -88,12 +93,19 @@ def _mainly(state: "State") -> str:
 
 def margin_facts(margins: Margins) -> dict[str, Any]:
     """What requirements bound, in JSON."""
-    return {
-        "gain_margin_db": decibels(margins.least_gain_margin),
-        "phase_margin_deg": math.degrees(margins.least_phase_margin),
-        "phase_margin_is": margins.named("phase_margin"),
-        "peak_sensitivity": margins.peak_sensitivity,
-    }
+    return {key: value for one in REQUIREMENTS.values() for key, value in one.facts(margins).items()}
+
+
+def required_facts(required: Requirements) -> dict[str, Any]:
+    """What is required, in JSON, in the units that a file has; None where nothing is."""
+    needed = required.needed
+    return {one.key: as_typed(one.in_unit(needed[name])) if name in needed else None for name, one in REQUIREMENTS.items()}
+
+
+def margins_in_words(margins: Margins) -> str:
+    """What requirements bound, in a sentence: "gain margin 6.1 dB, phase margin of one loop 31°, peak sensitivity Ms 1.9"."""
+    told = ((one, one.named(margins) if one.named(margins) != one.title else one.label) for one in REQUIREMENTS.values())
+    return ", ".join(f"{name} {digits(one.in_unit(one.value(margins)), one.unit, 3)}" for one, name in told)
 
 
 def _disk(state: "State") -> str:
@@ -104,13 +116,27 @@ def _frequency(state: "State") -> str:
     return hertz(state.limit.frequency) if state.moves and math.isfinite(state.limit.frequency) else "–"
 
 
+def margin_value(asked: Requirements, name: str, value: float, met: bool | None, significant: int = 4) -> str:
+    """A margin (`name`: of a requirement) with its unit; with digits enough to tell it from a requirement that is not met."""
+    one, needed = REQUIREMENTS[name], asked.needed.get(name)
+    if met is False and needed is not None:
+        significant = apart(one.in_unit(value), one.in_unit(needed), significant)
+    return digits(one.in_unit(value), one.unit, significant)
+
+
+def requirement(asked: Requirements, name: str, significant: int = 4) -> str:
+    """A required margin by the requirement's name: "≥ 6 dB"; empty where nothing is required."""
+    one, needed = REQUIREMENTS[name], asked.needed.get(name)
+    return "" if needed is None else f"{one.sign} {digits(one.in_unit(needed), one.unit, significant)}"
+
+
 def judged_rows(margins: Margins, required: Requirements) -> list[tuple[str, ...]]:
     """Every margin of one loop: name, value, frequency, what is required, and whether it is met."""
     rows = []
-    for column in MARGIN:
+    for column in margin_columns():
         if column.title:
             name = column.requirement
-            met = required.met(name, margins.least(name)) if name else None
+            met = required.met(name, REQUIREMENTS[name].value(margins)) if name else None
             text = margin_value(required, name, getattr(margins, name), met) if name else column.text(margins)
             at = "" if column.at is None else frequency(column.at(margins))
             verdict = "" if met is None else yes(margins.stable and met)
@@ -121,7 +147,7 @@ def judged_rows(margins: Margins, required: Requirements) -> list[tuple[str, ...
 def compared_rows(found: Sequence[Margins]) -> list[tuple[str, ...]]:
     """Every margin of several loops side by side, each with its frequency below it."""
     rows = []
-    for column in MARGIN:
+    for column in margin_columns():
         if column.title:
             rows.append((column.title, *(column.text(one) for one in found)))
             if column.at is not None:
@@ -140,7 +166,7 @@ MARGIN = [
         lambda m: decibels(m.gain_margin),
         "dB",
         at=lambda m: m.phase_crossover,
-        requirement="gain_margin",
+        margin="gain_margin",
     ),
     Column("", "phase_crossover_rad_s", lambda m: m.phase_crossover),
     Column("gain may fall by", "lower_gain_margin_db", lambda m: decibels(m.lower_gain_margin), shown=_lower),
@@ -150,21 +176,57 @@ MARGIN = [
         lambda m: math.degrees(m.phase_margin),
         "°",
         at=lambda m: m.gain_crossover,
-        requirement="phase_margin",
+        margin="phase_margin",
     ),
     Column("", "gain_crossover_rad_s", lambda m: m.gain_crossover),
-    Column("delay margin", "delay_margin_ms", lambda m: 1e3 * m.delay_margin, "ms", at=lambda m: m.delay_crossover),
+    Column(
+        "delay margin",
+        "delay_margin_ms",
+        lambda m: 1e3 * m.delay_margin,
+        "ms",
+        at=lambda m: m.delay_crossover,
+        margin="delay_margin",
+    ),
     Column(
         "peak sensitivity",
         "peak_sensitivity",
         lambda m: m.peak_sensitivity,
         at=lambda m: m.peak_sensitivity_frequency,
-        requirement="peak_sensitivity",
+        margin="peak_sensitivity",
     ),
-    Column("peak complementary sensitivity", "", lambda m: m.peak_complementary, at=lambda m: m.peak_complementary_frequency),
-    Column("disk margin", "disk_margin", lambda m: m.disk_margin, at=lambda m: m.disk_margin_frequency),
+    Column(
+        "peak complementary sensitivity",
+        "",
+        lambda m: m.peak_complementary,
+        at=lambda m: m.peak_complementary_frequency,
+        margin="peak_complementary",
+    ),
+    Column("disk margin", "disk_margin", lambda m: m.disk_margin, at=lambda m: m.disk_margin_frequency, margin="disk_margin"),
 ]
 """The margins of one loop."""
+
+
+def margin_columns() -> list[Column]:
+    """MARGIN, and what else a requirement bounds."""
+    known, keys = {column.margin for column in MARGIN}, {column.key for column in MARGIN}
+    further = [one for one in REQUIREMENTS.values() if one.name not in known or one.key not in keys]
+    return MARGIN + [
+        Column(
+            "" if one.name in known else one.title,
+            one.key,
+            lambda m, one=one: one.in_unit(getattr(m, one.name, one.value(m))),
+            one.unit,
+            at=one.frequency,
+            margin=one.name,
+        )
+        for one in further
+    ]
+
+
+def bounded_columns() -> list[Column]:
+    """Those that requirements bound."""
+    return [column for column in margin_columns() if column.title and column.requirement]
+
 
 STABLE = _if_moving(lambda state: state.limit.stable)
 POSTURE = Column("", "posture", lambda state: state.posture)
@@ -175,6 +237,7 @@ LIMIT = Column(
     "gain_limit",
     _if_moving(lambda state: state.limit.gain),
     definition="the factor on all gains together at which the robot begins to vibrate",
+    margin="gain_margin",
 )
 AT = Column("at", "limit_frequency_rad_s", _if_moving(lambda state: state.limit.frequency), shown=_frequency)
 MAINLY = Column(
@@ -204,6 +267,7 @@ STATE = [
         "ms",
         "what may be added in all loops before the robot vibrates",
         3,
+        margin="delay_margin",
     ),
     Column(
         "phase",
@@ -212,6 +276,7 @@ STATE = [
         "°",
         "the phase margin, by which all loops at once may lag or lead",
         3,
+        margin="phase_margin",
     ),
     Column(
         "one loop",
@@ -227,6 +292,7 @@ STATE = [
         _if_moving(lambda state: state.margins.peak_sensitivity),
         definition="the largest peak sensitivity of one loop, the other loops closed",
         significant=3,
+        margin="peak_sensitivity",
     ),
     Column(
         "disk",
@@ -234,6 +300,7 @@ STATE = [
         _if_moving(lambda state: state.margins.disk_margin),
         definition="the disk margin, every motor's torque off in gain and phase by a factor of its own (~: not certified)",
         shown=_disk,
+        margin="disk_margin",
     ),
     Column("", "disk_margin_certified", _if_moving(lambda state: state.margins.disk_certified)),
     MAINLY,
@@ -244,6 +311,25 @@ STATE = [
     Column("", "tasks_limit_frequency_rad_s", lambda state: state.tasks.limit.frequency if state.moves and state.tasks else None),
 ]
 """A posture in a contact state."""
+
+
+def state_columns() -> list[Column]:
+    """STATE, and what else a requirement bounds."""
+    known = {column.margin for column in STATE}
+    further = [one for one in REQUIREMENTS.values() if one.name not in known]
+    return STATE + [
+        Column(
+            one.heading,
+            "",
+            _if_moving(lambda state, one=one: one.in_unit(one.value(state.margins))),
+            one.unit,
+            f"the {one.title}, the worst of all loops",
+            3,
+            margin=one.name,
+        )
+        for one in further
+    ]
+
 
 ALONE = Column(
     "alone",

@@ -1,13 +1,12 @@
 """The gain map: the stable (kp, kd), those that meet the requirements, lines of equal margin, and vibration frequencies at the edge."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from ..analysis.crossings import scan_many
-from ..analysis.margins import Margins, margins_of
+from ..analysis.margins import Margins
 from ..linear.arrays import Floats
 from ..studies.joint import JointStudy
 from . import style
@@ -126,7 +125,7 @@ def _hover(study: JointStudy, view: View) -> style.Trace:
     stable = study.region.contains(grid_kp, grid_kd)
     texts = np.full(len(grid_kp), "unstable", dtype=object)
     index = np.flatnonzero(stable)
-    for k, found in zip(index, _margins_at(study, grid_kp[index], grid_kd[index]), strict=True):
+    for k, found in zip(index, study.region.margins(grid_kp[index], grid_kd[index]), strict=True):
         texts[k] = _margins_text(found)
     kp_name, kd_name = plane_names(study.system.control.controller)
     words = [
@@ -144,20 +143,6 @@ def _hover(study: JointStudy, view: View) -> style.Trace:
         "colorscale": clear,
         "showscale": False,
     }
-
-
-def _margins_at(study: JointStudy, kps: Floats, kds: Floats) -> list[Margins]:
-    template, step = study.region.template, study.region.actuated.sample_time
-    if not len(kps):
-        return []
-    controls = [template.in_plane(kp, kd, step) for kp, kd in zip(kps.tolist(), kds.tolist(), strict=True)]
-    systems = [study.region.actuated * control for control in controls]
-    loops = [
-        replace(study.loop, control=control, gain=1.0, unstable_poles=system.unstable_poles)
-        for control, system in zip(controls, systems, strict=True)
-    ]
-    scans = scan_many(systems)
-    return [margins_of(loop, scan) for loop, scan in zip(loops, scans, strict=True)]
 
 
 def _margins_text(found: Margins) -> str:

@@ -5,7 +5,9 @@ import math
 from ..analysis.margins import Margins
 from ..errors import case_in_words
 from ..studies.joint import JointStudy
+from ..system.requirements import REQUIREMENTS, Requirements, title_of
 from .bode import bode, cases
+from .columns import Column, bounded_columns
 from .gain_map import gain_map
 from .joint_text import sentence, warnings
 from .number_format import digits, frequency, hertz, model_kind, own_gains, plane_names, typed_gains
@@ -49,23 +51,23 @@ def _lead(study: JointStudy) -> Lead:
 def _cards(study: JointStudy) -> list[Card]:
     """Three to five numbers for the first glance."""
     found, asked = study.margins, study.system.requirements
-    if found.stable:
-        first = margin_card(asked, "gain_margin", found.gain_margin, _at(found.phase_crossover), found.gain_room)
-    else:
-        first = unstable_card(asked, study.limit, f"; there it would vibrate {_at(study.limit.frequency)}", "it")
-    cards = [
-        first,
-        margin_card(asked, "phase_margin", found.phase_margin, _at(found.gain_crossover), abs(found.phase_margin)),
-        margin_card(asked, "peak_sensitivity", found.peak_sensitivity, _at(found.peak_sensitivity_frequency)),
-    ]
-    cards.append(
-        Card("delay margin", digits(1e3 * found.delay_margin, "", 3), "ms" if found.stable else "", note=_at(found.delay_crossover))
-    )
+    cards = [_margin_card(column, found, asked) for column in bounded_columns()]
+    if not found.stable:
+        cards[0] = unstable_card(asked, study.limit, f"; there it would vibrate {_at(study.limit.frequency)}", "it")
+    if "delay_margin" not in REQUIREMENTS:
+        delay = digits(1e3 * found.delay_margin, "", 3)
+        cards.append(Card("delay margin", delay, "ms" if found.stable else "", note=_at(found.delay_crossover)))
     if study.recommended is not None:
         (name, value, unit), *others = own_gains(study.recommended.controller)
         with_ = ", ".join(f"{other} {digits(gain, its_unit, 3)}" for other, gain, its_unit in others)
         cards.append(Card(f"recommended {name}", digits(value, "", 3), unit, note=f"with {with_}"))
     return cards
+
+
+def _margin_card(column: Column, found: Margins, asked: Requirements) -> Card:
+    one = REQUIREMENTS[column.requirement]
+    at = "" if column.at is None else _at(column.at(found))
+    return margin_card(asked, one.name, getattr(found, one.name, one.value(found)), at, one.value(found))
 
 
 def _at(omega: float) -> str:
@@ -79,8 +81,7 @@ def _binding(study: JointStudy) -> str | Html:
     kp_name, _ = plane_names(best.controller)
     told = {True: "{} could be {}", False: "dropping it alone changes nothing"}
     costs = [
-        (f"without {name.replace('_', ' ')}", told[name in best.felt].format(kp_name, digits(kp, "N·m/rad", 3)))
-        for name, kp in best.costs.items()
+        (f"without {title_of(name)}", told[name in best.felt].format(kp_name, digits(kp, "N·m/rad", 3))) for name, kp in best.costs.items()
     ]
     return facts([("recommended controller", typed_gains(best.controller)), ("held back by", best.held_back_by()), *costs])
 

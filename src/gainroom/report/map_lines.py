@@ -1,5 +1,6 @@
 """Outlines of the allowed region in the gain map, and lines of equal margin, exact on every line kp = const that is drawn."""
 
+import itertools
 import math
 from dataclasses import dataclass, replace
 
@@ -8,16 +9,13 @@ import numpy as np
 from ..analysis.gain_region import PDRegion, traced
 from ..linear.arrays import Floats
 from ..studies.joint import JointStudy
-from ..system.requirements import Requirements
+from ..system.requirements import REQUIREMENTS, Requirements
 from . import style
-from .number_format import MARGIN_NAMES, margin_value
+from .columns import margin_value
 
 COLUMNS = 40  # lines kp = const on which a boundary is computed
-CONTOURS = (  # a margin by its field in Requirements, a stricter level of it, colour, dash
-    ("gain_margin", lambda value: value**2, style.GREEN, "solid"),
-    ("phase_margin", lambda value: min(1.5 * value, 3.0), style.BLUE, "dash"),
-    ("peak_sensitivity", lambda value: 1 + (value - 1) / 2, style.PURPLE, "dot"),
-)
+LINES = ((style.GREEN, "solid"), (style.BLUE, "dash"), (style.PURPLE, "dot"), (style.VERMILION, "dashdot"))
+"""Colour and dash of one requirement after the other."""
 
 
 @dataclass(frozen=True)
@@ -59,8 +57,7 @@ def _tip(region: PDRegion, widest: float) -> float:
     kps = np.concatenate([np.geomspace(1e-3, 0.1, 9), np.linspace(0.13, 1, 16)]) * widest
     for _ in range(3):
         free = region.stable_columns(kps, polish=False)
-        for name in region.required.asked:
-            free = region.excluding(name, kps, free, polish=False)
+        free = region.excluding(region.required, kps, free, polish=False)
         filled = np.flatnonzero([len(intervals) > 0 for intervals in free])
         if len(filled):
             inside = float(kps[filled[-1]])
@@ -90,11 +87,13 @@ def contours(study: JointStudy, view: View, taken: list[style.Annotation]) -> tu
 def _levels(asked: Requirements) -> list[tuple[Requirements, str, str, str, bool]]:
     """Contours to draw: (one requirement, label, colour, dash, whether it is the one asked for), each usual level and a stricter one."""
     result = []
-    for name, stricter, color, dash in CONTOURS:
-        value = getattr(asked, name) or getattr(Requirements.usual(), name)
-        for level in (value, stricter(value)):
-            text = f"{MARGIN_NAMES[name]} {margin_value(asked, name, level, None, 3)}"
-            result.append((Requirements(**{name: level}), text, color, dash, level == getattr(asked, name)))
+    for one, (color, dash) in zip(REQUIREMENTS.values(), itertools.cycle(LINES), strict=False):
+        value = asked.needed.get(one.name, one.usual)
+        if value is None or one.excluded(value) is None:  # not asked for, or not known as a line
+            continue
+        for level in (value, one.stricter(value)):
+            text = f"{one.heading} {margin_value(asked, one.name, level, None, 3)}"
+            result.append((Requirements(**{one.name: level}), text, color, dash, level == asked.needed.get(one.name)))
     return result
 
 

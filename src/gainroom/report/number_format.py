@@ -6,7 +6,6 @@ from typing import Any
 from ..errors import QUANTITIES, apart
 
 THIN = "\u202f"
-MARGIN_NAMES = {"gain_margin": "gain margin", "phase_margin": "phase margin", "peak_sensitivity": "Ms"}
 
 
 def digits(value: float | None, unit: str = "", significant: int = 4) -> str:
@@ -72,24 +71,6 @@ def quantity(name: str, *values: float) -> str:
     return " ".join([name.replace("_", " "), *(f"{digits(scale * value)} to" for value in first), digits(scale * last, unit)])
 
 
-def margin_value(asked: Any, name: str, value: float, met: bool | None, significant: int = 4) -> str:
-    """A margin (`name`: a field of Requirements) with its unit; with digits enough to tell it from a requirement that is not met."""
-    scale, unit = _MARGINS[name]
-    needed = getattr(asked, name)
-    if met is False:
-        significant = apart(scale(value), scale(needed), significant)
-    return digits(scale(value), unit, significant)
-
-
-def requirement(asked: Any, name: str, significant: int = 4) -> str:
-    """A required margin by its field's name in Requirements: "≥ 6 dB"; empty where nothing is required."""
-    value = getattr(asked, name)
-    if value is None:
-        return ""
-    scale, unit = _MARGINS[name]
-    return f"{'≤' if name == 'peak_sensitivity' else '≥'} {digits(scale(value), unit, significant)}"
-
-
 def model_kind(sample_time: float | None) -> str:
     """Which of the two models of time a loop is studied in; `sample_time` [s], None: continuous."""
     return "continuous" if sample_time is None else "sampled"
@@ -119,6 +100,4 @@ def typed_gains(controller: Any) -> str:
     return ", ".join(f"{name} {value:.6g} {unit}".rstrip() for name, value, unit in own_gains(controller))
 
 
-_MARGINS = {"gain_margin": (decibels, "dB"), "phase_margin": (math.degrees, "°"), "peak_sensitivity": (float, "")}
-"""By a field of Requirements: how a person reads it."""
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")

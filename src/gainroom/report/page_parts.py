@@ -7,12 +7,10 @@ from typing import Any
 
 from .. import __version__
 from ..analysis.gain_limit import GainLimit
-from ..system.requirements import Requirements
-from .number_format import digits, margin_value, requirement
+from ..system.requirements import REQUIREMENTS, Requirements
+from .columns import margin_value, requirement
+from .number_format import digits
 from .page import Card
-
-CARDS = {"gain_margin": ("gain margin", "dB"), "phase_margin": ("phase margin", ""), "peak_sensitivity": ("peak sensitivity Ms", "")}
-"""Title and unit of a margin's card; a degree sign stands with its number."""
 
 
 def footer() -> list[str]:
@@ -21,16 +19,17 @@ def footer() -> list[str]:
 
 
 def margin_card(asked: Requirements, name: str, value: float, note: str, kept: float | None = None, label: str = "") -> Card:
-    """A margin (`name`: a field of Requirements) beside what is required of it.
+    """A margin (`name`: of a requirement) beside what is required of it; a degree sign stands with its number.
 
     value   as it is shown: factor, rad, factor
     kept    what is held against the requirement, where that is not the value itself
     label   the card's name, where it is not the usual one
     """
-    usual, unit = CARDS[name]
+    one = REQUIREMENTS[name]
+    unit = "" if one.unit == "°" else one.unit
     met = asked.met(name, value if kept is None else kept)
-    shown = margin_value(asked, name, value, met, 3).removesuffix(" dB")
-    return Card(label or usual, shown, unit, requirement(asked, name, 3), met, note)
+    shown = margin_value(asked, name, value, met, 3).removesuffix(f" {unit}")
+    return Card(label or one.label, shown, unit, requirement(asked, name, 3), met, note)
 
 
 def unstable_card(asked: Requirements, limit: GainLimit, where: str, what: str) -> Card:

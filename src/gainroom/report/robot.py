@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from ..errors import listed
 from ..studies.robot import RobotStudy
 from ..studies.state import State, by_headroom
+from ..system.requirements import REQUIREMENTS, Requirement, title_of
 from .number_format import digits, hertz, model_kind
 from .page import Card, Html, Lead, Section, beside, block, facts, page, paragraph
 from .page_parts import assumptions, footer, limit_proofs, margin_card, unstable_card
@@ -164,7 +165,7 @@ def _lead(study: RobotStudy) -> Lead:
     lost = [state.title for state in study.states if _task_moves(state) and state.tasks is not None and not state.tasks.limit.stable]
     told = [f"the tasks' gains are UNSTABLE in {listed(lost)}"] if lost else []
     if study.unmet:
-        told.append(f"not as required: {', '.join(name.replace('_', ' ') for name in study.unmet)}")
+        told.append(f"not as required: {', '.join(map(title_of, study.unmet))}")
     if told:
         return Lead(answer, "warn", f"Stable, but {'; '.join(told)}", first)
     return Lead(answer, "good", "", first)
@@ -199,26 +200,23 @@ def _unstable_cards(study: RobotStudy) -> list[Card]:
 
 
 def _stable_cards(study: RobotStudy) -> list[Card]:
-    asked, worst = study.system.requirements, study.worst
-    least, narrow, high = worst["gain_margin"], worst["phase_margin"], worst["peak_sensitivity"]
-    late = min(study.states, key=lambda state: state.margins.delay_margin)
+    asked, late = study.system.requirements, min(study.states, key=lambda state: state.margins.delay_margin)
 
     def at(omega: float) -> str:
         return f"{hertz(omega)}, " if math.isfinite(omega) else ""
 
-    common = narrow.margins.named("phase_margin") == "phase margin"
-    where = f"{at(narrow.margins.gain_crossover) if common else ''}{narrow.title}"
-    return [
-        margin_card(asked, "gain_margin", least.margins.least_gain_margin, f"{at(least.limit.frequency)}{least.title}"),
-        margin_card(asked, "phase_margin", narrow.margins.least_phase_margin, where, label=narrow.margins.named("phase_margin")),
-        margin_card(asked, "peak_sensitivity", high.margins.peak_sensitivity, f"one loop, others closed, {high.title}"),
-        Card(
-            "delay margin",
-            digits(1e3 * late.margins.delay_margin, "", 3),
-            "ms" if math.isfinite(late.margins.delay_margin) else "",
-            note=f"{at(late.margins.delay_crossover)}{late.title}",
-        ),
-    ]
+    def card(one: Requirement, state: State) -> Card:
+        where = f"{at(one.frequency(state.margins))}{state.title}"
+        named = one.named(state.margins)
+        return margin_card(asked, one.name, one.value(state.margins), where, label=one.label if named == one.title else named)
+
+    delay = Card(
+        "delay margin",
+        digits(1e3 * late.margins.delay_margin, "", 3),
+        "ms" if math.isfinite(late.margins.delay_margin) else "",
+        note=f"{at(late.margins.delay_crossover)}{late.title}",
+    )
+    return [*(card(REQUIREMENTS[name], state) for name, state in study.worst.items()), *([] if "delay_margin" in REQUIREMENTS else [delay])]
 
 
 def _words(study: RobotStudy) -> list[Html]:

@@ -3,23 +3,16 @@
 import math
 from dataclasses import replace
 
-from ..analysis.quick_margins import quick_margins
+from ..analysis.margins import required_margins
 from ..errors import listed
 from ..studies.robot import RobotStudy
 from ..studies.state import State
-from .number_format import hertz, margin_value
+from ..system.requirements import REQUIREMENTS, Requirement
+from .columns import margin_value
+from .number_format import hertz
 from .page import Html, paragraph
 
 MORE, LESS = 1.25, 0.8
-MEANING = {
-    "gain_margin": "Gain margin of {n} loops: the smallest factor, above or below 1, at which the robot starts to vibrate, on all gains at "
-    "once or on the gains of one joint.",
-    "phase_margin": "Phase margin of {n} loops: the smallest phase lag or lead at which the robot starts to vibrate, in all loops at once "
-    "or in one loop. It belongs to the robot, not to a joint: where legs and ground couple the loops, it may be far less than that of "
-    "every joint by itself.",
-    "peak_sensitivity": "Peak sensitivity Ms of {n} loops: the largest amplification of disturbances by one loop, other loops closed, at "
-    "any frequency; 1/Ms is the least distance of its return ratio from −1.",
-}
 
 
 def remedies(study: RobotStudy) -> list[Html]:
@@ -31,25 +24,16 @@ def remedies(study: RobotStudy) -> list[Html]:
 
 
 def _sentences(study: RobotStudy, name: str, state: State) -> list[str]:
-    asked, value = study.system.requirements, state.margins.least(name)
+    asked, one = study.system.requirements, REQUIREMENTS[name]
+    value, omega = one.value(state.margins), one.frequency(state.margins)
+    meaning = f"{one.label[0].upper()}{one.label[1:]} of {state.model.size} loops: {one.meaning or 'the worst of all.'}"
     if math.isnan(value):
-        return [MEANING[name].format(n=state.model.size), f"It is not known in {state.title}."]
-    least = margin_value(asked, name, value, False, 3)
-    return [
-        MEANING[name].format(n=state.model.size),
-        f"It is {least} in {state.title}{_frequency(name, state)}.",
-        _trials(study, name, state),
-    ]
+        return [meaning, f"It is not known in {state.title}."]
+    at = f", at {hertz(omega)}" if math.isfinite(omega) else ""
+    return [meaning, f"It is {margin_value(asked, name, value, False, 3)} in {state.title}{at}.", _trials(study, one, state)]
 
 
-def _frequency(name: str, state: State) -> str:
-    """The gain crossover where the phase margin is that of all loops at once."""
-    margins = state.margins
-    shared = name == "phase_margin" and state.margins.named(name) == "phase margin"
-    return f", at {hertz(margins.gain_crossover)}" if shared else ""
-
-
-def _trials(study: RobotStudy, name: str, state: State) -> str:
+def _trials(study: RobotStudy, one: Requirement, state: State) -> str:
     """The margin with 1.25 and 0.8 times the damping gains, and with 0.8 times the stiffness gains."""
     system, asked = study.system, study.system.requirements
     controller = system.controller(state.model)
@@ -57,10 +41,10 @@ def _trials(study: RobotStudy, name: str, state: State) -> str:
     better, worse = [], []
     for gain, factor in ((rate, MORE), (rate, LESS), ("kp", LESS)):
         changed = replace(controller, **{gain: factor * getattr(controller, gain)})
-        found = quick_margins(system.loop(state.model, changed))
-        value, own = found.least(name), state.margins.least(name)
-        helps = found.stable and (value < own if name == "peak_sensitivity" else value > own)
-        known = "not known" if math.isnan(value) else margin_value(asked, name, value, None, 3)
+        found, _ = required_margins(system.loop(state.model, changed), asked)
+        value, own = one.value(found), one.value(state.margins)
+        helps = found.stable and (value < own if one.at_most else value > own)
+        known = "not known" if math.isnan(value) else margin_value(asked, one.name, value, None, 3)
         outcome = known if found.stable else "unstable"
         (better if helps else worse).append(f"{outcome} with all {gain} × {factor:g}")
     if not better:

@@ -7,15 +7,17 @@ from typing import Any
 
 import numpy as np
 
+from ..analysis.margin_record import Margins
 from ..design.robot_gains import GainSet, RobotGains
 from ..linear.arrays import Floats
 from ..robot.contact import Contact
 from ..robot.robot import Posture
 from ..studies.robot import RobotStudy
 from ..studies.state import State, TaskStudy
+from ..system.requirements import REQUIREMENTS, Requirement
 from ..system.system import System
-from .columns import JOINT, STATE, TASK, Column, definitions, tabulated
-from .number_format import MARGIN_NAMES, decibels, digits, hertz, quantity, requirement
+from .columns import JOINT, TASK, Column, definitions, requirement, state_columns, tabulated
+from .number_format import digits, hertz, quantity
 from .page import Html, facts, paragraph, table
 from .page_parts import filters
 from .robot_text import held_back
@@ -41,7 +43,8 @@ def folded(summary: str, *parts: Html) -> Html:
 
 def state_table(study: RobotStudy) -> Html:
     """Every state: the factor on all gains together, and the margins."""
-    return _table(STATE, study.states + study.immobile, f"{definitions(STATE)} Margins of an unstable robot are meaningless.")
+    columns = state_columns()
+    return _table(columns, study.states + study.immobile, f"{definitions(columns)} Margins of an unstable robot are meaningless.")
 
 
 def joint_table(states: Sequence[State], caption: str = "") -> Html:
@@ -162,29 +165,28 @@ def _gain_caption(gains: RobotGains) -> str:
 
 def _margins_table(columns: Sequence[Named], system: System, gains: RobotGains) -> Html:
     """The margins of every set, beside what is required."""
-    needs = {title: requirement(system.requirements, name, 3) for name, title in MARGIN_NAMES.items()}
+    needs = {one.heading: requirement(system.requirements, name, 3) for name, one in REQUIREMENTS.items()}
+    dashes = ("–",) * len(needs)
     headers = ["set", *(f"{title} ({need})" if need else title for title, need in needs.items()), "limited by", "cases"]
     rows, nearest = [], {**gains.nearest, columns[0][0]: gains.nearest.get("", "")}
     for name, one in columns:
         if one is None:
-            rows.append((name, "–", "–", "–", f"none found that meet the requirements; nearest: {nearest.get(name, '')}", "–"))
+            rows.append((name, *dashes, f"none found that meet the requirements; nearest: {nearest.get(name, '')}", "–"))
             continue
         if not one.moves:
-            rows.append((name, "–", "–", "–", "nothing moves there: gains have no effect", "–"))
+            rows.append((name, *dashes, "nothing moves there: gains have no effect", "–"))
             continue
-        found = one.margins
-        margins = (
-            digits(decibels(found.least_gain_margin), "dB", 3),
-            digits(math.degrees(found.least_phase_margin), "°", 3)
-            + (", one loop" if found.one_loop_phase_margin < found.common_phase_margin else ""),
-            digits(found.peak_sensitivity, "", 3),
-        )
-        rows.append((name, *margins, held_back(one, gains.names), str(one.cases)))
+        rows.append((name, *(_least(each, one.margins) for each in REQUIREMENTS.values()), held_back(one, gains.names), str(one.cases)))
     caption = (
         "The least of each margin over all loops, all together and one at a time with the other loops closed, in every case examined. "
         "Limited by: the requirement that fails, and where, if the softest joint or direction is made 5 % stiffer."
     )
     return table(headers, rows, caption, sorts=False)
+
+
+def _least(one: Requirement, found: Margins) -> str:
+    """The margin that a requirement bounds, and which it is where that is not plain."""
+    return digits(one.in_unit(one.value(found)), one.unit, 3) + one.named(found).removeprefix(one.title).replace(" of", ",", 1)
 
 
 def inputs(system: System) -> Html:

@@ -8,11 +8,12 @@ import numpy as np
 from ..analysis.gain_limit import GainLimit
 from ..analysis.margins import to_db
 from ..design.robot_gains import GainSet, RobotGains
-from ..errors import beside, frequency_in_words, listed
+from ..errors import apart, beside, frequency_in_words, listed
 from ..studies.audit import Audit
 from ..studies.robot import RobotStudy
 from ..studies.state import HELD, State, by_headroom
 from ..system.controller import gain_matrix
+from ..system.requirements import REQUIREMENTS, title_of
 from ..system.system import System
 from .joint_text import CONTINUOUS, NOT_EVERYWHERE
 
@@ -39,16 +40,13 @@ def _unmet(study: RobotStudy) -> list[str]:
     """What is asked for and not kept."""
     asked, parts = study.system.requirements, []
     for name, state in study.unmet.items():
-        value, needed = state.margins.least(name), getattr(asked, name)
-        if math.isnan(value):
-            figures = "not known"
-        elif name == "gain_margin":
-            figures = f"{beside(to_db(value), to_db(needed))} dB of {to_db(needed):.3g} dB"
-        elif name == "phase_margin":
-            figures = f"{beside(math.degrees(value), math.degrees(needed))}° of {math.degrees(needed):.3g}°"
-        else:
-            figures = f"{beside(value, needed)}, at most {needed:.3g}"
-        parts.append(f"{state.margins.named(name)} ({figures}, {state.title})")
+        one, needed = REQUIREMENTS[name], asked.needed[name]
+        value = one.value(state.margins)
+        figures = "not known"
+        if not math.isnan(value):
+            told = one.text(value, apart(one.in_unit(value), one.in_unit(needed), 3))
+            figures = f"{told}{', at most' if one.at_most else ' of'} {one.text(needed)}"
+        parts.append(f"{one.named(state.margins)} ({figures}, {state.title})")
     return [f"Not as required: {listed(parts)}."] if parts else []
 
 
@@ -216,7 +214,7 @@ def _gains_to_use(study: RobotStudy) -> list[str]:
 
 def held_back(found: GainSet, names: Sequence[str]) -> str:
     """What keeps the softest joint or direction from more: itself, the margin, and the state."""
-    margin = found.margin[found.softest].replace("_", " ") if found.margin else ""
+    margin = title_of(found.margin[found.softest]) if found.margin else ""
     weight = ", without the weight" if found.without_weight else ""
     return f"{names[found.softest]}: {margin}, {found.binding}{weight}" if margin else f"nothing that was found{weight}"
 

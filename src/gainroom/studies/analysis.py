@@ -8,6 +8,7 @@ import math
 from dataclasses import dataclass
 
 from ..errors import GainroomError
+from ..system.requirements import REQUIREMENTS
 from ..system.system import System
 from .state import Progress, State, by_headroom, state_of
 
@@ -53,7 +54,7 @@ class Analysis:
 
     def least(self, state: State, name: str) -> float:
         """What the requirement `name` bounds, in one state."""
-        return state.margins.least(name)
+        return REQUIREMENTS[name].value(state.margins)
 
     @property
     def worst(self) -> dict[str, State]:
@@ -63,11 +64,10 @@ class Analysis:
         """
 
         def left(state: State, name: str) -> float:
-            value = self.least(state, name) * (-1 if name == "peak_sensitivity" else 1)
+            value = self.least(state, name) * (-1 if REQUIREMENTS[name].at_most else 1)
             return -math.inf if math.isnan(value) else float(f"{value:.9g}")
 
-        names = ("gain_margin", "phase_margin", "peak_sensitivity")
-        return {name: min(self.states, key=lambda state, name=name: left(state, name)) for name in names}
+        return {name: min(self.states, key=lambda state, name=name: left(state, name)) for name in REQUIREMENTS}
 
     @property
     def unmet(self) -> dict[str, State]:

@@ -13,7 +13,7 @@ from ..analysis.range_proof import Proof, prove
 from ..design.joint_gains import FILLING, MOST_BOXES, QUICK_BOXES, Recommendation, recommend_pd
 from ..system.controller import PD
 from ..system.loop import Loop
-from ..system.requirements import Requirements
+from ..system.requirements import REQUIREMENTS, Requirements
 from ..system.system import System
 from .analysis import Analysis, analyze
 from .state import State
@@ -206,7 +206,7 @@ class JointStudy(Analysis):
 
     def least(self, state: State, name: str) -> float:
         """At the worst of the uncertainty."""
-        return self.in_range.margins.least(name)
+        return REQUIREMENTS[name].value(self.in_range.margins)
 
     @property
     def requirements_met(self) -> bool | None:

@@ -149,15 +149,7 @@ def of_control(controller: Any, sample_time: float | None) -> dict[str, Any]:
 
 def of_limits(requirements: "Requirements | None") -> dict[str, float]:
     """Required margins by name, in dB and degrees."""
-    if requirements is None:
-        return {}
-    gain, phase, peak = requirements.gain_margin, requirements.phase_margin, requirements.peak_sensitivity
-    given = {
-        "gain_margin_db": 0.0 if gain is None else 20 * math.log10(gain),
-        "phase_margin_deg": 0.0 if phase is None else math.degrees(phase),
-        "peak_sensitivity": peak,
-    }
-    return {name: value for name, value in given.items() if value}
+    return {} if requirements is None else {one.key: one.in_unit(needed) for one, needed in requirements.asked_for}
 
 
 def _formed(values: Mapping[str, float]) -> dict[str, tuple[float, tuple[str, ...]]]:

@@ -1,16 +1,18 @@
-"""What a loop must keep of gain, phase and sensitivity."""
+"""What a loop must keep. A requirement is one object: its key in a file, its unit, how it is judged, and what it keeps L(jω) out of.
+
+Another one is a subclass or an instance of Requirement and an entry in REQUIREMENTS: files, analysis, recommendations, JSON, terminal and
+pages know it from there (CONTRIBUTING.md, tests/test_extensions.py).
+"""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
-from ..errors import GainroomError, margin_in_words
-
-ROUND_OFF = 1e-6
-"""Relative: a margin that misses its requirement by no more than this is met. Gains that were set right on a requirement come back with
-the round-off of the search and of dB and degrees, below 1e-8; what this grants beyond, 1e-5 dB or 2e-5° of 30°, nobody can measure."""
+from ..errors import GainroomError
+from .excluded_sets import ROUND_OFF, Arc, Disk, ExcludedSet, Segment
 
 
 def enough(value: float, needed: float) -> bool:
@@ -24,88 +26,365 @@ class Judged(Protocol):
     @property
     def stable(self) -> bool: ...
 
-    def least(self, name: str) -> float:
-        """What the requirement `name` bounds; NaN where it is not known."""
+
+class Curves(Protocol):
+    """Curves of coupled loops, and how they move with the gains (design/margin_slopes.py): what may be asked of them."""
+
+    def at_axis(self, name: str, factor: float) -> Any:
+        """Gain margins of about `factor`: loci and return ratios on the negative real axis."""
+        ...
+
+    def at_circle(self, name: str, angle: float) -> Any:
+        """Phase margins of about `angle` [rad]: loci and return ratios on the unit circle."""
+        ...
+
+    def at_peaks(self, name: str, ceiling: float, slope: float, offset: float) -> Any:
+        """Peaks of |slope S_ii + offset| of about `ceiling`."""
+        ...
+
+    def by_differences(self, requirement: "Requirement", needed: float) -> Any:
+        """The margin itself, at gains that are a little larger."""
+        ...
+
+
+class Sampled(Protocol):
+    """Coupled loops along the stability boundary (analysis/quick_margins.py)."""
+
+    def peak(self, slope: float = 1.0, offset: float = 0.0) -> tuple[float, float]:
+        """The largest |slope S_ii + offset|, and its frequency [rad/s]."""
         ...
 
 
 @dataclass(frozen=True)
-class Requirements:
-    """What a loop must keep; None: not asked for.
+class Requirement:
+    """A bound on one margin. Values are in SI: a factor, rad, s.
 
-    gain_margin       g > 1: any common factor in [1/g, g] on the gains is survived
-    phase_margin      φ [rad]: any phase in [−φ, φ] at any gain crossing is survived
-    peak_sensitivity  Ms > 1: |1/(1 + L)| stays below
+    name     in Python, and the field of Margins that is shown
+    title    for people: "phase margin"
+    key      in files and in JSON, with the unit that people read
+    unit     that unit; `scale` is the factor to it from SI
+    symbol   a short heading; "": the title
+    bounds   the field of Margins that is held against the requirement; "": `name`
+    at_frequency   the field with the frequency that belongs to it [rad/s]; "": there is none
+    at_most  True: the margin may be as large as what is asked for; False: as small
+    low, high   what is asked for lies between these
+    most     what a file may ask for, in `unit`
+    usual    what is asked for where nothing is said; None: nothing
+    meaning  what it is of several coupled loops, in a sentence
     """
 
-    gain_margin: float | None = None
-    phase_margin: float | None = None
-    peak_sensitivity: float | None = None
+    name: str
+    title: str
+    key: str
+    unit: str = ""
+    scale: float = 1.0
+    symbol: str = ""
+    bounds: str = ""
+    at_frequency: str = ""
+    at_most: bool = False
+    low: float = 0.0
+    high: float = math.inf
+    most: float = 1e12
+    usual: float | None = None
+    meaning: str = ""
 
-    def __post_init__(self) -> None:
-        for name, low, high in (("gain_margin", 1.0, math.inf), ("phase_margin", 0.0, math.pi), ("peak_sensitivity", 1.0, math.inf)):
-            value = getattr(self, name)
-            number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
-            if value is not None and not (number and low < value < high):
-                raise GainroomError(f"requirements: {name} {value!r} must be > {low:g}" + (f" and < {high:.4g}" if high < math.inf else ""))
+    @property
+    def heading(self) -> str:
+        """The symbol, or the title where there is none."""
+        return self.symbol or self.title
+
+    @property
+    def label(self) -> str:
+        """The title with its symbol: "peak sensitivity Ms"."""
+        return f"{self.title} {self.symbol}".rstrip()
+
+    @property
+    def sign(self) -> str:
+        """≥ or ≤."""
+        return "≤" if self.at_most else "≥"
+
+    def in_unit(self, value: float) -> float:
+        """`value`, in SI, in the unit that people read."""
+        return self.scale * value
+
+    def in_si(self, value: float) -> float:
+        """`value`, in the unit that people read, in SI."""
+        return value / self.scale
+
+    def text(self, value: float, significant: int = 3) -> str:
+        """In words: "6 dB", "30°", "2"."""
+        if not math.isfinite(value):
+            return "not known" if math.isnan(value) else "∞"
+        return f"{self.in_unit(value):.{significant}g}{'' if self.unit in ('', '°') else ' '}{self.unit}"
+
+    def check(self, value: object) -> None:
+        """Raise GainroomError where `value` cannot be asked for."""
+        number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+        if not (number and self.low < value < self.high):  # type: ignore[operator]
+            below = f" and < {self.high:.4g}" if self.high < math.inf else ""
+            raise GainroomError(f"requirements: {self.name} {value!r} must be > {self.low:g}{below}")
+
+    def value(self, found: Judged) -> float:
+        """What is held against the requirement: the worst over all loops together and one at a time; NaN where it is not known."""
+        return getattr(found, self.bounds or self.name)
+
+    def named(self, found: Judged) -> str:
+        """What that is: "phase margin of one loop" where it is the lesser."""
+        return self.title
+
+    def frequency(self, found: Judged) -> float:
+        """The frequency that belongs to it [rad/s]; NaN where there is none."""
+        return getattr(found, self.at_frequency) if self.at_frequency else math.nan
+
+    def facts(self, found: Judged) -> dict[str, Any]:
+        """`value`, in JSON."""
+        return {self.key: self.in_unit(self.value(found))}
+
+    def met(self, needed: float, value: float) -> bool:
+        """Whether `value` keeps what is asked for, but for ROUND_OFF; False for NaN."""
+        return enough(needed, value) if self.at_most else enough(value, needed)
+
+    def shortfall(self, needed: float, value: float) -> float:
+        """By how much `value` misses what is asked for, in ln of it: below 0 where it is met, inf where it is not known."""
+        if math.isnan(value):
+            return math.inf
+        if value <= 0:
+            return -math.inf if self.at_most else math.inf
+        return (1 if self.at_most else -1) * (math.log(value) - math.log(needed))
+
+    def tightened(self, needed: float, share: float) -> float:
+        """A `share` more; what could not be asked for at all (Ms below 1, π of phase): halfway there."""
+        if self.at_most:
+            return max(needed / (1 + share), 0.5 * (self.low + needed))
+        return min(needed * (1 + share), 0.5 * (needed + self.high))
+
+    def stricter(self, needed: float) -> float:
+        """A level to draw beside what is asked for."""
+        return self.low + (needed - self.low) / 2 if self.at_most else min(1.5 * needed, 0.5 * (needed + self.high))
+
+    def excluded(self, needed: float) -> ExcludedSet | None:
+        """The set that L(jω) of one loop must stay out of, exactly.
+
+        None: no such set is given. Then gains are judged by their margins, one by one (PDRegion), and nothing is proved over ranges.
+        """
+        return None
+
+    def sampled(self, seen: Sampled) -> dict[str, float]:
+        """Fields of Margins that samples of coupled loops tell quickly; without them all margins are worked out at every look."""
+        return {}
+
+    def slopes(self, curves: Curves, needed: float) -> Any:
+        """By how much coupled loops miss it, wherever they may, and how that changes with every gain."""
+        return curves.by_differences(self, needed)
+
+
+@dataclass(frozen=True)
+class GainMargin(Requirement):
+    """g > 1: any common factor in [1/g, g] on the gains is survived, on all loops or on one."""
+
+    def in_unit(self, value: float) -> float:
+        return 20 * math.log10(value) if value > 0 else -math.inf if value == 0 else math.nan
+
+    def in_si(self, value: float) -> float:
+        return 10 ** (value / 20)
+
+    def stricter(self, needed: float) -> float:
+        return needed**2
+
+    def excluded(self, needed: float) -> ExcludedSet:
+        return Segment(needed)
+
+    def slopes(self, curves: Curves, needed: float) -> Any:
+        return curves.at_axis(self.name, needed)
+
+
+@dataclass(frozen=True)
+class PhaseMargin(Requirement):
+    """φ [rad]: any phase in [−φ, φ] at any gain crossing is survived, in all loops or in one."""
+
+    def in_unit(self, value: float) -> float:
+        return math.degrees(value)
+
+    def in_si(self, value: float) -> float:
+        return math.radians(value)
+
+    def named(self, found: Any) -> str:
+        return f"{self.title} of one loop" if found.one_loop_phase_margin < found.common_phase_margin else self.title
+
+    def frequency(self, found: Judged) -> float:
+        return super().frequency(found) if self.named(found) == self.title else math.nan
+
+    def facts(self, found: Judged) -> dict[str, Any]:
+        return super().facts(found) | {"phase_margin_is": self.named(found)}
+
+    def shortfall(self, needed: float, value: float) -> float:
+        """As part of it."""
+        return math.inf if math.isnan(value) else 1 - value / needed
+
+    def excluded(self, needed: float) -> ExcludedSet:
+        return Arc(needed)
+
+    def slopes(self, curves: Curves, needed: float) -> Any:
+        return curves.at_circle(self.name, needed)
+
+
+@dataclass(frozen=True)
+class SensitivityBound(Requirement):
+    """M: |a S + b| stays below it, S = 1/(1 + L) of one loop, the other loops closed; a = `slope`, b = `offset`, M > |b|.
+
+    a = 1, b = 0: peak sensitivity Ms. a = −1, b = 1: peak complementary sensitivity Mt, T = 1 − S.
+    """
+
+    slope: float = 1.0
+    offset: float = 0.0
+    at_most: bool = True
+    low: float = 1.0
+
+    def excluded(self, needed: float) -> ExcludedSet:
+        return Disk.of_ceiling(needed, self.slope, self.offset)
+
+    def sampled(self, seen: Sampled) -> dict[str, float]:
+        height, omega = seen.peak(self.slope, self.offset)
+        return {self.bounds or self.name: height} | ({self.at_frequency: omega} if self.at_frequency else {})
+
+    def slopes(self, curves: Curves, needed: float) -> Any:
+        return curves.at_peaks(self.name, needed, self.slope, self.offset)
+
+
+REQUIREMENTS: dict[str, Requirement] = {
+    one.name: one
+    for one in (
+        GainMargin(
+            "gain_margin",
+            "gain margin",
+            "gain_margin_db",
+            "dB",
+            bounds="least_gain_margin",
+            at_frequency="phase_crossover",
+            low=1.0,
+            most=100.0,
+            usual=10 ** (6 / 20),
+            meaning="the smallest factor, above or below 1, at which the robot starts to vibrate, on all gains at once or on the gains "
+            "of one joint.",
+        ),
+        PhaseMargin(
+            "phase_margin",
+            "phase margin",
+            "phase_margin_deg",
+            "°",
+            bounds="least_phase_margin",
+            at_frequency="gain_crossover",
+            high=math.pi,
+            most=120.0,
+            usual=math.pi / 6,
+            meaning="the smallest phase lag or lead at which the robot starts to vibrate, in all loops at once or in one loop. It belongs "
+            "to the robot, not to a joint: where legs and ground couple the loops, it may be far less than that of every joint by itself.",
+        ),
+        SensitivityBound(
+            "peak_sensitivity",
+            "peak sensitivity",
+            "peak_sensitivity",
+            symbol="Ms",
+            at_frequency="peak_sensitivity_frequency",
+            most=1000.0,
+            usual=2.0,
+            meaning="the largest amplification of disturbances by one loop, other loops closed, at any frequency; 1/Ms is the least "
+            "distance of its return ratio from −1.",
+        ),
+    )
+}
+"""All that may be asked for, by name. The usual values: 6 dB, 30°, Ms 2 (Åström and Murray 2021, sec. 12.3)."""
+
+
+def title_of(name: str) -> str:
+    """The title of a requirement, or `name` itself ("stability")."""
+    return REQUIREMENTS[name].title if name in REQUIREMENTS else name
+
+
+@dataclass(frozen=True, init=False, repr=False)
+class Requirements:
+    """What is asked for of a loop: a value by the name of each requirement, as an attribute; None: not asked for.
+
+    asked_for   those that are, each with its value
+    """
+
+    asked_for: tuple[tuple[Requirement, float], ...]
+
+    def __init__(
+        self,
+        gain_margin: float | None = None,
+        phase_margin: float | None = None,
+        peak_sensitivity: float | None = None,
+        **others: float | None,
+    ) -> None:
+        given = {"gain_margin": gain_margin, "phase_margin": phase_margin, "peak_sensitivity": peak_sensitivity, **others}
+        for name, value in given.items():
+            if name not in REQUIREMENTS:
+                raise GainroomError(f"requirements: {name} is unknown; there are {', '.join(REQUIREMENTS)}")
+            if value is not None:
+                REQUIREMENTS[name].check(value)
+        asked_for = tuple((one, value) for name, one in REQUIREMENTS.items() if (value := given.get(name)) is not None)
+        object.__setattr__(self, "asked_for", asked_for)
 
     @classmethod
     def usual(cls) -> "Requirements":
-        """What is asked for where nothing is said: 6 dB, 30°, Ms 2 (Åström and Murray 2021, sec. 12.3)."""
-        return cls(gain_margin=10 ** (6 / 20), phase_margin=math.pi / 6, peak_sensitivity=2.0)
+        """What is asked for where nothing is said."""
+        return cls(**{name: one.usual for name, one in REQUIREMENTS.items()})
+
+    def __getattr__(self, name: str) -> float | None:
+        if name not in REQUIREMENTS:
+            raise AttributeError(name)
+        return self.needed.get(name)
+
+    def __repr__(self) -> str:
+        return f"Requirements({', '.join(f'{name}={value!r}' for name, value in self.needed.items())})"
 
     def __str__(self) -> str:
         """In words: "gain margin ≥ 6 dB, phase margin ≥ 30°, Ms ≤ 2"."""
-        signs = {"gain_margin": "gain margin ≥", "phase_margin": "phase margin ≥", "peak_sensitivity": "Ms ≤"}
-        return ", ".join(f"{signs[name]} {margin_in_words(name, getattr(self, name))}" for name in self.asked) or "stability alone"
+        return ", ".join(f"{one.heading} {one.sign} {one.text(needed)}" for one, needed in self.asked_for) or "stability alone"
+
+    @property
+    def needed(self) -> Mapping[str, float]:
+        """What is asked for, by name."""
+        return {one.name: needed for one, needed in self.asked_for}
 
     @property
     def asked(self) -> tuple[str, ...]:
         """The names of those that are asked for."""
-        return tuple(name for name in ("gain_margin", "phase_margin", "peak_sensitivity") if getattr(self, name) is not None)
+        return tuple(self.needed)
+
+    def only(self, *names: str) -> "Requirements":
+        """Those of these names alone."""
+        return Requirements(**{name: needed for name, needed in self.needed.items() if name in names})
 
     def tightened(self, share: float) -> "Requirements":
-        """Each asked for with a `share` of it more; what could then not be asked for at all (Ms below 1, π of phase) halfway there."""
-        gain, phase, peak = self.gain_margin, self.phase_margin, self.peak_sensitivity
-        return Requirements(
-            gain_margin=None if gain is None else gain * (1 + share),
-            phase_margin=None if phase is None else min(phase * (1 + share), 0.5 * (phase + math.pi)),
-            peak_sensitivity=None if peak is None else max(peak / (1 + share), 0.5 * (1 + peak)),
-        )
+        """Each asked for with a `share` of it more."""
+        return Requirements(**{one.name: one.tightened(needed, share) for one, needed in self.asked_for})
 
     def met(self, name: str, value: float) -> bool | None:
         """Whether `value` keeps what is asked for under `name`, but for ROUND_OFF; None where nothing is, False for NaN."""
-        needed = getattr(self, name)
-        if needed is None:
-            return None
-        return enough(needed, value) if name == "peak_sensitivity" else enough(value, needed)
+        needed = self.needed.get(name)
+        return None if needed is None else REQUIREMENTS[name].met(needed, value)
 
     def met_by(self, found: Judged) -> bool:
         """Whether a stable loop meets everything that is asked for."""
-        return found.stable and all(self.met(name, found.least(name)) for name in self.asked)
+        return found.stable and all(one.met(needed, one.value(found)) for one, needed in self.asked_for)
 
     def missed(self, found: Judged) -> str:
-        """The name of what is missed most: a field of Requirements, or "stability"; "" where nothing is."""
+        """The name of what is missed most: a requirement's, or "stability"; "" where nothing is."""
         if not found.stable:
             return "stability"
         short = self.shortfalls(found)
-        return max((name for name in short if not self.met(name, found.least(name))), key=lambda name: short[name], default="")
+        missed = [one.name for one, needed in self.asked_for if not one.met(needed, one.value(found))]
+        return max(missed, key=lambda name: short[name], default="")
 
     def shortfall(self, found: Judged) -> float:
         """By how much the requirement that is missed most is missed: in ln of a gain or a sensitivity, or as part of a phase.
 
         Negative where all are met; inf where unstable, or where something is not known.
         """
-        worst = max(self.shortfalls(found).values(), default=-math.inf)
-        return worst if found.stable else math.inf
+        return max(self.shortfalls(found).values(), default=-math.inf) if found.stable else math.inf
 
     def shortfalls(self, found: Judged) -> dict[str, float]:
         """The same of every requirement."""
-        asked = {name: (getattr(self, name), found.least(name)) for name in self.asked}
-        short = {
-            name: 1 - value / needed
-            if name == "phase_margin"
-            else (1 if name == "peak_sensitivity" else -1) * (math.log(value) - math.log(needed))
-            for name, (needed, value) in asked.items()
-        }
-        return {name: math.inf if math.isnan(value) else value for name, value in short.items()}
+        return {one.name: one.shortfall(needed, one.value(found)) if found.stable else math.inf for one, needed in self.asked_for}
