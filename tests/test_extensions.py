@@ -2,19 +2,27 @@
 
 import json
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 import pytest
 
 import gainroom as gr
+from gainroom.analysis.range_proof import prove
 from gainroom.cli import main
 from gainroom.cli.joint import _facts, _terminal
-from gainroom.report.columns import JOINT, Column
+from gainroom.design.margin_slopes import Case, moved
+from gainroom.files.joint_yaml import parse_joint
+from gainroom.files.robot_yaml import load_robot_system
+from gainroom.report.columns import JOINT, Column, judged_rows
 from gainroom.report.joint import joint_page
 from gainroom.report.number_format import digits
 from gainroom.system.controller import Controller
-from robot_files import write_arm
+from gainroom.system.requirements import REQUIREMENTS, Requirement, SensitivityBound
+from independent.joint import PDJoint
+from independent.margins import frequency_grid, peak, response
+from robot_files import ROBOT, write_arm
 
 
 def test_a_column_is_one_entry(tmp_path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
@@ -120,3 +128,169 @@ def test_a_controller_of_several_joints_is_the_same_class():
     laws = Series(np.array([400.0, 300.0]), 0.05), gr.PD(np.array([400.0, 300.0]), np.array([20.0, 15.0]))
     limits = [gr.gain_limit(gr.build_loop(plant, drive, law)).gain for law in laws]
     assert limits[0] == pytest.approx(limits[1], rel=1e-9)
+
+
+COMPLEMENTARY = SensitivityBound(
+    "peak_complementary",
+    "peak complementary sensitivity",
+    "peak_complementary",
+    symbol="Mt",
+    at_frequency="peak_complementary_frequency",
+    slope=-1.0,
+    offset=1.0,
+)
+DELAY = Requirement("delay_margin", "delay margin", "delay_margin_ms", "ms", 1e3, at_frequency="delay_crossover")
+"""A requirement with an excluded set in closed form, and one that is known by its margin alone."""
+KNEE = """\
+joint: {motor_inertia: 1.0, link_inertia: 16.0, stiffness: 1e4, damping: 1.0}
+drive: {bandwidth: 4000, delay_ms: 2}
+control: {type: pd, feedback: motor, kp: 6000, kd: 250}
+limits: {gain_margin_db: 6, peak_sensitivity: 2, peak_complementary: 1.3}
+"""
+
+
+def knee(kp: float, kd: float) -> PDJoint:
+    return PDJoint(1.0, 16.0, 1e4, 1.0, kp, kd, delay=2e-3, bandwidth=4000.0)
+
+
+def complementary(kp: float, kd: float) -> float:
+    """Mt, from L straight out of the equations of motion."""
+    return peak(knee(kp, kd), lambda value: np.abs(value / (1 + value)))
+
+
+def delay_margin(kp: float, kd: float) -> float:
+    """The least (arg(−L) mod 2π)/ω over all |L| = 1 [s], likewise."""
+    joint = knee(kp, kd)
+    omega = frequency_grid(joint)
+    loop = response(joint, omega)
+    k = np.flatnonzero(np.diff(np.sign(np.log(np.abs(loop)))))
+    return float(np.min(np.angle(-loop[k]) % (2 * np.pi) / omega[k]))
+
+
+def shown_by(command: str, path: Path, capsys: pytest.CaptureFixture[str]) -> tuple[dict[str, Any], str, str]:
+    """What --json, the terminal and the page tell."""
+    page = path.with_suffix(".html")
+    main([command, str(path), "--json"])
+    found = json.loads(capsys.readouterr().out)
+    main([command, str(path), "--report", str(page)])
+    return found, " ".join(capsys.readouterr().out.split()), page.read_text("utf-8")
+
+
+def test_a_requirement_is_one_object(tmp_path, capsys, monkeypatch):
+    """A key of limits: it is judged, kept by the recommended gains, which would miss it without, and told in JSON, terminal and page."""
+    one, needed, own = COMPLEMENTARY, 1.3, complementary
+    path = tmp_path / "knee.yaml"
+    path.write_text(KNEE, "utf-8")
+    assert main(["joint", str(path)]) == 2  # nobody knows that key yet
+    capsys.readouterr()
+    monkeypatch.setitem(REQUIREMENTS, one.name, one)
+    found, terminal, page = shown_by("joint", path, capsys)
+    assert found["required"][one.key] == pytest.approx(one.in_unit(needed))
+    assert found[one.key] == pytest.approx(own(6000.0, 250.0), rel=1e-6)
+    gains = found["recommended"]["kp"], found["recommended"]["kd"]
+    value = own(*gains)
+    assert one.met(needed, value)
+    assert one.shortfall(needed, value) > -0.02  # as stiff as it allows
+    assert found["recommended"]["binding"] == one.name
+    assert found["recommended"]["margins"][one.key] == pytest.approx(value, rel=1e-6)
+    without = gr.recommend_pd(gr.ElasticJoint(1.0, 16.0, 1e4, 1.0), gr.Drive(4000.0, 0.9, 2e-3), gr.Requirements(2.0, None, 2.0))
+    assert without is not None
+    assert one.shortfall(needed, own(without.kp, without.kd)) > 0.1
+    assert f"{one.sign} {digits(one.in_unit(needed), one.unit)} no" in terminal  # the file's own gains
+    assert f"What binds the recommended gains: the {one.title}" in terminal
+    assert f'<th scope="col">{one.title}' in page or one.label in page
+    assert f"{one.sign} {digits(one.in_unit(needed), one.unit, 3)}" in page
+    assert f"without {one.title}" in page
+
+
+def test_a_requirement_without_an_excluded_set(monkeypatch: pytest.MonkeyPatch):
+    """It is judged by its margin alone: the recommended gains keep it all the same, in a file's unit, and would not without it."""
+    monkeypatch.setitem(REQUIREMENTS, DELAY.name, DELAY)
+    parts = gr.ElasticJoint(1.0, 16.0, 1e4, 1.0), gr.Drive(4000.0, 0.9, 2e-3)
+    text = KNEE.replace("gain_margin_db: 6, peak_sensitivity: 2, peak_complementary: 1.3", "peak_sensitivity: 2.5, delay_margin_ms: 5")
+    required = parse_joint(text, "knee.yaml").requirements
+    assert required.delay_margin == pytest.approx(5e-3)
+    found, without = (gr.recommend_pd(*parts, asked) for asked in (required, required.only("peak_sensitivity")))
+    assert found is not None
+    assert without is not None
+    assert delay_margin(without.kp, without.kd) < 0.7 * 5e-3
+    assert 5e-3 * 0.999 < delay_margin(found.kp, found.kd) < 5e-3 * 1.02  # the grid's crossings are good to a few 1e-4
+    assert found.binding == "delay_margin"
+    rows = judged_rows(gr.margins(gr.build_loop(*parts, without.controller)), required)
+    assert ("≥ 5 ms", "no") in {row[3:] for row in rows if row[0] == "delay margin"}
+
+
+def test_what_a_new_requirement_proves_over_ranges(monkeypatch: pytest.MonkeyPatch):
+    """With an excluded set it is proved like any other, and no more than is true; without one nothing is claimed."""
+    joint, drive = gr.ElasticJoint(1.0, 16.0, 1e4, 1.0), gr.Drive(4000.0, 0.9, 2e-3)
+    ranges, controller = gr.Uncertainty(delay=(1.8e-3, 2.2e-3)), gr.PD(600.0, 180.0)
+    for one in (COMPLEMENTARY, DELAY):
+        monkeypatch.setitem(REQUIREMENTS, one.name, one)
+    worst = peak(replace(knee(600.0, 180.0), delay=2.2e-3), lambda value: np.abs(value / (1 + value)))
+    for share, holds in ((1.02, True), (0.99, False)):
+        proof = prove(joint, drive, ranges, controller, gr.Requirements(peak_complementary=share * worst), most=50_000)
+        assert proof.holds is holds
+    proof = prove(joint, drive, ranges, controller, gr.Requirements(delay_margin=1e-6))
+    assert not proof.holds
+    assert not proof.broken
+
+
+def test_a_requirement_of_a_robot_is_the_same_object(tmp_path, capsys, monkeypatch):
+    """All loops of an arm: the recommended gains keep Mt of each loop, the others closed, and would not without it."""
+    monkeypatch.setitem(REQUIREMENTS, COMPLEMENTARY.name, COMPLEMENTARY)
+    text = ROBOT.partition("tasks")[0].replace("kp: 400.0, kd: 30.0", "kp: 6000.0, kd: 90.0")
+    gains = {}
+    for limit in ("", ", peak_complementary: 1.3"):
+        path = write_arm(tmp_path, f"{text}limits: {{gain_margin_db: 6, phase_margin_deg: 30, peak_sensitivity: 2{limit}}}\n")
+        found, terminal, page = shown_by("robot", path, capsys)
+        (sets, *_) = found["recommended"][0]["sets"]
+        gains[limit] = sets
+        (state,) = found["states"]
+        own = highest_complementary(path, None, None)
+        assert state["kept"]["peak_complementary"] == pytest.approx(own, rel=1e-3)
+    assert found["unmet"].count("peak_complementary") == (own > 1.3)
+    assert own > 1.3
+    assert "peak complementary sensitivity" in terminal
+    assert "peak complementary sensitivity Mt" in page
+    assert "Mt (≤ 1.3)" in page
+    (free, kept) = gains.values()
+    assert "peak_complementary" in {one["margin"] for one in kept["held_back_by"]}
+    assert highest_complementary(path, free["kp"], free["kd"]) > 1.4
+    value = highest_complementary(path, kept["kp"], kept["kd"])
+    assert value < 1.3 * (1 + 1e-5)
+    assert value > 1.2
+    assert kept["peak_complementary"] == pytest.approx(value, rel=1e-4)
+
+
+def highest_complementary(path: Path, kp: Any, kd: Any) -> float:
+    """The largest |1 − S_ii| of the arm with these gains, or the file's, on a dense grid."""
+    system = load_robot_system(path)
+    case = next(iter(system.cases()))
+    controller = system.controller(case.model)
+    if kp is not None:
+        controller = replace(controller, kp=np.array(kp), kd=np.array(kd))
+    loop = system.loop(case.model, controller)
+    values = loop.response(np.geomspace(1e-2, np.pi * 2000, 200_000))
+    own = np.diagonal(np.linalg.inv(np.eye(2) + values), axis1=1, axis2=2)
+    return float(np.abs(1 - own).max())
+
+
+def test_slopes_of_a_margin_that_has_no_curve(monkeypatch: pytest.MonkeyPatch):
+    """By differences: they tell how the certified margin of two coupled loops changes with every gain."""
+    monkeypatch.setitem(REQUIREMENTS, DELAY.name, DELAY)
+    plant = gr.Plant(np.array([[1.0, 0.3], [0.3, 2.0]]), np.full(2, 0.5), np.full(2, 1e4), np.full(2, 2.0))
+    drive, eye = gr.Drive(4000.0, 0.9, 2e-3), np.eye(2)
+
+    def loop(gains):
+        return gr.build_loop(plant, drive, gr.PD(gains[0], gains[1]))
+
+    required = gr.Requirements(delay_margin=0.02)
+    case = Case("bench", loop, eye, eye, np.zeros(2, dtype=bool), required)
+    gains = np.array([[900.0, 700.0], [40.0, 30.0], [0.0, 0.0]])
+    slopes = case.slopes(gains)
+    assert slopes.name == ("delay_margin",)
+    assert slopes.missed[0] == pytest.approx(np.log(0.02 / gr.joint_margins(loop(gains)).delay_margin), abs=1e-9)
+    step = np.full((2, 2), -0.003)
+    after = gr.joint_margins(loop(moved(gains, step, case.cascade))).delay_margin
+    assert np.log(0.02 / after) - slopes.missed[0] == pytest.approx(float((slopes.slope[0] * step).sum()), rel=0.05)
+    assert case.breaks(gains) == ""  # which is not to be seen without all margins
