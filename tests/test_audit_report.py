@@ -117,7 +117,7 @@ def test_gearboxes_without_damping(folder: Path, capsys: pytest.CaptureFixture[s
     told = json.loads(capsys.readouterr().out)
     assert told["gain_limit"] == 0
     proposed = re.search(
-        r"gearboxes' damping is taken as 0: measure it, or try a little: --damping (\S+) is 5 % of critical", told["sentence"]
+        r"With gearbox damping at 0 .* Measure the damping; --damping (\S+) \(5 % of critical\) is a first guess", told["sentence"]
     )
     assert proposed is not None
     assert float(proposed[1]) == approx(0.05 * 2 * (300 * 0.01) ** 0.5, rel=0.3)  # one digit of it

@@ -131,7 +131,7 @@ def test_gains_are_judged_over_the_stated_ranges(tmp_path: Path, capsys: pytest.
     assert main(["joint", str(file), "--json"]) == 0
     stated = strict_json(capsys.readouterr().out)
     assert (stated["stable_in_range"], stated["unstable_at"]) == (True, None)
-    delay = load_joint(file).drive.delay
+    delay = load_joint(file).delay
     longest = 1e3 * delay + (1.001 if beyond else 0.999) * stated["delay_margin_ms"]
     file.write_text(f"{text}\nuncertainty: {{delay_ms: [{0.9e3 * delay:.12g}, {longest:.12g}]}}\n", "utf-8")
     report = tmp_path / "joint.html"
@@ -141,9 +141,9 @@ def test_gains_are_judged_over_the_stated_ranges(tmp_path: Path, capsys: pytest.
     assert facts["stable_in_range"] is not beyond
     assert facts["unstable_at"] == (pytest.approx({"delay": 1e-3 * longest}) if beyond else None)
     case = f"unstable at delay {longest:.4g} ms"
-    assert (f"not everywhere in the stated ranges: {case}" in facts["sentence"]) is beyond
-    assert any("recommended gains" in text and "stated ranges" in text for text in facts["warnings"]) is beyond
-    assert ("UNSTABLE within the stated ranges" in report.read_text("utf-8")) is beyond
+    assert (f"not everywhere in the uncertainty ranges: {case}" in facts["sentence"]) is beyond
+    assert any("recommended gains" in text and "uncertainty ranges" in text for text in facts["warnings"]) is beyond
+    assert ("UNSTABLE within the uncertainty ranges" in report.read_text("utf-8")) is beyond
 
 
 @pytest.mark.parametrize("longest", [60, 68, 70])
@@ -182,8 +182,8 @@ def test_recommended_controller_can_be_typed_back(tmp_path: Path, capsys: pytest
 def test_uncertain_rows_keep_cases_apart(said: Callable[..., Said]):
     out = said("talos-knee").out
     assert "recommended (worst case)" in out
-    assert "recommended (as stated)" in out
-    assert "(tightest at delay 3 ms, stiffness 8\u202f000 N·m/rad" in " ".join(out.split("\n"))
+    assert "recommended (nominal)" in out
+    assert "(worst case: delay 3 ms, stiffness 8\u202f000 N·m/rad" in " ".join(out.split("\n"))
     assert "sampled model, 2\u202f000 Hz" in out
     best = strict_json(said("talos-knee", "--json").out)["recommended"]
     worst, stated = best["margins"], best["nominal"]

@@ -81,8 +81,8 @@ def test_page_carries_answer_then_reason_in_order(stable, stable_page):
         "Margins",
         "All crossings",
         "Inputs and assumptions",
-        "What was certified",
-        "This page again",
+        "Certification",
+        "Command",
         COMMAND,
         gr.__version__,
     ]
@@ -161,7 +161,7 @@ def test_gain_map_of_an_integral_controller_leaves_the_plain_pd_rule_out():
         "10 Hz rule (plain PD)",
         "for the nominal joint, not over the uncertainty",
         "recommended (worst case)",
-        "recommended (as stated)",
+        "recommended (nominal)",
     ):
         assert words in own
 
@@ -176,7 +176,7 @@ def test_a_loop_that_no_factor_stabilises_says_so():
 def test_no_gains_for_an_integral_controller_names_the_ratio_that_is_held():
     spec = specification().with_controller(gr.PID(100.0, 20_000.0, 5.0))
     warnings = " ".join(warnings_of(gr.study_joint(spec)))
-    assert "ki/kp, which is held, keep the required margins: lower ki" in warnings
+    assert "ki/kp, held constant, meet the requirements: lower ki" in warnings
     assert "uncertainty" not in warnings.partition("lower ki")[2].partition(" shorten")[0]
 
 

@@ -218,9 +218,9 @@ def test_the_verdict_holds_for_the_stated_ranges(folder: Path, capsys: pytest.Ca
         assert told["stable"]
         assert told["stable_in_range"] == stable
         assert (told["unstable_at"] is None) == stable
-        assert ("not everywhere in the stated ranges" in told["sentence"]) != stable
+        assert ("not everywhere in the uncertainty ranges" in told["sentence"]) != stable
     page = robot_page(studied(folder, path.read_text("utf-8")), "gainroom robot uncertain.yaml")
-    assert "UNSTABLE within the stated ranges, in bent, " in page
+    assert "UNSTABLE within the uncertainty ranges, in bent, " in page
 
 
 def test_gains_that_keep_all_that_is_required_are_not_called_too_stiff(folder: Path):

@@ -151,13 +151,13 @@ def test_progress_counts_states(spec: System):
 
 
 def test_sentence_and_status(folder: Path, study: RobotStudy, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    assert sentence(study).startswith(f"Stable: these gains can be multiplied by {study.states[0].limit.gain:.3g} (")
+    assert sentence(study).startswith(f"Stable. Vibration starts at {study.states[0].limit.gain:.3g} × these gains (")
     text = ROBOT.replace("kd: {hip: 40, knee: 20}", "kd: {hip: 40, knee: 4000}").replace("robot.urdf", str(folder / "robot.urdf"))
     (tmp_path / "robot.yaml").write_text(text, "utf-8")
     assert main(["robot", str(tmp_path / "robot.yaml")]) == 1
     out, err = capsys.readouterr()
     assert err == ""
-    assert out.startswith("Unstable: ")
+    assert out.startswith("Unstable. ")
     assert max(map(len, out.splitlines())) <= 100
 
 
@@ -170,9 +170,9 @@ def test_unstable_tasks_are_told_first(folder: Path, study: RobotStudy):
     text = ROBOT.replace("[200, 200, 200]", str([200 * factor] * 3)).replace("[20, 20, 20]", str([20 * factor] * 3))
     lost = study_robot(parse_robot(text, "f", folder), recommend=False)
     assert lost.stable
-    assert sentence(lost).startswith("Stable: ")
-    assert "tasks, closed in the joints' place, are UNSTABLE; they may be scaled by 0.5 at most." in sentence(lost)
-    assert warnings(lost)[0] == "bent, free: the tasks' gains are unstable; they may be scaled by 0.5 at most"
+    assert sentence(lost).startswith("Stable. ")
+    assert "tasks, closed in place of the joints' gains, are UNSTABLE; scale them below 0.5 ×." in sentence(lost)
+    assert warnings(lost)[0] == "bent, free: the tasks' gains are unstable; scale them below 0.5 ×"
 
 
 def test_motions_that_drift_are_told(folder: Path, study: RobotStudy):
@@ -180,7 +180,7 @@ def test_motions_that_drift_are_told(folder: Path, study: RobotStudy):
     assert not any("drift" in text for text in warnings(study))
     text = ROBOT.replace("type: position, frame: tip, kp: [200, 200, 200]", "type: com, kp: [200, 0, 0]")
     (found,) = [text for text in warnings(study_robot(parse_robot(text, "f", folder), recommend=False)) if "drift" in text]
-    assert found.startswith("bent, free: 1 of the joints' 2 motions ")
+    assert found.startswith("bent, free: the tasks leave 1 of 2 joint motions uncontrolled")
     assert "posture task" in found
 
 

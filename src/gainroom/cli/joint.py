@@ -32,7 +32,7 @@ def joint(
     as_json: AsJson = False,
     report: Report = None,
 ) -> int:
-    """Is this joint stable, how much is left, what limits it, and which gains to use.
+    """Stability of a joint, its margins, what limits its gains, and recommended gains.
 
     \b
     Example:
@@ -124,7 +124,7 @@ def _terminal(study: "JointStudy", report: Path | None) -> str:
         controller = study.recommended.controller
         if len(controller.gain_names()) > 2:  # the table has two columns of gains
             parts.append(f"Recommended controller: {typed_gains(controller)}.")
-        parts.append(_what_binds(study.recommended))
+        parts.append(_limits_text(study.recommended))
     parts.append("10 Hz rule: kp = J ω², kd = 2 ζ J ω with ω = 2π·10 rad/s, ζ = 2, J the motor inertia.")
     if report is not None:
         parts.append(file_line("Report", report))
@@ -132,20 +132,20 @@ def _terminal(study: "JointStudy", report: Path | None) -> str:
     return render(*parts)
 
 
-def _what_binds(recommended: "Recommendation") -> str:
-    """Which requirement stops kp from going higher, and how far it would go without each."""
+def _limits_text(recommended: "Recommendation") -> str:
+    """The requirement that limits kp, and the largest kp without each."""
     from ..system.requirements import title_of
 
     words = {name: f"without the {title_of(name)}" for name in recommended.costs} | {"uncertainty": "with exact parameters"}
     kp_name, _ = plane_names(recommended.controller)
     worst = ", ".join(quantity(name, value) for name, value in recommended.worst_case.items())
-    parts = [f"What binds the recommended gains: the {recommended.held_back_by()}" + (f" (tightest at {worst})." if worst else ".")]
+    parts = [f"Recommended gains are limited by the {recommended.held_back_by()}" + (f" (worst case: {worst})." if worst else ".")]
     felt = ", ".join(f"{digits(kp, 'N·m/rad')} {words[name]}" for name, kp in recommended.felt.items())
     if felt:
         parts.append(f"The largest {kp_name} would be {felt}.")
     idle = [words[name].removeprefix("without ") for name in recommended.costs if name not in recommended.felt and name != "uncertainty"]
     if idle:
-        parts.append(f"Dropping {' or '.join(idle)} alone changes nothing.")
+        parts.append(f"Without {' or '.join(idle)} alone it would be the same.")
     if "uncertainty" in recommended.costs and "uncertainty" not in recommended.felt:
         parts.append("The uncertainty costs nothing.")
     return " ".join([*parts, f"Checked: {recommended.certificate}."])
@@ -158,7 +158,7 @@ def _margin_rows(study: "JointStudy") -> list[tuple[str, ...]]:
     rows = [("stable", "yes" if stable else "NO", "", "yes", yes(stable))]
     if study.system.uncertainty.names:
         text = "NO" if not study.stable_in_range else "yes" if study.range_proved else "not proved"
-        rows.append(("stable in the stated ranges", text, "", "yes", "" if text == "not proved" else yes(study.stable_in_range)))
+        rows.append(("stable in the uncertainty ranges", text, "", "yes", "" if text == "not proved" else yes(study.stable_in_range)))
     return [*rows, *judged_rows(study.margins, study.system.requirements)]
 
 
@@ -174,7 +174,7 @@ def _gain_rows(study: "JointStudy") -> list[tuple[str, ...]]:
         gains = digits(recommended.kp), digits(recommended.kd)
         if study.system.uncertainty.names:
             rows.append(("recommended (worst case)", *gains, *_margin_cells(recommended.worst)))
-            rows.append(("recommended (as stated)", *gains, *_margin_cells(recommended.nominal)))
+            rows.append(("recommended (nominal)", *gains, *_margin_cells(recommended.nominal)))
         else:
             rows.append(("recommended", *gains, *_margin_cells(recommended.nominal)))
     name = "10 Hz rule" if len(controller.gain_names()) == 2 else "10 Hz rule (plain PD)"
@@ -191,7 +191,7 @@ def _kd_at_the_top(study: "JointStudy") -> float:
 
 
 def _margin_cells(margins: "Margins") -> tuple[str, ...]:
-    """What is required of it, or may be."""
+    """The margins that requirements may bound."""
     from ..report.columns import bounded_columns
 
     bounded = bounded_columns()

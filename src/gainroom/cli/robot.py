@@ -28,7 +28,7 @@ def robot(
     as_json: AsJson = False,
     report: Report = None,
 ) -> int:
-    """How far a robot's gains may go with all joints closed, in every posture and contact state, and which joints would vibrate.
+    """The gain limit of a robot with all loops closed, in every posture and contact state, and the joints that vibrate there.
 
     \b
     Example:
@@ -146,15 +146,15 @@ def _contact_tables(state: "State") -> list[Any]:
 
 
 def _gains_parts(gains: "RobotGains", first: tuple[str, str]) -> list[Any]:
-    """The gains that are safe in every state, and what each contact state alone would allow; `first`: posture and contact state."""
+    """The gains that are safe in every state, and their cost; `first`: posture and contact state."""
     from ..report.columns import margins_in_words
 
     found = gains.everywhere
     if found is None:
-        told = f"No gains were found that keep the required margins in every state, {gains.space} space; the nearest: {gains.nearest['']}."
-        return [told, *_own_words(gains), ""]
+        text = f"No gains were found that meet the requirements in every state, {gains.space} space; nearest: {gains.nearest['']}."
+        return [text, *_own_text(gains), ""]
     if not found.moves:
-        return [f"No gains to tell in {gains.space} space: nothing moves in any posture and contact state."]
+        return [f"No recommended gains in {gains.space} space: nothing moves in any posture and contact state."]
     columns, scale = ("", "kp", "kd"), gains.inertia
     numbers = [found.kp, found.kd]
     if found.ki is not None:
@@ -164,41 +164,41 @@ def _gains_parts(gains: "RobotGains", first: tuple[str, str]) -> list[Any]:
     rows = [(name, *map(digits, row)) for name, *row in zip(gains.names, *(column.tolist() for column in numbers), strict=True)]
     where = "Without the weight" if found.without_weight else "In every state"
     words = (
-        f"{where} they keep: {margins_in_words(found.margins)}; all loops together and each with the others closed. "
-        f"None can be raised by 5 %: {_held_words(found, gains.names)}."
+        f"{where} they have: {margins_in_words(found.margins)}; all loops together and one loop at a time with the other loops closed. "
+        f"None can be raised by 5 %: {_limits_text(found, gains.names)}."
     )
     if scale is not None:
         words += f" J: the motor's inertia and the load 1/W_ii in {', '.join(first)}, the first state; in another, kp/J and kd/J differ."
-    return [table(f"Gains to use, {gains.space} space", columns, rows), words, *_still_words(gains), *_cost_words(gains), ""]
+    return [table(f"Recommended gains, {gains.space} space", columns, rows), words, *_immobile_text(gains), *_cost_text(gains), ""]
 
 
-def _held_words(found: "GainSet", names: Sequence[str]) -> str:
-    """What stands in the way of the softest, and of how many joints each margin does."""
-    from ..report.robot_text import held_back
+def _limits_text(found: "GainSet", names: Sequence[str]) -> str:
+    """The limit of the softest joint or direction, and the number of joints limited by each margin."""
+    from ..report.robot_text import limited_by
     from ..system.requirements import title_of
 
     reasons = Counter(f"{title_of(margin)} in {state}" for margin, state in zip(found.margin, found.case, strict=True) if margin)
     counted = ", ".join(f"{reason} {count}" for reason, count in reasons.most_common(4))
-    return f"the softest is held back by {held_back(found, names)}; of all, {counted}"
+    return f"the softest is limited by {limited_by(found, names)}; of all, {counted}"
 
 
-def _own_words(gains: "RobotGains") -> list[str]:
+def _own_text(gains: "RobotGains") -> list[str]:
     """The contact states that have gains of their own where no set is safe in all."""
     found = [name for name, one in gains.per_contact.items() if one is not None and one.moves]
-    return [f"Contact {', '.join(found)} by itself has gains to use: --json and --report have them."] if found else []
+    return [f"Contact {', '.join(found)} by itself has recommended gains: see --json and --report."] if found else []
 
 
-def _still_words(gains: "RobotGains") -> list[str]:
-    """What has no gains, as nothing moves it."""
+def _immobile_text(gains: "RobotGains") -> list[str]:
+    """Joints or directions without gains, as they cannot move."""
     found = gains.everywhere
     still = [] if found is None else [name for name, kp in zip(gains.names, found.kp.tolist(), strict=True) if math.isnan(kp)]
     nowhere = [name for name, one in gains.per_contact.items() if one is not None and not one.moves]
     why = "nothing can move there in any state" + ("" if gains.space == "joint" else ", or tasks above take all that could")
     words = [f"No gains for {', '.join(still)}: {why}."] if still else []
-    return words + ([f"Nothing moves in contact {', '.join(nowhere)}: gains do nothing there."] if nowhere else [])
+    return words + ([f"Nothing moves in contact {', '.join(nowhere)}: gains have no effect there."] if nowhere else [])
 
 
-def _cost_words(gains: "RobotGains") -> list[str]:
+def _cost_text(gains: "RobotGains") -> list[str]:
     more = [f"{name} {digits(cost, significant=3)}" for name, cost in gains.cost.items() if math.isfinite(cost)]
     if len(more) < 2:
         return []

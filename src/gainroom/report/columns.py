@@ -48,7 +48,7 @@ class Column:
         return self.margin if self.margin in REQUIREMENTS else ""
 
     def text(self, row: Any) -> str:
-        """What a person reads."""
+        """The text shown."""
         if self.shown is not None:
             return self.shown(row)
         value = self.value(row)
@@ -69,7 +69,7 @@ def tabulated(columns: Sequence[Column], rows: Iterable[Any]) -> tuple[list[str]
 
 
 def definitions(columns: Sequence[Column]) -> str:
-    """What the columns are, below a table."""
+    """The definitions of columns, below a table."""
     return "; ".join(f"{column.title}: {column.definition}" for column in columns if column.title and column.definition) + "."
 
 
@@ -79,12 +79,12 @@ def yes(value: bool | None) -> str:
 
 
 def _if_moving(value: Callable[["State"], Any]) -> Callable[["State"], Any]:
-    """Of a state in which the gains move nothing there is no such number."""
+    """None for a state in which the gains act on no motion."""
     return lambda state: value(state) if state.moves else None
 
 
 def _mainly(state: "State") -> str:
-    """The joints that take most part in the vibration at the limit."""
+    """The joints with the largest participation factors in the vibration at the limit."""
     if not state.moves:
         return "nothing moves"
     first, *others = state.limiting_joints or ("–",)
@@ -92,20 +92,20 @@ def _mainly(state: "State") -> str:
 
 
 def margin_facts(margins: Margins) -> dict[str, Any]:
-    """What requirements bound, in JSON."""
+    """The margins that requirements bound, in JSON."""
     return {key: value for one in REQUIREMENTS.values() for key, value in one.facts(margins).items()}
 
 
 def required_facts(required: Requirements) -> dict[str, Any]:
-    """What is required, in JSON, in the units that a file has; None where nothing is."""
+    """The requirements, in JSON, in the units of a file; None where there is none."""
     needed = required.needed
     return {one.key: as_typed(one.in_unit(needed[name])) if name in needed else None for name, one in REQUIREMENTS.items()}
 
 
 def margins_in_words(margins: Margins) -> str:
-    """What requirements bound, in a sentence: "gain margin 6.1 dB, phase margin of one loop 31°, peak sensitivity Ms 1.9"."""
-    told = ((one, one.named(margins) if one.named(margins) != one.title else one.label) for one in REQUIREMENTS.values())
-    return ", ".join(f"{name} {digits(one.in_unit(one.value(margins)), one.unit, 3)}" for one, name in told)
+    """The margins that requirements bound, in a sentence: "gain margin 6.1 dB, phase margin of one loop 31°, peak sensitivity Ms 1.9"."""
+    named = ((one, one.named(margins) if one.named(margins) != one.title else one.label) for one in REQUIREMENTS.values())
+    return ", ".join(f"{name} {digits(one.in_unit(one.value(margins)), one.unit, 3)}" for one, name in named)
 
 
 def _disk(state: "State") -> str:
@@ -207,7 +207,7 @@ MARGIN = [
 
 
 def margin_columns() -> list[Column]:
-    """MARGIN, and what else a requirement bounds."""
+    """MARGIN, and further margins that a requirement bounds."""
     known, keys = {column.margin for column in MARGIN}, {column.key for column in MARGIN}
     further = [one for one in REQUIREMENTS.values() if one.name not in known or one.key not in keys]
     return MARGIN + [
@@ -236,7 +236,7 @@ LIMIT = Column(
     "limit",
     "gain_limit",
     _if_moving(lambda state: state.limit.gain),
-    definition="the factor on all gains together at which the robot begins to vibrate",
+    definition="the factor on all gains together at which the robot starts to vibrate",
     margin="gain_margin",
 )
 AT = Column("at", "limit_frequency_rad_s", _if_moving(lambda state: state.limit.frequency), shown=_frequency)
@@ -265,7 +265,7 @@ STATE = [
         "delay_margin_ms",
         _if_moving(lambda state: 1e3 * state.margins.delay_margin),
         "ms",
-        "what may be added in all loops before the robot vibrates",
+        "the delay margin, extra delay in all loops at which the robot starts to vibrate",
         3,
         margin="delay_margin",
     ),
@@ -274,7 +274,7 @@ STATE = [
         "phase_margin_deg",
         _if_moving(lambda state: math.degrees(state.margins.common_phase_margin)),
         "°",
-        "the phase margin, by which all loops at once may lag or lead",
+        "the phase margin of all loops at once",
         3,
         margin="phase_margin",
     ),
@@ -283,14 +283,14 @@ STATE = [
         "single_loop_phase_margin_deg",
         _if_moving(lambda state: math.degrees(state.margins.one_loop_phase_margin)),
         "°",
-        "the least by which one loop may, the other loops closed",
+        "the least phase margin of one loop, other loops closed",
         3,
     ),
     Column(
         "Ms",
         "",
         _if_moving(lambda state: state.margins.peak_sensitivity),
-        definition="the largest peak sensitivity of one loop, the other loops closed",
+        definition="the largest peak sensitivity of one loop, other loops closed",
         significant=3,
         margin="peak_sensitivity",
     ),
@@ -298,7 +298,7 @@ STATE = [
         "disk",
         "disk_margin",
         _if_moving(lambda state: state.margins.disk_margin),
-        definition="the disk margin, every motor's torque off in gain and phase by a factor of its own (~: not certified)",
+        definition="the disk margin, independent errors of gain and phase in every motor's torque (~: not certified)",
         shown=_disk,
         margin="disk_margin",
     ),
@@ -314,7 +314,7 @@ STATE = [
 
 
 def state_columns() -> list[Column]:
-    """STATE, and what else a requirement bounds."""
+    """STATE, and further margins that a requirement bounds."""
     known = {column.margin for column in STATE}
     further = [one for one in REQUIREMENTS.values() if one.name not in known]
     return STATE + [
@@ -335,31 +335,31 @@ ALONE = Column(
     "alone",
     "single_joint_limit",
     lambda row: row.single_joint_limit,
-    definition="the factor on the joint's gains with no other loop closed and its neighbours free",
+    definition="the factor on the joint's gains with the other loops open and its neighbours free",
 )
 CLOSED = Column(
-    "others closed",
+    "one loop",
     "limit_others_closed",
     lambda row: row.limit_others_closed,
-    definition="the factor on the gains with all other loops as they are",
+    definition="the factor on the gains of this loop alone, other loops closed",
 )
 KP = Column("kp", "kp", lambda row: row.kp)
 KD = Column("kd", "kd", lambda row: row.kd)
 
 JOINT = [
     Column("joint", "name", lambda row: row.name),
-    Column("load", "link_inertia", lambda row: row.link_inertia, definition="1/W_ii, what the joint moves with its neighbours free"),
+    Column("load", "link_inertia", lambda row: row.link_inertia, definition="1/W_ii, the inertia moved with the neighbours free"),
     ALONE,
     CLOSED,
     KP,
-    Column("kp max", "kp_max", lambda row: row.kp_max, definition="the largest, kd and all other joints' gains as they are"),
+    Column("kp max", "kp_max", lambda row: row.kp_max, definition="the largest, other gains unchanged"),
     KD,
     Column("kd max", "kd_max", lambda row: row.kd_max, definition="likewise"),
     Column(
-        "part",
+        "participation",
         "participation",
         lambda row: row.participation,
-        definition="participation in the vibration at the limit, 1 for the joint that moves most",
+        definition="participation factor in the vibration at the limit, 1 for the joint that moves most",
         shown=lambda row: digits(row.participation, significant=2) if row.participation >= 1e-3 else "–",
     ),
 ]
@@ -373,7 +373,7 @@ TASK = [
     KP,
     Column("kd, kv", "kd", lambda row: row.kd),
     Column("ki", "ki", lambda row: row.ki),
-    Column("alone", "gain_limit", lambda row: row.gain_limit, definition="the factor on its gains with no other direction closed"),
+    Column("alone", "gain_limit", lambda row: row.gain_limit, definition="the factor on its gains, other directions open"),
     CLOSED,
 ]
 """A direction of a task."""

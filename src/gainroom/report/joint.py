@@ -1,4 +1,4 @@
-"""The page of one joint: answer, numbers, gain map, the pictures that explain it, tables, and how it was computed."""
+"""The page of one joint: verdict, numbers, gain map, figures, tables, certification."""
 
 import math
 
@@ -19,18 +19,18 @@ from .time_response import time_response
 
 
 def joint_page(study: JointStudy, command: str) -> str:
-    """The report of a study as one HTML page; `command` is what a reader types to get it again."""
+    """The report of a study as one HTML page; `command` is the command that makes it."""
     shown = cases(study)
     sections = [
         Section("Gain map", [gain_map(study)]),
-        Section("Why: the open loop", [bode(study, shown), nyquist(study, shown)]),
+        Section("Cause: the open loop", [bode(study, shown), nyquist(study, shown)]),
         Section("In time", [time_response(study)]),
         Section("Margins", [margin_table(study), _binding(study)]),
         Section("With and without elasticity and delay", [case_table(shown)]),
         Section("All crossings of this file's loop", [crossing_table(study.margins)]),
         Section("Inputs and assumptions", [inputs(study), assumptions("Linear two-mass joint", study.system.control.sample_time)]),
-        Section("What was certified, and how", [_certificate(study)]),
-        Section("This page again", [block(command)]),
+        Section("Certification", [_certificate(study)]),
+        Section("Command", [block(command)]),
     ]
     title = f"gainroom joint: gains of one joint, {model_kind(study.system.control.sample_time)} model"
     return page(title, _lead(study), _cards(study), sections, footer())
@@ -41,19 +41,19 @@ def _lead(study: JointStudy) -> Lead:
         return Lead(sentence(study), "bad", "UNSTABLE: do not run these gains", warnings(study))
     if study.unstable_at:
         where = case_in_words(study.unstable_at)
-        return Lead(sentence(study), "bad", f"UNSTABLE within the stated ranges, at {where}: do not run these gains", warnings(study))
+        return Lead(sentence(study), "bad", f"UNSTABLE within the uncertainty ranges, at {where}: do not run these gains", warnings(study))
     unmet = [card.label for card in _cards(study) if card.met is False]
     if unmet:
-        return Lead(sentence(study), "warn", f"Stable, but not with the required margin: {', '.join(unmet)}", warnings(study))
+        return Lead(sentence(study), "warn", f"Stable, but requirements fail: {', '.join(unmet)}", warnings(study))
     return Lead(sentence(study), "good", "", warnings(study))
 
 
 def _cards(study: JointStudy) -> list[Card]:
-    """Three to five numbers for the first glance."""
+    """Three to five numbers."""
     found, asked = study.margins, study.system.requirements
     cards = [_margin_card(column, found, asked) for column in bounded_columns()]
     if not found.stable:
-        cards[0] = unstable_card(asked, study.limit, f"; there it would vibrate {_at(study.limit.frequency)}", "it")
+        cards[0] = unstable_card(asked, study.limit, f"; vibration there {_at(study.limit.frequency)}", "it")
     if "delay_margin" not in REQUIREMENTS:
         delay = digits(1e3 * found.delay_margin, "", 3)
         cards.append(Card("delay margin", delay, "ms" if found.stable else "", note=_at(found.delay_crossover)))
@@ -77,13 +77,13 @@ def _at(omega: float) -> str:
 def _binding(study: JointStudy) -> str | Html:
     best = study.recommended
     if best is None:
-        return "No gains are recommended: nothing is required, or no PD gains keep it."
+        return "No gains are recommended: nothing is required, or no PD gains meet it."
     kp_name, _ = plane_names(best.controller)
     told = {True: "{} could be {}", False: "dropping it alone changes nothing"}
     costs = [
         (f"without {title_of(name)}", told[name in best.felt].format(kp_name, digits(kp, "N·m/rad", 3))) for name, kp in best.costs.items()
     ]
-    return facts([("recommended controller", typed_gains(best.controller)), ("held back by", best.held_back_by()), *costs])
+    return facts([("recommended controller", typed_gains(best.controller)), ("limited by", best.held_back_by()), *costs])
 
 
 def _certificate(study: JointStudy) -> Html:
@@ -94,11 +94,11 @@ def _certificate(study: JointStudy) -> Html:
         ("verdict", _verdict(found)),
     ]
     if study.system.uncertainty.names and found.stable:
-        told = f"unstable at {case_in_words(study.unstable_at)}" if study.unstable_at else "stable"
+        verdict = f"unstable at {case_in_words(study.unstable_at)}" if study.unstable_at else "stable"
         how = "a case that was counted" if study.unstable_at else "proved for every joint within them, between all frequencies"
         if not study.range_proved:
-            how = "looked at ends, corners, a filling and in a search; between them not proved"
-        pairs.append(("verdict in the stated ranges", f"{told}; {how}"))
+            how = "ends, corners, a filling and a search examined; between them not proved"
+        pairs.append(("verdict in the uncertainty ranges", f"{verdict}; {how}"))
     if limit.certificate is not None:
         proof = limit.certificate
         pairs.append(

@@ -1,17 +1,18 @@
-"""What the terminal and the page say of one joint, in sentences."""
+"""The results for one joint in sentences, for terminal and page."""
 
 import math
 
 import numpy as np
 
-from ..analysis.margin_record import GainLimit, Margins
 from ..analysis.margins import to_db
-from ..errors import case_in_words, frequency_in_words
+from ..errors import apart, case_in_words, frequency_in_words
+from ..studies.analysis import Analysis
 from ..studies.joint import JointStudy
 from ..system.plausibility import unusual_values
+from ..system.requirements import REQUIREMENTS
 from ..system.system import System
 
-NOT_EVERYWHERE = "Stable as stated, but not everywhere in the stated ranges"
+NOT_EVERYWHERE = "Stable nominally, but not everywhere in the uncertainty ranges"
 CONTINUOUS = (
     "continuous model: a real controller's hold and velocity difference cost about one more tick of delay; "
     "set control.sample_rate_hz for the sampled answer"
@@ -20,50 +21,67 @@ CONTINUOUS = (
 
 
 def sentence(study: JointStudy) -> str:
-    """The answer in one sentence: verdict, room, frequency, cause; first of all, where within the uncertainty it does not hold."""
-    as_stated = _as_stated(study.margins, study.limit, study.without)
+    """Verdict, unmet requirements, gain limit with its frequency, and its cause; first of all, where the uncertainty makes it unstable."""
+    nominal = _nominal(study)
     if not study.unstable_at:
-        return as_stated
-    return f"{NOT_EVERYWHERE}: unstable at {case_in_words(study.unstable_at)}. As stated, {as_stated.removeprefix('Stable: ')}"
+        return nominal
+    return f"{NOT_EVERYWHERE}: unstable at {case_in_words(study.unstable_at)}. Nominal: {nominal[0].lower()}{nominal[1:]}"
 
 
-def _as_stated(found: Margins, limit: GainLimit, without: dict[str, float]) -> str:
-    """Verdict, room, frequency and cause at the stated values."""
-    at = frequency_in_words(limit.frequency)
-    if found.stable and math.isinf(limit.gain):
-        return "Stable: no common factor on these gains makes the modelled joint vibrate."
-    if found.stable:
-        text = f"Stable: these gains can be multiplied by {limit.gain:.3g} ({to_db(limit.gain):.3g} dB) before the joint vibrates at {at}"
-        return text + _cause(limit.gain, without) + "."
+def _nominal(study: JointStudy) -> str:
+    """The same at the nominal values, without the uncertainty."""
+    limit, at = study.limit, frequency_in_words(study.limit.frequency)
+    if study.margins.stable:
+        text = f"Stable{'' if study.unstable_at else failing(study)}."
+        if math.isinf(limit.gain):
+            return f"{text} No common factor on these gains makes the modelled joint vibrate."
+        text += f" Vibration starts at {limit.gain:.3g} × these gains ({to_db(limit.gain):.3g} dB), at {at}."
+        return text + _cause(limit.gain, study.without)
     if limit.gain > 0 and math.isfinite(limit.gain):
-        text = (
-            f"Unstable: with these gains the joint vibrates; it is stable below {limit.gain:.3g} times them, where it would vibrate at {at}"
-        )
-        return text + _cause(limit.gain, without) + "."
-    return "Unstable: with these gains the joint does not settle, and no common factor that lowers them makes it stable."
+        text = f"Unstable. Scaled together, these gains are stable only below {limit.gain:.3g} ×; vibration starts there at {at}."
+        return text + _cause(limit.gain, study.without)
+    return "Unstable. No lower gains in the same ratio are stable."
+
+
+COUNTS = ("no requirement fails", "one requirement fails", "two requirements fail", "three requirements fail")
+
+
+def failing(study: Analysis) -> str:
+    """The unmet requirements of a stable system: ", but one requirement fails: phase margin 26.1° (≥ 30°)"; empty where there is none."""
+    parts = []
+    for name, state in study.unmet.items():
+        one, needed = REQUIREMENTS[name], study.system.requirements.needed[name]
+        value = study.least(state, name)
+        shown = one.text(value, 3 if math.isnan(value) else apart(one.in_unit(value), one.in_unit(needed), 3))
+        title = one.heading if one.named(state.margins) == one.title else one.named(state.margins)
+        where = f" in {state.title}" if len(study.states) > 1 else ""
+        parts.append(f"{title} {shown}{where} ({one.sign} {one.text(needed)})")
+    if not parts:
+        return ""
+    count = COUNTS[len(parts)] if len(parts) < len(COUNTS) else f"{len(parts)} requirements fail"
+    worst = " in the worst case" if study.system.uncertainty.names and len(study.states) == 1 else ""
+    return f", but {count}{worst}: {', '.join(parts)}"
 
 
 def _cause(gain: float, without: dict[str, float]) -> str:
-    """What sets the limit, from how far it rises when one influence is taken away."""
+    """What sets the limit, by its rise when one influence is removed."""
     rises = {name: to_db(limit / gain) for name, limit in without.items()}
-    told = ", ".join(f"{_change(rises[name])} without {name}" for name in ("delay", "elasticity") if name in rises)
+    changes = ", ".join(f"{_change(rises[name])} without {name}" for name in ("delay", "elasticity") if name in rises)
     strong = [name for name in ("delay", "elasticity") if rises.get(name, 0.0) > 3.0]
-    if len(strong) == 2:
-        return f"; delay and elasticity together set the limit ({told})"
-    if strong:
-        return f"; the {strong[0]} sets the limit ({told})"
-    return f"; motor inertia and current loop set the limit ({told})" if told else "; motor inertia and current loop set the limit"
+    cause = "Delay and elasticity together set" if len(strong) == 2 else "Motor inertia and current loop set"
+    cause = f"{strong[0].capitalize()} sets" if len(strong) == 1 else cause
+    return f" {cause} the limit: {changes}." if changes else f" {cause} the limit."
 
 
 def _change(rise: float) -> str:
-    """A rise of the gain limit [dB] in words."""
+    """A rise of the gain limit [dB] as text."""
     if math.isinf(rise):
         return "no limit" if rise > 0 else "never stable"
     return f"{abs(rise):.3g} dB {'more' if rise >= 0 else 'less'}"
 
 
 def warnings(study: JointStudy) -> tuple[str, ...]:
-    """What a user should know or do, each with the remedy."""
+    """What a user should know, each with its remedy."""
     system, found = study.system, study.margins
     joint, control = system.source, system.control
     said = list(unusual_values(system))
@@ -71,19 +89,19 @@ def warnings(study: JointStudy) -> tuple[str, ...]:
         instead = "" if study.recommended is None else ", or use the recommended ones"
         said.append(f"these gains are unstable: multiply all of them by less than {study.limit.gain:.3g}{instead}")
     if _drifts(system):
-        cause = "kp is 0" if "kp" in control.controller.gain_names() else "the controller gives no torque against a standing error"
-        said.append(f"{cause}: nothing holds the joint's position; it drifts, whatever the verdict on its other motions; give it kp")
+        cause = "kp is 0" if "kp" in control.controller.gain_names() else "the controller gives no torque against a constant error"
+        said.append(f"{cause}: no torque holds the joint's position, so it drifts; the verdict covers its other motions; give it kp")
     if study.unstable_at:
-        instead = "lower these gains, or state narrower ranges" if study.recommended is None else "use the recommended gains"
-        said.append(f"these gains are unstable within the stated ranges, at {case_in_words(study.unstable_at)}: {instead}")
+        instead = "lower these gains, or give narrower ranges" if study.recommended is None else "use the recommended gains"
+        said.append(f"these gains are unstable within the uncertainty ranges, at {case_in_words(study.unstable_at)}: {instead}")
     if not study.range_proved:
-        said.append("within the stated ranges these gains are stable wherever they were looked at; in between it is not proved")
+        said.append("these gains are stable in every case examined within the uncertainty ranges; in between it is not proved")
     if control.sample_time is None and system.delay > 0:
         said.append(CONTINUOUS)
     if control.feedback == "link" and joint.damping == 0 and not math.isinf(joint.stiffness):
         said.append(
-            "link-side feedback on an undamped elastic joint: whether its resonance settles hangs on the lag of delay and drive alone, "
-            "and without lag it never does: measure damping, or close the loop on the motor side"
+            "link-side feedback on an undamped elastic joint: its resonance decays only by the lag of delay and drive, and not without "
+            "lag: measure damping, or close the loop on the motor side"
         )
     if math.isinf(study.max_kp):
         said.append("nothing in this model limits kp: no gains are recommended; give the drive's delay and bandwidth")
@@ -99,20 +117,20 @@ def warnings(study: JointStudy) -> tuple[str, ...]:
 
 
 def _drifts(system: System) -> bool:
-    """Whether the controller gives no torque against a standing error of the joint's position."""
+    """Whether the controller gives no torque against a constant error of the joint's position."""
     controller = system.control.controller
     control = controller.combine(controller.terms(), system.control.sample_time).reduced
     return control.gain == 0 or bool(np.any(control.zeros == 0))
 
 
 def _no_gains(system: System) -> str:
-    """That nothing can be recommended, and what would help."""
+    """A warning without recommended gains, and remedies."""
     controller, uncertain = system.control.controller, bool(system.uncertainty.names)
     kind, remedies = controller.kind if controller.has_plane else "PD", ["relax limits", "shorten the delay"]
     if controller.held_ratio and controller.ki != 0:
-        kind = f"{kind} gains with this file's {controller.held_ratio}, which is held,"
+        kind = f"{kind} gains with this file's {controller.held_ratio}, held constant,"
         remedies.insert(0, "lower ki")
     if uncertain:
         remedies.insert(-1, "shrink uncertainty")
-    kept = "were found that keep the required margins in every stated case" if uncertain else "keep the required margins"
-    return f"no {kind if kind.endswith(',') else kind + ' gains'} {kept}: {', '.join(remedies[:-1])}, or {remedies[-1]}"
+    met = "were found that meet the requirements in every case" if uncertain else "meet the requirements"
+    return f"no {kind if kind.endswith(',') else kind + ' gains'} {met}: {', '.join(remedies[:-1])}, or {remedies[-1]}"

@@ -1,4 +1,4 @@
-"""What the pages of a joint and of a whole robot share: cards of margins, and words on the model."""
+"""Parts of the pages of a joint and of a robot: cards of margins, limits, assumptions."""
 
 import math
 from collections.abc import Sequence
@@ -14,26 +14,26 @@ from .page import Card
 
 
 def footer() -> list[str]:
-    """The closing line: what wrote the page, and when."""
+    """The closing line: version and date."""
     return [f"gainroom {__version__}, {datetime.now(UTC).date().isoformat()}"]
 
 
-def margin_card(asked: Requirements, name: str, value: float, note: str, kept: float | None = None, label: str = "") -> Card:
-    """A margin (`name`: of a requirement) beside what is required of it; a degree sign stands with its number.
+def margin_card(asked: Requirements, name: str, value: float, note: str, bounded: float | None = None, label: str = "") -> Card:
+    """A margin (`name`: of a requirement) beside what is required of it; a degree sign follows its number.
 
     value   as it is shown: factor, rad, factor
-    kept    what is held against the requirement, where that is not the value itself
+    bounded the value that is judged, where that is not `value`
     label   the card's name, where it is not the usual one
     """
     one = REQUIREMENTS[name]
     unit = "" if one.unit == "°" else one.unit
-    met = asked.met(name, value if kept is None else kept)
+    met = asked.met(name, value if bounded is None else bounded)
     shown = margin_value(asked, name, value, met, 3).removesuffix(f" {unit}")
     return Card(label or one.label, shown, unit, requirement(asked, name, 3), met, note)
 
 
 def unstable_card(asked: Requirements, limit: GainLimit, where: str, what: str) -> Card:
-    """How far the gains of something unstable would have to be lowered. `where` ends the note, `what` is not to be made stable."""
+    """The factor below which unstable gains become stable. `where` ends the note, `what` is the subject where there is none."""
     required = requirement(asked, "gain_margin", 3)
     required = f"gain margin {required}" if required else ""
     if 0 < limit.gain < math.inf:
@@ -55,12 +55,12 @@ def limit_proofs(limits: Sequence[GainLimit]) -> list[tuple[str, str]]:
         )
         pairs.append(("gain limits", f"{words}{holding} of {len(known)} {count}"))
     if len(known) < len(limits):
-        pairs.append(("no limit", f"{len(limits) - len(known)} states have none to confirm; factors up to 1000 were looked at"))
+        pairs.append(("no limit", f"{len(limits) - len(known)} states have none to confirm; factors up to 1000 were searched"))
     return pairs
 
 
 def assumptions(model: str, sample_time: float | None, further: str = "") -> str:
-    """What the answer takes for granted; `model` begins the sentence, `further` ends it."""
+    """The assumptions of a model; `model` begins the sentence, `further` ends it."""
     text = (
         f"{model}, small motions: no friction other than viscous, no torque limit, no backlash, no quantisation{further}. The delay is "
         "exact, never approximated by a rational function."
@@ -71,9 +71,9 @@ def assumptions(model: str, sample_time: float | None, further: str = "") -> str
 
 
 def filters(controller: Any) -> str:
-    """The velocity filter and the notches of a controller, in words."""
+    """The velocity filter and the notches of a controller, as text."""
     low_pass = controller.velocity_filter
-    told = (
+    text = (
         "no velocity filter" if low_pass is None else f"velocity filter of order {low_pass.order} at {digits(low_pass.bandwidth, 'rad/s')}"
     )
-    return told + "".join(f", notch at {digits(notch.frequency, 'rad/s')}" for notch in controller.notches)
+    return text + "".join(f", notch at {digits(notch.frequency, 'rad/s')}" for notch in controller.notches)

@@ -1,4 +1,4 @@
-"""The page of a robot: answer, numbers, how it would vibrate, what is left where, why, gains to use, tables, and how it was computed."""
+"""The page of a robot: verdict, numbers, vibration at the limit, gain headroom, causes, recommended gains, tables, certification."""
 
 import math
 from collections.abc import Sequence
@@ -24,24 +24,24 @@ FEW = 4
 """States of which each has a picture; of more, the tightest posture of each contact state has one."""
 MOST_PICTURES = 8
 ON_TOP = 4
-"""Warnings shown before everything else; the others stand with the assumptions."""
+"""Warnings shown first; the others are listed with the assumptions."""
 
 
 def robot_page(study: RobotStudy, command: str) -> str:
-    """The report of a study as one HTML page; `command` is what a reader types to get it again."""
+    """The report of a study as one HTML page; `command` is the command that makes it."""
     shown, sample_time = _shown(study), study.system.control.sample_time
-    taken = assumptions("Linear about each posture", sample_time, "; contacts hold and do not slip or lift")
+    taken = assumptions("Linear about each posture", sample_time, "; contacts neither slip nor lift")
     sections = [
-        Section("How it would vibrate", _vibrations(study, shown)),
-        Section("How much room is left", _room(study)),
-        Section("Why: the characteristic loci", [_loci_words(), beside(*(loci(state, loci_window(shown)) for state in shown))]),
-        Section("What the coupling costs", [beside(*coupling(joint_factors(study), "joint"))]),
-        Section("Gains to use", _gains(study)),
+        Section("Vibration at the limit", _vibrations(study, shown)),
+        Section("Gain headroom", _headroom(study)),
+        Section("Cause: the characteristic loci", [_loci_words(), beside(*(loci(state, loci_window(shown)) for state in shown))]),
+        Section("Cost of coupling", [beside(*coupling(joint_factors(study), "joint"))]),
+        Section("Recommended gains", _gains(study)),
         *_tasks(study, shown),
         Section("Joints", _joints(study)),
         Section("Inputs and assumptions", [inputs(study.system), taken, *_words(study)]),
-        Section("What was certified, and how", [_certificate(study)]),
-        Section("This page again", [block(command)]),
+        Section("Certification", [_certificate(study)]),
+        Section("Command", [block(command)]),
     ]
     title = f"gainroom robot: gains of {study.system.source.body.size} joints, {model_kind(sample_time)} model"
     return page(title, _lead(study), _cards(study), sections, footer())
@@ -65,26 +65,26 @@ def _vibrations(study: RobotStudy, shown: Sequence[State]) -> list[Html]:
         )
     hidden = len({state.contact for state in study.states} - {state.contact for state in shown})
     return (
-        [*parts, paragraph(f"{hidden} contact state{'s' * (hidden > 1)} with more room {'are' if hidden > 1 else 'is'} not drawn.")]
+        [*parts, paragraph(f"{hidden} contact state{'s' * (hidden > 1)} with more headroom {'are' if hidden > 1 else 'is'} not drawn.")]
         if hidden
         else parts
     )
 
 
 def _others(study: RobotStudy, state: State) -> int:
-    """Postures in the same contact state."""
+    """The number of other postures in the same contact state."""
     return sum(other.contact == state.contact for other in study.states) - 1
 
 
-def _room(study: RobotStudy) -> list[Html]:
+def _headroom(study: RobotStudy) -> list[Html]:
     return [paragraph(judged(study.system)), heat_map(joint_factors(study), "joint"), state_table(study), *remedies(study)]
 
 
 def _loci_words() -> Html:
     return paragraph(
         "The eigenvalues λ of L(jω), all loops together, for ω > 0. Multiplying all gains by g multiplies every locus by g: the robot "
-        "vibrates where a locus passes through −1, so the limit is one over the distance at which it crosses the thin axis to the left of "
-        "0. A crossing on the thick line, beyond −1, comes with gains that are too high already."
+        "vibrates where a locus passes through −1, so the limit is one over the distance from 0 where it crosses the thin axis. "
+        "A crossing on the thick line, beyond −1, means that these gains are too high."
     )
 
 
@@ -94,12 +94,12 @@ def _tasks(study: RobotStudy, shown: Sequence[State]) -> list[Section]:
         return []
     factors = task_factors(study)
     if factors is None:
-        return [Section("Operational space", [paragraph("The tasks move nothing in any posture and contact state.")])]
+        return [Section("Operational space", [paragraph("The tasks act on no motion in any posture and contact state.")])]
     tightest = _tightest_tasks(study)
-    still = [state.title for state in study.states if not _task_moves(state)] if study.system.control.space == "joint" else []
-    parts = [paragraph(f"The tasks move nothing in {listed(still)}: nothing is told of them there.")] if still else []
+    immobile = [state.title for state in study.states if not _task_moves(state)] if study.system.control.space == "joint" else []
+    parts = [paragraph(f"The tasks act on no motion in {listed(immobile)}; these states have no task results.")] if immobile else []
     if study.system.control.space == "joint":
-        words = "The file's controller closes the joints; here its tasks are closed in their place, with their own gains."
+        words = "The file's controller closes the joints' loops; here its tasks are closed in their place, with their own gains."
         view = common_view(shown)
         drawings = [small(state, state.tasks.limit, view, 0) for state in tightest if state.tasks is not None]
         parts += [paragraph(words), beside(*drawings)]
@@ -111,12 +111,12 @@ def _tasks(study: RobotStudy, shown: Sequence[State]) -> list[Section]:
 
 
 def _tightest_tasks(study: RobotStudy) -> list[State]:
-    """Of each contact state the posture in which the tasks have the least room, at most MOST_PICTURES; none where nothing moves."""
+    """Of each contact state the posture in which the tasks have the least headroom, at most MOST_PICTURES; none where nothing moves."""
     found: dict[str, State] = {}
     for state in study.states:
-        if _task_moves(state) and (state.contact not in found or _task_room(state) < _task_room(found[state.contact])):
+        if _task_moves(state) and (state.contact not in found or _task_headroom(state) < _task_headroom(found[state.contact])):
             found[state.contact] = state
-    order = sorted(found.values(), key=_task_room)[:MOST_PICTURES]
+    order = sorted(found.values(), key=_task_headroom)[:MOST_PICTURES]
     return [state for state in found.values() if state in order]
 
 
@@ -124,27 +124,23 @@ def _task_moves(state: State) -> bool:
     return state.tasks is not None and state.tasks.moves
 
 
-def _task_room(state: State) -> tuple[bool, float]:
+def _task_headroom(state: State) -> tuple[bool, float]:
     return (True, math.inf) if state.tasks is None else by_headroom(state.tasks.limit)
 
 
 def _gains(study: RobotStudy) -> list[Html]:
     if not study.recommended:
-        return [paragraph("No gains are recommended: nothing is required, or none were looked for.")]
+        return [paragraph("No gains are recommended: nothing is required, or none were searched.")]
     parts = []
     for gains in study.recommended:
         words = "Joint space: gains per joint." if gains.space == "joint" else "Operational space: gains per task direction."
-        parts += [paragraph(words + " They keep the requirements with every loop closed."), *gain_tables(gains, study.system)]
+        parts += [paragraph(words + " They meet the requirements with every loop closed."), *gain_tables(gains, study.system)]
     return parts
 
 
 def _joints(study: RobotStudy) -> list[Html]:
     tight = study.tightest
-    words = (
-        f"{tight.title}. Load: 1/W_ii, what the joint moves with its neighbours free. Alone: the factor on its gains if it were the only "
-        "joint; others closed: with all others as they are. Share: in the vibration at the "
-        "limit, 1 for the joint that moves most."
-    )
+    words = f"{tight.title}."
     parts = [joint_table([tight], words)]
     if len(study.states) > 1:
         parts.append(folded("Joints in every posture and contact state", joint_table(study.states)))
@@ -160,23 +156,23 @@ def _lead(study: RobotStudy) -> Lead:
         more = f" and {count - 3} more" if 3 < count < states else ""
         return Lead(answer, "bad", f"UNSTABLE{where}{more}: do not run these gains", first)
     if study.unstable_at:
-        where = f"UNSTABLE within the stated ranges, in {study.unstable_at}: do not run these gains"
+        where = f"UNSTABLE within the uncertainty ranges, in {study.unstable_at}: do not run these gains"
         return Lead(answer, "bad", where, first)
     lost = [state.title for state in study.states if _task_moves(state) and state.tasks is not None and not state.tasks.limit.stable]
-    told = [f"the tasks' gains are UNSTABLE in {listed(lost)}"] if lost else []
+    problems = [f"the tasks' gains are UNSTABLE in {listed(lost)}"] if lost else []
     if study.unmet:
-        told.append(f"not as required: {', '.join(map(title_of, study.unmet))}")
-    if told:
-        return Lead(answer, "warn", f"Stable, but {'; '.join(told)}", first)
+        problems.append(f"requirements fail: {', '.join(map(title_of, study.unmet))}")
+    if problems:
+        return Lead(answer, "warn", f"Stable, but {'; '.join(problems)}", first)
     return Lead(answer, "good", "", first)
 
 
 def _cards(study: RobotStudy) -> list[Card]:
-    """Three to five numbers for the first glance, each the worst of all states."""
+    """Three to five numbers, each the worst of all states."""
     cards = _stable_cards(study) if study.stable else _unstable_cards(study)
     found = [state for state in study.states if _task_moves(state)]
     if found and study.system.control.space == "joint":
-        state = min(found, key=_task_room)
+        state = min(found, key=_task_headroom)
         assert state.tasks is not None
         limit = state.tasks.limit
         note = f"{hertz(limit.frequency)}, {state.title}" if math.isfinite(limit.frequency) else state.title
@@ -220,23 +216,23 @@ def _stable_cards(study: RobotStudy) -> list[Card]:
 
 
 def _words(study: RobotStudy) -> list[Html]:
-    """What the file left open, and the warnings that do not stand on top."""
+    """The assumptions, and the warnings that are not shown first."""
     assumed = [facts([("assumed", text) for text in study.system.assumptions])] if study.system.assumptions else []
     return [*assumed, *map(paragraph, warnings(study)[ON_TOP:])]
 
 
 def _in_range(study: RobotStudy) -> str:
-    return "stable" if study.stable_in_range else f"unstable in {study.unstable_at}" if study.unstable_at else "unstable as stated"
+    return "stable" if study.stable_in_range else f"unstable in {study.unstable_at}" if study.unstable_at else "unstable nominally"
 
 
 def _disk_words(study: RobotStudy) -> str:
-    """Where it opens the loops, and how it was proved."""
+    """The disk margin's definition and proof."""
     known = [state.margins.disk_certified for state in study.states if state.margins.disk_certified is not None]
     words = "every motor's torque is multiplied by a complex factor of its own (2 + δ)/(2 − δ); no factors with |δ| below the margin"
     if not known:
-        return f"{words} would lose the robot; an unstable robot has none"
+        return f"{words} would make the robot unstable; an unstable robot has none"
     count = "all" if all(known) else f"{sum(known)} of {len(known)}"
-    return f"{words} lose the robot: a bound with scalings, proved between frequencies, too, in {count} stable states"
+    return f"{words} make the robot unstable: a bound with scalings, proved between frequencies, too, in {count} stable states"
 
 
 def _certificate(study: RobotStudy) -> Html:
@@ -244,10 +240,13 @@ def _certificate(study: RobotStudy) -> Html:
     if study.immobile:
         pairs.append(("no verdict", f"{listed([one.title for one in study.immobile])}: {study.immobile[0].reason}, so no loop is closed"))
     pairs += [
-        ("others closed, largest gains", "each loop's own curve with the others closed, sampled until smooth; its crossings polished"),
+        (
+            "one loop at a time, largest gains",
+            "each loop's curve, other loops closed, sampled until smooth; crossings polished",
+        ),
         ("disk margin", _disk_words(study)),
-        ("phase and Ms of single loops", "searched between refined samples; what may be the least is polished"),
-        *([("stated ranges", f"{_in_range(study)}; looked at corners, between them not proved")] if study.system.uncertainty.names else []),
+        ("phase and Ms of single loops", "searched between refined samples; the candidates for the least are polished"),
+        *([("uncertainty ranges", f"{_in_range(study)}; corners only")] if study.system.uncertainty.names else []),
         ("recommended gains", "checked in every posture, contact state and corner of the uncertainty; between the corners not proved"),
     ]
     return facts(pairs)

@@ -20,7 +20,7 @@ from .columns import JOINT, TASK, Column, definitions, requirement, state_column
 from .number_format import digits, hertz, quantity
 from .page import Html, facts, paragraph, table
 from .page_parts import filters
-from .robot_text import held_back
+from .robot_text import limited_by
 from .robot_units import joint_units
 
 GRAVITY = {
@@ -176,7 +176,7 @@ def _margins_table(columns: Sequence[Named], system: System, gains: RobotGains) 
         if not one.moves:
             rows.append((name, *dashes, "nothing moves there: gains have no effect", "–"))
             continue
-        rows.append((name, *(_least(each, one.margins) for each in REQUIREMENTS.values()), held_back(one, gains.names), str(one.cases)))
+        rows.append((name, *(_least(each, one.margins) for each in REQUIREMENTS.values()), limited_by(one, gains.names), str(one.cases)))
     caption = (
         "The least of each margin over all loops, all together and one at a time with the other loops closed, in every case examined. "
         "Limited by: the requirement that fails, and where, if the softest joint or direction is made 5 % stiffer."

@@ -1,4 +1,4 @@
-"""What the terminal and the page of a robot both say of units and of what is required."""
+"""Units of a robot's joints, and what is required, as text for terminal and page."""
 
 from typing import Any
 
@@ -9,8 +9,8 @@ _UNITS = {"load": ("kg·m²", "kg"), "kp": ("N·m/rad", "N/m"), "kd": ("N·m·s/
 
 
 def joint_units(body: Any) -> dict[str, str]:
-    """The units of a RigidBody's joints by what they are of; under `prismatic` a sentence that names such joints among revolute ones."""
-    prismatic = [name for name, slides in zip(body.joint_names, body.prismatic.tolist(), strict=True) if slides]
+    """The units of a RigidBody's joints by quantity; under `prismatic` a sentence that names such joints among revolute ones."""
+    prismatic = [name for name, is_prismatic in zip(body.joint_names, body.prismatic.tolist(), strict=True) if is_prismatic]
     if len(prismatic) in (0, body.size):
         return {name: both[bool(prismatic)] for name, both in _UNITS.items()} | {"prismatic": ""}
     units = {name: f"{revolute}; prismatic {other}" for name, (revolute, other) in _UNITS.items()}
@@ -18,11 +18,11 @@ def joint_units(body: Any) -> dict[str, str]:
 
 
 def judged(system: Any) -> str:
-    """What a System requires, and of which gains."""
+    """The requirements of a System, and the gains that they apply to."""
     required = f"Required: {system.requirements}"
     if system.control.space == "task":
-        return f"{required}; of all tasks closed together, and of gains to use."
-    text = f"{required}; of the joints' gains closed together, and of gains to use."
+        return f"{required}; of all tasks closed together, and of recommended gains."
+    text = f"{required}; of the joints' gains closed together, and of recommended gains."
     if not system.source.stack:
         return text
-    return f"{text} The tasks' own gains, closed in the joints' place, are judged by stability alone: a limit above 1."
+    return f"{text} The tasks' own gains, closed in the joints' place, are required to be stable only."

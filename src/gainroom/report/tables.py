@@ -1,4 +1,4 @@
-"""The tables of a joint's page, and its inputs in words."""
+"""The tables of a joint's page, and its inputs as text."""
 
 import math
 
@@ -21,7 +21,7 @@ def margin_table(study: JointStudy) -> Html:
     if recommended is not None:
         shown = [("recommended", recommended.nominal)]
         if study.system.uncertainty.names:
-            shown = [("recommended (worst case)", recommended.worst), ("recommended (as stated)", recommended.nominal)]
+            shown = [("recommended (worst case)", recommended.worst), ("recommended (nominal)", recommended.nominal)]
         for name, margins in shown:
             names.append(name)
             found.append(margins)
@@ -38,10 +38,10 @@ def margin_table(study: JointStudy) -> Html:
     ]
     caption = (
         "The 10 Hz rule is kp = J ω², kd = 2 ζ J ω with ω = 2π·10 rad/s, ζ = 2 and J the motor inertia. "
-        "Margins of an unstable loop mean nothing."
+        "Margins of an unstable loop are meaningless."
     )
     if recommended is not None and study.system.uncertainty.names:
-        caption += " Worst case: every margin where it is smallest over the cases looked at, so a column may hold several of them."
+        caption += " Worst case: the least of each margin over the cases examined, which may differ from margin to margin."
     return table(["", *names], rows, caption, MARKS, sorts=False)
 
 
@@ -68,9 +68,7 @@ def crossing_table(found: Margins) -> Html:
         )
         rows.append((c.omega, ("gain", *cells)))
     headers = ["crossing", "ω [rad/s]", "f [Hz]", "gain to −1", "phase to −1", "extra delay to −1"]
-    caption = (
-        "Phase crossings: L is real and negative. Gain crossings: |L| = 1. The last columns tell what it would take there to reach −1."
-    )
+    caption = "Phase crossings: L is real and negative. Gain crossings: |L| = 1. The last columns: the change that moves L to −1 there."
     return table(headers, [row for _, row in sorted(rows)], caption)
 
 
@@ -86,11 +84,11 @@ def case_table(shown: list[Case]) -> Html:
         )
         for case in shown
     ]
-    return table(["case", "gain margin", "would vibrate at", "phase margin", "delay margin"], rows, "", MARKS)
+    return table(["case", "gain margin", "vibration at", "phase margin", "delay margin"], rows, "", MARKS)
 
 
 def inputs(study: JointStudy) -> Html:
-    """The joint, the drive, the controller and what is required, as the page has used them."""
+    """The joint, the drive, the controller and what is required, as used on the page."""
     system = study.system
     joint, drive = system.source, system.drives[0]
     pairs = [
@@ -139,5 +137,5 @@ def _time(system: System) -> str:
 
 
 def _uncertainty(system: System) -> str:
-    told = ", ".join(quantity(name, *getattr(system.uncertainty, name)) for name in system.uncertainty.names)
-    return told or "none stated: every value is taken as exact"
+    text = ", ".join(quantity(name, *getattr(system.uncertainty, name)) for name in system.uncertainty.names)
+    return text or "none given: every value is taken as exact"

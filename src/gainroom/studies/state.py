@@ -30,7 +30,7 @@ STRONG = 0.5
 ANYWHERE = np.array([0.7, 1.3, 2.1])
 """Frequencies [rad/s] at one of which a loop that acts on any motion is not 0."""
 HELD = "no joint that has gains can move"
-IDLE = "the tasks move nothing"
+IDLE = "the tasks act on no motion"
 Progress = Callable[[int, int, str], None]
 """Called with (states done, states in all, the next one's name)."""
 
