@@ -84,9 +84,9 @@ def test_thousands_of_crossings_are_not_counted_one_by_one(monkeypatch):
     """g e^{−s}/s, with a root that crosses at every g = π/2 + 2πk: from g = 10 000 the way back is still π/2, found in a few counts."""
     counts = []
 
-    def counted(loop):
+    def counted(loop, *scan):
         counts.append(loop)
-        return unstable_roots(loop)
+        return unstable_roots(loop, *scan)
 
     monkeypatch.setattr(limits, "unstable_roots", counted)
     limit = gr.gain_limit(gr.loop_from(scipy.signal.TransferFunction([1e4], [1.0, 0.0]), delay=1.0))
