@@ -129,7 +129,7 @@ def test_page_carries_answer_then_reason_in_order(page, biped):
         "Gain headroom",
         "characteristic loci",
         "Cost of coupling",
-        "Gains to use",
+        "Recommended gains",
         "Joints",
         "Inputs and assumptions",
         "Certification",
@@ -336,7 +336,7 @@ def test_recommended_gains_in_both_units(small_arm):
     joint, task = small_arm.recommended
     state = small_arm.states[0]
     load = state.model.motor_inertia + 1 / np.diagonal(np.linalg.inv(state.model.body.mass_matrix(state.model.q)))
-    tables = re.findall(r"<table.*?</table>", own[own.index("Gains to use") : own.index("Operational space</h2>")], re.S)
+    tables = re.findall(r"<table.*?</table>", own[own.index("Recommended gains</h2>") : own.index("Operational space</h2>")], re.S)
     plain, normalised, kept, tasks, _ = (re.findall(r"<td[^>]*>(.*?)</td>", table) for table in tables)
     best = joint.everywhere
     assert best is not None
@@ -433,7 +433,7 @@ def test_required_and_of_which_gains(page, unstable_page, small_arm):
     with_tasks = robot_page(small_arm, COMMAND)
     for html, words in (
         (page, "of the joints' gains closed together"),
-        (with_tasks, "The tasks' own gains, closed in the joints' place, are judged by stability alone"),
+        (with_tasks, "The tasks' own gains, closed in the joints' place, are required to be stable only"),
         (unstable_page, "of all tasks closed together"),
     ):
         text = " ".join(unescape(without_library(html)).split())

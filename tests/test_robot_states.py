@@ -89,7 +89,7 @@ def without(folder: Path) -> RobotStudy:
 
 def test_a_state_in_which_nothing_moves_is_apart(leg: RobotStudy, without: RobotStudy):
     (state,), (alone,), (still,) = leg.states, without.states, leg.immobile
-    assert (still.title, still.reason) == ("bent, flight", "the tasks move nothing")
+    assert (still.title, still.reason) == ("bent, flight", "the tasks act on no motion")
     assert (state.limit.gain, state.limit.frequency, state.margins.disk_margin) == (
         alone.limit.gain,
         alone.limit.frequency,
@@ -98,7 +98,7 @@ def test_a_state_in_which_nothing_moves_is_apart(leg: RobotStudy, without: Robot
     assert state.joints == alone.joints
     assert leg.stable == without.stable
     assert not without.immobile
-    assert sentence(leg).endswith("In bent, flight the tasks move nothing.")
+    assert sentence(leg).endswith("In bent, flight the tasks act on no motion.")
     (warning,) = [text for text in warnings(leg) if "bent, flight" in text]
     for word in ("no verdict and no limit", "posture task"):
         assert word in warning
@@ -166,7 +166,7 @@ def test_terminal_and_page_say_it_in_words(folder: Path, tmp_path: Path, capsys:
     ):
         assert text in words
     page = report.read_text("utf-8")
-    for text in ("<td>bent, flight</td><td>–</td>", "nothing moves there: gains do nothing", "no loop is closed"):
+    for text in ("<td>bent, flight</td><td>–</td>", "nothing moves there: gains have no effect", "no loop is closed"):
         assert text in page
 
 
@@ -175,7 +175,7 @@ def test_joint_control_with_idle_tasks(folder: Path):
     study = studied(folder, LEG.replace(LEG.splitlines()[5], JOINTS))
     assert not study.immobile
     assert [state.tasks is not None and state.tasks.moves for state in study.states] == [False, True]
-    assert "The tasks move nothing in bent, flight" in robot_page(study, "again")
+    assert "The tasks act on no motion in bent, flight" in robot_page(study, "again")
 
 
 def test_contacts_that_hold_every_joint(folder: Path):
@@ -190,7 +190,7 @@ def test_contacts_that_hold_every_joint(folder: Path):
 
 def test_nothing_moves_anywhere(folder: Path):
     text = LEG.replace("flight: [], stand: [foot]", "flight: []")
-    assert_refused(lambda: studied(folder, text), ["f: the tasks move nothing in any posture and contact state"])
+    assert_refused(lambda: studied(folder, text), ["f: the tasks act on no motion in any posture and contact state"])
 
 
 def test_a_direction_without_gains_has_no_limit(folder: Path):
@@ -312,7 +312,7 @@ def test_what_is_not_known_is_said(folder: Path, monkeypatch: pytest.MonkeyPatch
         assert state.limit.stable == (word == "Stable") == (text == alone)
         assert math.isnan(state.limit.gain)
         assert sentence(study).startswith(word)
-        assert sentence(study).endswith("In bent, stand only the verdict is known, not how far the gains may go.")
+        assert sentence(study).endswith("In bent, stand only the verdict is known, not the gain limit.")
         assert any("counted from the roots" in warning for warning in warnings(study))
         page = robot_page(study, "again")
         assert not re.search(r">nan\b|\bnan<|>∞ ×", page[page.index("<body") :])
@@ -439,7 +439,7 @@ def test_audit_without_a_limit_is_not_safe(folder: Path, monkeypatch: pytest.Mon
     result = audited(folder)
     assert result.tightest.limit.stable
     assert not result.safe
-    assert "how far these gains may go in free is not known" in audit_sentence(result)
+    assert "the gain limit in free is not known" in audit_sentence(result)
 
 
 @pytest.mark.parametrize("resonance", [300.0, 600.0, 900.0, 1500.0, 2000.0, 3000.0])

@@ -1,4 +1,4 @@
-"""The stiffest PD gains that keep the required margins for every joint within the stated uncertainty.
+"""The stiffest PD gains that keep the required margins for every joint within the uncertainty.
 
 The allowed kd on each line kp = const are exact for one joint (gain_region.py). For an uncertain joint they are intersected over a few
 *active* cases, with a little in reserve. The answer is then screened on a population (every corner of the uncertainty, its centre, a
@@ -49,7 +49,7 @@ class Recommendation:
     controller    with these gains, the given filters and integral ratio
     margins       in the worst of the cases looked at; `worst_case` says where that is
     worst         every margin in the case looked at where that margin is smallest: they may come from different cases
-    nominal       margins at the stated values
+    nominal       margins at the nominal values
     binding       the requirement without which kp could go highest; where dropping any one alone gains nothing, the tightest
     costs         largest kp if one requirement were dropped (by its name), or if nothing were uncertain ("uncertainty") [N m/rad]
     certificate   what has been checked, in words
@@ -196,7 +196,7 @@ class _Search:
 
     def certificate(self) -> str:
         if not self.uncertainty.names:
-            return "exact for the stated joint: every crossing and peak certified between the frequencies evaluated"
+            return "exact for the nominal joint: every crossing and peak certified between the frequencies evaluated"
         assert self.proof is not None
         looked = f"{len(self.checked)} joints within it (corners, centre, a filling, and a search from the worst)"
         if self.proof.holds:

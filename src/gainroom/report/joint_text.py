@@ -43,22 +43,26 @@ def _nominal(study: JointStudy) -> str:
     return "Unstable. No lower gains in the same ratio are stable."
 
 
-COUNTS = ("no requirement fails", "one requirement fails", "two requirements fail", "three requirements fail")
+COUNTS = ("no", "one", "two", "three")
 
 
 def failing(study: Analysis) -> str:
     """The unmet requirements of a stable system: ", but one requirement fails: phase margin 26.1° (≥ 30°)"; empty where there is none."""
-    parts = []
+    parts, unknown = [], 0
     for name, state in study.unmet.items():
         one, needed = REQUIREMENTS[name], study.system.requirements.needed[name]
         value = study.least(state, name)
+        unknown += math.isnan(value)
         shown = one.text(value, 3 if math.isnan(value) else apart(one.in_unit(value), one.in_unit(needed), 3))
         title = one.heading if one.named(state.margins) == one.title else one.named(state.margins)
         where = f" in {state.title}" if len(study.states) > 1 else ""
         parts.append(f"{title} {shown}{where} ({one.sign} {one.text(needed)})")
     if not parts:
         return ""
-    count = COUNTS[len(parts)] if len(parts) < len(COUNTS) else f"{len(parts)} requirements fail"
+    count = COUNTS[len(parts)] if len(parts) < len(COUNTS) else str(len(parts))
+    count += " requirements" if len(parts) > 1 else " requirement"
+    count += " cannot be judged" if unknown else " fail" if len(parts) > 1 else " fails"
+    count += "" if unknown in (0, len(parts)) else ", or fail"
     worst = " in the worst case" if study.system.uncertainty.names and len(study.states) == 1 else ""
     return f", but {count}{worst}: {', '.join(parts)}"
 

@@ -18,7 +18,7 @@ Interval = tuple[Any, Any]
 Place = tuple[float, ...]
 """Where in the uncertainty: one number in [0, 1] per uncertain quantity."""
 NOMINAL: Place = ()
-"""The place of the stated values."""
+"""The place of the nominal values."""
 
 
 @dataclass(frozen=True)
