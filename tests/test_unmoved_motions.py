@@ -97,14 +97,14 @@ def test_one_joint_that_drifts_is_told_so(controller, drifts, monkeypatch: pytes
         assert main(["joint", "testbed", *(["--json"] if as_json else [])]) == 0
         out = capsys.readouterr().out
         told = " ".join(json.loads(out)["warnings"]) if as_json else " ".join(out.split())
-        assert ("nothing holds the joint's position; it drifts" in told) is drifts
+        assert ("no torque holds the joint's position, so it drifts" in told) is drifts
 
 
 @pytest.mark.parametrize("last", [0.0, 1.0])
 def test_a_compensator_that_passes_no_standing_error_drifts(last):
     spec = config.parse_joint(joint_examples()["testbed"], "testbed")
     warnings = joint_text.warnings(gr.study_joint(spec.with_controller(gr.Compensator(ratio([10.0, last], [1e-3, 1.0])))))
-    assert any("against a standing error: nothing holds the joint's position" in warning for warning in warnings) is (last == 0)
+    assert any("against a constant error: no torque holds the joint's position" in warning for warning in warnings) is (last == 0)
 
 
 def test_a_file_may_not_leave_kp_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
