@@ -27,7 +27,7 @@ from gainroom.studies.robot import RobotStudy, study_robot
 from gainroom.studies.state import limiting_joints, state_of
 from gainroom.system.requirements import REQUIREMENTS
 from refusals import assert_refused
-from robot_files import changed
+from robot_files import changed, write_arm
 from robot_truths import hinge, link, write_robot
 
 LEG = """\
@@ -454,3 +454,14 @@ def test_lag_decides_about_an_undamped_spring_under_link_side_feedback(resonance
     residue = stiffness * (kp + kd * s) * np.exp(-s * delay) / (motor * load * s**2 * 2 * s)
     assert gr.is_stable(loop) == (residue.real > 0)
     assert delay or residue.real < 0
+
+
+def test_requirements_within_ranges_are_not_called_met(tmp_path: Path):
+    """Of a robot with an uncertainty margins are known at the nominal values alone: met there is not met everywhere."""
+    text = write_arm(tmp_path).read_text("utf-8")
+    soft = re.sub(r"kp: [^,}]+", "kp: 20", re.sub(r"kd: [^,}]+", "kd: 8", text))
+    exact = study_robot(parse_robot(soft, "arm", tmp_path), recommend=False)
+    uncertain = study_robot(parse_robot(soft + "uncertainty: {delay_ms: [1.9, 2.1]}\n", "arm", tmp_path), recommend=False)
+    assert exact.requirements_met is True
+    assert uncertain.requirements_met is None
+    assert replace(uncertain, unstable_at="a corner").requirements_met is False

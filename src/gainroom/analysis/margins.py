@@ -196,7 +196,7 @@ def _gain_crossing(omega: float, phase: float) -> GainCrossing:
 
 def to_db(factor: float) -> float:
     """A gain factor in decibels."""
-    return 20 * math.log10(factor) if factor > 0 else -math.inf
+    return 20 * math.log10(factor) if factor > 0 else math.nan if math.isnan(factor) else -math.inf
 
 
 def from_db(decibels: float) -> float:

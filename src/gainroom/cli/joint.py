@@ -114,10 +114,11 @@ def _terminal(study: "JointStudy", report: Path | None) -> str:
     from ..report.joint_text import sentence, warnings
 
     model, bounded = model_in_words(study.system.control.sample_time), [column.title for column in bounded_columns()]
+    ranges = "; met: at the worst of the ranges" if study.system.uncertainty.names else ""
     parts: list[Any] = [
         sentence(study),
         "",
-        table(f"Margins ({model})", ("", "value", "at", "required", "met"), _margin_rows(study)),
+        table(f"Margins ({model}{ranges})", ("", "value", "at", "required", "met"), _margin_rows(study)),
         table("Gains", ("", *plane_names(study.system.control.controller), *bounded), _gain_rows(study)),
     ]
     if study.recommended is not None:
@@ -159,7 +160,7 @@ def _margin_rows(study: "JointStudy") -> list[tuple[str, ...]]:
     if study.system.uncertainty.names:
         text = "NO" if not study.stable_in_range else "yes" if study.range_proved else "not proved"
         rows.append(("stable in the uncertainty ranges", text, "", "yes", "" if text == "not proved" else yes(study.stable_in_range)))
-    return [*rows, *judged_rows(study.margins, study.system.requirements)]
+    return [*rows, *judged_rows(study.margins, study.in_range.margins, study.system.requirements)]
 
 
 def _gain_rows(study: "JointStudy") -> list[tuple[str, ...]]:

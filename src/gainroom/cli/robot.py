@@ -66,7 +66,7 @@ def _facts(study: "RobotStudy") -> dict[str, Any]:
         "stable_in_range": study.stable_in_range,
         "unstable_at": study.unstable_at or None,
         "sentence": sentence(study),
-        "requirements_met": study.stable and not study.unmet,
+        "requirements_met": study.requirements_met,
         "unmet": list(study.unmet),
         "model": model_kind(sample_time),
         "sample_rate_hz": None if sample_time is None else 1 / sample_time,
@@ -81,7 +81,7 @@ def _gains_facts(gains: "RobotGains") -> dict[str, Any]:
     """Recommended gains of one space: those that are safe everywhere, and by contact state."""
     from ..report.columns import margin_facts
 
-    sets = {"everywhere": gains.everywhere, **gains.per_contact}
+    sets = [("everywhere", gains.everywhere), *gains.per_contact.items()]  # a contact state may have that name, too
     return {
         "space": gains.space,
         "names": list(gains.names),
@@ -103,7 +103,7 @@ def _gains_facts(gains: "RobotGains") -> dict[str, Any]:
                 "topples": list(found.topples),
                 **margin_facts(found.margins),
             }
-            for name, found in sets.items()
+            for name, found in sets
             if found is not None
         ],
         "cost": gains.cost,

@@ -130,16 +130,16 @@ def requirement(asked: Requirements, name: str, significant: int = 4) -> str:
     return "" if needed is None else f"{one.sign} {digits(one.in_unit(needed), one.unit, significant)}"
 
 
-def judged_rows(margins: Margins, required: Requirements) -> list[tuple[str, ...]]:
-    """Every margin of one loop: name, value, frequency, what is required, and whether it is met."""
+def judged_rows(margins: Margins, worst: Margins, required: Requirements) -> list[tuple[str, ...]]:
+    """Every margin of one loop: name, value, frequency, what is required, and whether it is met at the `worst` of the uncertainty."""
     rows = []
     for column in margin_columns():
         if column.title:
             name = column.requirement
-            met = required.met(name, REQUIREMENTS[name].value(margins)) if name else None
+            met = required.met(name, REQUIREMENTS[name].value(worst)) if name else None
             text = margin_value(required, name, getattr(margins, name), met) if name else column.text(margins)
             at = "" if column.at is None else frequency(column.at(margins))
-            verdict = "" if met is None else yes(margins.stable and met)
+            verdict = "" if met is None else yes(worst.stable and met)
             rows.append((column.title, text, at, requirement(required, name) if name else "", verdict))
     return rows
 

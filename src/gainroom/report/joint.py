@@ -51,7 +51,8 @@ def _lead(study: JointStudy) -> Lead:
 def _cards(study: JointStudy) -> list[Card]:
     """Three to five numbers."""
     found, asked = study.margins, study.system.requirements
-    cards = [_margin_card(column, found, asked) for column in bounded_columns()]
+    worst = study.in_range.margins if study.system.uncertainty.names else None
+    cards = [_margin_card(column, found, worst, asked) for column in bounded_columns()]
     if not found.stable:
         cards[0] = unstable_card(asked, study.limit, f"; vibration there {_at(study.limit.frequency)}", "it")
     if "delay_margin" not in REQUIREMENTS:
@@ -64,10 +65,14 @@ def _cards(study: JointStudy) -> list[Card]:
     return cards
 
 
-def _margin_card(column: Column, found: Margins, asked: Requirements) -> Card:
+def _margin_card(column: Column, found: Margins, worst: Margins | None, asked: Requirements) -> Card:
+    """The nominal margin, judged at the worst of the uncertainty where there is one (`worst`)."""
     one = REQUIREMENTS[column.requirement]
-    at = "" if column.at is None else _at(column.at(found))
-    return margin_card(asked, one.name, getattr(found, one.name, one.value(found)), at, one.value(found))
+    note = "" if column.at is None else _at(column.at(found))
+    if worst is not None:
+        within = f"worst in the ranges: {one.text(one.value(worst))}" if worst.stable else "unstable in the ranges"
+        note = f"{note}; {within}" if note else within
+    return margin_card(asked, one.name, getattr(found, one.name, one.value(found)), note, one.value(worst or found))
 
 
 def _at(omega: float) -> str:

@@ -14,8 +14,8 @@ from ..system.system import System
 
 NOT_EVERYWHERE = "Stable nominally, but not everywhere in the uncertainty ranges"
 CONTINUOUS = (
-    "continuous model: a real controller's hold and velocity difference cost about one more tick of delay; "
-    "set control.sample_rate_hz for the sampled answer"
+    "continuous model: a real controller's hold and velocity difference cost about one more tick of delay, unless the delay contains "
+    "them; set control.sample_rate_hz for the sampled answer"
 )
 """A warning, for a joint and for a robot."""
 
@@ -35,7 +35,10 @@ def _nominal(study: JointStudy) -> str:
         text = f"Stable{'' if study.unstable_at else failing(study)}."
         if math.isinf(limit.gain):
             return f"{text} No common factor on these gains makes the modelled joint vibrate."
-        text += f" Vibration starts at {limit.gain:.3g} × these gains ({to_db(limit.gain):.3g} dB), at {at}."
+        starts = (
+            "At the nominal values, vibration starts" if study.system.uncertainty.names and not study.unstable_at else "Vibration starts"
+        )
+        text += f" {starts} at {limit.gain:.3g} × these gains ({to_db(limit.gain):.3g} dB), at {at}."
         return text + _cause(limit.gain, study.without)
     if limit.gain > 0 and math.isfinite(limit.gain):
         text = f"Unstable. Scaled together, these gains are stable only below {limit.gain:.3g} ×; vibration starts there at {at}."

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from ..errors import listed
 from ..studies.robot import RobotStudy
-from ..studies.state import State, by_headroom
+from ..studies.state import State, by_headroom, unknown_first
 from ..system.requirements import REQUIREMENTS, Requirement, title_of
 from .number_format import digits, hertz, model_kind
 from .page import Card, Html, Lead, Section, beside, block, facts, page, paragraph
@@ -178,7 +178,7 @@ def _cards(study: RobotStudy) -> list[Card]:
         note = f"{hertz(limit.frequency)}, {state.title}" if math.isfinite(limit.frequency) else state.title
         cards.append(Card("tasks' gains, at most", digits(limit.gain, "", 3), "×", "stable: ≥ 1", limit.stable, note))
     elif study.stable:
-        state = min(study.states, key=lambda state: state.margins.disk_margin)
+        state = min(study.states, key=lambda state: unknown_first(state.margins.disk_margin))
         proved = "" if state.margins.disk_certified else ", not certified"
         cards.append(Card("disk margin", digits(state.margins.disk_margin, "", 3), note=f"all motors at once, {state.title}{proved}"))
     return cards
@@ -196,7 +196,7 @@ def _unstable_cards(study: RobotStudy) -> list[Card]:
 
 
 def _stable_cards(study: RobotStudy) -> list[Card]:
-    asked, late = study.system.requirements, min(study.states, key=lambda state: state.margins.delay_margin)
+    asked, late = study.system.requirements, min(study.states, key=lambda state: unknown_first(state.margins.delay_margin))
 
     def at(omega: float) -> str:
         return f"{hertz(omega)}, " if math.isfinite(omega) else ""

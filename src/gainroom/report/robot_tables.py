@@ -158,7 +158,7 @@ def _gain_caption(gains: RobotGains) -> str:
         return "The one safe set costs nothing: no contact state by itself allows higher gains."
     costs = ", ".join(f"{digits(cost, '', 3)} ({contact})" for contact, cost in known.items())
     return (
-        f"The cost of one safe set: gains chosen for each contact state by itself may have a kp larger by a factor of {costs}. "
+        f"The cost of one safe set: gains for one contact state alone may be stiffer, by a factor of {costs} in the sum of compliances. "
         f"Switching gains with the contacts pays most in {name}."
     )
 

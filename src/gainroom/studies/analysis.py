@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from ..errors import GainroomError
 from ..system.requirements import REQUIREMENTS
 from ..system.system import System
-from .state import Progress, State, by_headroom, state_of
+from .state import Progress, State, by_headroom, state_of, unknown_first
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class Analysis:
 
         def left(state: State, name: str) -> float:
             value = self.least(state, name) * (-1 if REQUIREMENTS[name].at_most else 1)
-            return -math.inf if math.isnan(value) else float(f"{value:.9g}")
+            return float(f"{unknown_first(value):.9g}")
 
         return {name: min(self.states, key=lambda state, name=name: left(state, name)) for name in REQUIREMENTS}
 
@@ -78,7 +78,7 @@ class Analysis:
 
     @property
     def requirements_met(self) -> bool | None:
-        """Stable, and every requirement met in every state; None where that is not known."""
+        """Stable, and every requirement met in every state; None where that is not known over the uncertainty."""
         return self.stable and not self.unmet
 
 

@@ -209,6 +209,11 @@ class JointStudy(Analysis):
         return REQUIREMENTS[name].value(self.in_range.margins)
 
     @property
+    def unmet(self) -> dict[str, State]:
+        """At the worst of the uncertainty; empty for a joint that is unstable there."""
+        return super().unmet if self.stable_in_range else {}
+
+    @property
     def requirements_met(self) -> bool | None:
         """See InRange."""
         return self.in_range.met

@@ -32,6 +32,12 @@ class RobotStudy(Analysis):
         return self.stable and not self.unstable_at
 
     @property
+    def requirements_met(self) -> bool | None:
+        """At the nominal values; None where they are met there and something is uncertain: margins within the ranges are not computed."""
+        met = bool(super().requirements_met) and self.stable_in_range
+        return None if met and self.system.uncertainty.names else met
+
+    @property
     def unstable_tasks(self) -> list[State]:
         """The states in which the tasks' own gains, which the file does not close, are unstable."""
         if self.system.control.space == "task":

@@ -301,6 +301,11 @@ def _own(gain: Floats, size: int) -> Floats:
     return own if np.ndim(gain) < 2 else np.where(np.abs(own) > IMMOBILE * np.abs(matrix).max(), own, 0.0)
 
 
+def unknown_first(margin: float) -> float:
+    """Sorts margins: one that is not known (NaN) comes before the least."""
+    return -math.inf if math.isnan(margin) else margin
+
+
 def by_headroom(limit: GainLimit) -> tuple[bool, float]:
     """Sorts limits: unstable ones first, then the one with the least headroom. One that is not known (NaN) counts as far away."""
     return limit.stable, math.inf if math.isnan(limit.gain) else limit.gain

@@ -34,7 +34,7 @@ Terms = dict[tuple[int, int], Floats]
 
 @dataclass(frozen=True)
 class Controller:
-    """A sum of terms with filters; a subclass names its gains and says which terms they make. No other module distinguishes controllers.
+    """A sum of terms with filters; a subclass names its gains and says which terms they make. Analysis and design ask no more of it.
 
     kind             its name in reports
     has_plane        its gains can move in a kp–kd plane (plane, plane_gains, from_plane)
