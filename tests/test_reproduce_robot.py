@@ -49,7 +49,7 @@ def row_of(rows, key: str) -> Row:
 
 
 def test_postures_of_the_motion_are_what_they_are_said_to_be():
-    body = biped().robot.body
+    body = biped().source.body
     for pitch in (table1.LEAN.pitch, 0.0):
         postures = table1.motion(pitch)
         assert len(postures) == table1.STEPS
@@ -121,7 +121,7 @@ def test_table1_without_rotors_and_with_the_pelvis_from_equations_solved_whole()
 
 
 def test_the_largest_gains_do_not_hide_between_the_samples():
-    body = biped().robot.body
+    body = biped().source.body
     largest, near = np.zeros(12), None
     for share in np.linspace(0, 1, 41):
         near = on_both_feet(body, START + share * MOVE, table1.LEAN.pitch, near)
@@ -149,7 +149,7 @@ def test_the_tolerance_is_no_wider_than_what_is_left_open():
         assert table1.unsettled(account) > table1.TOLERANCE - 0.01
     lower = table1.motion(table1.LEAN.pitch, 0.005)
     for q, other in zip(lower, table1.motion(table1.LEAN.pitch), strict=True):
-        assert_allclose(biped().robot.body.com(other) - biped().robot.body.com(q), (0, 0, 0.005), atol=1e-9)
+        assert_allclose(biped().source.body.com(other) - biped().source.body.com(q), (0, 0, 0.005), atol=1e-9)
 
 
 def test_the_inferred_pelvis_gains_are_the_best_fit():
@@ -208,7 +208,7 @@ def carried(q, axis_point, links):
     """Inertia [kg m²] about the y and the x axis through a point of the links on these joints (0: the pelvis), moving as one."""
     import pinocchio as pin
 
-    body = biped().robot.body
+    body = biped().source.body
     data = body.model.createData()
     pin.forwardKinematics(body.model, data, q)
     total = np.zeros(2)
@@ -222,7 +222,7 @@ def carried(q, axis_point, links):
 
 
 def test_claim3_loads_of_the_ankles_summed_link_by_link():
-    body, q = biped().robot.body, standing("double").q
+    body, q = biped().source.body, standing("double").q
     names = list(body.model.names)
     everything = range(1, len(names))
     left_foot, right_foot = names.index("left_ankle_roll"), names.index("right_ankle_roll")
@@ -243,7 +243,7 @@ def test_claim3_loads_of_the_ankles_summed_link_by_link():
 
 def test_claim3_sideways_sway_is_a_parallelogram():
     """Pelvis, trunk and hip yaw links shift without turning; both legs turn about their ankles."""
-    body, q = biped().robot.body, standing("double").q
+    body, q = biped().source.body, standing("double").q
     names = list(body.model.names)
     energy = 0.0
     for side in ("left", "right"):

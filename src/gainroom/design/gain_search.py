@@ -18,7 +18,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import nnls
 
 from ..analysis.margin_record import Margins
 from ..errors import GainroomError
@@ -250,6 +249,8 @@ def _quadratic_programme(
 
     Brought to a least distance, which non-negative least squares finds (Lawson and Hanson 1974, chapter 23): min |y| with G y ≥ h.
     """
+    from scipy.optimize import nnls  # `gainroom joint` comes by here and does not need it
+
     size = len(bend)
     root = np.sqrt(np.append(bend, 1.0))
     centre = -np.append(pull, penalty) / root**2  # without limits

@@ -11,7 +11,7 @@ import numpy as np
 from ..analysis.gain_limit import gain_limit
 from ..analysis.loci import Sweep
 from ..analysis.margin_record import GainLimit, Margins
-from ..analysis.margins import joint_margins
+from ..analysis.margins import joint_margins, margins
 from ..analysis.partial_limits import part_limits
 from ..analysis.stability import has_growing_root, unstable_roots
 from ..design.robot_gains import IMMOBILE, joints_that_move
@@ -173,17 +173,18 @@ class State:
         terms = self.controller.terms()
         kp, kd = (_own(terms.get(powers, np.zeros(())), size) for powers in ((0, 0), (1, 0)))
         nothing = np.full(size, math.nan)
+        one_loop = margins.one_loop if size > 1 or not margins.stable else joint_margins(self.loop).one_loop
         with np.errstate(divide="ignore"):
             load = 1 / np.diagonal(_at_least_zero(model.link_inverse_inertia, model.link_inverse_inertia))
         columns = {
             "link_inertia": load,
             "participation": np.abs(margins.limit.mode) if math.isfinite(margins.limit.frequency) else nothing,
             "single_joint_limit": self.single_joint_limits,
-            "limit_others_closed": margins.one_loop.gain_margin,
+            "limit_others_closed": one_loop.gain_margin,
             "kp": kp,
             "kd": kd,
-            "kp_max": nothing if margins.one_loop.largest_kp is None else margins.one_loop.largest_kp,
-            "kd_max": nothing if margins.one_loop.largest_kd is None else margins.one_loop.largest_kd,
+            "kp_max": nothing if one_loop.largest_kp is None else one_loop.largest_kp,
+            "kd_max": nothing if one_loop.largest_kd is None else one_loop.largest_kd,
         }
         return tuple(JointRow(name, **{key: float(one[k]) for key, one in columns.items()}) for k, name in enumerate(model.joint_names))
 
@@ -237,9 +238,9 @@ def moves(loop: Loop) -> bool:
 
 
 def margins_of(loop: Loop) -> Margins:
-    """joint_margins; where the loci cannot be followed, the verdict alone, with NaN for all else."""
+    """joint_margins (of one joint without its largest gains, the phase margin signed); the verdict alone where loci cannot be followed."""
     try:
-        return joint_margins(loop)
+        return joint_margins(loop) if loop.size > 1 else replace(margins(loop), limit=gain_limit(loop))
     except GainroomError as error:
         return Margins.unknown(_verdict(loop, error))
 
