@@ -45,8 +45,8 @@ def test_scan_and_loci_agree(seed: int, sampled: bool):
     same(loci.gain_crossover, scan.gain_crossover)
     for one in (loci, quick):
         same(one.least_phase_margin, abs(scan.phase_margin))
-        if scan.gain_room < FOLLOWED:
-            same(one.least_gain_margin, scan.gain_room)
+        if scan.gain_headroom < FOLLOWED:
+            same(one.least_gain_margin, scan.gain_headroom)
     same(loci.disk_margin, scan.disk_margin)
     same(quick.peak_sensitivity, loci.peak_sensitivity)
     same(loci.peak_sensitivity, scan.peak_sensitivity, 1e-7)  # flat at its top, which the loci reach by parabolas

@@ -129,7 +129,7 @@ def test_nothing_false_is_proved(name, sample_time):
     found = recommend_pd(*TESTBED, asked, RANGES, sample_time=sample_time)
     assert found is not None
     assert found.proved
-    worst = {"gain_margin": found.worst.gain_room, "phase_margin": abs(found.worst.phase_margin),
+    worst = {"gain_margin": found.worst.gain_headroom, "phase_margin": abs(found.worst.phase_margin),
              "peak_sensitivity": found.worst.peak_sensitivity}[name]  # fmt: skip
     more = Requirements(**{name: worst * (0.99 if name == "peak_sensitivity" else 1.01)})
     proof = prove(*TESTBED, RANGES, found.controller, more, sample_time=sample_time, most=20_000)

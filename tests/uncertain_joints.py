@@ -58,7 +58,7 @@ class Uncertain:
             return dict.fromkeys(asked.asked, -inf)
         slacks = {}
         if asked.gain_margin is not None:
-            slacks["gain_margin"] = found.gain_room / asked.gain_margin - 1
+            slacks["gain_margin"] = found.gain_headroom / asked.gain_margin - 1
         if asked.phase_margin is not None:
             slacks["phase_margin"] = abs(found.phase_margin) / asked.phase_margin - 1
         if asked.peak_sensitivity is not None:

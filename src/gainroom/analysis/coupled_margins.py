@@ -1,4 +1,4 @@
-"""Margins of several coupled loops: of all together, and of one loop at a time with the others closed. Each is certified by root counts."""
+"""Margins of coupled loops: of all together, and of one loop at a time with the other loops closed, each certified by root counts."""
 
 import math
 from dataclasses import dataclass, replace

@@ -98,7 +98,7 @@ class Margins:
     phase_margin, gain_crossover [rad] the smallest common phase in size, with its sign (> 0: lag), and its frequency [rad/s]; inf: none
     delay_margin, delay_crossover   the smallest extra delay in all loops [s], and its frequency [rad/s]; inf: none (n > 1: up to 1 s)
     peak_sensitivity             Ms = max |S_ii|, S = (I + L)⁻¹, at peak_sensitivity_frequency [rad/s]: for n > 1 the largest of one loop,
-                                 the others closed
+                                 the other loops closed
     peak_complementary           Mt = max |T_ii|, T = I − S, at peak_complementary_frequency [rad/s], likewise
     disk_margin                  balanced disk margin, every loop multiplied by its own factor (Seiler, Packard and Gahinet 2020; for
                                  n = 1 min 2|1+L|/|1−L|), at disk_margin_frequency [rad/s]; disk_certified: proved between frequencies
@@ -160,7 +160,7 @@ class Margins:
         return self.limit.lower_frequency if self.stable else math.nan
 
     @property
-    def gain_room(self) -> float:
+    def gain_headroom(self) -> float:
         """The smallest factor, up or down, on all gains that is lost."""
         return min(self.gain_margin, 1 / self.lower_gain_margin if self.lower_gain_margin > 0 else math.inf)
 
@@ -169,7 +169,7 @@ class Margins:
         """The smallest factor, up or down, on all gains or on those of one loop, that is lost: what requirements bound."""
         with np.errstate(divide="ignore"):
             factors = [self.one_loop.gain_margin, 1 / self.one_loop.lower_gain_margin]
-        return float(np.min(np.append(factors, self.gain_room)))
+        return float(np.min(np.append(factors, self.gain_headroom)))
 
     @property
     def common_phase_margin(self) -> float:

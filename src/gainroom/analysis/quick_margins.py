@@ -142,7 +142,7 @@ def _own_sensitivity(loop: Loop, omega: Floats) -> Complexes:
 
 
 def _return_ratio(sensitivity: Complexes) -> Complexes:
-    """ℓ_i of loop i with the others closed: 1 + ℓ_i = 1/S_ii."""
+    """ℓ_i of loop i with the other loops closed: 1 + ℓ_i = 1/S_ii."""
     return 1 / np.where(sensitivity == 0, 1e-300, sensitivity) - 1
 
 

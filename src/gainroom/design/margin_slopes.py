@@ -183,7 +183,7 @@ class _Machine:
         return _Values(own[rows, which], -(row * column)[:, None, :] * change)
 
     def ratio(self, omega: Floats, which: Integers, _: Complexes) -> _Values:
-        """ℓ_i of loops `which` (k,), the others closed."""
+        """ℓ_i of loops `which` (k,), the other loops closed."""
         own = self.sensitivity(omega, which)
         return _Values(1 / own.value - 1, -own.change / own.value[:, None, None] ** 2)
 

@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -66,12 +66,6 @@ class Uncertainty:
             low, high = getattr(self, name)
             shares.append(share_of(low, high, values.get(name, low)))
         return tuple(shares)
-
-    def ends(self) -> Iterator["Uncertainty"]:
-        """Each end of each interval by itself, all else as stated: what is uncertain shrunk to that one value."""
-        for name in self.names:
-            for end in getattr(self, name):
-                yield Uncertainty(**{name: (end, end)})
 
     @property
     def corners(self) -> list[Place]:
