@@ -24,6 +24,7 @@ from .stability import scan_loop
 TOLERANCE = 1e-3  # a peak between the sampled frequencies may be higher than the one reported by this share of it
 SCALAR_TOLERANCE = 1 / 0.99 - 1  # the same of the scan of one loop (crossings.py)
 SAMPLES, CHECKS = 100, 12  # of S − T: from which the search for the peak starts; at which the modes are checked
+DROWNED = 1e13  # condition number of I + L from which its inverse is round-off: where it matters it is above 1e14, else below 1e11
 MOST_TRIED, MOST_POLISHED = 48, 4  # samples whose D is improved, local peaks that are climbed
 RUNGS = 60  # intervals that the certificate starts from
 INTERVALS_AT_ONCE, MOST_INTERVALS = 128, 5_000  # bounds of memory and of time
@@ -72,12 +73,16 @@ def disk_margin(loop: Loop) -> MultiLoopDisk:
     doubles, not rounded outwards. What is proved is that σ_max stays below the peak (1 + gap); that D is the best one is not part of it,
     and does not have to be: any D gives a margin that holds. `certified` is False where the work limit stopped the proof, for callables,
     and where the modes of the loops closed without delay (some may be defective) do not give back S − T, which is then sampled.
+
+    Raises numpy.linalg.LinAlgError where integrators in some directions leave nothing but round-off of the others at rest.
     """
     if loop.size == 1:
         return _of_one(loop)
     opened = opened_at_torques(loop)
     modes = opened.modes()
     omega = modes.frequencies(SAMPLES)
+    if _drowned(np.eye(loop.size) + loop.response(omega[omega > 0][:1])[0]):
+        raise np.linalg.LinAlgError("I + L is singular but for round-off at rest")
     if not opened.agrees(modes, omega[SAMPLES // CHECKS :: SAMPLES // CHECKS]):
         return disk_margin_of(opened.response, omega[1:])
     peak = _peak_from(modes.matrices, omega, (0.0, modes.last))
@@ -86,6 +91,12 @@ def disk_margin(loop: Loop) -> MultiLoopDisk:
     peak, bound = _bounded(modes, peak, omega[1])
     at_peak = np.eye(loop.size, dtype=complex) if math.isinf(peak.omega) else modes.matrices(np.array([peak.omega]))[0]
     return _result(at_peak, peak, max(bound / peak.height - 1, 0.0))
+
+
+def _drowned(matrix: Complexes) -> bool:
+    """Whether of the inverse of a matrix hardly a digit is known, whatever the units of its rows and columns (Bauer's condition number)."""
+    spread = np.abs(np.linalg.eigvals(np.abs(np.linalg.inv(matrix)) @ np.abs(matrix))).max()
+    return bool(spread > DROWNED)
 
 
 def disk_margin_of(response: Response, omega: Floats) -> MultiLoopDisk:
