@@ -18,6 +18,7 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy.linalg
 
 from ..linear.arrays import Complexes, Floats, Integers
 from ..linear.state_space import StateSpace, split_delay
@@ -27,6 +28,10 @@ from ._mu import balanced, largest, scaled
 AGREEMENT = 1e-6  # of the modes with the state space that they come from, relative
 SPREAD = 0.1  # of R about I
 NEAREST = 1e-100  # distance of a pole on the boundary [1/s]
+LOST = float(np.sqrt(np.finfo(float).eps))  # of the fastest pole: below, one that nearly coincides with another is round-off
+SLOW = 1e-5  # of the fastest pole: where round-off moves poles that coincide twice or three times at 0
+UNSEEN = 1e-10  # of an output: what round-off leaves of motions that it does not see
+LEAST_SHARE = 1e-3  # of N that a motion makes at rest, for it to count
 ORDER = 4  # of the expansion of N in 1/s: current loops make N fall with the third power of s
 
 
@@ -53,6 +58,14 @@ class Modes:
     def fastest(self) -> float:
         """The largest |p| [1/s]."""
         return float(np.abs(self.poles).max(initial=0.0)) or 1.0
+
+    @property
+    def lost(self) -> bool:
+        """Whether a motion counts of which round-off, which moves poles that nearly coincide by its root, leaves no digit."""
+        sizes = np.abs(self.poles)
+        slow = (sizes < LOST * self.fastest) & (sizes > 0)
+        share = np.linalg.norm(self.out, axis=0) * np.linalg.norm(self.into, axis=1)
+        return bool(np.any(share[slow] > LEAST_SHARE * sizes[slow]))
 
     def frequencies(self, count: int) -> Floats:
         """0, then `count` frequencies [rad/s] from below the slowest mode to beyond the fastest."""
@@ -117,13 +130,13 @@ class Opened:
         """The modes of the loops closed without delay. Defective ones are wrong: `agrees` detects them."""
         system, size = self.system, len(self.delays)
         share = 1 + SPREAD * np.linspace(-1, 1, size)
-        poles, vectors = np.linalg.eig(system.a - (system.b * share) @ system.c)
+        closed = _without_drift(replace(system, a=system.a - (system.b * share) @ system.c))
+        poles, vectors = np.linalg.eig(closed.a)
         try:
-            into = np.linalg.solve(vectors, system.b)
+            into = np.linalg.solve(vectors, closed.b)
         except np.linalg.LinAlgError:  # parallel eigenvectors
-            into = np.zeros(system.b.shape)
-        moving = np.abs(poles) > 1e-15 * np.abs(poles).max(initial=0.0)  # what rests at 0 whatever the gains is no part of the loop
-        return Modes(poles[moving], into[moving], (system.c @ vectors)[:, moving], self.delays, share, self.sample_time)
+            into = np.zeros(closed.b.shape)
+        return Modes(poles, into, closed.c @ vectors, self.delays, share, self.sample_time)
 
     def agrees(self, modes: Modes, omega: Floats) -> bool:
         """Whether the modes give back S − T at ω (k,)."""
@@ -133,6 +146,26 @@ class Opened:
         with np.errstate(all="ignore"):  # NaN and infinity agree with nothing
             error = scaled(modes.matrices(omega) - lag[:, :, None] * direct / lag[:, None, :], x)
             return bool(np.all(_norm(error) <= AGREEMENT * _norm(scaled(direct, x))))
+
+
+def _without_drift(system: StateSpace) -> StateSpace:
+    """The same transfer matrix without the slow motions that no output sees: joints that no gain holds drift at 0.
+
+    Round-off parts such double poles by its root and makes their eigenvectors parallel. The space that the slow poles span together is
+    known to all digits, and so is whether an output sees it.
+    """
+    sizes = np.abs(np.linalg.eigvals(system.a))
+    a, by = scipy.linalg.matrix_balance(system.a, permute=False)
+    scale = np.diag(by)
+    b, c = system.b / scale[:, None], system.c * scale
+    for slow in (SLOW * sizes.max(initial=0.0), LOST * sizes.max(initial=0.0)):
+        if not np.any(sizes <= slow):
+            break
+        triangular, basis = scipy.linalg.schur(a, output="complex", sort=lambda pole, slow=slow: abs(pole) <= slow)[:2]
+        count, seen = int(np.count_nonzero(np.abs(np.diag(triangular)) <= slow)), c @ basis
+        if np.all(np.linalg.norm(seen[:, :count], axis=1) <= UNSEEN * np.linalg.norm(seen, axis=1)):
+            return StateSpace(triangular[count:, count:], (basis.conj().T @ b)[count:], seen[:, count:], system.d)
+    return system
 
 
 def opened_at_torques(loop: Loop) -> Opened:

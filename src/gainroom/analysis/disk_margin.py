@@ -74,15 +74,16 @@ def disk_margin(loop: Loop) -> MultiLoopDisk:
     and does not have to be: any D gives a margin that holds. `certified` is False where the work limit stopped the proof, for callables,
     and where the modes of the loops closed without delay (some may be defective) do not give back S − T, which is then sampled.
 
-    Raises numpy.linalg.LinAlgError where integrators in some directions leave nothing but round-off of the others at rest.
+    Raises numpy.linalg.LinAlgError where the slowest motions, such as those of integrators, leave nothing but round-off of themselves or of
+    the others at rest.
     """
     if loop.size == 1:
         return _of_one(loop)
     opened = opened_at_torques(loop)
     modes = opened.modes()
     omega = modes.frequencies(SAMPLES)
-    if _drowned(np.eye(loop.size) + loop.response(omega[omega > 0][:1])[0]):
-        raise np.linalg.LinAlgError("I + L is singular but for round-off at rest")
+    if modes.lost or _drowned(np.eye(loop.size) + loop.response(omega[omega > 0][:1])[0]):
+        raise np.linalg.LinAlgError("the slowest motions are lost in round-off")
     if not opened.agrees(modes, omega[SAMPLES // CHECKS :: SAMPLES // CHECKS]):
         return disk_margin_of(opened.response, omega[1:])
     peak = _peak_from(modes.matrices, omega, (0.0, modes.last))
