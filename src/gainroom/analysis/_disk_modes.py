@@ -18,7 +18,6 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.linalg
 
 from ..linear.arrays import Complexes, Floats, Integers
 from ..linear.state_space import StateSpace, split_delay
@@ -154,6 +153,8 @@ def _without_drift(system: StateSpace) -> StateSpace:
     Round-off parts such double poles by its root and makes their eigenvectors parallel. The space that the slow poles span together is
     known to all digits, and so is whether an output sees it.
     """
+    import scipy.linalg  # takes a fifth of a second, which one joint does not need
+
     sizes = np.abs(np.linalg.eigvals(system.a))
     a, by = scipy.linalg.matrix_balance(system.a, permute=False)
     scale = np.diag(by)
