@@ -150,7 +150,7 @@ def test_an_empty_run_that_ends_well_is_an_empty_log(form, tmp_path: Path):
     with open_log(path, ("joint",)):
         pass
     if form == "mcap":
-        assert_refused(lambda: read_log(path), ["run.mcap", "no JSON messages"])
+        assert_refused(lambda: read_log(path), ["run.mcap", "no messages with numbers"])
     else:
         assert read_log(path).time.shape == (0,)
 
@@ -243,15 +243,21 @@ def test_logs_of_others(tmp_path: Path):
     ("text", "words"),
     [
         ("", ["empty"]),
-        ("time,target_torque\n0,1\n0,2\n", ["time 0 s in row 2", "later"]),
+        ("\n\n", ["empty"]),
         ("time,target_torque\n0,1\n1\n", ["row 2 has 1 fields", "2"]),
-        ("time,target_torque\n0,one\n", ["target_torque in row 1", "'one'"]),
-        ("time,target_torque\n0,nan\n", ["target_torque in row 1", "finite"]),
-        ("time,target_torque\n0,\n", ["target_torque in row 1", "''"]),
-        ("time,speed\n0,1\n", ["none of the columns", "speed"]),
-        ("seconds,target_torque\n0,1\n", ["no column time", "seconds"]),
+        ("time,target_torque\n0,1\n1,one\n2,3\n", ["target_torque in row 2", "'one'"]),
+        ("time,target_torque\n0,one\n", ["none of the columns", "it has time"]),
+        ("time,target_torque\n0,nan\n", ["target_torque", "no number"]),
+        ("time,colour\n0,1\n", ["none of the columns", "colour"]),
+        ("when,target_torque\n0,1\n", ["no column time", "when", "sample rate"]),
         ("time,time\n0,1\n", ["'time'", "twice"]),
-        ("time,target_torque_a,actual_torque_a,target_torque_b\n0,1,2,3\n", ["joint 'b'", "actual_torque"]),
+        ("0,1\n1,2\n", ["no header", "'0,1'"]),
+        ("time,target_torque\n0,1\n1e300,2\n", ["time between first and last row"]),
+        ("time,target_torque\n0,1e200\n1,1e200\n", ["target_torque", "1e+200", "unit"]),
+        ("time,motor_position\n" + "".join(f"{k / 1e3},{3e5 + k}\n" for k in range(50)), ["motor_position", "rad", "unit"]),
+        ("time,target_torque\n" + "0,1\n" * 50, ["49 of 50 rows", "time stamp of the row before", "sample rate"]),
+        ("time,target_torque\n" + "".join(f"{k % 20},1\n" for k in range(50)), ["of 50 rows", "earlier"]),
+        ("time,target_torque\n" + "".join(f"{k},{1 if k % 3 else ''}\n" + f"{k}.5,\n" for k in range(50)), ["of 100 rows lack a number"]),
     ],
 )
 def test_bad_csv_is_told_in_one_line(text, words, tmp_path: Path):
@@ -296,7 +302,7 @@ def test_paths_that_cannot_be(tmp_path: Path):
     assert_refused(lambda: write("run.csv", ("a",), ("speed",)), ["'speed'", "target_torque"])
     assert_refused(lambda: read_log(tmp_path / "none.csv"), ["none.csv", "no such file"])
     assert_refused(lambda: read_log(tmp_path / "folder.csv"), ["folder.csv", "directory"])
-    assert_refused(lambda: read_log(tmp_path / "run.txt"), ["run.txt", ".csv"])
+    assert_refused(lambda: read_log(tmp_path / "run.log"), ["run.log", ".csv"])
     good = tmp_path / "good.csv"
     good.write_text("time,target_torque\n0,1\n", "utf-8")
     assert_refused(lambda: read_log(good, {"actual_torque": "iq"}), ["good.csv", "'iq'", "target_torque"])

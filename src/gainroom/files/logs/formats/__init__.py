@@ -1,0 +1,32 @@
+"""Kinds of files that hold logs. A new one is a file here with a subclass of LogFormat, and its line in FORMATS."""
+
+from pathlib import Path
+
+from ....errors import GainroomError
+from ..table import LogFormat
+from .bam import Bam
+from .csv_text import CsvText
+from .hdf5 import Hdf5
+from .matlab import Matlab
+from .mcap_file import Mcap
+from .pace import Torch
+from .parquet import Parquet
+from .rosbag import Bag
+
+FORMATS: tuple[LogFormat, ...] = (CsvText(), Parquet(), Mcap(), Bag(), Hdf5(), Matlab(), Bam(), Torch())
+
+
+def format_of(path: Path, written: bool = False) -> LogFormat:
+    """By the ending of a file's name; a folder is a ROS 2 bag. Raises GainroomError for others.
+
+    written   only those that can be written, by their first ending
+    """
+    choices = [form for form in FORMATS if form.makes is not None or not written]
+    if not written and path.is_dir():
+        return next(form for form in FORMATS if isinstance(form, Bag))
+    ending = path.suffix.lower()
+    for form in choices:
+        if ending in (form.endings[:1] if written else form.endings):
+            return form
+    endings = [(form.endings[0] if written else ", ".join(form.endings)) for form in choices]
+    raise GainroomError(f"{path}: a log must end in {', '.join(endings)}{'' if written else '; or be the folder of a ROS 2 bag'}")

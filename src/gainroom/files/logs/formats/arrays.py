@@ -1,0 +1,107 @@
+"""Named arrays in a file as columns of a log: those that have as many rows as the time stamps."""
+
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ....errors import GainroomError, first_of_many
+from ....linear.arrays import Floats
+from ..guessing import channel_of
+from ..table import BLOCK_ROWS, MOST_COLUMNS, MOST_ROWS, Column, Table, bounded, whole_numbers
+
+
+@dataclass(frozen=True)
+class NamedArray:
+    """An array of numbers in a file.
+
+    shape   of one or two axes
+    rows    (first, last, axis) → that part of it along `axis`, (k,) or (k, n)
+    unit    in the file's own words
+    """
+
+    shape: tuple[int, ...]
+    rows: Callable[[int, int, int], Floats]
+    unit: str = ""
+
+    @classmethod
+    def of(cls, values: Floats, unit: str = "") -> "NamedArray":
+        """Of one that is in memory."""
+        return cls(values.shape, lambda first, last, axis: values[first:last] if axis == 0 else values[:, first:last].T, unit)
+
+
+@dataclass(frozen=True)
+class _Place:
+    array: str
+    axis: int
+    index: int | None
+
+
+class ArrayTable(Table):
+    """Columns of arrays: `q` of one axis, `q[0]`, `q[1]` … of two.
+
+    time     the user's name for the time stamps; None: guessed
+    labels   names of joints, for arrays with as many columns
+
+    Raises GainroomError where no array can be a column.
+    """
+
+    def __init__(self, path: Path, arrays: Mapping[str, NamedArray], time: str | None, labels: Sequence[str] = ()) -> None:
+        super().__init__()
+        self._path = path
+        self._arrays = {name: array for name, array in arrays.items() if 0 < len(array.shape) <= 2}
+        self._count = self._rows(time)
+        bounded(path, "number of rows", self._count, MOST_ROWS)
+        self._places: dict[str, _Place] = {}
+        columns = []
+        for name, array in self._arrays.items():
+            for column, place in self._columns(name, array, labels):
+                columns.append(column)
+                self._places[column.name] = place
+            bounded(path, "number of columns", len(columns), MOST_COLUMNS)
+        self.columns = columns
+        others = [name for name in arrays if not any(place.array == name for place in self._places.values())]
+        self.notes = [f"arrays that have not {self._count} rows: {first_of_many(others)}"] if others else []
+
+    def _rows(self, time: str | None) -> int:
+        """How many rows the log has."""
+        if not self._arrays:
+            raise GainroomError(f"{self._path}: holds no array of numbers")
+        if time is not None:
+            name = time if time in self._arrays else re.sub(r"\[[0-9]+\]$", "", time)
+            if name not in self._arrays:
+                raise GainroomError(f"{self._path}: has no column {time!r} for time; it has {first_of_many([*self._arrays])}")
+            return max(self._arrays[name].shape)
+        long = [name for name, array in self._arrays.items() if max(array.shape) == np.prod(array.shape)]
+        stamps = [name for name in long if (found := channel_of(name)) is not None and found.channel == "time"]
+        if stamps:
+            return max(self._arrays[stamps[0]].shape)
+        lengths = [max(array.shape) for array in self._arrays.values()]
+        return max(set(lengths), key=lambda length: (lengths.count(length), length))
+
+    def _columns(self, name: str, array: NamedArray, labels: Sequence[str]) -> Iterator[tuple[Column, _Place]]:
+        axis = next((k for k, length in enumerate(array.shape) if length == self._count), None)
+        if axis is None:
+            return
+        if len(array.shape) == 1 or array.shape[1 - axis] == 1:
+            yield Column(name, unit=array.unit), _Place(name, axis, None if len(array.shape) == 1 else 0)
+            return
+        many = array.shape[1 - axis]
+        bounded(self._path, f"number of columns of {name}", many, MOST_COLUMNS)
+        for k in range(many):
+            joint = labels[k] if len(labels) == many else ""
+            yield Column(f"{name}[{k}]", name if joint else "", joint, array.unit), _Place(name, axis, k)
+
+    def blocks(self, names: Sequence[str], held: Sequence[str] = ()) -> Iterator[list[Floats]]:
+        self.taken_off = {}
+        places = [self._places[name] for name in names]
+        for first in range(0, self._count, BLOCK_ROWS):
+            last = min(first + BLOCK_ROWS, self._count)
+            parts = {place.array: self._arrays[place.array].rows(first, last, place.axis) for place in places}
+            yield [self._column(name, parts[place.array], place) for name, place in zip(names, places, strict=True)]
+
+    def _column(self, name: str, part: Floats, place: _Place) -> Floats:
+        values = part if place.index is None else part[:, place.index]
+        return whole_numbers(name, values, self.taken_off) if values.dtype.kind in "iu" else np.asarray(values, dtype=float)

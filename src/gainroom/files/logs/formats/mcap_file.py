@@ -1,0 +1,168 @@
+"""MCAP, through the mcap library: chunk by chunk. JSON messages and those of ROS 2 are read.
+
+The library unpacks a chunk before it knows how large that becomes; here what is announced is checked first, and unpacking stops there.
+"""
+
+import contextlib
+import json
+import struct
+import zlib
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ....errors import GainroomError
+from ....linear.arrays import Floats
+from ..table import MOST_PIECE, LogFormat, Table, bounded, checked_file, library
+from .messages import MessageTable, Topic
+
+SCHEMA, CHANNEL, MESSAGE = 3, 4, 5
+"""Records within chunks."""
+
+
+class McapSink:
+    """One topic per joint with JSON messages, stamped with the run's own time; every block is flushed as a chunk."""
+
+    def __init__(self, path: Path) -> None:
+        mcap = library("mcap", "mcap.writer")
+        self._file = open(path, "wb")  # noqa: SIM115 - closed in close()
+        self._writer = mcap.writer.Writer(self._file)
+        self._writer.start(profile="", library="gainroom")
+        self._channels: list[int] = []
+        self._signals: tuple[str, ...] = ()
+
+    def begin(self, joints: Sequence[str], signals: Sequence[str]) -> None:
+        names = ("time", *signals)
+        units = {name: "s" if name == "time" else "rad" if name.endswith("position") else "N m" for name in names}
+        properties = {name: {"type": "number", "description": f"[{unit}], joint side"} for name, unit in units.items()}
+        schema = {"title": "gainroom.Joint", "type": "object", "properties": properties, "required": list(names)}
+        number = self._writer.register_schema("gainroom.Joint", "jsonschema", json.dumps(schema).encode())
+        self._channels = [self._writer.register_channel(f"/{joint}", "json", number) for joint in joints]
+        self._signals = tuple(signals)
+
+    def rows(self, time: Floats, signals: Sequence[Floats]) -> None:
+        if len(time) and time.min() < 0:
+            raise GainroomError(f"MCAP has no time before 0, and the log begins at {time.min():g} s")
+        table = np.stack([np.broadcast_to(time[:, None], (len(time), len(self._channels))), *signals], axis=2)
+        names = ("time", *self._signals)
+        for stamp, row in zip(np.round(1e9 * time).astype(np.int64).tolist(), table.tolist(), strict=True):
+            for channel, values in zip(self._channels, row, strict=True):
+                data = json.dumps(dict(zip(names, values, strict=True)), allow_nan=False).encode()
+                self._writer.add_message(channel, log_time=stamp, data=data, publish_time=stamp)
+        self._writer.flush()
+
+    def close(self) -> None:
+        try:
+            self._writer.finish()
+        finally:
+            self._file.close()
+
+
+class Mcap(LogFormat):
+    """MCAP."""
+
+    title = "an MCAP file"
+    endings = (".mcap",)
+    makes = McapSink
+
+    @contextlib.contextmanager
+    def table(self, path: Path, time: str | None) -> Iterator[Table]:
+        library("mcap", "mcap.stream_reader")
+        checked_file(path)
+        source = McapMessages(path)
+        table = MessageTable(path, source)
+        table.complete = source.complete
+        source.table = table
+        yield table
+
+
+class McapMessages:
+    """The messages of a file, in its order. `complete`: False once its end has turned out to be missing."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self.complete = True
+        self.table: Table | None = None
+        self._schemas: dict[int, tuple[str, str, str]] = {}
+        self._topics: dict[int, Topic] = {}
+
+    def __call__(self) -> Iterator[tuple[Topic, int, bytes]]:
+        from mcap.exceptions import EndOfFile
+        from mcap.records import Channel, Chunk, Message, Schema
+        from mcap.stream_reader import StreamReader
+
+        with open(self._path, "rb") as file:
+            limit = min(self._path.stat().st_size, MOST_PIECE)
+            records = StreamReader(file, validate_crcs=True, record_size_limit=limit, emit_chunks=True).records
+            while True:
+                try:
+                    record = next(records, None)
+                except (EndOfFile, struct.error):
+                    self.complete = False
+                    if self.table is not None:
+                        self.table.complete = False
+                    return
+                if record is None:
+                    return
+                if isinstance(record, Chunk):
+                    yield from self._in_chunk(self._unpacked(record))
+                elif isinstance(record, Schema):
+                    self._schemas[record.id] = (record.name, record.encoding, record.data.decode("utf-8", "replace"))
+                elif isinstance(record, Channel):
+                    self._add(record.id, record.topic, record.message_encoding, record.schema_id)
+                elif isinstance(record, Message) and record.channel_id in self._topics:
+                    yield self._topics[record.channel_id], record.log_time, record.data
+
+    def _add(self, number: int, topic: str, encoding: str, schema: int) -> None:
+        self._topics[number] = Topic(topic.strip("/"), encoding, *self._schemas.get(schema, ()))
+
+    def _unpacked(self, chunk: Any) -> bytes:
+        """The records of a chunk. Raises GainroomError where it is not what it announces."""
+        bounded(self._path, "unpacked chunk:", chunk.uncompressed_size, MOST_PIECE, " bytes")
+        size = chunk.uncompressed_size
+        if chunk.compression == "lz4":
+            data = library("lz4", "lz4.frame").frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=size + 1)
+        elif chunk.compression == "zstd":
+            with library("zstandard").ZstdDecompressor().stream_reader(chunk.data) as stream:
+                data = stream.read(size + 1)
+        elif chunk.compression == "":
+            data = chunk.data
+        else:
+            raise GainroomError(f"{self._path}: chunks packed by {chunk.compression[:20]!r} must be packed by lz4 or zstd, or not at all")
+        if len(data) != size:
+            raise GainroomError(f"{self._path}: a chunk of {size} bytes unpacks to {'more' if len(data) > size else len(data)}")
+        if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
+            raise GainroomError(f"{self._path}: the checksum of a chunk is not that of what it holds")
+        return data
+
+    def _in_chunk(self, data: bytes) -> Iterator[tuple[Topic, int, bytes]]:
+        """Messages; one at a time through the library would take five times as long."""
+        place = 0
+        while place + 9 <= len(data):
+            opcode, length = struct.unpack_from("<BQ", data, place)
+            place += 9
+            if place + length > len(data):
+                raise GainroomError(f"{self._path}: a record of {length} bytes goes beyond its chunk")
+            if opcode == MESSAGE:
+                channel, _, stamp, _ = struct.unpack_from("<HIQQ", data, place)
+                if channel in self._topics:
+                    yield self._topics[channel], stamp, data[place + 22 : place + length]
+            elif opcode in (SCHEMA, CHANNEL):
+                self._describe(opcode, data[place : place + length])
+            place += length
+
+    def _describe(self, opcode: int, data: bytes) -> None:
+        from io import BytesIO
+
+        from mcap.data_stream import ReadDataStream
+        from mcap.records import Channel, Schema
+
+        stream = ReadDataStream(BytesIO(data))
+        if opcode == SCHEMA:
+            schema = Schema.read(stream)
+            self._schemas[schema.id] = (schema.name, schema.encoding, schema.data.decode("utf-8", "replace"))
+        else:
+            channel = Channel.read(stream)
+            self._add(channel.id, channel.topic, channel.message_encoding, channel.schema_id)

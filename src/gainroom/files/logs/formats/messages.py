@@ -1,0 +1,207 @@
+"""Messages of several topics, each with time stamps of its own, as one table: at the time stamps of the topic that comes most often."""
+
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ....errors import GainroomError, first_of_many
+from ....linear.arrays import Floats
+from ..guessing import channel_of
+from ..table import MOST_COLUMNS, TIME, Column, Table, bounded
+from .alignment import Alignment, Stream
+from .decoding import CdrDecoder, Decoder, JsonDecoder
+from .ros_types import types_of
+
+PROBED = 20_000
+"""Messages from the beginning in which topics and joints are looked for: 2 s of ten topics at 1 kHz."""
+BATCH = 1 << 16
+"""Messages that are decoded together."""
+BATCH_BYTES = 1 << 25
+"""Of all messages that wait to be decoded: 32 MiB."""
+MOST_MESSAGE = 1 << 20
+"""Bytes: the state of 500 joints has 20 kB; longer messages are pictures and points, and passed over."""
+EPOCH = 1e6
+"""[s] Stamps beyond count from an epoch; they are then taken from the first on, with all their digits."""
+WRAPPED = re.compile(r"(?:data|value|values|msg)((?:\[[0-9]+\])?)")
+"""Fields that say nothing: what they hold is what the topic is called."""
+
+
+@dataclass(frozen=True)
+class Topic:
+    """As a file describes it: its name without slashes at the ends, and what its messages are."""
+
+    name: str
+    encoding: str
+    type: str = ""
+    definition_encoding: str = ""
+    definition: str = ""
+
+
+Messages = Callable[[], Iterator[tuple[Topic, int, bytes]]]
+"""From the start at every call: topic, time of recording [ns], content."""
+
+
+class MessageTable(Table):
+    """Columns `topic/field`, or `topic/field[joint]`; `time` is the stamp within the messages, or else the time of recording."""
+
+    def __init__(self, path: Path, messages: Messages) -> None:
+        super().__init__()
+        self._path, self._messages = path, messages
+        self._decoders: dict[str, Decoder | None] = {}
+        self._left: dict[str, str] = {}
+        self._streams: dict[tuple[str, tuple[str, ...]], Stream] = {}
+        self._zero = 0.0
+        self._begun = False
+        self._probe()
+        self.taken_off = {TIME: self._zero}
+        self.columns = [Column(TIME, unit="s"), *self._columns()]
+        bounded(path, "number of columns", len(self.columns), MOST_COLUMNS)
+
+    def _decoder(self, topic: Topic) -> Decoder | None:
+        if topic.name not in self._decoders:
+            self._decoders[topic.name] = None
+            try:
+                if topic.encoding == "json":
+                    self._decoders[topic.name] = JsonDecoder()
+                elif topic.encoding == "cdr":
+                    types = types_of(topic.type, topic.definition_encoding, topic.definition)
+                    self._decoders[topic.name] = CdrDecoder(topic.type, types)
+                else:
+                    self._left[topic.name] = f"{topic.encoding or 'unknown'} messages"
+            except GainroomError as error:
+                if "pip install" in str(error):
+                    raise
+                self._left[topic.name] = str(error)
+        return self._decoders[topic.name]
+
+    def _decoded(self, topic: Topic, stamps: Sequence[int], batch: Sequence[bytes]) -> Iterator[tuple[Stream, Floats, Floats]]:
+        """Streams with times [s] and numbers of their messages."""
+        decoder = self._decoder(topic)
+        if decoder is None:
+            return
+        recorded = np.array(stamps, dtype=np.int64)
+        for part, numbers, places in decoder.decode(batch):
+            stream = self._streams.get((topic.name, part.key))
+            if stream is None:
+                stream = Stream(topic.name, part)
+                stream.own_clock = decoder.seconds(part, numbers, 0.0) is not None
+                if not self._begun:
+                    self._streams[stream.key] = stream
+            own = decoder.seconds(part, numbers, self._zero) if stream.own_clock else None
+            yield stream, (recorded[places] - int(self._zero * 1e9)) / 1e9 if own is None else own, numbers
+
+    def _probe(self) -> None:
+        waiting = _Waiting()
+        for number, (topic, stamp, data) in enumerate(self._messages()):
+            if len(data) <= MOST_MESSAGE and self._decoder(topic) is not None:
+                waiting.add(topic, stamp, data)
+            if number >= PROBED or waiting.large:
+                break
+        first = np.inf
+        for topic, stamps, batch in waiting.taken():
+            try:
+                for stream, time, _ in self._decoded(topic, stamps, batch):
+                    stream.count += len(time)
+                    first = min(first, float(np.min(time, initial=np.inf, where=np.isfinite(time))))
+            except (GainroomError, ValueError, KeyError, IndexError, OverflowError) as error:
+                self._left[topic.name] = str(error) or type(error).__name__
+                self._decoders[topic.name] = None
+                self._streams = {key: stream for key, stream in self._streams.items() if key[0] != topic.name}
+        if not any(stream.part.labels for stream in self._streams.values()):
+            raise GainroomError(f"{self._path}: holds no messages with numbers{self._left_out('; ')}")
+        self._zero = float(np.floor(first)) if EPOCH < first < np.inf else 0.0
+        self._begun = True
+        if self._left:
+            self.notes.append(self._left_out())
+
+    def _left_out(self, before: str = "") -> str:
+        """Topics that are not read, and why; nothing where there is none."""
+        topics = [f"{name} ({why})" for name, why in self._left.items()]
+        return f"{before}topics left out: {first_of_many(topics)}" if topics else ""
+
+    def _columns(self) -> Iterator[Column]:
+        """With a topic's name as the joint's where several topics have the same field, and no names of joints in them."""
+        streams = [*self._streams.values()]
+        fields: dict[str, set[str]] = {}
+        for stream in streams:
+            for path in stream.part.labels:
+                fields.setdefault(path, set()).add(stream.topic)
+        seen: set[str] = set()
+        for stream in streams:
+            for path, (label, joint) in stream.part.labels.items():
+                name = stream.column(path)
+                guess = channel_of(path)
+                if name in seen or (guess is not None and guess.channel == TIME):
+                    continue  # stamps within messages are those of the column `time`
+                seen.add(name)
+                if joint:
+                    yield Column(name, f"{stream.topic}/{label}", joint)
+                elif wrapped := WRAPPED.fullmatch(path):
+                    yield Column(name, f"{stream.topic}{wrapped[1]}")
+                elif len(fields[path]) > 1:
+                    yield Column(name, label, stream.topic.rsplit("/", 1)[-1] if _differ(fields[path]) else stream.topic)
+                else:
+                    yield Column(name, label)
+
+    def blocks(self, names: Sequence[str], held: Sequence[str] = ()) -> Iterator[list[Floats]]:
+        places = [self._place(name) for name in names]
+        alignment = Alignment(places, [name in held for name in names], next(iter(self._streams.values())))
+        topics = {stream.topic for stream in alignment.streams.values()}
+        waiting = _Waiting()
+        for topic, stamp, data in self._messages():
+            if topic.name in topics and len(data) <= MOST_MESSAGE:
+                waiting.add(topic, stamp, data)
+                if waiting.full:
+                    self._pass_on(waiting, alignment)
+                    yield from alignment.rows()
+        self._pass_on(waiting, alignment)
+        yield from alignment.rows(final=True)
+
+    def _place(self, name: str) -> tuple[Stream, int] | None:
+        """Where a column is; None for time."""
+        if name == TIME:
+            return None
+        return next(
+            (stream, k) for stream in self._streams.values() for k, path in enumerate(stream.part.labels) if stream.column(path) == name
+        )
+
+    def _pass_on(self, waiting: "_Waiting", alignment: Alignment) -> None:
+        for topic, stamps, batch in waiting.taken():
+            for stream, time, numbers in self._decoded(topic, stamps, batch):
+                if stream.key in alignment.streams:
+                    stream.add(time, numbers)
+
+
+class _Waiting:
+    """Messages that wait to be decoded, by topic."""
+
+    def __init__(self) -> None:
+        self._topics: dict[str, tuple[Topic, list[int], list[bytes]]] = {}
+        self._size = self._count = 0
+
+    def add(self, topic: Topic, stamp: int, data: bytes) -> None:
+        _, stamps, batch = self._topics.setdefault(topic.name, (topic, [], []))
+        stamps.append(stamp)
+        batch.append(data)
+        self._size, self._count = self._size + len(data), self._count + 1
+
+    @property
+    def large(self) -> bool:
+        return self._size > BATCH_BYTES
+
+    @property
+    def full(self) -> bool:
+        return self._count >= BATCH or self.large
+
+    def taken(self) -> list[tuple[Topic, list[int], list[bytes]]]:
+        """All of them, which then wait no more."""
+        topics, self._topics, self._size, self._count = [*self._topics.values()], {}, 0, 0
+        return topics
+
+
+def _differ(names: set[str]) -> bool:
+    """Whether the last parts of these names tell them apart."""
+    return len({name.rsplit("/", 1)[-1] for name in names}) == len(names)

@@ -1,0 +1,113 @@
+"""ROS 2 bags: a folder with metadata.yaml and files in SQLite (.db3) or MCAP, or one such file alone."""
+
+import contextlib
+import sqlite3
+from collections.abc import Iterator
+from pathlib import Path
+from urllib.parse import quote
+
+from ....errors import GainroomError, one_line
+from ....io.yaml_text import parse_yaml, read_text
+from ..table import MOST_PIECE, LogFormat, Table, checked_file, library
+from .mcap_file import McapMessages
+from .messages import Messages, MessageTable, Topic
+
+METADATA = "metadata.yaml"
+MOST_FILES = 1000
+MOST_TOPICS = 10_000
+
+
+class Bag(LogFormat):
+    """A folder, or a file in SQLite."""
+
+    title = "a ROS 2 bag"
+    endings = (".db3",)
+
+    @contextlib.contextmanager
+    def table(self, path: Path, time: str | None) -> Iterator[Table]:
+        files = _files(path) if path.is_dir() else [path]
+        if any(file.suffix == ".mcap" for file in files):
+            library("mcap", "mcap.stream_reader")
+        for file in files:
+            checked_file(file)
+        sources: list[Messages] = [McapMessages(file) if file.suffix == ".mcap" else SqliteMessages(file) for file in files]
+
+        def messages() -> Iterator[tuple[Topic, int, bytes]]:
+            for source in sources:
+                yield from source()
+
+        table = MessageTable(path, messages)
+        for source in sources:
+            if isinstance(source, McapMessages):
+                source.table = table
+                table.complete &= source.complete
+        yield table
+
+
+def _files(folder: Path) -> list[Path]:
+    """The files of a bag, in their order. Raises GainroomError where they are not in the folder itself."""
+    if not (folder / METADATA).exists():
+        files = sorted(file for file in folder.iterdir() if file.suffix in (".db3", ".mcap"))
+        if not files:
+            raise GainroomError(f"{folder}: is a directory without {METADATA}, .db3 or .mcap; a ROS 2 bag has them")
+        return files[:MOST_FILES]
+    where = folder / METADATA
+    data = parse_yaml(read_text(where), str(where))
+    about = data.get("rosbag2_bagfile_information") if isinstance(data, dict) else None
+    names = about.get("relative_file_paths") if isinstance(about, dict) else None
+    if not isinstance(about, dict) or not isinstance(names, list) or not 0 < len(names) <= MOST_FILES:
+        raise GainroomError(f"{where}: rosbag2_bagfile_information.relative_file_paths must list the bag's files, 1 to {MOST_FILES}")
+    if about.get("compression_mode"):
+        raise GainroomError(
+            f"{where}: compression_mode {one_line(about['compression_mode'], 40)!r} is not read; unpack it with ros2 bag convert"
+        )
+    return [_inside(folder, name, where) for name in names]
+
+
+def _inside(folder: Path, name: object, where: Path) -> Path:
+    """A file of the bag; never one outside its folder, not by `..`, not by a root, not by a link."""
+    path = folder / str(name)
+    if not isinstance(name, str) or "\0" in name or not path.resolve().is_relative_to(folder.resolve()):
+        raise GainroomError(f"{where}: relative_file_paths: {one_line(repr(name), 80)} must be a file in the bag's folder")
+    if path.suffix not in (".db3", ".mcap"):
+        raise GainroomError(f"{where}: relative_file_paths: {one_line(repr(name), 80)} must end in .db3 or .mcap")
+    return path
+
+
+class SqliteMessages:
+    """The messages of a .db3 file, in the order they were written."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def __call__(self) -> Iterator[tuple[Topic, int, bytes]]:
+        place = f"file:{quote(str(self._path.resolve()))}?mode=ro&immutable=1"
+        with contextlib.closing(sqlite3.connect(place, uri=True)) as database:
+            database.execute("PRAGMA trusted_schema = OFF")
+            database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MOST_PIECE)
+            self._check(database)
+            topics = self._topics(database)
+            for number, stamp, data in database.execute("SELECT topic_id, timestamp, data FROM messages ORDER BY id"):
+                if number in topics and isinstance(data, bytes) and isinstance(stamp, int):
+                    yield topics[number], stamp, data
+
+    def _check(self, database: sqlite3.Connection) -> None:
+        """Plain tables only: what a view or a computed column makes is not in the file."""
+        found = dict(database.execute("SELECT name, sql FROM sqlite_master WHERE type = 'table' AND name IN ('topics', 'messages')"))
+        if set(found) != {"topics", "messages"}:
+            raise GainroomError(f"{self._path}: has no tables topics and messages, as a ROS 2 bag has")
+        for name, text in found.items():
+            hidden = [row for row in database.execute(f"PRAGMA table_xinfo({name})") if row[6]]
+            if hidden or str(text).lstrip().upper().startswith("CREATE VIRTUAL"):
+                raise GainroomError(f"{self._path}: table {name} is computed, and that of a ROS 2 bag is not")
+
+    def _topics(self, database: sqlite3.Connection) -> dict[int, Topic]:
+        definitions: dict[str, tuple[str, str]] = {}
+        if database.execute("SELECT 1 FROM sqlite_master WHERE type = 'table' AND name = 'message_definitions'").fetchone():
+            rows = database.execute("SELECT topic_type, encoding, encoded_message_definition FROM message_definitions")
+            definitions = {str(name): (str(encoding), str(text)) for name, encoding, text in rows.fetchmany(MOST_TOPICS)}
+        rows = database.execute("SELECT id, name, type, serialization_format FROM topics").fetchmany(MOST_TOPICS)
+        return {
+            number: Topic(str(name).strip("/"), str(encoding), str(kind), *definitions.get(str(kind), ("", "")))
+            for number, name, kind, encoding in rows
+        }

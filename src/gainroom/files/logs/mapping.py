@@ -1,0 +1,153 @@
+"""Which of a file's columns are read, as which channel of which joint, and by which factor: as the user says, else by their names."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ...errors import GainroomError, first_of_many, listed
+from ...io.yaml_text import shown
+from .channels import CHANNELS, ONE_JOINT
+from .guessing import channel_of
+from .options import LogOptions
+from .record import Origin
+from .table import TIME, Column
+from .units import SI, known_unit
+
+
+@dataclass(frozen=True)
+class _Claim:
+    """A column that may be a channel of a joint; `rank` orders several that may be the same: smaller is surer."""
+
+    column: Column
+    channel: str
+    joint: str
+    rank: int
+    given: bool
+    unit: str
+
+
+@dataclass(frozen=True)
+class Mapped:
+    """time None: rows come at a rate that the user gave. origins: of the channels, joint by joint. notes: texts."""
+
+    time: Origin | None
+    origins: tuple[Origin, ...]
+    notes: tuple[str, ...]
+
+
+def map_columns(columns: Sequence[Column], options: LogOptions, path: Path) -> Mapped:
+    """Raises GainroomError where there is no time, no channel, a column that was named is not there, or a unit is not known."""
+    claims = [*_given(columns, options, path)]
+    taken = {claim.column.name for claim in claims}
+    overruled = {claim.channel for claim in claims}
+    claims += [claim for claim in _guessed(columns) if claim.column.name not in taken and claim.channel not in overruled]
+    chosen: dict[tuple[str, str], _Claim] = {}
+    second = []
+    for claim in sorted(claims, key=lambda claim: claim.rank):
+        if chosen.setdefault((claim.joint, claim.channel), claim) is not claim:
+            second.append(claim)
+    notes = [
+        f"column {claim.column.name!r} was passed over: {chosen[claim.joint, claim.channel].column.name!r} is {claim.channel}"
+        for claim in second
+    ]
+    time = chosen.pop(("", "time"), None)
+    if time is None and options.sample_rate is None:
+        raise GainroomError(f"{path}: has no column time; it has {_names(columns)}; name it in columns, or give the sample rate")
+    joints, more = _joints(chosen, options, path, columns)
+    order = [*CHANNELS]
+    origins = [
+        _origin(claim, joint, options, path)
+        for joint, claims in joints.items()
+        for claim in sorted(claims, key=lambda c: order.index(c.channel))
+    ]
+    found = None if time is None or options.sample_rate is not None else _origin(time, "", options, path)
+    return Mapped(found, tuple(origins), (*notes, *more))
+
+
+def _names(columns: Sequence[Column]) -> str:
+    return first_of_many([column.name for column in columns]) or "no columns of numbers"
+
+
+def _given(columns: Sequence[Column], options: LogOptions, path: Path) -> list[_Claim]:
+    claims = []
+    for key, text in options.columns.items():
+        channel, _, joint = key.partition(".")
+        if "{joint}" in text:
+            pattern = re.escape(text).replace(re.escape("{joint}"), "(.+)", 1).replace(re.escape("{joint}"), r"\1")
+            found = [(column, match[1]) for column in columns if (match := re.fullmatch(pattern, column.name))]
+        else:
+            found = [(column, joint) for column in _named(columns, text)]
+        if not found:
+            raise GainroomError(f"{path}: has no column {shown(text)} for {key}; it has {_names(columns)}")
+        claims += [_Claim(column, channel, "" if channel == "time" else name, -1, True, "") for column, name in found]
+    return claims
+
+
+def _named(columns: Sequence[Column], text: str) -> list[Column]:
+    """The column of that name, or the only one whose name ends in it."""
+    exact = [column for column in columns if column.name == text]
+    ends = [column for column in columns if column.name.endswith((f"/{text}", f".{text}"))]
+    return exact or (ends if len(ends) == 1 else [])
+
+
+def _guessed(columns: Sequence[Column]) -> list[_Claim]:
+    claims = []
+    for column in columns:
+        guess = channel_of(column.text, whole=bool(column.joint))
+        if guess is not None:
+            joint = "" if guess.channel == "time" else column.joint or guess.joint
+            claims.append(_Claim(column, guess.channel, joint, guess.rank, False, guess.unit))
+    return claims
+
+
+def _joints(
+    chosen: Mapping[tuple[str, str], _Claim], options: LogOptions, path: Path, columns: Sequence[Column]
+) -> tuple[dict[str, list[_Claim]], list[str]]:
+    """The channels of every joint that is wanted, by the name that the log will have; and texts about what was left out."""
+    found: dict[str, list[_Claim]] = {}
+    named = [joint for joint in dict.fromkeys(joint for joint, _ in chosen) if joint]
+    for (joint, _), claim in chosen.items():
+        alone = named[0] if len(named) == 1 and claim.given else ""  # a column that was named without a joint is the only joint's
+        found.setdefault(joint or alone, []).append(claim)
+    if not found:
+        raise GainroomError(
+            f"{path}: has none of the columns {', '.join(name for name in CHANNELS if name != TIME)}; it has {_names(columns)}"
+        )
+    notes = []
+    measured = {joint for joint, claims in found.items() if any(not CHANNELS[claim.channel].commanded or claim.given for claim in claims)}
+    if measured and len(measured) < len(found):
+        left = [joint or ONE_JOINT for joint in found if joint not in measured]
+        notes.append(f"nothing is measured of {listed(left)}, which was left out")
+        found = {joint: claims for joint, claims in found.items() if joint in measured}
+    wanted = {joint or ONE_JOINT: claims for joint, claims in sorted(found.items(), key=lambda item: _first(item[1], columns))}
+    kept = {joint: claims for joint, claims in wanted.items() if options.wants(joint)}
+    if not kept:
+        raise GainroomError(
+            f"{path}: none of its joints is {listed([shown(name) for name in options.joints], 'or')}; it has {first_of_many([*wanted])}"
+        )
+    return kept, notes
+
+
+def _first(claims: Sequence[_Claim], columns: Sequence[Column]) -> int:
+    return min(columns.index(claim.column) for claim in claims)
+
+
+def _origin(claim: _Claim, joint: str, options: LogOptions, path: Path) -> Origin:
+    """With its unit: as given, as the file says, as the column's name says, or SI."""
+    channel, column = claim.channel, claim.column
+    dimension = CHANNELS[channel].dimension
+    owner = f"{path}: column {column.name!r}"
+    if channel in options.units:
+        unit, source = options.units[channel], "given"
+    elif column.unit:
+        unit, source = known_unit(column.unit, dimension), "file"
+        if unit is None:
+            raise GainroomError(
+                f"{owner} says its unit is {shown(column.unit)}, which is none of {dimension}; state it in units: {channel}=…"
+            )
+    elif claim.unit:
+        unit, source = claim.unit, "name"
+    else:
+        unit, source = SI[dimension], "convention" if claim.rank == 0 and channel != TIME else "assumed"
+    return Origin(channel, joint, column.name, unit, options.scale(channel, unit, owner), "given" if claim.given else "name", source)

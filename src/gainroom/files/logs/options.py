@@ -1,0 +1,132 @@
+"""What a user says about a log: which column is what, in which unit, and which part of it is wanted. By flags or in a small YAML file."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, Field
+
+from ...errors import GainroomError, nearest, require_positive
+from ...io.validation import Name, Section, number, refusal, validate
+from ...io.yaml_text import parse_yaml, read_text, shown
+from .channels import CHANNELS, SIGNALS
+from .units import factor
+
+
+@dataclass(frozen=True)
+class LogOptions:
+    """How to read a log.
+
+    columns       the file's column by channel, or by channel.joint; `{joint}` in it stands for every joint's name
+    units         by channel: a unit, or a number to multiply by; a minus before it turns the sign round
+    rotor_side    channels that the file holds before the gearbox; `gear_ratio` brings them to the joint side
+    sample_rate   [Hz] rows come at this rate, whatever their time stamps; None: by their time stamps
+    start, end    [s] after the first row; None: from the first, to the last
+    joints        names or regular expressions; empty: all
+
+    Raises GainroomError for a channel, a unit or a number that cannot be.
+    """
+
+    columns: Mapping[str, str] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
+    rotor_side: tuple[str, ...] = ()
+    gear_ratio: float = 1.0
+    sample_rate: float | None = None
+    start: float | None = None
+    end: float | None = None
+    joints: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for key in self.columns:
+            _channel(key.partition(".")[0], "columns")
+        for key, unit in self.units.items():
+            factor(unit, CHANNELS[_channel(key, "units")].dimension, f"units: {key}")
+        for key in self.rotor_side:
+            if CHANNELS[_channel(key, "rotor_side")].dimension in ("time", "current"):
+                raise GainroomError(f"rotor_side: {key} has no side of the gearbox")
+        require_positive("log", "gear_ratio", self.gear_ratio)
+        if self.rotor_side and self.gear_ratio == 1:
+            raise GainroomError("rotor_side: needs gear_ratio, the motor's turns per turn of the joint")
+        if self.sample_rate is not None:
+            require_positive("log", "sample_rate_hz", self.sample_rate, "Hz")
+        begin = 0.0 if self.start is None else require_positive("log", "start", self.start, "s", zero=True)
+        if self.end is not None and require_positive("log", "end", self.end, "s") <= begin:
+            raise GainroomError(f"log: end {self.end:g} s must be > start {begin:g} s")
+        for pattern in self.joints:
+            try:
+                re.compile(pattern)
+            except (re.error, OverflowError) as error:
+                raise GainroomError(f"joints: {pattern!r} is neither a name nor a regular expression: {error}") from error
+
+    def scale(self, channel: str, unit: str, owner: str) -> float:
+        """What turns the file's numbers into SI, joint side, where its `unit` is known. Raises GainroomError."""
+        value = factor(self.units.get(channel, unit), CHANNELS[channel].dimension, owner)
+        if channel not in self.rotor_side:
+            return value
+        return value * self.gear_ratio if CHANNELS[channel].dimension == "torque" else value / self.gear_ratio
+
+    def wants(self, joint: str) -> bool:
+        """Whether a joint is among those asked for."""
+        return not self.joints or any(joint == pattern or re.fullmatch(pattern, joint) for pattern in self.joints)
+
+
+def _channel(key: str, owner: str) -> str:
+    if key not in CHANNELS:
+        raise GainroomError(f"{owner}: unknown channel {key!r}{nearest(key, [*CHANNELS], 'channel')}")
+    return key
+
+
+def assignments(texts: Sequence[str], owner: str) -> dict[str, str]:
+    """`target_torque=cmd,motor_position=enc` as a mapping; may be given in parts. Raises GainroomError."""
+    found: dict[str, str] = {}
+    for text in texts:
+        for part in text.split(","):
+            key, sign, value = (piece.strip() for piece in part.partition("="))
+            if not (key and sign and value):
+                raise GainroomError(f"{owner}: {part!r} must be CHANNEL=VALUE, several with commas between: target_torque=cmd,time=t")
+            if key in found:
+                raise GainroomError(f"{owner}: {key} is given twice")
+            found[key] = value
+    return found
+
+
+def _texts(value: object) -> dict[str, str]:
+    if not isinstance(value, dict):
+        raise refusal(f"{shown(value)} must be a section with channels as keys")
+    for key, text in value.items():
+        if isinstance(text, bool) or not isinstance(text, str | int | float):
+            raise refusal(f"{shown(text)} must be a name", key=key)
+    return {key: str(text) for key, text in value.items()}
+
+
+Assignments = Annotated[dict[str, str], BeforeValidator(_texts)]
+
+
+class LogSection(Section):
+    """A file that says how a log is read: LogOptions, in YAML."""
+
+    columns: Assignments = Field(default_factory=dict)
+    units: Assignments = Field(default_factory=dict)
+    rotor_side: list[Annotated[str, Field(strict=True)]] = Field(default_factory=list, max_length=len(SIGNALS))
+    gear_ratio: Annotated[float, number(above=0)] = 1.0
+    sample_rate_hz: Annotated[float | None, number(above=0, most=1e6, unit="Hz")] = None
+    start: Annotated[float | None, number(least=0, unit="s")] = None
+    end: Annotated[float | None, number(above=0, unit="s")] = None
+    joints: list[Name] = Field(default_factory=list, max_length=200)
+
+
+def load_options(path: Path) -> dict[str, Any]:
+    """The fields of LogOptions that a YAML file gives. Raises GainroomError."""
+    data = parse_yaml(read_text(path), str(path))
+    section = validate(LogSection, data if data is not None else {}, str(path))
+    given = {name: getattr(section, name) for name in section.model_fields_set}
+    if "sample_rate_hz" in given:
+        given["sample_rate"] = given.pop("sample_rate_hz")
+    given |= {name: tuple(given[name]) for name in ("rotor_side", "joints") if name in given}
+    try:
+        LogOptions(**given)
+    except GainroomError as error:
+        raise GainroomError(f"{path}: {error}") from error
+    return given

@@ -1,0 +1,232 @@
+"""A log from a file: block by block within bounded memory, or as a whole."""
+
+import contextlib
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from ...errors import GainroomError, first_of_many
+from ...io.validation import LARGEST
+from ...linear.arrays import Floats
+from .channels import CHANNELS
+from .cleaning import Cleaner
+from .formats import format_of
+from .mapping import map_columns
+from .options import LogOptions
+from .record import Log, Origin, Quality
+from .table import TIME, Table, bounded, guarded
+from .units import SI, UNITS
+
+MOST_BYTES = 1 << 31
+"""Of a log that is read as a whole: 2 GiB are 4 h of 8 channels at 2 kHz. Longer ones are read in blocks or in part."""
+EPOCH = 1e6
+"""[s] A log that begins later than 11 days after its clock's zero counts from an epoch; it then begins at 0, with all its digits."""
+RATES = (9.0, 2e5)
+"""[Hz] Within these is the rate of a log whose time stamps have no stated unit."""
+LONGEST = 1e9
+"""[s] 31 years: beyond, the time stamps are something else."""
+
+
+class LogReader:
+    """An open log.
+
+    origins       where time and each channel come from
+    joint_names   in the file's order
+    """
+
+    def __init__(self, path: Path, options: LogOptions, table: Table, title: str) -> None:
+        self.path, self._options, self._table, self._title = path, options, table, title
+        with guarded(path, title):
+            mapped = map_columns(table.columns, options, path)
+            self._time, origins, notes = mapped.time, mapped.origins, [*mapped.notes]
+            with contextlib.closing(self._parts(origins)) as parts:
+                time, columns = next(parts, (None, []))
+        empty = {origin.column for origin, values in zip(origins, columns, strict=False) if len(values) and not np.isfinite(values).any()}
+        if empty and len(empty) == len(origins):
+            raise GainroomError(f"{path}: {first_of_many(sorted(empty))}: no number in the first {len(columns[0])} rows")
+        if empty:
+            notes.append(f"columns without a number in the first {len(columns[0])} rows: {first_of_many(sorted(empty))}")
+            origins = tuple(origin for origin in origins if origin.column not in empty)
+        if self._time is not None and self._time.unit_from == "assumed" and time is not None:
+            unit, source = guessed_time_unit(time)
+            self._time = replace(self._time, unit=unit, unit_from=source, factor=UNITS["time"][unit])
+        self._channels, self._own_notes = origins, notes
+        self.origins: tuple[Origin, ...] = tuple(o for o in (self._time, *origins) if o is not None)
+        self.joint_names = tuple(dict.fromkeys(origin.joint for origin in origins))
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was left out, and why, as far as reading has come: texts."""
+        return (*self._own_notes, *self._table.notes)
+
+    def blocks(self) -> Iterator[Log]:
+        """The rows that are good, in order, a few ten thousand at a time; quality, and whether the file is complete, up to there.
+
+        The last block is empty. Raises GainroomError where the file cannot be read, or too little of it is left to be a log.
+        """
+        options, channels = self._options, self._channels
+        cleaner = Cleaner(self.path, [origin.column for origin in channels])
+        stamps: _Stamps | None = None
+        latest = 0.0
+        with guarded(self.path, self._title), contextlib.closing(self._parts(channels)) as parts:
+            for time, columns in parts:
+                stamps = stamps or _Stamps.of(self._time, time, options.sample_rate, self._table.taken_off)
+                seconds = stamps.seconds(time, len(columns[0]))
+                scaled = [self._scaled(values, origin) for values, origin in zip(columns, channels, strict=True)]
+                begin = stamps.first + (options.start or 0.0)
+                end = np.inf if options.end is None else stamps.first + options.end
+                latest = float(np.max(seconds, initial=0.0, where=np.isfinite(seconds))) - stamps.first
+                over = bool(np.min(seconds, initial=np.inf, where=np.isfinite(seconds)) > end)
+                kept, scaled = cleaner.clean(seconds, scaled, (begin, end))
+                if len(kept):
+                    bounded(self.path, "time between first and last row:", kept[-1] - stamps.first, LONGEST, " s")
+                    yield self._log(kept, scaled, cleaner.quality, stamps.began)
+                if over:
+                    break
+        if stamps is not None and not cleaner.quality.rows:
+            raise GainroomError(f"{self.path}: has no row from {options.start or 0:g} s on; its last ones are {latest:g} s after the first")
+        cleaner.judge()
+        yield self._log(np.zeros(0), [np.zeros(0)] * len(channels), cleaner.quality, 0.0 if stamps is None else stamps.began)
+
+    def _parts(self, channels: Sequence[Origin]) -> Generator[tuple[Floats | None, list[Floats]], None, None]:
+        """Time stamps and channels as the file has them."""
+        stamped = self._time is not None
+        names = [origin.column for origin in ((self._time, *channels) if self._time is not None else channels)]
+        held = [origin.column for origin in channels if CHANNELS[origin.channel].commanded]
+        for part in self._table.blocks(names, held):
+            yield (part[0], part[1:]) if stamped else (None, part)
+
+    def whole(self) -> Log:
+        """All of it. Raises GainroomError also where it is larger than MOST_BYTES."""
+        time, columns = _Growing(), [_Growing() for _ in self._channels]
+        quality, began = Quality(), 0.0
+        for part in self.blocks():
+            time.add(part.time)
+            for column, origin in zip(columns, self._channels, strict=True):
+                column.add(part.joints[origin.joint][origin.channel])
+            size = 8 * time.count * (1 + len(columns))
+            bounded(self.path, "numbers in memory:", size, MOST_BYTES, " bytes; read a part of it with start, end or joints")
+            quality, began = part.quality, part.began or began
+        return self._log(time.values, [column.values for column in columns], quality, began)
+
+    def _log(self, time: Floats, columns: list[Floats], quality: Quality, began: float) -> Log:
+        joints: dict[str, dict[str, Floats]] = {joint: {} for joint in self.joint_names}
+        for origin, values in zip(self._channels, columns, strict=True):
+            joints[origin.joint][origin.channel] = values
+        return Log(time, joints, self._table.complete, self.origins, quality, began, self.notes)
+
+    def _scaled(self, values: Floats, origin: Origin) -> Floats:
+        """In SI. Raises GainroomError for what cannot be a joint's: another unit, or damage."""
+        scaled = values if origin.factor == 1 else values * origin.factor
+        channel = CHANNELS[origin.channel]
+        size = np.abs(scaled[np.isfinite(scaled)])
+        level = float(np.median(size)) if len(size) else 0.0
+        if level > channel.largest or float(np.max(size, initial=0.0)) > LARGEST:
+            value, most = (level, channel.largest) if level > channel.largest else (float(np.max(size)), LARGEST)
+            unit = SI[channel.dimension]
+            raise GainroomError(
+                f"{self.path}: column {origin.column!r}: {origin.channel} of {value:.6g} {unit} must be at most {most:g} {unit} in size; "
+                f"state the column's unit (it was read as {origin.unit}, which was {origin.unit_from})"
+            )
+        return scaled
+
+
+class _Stamps:
+    """From a file's time stamps, or from none, to seconds.
+
+    factor  of the file's unit; of rows without stamps their rate [Hz]
+    zero    in the file's unit: what is taken off first, so that no digits are lost
+    first   [s] the first row's time
+    """
+
+    def __init__(self, factor: float, zero: float, first: float) -> None:
+        self._factor, self._zero, self.first = factor, zero, first
+        self.began = zero * factor
+        self._rows = 0
+
+    @classmethod
+    def of(cls, origin: Origin | None, stamps: Floats | None, rate: float | None, taken_off: Mapping[str, float]) -> "_Stamps":
+        """Of a log whose first rows have these stamps; of one that comes at a `rate` [Hz] where it has none."""
+        if origin is None or stamps is None:
+            return cls(rate or 1.0, 0.0, 0.0)
+        finite = stamps[np.isfinite(stamps)]
+        raw = float(finite[0]) if len(finite) else 0.0
+        first = raw * origin.factor
+        made = cls(origin.factor, 0.0, first) if abs(first) <= EPOCH else cls(origin.factor, raw, 0.0)
+        made.began += taken_off.get(origin.column, 0.0) * origin.factor
+        return made
+
+    def seconds(self, stamps: Floats | None, count: int) -> Floats:
+        """(count,) of the next rows."""
+        if stamps is None:
+            self._rows += count
+            return np.arange(self._rows - count, self._rows) / self._factor
+        stamps = stamps if self._zero == 0 else stamps - self._zero
+        return stamps if self._factor == 1 else stamps * self._factor
+
+
+def guessed_time_unit(stamps: Floats) -> tuple[str, str]:
+    """The unit of time stamps that none is stated of, and how that is known: seconds, unless only another one gives a rate within RATES."""
+    finite = stamps[np.isfinite(stamps)]
+    steps = np.diff(finite)
+    steps = steps[steps > 0]
+    if not len(steps):
+        return "s", "assumed"
+    step = float(np.median(steps))
+    if RATES[0] <= 1 / step <= RATES[1]:
+        return "s", "assumed"
+    for unit in ("ms", "us", "ns"):
+        # Whole milliseconds at 5 kHz would repeat: of two units that are possible the larger one is the right one below 10 ms.
+        if RATES[0] <= 1 / (step * UNITS["time"][unit]) <= RATES[1]:
+            return unit, "values"
+    return "s", "assumed"
+
+
+class _Growing:
+    """A column that grows in place: pieces that are joined at the end would take twice its memory."""
+
+    def __init__(self) -> None:
+        self._room, self.count = np.zeros(0), 0
+
+    def add(self, piece: Floats) -> None:
+        end = self.count + len(piece)
+        if end > len(self._room):
+            room = np.empty(max(end, 2 * len(self._room)))  # memory that is not written to is none
+            room[: self.count] = self.values
+            self._room = room
+        self._room[self.count : end] = piece
+        self.count = end
+
+    @property
+    def values(self) -> Floats:
+        return self._room[: self.count]
+
+
+@contextlib.contextmanager
+def log_reader(path: Path, options: LogOptions | None = None) -> Iterator[LogReader]:
+    """Open a log for reading. The file's ending, or that it is a folder, says which format it has.
+
+    Raises GainroomError where it cannot be read, or where no channel is found in it.
+    """
+    path, options = Path(path), LogOptions() if options is None else options
+    form = format_of(path)
+    with contextlib.ExitStack() as stack:
+        with guarded(path, form.title):
+            table = stack.enter_context(form.table(path, options.columns.get(TIME)))
+        yield LogReader(path, options, table, form.title)
+
+
+def read_log(path: Path, columns: Mapping[str, str] | None = None, options: LogOptions | None = None) -> Log:
+    """A log as a whole, in SI and on the joint side.
+
+    columns   what the file calls a column, by this package's name for it, e.g. {"target_torque": "cmd"}; LogOptions says the rest
+
+    Raises GainroomError, one line that names the file: where it cannot be read, has no time or no channel, or cannot be a log.
+    """
+    options = LogOptions() if options is None else options
+    if columns:
+        options = replace(options, columns={**options.columns, **columns})
+    with log_reader(path, options) as reader:
+        return reader.whole()

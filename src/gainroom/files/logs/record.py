@@ -1,0 +1,167 @@
+"""What was read of a log: channels in SI, joint side, where each came from, and what had to be done to the rows."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+
+from ...errors import GainroomError, nearest
+from ...linear.arrays import Floats
+from .channels import CHANNELS, ONE_JOINT, SIGNALS
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Where a channel came from.
+
+    channel, joint   of the log; the joint "" for time
+    column           as the file calls it
+    unit             that it was read in; "" for a bare factor
+    factor           by which it was multiplied, to SI and the joint side
+    column_from      "given" by the user, or the "name" said it
+    unit_from        "given", the "file" or the column's "name" said it, its "values" did, "convention": the column is called as
+                     this package calls it, which is in SI; or it was "assumed"
+    """
+
+    channel: str
+    joint: str
+    column: str
+    unit: str
+    factor: float
+    column_from: str
+    unit_from: str
+
+
+@dataclass(frozen=True)
+class Quality:
+    """What had to be done to the rows of a log, and how even their time stamps are.
+
+    rows             in the file, within the window asked for
+    not_finite       rows cut since a number was missing or not finite; `missing`: how often by column
+    duplicate        rows cut since their time stamp was there already
+    backwards        rows cut since their time stamp was earlier than one before
+    gaps             where more than 1.5 sample times passed; `dropped` ticks are missing in them, the longest lasts `longest_gap` [s]
+    jitter           standard deviation of the time between neighbouring rows [s], gaps apart
+    sample_time      [s] mean time per tick; 0 where fewer than two rows are
+    """
+
+    rows: int = 0
+    not_finite: int = 0
+    duplicate: int = 0
+    backwards: int = 0
+    missing: Mapping[str, int] = field(default_factory=dict)
+    gaps: int = 0
+    dropped: int = 0
+    longest_gap: float = 0.0
+    jitter: float = 0.0
+    sample_time: float = 0.0
+
+    @property
+    def cut(self) -> int:
+        """Rows that were left out."""
+        return self.not_finite + self.duplicate + self.backwards
+
+
+@dataclass(frozen=True, eq=False)
+class JointLog:
+    """One joint's rows.
+
+    time          (m,) rising [s]
+    channels      by name, one of SIGNALS, (m,) each; only those that the log has
+    sample_time   [s] mean time per tick
+    name          of the joint
+    """
+
+    time: Floats
+    channels: Mapping[str, Floats]
+    sample_time: float
+    name: str = ONE_JOINT
+
+    def even_parts(self, longest_gap: int = 3, least: int = 2) -> "list[JointLog]":
+        """Parts without gaps, with rows exactly `sample_time` apart: what a Fourier transform and a shift by ticks need.
+
+        longest_gap   so many ticks that are missing one after the other are filled in; a longer gap ends a part
+        least         rows of the shortest part
+
+        Rows whose stamps lie within a quarter tick of even ones keep their numbers; others are interpolated: linearly what is measured,
+        and what is commanded holds until the next one.
+        """
+        if len(self.time) < least:
+            return []
+        ticks = np.diff(self.time) / self.sample_time
+        edges = [0, *(np.flatnonzero(ticks > longest_gap + 1.5) + 1).tolist(), len(self.time)]
+        return [self._even(first, last) for first, last in pairwise(edges) if last - first >= least]
+
+    def _even(self, first: int, last: int) -> "JointLog":
+        time = self.time[first:last]
+        count = round((time[-1] - time[0]) / self.sample_time)
+        offset = (time - time[0]) / self.sample_time
+        even = time[0] + self.sample_time * np.arange(count + 1)
+        if count + 1 == len(time) and np.max(np.abs(offset - np.arange(count + 1))) < NEAR:
+            channels = {name: values[first:last] for name, values in self.channels.items()}
+        else:
+            channels = {name: aligned(even, time, values[first:last], CHANNELS[name].commanded) for name, values in self.channels.items()}
+        return replace(self, time=even, channels=channels)
+
+
+NEAR = 0.25
+"""Ticks: stamps that jitter less are those of an even clock that was read a little late."""
+
+
+def aligned(time: Floats, stamps: Floats, values: Floats, held: bool) -> Floats:
+    """`values` at `stamps` (k,) rising, as they are at `time` (m,): the last one before (held), or on the line between two."""
+    if len(time) == len(stamps) and np.array_equal(time, stamps):
+        return values
+    if not held:
+        return np.interp(time, stamps, values)
+    places = np.searchsorted(stamps, time, side="right") - 1
+    return values[np.maximum(places, 0)]
+
+
+@dataclass(frozen=True, eq=False)
+class Log:
+    """What a log holds.
+
+    time          (k,) rising [s]
+    joints        by joint and channel (one of SIGNALS), (k,) each
+    complete      False where the file ends in the middle of a record, as after a power cut
+    origins       where time and each channel came from
+    quality       what had to be done to the rows
+    began         [s] what was taken off the file's time stamps: 0, or the first of them where they count from an epoch
+    notes         what was left out, and why: texts
+    """
+
+    time: Floats
+    joints: Mapping[str, Mapping[str, Floats]]
+    complete: bool = True
+    origins: Sequence[Origin] = ()
+    quality: Quality = field(default_factory=Quality)
+    began: float = 0.0
+    notes: Sequence[str] = ()
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """(n,) in the file's order."""
+        return tuple(self.joints)
+
+    @property
+    def sample_time(self) -> float:
+        """Mean time per tick [s]."""
+        return self.quality.sample_time
+
+    @cached_property
+    def signals(self) -> Mapping[str, Floats]:
+        """(k, n) by channel: those that every joint has."""
+        every = [name for name in SIGNALS if all(name in channels for channels in self.joints.values())]
+        return {name: np.stack([channels[name] for channels in self.joints.values()], axis=1) for name in every}
+
+    def joint(self, name: str | None = None) -> JointLog:
+        """One joint; None: the only one. Raises GainroomError for a name that it has not, and for none where it has several."""
+        if name is None and len(self.joints) > 1:
+            raise GainroomError(f"the log holds {len(self.joints)} joints and one must be chosen{nearest('', self.joint_names, 'joint')}")
+        if name is not None and name not in self.joints:
+            raise GainroomError(f"the log has no joint {name!r}{nearest(name, self.joint_names, 'joint')}")
+        chosen = next(iter(self.joints)) if name is None else name
+        return JointLog(self.time, self.joints[chosen], self.sample_time, chosen)

@@ -1,0 +1,88 @@
+"""Units of a log's columns: how each is written, and its factor to SI."""
+
+import math
+import re
+
+from ...errors import GainroomError, one_line
+
+UNITS: dict[str, dict[str, float]] = {
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
+    "angle": {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180, "rev": 2 * math.pi, "m": 1.0, "mm": 1e-3},
+    "speed": {"rad/s": 1.0, "deg/s": math.pi / 180, "rev/s": 2 * math.pi, "rpm": math.pi / 30, "m/s": 1.0, "mm/s": 1e-3},
+    "torque": {"Nm": 1.0, "mNm": 1e-3, "Nmm": 1e-3, "Ncm": 1e-2, "kNm": 1e3, "N": 1.0, "kN": 1e3},
+    "current": {"A": 1.0, "mA": 1e-3},
+}
+"""By dimension; lengths and forces are those of prismatic joints."""
+SI = {"time": "s", "angle": "rad", "speed": "rad/s", "torque": "Nm", "current": "A"}
+"""The unit of numbers that none is stated of."""
+TICKS = {"angle": re.compile(r"ticks/([0-9.eE+]{1,20})"), "speed": re.compile(r"ticks/([0-9.eE+]{1,20})/s")}
+"""Encoder steps: how many of them are one revolution."""
+SPELLINGS = {
+    "sec": "s",
+    "secs": "s",
+    "seconds": "s",
+    "second": "s",
+    "msec": "ms",
+    "µs": "us",
+    "μs": "us",
+    "usec": "us",
+    "nsec": "ns",
+    "nanoseconds": "ns",
+    "°": "deg",
+    "degree": "deg",
+    "degrees": "deg",
+    "radian": "rad",
+    "radians": "rad",
+    "turn": "rev",
+    "turns": "rev",
+    "revs": "rev",
+    "rps": "rev/s",
+    "rads": "rad/s",
+    "radps": "rad/s",
+    "degps": "deg/s",
+    "°/s": "deg/s",
+    "dps": "deg/s",
+    "amp": "A",
+    "amps": "A",
+    "ampere": "A",
+}
+
+
+def known_unit(text: str, dimension: str) -> str | None:
+    """The unit of `dimension` that `text` writes, in whatever spelling; None where it writes none."""
+    plain = re.sub(r"[\s·*⋅]|(?<=\w)\.(?=\w)", "", text.strip())
+    plain = SPELLINGS.get(plain.lower(), plain).replace("/sec", "/s")
+    units = UNITS[dimension]
+    if plain in units:
+        return plain
+    pattern = TICKS.get(dimension)
+    if pattern is not None and (found := pattern.fullmatch(plain)) and _positive(found[1]):
+        return plain
+    close = [unit for unit in units if unit.lower() == plain.lower()]  # a header may write NM, and no two units differ by case alone
+    return close[0] if len(close) == 1 else None
+
+
+def factor(text: str, dimension: str, owner: str) -> float:
+    """What turns a number in the unit `text`, or a bare number that is the factor itself, into SI.
+
+    A minus before either turns the sign round. Raises GainroomError that begins with `owner`.
+    """
+    sign, plain = (-1.0, text.strip()[1:]) if text.strip().startswith("-") else (1.0, text.strip())
+    value = _positive(plain)
+    if value is not None:
+        return sign * value
+    unit = known_unit(plain, dimension)
+    if unit is not None:
+        return sign * (UNITS[dimension].get(unit) or 2 * math.pi / float(TICKS[dimension].fullmatch(unit)[1]))  # type: ignore[index]
+    steps = [f"ticks/4096{'/s' if dimension == 'speed' else ''} (4096 a revolution)"] if dimension in TICKS else []
+    allowed = ", ".join([*UNITS[dimension], *steps])
+    raise GainroomError(f"{owner}: unit {one_line(repr(text), 60)} must be one of {allowed}; or a number that the column is multiplied by")
+
+
+def _positive(text: str) -> float | None:
+    """A number above 0 and below what a factor can be; None for all else."""
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if 1e-12 <= value <= 1e12 else None
