@@ -251,7 +251,7 @@ def test_example(capsys: pytest.CaptureFixture[str]):
 
 def test_every_command_has_help_with_an_example(capsys: pytest.CaptureFixture[str]):
     commands = [info.name for info in app.registered_commands]
-    assert commands == ["joint", "robot", "audit", "simulate", "verify", "example", "reproduce"]
+    assert commands == ["joint", "robot", "audit", "simulate", "verify", "log", "example", "reproduce"]
     for command in ([], *([name] for name in commands)):
         assert main([*command, "--help"]) == 0
         assert f"Example:\n{' ' * 4}gainroom {' '.join(command)}".rstrip() in capsys.readouterr().out

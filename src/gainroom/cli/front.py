@@ -7,6 +7,7 @@ import typer
 from .audit import audit
 from .example import example
 from .joint import joint
+from .log import log
 from .reproduce import reproduce
 from .robot import robot
 from .simulate import simulate
@@ -24,6 +25,7 @@ app.command(name="robot", short_help="A whole robot: limits with all joints clos
 app.command(name="audit", short_help="Are the gains that a robot already has safe?")(audit)
 app.command(name="simulate", short_help="Play a joint's or a robot's scenario: tracking, vibration, traces.")(simulate)
 app.command(name="verify", short_help="The predicted limit against simulation.")(verify)
+app.command(name="log", short_help="What a log holds, and what can be identified from it.")(log)
 app.command(name="example", short_help="Print a ready file to start from.")(example)
 app.command(name="reproduce", short_help="The paper's figures, computed and compared.")(reproduce)
 

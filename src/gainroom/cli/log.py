@@ -1,0 +1,61 @@
+"""gainroom log: what a log holds, and what can be identified from it."""
+
+from typing import Any
+
+from .log_options import Columns, End, GearRatio, Joints, LogFile, RateHz, RotorSide, Start, Units, log_options
+from .options import AsJson, Verbose
+from .output import emit, emit_json, render, table
+
+MOST_JOINTS = 3
+"""In the terminal's table."""
+
+
+def log(
+    file: LogFile,
+    columns: Columns = None,
+    units: Units = None,
+    rotor_side: RotorSide = None,
+    gear_ratio: GearRatio = None,
+    rate_hz: RateHz = None,
+    start: Start = None,
+    end: End = None,
+    joint: Joints = None,
+    as_json: AsJson = False,
+    verbose: Verbose = False,
+) -> int:
+    """What a log holds: joints, channels, units, how each was found out, what had to be cut, and what can be identified from it.
+
+    \b
+    Example:
+      gainroom log run.csv --columns target_torque=cmd --units motor_position=deg
+
+    Exit status: 0 done; 2 the file or the call is wrong.
+    """
+    from ..files.logs import Survey, log_reader
+    from ..report.log_text import facts
+
+    options = log_options(columns, units, rotor_side, gear_ratio, rate_hz, start, end, joint)
+    with log_reader(file, options) as reader:
+        survey = Survey.of(reader)
+    if as_json:
+        emit_json(facts(survey))
+    else:
+        emit(_terminal(survey, None if verbose else MOST_JOINTS))
+    return 0
+
+
+def _terminal(survey: Any, most: int | None) -> str:
+    from ..report.log_text import CHANNEL_TITLES, ability_text, channel_rows, remarks, sentence
+    from ..report.number_format import digits
+
+    more = len(survey.last.joint_names) - (most or len(survey.last.joint_names))
+    questions = [(each.question, ability_text(each), "yes" if each.possible else "no") for each in survey.abilities()]
+    parts: list[Any] = [
+        sentence(survey),
+        "",
+        table("Channels", CHANNEL_TITLES, channel_rows(survey, most)),
+        *([f"and {digits(more)} more joints (--verbose)", ""] if more > 0 else []),
+        table("What it can tell", ("", "", "possible"), questions),
+        *(f"Note: {text}" for text in remarks(survey)),
+    ]
+    return render(*parts)

@@ -1,0 +1,151 @@
+"""A log in words: what was found in it, how each guess was made, what was cut, and what can be identified from it."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from ..errors import listed
+from ..files.logs import CHANNELS, Ability, Origin, Quality, Survey
+from .number_format import digits
+
+READ = {
+    "given": "stated",
+    "file": "the file",
+    "name": "name",
+    "values": "numbers",
+    "convention": "convention",
+    "assumed": "assumed",
+}
+"""By what a column or a unit is known, in a table."""
+COARSE = 0.05
+"""Jitter in ticks from which on it is mentioned: a twentieth of a tick is what a delay is asked to be known to, within a factor of two."""
+
+
+def sentence(survey: Survey) -> str:
+    """What the log is, in one sentence."""
+    quality, joints = survey.last.quality, survey.last.joint_names
+    rows = digits(quality.rows - quality.cut, significant=6)
+    many = f"{len(joints)} joints" if len(joints) > 1 else "one joint"
+    return f"{survey.path} holds {rows} rows of {many}: {digits(survey.duration, 's')} at {digits(survey.rate, 'Hz')}."
+
+
+def remarks(survey: Survey) -> list[str]:
+    """What was repaired, cut and left out, and what may be wrong."""
+    quality = survey.last.quality
+    found = [] if survey.last.complete else ["The file ends in the middle of a record; what came before was read."]
+    found += _cuts(quality)
+    if quality.sample_time and quality.jitter > COARSE * quality.sample_time:
+        found.append(
+            f"Time stamps jitter by {digits(1e3 * quality.jitter, 'ms')} around a tick of {digits(1e3 * quality.sample_time, 'ms')}."
+        )
+    for origin in survey.last.origins:
+        if origin.channel == "time" and origin.unit_from == "values":
+            found.append(
+                f"Time stamps were read in {origin.unit}: in s the rate would be implausible. State it with --units time={origin.unit}."
+            )
+    assumed = dict.fromkeys(origin.channel for origin in survey.last.origins if origin.unit_from == "assumed" and origin.channel != "time")
+    if assumed:
+        found.append(f"Units are not stated of {listed([*assumed], most=12)}; SI on the joint side was assumed.")
+    if any(_unstated_side(origin) for origin in survey.last.origins):
+        found.append(
+            "Which side of the gearbox the encoder is on is not stated; motor_position was assumed (else: --columns link_position=…)."
+        )
+    return found + [f"{note[0].upper()}{note[1:]}." for note in survey.last.notes]
+
+
+def _unstated_side(origin: Origin) -> bool:
+    """Whether nothing says which side of the gearbox an encoder is on: `position`, `q`."""
+    return (origin.channel, origin.column_from) == ("motor_position", "name") and "motor" not in origin.column.lower()
+
+
+def _cuts(quality: Quality) -> list[str]:
+    found = []
+    if quality.not_finite:
+        worst = sorted(quality.missing, key=lambda name: -quality.missing[name])
+        found.append(f"{quality.not_finite} rows were cut: a number is missing or not finite in {listed(worst)}.")
+    if quality.duplicate:
+        found.append(f"{quality.duplicate} rows were cut: their time stamp is that of the row before.")
+    if quality.backwards:
+        found.append(f"{quality.backwards} rows were cut: their time stamp is earlier than one before.")
+    if quality.gaps:
+        longest = digits(1e3 * quality.longest_gap, "ms")
+        found.append(f"{quality.dropped} ticks are missing in {quality.gaps} gaps, the longest of {longest}.")
+    return found
+
+
+def ability_text(ability: Ability) -> str:
+    """What answers a question, or what is missing."""
+    if not ability.possible:
+        return f"needs {', and '.join(listed(group, 'or', 2) for group in ability.missing)}"
+    text = f"from {listed(ability.channels)}"
+    return f"{text}; delays of command and loop may be confounded" if ability.confounded else text
+
+
+CHANNEL_TITLES = ("", "joint", "column", "by", "unit", "by", "range")
+
+
+def channel_rows(survey: Survey, most: int | None = None) -> list[tuple[str, ...]]:
+    """As CHANNEL_TITLES says, of the first `most` joints."""
+    shown = survey.last.joint_names[:most]
+    return [
+        (
+            origin.channel,
+            origin.joint,
+            origin.column,
+            READ[origin.column_from],
+            origin.unit,
+            READ[origin.unit_from],
+            _range_text(survey, origin),
+        )
+        for origin in survey.last.origins
+        if origin.channel == "time" or origin.joint in shown
+    ]
+
+
+def _range_text(survey: Survey, origin: Origin) -> str:
+    if (origin.joint, origin.channel) not in survey.ranges:
+        return ""
+    least, largest = survey.ranges[origin.joint, origin.channel]
+    unit = {"angle": "rad", "speed": "rad/s", "torque": "N·m", "current": "A"}[CHANNELS[origin.channel].dimension]
+    return f"{digits(least, significant=3)} to {digits(largest, unit, 3)}"
+
+
+def facts(survey: Survey) -> dict[str, Any]:
+    """In JSON."""
+    log, quality = survey.last, survey.last.quality
+    return {
+        "sentence": sentence(survey),
+        "rows": quality.rows - quality.cut,
+        "duration": survey.duration,
+        "sample_rate_hz": survey.rate,
+        "jitter_ms": 1e3 * quality.jitter,
+        "complete": log.complete,
+        "began": log.began,
+        "cut": {"not_finite": quality.not_finite, "duplicate": quality.duplicate, "backwards": quality.backwards},
+        "missing": dict(quality.missing),
+        "gaps": {"count": quality.gaps, "dropped_ticks": quality.dropped, "longest_ms": 1e3 * quality.longest_gap},
+        "joints": [{"name": joint, "channels": _channel_facts(survey, log.origins, joint)} for joint in log.joint_names],
+        "time": next((_origin_facts(origin) for origin in log.origins if origin.channel == "time"), None),
+        "allows": {
+            each.question: {"possible": each.possible, "channels": each.channels, "missing": each.missing, "confounded": each.confounded}
+            for each in survey.abilities()
+        },
+        "warnings": remarks(survey),
+    }
+
+
+def _channel_facts(survey: Survey, origins: Sequence[Origin], joint: str) -> dict[str, Any]:
+    return {
+        origin.channel: {**_origin_facts(origin), "range": survey.ranges.get((joint, origin.channel))}
+        for origin in origins
+        if origin.joint == joint and origin.channel != "time"
+    }
+
+
+def _origin_facts(origin: Origin) -> dict[str, Any]:
+    return {
+        "column": origin.column,
+        "unit": origin.unit,
+        "factor": origin.factor,
+        "column_from": origin.column_from,
+        "unit_from": origin.unit_from,
+    }
