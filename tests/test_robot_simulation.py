@@ -172,7 +172,7 @@ def test_the_log_holds_what_was_commanded(tmp_path: Path, capsys: pytest.Capture
     simulated(write_arm(tmp_path, ROBOT.replace(", kp: 400.0, kd: 30.0", ", space: task")), capsys, "--log", str(log))
     assert "reference" not in read_log(log).signals
     log.write_text("time,target_torque,reference_velocity\n0,1,2\n1,1,2\n", "utf-8")  # another's
-    assert set(read_log(log).signals) == {"target_torque"}
+    assert set(read_log(log).signals) == {"target_torque", "reference_velocity"}  # no joint called velocity
 
 
 def test_a_sole_of_a_point_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
