@@ -16,6 +16,7 @@ LAYERS = (
     "robot",
     "design",
     "simulation",
+    "identification",
     "studies",
     "files",
     "report",

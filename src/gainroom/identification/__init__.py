@@ -1,0 +1,1 @@
+"""From a log to a joint's numbers, with intervals: delay, elasticity, gains."""

@@ -1,0 +1,145 @@
+"""When commands arrive: read from the demand torque, which is the newest target that has reached the drive.
+
+Command j leaves at tick j and would arrive D_j ticks later; the drive follows the newest that is there, so what is seen of command j is
+X_j = min_i (D_{j+i} + i): a later command that comes first takes its place. With independent delays the survival functions obey
+S_X(x) = Π_i S_D(x − i), hence S_D(x) = S_X(x)/S_X(x − 1). The demand is logged once a tick, so D and X are seen rounded up.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..linear.arrays import Booleans, Floats, Integers
+from .record import Record
+
+LEAST_MATCHED = 0.8  # of the demand's changes: with fewer, the demand is not the target some ticks later
+LEAST_ARRIVALS = 5
+COMMON = 0.05  # of the arrivals: rarer ones do not get a moment of arrival of their own
+RARE = 0.005  # of the arrivals: later ones are repeated values taken for each other, and their ratio of survivals is noise
+
+
+@dataclass(frozen=True)
+class Arrivals:
+    """What the demand shows.
+
+    row       (e,) the row at which a change of the target leaves
+    ticks     (e,) from then to the row in which the demand shows it, or a newer one: X rounded up
+    values, probability   (l,) ticks and the law of D, rounded up: without overtaking
+    """
+
+    row: Integers
+    ticks: Integers
+    values: Integers
+    probability: Floats
+
+    @property
+    def first(self) -> int:
+        """Ticks of the first kind of arrival; the kinds are those ticks, the next, and so on, `shares` many; rarer ones join the nearest."""
+        return int(self._common[0])
+
+    @property
+    def shares(self) -> Floats:
+        """(q,) of D, by kind."""
+        first, last = self._common
+        shares = np.zeros(last - first + 1)
+        np.add.at(shares, np.clip(self.values, first, last) - first, self.probability)
+        return shares
+
+    @property
+    def _common(self) -> tuple[int, int]:
+        common = self.values[self.probability >= COMMON]
+        return (int(common[0]), int(common[-1])) if len(common) else (int(self.values[0]), int(self.values[0]))
+
+    def changes(self, target: Floats, command: Floats) -> Floats:
+        """(m, q) changes of the `command` (m,) that acts in each row, by kind of arrival, whose shares in them come from the target (m,)."""
+        first, count = self.first, len(self.shares)
+        changes = np.zeros((len(command), count))
+        np.add.at(changes, (self.row + self.ticks, np.clip(self.ticks - first, 0, count - 1)), np.diff(target)[self.row - 1])
+        changes[:, int(np.argmax(self.shares))] += np.diff(command, prepend=command[0]) - changes.sum(axis=1)
+        return changes
+
+    @property
+    def mean(self) -> float:
+        """Of D rounded up [ticks]."""
+        return float(self.values @ self.probability)
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation of D rounded up [ticks]."""
+        return float(np.sqrt(self.probability @ (self.values - self.mean) ** 2))
+
+
+def arrivals(record: Record, longest: int) -> Arrivals | None:
+    """The arrivals of the target's changes in the demand, up to `longest` ticks late; None where the demand does not repeat the target."""
+    target, demand = record.channels["target_torque"], record.channels["demand_torque"]
+    tolerance = 1e-6 * float(np.ptp(target)) + 1e-12
+    starts = _changes(target, tolerance) & ~record.fresh
+    shows = np.flatnonzero(_changes(demand, tolerance) & (record.run_length > longest))
+    if len(shows) < LEAST_ARRIVALS or not starts.any():
+        return None
+    newest = _newest(target, demand, starts, shows, longest, tolerance)
+    found = newest >= 0
+    if found.mean() < LEAST_MATCHED or found.sum() < LEAST_ARRIVALS:
+        return None
+    return _collected(record, starts, shows[found], newest[found], longest)
+
+
+def arrivals_of_ages(record: Record, age: Integers) -> Arrivals | None:
+    """The same where the age (m,) [ticks] of the command that acts in each row is known; None where too little arrives."""
+    target = record.channels["target_torque"]
+    starts = _changes(target, 1e-6 * float(np.ptp(target)) + 1e-12) & ~record.fresh
+    newest = np.maximum(np.arange(len(age)) - age, 0)
+    # A command that is the target's last change or a repetition of it: both show that change.
+    last_change = np.maximum.accumulate(np.where(starts, np.arange(len(age)), -1))[newest]
+    longest = int(age.max())
+    shows = np.flatnonzero((np.diff(last_change, prepend=-1) != 0) & (last_change >= 0) & (record.run_length > longest))
+    if len(shows) < LEAST_ARRIVALS:
+        return None
+    return _collected(record, starts, shows, last_change[shows], longest)
+
+
+def _collected(record: Record, starts: Booleans, shows: Integers, newest: Integers, longest: int) -> Arrivals | None:
+    """From rows in which the demand shows the target's change of row `newest`."""
+    newest = np.maximum.accumulate(newest)
+    leaving = np.flatnonzero(starts & (record.run_length > longest))  # what arrived sooner was not looked at
+    place = np.searchsorted(newest, leaving)  # the first change of the demand that shows this command or a newer one
+    seen = place < len(newest)
+    leaving, place = leaving[seen], place[seen]
+    ticks = shows[place] - leaving
+    fits = (ticks <= longest) & (record.ticks[shows[place]] - record.ticks[leaving] == ticks)
+    if fits.sum() < LEAST_ARRIVALS:
+        return None
+    leaving, ticks = leaving[fits], ticks[fits]
+    values, probability = _without_overtaking(ticks)
+    return Arrivals(leaving, ticks, values, probability)
+
+
+def _changes(values: Floats, tolerance: float) -> Booleans:
+    return np.concatenate([[False], np.abs(np.diff(values)) > tolerance])
+
+
+def _newest(target: Floats, demand: Floats, starts: Booleans, shows: Integers, longest: int, tolerance: float) -> Integers:
+    """For each row in `shows`, the row of the change of target that the demand shows there; −1 where none fits.
+
+    Where several fit, as in a target that repeats itself, it is the one whose lag fits most often, and of those the shortest.
+    """
+    lags = np.arange(min(longest, int(shows[-1])) + 1)
+    places = shows[:, None] - lags
+    inside = np.maximum(places, 0)
+    fits = (places >= 0) & starts[inside] & (np.abs(demand[shows][:, None] - target[inside]) <= tolerance)
+    single = fits.sum(axis=1) == 1
+    votes = fits[single].sum(axis=0) if single.any() else fits.sum(axis=0)
+    usual = float(np.average(lags, weights=votes)) if single.any() else float(np.argmax(votes >= 0.2 * votes.max()))
+    distance = np.where(fits, np.abs(lags - usual), np.inf)
+    best = np.argmin(distance, axis=1)
+    return np.where(np.isfinite(distance.min(axis=1)), shows - lags[best], -1)
+
+
+def _without_overtaking(ticks: Integers) -> tuple[Integers, Floats]:
+    """The law of D from observed X (e,)."""
+    values = np.arange(ticks.min(), ticks.max() + 1)
+    survival = np.array([np.mean(ticks > value) for value in values])
+    before = np.concatenate([[1.0], survival[:-1]])
+    alone = np.where(survival > max(RARE, 2 / len(ticks)), survival / np.maximum(before, RARE), 0.0)
+    alone = np.minimum.accumulate(alone)
+    return values, -np.diff(np.concatenate([[1.0], alone]))

@@ -1,0 +1,249 @@
+"""The delay of the torque, from target, demand and actual torque: Fig. 6 of Jung et al. 2017, without its ruler.
+
+With the demand logged, the arrival of every command is read to the tick (arrivals.py); the actual torque, through the current loop that is
+fitted with it, says when within the tick (current_loop.py). Without the demand both come from the actual torque alone.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import GainroomError
+from ..linear.arrays import Floats, Integers
+from .arrivals import Arrivals, arrivals, arrivals_of_ages
+from .current_loop import Data, Fit, Response, decoded, fit_arrivals, middle, rough_response
+from .estimate import Estimate, covariance, interval, log_interval, quantile
+from .record import Record
+
+LONGEST = 0.1  # [s] that a delay is looked for
+LEAST_CHANGES = 8  # of the target
+UNKNOWN_TICKS = 0.5  # half-width of the delay's interval: more, and the log does not tell
+DECODINGS = 8
+GUESSED = 0.2  # of the jitter's deviation: error of a delay whose arrivals are guessed
+FITTED_ROWS = 40_000  # of a long log: the delay is then known to a thousandth of a tick, and its jitter still from all rows
+JITTER = 0.15  # ticks: a larger deviation is not a delay's place within one tick
+FLOOR = 1e-4  # ticks: no log is better than its clock
+
+
+@dataclass(frozen=True)
+class Jitter:
+    """How much the delays of single commands differ.
+
+    deviation     standard deviation [s]; NaN where the log does not say
+    ticks, probability   (l,) the law of the delay rounded up to ticks; empty without a demand torque
+    """
+
+    deviation: float
+    ticks: Integers
+    probability: Floats
+
+
+@dataclass(frozen=True)
+class TorqueDelay:
+    """What the torques say.
+
+    delay           T, from target to demand torque, mean over commands [s]
+    ticks           the same in ticks
+    effective       T as a loop feels it: the mean age of the command that acts [s]; shorter where commands overtake each other
+    jitter          of single commands
+    lag             delay + 2ζ/ω_c, from target to actual torque of a slow command [s]; None without actual torque
+    bandwidth       ω_c [rad/s], damping_ratio ζ, gain actual/demand of the current loop; None without actual torque
+    told            True where delay and current loop are told apart; False: `delay` is bounded, only `lag` is measured
+    sample_time     [s]
+    noise           of the actual torque [N m]; None without it
+    channels        the torques it rests on
+    warnings        what the reader should know
+    """
+
+    delay: Estimate
+    ticks: Estimate
+    effective: Estimate
+    jitter: Jitter
+    lag: Estimate | None
+    bandwidth: Estimate | None
+    damping_ratio: Estimate | None
+    gain: Estimate | None
+    told: bool
+    sample_time: float
+    noise: float | None
+    channels: tuple[str, ...]
+    warnings: tuple[str, ...] = ()
+
+
+def identify_delay(record: Record, longest: float = LONGEST) -> TorqueDelay:
+    """Delay, jitter and current loop from target and demand or actual torque, or all three.
+
+    longest   [s] the longest delay that is looked for
+
+    Raises GainroomError where the channels are missing, where the target hardly changes, and where the log does not tell the delay; the
+    message says what to record.
+    """
+    (target,) = record.need("delay", "target_torque")
+    if not record.has("demand_torque") and not record.has("actual_torque"):
+        record.need("delay", "demand_torque")
+    most = int(np.ceil(longest / record.sample_time))
+    changes = int(np.count_nonzero(np.abs(np.diff(target)) > 1e-6 * np.ptp(target)))
+    if changes < LEAST_CHANGES:
+        raise GainroomError(
+            f"delay: target_torque changes {changes} times; at least {LEAST_CHANGES} changes are needed: record torque steps or a multisine"
+        )
+    seen = arrivals(record, most) if record.has("demand_torque") else None
+    warnings = []
+    if record.has("demand_torque") and seen is None:
+        warnings.append("demand_torque is not target_torque some ticks later (filtered, limited or scaled): it is left out")
+    if not record.has("actual_torque"):
+        if seen is None:
+            raise GainroomError("delay: demand_torque does not repeat target_torque, and there is no actual_torque: record actual_torque")
+        return _from_demand(record, seen)
+    return _from_actual(record, seen, most, warnings)
+
+
+def _from_demand(record: Record, seen: Arrivals) -> TorqueDelay:
+    """Whole ticks only: a command that is seen at a tick arrived at any time since the tick before."""
+    tick, late = (
+        record.sample_time,
+        covariance(_arrival_influence(seen, len(record.time), seen.first + np.arange(len(seen.shares)))[:, None])[0, 0] ** 0.5,
+    )
+    ticks = Estimate(seen.mean - 0.5, seen.mean - 1 - 2 * late, seen.mean + 2 * late)
+    age = float(seen.ticks.mean())
+    effective = Estimate(age - 0.5, age - 1 - 2 * late, age + 2 * late)
+    warning = "demand_torque alone shows arrivals to the tick; actual_torque would show when within the tick"
+    jitter = Jitter(seen.deviation * tick, seen.values, seen.probability)
+    channels = ("target_torque", "demand_torque")
+    return TorqueDelay(
+        ticks.scaled(tick), ticks, effective.scaled(tick), jitter, None, None, None, None, False, tick, None, channels, (warning,)
+    )
+
+
+def _arrival_influence(seen: Arrivals, rows: int, delays: Floats) -> Floats:
+    """(m,) of the mean delay, by row; `delays` (q,) by kind [ticks]."""
+    influence = np.zeros(rows)
+    values = delays[np.clip(seen.ticks - seen.first, 0, len(delays) - 1)]
+    influence[seen.row] = (values - values.mean()) / len(values)
+    return influence
+
+
+def _from_actual(record: Record, seen: Arrivals | None, most: int, warnings: list[str]) -> TorqueDelay:
+    """The fit of the actual torque; without a demand torque the commands that acted are decoded from it first."""
+    target, torque = record.channels["target_torque"], record.channels["actual_torque"]
+    if seen is None:
+        data = Data(target, torque, record.run_length)
+        fit, seen = _without_demand(record, data, rough_response(data, 0.0, float(most)))
+        channels: tuple[str, ...] = ("target_torque", "actual_torque")
+    else:
+        data = Data(record.channels["demand_torque"], torque, record.run_length)
+        fit = _fitted(record, data, seen, rough_response(data, -1.0, 0.0))
+        channels = ("target_torque", "demand_torque", "actual_torque")
+    return _result(record, seen, fit, channels, warnings)
+
+
+def _fitted(record: Record, data: Data, seen: Arrivals, start: Response) -> Fit:
+    """On the middle of a long log."""
+    changes = seen.changes(record.channels["target_torque"], data.command)
+    return fit_arrivals(data.part(FITTED_ROWS), middle(changes, FITTED_ROWS), start)
+
+
+def _without_demand(record: Record, data: Data, rough: Response) -> tuple[Fit, Arrivals]:
+    """One delay for all commands; where its fit finds that they differ, the commands that acted are decoded, and the likelier of both."""
+    rows, whole = np.arange(len(data.command)), int(np.ceil(rough.delay - 1e-6))
+    best = None
+    for shift in (0, -1, 1):  # the rough delay may be on the other side of a tick
+        seen = arrivals_of_ages(record, np.full(len(rows), max(whole + shift, 0)))
+        if seen is None or whole + shift < 0:
+            continue
+        fit = _fitted(record, _acting(data, rows - whole - shift), seen, Response(rough.delay - whole - shift, rough.speed, rough.damping))
+        if best is None or fit.cost < best[0].cost:
+            best = fit, seen
+        if -0.2 <= fit.places[0] <= 1.2:
+            break
+    if best is None:
+        raise GainroomError("delay: actual_torque does not show when the target's changes arrive: record torque steps")
+    fit, seen = best
+    for _ in range(DECODINGS if fit.deviations[0] > JITTER else 0):
+        age = decoded(data, Response(seen.mean - float(seen.shares @ fit.places), fit.speed, fit.damping), fit)
+        found = arrivals_of_ages(record, age)
+        if found is None:
+            break
+        start = Response(-0.5, fit.speed, fit.damping)
+        fit, seen = _fitted(record, _acting(data, rows - age), found, start), found
+        if fit.cost > best[0].cost - 1e-3:
+            break
+        best = fit, seen
+    return best
+
+
+def _acting(data: Data, rows: Integers) -> Data:
+    """The command of those rows, where data.command is the target."""
+    return Data(data.command[np.maximum(rows, 0)], data.torque, data.run_length)
+
+
+def _result(record: Record, seen: Arrivals, fit: Fit, channels: tuple[str, ...], warnings: list[str]) -> TorqueDelay:
+    tick, count = record.sample_time, len(fit.places)
+    shares, ticks_of = seen.shares, seen.first + np.arange(count)
+    value, age = seen.mean - float(shares @ fit.places), float(seen.ticks.mean()) - float(shares @ fit.places)
+    late = covariance(_arrival_influence(seen, len(record.time), ticks_of - fit.places)[:, None])[0, 0] ** 0.5
+    towards = np.zeros(2 * count + 4)
+    towards[:count] = shares
+    spread = ticks_of - fit.places
+    deviation = float(np.sqrt(max(shares @ (spread**2 + fit.deviations**2) - (shares @ spread) ** 2, 0.0)))
+    # Which command acted when is guessed without a demand torque; guesses repeat themselves, so their errors are not in the covariance.
+    guessed = GUESSED * deviation if "demand_torque" not in channels and deviation > JITTER else 0.0
+    late = float(np.hypot(late, guessed))
+    error = max(float(np.hypot(fit.error(towards), late)), FLOOR)
+    current = 2 * fit.damping / fit.speed
+    towards[2 * count : 2 * count + 2] = current, -current
+    lag = interval(value + current, max(float(np.hypot(fit.error(towards), late)), FLOOR), 39)
+    _require_told(fit, lag, record)
+    # What is certain without any fit: a command arrives in the tick before the demand shows it, and not before it leaves.
+    low, high = (seen.mean - 1 - 2 * late, seen.mean + 2 * late) if "demand_torque" in channels else (0.0, max(lag.high, value))
+    told = quantile(39) * error < UNKNOWN_TICKS / 2
+    wide = 0.0 if told else np.inf
+    ticks, effective = _within(interval(value, error + wide, 39), low, high), _within(interval(age, error + wide, 39), low, high)
+    if not told:
+        warnings.append(
+            f"the log does not tell the delay from the current loop's lag: the delay is between {ticks.low:.3g} and {ticks.high:.3g} ticks; "
+            "record torque steps, or a multisine up to a tenth of the tick rate"
+        )
+    if guessed:
+        warnings.append(
+            f"the delays of single commands differ by {deviation:.2g} ticks (standard deviation) and no demand_torque says which; "
+            "record demand_torque for a sharper delay"
+        )
+    errors = [fit.error(direction) for direction in np.eye(2 * count + 4)]
+    return TorqueDelay(
+        delay=ticks.scaled(tick),
+        ticks=ticks,
+        effective=effective.scaled(tick),
+        jitter=Jitter(deviation * tick, seen.values, seen.probability),
+        lag=lag.scaled(tick),
+        bandwidth=log_interval(fit.speed / tick, errors[2 * count], 39),
+        damping_ratio=log_interval(fit.damping, errors[2 * count + 1], 39),
+        gain=interval(fit.gain, errors[2 * count + 2], 39),
+        told=told,
+        sample_time=tick,
+        noise=fit.noise,
+        channels=channels,
+        warnings=tuple(warnings),
+    )
+
+
+def _within(estimate: Estimate, low: float, high: float) -> Estimate:
+    """`estimate` where it is known to lie between two bounds."""
+    value, lower, upper = np.clip([estimate.value, estimate.low, estimate.high], low, high).tolist()
+    if not lower < upper:  # they contradict each other: what is certain stands
+        lower, upper = low, high
+    return Estimate(value, lower, upper, estimate.standard_error)
+
+
+def _require_told(fit: Fit, lag: Estimate, record: Record) -> None:
+    """Raise GainroomError where the fit does not determine the delay."""
+    if fit.explained < 0.5:
+        raise GainroomError(
+            f"delay: a delay and a current loop explain {100 * max(fit.explained, 0):.0f} % of actual_torque's variance, less than half: "
+            "look at signs, units and joint of the columns"
+        )
+    if not lag.half_width < UNKNOWN_TICKS:
+        raise GainroomError(
+            f"delay: the log tells it to ± {lag.half_width:.2g} ticks only; record torque steps or a multisine with frequencies up to a "
+            f"tenth of the tick rate, {0.1 / record.sample_time:.4g} Hz"
+        )

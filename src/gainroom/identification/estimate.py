@@ -1,0 +1,68 @@
+"""Numbers with their uncertainty: estimates, and covariances that hold for residuals that are coloured, uneven or repeated.
+
+An estimator that solves Σ_k ψ_k(p) = 0 has the error −(Σ ∂ψ_k/∂p)⁻¹ Σ ψ_k to first order; the terms of that sum are its influences. Their
+sum's variance is estimated from sums over blocks of time that are longer than the residual's memory (batch means), so that nothing need
+be assumed about colour or about noise that comes and goes (White 1980; Newey and West 1987; Ljung, System Identification, sec. 9.4).
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..linear.arrays import Floats, Integers
+
+BLOCKS = 40  # of time: enough for a t quantile of 2.02, long enough to hold the residual's memory
+CONFIDENCE = 0.95
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A value with its 95 % interval [low, high], in the unit of what it stands for, and its standard error."""
+
+    value: float
+    low: float
+    high: float
+    standard_error: float = math.nan
+
+    @property
+    def half_width(self) -> float:
+        """Of the interval."""
+        return (self.high - self.low) / 2
+
+    def scaled(self, factor: float) -> "Estimate":
+        """The same in another unit, factor > 0."""
+        return Estimate(factor * self.value, factor * self.low, factor * self.high, factor * self.standard_error)
+
+
+def interval(value: float, standard_error: float, freedom: float = math.inf) -> Estimate:
+    """`value` ± the 97.5 % quantile of Student's t with so many degrees of freedom times `standard_error`."""
+    half = quantile(freedom) * standard_error
+    return Estimate(float(value), float(value - half), float(value + half), float(standard_error))
+
+
+def log_interval(value: float, standard_error: float, freedom: float = math.inf) -> Estimate:
+    """The same for a quantity > 0 whose logarithm has the `standard_error`: low and high are factors away."""
+    factor = math.exp(min(quantile(freedom) * standard_error, 700.0))
+    return Estimate(float(value), float(value / factor), float(value * factor), float(value * standard_error))
+
+
+def quantile(freedom: float) -> float:
+    """Of Student's t, two-sided, at CONFIDENCE."""
+    from scipy.stats import norm, t
+
+    tail = (1 + CONFIDENCE) / 2
+    return float(norm.ppf(tail) if math.isinf(freedom) else t.ppf(tail, max(freedom, 1.0)))
+
+
+def covariance(influence: Floats, clusters: Integers | None = None, blocks: int = BLOCKS) -> Floats:
+    """(p, p) of the sum of influences (m, p): from sums over blocks of time, or from sums over `clusters` (m,), numbers from 0 on."""
+    if clusters is None:
+        blocks = max(2, min(blocks, len(influence) // 4))
+        edges = np.linspace(0, len(influence), blocks + 1).astype(int)[:-1]
+        sums = np.add.reduceat(influence, edges, axis=0)
+    else:
+        sums = np.zeros((int(clusters.max()) + 1, influence.shape[1]))
+        np.add.at(sums, clusters, influence)
+    count = len(sums)
+    return sums.T @ sums * (count / max(count - 1, 1))

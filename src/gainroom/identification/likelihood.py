@@ -1,0 +1,113 @@
+"""Maximum likelihood from one-step prediction errors, by Fisher scoring, with a covariance that does not trust the noise model.
+
+A model predicts row k from what came before with an error e_k and its variance v_k; with Gaussian errors minus twice the log likelihood is
+Σ (e_k²/v_k + log v_k). The information is Σ e'e'ᵀ/v + ½ v'v'ᵀ/v² (primes: derivatives by the parameters), so first derivatives are enough.
+Where the log came from a closed loop the estimate has no bias from it as long as the model of the noise is right: the error of a
+one-step prediction is independent of all that the controller has done before (Ljung, System Identification, secs. 8.4 and 13.4).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..linear.arrays import Floats, Integers
+from .estimate import covariance
+
+Prediction = Callable[[Floats], tuple[Floats, Floats]]
+"""Parameters (p,) → errors (m,) and their variances (m,)."""
+STEP = 1e-4  # of differences; parameters are of order one or logarithms
+MOST_ITERATIONS = 25
+SETTLED = 1e-3  # of a standard error: what the last step may still move
+DAMPING = 1e-3
+
+
+@dataclass(frozen=True)
+class Maximum:
+    """Where the likelihood is largest.
+
+    parameters     (p,)
+    variance       (p, p) of their errors, from the scores' sums over blocks of time (estimate.py)
+    information    (p, p) inverse variance where the noise model is exact
+    influence      (m, p) what each row adds to the error
+    cost           mean of e²/v + log v
+    errors, variances   (m,) at the maximum
+    converged      False where the last step was still large
+    prior          (p, p) the part of the variance that is the prior's
+    """
+
+    parameters: Floats
+    variance: Floats
+    information: Floats
+    influence: Floats
+    cost: float
+    errors: Floats
+    variances: Floats
+    converged: bool
+    prior: Floats
+
+    def variance_by(self, clusters: Integers) -> Floats:
+        """(p, p) the variance where rows of one cluster (m,) may share their error, as roundings of a signal that repeats do."""
+        return covariance(self.influence, clusters) + self.prior
+
+
+def maximize(predict: Prediction, start: Floats, used: Floats, prior: Floats, iterations: int = MOST_ITERATIONS) -> Maximum:
+    """The maximum near `start` (p,).
+
+    used    (m,) weight of each row, 0: left out
+    prior   (2, p) mean and information of independent Gaussian knowledge; information 0: none
+    """
+    point, damping, converged = np.array(start, dtype=float), DAMPING, False
+    error, var = predict(point)
+    cost = _cost(error, var, used, prior, point)
+    for _ in range(iterations):
+        score, information, _ = _derivatives(predict, point, error, var, used)
+        total = information + np.diag(prior[1])
+        gradient = score.sum(axis=0) - prior[1] * (point - prior[0])
+        scale = np.sqrt(np.maximum(np.diag(total), 1e-12))
+        while True:
+            step = np.linalg.lstsq(total / np.outer(scale, scale) + damping * np.eye(len(point)), gradient / scale, rcond=None)[0] / scale
+            step *= min(1.0, 1.0 / max(float(np.abs(step).max()), 1e-12))
+            trial_error, trial_var = predict(point + step)
+            trial = _cost(trial_error, trial_var, used, prior, point + step)
+            if trial <= cost:
+                break
+            damping *= 10
+            if damping > 1e8:
+                break
+        if damping > 1e8:
+            converged = True  # nothing nearby is better
+            break
+        small = cost - trial < 1e-7 and float(np.abs(step * scale).max()) < SETTLED * 30
+        point, error, var, cost, damping = point + step, trial_error, trial_var, trial, max(damping / 10, 1e-9)
+        if float(np.abs(step * scale).max()) < SETTLED or small:
+            converged = True
+            break
+    score, information, _ = _derivatives(predict, point, error, var, used)
+    inverse = np.linalg.pinv(information + np.diag(prior[1]), hermitian=True, rcond=1e-14)
+    influence = score @ inverse
+    before = inverse @ np.diag(prior[1]) @ inverse
+    return Maximum(point, covariance(influence) + before, information, influence, cost, error, var, converged, before)
+
+
+def _cost(error: Floats, var: Floats, used: Floats, prior: Floats, point: Floats) -> float:
+    """Per row, the prior included; inf where a prediction is none."""
+    with np.errstate(all="ignore"):
+        value = float((used @ (error**2 / var + np.log(var)) + prior[1] @ (point - prior[0]) ** 2) / used.sum())
+    return value if np.isfinite(value) else np.inf
+
+
+def _derivatives(predict: Prediction, point: Floats, error: Floats, var: Floats, used: Floats) -> tuple[Floats, Floats, Floats]:
+    """Scores (m, p) of half the log likelihood's terms, information (p, p), and the errors' derivatives (m, p)."""
+    errors, variances = np.empty((len(error), len(point))), np.empty((len(error), len(point)))
+    for k in range(len(point)):
+        moved = point.copy()
+        moved[k] += STEP
+        above = predict(moved)
+        moved[k] -= 2 * STEP
+        below = predict(moved)
+        errors[:, k], variances[:, k] = (above[0] - below[0]) / (2 * STEP), (above[1] - below[1]) / (2 * STEP)
+    weighted = used / var
+    score = -weighted[:, None] * (error[:, None] * errors + 0.5 * (1 - error**2 / var)[:, None] * variances)
+    information = errors.T @ (weighted[:, None] * errors) + 0.5 * variances.T @ ((weighted / var)[:, None] * variances)
+    return score, information, errors

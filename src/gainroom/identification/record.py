@@ -1,0 +1,92 @@
+"""What identification starts from: signals of one joint, tick by tick."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..errors import GainroomError, first_of_many, require_finite, require_positive
+from ..linear.arrays import Booleans, Floats, Integers
+
+TORQUES = ("target_torque", "demand_torque", "actual_torque")
+CHANNELS = (*TORQUES, "motor_position", "link_position", "motor_velocity", "reference", "reference_velocity")
+"""Names that identification knows: torques [N m], positions [rad] and velocities [rad/s], all on the joint side."""
+SHORTEST = 50  # ticks: less is not a log
+
+
+@dataclass(frozen=True)
+class Record:
+    """One joint's log on equal ticks.
+
+    time          (m,) rising [s]; gaps are allowed, each a whole number of ticks to half a tick
+    channels      (m,) by name, some of CHANNELS; joint side, N·m, rad, rad/s
+    sample_time   [s]
+
+    Raises GainroomError for unknown names, wrong shapes, numbers that are not finite, time that does not rise by ticks, too few rows.
+    """
+
+    time: Floats
+    channels: Mapping[str, Floats]
+    sample_time: float
+
+    def __post_init__(self) -> None:
+        require_positive("record", "sample_time", self.sample_time, "s")
+        time = require_finite("record", "time", self.time)
+        if time.ndim != 1 or len(time) < SHORTEST:
+            raise GainroomError(f"record: time of shape {time.shape} must be one column of at least {SHORTEST} rows")
+        if unknown := [name for name in self.channels if name not in CHANNELS]:
+            raise GainroomError(f"record: channel {unknown[0]!r} must be one of {', '.join(CHANNELS)}")
+        values = {name: require_finite("record", name, column) for name, column in self.channels.items()}
+        for name, column in values.items():
+            if column.shape != time.shape:
+                raise GainroomError(f"record: {name} of shape {column.shape} must be of the shape of time, {time.shape}")
+        object.__setattr__(self, "time", time)
+        object.__setattr__(self, "channels", values)
+        if np.any(np.diff(self.ticks) <= 0):
+            row = int(np.argmax(np.diff(self.ticks) <= 0)) + 1
+            raise GainroomError(
+                f"record: time {time[row]:.9g} s in row {row + 1} must be a tick of {self.sample_time:g} s later than {time[row - 1]:.9g} s"
+            )
+
+    @cached_property
+    def ticks(self) -> Integers:
+        """(m,) the number of each row's tick, 0 for the first."""
+        return np.rint((self.time - self.time[0]) / self.sample_time).astype(int)
+
+    @cached_property
+    def fresh(self) -> Booleans:
+        """(m,) True in the first row and in every row behind a gap."""
+        return np.concatenate([[True], np.diff(self.ticks) != 1])
+
+    @cached_property
+    def run_length(self) -> Integers:
+        """(m,) rows since the last gap: 0 in a fresh row."""
+        rows = np.arange(len(self.time))
+        return rows - np.maximum.accumulate(np.where(self.fresh, rows, 0))
+
+    def longest_run(self) -> "Record":
+        """The longest part without a gap. Raises GainroomError where it has fewer rows than a log needs."""
+        starts = np.append(np.flatnonzero(self.fresh), len(self.time))
+        longest = int(np.argmax(np.diff(starts)))
+        part = slice(starts[longest], starts[longest + 1])
+        return Record(self.time[part], {name: column[part] for name, column in self.channels.items()}, self.sample_time)
+
+    def has(self, *names: str) -> bool:
+        """True where all of these channels are in the record."""
+        return all(name in self.channels for name in names)
+
+    def need(self, owner: str, *names: str) -> list[Floats]:
+        """The channels `names`. Raises GainroomError that says which is missing."""
+        if missing := [name for name in names if name not in self.channels]:
+            raise GainroomError(f"{owner}: needs {missing[0]}; the record has {first_of_many(sorted(self.channels)) or 'no channel'}")
+        return [self.channels[name] for name in names]
+
+
+def resolution(values: Floats) -> float:
+    """The step of a quantised signal (m,): the smallest difference of two of its values, 0 where nothing repeats."""
+    different = np.unique(values)
+    if len(different) < 2 or len(different) > 0.9 * len(values):
+        return 0.0
+    steps = np.diff(different)
+    return float(steps[steps > 1e-9 * max(abs(different[0]), abs(different[-1]))].min(initial=np.inf))
