@@ -16,9 +16,9 @@ from .estimate import covariance
 
 Prediction = Callable[[Floats], tuple[Floats, Floats]]
 """Parameters (p,) → errors (m,) and their variances (m,)."""
-STEP = 1e-4  # of differences; parameters are of order one or logarithms
+STEP = 1e-5  # of differences; parameters are of order one or logarithms
 MOST_ITERATIONS = 25
-SETTLED = 1e-3  # of a standard error: what the last step may still move
+SETTLED = 0.02  # of a standard error: what the last step may still move
 DAMPING = 1e-3
 
 
@@ -78,9 +78,8 @@ def maximize(predict: Prediction, start: Floats, used: Floats, prior: Floats, it
         if damping > 1e8:
             converged = True  # nothing nearby is better
             break
-        small = cost - trial < 1e-7 and float(np.abs(step * scale).max()) < SETTLED * 30
         point, error, var, cost, damping = point + step, trial_error, trial_var, trial, max(damping / 10, 1e-9)
-        if float(np.abs(step * scale).max()) < SETTLED or small:
+        if float(np.abs(step * scale).max()) < SETTLED:
             converged = True
             break
     score, information, _ = _derivatives(predict, point, error, var, used)
@@ -104,9 +103,7 @@ def _derivatives(predict: Prediction, point: Floats, error: Floats, var: Floats,
         moved = point.copy()
         moved[k] += STEP
         above = predict(moved)
-        moved[k] -= 2 * STEP
-        below = predict(moved)
-        errors[:, k], variances[:, k] = (above[0] - below[0]) / (2 * STEP), (above[1] - below[1]) / (2 * STEP)
+        errors[:, k], variances[:, k] = (above[0] - error) / STEP, (above[1] - var) / STEP
     weighted = used / var
     score = -weighted[:, None] * (error[:, None] * errors + 0.5 * (1 - error**2 / var)[:, None] * variances)
     information = errors.T @ (weighted[:, None] * errors) + 0.5 * variances.T @ ((weighted / var)[:, None] * variances)

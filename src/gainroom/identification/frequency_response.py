@@ -1,0 +1,141 @@
+"""The measured frequency response of a joint, with coherence; and the joint that fits it roughly, from which a search may start.
+
+Positions are differenced twice before their spectra are taken: the joint's double integrator would leak over all frequencies.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..linear.arrays import Booleans, Complexes, Floats
+from ..system.plant import ElasticJoint
+
+SEGMENTS = 12  # at least, over which spectra are averaged
+LONGEST_SEGMENT = 8.0  # [s]
+CLEAR = 10.0  # power over the encoder's noise that a frequency needs
+LEAST_LINE = 3  # of the spectra: lower ones hold the trend
+EXCITED = 0.6  # coherence that a frequency needs to count
+
+
+@dataclass(frozen=True)
+class FrequencyResponse:
+    """Torque → acceleration of one side.
+
+    omega       (k,) [rad/s]
+    response    (k,) [rad/s² / (N m)] of the twice differenced position
+    coherence   (k,) 0 to 1; in a closed loop also near 1 where noise goes round the loop and nothing is excited
+    clearance   (k,) power of the motion over that of the encoder's noise
+    """
+
+    omega: Floats
+    response: Complexes
+    coherence: Floats
+    clearance: Floats
+
+    @property
+    def excited(self) -> Booleans:
+        """(k,) where the torque explains the motion, and the motion is not the encoder's noise."""
+        return (self.coherence >= EXCITED) & (self.clearance >= CLEAR) & (self.omega > LEAST_LINE * self.omega[0])
+
+
+def frequency_response(torque: Floats, position: Floats, sample_time: float) -> FrequencyResponse:
+    """By Welch's method (scipy.signal) of torque (m,) [N m] and position (m,) [rad]."""
+    from scipy.signal import csd, welch
+
+    acceleration = np.diff(position, 2) / sample_time**2
+    torque = torque[1:-1]
+    length = int(min(len(torque) / (SEGMENTS / 2 + 0.5), LONGEST_SEGMENT / sample_time))
+    options = {"fs": 1 / sample_time, "nperseg": max(length, 16), "detrend": "constant"}
+    frequency, input_power = welch(torque, **options)
+    _, output_power = welch(acceleration, **options)
+    _, cross = csd(torque, acceleration, **options)
+    with np.errstate(all="ignore"):
+        response, coherence = cross / input_power, np.abs(cross) ** 2 / (input_power * output_power)
+    # White noise of the encoder, differenced twice; its size from the highest frequencies, where a joint hardly moves.
+    shape = (2 - 2 * np.cos(2 * np.pi * frequency * sample_time)) ** 2
+    high = (frequency > 0.3 / sample_time) & (frequency < 0.45 / sample_time)
+    floor = max(float(np.median(output_power[high] / shape[high])), 1e-300) * np.maximum(shape, 1e-12)
+    good = np.isfinite(response) & np.isfinite(coherence) & (frequency > 0) & (frequency < 0.45 / sample_time)
+    return FrequencyResponse(2 * np.pi * frequency[good], response[good], coherence[good], (output_power / floor)[good])
+
+
+@dataclass(frozen=True)
+class Rough:
+    """A joint and a delay [s] that go through a measured response, and the mean square of the logarithm of what is left."""
+
+    joint: ElasticJoint
+    delay: float
+    cost: float
+
+
+def rough_joint(measured: FrequencyResponse, sample_time: float, delays: Floats, elastic: bool, side: str = "motor") -> Rough:
+    """The joint of least error over the excited frequencies: a coarse grid over resonance, ratio, damping and `delays` (d,) [s], refined.
+
+    The delay is that from torque to motion with the current loop's and half a tick of hold.
+    """
+    from scipy.optimize import minimize
+
+    used = measured.excited
+    omega, logs, sure = measured.omega[used], np.log(measured.response[used]), np.clip(measured.coherence[used], 0.0, 0.99)
+    weight = (sure / (1 - sure)) ** 0.5 / omega  # per octave, not per hertz
+    weight /= weight.sum()
+    differenced = (2 - 2 * np.cos(omega * sample_time)) / sample_time**2
+    late = np.exp(-1j * np.outer(delays, omega))
+
+    def cost(shape: Complexes) -> tuple[Floats, Floats]:
+        """Cost and logarithm of the scale of responses (..., k)."""
+        rest = logs - np.log(shape)
+        rest = rest.real + 1j * ((rest.imag + np.pi) % (2 * np.pi) - np.pi)
+        # The median: where friction or noise rules, a frequency may lie anywhere.
+        order = np.argsort(rest.real, axis=-1)
+        place = np.argmax(np.cumsum(weight[order], axis=-1) >= 0.5, axis=-1)
+        scale = np.take_along_axis(rest.real, np.take_along_axis(order, place[..., None], axis=-1), axis=-1)
+        return np.minimum(np.abs(rest - scale) ** 2, 0.5) @ weight, scale[..., 0]
+
+    def shape(resonance: float, ratio: float, damping: float) -> Complexes:
+        """Of a joint with J_M = 1."""
+        if not elastic:
+            return -differenced * ElasticJoint(0.5, 0.5).plant().response(1j * omega, side)[:, 0, 0]
+        stiffness = resonance**2 / (1 + 1 / ratio)
+        joint = ElasticJoint(1.0, ratio, stiffness, 2 * damping * stiffness / resonance)
+        return -differenced * joint.plant().response(1j * omega, side)[:, 0, 0]
+
+    if elastic:
+        grid = [
+            (resonance, ratio, damping)
+            for resonance in np.geomspace(omega[0] * 1.2, omega[-1] * 1.5, 50)
+            for ratio in (0.15, 0.3, 0.6, 1.2, 2.5, 5.0, 10.0, 20.0)
+            for damping in (0.01, 0.06)
+        ]
+    else:
+        grid = [(0.0, 0.0, 0.0)]
+    best = (math.inf, grid[0], 0, 0.0)
+    for case in grid:
+        costs, scales = cost(shape(*case) * late)
+        place = int(np.argmin(costs))
+        if costs[place] < best[0]:
+            best = (float(costs[place]), case, place, float(scales[place]))
+    _, case, place, scale = best
+    if not elastic:
+        total = math.exp(-scale)
+        return Rough(ElasticJoint(0.5 * total, 0.5 * total), float(delays[place]), best[0])
+    start = np.append(np.log(case), delays[place] / sample_time)
+
+    def objective(point: Floats) -> float:
+        delay = point[3] * sample_time if len(delays) > 1 else delays[0]
+        if np.any(np.abs(point[:3]) > 20):
+            return math.inf
+        return float(cost(shape(*np.exp(point[:3])) * np.exp(-1j * omega * delay))[0])
+
+    found = minimize(objective, start, method="Nelder-Mead", options={"maxiter": 400, "initial_simplex": _simplex(start)})
+    resonance, ratio, damping = np.exp(found.x[:3])
+    delay = float(max(found.x[3] * sample_time, 0.0)) if len(delays) > 1 else float(delays[0])
+    inertia = math.exp(-float(cost(shape(resonance, ratio, damping) * np.exp(-1j * omega * delay))[1]))
+    stiffness = inertia * resonance**2 / (1 + 1 / ratio)
+    joint = ElasticJoint(inertia, inertia * ratio, stiffness, 2 * damping * stiffness / resonance)
+    return Rough(joint, delay, float(found.fun))
+
+
+def _simplex(start: Floats) -> Floats:
+    return start + np.vstack([np.zeros(4), np.diag([0.02, 0.2, 0.3, 0.3])])

@@ -1,0 +1,290 @@
+"""A joint from torque and position: inertias, stiffness, damping, friction and delay, with intervals, by maximum likelihood.
+
+The search starts from the measured frequency response and ends at the joint, the noise and the friction under which the log is likeliest.
+Predictions are made row by row (prediction.py), so that a feedback loop that was closed while the log was recorded does no harm: what the
+controller did is in the torque, and the error of a prediction is independent of it (likelihood.py).
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import GainroomError
+from ..linear.arrays import Complexes, Floats
+from ..system.drive import Drive
+from ..system.plant import ElasticJoint
+from .delay import TorqueDelay, identify_delay
+from .estimate import Estimate, log_interval, quantile
+from .frequency_response import FrequencyResponse, Rough, frequency_response, rough_joint
+from .joint_model import JointModel
+from .likelihood import Maximum, maximize
+from .motion import motion_of
+from .prediction import Signals, prediction_errors
+from .record import Record, resolution
+from .residuals import Residuals, residual_tests
+
+ROUGH_ROWS = 16_000  # of a long log, on which the search begins and models are compared
+FREEDOM = 39  # of the covariance: blocks of time less one
+LEAST_STEPS = 30  # of the encoder that the motor must move
+LEAST_LINES = 12  # of the spectrum, at which the torque must explain the motion
+MOST_RELATIVE = 0.2  # standard error of log K, above which the log does not tell the stiffness
+MOST_INERTIA = 0.1  # standard error of the logarithm of inertia
+DELAY_FLOOR = 0.02  # ticks: what torque logged once a tick knows of the delay at best
+SEARCHED = 8.0  # ticks of delay, where no torque log tells it
+
+
+@dataclass(frozen=True)
+class JointFit:
+    """A joint as the log shows it.
+
+    model        "rigid", "two-mass" or "two-mass with friction"
+    parameters   by name: motor_inertia, link_inertia [kg m²], stiffness [N m/rad], damping [N m s/rad] (of a rigid joint: inertia), viscous
+                 [N m s/rad], coulomb, link_coulomb [N m], delay [s], resonance, antiresonance [rad/s], as far as the model has them
+    names, covariance   (p,), (p, p) of the parameters that were fitted, SI
+    joint, drive   the best values
+    torque       the channel that drove the fit
+    measured     frequency response from that torque to the acceleration of the measured side
+    residuals    of the fit, and what they say of the model
+    delay        what the torques say of the delay; None where they say nothing
+    warnings     what the reader should know
+    """
+
+    model: str
+    parameters: Mapping[str, Estimate]
+    names: tuple[str, ...]
+    covariance: Floats
+    joint: ElasticJoint
+    drive: Drive
+    torque: str
+    measured: FrequencyResponse
+    residuals: Residuals
+    delay: TorqueDelay | None
+    sample_time: float
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def adequate(self) -> bool:
+        """True where the residuals hold nothing that the torque explains."""
+        return self.residuals.adequate
+
+    def response(self, omega: Floats) -> Complexes:
+        """The fitted counterpart of `measured`: torque → acceleration at `omega` (k,) [rad/s], hold, current loop and delay included."""
+        return fitted_response(omega, self.joint, self.drive, self.sample_time, self.torque == "target_torque")
+
+
+def fitted_response(omega: Floats, joint: ElasticJoint, drive: Drive, sample_time: float, commanded: bool) -> Complexes:
+    """(k,) as a twice differenced position sees it; `commanded`: from the target torque, else from the torque itself."""
+    from ..system.assembly import current_loop
+
+    differenced = (2 - 2 * np.cos(omega * sample_time)) / sample_time**2
+    plant = -differenced * joint.plant().response(1j * omega, "motor")[:, 0, 0]
+    if not commanded:
+        return plant
+    return plant * current_loop(drive).response(omega) * np.exp(-1j * omega * (drive.delay + sample_time / 2))
+
+
+def identify_joint(record: Record, drive: Drive | None = None) -> JointFit:
+    """The joint behind motor position (or link position alone), and both where both are logged.
+
+    drive   what is known of delay and current loop; None: both come from the torques, as far as they are logged
+
+    Raises GainroomError where channels are missing, where nothing moves, and where the torque does not excite the joint enough; the message
+    says what to record.
+    """
+    record = record.longest_run()
+    if not record.has("motor_position") and not record.has("link_position"):
+        record.need("joint", "motor_position")
+    if not record.has("target_torque") and not record.has("actual_torque"):
+        record.need("joint", "actual_torque")
+    warnings: list[str] = []
+    source = _source(record, drive, warnings)
+    _require_motion(record, source.torque)
+    position = record.channels["motor_position" if record.has("motor_position") else "link_position"]
+    measured = frequency_response(source.torque, position, record.sample_time)
+    if np.count_nonzero(measured.excited) < LEAST_LINES:
+        raise GainroomError(
+            f"joint: {source.name} explains the motion at {np.count_nonzero(measured.excited)} frequencies, {LEAST_LINES} are needed: record "
+            "a multisine or chirp of torque, well above friction, from below the antiresonance to above the resonance"
+        )
+    return _selected(record, source, measured, warnings)
+
+
+@dataclass(frozen=True)
+class _Source:
+    """The torque that drives the fit.
+
+    name, torque   the channel
+    sampled        it is the torque itself, not its command
+    drive          between command and torque
+    prior          mean and deviation of the delay [ticks]; None: fixed
+    delays         (d,) [s] from torque to motion that the rough search tries
+    told           what the torques say of the delay
+    """
+
+    name: str
+    torque: Floats
+    sampled: bool
+    drive: Drive
+    prior: tuple[float, float] | None
+    delays: Floats
+    told: TorqueDelay | None
+
+
+def _source(record: Record, drive: Drive | None, warnings: list[str]) -> _Source:
+    tick = record.sample_time
+    if not record.has("target_torque"):
+        return _Source("actual_torque", record.channels["actual_torque"], True, Drive(), None, np.zeros(1), None)
+    target = record.channels["target_torque"]
+    if drive is not None:
+        lag = drive.delay + (0.0 if drive.is_ideal else 2 * drive.damping_ratio / drive.bandwidth) + tick / 2
+        return _Source("target_torque", target, False, drive, None, np.array([lag]), None)
+    told = None
+    if record.has("actual_torque"):
+        try:
+            told = identify_delay(record)
+        except GainroomError as error:
+            warnings.append(f"{error}; the delay is fitted to the motion")
+    if told is None or told.lag is None:
+        warnings.append("no torque log tells the current loop: the delay that is fitted includes its lag")
+        prior = (SEARCHED / 4, math.inf)
+        return _Source("target_torque", target, False, Drive(), prior, tick * (0.5 + np.arange(0.0, SEARCHED, 0.5)), None)
+    warnings.extend(told.warnings)
+    assert told.bandwidth is not None
+    assert told.damping_ratio is not None
+    if told.told:
+        found = Drive(told.bandwidth.value, told.damping_ratio.value, told.effective.value)
+        prior = told.effective.value / tick, math.hypot(told.ticks.standard_error, DELAY_FLOOR)
+    else:
+        found = Drive(delay=told.lag.value)
+        prior = told.lag.value / tick, math.hypot(told.lag.standard_error / tick, DELAY_FLOOR)
+    return _Source("target_torque", target, False, found, prior, np.array([told.lag.value + tick / 2]), told)
+
+
+def _require_motion(record: Record, torque: Floats) -> None:
+    for name in ("motor_position", "link_position"):
+        if not record.has(name):
+            continue
+        values = record.channels[name]
+        step = resolution(values)
+        if np.ptp(values) == 0 or np.ptp(values) < LEAST_STEPS * step:
+            raise GainroomError(
+                f"joint: {name} moves by {np.ptp(values):.3g} rad, {LEAST_STEPS} steps of its encoder ({step:.3g} rad) are needed: "
+                "record with a larger torque"
+            )
+    if np.ptp(torque) == 0:
+        raise GainroomError("joint: the torque does not change: record a multisine or chirp of torque, well above friction")
+
+
+def _selected(record: Record, source: _Source, measured: FrequencyResponse, warnings: list[str]) -> JointFit:
+    """Two masses with friction, unless the log does not need them."""
+    tick = record.sample_time
+    rough = rough_joint(measured, tick, source.delays, elastic=True)
+    stiff = rough_joint(measured, tick, source.delays, elastic=False)
+    fits = {"two-mass with friction": _Fitting(record, source, rough, elastic=True, friction=True)}
+    whole = fits["two-mass with friction"].short()
+    rigid = _Fitting(record, source, stiff, elastic=False, friction=True)
+    rows = len(whole.errors)
+    unknown = whole.variance[2, 2] ** 0.5 > MOST_RELATIVE
+    if unknown or _criterion(rigid.short(), rows) < _criterion(whole, rows):
+        warnings.append(
+            f"no resonance is found between {measured.omega[measured.excited][0] / 2 / math.pi:.3g} and "
+            f"{measured.omega[measured.excited][-1] / 2 / math.pi:.3g} Hz: the joint is fitted as rigid; to find its stiffness excite higher "
+            "frequencies, up to a fifth of the tick rate"
+        )
+        return rigid.result("rigid", measured, warnings)
+    free = _Fitting(record, source, rough, elastic=True, friction=False)
+    if _criterion(free.short(whole), rows) < _criterion(whole, rows):
+        return free.result("two-mass", measured, warnings)
+    return fits["two-mass with friction"].result("two-mass with friction", measured, warnings)
+
+
+def _criterion(fit: Maximum, rows: int) -> float:
+    """Bayes's information criterion (Schwarz 1978), per row."""
+    return fit.cost + len(fit.parameters) * math.log(rows) / rows
+
+
+class _Fitting:
+    """One model on one log."""
+
+    def __init__(self, record: Record, source: _Source, rough: Rough, elastic: bool, friction: bool) -> None:
+        self.record, self.source = record, source
+        names = [name for name in ("motor_position", "link_position") if record.has(name)]
+        self.positions = np.column_stack([record.channels[name] for name in names])
+        self.sides = tuple(("motor_position", "link_position").index(name) for name in names)
+        self.rough = rough
+        self.model = JointModel.of(source.torque, self.positions, source.drive, record.sample_time, elastic, friction, source.prior is not None)
+        self.signals = self._signals(rough.joint, cautious=False)
+        start = rough.delay - record.sample_time / 2 if source.prior is not None and len(source.delays) > 1 else source.drive.delay
+        self.start = self.model.start(rough.joint, max(start, 0.0), self.signals)
+        self.prior = self.model.prior(self.start, source.prior)
+        self._short: Maximum | None = None
+
+    def _signals(self, joint: ElasticJoint, cautious: bool) -> Signals:
+        linked = self.positions.shape[1] == 2
+        motion = motion_of(self.positions, linked, self.record.sample_time, joint, cautious)
+        return Signals(self.source.torque, self.source.sampled, self.positions, self.sides, motion, self.record.sample_time)
+
+    def short(self, like: Maximum | None = None) -> Maximum:
+        """On the middle of a long log."""
+        if self._short is None:
+            first = max(len(self.source.torque) - ROUGH_ROWS, 0) // 2
+            self._short = self._maximum(self.signals.rows(slice(first, first + ROUGH_ROWS)), self.start, 25)
+        return self._short
+
+    def _maximum(self, signals: Signals, start: Floats, iterations: int, fixed: Floats | None = None) -> Maximum:
+        def predict(point: Floats) -> tuple[Floats, Floats]:
+            try:
+                errors, variances, _ = prediction_errors(signals, *self.model.parts(point))
+            except (np.linalg.LinAlgError, GainroomError, OverflowError, ValueError):
+                return np.full(signals.positions.size, np.inf), np.ones(signals.positions.size)
+            return errors.ravel(), variances.ravel()
+
+        _, _, settled = prediction_errors(signals, *self.model.parts(start))
+        used = np.ones(signals.positions.shape)
+        used[: min(settled, len(used) // 3)] = 0.0
+        return maximize(predict, start, used.ravel(), np.stack(self.prior), iterations)
+
+    def result(self, name: str, measured: FrequencyResponse, warnings: list[str]) -> JointFit:
+        """On the whole log."""
+        best = self.short()
+        joint, *_ = self.model.parts(best.parameters)
+        self.signals = self._signals(joint, cautious=False)
+        best = self._maximum(self.signals, best.parameters, 12)
+        joint, drive, friction, noise = self.model.parts(best.parameters)
+        # What another law of friction would have given is as likely: the difference is a deviation that no amount of data averages out.
+        other = self._maximum(self._signals(joint, cautious=True), best.parameters, 1)
+        difference = other.parameters - best.parameters
+        variance = best.variance + np.outer(difference, difference)
+        physical = self.model.physical
+        errors = np.sqrt(np.diag(variance))[: len(physical)]
+        inertia = errors[0] if name == "rigid" else float(np.hypot(errors[0], errors[1]))
+        if inertia > 2 * MOST_INERTIA:
+            raise GainroomError(
+                f"joint: the log tells the inertia to ± {100 * quantile(FREEDOM) * inertia:.0f} % only: record a multisine or chirp of torque, "
+                "well above friction, at frequencies where the joint still moves by many steps of its encoder"
+            )
+        parameters = self.model.estimates(best.parameters, variance)
+        if name != "rigid":
+            parameters |= _resonances(best.parameters, variance)
+        scale = self.model.slopes(best.parameters)
+        covariance = variance[: len(physical), : len(physical)] * np.outer(scale, scale)
+        turning = float(self.signals.motion.turning.mean())
+        tests = residual_tests(best.errors, best.variances, self.signals, measured)
+        return JointFit(
+            name, parameters, physical, covariance, joint, drive, self.source.name, measured, tests, self.source.told,
+            self.record.sample_time, tuple(warnings),
+        )  # fmt: skip
+
+
+def _resonances(point: Floats, variance: Floats) -> dict[str, Estimate]:
+    """From log J_M, log J_L, log K, the first three of the point."""
+    motor, link, stiffness = np.exp(point[:3])
+    share = motor / (motor + link)  # ω_r² = K (1/J_M + 1/J_L)
+    towards = {"resonance": 0.5 * np.array([share - 1, -share, 1.0]), "antiresonance": 0.5 * np.array([0.0, -1.0, 1.0])}
+    values = {"resonance": math.sqrt(stiffness * (1 / motor + 1 / link)), "antiresonance": math.sqrt(stiffness / link)}
+    return {
+        name: log_interval(values[name], float(np.sqrt(direction @ variance[:3, :3] @ direction)), FREEDOM)
+        for name, direction in towards.items()
+    }

@@ -1,0 +1,129 @@
+"""The parameters of a joint's fit and the point of the search that stands for them."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..linear.arrays import Floats
+from ..system.drive import Drive
+from ..system.plant import ElasticJoint
+from .estimate import Estimate, interval, log_interval
+from .prediction import Noise, Signals
+from .record import resolution
+
+Prior = tuple[Floats, Floats]
+"""Mean and information (p,) of what is known beforehand."""
+FREEDOM = 39  # of the covariance: blocks of time less one
+LOGARITHMIC = ("motor_inertia", "inertia", "link_inertia", "stiffness", "damping")
+BEFOREHAND = {
+    "viscous": (0.0, 0.3),
+    "coulomb": (0.0, 0.5),
+    "link_coulomb": (0.0, 0.3),
+    "noise torque": (math.log(0.01), 3.0),
+    "noise drift": (math.log(1e-3), 3.0),
+    "noise turning": (math.log(0.05), 2.0),
+}
+"""Mean and deviation in units of the torque: they decide only where the log says nothing."""
+DAMPING_DEVIATION, READING_DEVIATION = 2.0, 1.5  # of the logarithms, about their start
+
+
+@dataclass(frozen=True)
+class JointModel:
+    """Which parameters are free.
+
+    Inertias, stiffness, damping and noise are logarithms in the point; friction is in units of `torque` [N m] and `speed` [rad/s]; the
+    delay in ticks.
+    """
+
+    elastic: bool
+    friction: bool
+    free_delay: bool
+    torque: float
+    speed: float
+    drive: Drive
+    sample_time: float
+    outputs: int
+
+    @classmethod
+    def of(
+        cls, torque: Floats, positions: Floats, drive: Drive, sample_time: float, elastic: bool, friction: bool, free_delay: bool
+    ) -> "JointModel":
+        """With units of the size of the signals."""
+        speed = float(np.std(np.diff(positions[:, 0]))) / sample_time
+        return cls(elastic, friction, free_delay, float(np.std(torque)), speed, drive, sample_time, positions.shape[1])
+
+    @property
+    def physical(self) -> tuple[str, ...]:
+        """The joint's parameters, which come first in the point."""
+        names = ["motor_inertia", "link_inertia", "stiffness", "damping"] if self.elastic else ["inertia"]
+        names += ["viscous", "coulomb"] if self.friction else []
+        names += ["link_coulomb"] if self.friction and self.elastic else []
+        return (*names, *(["delay"] if self.free_delay else []))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All of the point's."""
+        return (*self.physical, "noise torque", "noise drift", "noise turning", *(f"noise reading {k}" for k in range(self.outputs)))
+
+    def start(self, joint: ElasticJoint, delay: float, signals: Signals) -> Floats:
+        """The point of a rough joint and a delay [s]."""
+        jumps = np.median(np.abs(np.diff(signals.positions, 3, axis=0)), axis=0) / 3.0  # of white noise: 0.67 √20 of its deviation
+        steps = np.array([resolution(column) for column in signals.positions.T]) / math.sqrt(12)
+        readings = np.maximum(np.maximum(steps, 0.3 * jumps), 1e-12)
+        values = {
+            "motor_inertia": math.log(joint.motor_inertia),
+            "inertia": math.log(joint.motor_inertia + joint.link_inertia),
+            "link_inertia": math.log(joint.link_inertia),
+            "stiffness": math.log(joint.stiffness) if self.elastic else 0.0,
+            "damping": math.log(joint.damping) if joint.damping > 0 else 0.0,
+            "viscous": 0.0,
+            "coulomb": 0.02,
+            "link_coulomb": 0.0,
+            "delay": delay / self.sample_time,
+            **{name: BEFOREHAND[name][0] for name in ("noise torque", "noise drift", "noise turning")},
+            **{f"noise reading {k}": math.log(value) for k, value in enumerate(readings)},
+        }
+        return np.array([values[name] for name in self.names])
+
+    def prior(self, start: Floats, delay: tuple[float, float] | None) -> Prior:
+        """What is known beforehand, of the `delay` its mean and deviation [ticks]."""
+        mean, deviation = np.array(start), np.full(len(start), math.inf)
+        for k, name in enumerate(self.names):
+            if name in BEFOREHAND:
+                mean[k], deviation[k] = BEFOREHAND[name]
+            elif name == "damping":
+                deviation[k] = DAMPING_DEVIATION
+            elif name.startswith("noise reading"):
+                deviation[k] = READING_DEVIATION
+            elif name == "delay" and delay is not None:
+                mean[k], deviation[k] = delay
+        return mean, deviation**-2.0
+
+    def parts(self, point: Floats) -> tuple[ElasticJoint, Drive, Floats, Noise]:
+        """Joint, drive, friction (3,) and noise at a point, as prediction_errors takes them."""
+        v = dict(zip(self.names, point.tolist(), strict=True))
+        if self.elastic:
+            joint = ElasticJoint(*(math.exp(v[name]) for name in ("motor_inertia", "link_inertia", "stiffness", "damping")))
+        else:
+            joint = ElasticJoint(math.exp(v["inertia"]) / 2, math.exp(v["inertia"]) / 2)
+        friction = self.torque * np.array([v.get("coulomb", 0.0), v.get("link_coulomb", 0.0), v.get("viscous", 0.0) / self.speed])
+        drive = replace(self.drive, delay=max(v["delay"], 0.0) * self.sample_time) if self.free_delay else self.drive
+        torque, drift, turning = (self.torque * math.exp(v[f"noise {name}"]) for name in ("torque", "drift", "turning"))
+        return joint, drive, friction, Noise(torque, drift, turning, np.exp([v[f"noise reading {k}"] for k in range(self.outputs)]))
+
+    def slopes(self, point: Floats) -> Floats:
+        """(p,) of the physical parameters in SI by the point."""
+        units = {"viscous": self.torque / self.speed, "coulomb": self.torque, "link_coulomb": self.torque, "delay": self.sample_time}
+        return np.array([math.exp(value) if name in LOGARITHMIC else units[name] for name, value in zip(self.physical, point, strict=False)])
+
+    def estimates(self, point: Floats, variance: Floats) -> dict[str, Estimate]:
+        """The physical parameters in SI with their intervals."""
+        found = {}
+        for k, (name, slope) in enumerate(zip(self.physical, self.slopes(point), strict=True)):
+            error = float(variance[k, k] ** 0.5)
+            if name in LOGARITHMIC:
+                found[name] = log_interval(math.exp(point[k]), error, FREEDOM)
+            else:
+                found[name] = interval(float(point[k] * slope), error * slope, FREEDOM)
+        return found

@@ -1,0 +1,79 @@
+"""Which way the two sides of a joint move, tick by tick, from measured positions: what friction acts along."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..linear.arrays import Complexes, Floats, Integers
+from ..system.plant import ElasticJoint
+
+TURNING = 0.15  # of the root mean square velocity: slower, a side turns round, and no law of friction is to be trusted
+AFTER = 3.0  # radians of the resonance that a predictor takes to find back
+PASSED = 4.0  # times the resonance: faster motion is the encoder's noise
+LEAST_DAMPING = 0.02  # of critical, when the link's motion is reckoned from the motor's: noise at the antiresonance is not to ring on
+STRIBECK, STRIBECK_VELOCITY = 0.3, 0.2  # of Coulomb friction, and of the velocity: another law that friction may have
+PADDING = 4096  # rows over which a signal returns to its start
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What friction acts along.
+
+    along     (m, 3) which way motor and link move over each tick, −1 to 1, and the motor's velocity [rad/s]
+    turning   (m,) 1 while motor or link is about to turn round or has just done so, else 0
+    """
+
+    along: Floats
+    turning: Integers
+
+    @property
+    def speed(self) -> float:
+        """Root mean square of the motor's velocity [rad/s]."""
+        return float(np.sqrt(np.mean(self.along[:, 2] ** 2)))
+
+
+def motion_of(positions: Floats, linked: bool, sample_time: float, joint: ElasticJoint, cautious: bool = False) -> Motion:
+    """From the motor's position, and where `linked` the link's in the second column (m, o) [rad]; `joint` is roughly right.
+
+    cautious   under another law: friction that is larger near rest, and a wider range of velocities that counts as turning round
+    """
+    resonance = joint.resonance if math.isfinite(joint.resonance) else 0.2 / sample_time
+    count = len(positions)
+    omega, filtered = _filter(count, sample_time)
+    smooth = 1 / (1 + (omega / (PASSED * resonance)) ** 4)
+    raw = np.diff(positions[:, 0], append=positions[-1, 0]) / sample_time
+    motor = filtered(raw, smooth)
+    # The noise that passes the filter, if it is white, from what does not.
+    share = min(PASSED * resonance * sample_time / math.pi, 1.0)
+    least = max(2 * float(np.std(raw - motor)) * math.sqrt(share), 1e-12)
+    if linked:
+        link = filtered(np.diff(positions[:, 1], append=positions[-1, 1]) / sample_time, smooth)
+    elif math.isfinite(joint.stiffness):
+        spring = joint.stiffness + 1j * omega * max(joint.damping, 2 * LEAST_DAMPING * joint.stiffness / resonance)
+        link = filtered(raw, smooth * spring / (spring - joint.link_inertia * omega**2))
+    else:
+        link = motor
+    slow = (2 if cautious else 1) * TURNING * float(np.std(motor))
+    near = (np.abs(motor) < slow) | (np.abs(link) < slow)
+    after = int(AFTER / resonance / sample_time) + 1
+    turning = (np.convolve(near, np.ones(after + 2))[1 : count + 1] > 0).astype(np.int64)
+    along = [np.clip(velocity / least, -1, 1) for velocity in (motor, link)]
+    if cautious:
+        rest = STRIBECK_VELOCITY * float(np.std(motor))
+        along = [way * (1 + STRIBECK * np.exp(-((speed / rest) ** 2))) for way, speed in zip(along, (motor, link), strict=True)]
+    return Motion(np.column_stack([*along, motor]), turning)
+
+
+def _filter(count: int, sample_time: float):
+    """Frequencies [rad/s], and a function that multiplies the spectrum of a column (count,) by a response there."""
+    from scipy.fft import irfft, next_fast_len, rfft, rfftfreq
+
+    size = next_fast_len(count + min(count, PADDING), real=True)
+    omega = 2 * np.pi * rfftfreq(size, sample_time)
+
+    def filtered(values: Floats, response: Complexes) -> Floats:
+        padded = np.concatenate([values, np.linspace(values[-1], values[0], size - count)])
+        return irfft(rfft(padded) * response, size)[:count]
+
+    return omega, filtered
