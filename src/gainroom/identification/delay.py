@@ -19,9 +19,11 @@ LONGEST = 0.1  # [s] that a delay is looked for
 LEAST_CHANGES = 8  # of the target
 UNKNOWN_TICKS = 0.5  # half-width of the delay's interval: more, and the log does not tell
 DECODINGS = 8
+GUESSED_FROM = 0.15  # ticks of deviation
 GUESSED = 0.2  # of the jitter's deviation: error of a delay whose arrivals are guessed
 FITTED_ROWS = 40_000  # of a long log: the delay is then known to a thousandth of a tick, and its jitter still from all rows
-JITTER = 0.15  # ticks: a larger deviation is not a delay's place within one tick
+JITTER = 0.35  # ticks: a larger deviation is not a delay's place within one tick
+DECODED = 1.0  # what decoding must gain per row in squared errors and log variance, as it may choose among histories
 FLOOR = 1e-4  # ticks: no log is better than its clock
 
 
@@ -158,7 +160,7 @@ def _without_demand(record: Record, data: Data, rough: Response) -> tuple[Fit, A
             break
     if best is None:
         raise GainroomError("delay: actual_torque does not show when the target's changes arrive: record torque steps")
-    fit, seen = best
+    fit, seen = single = best
     for _ in range(DECODINGS if fit.deviations[0] > JITTER else 0):
         age = decoded(data, Response(seen.mean - float(seen.shares @ fit.places), fit.speed, fit.damping), fit)
         found = arrivals_of_ages(record, age)
@@ -166,10 +168,10 @@ def _without_demand(record: Record, data: Data, rough: Response) -> tuple[Fit, A
             break
         start = Response(-0.5, fit.speed, fit.damping)
         fit, seen = _fitted(record, _acting(data, rows - age), found, start), found
-        if fit.cost > best[0].cost - 1e-3:
+        if fit.cost > best[0].cost - 1e-3 and best[0] is not single[0]:
             break
         best = fit, seen
-    return best
+    return best if best[0].cost < single[0].cost - DECODED else single
 
 
 def _acting(data: Data, rows: Integers) -> Data:
@@ -187,7 +189,7 @@ def _result(record: Record, seen: Arrivals, fit: Fit, channels: tuple[str, ...],
     spread = ticks_of - fit.places
     deviation = float(np.sqrt(max(shares @ (spread**2 + fit.deviations**2) - (shares @ spread) ** 2, 0.0)))
     # Which command acted when is guessed without a demand torque; guesses repeat themselves, so their errors are not in the covariance.
-    guessed = GUESSED * deviation if "demand_torque" not in channels and deviation > JITTER else 0.0
+    guessed = GUESSED * deviation if "demand_torque" not in channels and deviation > GUESSED_FROM else 0.0
     late = float(np.hypot(late, guessed))
     error = max(float(np.hypot(fit.error(towards), late)), FLOOR)
     current = 2 * fit.damping / fit.speed

@@ -20,6 +20,8 @@ BEFOREHAND = {
     "viscous": (0.0, 0.3),
     "coulomb": (0.0, 0.5),
     "link_coulomb": (0.0, 0.3),
+    "weight_sine": (0.0, 1.0),
+    "weight_cosine": (0.0, 1.0),
     "noise torque": (math.log(0.01), 3.0),
     "noise drift": (math.log(1e-3), 3.0),
     "noise turning": (math.log(0.05), 2.0),
@@ -59,6 +61,7 @@ class JointModel:
         names = ["motor_inertia", "link_inertia", "stiffness", "damping"] if self.elastic else ["inertia"]
         names += ["viscous", "coulomb"] if self.friction else []
         names += ["link_coulomb"] if self.friction and self.elastic else []
+        names += ["weight_sine", "weight_cosine"]
         return (*names, *(["delay"] if self.free_delay else []))
 
     @property
@@ -80,6 +83,8 @@ class JointModel:
             "viscous": 0.0,
             "coulomb": 0.02,
             "link_coulomb": 0.0,
+            "weight_sine": 0.0,
+            "weight_cosine": 0.0,
             "delay": delay / self.sample_time,
             **{name: BEFOREHAND[name][0] for name in ("noise torque", "noise drift", "noise turning")},
             **{f"noise reading {k}": math.log(value) for k, value in enumerate(readings)},
@@ -101,20 +106,26 @@ class JointModel:
         return mean, deviation**-2.0
 
     def parts(self, point: Floats) -> tuple[ElasticJoint, Drive, Floats, Noise]:
-        """Joint, drive, friction (3,) and noise at a point, as prediction_errors takes them."""
+        """Joint, drive, friction (5,) and noise at a point, as prediction_errors takes them."""
         v = dict(zip(self.names, point.tolist(), strict=True))
         if self.elastic:
             joint = ElasticJoint(*(math.exp(v[name]) for name in ("motor_inertia", "link_inertia", "stiffness", "damping")))
         else:
             joint = ElasticJoint(math.exp(v["inertia"]) / 2, math.exp(v["inertia"]) / 2)
-        friction = self.torque * np.array([v.get("coulomb", 0.0), v.get("link_coulomb", 0.0), v.get("viscous", 0.0) / self.speed])
+        friction = np.array([v.get(name, 0.0) for name in ("coulomb", "link_coulomb", "viscous", "weight_sine", "weight_cosine")])
+        friction *= self.torque * np.array([1, 1, 1 / self.speed, 1, 1])
         drive = replace(self.drive, delay=max(v["delay"], 0.0) * self.sample_time) if self.free_delay else self.drive
         torque, drift, turning = (self.torque * math.exp(v[f"noise {name}"]) for name in ("torque", "drift", "turning"))
         return joint, drive, friction, Noise(torque, drift, turning, np.exp([v[f"noise reading {k}"] for k in range(self.outputs)]))
 
+    def law_error(self, relative: float) -> Floats:
+        """(p,) variances of the point where the joint's law is off by so much, `relative` to inertia and stiffness."""
+        sizes = dict.fromkeys(("motor_inertia", "inertia", "link_inertia", "stiffness"), relative) | {"damping": 10 * relative}
+        return np.array([sizes.get(name, 0.0) ** 2 for name in self.names])
+
     def slopes(self, point: Floats) -> Floats:
         """(p,) of the physical parameters in SI by the point."""
-        units = {"viscous": self.torque / self.speed, "coulomb": self.torque, "link_coulomb": self.torque, "delay": self.sample_time}
+        units = dict.fromkeys(self.physical, self.torque) | {"viscous": self.torque / self.speed, "delay": self.sample_time}
         return np.array([math.exp(value) if name in LOGARITHMIC else units[name] for name, value in zip(self.physical, point, strict=False)])
 
     def estimates(self, point: Floats, variance: Floats) -> dict[str, Estimate]:

@@ -18,7 +18,8 @@ Prediction = Callable[[Floats], tuple[Floats, Floats]]
 """Parameters (p,) → errors (m,) and their variances (m,)."""
 STEP = 1e-5  # of differences; parameters are of order one or logarithms
 MOST_ITERATIONS = 25
-SETTLED = 0.02  # of a standard error: what the last step may still move
+SETTLED = 0.05  # of a standard error: what the last step may still move
+LEAST_GAIN = 0.02  # of minus twice the log likelihood: less is not worth a further step
 DAMPING = 1e-3
 
 
@@ -78,8 +79,9 @@ def maximize(predict: Prediction, start: Floats, used: Floats, prior: Floats, it
         if damping > 1e8:
             converged = True  # nothing nearby is better
             break
+        gained = (cost - trial) * used.sum()
         point, error, var, cost, damping = point + step, trial_error, trial_var, trial, max(damping / 10, 1e-9)
-        if float(np.abs(step * scale).max()) < SETTLED:
+        if float(np.abs(step * scale).max()) < SETTLED or gained < LEAST_GAIN:
             converged = True
             break
     score, information, _ = _derivatives(predict, point, error, var, used)

@@ -20,7 +20,7 @@ PADDING = 4096  # rows over which a signal returns to its start
 class Motion:
     """What friction acts along.
 
-    along     (m, 3) which way motor and link move over each tick, −1 to 1, and the motor's velocity [rad/s]
+    along     (m, 5) over each tick: which way motor and link move, −1 to 1, the motor's velocity [rad/s], sine and cosine of the link's angle
     turning   (m,) 1 while motor or link is about to turn round or has just done so, else 0
     """
 
@@ -47,11 +47,15 @@ def motion_of(positions: Floats, linked: bool, sample_time: float, joint: Elasti
     # The noise that passes the filter, if it is white, from what does not.
     share = min(PASSED * resonance * sample_time / math.pi, 1.0)
     least = max(2 * float(np.std(raw - motor)) * math.sqrt(share), 1e-12)
+    resting = positions[:, 0]
     if linked:
+        resting = positions[:, 1]
         link = filtered(np.diff(positions[:, 1], append=positions[-1, 1]) / sample_time, smooth)
     elif math.isfinite(joint.stiffness):
         spring = joint.stiffness + 1j * omega * max(joint.damping, 2 * LEAST_DAMPING * joint.stiffness / resonance)
-        link = filtered(raw, smooth * spring / (spring - joint.link_inertia * omega**2))
+        passed = spring / (spring - joint.link_inertia * omega**2)
+        link = filtered(raw, smooth * passed)
+        resting = positions[0, 0] + filtered(resting - positions[0, 0], smooth * passed)
     else:
         link = motor
     slow = (2 if cautious else 1) * TURNING * float(np.std(motor))
@@ -62,7 +66,7 @@ def motion_of(positions: Floats, linked: bool, sample_time: float, joint: Elasti
     if cautious:
         rest = STRIBECK_VELOCITY * float(np.std(motor))
         along = [way * (1 + STRIBECK * np.exp(-((speed / rest) ** 2))) for way, speed in zip(along, (motor, link), strict=True)]
-    return Motion(np.column_stack([*along, motor]), turning)
+    return Motion(np.column_stack([*along, motor, np.sin(resting), np.cos(resting)]), turning)
 
 
 def _filter(count: int, sample_time: float):

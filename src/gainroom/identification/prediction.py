@@ -68,7 +68,8 @@ class Signals:
 def prediction_errors(signals: Signals, joint: ElasticJoint, drive: Drive, friction: Floats, noise: Noise) -> tuple[Floats, Floats, int]:
     """Errors (m, o) and their variances (m, o), made independent of each other, and the rows that the start still acts on.
 
-    friction   (3,) Coulomb torques on motor and link [N m], viscous friction of the motor [N m s/rad]
+    friction   (5,) Coulomb torques on motor and link [N m], viscous friction of the motor [N m s/rad], and of the link's weight the torques
+               along sine and cosine of its angle [N m]
 
     Raises numpy.linalg.LinAlgError where there is no stationary filter.
     """
@@ -121,6 +122,7 @@ def _sampled(system: StateSpace, step: float) -> tuple[Floats, Floats, Floats]:
 def _inputs(signals: Signals, drive: Drive, system: StateSpace, held: Floats, ramp: Floats, friction: Floats) -> tuple[Floats, Floats]:
     """B (n, i) and inputs (m, i): torque over each tick, and the directions of friction."""
     columns = [-friction[0] * held[:, MOTOR], -friction[1] * held[:, LINK], -friction[2] * held[:, MOTOR]]
+    columns += [-friction[3] * held[:, LINK], -friction[4] * held[:, LINK]]
     torque = signals.torque
     if signals.sampled:
         after = np.append(torque[1:], torque[-1])

@@ -1,0 +1,273 @@
+"""The gains that a firmware really applies: kp and kd from set-point, position, velocity and torque.
+
+    torque(t) = kp (x_d − x)(t − lag) + kd (ẋ_d − ẋ)(t − lag) + constant,      or with −ẋ alone
+
+is linear in the gains; behind a current loop the lag is that of a delay and C(s) together, both of which are fitted. All signals pass the same zero-phase band, which leaves the equation true and keeps out the frequencies at which a
+position is mostly its encoder's steps: noise in a regressor would make the gains look smaller than they are (errors in variables).
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import GainroomError
+from ..linear.arrays import Complexes, Floats
+from .estimate import Estimate, covariance, interval, quantile
+from .record import Record, resolution
+
+DAMPING_RATIO = 0.8  # of a current loop
+LONGEST_LAG = 0.02  # [s] of a torque behind the positions that it was made from
+FASTEST_BEHIND = 0.4  # radians per tick: faster, what a current loop does between ticks is not in the log
+CLEAR = 30.0  # power over the encoder's noise that a frequency needs
+TAPER = 0.02  # of the record, at either end
+FREEDOM = 39
+MOST_EXPLAINED, LEAST_EXPLAINED = 0.98, 0.5  # of the torque's power in the band: beyond, the law is found; below, there is none
+MOST_RELATIVE = 0.1  # half-width of kp's interval that still names a factor
+SAME_FACTOR = 0.04  # of a factor: two gains this near are the same
+LEAST_STEPS = 20
+
+
+@dataclass(frozen=True)
+class UnitError:
+    """A gain that is a known factor away from what was asked for.
+
+    gain, factor, name   "kp" or "kd"; applied/asked; what commonly makes that factor
+    """
+
+    gain: str
+    factor: float
+    name: str
+
+
+@dataclass(frozen=True)
+class GainsFit:
+    """What the firmware does.
+
+    kp, kd          [N m/rad], [N m s/rad] on the joint side
+    lag             of the torque behind the positions [s]
+    rate_of_error   True: kd acts on ẋ_d − ẋ; False: on −ẋ; None: the set-point moves too little to tell
+    velocity        what kd acts on: "motor_velocity" of the record, "difference" of positions from tick to tick, or "derivative"
+    offset          constant torque [N m]
+    torque          the channel
+    explained       share of the torque's power in the band
+    band            [rad/s] up to which signals were used
+    unit_errors     gains that are a known factor from those asked for
+    warnings        what the reader should know
+    """
+
+    kp: Estimate
+    kd: Estimate
+    lag: float
+    rate_of_error: bool | None
+    velocity: str
+    offset: float
+    torque: str
+    explained: float
+    band: float
+    unit_errors: tuple[UnitError, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+
+def identify_gains(record: Record, kp: float | None = None, kd: float | None = None, gear_ratio: float | None = None) -> GainsFit:
+    """kp and kd from reference, motor position (or link position), and target, demand or actual torque; velocities where they are logged.
+
+    kp, kd        what was asked for, joint side; None: not compared
+    gear_ratio    lets errors of gear and gear² be named
+
+    Raises GainroomError where channels are missing, where set-point and position hardly differ, and where the torque does not follow such a
+    law; the message says what to record.
+    """
+    record = record.longest_run()
+    side = "motor_position" if record.has("motor_position") or not record.has("link_position") else "link_position"
+    name = next((name for name in ("target_torque", "demand_torque", "actual_torque") if record.has(name)), "actual_torque")
+    reference, position, torque = record.need("gains", "reference", side, name)
+    if np.ptp(torque) == 0:
+        raise GainroomError(f"gains: {name} does not change: record while the joint moves")
+    step = resolution(position)
+    if np.ptp(reference - position) < LEAST_STEPS * step or np.ptp(position) < LEAST_STEPS * step:
+        raise GainroomError(
+            f"gains: set-point and position differ by {np.ptp(reference - position):.3g} rad, {LEAST_STEPS} steps of the encoder "
+            f"({step:.3g} rad) are needed: record larger and faster motion"
+        )
+    spectra = _Spectra(record, reference, position, torque, name)
+    fits = [
+        _fitted(spectra, velocity, follows, name == "actual_torque")
+        for velocity in spectra.velocities
+        for follows in ((False, True) if spectra.reference_moves else (False,))
+    ]
+    best = min(fits, key=lambda fit: fit.cost)
+    explained = 1 - best.cost
+    if explained < LEAST_EXPLAINED:
+        raise GainroomError(
+            f"gains: kp and kd explain {100 * max(explained, 0):.0f} % of {name}, less than half: look at signs, units and joint of the columns, "
+            "or record without feed-forward torque"
+        )
+    return _result(spectra, best, name, (kp, kd, gear_ratio))
+
+
+class _Spectra:
+    """Signals in the frequency domain, and how to come back."""
+
+    def __init__(self, record: Record, reference: Floats, position: Floats, torque: Floats, name: str) -> None:
+        self.tick, self.count = record.sample_time, len(position)
+        ends = max(int(TAPER * self.count), 4)
+        ramp = 0.5 - 0.5 * np.cos(np.pi * np.arange(ends) / ends)
+        self.window = np.ones(self.count)
+        self.window[:ends], self.window[-ends:] = ramp, ramp[::-1]
+        # Operations that must see the whole signal (differences) come before the window, band and lag after it.
+        pad = np.diff(position, prepend=2 * position[0] - position[1]) / self.tick
+        middle = np.gradient(position, self.tick)
+        ahead = np.diff(reference, prepend=2 * reference[0] - reference[1]) / self.tick
+        self.reference_moves = bool(np.any(ahead != 0))
+        self.error, self.torque = reference - position, torque
+        self.velocities = {"difference": (pad, ahead), "derivative": (middle, np.gradient(reference, self.tick))}
+        if record.has("motor_velocity"):
+            given = record.channels.get("reference_velocity", self.velocities["derivative"][1])
+            self.velocities = {"motor_velocity": (record.channels["motor_velocity"], given)} | self.velocities
+        self.omega = 2 * np.pi * np.fft.rfftfreq(self.count, self.tick)
+        self.band = self._clear_band(position)
+        if name == "actual_torque":
+            self.band = min(self.band, FASTEST_BEHIND / self.tick)
+
+    def _clear_band(self, position: Floats) -> float:
+        """[rad/s] up to where the position's power, differenced, is well above what is left at the highest frequencies."""
+        from scipy.signal import welch
+
+        length = min(self.count, max(256, int(2.0 / self.tick)))
+        frequency, power = welch(np.diff(position), fs=1 / self.tick, nperseg=min(length, self.count - 1))
+        shape = 2 - 2 * np.cos(2 * np.pi * frequency * self.tick)
+        high = frequency > 0.35 / self.tick
+        floor = float(np.median(power[high] / shape[high])) * np.maximum(shape, 1e-12)
+        clear = (power > CLEAR * floor) & (frequency > 0)
+        top = frequency[clear].max() if clear.any() else 0.1 / self.tick
+        return 2 * math.pi * float(np.clip(top, 10 * frequency[1], 0.4 / self.tick))
+
+    def passed(self, values: Floats, lag: float = 0.0, slow: float = 0.0) -> Floats:
+        """(m,) through window and band, `lag` [s] later and through a current loop of bandwidth 1/`slow` [s]."""
+        spectrum: Complexes = np.fft.rfft((values - values.mean()) * self.window)
+        return np.fft.irfft(spectrum * late(self.omega, lag, slow) / (1 + (self.omega / self.band) ** 8), self.count)
+
+
+def late(omega: Floats, lag: float, slow: float) -> Complexes:
+    """e^{−jω lag} C(jω), with C of eq. (3) of Jung et al. 2017, its bandwidth 1/`slow`, its damping an ordinary one."""
+    return np.exp(-1j * omega * lag) / (1 + 2j * DAMPING_RATIO * omega * slow - (omega * slow) ** 2)
+
+
+@dataclass(frozen=True)
+class _Fit:
+    velocity: str
+    follows: bool
+    lag: float
+    slow: float
+    gains: Floats
+    cost: float
+
+
+def _columns(spectra: _Spectra, velocity: str, follows: bool, lag: float, slow: float) -> Floats:
+    measured, wanted = spectra.velocities[velocity]
+    rate = wanted - measured if follows else -measured
+    return np.column_stack([spectra.passed(spectra.error, lag, slow), spectra.passed(rate, lag, slow)])
+
+
+def _fitted(spectra: _Spectra, velocity: str, follows: bool, behind: bool) -> _Fit:
+    """The gains at the lag of least error; `behind` a current loop."""
+    from scipy.optimize import minimize
+
+    torque, columns = spectra.passed(spectra.torque), _columns(spectra, velocity, follows, 0.0, 0.0)
+    used = spectra.omega < 2.5 * spectra.band
+    omega, weight = spectra.omega[used], np.where(spectra.omega[used] > 0, 2.0, 1.0)
+    wanted, given = np.fft.rfft(torque)[used], np.fft.rfft(columns, axis=0)[used]
+    power = float(weight @ np.abs(wanted) ** 2)
+    cross = weight[:, None] * given.conj() * wanted[:, None]
+    products = weight * np.stack([np.abs(given[:, 0]) ** 2, np.real(given[:, 0].conj() * given[:, 1]), np.abs(given[:, 1]) ** 2])
+
+    def solved(lag: float, slow: float) -> tuple[Floats, float]:
+        response = late(omega, lag, slow)
+        first, both, second = products @ np.abs(response) ** 2
+        right = np.real(response.conj() @ cross)
+        gains = np.linalg.lstsq(np.array([[first, both], [both, second]]), right, rcond=None)[0]
+        return gains, 1 - float(right @ gains) / power
+
+    tick = spectra.tick
+    grid = np.arange(-1.0, LONGEST_LAG / tick + 0.5, 0.5) * tick
+    start = float(grid[int(np.argmin([solved(float(lag), 0.0)[1] for lag in grid]))])
+    simplex = np.array([[start, 0.2 * tick], [start + 0.4 * tick, 0.2 * tick], [start - 0.3 * tick, 0.6 * tick]])
+    if not behind:
+        simplex = np.array([[start], [start + 0.3 * tick]])
+
+    def cost(point: Floats) -> float:
+        return solved(point[0], abs(point[1]) if behind else 0.0)[1]
+
+    options = {"initial_simplex": simplex / tick, "xatol": 1e-7, "fatol": 1e-15, "maxiter": 300}
+    found = minimize(lambda point: cost(point * tick), simplex[0] / tick, method="Nelder-Mead", options=options)
+    lag, slow = found.x[0] * tick, abs(found.x[1]) * tick if behind else 0.0
+    gains, least = solved(lag, slow)
+    return _Fit(velocity, follows, float(lag), float(slow), gains, least)
+
+
+def _result(spectra: _Spectra, best: _Fit, name: str, asked: tuple[float | None, float | None, float | None]) -> GainsFit:
+    columns = _columns(spectra, best.velocity, best.follows, best.lag, best.slow)
+    step = 0.05 * spectra.tick
+    later = [(best.lag + step, best.slow)] + ([(best.lag, best.slow + step)] if best.slow > 0 else [])
+    slopes = [(_columns(spectra, best.velocity, best.follows, *moved) - columns) @ best.gains / step for moved in later]
+    jacobian = np.column_stack([columns, *slopes])
+    residual = spectra.passed(spectra.torque) - columns @ best.gains
+    inverse = np.linalg.pinv(jacobian.T @ jacobian)
+    variance = covariance(residual[:, None] * (jacobian @ inverse))
+    # What a tick's rounding of the torque leaves even where it repeats.
+    rounding = resolution(spectra.torque) ** 2 / 12
+    variance = variance + rounding * inverse
+    errors = np.sqrt(np.diag(variance)) + 1e-6 * np.array([*np.abs(best.gains), *np.zeros(len(slopes))])
+    kp, kd = (interval(float(value), float(error), FREEDOM) for value, error in zip(best.gains, errors, strict=False))
+    warnings = []
+    explained = 1 - best.cost
+    if explained < MOST_EXPLAINED:
+        warnings.append(
+            f"kp and kd explain {100 * explained:.1f} % of {name}: the rest is feed-forward, a filter, saturation or noise; the gains may be off"
+        )
+    for label, gain in (("kp", kp), ("kd", kd)):
+        if gain.low <= 0 <= gain.high:
+            warnings.append(f"the record does not tell {label} from 0: record motion with more {'deflection' if label == 'kp' else 'velocity'}")
+    offset = float(np.mean(spectra.torque) - best.gains[0] * np.mean(spectra.error))
+    follows = best.follows if spectra.reference_moves else None
+    return GainsFit(
+        kp, kd, best.lag + 2 * DAMPING_RATIO * best.slow, follows, best.velocity, offset, name, explained, spectra.band, _unit_errors(kp, kd, *asked), tuple(warnings)
+    )  # fmt: skip
+
+
+def factors(gear_ratio: float | None) -> dict[str, float]:
+    """What gains are commonly off by: applied/asked, by its name."""
+    known = {
+        "2π: revolutions taken for radians": 2 * math.pi,
+        "1/2π: radians taken for revolutions": 1 / (2 * math.pi),
+        "180/π: degrees taken for radians": 180 / math.pi,
+        "π/180: radians taken for degrees": math.pi / 180,
+    }
+    if gear_ratio is not None and gear_ratio != 1:
+        known |= {
+            "gear: position or torque on the rotor's side": gear_ratio,
+            "1/gear: position or torque on the rotor's side": 1 / gear_ratio,
+            "gear²: gains act on the rotor's side": gear_ratio**2,
+            "1/gear²: gains of the rotor's side on the joint's": gear_ratio**-2,
+            "2π · gear: revolutions of the rotor": 2 * math.pi * gear_ratio,
+            "gear/2π: radians taken for revolutions of the rotor": gear_ratio / (2 * math.pi),
+            "1/(2π · gear): radians taken for revolutions, on the rotor's side": 1 / (2 * math.pi * gear_ratio),
+        }
+    return known
+
+
+def _unit_errors(kp: Estimate, kd: Estimate, asked_kp: float | None, asked_kd: float | None, gear_ratio: float | None) -> tuple[UnitError, ...]:
+    """The factors that fit, and are not 1."""
+    found = []
+    for label, gain, asked in (("kp", kp, asked_kp), ("kd", kd, asked_kd)):
+        if not asked or gain.value <= 0 or gain.half_width > MOST_RELATIVE * gain.value:
+            continue
+        ratio = gain.value / asked
+        sure = math.log1p(SAME_FACTOR) + quantile(FREEDOM) * gain.standard_error / gain.value
+        if abs(math.log(ratio)) <= sure:
+            continue
+        name, factor = min(factors(gear_ratio).items(), key=lambda item: abs(math.log(ratio / item[1])))
+        if abs(math.log(ratio / factor)) <= sure:
+            found.append(UnitError(label, factor, name))
+    return tuple(found)
