@@ -13,6 +13,7 @@ from ..system.plant import ElasticJoint
 
 SEGMENTS = 12  # at least, over which spectra are averaged
 LONGEST_SEGMENT = 8.0  # [s]
+STRONG = 0.005  # power of the torque that a frequency needs
 CLEAR = 10.0  # power over the encoder's noise that a frequency needs
 LEAST_LINE = 3  # of the spectra: lower ones hold the trend
 EXCITED = 0.6  # coherence that a frequency needs to count
@@ -26,17 +27,20 @@ class FrequencyResponse:
     response    (k,) [rad/s² / (N m)] of the twice differenced position
     coherence   (k,) 0 to 1; in a closed loop also near 1 where noise goes round the loop and nothing is excited
     clearance   (k,) power of the motion over that of the encoder's noise
+    strength    (k,) power of the torque over that of its strongest tenth; where it is low a feedback loop answers noise
     """
 
     omega: Floats
     response: Complexes
     coherence: Floats
     clearance: Floats
+    strength: Floats
 
     @property
     def excited(self) -> Booleans:
-        """(k,) where the torque explains the motion, and the motion is not the encoder's noise."""
-        return (self.coherence >= EXCITED) & (self.clearance >= CLEAR) & (self.omega > LEAST_LINE * self.omega[0])
+        """(k,) where the torque is strong and explains the motion, and the motion is not the encoder's noise."""
+        clear = (self.coherence >= EXCITED) & (self.clearance >= CLEAR) & (self.strength >= STRONG)
+        return clear & (self.omega > LEAST_LINE * self.omega[0])
 
 
 def frequency_response(torque: Floats, position: Floats, sample_time: float) -> FrequencyResponse:
@@ -56,8 +60,11 @@ def frequency_response(torque: Floats, position: Floats, sample_time: float) -> 
     shape = (2 - 2 * np.cos(2 * np.pi * frequency * sample_time)) ** 2
     high = (frequency > 0.3 / sample_time) & (frequency < 0.45 / sample_time)
     floor = max(float(np.median(output_power[high] / shape[high])), 1e-300) * np.maximum(shape, 1e-12)
+    clearance = output_power / floor
+    clear = (clearance >= CLEAR) & (frequency > LEAST_LINE * frequency[1])
+    strength = input_power / max(float(np.quantile(input_power[clear], 0.9)) if clear.any() else 0.0, 1e-300)
     good = np.isfinite(response) & np.isfinite(coherence) & (frequency > 0) & (frequency < 0.45 / sample_time)
-    return FrequencyResponse(2 * np.pi * frequency[good], response[good], coherence[good], (output_power / floor)[good])
+    return FrequencyResponse(2 * np.pi * frequency[good], response[good], coherence[good], clearance[good], strength[good])
 
 
 @dataclass(frozen=True)
@@ -78,7 +85,8 @@ def rough_joint(measured: FrequencyResponse, sample_time: float, delays: Floats,
 
     used = measured.excited
     omega, logs, sure = measured.omega[used], np.log(measured.response[used]), np.clip(measured.coherence[used], 0.0, 0.99)
-    weight = (sure / (1 - sure)) ** 0.5 / omega  # per octave, not per hertz
+    strength = measured.strength[used]
+    weight = (sure / (1 - sure)) ** 0.5 * strength / (strength + 10 * STRONG) / omega  # per octave, not per hertz
     weight /= weight.sum()
     differenced = (2 - 2 * np.cos(omega * sample_time)) / sample_time**2
     late = np.exp(-1j * np.outer(delays, omega))

@@ -34,7 +34,7 @@ MOST_INERTIA = 0.1  # standard error of the logarithm of inertia
 DELAY_FLOOR = 0.02  # ticks: what torque logged once a tick knows of the delay at best
 # No law of friction is exact, and what is wrong with it repeats with the motion, so that no average over time takes it out. The share of the
 # residual that the torque explains shows how much is left. Sized on virtual joints with Stribeck friction on both sides (tests).
-MODEL_ERROR, MODEL_ERROR_EXPLAINED = 0.0007, 0.01  # of inertias and stiffness
+MODEL_ERROR, MODEL_ERROR_EXPLAINED = 0.0005, 0.007  # of inertias and stiffness
 SEARCHED = 8.0  # ticks of delay, where no torque log tells it
 
 
@@ -262,7 +262,7 @@ class _Fitting:
         difference = other.parameters - best.parameters
         variance = best.variance + np.outer(difference, difference)
         tests = residual_tests(best.errors, best.variances, self.signals, measured)
-        variance = variance + np.diag(self.model.law_error(MODEL_ERROR + MODEL_ERROR_EXPLAINED * tests.explained))
+        variance = variance + np.diag(self.model.law_error(best.parameters, MODEL_ERROR + MODEL_ERROR_EXPLAINED * tests.explained))
         physical = self.model.physical
         errors = np.sqrt(np.diag(variance))[: len(physical)]
         inertia = errors[0] if name == "rigid" else float(np.hypot(errors[0], errors[1]))

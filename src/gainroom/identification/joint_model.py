@@ -16,6 +16,8 @@ Prior = tuple[Floats, Floats]
 """Mean and information (p,) of what is known beforehand."""
 FREEDOM = 39  # of the covariance: blocks of time less one
 LOGARITHMIC = ("motor_inertia", "inertia", "link_inertia", "stiffness", "damping")
+LAW_DAMPING, LAW_FRICTION = 25.0, 0.05
+"""How much more of the damping than of the stiffness a wrong law of friction takes, and how much of one side's it lays to the other."""
 BEFOREHAND = {
     "viscous": (0.0, 0.3),
     "coulomb": (0.0, 0.5),
@@ -118,9 +120,11 @@ class JointModel:
         torque, drift, turning = (self.torque * math.exp(v[f"noise {name}"]) for name in ("torque", "drift", "turning"))
         return joint, drive, friction, Noise(torque, drift, turning, np.exp([v[f"noise reading {k}"] for k in range(self.outputs)]))
 
-    def law_error(self, relative: float) -> Floats:
+    def law_error(self, point: Floats, relative: float) -> Floats:
         """(p,) variances of the point where the joint's law is off by so much, `relative` to inertia and stiffness."""
-        sizes = dict.fromkeys(("motor_inertia", "inertia", "link_inertia", "stiffness"), relative) | {"damping": 10 * relative}
+        sizes = dict.fromkeys(("motor_inertia", "inertia", "link_inertia", "stiffness"), relative) | {"damping": LAW_DAMPING * relative}
+        if self.friction:
+            sizes["link_coulomb"] = LAW_FRICTION * abs(float(point[self.names.index("coulomb")]))
         return np.array([sizes.get(name, 0.0) ** 2 for name in self.names])
 
     def slopes(self, point: Floats) -> Floats:

@@ -1,0 +1,216 @@
+"""Command delay and loop delay from set-point and position alone.
+
+A firmware turns a set-point that is T_c old into torque, and the torque reaches the motor T_l after the position that it was made from:
+
+    J θ̈ = kp (x_d(t − T_c − T_l) − θ(t − T_l)) − kd θ̇(t − T_l) [+ kd ẋ_d] − b θ̇ − friction + constant
+
+Only T_l costs stability. Both delay the answer alike; what tells them apart is how T_l bends the response near the loop's bandwidth. The
+position is simulated from the set-point (an output-error fit): noise and friction then do not matter for bias, whatever their colour, as
+the set-point does not know of them (Ljung, System Identification, sec. 13.4).
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import GainroomError
+from ..linear.arrays import Complexes, Floats
+from .estimate import Estimate, interval
+from .likelihood import Maximum, maximize
+from .record import Record, resolution
+
+LEAST_STEPS = 30  # of the encoder that the position must move
+LEAST_CHANGES = 8
+LONGEST = 0.1  # [s] of either delay
+UNKNOWN_TICKS = 1.0  # half-width of an interval: more, and the delays are confounded
+UNKNOWN_TOTAL = 2.0  # ticks
+LEAST_EXPLAINED = 0.8
+LEAST_POWER = 1e-3  # of the reference's, above the frequency at which it counts as ending
+SLOW = 0.3  # of the natural frequency
+SMOOTH = 0.05  # of the root mean square velocity, over which friction's direction changes
+FREEDOM = 39
+NAMES = ("stiffness", "rate", "loop", "command", "friction")
+
+
+@dataclass(frozen=True)
+class SetpointDelay:
+    """What set-point and position say.
+
+    command, loop   T_c and T_l [s], each at least 0
+    total           T_c + T_l [s], from set-point to torque
+    confounded      True where the excitation does not tell them apart; then only `total` is measured, and the others are bounded by it
+    natural_frequency, damping_ratio   √(kp/J) [rad/s] and of the loop without delay
+    rate_of_error   kd acts on ẋ_d − θ̇ (True) or on −θ̇
+    explained       share of the position's power, its mean apart
+    sample_time     [s]
+    warnings        what the reader should know
+    """
+
+    command: Estimate
+    loop: Estimate
+    total: Estimate
+    confounded: bool
+    natural_frequency: Estimate
+    damping_ratio: float
+    rate_of_error: bool
+    explained: float
+    sample_time: float
+    warnings: tuple[str, ...] = ()
+
+
+def identify_setpoint_delay(record: Record, loop_sample_time: float | None = None) -> SetpointDelay:
+    """The two delays from `reference` and motor_position (or link_position).
+
+    loop_sample_time   [s] of the loop on kp and kd: its torque is held that long and its velocity is a difference over it; None: it runs
+                       much faster than the log, as in a drive, and hold and difference count as part of the loop delay
+
+    Raises GainroomError where channels are missing, where set-point or position hardly move, where the set-point is so slow that neither delay
+    shows, and where no such loop explains the position.
+    """
+    record = record.longest_run()
+    side = "motor_position" if record.has("motor_position") or not record.has("link_position") else "link_position"
+    reference, position = record.need("delay", "reference", side)
+    changes = int(np.count_nonzero(np.diff(reference)))
+    if changes < LEAST_CHANGES:
+        raise GainroomError(f"delay: reference changes {changes} times, at least {LEAST_CHANGES} are needed: record steps or a multisine")
+    step = resolution(position)
+    if np.ptp(position) == 0 or np.ptp(position) < LEAST_STEPS * step:
+        raise GainroomError(
+            f"delay: {side} moves by {np.ptp(position):.3g} rad, {LEAST_STEPS} steps of its encoder ({step:.3g} rad) are needed: "
+            "record larger set-points"
+        )
+    fits = [_Simulation(record, reference, position, follows, loop_sample_time or 0.0) for follows in (False, True)]
+    best = min(fits, key=lambda fit: fit.found.cost)
+    return best.result()
+
+
+class _Simulation:
+    """The position from the set-point, in the frequency domain: delays are exact, and no stability is asked of the trial's parameters."""
+
+    def __init__(self, record: Record, reference: Floats, position: Floats, follows: bool, held: float) -> None:
+        from scipy.fft import next_fast_len
+
+        self.tick, self.follows, self.count = record.sample_time, follows, len(position)
+        self.mean, self.scale = float(position[0]), float(np.std(position))
+        pad = min(self.count, int(4.0 / self.tick))
+        self.size = next_fast_len(self.count + pad, real=True)
+        self.omega = 2 * np.pi * np.fft.rfftfreq(self.size, self.tick)
+        self.position = position - self.mean
+        velocity = np.gradient(position, self.tick)
+        smooth = 1 / (1 + (self.omega * self.tick * 8) ** 4)
+        velocity = np.fft.irfft(self._spectrum(velocity) * smooth, self.size)[: self.count]
+        along = np.clip(velocity / (SMOOTH * float(np.std(velocity)) + 1e-12), -1, 1)
+        # Where the loop is fast, set-points are held from tick to tick; where it is sampled, torques are: half a tick, and sin x / x.
+        self.hold, self.rate = _hold(self.omega, held), 1j * self.omega * _hold(self.omega, held)
+        self.raw = reference - self.mean
+        self.reference = self._spectrum(self.raw) * (_hold(self.omega, self.tick) if held < 0.5 * self.tick else 1.0)
+        self.along = self._spectrum(along)
+        self.constant = self._spectrum(np.ones(self.count))
+        self.used = np.ones(self.count)
+        self.used[: min(int(1.0 / self.tick), self.count // 4)] = 0.0
+        self.found = self._search()
+
+    def _spectrum(self, values: Floats) -> Complexes:
+        ramp = np.linspace(values[-1], values[0], self.size - self.count)
+        return np.fft.rfft(np.concatenate([values, ramp]))
+
+    def _simulated(self, point: Floats) -> Floats:
+        """(m,) position at a point: log kp/J, log kd/J over √(kp/J), delays [ticks], friction/(kp · scale), constant."""
+        stiffness, loop, command = math.exp(2 * point[0]), point[2] * self.tick, point[3] * self.tick
+        rate = 2 * math.exp(point[1]) * math.exp(point[0])
+        s = 1j * self.omega
+        late = np.exp(-s * loop) * self.hold
+        given = (stiffness + (rate * self.rate if self.follows else 0.0)) * late
+        inverse = 1 / (s * s + (stiffness + rate * self.rate) * late)
+        back = stiffness * self.scale * inverse
+        total = inverse * given * np.exp(-s * command) * self.reference - back * (point[4] * self.along - point[5] * self.constant)
+        return np.fft.irfft(total, self.size)[: self.count]
+
+    def _errors(self, point: Floats) -> tuple[Floats, Floats]:
+        with np.errstate(all="ignore"):
+            error = (self.position - self._simulated(point)) / self.scale
+        return error, np.full(self.count, math.exp(2 * min(max(point[6], -20.0), 5.0)))
+
+    def _search(self) -> Maximum:
+        """The likeliest point from several starts, as the two delays trade against each other."""
+        starts = []
+        for natural in (4.0, 10.0, 25.0, 60.0, 150.0):
+            for delay in (1.0, 8.0):
+                start = np.array([math.log(natural), math.log(0.6), delay, delay, 0.0, 0.0, -1.0])
+                starts.append((float(np.mean(self._errors(start)[0][self.used > 0] ** 2)), len(starts), start))
+        first = self._maximum(min(starts)[2], None)
+        found, total = [first], float(max(first.parameters[2] + first.parameters[3], 0.0))
+        if min(first.parameters[2:4]) < 0:
+            for share in (0.3, 0.7):
+                start = first.parameters.copy()
+                start[2:4] = share * total, (1 - share) * total
+                found.append(self._maximum(start, None))
+        inside = [fit for fit in found if min(fit.parameters[2:4]) >= 0]
+        if not inside:  # neither delay is negative: one is at its bound
+            inside = [self._maximum(_with(first.parameters, held), held) for held in (2, 3)]
+        return min(inside, key=lambda fit: fit.cost)
+
+    def _maximum(self, start: Floats, held: int | None) -> Maximum:
+        """Near `start`, with the parameter `held` at 0."""
+        mean = np.array([start[0], math.log(0.6), 2.0, 2.0, 0.0, 0.0, -3.0])
+        deviation = np.array([2.0, 1.0, 20.0, 20.0, 0.5, 1.0, np.inf])
+        if held is not None:
+            mean[held], deviation[held] = 0.0, 1e-3
+        return maximize(self._errors, start, self.used, np.stack([mean, deviation**-2.0]), 40)
+
+    def result(self) -> SetpointDelay:
+        """With intervals; confounded delays are bounded by their sum."""
+        point, variance = self.found.parameters, self.found.variance
+        rows = self.used > 0
+        explained = 1 - float(np.mean(self.found.errors[rows] ** 2)) / float(np.var(self.position[rows]) / self.scale**2)
+        if explained < LEAST_EXPLAINED:
+            raise GainroomError(
+                f"delay: a loop with two delays explains {100 * max(explained, 0):.0f} % of the position; look at the columns, or record the torque"
+            )
+        power = np.abs(np.fft.rfft(self.raw - self.raw.mean())) ** 2
+        share = np.cumsum(power[::-1])[::-1] / power.sum()
+        fastest = 2 * math.pi * float(np.fft.rfftfreq(self.count, self.tick)[int(np.argmin(share > LEAST_POWER))])
+        if fastest < SLOW * math.exp(point[0]):
+            raise GainroomError(
+                f"delay: the reference's power ends at {fastest / 2 / math.pi:.2g} Hz and the loop's natural frequency is about "
+                f"{math.exp(point[0]) / 2 / math.pi:.2g} Hz: so slow a motion shows neither delay; record steps or a multisine up to that frequency"
+            )
+        total = _bounded(point[2] + point[3], float(np.sqrt(variance[2, 2] + variance[3, 3] + 2 * variance[2, 3])), math.inf)
+        if total.half_width > UNKNOWN_TOTAL:
+            raise GainroomError(
+                f"delay: set-point and position tell the sum of the delays to ± {total.half_width:.2g} ticks only: record steps or a multisine up "
+                "to the loop's natural frequency and beyond, or the torque"
+            )
+        errors = np.sqrt(np.diag(variance))
+        loop, command = _bounded(point[2], errors[2], math.inf), _bounded(point[3], errors[3], math.inf)
+        confounded = max(loop.half_width, command.half_width) > UNKNOWN_TICKS
+        warnings = []
+        if confounded:
+            loop, command = _bounded(point[2], math.inf, total.high), _bounded(point[3], math.inf, total.high)
+            warnings.append(
+                f"command delay and loop delay are confounded: the record tells their sum, {total.value:.2f} ± {total.half_width:.2f} ticks; to tell "
+                "them apart excite up to the loop's bandwidth and beyond, or record the torque"
+            )
+        tick = self.tick
+        return SetpointDelay(
+            command.scaled(tick), loop.scaled(tick), total.scaled(tick), confounded,
+            interval(math.exp(point[0]), math.exp(point[0]) * float(errors[0]), FREEDOM), math.exp(point[1]), self.follows, explained, tick,
+            tuple(warnings),
+        )  # fmt: skip
+
+
+def _with(point: Floats, held: int) -> Floats:
+    moved = point.copy()
+    moved[held] = 0.0
+    return moved
+
+
+def _hold(omega: Floats, time: float) -> Complexes:
+    """(1 − e^{−jωT})/(jωT) of a hold, or a difference, over `time` T [s]."""
+    return np.exp(-0.5j * omega * time) * np.sinc(omega * time / (2 * np.pi))
+
+
+def _bounded(value: float, error: float, high: float) -> Estimate:
+    found = interval(float(value), float(error), FREEDOM)
+    return Estimate(*np.clip([found.value, found.low, found.high], 0.0, high).tolist(), float(error))
