@@ -113,6 +113,7 @@ class Fit:
                  and by equal predictions, whose rounding errors repeat
     explained    share of the torque's variance
     cost         mean of e²/v + log v
+    uneven       mean of e²/v over the tenth of rows where the command changes most, over that of the others; 1 where the fit is right
     """
 
     speed: float
@@ -125,6 +126,7 @@ class Fit:
     variances: tuple[Floats, Floats]
     explained: float
     cost: float
+    uneven: float
 
     def error(self, direction: Floats) -> float:
         """Standard error of a combination (p,) of the parameters: the larger of both."""
@@ -171,7 +173,26 @@ def fit_arrivals(data: Data, changes: Floats, start: Response) -> Fit:
     variances = found.variance[:-1, :-1], found.variance_by(clusters)[:-1, :-1]
     rows = used > 0
     explained = 1 - float(np.var(found.errors[rows]) / np.var(data.torque[rows]))
-    return Fit(speed, damping, places, spread, gain, offset, noise, variances, explained, found.cost)
+    return Fit(
+        speed,
+        damping,
+        places,
+        spread,
+        gain,
+        offset,
+        noise,
+        variances,
+        explained,
+        found.cost,
+        _uneven(changes, found.errors**2 / found.variances, rows),
+    )
+
+
+def _uneven(changes: Floats, squares: Floats, rows: Booleans) -> float:
+    size = np.abs(changes).sum(axis=1)
+    size = np.maximum(size, np.concatenate([[0.0], size[:-1]]))[rows]  # and in the row after
+    most = size >= np.quantile(size, 0.9)
+    return float(np.mean(squares[rows][most]) / max(np.mean(squares[rows][~most]), 1e-300)) if 0 < most.sum() < len(most) else 1.0
 
 
 def _parts(speed: float, damping: float, places: Floats, spread: Floats) -> tuple[Floats, Floats]:

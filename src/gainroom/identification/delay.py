@@ -4,6 +4,7 @@ With the demand logged, the arrival of every command is read to the tick (arriva
 fitted with it, says when within the tick (current_loop.py). Without the demand both come from the actual torque alone.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,14 +18,19 @@ from .record import Record
 
 LONGEST = 0.1  # [s] that a delay is looked for
 LEAST_CHANGES = 8  # of the target
-UNKNOWN_TICKS = 0.5  # half-width of the delay's interval: more, and the log does not tell
+UNKNOWN_TICKS = 0.15  # half-width of the delay's interval: more, and the log does not tell it from the current loop's lag
+UNKNOWN_LAG = 0.5  # ticks of half-width: more, and the log tells nothing
+FREEDOM = 39  # of covariances: blocks of time less one
 DECODINGS = 8
 GUESSED_FROM = 0.15  # ticks of deviation
 GUESSED = 0.2  # of the jitter's deviation: error of a delay whose arrivals are guessed
 FITTED_ROWS = 40_000  # of a long log: the delay is then known to a thousandth of a tick, and its jitter still from all rows
 JITTER = 0.35  # ticks: a larger deviation is not a delay's place within one tick
 DECODED = 1.0  # what decoding must gain per row in squared errors and log variance, as it may choose among histories
-FLOOR = 1e-4  # ticks: no log is better than its clock
+FLOOR = 0.004  # ticks: no log is better than its clock, and no current loop is of second order to the last
+LOOP_FLOOR = 0.01  # of bandwidth and damping ratio, likewise
+WITHIN = 0.25  # of the deviation within a tick: error of a mean whose law is taken to second order
+UNEVEN = 2.0  # times the expected error where the target changes most: there is jitter that the fit has not found
 
 
 @dataclass(frozen=True)
@@ -190,17 +196,17 @@ def _result(record: Record, seen: Arrivals, fit: Fit, channels: tuple[str, ...],
     deviation = float(np.sqrt(max(shares @ (spread**2 + fit.deviations**2) - (shares @ spread) ** 2, 0.0)))
     # Which command acted when is guessed without a demand torque; guesses repeat themselves, so their errors are not in the covariance.
     guessed = GUESSED * deviation if "demand_torque" not in channels and deviation > GUESSED_FROM else 0.0
-    late = float(np.hypot(late, guessed))
-    error = max(float(np.hypot(fit.error(towards), late)), FLOOR)
+    late = float(np.hypot(late, max(guessed, WITHIN * float(shares @ fit.deviations), FLOOR)))
+    error = float(np.hypot(fit.error(towards), late))
     current = 2 * fit.damping / fit.speed
     towards[2 * count : 2 * count + 2] = current, -current
-    lag = interval(value + current, max(float(np.hypot(fit.error(towards), late)), FLOOR), 39)
+    lag = interval(value + current, float(np.hypot(fit.error(towards), late)), FREEDOM)
     _require_told(fit, lag, record)
     # What is certain without any fit: a command arrives in the tick before the demand shows it, and not before it leaves.
     low, high = (seen.mean - 1 - 2 * late, seen.mean + 2 * late) if "demand_torque" in channels else (0.0, max(lag.high, value))
-    told = quantile(39) * error < UNKNOWN_TICKS / 2
+    told = quantile(FREEDOM) * error < UNKNOWN_TICKS and fit.uneven < UNEVEN
     wide = 0.0 if told else np.inf
-    ticks, effective = _within(interval(value, error + wide, 39), low, high), _within(interval(age, error + wide, 39), low, high)
+    ticks, effective = _within(interval(value, error + wide, FREEDOM), low, high), _within(interval(age, error + wide, FREEDOM), low, high)
     if not told:
         warnings.append(
             f"the log does not tell the delay from the current loop's lag: the delay is between {ticks.low:.3g} and {ticks.high:.3g} ticks; "
@@ -218,9 +224,9 @@ def _result(record: Record, seen: Arrivals, fit: Fit, channels: tuple[str, ...],
         effective=effective.scaled(tick),
         jitter=Jitter(deviation * tick, seen.values, seen.probability),
         lag=lag.scaled(tick),
-        bandwidth=log_interval(fit.speed / tick, errors[2 * count], 39),
-        damping_ratio=log_interval(fit.damping, errors[2 * count + 1], 39),
-        gain=interval(fit.gain, errors[2 * count + 2], 39),
+        bandwidth=log_interval(fit.speed / tick, math.hypot(errors[2 * count], LOOP_FLOOR), FREEDOM),
+        damping_ratio=log_interval(fit.damping, math.hypot(errors[2 * count + 1], LOOP_FLOOR), FREEDOM),
+        gain=interval(fit.gain, errors[2 * count + 2], FREEDOM),
         told=told,
         sample_time=tick,
         noise=fit.noise,
@@ -244,7 +250,7 @@ def _require_told(fit: Fit, lag: Estimate, record: Record) -> None:
             f"delay: a delay and a current loop explain {100 * max(fit.explained, 0):.0f} % of actual_torque's variance, less than half: "
             "look at signs, units and joint of the columns"
         )
-    if not lag.half_width < UNKNOWN_TICKS:
+    if not lag.half_width < UNKNOWN_LAG:
         raise GainroomError(
             f"delay: the log tells it to ± {lag.half_width:.2g} ticks only; record torque steps or a multisine with frequencies up to a "
             f"tenth of the tick rate, {0.1 / record.sample_time:.4g} Hz"

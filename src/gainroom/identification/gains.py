@@ -85,7 +85,7 @@ def identify_gains(record: Record, kp: float | None = None, kd: float | None = N
     if np.ptp(torque) == 0:
         raise GainroomError(f"gains: {name} does not change: record while the joint moves")
     step = resolution(position)
-    if np.ptp(reference - position) < LEAST_STEPS * step or np.ptp(position) < LEAST_STEPS * step:
+    if min(np.ptp(reference - position), np.ptp(position)) <= LEAST_STEPS * step:
         raise GainroomError(
             f"gains: set-point and position differ by {np.ptp(reference - position):.3g} rad, {LEAST_STEPS} steps of the encoder "
             f"({step:.3g} rad) are needed: record larger and faster motion"
@@ -228,7 +228,9 @@ def _result(spectra: _Spectra, best: _Fit, name: str, asked: tuple[float | None,
         )
     for label, gain in (("kp", kp), ("kd", kd)):
         if gain.low <= 0 <= gain.high:
-            warnings.append(f"the record does not tell {label} from 0: record motion with more {'deflection' if label == 'kp' else 'velocity'}")
+            warnings.append(
+                f"the record does not tell {label} from 0: record motion with more {'deflection' if label == 'kp' else 'velocity'}"
+            )
     offset = float(np.mean(spectra.torque) - best.gains[0] * np.mean(spectra.error))
     follows = best.follows if spectra.reference_moves else None
     return GainsFit(
@@ -257,7 +259,9 @@ def factors(gear_ratio: float | None) -> dict[str, float]:
     return known
 
 
-def _unit_errors(kp: Estimate, kd: Estimate, asked_kp: float | None, asked_kd: float | None, gear_ratio: float | None) -> tuple[UnitError, ...]:
+def _unit_errors(
+    kp: Estimate, kd: Estimate, asked_kp: float | None, asked_kd: float | None, gear_ratio: float | None
+) -> tuple[UnitError, ...]:
     """The factors that fit, and are not 1."""
     found = []
     for label, gain, asked in (("kp", kp, asked_kp), ("kd", kd, asked_kd)):

@@ -34,7 +34,7 @@ MOST_INERTIA = 0.1  # standard error of the logarithm of inertia
 DELAY_FLOOR = 0.02  # ticks: what torque logged once a tick knows of the delay at best
 # No law of friction is exact, and what is wrong with it repeats with the motion, so that no average over time takes it out. The share of the
 # residual that the torque explains shows how much is left. Sized on virtual joints with Stribeck friction on both sides (tests).
-MODEL_ERROR, MODEL_ERROR_EXPLAINED = 0.0005, 0.007  # of inertias and stiffness
+MODEL_ERROR, MODEL_ERROR_EXPLAINED = 0.0007, 0.007  # of inertias and stiffness
 SEARCHED = 8.0  # ticks of delay, where no torque log tells it
 
 
@@ -213,7 +213,9 @@ class _Fitting:
         self.positions = np.column_stack([record.channels[name] for name in names])
         self.sides = tuple(("motor_position", "link_position").index(name) for name in names)
         self.rough = rough
-        self.model = JointModel.of(source.torque, self.positions, source.drive, record.sample_time, elastic, friction, source.prior is not None)
+        self.model = JointModel.of(
+            source.torque, self.positions, source.drive, record.sample_time, elastic, friction, source.prior is not None
+        )
         self.signals = self._signals(rough.joint, cautious=False)
         start = rough.delay - record.sample_time / 2 if source.prior is not None and len(source.delays) > 1 else source.drive.delay
         self.start = self.model.start(rough.joint, max(start, 0.0), self.signals)
@@ -234,7 +236,11 @@ class _Fitting:
         """On the middle of a long log; `like`: a richer model, from whose best the search starts."""
         if self._short is None:
             first = max(len(self.source.torque) - ROUGH_ROWS, 0) // 2
-            self._short = self._maximum(self.signals.rows(slice(first, first + ROUGH_ROWS)), self.start if like is None else self.reduced(like), 12 if like is None else 6)
+            self._short = self._maximum(
+                self.signals.rows(slice(first, first + ROUGH_ROWS)),
+                self.start if like is None else self.reduced(like),
+                12 if like is None else 6,
+            )
         return self._short
 
     def _maximum(self, signals: Signals, start: Floats, iterations: int, fixed: Floats | None = None) -> Maximum:
@@ -262,7 +268,7 @@ class _Fitting:
         difference = other.parameters - best.parameters
         variance = best.variance + np.outer(difference, difference)
         tests = residual_tests(best.errors, best.variances, self.signals, measured)
-        variance = variance + np.diag(self.model.law_error(best.parameters, MODEL_ERROR + MODEL_ERROR_EXPLAINED * tests.explained))
+        variance = variance + self.model.law_error(best.parameters, MODEL_ERROR + MODEL_ERROR_EXPLAINED * tests.explained)
         physical = self.model.physical
         errors = np.sqrt(np.diag(variance))[: len(physical)]
         inertia = errors[0] if name == "rigid" else float(np.hypot(errors[0], errors[1]))

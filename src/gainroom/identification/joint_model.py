@@ -16,8 +16,9 @@ Prior = tuple[Floats, Floats]
 """Mean and information (p,) of what is known beforehand."""
 FREEDOM = 39  # of the covariance: blocks of time less one
 LOGARITHMIC = ("motor_inertia", "inertia", "link_inertia", "stiffness", "damping")
-LAW_DAMPING, LAW_FRICTION = 25.0, 0.05
-"""How much more of the damping than of the stiffness a wrong law of friction takes, and how much of one side's it lays to the other."""
+LAW_DAMPING, LAW_FRICTION, LAW_COMMON = 40.0, 0.05, 0.7
+"""How much more of the damping than of the stiffness a wrong law of friction takes, how much of one side's it lays to the other, and how much
+of its variance is common to inertias and stiffness."""
 BEFOREHAND = {
     "viscous": (0.0, 0.3),
     "coulomb": (0.0, 0.5),
@@ -121,16 +122,24 @@ class JointModel:
         return joint, drive, friction, Noise(torque, drift, turning, np.exp([v[f"noise reading {k}"] for k in range(self.outputs)]))
 
     def law_error(self, point: Floats, relative: float) -> Floats:
-        """(p,) variances of the point where the joint's law is off by so much, `relative` to inertia and stiffness."""
-        sizes = dict.fromkeys(("motor_inertia", "inertia", "link_inertia", "stiffness"), relative) | {"damping": LAW_DAMPING * relative}
+        """(p, p) covariance of the point where the joint's law is off by so much, `relative` to inertia and stiffness.
+
+        What is wrong with the torque scales both inertias and the stiffness alike, and leaves the resonance.
+        """
+        sizes = dict.fromkeys(("motor_inertia", "inertia", "link_inertia", "stiffness"), relative)
+        scaled = np.array([sizes.get(name, 0.0) for name in self.names])
+        alone = {"damping": LAW_DAMPING * relative}
         if self.friction:
-            sizes["link_coulomb"] = LAW_FRICTION * abs(float(point[self.names.index("coulomb")]))
-        return np.array([sizes.get(name, 0.0) ** 2 for name in self.names])
+            alone["link_coulomb"] = LAW_FRICTION * abs(float(point[self.names.index("coulomb")]))
+        others = np.diag([alone.get(name, 0.0) ** 2 for name in self.names])
+        return LAW_COMMON * np.outer(scaled, scaled) + (1 - LAW_COMMON) * np.diag(scaled**2) + others
 
     def slopes(self, point: Floats) -> Floats:
         """(p,) of the physical parameters in SI by the point."""
         units = dict.fromkeys(self.physical, self.torque) | {"viscous": self.torque / self.speed, "delay": self.sample_time}
-        return np.array([math.exp(value) if name in LOGARITHMIC else units[name] for name, value in zip(self.physical, point, strict=False)])
+        return np.array(
+            [math.exp(value) if name in LOGARITHMIC else units[name] for name, value in zip(self.physical, point, strict=False)]
+        )
 
     def estimates(self, point: Floats, variance: Floats) -> dict[str, Estimate]:
         """The physical parameters in SI with their intervals."""

@@ -24,6 +24,7 @@ LEAST_STEPS = 30  # of the encoder that the position must move
 LEAST_CHANGES = 8
 LONGEST = 0.1  # [s] of either delay
 UNKNOWN_TICKS = 1.0  # half-width of an interval: more, and the delays are confounded
+LAW_ERROR = 0.04  # ticks of either delay
 UNKNOWN_TOTAL = 2.0  # ticks
 LEAST_EXPLAINED = 0.8
 LEAST_POWER = 1e-3  # of the reference's, above the frequency at which it counts as ending
@@ -147,7 +148,8 @@ class _Simulation:
                 start[2:4] = share * total, (1 - share) * total
                 found.append(self._maximum(start, None))
         inside = [fit for fit in found if min(fit.parameters[2:4]) >= 0]
-        if not inside:  # neither delay is negative: one is at its bound
+        self.at_bound = not inside
+        if self.at_bound:  # no delay is negative: the best with one of them at 0, which is then not known
             inside = [self._maximum(_with(first.parameters, held), held) for held in (2, 3)]
         return min(inside, key=lambda fit: fit.cost)
 
@@ -176,6 +178,10 @@ class _Simulation:
                 f"delay: the reference's power ends at {fastest / 2 / math.pi:.2g} Hz and the loop's natural frequency is about "
                 f"{math.exp(point[0]) / 2 / math.pi:.2g} Hz: so slow a motion shows neither delay; record steps or a multisine up to that frequency"
             )
+        # Friction and torque limits are not in the model to the last: they trade one delay for the other before they change the sum.
+        floor = np.zeros_like(variance)
+        floor[2:4, 2:4] = LAW_ERROR**2 * np.array([[1.0, -0.9], [-0.9, 1.0]])
+        variance = variance + floor
         total = _bounded(point[2] + point[3], float(np.sqrt(variance[2, 2] + variance[3, 3] + 2 * variance[2, 3])), math.inf)
         if total.half_width > UNKNOWN_TOTAL:
             raise GainroomError(
@@ -184,7 +190,7 @@ class _Simulation:
             )
         errors = np.sqrt(np.diag(variance))
         loop, command = _bounded(point[2], errors[2], math.inf), _bounded(point[3], errors[3], math.inf)
-        confounded = max(loop.half_width, command.half_width) > UNKNOWN_TICKS
+        confounded = self.at_bound or max(loop.half_width, command.half_width) > UNKNOWN_TICKS
         warnings = []
         if confounded:
             loop, command = _bounded(point[2], math.inf, total.high), _bounded(point[3], math.inf, total.high)

@@ -121,7 +121,9 @@ def _fitted(deflection: Floats, torque: Floats, direction: Floats, rows: Floats)
             variance, freedom = by_branch, min(freedom, float(turns[-1]))
     slope, friction, level = solution
     if slope <= 0:
-        raise GainroomError(f"stiffness: the torque falls with the deflection ({slope / half:.3g} N·m/rad): look at the signs of the columns")
+        raise GainroomError(
+            f"stiffness: the torque falls with the deflection ({slope / half:.3g} N·m/rad): look at the signs of the columns"
+        )
     error = float(variance[0, 0] ** 0.5) / half
     if error > MOST_RELATIVE * slope / half:
         raise GainroomError(

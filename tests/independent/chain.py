@@ -1,0 +1,70 @@
+"""A chain of inertias on springs, driven at its first, followed by the classical Runge-Kutta method with small steps.
+
+A joint is a chain of two; three show what a two-mass model cannot be. The command is held for a tick and arrives whole ticks late; the drive
+makes it through a second-order current loop; Coulomb friction is smoothed by tanh. Nothing here knows matrix exponentials or gainroom.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Chain:
+    """Inertias (n,), springs and dampers (n − 1,), Coulomb torque on the first and on the last, current loop, steps of the encoder."""
+
+    inertia: np.ndarray
+    stiffness: np.ndarray
+    damping: np.ndarray
+    coulomb: float = 0.0
+    last_coulomb: float = 0.0
+    bandwidth: float = 4000.0
+    damping_ratio: float = 0.9
+    resolution: float = 0.0
+    softness: float = 0.002
+
+    def slope(self, x: np.ndarray, demand: float) -> np.ndarray:
+        """d/dt of positions (n,), velocities (n,), torque and its rate."""
+        count = len(self.inertia)
+        position, velocity, torque, rate = x[:count], x[count : 2 * count], x[-2], x[-1]
+        spring = self.stiffness * (position[:-1] - position[1:]) + self.damping * (velocity[:-1] - velocity[1:])
+        force = np.zeros(count)
+        force[:-1] -= spring
+        force[1:] += spring
+        force[0] += torque - self.coulomb * np.tanh(velocity[0] / self.softness)
+        force[-1] -= self.last_coulomb * np.tanh(velocity[-1] / self.softness)
+        w = self.bandwidth
+        return np.concatenate([velocity, force / self.inertia, [rate, w * w * (demand - torque) - 2 * self.damping_ratio * w * rate]])
+
+
+def record(
+    chain: Chain, command: Callable[[int, float], float], ticks: int, tick: float, late: int, substeps: int = 8
+) -> dict[str, np.ndarray]:
+    """Columns of a log (ticks,): `command` makes the target torque from the tick's number and the motor's reading."""
+    count = len(chain.inertia)
+    x, step = np.zeros(2 * count + 2), tick / substeps
+    sent = np.zeros(ticks)
+    columns = {name: np.zeros(ticks) for name in ("target_torque", "actual_torque", "motor_position", "link_position")}
+    for k in range(ticks):
+        reading = [x[0], x[count - 1]]
+        if chain.resolution:
+            reading = [chain.resolution * np.floor(value / chain.resolution + 0.5) for value in reading]
+        sent[k] = command(k, reading[0])
+        for name, value in zip(columns, (sent[k], x[-2], *reading), strict=True):
+            columns[name][k] = value
+        demand = sent[k - late] if k >= late else 0.0
+        for _ in range(substeps):
+            first = chain.slope(x, demand)
+            second = chain.slope(x + step / 2 * first, demand)
+            third = chain.slope(x + step / 2 * second, demand)
+            fourth = chain.slope(x + step * third, demand)
+            x = x + step / 6 * (first + 2 * second + 2 * third + fourth)
+    return columns
+
+
+def multisine(frequencies: np.ndarray, ticks: int, tick: float, seed: int) -> np.ndarray:
+    """(ticks,) of unit standard deviation, with random phases; frequencies (k,) [Hz]."""
+    time, phases = np.arange(ticks) * tick, np.random.default_rng(seed).uniform(0, 2 * np.pi, len(frequencies))
+    values = np.sin(2 * np.pi * np.outer(frequencies, time) + phases[:, None]).sum(axis=0)
+    return values / values.std()

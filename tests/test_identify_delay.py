@@ -1,0 +1,203 @@
+"""Delays that are identified against the delays that the logs were made with."""
+
+import math
+
+import numpy as np
+import pytest
+
+import gainroom as gr
+from gainroom.identification.arrivals import arrivals
+from gainroom.identification.current_loop import held
+from gainroom.identification.delay import identify_delay
+from gainroom.identification.record import Record
+from gainroom.identification.setpoint_delay import identify_setpoint_delay
+from gainroom.simulation import Scenario, Testbed, simulate
+from identified import POPULATION, Case, coverage_bounds, delay_case, holds, setpoint_case
+from independent.chain import Chain, multisine, record
+from refusals import assert_refused
+
+TICK = 5e-4
+WHOLE, SHARE = 200, 5
+
+
+def steps(count: int = 4000, held_ticks: int = 16, jitter: float = 1.0, ticks: float = 5.0, whole: bool = True) -> Record:
+    """Fig. 6's log: torque switched on and off with the output fixed."""
+    joint = gr.ElasticJoint(0.2, math.inf, 1e4, 1.0)
+    loop = gr.build_loop(joint, gr.Drive(4000.0, 0.9, ticks * TICK), gr.PD(0.0, 0.0), sample_time=TICK)
+    on = 11.0 * (np.arange(count) // held_ticks % 2)[:, None]
+    bed = Testbed(loop, jitter=jitter * TICK, whole_ticks=whole)
+    run = simulate(bed, Scenario(0.0, (count - 1) * TICK, feedforward=on, seed=3))
+    return Record(run.time, {name: getattr(run, name)[:, 0] for name in ("target_torque", "demand_torque", "actual_torque")}, TICK)
+
+
+def test_the_step_response_solves_the_current_loop_s_equation():
+    """τ̈ = ω² (1 − τ) − 2ζω τ̇ from rest, integrated by scipy; for under-, over- and critical damping."""
+    from scipy.integrate import solve_ivp
+
+    for damping in (0.3, 1.0, 2.5):
+        solved = solve_ivp(lambda _, x, d=damping: [x[1], 1.7**2 * (1 - x[0]) - 2 * d * 1.7 * x[1]], (0, 6), [0, 0], rtol=1e-10, atol=1e-12)
+        position, rate, acceleration = held(1.7, damping, solved.t)
+        assert np.allclose(position, solved.y[0], atol=1e-8)  # critical damping is two poles 2e-5 apart
+        assert np.allclose(rate * 1.7, solved.y[1], atol=1e-8)
+        assert np.allclose(acceleration * 1.7**2, 1.7**2 * (1 - position) - 2 * damping * 1.7 * rate * 1.7, atol=1e-7)
+
+
+def test_fig_6_is_read_from_its_log():
+    """5 ± 1 ticks on a bus that is read once a tick: half of the commands take 5, a quarter 4, a quarter 6."""
+    found = identify_delay(steps())
+    assert abs(found.ticks.value - 5) < 0.1
+    assert holds(found.ticks, 5.0)
+    assert found.delay.value == pytest.approx(found.ticks.value * TICK)
+    assert list(found.jitter.ticks) == [4, 5, 6]
+    assert np.allclose(found.jitter.probability, [0.25, 0.5, 0.25], atol=0.1)  # 250 steps: two standard errors are 0.06
+    assert found.bandwidth is not None
+    assert found.bandwidth.value == pytest.approx(4000, rel=0.02)
+
+
+def test_overtaken_commands_do_not_shorten_the_delay():
+    """Every command different, ± 1 tick: an overtaken command is not seen, and the mean age of what acts is below the mean delay."""
+    rng = np.random.default_rng(5)
+    delays, target = rng.integers(4, 7, 20_000), rng.standard_normal(20_000)
+    newest = np.maximum.accumulate(_newest(delays))
+    log = Record(np.arange(len(target)) * TICK, {"target_torque": target, "demand_torque": target[newest]}, TICK)
+    seen = arrivals(log, 40)
+    assert seen is not None
+    assert abs(seen.mean - delays.mean()) < 0.02  # three standard errors: 3 · 0.8/√20 000
+    # P(age > 4) = 2/3 and P(age > 5) = 2/3 · 1/3 by hand
+    assert abs(seen.ticks.mean() - (4 + 2 / 3 + 2 / 9)) < 0.02
+
+
+def _newest(delays: np.ndarray) -> np.ndarray:
+    newest = np.zeros(len(delays), dtype=int)
+    for command, delay in enumerate(delays):
+        if command + delay < len(delays):
+            newest[command + delay] = max(newest[command + delay], command)
+    return newest
+
+
+def test_demand_alone_bounds_the_delay_to_a_tick():
+    log = steps(jitter=0.0, ticks=4.3, whole=False)
+    found = identify_delay(Record(log.time, {name: log.channels[name] for name in ("target_torque", "demand_torque")}, TICK))
+    assert (found.ticks.low, found.ticks.high) == (4.0, 5.0)
+    assert not found.told
+    assert "actual_torque" in found.warnings[0]
+
+
+def test_an_independent_simulation_gives_its_delay_back():
+    """Three ticks and a current loop of 2000 rad/s, made by a Runge-Kutta integrator; neither rounding nor noise."""
+    count, tick = 4000, 1e-3
+    torque = 5 * multisine(np.linspace(1, 100, 40), count, tick, 4)
+    chain = Chain(np.array([0.2, 0.8]), np.array([1e4]), np.array([2.0]), 1.0, bandwidth=2000.0)
+    columns = record(chain, lambda k, y: torque[k] - 5 * y, count, tick, 3)
+    found = identify_delay(Record(np.arange(count) * tick, {name: columns[name] for name in ("target_torque", "actual_torque")}, tick))
+    assert abs(found.ticks.value - 3) < 0.01
+    assert found.bandwidth is not None
+    assert found.bandwidth.value == pytest.approx(2000, rel=0.01)
+
+
+def test_a_log_with_gaps_is_read_between_them():
+    log = steps(jitter=0.0)
+    kept = np.ones(len(log.time), dtype=bool)
+    kept[500:620] = kept[2000:2003] = False
+    found = identify_delay(Record(log.time[kept], {name: values[kept] for name, values in log.channels.items()}, TICK))
+    assert abs(found.ticks.value - 5) < 0.02
+
+
+def test_slow_operation_says_that_delay_and_current_loop_are_not_told_apart():
+    """One slow sine, 2.5 ms late, under noise."""
+    time = np.arange(8000) * TICK
+    target = 5 * np.sin(2 * np.pi * 0.7 * time)
+    late = 5 * np.sin(2 * np.pi * 0.7 * (time - 2.5e-3))
+    rng = np.random.default_rng(1)
+    found = identify_delay(Record(time, {"target_torque": target, "actual_torque": late + 0.02 * rng.standard_normal(8000)}, TICK))
+    assert not found.told
+    assert found.lag is not None
+    assert holds(found.lag, 2.5e-3 - TICK / 2)  # a command that is held lags by half a tick by itself
+    assert found.delay.low == 0.0
+    assert found.delay.high >= 2.5e-3 - TICK / 2
+    assert "record torque steps" in found.warnings[0]
+
+
+@pytest.mark.parametrize(
+    ("columns", "words"),
+    [
+        ({"target_torque": np.zeros(400), "actual_torque": np.zeros(400)}, ["changes 0 times", "record torque steps"]),
+        ({"actual_torque": np.zeros(400)}, ["needs target_torque"]),
+        ({"target_torque": np.zeros(400)}, ["needs demand_torque"]),
+        (
+            {
+                "target_torque": np.random.default_rng(0).standard_normal(400),
+                "actual_torque": np.random.default_rng(1).standard_normal(400),
+            },
+            ["delay:"],
+        ),
+    ],
+)
+def test_what_says_nothing_is_refused(columns, words):
+    assert_refused(lambda: identify_delay(Record(np.arange(400) * TICK, columns, TICK)), words)
+
+
+@pytest.mark.parametrize(
+    ("time", "columns", "words"),
+    [
+        (np.arange(60) * TICK, {"torque": np.zeros(60)}, ["'torque'", "target_torque"]),
+        (np.arange(60) * TICK, {"target_torque": np.zeros(59)}, ["target_torque", "(59,)"]),
+        (np.arange(60) * TICK, {"target_torque": np.full(60, np.nan)}, ["target_torque", "finite"]),
+        (np.zeros(60), {}, ["row 2", "later"]),
+        (np.arange(10) * TICK, {}, ["at least 50"]),
+    ],
+)
+def test_what_is_no_log_is_refused(time, columns, words):
+    assert_refused(lambda: Record(time, columns, TICK), words)
+
+
+def test_set_point_and_position_tell_both_delays():
+    """Within 0.15 tick: friction, which the model smooths, moves one delay against the other."""
+    for index in (1, 3):
+        case = setpoint_case(index)
+        found = identify_setpoint_delay(case.record, case.record.sample_time)
+        assert found.rate_of_error is case.truth["follows"]
+        if found.confounded:
+            continue
+        for name in ("loop", "command"):
+            assert abs(getattr(found, name).value / case.record.sample_time - case.truth[name]) < 0.15
+
+
+def test_slow_set_points_are_refused():
+    case = setpoint_case(1)
+    time = case.record.time
+    slow = {"reference": 0.2 * np.sin(0.5 * time), "motor_position": 0.2 * np.sin(0.5 * (time - 0.003))}
+    assert_refused(lambda: identify_setpoint_delay(Record(time, slow, case.record.sample_time)), ["delay:", "record"])
+
+
+def examined(case: Case) -> tuple[float, bool, bool]:
+    """Error [ticks], whether the interval holds, and whether the delay is told from the current loop."""
+    found = identify_delay(case.record)
+    return found.ticks.value - case.truth["ticks"], holds(found.ticks, case.truth["ticks"]), found.told
+
+
+def test_share_of_the_population():
+    results = [examined(delay_case(index)) for index in range(SHARE)]
+    assert all(abs(error) < 0.1 for error, _, told in results if told)
+
+
+@pytest.mark.population
+@pytest.mark.skipif(POPULATION, reason="runs with -m population")
+@pytest.mark.timeout(3600)
+def test_whole_population(capsys):
+    """0.1 tick wherever the log tells the delay, and intervals that hold in 90 to 99 of 100 cases."""
+    results, refused = [], 0
+    for index in range(WHOLE):
+        try:
+            results.append(examined(delay_case(index)))
+        except gr.GainroomError:
+            refused += 1
+    errors = np.abs([error for error, _, told in results if told])
+    coverage = float(np.mean([inside for _, inside, told in results if told]))
+    with capsys.disabled():
+        print(f"\n{len(results)} delays, {refused} refused, {len(errors)} told: {np.mean(errors < 0.1):.3f} within 0.1 tick, ", end="")
+        print(f"largest {errors.max():.3f}, coverage {coverage:.3f}")
+    low, high = coverage_bounds(len(errors))
+    assert low <= coverage <= high
+    assert np.mean(errors < 0.1) >= 0.97
+    assert refused <= 0.1 * WHOLE
