@@ -183,7 +183,7 @@ def test_whole_population(capsys):
             errors = np.abs([result[name][0] for result in results])
             coverage = np.mean([result[name][1] for result in results])
             print(
-                f"  {name}: median {np.median(errors):.2e}, 95 % {np.quantile(errors, 0.95):.2e}, largest {errors.max():.2e}, {coverage:.3f}"
+                f"  {name}: median {np.median(errors):.2e}, 95 % {np.quantile(errors, 0.95):.2e}, most {errors.max():.2e}, {coverage:.3f}"
             )
     low, high = coverage_bounds(len(results))
     for name, accuracy in ACCURACY.items():

@@ -1,7 +1,7 @@
 """A chain of inertias on springs, driven at its first, followed by the classical Runge-Kutta method with small steps.
 
-A joint is a chain of two; three show what a two-mass model cannot be. The command is held for a tick and arrives whole ticks late; the drive
-makes it through a second-order current loop; Coulomb friction is smoothed by tanh. Nothing here knows matrix exponentials or gainroom.
+A joint is a chain of two; three show what a two-mass model cannot be. The command is held for a tick and arrives whole ticks late; the
+drive makes it through a second-order current loop; Coulomb friction is smoothed by tanh. Nothing here knows matrix exponentials.
 """
 
 from collections.abc import Callable

@@ -34,7 +34,7 @@ class Arrivals:
 
     @property
     def first(self) -> int:
-        """Ticks of the first kind of arrival; the kinds are those ticks, the next, and so on, `shares` many; rarer ones join the nearest."""
+        """Ticks of the first kind of arrival; the kinds are those ticks, the next, and so on, `shares` many; rarer ones join them."""
         return int(self._common[0])
 
     @property
@@ -51,7 +51,7 @@ class Arrivals:
         return (int(common[0]), int(common[-1])) if len(common) else (int(self.values[0]), int(self.values[0]))
 
     def changes(self, target: Floats, command: Floats) -> Floats:
-        """(m, q) changes of the `command` (m,) that acts in each row, by kind of arrival, whose shares in them come from the target (m,)."""
+        """(m, q) changes of the `command` (m,) that acts in each row, by kind of arrival; `target` (m,) says which share is whose."""
         first, count = self.first, len(self.shares)
         changes = np.zeros((len(command), count))
         np.add.at(changes, (self.row + self.ticks, np.clip(self.ticks - first, 0, count - 1)), np.diff(target)[self.row - 1])

@@ -1,8 +1,9 @@
 """The current loop as a log shows it: from commands that arrive to the torque that the drive measures.
 
-C = ω_c²/(s² + 2ζω_c s + ω_c²), eq. (3) of Jung et al. 2017. A command that is first seen in row k arrived φ of a tick before it, 0 <= φ <= 1;
-for commands that took c ticks (rounded up) φ has a mean φ_c and a deviation σ_c, which are fitted, as is the noise: a Kalman filter predicts
-the torque row by row (_current_loop.py). Nothing is approximated between ticks but that φ's deviation is taken to first order.
+C = ω_c²/(s² + 2ζω_c s + ω_c²), eq. (3) of Jung et al. 2017. A command that is first seen in row k arrived φ of a tick before it,
+0 <= φ <= 1; for commands that took c ticks (rounded up) φ has a mean φ_c and a deviation σ_c, which are fitted, as is the noise: a Kalman
+filter predicts the torque row by row (_current_loop.py). Nothing is approximated between ticks but that φ's deviation is taken to
+second order.
 """
 
 from dataclasses import dataclass
@@ -44,7 +45,7 @@ class Response:
         return np.where((lags := np.arange(self.tail()) - self.delay) > 0, held(self.speed, self.damping, np.maximum(lags, 0.0))[0], 0.0)
 
 
-def held(speed: float, damping: float, ticks: Floats) -> tuple[Floats, Floats, Floats]:
+def held(speed: float, damping: float, ticks: Floats | float) -> tuple[Floats, Floats, Floats]:
     """What a unit command does that has been there for `ticks`, any shape: c, ċ/ω_c, c̈/ω_c², by its closed form."""
     root = np.sqrt(complex(damping**2 - 1))
     if abs(root) < 1e-5:
@@ -152,7 +153,8 @@ def fit_arrivals(data: Data, changes: Floats, start: Response) -> Fit:
     def split(point: Floats) -> tuple[Floats, Floats, float, float, float, float, float]:
         speed, damping = np.exp(np.clip(point[2 * kinds : 2 * kinds + 2], [-4, -2.5], [4.5, 2.0]))
         gain, offset, noise = point[2 * kinds + 2], scale * point[2 * kinds + 3], scale * np.exp(np.clip(point[2 * kinds + 4], -16, 3))
-        return point[:kinds], np.exp(np.clip(point[kinds : 2 * kinds], -9, 0.5)), speed, damping, gain, offset, noise
+        spread = np.exp(np.clip(point[kinds : 2 * kinds], -9, 0.5))
+        return point[:kinds], spread, float(speed), float(damping), float(gain), float(offset), float(noise)
 
     def predict(point: Floats) -> tuple[Floats, Floats]:
         places, spread, speed, damping, gain, offset, noise = split(point)
@@ -196,7 +198,7 @@ def _uneven(changes: Floats, squares: Floats, rows: Booleans) -> float:
 
 
 def _parts(speed: float, damping: float, places: Floats, spread: Floats) -> tuple[Floats, Floats]:
-    """What a change adds one row early, in its row and one row late (3, q, 2), if it arrives `places` (q,) before its row; its slope (q, 2).
+    """What a change adds one row early, in its row and one row late (3, q, 2), arriving `places` (q,) before its row; its slope (q, 2).
 
     Between 0 and 1 it does so in its row alone; an estimate of 0 or 1 is free to err to both sides.
     """
@@ -223,7 +225,7 @@ def rough_response(data: Data, lowest: float, highest: float) -> Response:
 
 
 def decoded(data: Data, response: Response, fit: Fit) -> Integers:
-    """Ages (m,) [ticks] of the commands that acted, where data.command is the target: the likeliest history under `response`, with the noise of `fit`."""
+    """Ages (m,) [ticks] of the commands that acted, where data.command is the target: the likeliest history under both."""
     usual = int(np.ceil(response.delay - 1e-6))
     first, last = max(usual - AGES, 0), usual + AGES
     tick, (position, rate, _) = Tick.of(response.speed, response.damping), held(response.speed, response.damping, usual - response.delay)

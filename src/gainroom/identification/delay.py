@@ -209,7 +209,7 @@ def _result(record: Record, seen: Arrivals, fit: Fit, channels: tuple[str, ...],
     ticks, effective = _within(interval(value, error + wide, FREEDOM), low, high), _within(interval(age, error + wide, FREEDOM), low, high)
     if not told:
         warnings.append(
-            f"the log does not tell the delay from the current loop's lag: the delay is between {ticks.low:.3g} and {ticks.high:.3g} ticks; "
+            f"the log does not tell the delay from the current loop's lag: it is between {ticks.low:.3g} and {ticks.high:.3g} ticks; "
             "record torque steps, or a multisine up to a tenth of the tick rate"
         )
     if guessed:

@@ -2,7 +2,8 @@
 
     torque(t) = kp (x_d − x)(t − lag) + kd (ẋ_d − ẋ)(t − lag) + constant,      or with −ẋ alone
 
-is linear in the gains; behind a current loop the lag is that of a delay and C(s) together, both of which are fitted. All signals pass the same zero-phase band, which leaves the equation true and keeps out the frequencies at which a
+is linear in the gains; behind a current loop the lag is that of a delay and C(s) together, both of which are fitted. All signals pass the
+same zero-phase band, which leaves the equation true and keeps out the frequencies at which a
 position is mostly its encoder's steps: noise in a regressor would make the gains look smaller than they are (errors in variables).
 """
 
@@ -100,7 +101,7 @@ def identify_gains(record: Record, kp: float | None = None, kd: float | None = N
     explained = 1 - best.cost
     if explained < LEAST_EXPLAINED:
         raise GainroomError(
-            f"gains: kp and kd explain {100 * max(explained, 0):.0f} % of {name}, less than half: look at signs, units and joint of the columns, "
+            f"gains: kp and kd explain {100 * max(explained, 0):.0f} % of {name}, less than half: look at signs, units and columns, "
             "or record without feed-forward torque"
         )
     return _result(spectra, best, name, (kp, kd, gear_ratio))
@@ -223,9 +224,7 @@ def _result(spectra: _Spectra, best: _Fit, name: str, asked: tuple[float | None,
     warnings = []
     explained = 1 - best.cost
     if explained < MOST_EXPLAINED:
-        warnings.append(
-            f"kp and kd explain {100 * explained:.1f} % of {name}: the rest is feed-forward, a filter, saturation or noise; the gains may be off"
-        )
+        warnings.append(f"kp and kd explain {100 * explained:.1f} % of {name}: the rest is feed-forward, a filter, a limit or noise")
     for label, gain in (("kp", kp), ("kd", kd)):
         if gain.low <= 0 <= gain.high:
             warnings.append(
@@ -234,7 +233,8 @@ def _result(spectra: _Spectra, best: _Fit, name: str, asked: tuple[float | None,
     offset = float(np.mean(spectra.torque) - best.gains[0] * np.mean(spectra.error))
     follows = best.follows if spectra.reference_moves else None
     return GainsFit(
-        kp, kd, best.lag + 2 * DAMPING_RATIO * best.slow, follows, best.velocity, offset, name, explained, spectra.band, _unit_errors(kp, kd, *asked), tuple(warnings)
+        kp, kd, best.lag + 2 * DAMPING_RATIO * best.slow, follows, best.velocity, offset, name, explained, spectra.band,
+        _unit_errors(kp, kd, *asked), tuple(warnings),
     )  # fmt: skip
 
 

@@ -32,8 +32,8 @@ LEAST_LINES = 12  # of the spectrum, at which the torque must explain the motion
 MOST_RELATIVE = 0.2  # standard error of log K, above which the log does not tell the stiffness
 MOST_INERTIA = 0.1  # standard error of the logarithm of inertia
 DELAY_FLOOR = 0.02  # ticks: what torque logged once a tick knows of the delay at best
-# No law of friction is exact, and what is wrong with it repeats with the motion, so that no average over time takes it out. The share of the
-# residual that the torque explains shows how much is left. Sized on virtual joints with Stribeck friction on both sides (tests).
+# No law of friction is exact, and what is wrong with it repeats with the motion, so that no average over time takes it out. The share of
+# the residual that the torque explains shows how much is left. Sized on virtual joints with Stribeck friction on both sides (tests).
 MODEL_ERROR, MODEL_ERROR_EXPLAINED = 0.0007, 0.007  # of inertias and stiffness
 SEARCHED = 8.0  # ticks of delay, where no torque log tells it
 
@@ -43,8 +43,9 @@ class JointFit:
     """A joint as the log shows it.
 
     model        "rigid", "two-mass" or "two-mass with friction"
-    parameters   by name: motor_inertia, link_inertia [kg m²], stiffness [N m/rad], damping [N m s/rad] (of a rigid joint: inertia), viscous
-                 [N m s/rad], coulomb, link_coulomb [N m], weight_sine, weight_cosine [N m], delay [s], resonance, antiresonance [rad/s], as far as the model has them
+    parameters   by name, as far as the model has them: motor_inertia, link_inertia, of a rigid joint inertia [kg m²], stiffness [N m/rad],
+                 damping, viscous [N m s/rad], coulomb, link_coulomb, weight_sine, weight_cosine [N m], delay [s], resonance,
+                 antiresonance [rad/s]
     names, covariance   (p,), (p, p) of the parameters that were fitted, SI
     joint, drive   the best values
     torque       the channel that drove the fit
@@ -108,8 +109,8 @@ def identify_joint(record: Record, drive: Drive | None = None) -> JointFit:
     measured = frequency_response(source.torque, position, record.sample_time)
     if np.count_nonzero(measured.excited) < LEAST_LINES:
         raise GainroomError(
-            f"joint: {source.name} explains the motion at {np.count_nonzero(measured.excited)} frequencies, {LEAST_LINES} are needed: record "
-            "a multisine or chirp of torque, well above friction, from below the antiresonance to above the resonance"
+            f"joint: {source.name} explains the motion at {np.count_nonzero(measured.excited)} frequencies, {LEAST_LINES} are needed: "
+            "record a multisine or chirp of torque, well above friction, from below the antiresonance to above the resonance"
         )
     return _selected(record, source, measured, warnings)
 
@@ -189,8 +190,8 @@ def _selected(record: Record, source: _Source, measured: FrequencyResponse, warn
     if unknown or _criterion(rigid.short(), rows) < _criterion(whole, rows):
         warnings.append(
             f"no resonance is found between {measured.omega[measured.excited][0] / 2 / math.pi:.3g} and "
-            f"{measured.omega[measured.excited][-1] / 2 / math.pi:.3g} Hz: the joint is fitted as rigid; to find its stiffness excite higher "
-            "frequencies, up to a fifth of the tick rate"
+            f"{measured.omega[measured.excited][-1] / 2 / math.pi:.3g} Hz: the joint is fitted as rigid; to find its stiffness "
+            "excite higher frequencies, up to a fifth of the tick rate"
         )
         return rigid.result("rigid", measured, warnings)
     free = _Fitting(record, source, rough, elastic=True, friction=False)
@@ -262,7 +263,7 @@ class _Fitting:
         joint, *_ = self.model.parts(best.parameters)
         self.signals = self._signals(joint, cautious=False)
         best = self._maximum(self.signals, best.parameters, 8)
-        joint, drive, friction, noise = self.model.parts(best.parameters)
+        joint, drive, _, _ = self.model.parts(best.parameters)
         # What another law of friction would have given is as likely: the difference is a deviation that no amount of data averages out.
         other = self._maximum(self._signals(joint, cautious=True), best.parameters, 1)
         difference = other.parameters - best.parameters
@@ -274,8 +275,8 @@ class _Fitting:
         inertia = errors[0] if name == "rigid" else float(np.hypot(errors[0], errors[1]))
         if inertia > 2 * MOST_INERTIA:
             raise GainroomError(
-                f"joint: the log tells the inertia to ± {100 * quantile(FREEDOM) * inertia:.0f} % only: record a multisine or chirp of torque, "
-                "well above friction, at frequencies where the joint still moves by many steps of its encoder"
+                f"joint: the log tells the inertia to ± {100 * quantile(FREEDOM) * inertia:.0f} % only: record a multisine or chirp of "
+                "torque, well above friction, at frequencies where the joint still moves by many steps of its encoder"
             )
         parameters = self.model.estimates(best.parameters, variance)
         if name != "rigid":

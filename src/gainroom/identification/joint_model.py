@@ -17,8 +17,8 @@ Prior = tuple[Floats, Floats]
 FREEDOM = 39  # of the covariance: blocks of time less one
 LOGARITHMIC = ("motor_inertia", "inertia", "link_inertia", "stiffness", "damping")
 LAW_DAMPING, LAW_FRICTION, LAW_COMMON = 40.0, 0.05, 0.7
-"""How much more of the damping than of the stiffness a wrong law of friction takes, how much of one side's it lays to the other, and how much
-of its variance is common to inertias and stiffness."""
+"""How much more of the damping than of the stiffness a wrong law of friction takes, how much of one side's it lays to the other, and how
+much of its variance is common to inertias and stiffness."""
 BEFOREHAND = {
     "viscous": (0.0, 0.3),
     "coulomb": (0.0, 0.5),
@@ -112,7 +112,8 @@ class JointModel:
         """Joint, drive, friction (5,) and noise at a point, as prediction_errors takes them."""
         v = dict(zip(self.names, point.tolist(), strict=True))
         if self.elastic:
-            joint = ElasticJoint(*(math.exp(v[name]) for name in ("motor_inertia", "link_inertia", "stiffness", "damping")))
+            motor, link, stiffness, damping = (math.exp(v[name]) for name in ("motor_inertia", "link_inertia", "stiffness", "damping"))
+            joint = ElasticJoint(motor, link, stiffness, damping)
         else:
             joint = ElasticJoint(math.exp(v["inertia"]) / 2, math.exp(v["inertia"]) / 2)
         friction = np.array([v.get(name, 0.0) for name in ("coulomb", "link_coulomb", "viscous", "weight_sine", "weight_cosine")])
@@ -126,7 +127,7 @@ class JointModel:
 
         What is wrong with the torque scales both inertias and the stiffness alike, and leaves the resonance.
         """
-        sizes = dict.fromkeys(("motor_inertia", "inertia", "link_inertia", "stiffness"), relative)
+        sizes: dict[str, float] = dict.fromkeys(("motor_inertia", "inertia", "link_inertia", "stiffness"), relative)
         scaled = np.array([sizes.get(name, 0.0) for name in self.names])
         alone = {"damping": LAW_DAMPING * relative}
         if self.friction:

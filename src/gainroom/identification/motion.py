@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +21,8 @@ PADDING = 4096  # rows over which a signal returns to its start
 class Motion:
     """What friction acts along.
 
-    along     (m, 5) over each tick: which way motor and link move, −1 to 1, the motor's velocity [rad/s], sine and cosine of the link's angle
+    along     (m, 5) over each tick: which way motor and link move, −1 to 1, the motor's velocity [rad/s], sine and cosine of the link's
+              angle
     turning   (m,) 1 while motor or link is about to turn round or has just done so, else 0
     """
 
@@ -71,13 +73,13 @@ def motion_of(positions: Floats, linked: bool, sample_time: float, joint: Elasti
 
 def _filter(count: int, sample_time: float):
     """Frequencies [rad/s], and a function that multiplies the spectrum of a column (count,) by a response there."""
-    from scipy.fft import irfft, next_fast_len, rfft, rfftfreq
+    from scipy.fft import next_fast_len
 
-    size = next_fast_len(count + min(count, PADDING), real=True)
-    omega = 2 * np.pi * rfftfreq(size, sample_time)
+    size: Any = next_fast_len(count + min(count, PADDING), real=True)
+    omega = 2 * np.pi * np.fft.rfftfreq(size, sample_time)
 
     def filtered(values: Floats, response: Complexes) -> Floats:
         padded = np.concatenate([values, np.linspace(values[-1], values[0], size - count)])
-        return irfft(rfft(padded) * response, size)[:count]
+        return np.fft.irfft(np.fft.rfft(padded) * response, size)[:count]
 
     return omega, filtered

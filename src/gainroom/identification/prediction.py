@@ -135,6 +135,6 @@ def _inputs(signals: Signals, drive: Drive, system: StateSpace, held: Floats, ra
     if part == 0:
         first = np.zeros(len(held))
     else:
-        over, late, _ = _sampled(system, (1 - part) * signals.sample_time)
+        over, _, _ = _sampled(system, (1 - part) * signals.sample_time)
         first = over @ _sampled(system, part * signals.sample_time)[1][:, DEMAND]
     return np.column_stack([first, held[:, DEMAND] - first, *columns]), np.column_stack([before, now, signals.motion.along])

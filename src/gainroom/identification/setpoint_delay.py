@@ -11,6 +11,7 @@ the set-point does not know of them (Ljung, System Identification, sec. 13.4).
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -66,8 +67,8 @@ def identify_setpoint_delay(record: Record, loop_sample_time: float | None = Non
     loop_sample_time   [s] of the loop on kp and kd: its torque is held that long and its velocity is a difference over it; None: it runs
                        much faster than the log, as in a drive, and hold and difference count as part of the loop delay
 
-    Raises GainroomError where channels are missing, where set-point or position hardly move, where the set-point is so slow that neither delay
-    shows, and where no such loop explains the position.
+    Raises GainroomError where channels are missing, where set-point or position hardly move, where the set-point is so slow that neither
+    delay shows, and where no such loop explains the position.
     """
     record = record.longest_run()
     side = "motor_position" if record.has("motor_position") or not record.has("link_position") else "link_position"
@@ -95,7 +96,7 @@ class _Simulation:
         self.tick, self.follows, self.count = record.sample_time, follows, len(position)
         self.mean, self.scale = float(position[0]), float(np.std(position))
         pad = min(self.count, int(4.0 / self.tick))
-        self.size = next_fast_len(self.count + pad, real=True)
+        self.size: Any = next_fast_len(self.count + pad, real=True)
         self.omega = 2 * np.pi * np.fft.rfftfreq(self.size, self.tick)
         self.position = position - self.mean
         velocity = np.gradient(position, self.tick)
@@ -168,7 +169,7 @@ class _Simulation:
         explained = 1 - float(np.mean(self.found.errors[rows] ** 2)) / float(np.var(self.position[rows]) / self.scale**2)
         if explained < LEAST_EXPLAINED:
             raise GainroomError(
-                f"delay: a loop with two delays explains {100 * max(explained, 0):.0f} % of the position; look at the columns, or record the torque"
+                f"delay: a loop with two delays explains {100 * max(explained, 0):.0f} % of the position; look at the columns"
             )
         power = np.abs(np.fft.rfft(self.raw - self.raw.mean())) ** 2
         share = np.cumsum(power[::-1])[::-1] / power.sum()
@@ -176,7 +177,7 @@ class _Simulation:
         if fastest < SLOW * math.exp(point[0]):
             raise GainroomError(
                 f"delay: the reference's power ends at {fastest / 2 / math.pi:.2g} Hz and the loop's natural frequency is about "
-                f"{math.exp(point[0]) / 2 / math.pi:.2g} Hz: so slow a motion shows neither delay; record steps or a multisine up to that frequency"
+                f"{math.exp(point[0]) / 2 / math.pi:.2g} Hz: so slow a motion shows no delay; record steps or a multisine up to there"
             )
         # Friction and torque limits are not in the model to the last: they trade one delay for the other before they change the sum.
         floor = np.zeros_like(variance)
@@ -185,8 +186,8 @@ class _Simulation:
         total = _bounded(point[2] + point[3], float(np.sqrt(variance[2, 2] + variance[3, 3] + 2 * variance[2, 3])), math.inf)
         if total.half_width > UNKNOWN_TOTAL:
             raise GainroomError(
-                f"delay: set-point and position tell the sum of the delays to ± {total.half_width:.2g} ticks only: record steps or a multisine up "
-                "to the loop's natural frequency and beyond, or the torque"
+                f"delay: set-point and position tell the sum of the delays to ± {total.half_width:.2g} ticks only: record steps or a "
+                "multisine up to the loop's natural frequency and beyond, or the torque"
             )
         errors = np.sqrt(np.diag(variance))
         loop, command = _bounded(point[2], errors[2], math.inf), _bounded(point[3], errors[3], math.inf)
@@ -195,8 +196,8 @@ class _Simulation:
         if confounded:
             loop, command = _bounded(point[2], math.inf, total.high), _bounded(point[3], math.inf, total.high)
             warnings.append(
-                f"command delay and loop delay are confounded: the record tells their sum, {total.value:.2f} ± {total.half_width:.2f} ticks; to tell "
-                "them apart excite up to the loop's bandwidth and beyond, or record the torque"
+                f"command delay and loop delay confounded: the log tells their sum, {total.value:.2f} ± {total.half_width:.2f} ticks; "
+                "to tell them apart excite up to the loop's bandwidth and beyond, or record the torque"
             )
         tick = self.tick
         return SetpointDelay(
@@ -219,4 +220,5 @@ def _hold(omega: Floats, time: float) -> Complexes:
 
 def _bounded(value: float, error: float, high: float) -> Estimate:
     found = interval(float(value), float(error), FREEDOM)
-    return Estimate(*np.clip([found.value, found.low, found.high], 0.0, high).tolist(), float(error))
+    value, low, upper = np.clip([found.value, found.low, found.high], 0.0, high).tolist()
+    return Estimate(value, low, upper, float(error))

@@ -1,11 +1,12 @@
-"""Stiffness from a record with the output locked: torque against deflection, as the paper measured K; with the hysteresis that friction makes.
+"""Stiffness from a record with the output locked: torque against deflection, as the paper measured K, and the hysteresis of friction.
 
-With the link held the motor turns by τ/K and friction holds it back: τ = K θ ± F + offset, + while the motor turns forward, − while it turns
-back. The two branches are 2F apart in torque and 2F/K in deflection.
+With the link held the motor turns by τ/K and friction holds it back: τ = K θ ± F + offset, + while the motor turns forward, − while it
+turns back. The two branches are 2F apart in torque and 2F/K in deflection.
 """
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -64,8 +65,8 @@ def identify_stiffness(record: Record, motor_inertia: float = 0.0) -> StiffnessF
         raise GainroomError(f"stiffness: {torque_name} does not change: load the joint slowly back and forth")
     if np.ptp(deflection) == 0 or np.ptp(deflection) < LEAST_STEPS * step:
         raise GainroomError(
-            f"stiffness: the deflection spans {np.ptp(deflection):.3g} rad, {LEAST_STEPS} steps of the encoder ({step:.3g} rad) are needed: "
-            "record with a larger torque"
+            f"stiffness: the deflection spans {np.ptp(deflection):.3g} rad, {LEAST_STEPS} steps of the encoder ({step:.3g} rad) are "
+            "needed: record with a larger torque"
         )
     velocity, acceleration = _derivatives(motor, record)
     moving = _steady(velocity, record)
@@ -86,8 +87,8 @@ def _derivatives(position: Floats, record: Record) -> tuple[Floats, Floats]:
     length = 2 * max(int(SMOOTHED / record.sample_time), 3) + 1
     if len(position) <= length:
         raise GainroomError(f"stiffness: {len(position)} rows are too few; at least {length + 1} are needed")
-    velocity = savgol_filter(position, length, 2, deriv=1, delta=record.sample_time)
-    acceleration = savgol_filter(position, length, 2, deriv=2, delta=record.sample_time)
+    velocity: Any = savgol_filter(position, length, 2, deriv=1, delta=record.sample_time)
+    acceleration: Any = savgol_filter(position, length, 2, deriv=2, delta=record.sample_time)
     near = np.convolve(record.fresh.astype(float), np.ones(length), "same") > 0
     near[: length // 2], near[-(length // 2) :] = True, True
     return np.where(near, 0.0, velocity), np.where(near, 0.0, acceleration)
@@ -127,8 +128,8 @@ def _fitted(deflection: Floats, torque: Floats, direction: Floats, rows: Floats)
     error = float(variance[0, 0] ** 0.5) / half
     if error > MOST_RELATIVE * slope / half:
         raise GainroomError(
-            f"stiffness: the record tells K to ± {100 * quantile(freedom) * error * half / slope:.0f} % only: load the joint slowly, several "
-            "times back and forth, well beyond friction"
+            f"stiffness: the record tells K to ± {100 * quantile(freedom) * error * half / slope:.0f} % only: load the joint slowly, "
+            "several times back and forth, well beyond friction"
         )
     stiffness = interval(slope / half, error, freedom)
     towards = np.array([-2 * friction * half / slope**2, 2 * half / slope, 0.0])
