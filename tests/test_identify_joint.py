@@ -8,7 +8,7 @@ import pytest
 import gainroom as gr
 from gainroom.identification.joint import identify_joint
 from gainroom.identification.motion import motion_of
-from gainroom.identification.prediction import Noise, Signals, prediction_errors
+from gainroom.identification.prediction import Noise, Signals, prediction_errors, stationary
 from gainroom.identification.record import Record
 from gainroom.simulation import Scenario, Testbed, simulate
 from identified import POPULATION, Case, coverage_bounds, holds, joint_case, multisine, soft_loop
@@ -62,6 +62,18 @@ def test_predictions_of_the_true_joint_are_white_and_as_large_as_their_noise():
     assert values.std() == pytest.approx(1.0, abs=5 / math.sqrt(2 * len(values)))
     for lag in (1, 2, 5, 20):
         assert abs(np.mean(values[lag:] * values[:-lag])) < 5 / math.sqrt(len(values))
+
+
+def test_the_stationary_filter_is_scipy_s():
+    """Doubling against the ordered Schur form, for the gain, to nine digits."""
+    from scipy.linalg import solve_discrete_are
+
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        a = np.triu(rng.standard_normal((5, 5)), 1) + np.diag(rng.uniform(0.5, 1.0, 5))
+        c, process, readings = rng.standard_normal((2, 5)), np.diag(rng.uniform(0.01, 1, 5)), rng.uniform(0.1, 1, 2)
+        found = stationary(a, c, process, readings)
+        assert np.allclose(found, solve_discrete_are(a.T, c.T, process, np.diag(readings)), rtol=1e-9, atol=1e-9 * np.abs(found).max())
 
 
 def test_an_independent_simulation_gives_its_joint_back(two):
