@@ -31,7 +31,7 @@ def test_an_exact_law_gives_its_gains_back():
     assert found.kd.value == pytest.approx(2, rel=1e-3)
     assert found.lag == pytest.approx(TICK, rel=0.03)
     assert found.rate_of_error
-    assert found.offset == pytest.approx(0.4, abs=0.01)
+    assert found.offset == pytest.approx(0.4, abs=0.05)  # of some 10 N m; velocity's mean over the record is not quite 0
 
 
 @pytest.mark.parametrize(

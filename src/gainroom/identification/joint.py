@@ -240,7 +240,7 @@ class _Fitting:
             self._short = self._maximum(
                 self.signals.rows(slice(first, first + ROUGH_ROWS)),
                 self.start if like is None else self.reduced(like),
-                12 if like is None else 6,
+                25 if like is None else 8,
             )
         return self._short
 
@@ -262,7 +262,7 @@ class _Fitting:
         best = self.short()
         joint, *_ = self.model.parts(best.parameters)
         self.signals = self._signals(joint, cautious=False)
-        best = self._maximum(self.signals, best.parameters, 8)
+        best = self._maximum(self.signals, best.parameters, 30)
         joint, drive, _, _ = self.model.parts(best.parameters)
         # What another law of friction would have given is as likely: the difference is a deviation that no amount of data averages out.
         other = self._maximum(self._signals(joint, cautious=True), best.parameters, 1)

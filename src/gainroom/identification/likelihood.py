@@ -68,7 +68,7 @@ def maximize(predict: Prediction, start: Floats, used: Floats, prior: Floats, it
         scale = np.sqrt(np.maximum(np.diag(total), 1e-12))
         while True:
             step = np.linalg.lstsq(total / np.outer(scale, scale) + damping * np.eye(len(point)), gradient / scale, rcond=None)[0] / scale
-            step *= min(1.0, 1.0 / max(float(np.abs(step).max()), 1e-12))
+            step = np.clip(step, -1.0, 1.0)
             trial_error, trial_var = predict(point + step)
             trial = _cost(trial_error, trial_var, used, prior, point + step)
             if trial <= cost:

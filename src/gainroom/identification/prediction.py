@@ -145,8 +145,8 @@ def _filter(
 def stationary(a: Floats, c: Floats, process: Floats, readings: Floats) -> Floats:
     """P (n, n) of P = A P Aᵀ − A P Cᵀ (C P Cᵀ + R)⁻¹ C P Aᵀ + Q, R diagonal (o,), by structure-preserving doubling (Chu, Fan, Lin 2005).
 
-    Twice as fast as scipy's ordered Schur form, which stands in where doubling does not settle; raises numpy.linalg.LinAlgError where neither
-    does.
+    Twice as fast as scipy's ordered Schur form, which stands in where doubling does not settle. Raises numpy.linalg.LinAlgError
+    where neither does.
     """
     from scipy.linalg import solve_discrete_are
 
