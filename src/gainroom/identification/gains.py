@@ -19,6 +19,7 @@ from .record import Record, resolution
 
 DAMPING_RATIO = 0.8  # of a current loop
 LONGEST_LAG = 0.02  # [s] of a torque behind the positions that it was made from
+LAW, LAW_BEHIND = 1e-6, 7e-4  # of the gains: what rounding leaves, and what a current loop of assumed damping leaves
 FASTEST_BEHIND = 0.4  # radians per tick: faster, what a current loop does between ticks is not in the log
 CLEAR = 30.0  # power over the encoder's noise that a frequency needs
 TAPER = 0.02  # of the record, at either end
@@ -219,7 +220,8 @@ def _result(spectra: _Spectra, best: _Fit, name: str, asked: tuple[float | None,
     # What a tick's rounding of the torque leaves even where it repeats.
     rounding = resolution(spectra.torque) ** 2 / 12
     variance = variance + rounding * inverse
-    errors = np.sqrt(np.diag(variance)) + 1e-6 * np.array([*np.abs(best.gains), *np.zeros(len(slopes))])
+    floor = (LAW_BEHIND if best.slow > 0 else LAW) * np.array([*np.abs(best.gains), *np.zeros(len(slopes))])
+    errors = np.sqrt(np.diag(variance) + floor**2)
     kp, kd = (interval(float(value), float(error), FREEDOM) for value, error in zip(best.gains, errors, strict=False))
     warnings = []
     explained = 1 - best.cost
