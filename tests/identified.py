@@ -83,7 +83,9 @@ def delay_case(index: int) -> Case:
         whole_ticks=whole,
         substep=tick / 4,
     )
-    run = simulate(bed, Scenario(0.0, (count - 1) * tick, feedforward=torque[:, None], noise=1e-5, seed=index))
+    run = simulate(bed, Scenario(0.0, (count - 1) * tick, feedforward=torque[:, None], noise=1e-5, seed=index, limit=50.0))
+    if run.diverged:
+        return delay_case(index + 2_000_000)
     columns = {"target_torque": run.target_torque[:, 0]}
     columns["actual_torque"] = noisy(rng, run.actual_torque[:, 0], log_uniform(rng, 0.005, 0.2), float(rng.choice([0.0, 0.01, 0.1])))
     if with_demand:

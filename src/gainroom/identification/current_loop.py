@@ -17,7 +17,7 @@ from .likelihood import maximize
 
 SETTLED = 16.0  # time constants: e^-16 = 1e-7 of a change is left
 LONGEST_TAIL = 2000  # ticks of a step response
-SPEED, DAMPING = (np.log(1.5), 1.0), (np.log(0.8), 0.35)  # mean and deviation of log ω_c T_s and log ζ: decide only where the log does not
+SPEED, DAMPING = (np.log(1.5), 1.0), (np.log(0.8), 0.25)  # mean and deviation of log ω_c T_s and log ζ: decide only where the log does not
 STARTS = 3  # of the rough search
 DEVIATION = (np.log(0.02), 2.0)  # of log σ_c
 WITHIN = (0.5, 0.5)  # of φ_c

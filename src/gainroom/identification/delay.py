@@ -136,13 +136,16 @@ def _from_actual(record: Record, seen: Arrivals | None, most: int, warnings: lis
     target, torque = record.channels["target_torque"], record.channels["actual_torque"]
     if seen is None:
         data = Data(target, torque, record.run_length)
-        fit, seen = _without_demand(record, data, rough_response(data, 0.0, float(most)))
+        rough = rough_response(data, 0.0, float(most))
+        fit, seen = _without_demand(record, data, rough)
+        other = rough.delay
         channels: tuple[str, ...] = ("target_torque", "actual_torque")
     else:
+        other = None
         data = Data(record.channels["demand_torque"], torque, record.run_length)
         fit = _fitted(record, data, seen, rough_response(data, -1.0, 0.0))
         channels = ("target_torque", "demand_torque", "actual_torque")
-    return _result(record, seen, fit, channels, warnings)
+    return _result(record, seen, fit, channels, warnings, other)
 
 
 def _fitted(record: Record, data: Data, seen: Arrivals, start: Response) -> Fit:
@@ -185,7 +188,7 @@ def _acting(data: Data, rows: Integers) -> Data:
     return Data(data.command[np.maximum(rows, 0)], data.torque, data.run_length)
 
 
-def _result(record: Record, seen: Arrivals, fit: Fit, channels: tuple[str, ...], warnings: list[str]) -> TorqueDelay:
+def _result(record: Record, seen: Arrivals, fit: Fit, channels: tuple[str, ...], warnings: list[str], other: float | None) -> TorqueDelay:
     tick, count = record.sample_time, len(fit.places)
     shares, ticks_of = seen.shares, seen.first + np.arange(count)
     value, age = seen.mean - float(shares @ fit.places), float(seen.ticks.mean()) - float(shares @ fit.places)
@@ -196,6 +199,8 @@ def _result(record: Record, seen: Arrivals, fit: Fit, channels: tuple[str, ...],
     deviation = float(np.sqrt(max(shares @ (spread**2 + fit.deviations**2) - (shares @ spread) ** 2, 0.0)))
     # Which command acted when is guessed without a demand torque; guesses repeat themselves, so their errors are not in the covariance.
     guessed = GUESSED * deviation if "demand_torque" not in channels and deviation > GUESSED_FROM else 0.0
+    # Where delay and current loop can stand in for each other, two estimators that weigh noise differently do not agree.
+    guessed = max(guessed, 0.0 if other is None else abs(value - other))
     late = float(np.hypot(late, max(guessed, WITHIN * float(shares @ fit.deviations), FLOOR)))
     error = float(np.hypot(fit.error(towards), late))
     current = 2 * fit.damping / fit.speed
@@ -204,7 +209,7 @@ def _result(record: Record, seen: Arrivals, fit: Fit, channels: tuple[str, ...],
     _require_told(fit, lag, record)
     # What is certain without any fit: a command arrives in the tick before the demand shows it, and not before it leaves.
     low, high = (seen.mean - 1 - 2 * late, seen.mean + 2 * late) if "demand_torque" in channels else (0.0, max(lag.high, value))
-    told = quantile(FREEDOM) * error < UNKNOWN_TICKS and fit.uneven < UNEVEN
+    told = quantile(FREEDOM) * error < UNKNOWN_TICKS and 1 / UNEVEN < fit.uneven < UNEVEN
     wide = 0.0 if told else np.inf
     ticks, effective = _within(interval(value, error + wide, FREEDOM), low, high), _within(interval(age, error + wide, FREEDOM), low, high)
     if not told:
@@ -212,7 +217,7 @@ def _result(record: Record, seen: Arrivals, fit: Fit, channels: tuple[str, ...],
             f"the log does not tell the delay from the current loop's lag: it is between {ticks.low:.3g} and {ticks.high:.3g} ticks; "
             "record torque steps, or a multisine up to a tenth of the tick rate"
         )
-    if guessed:
+    if guessed and deviation > GUESSED_FROM:
         warnings.append(
             f"the delays of single commands differ by {deviation:.2g} ticks (standard deviation) and no demand_torque says which; "
             "record demand_torque for a sharper delay"
