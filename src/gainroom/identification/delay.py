@@ -201,11 +201,12 @@ def _result(record: Record, seen: Arrivals, fit: Fit, channels: tuple[str, ...],
     guessed = GUESSED * deviation if "demand_torque" not in channels and deviation > GUESSED_FROM else 0.0
     # Where delay and current loop can stand in for each other, two estimators that weigh noise differently do not agree.
     guessed = max(guessed, 0.0 if other is None else abs(value - other))
+    sampled = float(np.hypot(late, FLOOR))
     late = float(np.hypot(late, max(guessed, WITHIN * float(shares @ fit.deviations), FLOOR)))
     error = float(np.hypot(fit.error(towards), late))
     current = 2 * fit.damping / fit.speed
     towards[2 * count : 2 * count + 2] = current, -current
-    lag = interval(value + current, float(np.hypot(fit.error(towards), late)), FREEDOM)
+    lag = interval(value + current, float(np.hypot(fit.error(towards), sampled)), FREEDOM)
     _require_told(fit, lag, record)
     # What is certain without any fit: a command arrives in the tick before the demand shows it, and not before it leaves.
     low, high = (seen.mean - 1 - 2 * late, seen.mean + 2 * late) if "demand_torque" in channels else (0.0, max(lag.high, value))
