@@ -95,6 +95,18 @@ def test_an_independent_simulation_gives_its_delay_back():
     assert found.bandwidth.value == pytest.approx(2000, rel=0.01)
 
 
+@pytest.mark.parametrize("first", [0, 777])
+def test_what_was_sent_before_the_log_began_does_no_harm(first):
+    """Without noise a delay is known to a thousandth of a tick; the commands of the ticks before the log are unknown."""
+    count, tick, late = 4000, 1e-3, 6
+    torque = 5 * multisine(np.linspace(1, 100, 40), count, tick, 4)
+    columns = record(Chain(np.array([0.2, 0.8]), np.array([1e4]), np.array([2.0])), lambda k, y: torque[k] - 5 * y, count, tick, late)
+    part = {name: columns[name][first:] for name in ("target_torque", "actual_torque")}
+    found = identify_delay(Record(np.arange(first, count) * tick, part, tick))
+    assert abs(found.ticks.value - late) < 1e-3
+    assert found.told
+
+
 def test_a_log_with_gaps_is_read_between_them():
     log = steps(jitter=0.0)
     kept = np.ones(len(log.time), dtype=bool)

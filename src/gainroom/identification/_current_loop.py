@@ -4,24 +4,22 @@ import numpy as np
 
 from ..analysis.compiled import cached_njit
 
-LARGE = 1e6  # times the noise: what is known of the state behind a gap
-
 
 @cached_njit(error_model="numpy")
-def predict_torque(command, changes, torque, fresh, transition, full, parts, slope, spread, gain, offset, noise, error, variance):
+def predict_torque(command, changes, torque, fresh, transition, full, parts, slope, spread, gain, offset, noise, unknown, error, variance):
     """Kalman filter of the current loop whose command changes within a tick at uncertain moments.
 
     command, torque (m,); changes (m, q) of the command in each row by kind of arrival; fresh (m,) behind a gap; transition (2, 2) and full
     (2,) over a whole tick; parts (3, q, 2) what a change of a row adds one row before it, in it, and one row after it, slope (q, 2) the
     derivative of their sum by the moment of arrival, spread (q,) that moment's standard deviation [ticks]; gain, offset, noise of the
-    measurement. Fills error and variance (m,) of the torque's prediction.
+    measurement; unknown: variance of the state behind a gap [(N m)²]. Fills error and variance (m,) of the torque's prediction.
     """
     x0 = x1 = p00 = p01 = p11 = 0.0
     kinds = changes.shape[1]
     for k in range(len(command)):
         if fresh[k]:
             x0, x1 = command[k], 0.0
-            p00, p01, p11 = LARGE * noise * noise, 0.0, LARGE * noise * noise
+            p00, p01, p11 = unknown, 0.0, unknown
         else:
             n0 = transition[0, 0] * x0 + transition[0, 1] * x1 + full[0] * command[k - 1]
             n1 = transition[1, 0] * x0 + transition[1, 1] * x1 + full[1] * command[k - 1]
@@ -49,7 +47,7 @@ def predict_torque(command, changes, torque, fresh, transition, full, parts, slo
         x0, x1 = x0 + k0 * e, x1 + k1 * e
         p11 -= k1 * gain * p01
         p01 -= k0 * gain * p01
-        p00 -= k0 * gain * p00
+        p00 *= noise * noise / s
 
 
 @cached_njit(error_model="numpy")

@@ -22,7 +22,7 @@ STARTS = 3  # of the rough search
 DEVIATION = (np.log(0.02), 2.0)  # of log σ_c
 WITHIN = (0.5, 0.5)  # of φ_c
 ROUGH_ROWS = 10_000  # of a long log, for the start of the search
-LEAST_DEVIATION = 1e-4  # ticks
+UNKNOWN = 3.0  # times the torque's deviation: what is known of the current loop behind a gap
 AGES = 2  # ticks to either side of the usual age that a decoded command may have
 UNUSUAL = 1.0  # squared errors that one tick from the usual age costs: decides where the command rests
 
@@ -164,7 +164,7 @@ def fit_arrivals(data: Data, changes: Floats, start: Response) -> Fit:
         fresh = data.run_length == 0
         predict_torque(
             *(data.command, changes, data.torque, fresh, tick.transition, tick.full, parts, slope, spread, gain, offset, noise),
-            *(error, variance),
+            *((UNKNOWN * scale) ** 2, error, variance),
         )
         return error, variance
 

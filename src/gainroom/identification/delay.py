@@ -184,8 +184,9 @@ def _without_demand(record: Record, data: Data, rough: Response) -> tuple[Fit, A
 
 
 def _acting(data: Data, rows: Integers) -> Data:
-    """The command of those rows, where data.command is the target."""
-    return Data(data.command[np.maximum(rows, 0)], data.torque, data.run_length)
+    """The command of those rows, where data.command is the target; behind a gap it is not known until one from behind the gap acts."""
+    age = np.arange(len(rows)) - rows
+    return Data(data.command[np.maximum(rows, 0)], data.torque, np.maximum(data.run_length - age, 0))
 
 
 def _result(record: Record, seen: Arrivals, fit: Fit, channels: tuple[str, ...], warnings: list[str], other: float | None) -> TorqueDelay:
