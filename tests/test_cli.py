@@ -16,6 +16,7 @@ import pytest
 from gainroom.cli import main
 from gainroom.cli.example import example_texts, joint_examples
 from gainroom.cli.front import app
+from gainroom.cli.identify import identify
 from gainroom.cli.output import emit_json, render, table
 from gainroom.files.joint_yaml import load_joint
 from gainroom.report.number_format import digits, frequency
@@ -252,7 +253,8 @@ def test_example(capsys: pytest.CaptureFixture[str]):
 def test_every_command_has_help_with_an_example(capsys: pytest.CaptureFixture[str]):
     commands = [info.name for info in app.registered_commands]
     assert commands == ["joint", "robot", "audit", "simulate", "verify", "log", "example", "reproduce"]
-    for command in ([], *([name] for name in commands)):
+    groups = [["identify"], *(["identify", info.name] for info in identify.registered_commands)]
+    for command in ([], *([name] for name in commands), *groups):
         assert main([*command, "--help"]) == 0
         assert f"Example:\n{' ' * 4}gainroom {' '.join(command)}".rstrip() in capsys.readouterr().out
 

@@ -1,6 +1,7 @@
 """gainroom log: what is said of a log, to people and in JSON; options; what is wrong in one line."""
 
 import io
+import itertools
 import json
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
@@ -9,7 +10,16 @@ import numpy as np
 import pytest
 
 from gainroom.cli import main
+from gainroom.errors import GainroomError
 from gainroom.files.logs import abilities, open_log
+from gainroom.identification import (
+    Record,
+    identify_delay,
+    identify_gains,
+    identify_joint,
+    identify_setpoint_delay,
+    identify_stiffness,
+)
 from gainroom.simulation.run_record import LOGGED
 from log_files import WRITERS, Truth
 
@@ -73,7 +83,7 @@ def test_the_terminal_says_what_was_done(tmp_path: Path):
         "4 ticks are missing in 2 gaps, the longest of 2 ms",
         "Time stamps were read in us",
         "Which side of the gearbox",
-        "needs actual_torque, demand_torque or 2 more",
+        "needs target_torque or actual_torque",
     ):
         assert text in told.replace("\u202f", " "), text
 
@@ -105,6 +115,25 @@ def test_wrong_calls(options: tuple[str, ...], words: list[str], tmp_path: Path)
 def test_what_channels_allow():
     can = {each.question: each for each in abilities({"target_torque", "actual_torque", "link_position", "reference"})}
     assert can["identify delay"].channels == ("target_torque", "actual_torque")
-    assert can["identify joint"].missing == (("motor_position", "motor_velocity"),)
+    assert can["identify joint"].channels == ("target_torque", "link_position")
     assert can["identify gains"].possible
+    assert can["identify stiffness"].missing == (("motor_position",),)
     assert not any(each.possible for each in abilities(()))
+
+
+def test_what_channels_allow_is_what_identification_asks_for():
+    """With every set of the channels that matter: what it lacks is said before anything else."""
+    signal = np.cumsum(np.random.default_rng(3).normal(size=400))
+    ways = {"delay": (identify_delay, identify_setpoint_delay), "joint": (identify_joint,), "gains": (identify_gains,)}
+    names = ("target_torque", "demand_torque", "actual_torque", "motor_position", "link_position", "reference")
+    for size in range(len(names) + 1):
+        for channels in itertools.combinations(names, size):
+            can = {each.question: each.possible for each in abilities(channels)}
+            record = Record(1e-3 * np.arange(400), dict.fromkeys(channels, 0 * signal), 1e-3)  # nothing moves: no fit is begun
+            for question, calls in {**ways, "stiffness": (identify_stiffness,)}.items():
+                lacking = []
+                for call in calls:
+                    with pytest.raises(GainroomError) as refused:
+                        call(record)
+                    lacking.append(str(refused.value).startswith(f"{question}: needs "))
+                assert can[f"identify {question}"] is not all(lacking), (question, channels)

@@ -6,6 +6,7 @@ import typer
 
 from .audit import audit
 from .example import example
+from .identify import identify
 from .joint import joint
 from .log import log
 from .reproduce import reproduce
@@ -26,6 +27,7 @@ app.command(name="audit", short_help="Are the gains that a robot already has saf
 app.command(name="simulate", short_help="Play a joint's or a robot's scenario: tracking, vibration, traces.")(simulate)
 app.command(name="verify", short_help="The predicted limit against simulation.")(verify)
 app.command(name="log", short_help="What a log holds, and what can be identified from it.")(log)
+app.add_typer(identify, short_help="From a log to a joint: delay, elasticity, gains.")
 app.command(name="example", short_help="Print a ready file to start from.")(example)
 app.command(name="reproduce", short_help="The paper's figures, computed and compared.")(reproduce)
 

@@ -56,6 +56,6 @@ def _terminal(survey: Any, most: int | None) -> str:
         table("Channels", CHANNEL_TITLES, channel_rows(survey, most)),
         *([f"and {digits(more)} more joints (--verbose)", ""] if more > 0 else []),
         table("What it can tell", ("", "", "possible"), questions),
-        *(f"Note: {text}" for text in remarks(survey)),
+        *(f"Note: {text}" for text in remarks(survey.last)),
     ]
     return render(*parts)

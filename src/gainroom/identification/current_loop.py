@@ -12,7 +12,6 @@ import numpy as np
 
 from ..errors import GainroomError
 from ..linear.arrays import Booleans, Floats, Integers
-from ._current_loop import decode, predict_torque
 from .likelihood import maximize
 
 SETTLED = 16.0  # time constants: e^-16 = 1e-7 of a change is left
@@ -141,6 +140,8 @@ def fit_arrivals(data: Data, changes: Floats, start: Response) -> Fit:
     changes   (m, q) of the command in each row, by kind of arrival
     start     its delay is minus the first φ
     """
+    from ._current_loop import predict_torque  # loads numba
+
     kinds = changes.shape[1]
     scale = float(np.std(data.torque)) or 1.0
     rough = np.concatenate([np.full(kinds, -start.delay), np.full(kinds, DEVIATION[0])])
@@ -226,6 +227,8 @@ def rough_response(data: Data, lowest: float, highest: float) -> Response:
 
 def decoded(data: Data, response: Response, fit: Fit) -> Integers:
     """Ages (m,) [ticks] of the commands that acted, where data.command is the target: the likeliest history under both."""
+    from ._current_loop import decode  # loads numba
+
     usual = int(np.ceil(response.delay - 1e-6))
     first, last = max(usual - AGES, 0), usual + AGES
     tick, (position, rate, _) = Tick.of(response.speed, response.damping), held(response.speed, response.damping, usual - response.delay)

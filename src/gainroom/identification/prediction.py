@@ -18,7 +18,6 @@ from ..linear.state_space import StateSpace, split_delay
 from ..system.assembly import actuated_state
 from ..system.drive import Drive
 from ..system.plant import ElasticJoint
-from ._prediction import predict
 from .motion import Motion
 
 DOUBLINGS = 60
@@ -80,6 +79,8 @@ def prediction_errors(signals: Signals, joint: ElasticJoint, drive: Drive, frict
 
     Raises numpy.linalg.LinAlgError where there is no stationary filter.
     """
+    from ._prediction import predict  # loads numba
+
     found = _filter(joint, drive.bandwidth, drive.damping_ratio, signals.sides, signals.sample_time, noise.key)
     b, inputs = _inputs(signals, drive, found, friction)
     b = np.vstack([b, np.zeros((1, b.shape[1]))])

@@ -8,10 +8,22 @@ import numpy as np
 
 from ..errors import GainroomError, first_of_many, require_finite, require_positive
 from ..linear.arrays import Booleans, Floats, Integers
+from ..simulation.run_record import REFERENCE_SIGNAL
 
-TORQUES = ("target_torque", "demand_torque", "actual_torque")
-CHANNELS = (*TORQUES, "motor_position", "link_position", "motor_velocity", "reference", "reference_velocity")
-"""Names that identification knows: torques [N m], positions [rad] and velocities [rad/s], all on the joint side."""
+SIGNALS = {
+    "target_torque": "torque that the controller asks for",
+    "demand_torque": "torque that has arrived at the drive",
+    "actual_torque": "torque that the current loop makes",
+    "joint_torque": "torque through the gearbox, from a sensor",
+    "motor_position": "position on the motor's side of the gearbox's elasticity",
+    "link_position": "position on the link's side of the gearbox's elasticity",
+    REFERENCE_SIGNAL: "position set-point",
+    "motor_velocity": "velocity on the motor's side",
+    "link_velocity": "velocity on the link's side",
+    "reference_velocity": "velocity set-point",
+    "current": "motor current, torque-producing",
+}
+"""What a log may hold of a joint, by name: torques [N m], positions [rad], velocities [rad/s] on the joint side, and a current [A]."""
 SHORTEST = 50  # ticks: less is not a log
 
 
@@ -20,7 +32,7 @@ class Record:
     """One joint's log on equal ticks.
 
     time          (m,) rising [s]; gaps are allowed, each a whole number of ticks to half a tick
-    channels      (m,) by name, some of CHANNELS; joint side, N·m, rad, rad/s
+    channels      (m,) by name, some of SIGNALS; joint side
     sample_time   [s]
 
     Raises GainroomError for unknown names, wrong shapes, numbers that are not finite, time that does not rise by ticks, too few rows.
@@ -35,8 +47,8 @@ class Record:
         time = require_finite("record", "time", self.time)
         if time.ndim != 1 or len(time) < SHORTEST:
             raise GainroomError(f"record: time of shape {time.shape} must be one column of at least {SHORTEST} rows")
-        if unknown := [name for name in self.channels if name not in CHANNELS]:
-            raise GainroomError(f"record: channel {unknown[0]!r} must be one of {', '.join(CHANNELS)}")
+        if unknown := [name for name in self.channels if name not in SIGNALS]:
+            raise GainroomError(f"record: channel {unknown[0]!r} must be one of {', '.join(SIGNALS)}")
         values = {name: require_finite("record", name, column) for name, column in self.channels.items()}
         for name, column in values.items():
             if column.shape != time.shape:

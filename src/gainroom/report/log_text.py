@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from ..errors import listed
-from ..files.logs import CHANNELS, Ability, Origin, Quality, Survey
+from ..files.logs import CHANNELS, Ability, Log, LoggedJoint, Origin, Quality, Survey
 from .number_format import digits
 
 READ = {
@@ -28,28 +28,55 @@ def sentence(survey: Survey) -> str:
     return f"{survey.path} holds {rows} rows of {many}: {digits(survey.duration, 's')} at {digits(survey.rate, 'Hz')}."
 
 
-def remarks(survey: Survey) -> list[str]:
+def remarks(log: Log) -> list[str]:
     """What was repaired, cut and left out, and what may be wrong."""
-    quality = survey.last.quality
-    found = [] if survey.last.complete else ["The file ends in the middle of a record; what came before was read."]
+    quality = log.quality
+    found = [] if log.complete else ["The file ends in the middle of a record; what came before was read."]
     found += _cuts(quality)
     if quality.sample_time and quality.jitter > COARSE * quality.sample_time:
         found.append(
             f"Time stamps jitter by {digits(1e3 * quality.jitter, 'ms')} around a tick of {digits(1e3 * quality.sample_time, 'ms')}."
         )
-    for origin in survey.last.origins:
+    for origin in log.origins:
         if origin.channel == "time" and origin.unit_from == "values":
             found.append(
                 f"Time stamps were read in {origin.unit}: in s the rate would be implausible. State it with --units time={origin.unit}."
             )
-    assumed = dict.fromkeys(origin.channel for origin in survey.last.origins if origin.unit_from == "assumed" and origin.channel != "time")
+    assumed = dict.fromkeys(origin.channel for origin in log.origins if origin.unit_from == "assumed" and origin.channel != "time")
     if assumed:
         found.append(f"Units are not stated of {listed([*assumed], most=12)}; SI on the joint side was assumed.")
-    if any(_unstated_side(origin) for origin in survey.last.origins):
+    if any(_unstated_side(origin) for origin in log.origins):
         found.append(
             "Which side of the gearbox the encoder is on is not stated; motor_position was assumed (else: --columns link_position=…)."
         )
-    return found + [f"{note[0].upper()}{note[1:]}." for note in survey.last.notes]
+    return found + [f"{note[0].upper()}{note[1:]}." for note in log.notes]
+
+
+def logged_remarks(logged: LoggedJoint) -> list[str]:
+    """Of a joint that is identified: as `remarks`, of what concerns it, and how much of the log is on even ticks."""
+    found = remarks(logged.log)
+    breaks = int(logged.record.fresh.sum()) - 1
+    if breaks:
+        longest = len(logged.record.longest_run().time)
+        found.append(
+            f"The log has {breaks} gaps of more than 3 ticks; {digits(longest, significant=6)} of "
+            f"{digits(len(logged.record.time), significant=6)} rows are in its longest part, which is all that a fit of motion uses."
+        )
+    return found
+
+
+def logged_facts(logged: LoggedJoint) -> dict[str, Any]:
+    """In JSON: which joint, and which rows."""
+    record = logged.record
+    return {
+        "file": str(logged.path),
+        "joint": logged.joint.name,
+        "channels": list(record.channels),
+        "rows": len(record.time),
+        "duration": float(record.time[-1] - record.time[0]),
+        "sample_rate_hz": 1 / record.sample_time,
+        "gaps": int(record.fresh.sum()) - 1,
+    }
 
 
 def _unstated_side(origin: Origin) -> bool:
@@ -129,7 +156,7 @@ def facts(survey: Survey) -> dict[str, Any]:
             each.question: {"possible": each.possible, "channels": each.channels, "missing": each.missing, "confounded": each.confounded}
             for each in survey.abilities()
         },
-        "warnings": remarks(survey),
+        "warnings": remarks(survey.last),
     }
 
 

@@ -5,10 +5,11 @@ has them once per joint, its name behind an underscore: `motor_position_l_knee`.
 messages of the plain names. Other names and units are understood, or stated in LogOptions.
 """
 
+from ...identification.record import SIGNALS
 from .abilities import Ability, abilities
-from .channels import CHANNELS, SIGNALS
+from .channels import CHANNELS
 from .options import LogOptions, load_options
-from .reading import LogReader, log_reader, read_log
+from .reading import LoggedJoint, LogReader, log_reader, read_joint, read_log
 from .record import JointLog, Log, Origin, Quality
 from .survey import Survey
 from .writing import LogWriter, open_log
@@ -22,6 +23,7 @@ __all__ = [
     "LogOptions",
     "LogReader",
     "LogWriter",
+    "LoggedJoint",
     "Origin",
     "Quality",
     "Survey",
@@ -29,5 +31,6 @@ __all__ = [
     "load_options",
     "log_reader",
     "open_log",
+    "read_joint",
     "read_log",
 ]

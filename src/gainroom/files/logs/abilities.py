@@ -6,13 +6,15 @@ from dataclasses import dataclass
 Way = tuple[tuple[str, ...], ...]
 """Groups of channels; one of each group is needed."""
 TORQUES = ("actual_torque", "demand_torque", "target_torque")
+POSITIONS = ("motor_position", "link_position")
 QUESTIONS: dict[str, tuple[Way, ...]] = {
     "identify delay": (
         (("target_torque",), ("actual_torque", "demand_torque")),
-        (("reference",), ("motor_position", "link_position")),
+        (("reference",), POSITIONS),
     ),
-    "identify joint": (((*TORQUES, "joint_torque"), ("motor_position", "motor_velocity")),),
-    "identify gains": ((("reference",), ("motor_position", "link_position"), ("target_torque", *TORQUES[:2], "current")),),
+    "identify joint": ((("target_torque", "actual_torque"), POSITIONS),),
+    "identify gains": ((("reference",), POSITIONS, TORQUES[::-1]),),
+    "identify stiffness": ((TORQUES, ("motor_position",)),),
     "diagnose": ((("motor_position", "link_position", "motor_velocity", "link_velocity", *TORQUES, "joint_torque", "current"),),),
 }
 """By question the ways to answer it, the better one first. Without torque the command's delay and the loop's are seldom told apart."""

@@ -9,9 +9,10 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, Field
 
 from ...errors import GainroomError, nearest, require_positive
+from ...identification.record import SIGNALS
 from ...io.validation import Name, Section, number, refusal, validate
 from ...io.yaml_text import parse_yaml, read_text, shown
-from .channels import CHANNELS, SIGNALS
+from .channels import CHANNELS
 from .units import factor
 
 

@@ -2,12 +2,13 @@
 
 import contextlib
 from collections.abc import Generator, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from ...errors import GainroomError, first_of_many
+from ...errors import GainroomError, first_of_many, named
+from ...identification.record import Record
 from ...io.validation import LARGEST
 from ...linear.arrays import Floats
 from .channels import CHANNELS
@@ -15,7 +16,7 @@ from .cleaning import Cleaner
 from .formats import format_of
 from .mapping import map_columns
 from .options import LogOptions
-from .record import Log, Origin, Quality
+from .record import JointLog, Log, Origin, Quality
 from .table import TIME, Table, bounded, guarded
 from .units import SI, UNITS
 
@@ -216,6 +217,35 @@ def log_reader(path: Path, options: LogOptions | None = None) -> Iterator[LogRea
         with guarded(path, form.title):
             table = stack.enter_context(form.table(path, options.columns.get(TIME)))
         yield LogReader(path, options, table, form.title)
+
+
+@dataclass(frozen=True, eq=False)
+class LoggedJoint:
+    """One joint of a log, as identification takes it.
+
+    log      where it came from, what was cut, notes
+    joint    its rows
+    record   the same on equal ticks
+    """
+
+    path: Path
+    log: Log
+    joint: JointLog
+    record: Record
+
+
+def read_joint(path: Path, options: LogOptions | None = None) -> LoggedJoint:
+    """The only joint of a log, or the only one that the options choose. Raises GainroomError as read_log, and where there are several."""
+    path = Path(path)
+    with log_reader(path, options) as reader:
+        if len(reader.joint_names) > 1:
+            raise GainroomError(
+                f"{path}: has {len(reader.joint_names)} joints and one must be chosen, by --joint NAME: {first_of_many(reader.joint_names)}"
+            )
+        log = reader.whole()
+    with named(str(path)):
+        joint = log.joint()
+        return LoggedJoint(path, log, joint, joint.record())
 
 
 def read_log(path: Path, columns: Mapping[str, str] | None = None, options: LogOptions | None = None) -> Log:

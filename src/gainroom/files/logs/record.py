@@ -8,8 +8,9 @@ from itertools import pairwise
 import numpy as np
 
 from ...errors import GainroomError, nearest
+from ...identification.record import SHORTEST, SIGNALS, Record
 from ...linear.arrays import Floats
-from .channels import CHANNELS, ONE_JOINT, SIGNALS
+from .channels import CHANNELS, ONE_JOINT
 
 
 @dataclass(frozen=True)
@@ -104,6 +105,18 @@ class JointLog:
         else:
             channels = {name: aligned(even, time, values[first:last], CHANNELS[name].commanded) for name, values in self.channels.items()}
         return replace(self, time=even, channels=channels)
+
+    def record(self) -> Record:
+        """What identification starts from: the even parts on one grid of ticks, a gap between two. Raises GainroomError where too short."""
+        parts = self.even_parts()
+        if not parts:
+            raise GainroomError(f"{len(self.time)} rows are too few to identify anything; at least {SHORTEST} are needed")
+        began = parts[0].time[0]
+        # Each part begins on the tick nearest to its own: up to half a tick of a gap's length is not known to the ticks around it.
+        first = [round((part.time[0] - began) / self.sample_time) for part in parts]
+        ticks = np.concatenate([start + np.arange(len(part.time)) for start, part in zip(first, parts, strict=True)])
+        channels = {name: np.concatenate([part.channels[name] for part in parts]) for name in self.channels}
+        return Record(began + self.sample_time * ticks, channels, self.sample_time)
 
 
 NEAR = 0.25

@@ -1,0 +1,50 @@
+"""What the commands of `gainroom identify` share: a joint read from a log with progress, and the answer shown."""
+
+import contextlib
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .output import emit, emit_json, file_line, render, table
+from .progress import progress_bar
+
+if TYPE_CHECKING:
+    from ..files.logs import LoggedJoint, LogOptions
+    from ..report.estimates import Answer
+
+
+@contextlib.contextmanager
+def joint_of_log(file: Path, options: "LogOptions") -> Iterator[tuple["LoggedJoint", Callable[[int, int, str], None]]]:
+    """The joint that a log holds, and the progress of what is done with it. Raises GainroomError; what is raised inside names the log."""
+    from ..errors import named
+    from ..files.logs import read_joint
+
+    with progress_bar("identify:") as progress:
+        progress(0, 2, "reading the log")
+        logged = read_joint(file, options)
+        progress(1, 2, "fitting")
+        with named(str(file)):
+            yield logged, progress
+
+
+def show(answer: "Answer", logged: "LoggedJoint", title: str, as_json: bool, files: Mapping[str, Path | None], *more: Any) -> None:
+    """On standard output: the sentence, the numbers, `more`, the `files` that were written by what they are, and the warnings."""
+    from ..report.estimates import TITLES
+    from ..report.log_text import logged_facts, logged_remarks
+
+    if as_json:
+        facts = answer.facts()
+        facts["warnings"] += logged_remarks(logged)
+        emit_json({**facts, "log": logged_facts(logged)})
+        return
+    emit(
+        render(
+            answer.sentence,
+            "",
+            table(title, TITLES, answer.rows()),
+            *more,
+            *(file_line(name, path) for name, path in files.items() if path is not None),
+            *(f"Warning: {text}" for text in answer.warnings),
+            *(f"Note: {text}" for text in logged_remarks(logged)),
+        )
+    )
