@@ -1,6 +1,7 @@
 """Figs. 6 and 11 come out of the virtual testbed as the paper has them."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 import gainroom as gr
 from gainroom.files.logs import open_log, read_log
+from gainroom.paper import fig6, locked_output
 from gainroom.paper.fig6 import STEPS, delays_in, torque_steps
 from gainroom.paper.fig11 import simulated_limit, trial
 from gainroom.paper.joints import SAMPLE_TIME, TESTBED, TESTBED_DRIVE, TESTBED_KP
@@ -75,3 +77,27 @@ def test_the_actual_torque_follows_the_demand():
     settled = [k for k in range(16, len(target)) if np.all(target[k - 14 : k + 1] == target[k])]
     # 14 ticks less 6 of delay are 4 ms: e^{−ζ ω_c t} is e^−14
     assert actual[settled] == pytest.approx(target[settled], abs=11.0 * 1e-5)
+
+
+def test_identification_finds_in_the_files_what_the_virtual_hardware_was_given():
+    """5 ± 1 ticks, the drive's current loop, and the spring's 1e4 N·m/rad; the picture and the row say the same interval."""
+    found, spring = fig6.identified(), locked_output.identified()
+    for estimate, truth in ((found.ticks, 5.0), (found.bandwidth, 4000.0), (found.damping_ratio, 0.9), (spring.stiffness, 1e4)):
+        assert estimate is not None
+        assert estimate.low <= truth <= estimate.high
+    rows = {row.id: row for row in (*fig6.rows(), *locked_output.rows())}
+    delay, stiffness = rows["fig6.identified.delay_ms"], rows["testbed.locked.stiffness_nm_rad"]
+    assert (delay.low, delay.high) == (1e3 * found.delay.low, 1e3 * found.delay.high)
+    assert (stiffness.low, stiffness.high) == (spring.stiffness.low, spring.stiffness.high)
+    assert all(row.low < row.computed < row.high for row in rows.values() if row.low is not None)
+    assert {row.id: row.low is None for row in fig6.rows()}["fig6.mean_delay_ms"]
+    assert any(f"{found.delay.scaled(1e3).low:.3f}" in curve.name for picture in fig6.pictures() for curve in picture.panels[0].curves)
+
+
+def test_a_wrong_spring_is_a_row_that_disagrees(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(locked_output, "TESTBED", replace(TESTBED, stiffness=0.9 * TESTBED.stiffness))
+    locked_output.identified.cache_clear()
+    try:
+        assert [row.id for row in locked_output.rows() if not row.agrees] == ["testbed.locked.stiffness_nm_rad"]
+    finally:
+        locked_output.identified.cache_clear()

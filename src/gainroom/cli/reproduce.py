@@ -34,7 +34,7 @@ def reproduce(as_json: AsJson = False, verbose: Verbose = False, report: Report 
 
 def _terminal(result: "Reproduction", verbose: bool) -> str:
     """The count and the rows that disagree; `verbose`: all rows, why some disagree, and the paper's claims checked."""
-    from ..paper.row_text import COLUMNS, cells, claims, summary
+    from ..paper.row_text import COLUMNS, cells, claims, interval, summary, value_text
 
     head, warnings = summary(result.rows), [f"Warning: {warning}" for warning in result.warnings]
     disagreeing = [row for row in result.rows if not row.agrees]
@@ -44,7 +44,15 @@ def _terminal(result: "Reproduction", verbose: bool) -> str:
     return render(
         head,
         "",
-        table("Paper and computed (in brackets: not printed in the paper)", COLUMNS, [cells(row) for row in result.rows]),
+        table(
+            "Paper and computed (in brackets: not printed in the paper)",
+            COLUMNS,
+            [cells(row) for row in result.rows],
+        ),
+        "Identified from virtual logs",
+        "",
+        *(f"{row.id}: {value_text(row.computed)}, {interval(row)}" for row in result.rows if interval(row)),
+        "",
         "What the paper concludes, checked",
         "",
         *(f"{name}: {text}" for name, text in claims(result.rows)),

@@ -12,7 +12,7 @@ from functools import partial
 
 from ..errors import GainroomError
 from ..robot.body import library
-from . import claim2, claim3, claim4, com_motion, eq4, eq10, fig4, fig5, fig6, fig7, fig9, fig11, table1, testbed
+from . import claim2, claim3, claim4, com_motion, eq4, eq10, fig4, fig5, fig6, fig7, fig9, fig11, locked_output, table1, testbed
 from .picture import Picture
 from .row import Row
 
@@ -37,6 +37,7 @@ FIGURES = (
     Figure("Fig. 7: delay", fig7.rows, fig7.pictures),
     Figure("Eq. (4): reference, noise and disturbance", eq4.rows),
     Figure("Fig. 9: the open loop with PD control", fig9.rows, fig9.pictures),
+    Figure("Testbed: the stiffness by locked output, simulated", locked_output.rows, locked_output.pictures),
     Figure("Testbed: how large the gains can be", testbed.rows, testbed.pictures),
     Figure("Fig. 11: the two trials, simulated", fig11.rows, fig11.pictures),
     Figure("Fig. 12: the centre of mass under PD, in MuJoCo", com_motion.pd_rows, partial(com_motion.pictures, "pd"), IN_TIME),

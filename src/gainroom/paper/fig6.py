@@ -1,4 +1,7 @@
-"""Fig. 6: the delay between target and demand torque, read from a log of torque steps of 0 to about 11 N·m at 0.5 ms."""
+"""Fig. 6: the delay between target and demand torque, read from a log of torque steps of 0 to about 11 N·m at 0.5 ms.
+
+First as the paper reads it, step by step; then as `gainroom identify delay` does, from the log's file.
+"""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -7,17 +10,20 @@ from functools import cache
 
 import numpy as np
 
+from ..identification import TorqueDelay, identify_delay
 from ..linear.arrays import Floats, Integers
 from ..simulation import Run, Scenario, simulate
-from .joints import SAMPLE_TIME, TESTBED
-from .picture import Curve, Panel, Picture
+from .joints import DRIVE, SAMPLE_TIME, TESTBED
+from .picture import Curve, Mark, Panel, Picture
 from .row import Row, compare, within
+from .virtual_log import TORQUES, logged, with_interval
 from .virtual_testbed import loop_of_testbed, virtual_testbed
 
 TORQUE = 11.0  # [N m] about where the figure's steps end
 BUS_TICKS, JITTER_TICKS = 5.0, 1.0  # printed: 4 to 6 ticks
 STEPS, HELD = 100, 16  # torque steps, and ticks between them: longer than any delay
 SHOWN = (0.015, 0.045)  # [s] of the picture
+MARKED = 12.6  # [N m] height of the picture's bar
 
 
 def rows() -> Iterator[Row]:
@@ -36,19 +42,50 @@ def rows() -> Iterator[Row]:
     lacking = float(np.abs(run.actual_torque[last, 0] - run.target_torque[last, 0]).max())
     note = f"Largest error of the actual torque {HELD - 1} ticks after a step; the figure shows it there. Tolerance: 1 % of the step."
     yield compare("fig6.torque_left_over_nm", 0.0, lacking, "N·m", 0.01 * TORQUE, note)
+    yield from _identified_rows()
+
+
+def _identified_rows() -> Iterator[Row]:
+    """What identification makes of the same log."""
+    found = identified()
+    known = "From target, demand and noisy actual torque of the virtual testbed's log, written to a file and read from it."
+    assert found.bandwidth is not None
+    least, most = BUS_TICKS - JITTER_TICKS, BUS_TICKS + JITTER_TICKS
+    for name, value, unit, low, high in (
+        ("delay_ticks", found.ticks, "ticks", least, most),
+        ("delay_ms", found.delay.scaled(1e3), "ms", 2.0, 3.0),
+    ):
+        note = f"The mean over the commands; the virtual bus is given {BUS_TICKS:g} ± {JITTER_TICKS:g} ticks. {known}"
+        yield with_interval(within(f"fig6.identified.{name}", low, high, value.value, unit, note), value)
+    spread = np.percentile(found.jitter.ticks, [0, 100])
+    for name, printed, value in (("least", least, spread[0]), ("most", most, spread[1])):
+        yield compare(f"fig6.identified.{name}_delay_ticks", printed, value, "ticks", 0.0, f"Of single commands. {known}", f"{printed:g}")
+    note = f"The current loop's, inferred from Fig. 9, which the virtual drive is given. Tolerance: 2 %. {known}"
+    tolerance = 0.02 * DRIVE.bandwidth
+    row = compare("fig6.identified.bandwidth_rad_s", DRIVE.bandwidth, found.bandwidth.value, "rad/s", tolerance, note)
+    yield with_interval(row, found.bandwidth)
 
 
 def pictures() -> Iterator[Picture]:
     """Two steps of the figure."""
     run = torque_steps()
     shown = (run.time >= SHOWN[0]) & (run.time <= SHOWN[1])
-    curves = tuple(Curve(name, 1e3 * run.time[shown], getattr(run, f"{name}_torque")[shown, 0]) for name in ("target", "demand", "actual"))
+    curves = [Curve(name, 1e3 * run.time[shown], getattr(run, f"{name}_torque")[shown, 0]) for name in ("target", "demand", "actual")]
+    found = identified().delay.scaled(1e3)
+    begins = 1e3 * run.time[shown][1:][np.diff(run.target_torque[shown, 0]) > 0]
+    marks = tuple(Mark(begin + found.value, MARKED, stem=0.0) for begin in begins)
+    named = f"identified delay, {found.value:.3g} ms ({found.low:.3f} to {found.high:.3f})"
+    bars = np.ravel([(begin, begin + found.value, math.nan) for begin in begins])
+    curves.append(Curve(named, bars, np.where(np.isnan(bars), math.nan, MARKED)))
     caption = (
         "The torque steps between 0 and 11 N·m with the output fixed; one row per tick of 0.5 ms. The demand is the target 4 to 6 ticks "
-        "late, another delay every time; the actual torque follows the demand within the current loop's half a millisecond."
+        "late, another delay every time; the actual torque follows the demand within the current loop's half a millisecond. "
+        f"The bars are the mean delay, identified from the whole log of {STEPS} steps; in brackets its 95 % interval."
     )
     title = "Fig. 6. Target, demand and actual torque: the delay, step by step"
-    yield Picture(title, caption, "time [ms]", (1e3 * SHOWN[0], 1e3 * SHOWN[1]), (Panel("torque [N·m]", (-1.5, 14.0), curves),))
+    yield Picture(
+        title, caption, "time [ms]", (1e3 * SHOWN[0], 1e3 * SHOWN[1]), (Panel("torque [N·m]", (-1.5, 14.0), tuple(curves), marks),)
+    )
 
 
 @cache
@@ -58,6 +95,12 @@ def torque_steps() -> Run:
     on = np.repeat(np.arange(STEPS + 1) % 2, HELD)[:, None]
     bed = replace(virtual_testbed(loop, JITTER_TICKS * SAMPLE_TIME, whole_ticks=True), gravity=0.0)
     return simulate(bed, Scenario(0.0, (len(on) - 1) * SAMPLE_TIME, feedforward=TORQUE * on))
+
+
+@cache
+def identified() -> TorqueDelay:
+    """The delay in that run's log."""
+    return identify_delay(logged(torque_steps(), *TORQUES))
 
 
 def delays_in(columns: Mapping[str, Floats]) -> Integers:

@@ -8,7 +8,7 @@ from ..report.page import Card, Html, Lead, Section, block, details, facts, page
 from . import Reproduced, Reproduction, joints
 from .drawing import drawn
 from .row import Row, counts
-from .row_text import BRACKETS, COLUMNS, cells, claims, summary, value_text
+from .row_text import BRACKETS, COLUMNS, cells, claims, interval, summary, value_text
 
 FIRST = "Fig. 9"  # the section that comes first
 SOURCE = (
@@ -69,7 +69,8 @@ def _table(rows: list[Row]) -> Html:
 
 
 def _named(row: Row) -> Html:
-    return Html(f'{escape(row.id)}<div style="max-width: 62ch; color: var(--soft); font-size: 13px">{escape(row.note)}</div>')
+    said = ". ".join(filter(None, (interval(row), row.note)))
+    return Html(f'{escape(row.id)}<div style="max-width: 62ch; color: var(--soft); font-size: 13px">{escape(said)}</div>')
 
 
 def _inputs() -> Html:
@@ -87,6 +88,7 @@ def _inputs() -> Html:
         ("testbed.sampled: torque held, velocity by backward difference", "2 kHz", "printed; a tick of the continuous model's delay"),
         ("Figs. 6, 11: link", "0.6 m, 3.9 kg", "printed"),
         ("Figs. 6, 11: friction of motor and link, torque limit", "1 and 0.2 N·m, 150 N·m", "assumed, with encoders and the swing"),
+        ("fig6.identified, testbed.locked: noise of the torque", "0.05 N·m", "assumed; loaded with 30 N·m at 0.2 Hz"),
         ("Biped: dimensions, masses", "as published", "shapes of the links, and soles 0.1 m below the ankles, assumed"),
         ("Biped: motor, gearbox, drive of every joint", "as in Fig. 9", "inferred"),
         ("Claims 2 to 4: posture", "knees 0.6 rad, pelvis level, feet flat and rigid", "assumed"),

@@ -16,6 +16,7 @@ class Row:
     printed    the paper's own digits, "" where it prints none
     is_range   the paper gives a range, paper ± tolerance
     is_least   `paper` is the least that a claim asks for
+    low, high  95 % interval of `computed` where it is identified from a log; None elsewhere
     """
 
     id: str
@@ -28,6 +29,8 @@ class Row:
     printed: str
     is_range: bool = False
     is_least: bool = False
+    low: float | None = None
+    high: float | None = None
 
     @property
     def is_claim(self) -> bool:

@@ -26,6 +26,11 @@ def claims(rows: Iterable[Row]) -> list[tuple[str, str]]:
     return [(name, text[0].upper() + text[1:]) for name, _, text in (note.partition(": ") for note in notes)]
 
 
+def interval(row: Row) -> str:
+    """Of a number that is identified from a log; "" of others."""
+    return "" if row.low is None or row.high is None else f"95 % interval {digits(row.low)} to {digits(row.high, row.unit)}"
+
+
 def value_text(value: float | bool) -> str:
     """A number or a verdict; what is round-off is 0."""
     if isinstance(value, bool):
