@@ -3,9 +3,15 @@
 import typer
 
 from .identify_delay import delay
+from .identify_gains import gains
+from .identify_joint import joint
+from .identify_stiffness import stiffness
 
 identify = typer.Typer(name="identify", rich_markup_mode=None, context_settings={"help_option_names": ["-h", "--help"]})
 identify.command(name="delay", short_help="The delay of the torque, its jitter, and the current loop.")(delay)
+identify.command(name="joint", short_help="Inertias, stiffness, damping, friction and delay.")(joint)
+identify.command(name="gains", short_help="The gains that a firmware applies, beside those asked for.")(gains)
+identify.command(name="stiffness", short_help="Stiffness from a record with the output locked.")(stiffness)
 
 
 @identify.callback(invoke_without_command=True)

@@ -38,5 +38,5 @@ def delay(
             answer = torque_delay_answer(identify_delay(record))
         else:
             answer = setpoint_delay_answer(identify_setpoint_delay(record))
-    show(answer, logged, "Delay", as_json, {})
+    show(answer, logged, as_json)
     return 0

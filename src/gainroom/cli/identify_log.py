@@ -27,23 +27,30 @@ def joint_of_log(file: Path, options: "LogOptions") -> Iterator[tuple["LoggedJoi
             yield logged, progress
 
 
-def show(answer: "Answer", logged: "LoggedJoint", title: str, as_json: bool, files: Mapping[str, Path | None], *more: Any) -> None:
-    """On standard output: the sentence, the numbers, `more`, the `files` that were written by what they are, and the warnings."""
+def show(
+    answer: "Answer",
+    logged: "LoggedJoint",
+    as_json: bool,
+    *more: Any,
+    files: Mapping[str, Path | None] | None = None,
+    facts: Mapping[str, Any] | None = None,
+) -> None:
+    """On standard output: the sentence, the numbers, `more`, the `files` written, and the warnings; `facts`: more in JSON."""
     from ..report.estimates import TITLES
     from ..report.log_text import logged_facts, logged_remarks
 
     if as_json:
-        facts = answer.facts()
-        facts["warnings"] += logged_remarks(logged)
-        emit_json({**facts, "log": logged_facts(logged)})
+        all_of_it = {**answer.facts(), **(facts or {}), "log": logged_facts(logged)}
+        all_of_it["warnings"] += logged_remarks(logged)
+        emit_json(all_of_it)
         return
     emit(
         render(
             answer.sentence,
             "",
-            table(title, TITLES, answer.rows()),
+            table(answer.title, TITLES, answer.rows()),
             *more,
-            *(file_line(name, path) for name, path in files.items() if path is not None),
+            *(file_line(name, path) for name, path in (files or {}).items() if path is not None),
             *(f"Warning: {text}" for text in answer.warnings),
             *(f"Note: {text}" for text in logged_remarks(logged)),
         )

@@ -60,7 +60,12 @@ def parse_simulation(text: str, source: str) -> "JointSimulation":
 
 
 def _file(text: str, source: str) -> "JointFile":
-    return validate(JointFile, parse_as("joint", text, source, "testbed"), source)
+    file = validate(JointFile, parse_as("joint", text, source, "testbed"), source)
+    if file.identified is not None:  # only then is identification loaded
+        from .identified_section import IdentifiedSection
+
+        validate(IdentifiedSection, file.identified, source, "identified")
+    return file
 
 
 def _scenario(file: "JointFile", source: str) -> "ScenarioSection":
@@ -105,6 +110,7 @@ class JointFile(SystemFile[JointControlSection, JointUncertaintySection]):
 
     joint: JointSection = Field(description="the inertias and the gearbox")
     scenario: Any = Field(default_factory=dict, description="what happens to the joint: a ScenarioSection")
+    identified: Any = Field(None, description="where the numbers come from: an IdentifiedSection")
 
     def spec(self) -> System:
         """In SI units. Raises GainroomError where sections contradict each other."""

@@ -23,13 +23,14 @@ class Column:
 
     title        heading; "" for what is in JSON alone
     key          name in JSON, which carries the unit where that is not SI; "" for what is shown alone
-    value        row → what JSON holds: a number in the unit of `key`, a text or a list; None where there is none
+    value        row → what JSON holds: a number in the unit of `key`, a text, a list, an interval; None where there is none
     unit         shown behind the number
     definition   what it is, in a sentence without its subject
     significant  digits shown
     shown        row → the text shown, where that is not `value` with its unit
     at           row → the frequency [rad/s] that belongs to it
     margin       the field of Margins that it is, where a requirement may bound it
+    interval     row → the text of its 95 % interval; None where it has none
     """
 
     title: str
@@ -41,6 +42,7 @@ class Column:
     shown: Callable[[Any], str] | None = None
     at: Callable[[Any], float] | None = None
     margin: str = ""
+    interval: Callable[[Any], str] | None = None
 
     @property
     def requirement(self) -> str:

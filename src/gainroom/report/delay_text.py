@@ -66,7 +66,7 @@ def torque_delay_answer(found: TorqueDelay) -> Answer:
         sentence = f"The torque is {value} late ({low} to {high} ms), {digits(found.ticks.value)} ticks of {tick}."
     else:
         sentence = f"The log bounds the delay only: {low} to {high} ms, in ticks of {tick}."
-    return Answer(sentence, TORQUE_COLUMNS, found, found.warnings)
+    return Answer("Delay", sentence, TORQUE_COLUMNS, found, found.warnings)
 
 
 def setpoint_delay_answer(found: SetpointDelay) -> Answer:
@@ -80,4 +80,4 @@ def setpoint_delay_answer(found: SetpointDelay) -> Answer:
             f"{digits(1e3 * found.loop.high)} ms), and with that of the set-point {total}."
         )
     source = "no pair of torques is in the log: the delay is from set-point and position, and includes the current loop's lag"
-    return Answer(sentence, SETPOINT_COLUMNS, found, (source, *found.warnings))
+    return Answer("Delay", sentence, SETPOINT_COLUMNS, found, (source, *found.warnings))

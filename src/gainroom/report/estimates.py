@@ -16,19 +16,33 @@ TITLES = ("", "value", INTERVAL)
 
 
 def estimated(
-    title: str, key: str, estimate: Callable[[Any], Estimate | None], unit: str = "", scale: float = 1.0, definition: str = ""
+    title: str,
+    key: str,
+    estimate: Callable[[Any], Estimate | None],
+    unit: str = "",
+    scale: float = 1.0,
+    definition: str = "",
+    shown_in: tuple[str, float] | None = None,
 ) -> Column:
-    """A column whose value is {"value", "low", "high"} in `unit`, SI times `scale`; None where `estimate` has none."""
+    """A column whose value is {"value", "low", "high"} in `unit`, SI times `scale`; None where `estimate` has none.
 
-    def value(row: Any) -> dict[str, float] | None:
+    shown_in   another unit that people read, and SI's factor to it
+    """
+    shown_unit, shown_scale = (unit, scale) if shown_in is None else shown_in
+
+    def scaled(row: Any, factor: float) -> dict[str, float] | None:
         found = estimate(row)
-        return None if found is None else {name: scale * getattr(found, name) for name in ("value", "low", "high")}
+        return None if found is None else {name: factor * getattr(found, name) for name in ("value", "low", "high")}
 
     def shown(row: Any) -> str:
-        found = value(row)
-        return "–" if found is None else digits(found["value"], unit, told_digits(**found))
+        found = scaled(row, shown_scale)
+        return "–" if found is None else digits(found["value"], shown_unit, told_digits(**found))
 
-    return Column(title, key, value, unit, definition, shown=shown)
+    def interval(row: Any) -> str:
+        found = scaled(row, shown_scale)
+        return "" if found is None else interval_text(found["low"], found["high"])
+
+    return Column(title, key, lambda row: scaled(row, scale), unit, definition, shown=shown, interval=interval)
 
 
 def told_digits(value: float, low: float, high: float) -> int:
@@ -36,37 +50,40 @@ def told_digits(value: float, low: float, high: float) -> int:
     half = (high - low) / 2
     if not (half > 0 and math.isfinite(half) and value):
         return 4
-    return min(max(math.floor(math.log10(abs(value))) - math.floor(math.log10(half)) + 2, LEAST_DIGITS), MOST_DIGITS)
+    before_point = math.floor(math.log10(abs(value)))
+    return min(max(before_point - math.floor(math.log10(half)) + 2, min(before_point, 2) + 1, LEAST_DIGITS), MOST_DIGITS)
 
 
-def interval_text(column: Column, row: Any) -> str:
-    """Low and high end of an estimate; empty for what is none."""
-    found = column.value(row)
-    if not isinstance(found, dict):
-        return ""
-    low, high = (digits(found[end], "", told_digits(**{**found, "value": found[end]})) for end in ("low", "high"))
-    return f"{low} to {high}"
+def interval_text(low: float, high: float, unit: str = "") -> str:
+    """Two ends of an interval, with digits enough to tell them apart."""
+    return f"{digits(low, '', told_digits(low, low, high))} to {digits(high, unit, told_digits(high, low, high))}"
 
 
 @dataclass(frozen=True)
 class Answer:
     """What a command that identifies says.
 
-    sentence   the answer, and first of all whether it can be relied on
-    columns    its numbers, out of `found`
-    warnings   what the reader should know, of the fit and of the log
+    title        of its table
+    sentence     the answer, and first of all whether it can be relied on
+    columns      its numbers, out of `found`
+    parameters   those that stand together under this key in JSON, without those that there are none of
+    warnings     what the reader should know
     """
 
+    title: str
     sentence: str
     columns: Sequence[Column]
     found: Any
     warnings: tuple[str, ...] = ()
+    parameters: Sequence[Column] = ()
 
     def facts(self) -> dict[str, Any]:
         """In JSON."""
-        return {"sentence": self.sentence, **facts(self.columns, self.found), "warnings": list(self.warnings)}
+        together = {key: value for key, value in facts(self.parameters, self.found).items() if value is not None}
+        nested = {"parameters": together} if self.parameters else {}
+        return {"sentence": self.sentence, **facts(self.columns, self.found), **nested, "warnings": list(self.warnings)}
 
     def rows(self) -> list[tuple[str, str, str]]:
         """As TITLES says, of the numbers that there are."""
-        shown = [column for column in self.columns if column.title and column.value(self.found) is not None]
-        return [(column.title, column.text(self.found), interval_text(column, self.found)) for column in shown]
+        shown = [column for column in (*self.parameters, *self.columns) if column.title and column.value(self.found) is not None]
+        return [(column.title, column.text(self.found), "" if column.interval is None else column.interval(self.found)) for column in shown]

@@ -101,7 +101,8 @@ class CdrDecoder(Decoder):
         for prefix in ("header.stamp.", "stamp."):
             if f"{prefix}sec" in part.labels and f"{prefix}nanosec" in part.labels:
                 sec, nanosec = (numbers[:, order.index(f"{prefix}{name}")] for name in ("sec", "nanosec"))
-                return (sec - zero) + 1e-9 * nanosec if sec.any() or nanosec.any() else None
+                # As times of recording are: one moment on two topics is one number, and what is commanded there is what holds.
+                return ((sec - zero) * 1e9 + nanosec) / 1e9 if sec.any() or nanosec.any() else None
         return None
 
 

@@ -1,0 +1,78 @@
+"""gainroom identify gains: the gains that a firmware applies, beside those asked for."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .identify_log import joint_of_log, show
+from .log_options import Columns, End, GearRatio, Joints, LogFile, RateHz, RotorSide, Start, Units, log_options
+from .options import AsJson
+from .output import table
+
+GAINS = ("kp", "kd")
+
+
+def gains(
+    file: LogFile,
+    asked: Annotated[
+        str | None,
+        typer.Option(metavar="kp=…,kd=…", help="What the gains should be [N m/rad, N m s/rad]; or a joint.yaml. --gear-ratio helps too."),
+    ] = None,
+    columns: Columns = None,
+    units: Units = None,
+    rotor_side: RotorSide = None,
+    gear_ratio: GearRatio = None,
+    rate_hz: RateHz = None,
+    start: Start = None,
+    end: End = None,
+    joint: Joints = None,
+    as_json: AsJson = False,
+) -> int:
+    """The kp and kd that the firmware applies, joint side, from set-point, position and torque; and which unit makes them differ.
+
+    \b
+    Example:
+      gainroom identify gains run.csv --asked kp=1600,kd=70 --gear-ratio 100
+
+    Exit status: 0 done; 2 a file or the call is wrong, or the log cannot tell the gains.
+    """
+    wanted, ratio = _asked(asked, gear_ratio)
+    options = log_options(columns, units, rotor_side, gear_ratio, rate_hz, start, end, joint)
+    with joint_of_log(file, options) as (logged, _):
+        from ..identification import identify_gains
+        from ..report.gains_text import ASKED_TITLES, asked_rows, gains_answer
+
+        fit = identify_gains(logged.record, **wanted, gear_ratio=ratio)
+    more = [table("Beside what was asked for", ASKED_TITLES, asked_rows(fit, [*wanted.items()]))] if wanted else []
+    show(gains_answer(fit), logged, as_json, *more, facts={"asked": {name: wanted.get(name) for name in GAINS}})
+    return 0
+
+
+def _asked(text: str | None, gear_ratio: float | None) -> tuple[dict[str, float], float | None]:
+    """The gains that were asked for by name, and the gear ratio, from the options or from a joint.yaml. Raises GainroomError."""
+    if text is None:
+        return {}, gear_ratio
+    from ..errors import GainroomError
+
+    if "=" not in text:
+        from ..files.joint_yaml import load_joint
+
+        system = load_joint(Path(text))
+        controller = system.control.controller
+        if not controller.has_plane:
+            raise GainroomError(f"{text}: control.type: its gains have no kp and kd to compare with")
+        return dict(zip(GAINS, map(float, controller.plane_gains()), strict=True)), gear_ratio or system.entered.get("gear_ratio")
+    from ..files.logs.options import assignments
+    from ..io.validation import checked, number
+
+    found = {}
+    for name, value in assignments([text], "--asked").items():
+        if name not in GAINS:
+            raise GainroomError(f"--asked: {name!r} must be kp or kd")
+        try:
+            typed: object = float(value)
+        except ValueError:
+            typed = value
+        found[name] = checked(f"--asked: {name}", typed, number(above=0))
+    return found, gear_ratio

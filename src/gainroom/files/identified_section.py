@@ -1,0 +1,69 @@
+"""The section `identified` of a joint.yaml: what `gainroom identify joint` fitted, with its covariance, and from which log."""
+
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import BeforeValidator, Field, model_validator
+
+from ..identification.parameters import PARAMETERS
+from ..io.validation import LARGEST, Flag, Name, Section, refusal
+from ..io.yaml_text import shown
+from ..linear.arrays import Floats
+
+ROUND_OFF = 1e-6
+"""Of a correlation: what the digits that are written leave of symmetry and of an eigenvalue that is 0."""
+
+
+def _finite(value: object) -> float:
+    """A number of any size that is in use: variances are squares, and may be far smaller than what is measured."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise refusal(f"{shown(value)} is not a number")
+    if not abs(value) <= LARGEST**2:
+        raise refusal(f"{value} must be finite, and at most {LARGEST**2:g} in size")
+    return float(value)
+
+
+Signed = Annotated[float, BeforeValidator(_finite)]
+
+
+class IdentifiedSection(Section):
+    """Where the file's numbers come from. Units are SI on the joint side, the delay in s."""
+
+    log: Name = Field(description="the log's name")
+    date: Name = Field(description="when it was identified")
+    gainroom: Name = Field(description="the version that identified it")
+    model: Literal["rigid", "two-mass", "two-mass with friction"] = Field(description="the model that was fitted")
+    adequate: Flag = Field(description="whether the residuals hold nothing that the torque explains")
+    names: list[Name] = Field(description="of the parameters that were fitted", max_length=len(PARAMETERS))
+    values: list[Signed] = Field(description="of the parameters, in SI", max_length=len(PARAMETERS))
+    covariance: list[list[Signed]] = Field(description="of the parameters, in SI", max_length=len(PARAMETERS))
+
+    @model_validator(mode="after")
+    def _fits(self) -> "IdentifiedSection":
+        for index, name in enumerate(self.names):
+            if name not in PARAMETERS or name in self.names[:index]:
+                what = "is there twice" if name in PARAMETERS else f"must be one of {', '.join(PARAMETERS)}"
+                raise refusal(f"{shown(name)} {what}", key=f"names[{index}]")
+        count = len(self.names)
+        if len(self.values) != count:
+            raise refusal(f"{len(self.values)} values must be {count}, one per name", key="values")
+        if len(self.covariance) != count or any(len(row) != count for row in self.covariance):
+            raise refusal(f"must have {count} rows of {count} numbers, one per name", key="covariance")
+        if problem := problem_of(np.array(self.covariance).reshape(count, count)):
+            raise refusal(problem, key="covariance")
+        return self
+
+
+def problem_of(covariance: Floats) -> str:
+    """What keeps a matrix (p, p) from being a covariance; empty where nothing does."""
+    variances = np.diag(covariance)
+    if np.any(variances < 0):
+        return f"variance {variances.min():g} must be >= 0"
+    deviation = np.sqrt(np.outer(variances, variances))
+    if np.any(np.abs(covariance) > deviation * (1 + ROUND_OFF)):
+        return "must have no correlation beyond 1"
+    correlation = np.divide(covariance, deviation, out=np.zeros_like(covariance), where=deviation > 0)
+    if np.any(np.abs(correlation - correlation.T) > ROUND_OFF):
+        return "must be symmetric"
+    least = float(np.linalg.eigvalsh(correlation).min(initial=0.0))
+    return f"must have no eigenvalue below 0 (of its correlations the least is {least:.3g})" if least < -ROUND_OFF else ""
