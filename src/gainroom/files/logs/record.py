@@ -109,7 +109,7 @@ class JointLog:
     def record(self) -> Record:
         """What identification starts from: the even parts on one grid of ticks, a gap between two. Raises GainroomError where too short."""
         parts = self.even_parts()
-        if not parts:
+        if sum(len(part.time) for part in parts) < SHORTEST:
             raise GainroomError(f"{len(self.time)} rows are too few to identify anything; at least {SHORTEST} are needed")
         began = parts[0].time[0]
         # Each part begins on the tick nearest to its own: up to half a tick of a gap's length is not known to the ticks around it.
