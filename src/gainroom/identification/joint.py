@@ -280,7 +280,7 @@ class _Fitting:
             )
         parameters = self.model.estimates(best.parameters, variance)
         if name != "rigid":
-            parameters |= _resonances(best.parameters, variance)
+            parameters |= resonances(best.parameters, variance)
         if self.source.told is not None:
             parameters["delay"] = self.source.told.effective  # the fit's is what remains of it beside a current loop that is held
         scale = self.model.slopes(best.parameters)
@@ -291,7 +291,7 @@ class _Fitting:
         )  # fmt: skip
 
 
-def _resonances(point: Floats, variance: Floats) -> dict[str, Estimate]:
+def resonances(point: Floats, variance: Floats) -> dict[str, Estimate]:
     """From log J_M, log J_L, log K, the first three of the point."""
     motor, link, stiffness = np.exp(point[:3])
     share = motor / (motor + link)  # ω_r² = K (1/J_M + 1/J_L)

@@ -1,0 +1,130 @@
+"""The accuracy that a record will give, before it is made: the Cramér–Rao bound of the model that identification fits.
+
+A virtual log of the planned torque is made on the testbed; at the parameters that it was made with, the information of the predictions
+(likelihood.py) is what no unbiased estimate can beat, and what maximum likelihood reaches on long records (Ljung, System Identification,
+sec. 7.4). The delay's comes from the torques, as the current loop shows them. What identification adds to its intervals since no law of
+friction and no clock is exact is added here too.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import GainroomError
+from ..linear.arrays import Floats
+from ..simulation import Friction, Run, Scenario, Testbed, simulate
+from ..system.system import System
+from .current_loop import DAMPING, SPEED, Response
+from .delay import FLOOR
+from .estimate import quantile
+from .joint import DELAY_FLOOR, FREEDOM, MODEL_ERROR, resonances
+from .joint_model import JointModel
+from .likelihood import maximize
+from .motion import motion_of
+from .prediction import Signals, prediction_errors
+
+FASTEST = 20.0  # radians per tick: a current loop beyond it is over within the tick
+MOVED = 1e-3  # of a tick, or of a logarithm, for differences
+DRIFT, TURNING = 1e-3, 0.3  # of the torque noise and of friction: random walk per tick, and what no law of friction says near standstill
+LEAST_NOISE = 1e-6  # of the torque: a record without any is none
+NAMES = ("motor_inertia", "link_inertia", "stiffness", "damping", "resonance", "antiresonance", "delay")
+"""What is promised. Not friction: how well that is known hangs on how far its law is from Coulomb's."""
+
+
+@dataclass(frozen=True)
+class Hardware:
+    """What stands between a joint and its log.
+
+    friction        Coulomb's, on the motor [N m]
+    encoder_step    [rad] on the joint side
+    torque_noise    standard deviation [N m] of the measured torque, and of the torque that acts beside the command
+    """
+
+    friction: float
+    encoder_step: float
+    torque_noise: float
+
+
+def virtual_log(system: System, torque: Floats, hardware: Hardware, seed: int = 0) -> Run:
+    """A run of the testbed under feed-forward `torque` (m,) [N m], held at 0 by the system's controller."""
+    tick = system.control.sample_time
+    assert tick is not None
+    bed = Testbed(
+        system.loop(),
+        motor_friction=Friction(hardware.friction),
+        motor_resolution=hardware.encoder_step,
+        link_resolution=hardware.encoder_step,
+        substep=tick / 4,
+    )
+    ripple = hardware.torque_noise * np.random.default_rng([seed, 2]).standard_normal((len(torque), 1))
+    return simulate(bed, Scenario(0.0, (len(torque) - 1) * tick, feedforward=torque[:, None], motor_torque=ripple, seed=seed))
+
+
+def expected_widths(system: System, torque: Floats, hardware: Hardware) -> Mapping[str, float]:
+    """Half-widths of the 95 % intervals to expect, relative to the values, by NAMES.
+
+    Raises GainroomError where the virtual log diverges.
+    """
+    run = virtual_log(system, torque, hardware)
+    if run.diverged:
+        raise GainroomError("plan: the joint diverges in simulation under this torque")
+    joint, drive, tick = system.source, system.drives[0], run.sample_time
+    target, side = run.target_torque[:, 0], ("motor", "link").index(run.feedback)
+    late = delay_error(target, drive.bandwidth * tick, drive.damping_ratio, drive.delay / tick, hardware.torque_noise)
+    motion = motion_of(run.measured, False, tick, joint)
+    signals = Signals(target, False, run.measured, (side,), motion, tick)
+    model = JointModel.of(target, run.measured, drive, tick, True, True, True)
+    point = model.start(joint, drive.delay, signals)
+    noise = max(hardware.torque_noise / model.torque, LEAST_NOISE)
+    known = {
+        "coulomb": hardware.friction / model.torque,
+        "noise torque": math.log(noise),
+        "noise drift": math.log(DRIFT * noise),
+        "noise turning": math.log(max(TURNING * hardware.friction / model.torque, noise)),
+        "noise reading 0": math.log(hardware.encoder_step / math.sqrt(12)),
+    }
+    point = np.array([known.get(name, value) for name, value in zip(model.names, point, strict=True)])
+
+    def predict(point: Floats) -> tuple[Floats, Floats]:
+        errors, variances, _ = prediction_errors(signals, *model.parts(point))
+        return errors.ravel(), variances.ravel()
+
+    *_, settled = prediction_errors(signals, *model.parts(point))
+    used = np.ones(len(target))
+    used[: min(settled, len(used) // 3)] = 0.0
+    prior = np.stack(model.prior(point, (drive.delay / tick, math.hypot(late, DELAY_FLOOR))))
+    found = maximize(predict, point, used, prior, iterations=0)
+    variance = np.linalg.inv(found.information + np.diag(prior[1])) + model.law_error(point, MODEL_ERROR)
+    estimates = model.estimates(point, variance) | resonances(point, variance)
+    delay = quantile(FREEDOM) * math.hypot(late, FLOOR) * tick / drive.delay if drive.delay else math.inf
+    return {name: delay if name == "delay" else abs(estimates[name].half_width / estimates[name].value) for name in NAMES}
+
+
+def delay_error(target: Floats, speed: float, damping: float, delay: float, noise: float) -> float:
+    """Standard error [ticks] of the delay between `target` (m,) [N m] and an actual torque with white `noise` [N m].
+
+    speed, damping   ω_c in radians per tick and ζ of the current loop, which are fitted too, with a gain and an offset
+    """
+    point = np.array([delay, math.log(min(speed, FASTEST)), math.log(damping)])
+    changes = np.diff(target, prepend=target[0])
+
+    def actual(point: Floats) -> Floats:
+        kernel = Response(point[0], math.exp(point[1]), math.exp(point[2])).kernel()
+        return target[0] + np.convolve(changes, np.append(kernel, 1.0))[: len(target)] + _settled(changes, len(kernel) + 1)
+
+    steps = MOVED * np.eye(3)
+    slopes = [(actual(point + step) - actual(point - step)) / (2 * MOVED) for step in steps]
+    columns = np.column_stack([*slopes, actual(point), np.ones(len(target))])
+    information = columns.T @ columns / max(noise, LEAST_NOISE * float(np.std(target))) ** 2
+    information[1, 1] += SPEED[1] ** -2
+    information[2, 2] += DAMPING[1] ** -2
+    scale = np.sqrt(np.diag(information))
+    return float(np.linalg.inv(information / np.outer(scale, scale))[0, 0] ** 0.5 / scale[0])
+
+
+def _settled(changes: Floats, ticks: int) -> Floats:
+    """(m,) the sum of the changes that are older than `ticks`."""
+    total = np.cumsum(changes)
+    return np.concatenate([np.zeros(min(ticks, len(total))), total[:-ticks]])[: len(total)]
