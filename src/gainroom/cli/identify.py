@@ -5,6 +5,7 @@ import typer
 from .identify_delay import delay
 from .identify_gains import gains
 from .identify_joint import joint
+from .identify_plan import plan
 from .identify_stiffness import stiffness
 
 identify = typer.Typer(name="identify", rich_markup_mode=None, context_settings={"help_option_names": ["-h", "--help"]})
@@ -12,6 +13,7 @@ identify.command(name="delay", short_help="The delay of the torque, its jitter, 
 identify.command(name="joint", short_help="Inertias, stiffness, damping, friction and delay.")(joint)
 identify.command(name="gains", short_help="The gains that a firmware applies, beside those asked for.")(gains)
 identify.command(name="stiffness", short_help="Stiffness from a record with the output locked.")(stiffness)
+identify.command(name="plan", short_help="What to run on the joint before, and the accuracy to expect.")(plan)
 
 
 @identify.callback(invoke_without_command=True)

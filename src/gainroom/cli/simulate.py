@@ -33,6 +33,10 @@ def simulate(
     as_json: AsJson = False,
     report: Report = None,
     log: Annotated[Path | None, typer.Option("--log", metavar="LOG", help="Also write every tick: .csv, .parquet or .mcap.")] = None,
+    feedforward: Annotated[
+        Path | None,
+        typer.Option("--feedforward", metavar="LOG", help="Hold the joint under this target_torque, as of `gainroom identify plan`."),
+    ] = None,
     gain: Annotated[float, number_option("--gain", "", "Multiply all gains by this.", metavar="FACTOR")] = 1.0,
 ) -> int:
     """Simulate the scenario of a joint or a robot: how well it tracks, and whether it vibrates or diverges.
@@ -48,7 +52,7 @@ def simulate(
 
     if not 1e-6 <= gain <= 1e6:  # not a number is refused too
         raise GainroomError(f"--gain: {gain:g} must be a factor from 1e-06 to 1e+06")
-    spec = _load(file)
+    spec = _load(file, feedforward)
     with report_stream(report, log) as page:
         outcome = _simulated(spec, gain, log)
         if as_json:
@@ -58,21 +62,26 @@ def simulate(
         if page is not None:
             from ..report.simulation import simulation_page
 
-            factor = ("--gain", repr(gain).removesuffix(".0")) if gain != 1 else ()
-            page.write(simulation_page(outcome, command_line("simulate", file, *factor, "--report", report)))
+            given = ("--gain", repr(gain).removesuffix(".0")) if gain != 1 else ()
+            given += ("--feedforward", feedforward) if feedforward is not None else ()
+            page.write(simulation_page(outcome, command_line("simulate", file, *given, "--report", report)))
     return 0 if outcome.sound else 1
 
 
-def _load(file: Path) -> "SimulationSpec":
+def _load(file: Path, feedforward: Path | None) -> "SimulationSpec":
     """What the file describes."""
     if kind_of(file) == "robot":
+        if feedforward is not None:
+            from ..errors import GainroomError
+
+            raise GainroomError(f"--feedforward: {feedforward} is one joint's torque, and {file} describes a robot")
         from ..files.robot_yaml import load_robot_system
         from ..simulation.robot_simulation import RobotSimulation
 
         return RobotSimulation.of(load_robot_system(file))
     from ..files.joint_yaml import load_simulation
 
-    return load_simulation(file)
+    return load_simulation(file, feedforward)
 
 
 def _simulated(spec: "SimulationSpec", gain: float, log: Path | None) -> "Outcome":

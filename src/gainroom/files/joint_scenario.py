@@ -1,20 +1,25 @@
 """The scenario section of joint.yaml: reference, disturbances, and hardware effects beyond the linear model."""
 
 import math
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
 from ..errors import GainroomError
 from ..io.validation import NotNegative, Positive, PositiveOrInfinite, Section, number, refusal, typed
+from ..linear.arrays import Floats
 from ..simulation import Chirp, Friction, Multisine, Scenario, Spline, Step, Trajectory
 from ..simulation.simulation_spec import JointSimulation
 from ..system.system import System
+from .logs import read_log
 from .system_sections import rad_per_s
 
 FURTHEST_REFERENCE = 1000.0  # [rad] that a reference may reach; a run has diverged at ten times as much
 LONGEST_RUN = 3600.0  # [s]
 MOST_SINES = 200
+SAME_TICK = 1e-3  # relative: what the rows of a torque file may be apart otherwise than the controller's ticks
 
 Angle = Annotated[float, number(least=-FURTHEST_REFERENCE, most=FURTHEST_REFERENCE)]
 Size = Annotated[float, number(least=0, most=FURTHEST_REFERENCE)]
@@ -193,6 +198,7 @@ class ScenarioSection(Section):
 
     duration: Duration = 2.0
     reference: Reference = MoveSection(type="cubic", by=0.1, duration=0.5)
+    feedforward: Annotated[str, Field(min_length=1, max_length=4096)] | None = Field(None, description="a log's target_torque")
     disturbance: DisturbanceSection | None = None
     noise: Annotated[float, number(least=0, most=1)] = 0.0
     seed: Seed = 0
@@ -220,8 +226,13 @@ class ScenarioSection(Section):
                 raise refusal(f"{start:g} s must be before the run ends: scenario.duration is {self.duration:g} s", key=f"{name}.start")
         return self
 
-    def spec(self, joint: System) -> JointSimulation:
-        """With its joint, in SI. Raises GainroomError where the two do not go together."""
+    def under(self, torque: Path) -> "ScenarioSection":
+        """The same joint held at 0, under the torque of a file, for as long as that lasts."""
+        others = self.model_dump(exclude_unset=True, exclude={"duration", "reference"})
+        return ScenarioSection.model_validate(others | {"feedforward": str(torque.absolute())})
+
+    def spec(self, joint: System, folder: Path = Path()) -> JointSimulation:
+        """With its joint, in SI; `folder`: of the file. Raises GainroomError where the two do not go together."""
         if 1e-3 * self.jitter_ms > joint.delay:
             raise GainroomError(f"scenario.jitter_ms: {self.jitter_ms:g} must be <= the drive's delay, {1e3 * joint.delay:g} ms")
         highest = math.inf if joint.control.sample_time is None else math.pi / joint.control.sample_time
@@ -232,13 +243,22 @@ class ScenarioSection(Section):
                 f"{highest:.6g} rad/s ({highest / (2 * math.pi):g} Hz)"
             )
         torque = 0.0 if disturbance is None else Step(disturbance.torque, disturbance.start)
-        scenario = Scenario(reference, self.duration, link_torque=torque, noise=self.noise, seed=self.seed)
-        return JointSimulation.of(joint, scenario, self._hardware(), self._described())
+        forward, duration = 0.0, self.duration
+        if self.feedforward is not None and joint.control.sample_time is not None:
+            forward = _torque_of(folder / self.feedforward, joint.control.sample_time)
+            if "duration" not in self.model_fields_set:
+                duration = (len(forward) - 1) * joint.control.sample_time
+            if "reference" not in self.model_fields_set:
+                reference = Step(0.0)
+        scenario = Scenario(reference, duration, feedforward=forward, link_torque=torque, noise=self.noise, seed=self.seed)
+        return JointSimulation.of(joint, scenario, self._hardware(), self._described(duration))
 
-    def _described(self) -> dict[str, str]:
-        """The reference, and every key that is not at its default, as text."""
+    def _described(self, duration: float) -> dict[str, str]:
+        """The reference, and every key that is not at its default, as text; `duration` [s] as it is."""
         data = self.model_dump(exclude_defaults=True)
-        data = {"duration": self.duration, "reference": self.reference.model_dump(exclude_none=True), **data}
+        held = self.feedforward is not None and "reference" not in self.model_fields_set
+        reference = {"type": "hold"} if held else self.reference.model_dump(exclude_none=True)
+        data = {"duration": duration, "reference": reference, **data}
         for side, friction in data.pop("friction", {}).items():
             data[f"friction.{side}"] = friction
         words = {name: value if isinstance(value, dict) else {"": value} for name, value in data.items()}
@@ -257,3 +277,19 @@ class ScenarioSection(Section):
             if section is not None:
                 found[f"{side}_friction"] = section.friction()
         return found
+
+
+def _torque_of(path: Path, tick: float) -> Floats:
+    """(k, 1) the target torque of a log [N m], one row per tick of `tick` [s]. Raises GainroomError."""
+    log = read_log(path).joint()
+    if "target_torque" not in log.channels:
+        raise GainroomError(f"{path}: has no target_torque, which scenario.feedforward needs")
+    spans = np.diff(log.time)
+    if len(spans) and float(np.abs(spans - tick).max()) > SAME_TICK * tick + 1e-9 * abs(float(log.time[-1])):
+        raise GainroomError(
+            f"{path}: its rows are {spans.min():.6g} to {spans.max():.6g} s apart; a feed-forward torque needs a row for every tick of the "
+            f"controller, {tick:.6g} s (control.sample_rate_hz: {1 / tick:.6g})"
+        )
+    if len(log.time) * tick > LONGEST_RUN:
+        raise GainroomError(f"{path}: lasts {len(log.time) * tick:g} s, and a run at most {LONGEST_RUN:g} s")
+    return log.channels["target_torque"][:, None]

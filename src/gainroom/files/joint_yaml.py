@@ -42,21 +42,25 @@ def parse_joint(text: str, source: str) -> System:
         return file.spec()
 
 
-def load_simulation(path: Path) -> "JointSimulation":
-    """As load_joint: the joint with its scenario, the usual one where the file has none."""
-    return parse_simulation(read_text(path), str(path))
+def load_simulation(path: Path, feedforward: Path | None = None) -> "JointSimulation":
+    """As load_joint: the joint with its scenario, the usual one where the file has none.
+
+    feedforward   a log: the joint is held at 0 under its target_torque, for as long as that lasts
+    """
+    return parse_simulation(read_text(path), str(path), feedforward)
 
 
-def parse_simulation(text: str, source: str) -> "JointSimulation":
+def parse_simulation(text: str, source: str, feedforward: Path | None = None) -> "JointSimulation":
     """As load_simulation, for the text of a file that messages call `source`."""
     file = _file(text, source)
     scenario = _scenario(file, source)
+    scenario = scenario if feedforward is None else scenario.under(feedforward)
     from ..simulation.simulation_spec import NO_RATE
 
     with named(source):
         if file.control.sample_rate_hz is None:  # else a delay in ticks would ask for another remedy
             raise GainroomError(NO_RATE)
-        return scenario.spec(file.spec())
+        return scenario.spec(file.spec(), Path(source).parent)
 
 
 def _file(text: str, source: str) -> "JointFile":

@@ -52,7 +52,7 @@ def excitation(kind: Kind, first: float, last: float, duration: float, sample_ti
         values *= np.exp(tilt * growth * (time / duration - 1))
         frequencies = np.array([first, last])
     else:
-        # One long period, not many short ones: what encoders round off in a period comes again in the next, and averages do not take it out.
+        # One long period, not many short ones: what encoders round off comes again in every period, and averages do not take it out.
         repeats = math.ceil(duration / LONGEST_PERIOD)
         ticks = int(next_fast_len(math.ceil((count + 1) / repeats), real=True))  # type: ignore[arg-type]
         base = 2 * math.pi / (ticks * sample_time)
@@ -63,7 +63,7 @@ def excitation(kind: Kind, first: float, last: float, duration: float, sample_ti
     ramp = 0.5 - 0.5 * np.cos(np.pi * np.arange(ends) / ends)
     values[:ends] *= ramp
     values[-ends:] *= ramp[::-1]
-    return Excitation(time, values / np.abs(values).max(), frequencies)
+    return Excitation(time, values / np.abs(values).max() + 0.0, frequencies)  # + 0: no −0 in a file
 
 
 def of_low_peak(lines: Integers, amplitudes: Floats, count: int) -> Floats:

@@ -68,8 +68,8 @@ def expected_widths(system: System, torque: Floats, hardware: Hardware) -> Mappi
     Raises GainroomError where the virtual log diverges.
     """
     run = virtual_log(system, torque, hardware)
-    if run.diverged:
-        raise GainroomError("plan: the joint diverges in simulation under this torque")
+    if run.diverged or not np.ptp(run.measured):
+        raise GainroomError(f"plan: under this torque the simulated joint {'diverges' if run.diverged else 'does not move: allow more'}")
     joint, drive, tick = system.source, system.drives[0], run.sample_time
     target, side = run.target_torque[:, 0], ("motor", "link").index(run.feedback)
     late = delay_error(target, drive.bandwidth * tick, drive.damping_ratio, drive.delay / tick, hardware.torque_noise)

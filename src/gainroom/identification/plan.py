@@ -7,6 +7,7 @@ that the motion is an upper bound. As motion is proportional to torque, one run 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
@@ -92,6 +93,11 @@ class Plan:
         """(m,) feed-forward torque at excitation.time [N m]."""
         return self.amplitude * self.excitation.torque
 
+    def span(self, name: Literal["antiresonance", "resonance"]) -> tuple[float, float]:
+        """The lowest and the highest over the cases [rad/s]."""
+        values = [getattr(case.source, name) for case in _cases(self.system)]
+        return min(values), max(values)
+
 
 def plan_excitation(
     system: System,
@@ -133,14 +139,13 @@ def plan_excitation(
             "torque_noise": ASSUMED_NOISE * size if torque_noise is None else torque_noise,
         }
         hardware = Hardware(**given)
+        _require_motion(shape, hardware, size)
         plans.append((_expected(cases, shape, hardware), shape, hardware, size))
     expected, shape, hardware, size = min(plans, key=lambda plan: plan[0].get("stiffness", math.inf))
     assumed = tuple(
-        name
-        for name, value in (("friction", friction), ("encoder_step", encoder_step), ("torque_noise", torque_noise))
-        if value is None
+        name for name, value in (("friction", friction), ("encoder_step", encoder_step), ("torque_noise", torque_noise)) if value is None
     )
-    _require_told(shape, hardware, expected, size)
+    _require_told(shape, expected)
     warnings = _warnings(system, tick, hardware, size)
     return Plan(
         system, kind, shape.excitation, shape.amplitude, bounds, shape.binding, shape.reached, shape.run, closed, hardware, assumed,
@@ -155,9 +160,13 @@ def _band(system: System, duration: float) -> tuple[float, float, float]:
     if tick is None:
         raise GainroomError("plan: control.sample_rate_hz is missing: the excitation has one torque per tick")
     if not math.isfinite(joint.stiffness):
-        raise GainroomError("plan: joint.stiffness is .inf: the plan goes around the resonance; give a rough stiffness, its range under uncertainty")
+        raise GainroomError(
+            "plan: joint.stiffness is .inf: the plan goes around the resonance; give a rough stiffness, its range under uncertainty"
+        )
     if not math.isfinite(joint.link_inertia):
-        raise GainroomError("plan: joint.link_inertia is .inf: a locked joint has no resonance between two masses; see gainroom identify stiffness")
+        raise GainroomError(
+            "plan: joint.link_inertia is .inf: a locked joint has no resonance between two masses; see gainroom identify stiffness"
+        )
     if system.drives[0].delay > LONGEST:
         raise GainroomError(f"plan: the delay {system.drives[0].delay:g} s must be <= {LONGEST:g} s")
     if not SHORTEST <= duration / tick <= MOST_TICKS:
@@ -174,8 +183,8 @@ def _band(system: System, duration: float) -> tuple[float, float, float]:
     first = max(BELOW * lowest, 2 * math.pi * FEWEST_PERIODS / duration)
     if first > 0.8 * lowest:
         raise GainroomError(
-            f"plan: in {duration:g} s the antiresonance at {lowest / 2 / math.pi:.3g} Hz has {duration * lowest / 2 / math.pi:.2g} periods; "
-            f"a duration of at least {FEWEST_PERIODS / 0.8 * 2 * math.pi / lowest:.3g} s is needed"
+            f"plan: in {duration:g} s the antiresonance at {lowest / 2 / math.pi:.3g} Hz has {duration * lowest / 2 / math.pi:.2g} "
+            f"periods; a duration of at least {FEWEST_PERIODS / 0.8 * 2 * math.pi / lowest:.3g} s is needed"
         )
     return tick, first, min(max(ABOVE * max(one.resonance for one in joints), DELAY_BAND * 2 * math.pi / tick), highest)
 
@@ -227,25 +236,29 @@ def _expected(cases: list[System], shape: _Shape, hardware: Hardware) -> dict[st
     return {name: max(one.get(name, 0.0) for one in found) for name in found[0]}
 
 
-def _require_told(shape: _Shape, hardware: Hardware, expected: Mapping[str, float], size: float) -> None:
-    """Raise GainroomError where identification would refuse the log, or find no stiffness in it."""
-    more = f"allow more {shape.binding}, which binds, or a longer duration"
+def _require_motion(shape: _Shape, hardware: Hardware, size: float) -> None:
+    """Raise GainroomError where friction or the encoder's steps would swallow the motion."""
     if size < LEAST_OVER_FRICTION * hardware.friction:
         raise GainroomError(
             f"plan: the torque of {size:.3g} N·m (root mean square) must be at least {LEAST_OVER_FRICTION:g} times friction, "
-            f"{hardware.friction:g} N·m, to move the joint: {more}"
+            f"{hardware.friction:g} N·m, to move the joint: allow more {shape.binding}, which binds"
         )
     span = float(np.ptp(shape.run.measured))
     if span < LEAST_STEPS * hardware.encoder_step:
         raise GainroomError(
             f"plan: the joint would move by {span:.3g} rad, {LEAST_STEPS} steps of its encoder ({hardware.encoder_step:.3g} rad) are "
-            f"needed: {more}"
+            f"needed: allow more {shape.binding}, which binds"
         )
+
+
+def _require_told(shape: _Shape, expected: Mapping[str, float]) -> None:
+    """Raise GainroomError where identification would refuse the log, or find no stiffness in it."""
     # Of normal errors 2 standard errors make a half-width.
     for name, most in (("stiffness", 2 * MOST_RELATIVE), ("motor_inertia", 4 * MOST_INERTIA), ("link_inertia", 4 * MOST_INERTIA)):
         if not expected[name] < most:
             raise GainroomError(
-                f"plan: the log would tell {name.replace('_', ' ')} to ± {100 * expected[name]:.0f} % only: {more}, or a finer encoder"
+                f"plan: the log would tell {name.replace('_', ' ')} to ± {100 * expected[name]:.0f} % only: allow more {shape.binding}, "
+                "which binds, a longer duration, or a finer encoder"
             )
 
 

@@ -17,7 +17,7 @@ from .oscillation import rows_after
 from .run import BLOCK, simulate, stream
 from .run_record import LOGGED, STEADY_SHARE, Run
 from .scenario import MOST_TICKS
-from .trajectories import Held
+from .trajectories import Held, Trajectory
 
 if TYPE_CHECKING:
     from ..robot.ground import Footing
@@ -133,6 +133,11 @@ def refuse_odd_run(duration: float, sample_time: float, most: int) -> None:
         raise GainroomError(f"scenario.duration: {duration:g} s are {ticks} ticks of {sample_time:g} s, of which a run has at most {most}")
 
 
+def _end_of(torque: Any, sample_time: float) -> float:
+    """[s] from which on a Trajectory, or values tick by tick, are constant."""
+    return torque.end if isinstance(torque, Trajectory) else (len(torque) - 1) * sample_time
+
+
 @dataclass(frozen=True, kw_only=True)
 class JointSimulation(SimulationSpec):
     """A joint, its hardware and a scenario.
@@ -170,7 +175,7 @@ class JointSimulation(SimulationSpec):
             duration=scenario.duration,
             sample_time=sample_time,
             joint_names=joint.joint_names,
-            moves_until=scenario.reference.end,
+            moves_until=max(scenario.reference.end, _end_of(scenario.feedforward, sample_time)),
             disturbed_from=scenario.link_torque.end,
             fastest=scenario.reference.fastest,
             noise=noise,
