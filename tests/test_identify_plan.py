@@ -108,7 +108,7 @@ def test_the_delay_s_error_is_that_of_the_current_loop_s_transfer_function():
     terms = loop * np.exp(-1j * aliases * delay) * (1 - np.exp(-1j * omega)) / (1j * aliases)
     logarithmic = (-1j * aliases, (2 * damping * u + 2 * u * u) * loop, -2 * damping * u * loop, np.ones_like(u))
     slopes = np.stack([(terms * slope).sum(axis=0) for slope in logarithmic])
-    information = (slopes @ slopes.conj().T).real * count / 2 / noise**2
+    information = np.real(slopes @ slopes.conj().T) * count / 2 / noise**2
     information += np.diag([0.0, 1.0, 0.25**-2, 0.0])  # what identification knows beforehand of log ω_c and log ζ
     expected = math.sqrt(np.linalg.inv(information)[0, 0])
     assert delay_error(target, speed, damping, delay, noise) == pytest.approx(expected, rel=0.01)
