@@ -15,12 +15,13 @@ from ..report.number_format import (
     quantity,
     typed_gains,
 )
-from .options import AsJson, Report, command_line, report_stream
+from .options import AsJson, Report, Verbose, command_line, report_stream
 from .output import emit, emit_json, file_line, render, table
 
 if TYPE_CHECKING:
     from ..analysis.margins import Margins
     from ..design.joint_gains import Recommendation
+    from ..design.uncertainty_cost import UncertaintyCost
     from ..studies.joint import JointStudy
 
 
@@ -30,6 +31,7 @@ def joint(
         typer.Argument(metavar="FILE", help="A joint.yaml; `gainroom example testbed` prints one.", show_default=False),
     ],
     as_json: AsJson = False,
+    verbose: Verbose = False,
     report: Report = None,
 ) -> int:
     """Stability of a joint, its margins, what limits its gains, and recommended gains.
@@ -50,7 +52,7 @@ def joint(
         if as_json:
             emit_json(_facts(study))
         else:
-            emit(_terminal(study, report))
+            emit(_terminal(study, report, verbose))
         if page is not None:
             from ..report import joint_page
 
@@ -84,13 +86,14 @@ def _facts(study: "JointStudy") -> dict[str, Any]:
         "unmet": list(study.unmet),
         "worst": facts(margin_columns(), study.in_range.margins),
         "required": required_facts(requirements),
-        "recommended": None if recommended is None else _recommended_facts(recommended),
+        "recommended": None if recommended is None else _recommended_facts(study, recommended),
+        "uncertainty_cost": None if study.uncertainty_cost is None else _cost_facts(study.uncertainty_cost),
         "rule": {"kp": rule.kp, "kd": rule.kd, "stable": rule.margins.stable, "margins": facts(margin_columns(), rule.margins)},
         "warnings": list(warnings(study)),
     }
 
 
-def _recommended_facts(recommended: "Recommendation") -> dict[str, Any]:
+def _recommended_facts(study: "JointStudy", recommended: "Recommendation") -> dict[str, Any]:
     from ..report.columns import facts, margin_columns
 
     controller = recommended.controller
@@ -103,15 +106,24 @@ def _recommended_facts(recommended: "Recommendation") -> dict[str, Any]:
         "nominal": facts(margin_columns(), recommended.nominal),
         "worst_case": recommended.worst_case,
         "binding": recommended.binding,
-        "costs": recommended.costs,
+        "costs": recommended.costs | ({} if study.exact is None or study.cost is None else {"uncertainty": study.exact.kp}),
         "checked": recommended.certificate,
         "proved": recommended.proved,
     }
 
 
-def _terminal(study: "JointStudy", report: Path | None) -> str:
+def _cost_facts(found: "UncertaintyCost") -> dict[str, Any]:
+    return {
+        "cost": found.cost,
+        "exact": {"kp": found.exact.kp, "kd": found.exact.kd},
+        "known_exactly": [{"name": one.name, "kp": one.kp, "kd": one.kd, "proved": one.proved} for one in found.known],
+    }
+
+
+def _terminal(study: "JointStudy", report: Path | None, verbose: bool) -> str:
+    """`verbose`, or with a report, which has it too: also which parameter to measure better."""
     from ..report.columns import bounded_columns
-    from ..report.joint_text import sentence, warnings
+    from ..report.joint_text import sentence, uncertainty_cost_text, warnings
 
     model, bounded = model_in_words(study.system.control.sample_time), [column.title for column in bounded_columns()]
     ranges = "; met: at the worst of the ranges" if study.system.uncertainty.names else ""
@@ -126,6 +138,7 @@ def _terminal(study: "JointStudy", report: Path | None) -> str:
         if len(controller.gain_names()) > 2:  # the table has two columns of gains
             parts.append(f"Recommended controller: {typed_gains(controller)}.")
         parts.append(_limits_text(study.recommended))
+    parts += filter(None, [uncertainty_cost_text(study, ranked=verbose or report is not None)])
     parts.append("10 Hz rule: kp = J ω², kd = 2 ζ J ω with ω = 2π·10 rad/s, ζ = 2, J the motor inertia.")
     if report is not None:
         parts.append(file_line("Report", report))
@@ -137,18 +150,16 @@ def _limits_text(recommended: "Recommendation") -> str:
     """The requirement that limits kp, and the largest kp without each."""
     from ..system.requirements import title_of
 
-    words = {name: f"without the {title_of(name)}" for name in recommended.costs} | {"uncertainty": "with exact parameters"}
+    words = {name: f"without the {title_of(name)}" for name in recommended.costs}
     kp_name, _ = plane_names(recommended.controller)
     worst = ", ".join(quantity(name, value) for name, value in recommended.worst_case.items())
     parts = [f"Recommended gains are limited by the {recommended.held_back_by()}" + (f" (worst case: {worst})." if worst else ".")]
     felt = ", ".join(f"{digits(kp, 'N·m/rad')} {words[name]}" for name, kp in recommended.felt.items())
     if felt:
         parts.append(f"The largest {kp_name} would be {felt}.")
-    idle = [words[name].removeprefix("without ") for name in recommended.costs if name not in recommended.felt and name != "uncertainty"]
+    idle = [words[name].removeprefix("without ") for name in words if name not in recommended.felt]
     if idle:
         parts.append(f"Without {' or '.join(idle)} alone it would be the same.")
-    if "uncertainty" in recommended.costs and "uncertainty" not in recommended.felt:
-        parts.append("The uncertainty costs nothing.")
     return " ".join([*parts, f"Checked: {recommended.certificate}."])
 
 

@@ -51,7 +51,7 @@ class Recommendation:
     worst         every margin in the case looked at where that margin is smallest: they may come from different cases
     nominal       margins at the nominal values
     binding       the requirement without which kp could go highest; where dropping any one alone gains nothing, the tightest
-    costs         largest kp if one requirement were dropped (by its name), or if nothing were uncertain ("uncertainty") [N m/rad]
+    costs         largest kp if one requirement were dropped, by its name [N m/rad]; what the uncertainty costs: uncertainty_cost.py
     certificate   what has been checked, in words
     proved        the requirements hold for every joint within the uncertainty; False: at those that were looked at
     """
@@ -75,7 +75,7 @@ class Recommendation:
 
     def held_back_by(self) -> str:
         """The requirement that binds in words, or all of them where dropping any one alone gains nothing."""
-        asked = [title_of(name) for name in self.costs if name != "uncertainty"]
+        asked = [title_of(name) for name in self.costs]
         if self.binding in self.felt or len(asked) == 1:
             return title_of(self.binding)
         return f"{', '.join(asked[:-1])} and {asked[-1]} together"
@@ -172,8 +172,6 @@ class _Search:
         costs = {name: self.cost(kp, [other for other in asked if other != name], self.active) for name in asked}
         short = self.requirements.shortfalls(worst)
         binding = max(asked, key=lambda name: (costs[name] if costs[name] >= (1 + COST_ACCURACY) * kp else kp, short[name]))
-        if self.uncertainty.names:
-            costs["uncertainty"] = self.cost(kp, asked, [self.region(self.case(NOMINAL))])
         nominal = self.margins([NOMINAL], kp, kd)[0]
         case = self.case(place)
         return Recommendation(
@@ -279,11 +277,19 @@ class _Search:
             return None
         for _ in range(5):  # the first search is as good as its grid; this one is exact
             trials = np.unique([_rounded_down(kp * 0.9989**k) for k in range(8)])[::-1]
-            for some in np.split(trials, [1, 3]):  # mostly the first will do
-                for trial, allowed in zip(some, self.allowed(self.active, some, self.requirements.asked, polish=True), strict=True):
-                    if len(allowed):
-                        return float(trial), self.best_kd(float(trial), *allowed[-1])
+            found = self.first_allowed(trials)
+            if found is not None:
+                return found
             kp = 0.999 * float(trials[-1])
+        kp = self.largest(self.requirements.asked, self.active, low, kp, accuracy=0.001, polish=True)  # the grid was far off
+        return None if math.isnan(kp) else self.first_allowed(np.array([_rounded_down(min(kp, high) * 0.9989**k) for k in range(8)]))
+
+    def first_allowed(self, kps: Floats) -> tuple[float, float] | None:
+        """The first of `kps` (k,) that the active cases allow, and its best kd."""
+        for some in np.split(kps, [1, 3]):  # mostly the first will do
+            for kp, allowed in zip(some, self.allowed(self.active, some, self.requirements.asked, polish=True), strict=True):
+                if len(allowed):
+                    return float(kp), self.best_kd(float(kp), *allowed[-1])
         return None
 
     def best_kd(self, kp: float, low: float, high: float) -> float:
@@ -305,11 +311,13 @@ class _Search:
             result = [_common(first, second) for first, second in zip(result, free, strict=True)]
         return result
 
-    def largest(self, names: Sequence[str], regions: list[PDRegion], low: float, high: float, accuracy: float) -> float:
+    def largest(
+        self, names: Sequence[str], regions: list[PDRegion], low: float, high: float, accuracy: float, polish: bool = False
+    ) -> float:
         """The largest kp in [low, high] under some of the requirements, to a relative `accuracy`; NaN where even `low` is not allowed."""
         kps = np.geomspace(low, high, 20)
         while True:
-            filled = np.flatnonzero([len(intervals) > 0 for intervals in self.allowed(regions, kps, names, polish=False)])
+            filled = np.flatnonzero([len(intervals) > 0 for intervals in self.allowed(regions, kps, names, polish)])
             if not len(filled):
                 return math.nan
             if filled[-1] == len(kps) - 1:

@@ -14,7 +14,7 @@ from .number_format import digits, frequency, hertz, model_kind, own_gains, plan
 from .nyquist import nyquist
 from .page import Card, Html, Lead, Section, block, facts, page
 from .page_parts import assumptions, footer, margin_card, unstable_card
-from .tables import case_table, crossing_table, inputs, margin_table
+from .tables import case_table, crossing_table, inputs, margin_table, uncertainty_table
 from .time_response import time_response
 
 
@@ -26,6 +26,7 @@ def joint_page(study: JointStudy, command: str) -> str:
         Section("Cause: the open loop", [bode(study, shown), nyquist(study, shown)]),
         Section("In time", [time_response(study)]),
         Section("Margins", [margin_table(study), _binding(study)]),
+        *([Section("What the uncertainty costs", [uncertainty_table(study)])] if study.uncertainty_cost is not None else []),
         Section("With and without elasticity and delay", [case_table(shown)]),
         Section("All crossings of this file's loop", [crossing_table(study.margins)]),
         Section("Inputs and assumptions", [inputs(study), assumptions("Linear two-mass joint", study.system.control.sample_time)]),

@@ -5,12 +5,15 @@ import math
 import numpy as np
 
 from ..analysis.margins import to_db
+from ..design.joint_gains import COST_ACCURACY
+from ..design.uncertainty_cost import KnownExactly
 from ..errors import apart, case_in_words, frequency_in_words
 from ..studies.analysis import Analysis
 from ..studies.joint import JointStudy
 from ..system.plausibility import unusual_values
 from ..system.requirements import REQUIREMENTS
 from ..system.system import System
+from .number_format import digits, plane_names
 
 NOT_EVERYWHERE = "Stable nominally, but not everywhere in the uncertainty ranges"
 CONTINUOUS = (
@@ -85,6 +88,41 @@ def _change(rise: float) -> str:
     if math.isinf(rise):
         return "no limit" if rise > 0 else "never stable"
     return f"{abs(rise):.3g} dB {'more' if rise >= 0 else 'less'}"
+
+
+def uncertainty_cost_text(study: JointStudy, ranked: bool) -> str:
+    """What the uncertainty costs in gain; `ranked`: and what to measure better, which takes longer. Empty where that has no meaning."""
+    exact, cost = study.exact, study.cost
+    if exact is None or cost is None:
+        return ""
+    if cost < COST_ACCURACY:
+        return "The uncertainty costs nothing."
+    kp_name, _ = plane_names(exact.controller)
+    part = "all" if study.recommended is None else f"{100 * cost:.0f} %"
+    text = f"The uncertainty costs {part} of {kp_name}: with exact parameters it would be {digits(exact.kp, 'N·m/rad')}."
+    if not ranked or study.uncertainty_cost is None or len(study.uncertainty_cost.known) == 1:
+        return text
+    first, *others = study.uncertainty_cost.known
+    if not gains_by(study, first):
+        return f"{text} No quantity alone would raise it if it were known exactly: several have to be measured better."
+    words = ", ".join(f"the {one.name.replace('_', ' ')} {rise_text(study, one)}" for one in others)
+    best = f"known exactly, it would allow {kp_name} {digits(first.kp, 'N·m/rad')}, {rise_text(study, first)}"
+    return f"{text} Measure the {first.name.replace('_', ' ')} better first: {best} ({words})."
+
+
+def gains_by(study: JointStudy, known: KnownExactly) -> bool:
+    """Whether more is recommended once that is known exactly."""
+    return known.kp > 0 and (study.recommended is None or known.kp >= (1 + COST_ACCURACY) * study.recommended.kp)
+
+
+def rise_text(study: JointStudy, known: KnownExactly) -> str:
+    """Of the recommended kp: "22 % more", "2.4 times as much", "nothing more"; of none at all "instead of none"."""
+    if not gains_by(study, known):
+        return "nothing more"
+    if study.recommended is None:
+        return "instead of none"
+    rise = known.kp / study.recommended.kp
+    return f"{100 * (rise - 1):.0f} % more" if rise < 2 else f"{digits(rise, '', 3)} times as much"
 
 
 def warnings(study: JointStudy) -> tuple[str, ...]:

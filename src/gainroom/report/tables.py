@@ -6,7 +6,8 @@ from ..analysis.margins import Margins
 from ..studies.joint import JointStudy
 from ..system.system import System
 from .bode import Case
-from .columns import compared_rows
+from .columns import compared_rows, yes
+from .joint_text import rise_text, uncertainty_cost_text
 from .number_format import decibels, digits, frequency, own_gains, plane_names, quantity
 from .page import Html, facts, table
 from .page_parts import filters
@@ -43,6 +44,24 @@ def margin_table(study: JointStudy) -> Html:
     if recommended is not None and study.system.uncertainty.names:
         caption += " Worst case: the least of each margin over the cases examined, which may differ from margin to margin."
     return table(["", *names], rows, caption, MARKS, sorts=False)
+
+
+def uncertainty_table(study: JointStudy) -> Html:
+    """Recommended gains with what is known, with each uncertain quantity known exactly, and with all of them."""
+    found, recommended, nothing = study.uncertainty_cost, study.recommended, (math.nan, math.nan)
+    assert found is not None
+    kp_name, kd_name = plane_names(found.exact.controller)
+    gains = nothing if recommended is None else (recommended.kp, recommended.kd)
+    rows = [("as uncertain as it is", *gains, "", "" if recommended is None else yes(recommended.proved))]
+    rows += [(f"{one.name.replace('_', ' ')} known exactly", one.kp, one.kd, rise_text(study, one), yes(one.proved)) for one in found.known]
+    rows.append(("everything known exactly", found.exact.kp, found.exact.kd, "", yes(found.exact.proved)))
+    shown = [(name, digits(kp), digits(kd), rise, proved) for name, kp, kd, rise, proved in rows]
+    return table(
+        ("Recommended gains", f"{kp_name} [N·m/rad]", f"{kd_name} [N·m·s/rad]", f"change of {kp_name}", "proved"),
+        shown,
+        uncertainty_cost_text(study, ranked=True),
+        sorts=False,
+    )
 
 
 def _own_gains(study: JointStudy) -> tuple[float, float]:

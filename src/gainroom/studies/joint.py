@@ -11,10 +11,12 @@ from ..analysis.margin_record import GainLimit, Margins, worst_of
 from ..analysis.margins import margins, margins_of
 from ..analysis.range_proof import Proof, prove
 from ..design.joint_gains import FILLING, MOST_BOXES, QUICK_BOXES, Recommendation, recommend_pd
+from ..design.uncertainty_cost import UncertaintyCost, cost_of, uncertainty_cost
 from ..system.controller import PD
 from ..system.loop import Loop
 from ..system.requirements import REQUIREMENTS, Requirements
 from ..system.system import System
+from ..system.uncertainty import Uncertainty
 from .analysis import Analysis, analyze
 from .state import State
 
@@ -111,10 +113,30 @@ class JointStudy(Analysis):
     @cached_property
     def recommended(self) -> Recommendation | None:
         """None where nothing is required, or no gains meet it."""
+        return self._recommend(self.system.uncertainty)
+
+    def _recommend(self, uncertainty: Uncertainty) -> Recommendation | None:
         system = self.system
         if not system.requirements.asked:
             return None
-        return recommend_pd(system.source, system.drives[0], system.requirements, system.uncertainty, **self._place)
+        return recommend_pd(system.source, system.drives[0], system.requirements, uncertainty, **self._place)
+
+    @cached_property
+    def exact(self) -> Recommendation | None:
+        """Gains to use if nothing were uncertain."""
+        return self._recommend(Uncertainty()) if self.system.uncertainty.names else self.recommended
+
+    @property
+    def cost(self) -> float | None:
+        """The part of the exact joint's kp that the uncertainty takes; None where nothing is uncertain, or none are recommended anyhow."""
+        return None if self.exact is None or not self.system.uncertainty.names else cost_of(self.recommended, self.exact)
+
+    @cached_property
+    def uncertainty_cost(self) -> UncertaintyCost | None:
+        """Where `cost` is known. It takes about as long again as `recommended`, so nothing else asks for it."""
+        if self.exact is None or self.cost is None:
+            return None
+        return uncertainty_cost(self._recommend, self.system.uncertainty, self.recommended, self.exact)
 
     @cached_property
     def rule(self) -> Rule:
@@ -219,7 +241,7 @@ class JointStudy(Analysis):
         return self.in_range.met
 
 
-COMPUTED = ("in_range", "region", "required_region", "max_kp", "max_kd", "recommended", "rule", "others")
+COMPUTED = ("in_range", "region", "required_region", "max_kp", "max_kd", "recommended", "exact", "rule", "others")
 
 
 def study_joint(system: System) -> JointStudy:

@@ -47,6 +47,10 @@ class Uncertainty:
         """What is uncertain."""
         return tuple(name for name in self.__dataclass_fields__ if getattr(self, name) is not None)
 
+    def without(self, name: str) -> "Uncertainty":
+        """The same with one quantity known exactly."""
+        return replace(self, **{name: None})
+
     def values(self, place: Sequence[float]) -> dict[str, Floats]:
         """What is uncertain at `place`, one number in [0, 1] per quantity, the same share for all joints; geometric where low > 0."""
         return {

@@ -1,0 +1,65 @@
+"""What the uncertainty of a joint costs in gain, and which of its quantities is worth measuring better."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from ..system.uncertainty import Uncertainty
+from .joint_gains import Recommendation
+
+Recommend = Callable[[Uncertainty], Recommendation | None]
+
+
+@dataclass(frozen=True)
+class KnownExactly:
+    """Gains to use if one quantity were known exactly and had its nominal value, all others as uncertain as they are.
+
+    name     in Uncertainty
+    kp, kd   on the plane of Recommendation [N m/rad], [N m s/rad]; NaN where there still are none
+    proved   as Recommendation.proved
+    """
+
+    name: str
+    kp: float
+    kd: float
+    proved: bool
+
+
+@dataclass(frozen=True)
+class UncertaintyCost:
+    """What would be gained by knowing more.
+
+    exact   gains to use if all were known exactly and nominal
+    cost    the part of that kp which the uncertainty takes: 0 nothing, 1 all, as no gains meet the requirements in every case
+    known   one by one, the quantity first that brings most
+    """
+
+    exact: Recommendation
+    cost: float
+    known: tuple[KnownExactly, ...]
+
+
+def cost_of(found: Recommendation | None, exact: Recommendation) -> float:
+    """See UncertaintyCost; `found` holds over the whole uncertainty."""
+    return 1.0 if found is None else max(1 - found.kp / exact.kp, 0.0)
+
+
+def uncertainty_cost(
+    recommend: Recommend, uncertainty: Uncertainty, found: Recommendation | None, exact: Recommendation
+) -> UncertaintyCost:
+    """Each number by `recommend` itself, so that it is certified as the recommended gains are: once per uncertain quantity.
+
+    found, exact   what `recommend` makes of all of `uncertainty`, and of none
+    """
+    single = len(uncertainty.names) == 1
+    known = [_known(name, exact if single else recommend(uncertainty.without(name)), found) for name in uncertainty.names]
+    ranked = sorted(known, key=lambda one: one.kp if one.kp > 0 else 0.0, reverse=True)
+    return UncertaintyCost(exact, cost_of(found, exact), tuple(ranked))
+
+
+def _known(name: str, one: Recommendation | None, found: Recommendation | None) -> KnownExactly:
+    """What holds in every case holds in fewer, too, so that `found` is the least there is."""
+    best = max((gains for gains in (one, found) if gains is not None), key=lambda gains: gains.kp, default=None)
+    if best is None:
+        return KnownExactly(name, math.nan, math.nan, False)
+    return KnownExactly(name, best.kp, best.kd, best.proved)
