@@ -131,7 +131,7 @@ def joint_case(index: int) -> Case:
     if index % 4 == 0:
         columns["link_position"] = run.link_reading[:, 0]
     truth = {name: getattr(joint, name) for name in ("motor_inertia", "link_inertia", "stiffness", "resonance", "antiresonance")}
-    return Case(Record(run.time, columns, tick), truth | {"delay": drive.delay, "tick": tick})
+    return Case(Record(run.time, columns, tick), truth | {"damping": joint.damping, "delay": drive.delay, "tick": tick})
 
 
 def gains_case(index: int) -> Case:

@@ -12,7 +12,10 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Chain:
-    """Inertias (n,), springs and dampers (n − 1,), Coulomb torque on the first and on the last, current loop, steps of the encoder."""
+    """Inertias (n,), springs and dampers (n − 1,), Coulomb torque on the first and on the last, current loop, steps of the encoder.
+
+    hardening   of every spring: torque per deflection³ beside its stiffness [N m/rad³]; limit: of the torque [N m]
+    """
 
     inertia: np.ndarray
     stiffness: np.ndarray
@@ -23,12 +26,15 @@ class Chain:
     damping_ratio: float = 0.9
     resolution: float = 0.0
     softness: float = 0.002
+    hardening: float = 0.0
+    limit: float = np.inf
 
     def slope(self, x: np.ndarray, demand: float) -> np.ndarray:
         """d/dt of positions (n,), velocities (n,), torque and its rate."""
         count = len(self.inertia)
         position, velocity, torque, rate = x[:count], x[count : 2 * count], x[-2], x[-1]
-        spring = self.stiffness * (position[:-1] - position[1:]) + self.damping * (velocity[:-1] - velocity[1:])
+        stretch, demand = position[:-1] - position[1:], float(np.clip(demand, -self.limit, self.limit))
+        spring = self.stiffness * stretch + self.hardening * stretch**3 + self.damping * (velocity[:-1] - velocity[1:])
         force = np.zeros(count)
         force[:-1] -= spring
         force[1:] += spring

@@ -123,16 +123,25 @@ def _newest(target: Floats, demand: Floats, starts: Booleans, shows: Integers, l
 
     Where several fit, as in a target that repeats itself, it is the one whose lag fits most often, and of those the shortest.
     """
-    lags = np.arange(min(longest, int(shows[-1])) + 1)
-    places = shows[:, None] - lags
-    inside = np.maximum(places, 0)
-    fits = (places >= 0) & starts[inside] & (np.abs(demand[shows][:, None] - target[inside]) <= tolerance)
-    single = fits.sum(axis=1) == 1
-    votes = fits[single].sum(axis=0) if single.any() else fits.sum(axis=0)
+    lags = range(min(longest, int(shows[-1])) + 1)
+    seen = demand[shows]
+
+    def fits(lag: int) -> Booleans:
+        places = np.maximum(shows - lag, 0)
+        return (shows >= lag) & starts[places] & (np.abs(seen - target[places]) <= tolerance)
+
+    count = np.zeros(len(shows), dtype=int)
+    for lag in lags:
+        count += fits(lag)
+    single = count == 1
+    voters = single if single.any() else np.ones(len(shows), dtype=bool)
+    votes = np.array([np.count_nonzero(fits(lag) & voters) for lag in lags])
     usual = float(np.average(lags, weights=votes)) if single.any() else float(np.argmax(votes >= 0.2 * votes.max()))
-    distance = np.where(fits, np.abs(lags - usual), np.inf)
-    best = np.argmin(distance, axis=1)
-    return np.where(np.isfinite(distance.min(axis=1)), shows - lags[best], -1)
+    newest, found = np.full(len(shows), -1), np.zeros(len(shows), dtype=bool)
+    for lag in sorted(lags, key=lambda lag: abs(lag - usual)):
+        new = fits(lag) & ~found
+        newest[new], found = shows[new] - lag, found | new
+    return newest
 
 
 def _without_overtaking(ticks: Integers) -> tuple[Integers, Floats]:

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..errors import GainroomError
 from ..linear.arrays import Booleans, Floats, Integers
+from .excited_part import busiest
 from .likelihood import maximize
 
 SETTLED = 16.0  # time constants: e^-16 = 1e-7 of a change is left
@@ -84,21 +85,15 @@ class Data:
     run_length: Integers
 
     def part(self, rows: int) -> "Data":
-        """Its middle."""
+        """So many rows in which the command changes most."""
         if rows >= len(self.command):
             return self
-        command, torque, run_length = (middle(values, rows) for values in (self.command, self.torque, self.run_length))
-        return Data(command, torque, np.minimum(run_length, np.arange(rows)))
+        part = busiest(np.abs(np.diff(self.command, prepend=self.command[0])), rows)
+        return Data(self.command[part], self.torque[part], np.minimum(self.run_length[part], np.arange(rows)))
 
     def usable(self, tail: int) -> Booleans:
         """(m,) rows whose whole past within `tail` ticks is known."""
         return self.run_length >= tail
-
-
-def middle(values: Floats, rows: int) -> Floats:
-    """At most so many rows of `values`."""
-    first = max(len(values) - rows, 0) // 2
-    return values[first : first + rows]
 
 
 @dataclass(frozen=True)
@@ -216,7 +211,7 @@ def _parts(speed: float, damping: float, places: Floats, spread: Floats) -> tupl
 
 
 def rough_response(data: Data, lowest: float, highest: float) -> Response:
-    """Least squares with one constant delay between `lowest` and `highest` [ticks], on the middle of a long log.
+    """Least squares with one constant delay between `lowest` and `highest` [ticks], on a part of a long log.
 
     Raises GainroomError where no row shows what came of a command.
     """

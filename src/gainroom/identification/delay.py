@@ -12,8 +12,9 @@ import numpy as np
 from ..errors import GainroomError
 from ..linear.arrays import Floats, Integers
 from .arrivals import Arrivals, arrivals, arrivals_of_ages
-from .current_loop import Data, Fit, Response, decoded, fit_arrivals, middle, rough_response
+from .current_loop import Data, Fit, Response, decoded, fit_arrivals, rough_response
 from .estimate import Estimate, covariance, interval, log_interval, quantile
+from .excited_part import most_excited
 from .record import Record
 
 LONGEST = 0.1  # [s] that a delay is looked for
@@ -24,7 +25,7 @@ FREEDOM = 39  # of covariances: blocks of time less one
 DECODINGS = 8
 GUESSED_FROM = 0.15  # ticks of deviation
 GUESSED = 0.35  # of the jitter's deviation: error of a delay whose arrivals are guessed
-FITTED_ROWS = 40_000  # of a long log: the delay is then known to a thousandth of a tick, and its jitter still from all rows
+FITTED_ROWS = 40_000  # of a long log, the most excited: the delay is then known to a thousandth of a tick
 JITTER = 0.35  # ticks: a larger deviation is not a delay's place within one tick
 DECODED = 1.0  # what decoding must gain per row in squared errors and log variance, as it may choose among histories
 FLOOR = 0.004  # ticks: no log is better than its clock, and no current loop is of second order to the last
@@ -86,7 +87,9 @@ def identify_delay(record: Record, longest: float = LONGEST) -> TorqueDelay:
     Raises GainroomError where the channels are missing, where the target hardly changes, and where the log does not tell the delay; the
     message says what to record.
     """
-    (target,) = record.need("delay", "target_torque")
+    record.need("delay", "target_torque")
+    record = most_excited(record, FITTED_ROWS)
+    target = record.channels["target_torque"]
     if not record.has("demand_torque") and not record.has("actual_torque"):
         record.need("delay", "demand_torque")
     most = int(np.ceil(longest / record.sample_time))
@@ -138,20 +141,16 @@ def _from_actual(record: Record, seen: Arrivals | None, most: int, warnings: lis
         data = Data(target, torque, record.run_length)
         rough = rough_response(data, 0.0, float(most))
         fit, seen = _without_demand(record, data, rough)
-        other = rough.delay
         channels: tuple[str, ...] = ("target_torque", "actual_torque")
     else:
-        other = None
         data = Data(record.channels["demand_torque"], torque, record.run_length)
         fit = _fitted(record, data, seen, rough_response(data, -1.0, 0.0))
         channels = ("target_torque", "demand_torque", "actual_torque")
-    return _result(record, seen, fit, channels, warnings, other)
+    return _result(record, seen, fit, channels, warnings)
 
 
 def _fitted(record: Record, data: Data, seen: Arrivals, start: Response) -> Fit:
-    """On the middle of a long log."""
-    changes = seen.changes(record.channels["target_torque"], data.command)
-    return fit_arrivals(data.part(FITTED_ROWS), middle(changes, FITTED_ROWS), start)
+    return fit_arrivals(data, seen.changes(record.channels["target_torque"], data.command), start)
 
 
 def _without_demand(record: Record, data: Data, rough: Response) -> tuple[Fit, Arrivals]:
@@ -189,7 +188,7 @@ def _acting(data: Data, rows: Integers) -> Data:
     return Data(data.command[np.maximum(rows, 0)], data.torque, np.maximum(data.run_length - age, 0))
 
 
-def _result(record: Record, seen: Arrivals, fit: Fit, channels: tuple[str, ...], warnings: list[str], other: float | None) -> TorqueDelay:
+def _result(record: Record, seen: Arrivals, fit: Fit, channels: tuple[str, ...], warnings: list[str]) -> TorqueDelay:
     tick, count = record.sample_time, len(fit.places)
     shares, ticks_of = seen.shares, seen.first + np.arange(count)
     value, age = seen.mean - float(shares @ fit.places), float(seen.ticks.mean()) - float(shares @ fit.places)
@@ -200,8 +199,6 @@ def _result(record: Record, seen: Arrivals, fit: Fit, channels: tuple[str, ...],
     deviation = float(np.sqrt(max(shares @ (spread**2 + fit.deviations**2) - (shares @ spread) ** 2, 0.0)))
     # Which command acted when is guessed without a demand torque; guesses repeat themselves, so their errors are not in the covariance.
     guessed = GUESSED * deviation if "demand_torque" not in channels and deviation > GUESSED_FROM else 0.0
-    # Where delay and current loop can stand in for each other, two estimators that weigh noise differently do not agree.
-    guessed = max(guessed, 0.0 if other is None else abs(value - other))
     sampled = float(np.hypot(late, FLOOR))
     late = float(np.hypot(late, max(guessed, WITHIN * float(shares @ fit.deviations), FLOOR)))
     error = float(np.hypot(fit.error(towards), late))
@@ -211,7 +208,7 @@ def _result(record: Record, seen: Arrivals, fit: Fit, channels: tuple[str, ...],
     _require_told(fit, lag, record)
     # What is certain without any fit: a command arrives in the tick before the demand shows it, and not before it leaves.
     low, high = (seen.mean - 1 - 2 * late, seen.mean + 2 * late) if "demand_torque" in channels else (0.0, max(lag.high, value))
-    told = quantile(FREEDOM) * error < UNKNOWN_TICKS and 1 / UNEVEN < fit.uneven < UNEVEN
+    told = quantile(FREEDOM) * error < UNKNOWN_TICKS and fit.uneven < UNEVEN
     wide = 0.0 if told else np.inf
     ticks, effective = _within(interval(value, error + wide, FREEDOM), low, high), _within(interval(age, error + wide, FREEDOM), low, high)
     if not told:
@@ -219,7 +216,7 @@ def _result(record: Record, seen: Arrivals, fit: Fit, channels: tuple[str, ...],
             f"the log does not tell the delay from the current loop's lag: it is between {ticks.low:.3g} and {ticks.high:.3g} ticks; "
             "record torque steps, or a multisine up to a tenth of the tick rate"
         )
-    if guessed and deviation > GUESSED_FROM:
+    if guessed:
         warnings.append(
             f"the delays of single commands differ by {deviation:.2g} ticks (standard deviation) and no demand_torque says which; "
             "record demand_torque for a sharper delay"

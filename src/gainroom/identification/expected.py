@@ -75,7 +75,7 @@ def expected_widths(system: System, torque: Floats, hardware: Hardware) -> Mappi
     late = delay_error(target, drive.bandwidth * tick, drive.damping_ratio, drive.delay / tick, hardware.torque_noise)
     motion = motion_of(run.measured, False, tick, joint)
     signals = Signals(target, False, run.measured, (side,), motion, tick)
-    model = JointModel.of(target, run.measured, drive, tick, True, True, True)
+    model = JointModel.of(target, run.measured, drive, tick, True, True, (True, False, False))
     point = model.start(joint, drive.delay, signals)
     noise = max(hardware.torque_noise / model.torque, LEAST_NOISE)
     known = {

@@ -15,7 +15,9 @@ SEGMENTS = 12  # at least, over which spectra are averaged
 LONGEST_SEGMENT = 8.0  # [s]
 STRONG = 0.005  # power of the torque that a frequency needs
 CLEAR = 10.0  # power over the encoder's noise that a frequency needs
+LEAST_POWER = 0.01  # of the strongest: turning friction round makes harmonics that are weaker
 LEAST_LINE = 3  # of the spectra: lower ones hold the trend
+OPPOSITE = 0.4  # of the cost: a joint pushed the other way that costs less is what was recorded
 EXCITED = 0.6  # coherence that a frequency needs to count
 
 
@@ -41,6 +43,12 @@ class FrequencyResponse:
         """(k,) where the torque is strong and explains the motion, and the motion is not the encoder's noise."""
         clear = (self.coherence >= EXCITED) & (self.clearance >= CLEAR) & (self.strength >= STRONG)
         return clear & (self.omega > LEAST_LINE * self.omega[0])
+
+    @property
+    def lines(self) -> int:
+        """How many frequencies are excited, the strongest of them not a hundred times as strongly."""
+        power = self.strength[self.excited]
+        return int(np.count_nonzero(power >= LEAST_POWER * power.max(initial=0.0)))
 
 
 def frequency_response(torque: Floats, position: Floats, sample_time: float) -> FrequencyResponse:
@@ -69,11 +77,15 @@ def frequency_response(torque: Floats, position: Floats, sample_time: float) -> 
 
 @dataclass(frozen=True)
 class Rough:
-    """A joint and a delay [s] that go through a measured response, and the mean square of the logarithm of what is left."""
+    """A joint and a delay [s] that go through a measured response, and the mean square of the logarithm of what is left.
+
+    opposite   True where a joint that is pushed the other way goes through it far better: a sign is wrong
+    """
 
     joint: ElasticJoint
     delay: float
     cost: float
+    opposite: bool = False
 
 
 def rough_joint(measured: FrequencyResponse, sample_time: float, delays: Floats, elastic: bool, side: str = "motor") -> Rough:
@@ -91,9 +103,9 @@ def rough_joint(measured: FrequencyResponse, sample_time: float, delays: Floats,
     differenced = (2 - 2 * np.cos(omega * sample_time)) / sample_time**2
     late = np.exp(-1j * np.outer(delays, omega))
 
-    def cost(shape: Complexes) -> tuple[Floats, Floats]:
-        """Cost and logarithm of the scale of responses (..., k)."""
-        rest = logs - np.log(shape)
+    def cost(shape: Complexes, turned: float = 0.0) -> tuple[Floats, Floats]:
+        """Cost and logarithm of the scale of responses (..., k), whose phase is `turned` [rad]."""
+        rest = logs - np.log(shape) + 1j * turned
         rest = rest.real + 1j * ((rest.imag + np.pi) % (2 * np.pi) - np.pi)
         # The median: where friction or noise rules, a frequency may lie anywhere.
         order = np.argsort(rest.real, axis=-1)
@@ -118,13 +130,16 @@ def rough_joint(measured: FrequencyResponse, sample_time: float, delays: Floats,
         ]
     else:
         grid = [(0.0, 0.0, 0.0)]
-    best = (math.inf, grid[0], 0, 0.0)
+    best, opposite = (math.inf, grid[0], 0, 0.0), math.inf
     for case in grid:
-        costs, scales = cost(shape(*case) * late)
+        shapes = shape(*case) * late
+        costs, scales = cost(shapes)
+        if elastic:
+            opposite = min(opposite, float(cost(shapes, np.pi)[0].min()))
         place = int(np.argmin(costs))
         if costs[place] < best[0]:
             best = (float(costs[place]), case, place, float(scales[place]))
-    _, case, place, scale = best
+    coarse, case, place, scale = best
     if not elastic:
         total = math.exp(-scale)
         return Rough(ElasticJoint(0.5 * total, 0.5 * total), float(delays[place]), best[0])
@@ -142,7 +157,7 @@ def rough_joint(measured: FrequencyResponse, sample_time: float, delays: Floats,
     inertia = math.exp(-float(cost(shape(resonance, ratio, damping) * np.exp(-1j * omega * delay))[1]))
     stiffness = inertia * resonance**2 / (1 + 1 / ratio)
     joint = ElasticJoint(inertia, inertia * ratio, stiffness, 2 * damping * stiffness / resonance)
-    return Rough(joint, delay, float(found.fun))
+    return Rough(joint, delay, float(found.fun), opposite < OPPOSITE * coarse)
 
 
 def _simplex(start: Floats) -> Floats:

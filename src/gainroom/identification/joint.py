@@ -17,6 +17,7 @@ from ..system.drive import Drive
 from ..system.plant import ElasticJoint
 from .delay import TorqueDelay, identify_delay
 from .estimate import Estimate, log_interval, quantile
+from .excited_part import most_excited
 from .frequency_response import FrequencyResponse, Rough, frequency_response, rough_joint
 from .joint_model import JointModel
 from .likelihood import Maximum, maximize
@@ -25,6 +26,7 @@ from .prediction import Signals, prediction_errors
 from .record import Record, resolution
 from .residuals import Residuals, residual_tests
 
+FITTED_ROWS = 60_000  # of a long log, the most excited: what is left is then friction's law, not noise
 ROUGH_ROWS = 10_000  # of a long log, on which the search begins and models are compared
 FREEDOM = 39  # of the covariance: blocks of time less one
 LEAST_STEPS = 30  # of the encoder that the motor must move
@@ -35,6 +37,7 @@ DELAY_FLOOR = 0.02  # ticks: what torque logged once a tick knows of the delay a
 # No law of friction is exact, and what is wrong with it repeats with the motion, so that no average over time takes it out. The share of
 # the residual that the torque explains shows how much is left. Sized on virtual joints with Stribeck friction on both sides (tests).
 MODEL_ERROR, MODEL_ERROR_EXPLAINED = 0.0007, 0.007  # of inertias and stiffness
+USUAL_LAG = 1.5  # ticks of a hold and a current loop
 SEARCHED = 8.0  # ticks of delay, where no torque log tells it
 
 
@@ -52,6 +55,8 @@ class JointFit:
     measured     frequency response from that torque to the acceleration of the measured side
     residuals    of the fit, and what they say of the model
     delay        what the torques say of the delay; None where they say nothing
+    sample_time  [s]
+    used         first and last moment of the part of the log that was fitted [s]
     warnings     what the reader should know
     """
 
@@ -66,6 +71,7 @@ class JointFit:
     residuals: Residuals
     delay: TorqueDelay | None
     sample_time: float
+    used: tuple[float, float]
     warnings: tuple[str, ...] = ()
 
     @property
@@ -97,7 +103,7 @@ def identify_joint(record: Record, drive: Drive | None = None) -> JointFit:
     Raises GainroomError where channels are missing, where nothing moves, and where the torque does not excite the joint enough; the message
     says what to record.
     """
-    record = record.longest_run()
+    record = most_excited(record.longest_run(), FITTED_ROWS)
     if not record.has("motor_position") and not record.has("link_position"):
         record.need("joint", "motor_position")
     if not record.has("target_torque") and not record.has("actual_torque"):
@@ -107,10 +113,10 @@ def identify_joint(record: Record, drive: Drive | None = None) -> JointFit:
     _require_motion(record, source.torque)
     position = record.channels["motor_position" if record.has("motor_position") else "link_position"]
     measured = frequency_response(source.torque, position, record.sample_time)
-    if np.count_nonzero(measured.excited) < LEAST_LINES:
+    if measured.lines < LEAST_LINES:
         raise GainroomError(
-            f"joint: {source.name} explains the motion at {np.count_nonzero(measured.excited)} frequencies, {LEAST_LINES} are needed: "
-            "record a multisine or chirp of torque, well above friction, from below the antiresonance to above the resonance"
+            f"joint: {source.name} drives the motion at {measured.lines} frequencies, {LEAST_LINES} are needed: record a multisine or "
+            "chirp of torque, well above friction, from below the antiresonance to above the resonance"
         )
     return _selected(record, source, measured, warnings)
 
@@ -151,7 +157,7 @@ def _source(record: Record, drive: Drive | None, warnings: list[str]) -> _Source
         except GainroomError as error:
             warnings.append(f"{error}; the delay is fitted to the motion")
     if told is None or told.lag is None:
-        warnings.append("no torque log tells the current loop: the delay that is fitted includes its lag")
+        warnings.append("no torque log tells the current loop: it is fitted to the motion, which hardly tells it from a delay")
         prior = (SEARCHED / 4, math.inf)
         return _Source("target_torque", target, False, Drive(), prior, tick * (0.5 + np.arange(0.0, SEARCHED, 0.5)), None)
     warnings.extend(told.warnings)
@@ -181,6 +187,8 @@ def _selected(record: Record, source: _Source, measured: FrequencyResponse, warn
     """Two masses with friction, unless the log does not need them."""
     tick = record.sample_time
     rough = rough_joint(measured, tick, source.delays, elastic=True)
+    if rough.opposite:
+        raise GainroomError(f"joint: the motion goes against {source.name}: turn the sign of one of the two columns")
     stiff = rough_joint(measured, tick, source.delays, elastic=False)
     full = _Fitting(record, source, rough, elastic=True, friction=True)
     whole = full.short()
@@ -215,10 +223,12 @@ class _Fitting:
         self.sides = tuple(("motor_position", "link_position").index(name) for name in names)
         self.rough = rough
         self.model = JointModel.of(
-            source.torque, self.positions, source.drive, record.sample_time, elastic, friction, source.prior is not None
-        )
+            source.torque, self.positions, source.drive, record.sample_time, elastic, friction,
+            (source.prior is not None, source.prior is not None and source.told is None, source.sampled),
+        )  # fmt: skip
         self.signals = self._signals(rough.joint, cautious=False)
-        start = rough.delay - record.sample_time / 2 if source.prior is not None and len(source.delays) > 1 else source.drive.delay
+        searched = source.prior is not None and len(source.delays) > 1
+        start = rough.delay - USUAL_LAG * record.sample_time if searched else source.drive.delay
         self.start = self.model.start(rough.joint, max(start, 0.0), self.signals)
         self.prior = self.model.prior(self.start, source.prior)
         self._short: Maximum | None = None
@@ -255,7 +265,10 @@ class _Fitting:
         _, _, settled = prediction_errors(signals, *self.model.parts(start))
         used = np.ones(signals.positions.shape)
         used[: min(settled, len(used) // 3)] = 0.0
-        return maximize(predict, start, used.ravel(), np.stack(self.prior), iterations)
+        try:
+            return maximize(predict, start, used.ravel(), np.stack(self.prior), iterations)
+        except np.linalg.LinAlgError as error:
+            raise GainroomError("joint: no such joint explains the motion: look at signs, units and columns") from error
 
     def result(self, name: str, measured: FrequencyResponse, warnings: list[str]) -> JointFit:
         """On the whole log."""
@@ -263,7 +276,7 @@ class _Fitting:
         joint, *_ = self.model.parts(best.parameters)
         self.signals = self._signals(joint, cautious=False)
         best = self._maximum(self.signals, best.parameters, 30)
-        joint, drive, _, _ = self.model.parts(best.parameters)
+        joint, drive, *_ = self.model.parts(best.parameters)
         # What another law of friction would have given is as likely: the difference is a deviation that no amount of data averages out.
         other = self._maximum(self._signals(joint, cautious=True), best.parameters, 1)
         difference = other.parameters - best.parameters
@@ -273,6 +286,12 @@ class _Fitting:
         physical = self.model.physical
         errors = np.sqrt(np.diag(variance))[: len(physical)]
         inertia = errors[0] if name == "rigid" else float(np.hypot(errors[0], errors[1]))
+        if inertia > 2 * MOST_INERTIA and not tests.adequate:
+            raise GainroomError(
+                f"joint: neither a rigid nor a two-mass joint with a linear spring explains the motion: {self.source.name} still explains "
+                f"{100 * tests.explained:.0f} % of what is left; look whether the position is that of the motor, and record without limits "
+                "on the torque"
+            )
         if inertia > 2 * MOST_INERTIA:
             raise GainroomError(
                 f"joint: the log tells the inertia to ± {100 * quantile(FREEDOM) * inertia:.0f} % only: record a multisine or chirp of "
@@ -287,7 +306,7 @@ class _Fitting:
         covariance = variance[: len(physical), : len(physical)] * np.outer(scale, scale)
         return JointFit(
             name, parameters, physical, covariance, joint, drive, self.source.name, measured, tests, self.source.told,
-            self.record.sample_time, tuple(warnings),
+            self.record.sample_time, (float(self.record.time[0]), float(self.record.time[-1])), tuple(warnings),
         )  # fmt: skip
 
 

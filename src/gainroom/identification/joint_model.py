@@ -9,7 +9,7 @@ from ..linear.arrays import Floats
 from ..system.drive import Drive
 from ..system.plant import ElasticJoint
 from .estimate import Estimate, interval, log_interval
-from .prediction import Noise, Signals
+from .prediction import Between, Noise, Signals
 from .record import resolution
 
 Prior = tuple[Floats, Floats]
@@ -28,8 +28,12 @@ BEFOREHAND = {
     "noise torque": (math.log(0.01), 3.0),
     "noise drift": (math.log(1e-3), 3.0),
     "noise turning": (math.log(0.05), 2.0),
+    "bandwidth": (math.log(1.5), 1.0),
+    "early": (0.0, 0.5),
+    "curved": (-1 / 12, 0.2),
 }
-"""Mean and deviation in units of the torque: they decide only where the log says nothing."""
+"""Mean and deviation, of what is a torque in units of the torque, of log ω_c T: they decide only where the log says nothing."""
+DAMPING_RATIO = 0.8  # of a current loop whose bandwidth is fitted to the motion
 DAMPING_DEVIATION, READING_DEVIATION = 2.0, 1.5  # of the logarithms, about their start
 
 
@@ -39,11 +43,15 @@ class JointModel:
 
     Inertias, stiffness, damping and noise are logarithms in the point; friction is in units of `torque` [N m] and `speed` [rad/s]; the
     delay in ticks.
+
+    free_delay, free_drive   delay and the current loop's bandwidth are fitted; sampled: and so is what the torque does between its samples
     """
 
     elastic: bool
     friction: bool
     free_delay: bool
+    free_drive: bool
+    sampled: bool
     torque: float
     speed: float
     drive: Drive
@@ -52,11 +60,11 @@ class JointModel:
 
     @classmethod
     def of(
-        cls, torque: Floats, positions: Floats, drive: Drive, sample_time: float, elastic: bool, friction: bool, free_delay: bool
+        cls, torque: Floats, positions: Floats, drive: Drive, tick: float, elastic: bool, friction: bool, free: tuple[bool, bool, bool]
     ) -> "JointModel":
-        """With units of the size of the signals."""
-        speed = float(np.std(np.diff(positions[:, 0]))) / sample_time
-        return cls(elastic, friction, free_delay, float(np.std(torque)), speed, drive, sample_time, positions.shape[1])
+        """With units of the size of the signals; `free`: delay, current loop, and what a sampled torque does between its samples."""
+        speed = float(np.std(np.diff(positions[:, 0]))) / tick
+        return cls(elastic, friction, *free, float(np.std(torque)), speed, drive, tick, positions.shape[1])
 
     @property
     def physical(self) -> tuple[str, ...]:
@@ -70,7 +78,9 @@ class JointModel:
     @property
     def names(self) -> tuple[str, ...]:
         """All of the point's."""
-        return (*self.physical, "noise torque", "noise drift", "noise turning", *(f"noise reading {k}" for k in range(self.outputs)))
+        between = [*(["bandwidth"] if self.free_drive else []), *(["early", "curved"] if self.sampled else [])]
+        readings = [f"noise reading {k}" for k in range(self.outputs)]
+        return (*self.physical, *between, "noise torque", "noise drift", "noise turning", *readings)
 
     def start(self, joint: ElasticJoint, delay: float, signals: Signals) -> Floats:
         """The point of a rough joint and a delay [s]."""
@@ -89,7 +99,7 @@ class JointModel:
             "weight_sine": 0.0,
             "weight_cosine": 0.0,
             "delay": delay / self.sample_time,
-            **{name: BEFOREHAND[name][0] for name in ("noise torque", "noise drift", "noise turning")},
+            **{name: BEFOREHAND[name][0] for name in BEFOREHAND if name.startswith(("noise", "bandwidth", "early", "curved"))},
             **{f"noise reading {k}": math.log(value) for k, value in enumerate(readings)},
         }
         return np.array([values[name] for name in self.names])
@@ -108,8 +118,8 @@ class JointModel:
                 mean[k], deviation[k] = delay
         return mean, deviation**-2.0
 
-    def parts(self, point: Floats) -> tuple[ElasticJoint, Drive, Floats, Noise]:
-        """Joint, drive, friction (5,) and noise at a point, as prediction_errors takes them."""
+    def parts(self, point: Floats) -> tuple[ElasticJoint, Drive, Floats, Noise, Between]:
+        """Joint, drive, friction (5,), noise and what a sampled torque does at a point, as prediction_errors takes them."""
         v = dict(zip(self.names, point.tolist(), strict=True))
         if self.elastic:
             motor, link, stiffness, damping = (math.exp(v[name]) for name in ("motor_inertia", "link_inertia", "stiffness", "damping"))
@@ -119,8 +129,12 @@ class JointModel:
         friction = np.array([v.get(name, 0.0) for name in ("coulomb", "link_coulomb", "viscous", "weight_sine", "weight_cosine")])
         friction *= self.torque * np.array([1, 1, 1 / self.speed, 1, 1])
         drive = replace(self.drive, delay=max(v["delay"], 0.0) * self.sample_time) if self.free_delay else self.drive
+        if self.free_drive:
+            drive = replace(drive, bandwidth=math.exp(v["bandwidth"]) / self.sample_time, damping_ratio=DAMPING_RATIO)
+        between = Between(v["early"], v["curved"]) if self.sampled else Between()
         torque, drift, turning = (self.torque * math.exp(v[f"noise {name}"]) for name in ("torque", "drift", "turning"))
-        return joint, drive, friction, Noise(torque, drift, turning, np.exp([v[f"noise reading {k}"] for k in range(self.outputs)]))
+        readings = np.exp([v[f"noise reading {k}"] for k in range(self.outputs)])
+        return joint, drive, friction, Noise(torque, drift, turning, readings), between
 
     def law_error(self, point: Floats, relative: float) -> Floats:
         """(p, p) covariance of the point where the joint's law is off by so much, `relative` to inertia and stiffness.

@@ -6,6 +6,7 @@ Where the log came from a closed loop the estimate has no bias from it as long a
 one-step prediction is independent of all that the controller has done before (Ljung, System Identification, secs. 8.4 and 13.4).
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -57,14 +58,18 @@ def maximize(predict: Prediction, start: Floats, used: Floats, prior: Floats, it
 
     used    (m,) weight of each row, 0: left out
     prior   (2, p) mean and information of independent Gaussian knowledge; information 0: none
+
+    Raises numpy.linalg.LinAlgError where nothing is predicted at the start.
     """
     point, damping, converged = np.array(start, dtype=float), DAMPING, False
     error, var = predict(point)
     cost = _cost(error, var, used, prior, point)
+    if not math.isfinite(cost):
+        raise np.linalg.LinAlgError("no prediction")
     for _ in range(iterations):
-        score, information, _ = _derivatives(predict, point, error, var, used)
-        total = information + np.diag(prior[1])
-        gradient = score.sum(axis=0) - prior[1] * (point - prior[0])
+        slopes = _slopes(predict, point, error, var)
+        total = slopes.information(used) + np.diag(prior[1])
+        gradient = slopes.score(used).sum(axis=1) - prior[1] * (point - prior[0])
         scale = np.sqrt(np.maximum(np.diag(total), 1e-12))
         while True:
             step = np.linalg.lstsq(total / np.outer(scale, scale) + damping * np.eye(len(point)), gradient / scale, rcond=None)[0] / scale
@@ -84,9 +89,10 @@ def maximize(predict: Prediction, start: Floats, used: Floats, prior: Floats, it
         if float(np.abs(step * scale).max()) < SETTLED or gained < LEAST_GAIN:
             converged = True
             break
-    score, information, _ = _derivatives(predict, point, error, var, used)
+    slopes = _slopes(predict, point, error, var)
+    information = slopes.information(used)
     inverse = np.linalg.pinv(information + np.diag(prior[1]), hermitian=True, rcond=1e-14)
-    influence = score @ inverse
+    influence = slopes.score(used).T @ inverse
     before = inverse @ np.diag(prior[1]) @ inverse
     return Maximum(point, covariance(influence) + before, information, influence, cost, error, var, converged, before)
 
@@ -98,15 +104,31 @@ def _cost(error: Floats, var: Floats, used: Floats, prior: Floats, point: Floats
     return value if np.isfinite(value) else np.inf
 
 
-def _derivatives(predict: Prediction, point: Floats, error: Floats, var: Floats, used: Floats) -> tuple[Floats, Floats, Floats]:
-    """Scores (m, p) of half the log likelihood's terms, information (p, p), and the errors' derivatives (m, p)."""
-    errors, variances = np.empty((len(error), len(point))), np.empty((len(error), len(point)))
+@dataclass(frozen=True)
+class _Slopes:
+    """Errors and variances (m,), and their derivatives (p, m) by the parameters in units of √v and of v."""
+
+    error: Floats
+    var: Floats
+    errors: Floats
+    variances: Floats
+
+    def score(self, used: Floats) -> Floats:
+        """(p, m) of half the log likelihood's terms."""
+        relative = self.error / np.sqrt(self.var)
+        return -(used * relative) * self.errors - (0.5 * used * (1 - relative**2)) * self.variances
+
+    def information(self, used: Floats) -> Floats:
+        """(p, p)."""
+        return (self.errors * used) @ self.errors.T + 0.5 * (self.variances * used) @ self.variances.T
+
+
+def _slopes(predict: Prediction, point: Floats, error: Floats, var: Floats) -> _Slopes:
+    errors, variances = np.empty((len(point), len(error))), np.empty((len(point), len(error)))
+    deviation = np.sqrt(var)
     for k in range(len(point)):
         moved = point.copy()
         moved[k] += STEP
         above = predict(moved)
-        errors[:, k], variances[:, k] = (above[0] - error) / STEP, (above[1] - var) / STEP
-    weighted = used / var
-    score = -weighted[:, None] * (error[:, None] * errors + 0.5 * (1 - error**2 / var)[:, None] * variances)
-    information = errors.T @ (weighted[:, None] * errors) + 0.5 * variances.T @ ((weighted / var)[:, None] * variances)
-    return score, information, errors
+        errors[k], variances[k] = (above[0] - error) / (STEP * deviation), (above[1] - var) / (STEP * var)
+    return _Slopes(error, var, errors, variances)

@@ -8,7 +8,7 @@ friction enters as a known torque along the sign of the velocity, its size as a 
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
@@ -46,7 +46,7 @@ class Noise:
         return (self.torque, self.drift, self.turning, *self.readings.tolist())
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Signals:
     """What is known of a log without gaps.
 
@@ -64,25 +64,58 @@ class Signals:
     sides: tuple[int, ...]
     motion: Motion
     sample_time: float
+    _inputs: dict[tuple[int, float, float], Floats] = field(default_factory=dict, init=False, repr=False)
 
     def rows(self, part: slice) -> "Signals":
         """Some of the ticks."""
         motion = Motion(self.motion.along[part], self.motion.turning[part])
         return Signals(self.torque[part], self.sampled, self.positions[part], self.sides, motion, self.sample_time)
 
+    def inputs(self, shift: int, between: "Between") -> Floats:
+        """(m, 7) of each tick: two torques, what friction and weight act along; the last ones are kept, as few parameters change them.
 
-def prediction_errors(signals: Signals, joint: ElasticJoint, drive: Drive, friction: Floats, noise: Noise) -> tuple[Floats, Floats, int]:
+        The torques are the commands `shift` + 1 and `shift` ticks ago; of a sampled torque what acts at the tick's begin and end.
+        """
+        key = (shift, between.early, between.curved)
+        if key not in self._inputs:
+            rows, torque = np.arange(len(self.torque)), self.torque
+            first, second = rows - shift - 1, rows - shift
+            if self.sampled:
+                first, second = rows, np.minimum(rows + 1, len(rows) - 1)
+                torque = torque + between.early * np.gradient(torque)
+                torque = torque + between.curved * np.diff(self.torque, 2, prepend=self.torque[0], append=self.torque[-1])
+            self._inputs.clear()
+            self._inputs[key] = np.column_stack([torque[np.maximum(first, 0)], torque[np.maximum(second, 0)], self.motion.along])
+        return self._inputs[key]
+
+
+@dataclass(frozen=True)
+class Between:
+    """What a sampled torque does between its samples, beside a line from one to the next.
+
+    early    ticks by which it acts before it is logged; its measurement may be late, and what a current loop does within a tick looks so
+    curved   share of its second difference; −1/12 gives back the (ωT)²/12 that a line loses of what is at ω
+    """
+
+    early: float = 0.0
+    curved: float = -1 / 12
+
+
+def prediction_errors(
+    signals: Signals, joint: ElasticJoint, drive: Drive, friction: Floats, noise: Noise, between: "Between | None" = None
+) -> tuple[Floats, Floats, int]:
     """Errors (m, o) and their variances (m, o), made independent of each other, and the rows that the start still acts on.
 
     friction   (5,) Coulomb torques on motor and link [N m], viscous friction of the motor [N m s/rad], and of the link's weight the torques
                along sine and cosine of its angle [N m]
+    between    of a sampled torque
 
     Raises numpy.linalg.LinAlgError where there is no stationary filter.
     """
     from ._prediction import predict  # loads numba
 
     found = _filter(joint, drive.bandwidth, drive.damping_ratio, signals.sides, signals.sample_time, noise.key)
-    b, inputs = _inputs(signals, drive, found, friction)
+    b, inputs = _inputs(signals, drive, found, friction, Between() if between is None else between)
     b = np.vstack([b, np.zeros((1, b.shape[1]))])
     rest = np.linalg.lstsq(found.system.c[[0, 1]], signals.positions[0, [0, -1]], rcond=None)[0]
     state, errors = np.append(rest, 0.0), np.empty_like(signals.positions)
@@ -180,21 +213,17 @@ def _sampled(system: StateSpace, step: float) -> tuple[Floats, Floats, Floats]:
     return whole[:states, :states], whole[:states, states : states + inputs], whole[:states, states + inputs :]
 
 
-def _inputs(signals: Signals, drive: Drive, found: _Filter, friction: Floats) -> tuple[Floats, Floats]:
+def _inputs(signals: Signals, drive: Drive, found: _Filter, friction: Floats, between: Between) -> tuple[Floats, Floats]:
     """B (n, i) and inputs (m, i): torque over each tick, and what friction and weight act along."""
     held, along = found.held, [MOTOR, LINK, MOTOR, LINK, LINK]
     columns = -friction * held[:, along]
-    torque = signals.torque
     if signals.sampled:
-        after = np.append(torque[1:], torque[-1])
         rise = found.ramp[:, [DEMAND]]
-        return np.hstack([held[:, [DEMAND]] - rise, rise, columns]), np.column_stack([torque, after, signals.motion.along])
+        return np.hstack([held[:, [DEMAND]] - rise, rise, columns]), signals.inputs(0, between)
     ticks, fraction = split_delay(drive.delay, signals.sample_time)
-    shift, part = int(ticks), float(fraction)
-    rows = np.arange(len(torque))
-    now, before = torque[np.maximum(rows - shift, 0)], torque[np.maximum(rows - shift - 1, 0)]
+    part = float(fraction)
     first = np.zeros((len(held), 1))
     if part > 0:
         over, _, _ = _sampled(found.system, (1 - part) * signals.sample_time)
         first = over @ _sampled(found.system, part * signals.sample_time)[1][:, [DEMAND]]
-    return np.hstack([first, held[:, [DEMAND]] - first, columns]), np.column_stack([before, now, signals.motion.along])
+    return np.hstack([first, held[:, [DEMAND]] - first, columns]), signals.inputs(int(ticks), between)

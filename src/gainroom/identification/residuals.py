@@ -9,6 +9,7 @@ from .frequency_response import FrequencyResponse
 from .prediction import Signals
 
 LAGS = 60  # ticks of autocorrelation
+MOST_REPEATED = 0.8  # correlation of the residual with itself some ticks before: more, and rows are copies of others
 MOST_EXPLAINED = 0.3  # of the residual's power, by the torque: more, and the model misses what the torque does
 
 
@@ -21,7 +22,7 @@ class Residuals:
     chance            two standard errors
     explained         share of the residual's power, over the frequencies that the torque excites, that is coherent with the torque: what
                       the model should have explained; 0 to 1, near 0 for the right model
-    adequate          `explained` is small
+    adequate          `explained` and `autocorrelation` are small
     """
 
     values: Floats
@@ -51,4 +52,5 @@ def residual_tests(errors: Floats, variances: Floats, signals: Signals, measured
     excited = np.interp(2 * np.pi * frequency, measured.omega, measured.excited.astype(float), left=0.0, right=0.0) > 0.5
     total = float(spectrum[excited].sum())
     explained = float((real * spectrum)[excited].sum() / total) if total > 0 else 0.0
-    return Residuals(values, lags, 2 / len(centred) ** 0.5, explained, explained < MOST_EXPLAINED)
+    adequate = explained < MOST_EXPLAINED and float(np.abs(lags).max()) < MOST_REPEATED
+    return Residuals(values, lags, 2 / len(centred) ** 0.5, explained, adequate)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import GainroomError, first_of_many, named
+from ...identification.excited_part import MostExcited
 from ...identification.record import Record
 from ...io.validation import LARGEST
 from ...linear.arrays import Floats
@@ -111,6 +112,22 @@ class LogReader:
             bounded(self.path, "numbers in memory:", size, MOST_BYTES, " bytes; read a part of it with start, end or joints")
             quality, began = part.quality, part.began or began
         return self._log(time.values, [column.values for column in columns], quality, began)
+
+    def most_excited(self) -> Log:
+        """Of one joint the part that identification learns most from, all of a short log; memory does not grow with the file."""
+        best, first, last = MostExcited(), 0.0, 0.0
+        quality, began = Quality(), 0.0
+        for part in self.blocks():
+            if len(part.time):
+                first, last = (first if best.seen else float(part.time[0])), float(part.time[-1])
+                best.add(part.time, part.joints[self.joint_names[0]])
+            quality, began = part.quality, part.began or began
+        time, channels = best.part()
+        log = self._log(time, [channels[origin.channel] for origin in self._channels], quality, began)
+        if best.seen == len(time):
+            return log
+        note = f"of {last - first:.4g} s the part from {time[0]:.6g} to {time[-1]:.6g} s is used, in which the command changes most"
+        return replace(log, notes=(*log.notes, note))
 
     def _log(self, time: Floats, columns: list[Floats], quality: Quality, began: float) -> Log:
         joints: dict[str, dict[str, Floats]] = {joint: {} for joint in self.joint_names}
@@ -242,7 +259,7 @@ def read_joint(path: Path, options: LogOptions | None = None) -> LoggedJoint:
             raise GainroomError(
                 f"{path}: has {len(reader.joint_names)} joints and one must be chosen, by --joint NAME: {first_of_many(reader.joint_names)}"
             )
-        log = reader.whole()
+        log = reader.most_excited()
     with named(str(path)):
         joint = log.joint()
         return LoggedJoint(path, log, joint, joint.record())
