@@ -57,11 +57,7 @@ class Sweep:
         self.loci = self._eigenvalues(self.omega)
         self._pairs = _pairing(self.loci[:-1], self.loci[1:])
         self._reach_ends()
-        for _ in range(60):
-            rough = self._rough()
-            if not len(rough) or self.full:
-                break
-            self.add(_middle(self.omega[rough], self.omega[rough + 1]))
+        self._refine(self._rough)
 
     @property
     def full(self) -> bool:
@@ -70,27 +66,34 @@ class Sweep:
 
     def add(self, omega: Floats) -> None:
         """Take samples at more frequencies."""
-        fresh = np.setdiff1d(omega[omega > 0], self.omega)
+        fresh = np.unique(omega[omega > 0])
         if self.last is not None:
             fresh = fresh[fresh <= self.last]
+        place = np.searchsorted(self.omega, fresh)
+        unknown = np.append(self.omega, math.inf)[place] != fresh
+        fresh, place = fresh[unknown], place[unknown]
         if not len(fresh) or self.full:
             return
-        place = np.searchsorted(self.omega, fresh)
         values = self._eigenvalues(fresh)
         split = np.zeros(len(self.omega) + 1, dtype=bool)  # intervals of before, with what lies outside on either side
         split[place] = True
-        is_new = np.insert(np.zeros(len(self.omega), dtype=bool), place, True)
+        is_new = np.zeros(len(self.omega) + len(fresh), dtype=bool)
+        is_new[place + np.arange(len(fresh))] = True
         unchanged = ~is_new[:-1] & ~is_new[1:]
-        self.omega = np.insert(self.omega, place, fresh)
-        self.loci = np.insert(self.loci, place, values, axis=0)
+        self.omega, self.loci = _merged(is_new, self.omega, fresh), _merged(is_new, self.loci, values)
         pairs = np.empty((len(self.omega) - 1, self.loci.shape[1]), dtype=int)
         pairs[unchanged] = self._pairs[~split[1:-1]]
-        pairs[~unchanged] = _pairing(self.loci[:-1][~unchanged], self.loci[1:][~unchanged])
+        rows = np.flatnonzero(~unchanged)
+        pairs[rows] = _pairing(self.loci[rows], self.loci[rows + 1])
         self._pairs = pairs
 
     def steps(self) -> Steps:
         """The loci from sample to sample."""
-        return Steps(self.loci[:-1], np.take_along_axis(self.loci[1:], self._pairs, axis=1))
+        return self._steps(np.arange(len(self._pairs)))
+
+    def _steps(self, rows: Integers) -> Steps:
+        """Those that begin at some samples."""
+        return Steps(self.loci[rows], self.loci[rows[:, None] + 1, self._pairs[rows]])
 
     def at_rest(self) -> Floats:
         """The loci that settle as ω → 0, which are real there: gravity holds the joints, or makes them topple, against these."""
@@ -107,10 +110,26 @@ class Sweep:
     @property
     def passive(self) -> Booleans:
         """(k − 1,) True where no locus can meet the negative real axis between two samples."""
+        return self._is_passive(np.arange(len(self._pairs)))
+
+    def _is_passive(self, rows: Integers) -> Booleans:
         if not len(self._passive):
-            return np.zeros(len(self.omega) - 1, dtype=bool)
-        span = np.searchsorted(self._passive[:, 0], self.omega[:-1], side="right") - 1
-        return (span >= 0) & (self.omega[1:] <= self._passive[span, 1])
+            return np.zeros(len(rows), dtype=bool)
+        span = np.searchsorted(self._passive[:, 0], self.omega[rows], side="right") - 1
+        return (span >= 0) & (self.omega[rows + 1] <= self._passive[span, 1])
+
+    def _refine(self, rough: Callable[[Integers], Booleans]) -> None:
+        """Halve intervals that are `rough`, which tells of those that begin at some samples, until none is; what was not rough stays so."""
+        rows = np.arange(len(self._pairs))
+        for _ in range(60):
+            rows = rows[rough(rows) & ~self._is_passive(rows)]
+            rows = rows[self.omega[rows + 1] - self.omega[rows] > LOCI.closest * self.omega[rows + 1]]
+            if not len(rows) or self.full:
+                break
+            middle = _middle(self.omega[rows], self.omega[rows + 1])
+            self.add(middle)
+            right = np.searchsorted(self.omega, middle)
+            rows = np.union1d(right - 1, right)
 
     def unstable(self, gain: float, phase: float = 0.0, delay: float = 0.0) -> int:
         """Unstable closed-loop roots with L multiplied by gain e^{−j(phase + ω delay)}, as far as the gains move them.
@@ -119,16 +138,17 @@ class Sweep:
         difference of the turns about −1 from those without it, and may be negative. `delay` [s] in continuous time.
         """
         self._reach_down(gain)
-        factor, steps = self._factor(gain, phase, delay), self.steps()
-        for _ in range(60):
-            before, after = steps.start * factor[:-1, None], steps.end * factor[1:, None]
-            close = np.any(passes(before, after) | self._winds(before, after, delay), axis=1)
-            close &= (np.diff(self.omega) > LOCI.closest * self.omega[1:]) & ~self.passive
-            if not close.any() or self.full:
-                break
-            places = np.flatnonzero(close)
-            self.add(_middle(self.omega[places], self.omega[places + 1]))
-            factor, steps = self._factor(gain, phase, delay), self.steps()
+
+        def doubtful(rows: Integers) -> Booleans:
+            steps, omega = self._steps(rows), self.omega[rows]
+            before = steps.start * _factor(omega, gain, phase, delay)[:, None]
+            after = steps.end * _factor(self.omega[rows + 1], gain, phase, delay)[:, None]
+            # A delay turns a locus further between samples than its ends show, where it is large enough to reach −1.
+            winds = ((self.omega[rows + 1] - omega) * delay > 0.3)[:, None] & (np.maximum(np.abs(before), np.abs(after)) > 0.5)
+            return np.any(passes(before, after) | winds, axis=1)
+
+        self._refine(doubtful)
+        factor, steps = _factor(self.omega, gain, phase, delay), self.steps()
         before, after = 1 + steps.start * factor[:-1, None], 1 + steps.end * factor[1:, None]
         # 1 + gλ stays off the negative real axis where λ does: its principal angles may be subtracted.
         passive = self.passive[:, None]
@@ -150,15 +170,6 @@ class Sweep:
     def _slowest(self) -> float:
         """A tenth of the lowest frequency [rad/s] at which one gain takes over from another; inf where there is but one."""
         return 0.1 * self.loop.parts.controller.slowest(self.loop.size) if self.loop.parts is not None else math.inf
-
-    def _factor(self, gain: float, phase: float, delay: float) -> Complexes:
-        """(k,) what multiplies the loci at the samples."""
-        return gain * np.exp(-1j * (phase + self.omega * delay))
-
-    def _winds(self, before: Complexes, after: Complexes, delay: float) -> Booleans:
-        """True where a delay turns a locus further between samples than its ends show, and it is large enough to reach −1."""
-        turned = np.diff(self.omega) * delay
-        return (turned > 0.3)[:, None] & (np.maximum(np.abs(before), np.abs(after)) > 0.5)
 
     def _reach_down(self, gain: float) -> None:
         """Down to where double integrators rule at this gain too, and to where settled loci are clearly on one side of −1/gain."""
@@ -218,9 +229,9 @@ class Sweep:
         while self.last is None and np.abs(self.loci[-1]).max() * self.highest > 1 and self.omega[-1] < 1e12 * self.omega[0]:
             self.add(self.omega[-1] * np.array([1.5, 2.0]))
 
-    def _rough(self) -> Integers:
-        """Intervals on which a locus moves so far, and so near the negative real axis, that where it crosses is in doubt."""
-        steps = self.steps()
+    def _rough(self, rows: Integers) -> Booleans:
+        """True where a locus moves so far between samples, and so near the negative real axis, that where it crosses is in doubt."""
+        steps = self._steps(rows)
         size = np.maximum(np.abs(steps.start), np.abs(steps.end))
         away = math.pi - np.maximum(np.abs(np.angle(steps.start)), np.abs(np.angle(steps.end)))
         turned, grown = np.abs(np.angle(steps.end * steps.start.conj())), np.abs(_size(steps.end) - _size(steps.start))
@@ -228,8 +239,19 @@ class Sweep:
         # Far beyond −1 the loci of integrators fall along straight lines, on which a step of a decade loses nothing.
         far = np.where(size > LOCI.large, turned * size, move) > LOCI.smooth * size
         seen = size > np.maximum(1 / self.highest, LOCI.noise * size.max(axis=1, keepdims=True))
-        rough = np.any(((turned > LOCI.detour * away) | (grown > LOCI.growth)) & far & seen, axis=1)
-        return np.flatnonzero(rough & ~self.passive & (np.diff(self.omega) > LOCI.closest * self.omega[1:]))
+        return np.any(((turned > LOCI.detour * away) | (grown > LOCI.growth)) & far & seen, axis=1)
+
+
+def _merged(is_new: Booleans, old: np.ndarray, new: np.ndarray) -> np.ndarray:
+    """Rows `old` and `new`, the new ones where `is_new`."""
+    merged = np.empty((len(is_new), *old.shape[1:]), dtype=old.dtype)
+    merged[is_new], merged[~is_new] = new, old
+    return merged
+
+
+def _factor(omega: Floats, gain: float, phase: float, delay: float) -> Complexes:
+    """(k,) what multiplies the loci at ω (k,)."""
+    return gain * np.exp(-1j * (phase + omega * delay))
 
 
 def _without_inside(omega: Floats, spans: Floats) -> Floats:
