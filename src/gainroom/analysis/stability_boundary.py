@@ -117,4 +117,6 @@ class Boundary:
 def in_blocks(function: Callable[[Floats], Complexes], omega: Floats, size: int) -> Complexes:
     """`function` (k,) → (k, …), which needs a few matrices (size, size) for each ω, over any number of them in bounded memory."""
     rows = max(1, LOCI.at_once // size**2)
-    return np.concatenate([function(omega[k : k + rows]) for k in range(0, max(len(omega), 1), rows)])
+    if len(omega) <= rows:
+        return function(omega)
+    return np.concatenate([function(omega[k : k + rows]) for k in range(0, len(omega), rows)])

@@ -20,7 +20,7 @@ from ..analysis.margins import required_margins
 from ..analysis.quick_margins import QUICK, Sampled
 from ..analysis.sampled_curves import meets_axis, meets_circle, peaks, polished_peaks
 from ..linear.arrays import Booleans, Complexes, Floats, Integers
-from ..system.filters import integrator
+from ..system.filters import integrator, value_of
 from ..system.loop import Loop
 from ..system.requirements import Requirement, Requirements
 
@@ -157,7 +157,7 @@ class _Machine:
         """d (k, m), and its changes (k, 2, m)."""
         loop, (kp, kd, ki) = self._loop, self.gains
         v, time = loop.variable(s)[:, None], loop.sample_time
-        velocity, integral = (np.polyval(num, v) / np.polyval(den, v) for num, den in (self._controller.velocity(time), integrator(time)))
+        velocity, integral = (value_of(ratio, v) for ratio in (self._controller.velocity(time), integrator(time)))
         shaping, cascade = self._controller.shaping(time).at(s)[:, None], self.case.cascade
         inner, outer = kd + ki * integral, kp + velocity
         law = shaping * np.where(cascade, inner * outer, kp + kd * velocity)

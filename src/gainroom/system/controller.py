@@ -16,7 +16,7 @@ mapped by Tustin's rule, exact at their own frequency.
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import Any, ClassVar
 
 import numpy as np
@@ -26,7 +26,7 @@ from ..errors import GainroomError, one_line, require_finite
 from ..linear.arrays import Complexes, Floats
 from ..linear.lti import factored_from
 from ..linear.transfer_function import Factored, ratio
-from .filters import LowPass, Notch, Ratio, filtered_velocity, integrator, notch_product
+from .filters import LowPass, Notch, Ratio, filtered_velocity, integrator, notch_product, value_of
 
 Terms = dict[tuple[int, int], Floats]
 """Gains by (power of V, power of I)."""
@@ -97,10 +97,12 @@ class Controller:
 
     def matrix(self, s: Complexes, v: Complexes, size: int, sample_time: float | None) -> Complexes:
         """D of `size` joints at complex s (k,), with v the same points in this module's variable: (k, n, n)."""
-        velocity, integral = (np.polyval(num, v) / np.polyval(den, v) for num, den in (self.velocity(sample_time), integrator(sample_time)))
+        terms, ratios = self._matrices(size), (self.velocity(sample_time), integrator(sample_time))
+        signals = [value_of(ratio, v) if any(powers[k] for powers in terms) else None for k, ratio in enumerate(ratios)]
         total = np.zeros((len(v), size, size), dtype=complex)
-        for (power_v, power_i), gain in self._matrices(size).items():
-            total += (velocity**power_v * integral**power_i)[:, None, None] * gain
+        for powers, gain in terms.items():
+            parts = [signal**power for signal, power in zip(signals, powers, strict=True) if signal is not None and power]
+            total += reduce(np.multiply, parts)[:, None, None] * gain if parts else gain
         shaping = self.shaping(sample_time)
         return total if shaping.is_one else shaping.at(s)[:, None, None] * total
 

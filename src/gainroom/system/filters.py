@@ -10,10 +10,24 @@ from functools import lru_cache
 import numpy as np
 
 from ..errors import GainroomError, require_positive
-from ..linear.arrays import Floats
+from ..linear.arrays import Complexes, Floats
 from ..linear.transfer_function import Factored, ratio
 
 Ratio = tuple[Floats, Floats]
+
+
+def value_of(ratio: Ratio, v: Complexes) -> Complexes:
+    """Numerator over denominator at complex v of any shape."""
+    return _horner(ratio[0], v) / _horner(ratio[1], v)
+
+
+def _horner(coefficients: Floats, v: Complexes) -> Complexes:
+    """np.polyval without its detours, which took a tenth of a response's time."""
+    first, *others = coefficients.tolist()
+    value = np.full(v.shape, first, dtype=complex)
+    for coefficient in others:
+        value = value * v + coefficient
+    return value
 
 
 @dataclass(frozen=True)

@@ -99,7 +99,9 @@ class Loop:
             return self.gain * np.exp(-points * self._delays[0]) * _called(self.function, points)
         assert self.parts is not None
         v = self.variable(points)
-        return self.gain * self._actuated_at(points, v) @ self.parts.controller.matrix(points, v, self.size, self.sample_time)
+        actuated = self._actuated_at(points, v)
+        law = self.parts.controller.matrix(points, v, self.size, self.sample_time)
+        return (actuated if self.gain == 1 else self.gain * actuated) @ law
 
     def variable(self, s: Complexes) -> Complexes:
         """v at complex s (k,): s itself, or (e^{s T_s} − 1)/T_s in sampled time."""
