@@ -178,6 +178,21 @@ def least_peak(sensitivity):
     return minimize(size, np.zeros(len(sensitivity) - 1), method="Nelder-Mead", options={"xatol": 1e-4, "fatol": 1e-6}).fun
 
 
+def perron(sensitivities):
+    """The spectral radius of |S − T|: no least peak is above it (Perron)."""
+    return np.abs(np.linalg.eigvals(np.abs(sensitivities))).max(axis=1)
+
+
+def least_peaks(sensitivities, count):
+    """The highest `count` least peaks, and their indices: what is bounded below them is not looked at."""
+    found, most = [], perron(sensitivities)
+    for k in np.argsort(most)[::-1].tolist():
+        if len(found) >= count and most[k] < sorted(found)[-count][0]:
+            break
+        found.append((least_peak(sensitivities[k]), k))
+    return tuple(map(list, zip(*sorted(found)[-count:], strict=True)))
+
+
 @pytest.mark.parametrize("number", [807, 1642, 1809])
 def test_joints_that_no_gain_holds_take_no_disk_margin(number):
     """They drift at 0, where rounding makes L infinite in directions in which it is not. With gains K = K V Vᵀ no such motion is left:
@@ -195,12 +210,12 @@ def test_joints_that_no_gain_holds_take_no_disk_margin(number):
         return np.eye(pair.loop.size) - 2 * gains @ inside @ (seen.T @ plant)
 
     coarse = np.geomspace(1e-6, 1e4, 20_000)
-    most = np.abs(np.linalg.eigvals(np.abs(sensitivities(coarse)))).max(axis=1)  # above the peak of the best D (Perron)
+    most = perron(sensitivities(coarse))
     tops = 1 + np.flatnonzero((most[1:-1] >= most[:-2]) & (most[1:-1] >= most[2:]))
     tried = np.union1d(coarse[tops], coarse[::50])
-    heights = np.array([least_peak(matrix) for matrix in sensitivities(tried)])
-    near = tried[np.argsort(heights)[-3:], None] * np.geomspace(0.97, 1.03, 150)
-    margin = min(2 / max(least_peak(matrix) for matrix in sensitivities(near.ravel())), 2)
+    highest = tried[least_peaks(sensitivities(tried), 3)[1]]
+    near = highest[:, None] * np.geomspace(0.97, 1.03, 150)
+    margin = min(2 / least_peaks(sensitivities(near.ravel()), 1)[0][0], 2)
     for loop in last_digits(pair.loop):
         found = disk_margin(loop)
         assert found.certified
