@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import gainroom as gr
-from gainroom.identification.joint import identify_joint
+from gainroom.identification.joint import JointFit, identify_joint
 from gainroom.identification.motion import motion_of
 from gainroom.identification.prediction import Noise, Signals, prediction_errors, stationary
 from gainroom.identification.record import Record
@@ -46,6 +46,12 @@ def two() -> Record:
     return chained(TWO, 10, 60)
 
 
+@pytest.fixture(scope="module")
+def one_encoder(two) -> JointFit:
+    """From its motor's side alone."""
+    return identify_joint(without(two, "link_position"))
+
+
 def test_predictions_of_the_true_joint_are_white_and_as_large_as_their_noise():
     """A Kalman filter with the true parameters: errors of variance v, independent of each other (5 standard errors), in closed loop."""
     joint, drive, step = gr.ElasticJoint(0.2, 0.8, 1e4, 2.0), gr.Drive(2500.0, 0.8, 2.3 * TICK), 2e-5
@@ -76,9 +82,9 @@ def test_the_stationary_filter_is_scipy_s():
         assert np.allclose(found, solve_discrete_are(a.T, c.T, process, np.diag(readings)), rtol=1e-9, atol=1e-9 * np.abs(found).max())
 
 
-def test_an_independent_simulation_gives_its_joint_back(two):
+def test_an_independent_simulation_gives_its_joint_back(one_encoder):
     """With friction on both sides and an encoder; 12 s in closed loop. The intervals hold and are within the accuracy wanted."""
-    found = identify_joint(without(two, "link_position"))
+    found = one_encoder
     assert found.model == "two-mass with friction"
     assert found.adequate
     truth = {"motor_inertia": 0.2, "link_inertia": 0.8, "stiffness": 1e4, "resonance": 250.0, "delay": 3 * TICK}
@@ -93,16 +99,16 @@ def test_an_independent_simulation_gives_its_joint_back(two):
     assert np.all(np.linalg.eigvalsh(found.covariance) > 0)
 
 
-def test_the_fitted_response_goes_through_the_measured_one(two):
+def test_the_fitted_response_goes_through_the_measured_one(one_encoder):
     """At the excited frequencies, beyond friction's reach, within what averages of twelve spectra scatter."""
-    found = identify_joint(without(two, "link_position"))
+    found = one_encoder
     used = found.measured.excited & (found.measured.coherence > 0.98) & (found.measured.omega > 2 * math.pi * 10)
     ratio = found.measured.response[used] / found.response(found.measured.omega[used])
     assert np.median(np.abs(ratio - 1)) < 0.1
 
 
-def test_two_encoders_agree_with_one(two):
-    one, both = identify_joint(without(two, "link_position")), identify_joint(two)
+def test_two_encoders_agree_with_one(two, one_encoder):
+    one, both = one_encoder, identify_joint(two)
     for name in ("motor_inertia", "link_inertia", "stiffness"):
         assert abs(one.parameters[name].value / both.parameters[name].value - 1) < 0.01
     assert both.parameters["link_inertia"].half_width <= 1.2 * one.parameters["link_inertia"].half_width
