@@ -6,7 +6,9 @@ At three levels: the plant and its limits, the operational space, and the comman
 import json
 import re
 from collections.abc import Callable, Mapping
+from contextlib import redirect_stdout
 from dataclasses import replace
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -266,13 +268,19 @@ def assert_same(found: Mapping[str, Any], wanted: Mapping[str, Any], factors: Ma
             assert found[key] == value, key
 
 
-def told(path: Path, capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
-    main(["robot", str(path / "robot.yaml"), "--json"])
-    return json.loads(capsys.readouterr().out)
+@pytest.fixture(scope="module")
+def told(folder: Path) -> list[dict[str, Any]]:
+    """What the command says of the robot, and of all changes at once."""
+    answers = []
+    for name in ("plain", "all at once"):
+        with redirect_stdout(StringIO()) as out:
+            main(["robot", str(folder / name / "robot.yaml"), "--json"])
+        answers.append(json.loads(out.getvalue()))
+    return answers
 
 
-def test_the_command_on_files(folder: Path, capsys: pytest.CaptureFixture[str]):
-    plain, other, biped = told(folder / "plain", capsys), told(folder / "all at once", capsys), VARIANTS["all at once"]
+def test_the_command_on_files(told: list[dict[str, Any]]):
+    (plain, other), biped = told, VARIANTS["all at once"]
     square = biped.unit**2
     assert other["stable"] is plain["stable"] is True
     names = [row["name"] for row in plain["states"][0]["joints"]]
@@ -291,8 +299,8 @@ def test_the_command_on_files(folder: Path, capsys: pytest.CaptureFixture[str]):
             assert_same(row, task, {}, 1e-5)
 
 
-def test_recommended_gains_of_the_command_on_files(folder: Path, capsys: pytest.CaptureFixture[str]):
-    plain, other, biped = told(folder / "plain", capsys), told(folder / "all at once", capsys), VARIANTS["all at once"]
+def test_recommended_gains_of_the_command_on_files(told: list[dict[str, Any]]):
+    (plain, other), biped = told, VARIANTS["all at once"]
     square = biped.unit**2
     for first, second in zip(plain["recommended"], other["recommended"], strict=True):
         joint = first["space"] == "joint"

@@ -1,7 +1,9 @@
 """What `gainroom robot` and `gainroom audit` tell: limits mean what they say, and a robot of one joint is that joint."""
 
 import json
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import replace
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
@@ -184,9 +186,28 @@ def test_motions_that_drift_are_told(folder: Path, study: RobotStudy):
     assert "posture task" in found
 
 
-def test_robot_json(folder: Path, study: RobotStudy, capsys: pytest.CaptureFixture[str]):
-    assert main(["robot", str(folder / "robot.yaml"), "--json"]) == 0
-    facts = json.loads(capsys.readouterr().out)
+def answered(*call: str) -> tuple[str, str]:
+    """Standard output and error of a command that ends with status 0."""
+    with redirect_stdout(StringIO()) as out, redirect_stderr(StringIO()) as err:
+        assert main(list(call)) == 0
+    return out.getvalue(), err.getvalue()
+
+
+@pytest.fixture(scope="module")
+def terminal(folder: Path) -> tuple[str, str]:
+    return answered("robot", str(folder / "robot.yaml"))
+
+
+@pytest.fixture(scope="module")
+def answer(folder: Path) -> tuple[dict, str]:
+    """JSON and page of one call."""
+    report = folder / "out.html"
+    out, _ = answered("robot", str(folder / "robot.yaml"), "--json", "--report", str(report))
+    return json.loads(out), report.read_text("utf-8")
+
+
+def test_robot_json(study: RobotStudy, answer: tuple[dict, str]):
+    facts, _ = answer
     assert set(facts) >= {"states", "recommended", "warnings"}
     (state,) = facts["states"]
     assert set(state) >= STATE_KEYS
@@ -196,9 +217,8 @@ def test_robot_json(folder: Path, study: RobotStudy, capsys: pytest.CaptureFixtu
     assert state["limiting_joints"] == list(study.states[0].limiting_joints)
 
 
-def test_robot_terminal(folder: Path, capsys: pytest.CaptureFixture[str]):
-    assert main(["robot", str(folder / "robot.yaml")]) == 0
-    out, err = capsys.readouterr()
+def test_robot_terminal(terminal: tuple[str, str]):
+    out, err = terminal
     assert err == ""
     assert "\x1b" not in out
     assert max(map(len, out.splitlines())) <= 100
@@ -206,21 +226,17 @@ def test_robot_terminal(folder: Path, capsys: pytest.CaptureFixture[str]):
         assert word in out
 
 
-def test_terminal_has_no_column_without_a_number(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_terminal_has_no_column_without_a_number(folder: Path, tmp_path: Path, terminal: tuple[str, str]):
     (tmp_path / "robot.urdf").write_bytes((folder / "robot.urdf").read_bytes())
-    for text, column in ((ROBOT, False), (ROBOT.replace("kd: [20, 20, 20]", "kv: 20, ki: 5"), True)):
-        (tmp_path / "robot.yaml").write_text(text, "utf-8")
-        main(["robot", str(tmp_path / "robot.yaml")])
-        lines = capsys.readouterr().out.splitlines()
+    (tmp_path / "robot.yaml").write_text(ROBOT.replace("kd: [20, 20, 20]", "kv: 20, ki: 5"), "utf-8")
+    for (out, _), column in ((terminal, False), (answered("robot", str(tmp_path / "robot.yaml")), True)):
+        lines = out.splitlines()
         (head,) = [lines[k + 2].split() for k, line in enumerate(lines) if line.startswith("Tasks, bent, free")]
         assert ("ki" in head) == column
 
 
-def test_report_is_one_page(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    report = tmp_path / "out.html"
-    assert main(["robot", str(folder / "robot.yaml"), "--json", "--report", str(report)]) == 0
-    json.loads(capsys.readouterr().out)
-    assert report.read_text("utf-8").lstrip().lower().startswith("<!doctype html")
+def test_report_is_one_page(answer: tuple[dict, str]):
+    assert answer[1].lstrip().lower().startswith("<!doctype html")
 
 
 def test_audit_agrees_with_the_robot_file(folder: Path, study: RobotStudy):
