@@ -202,10 +202,12 @@ def test_joints_that_no_gain_holds_take_no_disk_margin(number):
     pair = chain(2017, number)
     seen = pair.loop.seen
     assert seen.shape[1] < pair.loop.size
+    controller = pair.loop.parts.controller if pair.loop.parts else None
+    assert controller is not None
 
     def sensitivities(omega):
         plant, v = pair.loop.actuated_at(1j * omega), pair.loop.variable(1j * omega)
-        gains = pair.loop.parts.controller.matrix(1j * omega, v, pair.loop.size, pair.loop.sample_time) @ seen
+        gains = controller.matrix(1j * omega, v, pair.loop.size, pair.loop.sample_time) @ seen
         inside = np.linalg.inv(np.eye(seen.shape[1]) + seen.T @ plant @ gains)
         return np.eye(pair.loop.size) - 2 * gains @ inside @ (seen.T @ plant)
 

@@ -167,17 +167,13 @@ def delay_margin(kp: float, kd: float) -> float:
     return float(np.min(np.angle(-loop[k]) % (2 * np.pi) / omega[k]))
 
 
-def facts_of(command: str, path: Path, capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
-    """What --json tells."""
-    main([command, str(path), "--json"])
-    return json.loads(capsys.readouterr().out)
-
-
-def pages_of(command: str, path: Path, capsys: pytest.CaptureFixture[str]) -> tuple[str, str]:
-    """What the terminal and the page tell."""
+def shown_by(command: str, path: Path, capsys: pytest.CaptureFixture[str]) -> tuple[dict[str, Any], str, str]:
+    """What --json, the terminal and the page tell."""
     page = path.with_suffix(".html")
+    main([command, str(path), "--json"])
+    found = json.loads(capsys.readouterr().out)
     main([command, str(path), "--report", str(page)])
-    return " ".join(capsys.readouterr().out.split()), page.read_text("utf-8")
+    return found, " ".join(capsys.readouterr().out.split()), page.read_text("utf-8")
 
 
 def test_a_requirement_is_one_object(tmp_path, capsys, monkeypatch):
@@ -188,7 +184,7 @@ def test_a_requirement_is_one_object(tmp_path, capsys, monkeypatch):
     assert main(["joint", str(path)]) == 2  # nobody knows that key yet
     capsys.readouterr()
     monkeypatch.setitem(REQUIREMENTS, one.name, one)
-    found, (terminal, page) = facts_of("joint", path, capsys), pages_of("joint", path, capsys)
+    found, terminal, page = shown_by("joint", path, capsys)
     assert found["required"][one.key] == pytest.approx(one.in_unit(needed))
     assert found[one.key] == pytest.approx(own(6000.0, 250.0), rel=1e-6)
     gains = found["recommended"]["kp"], found["recommended"]["kd"]
@@ -247,7 +243,7 @@ def test_a_requirement_of_a_robot_is_the_same_object(tmp_path, capsys, monkeypat
     gains = {}
     for limit in ("", ", peak_complementary: 1.3"):
         path = write_arm(tmp_path, f"{text}limits: {{gain_margin_db: 6, phase_margin_deg: 30, peak_sensitivity: 2{limit}}}\n")
-        found = facts_of("robot", path, capsys)
+        found, terminal, page = shown_by("robot", path, capsys)
         (sets, *_) = found["recommended"][0]["sets"]
         gains[limit] = sets
         (state,) = found["states"]
@@ -255,7 +251,6 @@ def test_a_requirement_of_a_robot_is_the_same_object(tmp_path, capsys, monkeypat
         assert state["kept"]["peak_complementary"] == pytest.approx(own, rel=1e-3)
     assert found["unmet"].count("peak_complementary") == (own > 1.3)
     assert own > 1.3
-    terminal, page = pages_of("robot", path, capsys)  # of the last
     assert "peak complementary sensitivity" in terminal
     assert "peak complementary sensitivity Mt" in page
     assert "Mt (≤ 1.3)" in page

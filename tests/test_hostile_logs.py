@@ -19,6 +19,7 @@ from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from random import Random
+from typing import Any
 
 import numpy as np
 import pytest
@@ -351,7 +352,7 @@ def parquet_bomb(path: Path) -> None:
 
     rows = (1 << 25) + 1000
     table = pyarrow.table({name: pyarrow.array(np.zeros(rows)) for name in ("time", "motor_position")})
-    pages = {"data_page_size": 1 << 31, "row_group_size": rows, "write_batch_size": rows, "max_rows_per_page": rows}
+    pages: dict[str, Any] = {"data_page_size": 1 << 31, "row_group_size": rows, "write_batch_size": rows, "max_rows_per_page": rows}
     pyarrow.parquet.write_table(table, path, compression="zstd", use_dictionary=False, **pages)
 
 

@@ -141,7 +141,8 @@ def test_control_in_task_space_is_the_tasks_limit(folder: Path, study: RobotStud
     ).states
     assert study.states[0].tasks is not None
     assert state.limit.gain == approx(study.states[0].tasks.limit.gain)
-    gains = state.tasks.tasks.joint_gains() if state.tasks else ()
+    assert state.tasks is not None
+    gains = state.tasks.tasks.joint_gains()
     assert [row.kp for row in state.joints] == approx(np.diagonal(gains[0]))
     assert [row.kd for row in state.joints] == approx(np.diagonal(gains[1]))
 
