@@ -1,8 +1,8 @@
 """gainroom identify delay: the delay of a torque, from the torques or from set-point and position."""
 
 from .identify_log import joint_of_log, show
-from .log_options import Columns, End, GearRatio, Joints, LogFile, RateHz, RotorSide, Start, Units, log_options
-from .options import AsJson
+from .log_options import Columns, End, GearRatio, Joints, LogFile, RateHz, RotorSide, Start, Units, log_options, log_words
+from .options import AsJson, Report, command_line, report_stream
 
 
 def delay(
@@ -16,6 +16,7 @@ def delay(
     end: End = None,
     joint: Joints = None,
     as_json: AsJson = False,
+    report: Report = None,
 ) -> int:
     """The delay from torque command to motor torque, its jitter, and the current loop's bandwidth and damping.
 
@@ -23,20 +24,26 @@ def delay(
 
     \b
     Example:
-      gainroom identify delay run.csv
+      gainroom identify delay run.csv --report delay.html
 
     Exit status: 0 done; 2 the file or the call is wrong, or the log cannot tell the delay.
     """
-    options = log_options(columns, units, rotor_side, gear_ratio, rate_hz, start, end, joint)
-    with joint_of_log(file, options) as (logged, _):
-        from ..identification import identify_delay, identify_setpoint_delay
-        from ..report.delay_text import setpoint_delay_answer, torque_delay_answer
+    given = (columns, units, rotor_side, gear_ratio, rate_hz, start, end, joint)
+    options = log_options(*given)
+    with report_stream(report) as page:
+        with joint_of_log(file, options, report) as (logged, _):
+            from ..identification import identify_delay, identify_setpoint_delay
+            from ..report.delay_text import setpoint_delay_answer, torque_delay_answer
 
-        record = logged.record
-        torques = record.has("target_torque") and (record.has("demand_torque") or record.has("actual_torque"))
-        if torques or not record.has("reference"):
-            answer = torque_delay_answer(identify_delay(record))
-        else:
-            answer = setpoint_delay_answer(identify_setpoint_delay(record))
-    show(answer, logged, as_json)
+            record = logged.record
+            torques = record.has("target_torque") and (record.has("demand_torque") or record.has("actual_torque"))
+            from_torques = torques or not record.has("reference")
+            found = identify_delay(record) if from_torques else None
+            answer = setpoint_delay_answer(identify_setpoint_delay(record)) if found is None else torque_delay_answer(found)
+        show(answer, logged, as_json, files={"Report": report})
+        if page is not None:
+            from ..report.identification import delay_page, setpoint_delay_page
+
+            command = command_line("identify", "delay", *log_words(file, *given), "--report", report)
+            page.write(setpoint_delay_page(answer, command) if found is None else delay_page(found, record, answer, command))
     return 0

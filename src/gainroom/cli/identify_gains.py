@@ -6,8 +6,8 @@ from typing import Annotated
 import typer
 
 from .identify_log import joint_of_log, show
-from .log_options import Columns, End, GearRatio, Joints, LogFile, RateHz, RotorSide, Start, Units, log_options
-from .options import AsJson
+from .log_options import Columns, End, GearRatio, Joints, LogFile, RateHz, RotorSide, Start, Units, log_options, log_words
+from .options import AsJson, Report, command_line, report_stream
 from .output import table
 
 GAINS = ("kp", "kd")
@@ -28,24 +28,34 @@ def gains(
     end: End = None,
     joint: Joints = None,
     as_json: AsJson = False,
+    report: Report = None,
 ) -> int:
     """The kp and kd that the firmware applies, joint side, from set-point, position and torque; and which unit makes them differ.
 
     \b
     Example:
-      gainroom identify gains run.csv --asked kp=1600,kd=70 --gear-ratio 100
+      gainroom identify gains run.csv --asked kp=1600,kd=70 --gear-ratio 100 --report gains.html
 
     Exit status: 0 done; 2 a file or the call is wrong, or the log cannot tell the gains.
     """
     wanted, ratio = _asked(asked, gear_ratio)
-    options = log_options(columns, units, rotor_side, gear_ratio, rate_hz, start, end, joint)
-    with joint_of_log(file, options) as (logged, _):
-        from ..identification import identify_gains
-        from ..report.gains_text import ASKED_TITLES, asked_rows, gains_answer
+    given = (columns, units, rotor_side, gear_ratio, rate_hz, start, end, joint)
+    options = log_options(*given)
+    with report_stream(report) as page:
+        with joint_of_log(file, options, report) as (logged, _):
+            from ..identification import identify_gains
+            from ..report.gains_text import ASKED_TITLES, asked_rows, gains_answer
 
-        fit = identify_gains(logged.record, **wanted, gear_ratio=ratio)
-    more = [table("Beside what was asked for", ASKED_TITLES, asked_rows(fit, [*wanted.items()]))] if wanted else []
-    show(gains_answer(fit), logged, as_json, *more, facts={"asked": {name: wanted.get(name) for name in GAINS}})
+            fit = identify_gains(logged.record, **wanted, gear_ratio=ratio)
+        answer, beside = gains_answer(fit), [*wanted.items()]
+        more = [table("Beside what was asked for", ASKED_TITLES, asked_rows(fit, beside))] if wanted else []
+        facts = {"asked": {name: wanted.get(name) for name in GAINS}}
+        show(answer, logged, as_json, *more, files={"Report": report}, facts=facts)
+        if page is not None:
+            from ..report.identification import gains_page
+
+            words = ("identify", "gains", *log_words(file, *given), *(("--asked", asked) if asked else ()), "--report", report)
+            page.write(gains_page(fit, logged.record, beside, answer, command_line(*words)))
     return 0
 
 

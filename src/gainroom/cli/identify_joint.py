@@ -11,8 +11,8 @@ import typer
 
 from ..errors import GainroomError
 from .identify_log import joint_of_log, show
-from .log_options import Columns, End, GearRatio, Joints, LogFile, RateHz, RotorSide, Start, Units, log_options
-from .options import AsJson, number_option, refuse_inputs
+from .log_options import Columns, End, GearRatio, Joints, LogFile, RateHz, RotorSide, Start, Units, log_options, log_words
+from .options import AsJson, Report, command_line, number_option, refuse_inputs, report_stream
 
 if TYPE_CHECKING:
     from ..files.logs import LoggedJoint
@@ -42,6 +42,7 @@ def joint(
     end: End = None,
     name: Joints = None,
     as_json: AsJson = False,
+    report: Report = None,
 ) -> int:
     """Inertias, stiffness, damping, friction and delay of a joint from torque and position, with 95 % intervals.
 
@@ -49,24 +50,34 @@ def joint(
 
     \b
     Example:
-      gainroom identify joint run.csv --output joint.yaml
+      gainroom identify joint run.csv --output joint.yaml --report joint.html
 
     Exit status: 0 done; 2 the file or the call is wrong, or the log cannot tell the joint.
     """
     drive = _drive(delay_ms, bandwidth)
-    options = log_options(columns, units, rotor_side, gear_ratio, rate_hz, start, end, name)
-    with joint_of_log(file, options) as (logged, progress), _taken(output) as temporary:
-        from ..identification import identify_joint
-        from ..report.identified_joint_text import joint_answer
+    given = (columns, units, rotor_side, gear_ratio, rate_hz, start, end, name)
+    options = log_options(*given)
+    with report_stream(report, output) as page:
+        with joint_of_log(file, options, report) as (logged, progress), _taken(output) as temporary:
+            from ..identification import identify_joint
+            from ..report.identified_joint_text import joint_answer
 
-        if output is not None and drive is None and not logged.record.has("target_torque"):
-            raise GainroomError("has no target_torque, which tells the delay that a joint.yaml needs: give --delay-ms")
-        fit = identify_joint(logged.record, drive)
-        answer = joint_answer(fit)
-        if temporary is not None:
-            progress(2, 3, "gains over the intervals")
-            answer = replace(answer, warnings=(*answer.warnings, *_write(temporary, fit, logged, drive)))
-    show(answer, logged, as_json, files={"Joint": output}, facts={"output": None if output is None else str(output)})
+            if output is not None and drive is None and not logged.record.has("target_torque"):
+                raise GainroomError("has no target_torque, which tells the delay that a joint.yaml needs: give --delay-ms")
+            fit = identify_joint(logged.record, drive)
+            answer = joint_answer(fit)
+            if temporary is not None:
+                progress(2, 3, "gains over the intervals")
+                answer = replace(answer, warnings=(*answer.warnings, *_write(temporary, fit, logged, drive)))
+        files = {"Joint": output, "Report": report}
+        show(answer, logged, as_json, files=files, facts={"output": None if output is None else str(output)})
+        if page is not None:
+            from ..report.identification import joint_page
+
+            known = {"--delay-ms": delay_ms, "--bandwidth": bandwidth, "--output": output}
+            more = [str(word) for flag, value in known.items() if value is not None for word in (flag, value)]
+            words = ("identify", "joint", *log_words(file, *given), *more, "--report", report)
+            page.write(joint_page(fit, logged.record, answer, command_line(*words)))
     return 0
 
 

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .options import refuse_inputs
 from .output import emit, emit_json, file_line, render, table
 from .progress import progress_bar
 
@@ -14,14 +15,21 @@ if TYPE_CHECKING:
 
 
 @contextlib.contextmanager
-def joint_of_log(file: Path, options: "LogOptions") -> Iterator[tuple["LoggedJoint", Callable[[int, int, str], None]]]:
-    """The joint that a log holds, and the progress of what is done with it. Raises GainroomError; what is raised inside names the log."""
+def joint_of_log(
+    file: Path, options: "LogOptions", report: Path | None = None
+) -> Iterator[tuple["LoggedJoint", Callable[[int, int, str], None]]]:
+    """The joint that a log holds, and the progress of what is done with it; `report`: a page that must not take the log's place.
+
+    Raises GainroomError; what is raised inside names the log.
+    """
     from ..errors import named
     from ..files.logs import read_joint
 
     with progress_bar("identify:") as progress:
         progress(0, 2, "reading the log")
         logged = read_joint(file, options)
+        if report is not None:
+            refuse_inputs(report, "report")
         progress(1, 2, "fitting")
         with named(str(file)):
             yield logged, progress

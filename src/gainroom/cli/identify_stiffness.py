@@ -3,8 +3,8 @@
 from typing import Annotated
 
 from .identify_log import joint_of_log, show
-from .log_options import Columns, End, GearRatio, Joints, LogFile, RateHz, RotorSide, Start, Units, log_options
-from .options import AsJson, number_option
+from .log_options import Columns, End, GearRatio, Joints, LogFile, RateHz, RotorSide, Start, Units, log_options, log_words
+from .options import AsJson, Report, command_line, number_option, report_stream
 
 
 def stiffness(
@@ -21,6 +21,7 @@ def stiffness(
     end: End = None,
     joint: Joints = None,
     as_json: AsJson = False,
+    report: Report = None,
 ) -> int:
     """The stiffness of a gearbox whose output is locked, from torque and motor position, and the hysteresis that friction makes.
 
@@ -28,18 +29,27 @@ def stiffness(
 
     \b
     Example:
-      gainroom identify stiffness locked.csv
+      gainroom identify stiffness locked.csv --report stiffness.html
 
     Exit status: 0 done; 2 the file or the call is wrong, or the log cannot tell the stiffness.
     """
     from ..errors import require_positive
 
     require_positive("options", "--motor-inertia", motor_inertia, "kg·m²", zero=True)
-    options = log_options(columns, units, rotor_side, gear_ratio, rate_hz, start, end, joint)
-    with joint_of_log(file, options) as (logged, _):
-        from ..identification import identify_stiffness
-        from ..report.identified_joint_text import stiffness_answer
+    given = (columns, units, rotor_side, gear_ratio, rate_hz, start, end, joint)
+    options = log_options(*given)
+    with report_stream(report) as page:
+        with joint_of_log(file, options, report) as (logged, _):
+            from ..identification import identify_stiffness
+            from ..report.identified_joint_text import stiffness_answer
 
-        answer = stiffness_answer(identify_stiffness(logged.record, motor_inertia))
-    show(answer, logged, as_json)
+            fit = identify_stiffness(logged.record, motor_inertia)
+            answer = stiffness_answer(fit)
+        show(answer, logged, as_json, files={"Report": report})
+        if page is not None:
+            from ..report.identification import stiffness_page
+
+            inertia = ("--motor-inertia", repr(motor_inertia)) if motor_inertia else ()
+            words = ("identify", "stiffness", *log_words(file, *given), *inertia, "--report", report)
+            page.write(stiffness_page(fit, answer, command_line(*words)))
     return 0

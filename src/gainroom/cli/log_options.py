@@ -39,6 +39,28 @@ End = Annotated[Number, number_option("--end", "in seconds", "Read up to here [s
 Joints = Annotated[list[str] | None, typer.Option("--joint", metavar="NAME", help="A joint, or a pattern; may be given again.")]
 
 
+def log_words(
+    file: Path,
+    columns: list[str] | None = None,
+    units: list[str] | None = None,
+    rotor_side: str | None = None,
+    gear_ratio: Number = None,
+    rate_hz: Number = None,
+    start: Number = None,
+    end: Number = None,
+    joints: list[str] | None = None,
+) -> list[str]:
+    """A log and its options as they are typed."""
+    many = {"--columns": columns, "--units": units, "--joint": joints}
+    words = [str(file), *(word for flag, values in many.items() for value in values or [] for word in (flag, value))]
+    one = {"--rotor-side": rotor_side, "--gear-ratio": gear_ratio, "--rate-hz": rate_hz, "--start": start, "--end": end}
+    return words + [word for flag, value in one.items() if value is not None for word in (flag, _typed(value))]
+
+
+def _typed(value: str | float) -> str:
+    return value if isinstance(value, str) else repr(value).removesuffix(".0")
+
+
 def log_options(
     columns: list[str] | None = None,
     units: list[str] | None = None,

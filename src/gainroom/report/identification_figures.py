@@ -1,0 +1,237 @@
+"""Figures of identification: torques and their delay, jitter, frequency response, residuals."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from ..identification import JointFit, Record, TorqueDelay
+from ..identification.frequency_response import SEGMENTS
+from ..identification.residuals import MOST_EXPLAINED
+from ..linear.arrays import Floats
+from . import style
+from .curves import thinned
+from .number_format import digits, hertz
+from .page import Html, figure
+
+BEFORE, AFTER = 2.0, 8.0  # delays and current loops shown before and after the change
+LEAST_WINDOW = 12  # ticks
+BARS = 25  # of a jitter's law, at most
+NORMAL = 1.96  # standard errors of a 95 % band
+
+
+def torques(found: TorqueDelay, record: Record) -> Html:
+    """Target, demand and actual torque about the largest change of the target, the delay marked."""
+    tick, target = record.sample_time, record.channels["target_torque"]
+    lag = (found.lag or found.delay).value / tick
+    before, after = (max(round(times * max(lag, 1.0)), LEAST_WINDOW // 2) for times in (BEFORE, AFTER))
+    changes = np.abs(np.diff(target))
+    changes[: min(before, len(changes) // 2)] = changes[len(changes) - min(after, len(changes) // 2) :] = 0.0
+    first = int(np.argmax(changes)) + 1
+    rows = slice(max(first - before, 0), min(first + after + 1, len(target)))
+    time = 1e3 * (record.time[rows] - record.time[first])
+    looks = {
+        "target_torque": ("target", style.ORANGE, "solid", "hv"),
+        "demand_torque": ("demand", style.BLUE, "dash", "hv"),
+        "actual_torque": ("actual", style.BLACK, "solid", "linear"),
+    }
+    traces = []
+    for name, (title, color, dash, shape) in looks.items():
+        if record.has(name):
+            look = {"color": color, "dash": dash, "width": 2.2, "shape": shape}
+            traces.append(
+                style.line(time, record.channels[name][rows], color, name=title, showlegend=True, hoverinfo="x+y+name") | {"line": look}
+            )
+    late = 1e3 * found.delay.value
+    low, high = sorted((float(target[first - 1]), float(target[first])))
+    level = (low + high) / 2
+    shapes = [style.upright(0.0, style.SOFT, "dot"), style.upright(late, style.VERMILION, "dash", 1.6)]
+    if found.told:
+        band = {
+            "type": "rect",
+            "x0": 1e3 * found.delay.low,
+            "x1": 1e3 * found.delay.high,
+            "y0": 0,
+            "y1": 1,
+            "yref": "paper",
+            "layer": "below",
+        }
+        shapes.append(band | {"fillcolor": style.VERMILION, "opacity": 0.15, "line": {"width": 0}})
+    words = f"delay {digits(late, 'ms', 3)}" if found.told else f"delay at most {digits(1e3 * found.delay.high, 'ms', 3)}"
+    notes = [
+        style.arrow((0.0, level), (late, level), style.VERMILION),
+        style.label(late, 1.0, words, style.VERMILION, yref="paper", xanchor="left", yanchor="bottom", xshift=2),
+    ]  # fmt: skip
+    layout = style.layout(
+        xaxis=style.axis("time after the change of the target [ms]"),
+        yaxis=style.axis("torque [N·m]"),
+        shapes=shapes,
+        annotations=notes,
+        showlegend=True,
+        legend=style.switches(1.08),
+        margin={"l": 78, "r": 24, "t": 64, "b": 52},
+    )
+    caption = f"The largest change of the target, at {digits(float(record.time[first]), 's')} in the log. "
+    caption += "The delay is that of all changes together" + ("; the actual torque follows through the current loop." if found.lag else ".")
+    return figure(
+        {"data": traces, "layout": layout},
+        "Torques, and the delay between them",
+        caption,
+        420,
+        {**style.NARROW, "yaxis.title.text": "[N·m]"},
+    )
+
+
+def jitter(found: TorqueDelay) -> Html:
+    """The law of single commands' delays, in ticks."""
+    law = found.jitter
+    order = np.argsort(-law.probability)[:BARS]
+    bars = {
+        "type": "bar",
+        "x": law.ticks[order],
+        "y": 100 * law.probability[order],
+        "marker": {"color": style.BLUE},
+        "width": 0.8,
+        "hovertemplate": "%{x} ticks: %{y:.1f} %<extra></extra>",
+    }
+    low, high = int(law.ticks[order].min()) - 1, int(law.ticks[order].max()) + 1
+    tick = digits(1e3 * found.sample_time, "ms")
+    layout = style.layout(
+        xaxis=style.axis(
+            f"delay of a command, rounded up [ticks of {tick}]", dtick=max(1, (high - low) // 12), range=[low - 0.5, high + 0.5]
+        ),
+        yaxis=style.axis("commands [%]", rangemode="tozero"),
+        margin={"l": 78, "r": 24, "t": 16, "b": 52},
+    )
+    spread = "The log does not say how much the delays of single commands differ."
+    if not math.isnan(law.deviation):
+        spread = (
+            f"Standard deviation {digits(1e3 * law.deviation, 'ms', 2)}. Commands that were overtaken are counted as if they had not been."
+        )
+    return figure({"data": [bars], "layout": layout}, "Delays of single commands", spread, 300, style.NARROW)
+
+
+def frequency_response(fit: JointFit) -> Html:
+    """Torque to acceleration, measured and fitted: magnitude, phase, coherence."""
+    measured = fit.measured
+    used, omega = measured.excited, measured.omega
+    low, high = float(omega[used].min()) / 1.5, min(float(omega[used].max()) * 1.6, float(omega[-1]))
+    seen = (omega >= low) & (omega <= high)
+    fine = np.geomspace(low, high, 600)
+    fine = np.unique(np.concatenate([fine, *(value * (1 + 0.2 * np.linspace(-1, 1, 81) ** 3) for value in _marks(fit).values())]))
+    fine = fine[(fine >= low) & (fine <= high)]
+    curve = fit.response(fine)
+    # Bendat and Piersol, Random Data, sec. 9.1: relative error of an averaged response.
+    shared = np.clip(measured.coherence, 1e-3, 1.0)
+    error = NORMAL * np.sqrt((1 - shared) / (2 * SEGMENTS * shared))
+    size = np.abs(measured.response)
+    phase = np.degrees(np.unwrap(np.angle(curve)))
+    phase -= 360 * round((phase[0] - 180) / 360) if phase[0] > 200 else 0
+    seen_phase = np.degrees(np.angle(measured.response))
+    seen_phase += 360 * np.round((np.interp(omega, fine, phase) - seen_phase) / 360)
+    chosen, other = seen & used, seen & ~used
+    hz: dict[str, Any] = {"hoverinfo": "all", "hovertemplate": "%{x:.4~g} rad/s<br>%{y:.3~g}<extra></extra>"}
+    band = _band(omega[chosen], size[chosen] * np.maximum(1 - error[chosen], 0.02), size[chosen] * (1 + error[chosen]))
+    traces = [
+        band | {"xaxis": "x2", "name": "95 % band", "showlegend": True, "meta": "wide"},
+        *_points(omega[other], size[other], style.SOFT, "not used", xaxis="x2", **hz),
+        *_points(omega[chosen], size[chosen], style.BLUE, "measured", xaxis="x2", **hz),
+        style.line(fine, np.abs(curve), style.VERMILION, name="fitted", showlegend=True, xaxis="x2", **hz),
+        *_points(omega[chosen], seen_phase[chosen], style.BLUE, "", yaxis="y2", **hz),
+        style.line(fine, phase, style.VERMILION, yaxis="y2", showlegend=False, **hz),
+        *_points(omega[other], measured.coherence[other], style.SOFT, "", yaxis="y3", **hz),
+        *_points(omega[chosen], measured.coherence[chosen], style.BLUE, "", yaxis="y3", **hz),
+    ]
+    levels = np.log10(np.concatenate([size[chosen], np.abs(curve)]))
+    decades, step = [float(levels.min()) - 0.15, float(levels.max()) + 0.15], 1 if np.ptp(levels) > 1.5 else "D2"
+    names = [
+        style.label(math.log10(value), 0.445, f"{name} {hertz(value)}", yref="paper", yanchor="bottom", xanchor=("right", "left")[k],
+                    font={"size": 12, "color": style.SOFT}, name="wide")
+        for k, (name, value) in enumerate(_marks(fit).items())
+        if low < value < high
+    ]  # fmt: skip
+    layout = style.layout(
+        **style.frequency_axes(low, high) | {"xaxis": style.log_axis("frequency [rad/s]", low, high, anchor="y3")},
+        yaxis=style.axis("rad/s² per N·m", type="log", domain=[0.5, 1], anchor="x2", range=decades, dtick=step),
+        yaxis2=style.axis("phase [°]", domain=[0.2, 0.44], dtick=90, range=_padded(phase, seen_phase[chosen])),
+        yaxis3=style.axis("coherence", domain=[0, 0.15], range=[0, 1.05], dtick=0.5),
+        annotations=names,
+        shapes=[style.upright(value, "#bbb", "dot") for value in _marks(fit).values() if low < value < high],
+        showlegend=True,
+        legend=style.switches(1.1),
+        margin={"l": 84, "r": 24, "t": 92, "b": 52},
+    )  # fmt: skip
+    narrow = {**style.NARROW, "xaxis2.title.text": "Hz", "yaxis.title.text": "rad/s²/N·m"}
+    narrow |= style.decades("xaxis", low, high) | style.decades("xaxis2", low, high, scale=2 * math.pi)
+    caption = (
+        f"From {fit.torque} to the acceleration of the measured side. Blue: frequencies that the torque excites; grey: frequencies left "
+        "out, at which it is weak or the encoder's noise rules. The fit is of the log row by row, not of these points; friction lowers "
+        "the measured response at low frequencies. "
+        + ("Hold, current loop and delay turn the phase." if fit.torque == "target_torque" else "")
+    )
+    return figure({"data": traces, "layout": layout}, "Frequency response, measured and fitted", caption, 640, narrow)
+
+
+def _marks(fit: JointFit) -> dict[str, float]:
+    return {name: fit.parameters[name].value for name in ("antiresonance", "resonance") if name in fit.parameters}
+
+
+def _points(x: Floats, y: Floats, color: str, name: str, **parts: Any) -> list[style.Trace]:
+    if not len(x):
+        return []
+    keep = thinned(y, 1200)
+    return [
+        style.line(x[keep], y[keep], color, mode="markers", marker={"color": color, "size": 6}, name=name, showlegend=bool(name), **parts)
+    ]
+
+
+def _band(x: Floats, low: Floats, high: Floats) -> style.Trace:
+    around = {"x": np.concatenate([x, x[::-1]]), "y": np.concatenate([high, low[::-1]])}
+    return {
+        "type": "scatter",
+        "mode": "lines",
+        "fill": "toself",
+        "fillcolor": "rgba(0,114,178,0.18)",
+        "line": {"width": 0},
+        "hoverinfo": "skip",
+        **around,
+    }
+
+
+def _padded(*values: Floats) -> list[float]:
+    every = np.concatenate(values)
+    return [max(float(every.min()), -720.0) - 20, min(float(every.max()), 360.0) + 20]
+
+
+def autocorrelation(fit: JointFit) -> Html:
+    """Of the prediction errors, with the bounds of white noise, and what they say."""
+    tests = fit.residuals
+    lags = 1e3 * fit.sample_time * np.arange(1, len(tests.autocorrelation) + 1)
+    stems_x, stems_y = np.repeat(lags, 3), np.zeros(3 * len(lags))
+    stems_y[1::3], stems_y[2::3] = tests.autocorrelation, np.nan
+    hover: dict[str, Any] = {"hoverinfo": "all", "hovertemplate": "%{x:.3~g} ms: %{y:.3f}<extra></extra>"}
+    bound = {"type": "rect", "x0": 0, "x1": 1, "xref": "paper", "y0": -tests.chance, "y1": tests.chance, "layer": "below"}
+    traces = [
+        style.line(stems_x, stems_y, style.BLUE, width=1.6),
+        style.line(lags, tests.autocorrelation, style.BLUE, mode="markers", marker={"color": style.BLUE, "size": 5}, **hover),
+    ]  # fmt: skip
+    least = max(0.3, 1.15 * float(np.abs(tests.autocorrelation).max()))
+    layout = style.layout(
+        xaxis=style.axis("lag [ms]", range=[0, float(lags[-1]) * 1.02]),
+        yaxis=style.axis("autocorrelation", range=[-least, least]),
+        shapes=[bound | {"fillcolor": style.ORANGE, "opacity": 0.25, "line": {"width": 0}}],
+        margin={"l": 78, "r": 24, "t": 16, "b": 52},
+    )
+    inside = float(np.mean(np.abs(tests.autocorrelation) <= tests.chance))
+    share, most = digits(100 * tests.explained, "%", 2), digits(100 * MOST_EXPLAINED, "%", 2)
+    said = (
+        "the model misses nothing that the torque does"
+        if tests.adequate
+        else "the model misses what the torque does, and its intervals do not allow for it"
+    )
+    caption = (
+        "Of the errors of predictions one tick ahead; white noise stays within the band in 95 of 100 lags, "
+        f"here {digits(100 * inside, '%', 2)} do. "
+        f"What counts is the share of the residual that follows the torque: {share}, with at most {most} allowed: {said}."
+    )
+    return figure({"data": traces, "layout": layout}, "Residuals", caption, 320, style.NARROW)
