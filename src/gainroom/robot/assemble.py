@@ -126,12 +126,17 @@ def _reduce(model: Any, held: Sequence[str], positions: Mapping[str, float]) -> 
         joint = model.joints[model.getJointId(name)]
         if joint.nv == 1:
             put_position(q, joint, positions.get(name, 0.0))
-    rotors = np.array(model.armature) + np.array(model.rotorInertia) * np.array(model.rotorGearRatio) ** 2
+    rotors = _rotors(model)
     reduced = _hold(pin, model, [model.getJointId(name) for name in held], q)
     # Pinocchio adds the armature to the mass matrix; here it is the motors' own degree of freedom.
     reduced.armature = np.zeros(reduced.nv)
     reduced.rotorInertia = np.zeros(reduced.nv)
     return reduced, rotors
+
+
+def _rotors(model: Any) -> Floats:
+    """The motors' inertias [kg m²] at the joints, by velocities."""
+    return np.array(model.armature) + np.array(model.rotorInertia) * np.array(model.rotorGearRatio) ** 2
 
 
 def _hold(pin: Any, model: Any, joints: list[int], q: Floats) -> Any:
@@ -207,7 +212,7 @@ def _require_names(source: str, model: Any) -> None:
 
 def _require_sane(source: str, model: Any) -> None:
     """Raise GainroomError for numbers that are no robot's: their products would leave the range of a double."""
-    rotors = np.array(model.armature) + np.array(model.rotorInertia) * np.array(model.rotorGearRatio) ** 2
+    rotors = _rotors(model)
     for index in range(model.njoints):
         inertia, placement, joint = model.inertias[index], model.jointPlacements[index], model.joints[index]
         if not 0 <= inertia.mass <= LARGEST:
