@@ -134,10 +134,10 @@ def _tracking(outcome: Outcome) -> Html:
 def _joints(outcome: Outcome) -> Html:
     run, found = outcome.run, outcome.oscillation
     deflection = np.abs(run.motor_position - run.link_position).max(axis=0)
-    torques = {"torque peak [N m]": outcome.torque_peak, "torque RMS [N m]": outcome.torque_rms}
+    torques = {"torque peak [N·m]": outcome.torque_peak, "torque RMS [N·m]": outcome.torque_rms}
     caption = f"Torque: actual, of the motor on the joint side{_beyond(outcome)}"
     if run.joint_torque is not None:
-        torques["gearbox peak [N m]"] = np.abs(run.joint_torque).max(axis=0)
+        torques["gearbox peak [N·m]"] = np.abs(run.joint_torque).max(axis=0)
         caption += "; gearbox: the torque in its spring, – for rigid gearboxes"
     parts = found.parts if found is not None and outcome.vibrates and found.names == run.joint_names else None
     rows = [

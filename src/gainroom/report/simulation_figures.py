@@ -66,7 +66,7 @@ def in_time(outcome: Outcome) -> Html:
     panels = [
         Panel("position" if moving else "drift", "rad" if scale == 1 else f"m{unit}", move, 0.42),
         Panel("error", f"m{unit}", error, 0.27),
-        Panel("torque", "N m", _torques(outcome, rows, hardest), 0.31),
+        Panel("torque", "N·m", _torques(outcome, rows, hardest), 0.31),
     ]
     notes = [_vibration_note(outcome)] if outcome.vibrates else []
     if run.ending == "fell":
@@ -141,7 +141,7 @@ def close_up(outcome: Outcome) -> Html:
     names, sides = _both_sides(outcome) if single else ([run.joint_names[k] for k in joints], run.motor_position.T[joints][:, :, None])
     swings = [Curve(name, 1e3 * _swing(time, values[rows, 0]), *look) for name, values, look in zip(names, sides, COLORS, strict=False)]
     torques = [Curve(run.joint_names[k], run.actual_torque[rows, k], *look, named=False) for look, k in zip(COLORS, joints, strict=False)]
-    panels = [Panel("swing", "mrad", swings, 0.55), Panel("torque", "N m", torques, 0.45)]
+    panels = [Panel("swing", "mrad", swings, 0.55), Panel("torque", "N·m", torques, 0.45)]
     title = f"The last {CLOSE_PERIODS} periods: {frequency(found.found.frequency)}"
     if found.moving:
         title = f"The vibration about {digits(time[-1], 's', 3)}: {frequency(found.found.frequency)}"
