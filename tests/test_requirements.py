@@ -170,6 +170,17 @@ def test_a_set_of_requirements():
     assert log(2) == pytest.approx(Requirements(peak_sensitivity=2.0).shortfall(found(peak_sensitivity=4.0)))
 
 
+@pytest.mark.parametrize(("ki", "way"), [(20_000.0, -1), (100.0, 1)])
+def test_the_frequency_of_a_gain_margin_is_that_of_its_nearer_end(ki: float, way: int):
+    """There L is real and −1/g, g the factor that is shown: below 1 where, with integral gain, lower gains are unstable sooner."""
+    loop = gr.build_loop(gr.ElasticJoint(1.0, 16.0, 1e4, 1.0), gr.Drive(4000.0, 0.9, 1e-3), gr.PID(1600.0, ki, 300.0))
+    found, one = gr.margins(loop), REQUIREMENTS["gain_margin"]
+    assert one.value(found) == pytest.approx({1: found.gain_margin, -1: 1 / found.lower_gain_margin}[way])
+    assert loop.response(one.frequency(found))[0] == pytest.approx(-(one.value(found) ** -way), rel=1e-6)
+    alone = replace(found.one_loop, gain_margin=np.array([1.01]))
+    assert np.isnan(one.frequency(replace(found, one_loop=alone)))  # of one loop by itself none is known
+
+
 def found(**values: float):
     """Margins that tell these alone."""
     return type("Found", (), {"stable": True, **values})()
