@@ -7,7 +7,7 @@ import control as ct
 import numpy as np
 
 import gainroom as gr
-from gainroom.analysis.margins import to_db
+from gainroom.system.requirements import to_db
 
 from .measure import seconds
 from .table import Table

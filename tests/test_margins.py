@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from math import atan, degrees, hypot, inf, isinf, isnan, pi, sqrt
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,8 +10,8 @@ import scipy.signal
 
 import gainroom as gr
 from draws import draw_setup
-from gainroom.analysis.margins import from_db, to_db
 from gainroom.analysis.stability import unstable_roots
+from gainroom.system.requirements import from_db, to_db
 
 
 def stable_loop(seed: int, sampled: bool) -> gr.Loop:
@@ -150,7 +151,7 @@ def test_first_order_with_delay():
     """2 e^{−s/10}/(s + 1): gain margin where ω/10 + atan ω = π."""
     from scipy.optimize import brentq
 
-    omega = brentq(lambda w: w / 10 + atan(w) - pi, 1, 100, xtol=1e-14)
+    omega: Any = brentq(lambda w: w / 10 + atan(w) - pi, 1, 100, xtol=1e-14)
     found = gr.margins(gr.loop_from(scipy.signal.TransferFunction([2.0], [1.0, 1.0]), delay=0.1))
     assert found.phase_crossover == pytest.approx(omega, rel=1e-13)
     assert found.gain_margin == pytest.approx(hypot(1, omega) / 2, rel=1e-13)
@@ -201,8 +202,8 @@ def test_margins_of_several_joints_are_one_record():
     """Two joints that do not couple: of each margin the lesser, and joint by joint its own."""
     joints = [gr.ElasticJoint(0.2, 0.8, 1e4, 1.0), gr.ElasticJoint(0.5, 0.3, 4e3, 0.5)]
     names = ("motor_inertia", "stiffness", "damping")
-    data = [np.array([getattr(joint, name) for joint in joints]) for name in names]
-    plant = gr.Plant(np.diag([1 / joint.link_inertia for joint in joints]), *data)
+    motors, springs, dampers = (np.array([getattr(joint, name) for joint in joints]) for name in names)
+    plant = gr.Plant(np.diag([1 / joint.link_inertia for joint in joints]), motors, springs, dampers)
     drive, kp, kd = gr.Drive(4000.0, 0.9, 2e-3), np.array([200.0, 500.0]), np.array([10.0, 12.0])
     found = gr.margins(gr.build_loop(plant, drive, gr.PD(kp, kd)))
     alone = [gr.margins(gr.build_loop(joint, drive, gr.PD(*gains))) for joint, *gains in zip(joints, kp, kd, strict=True)]

@@ -3,6 +3,7 @@
 import pickle
 from dataclasses import dataclass, replace
 from math import inf, log, nan, pi
+from typing import Any
 
 import numpy as np
 import pytest
@@ -73,7 +74,8 @@ def test_a_region_is_where_the_margin_holds(name: str, sample_time: float | None
     joint, drive = gr.ElasticJoint(1.0, 16.0, 1e4, 1.0), gr.Drive(4000.0, 0.9, 2e-3)
     one, needed = REQUIREMENTS[name], ASKED[name]
     stable = gr.pd_region(joint, drive, sample_time=sample_time)
-    region = gr.pd_region(joint, drive, sample_time=sample_time, **{name: needed})
+    limits: dict[str, Any] = {name: needed}
+    region = gr.pd_region(joint, drive, sample_time=sample_time, **limits)
     judged = []
     for kp in np.array([1e-3, 0.1, 0.5]) * stable.max_kp():
         (whole,), (allowed,) = stable.columns(kp), region.columns(kp)
@@ -181,6 +183,6 @@ def test_the_frequency_of_a_gain_margin_is_that_of_its_nearer_end(ki: float, way
     assert np.isnan(one.frequency(replace(found, one_loop=alone)))  # of one loop by itself none is known
 
 
-def found(**values: float):
+def found(**values: float) -> Any:
     """Margins that tell these alone."""
     return type("Found", (), {"stable": True, **values})()

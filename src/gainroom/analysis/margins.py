@@ -192,13 +192,3 @@ def _gain_crossing(omega: float, phase: float) -> GainCrossing:
     positive = (phase + math.pi) % turn  # phase margin in [0, 2π)
     signed = positive - turn if positive > math.pi else positive
     return GainCrossing(omega, signed, positive / omega if omega > 0 else math.inf)
-
-
-def to_db(factor: float) -> float:
-    """A gain factor in decibels."""
-    return 20 * math.log10(factor) if factor > 0 else math.nan if math.isnan(factor) else -math.inf
-
-
-def from_db(decibels: float) -> float:
-    """Decibels as a gain factor."""
-    return float(np.power(10.0, decibels / 20))

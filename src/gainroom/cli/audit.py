@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..report.number_format import as_typed, decibels, model_in_words, model_kind
+from ..report.number_format import as_typed, model_in_words, model_kind
+from ..system.requirements import to_db
 from .options import AsJson, Report, command_line, number_option, report_stream
 from .output import column_table, emit, emit_json, file_line, render
 from .progress import progress_bar
@@ -116,7 +117,7 @@ def _facts(result: "Audit") -> dict[str, Any]:
         "safe": result.safe,
         "sentence": audit_sentence(result),
         "model": model_kind(result.system.control.sample_time),
-        "margin_db": as_typed(decibels(result.margin)),
+        "margin_db": as_typed(to_db(result.margin)),
         "stable": all(state.limit.stable for state in result.states),
         "gain_limit": result.tightest.limit.gain,
         "limit_frequency_rad_s": result.tightest.limit.frequency,

@@ -22,6 +22,7 @@ from ..robot.body import Base, RigidBody
 from ..robot.formats.model_files import keyframes, load_model
 from ..robot.formats.model_names import locate
 from ..robot.name_patterns import DEFAULT, select
+from ..system.requirements import from_db
 from ..system.system import System
 from .absurd_values import examined
 from .file_types import kind_of_file, wrong_kind
@@ -99,7 +100,7 @@ class AuditOptions:
 
 def margin_factor(decibels: float) -> float:
     """The factor of a gain margin in dB. Raises GainroomError."""
-    return 10 ** (checked("--margin-db", decibels, number(least=0, most=100)) / 20)
+    return from_db(checked("--margin-db", decibels, number(least=0, most=100)))
 
 
 def audit_spec(model: str, gains: Path | None, options: AuditOptions) -> System:

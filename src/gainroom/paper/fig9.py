@@ -4,8 +4,9 @@ from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
 
-from ..analysis.margins import Margins, from_db, margins, to_db
+from ..analysis.margins import Margins, margins
 from ..system.loop import Loop, build_loop
+from ..system.requirements import from_db, to_db
 from .joints import DRIVE, GAINS, RATIO, joint_with_load, rigid
 from .picture import Mark, Picture, bode
 from .row import Row, compare

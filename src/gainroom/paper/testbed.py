@@ -7,10 +7,11 @@ from functools import cache
 from scipy.optimize import root_scalar
 
 from ..analysis.gain_region import PDRegion, pd_region
-from ..analysis.margins import PhaseCrossing, margins, to_db
+from ..analysis.margins import PhaseCrossing, margins
 from ..analysis.stability import is_stable
 from ..system.controller import PD
 from ..system.loop import build_loop
+from ..system.requirements import to_db
 from .joints import SAMPLE_TIME, STABLE_KV, TESTBED, TESTBED_DRIVE, TESTBED_KP, VIBRATING_KV
 from .picture import Curve, Mark, Panel, Picture
 from .row import Row, compare, same, within

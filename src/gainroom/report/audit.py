@@ -6,9 +6,9 @@ import numpy as np
 
 from ..errors import listed
 from ..studies.audit import Audit
-from ..system.requirements import Requirements
+from ..system.requirements import Requirements, to_db
 from .columns import AUDITED_JOINT, audited_states, definitions, tabulated
-from .number_format import decibels, digits, hertz, model_kind
+from .number_format import digits, hertz, model_kind
 from .page import Card, Html, Lead, Section, beside, block, facts, page, paragraph, table
 from .page_parts import assumptions, footer, limit_proofs, margin_card, unstable_card
 from .robot_coupling import coupling
@@ -51,7 +51,7 @@ def _lead(result: Audit) -> Lead:
     return Lead(
         audit_sentence(result),
         "warn",
-        f"NOT SAFE: stable, but with less than {digits(decibels(result.margin), 'dB', 3)} of gain margin",
+        f"NOT SAFE: stable, but with less than {digits(to_db(result.margin), 'dB', 3)} of gain margin",
         warnings,
     )
 
@@ -117,7 +117,7 @@ def joint_caption(result: Audit) -> str:
 
 
 def _asked(result: Audit) -> str:
-    return f"{digits(result.margin, '', 3)} ({digits(decibels(result.margin), 'dB', 3)})"
+    return f"{digits(result.margin, '', 3)} ({digits(to_db(result.margin), 'dB', 3)})"
 
 
 def _certificate(result: Audit) -> Html:

@@ -9,8 +9,9 @@ from ..analysis.margins import Margins
 from ..linear.arrays import Floats
 from ..studies.joint import JointStudy
 from ..system.loop import Loop
+from ..system.requirements import to_db
 from . import style
-from .number_format import decibels, digits, frequency, hertz
+from .number_format import digits, frequency, hertz
 from .page import Html, figure
 
 PER_DECADE = 120
@@ -108,8 +109,8 @@ def _margin_arrows(
     found, notes, reached = study.margins, [], []
     crossings = [c for c in found.phase_crossings if c.omega > 0 and 0 < c.gain < 1e3]
     if crossings:
-        crossing = min(crossings, key=lambda c: abs(decibels(c.gain)))
-        x, level = math.log10(crossing.omega), -decibels(crossing.gain)
+        crossing = min(crossings, key=lambda c: abs(to_db(c.gain)))
+        x, level = math.log10(crossing.omega), -to_db(crossing.gain)
         what = "gain margin" if found.stable else "too high by" if crossing.gain < 1 else "margin"
         short = digits(abs(level), "dB", 3)
         side = "right" if _place(crossing.omega, span) > 0.72 else "left"
@@ -182,7 +183,7 @@ def _caption(study: JointStudy, shown: list[Case]) -> str:
     cases = []
     for case in shown:
         found = case.margins
-        margin = digits(decibels(found.gain_margin), "dB", 3) if found.stable else "unstable"
+        margin = digits(to_db(found.gain_margin), "dB", 3) if found.stable else "unstable"
         cases.append(f"{case.name}: {margin}" + (f" at {hertz(found.phase_crossover)}" if math.isfinite(found.phase_crossover) else ""))
     text = f"Gain margins: {'; '.join(cases)}. "
     if study.system.delay > 0:

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from ..analysis.margin_record import Margins
 from ..errors import apart, listed
-from ..system.requirements import REQUIREMENTS, Requirements
-from .number_format import as_typed, decibels, digits, frequency, hertz
+from ..system.requirements import REQUIREMENTS, Requirements, to_db
+from .number_format import as_typed, digits, frequency, hertz
 
 if TYPE_CHECKING:
     from ..studies.state import State
@@ -158,20 +158,20 @@ def compared_rows(found: Sequence[Margins]) -> list[tuple[str, ...]]:
 
 
 def _lower(margins: Margins) -> str:
-    return "any" if margins.stable and margins.lower_gain_margin == 0 else digits(-decibels(margins.lower_gain_margin), "dB")
+    return "any" if margins.stable and margins.lower_gain_margin == 0 else digits(-to_db(margins.lower_gain_margin), "dB")
 
 
 MARGIN = [
     Column(
         "gain margin",
         "gain_margin_db",
-        lambda m: decibels(m.gain_margin),
+        lambda m: to_db(m.gain_margin),
         "dB",
         at=lambda m: m.phase_crossover,
         margin="gain_margin",
     ),
     Column("", "phase_crossover_rad_s", lambda m: m.phase_crossover),
-    Column("gain may fall by", "lower_gain_margin_db", lambda m: decibels(m.lower_gain_margin), shown=_lower),
+    Column("gain may fall by", "lower_gain_margin_db", lambda m: to_db(m.lower_gain_margin), shown=_lower),
     Column(
         "phase margin",
         "phase_margin_deg",

@@ -9,10 +9,11 @@ import numpy as np
 from ..analysis.margins import Margins
 from ..linear.arrays import Floats
 from ..studies.joint import JointStudy
+from ..system.requirements import to_db
 from . import style
 from .map_edge import vibration_edge
 from .map_lines import View, contours, outlines
-from .number_format import decibels, digits, hertz, plane_names
+from .number_format import digits, hertz, plane_names
 from .page import Html, figure
 
 HOVER = (15, 11)  # points of the map that show their margins
@@ -150,7 +151,7 @@ def _margins_text(found: Margins) -> str:
         return "unstable"
     vibration = f", vibration at {hertz(found.phase_crossover)}" if math.isfinite(found.phase_crossover) else ""
     return (
-        f"gain margin {digits(decibels(found.gain_margin), 'dB', 3)}{vibration}"
+        f"gain margin {digits(to_db(found.gain_margin), 'dB', 3)}{vibration}"
         f"<br>phase margin {digits(math.degrees(found.phase_margin), '°', 3)}<br>Ms {digits(found.peak_sensitivity, '', 3)}"
     )
 

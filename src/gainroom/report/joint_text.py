@@ -4,14 +4,13 @@ import math
 
 import numpy as np
 
-from ..analysis.margins import to_db
 from ..design.joint_gains import COST_ACCURACY
 from ..design.uncertainty_cost import KnownExactly
 from ..errors import apart, case_in_words, frequency_in_words
 from ..studies.analysis import Analysis
 from ..studies.joint import JointStudy
 from ..system.plausibility import unusual_values
-from ..system.requirements import REQUIREMENTS
+from ..system.requirements import REQUIREMENTS, to_db
 from ..system.system import System
 from .number_format import digits, plane_names
 

@@ -42,11 +42,6 @@ def gain_factor(gain: float, significant: int = 4) -> str:
     return digits(gain, significant=apart(gain, 1.0, significant))
 
 
-def decibels(factor: float) -> float:
-    """20 log10 of a gain factor; −inf for 0."""
-    return 20 * math.log10(factor) if factor > 0 else -math.inf if factor == 0 else math.nan
-
-
 def as_typed(value: float) -> float:
     """A requirement in dB or degrees, without the round-off of the way to a factor or radians and back: 6, not 5.999999999999998."""
     return float(f"{value:.12g}")

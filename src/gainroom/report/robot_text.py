@@ -6,14 +6,13 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from ..analysis.gain_limit import GainLimit
-from ..analysis.margins import to_db
 from ..design.robot_gains import GainSet, RobotGains
 from ..errors import beside, frequency_in_words, listed
 from ..studies.audit import Audit
 from ..studies.robot import RobotStudy
 from ..studies.state import HELD, State, by_headroom
 from ..system.controller import gain_matrix
-from ..system.requirements import title_of
+from ..system.requirements import title_of, to_db
 from ..system.system import System
 from .joint_text import CONTINUOUS, NOT_EVERYWHERE, failing
 

@@ -4,11 +4,12 @@ import math
 
 from ..analysis.margins import Margins
 from ..studies.joint import JointStudy
+from ..system.requirements import to_db
 from ..system.system import System
 from .bode import Case
 from .columns import compared_rows, yes
 from .joint_text import rise_text, uncertainty_cost_text
-from .number_format import decibels, digits, frequency, own_gains, plane_names, quantity
+from .number_format import digits, frequency, own_gains, plane_names, quantity
 from .page import Html, facts, table
 from .page_parts import filters
 
@@ -74,7 +75,7 @@ def _own_gains(study: JointStudy) -> tuple[float, float]:
 def crossing_table(found: Margins) -> Html:
     """Every crossing of the file's loop, by frequency."""
     rows = [
-        (c.omega, ("phase", digits(c.omega), digits(c.omega / (2 * math.pi)), digits(decibels(c.gain), "dB"), "–", "–"))
+        (c.omega, ("phase", digits(c.omega), digits(c.omega / (2 * math.pi)), digits(to_db(c.gain), "dB"), "–", "–"))
         for c in found.phase_crossings
     ]
     for c in found.gain_crossings:
@@ -96,7 +97,7 @@ def case_table(shown: list[Case]) -> Html:
     rows = [
         (
             case.name,
-            digits(decibels(case.margins.gain_margin), "dB") if case.margins.stable else "unstable",
+            digits(to_db(case.margins.gain_margin), "dB") if case.margins.stable else "unstable",
             frequency(case.margins.phase_crossover),
             digits(math.degrees(case.margins.phase_margin), "°"),
             digits(1e3 * case.margins.delay_margin, "ms"),

@@ -178,15 +178,25 @@ class Requirement:
         return curves.by_differences(self, needed)
 
 
+def to_db(factor: float) -> float:
+    """A gain factor in decibels; −inf for 0."""
+    return 20 * math.log10(factor) if factor > 0 else -math.inf if factor == 0 else math.nan
+
+
+def from_db(level: float) -> float:
+    """Decibels as a gain factor."""
+    return 10 ** (level / 20)
+
+
 @dataclass(frozen=True)
 class GainMargin(Requirement):
     """g > 1: any common factor in [1/g, g] on the gains is survived, on all loops or on one."""
 
     def in_unit(self, value: float) -> float:
-        return 20 * math.log10(value) if value > 0 else -math.inf if value == 0 else math.nan
+        return to_db(value)
 
     def in_si(self, value: float) -> float:
-        return 10 ** (value / 20)
+        return from_db(value)
 
     def frequency(self, found: Any) -> float:
         """At the nearer end for all loops together; NaN where one loop by itself has less."""
