@@ -89,7 +89,7 @@ def test_postures_matter_and_are_told(leg: Path, tmp_path: Path, capsys: pytest.
 def test_beyond_limits_is_a_warning(leg: Path):
     assert not [text for text in audit_warnings(audited(leg, "home")) if "limits" in text]
     (found,) = [text for text in audit_warnings(audited(leg, "folded")) if "limits" in text]
-    assert found == "posture 'folded': joint 'knee' at 2.5 is outside its limits 0 to 2; move it inside, or check the model"
+    assert found == "posture 'folded': joint 'knee' at 2.5 is outside its limits 0 to 2; move it inside with --posture, or check the model"
 
 
 def test_damping_of_the_model_is_said_to_be_left_out(leg: Path):

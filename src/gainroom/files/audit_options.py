@@ -126,7 +126,8 @@ def audit_spec(model: str, gains: Path | None, options: AuditOptions) -> System:
     with named(str(source)):
         spec = examined(spec)
     assumptions = (*spec.assumptions, *_assumptions(spec.source.body, file.joints.locked, options))
-    return replace(spec, assumptions=assumptions, warnings=(*found.notes, *spec.warnings))
+    warnings = [text.replace("move it inside", "move it inside with --posture") for text in spec.warnings]
+    return replace(spec, assumptions=assumptions, warnings=(*found.notes, *warnings))
 
 
 @contextlib.contextmanager
