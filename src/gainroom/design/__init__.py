@@ -1,1 +1,1 @@
-"""Gains to use: the stiffest that keep what is required."""
+"""Recommended gains: the stiffest that meet the requirements."""

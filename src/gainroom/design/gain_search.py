@@ -1,6 +1,6 @@
 """Gains of coupled loops: as stiff as the requirements allow in every case, no direction stiffer without another softer.
 
-A direction is a joint, or one of a task. Of all gains that keep what is required, those are sought that make
+A direction is a joint, or one of a task. Of all gains that meet the requirements, those are sought that make
 
     Σ_j w_j u_j / k_j,   k_j the stiffness of direction j, u_j the inertia it moves, w_j the weight that its user gives it,
 
@@ -46,7 +46,7 @@ class Raised:
 
     gains    (3, m)
     margins  of each case, in the order of the cases
-    holds    False where no gains were found that keep what is required
+    holds    False where no gains were found that meet the requirements
     margin   per direction which requirement breaks if it is raised: a field of Requirements, "stability", or "" where nothing limits it
     case     and the case in which it does, by its index; −1: none
     """
@@ -145,7 +145,7 @@ class _Search:
         return worst
 
     def _descended(self, gains: Gains, cases: Sequence[Case], prices: Sequence[tuple[float, float]]) -> tuple[Gains, float]:
-        """From gains that are stable: the stiffest that keep what is required, or what comes nearest; and what they miss."""
+        """From gains that are stable: the stiffest that meet the requirements, or what comes nearest; and what they miss."""
         found = []
         for price, reserve in prices:
             found.append(self._descended_at(gains, cases, price, reserve))

@@ -4,7 +4,7 @@ The search (gain_search.py) begins with a part of what each joint alone is recom
 the longest delay; task directions begin alike. The gains that a file has play no part, but for a P/PI task's, whose proportions are kept.
 
 Where contacts hold a floating base, its weight counts for gains of joints, unless the file says otherwise: they are all that holds the
-robot up. (Tasks know the robot, and compensate the weight as it changes.) Where no gains are found that keep what is required with the
+robot up. (Tasks know the robot, and compensate the weight as it changes.) Where no gains are found that meet the requirements with the
 weight, it is left out, and what it does at the gains found so is reported beside them.
 """
 
@@ -32,13 +32,13 @@ if TYPE_CHECKING:
     from ..robot.tasks import Tasks
 
 SHARES = (0.5, 0.25, 0.12, 0.9, 0.05)
-"""Of the damping of each joint alone, with which a search may begin: what is stable is made to keep what is required."""
+"""Of the damping of each joint alone, with which a search may begin: what is stable is made to meet the requirements."""
 SOFT = (0.05, 0.01)
 """Of its stiffness, times that: a robot without weight may be as soft as it likes."""
 WEIGHED = (0.4, 0.1, 1.0, 3.0, 10.0, 30.0)
 """The same where gravity asks for stiffness."""
 TRIED = 2
-"""Beginnings, where one does not come to gains that keep what is required."""
+"""Beginnings, where one does not come to gains that meet the requirements."""
 ALIKE = 0.01
 """Relative: joints whose data and loads differ by less are raised together."""
 UNLIMITED = 100.0
@@ -203,7 +203,7 @@ def _set(
     nearest: dict[str, str],
     safe: GainSet | None = None,
 ) -> GainSet | None:
-    """Gains that none can be raised of in these states; None, and a word in `nearest`, where no beginning keeps what is required.
+    """Gains that none can be raised of in these states; None, and a word in `nearest`, where no beginning leads to some that meet them.
 
     safe   a set that holds in these and other states, to begin with
     """
@@ -261,7 +261,7 @@ def _searched(
     progress: Callable[[], None],
     safe: GainSet | None,
 ) -> Raised:
-    """The gains that are reached from the first beginning from which any are that keep what is required; else those that came nearest."""
+    """The gains that are reached from the first beginning from which any are that meet the requirements; else those that came nearest."""
     loads = np.sort([state.load for state in states], axis=0)  # legs that take turns are alike
     groups = _alike([*beginning.data, *loads], free)
     best = None

@@ -1,4 +1,4 @@
-"""A whole robot: every posture in every contact state, all joints closed at once, joint by joint, and in task space; and gains to use."""
+"""A whole robot: every posture in every contact state, all joints at once, joint by joint, and in task space; and recommended gains."""
 
 import itertools
 from dataclasses import dataclass
@@ -46,7 +46,7 @@ class RobotStudy(Analysis):
 
 
 def study_robot(system: System, progress: Progress | None = None, recommend: bool = True) -> RobotStudy:
-    """Everything about one robot; `recommend`: with gains to use, which takes longest. Raises as analyze does."""
+    """Everything about one robot; `recommend`: with recommended gains, which takes longest. Raises as analyze does."""
     found = analyze(system, progress, NUMBERS)
     tell = progress or (lambda done, total, what: None)
     recommended = _recommended(system, tell) if recommend and system.requirements.asked else ()
@@ -73,7 +73,7 @@ def _recommended(system: System, tell: Progress) -> tuple[RobotGains, ...]:
             tell(min(next(looked), expected), expected, f"gains, {space} space")
 
         count()
-        with computable(f"{system.source.name}: gains to use, {space} space"):
+        with computable(f"{system.source.name}: recommended gains, {space} space"):
             return recommend_robot(system, space, count)
 
     return tuple(of(space) for space in (("joint", "task") if system.source.stack else ("joint",)))
