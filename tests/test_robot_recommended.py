@@ -16,7 +16,7 @@ from gainroom.analysis.margins import joint_margins
 from gainroom.analysis.quick_margins import quick_margins
 from gainroom.cli import main
 from gainroom.design.robot_gains import GainSet, RobotGains, recommend_robot
-from gainroom.files.robot_yaml import parse_robot
+from gainroom.files.robot_yaml import load_robot_system, parse_robot
 from gainroom.report.robot_text import free_joints, warnings
 from gainroom.studies.robot import study_robot
 from gainroom.system.system import System
@@ -187,9 +187,11 @@ def test_none_can_be_raised_where_one_set_holds_in_several_states():
     assert_none_can_be_raised(spec, safe(recommend_robot(spec)))
 
 
-def test_one_name_one_number(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_one_name_one_number(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
     """Terminal, JSON and page tell the same phase margin under the same name, and the same least one of a single loop."""
     path = write_arm(tmp_path)
+    study = study_robot(load_robot_system(path))
+    monkeypatch.setattr("gainroom.studies.robot.study_robot", lambda *_: study)
     report = tmp_path / "page.html"
     main(["robot", str(path), "--report", str(report)])
     words = capsys.readouterr().out
