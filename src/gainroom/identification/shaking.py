@@ -1,0 +1,371 @@
+"""The vibration in a joint's record: where it is, its frequency and growth, and what can be measured of it without a model.
+
+It is searched in the deviation from the set-point wherever the set-point rests or moves steadily, else in windows, above the set-point's own
+frequencies. Poles and amplitudes are those of simulation/oscillation.py; slow ones come from means over several ticks.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+
+from ..errors import GainroomError
+from ..linear.arrays import Booleans, Complexes, Floats
+from ..simulation.oscillation import FEWEST_SAMPLES, MOST_SAMPLES, Vibration, parts_in, vibration
+from .record import TORQUES, Record, resolution
+
+POSITIONS = ("motor_position", "link_position")
+RESTING = 0.1  # damping ratio above which an oscillation is the settling of a joint
+RINGING = 0.02  # damping ratio below which one that decays is a vibration: it takes more than 35 periods to a hundredth
+UNCHANGED = 0.2  # relative change over the periods examined of an amplitude that is sustained
+LOOKED_AT = 20.0  # periods from the end over which the amplitude is followed
+STRAIGHT = 1e-9  # of the set-point's range per tick²: a smaller change of its velocity is rounding
+FINE = 1e-4  # of the set-point's range: steps this small are the digits of its file
+LONG_ENOUGH = 0.15  # of the record, or LONG_ROWS: where the set-point moves steadily
+LONG_ROWS = 1500
+STEPS = 0.5  # of the encoder, amplitude: a set-point or a drift that crosses steps makes an error of 1/π at most
+IRREGULAR_STEPS = (0.6, 6.0)  # likewise of motion without a single frequency: to and fro between two steps, to a few
+IRREGULAR_VISIBLE = 3e-5  # [rad] likewise: with finer encoders nobody notices
+RAMP_STEPS = 2.0  # likewise where a steady motion crosses them
+DECAYING_STEPS = 5.0  # likewise of one that decays
+MOVING_STEPS = 3.0  # likewise while the set-point moves
+VISIBLE = 1e-6  # [rad] smaller amplitudes are not visible on hardware
+VISIBLE_MOVING = 2e-5  # [rad] likewise while it moves: friction excites them as motion turns
+COLOURED = 0.3  # correlation of neighbouring rows: white noise of the measurement has none
+SLOW_LINES = 3  # of a spectrum, which hold the trend
+UNDIMINISHED = 0.7  # of its size before: irregular motion that falls below decays
+WINDOWS = 8  # that a motion is cut into, each overlapping the next by half
+SAME_FREQUENCY, TIMES = 0.05, 3  # relative: no further apart in so many successive windows
+BEYOND = 3.0  # times the frequency below which 99 % of the set-point's accelerations lie
+FOLLOWS = 0.3  # amplitude of the set-point over that of the motion: the motion follows a command
+ALONE = 0.8  # of the set-point's power in its largest line: it oscillates
+MOST_HARMONICS, NEAR_HARMONIC = (
+    40,
+    0.25,
+)  # order, and distance from an odd one, of the harmonics of an oscillating set-point that friction makes
+AT_LIMIT = 2e-3  # of its range: a torque this near its largest is clipped
+STANDS = 0.04  # of the largest speed in the vibration: slower, the joint stands still
+STANDING_PERIODS = 4.0  # over which that is counted
+HARMONICS = 5
+TRIES = 4  # oscillations that are looked at, each of a higher frequency
+STRIDES = (1, 4, 16, 64, 256)  # ticks whose mean is taken
+
+
+@dataclass(frozen=True)
+class Shaking:
+    """A vibration in a record.
+
+    found       frequency [rad/s], growth [1/s], amplitude at the end [rad, of a torque N m]
+    state       "growing", "sustained" or "decaying" over the last periods
+    side        channel in which it was found
+    rows        of the record
+    parts       complex amplitude of every channel at that frequency, by name, at the end of the rows, in its unit
+    step        of the encoder [rad], 0: finer than the motion
+    odd, even   amplitude of the third and fifth, and of the second and fourth harmonic, over that of the first: of the torque, else position
+    clipped     share of the rows with the torque at a limit; NaN where no torque is in the record
+    limit       that torque [N m]; NaN where there is none
+    standing    share of the rows in which the joint stands still
+    irregular   without a single frequency: `found` has the same power, at its mean frequency
+    moving      found while the set-point moved
+    began_small it grew from a hundredth of its last amplitude or less before any torque was clipped
+    """
+
+    found: Vibration
+    state: str
+    side: str
+    rows: slice
+    parts: Mapping[str, complex]
+    step: float = 0.0
+    odd: float = math.nan
+    even: float = math.nan
+    clipped: float = math.nan
+    limit: float = math.nan
+    standing: float = math.nan
+    irregular: bool = False
+    moving: bool = False
+    began_small: bool = False
+
+    @property
+    def vibrates(self) -> bool:
+        """It grows or is sustained, or rings for long."""
+        return self.state != "decaying" or self.found.damping_ratio < RINGING
+
+    @property
+    def steps(self) -> float:
+        """Amplitude in steps of the encoder; inf where they are finer than the motion."""
+        return self.found.amplitude / self.step if self.step else math.inf
+
+
+@dataclass(frozen=True)
+class Search:
+    """What was found in a record.
+
+    shaking   None where nothing oscillates
+    driven    frequency of a motion that the set-point itself contains [rad/s]; NaN: none
+    blind     below this frequency the set-point's motion may hide a vibration [rad/s]; 0: nowhere
+    """
+
+    shaking: Shaking | None
+    driven: float = math.nan
+    blind: float = 0.0
+    notes: tuple[str, ...] = field(default=())
+
+
+def find_shaking(record: Record) -> Search:
+    """The strongest vibration in `record`, which has no gaps. Raises GainroomError where it holds neither a position nor a torque."""
+    side = next((name for name in (*POSITIONS, "motor_velocity", *reversed(TORQUES)) if record.has(name)), None)
+    if side is None:
+        raise GainroomError("diagnose: needs a position, a velocity or a torque")
+    values = record.channels[side]
+    step = resolution(values) if side in POSITIONS else 0.0
+    reference = record.channels.get("reference") if side in POSITIONS else None
+    deviation = values if reference is None else values - reference
+    driven, blind = math.nan, 0.0
+    steady = _steady_rows(record, reference)
+    if steady is not None:
+        found = _found(deviation[steady], record.sample_time)
+        least = max(STEPS * step, VISIBLE if side in POSITIONS else 0.0)
+        if found is not None and found.amplitude >= max(
+            least, DECAYING_STEPS * step * (found.growth_rate * LOOKED_AT * 2 * math.pi / found.frequency < -UNCHANGED)
+        ):
+            return Search(_measured(record, side, steady, found, deviation, step))
+        least = RAMP_STEPS * step if reference is not None and np.ptp(reference[steady]) > 0 else IRREGULAR_STEPS[0] * step
+        least = max(least, IRREGULAR_VISIBLE)
+        irregular = _irregular(deviation[steady], record.sample_time, step, least)
+        if irregular is not None:
+            return Search(_measured(record, side, steady, irregular, deviation, step, irregular=True))
+        return Search(None)
+    assert reference is not None
+    driven, line = _line(reference, record.sample_time)
+    blind = BEYOND * _fastest(reference, record.sample_time)
+    least = max(MOVING_STEPS * step, VISIBLE_MOVING)
+    row: list[Vibration] = []
+    best: tuple[slice, Vibration] | None = None
+    for rows in _windows(len(values)):
+        found = _found(deviation[rows], record.sample_time, blind)
+        row = [] if found is None or found.amplitude < least or _is_harmonic(found.frequency, line) else [*row, found][-TIMES:]
+        alike = len(row) == TIMES and all(abs(one.frequency / row[-1].frequency - 1) <= SAME_FREQUENCY for one in row)
+        if alike and (best is None or row[-1].amplitude > best[1].amplitude):
+            best = rows, row[-1]
+    if best is None:
+        return Search(None, driven, blind)
+    return Search(_measured(record, side, best[0], best[1], deviation, step, moving=True), driven, blind)
+
+
+def _steady_rows(record: Record, reference: Floats | None) -> slice | None:
+    """The last long run of rows in which the set-point rests or moves steadily; all where there is none; None where it always changes."""
+    count = len(record.time)
+    if reference is None:
+        return slice(0, count)
+    change, digit = np.abs(np.diff(reference, 2)), resolution(reference)
+    digit = digit if digit < FINE * np.ptp(reference) else 0.0
+    turns = np.flatnonzero(change > max(STRAIGHT * float(np.ptp(reference)), 2.01 * digit)) + 1
+    edges = [0, *(turns + 1).tolist(), count]
+    enough = max(FEWEST_SAMPLES, min(LONG_ENOUGH * count, LONG_ROWS))
+    long = [(first, last) for first, last in pairwise(edges) if last - first >= enough]
+    if not long:
+        return None
+    longest = max(last - first for first, last in long)
+    first, last = [one for one in long if one[1] - one[0] >= 0.5 * longest][-1]
+    line = np.linspace(reference[first], reference[last - 1], last - first)
+    return slice(first, last) if np.abs(reference[first:last] - line).max() <= 3 * digit + 1e-6 * np.ptp(reference) else None
+
+
+def _found(values: Floats, tick: float, above: float = 0.0) -> Vibration | None:
+    """The largest oscillation that is not the settling of a joint, by whichever number of ticks' mean shows it."""
+    best = None
+    for stride in STRIDES:
+        coarse = _means(values, stride)
+        if len(coarse) < 2 * FEWEST_SAMPLES:
+            break
+        found = _unsettled(coarse, stride * tick, above)
+        if found is None or (stride > 1 and found.frequency * stride * tick > 1.0):
+            continue
+        if best is None or found.amplitude > 1.2 * best.amplitude:
+            best = found
+        if len(coarse) <= MOST_SAMPLES:
+            break
+    return best
+
+
+def _unsettled(values: Floats, tick: float, above: float) -> Vibration | None:
+    """The strongest oscillation that is not the settling of a joint: where that is the strongest, a faster or a later one."""
+    for part in (values, values[-(len(values) // 2) :]):
+        lowest = above
+        for _ in range(TRIES):
+            found = vibration(part, tick, above=lowest)
+            if found is None:
+                break
+            if found.damping_ratio <= RESTING:
+                return found
+            lowest = 1.05 * found.frequency
+    return None
+
+
+def _means(values: Floats, stride: int) -> Floats:
+    """Of neighbouring rows, from the end."""
+    if stride == 1:
+        return values
+    rows = len(values) // stride
+    return values[len(values) - rows * stride :].reshape(rows, stride).mean(axis=1)
+
+
+def _irregular(values: Floats, tick: float, step: float, least: float) -> Vibration | None:
+    """Motion of about an encoder's step without a single frequency, which has not decayed; None without it.
+
+    Faster than a few periods in each eighth of the last third, so that no slow move counts. Neighbouring rows are alike: white noise of the
+    measurement is none.
+    """
+    from scipy.signal import welch
+
+    third = len(values) // 3
+    if step == 0 or third < 4 * FEWEST_SAMPLES:
+        return None
+    width = max(2 * FEWEST_SAMPLES, third // 8)
+    spectra = [welch(part, 1 / tick, nperseg=width, detrend="linear") for part in (values[-2 * third : -third], values[-third:])]
+    frequency, (earlier, power) = spectra[0][0], (one[1] for one in spectra)
+    earlier[:SLOW_LINES], power[:SLOW_LINES] = 0.0, 0.0
+    total = float(power.sum())
+    size = math.sqrt(2 * total * frequency[1])
+    if not least <= size <= IRREGULAR_STEPS[1] * step or total < UNDIMINISHED**2 * float(earlier.sum()):
+        return None
+    if float(power @ np.cos(2 * np.pi * frequency * tick)) < COLOURED * total:
+        return None
+    return Vibration(2 * math.pi * float(frequency[int(np.argmax(power))]), 0.0, size)
+
+
+def _windows(count: int) -> list[slice]:
+    size = max(FEWEST_SAMPLES + 2, 2 * count // (WINDOWS + 1))
+    return [slice(first, first + size) for first in range(0, count - size + 1, max(1, size // 2))]
+
+
+def _fastest(reference: Floats, tick: float) -> float:
+    """[rad/s] below which 99 % of the power of the set-point's accelerations lie."""
+    bent = np.diff(reference, 2)
+    power = np.abs(np.fft.rfft(bent * np.hanning(len(bent)))) ** 2
+    share = np.cumsum(power) / max(float(power.sum()), 1e-300)
+    return 2 * math.pi * float(np.fft.rfftfreq(len(bent), tick)[int(np.argmax(share >= 0.99))])
+
+
+def _line(reference: Floats, tick: float) -> tuple[float, float]:
+    """Frequency of the set-point's largest line [rad/s], and again where that is all there is, else 0."""
+    moved = reference - np.linspace(reference[0], reference[-1], len(reference))
+    power = np.abs(np.fft.rfft(moved * np.hanning(len(moved)))) ** 2
+    place = 1 + int(np.argmax(power[1:]))
+    omega = 2 * math.pi * float(np.fft.rfftfreq(len(moved), tick)[place])
+    return omega, omega if power[max(1, place - 3) : place + 4].sum() > ALONE * power[1:].sum() else 0.0
+
+
+def _is_harmonic(omega: float, line: float) -> bool:
+    """Whether friction makes this frequency of an oscillating set-point: an odd multiple of it."""
+    order = omega / line if line else 0.0
+    return 0 < order < MOST_HARMONICS and abs((order - 1) / 2 - round((order - 1) / 2)) * 2 < NEAR_HARMONIC
+
+
+def _measured(
+    record: Record, side: str, rows: slice, found: Vibration, deviation: Floats, step: float, irregular: bool = False, moving: bool = False
+) -> Shaking:
+    """What a vibration looks like over its last periods."""
+    tick, values = record.sample_time, deviation[rows]
+    period = 2 * math.pi / found.frequency / tick
+    if not irregular:
+        found = _followed(values, tick, found)
+    look = slice(-min(len(values), max(FEWEST_SAMPLES, math.ceil(LOOKED_AT * period))), None)
+    parts = {name: complex(parts_in(column[rows][:, None], tick, found)[0]) for name, column in record.channels.items()}
+    torque = next((name for name in TORQUES[::-1] if record.has(name)), None)
+    clipped, limit, small = math.nan, math.nan, False
+    if torque is not None:
+        clipped, limit = _clipping(record, rows, look)
+        small = _began_small(record, rows, deviation, limit)
+    odd, even = _harmonics(record.channels[torque][rows][look] if torque else values[look], tick, found.frequency)
+    change = found.growth_rate * min(LOOKED_AT * period, len(values)) * tick
+    state = "sustained" if irregular or abs(change) < UNCHANGED else "growing" if change > 0 else "decaying"
+    return Shaking(
+        found,
+        state,
+        side,
+        rows,
+        parts,
+        step,
+        odd,
+        even,
+        clipped,
+        limit,
+        _standing(record.channels[side][rows][-math.ceil(STANDING_PERIODS * period) :], step, period) if side in POSITIONS else math.nan,
+        irregular,
+        moving,
+        small,
+    )
+
+
+def _followed(values: Floats, tick: float, found: Vibration) -> Vibration:
+    """With growth and amplitude from the amplitude period by period over the last ones: a limit cycle's pole tells neither."""
+    period = 2 * math.pi / found.frequency / tick
+    width = max(4, round(2 * period))
+    count = int(min(LOOKED_AT / 2, len(values) // width))
+    if count < 3:
+        return found
+    time = np.arange(width) * tick
+    basis = np.column_stack([np.cos(found.frequency * time), np.sin(found.frequency * time), np.ones(width), time])
+    blocks = values[len(values) - count * width :].reshape(count, width).T
+    sizes = np.hypot(*np.linalg.lstsq(basis, blocks, rcond=None)[0][:2])
+    if not np.all(sizes > 0):
+        return found
+    rate, last = np.polyfit((np.arange(count) - count + 1) * width * tick, np.log(sizes), 1)
+    return Vibration(found.frequency, float(rate), float(np.exp(last)))
+
+
+def _clipping(record: Record, rows: slice, look: slice) -> tuple[float, float]:
+    """Share of rows at a limit, and the limit: of whichever torque is flat at its largest and smallest."""
+    best = (0.0, math.nan)
+    for name in TORQUES:
+        if not record.has(name):
+            continue
+        values = record.channels[name]
+        part = values[rows][look]
+        most = float(np.quantile(np.abs(values), 0.999))
+        near = np.abs(np.abs(part) - most) < max(AT_LIMIT, 3 * _noise(values) / max(most, 1e-300)) * most
+        held = near[1:] & near[:-1] & (np.sign(part[1:]) == np.sign(part[:-1]))
+        share = float(np.mean(held))
+        if share > best[0]:
+            best = share, most
+    return best
+
+
+def _noise(values: Floats) -> float:
+    """Standard deviation of white noise on a smooth signal, from third differences."""
+    return 1.4826 * float(np.median(np.abs(np.diff(values, 3)))) / math.sqrt(20)
+
+
+def _began_small(record: Record, rows: slice, deviation: Floats, limit: float) -> bool:
+    """Whether the oscillation grew by far before the torque came to its limit."""
+    values = deviation[rows]
+    parts = np.array_split(values, 12)
+    sizes = np.array([float(np.std(np.diff(part))) for part in parts])
+    last = int(np.argmax(sizes))
+    return bool(
+        last >= 2 and sizes[:last].min(initial=math.inf) < 0.05 * sizes[last] and np.all(np.diff(sizes[: last + 1]) > -0.3 * sizes[:last])
+    )
+
+
+def _harmonics(values: Floats, tick: float, omega: float) -> tuple[float, float]:
+    """Amplitudes of the 3rd and 5th, and of the 2nd and 4th harmonic, over the first, by least squares; NaN beyond half the rate."""
+    time = np.arange(len(values)) * tick
+    orders = [k for k in range(1, HARMONICS + 1) if k * omega * tick < 0.9 * math.pi]
+    taper = np.hanning(len(values) + 2)[1:-1]
+    columns = [np.ones(len(time)), time, *(f(k * omega * time) for k in orders for f in (np.cos, np.sin))]
+    weights = np.linalg.lstsq(np.column_stack(columns) * taper[:, None], values * taper, rcond=None)[0][2:]
+    sizes = dict(zip(orders, np.hypot(weights[::2], weights[1::2]), strict=True))
+    first = max(float(sizes.get(1, 0.0)), 1e-300)
+    odd, even = (math.hypot(*(float(sizes.get(k, 0.0)) for k in some)) / first for some in ((3, 5), (2, 4)))
+    return (odd if 3 in sizes else math.nan), (even if 2 in sizes else math.nan)
+
+
+def _standing(values: Floats, step: float, period: float) -> float:
+    """Share of the rows in which the position rests: by its speed over a fiftieth of a period."""
+    span = max(1, round(period / 50))
+    speed = np.abs(values[span:] - values[:-span])
+    most = float(np.quantile(speed, 0.98))
+    return float(np.mean(speed <= max(STANDS * most, 1.01 * step))) if most > 4 * step else math.nan
