@@ -14,7 +14,7 @@ from draws import log_uniform
 from gainroom.identification.record import Record
 from gainroom.simulation import Friction, Scenario, Start, Testbed, simulate
 from gainroom.system.system import System
-from identified import SEED, draw_elastic, multisine, noisy
+from identified import SEED, multisine, noisy
 from independent.chain import Chain, record
 
 CAUSES = ("gain_limit", "stick_slip", "quantisation", "structural_resonance", "saturation")
@@ -72,7 +72,7 @@ def draw(rng: np.random.Generator, damping: tuple[float, float] = (0.005, 0.05),
 
 
 def columns_of(rng: np.random.Generator, run, size: float, clips: bool = False) -> dict[str, np.ndarray]:
-    """Of a run, as a robot's log has them: always position and set-point, and one to three torques: where it `clips` not the target alone."""
+    """Of a run, as a log has them: position, set-point, one to three torques; where it `clips` not the target alone."""
     columns = {"reference": run.reference[:, 0], "motor_position": run.motor_reading[:, 0]}
     which = int(rng.integers(3))
     if which != 1:
@@ -126,6 +126,8 @@ def gain_limit(rng: np.random.Generator, kind: int) -> Recording | None:
 def stick_slip(rng: np.random.Generator, kind: int) -> Recording | None:
     """Static friction above Coulomb friction: hunting under integral action, or stick-slip motion along a slow ramp."""
     drawn = draw(rng, damping=(0.02, 0.1))
+    if drawn.tick < 5e-4:
+        return None  # long recordings take long
     loop_limit = gr.gain_limit(drawn.loop)
     if not loop_limit.stable or loop_limit.gain < 3:
         return None
@@ -146,21 +148,24 @@ def stick_slip(rng: np.random.Generator, kind: int) -> Recording | None:
     law = Friction(coulomb, coulomb * float(rng.uniform(1.3, 2.0)), coulomb / kp * float(rng.uniform(0.3, 1.0)))
     step = coulomb / kp * log_uniform(rng, 1e-4, 1e-2)
     scenario = Scenario(reference[:, None], duration, noise=step * float(rng.uniform(0, 0.5)), seed=int(rng.integers(1e6)), limit=50.0)
-    bed = Testbed(drawn.loop, motor_friction=law, motor_resolution=step, substep=drawn.tick / 4)
-    run, smooth = simulate(bed, scenario), simulate(replace(bed, motor_friction=Friction()), scenario)
-    if run.diverged or smooth.diverged:
+    bed = Testbed(drawn.loop, motor_friction=law, motor_resolution=step, substep=drawn.tick / 2)
+    run = simulate(bed, scenario)
+    if run.diverged or (size := swing(run.error[:, 0])) < 20 * step or reversals(run.error[:, 0]) < 8:
         return None
-    size = swing(run.error[:, 0])
-    if size < 20 * step or swing(smooth.error[:, 0]) > 0.1 * size or reversals(run.error[:, 0]) < 8:
+    smooth = simulate(replace(bed, motor_friction=Friction()), scenario)
+    if smooth.diverged or swing(smooth.error[:, 0]) > 0.1 * size:
         return None
     record_ = Record(run.time, columns_of(rng, run, coulomb), drawn.tick)
     return Recording(record_, drawn.described(rng), "stick_slip", "hunting" if hunting else "ramp")
 
 
 def lasts(values: np.ndarray, least: float) -> bool:
-    """The last third swings by at least so much, and no less than the third before it."""
-    third = len(values) // 3
-    return bool(np.std(values[-third:]) > max(least, 0.9 * np.std(values[-2 * third : -third])))
+    """The last third swings by at least so much; it, and its last half, no less than as many rows before."""
+
+    def grows(count: int) -> bool:
+        return bool(np.std(values[-count:]) > 0.9 * np.std(values[-2 * count : -count]))
+
+    return float(np.std(values[-(len(values) // 3) :])) > least and grows(len(values) // 3) and grows(len(values) // 6)
 
 
 def reversals(values: np.ndarray) -> int:
@@ -302,6 +307,8 @@ def saturation(rng: np.random.Generator, kind: int) -> Recording | None:
         return None
     goal, step = float(rng.uniform(0.1, 1.0)), log_uniform(rng, 1e-6, 3e-5)
     duration = float(rng.uniform(8, 15)) * 2 * math.pi / omega
+    if duration > 20_000 * drawn.tick:
+        return None
     reference = np.where(np.arange(int(duration / drawn.tick) + 1) * drawn.tick < 0.3, 0.0, goal)
     scenario = Scenario(reference[:, None], duration, noise=0.3 * step, seed=int(rng.integers(1e6)), limit=float(rng.uniform(5, 20)) * goal)
     bed = Testbed(drawn.loop, motor_resolution=step, substep=drawn.tick)

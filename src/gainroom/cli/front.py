@@ -5,6 +5,7 @@ from typing import Annotated
 import typer
 
 from .audit import audit
+from .diagnose import diagnose
 from .example import example
 from .identify import identify
 from .joint import joint
@@ -28,6 +29,7 @@ app.command(name="simulate", short_help="Play a joint's or a robot's scenario: t
 app.command(name="verify", short_help="The predicted limit against simulation.")(verify)
 app.command(name="log", short_help="What a log holds, and what can be identified from it.")(log)
 app.add_typer(identify, short_help="From a log to a joint: delay, elasticity, gains.")
+app.command(name="diagnose", short_help="What vibrates a joint, from a recording, and which gain to change.")(diagnose)
 app.command(name="example", short_help="Print a ready file to start from.")(example)
 app.command(name="reproduce", short_help="The paper's figures, computed and compared.")(reproduce)
 

@@ -1,7 +1,7 @@
 """The vibration in a joint's record: where it is, its frequency and growth, and what can be measured of it without a model.
 
-It is searched in the deviation from the set-point wherever the set-point rests or moves steadily, else in windows, above the set-point's own
-frequencies. Poles and amplitudes are those of simulation/oscillation.py; slow ones come from means over several ticks.
+It is searched in the deviation from the set-point wherever the set-point rests or moves steadily, else in windows, above the set-point's
+own frequencies. Poles and amplitudes are those of simulation/oscillation.py; slow ones come from means over several ticks.
 """
 
 import math
@@ -12,16 +12,19 @@ from itertools import pairwise
 import numpy as np
 
 from ..errors import GainroomError
-from ..linear.arrays import Booleans, Complexes, Floats
+from ..linear.arrays import Floats
 from ..simulation.oscillation import FEWEST_SAMPLES, MOST_SAMPLES, Vibration, parts_in, vibration
-from .record import TORQUES, Record, resolution
+from .record import Record, resolution
 
 POSITIONS = ("motor_position", "link_position")
+TORQUES = ("target_torque", "demand_torque", "actual_torque")
+"""From the controller to the joint."""
 RESTING = 0.1  # damping ratio above which an oscillation is the settling of a joint
 RINGING = 0.02  # damping ratio below which one that decays is a vibration: it takes more than 35 periods to a hundredth
 UNCHANGED = 0.2  # relative change over the periods examined of an amplitude that is sustained
 LOOKED_AT = 20.0  # periods from the end over which the amplitude is followed
 STRAIGHT = 1e-9  # of the set-point's range per tick²: a smaller change of its velocity is rounding
+MOST_MULTIPLES = 1e5  # of an encoder's step from row to row: beyond, digits of numbers are no steps
 FINE = 1e-4  # of the set-point's range: steps this small are the digits of its file
 LONG_ENOUGH = 0.15  # of the record, or LONG_ROWS: where the set-point moves steadily
 LONG_ROWS = 1500
@@ -29,7 +32,7 @@ STEPS = 0.5  # of the encoder, amplitude: a set-point or a drift that crosses st
 IRREGULAR_STEPS = (0.6, 6.0)  # likewise of motion without a single frequency: to and fro between two steps, to a few
 IRREGULAR_VISIBLE = 3e-5  # [rad] likewise: with finer encoders nobody notices
 RAMP_STEPS = 2.0  # likewise where a steady motion crosses them
-DECAYING_STEPS = 5.0  # likewise of one that decays
+DECAYING_STEPS = 5.0  # likewise, LOOKED_AT periods before the end, of one that decays
 MOVING_STEPS = 3.0  # likewise while the set-point moves
 VISIBLE = 1e-6  # [rad] smaller amplitudes are not visible on hardware
 VISIBLE_MOVING = 2e-5  # [rad] likewise while it moves: friction excites them as motion turns
@@ -38,14 +41,17 @@ SLOW_LINES = 3  # of a spectrum, which hold the trend
 UNDIMINISHED = 0.7  # of its size before: irregular motion that falls below decays
 WINDOWS = 8  # that a motion is cut into, each overlapping the next by half
 SAME_FREQUENCY, TIMES = 0.05, 3  # relative: no further apart in so many successive windows
-BEYOND = 3.0  # times the frequency below which 99 % of the set-point's accelerations lie
-FOLLOWS = 0.3  # amplitude of the set-point over that of the motion: the motion follows a command
+BEYOND = 3.0  # times the frequency below which 99 % of the set-point's power lie
+FOLLOWS = 0.3  # amplitude of the set-point over that of the deviation from it: the motion follows a command
 ALONE = 0.8  # of the set-point's power in its largest line: it oscillates
 MOST_HARMONICS, NEAR_HARMONIC = (
     40,
     0.25,
 )  # order, and distance from an odd one, of the harmonics of an oscillating set-point that friction makes
-AT_LIMIT = 2e-3  # of its range: a torque this near its largest is clipped
+AT_LIMIT = 2e-3  # of its range: a torque this near a limit is clipped
+MOST_NOISE = 0.02  # of a limit: noise that is allowed for
+LEAST_FLAT = 0.03  # share of rows at a limit beyond that of a sine
+LEVELS = (0.999, 0.97, 0.93, 0.88, 0.8, 0.7)  # quantiles of a torque that may be its limit
 STANDS = 0.04  # of the largest speed in the vibration: slower, the joint stands still
 STANDING_PERIODS = 4.0  # over which that is counted
 HARMONICS = 5
@@ -63,13 +69,13 @@ class Shaking:
     rows        of the record
     parts       complex amplitude of every channel at that frequency, by name, at the end of the rows, in its unit
     step        of the encoder [rad], 0: finer than the motion
-    odd, even   amplitude of the third and fifth, and of the second and fourth harmonic, over that of the first: of the torque, else position
+    odd, even   third and fifth, and second and fourth harmonic, over the first, in amplitude: of the torque, else position
     clipped     share of the rows with the torque at a limit; NaN where no torque is in the record
     limit       that torque [N m]; NaN where there is none
     standing    share of the rows in which the joint stands still
     irregular   without a single frequency: `found` has the same power, at its mean frequency
     moving      found while the set-point moved
-    began_small it grew from a hundredth of its last amplitude or less before any torque was clipped
+    began_small it grew from a twentieth of its size or less
     """
 
     found: Vibration
@@ -119,20 +125,17 @@ def find_shaking(record: Record) -> Search:
     if side is None:
         raise GainroomError("diagnose: needs a position, a velocity or a torque")
     values = record.channels[side]
-    step = resolution(values) if side in POSITIONS else 0.0
+    step = _encoder_step(values) if side in POSITIONS else 0.0
     reference = record.channels.get("reference") if side in POSITIONS else None
     deviation = values if reference is None else values - reference
     driven, blind = math.nan, 0.0
     steady = _steady_rows(record, reference)
     if steady is not None:
         found = _found(deviation[steady], record.sample_time)
-        least = max(STEPS * step, VISIBLE if side in POSITIONS else 0.0)
-        if found is not None and found.amplitude >= max(
-            least, DECAYING_STEPS * step * (found.growth_rate * LOOKED_AT * 2 * math.pi / found.frequency < -UNCHANGED)
-        ):
+        ramp = reference is not None and float(np.ptp(reference[steady])) > 0
+        if found is not None and found.amplitude >= _least(found, step, ramp, side in POSITIONS):
             return Search(_measured(record, side, steady, found, deviation, step))
-        least = RAMP_STEPS * step if reference is not None and np.ptp(reference[steady]) > 0 else IRREGULAR_STEPS[0] * step
-        least = max(least, IRREGULAR_VISIBLE)
+        least = max((RAMP_STEPS if ramp else IRREGULAR_STEPS[0]) * step, IRREGULAR_VISIBLE)
         irregular = _irregular(deviation[steady], record.sample_time, step, least)
         if irregular is not None:
             return Search(_measured(record, side, steady, irregular, deviation, step, irregular=True))
@@ -145,13 +148,41 @@ def find_shaking(record: Record) -> Search:
     best: tuple[slice, Vibration] | None = None
     for rows in _windows(len(values)):
         found = _found(deviation[rows], record.sample_time, blind)
-        row = [] if found is None or found.amplitude < least or _is_harmonic(found.frequency, line) else [*row, found][-TIMES:]
+        counts = found is not None and found.amplitude >= least and not _is_harmonic(found.frequency, line)
+        if found is None or not counts or _follows(reference[rows], deviation[rows], record.sample_time, found):
+            row = []
+            continue
+        row = [*row, found][-TIMES:]
         alike = len(row) == TIMES and all(abs(one.frequency / row[-1].frequency - 1) <= SAME_FREQUENCY for one in row)
         if alike and (best is None or row[-1].amplitude > best[1].amplitude):
             best = rows, row[-1]
     if best is None:
         return Search(None, driven, blind)
     return Search(_measured(record, side, best[0], best[1], deviation, step, moving=True), driven, blind)
+
+
+def _least(found: Vibration, step: float, ramp: bool, position: bool) -> float:
+    """Amplitude from which on an oscillation at a steady set-point counts."""
+    change = math.exp(found.growth_rate * LOOKED_AT * 2 * math.pi / found.frequency)
+    decays = change < 1 - UNCHANGED
+    steps = DECAYING_STEPS * change if decays else RAMP_STEPS if ramp else STEPS
+    return max(steps * step, VISIBLE if position else 0.0)
+
+
+def _encoder_step(values: Floats) -> float:
+    """Of a position (m,), also where it moves so fast that no reading comes twice: what all its changes are multiples of; 0: nothing."""
+    step = resolution(values)
+    if step:
+        return step if math.isfinite(step) else 0.0
+    changes = np.abs(np.diff(values[:MOST_SAMPLES]))
+    least = float(changes[changes > 1e-12].min(initial=math.inf))
+    steps = np.diff(np.unique(np.round(changes[changes > 0] / least, 6))) if math.isfinite(least) else np.zeros(0)
+    steps = steps[steps > 1e-3]
+    if not len(steps):
+        return 0.0
+    step = least * float(min(steps.min(), 1.0))
+    multiples = changes / step
+    return step if multiples.max() < MOST_MULTIPLES and np.abs(multiples - np.round(multiples)).max() < 0.01 else 0.0
 
 
 def _steady_rows(record: Record, reference: Floats | None) -> slice | None:
@@ -183,25 +214,27 @@ def _found(values: Floats, tick: float, above: float = 0.0) -> Vibration | None:
         found = _unsettled(coarse, stride * tick, above)
         if found is None or (stride > 1 and found.frequency * stride * tick > 1.0):
             continue
-        if best is None or found.amplitude > 1.2 * best.amplitude:
+        lasts, before = found.damping_ratio < RINGING, best is not None and best.damping_ratio < RINGING
+        if best is None or lasts > before or (lasts == before and found.amplitude > 1.2 * best.amplitude):
             best = found
-        if len(coarse) <= MOST_SAMPLES:
-            break
     return best
 
 
 def _unsettled(values: Floats, tick: float, above: float) -> Vibration | None:
-    """The strongest oscillation that is not the settling of a joint: where that is the strongest, a faster or a later one."""
+    """The strongest oscillation that lasts; where that is a joint's settling, a faster or a later one; else the slowest to settle."""
+    settling = None
     for part in (values, values[-(len(values) // 2) :]):
         lowest = above
         for _ in range(TRIES):
             found = vibration(part, tick, above=lowest)
             if found is None:
                 break
-            if found.damping_ratio <= RESTING:
+            if found.damping_ratio < RINGING:
                 return found
+            if settling is None and found.damping_ratio <= RESTING:
+                settling = found
             lowest = 1.05 * found.frequency
-    return None
+    return settling
 
 
 def _means(values: Floats, stride: int) -> Floats:
@@ -242,11 +275,11 @@ def _windows(count: int) -> list[slice]:
 
 
 def _fastest(reference: Floats, tick: float) -> float:
-    """[rad/s] below which 99 % of the power of the set-point's accelerations lie."""
-    bent = np.diff(reference, 2)
-    power = np.abs(np.fft.rfft(bent * np.hanning(len(bent)))) ** 2
+    """[rad/s] below which 99 % of the power of the set-point's motion lie."""
+    moved = reference - np.linspace(reference[0], reference[-1], len(reference))
+    power = np.abs(np.fft.rfft(moved * np.hanning(len(moved)))) ** 2
     share = np.cumsum(power) / max(float(power.sum()), 1e-300)
-    return 2 * math.pi * float(np.fft.rfftfreq(len(bent), tick)[int(np.argmax(share >= 0.99))])
+    return 2 * math.pi * float(np.fft.rfftfreq(len(moved), tick)[int(np.argmax(share >= 0.99))])
 
 
 def _line(reference: Floats, tick: float) -> tuple[float, float]:
@@ -256,6 +289,12 @@ def _line(reference: Floats, tick: float) -> tuple[float, float]:
     place = 1 + int(np.argmax(power[1:]))
     omega = 2 * math.pi * float(np.fft.rfftfreq(len(moved), tick)[place])
     return omega, omega if power[max(1, place - 3) : place + 4].sum() > ALONE * power[1:].sum() else 0.0
+
+
+def _follows(reference: Floats, deviation: Floats, tick: float, found: Vibration) -> bool:
+    """Whether the set-point itself contains the oscillation."""
+    parts = np.abs(parts_in(np.column_stack([reference, deviation]), tick, found))
+    return bool(parts[0] > FOLLOWS * parts[1])
 
 
 def _is_harmonic(omega: float, line: float) -> bool:
@@ -278,7 +317,7 @@ def _measured(
     clipped, limit, small = math.nan, math.nan, False
     if torque is not None:
         clipped, limit = _clipping(record, rows, look)
-        small = _began_small(record, rows, deviation, limit)
+        small = _began_small(values)
     odd, even = _harmonics(record.channels[torque][rows][look] if torque else values[look], tick, found.frequency)
     change = found.growth_rate * min(LOOKED_AT * period, len(values)) * tick
     state = "sustained" if irregular or abs(change) < UNCHANGED else "growing" if change > 0 else "decaying"
@@ -313,24 +352,31 @@ def _followed(values: Floats, tick: float, found: Vibration) -> Vibration:
     sizes = np.hypot(*np.linalg.lstsq(basis, blocks, rcond=None)[0][:2])
     if not np.all(sizes > 0):
         return found
-    rate, last = np.polyfit((np.arange(count) - count + 1) * width * tick, np.log(sizes), 1)
+    rate, last = np.polyfit((np.arange(count) - count + 0.5) * width * tick, np.log(sizes), 1)  # from the middles of the blocks to the end
     return Vibration(found.frequency, float(rate), float(np.exp(last)))
 
 
 def _clipping(record: Record, rows: slice, look: slice) -> tuple[float, float]:
-    """Share of rows at a limit, and the limit: of whichever torque is flat at its largest and smallest."""
-    best = (0.0, math.nan)
+    """Share of rows at a limit, and the limit, of whichever torque is flat; 0 where it is no more so than a sine at its largest value.
+
+    An actual torque overshoots its limit, so levels below the largest value are tried.
+    """
+    most, best = LEAST_FLAT, (0.0, math.nan)
     for name in TORQUES:
         if not record.has(name):
             continue
-        values = record.channels[name]
-        part = values[rows][look]
-        most = float(np.quantile(np.abs(values), 0.999))
-        near = np.abs(np.abs(part) - most) < max(AT_LIMIT, 3 * _noise(values) / max(most, 1e-300)) * most
-        held = near[1:] & near[:-1] & (np.sign(part[1:]) == np.sign(part[:-1]))
-        share = float(np.mean(held))
-        if share > best[0]:
-            best = share, most
+        part = record.channels[name][rows][look]
+        sizes, noise = np.abs(part), _noise(part)
+        for level in np.quantile(sizes, LEVELS).tolist():
+            if level == 0:
+                continue
+            near = max(AT_LIMIT, min(3 * noise / level, MOST_NOISE))
+            flat = np.abs(sizes - level) < near * level
+            held = flat[1:] & flat[:-1] & (np.sign(part[1:]) == np.sign(part[:-1])) & (np.abs(np.diff(part)) < near * level)
+            share = float(np.mean(held))
+            excess = share - 2 / math.pi * math.acos(1 - 2 * near)
+            if excess > most:
+                most, best = excess, (share, level)
     return best
 
 
@@ -339,15 +385,11 @@ def _noise(values: Floats) -> float:
     return 1.4826 * float(np.median(np.abs(np.diff(values, 3)))) / math.sqrt(20)
 
 
-def _began_small(record: Record, rows: slice, deviation: Floats, limit: float) -> bool:
-    """Whether the oscillation grew by far before the torque came to its limit."""
-    values = deviation[rows]
-    parts = np.array_split(values, 12)
-    sizes = np.array([float(np.std(np.diff(part))) for part in parts])
+def _began_small(values: Floats) -> bool:
+    """Whether the oscillation grew from a twentieth of its size or less."""
+    sizes = np.array([float(np.std(np.diff(part))) for part in np.array_split(values, 12)])
     last = int(np.argmax(sizes))
-    return bool(
-        last >= 2 and sizes[:last].min(initial=math.inf) < 0.05 * sizes[last] and np.all(np.diff(sizes[: last + 1]) > -0.3 * sizes[:last])
-    )
+    return bool(last >= 2 and sizes[:last].min() < 0.05 * sizes[last] and np.all(np.diff(sizes[: last + 1]) > -0.3 * sizes[:last]))
 
 
 def _harmonics(values: Floats, tick: float, omega: float) -> tuple[float, float]:

@@ -7,7 +7,7 @@ At the complex frequency s = σ + jω of a vibration a linear loop has 1 + L(s) 
     saturation            the torque is clipped and the loop is stable as it is, but not at the lower gain that clipping leaves
                           (describing function N(A) ≤ 1 of a limit: N L = −1 at the lower end of the stable gains)
     stick_slip            slower than the loop's crossover, the joint stands still in every period while the torque builds up
-    quantisation          an amplitude of about an encoder's step: a step is a relay (its describing function has no bound at small amplitudes)
+    quantisation          an amplitude of about an encoder's step, which is a relay: its describing function is unbounded at small ones
 
 Each piece of evidence adds nats, within ±4, to the logarithm of a cause's likelihood; the weights are round numbers.
 """
@@ -24,7 +24,7 @@ from ..analysis.margins import Margins, margins
 from ..analysis.stability import rightmost_roots
 from ..design.joint_gains import Recommendation, recommend_pd
 from ..identification.record import Record
-from ..identification.shaking import Search, Shaking, find_shaking
+from ..identification.shaking import TORQUES, Search, Shaking, find_shaking
 from ..linear.arrays import Complexes
 from ..simulation.oscillation import FEWEST_SAMPLES
 from ..system.loop import Loop
@@ -33,7 +33,7 @@ from ..system.system import System
 CAUSES = ("gain_limit", "stick_slip", "quantisation", "structural_resonance", "saturation")
 UNKNOWN = "unknown"
 """None of them; it stands for itself among the likelihoods."""
-APPLIED = ("actual_torque", "demand_torque", "target_torque")
+APPLIED = TORQUES[::-1]
 """Which torque is compared with the motion: the nearest to the joint, behind any limit."""
 TOLD = 0.6  # likelihood from which on a cause is named
 MOST_FOR, MOST_AGAINST = 2.0, -4.0  # nats of one piece of evidence
@@ -48,7 +48,8 @@ MOVED = 0.35  # steps: less of true motion is an encoder between two steps
 TOGGLES = 0.9  # steps: less in the readings alone may be that
 HIDDEN = 1.2  # steps: more in the readings is true motion
 SPARED = 0.6  # of the limit: margin that a stable prediction leaves where parameters are a few percent off
-OWN_CONTROL = 0.3  # relative: torque over position differs by more from the controller of the file
+SAME_PHASE = 0.15  # [rad] between the torque in the log and the file's controller where they differ by a factor only
+FACTORS, SAME_GAINS = (0.05, 20.0), 0.03  # factors on the file's gains that are believed; nearer to 1 they are the file's
 
 
 @dataclass(frozen=True)
@@ -81,7 +82,8 @@ class Prediction:
     crossover   [rad/s] first frequency at which |L| = 1; NaN: none
     damping     least damping ratio of its roots
     response    measured position over torque at the vibration, over the model's; NaN where a channel is missing
-    control     measured torque over position there, over the file's controller; likewise
+    control     measured torque over position error there, over the controller's; likewise
+    applied     gains of the log over those of the file, which the loop here has
     moved       [rad] amplitude of the position that the torque makes by the model; NaN likewise
     """
 
@@ -95,6 +97,7 @@ class Prediction:
     response: complex = complex(math.nan)
     control: complex = complex(math.nan)
     moved: float = math.nan
+    applied: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -140,8 +143,10 @@ class Diagnosis:
 
     @property
     def factor(self) -> float:
-        """What all gains are to be multiplied by to have that margin, by the model; NaN where it does not say. A loop that is at its limit
-        has no margin left, whatever the model says."""
+        """What all gains are to be multiplied by to have that margin, by the model; NaN where it does not say.
+
+        A loop that is at its limit has no margin left, whatever the model says.
+        """
         if self.predicted is None or not 0 < self.predicted.limit.gain < math.inf:
             return math.nan
         return min(self.predicted.limit.gain, 1.0 if self.cause and self.cause.name == "gain_limit" else math.inf) / self.required
@@ -200,47 +205,66 @@ def _toggles(shaking: Shaking, predicted: Prediction | None) -> bool:
 
 
 def _prediction(system: System, record: Record, shaking: Shaking | None) -> Prediction:
-    """The loop, and what it makes of the measured vibration."""
-    model = system.source.linearize()
+    """The loop, and what it makes of the measured vibration; with the gains of the log where those are the file's times one factor."""
     if system.control.sample_time is None:
-        system = _at_rate(system, record.sample_time)
-    loop = system.loop(model)
+        system = replace(system, control=replace(system.control, sample_time=record.sample_time))
+    loop = system.loop(system.source.linearize())
+    if shaking is None:
+        return _predicted(loop)
+    control, applied = _control(loop, shaking), 1.0
+    if (
+        shaking.steps > MANY_STEPS
+        and not shaking.irregular
+        and abs(np.angle(control)) < SAME_PHASE
+        and FACTORS[0] < abs(control) < FACTORS[1]
+    ):
+        applied = abs(control) if abs(abs(control) - 1) > SAME_GAINS else 1.0
+    found = replace(_predicted(loop.scaled(applied)), applied=applied, control=control / applied)
+    return _compared(found, record, shaking)
+
+
+def _predicted(loop: Loop) -> Prediction:
     limit, found = gain_limit(loop), margins(loop)
     roots = [root for root in rightmost_roots(loop, count=8).roots if root.imag > 1e-6]
     growing = max(roots, key=lambda root: root.real, default=complex(math.nan, math.nan))
     unstable = not limit.stable and growing.real > 0
-    crossings = [one.omega for one in found.gain_crossings]
-    base = Prediction(
+    return Prediction(
         loop,
         limit,
         found,
         growing.imag if unstable else limit.frequency,
         growing.real if unstable else math.nan,
-        min(crossings, default=math.nan),
+        min((one.omega for one in found.gain_crossings), default=math.nan),
         min((-root.real / abs(root) for root in roots), default=math.nan),
     )
-    return base if shaking is None else _compared(base, record, shaking)
 
 
-def _at_rate(system: System, sample_time: float) -> System:
-    return replace(system, control=replace(system.control, sample_time=sample_time))
+def _control(loop: Loop, shaking: Shaking) -> complex:
+    """Target torque over position error at the vibration, over that of the file's controller; NaN: not measured."""
+    assert loop.parts is not None
+    parts, side = shaking.parts, f"{loop.parts.feedback}_position"
+    if side not in parts or "target_torque" not in parts or loop.control is None:
+        return complex(math.nan)
+    error = parts.get("reference", 0j) - parts[side]
+    own = loop.gain * complex(loop.control.at(_point(shaking))[0])
+    return parts["target_torque"] / error / own if error and own else complex(math.nan)
 
 
-def _compared(base: Prediction, record: Record, shaking: Shaking) -> Prediction:
-    """With the ratios of torque and position at the vibration, and the motion that the torque makes."""
-    loop, parts = base.loop, shaking.parts
+def _point(shaking: Shaking) -> Complexes:
+    """s = σ + jω of a vibration, (1,)."""
+    return np.array([complex(shaking.found.growth_rate, shaking.found.frequency)])
+
+
+def _compared(found: Prediction, record: Record, shaking: Shaking) -> Prediction:
+    """With the ratio of position and torque at the vibration, and the motion that the torque makes."""
+    loop, parts = found.loop, shaking.parts
     assert loop.parts is not None
     side = f"{loop.parts.feedback}_position"
     torque = next((name for name in APPLIED if name in parts), None)
-    if torque is None or side not in parts:
-        return base
-    s = np.array([complex(shaking.found.growth_rate, shaking.found.frequency)])
-    response = parts[side] / parts[torque] / complex(_behind(loop, torque, s)[0])
-    control = complex(math.nan)
-    if "target_torque" in parts and loop.control is not None:
-        error = parts[side] - parts.get("reference", 0.0)
-        control = parts["target_torque"] / error / (-loop.gain * complex(loop.control.at(s)[0]))
-    return replace(base, response=response, control=control, moved=_moved(base, record, shaking, torque))
+    if torque is None or side not in parts or not parts[torque]:
+        return found
+    response = parts[side] / parts[torque] / complex(_behind(loop, torque, _point(shaking))[0])
+    return replace(found, response=response, moved=_moved(found, record, shaking, torque))
 
 
 def _behind(loop: Loop, torque: str, s: Complexes) -> Complexes:

@@ -1,0 +1,96 @@
+"""gainroom diagnose: what vibrates a joint, from a recording."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from .log_options import Columns, End, GearRatio, LogFile, RateHz, RotorSide, Start, Units, log_options
+from .options import AsJson, Report, Verbose, command_line, report_stream
+from .output import emit, emit_json, file_line, render
+
+if TYPE_CHECKING:
+    from ..files.logs import LoggedJoint
+    from ..studies.diagnosis import Diagnosis
+
+JointFileOrName = Annotated[
+    list[str] | None,
+    typer.Option("--joint", metavar="FILE|NAME", help="The joint's joint.yaml; or which joint of the log. May be given again."),
+]
+
+
+def diagnose(
+    file: LogFile,
+    joint: JointFileOrName = None,
+    columns: Columns = None,
+    units: Units = None,
+    rotor_side: RotorSide = None,
+    gear_ratio: GearRatio = None,
+    rate_hz: RateHz = None,
+    start: Start = None,
+    end: End = None,
+    as_json: AsJson = False,
+    verbose: Verbose = False,
+    report: Report = None,
+) -> int:
+    """Does a joint vibrate in a recording, why, and which gain to change by how much.
+
+    Causes are ranked by evidence: the loop at its gain limit, stick-slip, encoder steps, a structural resonance, torque saturation. With
+    --joint joint.yaml the loop of that file is compared with the recording; without it some causes cannot be told apart.
+
+    \b
+    Example:
+      gainroom diagnose run.csv --joint joint.yaml --report diagnosis.html
+
+    Exit status: 0 no vibration; 1 vibrates; 2 the file or the call is wrong.
+    """
+    from ..errors import GainroomError
+    from ..files.logs import read_joint
+
+    described = [one for one in joint or [] if Path(one).suffix.lower() in (".yaml", ".yml")]
+    if len(described) > 1:
+        raise GainroomError(f"--joint: {described[1]}: only one joint.yaml can be given")
+    names = [one for one in joint or [] if one not in described]
+    options = log_options(columns, units, rotor_side, gear_ratio, rate_hz, start, end, names or None)
+    system = None
+    if described:
+        from ..files.joint_yaml import load_joint
+
+        system = load_joint(Path(described[0]))
+    logged = read_joint(file, options)
+    with report_stream(report) as page:
+        from ..errors import named
+        from ..studies.diagnosis import diagnose as study
+
+        with named(str(file)):
+            found = study(logged.record, system)
+        if as_json:
+            from ..report.diagnosis_text import facts
+            from ..report.log_text import logged_facts, logged_remarks
+
+            answer = facts(found)
+            answer["warnings"] += logged_remarks(logged)
+            emit_json({**answer, "log": logged_facts(logged)})
+        else:
+            emit(_terminal(found, logged, verbose, report))
+        if page is not None:
+            from ..report.diagnosis import diagnosis_page
+
+            given = [word for one in joint or [] for word in ("--joint", one)]
+            page.write(diagnosis_page(found, str(file), command_line("diagnose", file, *given, "--report", report)))
+    return 1 if found.vibrates else 0
+
+
+def _terminal(found: "Diagnosis", logged: "LoggedJoint", verbose: bool, report: Path | None) -> str:
+    from ..report.diagnosis_text import advice, evidence_lines, sentence, warnings
+    from ..report.log_text import logged_remarks
+
+    evidence = evidence_lines(found, everything=verbose)
+    return render(
+        sentence(found),
+        *(f"→ {text}" for text in advice(found)),
+        *(["", *evidence] if evidence else []),
+        *(["", file_line("Report", report)] if report is not None else []),
+        *(f"Warning: {text}" for text in warnings(found)),
+        *(f"Note: {text}" for text in logged_remarks(logged)),
+    )

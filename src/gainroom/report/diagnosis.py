@@ -1,0 +1,314 @@
+"""The page of a diagnosis: the answer, what to do, signals over time, spectrogram, spectrum with harmonics, evidence."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..identification.shaking import POSITIONS, TORQUES
+from ..linear.arrays import Floats
+from ..studies.diagnosis import Cause, Diagnosis
+from . import style
+from .curves import Curve, Panel, stacked
+from .diagnosis_text import LARGE_ANGLE, NAMES, SHORT, advice, evidence_text, growth, percent, ranked, sentence, size, strength, warnings
+from .number_format import decibels, digits, frequency, hertz
+from .page import Card, Html, Lead, Section, block, details, facts, figure, page, paragraph, table
+from .page_parts import footer
+
+CLOSE_PERIODS = 8  # of the vibration in the enlarged figure
+COLUMNS, LINES = 160, 160  # of the spectrogram, at most
+FLOOR = 60.0  # [dB] below the largest: black
+ORDERS = 6  # harmonics that are marked
+SPECTRUM_POINTS = 1500
+HIGHEST = 6.0  # times the vibration's frequency, or the predicted one: pictures end there
+PERIODS_IN_WINDOW = 8.0
+
+
+def diagnosis_page(found: Diagnosis, log: str, command: str) -> str:
+    """The report as one HTML page; `log` as it is called, `command` that makes the page."""
+    sections = []
+    if texts := advice(found):
+        sections.append(Section("What to do", [paragraph(text) for text in texts]))
+    if found.causes:
+        sections.append(Section("Why", [_causes(found)]))
+    sections.append(Section("In time", [_in_time(found), *([_close_up(found)] if found.shaking is not None else [])]))
+    sections.append(Section("Frequencies", [_spectrogram(found), _spectrum(found)]))
+    sections.append(Section("Inputs and assumptions", [facts(_inputs(found, log)), _assumptions()]))
+    sections.append(Section("Command", [block(command)]))
+    return page("gainroom diagnose: a joint's recording", _lead(found), _cards(found), sections, footer())
+
+
+def _lead(found: Diagnosis) -> Lead:
+    if not found.vibrates:
+        return Lead(sentence(found), "good", "", warnings(found))
+    return Lead(sentence(found), "bad", "VIBRATES" if found.cause is not None else "VIBRATES: cause not told", warnings(found))
+
+
+def _cards(found: Diagnosis) -> list[Card]:
+    seen, predicted = found.shaking, found.predicted
+    cards = []
+    if seen is not None and not found.toggles:
+        note = "" if predicted is None or not predicted.frequency > 0 else f"model's loop: {hertz(predicted.frequency)}"
+        cards.append(Card("frequency", digits(seen.found.frequency / (2 * math.pi), "", 3), "Hz", "no vibration", not found.vibrates, note))
+        steps = f"{digits(seen.steps, '', 3)} encoder steps" if math.isfinite(seen.steps) else ""
+        value, unit = size(seen).rsplit(" ", 1)
+        cards.append(Card("amplitude at the end", value, unit, note="; ".join(filter(None, [growth(seen), steps]))))
+    if found.causes:
+        first = found.cause
+        note = "" if first is None else f"likelihood {percent(first)}"
+        cards.append(Card("cause", "cannot tell" if first is None else SHORT[first.name], note=note))
+    if predicted is not None and math.isfinite(predicted.limit.gain):
+        met = predicted.limit.stable and predicted.limit.gain >= found.required
+        asked = f"≥ {digits(decibels(found.required), 'dB', 3)}"
+        cards.append(
+            Card(
+                "gain margin by the model",
+                digits(decibels(predicted.limit.gain), "", 3),
+                "dB",
+                asked,
+                met,
+                f"at {hertz(predicted.limit.frequency)}",
+            )
+        )
+    return cards
+
+
+def _causes(found: Diagnosis) -> Html:
+    likely, every = ranked(found, everything=False), ranked(found)
+    words = paragraph("What speaks for (+) and against (−) each cause; a sign stands for about a factor of e on its likelihood.")
+    others = [one for one in every if one not in likely]
+    hidden = details("Unlikely causes, and what speaks against them", *map(_evidence, others)) if others else ""
+    return Html("".join([*map(_evidence, likely), words, hidden]))
+
+
+def _evidence(cause: Cause) -> Html:
+    strongest = sorted(cause.evidence, key=lambda one: -abs(one.weight))
+    lines = [(evidence_text(one), strength(one)) for one in strongest] or [("nothing in the log speaks for or against it", "")]
+    return table((f"{NAMES[cause.name]}: {percent(cause)}", "for, against"), lines, sorts=False)
+
+
+def _panels(found: Diagnosis, part: slice, torque_names: Sequence[str]) -> list[Panel]:
+    """Position with set-point, and torques, of the rows `part`."""
+    channels = found.record.channels
+    side = next((name for name in POSITIONS if name in channels), None)
+    panels = []
+    if side is not None:
+        values = channels[side][part]
+        scale, unit = (1.0, "rad") if np.ptp(values) > LARGE_ANGLE else (1e3, "mrad")
+        curves = [Curve(side.replace("_", " "), scale * (values - values[0]), style.BLUE)]
+        if "reference" in channels:
+            curves.append(Curve("set-point", scale * (channels["reference"][part] - values[0]), style.VERMILION, "dash"))
+        panels.append(Panel("position", unit, curves, 0.5))
+    looks = ((style.ORANGE, "dash"), (style.DARK[style.PURPLE], "dot"), (style.BLACK, "solid"))
+    torques = [
+        Curve(name.replace("_", " "), channels[name][part], *look)
+        for name, look in zip(TORQUES, looks, strict=True)
+        if name in torque_names
+    ]
+    if torques:
+        panels.append(Panel("torque", "N·m", torques, 0.5))
+    if not panels:
+        side = next(iter(channels))
+        panels.append(
+            Panel(side.replace("_", " "), "rad/s" if "velocity" in side else "", [Curve(side, channels[side][part], style.BLUE)], 1.0)
+        )
+    return panels
+
+
+def _in_time(found: Diagnosis) -> Html:
+    time, seen = found.record.time, found.shaking
+    there = [name for name in TORQUES if name in found.record.channels]  # a target alone may be far beyond what is applied
+    caption = "The recording; position relative to its start."
+    if seen is not None:
+        caption += f" The oscillation was found from {digits(time[seen.rows][0], 's', 3)} to {digits(time[seen.rows][-1], 's', 3)}."
+    return stacked(time, _panels(found, slice(None), there[-1:]), "Position and torque", caption, 460)
+
+
+def _close_up(found: Diagnosis) -> Html:
+    seen = found.shaking
+    assert seen is not None
+    rows_ = range(len(found.record.time))[seen.rows]
+    count = min(len(rows_), max(16, math.ceil(CLOSE_PERIODS * 2 * math.pi / seen.found.frequency / found.record.sample_time)))
+    part = slice(rows_[-1] + 1 - count, rows_[-1] + 1)
+    words = [f"The last {CLOSE_PERIODS} periods at {hertz(seen.found.frequency)}."]
+    if seen.clipped == seen.clipped:
+        words.append(f"The torque is at a limit {100 * seen.clipped:.0f} % of the time.")
+    if seen.standing == seen.standing:
+        words.append(f"The joint stands still {100 * seen.standing:.0f} % of the time.")
+    if seen.step:
+        words.append(f"An encoder's step is {digits(1e3 * seen.step, 'mrad', 3)}.")
+    return stacked(
+        found.record.time[part],
+        _panels(found, part, [name for name in TORQUES if name in found.record.channels]),
+        "The oscillation enlarged",
+        " ".join(words),
+        460,
+    )
+
+
+def _signal(found: Diagnosis) -> tuple[str, Floats]:
+    """Deviation from the set-point, else what there is."""
+    channels = found.record.channels
+    side = (
+        found.shaking.side
+        if found.shaking is not None
+        else next((name for name in (*POSITIONS, *TORQUES) if name in channels), next(iter(channels)))
+    )
+    values = channels[side]
+    if side in POSITIONS and "reference" in channels:
+        return "position minus set-point", values - channels["reference"]
+    return side.replace("_", " "), values
+
+
+def _highest(found: Diagnosis) -> float:
+    """[Hz] to which the pictures go."""
+    nyquist = 0.5 / found.record.sample_time
+    marks = [omega for omega in (_seen(found), _expected(found)) if omega > 0]
+    return min(nyquist, HIGHEST * max(marks) / (2 * math.pi)) if marks else nyquist
+
+
+def _seen(found: Diagnosis) -> float:
+    return found.shaking.found.frequency if found.shaking is not None else math.nan
+
+
+def _expected(found: Diagnosis) -> float:
+    return found.predicted.frequency if found.predicted is not None else math.nan
+
+
+def _spectrogram(found: Diagnosis) -> Html:
+    from scipy.signal import spectrogram
+
+    name, values = _signal(found)
+    tick, high = found.record.sample_time, _highest(found)
+    period = 2 * math.pi / _seen(found) if found.shaking is not None else 2e2 / high
+    width = int(min(max(32, PERIODS_IN_WINDOW * period / tick), max(32, len(values) // 4)))
+    step = max(1, (len(values) - width) // COLUMNS)
+    lines, times, power = spectrogram(
+        values, 1 / tick, nperseg=width, noverlap=max(0, width - step), nfft=max(256, 2 * width), detrend="linear"
+    )
+    keep = lines <= high
+    every = max(1, int(np.count_nonzero(keep)) // LINES)
+    lines, power = lines[keep][::every], power[keep][: (np.count_nonzero(keep) // every) * every or None]
+    power = power[: len(lines) * every].reshape(-1, every, power.shape[1]).max(axis=1) if every > 1 else power
+    lines = lines[: len(power)]
+    level = 10 * np.log10(np.maximum(power, 1e-300))
+    level -= level.max()
+    heat = {
+        "type": "heatmap",
+        "x": found.record.time[0] + times,
+        "y": lines,
+        "z": np.round(np.maximum(level, -FLOOR), 1),
+        "colorscale": "Cividis",
+        "zmin": -FLOOR,
+        "zmax": 0,
+        "colorbar": {"title": {"text": "dB"}, "thickness": 12, "len": 1.0},
+        "hovertemplate": "%{x:.3g} s, %{y:.3g} Hz: %{z:.0f} dB<extra></extra>",
+    }
+    ends = [float(found.record.time[0]), float(found.record.time[-1])]
+    traces = [heat]
+    looks = (("found", _seen(found), "#ffffff", "solid"), ("predicted by the model", _expected(found), style.ORANGE, "dash"))
+    traces += [
+        style.line(ends, [omega / (2 * math.pi)] * 2, color, dash=dash, width=2, name=title, showlegend=True)
+        for title, omega, color, dash in looks
+        if omega > 0
+    ]
+    layout = style.layout(
+        xaxis=style.axis("time [s]", range=ends),
+        yaxis=style.axis("frequency [Hz]", range=[0, high]),
+        showlegend=True,
+        legend=style.switches(1.0, bgcolor="#dddddd"),
+        margin={"l": 72, "r": 16, "t": 30, "b": 52},
+    )
+    words = f"Power of {name} in dB below its largest."
+    if _expected(found) > 0:
+        words += (
+            f" The loop of the file {'vibrates' if not _stable(found) else 'would begin to vibrate'} at {frequency(_expected(found), 3)}."
+        )
+    return figure({"data": traces, "layout": layout}, "Spectrogram", words, 420, {**style.NARROW, "margin.r": 4})
+
+
+def _stable(found: Diagnosis) -> bool:
+    return found.predicted is not None and found.predicted.limit.stable
+
+
+def _spectrum(found: Diagnosis) -> Html:
+    name, values = _signal(found)
+    part = values if found.shaking is None else values[found.shaking.rows]
+    curves = [(name, part, style.BLUE, "solid")]
+    torque = next((one for one in TORQUES[::-1] if one in found.record.channels), None)
+    if torque is not None and not name.endswith("torque"):
+        column = found.record.channels[torque]
+        curves.append((torque.replace("_", " "), column if found.shaking is None else column[found.shaking.rows], style.ORANGE, "dash"))
+    high, traces = _highest(found), []
+    for title, column, color, dash in curves:
+        lines, sizes = _amplitudes(column, found.record.sample_time, high)
+        traces.append(
+            style.line(
+                lines, 20 * np.log10(np.maximum(sizes / sizes.max(), 1e-6)), color, dash=dash, width=1.6, name=title, showlegend=True
+            )
+        )
+    shapes, notes = [], []
+    if found.shaking is not None:
+        first = _seen(found) / (2 * math.pi)
+        for order in range(1, ORDERS + 1):
+            if order * first < high:
+                shapes.append(style.upright(order * first, style.INK if order == 1 else style.SOFT, "solid" if order == 1 else "dot"))
+                text = f"<b>{digits(first, 'Hz', 3)}</b>" if order == 1 else f"{order}×"
+                notes.append(style.label(order * first, 1.0, text, yref="paper", yanchor="top"))
+    if _expected(found) > 0 and _expected(found) / (2 * math.pi) < high:
+        shapes.append(style.upright(_expected(found) / (2 * math.pi), style.VERMILION, "dash", 2))
+        notes.append(
+            style.label(_expected(found) / (2 * math.pi), 0.06, "model", style.VERMILION, yref="paper", yanchor="bottom", xanchor="left")
+        )
+    layout = style.layout(
+        xaxis=style.axis("frequency [Hz]", range=[0, high]),
+        yaxis=style.axis("amplitude [dB of the largest]", range=[-90, 6]),
+        shapes=shapes,
+        annotations=notes,
+        showlegend=True,
+        legend=style.switches(1.0),
+    )
+    words = "Amplitudes where the oscillation was found." if found.shaking is not None else "Amplitudes over the recording."
+    if found.shaking is not None and found.shaking.odd == found.shaking.odd:
+        odd, even = (digits(100 * value, "%", 2) for value in (found.shaking.odd, found.shaking.even))
+        words += f" Harmonics of the torque: odd {odd}, even {even} of the first."
+        words += " Clipping and friction make odd ones; a linear loop or a structure makes none."
+    narrow = {**style.NARROW, "yaxis.title.text": "[dB]"}
+    return figure({"data": traces, "layout": layout}, "Spectrum with harmonics", words, 400, narrow)
+
+
+def _amplitudes(values: Floats, tick: float, high: float) -> tuple[Floats, Floats]:
+    """Frequencies [Hz] and amplitudes of (k,) values, the largest of every stretch, without the trend."""
+    line = np.linspace(-1, 1, len(values))[:, None] ** np.arange(2)
+    rest = values - line @ np.linalg.lstsq(line, values, rcond=None)[0]
+    sizes = np.abs(np.fft.rfft(rest * np.hanning(len(rest))))
+    lines = np.fft.rfftfreq(len(rest), tick)
+    sizes, lines = sizes[lines <= high], lines[lines <= high]
+    every = max(1, len(sizes) // SPECTRUM_POINTS)
+    count = len(sizes) // every * every
+    return lines[:count:every], np.maximum(sizes[:count].reshape(-1, every).max(axis=1), 1e-300)
+
+
+def _inputs(found: Diagnosis, log: str) -> list[tuple[str, str]]:
+    record, predicted = found.record, found.predicted
+    pairs = [
+        ("log", log),
+        ("rows", f"{digits(len(record.time), '', 6)} at {digits(1 / record.sample_time, 'Hz')}: the longest part without a gap"),
+        ("channels", ", ".join(record.channels)),
+    ]
+    if predicted is not None:
+        pairs.append(
+            ("model", f"gain limit {digits(predicted.limit.gain, '', 3)} × the gains in the log, at {frequency(predicted.limit.frequency)}")
+        )
+        if predicted.growth == predicted.growth:
+            pairs.append(("its vibration", f"{frequency(predicted.frequency)}, growing at {digits(predicted.growth, '1/s', 3)}"))
+    else:
+        pairs.append(("model", "none: --joint joint.yaml was not given"))
+    return pairs
+
+
+def _assumptions() -> Html:
+    return paragraph(
+        "A vibration grows, is sustained, or rings with a damping ratio below 0.02. Likelihoods compare the causes listed, as if one alone "
+        "were at work, and one that is none of them; weights are rounded and were chosen on virtual recordings."
+    )

@@ -1,0 +1,298 @@
+"""What vibrates a joint, in words: the answer, the evidence for each cause, and what to change or to record."""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+from ..errors import frequency_in_words, listed
+from ..identification.shaking import POSITIONS, Shaking
+from ..studies.diagnosis import UNKNOWN, Cause, Diagnosis, Evidence
+from .number_format import decibels, digits, hertz, typed_gains
+
+NAMES = {
+    "gain_limit": "the loop is at its gain limit",
+    "stick_slip": "a stick-slip limit cycle of friction",
+    "quantisation": "encoder steps or velocity noise",
+    "structural_resonance": "a structural resonance that is not in the model",
+    "saturation": "torque saturation",
+    UNKNOWN: "none of these",
+}
+"""Causes as they stand in a sentence."""
+SHORT = {
+    "gain_limit": "gain limit",
+    "stick_slip": "stick-slip",
+    "quantisation": "encoder steps",
+    "structural_resonance": "resonance",
+    "saturation": "saturation",
+}
+"""As they stand on a card."""
+LARGE_ANGLE = 0.5
+"""[rad] from which on amplitudes are in rad instead of mrad."""
+LIKELY = 0.02
+"""Causes of less are shown on demand."""
+RECORDS = {
+    "motor_position": "the position (motor_position)",
+    "reference": "the set-point (reference): without it a commanded oscillation looks like a vibration",
+    "actual_torque": "the torque (target_torque, actual_torque): without it clipping, sticking and the joint's response are not seen",
+}
+
+
+def sentence(found: Diagnosis) -> str:
+    """The answer in two or three short sentences."""
+    seen, driven = found.shaking, found.search.driven
+    if not found.vibrates:
+        text = "No vibration."
+        if found.toggles and seen is not None:
+            text += f" The encoder goes to and fro between two steps at {frequency_in_words(seen.found.frequency)}; the joint hardly moves."
+        elif seen is not None:
+            text += f" An oscillation at {frequency_in_words(seen.found.frequency)} decays, with a damping ratio of"
+            text += f" {digits(seen.found.damping_ratio, '', 2)}."
+        elif driven == driven and driven > 0:
+            text += f" The joint follows its set-point, whose largest part is at {frequency_in_words(driven)}."
+        return text
+    assert seen is not None
+    text = f"Vibrates at {frequency_in_words(seen.found.frequency)}, {growth(seen)}, by {size(seen)}. "
+    cause = found.cause
+    if cause is not None:
+        return f"{text}Cause: {NAMES[cause.name]} ({percent(cause)})."
+    first, second = found.causes[:2]
+    both = " or ".join(f"{NAMES[one.name]} ({percent(one)})" for one in (first, second) if one.name != UNKNOWN)
+    return f"{text}Cause: cannot tell; {both}."
+
+
+def size(seen: Shaking) -> str:
+    """The amplitude at the end, in the unit of its channel."""
+    value = seen.found.amplitude
+    if seen.side not in POSITIONS:
+        return digits(value, "rad/s" if "velocity" in seen.side else "N·m", 3)
+    return digits(value, "rad", 3) if value > LARGE_ANGLE else digits(1e3 * value, "mrad", 3)
+
+
+def growth(seen: Shaking) -> str:
+    """Whether it is sustained, or its doubling or halving time."""
+    if seen.state == "sustained":
+        return "sustained, without a single frequency" if seen.irregular else "sustained"
+    rate = seen.found.growth_rate
+    return f"{seen.state}, {'doubling' if rate > 0 else 'halving'} every {digits(math.log(2) / abs(rate), 's', 2)}"
+
+
+def percent(cause: Cause) -> str:
+    """Its likelihood."""
+    share = 100 * cause.likelihood
+    return "more than 99 %" if share > 99 else "less than 1 %" if share < 1 else f"{share:.0f} %"
+
+
+def _hz(evidence: Evidence) -> tuple[str, str]:
+    return hertz(evidence.value), hertz(evidence.expected)
+
+
+TEXTS: dict[str, Callable[[Evidence], str]] = {
+    "frequency": lambda one: "at {}; the model's loop vibrates at {}".format(*_hz(one)),
+    "gain_margin": lambda one: f"gain margin by the model {digits(one.value, '', 3)} ({digits(decibels(one.value), 'dB', 3)})",
+    "response": lambda one: (
+        f"position over torque is {digits(math.exp(one.value), '', 3)} × off the model's, in amplitude and phase together"
+        if one.value > 0.25
+        else "position over torque is as in the model"
+    ),
+    "steps": lambda one: (
+        "the amplitude is far beyond the encoder's steps"
+        if math.isinf(one.value)
+        else f"amplitude of {digits(one.value, '', 3)} steps of the encoder"
+    ),
+    "standing": lambda one: (
+        "no position to see whether the joint stands still"
+        if math.isnan(one.value)
+        else f"stands still {100 * one.value:.0f} % of each period"
+    ),
+    "crossover": lambda one: "at {}; the loop's crossover is at {}".format(*_hz(one)),
+    "clipped": lambda one: (
+        "no torque to see whether it is clipped" if math.isnan(one.value) else f"torque at its limit {100 * one.value:.0f} % of the time"
+    ),
+    "grew_unclipped": lambda one: "it grew before the torque came to its limit",
+    "lower_frequency": lambda one: "at {}; clipped, the model's loop vibrates at {} or slower".format(*_hz(one)),
+    "lower_gain": lambda one: "by the model no lower gain, as clipping makes it, is unstable",
+    "irregular": lambda one: "without a single frequency, as noise and steps are",
+    "growth": lambda one: "it grows or decays" if one.value else "sustained",
+    "rings": lambda one: (
+        f"rings with a damping ratio of {digits(one.value, '', 2)}; in the model nothing rings with less than {digits(one.expected, '', 2)}"
+    ),
+}
+"""By name of an evidence."""
+
+
+def evidence_text(one: Evidence) -> str:
+    """With what was measured and expected."""
+    return TEXTS[one.name](one)
+
+
+def strength(one: Evidence) -> str:
+    """For or against."""
+    return ("+" if one.weight > 0 else "−") * min(4, max(1, round(abs(one.weight))))
+
+
+def ranked(found: Diagnosis, everything: bool = True) -> list[Cause]:
+    """The causes that are shown, the likeliest first: all that there is evidence for or against, or the likely ones."""
+    shown = [one for one in found.causes if one.name != UNKNOWN and (one.evidence or one.likelihood >= LIKELY)]
+    return shown if everything else [one for index, one in enumerate(shown) if index == 0 or one.likelihood >= LIKELY]
+
+
+def evidence_lines(found: Diagnosis, everything: bool) -> list[str]:
+    """Each cause and under it what speaks for it (+) and against it (−), the strongest first."""
+    lines = []
+    for cause in ranked(found, everything):
+        lines.append(f"{NAMES[cause.name][0].upper()}{NAMES[cause.name][1:]}: {percent(cause)}")
+        strongest = sorted(cause.evidence, key=lambda one: -abs(one.weight))
+        lines += [] if strongest else ["  nothing in the log speaks for or against it"]
+        lines += [f"  {strength(one):4}  {evidence_text(one)}" for one in strongest]
+    left = len(ranked(found)) - len(ranked(found, everything))
+    return [*lines, f"{left} causes of less than {100 * LIKELY:.0f} % (--verbose)"] if left else lines
+
+
+def advice(found: Diagnosis) -> list[str]:
+    """What to change and by how much, or what to record."""
+    if not found.vibrates:
+        return []
+    cause = found.cause
+    return [*(_remedies(found, cause) if cause is not None else []), *_to_record(found)]
+
+
+def _remedies(found: Diagnosis, cause: Cause) -> list[str]:
+    seen, predicted, factor = found.shaking, found.predicted, found.factor
+    assert seen is not None
+    margin = f"{digits(decibels(found.required), 'dB', 3)} of gain margin"
+    lower = f"multiply all gains of the log by {digits(factor, '', 2)} to have {margin}" if factor < 1 else ""
+    if cause.name == "gain_limit":
+        texts = [f"Lower the gains: {lower}." if lower else "Lower kp and kd together; how far is not told without --joint joint.yaml."]
+        if seen.clipped > 0.05:
+            texts.append("The torque limit only bounds the amplitude; raising it makes the vibration larger.")
+        if predicted is not None and predicted.limit.gain > 1:
+            texts.append("The model says that these gains are still stable: identify the joint and its delay again (gainroom identify).")
+        return texts + _use(found)
+    if cause.name == "quantisation":
+        remedy = f"Lower the gain on velocity: {lower}" if lower else "Lower kd"
+        return [f"{remedy}; or filter the velocity (velocity_filter), or use the finer encoder. Lowering kp alone does not help."]
+    if cause.name == "stick_slip":
+        texts = ["Compensate the friction by a feed-forward torque, or lower ki, or let the integral rest once the error is small."]
+        if predicted is not None and predicted.limit.gain > 2 * found.required:
+            most = digits(predicted.limit.gain / found.required, "", 3)
+            texts.append(f"On a slow move more kd and kp help: the model has room for {most} × these gains with {margin}.")
+        return texts
+    if cause.name == "saturation":
+        texts = ["Bound the integral while the torque is at its limit (anti-windup), lower ki, or take smaller or slower steps."]
+        if predicted is not None and 0 < predicted.limit.lower_gain < 1:
+            least = digits(predicted.limit.lower_gain, "", 2)
+            texts.append(f"By the model the loop is unstable once clipping leaves less than {least} of its gain.")
+        return texts
+    texts = [
+        f"Find what swings at {hertz(seen.found.frequency)} (mounting, link, cable, tool) and stiffen or damp it; or put a notch there."
+    ]
+    if seen.state == "decaying":
+        texts.append("It decays by itself: the gains do not drive it, and lowering them does not end it.")
+    else:
+        texts.append(
+            "Lower gains stop the loop from driving it. The model does not have it and cannot say how far: halve them, and record again."
+        )
+    return texts
+
+
+def _use(found: Diagnosis) -> list[str]:
+    recommended = found.recommended
+    return [] if recommended is None else [f"By the requirements of the file, use {typed_gains(recommended.controller)}."]
+
+
+def _to_record(found: Diagnosis) -> list[str]:
+    """What would tell the cause, where it is not told."""
+    if found.cause is not None:
+        return []
+    texts = [f"Record {RECORDS[name]}." for name in found.missing]
+    if found.system is None:
+        texts.append(
+            "Give the joint's file (--joint joint.yaml): a loop at its limit and a structural resonance look alike without a model."
+        )
+    elif not texts:
+        texts.append(
+            "Record again with all gains halved: a loop at its limit is then quiet, a structural resonance rings at the same frequency."
+        )
+    return texts
+
+
+def warnings(found: Diagnosis) -> list[str]:
+    """What limits the answer."""
+    texts = []
+    if "reference" in found.missing:
+        texts.append("without the set-point (reference) a commanded oscillation cannot be told from a vibration")
+    if found.search.blind > 0:
+        texts.append(f"the set-point moves all the time: below {hertz(found.search.blind)} it may hide a vibration")
+    predicted, seen = found.predicted, found.shaking
+    if predicted is not None and predicted.applied != 1:
+        texts.append(f"the gains in the log are {digits(predicted.applied, '', 3)} times those of the file; the model here has them")
+    if predicted is not None and seen is not None and found.vibrates and abs(_log(predicted.control)) > 0.3 and not seen.irregular:
+        texts.append("the controller in the log is not that of the file: compare with gainroom identify gains")
+    if not found.vibrates and predicted is not None and not predicted.limit.stable:
+        texts.append("by the model these gains are unstable, though this log does not show it: check the file's gains and delay")
+    if found.missing and found.vibrates:
+        texts.append(f"the log lacks {listed([*found.missing])}")
+    return texts
+
+
+def _log(value: complex) -> float:
+    return math.log(abs(value)) if value == value and abs(value) > 0 else 0.0
+
+
+def facts(found: Diagnosis) -> dict[str, Any]:
+    """In JSON."""
+    seen, predicted = found.shaking, found.predicted
+    return {
+        "sentence": sentence(found),
+        "vibrates": found.vibrates,
+        "vibration": None
+        if seen is None or found.toggles
+        else {
+            "frequency_rad_s": seen.found.frequency,
+            "growth_rate": seen.found.growth_rate,
+            "state": seen.state,
+            "amplitude": seen.found.amplitude,
+            "channel": seen.side,
+            "encoder_step": seen.step,
+            "clipped": seen.clipped,
+            "standing": seen.standing,
+            "odd_harmonics": seen.odd,
+            "even_harmonics": seen.even,
+            "irregular": seen.irregular,
+            "from": float(found.record.time[seen.rows][0]),
+            "to": float(found.record.time[seen.rows][-1]),
+        },
+        "cause": None if found.cause is None else found.cause.name,
+        "causes": [
+            {
+                "cause": one.name,
+                "likelihood": one.likelihood,
+                "evidence": [
+                    {
+                        "name": each.name,
+                        "value": each.value,
+                        "expected": each.expected,
+                        "weight": float(each.weight),
+                        "text": evidence_text(each),
+                    }
+                    for each in one.evidence
+                ],
+            }
+            for one in found.causes
+        ],
+        "predicted": None
+        if predicted is None
+        else {
+            "stable": predicted.limit.stable,
+            "gain_limit": predicted.limit.gain,
+            "frequency_rad_s": predicted.frequency,
+            "growth_rate": predicted.growth,
+        },
+        "gain_factor": found.factor if found.vibrates and found.cause is not None and found.cause.name in SCALED else None,
+        "advice": advice(found),
+        "warnings": warnings(found),
+    }
+
+
+SCALED = ("gain_limit", "quantisation")
+"""Causes that a factor on all gains ends, by the model."""
