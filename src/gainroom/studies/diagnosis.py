@@ -329,6 +329,8 @@ def _response_off(predicted: Prediction | None) -> float:
 
 def _gain_limit(shaking: Shaking, predicted: Prediction | None) -> list[Evidence]:
     found = [_steps_against(shaking), _standing_against(shaking)]
+    if predicted is None and shaking.clipped > CLIPPED:  # a torque limit ends the growth of any vibration
+        found.append(Evidence("clipped", shaking.clipped, 1.0, 2.0))
     if predicted is None:
         return _known(found)
     off, margin, response = _off(predicted, shaking), predicted.limit.gain, _response_off(predicted)
