@@ -1,6 +1,7 @@
 """The sections of robot.yaml as they are written: keys, bounds, and what excludes what. Keys that name joints are patterns."""
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
@@ -11,6 +12,7 @@ from ..robot.body import Base
 from ..robot.contact import Contact, ContactKind
 from ..robot.tasks import FRAMED, Task, TaskKind
 from ..system.actuator_entry import ActuatorEntry
+from .joint_references import entry_of_file
 from .per_joint import Angle, PerJoint, Several, Springs, Weight
 from .robot_scenario import RobotScenarioSection
 from .system_sections import Bandwidth, ControlSection, DampingRatio, DelayMs, GearboxSection, Stiffness, SystemFile, UncertaintySection
@@ -29,15 +31,24 @@ class ModelSection(Section):
 
 
 class ActuatorSection(GearboxSection):
-    """What one pattern says of its joints: motor and gearbox, and where its drive differs from the others."""
+    """What one pattern says of its joints: motor and gearbox, and where its drive differs from the others; or a joint.yaml that does."""
 
+    file: Name | None = None
     stiffness: Stiffness | None = Field(None, description="of the gearbox [N m/rad], rigid or .inf for none")
     bandwidth: Bandwidth | None = None
     damping_ratio: DampingRatio | None = None
     delay_ms: DelayMs | None = None
 
-    def entry(self) -> ActuatorEntry:
-        """What is given, in SI."""
+    @model_validator(mode="after")
+    def _file_alone(self) -> "ActuatorSection":
+        if self.file is not None and (others := self.model_fields_set - {"file"}):
+            raise refusal(f"has no meaning beside {min(others)}: give {min(others)} in a pattern of its own further down", key="file")
+        return self
+
+    def entry(self, folder: Path, owner: str) -> ActuatorEntry:  # type: ignore[override] - a robot's may name a file
+        """What is given, in SI; a file is in `folder`. Raises GainroomError where that cannot be read."""
+        if self.file is not None:
+            return entry_of_file(self.file, folder, f"{owner}.file")
         return super().entry() if self.delay_ms is None else replace(super().entry(), delay=1e-3 * self.delay_ms)
 
 

@@ -26,6 +26,7 @@ from ..system.requirements import Requirements
 from ..system.system import Control, System
 from .absurd_values import examined
 from .file_types import parse_as
+from .joint_references import with_ranges
 from .robot_sections import ContactSection, ModelSection, RobotControlSection, RobotFile
 
 LOCKED = "joints.locked"
@@ -51,14 +52,17 @@ def parse_robot(text: str, source: str, folder: Path = Path()) -> System:
     """As load_robot_system, for the text of a file that messages call `source`; a model's path is relative to `folder`."""
     file = validate(RobotFile, parse_as("robot", text, source, "biped"), source)
     with named(source):
-        system = examined(robot_spec(file, source, _model_path(file.model, folder)))
+        system = examined(robot_spec(file, source, _model_path(file.model, folder), folder))
         if system.control.controller is not None and not np.any(system.control.controller.kp):
             raise GainroomError("control.kp: must be > 0 on some joint")
     return system if file.limits is not None else replace(system, assumptions=(*system.assumptions, USUAL))
 
 
-def robot_spec(file: RobotFile, name: str, path: Path) -> System:
-    """In SI: the robot `name` with the model at `path`. Raises GainroomError where sections contradict each other or the model."""
+def robot_spec(file: RobotFile, name: str, path: Path, folder: Path = Path()) -> System:
+    """In SI: the robot `name` with the model at `path`, its joints' files in `folder`.
+
+    Raises GainroomError where sections contradict each other or the model.
+    """
     tick, sample_time = file.tick(), file.sample_time()
     base, assumed = base_of(file.model.base, path, any((file.contacts or {}).values()))
     body = load_model(path, base, file.joints.locked, locked_key=LOCKED)
@@ -68,19 +72,21 @@ def robot_spec(file: RobotFile, name: str, path: Path) -> System:
     contacts = {name: _contacts(name, sections, body) for name, sections in (file.contacts or {"free": []}).items()}
     if len(postures) * len(contacts) > MOST_STATES:
         raise GainroomError(f"postures and contacts: {len(postures) * len(contacts)} combinations must be at most {MOST_STATES}")
-    entries = merge_entries({key: section.entry() for key, section in file.joints.entries.items()}, names)[: body.size]
+    given = {key: section.entry(folder, f"joints.{dotted(key)}") for key, section in file.joints.entries.items()}
+    entries = merge_entries(given, names)[: body.size]
     actuators, guessed = actuators_of(entries, body.joint_names, body.armature)
     drives = drives_of(entries, file.drive.drive(tick))
     robot = Robot(name, actuators, postures, contacts, _tasks(file, body), file.model.gravity_stiffness)
     nominal = {"delay": [drive.delay for drive in drives], **vars(actuators)}
+    uncertainty, from_files = with_ranges(file.uncertainty.uncertainty(nominal, tick), entries, nominal, body.joint_names)
     return System(
         source=robot,
         drives=drives,
         control=_control(file.control, body, sample_time),
         requirements=file.requirements(),
-        uncertainty=file.uncertainty.uncertainty(nominal, tick),
+        uncertainty=uncertainty,
         scenario=file.scenario.scenario(robot, file.control.space),
-        assumptions=(*assumed, *guessed),
+        assumptions=(*assumed, *guessed, *from_files),
         warnings=(*body.notes, *_outside(postures)),
     )
 

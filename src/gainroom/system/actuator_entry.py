@@ -1,6 +1,7 @@
 """What a file says of a motor and its gearbox, before it is known which joints it is for."""
 
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 from ..errors import GainroomError
 
@@ -10,6 +11,7 @@ class ActuatorEntry:
     """What one entry says; None: nothing. Units as Actuators and Drive.
 
     motor_inertia, or rotor_inertia [kg m², motor side] with gear_ratio; bandwidth, damping_ratio, delay override the drive's
+    ranges   (low, high) by name in Uncertainty, of values that this entry gives
     """
 
     motor_inertia: float | None = None
@@ -22,15 +24,21 @@ class ActuatorEntry:
     bandwidth: float | None = None
     damping_ratio: float | None = None
     delay: float | None = None
+    ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def over(self, weaker: "ActuatorEntry") -> "ActuatorEntry":
-        """This entry's values where it has any, `weaker`'s elsewhere. A motor inertia replaces a rotor with its gear, and vice versa."""
-        given = {name: value for name, value in asdict(self).items() if value is not None}
+        """This entry's values where it has any, `weaker`'s elsewhere. A motor inertia replaces a rotor with its gear, and vice versa.
+
+        The range of a value that is replaced goes with it.
+        """
+        given = {name: value for name, value in vars(self).items() if value is not None and name != "ranges"}
         if "motor_inertia" in given:
             weaker = replace(weaker, rotor_inertia=None, gear_ratio=None)
         elif "rotor_inertia" in given and "gear_ratio" in given:
             weaker = replace(weaker, motor_inertia=None)
-        return replace(weaker, **given)
+        replaced = {*given, *(["motor_inertia"] if "rotor_inertia" in given else [])}
+        ranges = {name: pair for name, pair in weaker.ranges.items() if name not in replaced}
+        return replace(weaker, **given, ranges={**ranges, **self.ranges})
 
     def reflected(self, owner: str) -> float | None:
         """J_m on the joint side, None where nothing is said. Raises GainroomError where only half of it is."""
