@@ -12,6 +12,7 @@ from gainroom.cli import main
 from gainroom.files import joint_scenario as scenario_sections
 from gainroom.files import joint_yaml as config
 from gainroom.files import system_sections as config_sections
+from gainroom.files.identified_section import IdentifiedSection
 from robot_files import write_arm
 
 ROOT = Path(__file__).parents[1]
@@ -30,6 +31,7 @@ SECTIONS = [
     config_sections.NotchSection,
     config_sections.limits_section(),
     config.JointUncertaintySection,
+    IdentifiedSection,
     scenario_sections.ScenarioSection,
     scenario_sections.StepSection,
     scenario_sections.MoveSection,
