@@ -134,11 +134,11 @@ def frequency_response(fit: JointFit) -> Html:
     band = _band(omega[chosen], size[chosen] * np.maximum(1 - error[chosen], 0.02), size[chosen] * (1 + error[chosen]))
     traces = [
         band | {"xaxis": "x2", "name": "95 % band", "showlegend": True, "meta": "wide"},
+        style.line(fine, np.abs(curve), style.VERMILION, name="fitted", showlegend=True, xaxis="x2", **hz),
         *_points(omega[other], size[other], style.SOFT, "not used", xaxis="x2", **hz),
         *_points(omega[chosen], size[chosen], style.BLUE, "measured", xaxis="x2", **hz),
-        style.line(fine, np.abs(curve), style.VERMILION, name="fitted", showlegend=True, xaxis="x2", **hz),
-        *_points(omega[chosen], seen_phase[chosen], style.BLUE, "", yaxis="y2", **hz),
         style.line(fine, phase, style.VERMILION, yaxis="y2", showlegend=False, **hz),
+        *_points(omega[chosen], seen_phase[chosen], style.BLUE, "", yaxis="y2", **hz),
         *_points(omega[other], measured.coherence[other], style.SOFT, "", yaxis="y3", **hz),
         *_points(omega[chosen], measured.coherence[chosen], style.BLUE, "", yaxis="y3", **hz),
     ]
