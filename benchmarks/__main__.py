@@ -5,7 +5,7 @@ import json
 import sys
 from pathlib import Path
 
-from . import biped, coupled, disk, maps, margins, startup, stepping
+from . import biped, coupled, disk, identification, maps, margins, startup, stepping
 from .measure import machine_facts
 from .table import print_table
 
@@ -17,6 +17,7 @@ PARTS = {
     "startup": startup.run,
     "stepping": stepping.run,
     "biped": biped.run,
+    "identification": identification.run,
 }
 OUTPUT = Path("build/benchmarks.json")
 

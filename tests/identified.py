@@ -14,7 +14,7 @@ import gainroom as gr
 from draws import log_uniform
 from gainroom.identification.estimate import Estimate
 from gainroom.identification.record import Record
-from gainroom.simulation import Friction, Scenario, Testbed, simulate
+from gainroom.simulation import Friction, Run, Scenario, Testbed, simulate
 
 SEED = int(os.environ.get("GAINROOM_SEED", "20171117"))
 POPULATION = "'population' not in config.getoption('markexpr')"
@@ -95,7 +95,12 @@ def delay_case(index: int) -> Case:
 
 
 def joint_case(index: int) -> Case:
-    """A multisine of torque round the resonance on top of slow motion; friction on both sides, weight, encoder steps, noise, jitter."""
+    """A joint's log; see joint_run."""
+    return joint_run(index)[0]
+
+
+def joint_run(index: int) -> tuple[Case, Run]:
+    """With the run behind it: a multisine of torque round the resonance on slow motion; friction, weight, encoder steps, noise, jitter."""
     rng = np.random.default_rng([SEED, 2, index])
     tick = float(rng.choice([5e-4, 1e-3]))
     joint = draw_elastic(rng, (8.0, 60.0))
@@ -123,7 +128,7 @@ def joint_case(index: int) -> Case:
     )
     run = simulate(bed, scenario)
     if run.diverged:
-        return joint_case(index + 1_000_000)
+        return joint_run(index + 1_000_000)
     columns = {"target_torque": run.target_torque[:, 0], "motor_position": run.motor_reading[:, 0]}
     columns["actual_torque"] = noisy(rng, run.actual_torque[:, 0], 0.01 * size, 0.0)
     if rng.integers(2):
@@ -131,7 +136,7 @@ def joint_case(index: int) -> Case:
     if index % 4 == 0:
         columns["link_position"] = run.link_reading[:, 0]
     truth = {name: getattr(joint, name) for name in ("motor_inertia", "link_inertia", "stiffness", "resonance", "antiresonance")}
-    return Case(Record(run.time, columns, tick), truth | {"damping": joint.damping, "delay": drive.delay, "tick": tick})
+    return Case(Record(run.time, columns, tick), truth | {"damping": joint.damping, "delay": drive.delay, "tick": tick}), run
 
 
 def gains_case(index: int) -> Case:
