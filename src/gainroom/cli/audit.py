@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..report.number_format import as_typed, model_in_words, model_kind
-from ..system.requirements import to_db
 from .options import AsJson, Report, command_line, number_option, report_stream
 from .output import column_table, emit, emit_json, file_line, render
 from .progress import progress_bar
@@ -113,6 +112,8 @@ def _facts(result: "Audit") -> dict[str, Any]:
     from ..report.robot_text import audit_sentence, audit_warnings
 
     columns = audited_states(result.enough_in)
+    from ..system.requirements import to_db  # loads numpy
+
     return {
         "safe": result.safe,
         "sentence": audit_sentence(result),
