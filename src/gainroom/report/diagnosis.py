@@ -8,10 +8,11 @@ import numpy as np
 from ..identification.shaking import POSITIONS, TORQUES
 from ..linear.arrays import Floats
 from ..studies.diagnosis import Cause, Diagnosis
+from ..system.requirements import to_db
 from . import style
 from .curves import Curve, Panel, stacked
 from .diagnosis_text import LARGE_ANGLE, NAMES, SHORT, advice, evidence_text, growth, percent, ranked, sentence, size, strength, warnings
-from .number_format import decibels, digits, frequency, hertz
+from .number_format import digits, frequency, hertz
 from .page import Card, Html, Lead, Section, block, details, facts, figure, page, paragraph, table
 from .page_parts import footer
 
@@ -59,11 +60,11 @@ def _cards(found: Diagnosis) -> list[Card]:
         cards.append(Card("cause", "cannot tell" if first is None else SHORT[first.name], note=note))
     if predicted is not None and math.isfinite(predicted.limit.gain):
         met = predicted.limit.stable and predicted.limit.gain >= found.required
-        asked = f"≥ {digits(decibels(found.required), 'dB', 3)}"
+        asked = f"≥ {digits(to_db(found.required), 'dB', 3)}"
         cards.append(
             Card(
                 "gain margin by the model",
-                digits(decibels(predicted.limit.gain), "", 3),
+                digits(to_db(predicted.limit.gain), "", 3),
                 "dB",
                 asked,
                 met,

@@ -7,7 +7,8 @@ from typing import Any
 from ..errors import frequency_in_words, listed
 from ..identification.shaking import POSITIONS, Shaking
 from ..studies.diagnosis import UNKNOWN, Cause, Diagnosis, Evidence
-from .number_format import decibels, digits, hertz, typed_gains
+from ..system.requirements import to_db
+from .number_format import digits, hertz, typed_gains
 
 NAMES = {
     "gain_limit": "the loop is at its gain limit",
@@ -88,7 +89,7 @@ def _hz(evidence: Evidence) -> tuple[str, str]:
 
 TEXTS: dict[str, Callable[[Evidence], str]] = {
     "frequency": lambda one: "at {}; the model's loop vibrates at {}".format(*_hz(one)),
-    "gain_margin": lambda one: f"gain margin by the model {digits(one.value, '', 3)} ({digits(decibels(one.value), 'dB', 3)})",
+    "gain_margin": lambda one: f"gain margin by the model {digits(one.value, '', 3)} ({digits(to_db(one.value), 'dB', 3)})",
     "response": lambda one: (
         f"position over torque is {digits(math.exp(one.value), '', 3)} × off the model's, in amplitude and phase together"
         if one.value > 0.25
@@ -159,7 +160,7 @@ def advice(found: Diagnosis) -> list[str]:
 def _remedies(found: Diagnosis, cause: Cause) -> list[str]:
     seen, predicted, factor = found.shaking, found.predicted, found.factor
     assert seen is not None
-    margin = f"{digits(decibels(found.required), 'dB', 3)} of gain margin"
+    margin = f"{digits(to_db(found.required), 'dB', 3)} of gain margin"
     lower = f"multiply all gains of the log by {digits(factor, '', 2)} to have {margin}" if factor < 1 else ""
     if cause.name == "gain_limit":
         texts = [f"Lower the gains: {lower}." if lower else "Lower kp and kd together; how far is not told without --joint joint.yaml."]
