@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import gainroom as gr
-from gainroom.identification.joint import JointFit, identify_joint
+from gainroom.identification.estimate import interval, log_interval
+from gainroom.identification.joint import JointFit, damping_beside_friction, identify_joint
 from gainroom.identification.motion import motion_of
 from gainroom.identification.prediction import Noise, Signals, prediction_errors, stationary
 from gainroom.identification.record import Record
@@ -208,3 +209,20 @@ def test_whole_population(capsys):
         assert np.mean([abs(result[name][0]) < accuracy for result in results]) >= 0.97
         assert low <= np.mean([result[name][1] for result in results]) <= max(high, 1.0 if name == "resonance" else high)
     assert refused <= 0.03 * WHOLE
+
+
+def test_damping_is_not_told_more_sharply_than_friction_allows():
+    """Against the slope of E[F sign(v)] at a Gaussian velocity, by sampling; motor and link in the squares of their parts in the mode."""
+    rng = np.random.default_rng(0)
+    motion, size, speed = rng.standard_normal(1_000_000), 2.0, 0.5
+    slope = size * float(np.mean(np.sign(motion) * motion)) / speed
+    known = {"motor_inertia": 1.0, "link_inertia": 3.0, "coulomb": size, "link_coulomb": 0.0}
+    exact = {name: interval(value, 0.0) for name, value in known.items()}
+    much, note = damping_beside_friction(exact | {"damping": interval(50.0, 1.0)}, speed)
+    assert not note
+    assert much.high - much.value == pytest.approx(1.96 + 0.2 * slope * 0.75**2, rel=5e-3)  # a million samples: to 0.1 %
+    little, note = damping_beside_friction(exact | {"damping": log_interval(1e-7, 1.0)}, speed)
+    assert (little.low, little.high) == (0.0, pytest.approx(2 * slope * 0.75**2, rel=5e-3))
+    assert "friction hides the damping" in note[0]
+    swapped = exact | {"coulomb": exact["link_coulomb"], "link_coulomb": exact["coulomb"], "damping": interval(50.0, 1.0)}
+    assert damping_beside_friction(swapped, speed)[0].high - 50.0 == pytest.approx(1.96 + 0.2 * slope * 0.25**2, rel=5e-3)

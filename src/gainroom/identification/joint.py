@@ -38,6 +38,7 @@ DELAY_FLOOR = 0.02  # ticks: what torque logged once a tick knows of the delay a
 # the residual that the torque explains shows how much is left. Sized on virtual joints with Stribeck friction on both sides (tests).
 MODEL_ERROR, MODEL_ERROR_EXPLAINED = 0.0007, 0.007  # of inertias and stiffness
 USUAL_LAG = 1.5  # ticks of a hold and a current loop
+HIDDEN = 0.2  # of the viscous friction that Coulomb friction comes to: what may be missing of the damping beside it
 SEARCHED = 8.0  # ticks of delay, where no torque log tells it
 
 
@@ -304,10 +305,35 @@ class _Fitting:
             parameters["delay"] = self.source.told.effective  # the fit's is what remains of it beside a current loop that is held
         scale = self.model.slopes(best.parameters)
         covariance = variance[: len(physical), : len(physical)] * np.outer(scale, scale)
+        if self.model.elastic and self.model.friction:
+            beside, note = damping_beside_friction(parameters, self.signals.motion.speed)
+            place = physical.index("damping")
+            covariance[place, place] += beside.standard_error**2 - parameters["damping"].standard_error ** 2
+            parameters["damping"] = beside
+            warnings = warnings + note
         return JointFit(
             name, parameters, physical, covariance, joint, drive, self.source.name, measured, tests, self.source.told,
             self.record.sample_time, (float(self.record.time[0]), float(self.record.time[-1])), tuple(warnings),
         )  # fmt: skip
+
+
+def damping_beside_friction(parameters: Mapping[str, Estimate], speed: float) -> tuple[Estimate, list[str]]:
+    """The damping with what friction may hide of it, and a warning where that is all of it; `speed`: the motor's, root mean square [rad/s].
+
+    Motion about a mean linearises Coulomb friction to viscous friction √(2/π) F/σ of its side (Booton 1954; Gaussian motion), which damps
+    the resonance as the spring's damping does, the motor's in the square of its part in the mode. No law of friction is known to more
+    than a share of it. Sized on virtual joints (tests): the error of the damping is below a fifth of it where the damping is more.
+    """
+    motor, link, damping = (parameters[name].value for name in ("motor_inertia", "link_inertia", "damping"))
+    part = link / (motor + link)
+    sizes = abs(parameters["coulomb"].value) * part**2, abs(parameters["link_coulomb"].value) * (1 - part) ** 2
+    viscous = math.sqrt(2 / math.pi) * sum(sizes) / speed
+    hidden = damping < HIDDEN * viscous
+    wide = (2.0 if hidden else HIDDEN) * viscous
+    was = parameters["damping"]
+    error = math.hypot(was.standard_error, wide / quantile(math.inf))
+    note = ["friction hides the damping, which may be 0: record a multisine of torque about the resonance on top of slow motion"] * hidden
+    return Estimate(was.value, max(was.low - wide, 0.0), was.high + wide, error), note
 
 
 def resonances(point: Floats, variance: Floats) -> dict[str, Estimate]:
