@@ -20,7 +20,7 @@ from identified import POPULATION, holds, multisine, soft_loop
 TICK, JOINT, DRIVE = 5e-4, gr.ElasticJoint(0.2, 0.8, 1e4, 2.0), gr.Drive(3000.0, 0.8, 2.3 * 5e-4)
 TORQUES = ("target_torque", "actual_torque", "motor_position")
 MEASURED = """
-import json, resource, sys
+import json, sys
 from pathlib import Path
 from gainroom.files.logs import read_joint
 from gainroom.identification import identify_delay, identify_joint
@@ -28,7 +28,8 @@ logged = read_joint(Path(sys.argv[1]))
 delay, found = identify_delay(logged.record), identify_joint(logged.record)
 joint = {name: [found.parameters[name].low, found.parameters[name].high] for name in ("motor_inertia", "link_inertia", "stiffness")}
 print(json.dumps({
-    "peak": 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, "delay": [delay.ticks.low, delay.ticks.high], "joint": joint,
+    "peak": 1024 * int(Path("/proc/self/status").read_text().partition("VmHWM:")[2].split()[0]),
+    "delay": [delay.ticks.low, delay.ticks.high], "joint": joint,
     "used": found.used, "notes": list(logged.log.notes),
 }))
 """
@@ -79,7 +80,7 @@ def written(path: Path, columns: dict[str, np.ndarray], before: float, after: fl
 
 
 def measured(path: Path) -> dict:
-    """The answers of a process of its own, and its peak memory [bytes]."""
+    """The answers of a process of its own, and its peak memory [bytes]; getrusage would count what the process that starts it has."""
     run = subprocess.run([sys.executable, "-c", MEASURED, str(path)], capture_output=True, text=True, check=True)
     return json.loads(run.stdout)
 
