@@ -175,6 +175,14 @@ def test_set_point_and_position_tell_both_delays():
             assert abs(getattr(found, name).value / case.record.sample_time - case.truth[name]) < 0.15
 
 
+def test_a_position_ahead_of_its_set_point_tells_no_delay():
+    """20 ticks too early: no delay that is not negative explains it, where both were said to be 0.00 ± 0.00 ticks."""
+    case = setpoint_case(1)
+    channels = {"reference": case.record.channels["reference"][:-20], "motor_position": case.record.channels["motor_position"][20:]}
+    early = Record(case.record.time[:-20], channels, case.record.sample_time)
+    assert_refused(lambda: identify_setpoint_delay(early, case.record.sample_time), ["ahead of what set-points", "record the torque"])
+
+
 def test_slow_set_points_are_refused():
     case = setpoint_case(1)
     time = case.record.time

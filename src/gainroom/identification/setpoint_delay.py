@@ -17,7 +17,7 @@ import numpy as np
 
 from ..errors import GainroomError
 from ..linear.arrays import Complexes, Floats
-from .estimate import Estimate, interval
+from .estimate import Estimate, interval, quantile
 from .likelihood import Maximum, maximize
 from .record import Record, resolution
 
@@ -183,7 +183,13 @@ class _Simulation:
         floor = np.zeros_like(variance)
         floor[2:4, 2:4] = LAW_ERROR**2 * np.array([[1.0, -0.9], [-0.9, 1.0]])
         variance = variance + floor
-        total = _bounded(point[2] + point[3], float(np.sqrt(variance[2, 2] + variance[3, 3] + 2 * variance[2, 3])), math.inf)
+        sum_error = float(np.sqrt(variance[2, 2] + variance[3, 3] + 2 * variance[2, 3]))
+        total = _bounded(point[2] + point[3], sum_error, math.inf)
+        if not total.high > 0:
+            raise GainroomError(
+                f"delay: the position is {-(point[2] + point[3]):.2g} ± {quantile(FREEDOM) * sum_error:.2g} ticks ahead of what set-points "
+                "without delay would make of it: elasticity, friction or a torque limit hides the delay; record the torque"
+            )
         if total.half_width > UNKNOWN_TOTAL:
             raise GainroomError(
                 f"delay: set-point and position tell the sum of the delays to ± {total.half_width:.2g} ticks only: record steps or a "
