@@ -18,6 +18,7 @@ BEFORE, AFTER = 2.0, 8.0  # delays and current loops shown before and after the 
 LEAST_WINDOW = 12  # ticks
 BARS = 25  # of a jitter's law, at most
 NORMAL = 1.96  # standard errors of a 95 % band
+MOST_BEYOND = 1.5  # decades that the fitted response is shown beyond the measured one
 
 
 def torques(found: TorqueDelay, record: Record) -> Html:
@@ -142,7 +143,9 @@ def frequency_response(fit: JointFit) -> Html:
         *_points(omega[other], measured.coherence[other], style.SOFT, "", yaxis="y3", **hz),
         *_points(omega[chosen], measured.coherence[chosen], style.BLUE, "", yaxis="y3", **hz),
     ]
-    levels = np.log10(np.concatenate([size[chosen], np.abs(curve)]))
+    seen_levels = np.log10(size[chosen])  # an undamped resonance of the fit would squeeze them into a line
+    fitted_levels = np.clip(np.log10(np.abs(curve)), seen_levels.min() - MOST_BEYOND, seen_levels.max() + MOST_BEYOND)
+    levels = np.concatenate([seen_levels, fitted_levels])
     decades, step = [float(levels.min()) - 0.15, float(levels.max()) + 0.15], 1 if np.ptp(levels) > 1.5 else "D2"
     names = [
         style.label(math.log10(value), 0.445, f"{name} {hertz(value)}", yref="paper", yanchor="bottom", xanchor=("right", "left")[k],
