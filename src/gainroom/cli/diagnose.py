@@ -1,11 +1,12 @@
 """gainroom diagnose: what vibrates a joint, from a recording."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .log_options import Columns, End, GearRatio, LogFile, RateHz, RotorSide, Start, Units, log_options
+from .log_options import LogCall, reads_log
 from .options import AsJson, Report, Verbose, command_line, report_stream
 from .output import emit, emit_json, file_line, render
 
@@ -19,16 +20,10 @@ JointFileOrName = Annotated[
 ]
 
 
+@reads_log
 def diagnose(
-    file: LogFile,
+    call: LogCall,
     joint: JointFileOrName = None,
-    columns: Columns = None,
-    units: Units = None,
-    rotor_side: RotorSide = None,
-    gear_ratio: GearRatio = None,
-    rate_hz: RateHz = None,
-    start: Start = None,
-    end: End = None,
     as_json: AsJson = False,
     verbose: Verbose = False,
     report: Report = None,
@@ -51,18 +46,18 @@ def diagnose(
     if len(described) > 1:
         raise GainroomError(f"--joint: {described[1]}: only one joint.yaml can be given")
     names = [one for one in joint or [] if one not in described]
-    options = log_options(columns, units, rotor_side, gear_ratio, rate_hz, start, end, names or None)
+    call = replace(call, joint=names)
     system = None
     if described:
         from ..files.joint_yaml import load_joint
 
         system = load_joint(Path(described[0]))
-    logged = read_joint(file, options)
+    logged = read_joint(call.file, call.options())
     with report_stream(report) as page:
         from ..errors import named
         from ..studies.diagnosis import diagnose as study
 
-        with named(str(file)):
+        with named(str(call.file)):
             found = study(logged.record, system)
         if as_json:
             from ..report.diagnosis_text import facts
@@ -76,8 +71,8 @@ def diagnose(
         if page is not None:
             from ..report.diagnosis import diagnosis_page
 
-            given = [word for one in joint or [] for word in ("--joint", one)]
-            page.write(diagnosis_page(found, str(file), command_line("diagnose", file, *given, "--report", report)))
+            given = [word for one in described for word in ("--joint", one)]
+            page.write(diagnosis_page(found, str(call.file), command_line("diagnose", *call.words(), *given, "--report", report)))
     return 1 if found.vibrates else 0
 
 

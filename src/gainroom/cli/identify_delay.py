@@ -1,20 +1,13 @@
 """gainroom identify delay: the delay of a torque, from the torques or from set-point and position."""
 
 from .identify_log import joint_of_log, show
-from .log_options import Columns, End, GearRatio, Joints, LogFile, RateHz, RotorSide, Start, Units, log_options, log_words
+from .log_options import LogCall, reads_log
 from .options import AsJson, Report, command_line, report_stream
 
 
+@reads_log
 def delay(
-    file: LogFile,
-    columns: Columns = None,
-    units: Units = None,
-    rotor_side: RotorSide = None,
-    gear_ratio: GearRatio = None,
-    rate_hz: RateHz = None,
-    start: Start = None,
-    end: End = None,
-    joint: Joints = None,
+    call: LogCall,
     as_json: AsJson = False,
     report: Report = None,
 ) -> int:
@@ -28,10 +21,8 @@ def delay(
 
     Exit status: 0 done; 2 the file or the call is wrong, or the log cannot tell the delay.
     """
-    given = (columns, units, rotor_side, gear_ratio, rate_hz, start, end, joint)
-    options = log_options(*given)
     with report_stream(report) as page:
-        with joint_of_log(file, options, report) as (logged, _):
+        with joint_of_log(call, report) as (logged, _):
             from ..identification import identify_delay, identify_setpoint_delay
             from ..report.delay_text import setpoint_delay_answer, torque_delay_answer
 
@@ -44,6 +35,6 @@ def delay(
         if page is not None:
             from ..report.identification import delay_page, setpoint_delay_page
 
-            command = command_line("identify", "delay", *log_words(file, *given), "--report", report)
+            command = command_line("identify", "delay", *call.words(), "--report", report)
             page.write(setpoint_delay_page(answer, command) if found is None else delay_page(found, record, answer, command))
     return 0

@@ -6,27 +6,20 @@ from typing import Annotated
 import typer
 
 from .identify_log import joint_of_log, show
-from .log_options import Columns, End, GearRatio, Joints, LogFile, RateHz, RotorSide, Start, Units, log_options, log_words
+from .log_options import LogCall, reads_log
 from .options import AsJson, Report, command_line, report_stream
 from .output import table
 
 GAINS = ("kp", "kd")
 
 
+@reads_log
 def gains(
-    file: LogFile,
+    call: LogCall,
     asked: Annotated[
         str | None,
         typer.Option(metavar="kp=…,kd=…", help="What the gains should be [N m/rad, N m s/rad]; or a joint.yaml. --gear-ratio helps too."),
     ] = None,
-    columns: Columns = None,
-    units: Units = None,
-    rotor_side: RotorSide = None,
-    gear_ratio: GearRatio = None,
-    rate_hz: RateHz = None,
-    start: Start = None,
-    end: End = None,
-    joint: Joints = None,
     as_json: AsJson = False,
     report: Report = None,
 ) -> int:
@@ -38,11 +31,9 @@ def gains(
 
     Exit status: 0 done; 2 a file or the call is wrong, or the log cannot tell the gains.
     """
-    wanted, ratio = _asked(asked, gear_ratio)
-    given = (columns, units, rotor_side, gear_ratio, rate_hz, start, end, joint)
-    options = log_options(*given)
+    wanted, ratio = _asked(asked, call.gear_ratio)
     with report_stream(report) as page:
-        with joint_of_log(file, options, report) as (logged, _):
+        with joint_of_log(call, report) as (logged, _):
             from ..identification import identify_gains
             from ..report.gains_text import ASKED_TITLES, asked_rows, gains_answer
 
@@ -54,7 +45,7 @@ def gains(
         if page is not None:
             from ..report.identification import gains_page
 
-            words = ("identify", "gains", *log_words(file, *given), *(("--asked", asked) if asked else ()), "--report", report)
+            words = ("identify", "gains", *call.words(), *(("--asked", asked) if asked else ()), "--report", report)
             page.write(gains_page(fit, logged.record, beside, answer, command_line(*words)))
     return 0
 

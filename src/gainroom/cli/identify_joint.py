@@ -11,7 +11,7 @@ import typer
 
 from ..errors import GainroomError
 from .identify_log import joint_of_log, show
-from .log_options import Columns, End, GearRatio, Joints, LogFile, RateHz, RotorSide, Start, Units, log_options, log_words
+from .log_options import LogCall, reads_log
 from .options import AsJson, Report, command_line, number_option, refuse_inputs, report_stream
 
 if TYPE_CHECKING:
@@ -22,8 +22,9 @@ if TYPE_CHECKING:
 Number = float | None
 
 
+@reads_log
 def joint(
-    file: LogFile,
+    call: LogCall,
     output: Annotated[
         Path | None, typer.Option(metavar="JOINT.yaml", help="Also write a joint.yaml: values, intervals, covariance, gains to start from.")
     ] = None,
@@ -33,14 +34,6 @@ def joint(
     bandwidth: Annotated[
         Number, number_option("--bandwidth", "in rad/s", "Of the current loop [rad/s], with --delay-ms; without it, ideal.")
     ] = None,
-    columns: Columns = None,
-    units: Units = None,
-    rotor_side: RotorSide = None,
-    gear_ratio: GearRatio = None,
-    rate_hz: RateHz = None,
-    start: Start = None,
-    end: End = None,
-    name: Joints = None,
     as_json: AsJson = False,
     report: Report = None,
 ) -> int:
@@ -55,10 +48,8 @@ def joint(
     Exit status: 0 done; 2 the file or the call is wrong, or the log cannot tell the joint.
     """
     drive = _drive(delay_ms, bandwidth)
-    given = (columns, units, rotor_side, gear_ratio, rate_hz, start, end, name)
-    options = log_options(*given)
     with report_stream(report, output) as page:
-        with joint_of_log(file, options, report) as (logged, progress), _taken(output) as temporary:
+        with joint_of_log(call, report) as (logged, progress), _taken(output) as temporary:
             from ..identification import identify_joint
             from ..report.identified_joint_text import joint_answer
 
@@ -76,7 +67,7 @@ def joint(
 
             known = {"--delay-ms": delay_ms, "--bandwidth": bandwidth, "--output": output}
             more = [str(word) for flag, value in known.items() if value is not None for word in (flag, value)]
-            words = ("identify", "joint", *log_words(file, *given), *more, "--report", report)
+            words = ("identify", "joint", *call.words(), *more, "--report", report)
             page.write(joint_page(fit, logged.record, answer, command_line(*words)))
     return 0
 

@@ -5,19 +5,18 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .log_options import LogCall
 from .options import refuse_inputs
 from .output import emit, emit_json, file_line, render, table
 from .progress import progress_bar
 
 if TYPE_CHECKING:
-    from ..files.logs import LoggedJoint, LogOptions
+    from ..files.logs import LoggedJoint
     from ..report.estimates import Answer
 
 
 @contextlib.contextmanager
-def joint_of_log(
-    file: Path, options: "LogOptions", report: Path | None = None
-) -> Iterator[tuple["LoggedJoint", Callable[[int, int, str], None]]]:
+def joint_of_log(call: LogCall, report: Path | None = None) -> Iterator[tuple["LoggedJoint", Callable[[int, int, str], None]]]:
     """The joint that a log holds, and the progress of what is done with it; `report`: a page that must not take the log's place.
 
     Raises GainroomError; what is raised inside names the log.
@@ -25,13 +24,14 @@ def joint_of_log(
     from ..errors import named
     from ..files.logs import read_joint
 
+    options = call.options()
     with progress_bar("identify:") as progress:
         progress(0, 2, "reading the log")
-        logged = read_joint(file, options)
+        logged = read_joint(call.file, options)
         if report is not None:
             refuse_inputs(report, "report")
         progress(1, 2, "fitting")
-        with named(str(file)):
+        with named(str(call.file)):
             yield logged, progress
 
 

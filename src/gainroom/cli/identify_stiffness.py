@@ -3,23 +3,16 @@
 from typing import Annotated
 
 from .identify_log import joint_of_log, show
-from .log_options import Columns, End, GearRatio, Joints, LogFile, RateHz, RotorSide, Start, Units, log_options, log_words
+from .log_options import LogCall, reads_log
 from .options import AsJson, Report, command_line, number_option, report_stream
 
 
+@reads_log
 def stiffness(
-    file: LogFile,
+    call: LogCall,
     motor_inertia: Annotated[
         float, number_option("--motor-inertia", "in kg m²", "Joint side [kg m²]: its share is taken off the torque of quick motion.")
     ] = 0.0,
-    columns: Columns = None,
-    units: Units = None,
-    rotor_side: RotorSide = None,
-    gear_ratio: GearRatio = None,
-    rate_hz: RateHz = None,
-    start: Start = None,
-    end: End = None,
-    joint: Joints = None,
     as_json: AsJson = False,
     report: Report = None,
 ) -> int:
@@ -36,10 +29,8 @@ def stiffness(
     from ..errors import require_positive
 
     require_positive("options", "--motor-inertia", motor_inertia, "kg·m²", zero=True)
-    given = (columns, units, rotor_side, gear_ratio, rate_hz, start, end, joint)
-    options = log_options(*given)
     with report_stream(report) as page:
-        with joint_of_log(file, options, report) as (logged, _):
+        with joint_of_log(call, report) as (logged, _):
             from ..identification import identify_stiffness
             from ..report.identified_joint_text import stiffness_answer
 
@@ -50,6 +41,6 @@ def stiffness(
             from ..report.identification import stiffness_page
 
             inertia = ("--motor-inertia", repr(motor_inertia)) if motor_inertia else ()
-            words = ("identify", "stiffness", *log_words(file, *given), *inertia, "--report", report)
+            words = ("identify", "stiffness", *call.words(), *inertia, "--report", report)
             page.write(stiffness_page(fit, answer, command_line(*words)))
     return 0

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from .log_options import Columns, End, GearRatio, Joints, LogFile, RateHz, RotorSide, Start, Units, log_options
+from .log_options import LogCall, reads_log
 from .options import AsJson, Verbose
 from .output import emit, emit_json, render, table
 
@@ -10,19 +10,8 @@ MOST_JOINTS = 3
 """In the terminal's table."""
 
 
-def log(
-    file: LogFile,
-    columns: Columns = None,
-    units: Units = None,
-    rotor_side: RotorSide = None,
-    gear_ratio: GearRatio = None,
-    rate_hz: RateHz = None,
-    start: Start = None,
-    end: End = None,
-    joint: Joints = None,
-    as_json: AsJson = False,
-    verbose: Verbose = False,
-) -> int:
+@reads_log
+def log(call: LogCall, as_json: AsJson = False, verbose: Verbose = False) -> int:
     """What a log holds: joints, channels, units, how each was found out, what had to be cut, and what can be identified from it.
 
     \b
@@ -34,8 +23,7 @@ def log(
     from ..files.logs import Survey, log_reader
     from ..report.log_text import facts
 
-    options = log_options(columns, units, rotor_side, gear_ratio, rate_hz, start, end, joint)
-    with log_reader(file, options) as reader:
+    with log_reader(call.file, call.options()) as reader:
         survey = Survey.of(reader)
     if as_json:
         emit_json(facts(survey))

@@ -1,5 +1,9 @@
 """The options of every command that reads a log."""
 
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -39,59 +43,74 @@ End = Annotated[Number, number_option("--end", "in seconds", "Read up to here [s
 Joints = Annotated[list[str] | None, typer.Option("--joint", metavar="NAME", help="A joint, or a pattern; may be given again.")]
 
 
-def log_words(
-    file: Path,
-    columns: list[str] | None = None,
-    units: list[str] | None = None,
-    rotor_side: str | None = None,
-    gear_ratio: Number = None,
-    rate_hz: Number = None,
-    start: Number = None,
-    end: Number = None,
-    joints: list[str] | None = None,
-) -> list[str]:
-    """A log and its options as they are typed."""
-    many = {"--columns": columns, "--units": units, "--joint": joints}
-    words = [str(file), *(word for flag, values in many.items() for value in values or [] for word in (flag, value))]
-    one = {"--rotor-side": rotor_side, "--gear-ratio": gear_ratio, "--rate-hz": rate_hz, "--start": start, "--end": end}
-    return words + [word for flag, value in one.items() if value is not None for word in (flag, _typed(value))]
+@dataclass(frozen=True)
+class LogCall:
+    """A log and the options on how to read it, as they are typed; the fields are the options of `reads_log`."""
+
+    file: LogFile
+    columns: Columns = None
+    units: Units = None
+    rotor_side: RotorSide = None
+    gear_ratio: GearRatio = None
+    rate_hz: RateHz = None
+    start: Start = None
+    end: End = None
+    joint: Joints = None
+
+    def words(self) -> list[str]:
+        """For the line that runs the command again."""
+        many = {"--columns": self.columns, "--units": self.units, "--joint": self.joint}
+        words = [str(self.file), *(word for flag, values in many.items() for value in values or [] for word in (flag, value))]
+        one = {"--rotor-side": self.rotor_side, "--gear-ratio": self.gear_ratio, "--rate-hz": self.rate_hz, "--start": self.start}
+        one["--end"] = self.end
+        return words + [word for flag, value in one.items() if value is not None for word in (flag, _typed(value))]
+
+    def options(self) -> "LogOptions":
+        """What the options say; they overrule a file given as --columns. Raises GainroomError."""
+        from ..errors import GainroomError, named
+        from ..files.logs import LogOptions, load_options
+        from ..files.logs.options import assignments
+
+        given: dict[str, Any] = {}
+        texts = []
+        for text in self.columns or []:
+            if "=" in text:
+                texts.append(text)
+            else:
+                if Path(text).suffix not in (".yaml", ".yml"):
+                    raise GainroomError(f"--columns: {text!r} must be CHANNEL=NAME, or a file that ends in .yaml")
+                given |= load_options(Path(text))
+        given["columns"] = given.get("columns", {}) | assignments(texts, "--columns")
+        given["units"] = given.get("units", {}) | assignments(self.units or [], "--units")
+        more = {"gear_ratio": self.gear_ratio, "sample_rate": self.rate_hz, "start": self.start, "end": self.end}
+        given |= {name: value for name, value in more.items() if value is not None}
+        if self.rotor_side:
+            given["rotor_side"] = tuple(part.strip() for part in self.rotor_side.split(","))
+        if self.joint:
+            given["joints"] = tuple(self.joint)
+        with named("options"):
+            return LogOptions(**given)
+
+
+def reads_log(command: Callable[..., int]) -> Callable[..., int]:
+    """A command whose first parameter is a LogCall, as typer takes it: the log, the command's own options, and those of the log.
+
+    An option of the command's own stands for that of the log of the same name.
+    """
+    own = list(inspect.signature(command, eval_str=True).parameters.values())[1:]
+    file, *others = inspect.signature(LogCall, eval_str=True).parameters.values()
+    shared = [file, *(option for option in others if option.name not in {each.name for each in own})]
+
+    @wraps(command)
+    def called(**values: Any) -> int:
+        log = LogCall(**{option.name: values.pop(option.name) for option in shared})
+        return command(log, **values)
+
+    parameters = [each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in (file, *own, *shared[1:])]
+    called.__annotations__ = {each.name: each.annotation for each in parameters} | {"return": int}
+    called.__signature__ = inspect.Signature(parameters)  # pyright: ignore[reportAttributeAccessIssue]
+    return called
 
 
 def _typed(value: str | float) -> str:
     return value if isinstance(value, str) else repr(value).removesuffix(".0")
-
-
-def log_options(
-    columns: list[str] | None = None,
-    units: list[str] | None = None,
-    rotor_side: str | None = None,
-    gear_ratio: Number = None,
-    rate_hz: Number = None,
-    start: Number = None,
-    end: Number = None,
-    joints: list[str] | None = None,
-) -> "LogOptions":
-    """What the options say; they overrule a file given as --columns. Raises GainroomError."""
-    from ..errors import GainroomError, named
-    from ..files.logs import LogOptions, load_options
-    from ..files.logs.options import assignments
-
-    given: dict[str, Any] = {}
-    texts = []
-    for text in columns or []:
-        if "=" in text:
-            texts.append(text)
-        else:
-            if Path(text).suffix not in (".yaml", ".yml"):
-                raise GainroomError(f"--columns: {text!r} must be CHANNEL=NAME, or a file that ends in .yaml")
-            given |= load_options(Path(text))
-    given["columns"] = given.get("columns", {}) | assignments(texts, "--columns")
-    given["units"] = given.get("units", {}) | assignments(units or [], "--units")
-    more = {"gear_ratio": gear_ratio, "sample_rate": rate_hz, "start": start, "end": end}
-    given |= {name: value for name, value in more.items() if value is not None}
-    if rotor_side:
-        given["rotor_side"] = tuple(part.strip() for part in rotor_side.split(","))
-    if joints:
-        given["joints"] = tuple(joints)
-    with named("options"):
-        return LogOptions(**given)
