@@ -181,9 +181,11 @@ def test_the_command_on_logs_of_simulate(folder: Path):
 
 
 def test_the_page(folder: Path):
-    status, out, _ = run("diagnose", folder / "loud.csv", "--joint", folder / "joint.yaml", "--report", folder / "page.html")
+    given = ("--units", "motor_position=rad", "--start", "0.5", "--joint", folder / "joint.yaml")
+    status, out, _ = run("diagnose", folder / "loud.csv", *given, "--report", folder / "page.html")
     assert status == 1
     text = (folder / "page.html").read_text("utf-8")
+    assert all(words in text for words in ("--units motor_position=rad", "--start 0.5", "--joint"))  # so that it runs again as it ran
     for words in ("Spectrogram", "Spectrum with harmonics", "predicted by the model", "the loop is at its gain limit", "What to do"):
         assert words in text
     assert "page.html" in out
