@@ -12,7 +12,7 @@ from gainroom.identification.delay import identify_delay
 from gainroom.identification.record import Record
 from gainroom.identification.setpoint_delay import identify_setpoint_delay
 from gainroom.simulation import Scenario, Testbed, simulate
-from identified import POPULATION, Case, coverage_bounds, delay_case, holds, setpoint_case
+from identified import POPULATION, Case, coverage_bounds, delay_case, holds, setpoint_case, soft_loop
 from independent.chain import Chain, multisine, record
 from refusals import assert_refused
 
@@ -173,6 +173,24 @@ def test_set_point_and_position_tell_both_delays():
             continue
         for name in ("loop", "command"):
             assert abs(getattr(found, name).value / case.record.sample_time - case.truth[name]) < 0.15
+
+
+@pytest.mark.parametrize("limit", [30.0, 22.0, 15.0, 9.0])
+def test_a_torque_limit_makes_no_wrong_delay(limit):
+    """From 0.01 % of the commands beyond it to 17 %: the delay is right, its interval holds, or the log is refused; never a wrong one."""
+    tick, count, rng = 5e-4, 12_000, np.random.default_rng(1)
+    drive, time = gr.Drive(3000.0, 0.8, 2.3 * tick), tick * np.arange(count)
+    loop = soft_loop(gr.ElasticJoint(0.2, 0.8, 1e4, 2.0), drive, 0.5, 1.0, tick)
+    torque = 8 * multisine(np.linspace(1, 0.1 / tick, 40), count, tick, 1)
+    bed = Testbed(loop, torque_limit=limit, motor_resolution=1e-5, substep=tick / 4)
+    run = simulate(bed, Scenario(0.0, time[-1], feedforward=torque[:, None], noise=1e-5, seed=1, limit=50.0))
+    actual = run.actual_torque[:, 0] + 0.05 * rng.standard_normal(count)
+    record = Record(run.time, {"target_torque": run.target_torque[:, 0], "actual_torque": actual}, tick)
+    if np.mean(np.abs(run.target_torque) > limit) > 0.03:
+        assert_refused(lambda: identify_delay(record), ["a torque limit hides the delay", "record smaller torques"])
+    else:
+        assert holds(identify_delay(record).ticks, 2.3)
+        assert identify_delay(record).told == (limit == 30.0)
 
 
 def test_a_position_ahead_of_its_set_point_tells_no_delay():

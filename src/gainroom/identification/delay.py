@@ -18,6 +18,7 @@ from .excited_part import most_excited
 from .record import Record
 
 LONGEST = 0.1  # [s] that a delay is looked for
+ACTIVE, BEYOND, LIMITED = 0.02, 1.05, 0.02  # of the largest command; of the largest torque; of the rows: overshoot and noise take 0.5 %
 LEAST_CHANGES = 8  # of the target
 UNKNOWN_TICKS = 0.15  # half-width of the delay's interval: more, and the log does not tell it from the current loop's lag
 UNKNOWN_LAG = 0.5  # ticks of half-width: more, and the log tells nothing
@@ -106,7 +107,24 @@ def identify_delay(record: Record, longest: float = LONGEST) -> TorqueDelay:
         if seen is None:
             raise GainroomError("delay: demand_torque does not repeat target_torque, and there is no actual_torque: record actual_torque")
         return _from_demand(record, seen)
+    _require_no_limit(target, record.channels["actual_torque"])
     return _from_actual(record, seen, most, warnings)
+
+
+def _require_no_limit(target: Floats, actual: Floats) -> None:
+    """Raise GainroomError where a torque limit cuts the command: what is left of it does not lag as the command does.
+
+    Sizes are compared, whatever the delay: the largest commands, scaled as the median one is, against the largest torque.
+    """
+    asked, made = np.abs(target), np.abs(actual)
+    active = asked > ACTIVE * asked.max()
+    scale = min(float(np.median(made[active]) / np.median(asked[active])), 1.0)  # noise makes small torques larger
+    share = float(np.mean(scale * asked > BEYOND * made.max()))
+    if share > LIMITED:
+        raise GainroomError(
+            f"delay: actual_torque stays below {made.max():.4g} N·m while target_torque asks for more in {100 * share:.0f} % of the rows: "
+            "a torque limit hides the delay; record smaller torques"
+        )
 
 
 def _from_demand(record: Record, seen: Arrivals) -> TorqueDelay:
