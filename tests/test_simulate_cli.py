@@ -313,7 +313,11 @@ def test_an_interruption_says_how_far_it_came():
     assert caught.value.time == pytest.approx(rows[0].time[-1] + 5e-4)
 
 
-@pytest.mark.parametrize(("gain", "state", "says"), [(1.0, "good", "No vibration"), (1.5, "bad", "DIVERGES"), (1.14, "bad", "VIBRATES")])
+@pytest.mark.parametrize(
+    ("gain", "state", "says"),
+    [(1.0, "good", "No vibration"), (1.5, "bad", "DIVERGES"), (30.0, "bad", "DIVERGES"), (1.14, "bad", "VIBRATES")],
+    ids=["sound", "diverges", "diverges at once", "vibrates"],
+)
 def test_the_page_says_it_at_first_glance(gain: float, state: str, says: str):
     study = simulated(LINEAR + "scenario: {duration: 1.0}\n", gain)
     page = simulation_page(study, "gainroom simulate joint.yaml")

@@ -135,6 +135,8 @@ def close_up(outcome: Outcome) -> Html:
     assert found is not None
     first, end, _ = found.rows.indices(_shown(outcome))
     ticks = max(24, math.ceil(CLOSE_PERIODS * 2 * math.pi / found.found.frequency / run.sample_time))
+    if run.diverged:  # what is drawn of it may end before the stretch in which the vibration was measured
+        first = 0
     rows = slice(max(first, end - ticks), end)
     time, single = run.time[rows], len(run.joint_names) == 1
     joints = [0] if single else [run.joint_names.index(name) for name in found.strongest[: len(COLORS)]]
