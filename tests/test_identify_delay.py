@@ -12,7 +12,7 @@ from gainroom.identification.delay import identify_delay
 from gainroom.identification.record import Record
 from gainroom.identification.setpoint_delay import identify_setpoint_delay
 from gainroom.simulation import Scenario, Testbed, simulate
-from identified import POPULATION, Case, coverage_bounds, delay_case, holds, setpoint_case, soft_loop
+from identified import POPULATION, Case, coverage_bounds, delay_case, holds, joint_case, setpoint_case, soft_loop
 from independent.chain import Chain, multisine, record
 from refusals import assert_refused
 
@@ -191,6 +191,19 @@ def test_a_torque_limit_makes_no_wrong_delay(limit):
     else:
         assert holds(identify_delay(record).ticks, 2.3)
         assert identify_delay(record).told == (limit == 30.0)
+
+
+@pytest.mark.parametrize(
+    ("index", "within"),
+    [(82, 0.03), (109, 0.03), (31, 0.03), (23, 0.15)],  # two tops of the likelihood, three; just beyond a tick; a log that hardly tells
+)
+def test_the_likeliest_of_several_delays_is_found(index, within):
+    """Logs of joints without a demand torque, on which the search once ended at another top, up to 0.35 ticks off and sure of it."""
+    case = joint_case(index)
+    found = identify_delay(case.record)
+    true = case.truth["delay"] / case.truth["tick"]
+    assert abs(found.ticks.value - true) < within
+    assert holds(found.ticks, true)
 
 
 def test_a_position_ahead_of_its_set_point_tells_no_delay():

@@ -5,7 +5,7 @@ fitted with it, says when within the tick (current_loop.py). Without the demand 
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -28,6 +28,9 @@ GUESSED_FROM = 0.15  # ticks of deviation
 GUESSED = 0.35  # of the jitter's deviation: error of a delay whose arrivals are guessed
 FITTED_ROWS = 40_000  # of a long log, the most excited: the delay is then known to a thousandth of a tick
 JITTER = 0.35  # ticks: a larger deviation is not a delay's place within one tick
+EDGE, NEIGHBOURS = 0.1, 3  # ticks from the ends of its tick at which a delay may belong to the next; how many are compared
+SPEEDS = (1.0, 2.0)  # ω_c T_s from which the search starts again
+ALIKE = 2.0  # of minus twice the log likelihood: a log does not tell fits apart that differ by less
 DECODED = 1.0  # what decoding must gain per row in squared errors and log variance, as it may choose among histories
 FLOOR = 0.004  # ticks: no log is better than its clock, and no current loop is of second order to the last
 LOOP_FLOOR = 0.01  # of bandwidth and damping ratio, likewise
@@ -168,24 +171,26 @@ def _from_actual(record: Record, seen: Arrivals | None, most: int, warnings: lis
 
 
 def _fitted(record: Record, data: Data, seen: Arrivals, start: Response) -> Fit:
-    return fit_arrivals(data, seen.changes(record.channels["target_torque"], data.command), start)
+    """The likeliest of searches from several moments and speeds: beside a jitter the likelihood has more than one top."""
+    changes = seen.changes(record.channels["target_torque"], data.command)
+    starts = [start, *(replace(start, delay=-0.5, speed=speed) for speed in SPEEDS)]
+    return min((fit_arrivals(data, changes, one) for one in starts), key=lambda fit: fit.cost)
 
 
 def _without_demand(record: Record, data: Data, rough: Response) -> tuple[Fit, Arrivals]:
     """One delay for all commands; where its fit finds that they differ, the commands that acted are decoded, and the likelier of both."""
     rows, whole = np.arange(len(data.command)), int(np.ceil(rough.delay - 1e-6))
-    best = None
-    for shift in (0, -1, 1):  # the rough delay may be on the other side of a tick
-        seen = arrivals_of_ages(record, np.full(len(rows), max(whole + shift, 0)))
-        if seen is None or whole + shift < 0:
-            continue
-        fit = _fitted(record, _acting(data, rows - whole - shift), seen, Response(rough.delay - whole - shift, rough.speed, rough.damping))
-        if best is None or fit.cost < best[0].cost:
-            best = fit, seen
-        if -0.2 <= fit.places[0] <= 1.2:
-            break
-    if best is None:
-        raise GainroomError("delay: actual_torque does not show when the target's changes arrive: record torque steps")
+    tried: dict[int, tuple[Fit, Arrivals]] = {}
+    while whole >= 0 and whole not in tried and len(tried) < NEIGHBOURS:
+        seen = arrivals_of_ages(record, np.full(len(rows), whole))
+        if seen is None:
+            raise GainroomError("delay: actual_torque does not show when the target's changes arrive: record torque steps")
+        start = Response(rough.delay - whole, rough.speed, rough.damping)
+        tried[whole] = fit, _ = _fitted(record, _acting(data, rows - whole), seen, start), seen
+        whole += 1 if fit.places[0] < EDGE else -1 if fit.places[0] > 1 - EDGE else 0
+    least = min(fit.cost for fit, _ in tried.values())
+    alike = [pair for pair in tried.values() if pair[0].cost <= least + ALIKE / len(rows)]
+    best = max(alike, key=lambda pair: pair[0].error(np.eye(len(pair[0].variances[0]))[0]))  # of those, the least sure
     fit, seen = single = best
     for _ in range(DECODINGS if fit.deviations[0] > JITTER else 0):
         age = decoded(data, Response(seen.mean - float(seen.shares @ fit.places), fit.speed, fit.damping), fit)
