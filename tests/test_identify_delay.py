@@ -175,6 +175,14 @@ def test_set_point_and_position_tell_both_delays():
             assert abs(getattr(found, name).value / case.record.sample_time - case.truth[name]) < 0.15
 
 
+def test_delays_that_trade_against_each_other_are_looked_for_from_several_starts():
+    """Draw 37: 10 ticks of command delay were once taken for the loop's."""
+    case = setpoint_case(37)
+    found, tick = identify_setpoint_delay(case.record, case.record.sample_time), case.record.sample_time
+    assert abs(found.loop.value / tick - case.truth["loop"]) < 0.1
+    assert abs(found.command.value / tick - case.truth["command"]) < 0.1
+
+
 @pytest.mark.parametrize("limit", [30.0, 22.0, 15.0, 9.0])
 def test_a_torque_limit_makes_no_wrong_delay(limit):
     """From 0.01 % of the commands beyond it to 17 %: the delay is right, its interval holds, or the log is refused; never a wrong one."""

@@ -23,7 +23,7 @@ from .record import Record, resolution
 
 LEAST_STEPS = 30  # of the encoder that the position must move
 LEAST_CHANGES = 8
-LONGEST = 0.1  # [s] of either delay
+SHARES = (0.3, 0.7)  # of the sum of both delays that are the loop's at other starts of the search
 UNKNOWN_TICKS = 1.0  # half-width of an interval: more, and the delays are confounded
 LAW_ERROR = 0.04  # ticks of either delay
 UNKNOWN_TOTAL = 2.0  # ticks
@@ -32,7 +32,6 @@ LEAST_POWER = 1e-3  # of the reference's, above the frequency at which it counts
 SLOW = 0.3  # of the natural frequency
 SMOOTH = 0.05  # of the root mean square velocity, over which friction's direction changes
 FREEDOM = 39
-NAMES = ("stiffness", "rate", "loop", "command", "friction")
 
 
 @dataclass(frozen=True)
@@ -143,11 +142,10 @@ class _Simulation:
                 starts.append((float(np.mean(self._errors(start)[0][self.used > 0] ** 2)), len(starts), start))
         first = self._maximum(min(starts)[2], None)
         found, total = [first], float(max(first.parameters[2] + first.parameters[3], 0.0))
-        if min(first.parameters[2:4]) < 0:
-            for share in (0.3, 0.7):
-                start = first.parameters.copy()
-                start[2:4] = share * total, (1 - share) * total
-                found.append(self._maximum(start, None))
+        for share in SHARES:
+            start = first.parameters.copy()
+            start[2:4] = share * total, (1 - share) * total
+            found.append(self._maximum(start, None))
         inside = [fit for fit in found if min(fit.parameters[2:4]) >= 0]
         self.at_bound = not inside
         if self.at_bound:  # no delay is negative: the best with one of them at 0, which is then not known
