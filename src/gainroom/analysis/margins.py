@@ -54,12 +54,9 @@ def joint_margins(loop: Loop) -> Margins:
     return replace(found, phase_margin=abs(found.phase_margin))
 
 
-def required_margins(loop: Loop, required: Requirements, counted: bool = True) -> tuple[Margins, Sampled | None]:
-    """What requirements bound, from a quick look, and the samples behind it; all margins where samples do not tell what is required.
-
-    counted   False: see quick_look
-    """
-    found, sampled = quick_look(loop, required, counted)
+def required_margins(loop: Loop, required: Requirements) -> tuple[Margins, Sampled | None]:
+    """What requirements bound, from a quick look, and the samples behind it; all margins where samples do not tell what is required."""
+    found, sampled = quick_look(loop, required)
     if sampled is not None and any(math.isnan(one.value(found)) for one, _ in required.asked_for):
         with suppress(GainroomError):
             return margins(loop), sampled

@@ -33,8 +33,6 @@ class Closeness:
 
 
 QUICK = Closeness()
-HIGHEST = 100.0
-"""Of the gain factors that are looked for where no roots are counted: hardly a requirement asks for 40 dB."""
 
 
 @dataclass(frozen=True)
@@ -106,13 +104,9 @@ def quick_margins(loop: Loop) -> Margins:
     return quick_look(loop)[0]
 
 
-def quick_look(loop: Loop, required: Requirements | None = None, counted: bool = True) -> tuple[Margins, Sampled | None]:
-    """`quick_margins`, and the samples behind them of a loop that is stable (required_margins in margins.py: where these do not tell).
-
-    counted   False: no roots are counted on the way to what was polished, which may then not be the first crossing, but is one; gain
-              margins are looked for up to HIGHEST alone
-    """
-    found, sampled = _look(loop, counted)
+def quick_look(loop: Loop, required: Requirements | None = None) -> tuple[Margins, Sampled | None]:
+    """`quick_margins`, and the samples behind them of a loop that is stable (required_margins in margins.py: where these do not tell)."""
+    found, sampled = _look(loop)
     if required is None or sampled is None:
         return found, sampled
     for one, _ in required.asked_for:
@@ -121,8 +115,8 @@ def quick_look(loop: Loop, required: Requirements | None = None, counted: bool =
     return found, sampled
 
 
-def _look(loop: Loop, counted: bool) -> tuple[Margins, Sampled | None]:
-    sweep = Sweep(loop) if counted else Sweep(loop, HIGHEST)
+def _look(loop: Loop) -> tuple[Margins, Sampled | None]:
+    sweep = Sweep(loop)
     count = sweep.unstable(1.0)
     if count > 0 or sweep.full or count < 0:
         return Margins.unknown(GainLimit.unknown(loop.size, stable=count <= 0)), None
@@ -130,9 +124,9 @@ def _look(loop: Loop, counted: bool) -> tuple[Margins, Sampled | None]:
         sampled = Sampled.of(sweep)
         peak = sampled.peak()
         ends = [(_factor_of_real(loci), _factor_of_real(ratios)) for _, loci, ratios in sampled.ends()]
-        common = min([_common_factor(sweep, counted), *(one for one, _ in ends)])
+        common = min([_common_factor(sweep), *(one for one, _ in ends)])
         single = min([_own_factors(sampled.single), *(one for _, one in ends)])
-        phase, one_phase = _common_phase(sweep, counted), float(own_phases(sampled.single, each=False).min())
+        phase, one_phase = _common_phase(sweep), float(own_phases(sampled.single, each=False).min())
     except np.linalg.LinAlgError:  # a root on the boundary, to the last digit
         return Margins.unknown(GainLimit.unknown(loop.size, stable=False)), None
     factor, every = math.exp(common), np.full(loop.size, math.exp(single))
@@ -196,7 +190,7 @@ def own_phases(single: Curves, each: bool = True) -> Floats:
     return least
 
 
-def _common_factor(sweep: Sweep, counted: bool) -> float:
+def _common_factor(sweep: Sweep) -> float:
     """The smallest |ln g| at which g times all gains make them vibrate."""
     steps = sweep.steps()
     rows, _, share, value = meets_axis(steps.start, steps.end)
@@ -204,7 +198,7 @@ def _common_factor(sweep: Sweep, counted: bool) -> float:
     omega = (sweep.omega[rows] + share * (sweep.omega[rows + 1] - sweep.omega[rows]))[chosen]
     value = value[chosen]
     found = _polished(sweep, omega, value.astype(complex), slope, lambda value: np.log(-value.real))
-    for way in (1, -1) if counted and found < math.log(sweep.highest) else ():
+    for way in (1, -1) if found < math.log(sweep.highest) else ():
         found = abs(math.log(_counted(gains(sweep), 1.0, math.exp(way * found))))
     return found
 
@@ -215,14 +209,14 @@ def _counted(family: Family, start: float, end: float) -> float:
     return end if first is None or abs(first.at - start) > abs(end - start) else first.at
 
 
-def _common_phase(sweep: Sweep, counted: bool) -> float:
+def _common_phase(sweep: Sweep) -> float:
     """The smallest phase [rad] at which all loops together vibrate."""
     steps = sweep.steps()
     rows, _, share, lag = meets_circle(steps.start, steps.end)
     chosen = _near_least(np.abs(lag))
     omega = (sweep.omega[rows] * (sweep.omega[rows + 1] / sweep.omega[rows]) ** share)[chosen]
     found = _polished(sweep, omega, -np.exp(1j * lag[chosen]), height, lambda value: np.angle(-value))
-    for way in (1, -1) if counted and found < math.pi else ():
+    for way in (1, -1) if found < math.pi else ():
         found = _counted(phases(sweep, way), 0.0, found)
     return found
 

@@ -97,31 +97,19 @@ def raised_gains(
         raise GainroomError("raised_gains needs gains to begin with that are stable in every case")
     if not np.any(stiffness(start, cases[0].cascade) > 0):
         raise GainroomError("raised_gains needs a direction that has stiffness")
-    for look in (Case.glance, Case.margins):
-        search = _Search(cases, unit, groups, most, look, progress)
-        reached = search.descended(start)
-        for found in (rounded(reached), reached):
-            if all(case.required.met_by(case.margins(found)) for case in cases):
-                return search.proved(found)
-        if not all(case.required.met_by(look(case, reached)) for case in cases):
-            break  # else roots that were not counted misled the search
-    if all(case.required.met_by(case.margins(start)) for case in cases):
-        return search.proved(start)
+    search = _Search(cases, unit, groups, most, progress)
+    reached = search.descended(start)
+    for found in (rounded(reached), reached, start):
+        if all(case.required.met_by(case.margins(found)) for case in cases):
+            return search.proved(found)
     return Raised(reached, tuple(case.margins(reached) for case in cases), False)
 
 
 class _Search:
     def __init__(
-        self,
-        cases: Sequence[Case],
-        unit: Floats,
-        groups: Sequence[Sequence[int]],
-        most: float,
-        look: Callable[[Case, Gains], Margins],
-        progress: Callable[[], None],
+        self, cases: Sequence[Case], unit: Floats, groups: Sequence[Sequence[int]], most: float, progress: Callable[[], None]
     ) -> None:
-        """`look`: what the way to the gains is found by; what is returned rests on Case.margins."""
-        self._cases, self._unit, self._most, self._look, self._progress = cases, unit, most, look, progress
+        self._cases, self._unit, self._most, self._progress = cases, unit, most, progress
         self._member = np.zeros((len(groups), len(unit)))  # (groups, m) 1 where a direction belongs to a group
         for row, group in zip(self._member, groups, strict=True):
             row[list(group)] = 1.0
@@ -150,7 +138,7 @@ class _Search:
         """What is missed most, as margin_slopes.py measures it; negative where all is kept; inf where unstable."""
         worst = -math.inf
         for case in cases:
-            worst = max(worst, case.required.shortfall(self._look(case, gains)))
+            worst = max(worst, case.required.shortfall(case.margins(gains)))
             self._progress()
             if worst == math.inf:
                 break
@@ -245,14 +233,7 @@ class _Search:
     def _first_broken(self, gains: Gains, order: Sequence[int], blind: Sequence[int]) -> tuple[str, int] | None:
         """What is broken first, and the case; None where nothing is. What is quickly seen comes first, but in `blind` cases."""
         quick = [k for k in order if k not in blind]
-
-        def glanced(case: Case, gains: Gains) -> str:
-            return case.required.missed(case.glance(gains))
-
-        def counted(case: Case, gains: Gains) -> str:
-            return case.required.missed(case.margins(gains))
-
-        for look, where in ((Case.breaks, quick), (glanced, order), (counted, order)):
+        for look, where in ((Case.breaks, quick), (lambda case, gains: case.required.missed(case.margins(gains)), order)):
             for k in where:
                 name = look(self._cases[k], gains)
                 self._progress()

@@ -56,24 +56,16 @@ class Case:
     cascade: Booleans
     required: Requirements
     _known: dict[bytes, Margins] = field(default_factory=dict, repr=False, compare=False)
-    _glanced: dict[bytes, Margins] = field(default_factory=dict, repr=False, compare=False)
     _last: list[tuple[bytes, Sampled]] = field(default_factory=list, repr=False, compare=False)
 
     def margins(self, gains: Gains) -> Margins:
         """Those of the loop with these gains that requirements bound; looked at once."""
-        return self._looked(gains, self._known, True)
-
-    def glance(self, gains: Gains) -> Margins:
-        """`margins` without counting roots, in half the time: never smaller ones, and hardly ever larger ones."""
-        return self._known.get(gains.tobytes()) or self._looked(gains, self._glanced, False)
-
-    def _looked(self, gains: Gains, known: dict[bytes, Margins], counted: bool) -> Margins:
         key = gains.tobytes()
-        if key not in known:
-            known[key], seen = required_margins(self.loop(gains), self.required, counted)
+        if key not in self._known:
+            self._known[key], seen = required_margins(self.loop(gains), self.required)
             if seen is not None:
                 self._last[:] = [(key, seen)]
-        return known[key]
+        return self._known[key]
 
     def known(self, gains: Gains) -> bool:
         """Whether the loop with these gains is stable, and could be followed."""
@@ -83,8 +75,8 @@ class Case:
         """What is seen of a loop that is `known`."""
         key = gains.tobytes()
         if not self._last or self._last[0][0] != key:
-            self._glanced.pop(key, None)
-            self._looked(gains, self._glanced, False)
+            self._known.pop(key, None)
+            self.margins(gains)
         return self._last[0][1]
 
     def slopes(self, gains: Gains) -> "Slopes":
