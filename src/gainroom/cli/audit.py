@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..report.number_format import as_typed, model_in_words, model_kind
+from ..report.number_format import as_typed, model_kind, model_text
 from .options import AsJson, Report, command_line, number_option, report_stream
 from .output import column_table, emit, emit_json, file_line, render
 from .progress import progress_bar
@@ -138,7 +138,7 @@ def _terminal(result: "Audit", report: Path | None) -> str:
     from ..report.columns import AUDITED_JOINT, audited_states, definitions
     from ..report.robot_text import audit_sentence, audit_warnings
 
-    title = f"All joints together ({model_in_words(result.system.control.sample_time)})"
+    title = f"All joints together ({model_text(result.system.control.sample_time)})"
     columns = audited_states(result.enough_in)
     return render(
         audit_sentence(result),

@@ -8,8 +8,8 @@ import typer
 
 from ..report.number_format import (
     digits,
-    model_in_words,
     model_kind,
+    model_text,
     own_gains,
     plane_names,
     quantity,
@@ -125,7 +125,7 @@ def _terminal(study: "JointStudy", report: Path | None, verbose: bool) -> str:
     from ..report.columns import bounded_columns
     from ..report.joint_text import sentence, uncertainty_cost_text, warnings
 
-    model, bounded = model_in_words(study.system.control.sample_time), [column.title for column in bounded_columns()]
+    model, bounded = model_text(study.system.control.sample_time), [column.title for column in bounded_columns()]
     ranges = "; met: at the worst of the ranges" if study.system.uncertainty.names else ""
     parts: list[Any] = [
         sentence(study),

@@ -63,8 +63,8 @@ def facts(columns: Iterable[Column], row: Any) -> dict[str, Any]:
 
 
 def tabulated(columns: Sequence[Column], rows: Iterable[Any]) -> tuple[list[str], list[tuple[str, ...]]]:
-    """Headings and rows of a table: the columns that are shown, without those that are empty in every row."""
-    placed, rows = [column for column in columns if column.title], [*rows]
+    """Headings and rows of a table: the first column and those with a title, without those that are empty in every row."""
+    placed, rows = [column for k, column in enumerate(columns) if column.title or k == 0], [*rows]
     texts = [[column.text(row) for row in rows] for column in placed]
     filled = [k for k, cells in enumerate(texts) if k == 0 or any(cell not in ("", "–") for cell in cells)]
     return [placed[k].title for k in filled], [*zip(*(texts[k] for k in filled), strict=True)]
@@ -104,7 +104,7 @@ def required_facts(required: Requirements) -> dict[str, Any]:
     return {one.key: as_typed(one.in_unit(needed[name])) if name in needed else None for name, one in REQUIREMENTS.items()}
 
 
-def margins_in_words(margins: Margins) -> str:
+def margins_text(margins: Margins) -> str:
     """The margins that requirements bound, in a sentence: "gain margin 6.1 dB, phase margin of one loop 31°, peak sensitivity Ms 1.9"."""
     named = ((one, one.named(margins) if one.named(margins) != one.title else one.label) for one in REQUIREMENTS.values())
     return ", ".join(f"{name} {digits(one.in_unit(one.value(margins)), one.unit, 3)}" for one, name in named)

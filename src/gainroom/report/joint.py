@@ -14,7 +14,7 @@ from .number_format import digits, frequency, hertz, model_kind, own_gains, plan
 from .nyquist import nyquist
 from .page import Card, Html, Lead, Section, block, facts, page
 from .page_parts import assumptions, footer, margin_card, unstable_card
-from .tables import case_table, crossing_table, inputs, margin_table, uncertainty_table
+from .joint_tables import case_table, crossing_table, inputs, margin_table, uncertainty_table
 from .time_response import time_response
 
 

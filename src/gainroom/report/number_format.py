@@ -71,7 +71,7 @@ def model_kind(sample_time: float | None) -> str:
     return "continuous" if sample_time is None else "sampled"
 
 
-def model_in_words(sample_time: float | None) -> str:
+def model_text(sample_time: float | None) -> str:
     """The same with its rate, for titles."""
     rate = "" if sample_time is None else f", {digits(1 / sample_time, 'Hz')}"
     return f"{model_kind(sample_time)} model{rate}"

@@ -7,32 +7,32 @@ from typing import Any
 
 import numpy as np
 
-from ..analysis.margin_record import Margins
-from ..design.robot_gains import GainSet, RobotGains
-from ..linear.arrays import Floats
+from ..design.robot_gains import RobotGains
 from ..robot.contact import Contact
 from ..robot.robot import Posture
 from ..studies.robot import RobotStudy
 from ..studies.state import State, TaskStudy
-from ..system.requirements import REQUIREMENTS, Requirement
 from ..system.system import System
-from .columns import JOINT, TASK, Column, definitions, requirement, state_columns, tabulated
+from .columns import JOINT, TASK, Column, definitions, state_columns, tabulated
 from .number_format import digits, hertz, quantity
 from .page import Html, facts, paragraph, table
 from .page_parts import filters
-from .robot_text import limited_by
+from .recommended_gains import gain_columns, rows_that_differ, set_columns
+from .recommended_gains_text import cost_text, inertia_text
 from .robot_units import joint_units
 
 GRAVITY = {
     True: "its stiffness is counted",
     False: "left out",
-    None: "left out; its stiffness is counted in gains to use where rigid contacts hold the base",
+    None: "left out; its stiffness is counted in recommended gains where rigid contacts hold the base",
 }
 MARKS = {"yes": "met", "no": "unmet", "unstable": "unmet", "not confirmed": "unmet"}
 MOST_ROWS = 600
 """Of one table: beyond it a page becomes slow; --json has everything."""
-Named = tuple[str, GainSet | None]
-"""A set of gains under its name."""
+SET_CAPTION = (
+    "The least of each margin over all loops, all together and one at a time with the other loops closed, in every case examined. "
+    "Limited by: the requirement that fails, and where, if the softest joint or direction is made 5 % stiffer."
+)
 TASK_UNITS = "PD: kp [1/s²], kd [1/s]; P/PI: kp [1/s], kv [1/s], ki [1/s²]."
 
 
@@ -94,99 +94,33 @@ def _cut(rows: int) -> str:
 
 
 def gain_tables(gains: RobotGains, system: System) -> list[Html]:
-    """Gains to use: the one safe set and one per contact state, in both unit systems, and the margins of each set."""
-    columns: list[Named] = [("safe in all", gains.everywhere)]
-    if len(gains.per_contact) > 1:  # of one contact state the set would be the same again
-        columns += gains.per_contact.items()
-    margins = _margins_table(columns, system, gains)
-    if all(one is None or not one.moves for _, one in columns):
-        return [margins]
-    if gains.inertia is None:
-        return [paragraph(TASK_UNITS), _gain_table(gains, columns, None, _gain_caption(gains)), margins]
-    posture, contact = system.source.states[0]
-    units = joint_units(system.source.body)
-    words = (
-        f"The same gains, each divided by the inertia that its joint moves in the first state, {posture}, {contact}: J_m + J_L, the "
-        "motor's inertia and J_L = 1/W_ii, the load with all other joints free. kp [1/s²] and kd [1/s] compare joints, and robots. In "
-        "another state the loads, and with them these numbers, differ; the gains above do not."
-    )
-    return [
-        paragraph(f"kp [{units['kp']}], kd [{units['kd']}]:{units['prismatic']}"),
-        _gain_table(gains, columns, None, _gain_caption(gains)),
-        paragraph(words),
-        _gain_table(gains, columns, gains.inertia, ""),
-        margins,
-    ]
-
-
-def _gain_table(gains: RobotGains, columns: Sequence[Named], divisor: Floats | None, caption: str) -> Html:
-    """Rows: joints or directions; two or three columns per set."""
-    cascade = any(one is not None and one.ki is not None for _, one in columns)
-    headers = [gains.space if gains.space == "joint" else "direction"]
-    for name, _ in columns:
-        headers += [f"{name}: kp", *(("kd or kv", "ki") if cascade else ("kd",))]
-    rows = []
-    for k, part in enumerate(gains.names):
-        scale = 1.0 if divisor is None else 1 / float(divisor[k])
-        rows.append((part, *(cell for _, one in columns for cell in _cells(one, k, scale, cascade))))
-    known = [one for _, one in columns if one is not None]
-    if any(np.isnan(one.kp).any() for one in known):
-        cause = (
-            "that joint cannot move there"
-            if gains.space == "joint"
-            else "the joints cannot move that direction there beside the tasks before it"
-        )
-        caption += f" A dash: {cause}, so its gains have no effect."
-    return table(headers, rows, caption)
-
-
-def _cells(gains: GainSet | None, k: int, scale: float, cascade: bool) -> tuple[str, ...]:
-    if gains is None:
-        return ("none",) * (3 if cascade else 2)
-    columns = (gains.kp, gains.kd) if gains.ki is None else (gains.kp, gains.kd, gains.ki)
-    return tuple(digits(scale * float(column[k])) for column in columns)
-
-
-def _gain_caption(gains: RobotGains) -> str:
-    known = {name: cost for name, cost in gains.cost.items() if math.isfinite(cost) and len(gains.per_contact) > 1}
-    if gains.everywhere is None:
-        return "No single set meets the requirements in every state: switch gains with the contacts."
+    """Recommended gains: the one safe set and one per contact state, of joints over their inertia, too, and the margins of each set."""
+    sets = rows_that_differ(gains)
+    margins = table(*tabulated(set_columns(system.requirements), sets), SET_CAPTION, sorts=False)
+    shown = [row for row in sets if row.found is None or row.found.moves]
+    known = [row.found for row in shown if row.found is not None]
     if not known:
-        return "One set for every state."
-    name = max(known, key=known.__getitem__)
-    if known[name] < 1.02:
-        return "The one safe set costs nothing: no contact state by itself allows higher gains."
-    costs = ", ".join(f"{digits(cost, '', 3)} ({contact})" for contact, cost in known.items())
-    return (
-        f"The cost of one safe set: gains for one contact state alone may be stiffer, by a factor of {costs} in the sum of compliances. "
-        f"Switching gains with the contacts pays most in {name}."
-    )
+        return [margins]
+    places = range(len(gains.names))
+    caption = _gain_caption(gains, any(bool(np.isnan(found.kp).any()) for found in known))
+    plain = table(*tabulated(gain_columns(shown), places), caption)
+    if gains.inertia is None:
+        return [paragraph(TASK_UNITS), plain, margins]
+    units = joint_units(system.source.body)
+    divided = table(*tabulated(gain_columns(shown, gains.inertia), places), inertia_text(system.source.states[0]))
+    return [paragraph(f"kp [{units['kp']}], kd [{units['kd']}]:{units['prismatic']}"), plain, divided, margins]
 
 
-def _margins_table(columns: Sequence[Named], system: System, gains: RobotGains) -> Html:
-    """The margins of every set, beside what is required."""
-    needs = {one.heading: requirement(system.requirements, name, 3) for name, one in REQUIREMENTS.items()}
-    dashes = ("–",) * len(needs)
-    headers = ["set", *(f"{title} ({need})" if need else title for title, need in needs.items()), "limited by", "cases"]
-    rows, nearest = [], {**gains.nearest, columns[0][0]: gains.nearest.get("", "")}
-    for name, one in columns:
-        if one is None:
-            rows.append((name, *dashes, f"none found that meet the requirements; nearest: {nearest.get(name, '')}", "–"))
-            continue
-        if not one.moves:
-            rows.append((name, *dashes, "nothing moves there: gains have no effect", "–"))
-            continue
-        rows.append((name, *(_least(each, one.margins) for each in REQUIREMENTS.values()), limited_by(one, gains.names), str(one.cases)))
-    caption = (
-        "The least of each margin over all loops, all together and one at a time with the other loops closed, in every case examined. "
-        "Limited by: the requirement that fails, and where, if the softest joint or direction is made 5 % stiffer."
-    )
-    return table(headers, rows, caption, sorts=False)
-
-
-def _least(one: Requirement, found: Margins) -> str:
-    """The margin that a requirement bounds, and which it is where that is not plain."""
-    return digits(one.in_unit(one.value(found)), one.unit, 3) + one.named(found).removeprefix(one.title).replace(" of", ",", 1)
+def _gain_caption(gains: RobotGains, dashes: bool) -> str:
+    cost = cost_text(gains) or "One set for every state."
+    if gains.everywhere is None:
+        cost = "No single set meets the requirements in every state: switch gains with the contacts."
+    if not dashes:
+        return cost
+    cause = "that joint cannot move there"
+    if gains.space == "task":
+        cause = "the joints cannot move that direction there beside the tasks before it"
+    return f"{cost} A dash: {cause}, so its gains have no effect."
 
 
 def inputs(system: System) -> Html:

@@ -1,20 +1,20 @@
 """The results of a study or an audit of a robot in sentences: the answer, and warnings with remedies."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
 import numpy as np
 
 from ..analysis.gain_limit import GainLimit
-from ..design.robot_gains import GainSet, RobotGains
 from ..errors import beside, frequency_in_words, listed
 from ..studies.audit import Audit
 from ..studies.robot import RobotStudy
 from ..studies.state import HELD, State, by_headroom
 from ..system.controller import gain_matrix
-from ..system.requirements import title_of, to_db
+from ..system.requirements import to_db
 from ..system.system import System
 from .joint_text import CONTINUOUS, NOT_EVERYWHERE, failing
+from .recommended_gains_text import weight_warnings
 
 SLIGHT = 0.05
 """Damping ratio of a motor on its spring proposed as a first guess where none is given."""
@@ -105,7 +105,8 @@ def warnings(study: RobotStudy) -> tuple[str, ...]:
     found += _immobile(study)
     found += [f"{state.title}: {text}" for state in study.states if state.tasks is not None for text in state.tasks.tasks.warnings]
     found += _uncontrolled(study)
-    found += [*unconfirmed(study.states), *free_joints(system), *_weightless(study), *_recommended(study)]
+    found += [*unconfirmed(study.states), *free_joints(system), *_weightless(study)]
+    found += [text for gains in study.recommended for text in weight_warnings(gains)]
     found += [*_undamped(study), *system.warnings]
     if system.control.sample_time is None and system.delay > 0:
         found.append(CONTINUOUS)
@@ -172,38 +173,6 @@ def _weightless(study: RobotStudy) -> list[str]:
     if robot.gravity or robot.body.base == "fixed" or not any(robot.contacts.values()):
         return []
     return ["gravity is left out: a standing robot has less margin at low frequencies, and may topple; set model.gravity_stiffness: true"]
-
-
-def _recommended(study: RobotStudy) -> list[str]:
-    """Warnings where recommended gains do not meet the requirements with the robot's weight."""
-    found = []
-    for gains in study.recommended:
-        if gains.unweighed:
-            why = "because contacts there leave the base free to move; take a foot as flat and rigid"
-            found.append(f"recommended gains: the weight is left out in {listed(list(gains.unweighed))}, {why}")
-        for name, one in {"every state": gains.everywhere, **gains.per_contact}.items():
-            if one is None or not one.without_weight or (one is not gains.everywhere and name in _same(gains)):
-                continue
-            text = (
-                f"recommended gains, {gains.space} space, {name}: none were found that meet the requirements with the robot's weight (the "
-                f"nearest: {one.nearest}); those reported meet them without the weight, as where it is compensated, and "
-            )
-            lost = f"the robot topples on them in {listed(list(one.topples))}: a balance controller must prevent that"
-            found.append(text + (lost if one.topples else "the robot does not topple on them"))
-    return found
-
-
-def limited_by(found: GainSet, names: Sequence[str]) -> str:
-    """The limit of the softest joint or direction: its name, the margin, and the state."""
-    margin = title_of(found.margin[found.softest]) if found.margin else ""
-    weight = ", without the weight" if found.without_weight else ""
-    return f"{names[found.softest]}: {margin}, {found.binding}{weight}" if margin else f"no requirement{weight}"
-
-
-def _same(gains: RobotGains) -> list[str]:
-    """Contact states with the same set as all states together."""
-    safe = gains.everywhere
-    return [name for name, one in gains.per_contact.items() if safe is not None and one is not None and one.kp is safe.kp]
 
 
 def _undamped(study: RobotStudy) -> list[str]:

@@ -9,7 +9,7 @@ import numpy as np
 from ..studies.verification import Verification, growth_about
 from ..system.system import System
 from . import style
-from .number_format import digits, frequency, model_in_words
+from .number_format import digits, frequency, model_text
 from .page import Card, Html, Lead, Section, block, figure, page, table
 from .page_parts import assumptions, footer
 from .verification_text import frequency_cells, gain_cells, percent, sentence
@@ -32,7 +32,7 @@ def verification_page(system: System, result: Verification, command: str) -> str
     ]
     headline = "" if result.agrees else "Simulation and prediction disagree"
     lead = Lead(sentence(result), "good" if result.agrees else "bad", headline)
-    return page(f"gainroom verify: {what}, {model_in_words(sample_time)}", lead, _cards(result), sections, footer())
+    return page(f"gainroom verify: {what}, {model_text(sample_time)}", lead, _cards(result), sections, footer())
 
 
 def _cards(result: Verification) -> list[Card]:
