@@ -116,7 +116,7 @@ def _gains_parts(gains: "RobotGains", first: tuple[str, str]) -> list[Any]:
 
     safe, *_ = rows(gains)
     text = [*gains_text(gains, first), ""]
-    if safe.found is None or not safe.found.moves:
+    if not safe.acts:
         return text
     columns = gain_columns([safe])
     if gains.inertia is not None:

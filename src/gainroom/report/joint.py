@@ -9,12 +9,12 @@ from ..system.requirements import REQUIREMENTS, Requirements, title_of
 from .bode import bode, cases
 from .columns import Column, bounded_columns
 from .gain_map import gain_map
+from .joint_tables import case_table, crossing_table, inputs, margin_table, uncertainty_table
 from .joint_text import sentence, warnings
 from .number_format import digits, frequency, hertz, model_kind, own_gains, plane_names, typed_gains
 from .nyquist import nyquist
 from .page import Card, Html, Lead, Section, block, facts, page
 from .page_parts import assumptions, footer, margin_card, unstable_card
-from .joint_tables import case_table, crossing_table, inputs, margin_table, uncertainty_table
 from .time_response import time_response
 
 

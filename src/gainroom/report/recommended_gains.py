@@ -26,31 +26,28 @@ class Row:
         return self.contact or "safe in all"
 
     @property
+    def acts(self) -> bool:
+        """Whether there are gains that move something."""
+        return self.found is not None and self.found.moves
+
+    @property
     def limit(self) -> str:
         """What limits the gains, or why there are none."""
         if self.found is None:
             return f"none found that meet the requirements; nearest: {self.gains.nearest.get(self.contact, '')}"
         return limited_by(self.found, self.gains.names) if self.found.moves else "nothing moves there: gains have no effect"
 
-    def margin(self, one: Requirement) -> float | None:
-        """The least of a margin over all loops together and one at a time; None where there are no gains."""
-        return one.in_unit(one.value(self.found.margins)) if self.found is not None and self.found.moves else None
-
     def margin_text(self, one: Requirement) -> str:
-        """The same, and which it is where that is not plain."""
-        named = "" if self.found is None else one.named(self.found.margins).removeprefix(one.title).replace(" of", ",", 1)
-        value = self.margin(one)
-        return digits(value, one.unit, 3) + ("" if value is None else named)
+        """The least of a margin over all loops together and one at a time, and which it is where that is not plain."""
+        if self.found is None or not self.acts:
+            return "–"
+        margins = self.found.margins
+        return digits(one.in_unit(one.value(margins)), one.unit, 3) + one.named(margins).removeprefix(one.title).replace(" of", ",", 1)
 
 
 def rows(gains: RobotGains) -> list[Row]:
     """All sets, the one that is safe in all first."""
     return [Row("", gains.everywhere, gains), *(Row(contact, found, gains) for contact, found in gains.per_contact.items())]
-
-
-def rows_that_differ(gains: RobotGains) -> list[Row]:
-    """The same; of one contact state alone the set would be the same again."""
-    return rows(gains) if len(gains.per_contact) > 1 else rows(gains)[:1]
 
 
 SET = [
@@ -78,17 +75,11 @@ SET = [
 
 def set_columns(required: Requirements) -> list[Column]:
     """SET, the margins that requirements bound, each with what is `required`, what limits the gains, and the number of cases."""
-    needs = {name: requirement(required, name, 3) for name in REQUIREMENTS}
-    margins = [
-        Column(
-            f"{one.heading} ({needs[name]})" if needs[name] else one.heading,
-            "",
-            lambda row, one=one: row.margin(one),
-            shown=lambda row, one=one: row.margin_text(one),
-        )
-        for name, one in REQUIREMENTS.items()
-    ]
-    cases = Column("cases", "", lambda row: row.found.cases if row.found is not None and row.found.moves else None)
+    margins = []
+    for name, one in REQUIREMENTS.items():
+        needed = requirement(required, name, 3)
+        margins.append(Column(f"{one.heading} ({needed})" if needed else one.heading, "", lambda row, one=one: row.margin_text(one)))
+    cases = Column("cases", "", lambda row: row.found.cases if row.acts else None)
     return [*SET, *margins, Column("limited by", "", lambda row: row.limit), cases]
 
 

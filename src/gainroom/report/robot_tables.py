@@ -17,7 +17,7 @@ from .columns import JOINT, TASK, Column, definitions, state_columns, tabulated
 from .number_format import digits, hertz, quantity
 from .page import Html, facts, paragraph, table
 from .page_parts import filters
-from .recommended_gains import gain_columns, rows_that_differ, set_columns
+from .recommended_gains import Row, gain_columns, rows, set_columns
 from .recommended_gains_text import cost_text, inertia_text
 from .robot_units import joint_units
 
@@ -95,15 +95,12 @@ def _cut(rows: int) -> str:
 
 def gain_tables(gains: RobotGains, system: System) -> list[Html]:
     """Recommended gains: the one safe set and one per contact state, of joints over their inertia, too, and the margins of each set."""
-    sets = rows_that_differ(gains)
+    sets = rows(gains) if len(gains.per_contact) > 1 else rows(gains)[:1]  # of one contact state the set would be the same again
     margins = table(*tabulated(set_columns(system.requirements), sets), SET_CAPTION, sorts=False)
-    shown = [row for row in sets if row.found is None or row.found.moves]
-    known = [row.found for row in shown if row.found is not None]
-    if not known:
+    if not any(row.acts for row in sets):
         return [margins]
-    places = range(len(gains.names))
-    caption = _gain_caption(gains, any(bool(np.isnan(found.kp).any()) for found in known))
-    plain = table(*tabulated(gain_columns(shown), places), caption)
+    shown, places = [row for row in sets if row.acts or row.found is None], range(len(gains.names))
+    plain = table(*tabulated(gain_columns(shown), places), _gain_caption(gains, shown))
     if gains.inertia is None:
         return [paragraph(TASK_UNITS), plain, margins]
     units = joint_units(system.source.body)
@@ -111,16 +108,16 @@ def gain_tables(gains: RobotGains, system: System) -> list[Html]:
     return [paragraph(f"kp [{units['kp']}], kd [{units['kd']}]:{units['prismatic']}"), plain, divided, margins]
 
 
-def _gain_caption(gains: RobotGains, dashes: bool) -> str:
-    cost = cost_text(gains) or "One set for every state."
+def _gain_caption(gains: RobotGains, shown: Sequence[Row]) -> str:
+    text = cost_text(gains) or "One set for every state."
     if gains.everywhere is None:
-        cost = "No single set meets the requirements in every state: switch gains with the contacts."
-    if not dashes:
-        return cost
-    cause = "that joint cannot move there"
-    if gains.space == "task":
-        cause = "the joints cannot move that direction there beside the tasks before it"
-    return f"{cost} A dash: {cause}, so its gains have no effect."
+        text = "No single set meets the requirements in every state: switch gains with the contacts."
+    if any(row.found is not None and np.isnan(row.found.kp).any() for row in shown):
+        cause = "that joint cannot move there"
+        if gains.space == "task":
+            cause = "the joints cannot move that direction there beside the tasks before it"
+        text += f" A dash: {cause}, so its gains have no effect."
+    return text
 
 
 def inputs(system: System) -> Html:
