@@ -5,13 +5,13 @@ import math
 from ..analysis.margins import Margins
 from ..errors import case_in_words
 from ..studies.joint import JointStudy
-from ..system.requirements import REQUIREMENTS, Requirements, title_of
+from ..system.requirements import REQUIREMENTS, Requirements
 from .bode import bode, cases
 from .columns import Column, bounded_columns
 from .gain_map import gain_map
 from .joint_tables import case_table, crossing_table, inputs, margin_table, uncertainty_table
-from .joint_text import sentence, warnings
-from .number_format import digits, frequency, hertz, model_kind, own_gains, plane_names, typed_gains
+from .joint_text import recommended_text, sentence, warnings
+from .number_format import digits, frequency, hertz, model_kind, own_gains, typed_gains
 from .nyquist import nyquist
 from .page import Card, Html, Lead, Section, block, facts, page
 from .page_parts import assumptions, footer, margin_card, unstable_card
@@ -25,7 +25,7 @@ def joint_page(study: JointStudy, command: str) -> str:
         Section("Gain map", [gain_map(study)]),
         Section("Cause: the open loop", [bode(study, shown), nyquist(study, shown)]),
         Section("In time", [time_response(study)]),
-        Section("Margins", [margin_table(study), _binding(study)]),
+        Section("Margins", [margin_table(study), *_recommended(study)]),
         *([Section("What the uncertainty costs", [uncertainty_table(study)])] if study.uncertainty_cost is not None else []),
         Section("With and without elasticity and delay", [case_table(shown)]),
         Section("All crossings of this file's loop", [crossing_table(study.margins)]),
@@ -80,16 +80,11 @@ def _at(omega: float) -> str:
     return f"at {digits(omega, 'rad/s', 3)} ({hertz(omega)})" if math.isfinite(omega) else ""
 
 
-def _binding(study: JointStudy) -> str | Html:
+def _recommended(study: JointStudy) -> list[str]:
     best = study.recommended
     if best is None:
-        return "No gains are recommended: nothing is required, or no PD gains meet it."
-    kp_name, _ = plane_names(best.controller)
-    told = {True: "{} could be {}", False: "dropping it alone changes nothing"}
-    costs = [
-        (f"without {title_of(name)}", told[name in best.felt].format(kp_name, digits(kp, "N·m/rad", 3))) for name, kp in best.costs.items()
-    ]
-    return facts([("recommended controller", typed_gains(best.controller)), ("limited by", best.held_back_by()), *costs])
+        return ["No gains are recommended: nothing is required, or no PD gains meet it."]
+    return [f"Recommended controller: {typed_gains(best.controller)}.", recommended_text(best)]
 
 
 def _certificate(study: JointStudy) -> Html:

@@ -1,14 +1,15 @@
-"""The tables of a joint's page, and its inputs as text."""
+"""The tables of a joint, and its inputs as text."""
 
 import math
+from dataclasses import dataclass
 
 from ..analysis.margins import Margins
 from ..studies.joint import JointStudy
 from ..system.requirements import to_db
 from ..system.system import System
 from .bode import Case
-from .columns import compared_rows, yes
-from .joint_text import rise_text, uncertainty_cost_text
+from .columns import Column, bounded_columns, compared_rows, yes
+from .joint_text import RULE, rise_text, uncertainty_cost_text
 from .number_format import digits, frequency, own_gains, plane_names, quantity
 from .page import Html, facts, table
 from .page_parts import filters
@@ -16,60 +17,92 @@ from .page_parts import filters
 MARKS = {"yes": "met", "no": "unmet", "unstable": "unmet", "not certified": "unmet"}
 
 
-def margin_table(study: JointStudy) -> Html:
-    """The margins of the file's gains beside the recommended ones and the 10 Hz rule's."""
-    names, found, gains = ["this file"], [study.margins], [_own_gains(study)]
-    recommended = study.recommended
-    if recommended is not None:
-        shown = [("recommended", recommended.nominal)]
+@dataclass(frozen=True)
+class Gains:
+    """Gains on a controller's kp–kd plane under a name, with the margins that they leave; None for the largest, which leave none."""
+
+    name: str
+    kp: float | None
+    kd: float | None
+    margins: Margins | None = None
+
+
+def gains_beside(study: JointStudy) -> list[Gains]:
+    """The file's, the recommended ones, and the 10 Hz rule's."""
+    controller, best, rule = study.system.control.controller, study.recommended, study.rule
+    kp, kd = controller.plane_gains() if controller.has_plane else (None, None)
+    found = [Gains("this file's", kp, kd, study.margins)]
+    if best is not None:
+        shown = {"recommended": best.nominal}
         if study.system.uncertainty.names:
-            shown = [("recommended (worst case)", recommended.worst), ("recommended (nominal)", recommended.nominal)]
-        for name, margins in shown:
-            names.append(name)
-            found.append(margins)
-            gains.append((recommended.kp, recommended.kd))
-    names.append("10 Hz rule" if study.system.control.controller.kind == "PD" else "10 Hz rule (plain PD)")
-    found.append(study.rule.margins)
-    gains.append((study.rule.kp, study.rule.kd))
-    kp_name, kd_name = plane_names(study.system.control.controller)
+            shown = {"recommended (worst case)": best.worst, "recommended (nominal)": best.nominal}
+        found += [Gains(name, best.kp, best.kd, margins) for name, margins in shown.items()]
+    return [*found, Gains("10 Hz rule" if controller.kind == "PD" else "10 Hz rule (plain PD)", rule.kp, rule.kd, rule.margins)]
+
+
+def largest_gains(study: JointStudy) -> list[Gains]:
+    """The largest kd at the file's kp, and the largest kp with the kd that is stable there."""
+    (kp_name, kd_name), (own, *_) = plane_names(study.template), gains_beside(study)
+    return [
+        Gains(f"largest {kd_name} at this {kp_name}", own.kp, study.max_kd),
+        Gains(f"largest {kp_name} of all", study.max_kp, study.kd_at_max_kp),
+    ]
+
+
+def plane_columns(study: JointStudy) -> list[Column]:
+    """The two gains of the plane, under the names that its controller gives them; the unit is the heading's."""
+    kp_name, kd_name = plane_names(study.template)
+    return [
+        Column(kp_name, "kp", lambda row: row.kp, "N·m/rad", shown=lambda row: digits(row.kp)),
+        Column(kd_name, "kd", lambda row: row.kd, "N·m·s/rad", shown=lambda row: digits(row.kd)),
+    ]
+
+
+def gain_columns(study: JointStudy) -> list[Column]:
+    """Of Gains: name, gains, and the margins that requirements may bound."""
+
+    def margin(column: Column, verdict: str) -> Column:
+        def shown(row: Gains) -> str:
+            return "" if row.margins is None else column.text(row.margins) if row.margins.stable else verdict
+
+        return Column(column.title, "", lambda row: row.margins, shown=shown)
+
+    first, *others = bounded_columns()
+    margins = [margin(first, "unstable"), *(margin(column, "") for column in others)]
+    return [Column("", "", lambda row: row.name), *plane_columns(study), *margins]
+
+
+def margin_table(study: JointStudy) -> Html:
+    """All margins of the file's gains beside the recommended ones and the 10 Hz rule's."""
+    gains = gains_beside(study)
+    found = [one.margins for one in gains if one.margins is not None]
     rows = [
-        (f"{kp_name} [N·m/rad]", *(digits(kp) for kp, _ in gains)),
-        (f"{kd_name} [N·m·s/rad]", *(digits(kd) for _, kd in gains)),
+        *((f"{column.title} [{column.unit}]", *map(column.text, gains)) for column in plane_columns(study)),
         ("stable", *("yes" if one.stable else "unstable" for one in found)),
         *compared_rows(found),
     ]
-    caption = (
-        "The 10 Hz rule is kp = J ω², kd = 2 ζ J ω with ω = 2π·10 rad/s, ζ = 2 and J the motor inertia. "
-        "Margins of an unstable loop are meaningless."
-    )
-    if recommended is not None and study.system.uncertainty.names:
+    caption = f"{RULE} Margins of an unstable loop are meaningless."
+    if study.recommended is not None and study.system.uncertainty.names:
         caption += " Worst case: the least of each margin over the cases examined, which may differ from margin to margin."
-    return table(["", *names], rows, caption, MARKS, sorts=False)
+    return table(["", *(one.name for one in gains)], rows, caption, MARKS, sorts=False)
 
 
 def uncertainty_table(study: JointStudy) -> Html:
     """Recommended gains with what is known, with each uncertain quantity known exactly, and with all of them."""
-    found, recommended, nothing = study.uncertainty_cost, study.recommended, (math.nan, math.nan)
+    found = study.uncertainty_cost
     assert found is not None
-    kp_name, kd_name = plane_names(found.exact.controller)
-    gains = nothing if recommended is None else (recommended.kp, recommended.kd)
-    rows = [("as uncertain as it is", *gains, "", "" if recommended is None else yes(recommended.proved))]
-    rows += [(f"{one.name.replace('_', ' ')} known exactly", one.kp, one.kd, rise_text(study, one), yes(one.proved)) for one in found.known]
-    rows.append(("everything known exactly", found.exact.kp, found.exact.kd, "", yes(found.exact.proved)))
-    shown = [(name, digits(kp), digits(kd), rise, proved) for name, kp, kd, rise, proved in rows]
-    return table(
-        ("Recommended gains", f"{kp_name} [N·m/rad]", f"{kd_name} [N·m·s/rad]", f"change of {kp_name}", "proved"),
-        shown,
-        uncertainty_cost_text(study, ranked=True),
-        sorts=False,
-    )
-
-
-def _own_gains(study: JointStudy) -> tuple[float, float]:
-    if study.max_kd is None:
-        return math.nan, math.nan
-    kp, kd = study.system.control.controller.plane_gains()
-    return float(kp), float(kd)
+    plane, (kp_name, _) = plane_columns(study), plane_names(study.template)
+    sets = [
+        ("as uncertain as it is", study.recommended, ""),
+        *((f"{one.name.replace('_', ' ')} known exactly", one, rise_text(study, one)) for one in found.known),
+        ("everything known exactly", found.exact, ""),
+    ]
+    rows = [
+        (name, "–", "–", rise, "") if one is None else (name, *(column.text(one) for column in plane), rise, yes(one.proved))
+        for name, one, rise in sets
+    ]
+    headings = ("Recommended gains", *(f"{column.title} [{column.unit}]" for column in plane), f"change of {kp_name}", "proved")
+    return table(headings, rows, uncertainty_cost_text(study, ranked=True), sorts=False)
 
 
 def crossing_table(found: Margins) -> Html:

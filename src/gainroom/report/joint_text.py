@@ -4,15 +4,15 @@ import math
 
 import numpy as np
 
-from ..design.joint_gains import COST_ACCURACY
+from ..design.joint_gains import COST_ACCURACY, Recommendation
 from ..design.uncertainty_cost import KnownExactly
 from ..errors import apart, case_in_words, frequency_in_words
 from ..studies.analysis import Analysis
 from ..studies.joint import JointStudy
 from ..system.plausibility import unusual_values
-from ..system.requirements import REQUIREMENTS, to_db
+from ..system.requirements import REQUIREMENTS, title_of, to_db
 from ..system.system import System
-from .number_format import digits, plane_names
+from .number_format import digits, plane_names, quantity
 
 NOT_EVERYWHERE = "Stable nominally, but not everywhere in the uncertainty ranges"
 CONTINUOUS = (
@@ -20,6 +20,7 @@ CONTINUOUS = (
     "them; set control.sample_rate_hz for the sampled answer"
 )
 """A warning, for a joint and for a robot."""
+RULE = "10 Hz rule: kp = J ω², kd = 2 ζ J ω with ω = 2π·10 rad/s, ζ = 2, J the motor inertia."
 
 
 def sentence(study: JointStudy) -> str:
@@ -87,6 +88,21 @@ def _change(rise: float) -> str:
     if math.isinf(rise):
         return "no limit" if rise > 0 else "never stable"
     return f"{abs(rise):.3g} dB {'more' if rise >= 0 else 'less'}"
+
+
+def recommended_text(recommended: Recommendation) -> str:
+    """The requirement that limits the recommended kp, and the largest kp without each."""
+    without = {name: f"without the {title_of(name)}" for name in recommended.costs}
+    kp_name, _ = plane_names(recommended.controller)
+    worst = ", ".join(quantity(name, value) for name, value in recommended.worst_case.items())
+    parts = [f"Recommended gains are limited by the {recommended.held_back_by()}" + (f" (worst case: {worst})." if worst else ".")]
+    felt = ", ".join(f"{digits(kp, 'N·m/rad')} {without[name]}" for name, kp in recommended.felt.items())
+    if felt:
+        parts.append(f"The largest {kp_name} would be {felt}.")
+    idle = [f"the {title_of(name)}" for name in without if name not in recommended.felt]
+    if idle:
+        parts.append(f"Without {' or '.join(idle)} alone it would be the same.")
+    return " ".join([*parts, f"Checked: {recommended.certificate}."])
 
 
 def uncertainty_cost_text(study: JointStudy, ranked: bool) -> str:

@@ -104,6 +104,14 @@ class JointStudy(Analysis):
         """Largest stable kp over all kd."""
         return self.region.max_kp()
 
+    @property
+    def kd_at_max_kp(self) -> float:
+        """The kd at which the largest kp is stable; NaN where no kp is the largest or kd has no bound there."""
+        if not math.isfinite(self.max_kp):
+            return math.nan
+        (stable,) = self.region.columns(self.max_kp * (1 - 1e-6))
+        return float(stable[-1].mean()) if len(stable) and math.isfinite(stable[-1, 1]) else math.nan
+
     @cached_property
     def max_kd(self) -> float | None:
         """Largest stable kd at the given kp; None for controllers without a kp–kd plane."""
