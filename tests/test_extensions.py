@@ -200,7 +200,7 @@ def test_a_requirement_is_one_object(tmp_path, capsys, monkeypatch):
     assert f"Recommended gains are limited by the {one.title}" in terminal
     assert f'<th scope="col">{one.title}' in page or one.label in page
     assert f"{one.sign} {digits(one.in_unit(needed), one.unit, 3)}" in page
-    assert f"without {one.title}" in page
+    assert f"without the {one.title}" in page
 
 
 def test_a_requirement_without_an_excluded_set(monkeypatch: pytest.MonkeyPatch):
