@@ -190,7 +190,8 @@ class _Search:
 
     def cost(self, kp: float, names: Sequence[str], regions: list[PDRegion]) -> float:
         """The largest kp, from the recommended one up, with these requirements and cases alone."""
-        return self.largest(names, regions, kp, 1e3 * kp, accuracy=COST_ACCURACY)
+        found = self.largest(names, regions, kp, 1e3 * kp, accuracy=COST_ACCURACY)
+        return self.largest(names, regions, kp, float(regions[0].ladder[-1]), accuracy=COST_ACCURACY) if math.isinf(found) else found
 
     def certificate(self) -> str:
         if not self.uncertainty.names:
