@@ -15,7 +15,7 @@ from gainroom.analysis.quick_margins import quick_margins
 from gainroom.design.gain_search import PRICES, RAISE, Raised, raised_gains, rounded, stiffer
 from gainroom.design.margin_slopes import Case, moved
 from gainroom.linear import response_cache as remembered
-from gainroom.report.columns import margin_value
+from gainroom.report.margin_columns import margin_value
 from gainroom.system.requirements import REQUIREMENTS
 from machines import limbs
 from refusals import assert_refused

@@ -15,9 +15,11 @@ from gainroom.cli.joint import _facts, _terminal
 from gainroom.design.margin_slopes import Case, moved
 from gainroom.files.joint_yaml import parse_joint
 from gainroom.files.robot_yaml import load_robot_system
-from gainroom.report.columns import JOINT, Column, judged_rows
+from gainroom.report.columns import Column
 from gainroom.report.joint import joint_page
+from gainroom.report.margin_columns import judged_rows
 from gainroom.report.number_format import digits
+from gainroom.report.robot_columns import JOINT
 from gainroom.system.controller import Controller
 from gainroom.system.requirements import REQUIREMENTS, Requirement, SensitivityBound
 from independent.joint import PDJoint

@@ -108,7 +108,8 @@ def _command(model: str, gains: Path | None, options: "AuditOptions", margin_db:
 
 def _facts(result: "Audit") -> dict[str, Any]:
     """What --json prints."""
-    from ..report.columns import AUDITED_JOINT, audited_states, facts
+    from ..report.columns import facts
+    from ..report.robot_columns import AUDITED_JOINT, audited_states
     from ..report.robot_text import audit_sentence, audit_warnings
 
     columns = audited_states(result.enough_in)
@@ -135,7 +136,8 @@ def _facts(result: "Audit") -> dict[str, Any]:
 
 def _terminal(result: "Audit", report: Path | None) -> str:
     from ..report.audit import joint_caption
-    from ..report.columns import AUDITED_JOINT, audited_states, definitions
+    from ..report.columns import definitions
+    from ..report.robot_columns import AUDITED_JOINT, audited_states
     from ..report.robot_text import audit_sentence, audit_warnings
 
     title = f"All joints together ({model_text(result.system.control.sample_time)})"

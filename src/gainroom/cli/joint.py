@@ -52,8 +52,9 @@ def joint(
 
 def _facts(study: "JointStudy") -> dict[str, Any]:
     """What --json prints."""
-    from ..report.columns import facts, margin_columns, required_facts
+    from ..report.columns import facts
     from ..report.joint_text import sentence, warnings
+    from ..report.margin_columns import margin_columns, required_facts
 
     margins, requirements, rule = study.margins, study.system.requirements, study.rule
     sample_time, recommended = study.system.control.sample_time, study.recommended
@@ -84,7 +85,8 @@ def _facts(study: "JointStudy") -> dict[str, Any]:
 
 
 def _recommended_facts(study: "JointStudy", recommended: "Recommendation") -> dict[str, Any]:
-    from ..report.columns import facts, margin_columns
+    from ..report.columns import facts
+    from ..report.margin_columns import margin_columns
 
     controller = recommended.controller
     gains = {name: value for name, value, _ in own_gains(controller)}
@@ -138,7 +140,8 @@ def _terminal(study: "JointStudy", report: Path | None, verbose: bool) -> str:
 
 
 def _margin_rows(study: "JointStudy") -> list[tuple[str, ...]]:
-    from ..report.columns import judged_rows, yes
+    from ..report.columns import yes
+    from ..report.margin_columns import judged_rows
 
     stable = study.margins.stable
     rows = [("stable", "yes" if stable else "NO", "", "yes", yes(stable))]

@@ -54,8 +54,9 @@ def robot(
 
 def _facts(study: "RobotStudy") -> dict[str, Any]:
     """What --json prints."""
-    from ..report.columns import facts, state_columns
+    from ..report.columns import facts
     from ..report.recommended_gains import recommended_facts
+    from ..report.robot_columns import state_columns
     from ..report.robot_text import sentence, warnings
 
     sample_time = study.system.control.sample_time
@@ -76,7 +77,8 @@ def _facts(study: "RobotStudy") -> dict[str, Any]:
 
 
 def _terminal(study: "RobotStudy", report: Path | None) -> str:
-    from ..report.columns import definitions, state_columns
+    from ..report.columns import definitions
+    from ..report.robot_columns import state_columns
     from ..report.robot_tables import joint_legend
     from ..report.robot_text import sentence, warnings
 
@@ -100,7 +102,7 @@ def _terminal(study: "RobotStudy", report: Path | None) -> str:
 
 
 def _contact_tables(state: "State") -> list[Any]:
-    from ..report.columns import JOINT, TASK
+    from ..report.robot_columns import JOINT, TASK
     from ..report.robot_tables import TASK_UNITS, tasks_together
 
     parts: list[Any] = [column_table(f"Joints, {state.title}", JOINT, state.joints)]

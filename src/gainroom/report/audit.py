@@ -7,10 +7,11 @@ import numpy as np
 from ..errors import listed
 from ..studies.audit import Audit
 from ..system.requirements import Requirements, to_db
-from .columns import AUDITED_JOINT, audited_states, definitions, tabulated
+from .columns import definitions, tabulated
 from .number_format import digits, hertz, model_kind
 from .page import Card, Html, Lead, Section, beside, block, facts, page, paragraph, table
 from .page_parts import assumptions, footer, limit_proofs, margin_card, unstable_card
+from .robot_columns import AUDITED_JOINT, audited_states
 from .robot_coupling import coupling
 from .robot_drawing import hero, small
 from .robot_headroom import Factors, heat_map

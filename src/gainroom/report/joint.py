@@ -7,10 +7,11 @@ from ..errors import case_in_words
 from ..studies.joint import JointStudy
 from ..system.requirements import REQUIREMENTS, Requirements
 from .bode import bode, cases
-from .columns import Column, bounded_columns
+from .columns import Column
 from .gain_map import gain_map
 from .joint_tables import case_table, crossing_table, inputs, margin_table, uncertainty_table
 from .joint_text import recommended_text, sentence, warnings
+from .margin_columns import bounded_columns
 from .number_format import digits, frequency, hertz, model_kind, own_gains, typed_gains
 from .nyquist import nyquist
 from .page import Card, Html, Lead, Section, block, facts, page

@@ -8,8 +8,9 @@ from ..studies.joint import JointStudy
 from ..system.requirements import to_db
 from ..system.system import System
 from .bode import Case
-from .columns import Column, bounded_columns, compared_rows, yes
+from .columns import Column, yes
 from .joint_text import RULE, rise_text, uncertainty_cost_text
+from .margin_columns import bounded_columns, compared_rows
 from .number_format import digits, frequency, own_gains, plane_names, quantity
 from .page import Html, facts, table
 from .page_parts import filters

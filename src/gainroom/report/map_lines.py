@@ -11,7 +11,7 @@ from ..linear.arrays import Floats
 from ..studies.joint import JointStudy
 from ..system.requirements import REQUIREMENTS, Requirements
 from . import style
-from .columns import margin_value
+from .margin_columns import margin_value
 
 COLUMNS = 40  # lines kp = const on which a boundary is computed
 LINES = ((style.GREEN, "solid"), (style.BLUE, "dash"), (style.PURPLE, "dot"), (style.VERMILION, "dashdot"))

@@ -8,7 +8,7 @@ from typing import Any
 from .. import __version__
 from ..analysis.gain_limit import GainLimit
 from ..system.requirements import REQUIREMENTS, Requirements
-from .columns import margin_value, requirement
+from .margin_columns import margin_value, requirement
 from .number_format import digits
 from .page import Card
 

@@ -7,7 +7,8 @@ from typing import Any
 from ..design.robot_gains import GainSet, RobotGains
 from ..linear.arrays import Floats
 from ..system.requirements import REQUIREMENTS, Requirement, Requirements
-from .columns import Column, facts, margin_facts, requirement
+from .columns import Column, facts
+from .margin_columns import margin_facts, requirement
 from .number_format import digits
 from .recommended_gains_text import limited_by
 

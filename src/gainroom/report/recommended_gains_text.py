@@ -9,7 +9,7 @@ import numpy as np
 from ..design.robot_gains import GainSet, RobotGains
 from ..errors import listed
 from ..system.requirements import title_of
-from .columns import margins_text
+from .margin_columns import margins_text
 from .number_format import digits
 
 LEAST_COST = 1.02

@@ -8,7 +8,7 @@ from ..errors import listed
 from ..studies.robot import RobotStudy
 from ..studies.state import State
 from ..system.requirements import REQUIREMENTS, Requirement
-from .columns import margin_value
+from .margin_columns import margin_value
 from .number_format import hertz
 from .page import Html, paragraph
 

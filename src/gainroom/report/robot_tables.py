@@ -13,12 +13,13 @@ from ..robot.robot import Posture
 from ..studies.robot import RobotStudy
 from ..studies.state import State, TaskStudy
 from ..system.system import System
-from .columns import JOINT, TASK, Column, definitions, state_columns, tabulated
+from .columns import Column, definitions, tabulated
 from .number_format import digits, hertz, quantity
 from .page import Html, facts, paragraph, table
 from .page_parts import filters
 from .recommended_gains import Row, gain_columns, rows, set_columns
 from .recommended_gains_text import cost_text, inertia_text
+from .robot_columns import JOINT, TASK, state_columns
 from .robot_units import joint_units
 
 GRAVITY = {

@@ -1,0 +1,140 @@
+"""The margins of a loop as columns, beside what is required of them."""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from ..analysis.margin_record import Margins
+from ..errors import apart
+from ..system.requirements import REQUIREMENTS, Requirements, to_db
+from .columns import Column, yes
+from .number_format import as_typed, digits, frequency
+
+
+def _lower(margins: Margins) -> str:
+    return "any" if margins.stable and margins.lower_gain_margin == 0 else digits(-to_db(margins.lower_gain_margin), "dB")
+
+
+MARGIN = [
+    Column(
+        "gain margin",
+        "gain_margin_db",
+        lambda m: to_db(m.gain_margin),
+        "dB",
+        at=lambda m: m.phase_crossover,
+        margin="gain_margin",
+    ),
+    Column("", "phase_crossover_rad_s", lambda m: m.phase_crossover),
+    Column("gain may fall by", "lower_gain_margin_db", lambda m: to_db(m.lower_gain_margin), shown=_lower),
+    Column(
+        "phase margin",
+        "phase_margin_deg",
+        lambda m: math.degrees(m.phase_margin),
+        "°",
+        at=lambda m: m.gain_crossover,
+        margin="phase_margin",
+    ),
+    Column("", "gain_crossover_rad_s", lambda m: m.gain_crossover),
+    Column(
+        "delay margin",
+        "delay_margin_ms",
+        lambda m: 1e3 * m.delay_margin,
+        "ms",
+        at=lambda m: m.delay_crossover,
+        margin="delay_margin",
+    ),
+    Column(
+        "peak sensitivity",
+        "peak_sensitivity",
+        lambda m: m.peak_sensitivity,
+        at=lambda m: m.peak_sensitivity_frequency,
+        margin="peak_sensitivity",
+    ),
+    Column(
+        "peak complementary sensitivity",
+        "",
+        lambda m: m.peak_complementary,
+        at=lambda m: m.peak_complementary_frequency,
+        margin="peak_complementary",
+    ),
+    Column("disk margin", "disk_margin", lambda m: m.disk_margin, at=lambda m: m.disk_margin_frequency, margin="disk_margin"),
+]
+"""The margins of one loop."""
+
+
+def margin_columns() -> list[Column]:
+    """MARGIN, and further margins that a requirement bounds."""
+    known, keys = {column.margin for column in MARGIN}, {column.key for column in MARGIN}
+    further = [one for one in REQUIREMENTS.values() if one.name not in known or one.key not in keys]
+    return MARGIN + [
+        Column(
+            "" if one.name in known else one.title,
+            one.key,
+            lambda m, one=one: one.in_unit(getattr(m, one.name, one.value(m))),
+            one.unit,
+            at=one.frequency,
+            margin=one.name,
+        )
+        for one in further
+    ]
+
+
+def bounded_columns() -> list[Column]:
+    """Those that requirements bound."""
+    return [column for column in margin_columns() if column.title and column.requirement]
+
+
+def margin_facts(margins: Margins) -> dict[str, Any]:
+    """The margins that requirements bound, in JSON."""
+    return {key: value for one in REQUIREMENTS.values() for key, value in one.facts(margins).items()}
+
+
+def required_facts(required: Requirements) -> dict[str, Any]:
+    """The requirements, in JSON, in the units of a file; None where there is none."""
+    needed = required.needed
+    return {one.key: as_typed(one.in_unit(needed[name])) if name in needed else None for name, one in REQUIREMENTS.items()}
+
+
+def margins_text(margins: Margins) -> str:
+    """The margins that requirements bound, in a sentence: "gain margin 6.1 dB, phase margin of one loop 31°, peak sensitivity Ms 1.9"."""
+    named = ((one, one.named(margins) if one.named(margins) != one.title else one.label) for one in REQUIREMENTS.values())
+    return ", ".join(f"{name} {digits(one.in_unit(one.value(margins)), one.unit, 3)}" for one, name in named)
+
+
+def margin_value(asked: Requirements, name: str, value: float, met: bool | None, significant: int = 4) -> str:
+    """A margin (`name`: of a requirement) with its unit; with digits enough to tell it from a requirement that is not met."""
+    one, needed = REQUIREMENTS[name], asked.needed.get(name)
+    if met is False and needed is not None:
+        significant = apart(one.in_unit(value), one.in_unit(needed), significant)
+    return digits(one.in_unit(value), one.unit, significant)
+
+
+def requirement(asked: Requirements, name: str, significant: int = 4) -> str:
+    """A required margin by the requirement's name: "≥ 6 dB"; empty where nothing is required."""
+    one, needed = REQUIREMENTS[name], asked.needed.get(name)
+    return "" if needed is None else f"{one.sign} {digits(one.in_unit(needed), one.unit, significant)}"
+
+
+def judged_rows(margins: Margins, worst: Margins, required: Requirements) -> list[tuple[str, ...]]:
+    """Every margin of one loop: name, value, frequency, what is required, and whether it is met at the `worst` of the uncertainty."""
+    rows = []
+    for column in margin_columns():
+        if column.title:
+            name = column.requirement
+            met = required.met(name, REQUIREMENTS[name].value(worst)) if name else None
+            text = margin_value(required, name, getattr(margins, name), met) if name else column.text(margins)
+            at = "" if column.at is None else frequency(column.at(margins))
+            verdict = "" if met is None else yes(worst.stable and met)
+            rows.append((column.title, text, at, requirement(required, name) if name else "", verdict))
+    return rows
+
+
+def compared_rows(found: Sequence[Margins]) -> list[tuple[str, ...]]:
+    """Every margin of several loops side by side, each with its frequency below it."""
+    rows = []
+    for column in margin_columns():
+        if column.title:
+            rows.append((column.title, *(column.text(one) for one in found)))
+            if column.at is not None:
+                rows.append(("… at", *(frequency(column.at(one)) for one in found)))
+    return rows

@@ -1,0 +1,223 @@
+"""States, joints and tasks of a robot as columns, and those of an audit."""
+
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from ..errors import listed
+from ..system.requirements import REQUIREMENTS
+from .columns import Column, facts, yes
+from .margin_columns import margin_facts
+from .number_format import digits, hertz
+
+if TYPE_CHECKING:
+    from ..studies.state import State
+
+
+def _if_moving(value: Callable[["State"], Any]) -> Callable[["State"], Any]:
+    """None for a state in which the gains act on no motion."""
+    return lambda state: value(state) if state.moves else None
+
+
+def _mainly(state: "State") -> str:
+    """The joints with the largest participation factors in the vibration at the limit."""
+    if not state.moves:
+        return "nothing moves"
+    first, *others = state.limiting_joints or ("–",)
+    return f"{first}, +{len(others)}" if others else first
+
+
+def _disk(state: "State") -> str:
+    return ("~" if state.margins.disk_certified is False else "") + digits(state.margins.disk_margin, significant=3)
+
+
+def _frequency(state: "State") -> str:
+    return hertz(state.limit.frequency) if state.moves and math.isfinite(state.limit.frequency) else "–"
+
+
+STABLE = _if_moving(lambda state: state.limit.stable)
+POSTURE = Column("", "posture", lambda state: state.posture)
+CONTACT = Column("", "contact", lambda state: state.contact)
+MOVES = Column("", "moves", lambda state: state.moves)
+LIMIT = Column(
+    "limit",
+    "gain_limit",
+    _if_moving(lambda state: state.limit.gain),
+    definition="the factor on all gains together at which the robot starts to vibrate",
+    margin="gain_margin",
+)
+AT = Column("at", "limit_frequency_rad_s", _if_moving(lambda state: state.limit.frequency), shown=_frequency)
+MAINLY = Column(
+    "mainly",
+    "limiting_joints",
+    lambda state: list(state.limiting_joints),
+    definition="the joints that move most in that vibration",
+    shown=_mainly,
+)
+CERTIFIED = Column("", "certified", _if_moving(lambda state: state.margins.certified))
+
+STATE = [
+    Column("state", "", lambda state: state.title),
+    POSTURE,
+    CONTACT,
+    MOVES,
+    Column("stable", "stable", STABLE, shown=lambda state: yes(STABLE(state))),
+    LIMIT,
+    Column("", "lower_gain_limit", _if_moving(lambda state: state.limit.lower_gain)),
+    AT,
+    Column("", "limit_certified", _if_moving(lambda state: state.limit.certificate is not None and state.limit.certificate.holds)),
+    CERTIFIED,
+    Column(
+        "delay",
+        "delay_margin_ms",
+        _if_moving(lambda state: 1e3 * state.margins.delay_margin),
+        "ms",
+        "the delay margin, extra delay in all loops at which the robot starts to vibrate",
+        3,
+        margin="delay_margin",
+    ),
+    Column(
+        "phase",
+        "phase_margin_deg",
+        _if_moving(lambda state: math.degrees(state.margins.common_phase_margin)),
+        "°",
+        "the phase margin of all loops at once",
+        3,
+        margin="phase_margin",
+    ),
+    Column(
+        "one loop",
+        "single_loop_phase_margin_deg",
+        _if_moving(lambda state: math.degrees(state.margins.one_loop_phase_margin)),
+        "°",
+        "the least phase margin of one loop, other loops closed",
+        3,
+    ),
+    Column(
+        "Ms",
+        "",
+        _if_moving(lambda state: state.margins.peak_sensitivity),
+        definition="the largest peak sensitivity of one loop, other loops closed",
+        significant=3,
+        margin="peak_sensitivity",
+    ),
+    Column(
+        "disk",
+        "disk_margin",
+        _if_moving(lambda state: state.margins.disk_margin),
+        definition="the disk margin, independent errors of gain and phase in every motor's torque (~: not certified)",
+        shown=_disk,
+        margin="disk_margin",
+    ),
+    Column("", "disk_margin_certified", _if_moving(lambda state: state.margins.disk_certified)),
+    MAINLY,
+    Column("", "kept", _if_moving(lambda state: margin_facts(state.margins))),
+    Column("", "joints", lambda state: [facts(JOINT, row) for row in state.joints]),
+    Column("", "tasks", lambda state: [] if state.tasks is None else [facts(TASK, row) for row in state.tasks.rows]),
+    Column("", "tasks_gain_limit", lambda state: state.tasks.limit.gain if state.moves and state.tasks else None),
+    Column("", "tasks_limit_frequency_rad_s", lambda state: state.tasks.limit.frequency if state.moves and state.tasks else None),
+]
+"""A posture in a contact state."""
+
+
+def state_columns() -> list[Column]:
+    """STATE, and further margins that a requirement bounds."""
+    known = {column.margin for column in STATE}
+    further = [one for one in REQUIREMENTS.values() if one.name not in known]
+    return STATE + [
+        Column(
+            one.heading,
+            "",
+            _if_moving(lambda state, one=one: one.in_unit(one.value(state.margins))),
+            one.unit,
+            f"the {one.title}, the worst of all loops",
+            3,
+            margin=one.name,
+        )
+        for one in further
+    ]
+
+
+ALONE = Column(
+    "alone",
+    "single_joint_limit",
+    lambda row: row.single_joint_limit,
+    definition="the factor on the joint's gains with the other loops open and its neighbours free",
+)
+CLOSED = Column(
+    "one loop",
+    "limit_others_closed",
+    lambda row: row.limit_others_closed,
+    definition="the factor on the gains of this loop alone, other loops closed",
+)
+KP = Column("kp", "kp", lambda row: row.kp)
+KD = Column("kd", "kd", lambda row: row.kd)
+
+JOINT = [
+    Column("joint", "name", lambda row: row.name),
+    Column("load", "link_inertia", lambda row: row.link_inertia, definition="1/W_ii, the inertia moved with the neighbours free"),
+    ALONE,
+    CLOSED,
+    KP,
+    Column("kp max", "kp_max", lambda row: row.kp_max, definition="the largest, other gains unchanged"),
+    KD,
+    Column("kd max", "kd_max", lambda row: row.kd_max, definition="likewise"),
+    Column(
+        "participation",
+        "participation",
+        lambda row: row.participation,
+        definition="participation factor in the vibration at the limit, 1 for the joint that moves most",
+        shown=lambda row: digits(row.participation, significant=2) if row.participation >= 1e-3 else "–",
+    ),
+]
+"""A joint of a robot in one state."""
+
+TASK = [
+    Column("direction", "", lambda row: f"{row.name} {row.direction}"),
+    Column("", "name", lambda row: row.name),
+    Column("", "direction", lambda row: row.direction),
+    Column("", "moves", lambda row: row.moves),
+    KP,
+    Column("kd, kv", "kd", lambda row: row.kd),
+    Column("ki", "ki", lambda row: row.ki),
+    Column("alone", "gain_limit", lambda row: row.gain_limit, definition="the factor on its gains, other directions open"),
+    CLOSED,
+]
+"""A direction of a task."""
+
+
+def audited_states(safe: Callable[["State"], bool]) -> list[Column]:
+    """A contact state of an audit; `safe` judges one."""
+    return [
+        Column("contact", "contact", lambda state: state.contact),
+        POSTURE,
+        MOVES,
+        Column("", "stable", STABLE),
+        Column("safe", "", _if_moving(safe), shown=lambda state: yes(safe(state) if state.moves else None)),
+        LIMIT,
+        AT,
+        Column(
+            "mainly", "", lambda state: None, shown=lambda state: listed(state.limiting_joints) or "–" if state.moves else "nothing moves"
+        ),
+        Column(
+            "delay limit",
+            "delay_limit_ms",
+            _if_moving(lambda state: 1e3 * state.delay_limit),
+            "ms",
+            "the total delay, of every joint's drive at once, at which the robot vibrates",
+        ),
+        CERTIFIED,
+    ]
+
+
+AUDITED_JOINT = [
+    Column("joint", "name", lambda row: row.name),
+    Column("safe", "safe", lambda row: row.safe, shown=lambda row: yes(row.safe)),
+    KP,
+    KD,
+    Column("ki", "ki", lambda row: row.ki, shown=lambda row: digits(row.ki or math.nan)),
+    Column("motor inertia", "motor_inertia", lambda row: row.motor_inertia, definition="on the joint side"),
+    Column("alone", "gain_limit", lambda row: row.gain_limit, definition=ALONE.definition),
+    CLOSED,
+]
+"""A joint of an audit, in its worst state."""
