@@ -106,7 +106,7 @@ def look_at_limit(pair: Pair, limit: gr.GainLimit, found: Found) -> None:
         found.wrong += [f"no lower limit: unstable at {factor}" for factor in (0.7, 0.3, 0.05) if unstable(pair.machine.scaled(factor)) > 0]
 
 
-def look_at_margins(pair: Pair, margins: gr.JointMargins, found: Found) -> None:
+def look_at_margins(pair: Pair, margins: gr.Margins, found: Found) -> None:
     machine = pair.machine
     longest = 60 * machine.sample_time if machine.sample_time else 0.03  # else the independent count takes minutes
     delay = margins.delay_margin

@@ -61,15 +61,3 @@ def test_an_unstable_loop_with_a_counted_limit_is_certified():
     assert not found.stable
     assert found.limit.certificate.holds
     assert found.certified
-
-
-def test_older_names_read_the_same_numbers():
-    plant = gr.Plant(np.array([[1.0, 0.3], [0.3, 2.0]]), np.full(2, 0.5), np.full(2, 1e4), np.full(2, 2.0))
-    found = gr.joint_margins(gr.build_loop(plant, gr.Drive(4000.0, 0.9, 2e-3), gr.PD(np.full(2, 400.0), np.full(2, 20.0))))
-    one = found.one_loop
-    assert (found.phase_frequency, found.delay_frequency) == (found.gain_crossover, found.delay_crossover)
-    assert found.others_closed is one.gain_margin
-    assert found.lower_others_closed is one.lower_gain_margin
-    assert found.others_certified is one.certified
-    assert found.largest_kp is one.largest_kp
-    assert found.largest_kd is one.largest_kd

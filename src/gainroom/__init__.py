@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from .analysis.acceleration import warmup
     from .analysis.gain_limit import GainLimit, gain_limit
     from .analysis.gain_region import PDRegion, pd_region
-    from .analysis.margins import JointMargins, Margins, joint_margins, margins
+    from .analysis.margins import Margins, joint_margins, margins
     from .analysis.stability import Roots, is_stable, rightmost_roots
     from .design.joint_gains import Recommendation, recommend_pd
     from .errors import GainroomError
@@ -41,7 +41,7 @@ _HOME = {
     "system.loop": ("Loop", "build_loop", "loop_from"),
     "system.closed_loop": ("closed_loop", "ClosedLoop"),
     "analysis.stability": ("is_stable", "rightmost_roots", "Roots"),
-    "analysis.margins": ("margins", "Margins", "joint_margins", "JointMargins"),
+    "analysis.margins": ("margins", "Margins", "joint_margins"),
     "analysis.gain_region": ("pd_region", "PDRegion"),
     "analysis.gain_limit": ("gain_limit", "GainLimit"),
     "design.joint_gains": ("recommend_pd", "Recommendation"),
@@ -71,7 +71,6 @@ __all__ = [
     "Friction",
     "GainLimit",
     "GainroomError",
-    "JointMargins",
     "JointSpec",
     "JointStudy",
     "Loop",

@@ -199,7 +199,7 @@ class Curve:
         omega, along, slope = self._monotone_kp if axis == "kp" else self._monotone_kd
         # An interval that runs through infinity is no crossing.
         low, high = np.minimum(along[:-1], along[1:]), np.maximum(along[:-1], along[1:])
-        through = np.isfinite(low) & np.isfinite(high) & ~_runs_through_infinity(along, slope, omega) & ~self._pinched(omega)
+        through = np.isfinite(low) & np.isfinite(high) & ~_runs_through_infinity(along, slope) & ~self._pinched(omega)
         order = np.argsort(values, kind="stable")
         ranked = values[order]
         first, last = np.searchsorted(ranked, low, "left"), np.searchsorted(ranked, high, "left")
@@ -330,7 +330,7 @@ class Curve:
         return omega
 
 
-def _runs_through_infinity(along: Floats, slope: Floats, omega: Floats) -> Booleans:
+def _runs_through_infinity(along: Floats, slope: Floats) -> Booleans:
     """True where neighbouring samples lie on two sides of a pole of the curve: it jumps against its own slope, by more than its size."""
     jump = np.diff(along)
     against = (jump * slope[:-1] < 0) & (jump * slope[1:] < 0)

@@ -186,35 +186,6 @@ class Margins:
         """[rad] the smallest phase, of either sign, in all loops or in one, that is lost: what requirements bound."""
         return min(self.common_phase_margin, self.one_loop_phase_margin)
 
-    @property
-    def phase_frequency(self) -> float:
-        """gain_crossover, as JointMargins had it, and so on."""
-        return self.gain_crossover
-
-    @property
-    def delay_frequency(self) -> float:
-        return self.delay_crossover
-
-    @property
-    def others_closed(self) -> Floats:
-        return self.one_loop.gain_margin
-
-    @property
-    def lower_others_closed(self) -> Floats:
-        return self.one_loop.lower_gain_margin
-
-    @property
-    def others_certified(self) -> Booleans:
-        return self.one_loop.certified
-
-    @property
-    def largest_kp(self) -> Floats | None:
-        return self.one_loop.largest_kp
-
-    @property
-    def largest_kd(self) -> Floats | None:
-        return self.one_loop.largest_kd
-
 
 def worst_of(found: Sequence[Margins]) -> Margins:
     """Every margin, with its frequency, from the loop where it is smallest; no lists of crossings, and no certificates."""

@@ -63,9 +63,6 @@ def required_margins(loop: Loop, required: Requirements) -> tuple[Margins, Sampl
     return found, sampled
 
 
-JointMargins = Margins
-
-
 def _with_sampled_delay(loop: Loop, found: Margins) -> Margins:
     """`found` with the extra delay that puts a root of a sampled loop on the boundary, confirmed on both sides of it.
 

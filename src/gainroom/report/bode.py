@@ -46,7 +46,8 @@ def bode(study: JointStudy, shown: list[Case]) -> Html:
         hover = case.name + "<br>%{x:.4~g} rad/s<br>%{y:.3~g} "
         traces.append(style.line(omega, size, color, **common, xaxis="x2", hovertemplate=hover + "dB<extra></extra>"))
         traces.append(style.line(omega, phase, color, **common, showlegend=False, yaxis="y2", hovertemplate=hover + "°<extra></extra>"))
-    arrows, reached = _margin_arrows(study, span, *curves[0])
+    omega, _, phase = curves[0]
+    arrows, reached = _margin_arrows(study, span, omega, phase)
     levels = _range(np.concatenate([size for _, size, _ in curves]), FLOOR, 6.0)
     angles = _range(np.concatenate([*(phase for *_, phase in curves), reached]), DEEPEST, 25.0)
     picture = style.layout(
@@ -103,7 +104,7 @@ def _range(values: Floats, least: float, margin: float) -> list[float]:
 
 
 def _margin_arrows(
-    study: JointStudy, span: tuple[float, float], omega: Floats, size: Floats, phase: Floats
+    study: JointStudy, span: tuple[float, float], omega: Floats, phase: Floats
 ) -> tuple[list[style.Annotation], list[float]]:
     """The gain and the phase margin, each at the crossing that decides it; and the phases that the arrows reach."""
     found, notes, reached = study.margins, [], []

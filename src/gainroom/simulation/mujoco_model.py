@@ -129,7 +129,7 @@ def build_mujoco(
         tendon.wrap_joint(_motor(name), 1.0)
         tendon.wrap_joint(_spring(name), 1.0)
     model = spec.compile()
-    robot = _addressed(mujoco, model, body, actuators, tuple(contacts))
+    robot = _addressed(model, body, actuators, tuple(contacts))
     _set_values(mujoco, robot, actuators, friction, timestep, body.angles(q))
     return robot
 
@@ -196,7 +196,7 @@ def _quaternion(pin: Any, rotation: Floats) -> Floats:
     return pin.Quaternion(np.array(rotation)).coeffs()[[3, 0, 1, 2]]
 
 
-def _addressed(mujoco: Any, model: Any, body: RigidBody, actuators: Actuators, contacts: tuple[Contact, ...]) -> MujocoRobot:
+def _addressed(model: Any, body: RigidBody, actuators: Actuators, contacts: tuple[Contact, ...]) -> MujocoRobot:
     elastic = np.isfinite(actuators.stiffness)
     motors = [model.joint(_motor(name)) for name in body.joint_names]
     springs = [model.joint(_spring(name)) for name, soft in zip(body.joint_names, elastic, strict=True) if soft]

@@ -30,9 +30,8 @@ from ..simulation.oscillation import FEWEST_SAMPLES
 from ..system.loop import Loop
 from ..system.system import System
 
-CAUSES = ("gain_limit", "stick_slip", "quantisation", "structural_resonance", "saturation")
 UNKNOWN = "unknown"
-"""None of them; it stands for itself among the likelihoods."""
+"""None of the five causes; it stands for itself among the likelihoods."""
 APPLIED = TORQUES[::-1]
 """Which torque is compared with the motion: the nearest to the joint, behind any limit."""
 TOLD = 0.6  # likelihood from which on a cause is named
