@@ -7,7 +7,7 @@ import typer
 
 from ..report.number_format import as_typed, model_kind, model_text
 from .options import AsJson, Report, command_line, number_option, report_stream
-from .output import column_table, emit, emit_json, file_line, render
+from .output import closing, column_table, emit, emit_json, render
 from .progress import progress_bar
 
 if TYPE_CHECKING:
@@ -88,7 +88,9 @@ def audit(
 
 def _command(model: str, gains: Path | None, options: "AuditOptions", margin_db: float, report: Path | None) -> str:
     """The command that makes the same page."""
-    typed: list[tuple[str, Any]] = [
+    return command_line(
+        "audit",
+        model,
         ("--delay-ms", options.delay_ms),
         ("--gains", gains),
         ("--rate-hz", options.rate_hz),
@@ -101,9 +103,7 @@ def _command(model: str, gains: Path | None, options: "AuditOptions", margin_db:
         *(("--posture", text) for text in options.posture),
         ("--margin-db", margin_db if margin_db != MARGIN_DB else None),
         ("--report", report),
-    ]
-    words = ((name, f"{value:.12g}" if isinstance(value, float) else value) for name, value in typed if value is not None)
-    return command_line("audit", model, *(word for pair in words for word in pair))
+    )
 
 
 def _facts(result: "Audit") -> dict[str, Any]:
@@ -151,7 +151,5 @@ def _terminal(result: "Audit", report: Path | None) -> str:
         column_table("Joint by joint, in the worst state", AUDITED_JOINT, result.joints),
         joint_caption(result),
         f"Posture: {result.states[0].posture}; {result.system.source.body.base} base",
-        *([] if report is None else [file_line("Report", report)]),
-        *(f"Assumed: {assumption}" for assumption in result.system.assumptions),
-        *(f"Warning: {warning}" for warning in audit_warnings(result)),
+        *closing({"Report": report}, audit_warnings(result), result.system.assumptions),
     )

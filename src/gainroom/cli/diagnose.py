@@ -8,7 +8,7 @@ import typer
 
 from .log_options import LogCall, reads_log
 from .options import AsJson, Report, Verbose, command_line, report_stream
-from .output import emit, emit_json, file_line, render
+from .output import closing, emit, emit_json, render
 
 if TYPE_CHECKING:
     from ..files.logs import LoggedJoint
@@ -71,8 +71,8 @@ def diagnose(
         if page is not None:
             from ..report.diagnosis import diagnosis_page
 
-            given = [word for one in described for word in ("--joint", one)]
-            page.write(diagnosis_page(found, str(call.file), command_line("diagnose", *call.words(), *given, "--report", report)))
+            given = [("--joint", one) for one in described]
+            page.write(diagnosis_page(found, str(call.file), command_line("diagnose", *call.words(), *given, ("--report", report))))
     return 1 if found.vibrates else 0
 
 
@@ -85,7 +85,6 @@ def _terminal(found: "Diagnosis", logged: "LoggedJoint", verbose: bool, report: 
         sentence(found),
         *(f"→ {text}" for text in advice(found)),
         *(["", *evidence] if evidence else []),
-        *(["", file_line("Report", report)] if report is not None else []),
-        *(f"Warning: {text}" for text in warnings(found)),
-        *(f"Note: {text}" for text in logged_remarks(logged)),
+        *([""] if report is not None else []),
+        *closing({"Report": report}, warnings(found), notes=logged_remarks(logged)),
     )

@@ -35,6 +35,6 @@ def delay(
         if page is not None:
             from ..report.identification import delay_page, setpoint_delay_page
 
-            command = command_line("identify", "delay", *call.words(), "--report", report)
+            command = command_line("identify", "delay", *call.words(), ("--report", report))
             page.write(setpoint_delay_page(answer, command) if found is None else delay_page(found, record, answer, command))
     return 0

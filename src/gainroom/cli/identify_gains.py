@@ -45,8 +45,8 @@ def gains(
         if page is not None:
             from ..report.identification import gains_page
 
-            words = ("identify", "gains", *call.words(), *(("--asked", asked) if asked else ()), "--report", report)
-            page.write(gains_page(fit, logged.record, beside, answer, command_line(*words)))
+            command = command_line("identify", "gains", *call.words(), ("--asked", asked), ("--report", report))
+            page.write(gains_page(fit, logged.record, beside, answer, command))
     return 0
 
 

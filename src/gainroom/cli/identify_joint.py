@@ -65,10 +65,9 @@ def joint(
         if page is not None:
             from ..report.identification import joint_page
 
-            known = {"--delay-ms": delay_ms, "--bandwidth": bandwidth, "--output": output}
-            more = [str(word) for flag, value in known.items() if value is not None for word in (flag, value)]
-            words = ("identify", "joint", *call.words(), *more, "--report", report)
-            page.write(joint_page(fit, logged.record, answer, command_line(*words)))
+            known = (("--delay-ms", delay_ms), ("--bandwidth", bandwidth), ("--output", output))
+            command = command_line("identify", "joint", *call.words(), *known, ("--report", report))
+            page.write(joint_page(fit, logged.record, answer, command))
     return 0
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from .log_options import LogCall
 from .options import refuse_inputs
-from .output import emit, emit_json, file_line, render, table
+from .output import closing, emit, emit_json, render, table
 from .progress import progress_bar
 
 if TYPE_CHECKING:
@@ -58,8 +58,6 @@ def show(
             "",
             table(answer.title, TITLES, answer.rows()),
             *more,
-            *(file_line(name, path) for name, path in (files or {}).items() if path is not None),
-            *(f"Warning: {text}" for text in answer.warnings),
-            *(f"Note: {text}" for text in logged_remarks(logged)),
+            *closing(files or {}, answer.warnings, notes=logged_remarks(logged)),
         )
     )

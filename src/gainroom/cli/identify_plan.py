@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from .options import AsJson, Report, command_line, number_option, refuse_inputs, report_stream
-from .output import emit, emit_json, file_line, render, table
+from .output import closing, emit, emit_json, render, table
 
 if TYPE_CHECKING:
     from ..identification.plan import Plan
@@ -67,9 +67,8 @@ def plan(
                 "--max-torque": max_torque, "--max-speed": max_speed, "--max-travel": max_travel, "--duration": duration,
                 "--friction": friction, "--encoder-step": encoder_step, "--torque-noise": torque_noise,
             }  # fmt: skip
-            words = [word for name, value in given.items() if value is not None for word in (name, f"{value:g}")]
-            words += ["--kind", kind, *(["--open-loop"] if open_loop else [])]
-            page.write(plan_page(found, command_line("identify", "plan", file, *words, "--report", report)))
+            words = [*given.items(), ("--kind", kind), *(["--open-loop"] if open_loop else [])]
+            page.write(plan_page(found, command_line("identify", "plan", file, *words, ("--report", report))))
     return 0
 
 
@@ -123,6 +122,5 @@ def _terminal(found: "Plan", output: Path | None, report: Path | None) -> str:
         table("Limits", LIMIT_TITLES, limit_rows(found)),
         table("Accuracy to expect", EXPECTED_TITLES, expected_rows(found)),
         *assumptions(found),
-        *(file_line(name, path) for name, path in (("Excitation", output), ("Report", report)) if path is not None),
-        *(f"Warning: {text}" for text in found.warnings),
+        *closing({"Excitation": output, "Report": report}, found.warnings),
     )

@@ -40,7 +40,6 @@ def stiffness(
         if page is not None:
             from ..report.identification import stiffness_page
 
-            inertia = ("--motor-inertia", repr(motor_inertia)) if motor_inertia else ()
-            words = ("identify", "stiffness", *call.words(), *inertia, "--report", report)
-            page.write(stiffness_page(fit, answer, command_line(*words)))
+            known = ("--motor-inertia", motor_inertia or None)
+            page.write(stiffness_page(fit, answer, command_line("identify", "stiffness", *call.words(), known, ("--report", report))))
     return 0

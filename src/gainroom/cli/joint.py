@@ -7,7 +7,7 @@ import typer
 
 from ..report.number_format import model_kind, model_text, own_gains, typed_gains
 from .options import AsJson, Report, Verbose, command_line, report_stream
-from .output import column_table, emit, emit_json, file_line, render, table
+from .output import closing, column_table, emit, emit_json, render, table
 
 if TYPE_CHECKING:
     from ..design.joint_gains import Recommendation
@@ -46,7 +46,7 @@ def joint(
         if page is not None:
             from ..report import joint_page
 
-            page.write(joint_page(study, command_line("joint", file, "--report", report)))
+            page.write(joint_page(study, command_line("joint", file, ("--report", report))))
     return 0 if study.stable_in_range else 1
 
 
@@ -133,10 +133,7 @@ def _terminal(study: "JointStudy", report: Path | None, verbose: bool) -> str:
         parts.append(recommended_text(study.recommended))
     parts += filter(None, [uncertainty_cost_text(study, ranked=verbose or report is not None)])
     parts.append(RULE)
-    if report is not None:
-        parts.append(file_line("Report", report))
-    parts += [f"Warning: {warning}" for warning in warnings(study)]
-    return render(*parts)
+    return render(*parts, *closing({"Report": report}, warnings(study)))
 
 
 def _margin_rows(study: "JointStudy") -> list[tuple[str, ...]]:

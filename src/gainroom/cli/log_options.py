@@ -57,13 +57,11 @@ class LogCall:
     end: End = None
     joint: Joints = None
 
-    def words(self) -> list[str]:
+    def words(self) -> "list[str | Path | tuple[str, Any]]":
         """For the line that runs the command again."""
         many = {"--columns": self.columns, "--units": self.units, "--joint": self.joint}
-        words = [str(self.file), *(word for flag, values in many.items() for value in values or [] for word in (flag, value))]
         one = {"--rotor-side": self.rotor_side, "--gear-ratio": self.gear_ratio, "--rate-hz": self.rate_hz, "--start": self.start}
-        one["--end"] = self.end
-        return words + [word for flag, value in one.items() if value is not None for word in (flag, _typed(value))]
+        return [self.file, *((flag, value) for flag, values in many.items() for value in values or []), *one.items(), ("--end", self.end)]
 
     def options(self) -> "LogOptions":
         """What the options say; they overrule a file given as --columns. Raises GainroomError."""
@@ -110,7 +108,3 @@ def reads_log(command: Callable[..., int]) -> Callable[..., int]:
     called.__annotations__ = {each.name: each.annotation for each in parameters} | {"return": int}
     called.__signature__ = inspect.Signature(parameters)  # pyright: ignore[reportAttributeAccessIssue]
     return called
-
-
-def _typed(value: str | float) -> str:
-    return value if isinstance(value, str) else repr(value).removesuffix(".0")

@@ -63,9 +63,12 @@ def refuse_inputs(path: Path, what: str) -> None:
         raise GainroomError(f"{path}: the {what} would overwrite the input" + (f" {name}" if name != str(path) else ""))
 
 
-def command_line(*words: str | Path | None) -> str:
-    """The command that makes the same page again, for its last section."""
-    text = shlex.join(["gainroom", *(str(word) for word in words if word is not None)])
+def command_line(*words: str | Path | tuple[str, Any]) -> str:
+    """The command that makes the same page again, for its last section; an option is (flag, value), left out where the value is None."""
+    typed: list[Any] = ["gainroom"]
+    for word in words:
+        typed += [word] if not isinstance(word, tuple) else [*word] if word[1] is not None else []
+    text = shlex.join(repr(word).removesuffix(".0") if isinstance(word, float) else str(word) for word in typed)
     return text.encode("utf-8", "backslashreplace").decode()
 
 

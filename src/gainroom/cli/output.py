@@ -4,6 +4,7 @@ import json
 import math
 import sys
 from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import printable
@@ -77,11 +78,13 @@ def column_table(title: str, columns: Sequence["Column"], rows: Iterable[Any]) -
     return table(title, *tabulated(columns, rows))
 
 
-def file_line(name: str, path: object) -> Any:
-    """Where a file was written, on one line however long: a path broken in two is none."""
+def closing(files: Mapping[str, Path | None], warnings: Iterable[str], assumed: Iterable[str] = (), notes: Iterable[str] = ()) -> list[Any]:
+    """The last lines of an answer. `files`: where each was written, None where it was not; a path stands on one line however long."""
     from rich.text import Text
 
-    return Text(printable(f"{name}: {path}"), no_wrap=True)
+    written = [Text(printable(f"{name}: {path}"), no_wrap=True) for name, path in files.items() if path is not None]
+    kinds = {"Assumed": assumed, "Warning": warnings, "Note": notes}
+    return [*written, *(f"{kind}: {text}" for kind, texts in kinds.items() for text in texts)]
 
 
 def render(*parts: Any) -> str:

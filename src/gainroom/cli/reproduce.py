@@ -28,7 +28,7 @@ def reproduce(as_json: AsJson = False, verbose: Verbose = False, report: Report 
         if page is not None:
             from ..paper.page import reproduction_page
 
-            page.write(reproduction_page(result, command_line("reproduce", "--report", report)))
+            page.write(reproduction_page(result, command_line("reproduce", ("--report", report))))
     return 0
 
 

@@ -8,7 +8,7 @@ import typer
 from ..report.number_format import model_kind, model_text
 from ..report.robot_units import judged
 from .options import AsJson, Report, command_line, report_stream
-from .output import column_table, emit, emit_json, file_line, render
+from .output import closing, column_table, emit, emit_json, render
 from .progress import progress_bar
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ def robot(
         if page is not None:
             from ..report.robot import robot_page
 
-            page.write(robot_page(study, command_line("robot", file, "--report", report)))
+            page.write(robot_page(study, command_line("robot", file, ("--report", report))))
     return 0 if study.stable_in_range else 1
 
 
@@ -94,11 +94,7 @@ def _terminal(study: "RobotStudy", report: Path | None) -> str:
     for gains in study.recommended:
         parts += _gains_parts(gains, study.system.source.states[0])
     parts.append(judged(study.system))
-    if report is not None:
-        parts.append(file_line("Report", report))
-    parts += [f"Assumed: {assumption}" for assumption in study.system.assumptions]
-    parts += [f"Warning: {warning}" for warning in warnings(study)]
-    return render(*parts)
+    return render(*parts, *closing({"Report": report}, warnings(study), study.system.assumptions))
 
 
 def _contact_tables(state: "State") -> list[Any]:

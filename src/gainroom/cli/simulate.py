@@ -11,7 +11,7 @@ import typer
 from ..report.number_format import digits
 from .interrupts import Stopped, stop_signals
 from .options import AsJson, Report, command_line, kind_of, number_option, refuse_inputs, report_stream
-from .output import emit, emit_json, file_line, render, table
+from .output import closing, emit, emit_json, render, table
 from .progress import progress_bar
 
 if TYPE_CHECKING:
@@ -62,9 +62,8 @@ def simulate(
         if page is not None:
             from ..report.simulation import simulation_page
 
-            given = ("--gain", repr(gain).removesuffix(".0")) if gain != 1 else ()
-            given += ("--feedforward", feedforward) if feedforward is not None else ()
-            page.write(simulation_page(outcome, command_line("simulate", file, *given, "--report", report)))
+            given = ("--gain", gain if gain != 1 else None), ("--feedforward", feedforward)
+            page.write(simulation_page(outcome, command_line("simulate", file, *given, ("--report", report))))
     return 0 if outcome.sound else 1
 
 
@@ -178,7 +177,6 @@ def _terminal(outcome: "Outcome", report: Path | None, log: Path | None) -> str:
             ("", "frequency", "growth"),
             [("simulated", *vibration_text(outcome)), ("linear loop", *limit_text(outcome.limit))],
         ),
-        *(file_line(name, path) for name, path in (("Log", log), ("Report", report)) if path is not None),
-        *(f"Warning: {warning}" for warning in warnings(outcome)),
+        *closing({"Log": log, "Report": report}, warnings(outcome)),
     ]
     return render(*parts)

@@ -8,7 +8,7 @@ import typer
 
 from ..report.number_format import digits
 from .options import AsJson, Report, command_line, kind_of, report_stream
-from .output import emit, emit_json, file_line, render, table
+from .output import closing, emit, emit_json, render, table
 from .progress import progress_bar
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ def verify(
         if page is not None:
             from ..report.verification import verification_page
 
-            page.write(verification_page(system, result, command_line("verify", file, "--report", report)))
+            page.write(verification_page(system, result, command_line("verify", file, ("--report", report))))
     return 0 if result.agrees else 1
 
 
@@ -108,9 +108,7 @@ def _terminal(result: "Verification", report: Path | None) -> str:
         table("Its frequency", ("[rad/s]", *columns), frequencies),
     ]
     parts += [f"Left out: {warning}" for warning in result.warnings]
-    if report is not None:
-        parts.append(file_line("Report", report))
-    return render(*parts)
+    return render(*parts, *closing({"Report": report}, ()))
 
 
 def _verdict(case: "Case", difference: float) -> tuple[str, str]:
