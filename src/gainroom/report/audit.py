@@ -9,8 +9,8 @@ from ..studies.audit import Audit
 from ..system.requirements import Requirements, to_db
 from .columns import definitions, tabulated
 from .number_format import digits, hertz, model_kind
-from .page import Card, Html, Lead, Section, beside, block, facts, page, paragraph, table
-from .page_parts import assumptions, footer, limit_proofs, margin_card, unstable_card
+from .page import Card, Html, Lead, Section, beside, block, facts, page, table
+from .page_parts import ON_TOP, assumed_and_warned, assumptions, footer, limit_proofs, margin_card, unstable_card
 from .robot_columns import AUDITED_JOINT, audited_states
 from .robot_coupling import coupling
 from .robot_drawing import hero, small
@@ -20,22 +20,18 @@ from .robot_tables import MARKS, inputs
 from .robot_text import audit_sentence, audit_warnings
 from .robot_units import joint_units
 
-ON_TOP = 4
-"""Warnings shown first; the others are listed with the assumptions."""
-
 
 def audit_page(result: Audit, command: str) -> str:
     """The report of an audit as one HTML page; `command` is the command that makes it."""
     system, factors = result.system, _factors(result)
     sample_time = system.control.sample_time
     taken = assumptions(f"Linear about posture {result.tightest.posture}", sample_time, "; contacts neither slip nor lift")
-    told = [facts([("assumed", text) for text in system.assumptions])]
     sections = [
         Section("Vibration at the limit", _vibrations(result)),
         Section("Gain headroom", [heat_map(factors, "joint"), _state_table(result)]),
         Section("Joint by joint", [_joint_table(result)]),
         Section("Cost of coupling", [beside(*coupling(factors, "joint"))]),
-        Section("Inputs and assumptions", [inputs(system), taken, *told, *map(paragraph, audit_warnings(result)[ON_TOP:])]),
+        Section("Inputs and assumptions", [inputs(system), taken, *assumed_and_warned(system.assumptions, audit_warnings(result))]),
         Section("Certification", [_certificate(result)]),
         Section("Command", [block(command)]),
     ]

@@ -14,7 +14,6 @@ REMEDIES = {
     "stiffness": "more torque around the resonance",
     "delay": "target_torque and actual_torque with steps, or a multisine up to a tenth of the tick rate",
 }
-NAMES = {"motor_inertia": "motor inertia", "inertia": "inertia", "link_inertia": "link inertia", "stiffness": "stiffness", "delay": "delay"}
 
 
 def joint_advice(fit: JointFit) -> list[str]:
@@ -31,7 +30,7 @@ def joint_advice(fit: JointFit) -> list[str]:
     widest = max(widths, key=lambda name: widths[name])
     if widths[widest] > WIDE:
         half = _half(fit.parameters[widest])
-        found.append(f"The least known is the {NAMES[widest]}, {half}. Record {REMEDIES[widest]}.")
+        found.append(f"The least known is the {widest.replace('_', ' ')}, {half}. Record {REMEDIES[widest]}.")
     if "stiffness" in fit.parameters:
         resonance = hertz(fit.parameters["resonance"].value)
         found.append(f"gainroom identify plan proposes the torque for a sharper log of this joint (resonance {resonance}).")

@@ -10,7 +10,10 @@ from ..analysis.gain_limit import GainLimit
 from ..system.requirements import REQUIREMENTS, Requirements
 from .margin_columns import margin_value, requirement
 from .number_format import digits
-from .page import Card
+from .page import Card, Html, facts, paragraph
+
+ON_TOP = 4
+"""Warnings shown first; the others are listed with the assumptions."""
 
 
 def footer() -> list[str]:
@@ -68,6 +71,11 @@ def assumptions(model: str, sample_time: float | None, further: str = "") -> str
     if sample_time is None:
         text += " The model is continuous; a sampled controller is worse by about one more tick of delay."
     return text
+
+
+def assumed_and_warned(assumed: Sequence[str], warnings: Sequence[str]) -> list[Html]:
+    """What is assumed, and the warnings that are not shown on top."""
+    return [*([facts([("assumed", text) for text in assumed])] if assumed else []), *map(paragraph, warnings[ON_TOP:])]
 
 
 def filters(controller: Any) -> str:

@@ -8,10 +8,11 @@ from ..identification.plan import Plan
 from ..linear.arrays import Floats
 from . import style
 from .curves import Curve, Panel, stacked
+from .identified_joint_text import TITLES
 from .number_format import digits
 from .page import Card, Html, Lead, Section, block, figure, page, paragraph, table
 from .page_parts import footer
-from .plan_text import EXPECTED_TITLES, LIMIT_TITLES, PARAMETERS, UNITS, assumptions, expected_rows, limit_rows, percent, sentence
+from .plan_text import EXPECTED_TITLES, LIMIT_TITLES, UNITS, assumptions, expected_rows, limit_rows, percent, sentence
 
 CARDS = ("stiffness", "motor_inertia", "link_inertia", "delay")
 CLOSE_UP = 1.0  # [s]
@@ -20,7 +21,7 @@ BEYOND = 1.3  # times the first and the last frequency: as far as the spectrum i
 
 def plan_page(plan: Plan, command: str) -> str:
     """The report as one HTML page; `command` is the command that makes it."""
-    cards = [Card(PARAMETERS[name], f"± {percent(plan.expected[name]).removesuffix(' %')}", "%", note="95 % interval") for name in CARDS]
+    cards = [Card(TITLES[name], f"± {percent(plan.expected[name]).removesuffix(' %')}", "%", note="95 % interval") for name in CARDS]
     cards.append(Card("limit that binds", plan.binding, note=digits(getattr(plan.bounds, plan.binding), UNITS[plan.binding], 3)))
     middle = float(plan.excitation.time[-1]) / 2
     sections = [

@@ -4,17 +4,10 @@ import math
 from typing import Any
 
 from ..identification.plan import NAMES, Plan
+from .identified_joint_text import TITLES
 from .number_format import digits
 
-PARAMETERS = {
-    "motor_inertia": "motor inertia J_M",
-    "link_inertia": "link inertia J_L",
-    "stiffness": "stiffness K",
-    "damping": "damping B",
-    "resonance": "resonance",
-    "antiresonance": "antiresonance",
-    "delay": "delay",
-}
+EXPECTED = ("motor_inertia", "link_inertia", "stiffness", "damping", "resonance", "antiresonance", "delay")
 UNITS = {"torque": "N·m", "speed": "rad/s", "travel": "rad"}
 MEANT = {"friction": "no friction", "encoder_step": "an encoder step of {}", "torque_noise": "torque noise of {}"}
 LIMIT_TITLES = ("", "reached", "allowed", "binds")
@@ -47,7 +40,7 @@ def limit_rows(plan: Plan) -> list[tuple[str, ...]]:
 
 def expected_rows(plan: Plan) -> list[tuple[str, str]]:
     """As EXPECTED_TITLES says."""
-    return [(title, f"± {percent(plan.expected[name])}") for name, title in PARAMETERS.items()]
+    return [(TITLES[name], f"± {percent(plan.expected[name])}") for name in EXPECTED]
 
 
 def assumptions(plan: Plan) -> list[str]:

@@ -5,11 +5,11 @@ from collections.abc import Sequence
 
 from ..errors import listed
 from ..studies.robot import RobotStudy
-from ..studies.state import State, by_headroom, unknown_first
+from ..studies.state import State, by_headroom, task_headroom, unknown_first
 from ..system.requirements import REQUIREMENTS, Requirement, title_of
 from .number_format import digits, hertz, model_kind
 from .page import Card, Html, Lead, Section, beside, block, facts, page, paragraph
-from .page_parts import assumptions, footer, limit_proofs, margin_card, unstable_card
+from .page_parts import ON_TOP, assumed_and_warned, assumptions, footer, limit_proofs, margin_card, unstable_card
 from .robot_coupling import coupling
 from .robot_drawing import hero, small
 from .robot_headroom import heat_map, joint_factors, task_factors
@@ -23,8 +23,6 @@ from .robot_units import judged
 FEW = 4
 """States of which each has a picture; of more, the tightest posture of each contact state has one."""
 MOST_PICTURES = 8
-ON_TOP = 4
-"""Warnings shown first; the others are listed with the assumptions."""
 
 
 def robot_page(study: RobotStudy, command: str) -> str:
@@ -39,7 +37,7 @@ def robot_page(study: RobotStudy, command: str) -> str:
         Section("Recommended gains", _gains(study)),
         *_tasks(study, shown),
         Section("Joints", _joints(study)),
-        Section("Inputs and assumptions", [inputs(study.system), taken, *_words(study)]),
+        Section("Inputs and assumptions", [inputs(study.system), taken, *assumed_and_warned(study.system.assumptions, warnings(study))]),
         Section("Certification", [_certificate(study)]),
         Section("Command", [block(command)]),
     ]
@@ -96,12 +94,12 @@ def _tasks(study: RobotStudy, shown: Sequence[State]) -> list[Section]:
     if factors is None:
         return [Section("Operational space", [paragraph("The tasks act on no motion in any posture and contact state.")])]
     tightest = _tightest_tasks(study)
-    immobile = [state.title for state in study.states if not _task_moves(state)] if study.system.control.space == "joint" else []
+    immobile = [state.title for state in study.states if state.task_limit is None] if study.system.control.space == "joint" else []
     parts = [paragraph(f"The tasks act on no motion in {listed(immobile)}; these states have no task results.")] if immobile else []
     if study.system.control.space == "joint":
         words = "The file's controller closes the joints' loops; here its tasks are closed in their place, with their own gains."
         view = common_view(shown)
-        drawings = [small(state, state.tasks.limit, view, 0) for state in tightest if state.tasks is not None]
+        drawings = [small(state, state.task_limit, view, 0) for state in tightest if state.task_limit is not None]
         parts += [paragraph(words), beside(*drawings)]
     parts += [heat_map(factors, "task direction"), beside(*coupling(factors, "task direction"))]
     parts.append(task_table(tightest))
@@ -114,18 +112,10 @@ def _tightest_tasks(study: RobotStudy) -> list[State]:
     """Of each contact state the posture in which the tasks have the least headroom, at most MOST_PICTURES; none where nothing moves."""
     found: dict[str, State] = {}
     for state in study.states:
-        if _task_moves(state) and (state.contact not in found or _task_headroom(state) < _task_headroom(found[state.contact])):
+        if state.task_limit is not None and (state.contact not in found or task_headroom(state) < task_headroom(found[state.contact])):
             found[state.contact] = state
-    order = sorted(found.values(), key=_task_headroom)[:MOST_PICTURES]
+    order = sorted(found.values(), key=task_headroom)[:MOST_PICTURES]
     return [state for state in found.values() if state in order]
-
-
-def _task_moves(state: State) -> bool:
-    return state.tasks is not None and state.tasks.moves
-
-
-def _task_headroom(state: State) -> tuple[bool, float]:
-    return (True, math.inf) if state.tasks is None else by_headroom(state.tasks.limit)
 
 
 def _gains(study: RobotStudy) -> list[Html]:
@@ -158,8 +148,8 @@ def _lead(study: RobotStudy) -> Lead:
     if study.unstable_at:
         where = f"UNSTABLE within the uncertainty ranges, in {study.unstable_at}: do not run these gains"
         return Lead(answer, "bad", where, first)
-    lost = [state.title for state in study.states if _task_moves(state) and state.tasks is not None and not state.tasks.limit.stable]
-    problems = [f"the tasks' gains are UNSTABLE in {listed(lost)}"] if lost else []
+    lost = study.unstable_tasks
+    problems = [f"the tasks' gains are UNSTABLE in {listed([state.title for state in lost])}"] if lost else []
     if study.unmet:
         problems.append(f"requirements fail: {', '.join(map(title_of, study.unmet))}")
     if problems:
@@ -170,11 +160,9 @@ def _lead(study: RobotStudy) -> Lead:
 def _cards(study: RobotStudy) -> list[Card]:
     """Three to five numbers, each the worst of all states."""
     cards = _stable_cards(study) if study.stable else _unstable_cards(study)
-    found = [state for state in study.states if _task_moves(state)]
-    if found and study.system.control.space == "joint":
-        state = min(found, key=_task_headroom)
-        assert state.tasks is not None
-        limit = state.tasks.limit
+    state = min(study.states, key=task_headroom)
+    limit = state.task_limit
+    if limit is not None and study.system.control.space == "joint":
         note = f"{hertz(limit.frequency)}, {state.title}" if math.isfinite(limit.frequency) else state.title
         cards.append(Card("tasks' gains, at most", digits(limit.gain, "", 3), "×", "stable: ≥ 1", limit.stable, note))
     elif study.stable:
@@ -213,12 +201,6 @@ def _stable_cards(study: RobotStudy) -> list[Card]:
         note=f"{at(late.margins.delay_crossover)}{late.title}",
     )
     return [*(card(REQUIREMENTS[name], state) for name, state in study.worst.items()), *([] if "delay_margin" in REQUIREMENTS else [delay])]
-
-
-def _words(study: RobotStudy) -> list[Html]:
-    """The assumptions, and the warnings that are not shown first."""
-    assumed = [facts([("assumed", text) for text in study.system.assumptions])] if study.system.assumptions else []
-    return [*assumed, *map(paragraph, warnings(study)[ON_TOP:])]
 
 
 def _in_range(study: RobotStudy) -> str:

@@ -9,7 +9,7 @@ from ..analysis.gain_limit import GainLimit
 from ..errors import beside, frequency_in_words, listed
 from ..studies.audit import Audit
 from ..studies.robot import RobotStudy
-from ..studies.state import HELD, State, by_headroom
+from ..studies.state import HELD, State, task_headroom
 from ..system.controller import gain_matrix
 from ..system.requirements import to_db
 from ..system.system import System
@@ -40,16 +40,11 @@ def _lost_tasks(study: RobotStudy) -> list[str]:
     lost = study.unstable_tasks
     if not lost:
         return []
-    worst = min(lost, key=lambda state: by_headroom(_tasks_limit(state)))
-    gain, count = _tasks_limit(worst).gain, len(study.states)
+    worst = min(lost, key=task_headroom)
+    count = len(study.states)
     some = "all" if len(lost) == count else f"{len(lost)} of"
     where = "" if count == 1 else f" in {some} {count} states, worst in {worst.title}"
-    return [f"The file's tasks, closed in place of the joints' gains, are UNSTABLE{where}{_at_most(gain)}."]
-
-
-def _tasks_limit(state: State) -> GainLimit:
-    assert state.tasks is not None
-    return state.tasks.limit
+    return [f"The file's tasks, closed in place of the joints' gains, are UNSTABLE{where}{_at_most(worst.task_limit)}."]
 
 
 def _uncontrolled(study: RobotStudy) -> list[str]:
@@ -101,7 +96,7 @@ def warnings(study: RobotStudy) -> tuple[str, ...]:
     """What a user should know, each with its remedy."""
     system = study.system
     found = _unstable(study)
-    found += [f"{state.title}: the tasks' gains are unstable{_at_most(_tasks_limit(state).gain)}" for state in study.unstable_tasks]
+    found += [f"{state.title}: the tasks' gains are unstable{_at_most(state.task_limit)}" for state in study.unstable_tasks]
     found += _immobile(study)
     found += [f"{state.title}: {text}" for state in study.states if state.tasks is not None for text in state.tasks.tasks.warnings]
     found += _uncontrolled(study)
@@ -193,10 +188,10 @@ def _undamped(study: RobotStudy) -> list[str]:
     return []
 
 
-def _at_most(gain: float) -> str:
-    if math.isnan(gain):
+def _at_most(limit: GainLimit | None) -> str:
+    if limit is None or math.isnan(limit.gain):
         return "; their gain limit is not known"
-    return f"; scale them below {gain:.3g} ×" if gain > 0 else "; no lower gains in the same ratio are stable"
+    return f"; scale them below {limit.gain:.3g} ×" if limit.gain > 0 else "; no lower gains in the same ratio are stable"
 
 
 def audit_sentence(result: Audit) -> str:

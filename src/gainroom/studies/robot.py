@@ -42,7 +42,7 @@ class RobotStudy(Analysis):
         """The states in which the tasks' own gains, which the file does not close, are unstable."""
         if self.system.control.space == "task":
             return []
-        return [state for state in self.states if state.tasks is not None and state.tasks.moves and not state.tasks.limit.stable]
+        return [state for state in self.states if state.task_limit is not None and not state.task_limit.stable]
 
 
 def study_robot(system: System, progress: Progress | None = None, recommend: bool = True) -> RobotStudy:

@@ -141,6 +141,11 @@ class State:
         """The joints that take part in the vibration at the limit, the largest participation factor first."""
         return limiting_joints(self.limit, self.model.joint_names)
 
+    @property
+    def task_limit(self) -> GainLimit | None:
+        """Of the common factor on all gains of the tasks; None where there are none, or they act on no motion."""
+        return self.tasks.limit if self.tasks is not None and self.tasks.moves else None
+
     @cached_property
     def single_joint_limits(self) -> Floats:
         """(n,) factor on each joint's gains if it were the only one, its load 1/W_ii; NaN without gains, inf where it cannot move."""
@@ -310,6 +315,11 @@ def unknown_first(margin: float) -> float:
 def by_headroom(limit: GainLimit) -> tuple[bool, float]:
     """Sorts limits: unstable ones first, then the one with the least headroom. One that is not known (NaN) counts as far away."""
     return limit.stable, math.inf if math.isnan(limit.gain) else limit.gain
+
+
+def task_headroom(state: State) -> tuple[bool, float]:
+    """The same of states by the limits of their tasks; those without come last."""
+    return (True, math.inf) if state.task_limit is None else by_headroom(state.task_limit)
 
 
 def strongest_first(mode: Complexes) -> Integers:
