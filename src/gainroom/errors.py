@@ -58,10 +58,10 @@ def beside(value: float, other: float) -> str:
     return f"{value:.{apart(value, other, 3)}g}"
 
 
-def case_in_words(values: Mapping[str, float]) -> str:
+def case_text(values: Mapping[str, float]) -> str:
     """A case of what is uncertain, by name in QUANTITIES, SI: "delay 7 ms, stiffness 8000 N·m/rad"."""
-    told = ((name, value, *QUANTITIES[name]) for name, value in values.items())
-    return ", ".join(f"{name.replace('_', ' ')} {scale * value:.4g} {unit}" for name, value, scale, unit in told)
+    shown = ((name, value, *QUANTITIES[name]) for name, value in values.items())
+    return ", ".join(f"{name.replace('_', ' ')} {scale * value:.4g} {unit}" for name, value, scale, unit in shown)
 
 
 def nearest(name: str, names: Sequence[str], kind: str) -> str:
@@ -84,7 +84,7 @@ def listed(names: Sequence[str], word: str = "and", most: int = 4) -> str:
     return f" {word} ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else "".join(names)
 
 
-def frequency_in_words(omega: float) -> str:
+def frequency_text(omega: float) -> str:
     """A frequency [rad/s] in a sentence: Hz, and rad/s."""
     return f"{omega / (2 * math.pi):.3g} Hz ({omega:.4g} rad/s)"
 
@@ -111,8 +111,8 @@ def named(owner: str) -> Iterator[None]:
     try:
         yield
     except GainroomError as error:
-        told = str(error)
-        raise GainroomError(told if told.startswith(owner) else f"{owner}: {told}") from error
+        text = str(error)
+        raise GainroomError(text if text.startswith(owner) else f"{owner}: {text}") from error
 
 
 def require_positive(owner: str, name: str, value: float, unit: str = "", *, zero: bool = False, infinite: bool = False) -> float:

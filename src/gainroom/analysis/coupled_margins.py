@@ -26,7 +26,7 @@ class CurveTolerances:
     longest_delay: float = 1.0  # [s] extra that is searched: a hundred times what actuators have
     relative_move: float = 0.25  # of a curve between samples, near the negative real axis
     real: float = 1e-6  # part of its size up to which what is imaginary at an end of the boundary is taken for round-off
-    # of the lowest frequency at which loci bend: under integrators what crosses further down is round-off
+    # of the lowest corner frequency of the loci: under integrators what crosses further down is round-off
     deep: float = 1e-5
     halved: int = 30  # times that the lowest frequency is halved to see what curves are at rest
     smooth: float = 1e-3  # of a curve: second differences over steps of 1 % that are larger are round-off

@@ -93,7 +93,7 @@ class OneLoop:
 class Margins:
     """All margins of one loop of n joints: of all loops together and, in `one_loop`, of one at a time.
 
-    limit                        stable interval of the common factor on all gains; told for unstable loops, too
+    limit                        stable interval of the common factor on all gains; reported for unstable loops, too
     unstable_roots               the verdict: 0 where the loop is stable; −1: unstable, roots not counted
     phase_margin, gain_crossover [rad] the smallest common phase in size, with its sign (> 0: lag), and its frequency [rad/s]; inf: none
     delay_margin, delay_crossover   the smallest extra delay in all loops [s], and its frequency [rad/s]; inf: none (n > 1: up to 1 s)

@@ -30,7 +30,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     open_closed()
     try:
         return _run(None)
-    except Exception as error:  # noqa: BLE001 - a fault of the program, told in full
+    except Exception as error:  # noqa: BLE001 - a fault of the program, reported in full
         sys.excepthook(type(error), error, error.__traceback__)
         return 2
     finally:

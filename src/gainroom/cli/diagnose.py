@@ -31,7 +31,7 @@ def diagnose(
     """Does a joint vibrate in a recording, why, and which gain to change by how much.
 
     Causes are ranked by evidence: the loop at its gain limit, stick-slip, encoder steps, a structural resonance, torque saturation. With
-    --joint joint.yaml the loop of that file is compared with the recording; without it some causes cannot be told apart.
+    --joint joint.yaml the loop of that file is compared with the recording; without it some causes cannot be distinguished.
 
     \b
     Example:

@@ -22,10 +22,10 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
-app.command(name="joint", short_help="One joint: stable or not, margins, largest gains, gains to use.")(joint)
+app.command(name="joint", short_help="One joint: stable or not, margins, largest gains, recommended gains.")(joint)
 app.command(name="robot", short_help="A whole robot: limits with all joints closed, by posture and contact state.")(robot)
 app.command(name="audit", short_help="Are the gains that a robot already has safe?")(audit)
-app.command(name="simulate", short_help="Play a joint's or a robot's scenario: tracking, vibration, traces.")(simulate)
+app.command(name="simulate", short_help="Simulate a joint's or a robot's scenario: tracking, vibration, traces.")(simulate)
 app.command(name="verify", short_help="The predicted limit against simulation.")(verify)
 app.command(name="log", short_help="What a log holds, and what can be identified from it.")(log)
 app.add_typer(identify, short_help="From a log to a joint: delay, elasticity, gains.")

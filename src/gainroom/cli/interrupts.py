@@ -32,7 +32,7 @@ def leave_when_asked() -> None:
 
 
 def leave_quietly() -> None:
-    """All is told and written: from now on a signal ends the process as it ends one that knows nothing of signals."""
+    """All is printed and written: from now on a signal ends the process as it ends one that knows nothing of signals."""
     for number in ASKED:
         if signal.getsignal(number) is _leave:
             signal.signal(number, signal.SIG_DFL)

@@ -16,7 +16,7 @@ Report = Annotated[Path | None, typer.Option("--report", metavar="OUT.html", hel
 
 
 def number_option(flag: str, unit: str, text: str, **others: Any) -> Any:
-    """A typer.Option that takes a number; what is none is refused with the `unit` in words, which must not be typed."""
+    """A typer.Option that takes a number; what is none is refused, with the `unit` as text, which must not be typed."""
 
     def parse(value: object) -> float:
         try:

@@ -116,7 +116,7 @@ class _Search:
         self._cascade = cases[0].cascade
 
     def descended(self, start: Gains) -> Gains:
-        """Over few cases first, then with those that it misses too, until all are kept or nothing more helps."""
+        """Over few cases first, then with those that it misses too, until all are met or nothing more helps."""
         active, gains = [self._worst(start)], start
         while True:
             cases = [self._cases[k] for k in active]
@@ -135,7 +135,7 @@ class _Search:
         return int(np.argmax([self._missed(gains, [case]) for case in self._cases]))
 
     def _missed(self, gains: Gains, cases: Sequence[Case]) -> float:
-        """What is missed most, as margin_slopes.py measures it; negative where all is kept; inf where unstable."""
+        """What is missed most, as margin_slopes.py measures it; negative where all are met; inf where unstable."""
         worst = -math.inf
         for case in cases:
             worst = max(worst, case.required.shortfall(case.margins(gains)))
@@ -227,8 +227,8 @@ class _Search:
                 why.setdefault(j, broken)
                 order.remove(broken[1])
                 order.insert(0, broken[1])
-        told = [why.get(j, ("", -1)) for j in range(gains.shape[1])]
-        return Raised(gains, tuple(case.margins(gains) for case in cases), True, tuple(name for name, _ in told), tuple(k for _, k in told))
+        names, places = zip(*(why.get(j, ("", -1)) for j in range(gains.shape[1])), strict=True)
+        return Raised(gains, tuple(case.margins(gains) for case in cases), True, names, places)
 
     def _first_broken(self, gains: Gains, order: Sequence[int], blind: Sequence[int]) -> tuple[str, int] | None:
         """What is broken first, and the case; None where nothing is. What is quickly seen comes first, but in `blind` cases."""

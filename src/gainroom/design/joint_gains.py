@@ -43,7 +43,7 @@ Found = tuple[Place, Margins, float]
 
 @dataclass(frozen=True)
 class Recommendation:
-    """Gains to use.
+    """Recommended gains.
 
     kp, kd        [N m/rad], [N m s/rad]; for a P/PI controller kp·kv and kv
     controller    with these gains, the given filters and integral ratio
@@ -52,7 +52,7 @@ class Recommendation:
     nominal       margins at the nominal values
     binding       the requirement without which kp could go highest; where dropping any one alone gains nothing, the tightest
     costs         largest kp if one requirement were dropped, by its name [N m/rad]; what the uncertainty costs: uncertainty_cost.py
-    certificate   what has been checked, in words
+    certificate   what has been checked, as text
     proved        the requirements hold for every joint within the uncertainty; False: at those that were looked at
     """
 
@@ -74,7 +74,7 @@ class Recommendation:
         return {name: kp for name, kp in self.costs.items() if kp >= (1 + COST_ACCURACY) * self.kp}
 
     def held_back_by(self) -> str:
-        """The requirement that binds in words, or all of them where dropping any one alone gains nothing."""
+        """The requirement that binds, by its title, or all of them where dropping any one alone gains nothing."""
         asked = [title_of(name) for name in self.costs]
         if self.binding in self.felt or len(asked) == 1:
             return title_of(self.binding)

@@ -46,7 +46,7 @@ class Case:
     loop       gains (3, m) → the loop
     torque, jacobian   X (n, m), E (m, n)
     cascade    (m,) True for directions that are P/PI
-    required   what has to be kept; nothing: stability alone
+    required   the requirements; none: stability alone
     """
 
     title: str
@@ -97,7 +97,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Slopes:
-    """What is missed, in ln of a gain or a sensitivity or as part of a phase, negative where it is kept; and how it changes.
+    """What is missed, in ln of a gain or a sensitivity or as part of a phase, negative where it is met; and how it changes.
 
     missed (c,)     slope (c, 2, m): by ln of each direction's stiffness, and of its damping     name (c) of what is required
     """

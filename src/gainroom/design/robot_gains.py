@@ -1,4 +1,4 @@
-"""Gains to use on a robot: one set per contact state and one that is safe in all, with every loop closed, over the stated uncertainty.
+"""Recommended gains of a robot: one set per contact state and one that is safe in all, with every loop closed, over the stated uncertainty.
 
 The search (gain_search.py) begins with a part of what each joint alone is recommended, with the lightest load that any state gives it and
 the longest delay; task directions begin alike. The gains that a file has play no part, but for a P/PI task's, whose proportions are kept.
@@ -59,13 +59,13 @@ class GainSet:
     ki        (m,) where a task is P/PI [1/s²]; None otherwise
     margins   every margin in the case in which it is smallest
     compliance  (m,) weight × inertia / stiffness, whose sum is made small [s²]; NaN where nothing can move
-    binding   posture, contact state and place in the uncertainty that keep the softest joint or direction from more, in words
+    binding   posture, contact state and place in the uncertainty that keep the softest joint or direction from more, as text
     cases     number of cases in which the requirements were checked
     margin    (m,) what breaks if that joint or direction is raised by 5 %: the name of a requirement, "stability", or "" where nothing does
-    case      (m,) and where, in words
+    case      (m,) and where, as text
     softest   the joint or direction that `binding` speaks of, by its place
     without_weight  True where the weight of a robot that stands was left out, as with it no gains to begin with were found
-    nearest   what came nearest with the weight, in words; "" where it counted
+    nearest   what came nearest with the weight, as text; "" where it counted
     topples   the states in which the weight makes these gains unstable
     """
 
@@ -86,7 +86,7 @@ class GainSet:
 
     @property
     def moves(self) -> bool:
-        """False where nothing moves in any state of the set, so that there are no gains to tell."""
+        """False where nothing moves in any state of the set, so that there are no gains to report."""
         return self.cases > 0
 
 
@@ -95,10 +95,10 @@ class RobotGains:
     """Recommended gains of one space ("joint" or "task").
 
     names        of the joints or of the task directions
-    per_contact  one set per contact state, None where none was found that keeps the requirements
+    per_contact  one set per contact state, None where none was found that meets the requirements
     everywhere   the one set that is safe in all; None where there is none
     inertia      (n,) J_m + 1/W_ii in the first state: kp / inertia and kd / inertia are the gains in 1/s² and 1/s; None in task space
-    nearest      by contact state ("" for all), where no set was found: what came nearest, in words
+    nearest      by contact state ("" for all), where no set was found: what came nearest, as text
     unweighed    states in which the weight of a robot that stands is left out, as the contacts leave its base free to move
     """
 
@@ -226,9 +226,9 @@ def _set(
     if not found.holds:
         nearest[contact] = near
         return None
-    still = np.setdiff1d(np.arange(size), free)
+    immobile = np.setdiff1d(np.arange(size), free)
     gains = found.gains.copy()
-    gains[:, still[given[still]]] = math.nan
+    gains[:, immobile[given[immobile]]] = math.nan
     stiff = stiffness(gains, cascade)
     compliance = np.divide(beginning.unit, stiff, out=np.full(size, math.nan), where=stiff > 0)
     softest = max(free.tolist(), key=lambda j: np.nan_to_num(compliance[j]))
@@ -310,13 +310,13 @@ def _most_missed(cases: Sequence[Case], found: Raised) -> float:
 
 
 def _nearest(cases: Sequence[Case], found: Raised) -> str:
-    """What came nearest, in words."""
+    """What came nearest, as text."""
     margins, case = max(zip(found.margins, cases, strict=True), key=lambda pair: pair[1].required.shortfall(pair[0]))
     return f"{_shortage(margins, case.required)} in {case.title}"
 
 
 def _shortage(margins: Margins, required: Requirements) -> str:
-    """The requirement that is missed most, in words."""
+    """The requirement that is missed most, as text."""
     name = required.missed(margins)
     if name == "stability":
         return "unstable"

@@ -12,10 +12,10 @@ Recommend = Callable[[Uncertainty], Recommendation | None]
 
 @dataclass(frozen=True)
 class KnownExactly:
-    """Gains to use if one quantity were known exactly and had its nominal value, all others as uncertain as they are.
+    """Recommended gains if one quantity were known exactly and had its nominal value, all others as uncertain as they are.
 
     name     in Uncertainty
-    kp, kd   on the plane of Recommendation [N m/rad], [N m s/rad]; NaN where there still are none
+    kp, kd   on the plane of Recommendation [N m/rad], [N m s/rad]; NaN where there are none even then
     proved   as Recommendation.proved
     """
 
@@ -29,7 +29,7 @@ class KnownExactly:
 class UncertaintyCost:
     """What would be gained by knowing more.
 
-    exact   gains to use if all were known exactly and nominal
+    exact   recommended gains if all were known exactly and nominal
     cost    the part of that kp which the uncertainty takes: 0 nothing, 1 all, as no gains meet the requirements in every case
     known   one by one, the quantity first that brings most
     """

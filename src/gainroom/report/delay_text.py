@@ -73,7 +73,7 @@ def setpoint_delay_answer(found: SetpointDelay) -> Answer:
     """From set-point and position."""
     total = f"{digits(1e3 * found.total.value, 'ms')} ({digits(1e3 * found.total.low)} to {digits(1e3 * found.total.high)} ms)"
     if found.confounded:
-        sentence = f"Command delay and loop delay are confounded: together they are {total}; which part acts in the loop is not told."
+        sentence = f"Command delay and loop delay are confounded: together they are {total}; which part acts in the loop is not known."
     else:
         sentence = (
             f"The loop's delay is {digits(1e3 * found.loop.value, 'ms')} ({digits(1e3 * found.loop.low)} to "

@@ -42,7 +42,7 @@ def diagnosis_page(found: Diagnosis, log: str, command: str) -> str:
 def _lead(found: Diagnosis) -> Lead:
     if not found.vibrates:
         return Lead(sentence(found), "good", "", warnings(found))
-    return Lead(sentence(found), "bad", "VIBRATES" if found.cause is not None else "VIBRATES: cause not told", warnings(found))
+    return Lead(sentence(found), "bad", "VIBRATES" if found.cause is not None else "VIBRATES: cause not known", warnings(found))
 
 
 def _cards(found: Diagnosis) -> list[Card]:

@@ -1,10 +1,10 @@
-"""What vibrates a joint, in words: the answer, the evidence for each cause, and what to change or to record."""
+"""What vibrates a joint, as text: the answer, the evidence for each cause, and what to change or to record."""
 
 import math
 from collections.abc import Callable
 from typing import Any
 
-from ..errors import frequency_in_words, listed
+from ..errors import frequency_text, listed
 from ..identification.shaking import POSITIONS, Shaking
 from ..studies.diagnosis import UNKNOWN, Cause, Diagnosis, Evidence
 from ..system.requirements import to_db
@@ -44,15 +44,15 @@ def sentence(found: Diagnosis) -> str:
     if not found.vibrates:
         text = "No vibration."
         if found.toggles and seen is not None:
-            text += f" The encoder goes to and fro between two steps at {frequency_in_words(seen.found.frequency)}; the joint hardly moves."
+            text += f" The encoder goes to and fro between two steps at {frequency_text(seen.found.frequency)}; the joint hardly moves."
         elif seen is not None:
-            text += f" An oscillation at {frequency_in_words(seen.found.frequency)} decays, with a damping ratio of"
+            text += f" An oscillation at {frequency_text(seen.found.frequency)} decays, with a damping ratio of"
             text += f" {digits(seen.found.damping_ratio, '', 2)}."
         elif driven == driven and driven > 0:
-            text += f" The joint follows its set-point, whose largest part is at {frequency_in_words(driven)}."
+            text += f" The joint follows its set-point, whose largest part is at {frequency_text(driven)}."
         return text
     assert seen is not None
-    text = f"Vibrates at {frequency_in_words(seen.found.frequency)}, {growth(seen)}, by {size(seen)}. "
+    text = f"Vibrates at {frequency_text(seen.found.frequency)}, {growth(seen)}, by {size(seen)}. "
     cause = found.cause
     if cause is not None:
         return f"{text}Cause: {NAMES[cause.name]} ({percent(cause)})."
@@ -163,7 +163,7 @@ def _remedies(found: Diagnosis, cause: Cause) -> list[str]:
     margin = f"{digits(to_db(found.required), 'dB', 3)} of gain margin"
     lower = f"multiply all gains of the log by {digits(factor, '', 2)} to have {margin}" if factor < 1 else ""
     if cause.name == "gain_limit":
-        texts = [f"Lower the gains: {lower}." if lower else "Lower kp and kd together; how far is not told without --joint joint.yaml."]
+        texts = [f"Lower the gains: {lower}." if lower else "Lower kp and kd together; how far is not known without --joint joint.yaml."]
         if seen.clipped > 0.05:
             texts.append("The torque limit only bounds the amplitude; raising it makes the vibration larger.")
         if predicted is not None and predicted.limit.gain > 1:
@@ -176,7 +176,7 @@ def _remedies(found: Diagnosis, cause: Cause) -> list[str]:
         texts = ["Compensate the friction by a feed-forward torque, or lower ki, or let the integral rest once the error is small."]
         if predicted is not None and predicted.limit.gain > 2 * found.required:
             most = digits(predicted.limit.gain / found.required, "", 3)
-            texts.append(f"On a slow move more kd and kp help: the model has room for {most} × these gains with {margin}.")
+            texts.append(f"On a slow move more kd and kp help: the model allows {most} × these gains with {margin}.")
         return texts
     if cause.name == "saturation":
         texts = ["Bound the integral while the torque is at its limit (anti-windup), lower ki, or take smaller or slower steps."]
@@ -202,7 +202,7 @@ def _use(found: Diagnosis) -> list[str]:
 
 
 def _to_record(found: Diagnosis) -> list[str]:
-    """What would tell the cause, where it is not told."""
+    """What would show the cause, where it is not known."""
     if found.cause is not None:
         return []
     texts = [f"Record {RECORDS[name]}." for name in found.missing]
@@ -221,7 +221,7 @@ def warnings(found: Diagnosis) -> list[str]:
     """What limits the answer."""
     texts = []
     if "reference" in found.missing:
-        texts.append("without the set-point (reference) a commanded oscillation cannot be told from a vibration")
+        texts.append("without the set-point (reference) a commanded oscillation cannot be distinguished from a vibration")
     if found.search.blind > 0:
         texts.append(f"the set-point moves all the time: below {hertz(found.search.blind)} it may hide a vibration")
     predicted, seen = found.predicted, found.shaking

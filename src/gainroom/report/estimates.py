@@ -36,7 +36,7 @@ def estimated(
 
     def shown(row: Any) -> str:
         found = scaled(row, shown_scale)
-        return "–" if found is None else digits(found["value"], shown_unit, told_digits(**found))
+        return "–" if found is None else digits(found["value"], shown_unit, warranted_digits(**found))
 
     def interval(row: Any) -> str:
         found = scaled(row, shown_scale)
@@ -45,7 +45,7 @@ def estimated(
     return Column(title, key, lambda row: scaled(row, scale), unit, definition, shown=shown, interval=interval)
 
 
-def told_digits(value: float, low: float, high: float) -> int:
+def warranted_digits(value: float, low: float, high: float) -> int:
     """Significant digits of a value that its interval warrants: two of its half-width."""
     half = (high - low) / 2
     if not (half > 0 and math.isfinite(half) and value):
@@ -56,7 +56,7 @@ def told_digits(value: float, low: float, high: float) -> int:
 
 def interval_text(low: float, high: float, unit: str = "") -> str:
     """Two ends of an interval, with digits enough to tell them apart."""
-    return f"{digits(low, '', told_digits(low, low, high))} to {digits(high, unit, told_digits(high, low, high))}"
+    return f"{digits(low, '', warranted_digits(low, low, high))} to {digits(high, unit, warranted_digits(high, low, high))}"
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 import math
 
 from ..analysis.margins import Margins
-from ..errors import case_in_words
+from ..errors import case_text
 from ..studies.joint import JointStudy
 from ..system.requirements import REQUIREMENTS, Requirements
 from .bode import bode, cases
@@ -42,7 +42,7 @@ def _lead(study: JointStudy) -> Lead:
     if not study.margins.stable:
         return Lead(sentence(study), "bad", "UNSTABLE: do not run these gains", warnings(study))
     if study.unstable_at:
-        where = case_in_words(study.unstable_at)
+        where = case_text(study.unstable_at)
         return Lead(sentence(study), "bad", f"UNSTABLE within the uncertainty ranges, at {where}: do not run these gains", warnings(study))
     unmet = [card.label for card in _cards(study) if card.met is False]
     if unmet:
@@ -96,7 +96,7 @@ def _certificate(study: JointStudy) -> Html:
         ("verdict", _verdict(found)),
     ]
     if study.system.uncertainty.names and found.stable:
-        verdict = f"unstable at {case_in_words(study.unstable_at)}" if study.unstable_at else "stable"
+        verdict = f"unstable at {case_text(study.unstable_at)}" if study.unstable_at else "stable"
         how = "a case that was counted" if study.unstable_at else "proved for every joint within them, between all frequencies"
         if not study.range_proved:
             how = "ends, corners, a filling and a search examined; between them not proved"

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..design.joint_gains import COST_ACCURACY, Recommendation
 from ..design.uncertainty_cost import KnownExactly
-from ..errors import apart, case_in_words, frequency_in_words
+from ..errors import apart, case_text, frequency_text
 from ..studies.analysis import Analysis
 from ..studies.joint import JointStudy
 from ..system.plausibility import unusual_values
@@ -28,12 +28,12 @@ def sentence(study: JointStudy) -> str:
     nominal = _nominal(study)
     if not study.unstable_at:
         return nominal
-    return f"{NOT_EVERYWHERE}: unstable at {case_in_words(study.unstable_at)}. Nominal: {nominal[0].lower()}{nominal[1:]}"
+    return f"{NOT_EVERYWHERE}: unstable at {case_text(study.unstable_at)}. Nominal: {nominal[0].lower()}{nominal[1:]}"
 
 
 def _nominal(study: JointStudy) -> str:
     """The same at the nominal values, without the uncertainty."""
-    limit, at = study.limit, frequency_in_words(study.limit.frequency)
+    limit, at = study.limit, frequency_text(study.limit.frequency)
     if study.margins.stable:
         text = f"Stable{'' if study.unstable_at else failing(study)}."
         if math.isinf(limit.gain):
@@ -153,7 +153,7 @@ def warnings(study: JointStudy) -> tuple[str, ...]:
         said.append(f"{cause}: no torque holds the joint's position, so it drifts; the verdict covers its other motions; give it kp")
     if study.unstable_at:
         instead = "lower these gains, or give narrower ranges" if study.recommended is None else "use the recommended gains"
-        said.append(f"these gains are unstable within the uncertainty ranges, at {case_in_words(study.unstable_at)}: {instead}")
+        said.append(f"these gains are unstable within the uncertainty ranges, at {case_text(study.unstable_at)}: {instead}")
     if not study.range_proved:
         said.append("these gains are stable in every case examined within the uncertainty ranges; in between it is not proved")
     if control.sample_time is None and system.delay > 0:

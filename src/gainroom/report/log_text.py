@@ -1,4 +1,4 @@
-"""A log in words: what was found in it, how each guess was made, what was cut, and what can be identified from it."""
+"""A log as text: what was found in it, how each guess was made, what was cut, and what can be identified from it."""
 
 from collections.abc import Sequence
 from typing import Any

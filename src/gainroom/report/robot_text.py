@@ -6,7 +6,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from ..analysis.gain_limit import GainLimit
-from ..errors import beside, frequency_in_words, listed
+from ..errors import beside, frequency_text, listed
 from ..studies.audit import Audit
 from ..studies.robot import RobotStudy
 from ..studies.state import HELD, State, task_headroom
@@ -64,7 +64,7 @@ def _verdict(study: RobotStudy) -> str:
     act = " in which the gains act" if study.immobile else ""
     every = f"{' in the one state' if act else ''}{act}" if count == 1 else f" in all {count} states{act}"
     unstable = sum(not state.limit.stable for state in study.states)
-    at, joints = frequency_in_words(limit.frequency), listed(worst.limiting_joints)
+    at, joints = frequency_text(limit.frequency), listed(worst.limiting_joints)
     if not unstable:
         start = f"Stable{every}{failing(study)}."
         if study.without_limit and not math.isfinite(limit.gain):

@@ -126,7 +126,7 @@ def _conclusion(outcome: Outcome) -> str:
         return f"{how}: lower all gains together, or shorten the delay."
     if outcome.hidden:
         return "These gains are unstable, whatever hides it here: lower all of them together, or shorten the delay."
-    return "Nothing lasts but the error that is left: what ends a move short of its goal is friction, gravity or a lasting torque."
+    return "Only a steady-state error remains: friction, gravity or a constant torque ends a move short of its goal."
 
 
 def close_up(outcome: Outcome) -> Html:

@@ -3,7 +3,7 @@
 import math
 
 from ..analysis.gain_limit import GainLimit
-from ..errors import beside, frequency_in_words, listed, printable
+from ..errors import beside, frequency_text, listed, printable
 from ..simulation.simulation_spec import SimulationSpec
 from ..studies.oscillation import EXACT, MUJOCO
 from ..studies.simulation import Outcome
@@ -40,7 +40,7 @@ def tracking_cells(outcome: Outcome, channel: int) -> tuple[str, ...]:
 def sentence(outcome: Outcome) -> str:
     """The answer in two or three short sentences."""
     run, found = outcome.run, outcome.oscillation if outcome.vibrates else None
-    at = "" if found is None else frequency_in_words(found.found.frequency)
+    at = "" if found is None else frequency_text(found.found.frequency)
     if not outcome.completed:
         name = printable(run.channels[outcome.leading[0]])
         text = f"{run.reason[0].upper()}{run.reason[1:]}; {name} deviates by {_size(outcome, outcome.leading[0], 'peak')}"
@@ -144,7 +144,7 @@ def prediction(limit: GainLimit | None) -> str:
         return "The linear loop is unstable at any lower gains"
     if limit.frequency == 0:
         return f"The linear loop topples without oscillation at {beside(limit.gain, 1)} × these gains"
-    return f"The linear loop vibrates from {beside(limit.gain, 1)} × these gains, at {frequency_in_words(limit.frequency)}"
+    return f"The linear loop vibrates from {beside(limit.gain, 1)} × these gains, at {frequency_text(limit.frequency)}"
 
 
 def warnings(outcome: Outcome) -> tuple[str, ...]:

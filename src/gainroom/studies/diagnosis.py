@@ -34,7 +34,7 @@ UNKNOWN = "unknown"
 """None of the five causes; it stands for itself among the likelihoods."""
 APPLIED = TORQUES[::-1]
 """Which torque is compared with the motion: the nearest to the joint, behind any limit."""
-TOLD = 0.6  # likelihood from which on a cause is named
+NAMED = 0.6  # likelihood from which on a cause is named
 MOST_FOR, MOST_AGAINST = 2.0, -4.0  # nats of one piece of evidence
 SAME_FREQUENCY = 0.06  # relative, standard deviation: what a few percent of the inertias, the stiffness and the delay shift
 SAME_MARGIN = 0.15  # likewise of the gain margin
@@ -130,9 +130,9 @@ class Diagnosis:
 
     @property
     def cause(self) -> Cause | None:
-        """The most likely one; None where nothing vibrates, or it cannot be told."""
+        """The most likely one; None where nothing vibrates, or it cannot be determined."""
         first = self.causes[0] if self.causes else None
-        return first if first is not None and first.name != UNKNOWN and first.likelihood >= TOLD else None
+        return first if first is not None and first.name != UNKNOWN and first.likelihood >= NAMED else None
 
     @property
     def required(self) -> float:
@@ -152,7 +152,7 @@ class Diagnosis:
 
     @cached_property
     def recommended(self) -> Recommendation | None:
-        """Gains to use by the model alone; None where there is none, or no gains meet the requirements."""
+        """Recommended gains, by the model alone; None where there is none, or no gains meet the requirements."""
         if self.system is None or self.predicted is None or not self.system.requirements.asked:
             return None
         control = self.system.control

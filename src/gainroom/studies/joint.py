@@ -52,7 +52,7 @@ class InRange:
 
 @dataclass(frozen=True)
 class JointStudy(Analysis):
-    """What `gainroom joint` reports: of the gains as given, of all others, and those to use. Numbers are computed when first asked for."""
+    """What `gainroom joint` reports: of the gains as given, of all others, and of recommended ones. Numbers are computed when asked for."""
 
     @property
     def state(self) -> State:
@@ -131,7 +131,7 @@ class JointStudy(Analysis):
 
     @cached_property
     def exact(self) -> Recommendation | None:
-        """Gains to use if nothing were uncertain."""
+        """Recommended gains if nothing were uncertain."""
         return self._recommend(Uncertainty()) if self.system.uncertainty.names else self.recommended
 
     @property

@@ -63,7 +63,7 @@ def _unstable_at(system: System) -> str:
 
 
 def _recommended(system: System, tell: Progress) -> tuple[RobotGains, ...]:
-    """Gains to use in joint space and, where there are tasks, in task space."""
+    """Recommended gains in joint space and, where there are tasks, in task space."""
     expected = EXPECTED_LOOKS * len(system.source.states) * 2 ** len(system.uncertainty.names)
 
     def of(space: str) -> RobotGains:

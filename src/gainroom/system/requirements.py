@@ -112,7 +112,7 @@ class Requirement:
         return value / self.scale
 
     def text(self, value: float, significant: int = 3) -> str:
-        """In words: "6 dB", "30°", "2"."""
+        """As text: "6 dB", "30°", "2"."""
         if not math.isfinite(value):
             return "not known" if math.isnan(value) else "∞"
         return f"{self.in_unit(value):.{significant}g}{'' if self.unit in ('', '°') else ' '}{self.unit}"
@@ -356,7 +356,7 @@ class Requirements:
         return f"Requirements({', '.join(f'{name}={value!r}' for name, value in self.needed.items())})"
 
     def __str__(self) -> str:
-        """In words: "gain margin ≥ 6 dB, phase margin ≥ 30°, Ms ≤ 2"."""
+        """As text: "gain margin ≥ 6 dB, phase margin ≥ 30°, Ms ≤ 2"."""
         return ", ".join(f"{one.heading} {one.sign} {one.text(needed)}" for one, needed in self.asked_for) or "stability alone"
 
     @property

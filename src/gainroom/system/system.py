@@ -7,7 +7,7 @@ from typing import Any, Generic, Protocol, Self, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import case_in_words
+from ..errors import case_text
 from ..linear.arrays import Booleans, Floats
 from .controller import PD
 from .drive import Drive
@@ -202,7 +202,7 @@ def _place_text(uncertainty: Uncertainty, corner: Place) -> str:
     values = {name: np.atleast_1d(value) for name, value in uncertainty.values(corner).items()}
     ends = dict(zip(values, corner, strict=True))
     return ", ".join(
-        case_in_words({name: float(each[0])}) if np.all(each == each[0]) else f"{name.replace('_', ' ')} {'high' if ends[name] else 'low'}"
+        case_text({name: float(each[0])}) if np.all(each == each[0]) else f"{name.replace('_', ' ')} {'high' if ends[name] else 'low'}"
         for name, each in values.items()
     )
 

@@ -17,7 +17,7 @@ QUESTIONS: dict[str, tuple[Way, ...]] = {
     "identify stiffness": ((TORQUES, ("motor_position",)),),
     "diagnose": ((("motor_position", "link_position", "motor_velocity", "link_velocity", *TORQUES, "joint_torque", "current"),),),
 }
-"""By question the ways to answer it, the better one first. Without torque the command's delay and the loop's are seldom told apart."""
+"""By question the ways to answer it, the better one first. Without torque the command's delay and the loop's can seldom be separated."""
 
 
 @dataclass(frozen=True)
