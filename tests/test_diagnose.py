@@ -12,8 +12,8 @@ import pytest
 
 import gainroom as gr
 from gainroom.cli import main
+from gainroom.identification.oscillation_search import find_oscillation
 from gainroom.identification.record import Record
-from gainroom.identification.shaking import find_shaking
 from gainroom.studies.diagnosis import diagnose
 from identified import POPULATION
 from recordings import CAUSES, MAKERS, Recording, recording
@@ -37,7 +37,7 @@ def test_frequency_and_growth_of_a_known_oscillation(rate: float, state: str):
     """e^{σt} sin ωt beside white noise of a thousandth: σ over the last 20 periods to 0.02/s, six standard errors of its slope."""
     noise = 1e-6 * np.random.default_rng(0).standard_normal(len(TIME))
     swings = 1e-3 * np.exp(rate * (TIME - TIME[-1])) * np.sin(2 * np.pi * 23 * TIME)
-    seen = find_shaking(record({"motor_position": 0.3 + swings + noise, "reference": np.full(len(TIME), 0.3)})).shaking
+    seen = find_oscillation(record({"motor_position": 0.3 + swings + noise, "reference": np.full(len(TIME), 0.3)})).oscillation
     assert seen is not None
     assert seen.vibrates
     assert seen.state == state
@@ -51,9 +51,11 @@ def test_harmonics_and_clipping_of_known_waves():
     angle = 2 * np.pi * 7.3 * TIME
     position = 1e-3 * np.sin(angle)
     still = np.zeros(len(TIME))
-    square = find_shaking(record({"motor_position": position, "reference": still, "actual_torque": np.sign(np.sin(angle))})).shaking
-    cut = find_shaking(record({"motor_position": position, "reference": still, "demand_torque": np.clip(np.sin(angle), -0.5, 0.5)})).shaking
-    whole = find_shaking(record({"motor_position": position, "reference": still, "demand_torque": np.sin(angle)})).shaking
+    square = find_oscillation(record({"motor_position": position, "reference": still, "actual_torque": np.sign(np.sin(angle))})).oscillation
+    cut = find_oscillation(
+        record({"motor_position": position, "reference": still, "demand_torque": np.clip(np.sin(angle), -0.5, 0.5)})
+    ).oscillation
+    whole = find_oscillation(record({"motor_position": position, "reference": still, "demand_torque": np.sin(angle)})).oscillation
     assert square is not None
     assert cut is not None
     assert whole is not None
@@ -85,8 +87,8 @@ def test_a_growing_loop_is_measured_as_its_root_says_and_the_advice_gives_the_ma
     """Recording against the rightmost root of the true loop; the advised factor against the gain margin of the file's loop."""
     made = recording("gain_limit", 1)
     found = diagnose(made.record, made.system)
-    assert found.shaking is not None
-    assert found.shaking.found.frequency == pytest.approx(made.frequency, rel=2e-3)
+    assert found.oscillation is not None
+    assert found.oscillation.found.frequency == pytest.approx(made.frequency, rel=2e-3)
     assert found.cause is not None
     assert found.cause.name == "gain_limit"
     assert gr.margins(made.system.loop().scaled(found.factor)).limit.gain == pytest.approx(found.required, rel=1e-6)

@@ -5,9 +5,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..identification.shaking import POSITIONS, TORQUES
+from ..identification.recorded_oscillation import POSITIONS, TORQUES
 from ..linear.arrays import Floats
-from ..studies.diagnosis import Cause, Diagnosis
+from ..studies.diagnosis import Diagnosis
+from ..studies.vibration_causes import Cause
 from ..system.requirements import to_db
 from . import style
 from .curves import Curve, Panel, stacked
@@ -32,7 +33,7 @@ def diagnosis_page(found: Diagnosis, log: str, command: str) -> str:
         sections.append(Section("What to do", [paragraph(text) for text in texts]))
     if found.causes:
         sections.append(Section("Why", [_causes(found)]))
-    sections.append(Section("In time", [_in_time(found), *([_close_up(found)] if found.shaking is not None else [])]))
+    sections.append(Section("In time", [_in_time(found), *([_close_up(found)] if found.oscillation is not None else [])]))
     sections.append(Section("Frequencies", [_spectrogram(found), _spectrum(found)]))
     sections.append(Section("Inputs and assumptions", [facts(_inputs(found, log)), _assumptions()]))
     sections.append(Section("Command", [block(command)]))
@@ -46,7 +47,7 @@ def _lead(found: Diagnosis) -> Lead:
 
 
 def _cards(found: Diagnosis) -> list[Card]:
-    seen, predicted = found.shaking, found.predicted
+    seen, predicted = found.oscillation, found.predicted
     cards = []
     if seen is not None and not found.toggles:
         note = "" if predicted is None or not predicted.frequency > 0 else f"model's loop: {hertz(predicted.frequency)}"
@@ -117,7 +118,7 @@ def _panels(found: Diagnosis, part: slice, torque_names: Sequence[str]) -> list[
 
 
 def _in_time(found: Diagnosis) -> Html:
-    time, seen = found.record.time, found.shaking
+    time, seen = found.record.time, found.oscillation
     there = [name for name in TORQUES if name in found.record.channels]  # a target alone may be far beyond what is applied
     caption = "The recording; position relative to its start."
     if seen is not None:
@@ -126,7 +127,7 @@ def _in_time(found: Diagnosis) -> Html:
 
 
 def _close_up(found: Diagnosis) -> Html:
-    seen = found.shaking
+    seen = found.oscillation
     assert seen is not None
     rows_ = range(len(found.record.time))[seen.rows]
     count = min(len(rows_), max(16, math.ceil(CLOSE_PERIODS * 2 * math.pi / seen.found.frequency / found.record.sample_time)))
@@ -151,8 +152,8 @@ def _signal(found: Diagnosis) -> tuple[str, Floats]:
     """Deviation from the set-point, else what there is."""
     channels = found.record.channels
     side = (
-        found.shaking.side
-        if found.shaking is not None
+        found.oscillation.side
+        if found.oscillation is not None
         else next((name for name in (*POSITIONS, *TORQUES) if name in channels), next(iter(channels)))
     )
     values = channels[side]
@@ -169,7 +170,7 @@ def _highest(found: Diagnosis) -> float:
 
 
 def _seen(found: Diagnosis) -> float:
-    return found.shaking.found.frequency if found.shaking is not None else math.nan
+    return found.oscillation.found.frequency if found.oscillation is not None else math.nan
 
 
 def _expected(found: Diagnosis) -> float:
@@ -181,7 +182,7 @@ def _spectrogram(found: Diagnosis) -> Html:
 
     name, values = _signal(found)
     tick, high = found.record.sample_time, _highest(found)
-    period = 2 * math.pi / _seen(found) if found.shaking is not None else 2e2 / high
+    period = 2 * math.pi / _seen(found) if found.oscillation is not None else 2e2 / high
     width = int(min(max(32, PERIODS_IN_WINDOW * period / tick), max(32, len(values) // 4)))
     step = max(1, (len(values) - width) // COLUMNS)
     lines, times, power = spectrogram(
@@ -234,12 +235,14 @@ def _stable(found: Diagnosis) -> bool:
 
 def _spectrum(found: Diagnosis) -> Html:
     name, values = _signal(found)
-    part = values if found.shaking is None else values[found.shaking.rows]
+    part = values if found.oscillation is None else values[found.oscillation.rows]
     curves = [(name, part, style.BLUE, "solid")]
     torque = next((one for one in TORQUES[::-1] if one in found.record.channels), None)
     if torque is not None and not name.endswith("torque"):
         column = found.record.channels[torque]
-        curves.append((torque.replace("_", " "), column if found.shaking is None else column[found.shaking.rows], style.ORANGE, "dash"))
+        curves.append(
+            (torque.replace("_", " "), column if found.oscillation is None else column[found.oscillation.rows], style.ORANGE, "dash")
+        )
     high, traces = _highest(found), []
     for title, column, color, dash in curves:
         lines, sizes = _amplitudes(column, found.record.sample_time, high)
@@ -249,7 +252,7 @@ def _spectrum(found: Diagnosis) -> Html:
             )
         )
     shapes, notes = [], []
-    if found.shaking is not None:
+    if found.oscillation is not None:
         first = _seen(found) / (2 * math.pi)
         for order in range(1, ORDERS + 1):
             if order * first < high:
@@ -269,9 +272,9 @@ def _spectrum(found: Diagnosis) -> Html:
         showlegend=True,
         legend=style.switches(1.0),
     )
-    words = "Amplitudes where the oscillation was found." if found.shaking is not None else "Amplitudes over the recording."
-    if found.shaking is not None and found.shaking.odd == found.shaking.odd:
-        odd, even = (digits(100 * value, "%", 2) for value in (found.shaking.odd, found.shaking.even))
+    words = "Amplitudes where the oscillation was found." if found.oscillation is not None else "Amplitudes over the recording."
+    if found.oscillation is not None and found.oscillation.odd == found.oscillation.odd:
+        odd, even = (digits(100 * value, "%", 2) for value in (found.oscillation.odd, found.oscillation.even))
         words += f" Harmonics of the torque: odd {odd}, even {even} of the first."
         words += " Clipping and friction make odd ones; a linear loop or a structure makes none."
     narrow = {**style.NARROW, "yaxis.title.text": "[dB]"}

@@ -5,8 +5,9 @@ from collections.abc import Callable
 from typing import Any
 
 from ..errors import frequency_text, listed
-from ..identification.shaking import POSITIONS, Shaking
-from ..studies.diagnosis import UNKNOWN, Cause, Diagnosis, Evidence
+from ..identification.recorded_oscillation import POSITIONS, RecordedOscillation
+from ..studies.diagnosis import Diagnosis
+from ..studies.vibration_causes import UNKNOWN, Cause, Evidence
 from ..system.requirements import to_db
 from .number_format import digits, hertz, typed_gains
 
@@ -40,7 +41,7 @@ RECORDS = {
 
 def sentence(found: Diagnosis) -> str:
     """The answer in two or three short sentences."""
-    seen, driven = found.shaking, found.search.driven
+    seen, driven = found.oscillation, found.search.driven
     if not found.vibrates:
         text = "No vibration."
         if found.toggles and seen is not None:
@@ -61,7 +62,7 @@ def sentence(found: Diagnosis) -> str:
     return f"{text}Cause: cannot tell; {both}."
 
 
-def size(seen: Shaking) -> str:
+def size(seen: RecordedOscillation) -> str:
     """The amplitude at the end, in the unit of its channel."""
     value = seen.found.amplitude
     if seen.side not in POSITIONS:
@@ -69,7 +70,7 @@ def size(seen: Shaking) -> str:
     return digits(value, "rad", 3) if value > LARGE_ANGLE else digits(1e3 * value, "mrad", 3)
 
 
-def growth(seen: Shaking) -> str:
+def growth(seen: RecordedOscillation) -> str:
     """Whether it is sustained, or its doubling or halving time."""
     if seen.state == "sustained":
         return "sustained, without a single frequency" if seen.irregular else "sustained"
@@ -158,7 +159,7 @@ def advice(found: Diagnosis) -> list[str]:
 
 
 def _remedies(found: Diagnosis, cause: Cause) -> list[str]:
-    seen, predicted, factor = found.shaking, found.predicted, found.factor
+    seen, predicted, factor = found.oscillation, found.predicted, found.factor
     assert seen is not None
     margin = f"{digits(to_db(found.required), 'dB', 3)} of gain margin"
     lower = f"multiply all gains of the log by {digits(factor, '', 2)} to have {margin}" if factor < 1 else ""
@@ -224,7 +225,7 @@ def warnings(found: Diagnosis) -> list[str]:
         texts.append("without the set-point (reference) a commanded oscillation cannot be distinguished from a vibration")
     if found.search.blind > 0:
         texts.append(f"the set-point moves all the time: below {hertz(found.search.blind)} it may hide a vibration")
-    predicted, seen = found.predicted, found.shaking
+    predicted, seen = found.predicted, found.oscillation
     if predicted is not None and predicted.applied != 1:
         texts.append(f"the gains in the log are {digits(predicted.applied, '', 3)} times those of the file; the model here has them")
     if predicted is not None and seen is not None and found.vibrates and abs(_log(predicted.control)) > 0.3 and not seen.irregular:
@@ -242,7 +243,7 @@ def _log(value: complex) -> float:
 
 def facts(found: Diagnosis) -> dict[str, Any]:
     """In JSON."""
-    seen, predicted = found.shaking, found.predicted
+    seen, predicted = found.oscillation, found.predicted
     return {
         "sentence": sentence(found),
         "vibrates": found.vibrates,

@@ -1,12 +1,11 @@
-"""The vibration in a joint's record: where it is, its frequency and growth, and what can be measured of it without a model.
+"""The search for an oscillation in a joint's record.
 
 It is searched in the deviation from the set-point wherever the set-point rests or moves steadily, else in windows, above the set-point's
 own frequencies. Poles and amplitudes are those of simulation/oscillation.py; slow ones come from means over several ticks.
 """
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -15,14 +14,9 @@ from ..errors import GainroomError
 from ..linear.arrays import Floats
 from ..simulation.oscillation import FEWEST_SAMPLES, MOST_SAMPLES, Vibration, parts_in, vibration
 from .record import Record, resolution
+from .recorded_oscillation import LOOKED_AT, POSITIONS, RINGING, TORQUES, UNCHANGED, RecordedOscillation, measured
 
-POSITIONS = ("motor_position", "link_position")
-TORQUES = ("target_torque", "demand_torque", "actual_torque")
-"""From the controller to the joint."""
 RESTING = 0.1  # damping ratio above which an oscillation is the settling of a joint
-RINGING = 0.02  # damping ratio below which one that decays is a vibration: it takes more than 35 periods to a hundredth
-UNCHANGED = 0.2  # relative change over the periods examined of an amplitude that is sustained
-LOOKED_AT = 20.0  # periods from the end over which the amplitude is followed
 STRAIGHT = 1e-9  # of the set-point's range per tick²: a smaller change of its velocity is rounding
 MOST_MULTIPLES = 1e5  # of an encoder's step from row to row: beyond, digits of numbers are no steps
 FINE = 1e-4  # of the set-point's range: steps this small are the digits of its file
@@ -44,82 +38,27 @@ SAME_FREQUENCY, TIMES = 0.05, 3  # relative: no further apart in so many success
 BEYOND = 3.0  # times the frequency below which 99 % of the set-point's power lie
 FOLLOWS = 0.3  # amplitude of the set-point over that of the deviation from it: the motion follows a command
 ALONE = 0.8  # of the set-point's power in its largest line: it oscillates
-MOST_HARMONICS, NEAR_HARMONIC = (
-    40,
-    0.25,
-)  # order, and distance from an odd one, of the harmonics of an oscillating set-point that friction makes
-AT_LIMIT = 2e-3  # of its range: a torque this near a limit is clipped
-MOST_NOISE = 0.02  # of a limit: noise that is allowed for
-LEAST_FLAT = 0.03  # share of rows at a limit beyond that of a sine
-LEVELS = (0.999, 0.97, 0.93, 0.88, 0.8, 0.7)  # quantiles of a torque that may be its limit
-STANDS = 0.04  # of the largest speed in the vibration: slower, the joint stands still
-STANDING_PERIODS = 4.0  # over which that is counted
-HARMONICS = 5
+# order, and distance from an odd one, of the harmonics of an oscillating set-point that friction makes
+MOST_HARMONICS, NEAR_HARMONIC = 40, 0.25
 TRIES = 4  # oscillations that are looked at, each of a higher frequency
 STRIDES = (1, 4, 16, 64, 256)  # ticks whose mean is taken
-
-
-@dataclass(frozen=True)
-class Shaking:
-    """A vibration in a record.
-
-    found       frequency [rad/s], growth [1/s], amplitude at the end [rad, of a torque N m]
-    state       "growing", "sustained" or "decaying" over the last periods
-    side        channel in which it was found
-    rows        of the record
-    parts       complex amplitude of every channel at that frequency, by name, at the end of the rows, in its unit
-    step        of the encoder [rad], 0: finer than the motion
-    odd, even   third and fifth, and second and fourth harmonic, over the first, in amplitude: of the torque, else position
-    clipped     share of the rows with the torque at a limit; NaN where no torque is in the record
-    limit       that torque [N m]; NaN where there is none
-    standing    share of the rows in which the joint stands still
-    irregular   without a single frequency: `found` has the same power, at its mean frequency
-    moving      found while the set-point moved
-    began_small it grew from a twentieth of its size or less
-    """
-
-    found: Vibration
-    state: str
-    side: str
-    rows: slice
-    parts: Mapping[str, complex]
-    step: float = 0.0
-    odd: float = math.nan
-    even: float = math.nan
-    clipped: float = math.nan
-    limit: float = math.nan
-    standing: float = math.nan
-    irregular: bool = False
-    moving: bool = False
-    began_small: bool = False
-
-    @property
-    def vibrates(self) -> bool:
-        """It grows or is sustained, or rings for long."""
-        return self.state != "decaying" or self.found.damping_ratio < RINGING
-
-    @property
-    def steps(self) -> float:
-        """Amplitude in steps of the encoder; inf where they are finer than the motion."""
-        return self.found.amplitude / self.step if self.step else math.inf
 
 
 @dataclass(frozen=True)
 class Search:
     """What was found in a record.
 
-    shaking   None where nothing oscillates
-    driven    frequency of a motion that the set-point itself contains [rad/s]; NaN: none
-    blind     below this frequency the set-point's motion may hide a vibration [rad/s]; 0: nowhere
+    oscillation   None where nothing oscillates
+    driven        frequency of a motion that the set-point itself contains [rad/s]; NaN: none
+    blind         below this frequency the set-point's motion may hide a vibration [rad/s]; 0: nowhere
     """
 
-    shaking: Shaking | None
+    oscillation: RecordedOscillation | None
     driven: float = math.nan
     blind: float = 0.0
-    notes: tuple[str, ...] = field(default=())
 
 
-def find_shaking(record: Record) -> Search:
+def find_oscillation(record: Record) -> Search:
     """The strongest vibration in `record`, which has no gaps. Raises GainroomError where it holds neither a position nor a torque."""
     side = next((name for name in (*POSITIONS, "motor_velocity", *reversed(TORQUES)) if record.has(name)), None)
     if side is None:
@@ -134,11 +73,11 @@ def find_shaking(record: Record) -> Search:
         found = _found(deviation[steady], record.sample_time)
         ramp = reference is not None and float(np.ptp(reference[steady])) > 0
         if found is not None and found.amplitude >= _least(found, step, ramp, side in POSITIONS):
-            return Search(_measured(record, side, steady, found, deviation, step))
+            return Search(measured(record, side, steady, found, deviation, step))
         least = max((RAMP_STEPS if ramp else IRREGULAR_STEPS[0]) * step, IRREGULAR_VISIBLE)
         irregular = _irregular(deviation[steady], record.sample_time, step, least)
         if irregular is not None:
-            return Search(_measured(record, side, steady, irregular, deviation, step, irregular=True))
+            return Search(measured(record, side, steady, irregular, deviation, step, irregular=True))
         return Search(None)
     assert reference is not None
     driven, line = _line(reference, record.sample_time)
@@ -158,7 +97,7 @@ def find_shaking(record: Record) -> Search:
             best = rows, row[-1]
     if best is None:
         return Search(None, driven, blind)
-    return Search(_measured(record, side, best[0], best[1], deviation, step, moving=True), driven, blind)
+    return Search(measured(record, side, best[0], best[1], deviation, step, moving=True), driven, blind)
 
 
 def _least(found: Vibration, step: float, ramp: bool, position: bool) -> float:
@@ -301,113 +240,3 @@ def _is_harmonic(omega: float, line: float) -> bool:
     """Whether friction makes this frequency of an oscillating set-point: an odd multiple of it."""
     order = omega / line if line else 0.0
     return 0 < order < MOST_HARMONICS and abs((order - 1) / 2 - round((order - 1) / 2)) * 2 < NEAR_HARMONIC
-
-
-def _measured(
-    record: Record, side: str, rows: slice, found: Vibration, deviation: Floats, step: float, irregular: bool = False, moving: bool = False
-) -> Shaking:
-    """What a vibration looks like over its last periods."""
-    tick, values = record.sample_time, deviation[rows]
-    period = 2 * math.pi / found.frequency / tick
-    if not irregular:
-        found = _followed(values, tick, found)
-    look = slice(-min(len(values), max(FEWEST_SAMPLES, math.ceil(LOOKED_AT * period))), None)
-    parts = {name: complex(parts_in(column[rows][:, None], tick, found)[0]) for name, column in record.channels.items()}
-    torque = next((name for name in TORQUES[::-1] if record.has(name)), None)
-    clipped, limit, small = math.nan, math.nan, False
-    if torque is not None:
-        clipped, limit = _clipping(record, rows, look)
-        small = _began_small(values)
-    odd, even = _harmonics(record.channels[torque][rows][look] if torque else values[look], tick, found.frequency)
-    change = found.growth_rate * min(LOOKED_AT * period, len(values)) * tick
-    state = "sustained" if irregular or abs(change) < UNCHANGED else "growing" if change > 0 else "decaying"
-    return Shaking(
-        found,
-        state,
-        side,
-        rows,
-        parts,
-        step,
-        odd,
-        even,
-        clipped,
-        limit,
-        _standing(record.channels[side][rows][-math.ceil(STANDING_PERIODS * period) :], step, period) if side in POSITIONS else math.nan,
-        irregular,
-        moving,
-        small,
-    )
-
-
-def _followed(values: Floats, tick: float, found: Vibration) -> Vibration:
-    """With growth and amplitude from the amplitude period by period over the last ones: a limit cycle's pole tells neither."""
-    period = 2 * math.pi / found.frequency / tick
-    width = max(4, round(2 * period))
-    count = int(min(LOOKED_AT / 2, len(values) // width))
-    if count < 3:
-        return found
-    time = np.arange(width) * tick
-    basis = np.column_stack([np.cos(found.frequency * time), np.sin(found.frequency * time), np.ones(width), time])
-    blocks = values[len(values) - count * width :].reshape(count, width).T
-    sizes = np.hypot(*np.linalg.lstsq(basis, blocks, rcond=None)[0][:2])
-    if not np.all(sizes > 0):
-        return found
-    rate, last = np.polyfit((np.arange(count) - count + 0.5) * width * tick, np.log(sizes), 1)  # from the middles of the blocks to the end
-    return Vibration(found.frequency, float(rate), float(np.exp(last)))
-
-
-def _clipping(record: Record, rows: slice, look: slice) -> tuple[float, float]:
-    """Share of rows at a limit, and the limit, of whichever torque is flat; 0 where it is no more so than a sine at its largest value.
-
-    An actual torque overshoots its limit, so levels below the largest value are tried.
-    """
-    most, best = LEAST_FLAT, (0.0, math.nan)
-    for name in TORQUES:
-        if not record.has(name):
-            continue
-        part = record.channels[name][rows][look]
-        sizes, noise = np.abs(part), _noise(part)
-        for level in np.quantile(sizes, LEVELS).tolist():
-            if level == 0:
-                continue
-            near = max(AT_LIMIT, min(3 * noise / level, MOST_NOISE))
-            flat = np.abs(sizes - level) < near * level
-            held = flat[1:] & flat[:-1] & (np.sign(part[1:]) == np.sign(part[:-1])) & (np.abs(np.diff(part)) < near * level)
-            share = float(np.mean(held))
-            excess = share - 2 / math.pi * math.acos(1 - 2 * near)
-            if excess > most:
-                most, best = excess, (share, level)
-    return best
-
-
-def _noise(values: Floats) -> float:
-    """Standard deviation of white noise on a smooth signal, from third differences."""
-    return 1.4826 * float(np.median(np.abs(np.diff(values, 3)))) / math.sqrt(20)
-
-
-def _began_small(values: Floats) -> bool:
-    """Whether the oscillation grew from a twentieth of its size or less."""
-    sizes = np.array([float(np.std(np.diff(part))) for part in np.array_split(values, 12)])
-    last = int(np.argmax(sizes))
-    return bool(last >= 2 and sizes[:last].min() < 0.05 * sizes[last] and np.all(np.diff(sizes[: last + 1]) > -0.3 * sizes[:last]))
-
-
-def _harmonics(values: Floats, tick: float, omega: float) -> tuple[float, float]:
-    """Amplitudes of the 3rd and 5th, and of the 2nd and 4th harmonic, over the first, by least squares; NaN beyond half the rate."""
-    time = np.arange(len(values)) * tick
-    orders = [k for k in range(1, HARMONICS + 1) if k * omega * tick < 0.9 * math.pi]
-    taper = np.hanning(len(values) + 2)[1:-1]
-    columns = [np.ones(len(time)), time, *(f(k * omega * time) for k in orders for f in (np.cos, np.sin))]
-    weights = np.linalg.lstsq(np.column_stack(columns) * taper[:, None], values * taper, rcond=None)[0][2:]
-    sizes = dict(zip(orders, np.hypot(weights[::2], weights[1::2]), strict=True))
-    first = max(float(sizes.get(1, 0.0)), 1e-300)
-    odd, even = (math.hypot(*(float(sizes.get(k, 0.0)) for k in some)) / first for some in ((3, 5), (2, 4)))
-    return (odd if 3 in sizes else math.nan), (even if 2 in sizes else math.nan)
-
-
-def _standing(values: Floats, step: float, period: float) -> float:
-    """Share of the rows in which the position rests: by its speed over a fiftieth of a period."""
-    span = max(1, round(period / 50))
-    speed = np.abs(values[span:] - values[:-span])
-    most = float(np.quantile(speed, 0.98))
-    return float(np.mean(speed <= max(STANDS * most, 1.01 * step))) if most > 4 * step else math.nan

@@ -1,0 +1,180 @@
+"""Causes of a vibration, ranked by physical evidence, against the loop of a joint.yaml where there is one.
+
+At the complex frequency s = σ + jω of a vibration a linear loop has 1 + L(s) = 0, and position over torque is the plant's P(s). So:
+
+    gain_limit            ω is the loop's own critical frequency, its gain margin is spent, and P(s) is measured as modelled
+    structural_resonance  P(s) is not as modelled there, ω is another, or it rings on where every root of the model decays sooner
+    saturation            the torque is clipped and the loop is stable as it is, but not at the lower gain that clipping leaves
+                          (describing function N(A) ≤ 1 of a limit: N L = −1 at the lower end of the stable gains)
+    stick_slip            slower than the loop's crossover, the joint stands still in every period while the torque builds up
+    quantisation          an amplitude of about an encoder's step, which is a relay: its describing function is unbounded at small ones
+
+Each piece of evidence adds nats, within ±4, to the logarithm of a cause's likelihood; the weights are round numbers.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..identification.recorded_oscillation import RecordedOscillation
+from .predicted_vibration import FEW_STEPS, MANY_STEPS, Prediction
+
+UNKNOWN = "unknown"
+"""None of the five causes; it stands for itself among the likelihoods."""
+MOST_FOR, MOST_AGAINST = 2.0, -4.0  # nats of one piece of evidence
+SAME_FREQUENCY = 0.06  # relative, standard deviation: what a few percent of the inertias, the stiffness and the delay shift
+SAME_MARGIN = 0.15  # likewise of the gain margin
+SAME_RESPONSE = 0.25  # likewise of the plant's response
+OTHER_RESPONSE = 0.7  # of its logarithm: another plant
+STANDING = 0.3  # share of a period in which a joint that sticks stands still, at least
+CLIPPED = 0.05  # share of rows at the torque limit that counts
+SPARED = 0.6  # of the limit: margin that a stable prediction leaves where parameters are a few percent off
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """One observation for or against a cause: `weight` [nats], > 0 for it. `value` as measured, `expected` if the cause were true; SI."""
+
+    name: str
+    value: float
+    expected: float
+    weight: float
+
+
+@dataclass(frozen=True)
+class Cause:
+    """likelihood: beside the other causes and UNKNOWN, which together have 1."""
+
+    name: str
+    likelihood: float
+    evidence: tuple[Evidence, ...]
+
+
+def _agrees(distance: float, deviation: float) -> float:
+    """[nats] for a cause whose prediction is `distance` off, in units of which `deviation` is usual."""
+    return max(MOST_AGAINST, MOST_FOR - 0.5 * (distance / deviation) ** 2)
+
+
+def ranked_causes(seen: RecordedOscillation, predicted: Prediction | None) -> tuple[Cause, ...]:
+    """Likelihoods from the sums of the evidence."""
+    judged = {
+        "gain_limit": _gain_limit(seen, predicted),
+        "stick_slip": _stick_slip(seen, predicted),
+        "quantisation": _quantisation(seen),
+        "structural_resonance": _structural(seen, predicted),
+        "saturation": _saturation(seen, predicted),
+        UNKNOWN: (),
+    }
+    sums = np.array([sum(one.weight for one in evidence) for evidence in judged.values()])
+    shares = np.exp(sums - sums.max())
+    shares /= shares.sum()
+    causes = [Cause(name, float(share), tuple(evidence)) for (name, evidence), share in zip(judged.items(), shares, strict=True)]
+    return tuple(sorted(causes, key=lambda cause: -cause.likelihood))
+
+
+def _off(predicted: Prediction | None, seen: RecordedOscillation) -> float:
+    """|ln| of the vibration's frequency over the predicted one; NaN: none predicted."""
+    if predicted is None or not predicted.frequency > 0:
+        return math.nan
+    return abs(math.log(seen.found.frequency / predicted.frequency))
+
+
+def _response_off(predicted: Prediction | None) -> float:
+    """|ln| of the measured response over the model's, amplitude and phase; NaN: not measured."""
+    return abs(np.log(predicted.response)) if predicted is not None and predicted.response == predicted.response else math.nan
+
+
+def _gain_limit(seen: RecordedOscillation, predicted: Prediction | None) -> list[Evidence]:
+    found = [_steps_against(seen), _standing_against(seen)]
+    if predicted is None and seen.clipped > CLIPPED:  # a torque limit ends the growth of any vibration
+        found.append(Evidence("clipped", seen.clipped, 1.0, 2.0))
+    if predicted is None:
+        return _known(found)
+    off, margin, response = _off(predicted, seen), predicted.limit.gain, _response_off(predicted)
+    # A limit on the torque lowers the gain that is left, and with it the frequency, toward that at the limit.
+    at_limit = abs(math.log(seen.found.frequency / predicted.limit.frequency)) if predicted.limit.frequency > 0 else math.inf
+    if not math.isnan(off):
+        found.append(Evidence("frequency", seen.found.frequency, predicted.frequency, _agrees(min(off, at_limit), SAME_FREQUENCY)))
+    found.append(Evidence("gain_margin", margin, 1.0, _agrees(max(0.0, math.log(max(margin, 1e-9))), SAME_MARGIN)))
+    if not math.isnan(response) and not seen.irregular:
+        found.append(Evidence("response", response, 0.0, _agrees(response, SAME_RESPONSE)))
+    return _known(found)
+
+
+def _steps_against(seen: RecordedOscillation) -> Evidence:
+    weight = -3.0 if seen.steps < FEW_STEPS or seen.irregular else 0.0
+    return Evidence("steps", seen.steps, math.inf, weight)
+
+
+def _standing_against(seen: RecordedOscillation) -> Evidence:
+    weight = -3.0 if seen.standing > STANDING and not seen.found.damping_ratio < -0.02 else 0.0
+    return Evidence("standing", seen.standing, 0.0, weight)
+
+
+def _known(found: Sequence[Evidence]) -> list[Evidence]:
+    """Those that say something."""
+    return [one for one in found if one.weight != 0]
+
+
+def _stick_slip(seen: RecordedOscillation, predicted: Prediction | None) -> list[Evidence]:
+    share = seen.standing
+    weight = MOST_AGAINST if math.isnan(share) else min(2.5, 12 * (share - STANDING + 0.1)) if share > STANDING - 0.1 else -3.0
+    found = [Evidence("standing", share, 1.0, weight)]
+    if predicted is not None and predicted.crossover > 0:
+        slow = math.log(seen.found.frequency / predicted.crossover)
+        found.append(Evidence("crossover", seen.found.frequency, predicted.crossover, 1.5 if slow < 0 else max(MOST_AGAINST, -4 * slow)))
+    if seen.steps < FEW_STEPS or seen.irregular:
+        found.append(Evidence("steps", seen.steps, math.inf, -3.0))
+    if seen.clipped > CLIPPED and seen.clipped > share:
+        found.append(Evidence("clipped", seen.clipped, 0.0, -2.0))
+    return _known(found)
+
+
+def _quantisation(seen: RecordedOscillation) -> list[Evidence]:
+    steps = seen.steps
+    weight = 3.0 if steps <= FEW_STEPS else 0.0 if steps <= MANY_STEPS else MOST_AGAINST
+    found = [Evidence("steps", steps, 1.0, weight)]
+    if seen.irregular:
+        found.append(Evidence("irregular", 1.0, 1.0, 1.5))
+    if seen.state != "sustained":
+        found.append(Evidence("growth", seen.found.growth_rate, 0.0, -1.5))
+    return _known(found)
+
+
+def _structural(seen: RecordedOscillation, predicted: Prediction | None) -> list[Evidence]:
+    found = [_steps_against(seen), _standing_against(seen)]
+    if seen.clipped > CLIPPED and not seen.began_small:
+        found.append(Evidence("clipped", seen.clipped, 0.0, -2.0))
+    if predicted is None:
+        return _known(found)
+    off, response = _off(predicted, seen), _response_off(predicted)
+    if not math.isnan(off):
+        found.append(Evidence("frequency", seen.found.frequency, predicted.frequency, min(1.5, -_agrees(off, SAME_FREQUENCY))))
+    if not math.isnan(response):
+        found.append(Evidence("response", response, OTHER_RESPONSE, min(MOST_FOR, 4 * (response - 0.5))))
+    if seen.state == "decaying" and predicted.limit.stable:
+        sooner = predicted.damping / max(seen.found.damping_ratio, 1e-6)
+        found.append(Evidence("rings", seen.found.damping_ratio, predicted.damping, 1.5 if sooner > 2 else -1.0))
+    return _known(found)
+
+
+def _saturation(seen: RecordedOscillation, predicted: Prediction | None) -> list[Evidence]:
+    share = seen.clipped
+    found = [Evidence("clipped", share, 1.0, 2.0 if share > CLIPPED else MOST_AGAINST)]
+    if seen.began_small and (predicted is None or seen.found.damping_ratio > -0.02):
+        found.append(Evidence("grew_unclipped", 1.0, 0.0, -1.0 if predicted is not None else -2.0))
+    found.append(_steps_against(seen))
+    if predicted is None:
+        return _known(found)
+    limit = predicted.limit
+    if not limit.stable and limit.gain < SPARED:
+        found.append(Evidence("gain_margin", limit.gain, 1.0, -3.0))
+    if limit.stable and limit.lower_gain > 0 and limit.lower_frequency > 0:
+        # Deeper in the limit less gain is left, and it is slower yet.
+        faster = max(0.0, math.log(seen.found.frequency / limit.lower_frequency))
+        found.append(Evidence("lower_frequency", seen.found.frequency, limit.lower_frequency, _agrees(faster, 2 * SAME_FREQUENCY)))
+    elif not limit.lower_gain > 0:
+        found.append(Evidence("lower_gain", limit.lower_gain, 1.0, -2.0))
+    return _known(found)
