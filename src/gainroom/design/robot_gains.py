@@ -12,7 +12,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,16 +20,14 @@ from ..analysis.margin_record import GainLimit, Margins, worst_of
 from ..linear.arrays import Booleans, Floats, Integers
 from ..system.controller import PD
 from ..system.loop import Loop
-from ..system.plant import ElasticJoint, Plant
 from ..system.requirements import REQUIREMENTS, Requirements
 from ..system.system import StateCase, System
 from .gain_search import Raised, raised_gains, stiffness
-from .joint_gains import recommend_pd
 from .margin_slopes import Case, Gains
+from .starting_gains import Beginning, joints_alone, joints_that_move, link_inertia, tasks_alike
 
 if TYPE_CHECKING:
     from ..robot.model import RobotModel
-    from ..robot.tasks import Tasks
 
 SHARES = (0.5, 0.25, 0.12, 0.9, 0.05)
 """Of the damping of each joint alone, with which a search may begin: what is stable is made to meet the requirements."""
@@ -41,13 +39,8 @@ TRIED = 2
 """Beginnings, where one does not come to gains that meet the requirements."""
 ALIKE = 0.01
 """Relative: joints whose data and loads differ by less are raised together."""
-UNLIMITED = 100.0
 EVERYWHERE = ""
 """The contact state of the set that is safe in all."""
-_JOINT = ("motor_inertia", "stiffness", "damping", "motor_viscous", "link_viscous")
-IMMOBILE = 1e-12
-"""Mobility of a joint, relative to the largest, below which the contacts hold it: they leave round-off."""
-HEAVIEST = 1e3  # times the motor's inertia: loads beyond this, or a joint that the contacts hold, do not change a PD's limits
 
 
 @dataclass(frozen=True)
@@ -140,26 +133,6 @@ class _State:
     load: Floats
 
 
-@dataclass(frozen=True)
-class _Beginning:
-    """Gains (3, m) to begin with: `gains` at share 1; `unit` what stiffness is measured by, `data` (m,) each, in which alike ones agree."""
-
-    gains: Gains
-    unit: Floats
-    data: list[Floats]
-    cascade: Booleans
-
-    @property
-    def most(self) -> float:
-        """Of stiffness in units: what nothing has limited up to there, nothing limits."""
-        return UNLIMITED * float((self.gains[0] * np.where(self.cascade, self.gains[1], 1.0) / self.unit).max())
-
-    def at(self, share: float, softness: float) -> Gains:
-        """A share of the damping, and that times `softness` of the stiffness."""
-        kp, kd, ki = self.gains
-        return np.array([np.where(self.cascade, softness, share * softness) * kp, share * kd, share * softness * ki])
-
-
 def recommend_robot(system: System, space: str = "joint", progress: Callable[[], None] = lambda: None) -> RobotGains:
     """Gains for the joints, or for the file's tasks (space "task").
 
@@ -169,13 +142,13 @@ def recommend_robot(system: System, space: str = "joint", progress: Callable[[],
     first = states[0].model
     found = [_joint_state(state) if space == "joint" else _task_state(state) for state in states]
     moved = [state.model for state, one in zip(states, found, strict=True) if one.moves.any()] or [first]
-    beginning = _joints_alone(system, first, np.min([_link_inertia(model) for model in moved], axis=0))
+    beginning = joints_alone(system, first, np.min([link_inertia(model) for model in moved], axis=0))
     if space == "joint":
-        names, inertia = system.source.joint_names, first.motor_inertia + _link_inertia(first)
+        names, inertia = system.source.joint_names, first.motor_inertia + link_inertia(first)
     else:
         tasks = system.source.tasks(first, system.control.rotors)
         names, inertia = tasks.directions, None
-        beginning = _tasks_alike(tasks, beginning)
+        beginning = tasks_alike(tasks, beginning)
     nearest: dict[str, str] = {}
     safe = _set(EVERYWHERE, found, beginning, progress, nearest)
     per_contact: dict[str, GainSet | None] = {}
@@ -198,7 +171,7 @@ def _unweighed(system: System, space: str, states: Sequence[StateCase]) -> tuple
 def _set(
     contact: str,
     states: Sequence[_State],
-    beginning: _Beginning,
+    beginning: Beginning,
     progress: Callable[[], None],
     nearest: dict[str, str],
     safe: GainSet | None = None,
@@ -255,7 +228,7 @@ def _set(
 def _searched(
     states: Sequence[_State],
     cases: Sequence[Case],
-    beginning: _Beginning,
+    beginning: Beginning,
     weighed: bool,
     free: Integers,
     progress: Callable[[], None],
@@ -276,7 +249,7 @@ def _searched(
 
 
 def _starts(
-    cases: Sequence[Case], beginning: _Beginning, weighed: bool, progress: Callable[[], None], safe: GainSet | None
+    cases: Sequence[Case], beginning: Beginning, weighed: bool, progress: Callable[[], None], safe: GainSet | None
 ) -> Iterator[Gains]:
     """Gains that are stable in every case: those of `safe` first, then parts of what each joint alone is recommended."""
     softness = WEIGHED if weighed else SOFT
@@ -326,68 +299,6 @@ def _shortage(margins: Margins, required: Requirements) -> str:
     return f"{one.named(margins)} {found} of {asked}"
 
 
-def joints_that_move(model: Plant, feedback: str) -> Booleans:
-    """(n,) False where contacts hold a joint, so that no gain on it is felt: rigid, or measured on the link's side."""
-    own = np.diagonal(model.link_inverse_inertia)
-    free = own > IMMOBILE * np.abs(model.link_inverse_inertia).max()
-    return free if feedback == "link" else free | model.elastic
-
-
-def _link_inertia(model: "RobotModel") -> Floats:
-    """(n,) 1/W_ii, bounded where the contacts hold a joint: by its motor's inertia or, without one, by the heaviest load that can move."""
-    own = np.diagonal(model.link_inverse_inertia)
-    free = own[own > IMMOBILE * own.max()]
-    heaviest = HEAVIEST * np.where(model.motor_inertia > 0, model.motor_inertia, 1 / free.min() if len(free) else 1.0)
-    return np.minimum(1 / np.maximum(own, 1 / heaviest), heaviest)
-
-
-def _joints_alone(system: System, model: "RobotModel", lightest: Floats) -> _Beginning:
-    """What each joint alone is recommended, with its lightest load and its longest delay."""
-    size = model.size
-    latest = [drive.delay for drive in system.drives] if system.uncertainty.delay is None else system.uncertainty.delay[1].tolist()
-    heaviest = float(lightest.max())
-    known: dict[tuple, tuple[float, float]] = {}
-    gains, unit = np.zeros((3, size)), np.zeros(size)
-    for k in range(size):
-        link = float(f"{lightest[k] / heaviest:.3g}") * heaviest  # legs that differ by round-off are one joint
-        unit[k] = float(model.motor_inertia[k]) + link
-        # As if its inertia were 1: then what is rounded does not hang on units.
-        parts: dict[str, Any] = {name: float(getattr(model, name)[k]) / unit[k] for name in _JOINT}
-        joint, drive = ElasticJoint(link_inertia=link / unit[k], **parts), replace(system.drives[k], delay=latest[k])
-        key = (*parts.values(), joint.link_inertia, drive)
-        if key not in known:
-            known[key] = _alone(system, joint, drive)
-        gains[:2, k] = unit[k] * np.array(known[key])
-    data = [*(np.asarray(getattr(model, name), dtype=float) for name in _JOINT), np.array(latest)]
-    data += [np.array([getattr(drive, name) for drive in system.drives]) for name in ("bandwidth", "damping_ratio")]
-    if system.control.weight is not None:
-        unit, data = unit * system.control.weight, [*data, system.control.weight]
-    return _Beginning(gains, unit, data, np.zeros(size, dtype=bool))
-
-
-def _tasks_alike(tasks: "Tasks", joints: _Beginning) -> _Beginning:
-    """All directions that have gains at the rates of the slowest joint alone; P/PI ones in the file's proportions."""
-    kp, kd, _ = joints.gains
-    rate, quotient = float(np.min(kd / joints.unit)), float(np.median(kp / kd))
-    given = (tasks.kp != 0) | (tasks.kd != 0) | (tasks.ki != 0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        inner = np.where(tasks.cascade & (tasks.kd > 0), tasks.ki / tasks.kd, 0.0)
-    outer = np.where(tasks.cascade, quotient, rate * quotient * (tasks.kp != 0))
-    gains = np.where(given, np.array([outer, np.full(len(outer), rate), rate * inner]), 0.0)
-    return _Beginning(gains, tasks.weight, [], tasks.cascade)
-
-
-def _alone(system: System, joint: ElasticJoint, drive) -> tuple[float, float]:
-    """Recommended kp and kd of one joint; a critically damped guess where nothing limits it."""
-    template = PD(1.0, 1.0, velocity_filter=system.control.velocity_filter, notches=system.control.notches)
-    place = {"feedback": system.control.feedback, "sample_time": system.control.sample_time, "controller": template}
-    found = recommend_pd(joint, drive, system.requirements, **place)
-    if found is not None:
-        return found.kp, found.kd
-    inertia, crossover = joint.motor_inertia + joint.link_inertia, 0.2 / max(drive.delay + 2 / drive.bandwidth, 1e-3)
-    return inertia * crossover**2, 2 * inertia * crossover
-
-
 def _joint_state(state: StateCase) -> _State:
     system, size = state.system, state.model.size
 
@@ -399,7 +310,7 @@ def _joint_state(state: StateCase) -> _State:
 
         return Case(state.title, loop, np.eye(size), np.eye(size), np.zeros(size, dtype=bool), system.requirements)
 
-    return _both(state, case, joints_that_move(state.model, system.control.feedback), _link_inertia(state.model))
+    return _both(state, case, joints_that_move(state.model, system.control.feedback), link_inertia(state.model))
 
 
 def _task_state(state: StateCase) -> _State:

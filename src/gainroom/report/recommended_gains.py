@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ..design.robot_gains import GainSet, RobotGains
+from ..design.robot_gains import EVERYWHERE, GainSet, RobotGains
 from ..linear.arrays import Floats
 from ..system.requirements import REQUIREMENTS, Requirement, Requirements
 from .columns import Column, facts
@@ -48,7 +48,7 @@ class Row:
 
 def rows(gains: RobotGains) -> list[Row]:
     """All sets, the one that is safe in all first."""
-    return [Row("", gains.everywhere, gains), *(Row(contact, found, gains) for contact, found in gains.per_contact.items())]
+    return [Row(EVERYWHERE, gains.everywhere, gains), *(Row(contact, found, gains) for contact, found in gains.per_contact.items())]
 
 
 SET = [

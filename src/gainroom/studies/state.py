@@ -14,7 +14,7 @@ from ..analysis.margin_record import GainLimit, Margins
 from ..analysis.margins import joint_margins, margins
 from ..analysis.partial_limits import part_limits
 from ..analysis.stability import has_growing_root, unstable_roots
-from ..design.robot_gains import IMMOBILE, joints_that_move
+from ..design.starting_gains import IMMOBILE, joints_that_move
 from ..errors import GainroomError, computable
 from ..linear.arrays import Complexes, Floats, Integers
 from ..system.controller import PD, PID, PPI, gain_matrix

@@ -1,0 +1,105 @@
+"""Gains with which the search for a robot's recommended gains begins: those of each joint alone, and of tasks at its rates."""
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..linear.arrays import Booleans, Floats
+from ..system.controller import PD
+from ..system.plant import ElasticJoint, Plant
+from ..system.system import System
+from .joint_gains import recommend_pd
+from .margin_slopes import Gains
+
+if TYPE_CHECKING:
+    from ..robot.model import RobotModel
+    from ..robot.tasks import Tasks
+
+UNLIMITED = 100.0
+_JOINT = ("motor_inertia", "stiffness", "damping", "motor_viscous", "link_viscous")
+IMMOBILE = 1e-12
+"""Mobility of a joint, relative to the largest, below which the contacts hold it: they leave round-off."""
+HEAVIEST = 1e3  # times the motor's inertia: loads beyond this, or a joint that the contacts hold, do not change a PD's limits
+
+
+@dataclass(frozen=True)
+class Beginning:
+    """Gains (3, m) to begin with: `gains` at share 1; `unit` what stiffness is measured by, `data` (m,) each, in which alike ones agree."""
+
+    gains: Gains
+    unit: Floats
+    data: list[Floats]
+    cascade: Booleans
+
+    @property
+    def most(self) -> float:
+        """Of stiffness in units: what nothing has limited up to there, nothing limits."""
+        return UNLIMITED * float((self.gains[0] * np.where(self.cascade, self.gains[1], 1.0) / self.unit).max())
+
+    def at(self, share: float, softness: float) -> Gains:
+        """A share of the damping, and that times `softness` of the stiffness."""
+        kp, kd, ki = self.gains
+        return np.array([np.where(self.cascade, softness, share * softness) * kp, share * kd, share * softness * ki])
+
+
+def joints_that_move(model: Plant, feedback: str) -> Booleans:
+    """(n,) False where contacts hold a joint, so that no gain on it is felt: rigid, or measured on the link's side."""
+    own = np.diagonal(model.link_inverse_inertia)
+    free = own > IMMOBILE * np.abs(model.link_inverse_inertia).max()
+    return free if feedback == "link" else free | model.elastic
+
+
+def link_inertia(model: "RobotModel") -> Floats:
+    """(n,) 1/W_ii, bounded where the contacts hold a joint: by its motor's inertia or, without one, by the heaviest load that can move."""
+    own = np.diagonal(model.link_inverse_inertia)
+    free = own[own > IMMOBILE * own.max()]
+    heaviest = HEAVIEST * np.where(model.motor_inertia > 0, model.motor_inertia, 1 / free.min() if len(free) else 1.0)
+    return np.minimum(1 / np.maximum(own, 1 / heaviest), heaviest)
+
+
+def joints_alone(system: System, model: "RobotModel", lightest: Floats) -> Beginning:
+    """What each joint alone is recommended, with its lightest load and its longest delay."""
+    size = model.size
+    latest = [drive.delay for drive in system.drives] if system.uncertainty.delay is None else system.uncertainty.delay[1].tolist()
+    heaviest = float(lightest.max())
+    known: dict[tuple, tuple[float, float]] = {}
+    gains, unit = np.zeros((3, size)), np.zeros(size)
+    for k in range(size):
+        link = float(f"{lightest[k] / heaviest:.3g}") * heaviest  # legs that differ by round-off are one joint
+        unit[k] = float(model.motor_inertia[k]) + link
+        # As if its inertia were 1: then what is rounded does not hang on units.
+        parts: dict[str, Any] = {name: float(getattr(model, name)[k]) / unit[k] for name in _JOINT}
+        joint, drive = ElasticJoint(link_inertia=link / unit[k], **parts), replace(system.drives[k], delay=latest[k])
+        key = (*parts.values(), joint.link_inertia, drive)
+        if key not in known:
+            known[key] = _alone(system, joint, drive)
+        gains[:2, k] = unit[k] * np.array(known[key])
+    data = [*(np.asarray(getattr(model, name), dtype=float) for name in _JOINT), np.array(latest)]
+    data += [np.array([getattr(drive, name) for drive in system.drives]) for name in ("bandwidth", "damping_ratio")]
+    if system.control.weight is not None:
+        unit, data = unit * system.control.weight, [*data, system.control.weight]
+    return Beginning(gains, unit, data, np.zeros(size, dtype=bool))
+
+
+def tasks_alike(tasks: "Tasks", joints: Beginning) -> Beginning:
+    """All directions that have gains at the rates of the slowest joint alone; P/PI ones in the file's proportions."""
+    kp, kd, _ = joints.gains
+    rate, quotient = float(np.min(kd / joints.unit)), float(np.median(kp / kd))
+    given = (tasks.kp != 0) | (tasks.kd != 0) | (tasks.ki != 0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        inner = np.where(tasks.cascade & (tasks.kd > 0), tasks.ki / tasks.kd, 0.0)
+    outer = np.where(tasks.cascade, quotient, rate * quotient * (tasks.kp != 0))
+    gains = np.where(given, np.array([outer, np.full(len(outer), rate), rate * inner]), 0.0)
+    return Beginning(gains, tasks.weight, [], tasks.cascade)
+
+
+def _alone(system: System, joint: ElasticJoint, drive) -> tuple[float, float]:
+    """Recommended kp and kd of one joint; a critically damped guess where nothing limits it."""
+    template = PD(1.0, 1.0, velocity_filter=system.control.velocity_filter, notches=system.control.notches)
+    place = {"feedback": system.control.feedback, "sample_time": system.control.sample_time, "controller": template}
+    found = recommend_pd(joint, drive, system.requirements, **place)
+    if found is not None:
+        return found.kp, found.kd
+    inertia, crossover = joint.motor_inertia + joint.link_inertia, 0.2 / max(drive.delay + 2 / drive.bandwidth, 1e-3)
+    return inertia * crossover**2, 2 * inertia * crossover
