@@ -11,9 +11,9 @@ from .bode import Case
 from .columns import Column, yes
 from .joint_text import RULE, rise_text, uncertainty_cost_text
 from .margin_columns import bounded_columns, compared_rows
-from .number_format import digits, frequency, own_gains, plane_names, quantity
+from .number_format import digits, frequency, own_gains, plane_names
 from .page import Html, facts, table
-from .page_parts import filters
+from .page_parts import filters, uncertainty_text
 
 MARKS = {"yes": "met", "no": "unmet", "unstable": "unmet", "not certified": "unmet"}
 
@@ -144,29 +144,32 @@ def case_table(shown: list[Case]) -> Html:
 def inputs(study: JointStudy) -> Html:
     """The joint, the drive, the controller and what is required, as used on the page."""
     system = study.system
-    joint, drive = system.source, system.drives[0]
     pairs = [
-        ("motor inertia, joint side", digits(joint.motor_inertia, "kg·m²")),
-        ("link inertia", digits(joint.link_inertia, "kg·m²")),
-        ("gearbox stiffness", "rigid" if math.isinf(joint.stiffness) else digits(joint.stiffness, "N·m/rad")),
-        ("gearbox damping", digits(joint.damping, "N·m·s/rad")),
-        ("viscous friction, motor and link", f"{digits(joint.motor_viscous)} and {digits(joint.link_viscous, 'N·m·s/rad')}"),
-        (
-            "anti-resonance, resonance",
-            f"{frequency(joint.antiresonance)}, {frequency(joint.resonance)}" if math.isfinite(joint.stiffness) else "none",
-        ),
-        (
-            "current loop",
-            "ideal" if drive.is_ideal else f"bandwidth ω_c {digits(drive.bandwidth, 'rad/s')}, ζ {digits(drive.damping_ratio)}",
-        ),
-        ("delay, target to demand torque", _delay(system)),
+        *machine(system),
         ("controller", _controller(system)),
-        ("encoder", f"{system.control.feedback} side of the gearbox"),
         ("time", _time(system)),
         ("required", str(system.requirements)),
-        ("uncertainty", _uncertainty(system)),
+        ("uncertainty", uncertainty_text(system)),
     ]
     return facts(pairs)
+
+
+def machine(system: System) -> list[tuple[str, str]]:
+    """The joint and its drive."""
+    joint, drive = system.source, system.drives[0]
+    elastic = math.isfinite(joint.stiffness)
+    ideal = "ideal" if drive.is_ideal else f"bandwidth ω_c {digits(drive.bandwidth, 'rad/s')}, ζ {digits(drive.damping_ratio)}"
+    return [
+        ("motor inertia, joint side", digits(joint.motor_inertia, "kg·m²")),
+        ("link inertia", digits(joint.link_inertia, "kg·m²")),
+        ("gearbox stiffness", digits(joint.stiffness, "N·m/rad") if elastic else "rigid"),
+        ("gearbox damping", digits(joint.damping, "N·m·s/rad")),
+        ("viscous friction, motor and link", f"{digits(joint.motor_viscous)} and {digits(joint.link_viscous, 'N·m·s/rad')}"),
+        ("anti-resonance, resonance", f"{frequency(joint.antiresonance)}, {frequency(joint.resonance)}" if elastic else "none"),
+        ("current loop", ideal),
+        ("delay, target to demand torque", _delay(system)),
+        ("encoder", f"{system.control.feedback} side of the gearbox"),
+    ]
 
 
 def _delay(system: System) -> str:
@@ -188,8 +191,3 @@ def _time(system: System) -> str:
         f"sampled at {digits(1 / sample_time, 'Hz')}: torque held between ticks, velocity by difference, plant and delay discretised "
         "exactly; responses at the sample instants"
     )
-
-
-def _uncertainty(system: System) -> str:
-    text = ", ".join(quantity(name, *getattr(system.uncertainty, name)) for name in system.uncertainty.names)
-    return text or "none given: every value is taken as exact"

@@ -5,11 +5,14 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import Any
 
+import numpy as np
+
 from .. import __version__
 from ..analysis.gain_limit import GainLimit
 from ..system.requirements import REQUIREMENTS, Requirements
+from ..system.system import System
 from .margin_columns import margin_value, requirement
-from .number_format import digits
+from .number_format import digits, quantity
 from .page import Card, Html, facts, paragraph
 
 ON_TOP = 4
@@ -76,6 +79,16 @@ def assumptions(model: str, sample_time: float | None, further: str = "") -> str
 def assumed_and_warned(assumed: Sequence[str], warnings: Sequence[str]) -> list[Html]:
     """What is assumed, and the warnings that are not shown on top."""
     return [*([facts([("assumed", text) for text in assumed])] if assumed else []), *map(paragraph, warnings[ON_TOP:])]
+
+
+def uncertainty_text(system: System) -> str:
+    """The ranges that values may lie in; of several joints, from the least to the largest."""
+    ranges = []
+    for name in system.uncertainty.names:
+        low, high = map(np.atleast_1d, getattr(system.uncertainty, name))
+        finite = np.isfinite(high)
+        ranges.append(quantity(name, float(low[finite].min()), float(high[finite].max())) if finite.any() else f"{name}: rigid")
+    return ", ".join(ranges) or "none given: every value is taken as exact"
 
 
 def filters(controller: Any) -> str:

@@ -14,9 +14,9 @@ from ..studies.robot import RobotStudy
 from ..studies.state import State, TaskStudy
 from ..system.system import System
 from .columns import Column, definitions, tabulated
-from .number_format import digits, hertz, quantity
+from .number_format import digits, hertz
 from .page import Html, facts, paragraph, table
-from .page_parts import filters
+from .page_parts import filters, uncertainty_text
 from .recommended_gains import Row, gain_columns, rows, set_columns
 from .recommended_gains_text import cost_text, inertia_text
 from .robot_columns import JOINT, TASK, state_columns
@@ -128,7 +128,7 @@ def inputs(system: System) -> Html:
         ("gravity", GRAVITY[system.source.gravity]),
         *((f"posture {name}", angles_text(posture)) for name, posture in list(system.source.postures.items())[:12]),
         *((f"contact {name}", contacts_text(contacts)) for name, contacts in list(system.source.contacts.items())[:12]),
-        ("uncertainty", _uncertainty(system)),
+        ("uncertainty", uncertainty_text(system)),
     ]
     return facts(pairs)
 
@@ -183,12 +183,3 @@ def angles_text(posture: Posture) -> str:
 def contacts_text(contacts: Sequence[Contact]) -> str:
     """The contacts of a state as text."""
     return "; ".join(f"{one.frame}, {one.kind}, {'rigid' if one.stiffness is None else 'on springs'}" for one in contacts) or "none"
-
-
-def _uncertainty(system: System) -> str:
-    ranges = []
-    for name in system.uncertainty.names:
-        low, high = getattr(system.uncertainty, name)
-        finite = np.isfinite(high)
-        ranges.append(quantity(name, float(np.min(low[finite])), float(np.max(high[finite]))) if finite.any() else f"{name}: rigid")
-    return ", ".join(ranges) or "none given: every value is taken as exact"

@@ -11,6 +11,7 @@ from ..simulation.robot_run import RobotRun
 from ..simulation.robot_simulation import RobotSimulation
 from ..simulation.simulation_spec import JointSimulation
 from ..studies.simulation import Outcome
+from . import joint_tables
 from .number_format import digits, milli, typed_gains
 from .page import Section
 from .page_parts import filters
@@ -30,15 +31,10 @@ def inputs(outcome: Outcome) -> list[Pair]:
 def _joint(outcome: Outcome) -> list[Pair]:
     spec = outcome.spec
     assert isinstance(spec, JointSimulation)
-    system = spec.system
-    joint, drive, controller = system.source, system.drives[0], system.control.controller
+    system, controller = spec.system, spec.system.control.controller
     return [
-        (
-            "joint",
-            f"J_M {joint.motor_inertia:g}, J_L {joint.link_inertia:g} kg m², K {joint.stiffness:g} N m/rad, B {joint.damping:g} N m s/rad",
-        ),
-        ("drive", f"current loop {drive.bandwidth:g} rad/s, ζ {drive.damping_ratio:g}, delay {1e3 * drive.delay:g} ms"),
-        ("control", f"{typed_gains(controller)}, all × {outcome.gain:g}; {system.control.feedback} side; {filters(controller)}"),
+        *joint_tables.machine(system),
+        ("control", f"{typed_gains(controller)}, all × {outcome.gain:g}; {filters(controller)}"),
         *((f"scenario.{key}", text) for key, text in spec.described.items()),
     ]
 
