@@ -7,7 +7,7 @@ import typer
 
 from ..report.number_format import as_typed, model_kind, model_text
 from .options import AsJson, Report, command_line, number_option, report_stream
-from .output import closing, column_table, emit, emit_json, render
+from .output import closing, column_table, render, show
 from .progress import progress_bar
 
 if TYPE_CHECKING:
@@ -75,10 +75,7 @@ def audit(
     with report_stream(report) as page:
         with progress_bar("audit:") as progress:
             result = run_audit(system, margin, progress)
-        if as_json:
-            emit_json(_facts(result))
-        else:
-            emit(_terminal(result, report))
+        show(as_json, lambda: _facts(result), lambda: _terminal(result, report))
         if page is not None:
             from ..report.audit import audit_page
 

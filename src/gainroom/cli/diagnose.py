@@ -2,13 +2,13 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from .log_options import LogCall, reads_log
 from .options import AsJson, Report, Verbose, command_line, report_stream
-from .output import closing, emit, emit_json, render
+from .output import closing, render, show
 
 if TYPE_CHECKING:
     from ..files.logs import LoggedJoint
@@ -59,21 +59,23 @@ def diagnose(
 
         with named(str(call.file)):
             found = study(logged.record, system)
-        if as_json:
-            from ..report.diagnosis_text import facts
-            from ..report.log_text import logged_facts, logged_remarks
-
-            answer = facts(found)
-            answer["warnings"] += logged_remarks(logged)
-            emit_json({**answer, "log": logged_facts(logged)})
-        else:
-            emit(_terminal(found, logged, verbose, report))
+        show(as_json, lambda: _facts(found, logged), lambda: _terminal(found, logged, verbose, report))
         if page is not None:
             from ..report.diagnosis import diagnosis_page
 
             given = [("--joint", one) for one in described]
             page.write(diagnosis_page(found, str(call.file), command_line("diagnose", *call.words(), *given, ("--report", report))))
     return 1 if found.vibrates else 0
+
+
+def _facts(found: "Diagnosis", logged: "LoggedJoint") -> dict[str, Any]:
+    """What --json prints."""
+    from ..report.diagnosis_text import facts
+    from ..report.log_text import logged_facts, logged_remarks
+
+    answer = facts(found)
+    answer["warnings"] += logged_remarks(logged)
+    return {**answer, "log": logged_facts(logged)}
 
 
 def _terminal(found: "Diagnosis", logged: "LoggedJoint", verbose: bool, report: Path | None) -> str:

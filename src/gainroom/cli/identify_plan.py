@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from .options import AsJson, Report, command_line, number_option, refuse_inputs, report_stream
-from .output import closing, emit, emit_json, render, table
+from .output import closing, render, show, table
 
 if TYPE_CHECKING:
     from ..identification.plan import Plan
@@ -56,10 +56,7 @@ def plan(
     with report_stream(report, output) as page:
         if output is not None:
             _write(found, output)
-        if as_json:
-            emit_json(_facts(found, output))
-        else:
-            emit(_terminal(found, output, report))
+        show(as_json, lambda: _facts(found, output), lambda: _terminal(found, output, report))
         if page is not None:
             from ..report.plan import plan_page
 

@@ -7,7 +7,7 @@ import typer
 
 from ..report.number_format import model_kind, model_text, own_gains, typed_gains
 from .options import AsJson, Report, Verbose, command_line, report_stream
-from .output import closing, column_table, emit, emit_json, render, table
+from .output import closing, column_table, render, show, table
 
 if TYPE_CHECKING:
     from ..design.joint_gains import Recommendation
@@ -39,10 +39,7 @@ def joint(
         from ..studies.joint import study_joint
 
         study = study_joint(system)
-        if as_json:
-            emit_json(_facts(study))
-        else:
-            emit(_terminal(study, report, verbose))
+        show(as_json, lambda: _facts(study), lambda: _terminal(study, report, verbose))
         if page is not None:
             from ..report import joint_page
 

@@ -4,7 +4,7 @@ from typing import Any
 
 from .log_options import LogCall, reads_log
 from .options import AsJson, Verbose
-from .output import emit, emit_json, render, table
+from .output import render, show, table
 
 MOST_JOINTS = 3
 """In the terminal's table."""
@@ -25,10 +25,7 @@ def log(call: LogCall, as_json: AsJson = False, verbose: Verbose = False) -> int
 
     with log_reader(call.file, call.options()) as reader:
         survey = Survey.of(reader)
-    if as_json:
-        emit_json(facts(survey))
-    else:
-        emit(_terminal(survey, None if verbose else MOST_JOINTS))
+    show(as_json, lambda: facts(survey), lambda: _terminal(survey, None if verbose else MOST_JOINTS))
     return 0
 
 

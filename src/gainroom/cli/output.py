@@ -3,7 +3,7 @@
 import json
 import math
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -39,6 +39,14 @@ def emit(text: str) -> None:
 def emit_json(value: Mapping[str, Any]) -> None:
     """One strict JSON object: what is not finite (infinite margin, margin of an unstable loop) becomes null."""
     emit(json.dumps(_strict(value), indent=2, allow_nan=False) + "\n")
+
+
+def show(as_json: bool, facts: Callable[[], Mapping[str, Any]], text: Callable[[], str]) -> None:
+    """The answer on standard output, for a program or for a person."""
+    if as_json:
+        emit_json(facts())
+    else:
+        emit(text())
 
 
 def _strict(value: Any) -> Any:

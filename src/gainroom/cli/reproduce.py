@@ -4,7 +4,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from .options import AsJson, Report, Verbose, command_line, report_stream
-from .output import emit, emit_json, render, table
+from .output import render, show, table
 
 if TYPE_CHECKING:
     from ..paper import Reproduction
@@ -21,10 +21,8 @@ def reproduce(as_json: AsJson = False, verbose: Verbose = False, report: Report 
         from ..paper import run_reproduction
 
         result = run_reproduction()
-        if as_json:
-            emit_json({"rows": [asdict(row) for row in result.rows], "warnings": list(result.warnings)})
-        else:
-            emit(_terminal(result, verbose))
+        facts = {"rows": [asdict(row) for row in result.rows], "warnings": list(result.warnings)}
+        show(as_json, lambda: facts, lambda: _terminal(result, verbose))
         if page is not None:
             from ..paper.page import reproduction_page
 

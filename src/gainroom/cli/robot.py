@@ -8,7 +8,7 @@ import typer
 from ..report.number_format import model_kind, model_text
 from ..report.robot_units import judged
 from .options import AsJson, Report, command_line, report_stream
-from .output import closing, column_table, emit, emit_json, render
+from .output import closing, column_table, render, show
 from .progress import progress_bar
 
 if TYPE_CHECKING:
@@ -41,10 +41,7 @@ def robot(
 
         with progress_bar("robot:") as progress:
             study = study_robot(system, progress)
-        if as_json:
-            emit_json(_facts(study))
-        else:
-            emit(_terminal(study, report))
+        show(as_json, lambda: _facts(study), lambda: _terminal(study, report))
         if page is not None:
             from ..report.robot import robot_page
 

@@ -11,7 +11,7 @@ import typer
 from ..report.number_format import digits
 from .interrupts import Stopped, stop_signals
 from .options import AsJson, Report, command_line, kind_of, number_option, refuse_inputs, report_stream
-from .output import closing, emit, emit_json, render, table
+from .output import closing, render, show, table
 from .progress import progress_bar
 
 if TYPE_CHECKING:
@@ -55,10 +55,7 @@ def simulate(
     spec = _load(file, feedforward)
     with report_stream(report, log) as page:
         outcome = _simulated(spec, gain, log)
-        if as_json:
-            emit_json(_facts(outcome, log))
-        else:
-            emit(_terminal(outcome, report, log))
+        show(as_json, lambda: _facts(outcome, log), lambda: _terminal(outcome, report, log))
         if page is not None:
             from ..report.simulation import simulation_page
 

@@ -1,36 +1,17 @@
 """gainroom verify: the predicted limit compared with simulation."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..report.number_format import digits
 from .options import AsJson, Report, command_line, kind_of, report_stream
-from .output import closing, emit, emit_json, render, table
+from .output import closing, column_table, render, show
 from .progress import progress_bar
 
 if TYPE_CHECKING:
-    from ..studies.simulation import Progress
-    from ..studies.verification import Case, Verification
+    from ..studies.verification import Verification
     from ..system.system import System
-
-    Run = Callable[[Progress], Verification]
-
-CASE_KEYS = {
-    "what": "what",
-    "witness": "witness",
-    "predicted_gain": "predicted_gain",
-    "simulated_gain": "simulated_gain",
-    "predicted_frequency_rad_s": "predicted_frequency",
-    "simulated_frequency_rad_s": "simulated_frequency",
-    "gain_difference": "gain_difference",
-    "frequency_difference": "frequency_difference",
-    "tolerance": "tolerance",
-    "agrees": "agrees",
-}
-"""JSON's names of what a Case holds."""
 
 
 def verify(
@@ -58,10 +39,7 @@ def verify(
 
         with progress_bar("verify:") as progress:
             result = verified(system, progress)
-        if as_json:
-            emit_json(_facts(result))
-        else:
-            emit(_terminal(result, report))
+        show(as_json, lambda: _facts(result), lambda: _terminal(result, report))
         if page is not None:
             from ..report.verification import verification_page
 
@@ -85,31 +63,25 @@ def _load(file: Path) -> "System":
 
 def _facts(result: "Verification") -> dict[str, Any]:
     """What --json prints."""
-    from ..report.verification_text import sentence
+    from ..report.columns import facts
+    from ..report.verification_text import CASE, sentence
 
     return {
         "agrees": result.agrees,
         "sentence": sentence(result),
-        "cases": [{name: getattr(case, field) for name, field in CASE_KEYS.items()} for case in result.cases],
+        "cases": [facts(CASE, case) for case in result.cases],
         "warnings": list(result.warnings),
     }
 
 
 def _terminal(result: "Verification", report: Path | None) -> str:
-    from ..report.verification_text import frequency_cells, gain_cells, sentence
+    from ..report.verification_text import FREQUENCY_TABLE, GAIN_TABLE, sentence
 
-    columns = ("method", "predicted", "simulated", "difference", "allowed", "agrees")
-    gains = [(case.what, case.witness, *gain_cells(case), *_verdict(case, case.gain_difference)) for case in result.cases]
-    frequencies = [(case.what, case.witness, *frequency_cells(case), *_verdict(case, case.frequency_difference)) for case in result.cases]
-    parts: list[Any] = [
+    return render(
         sentence(result),
         "",
-        table("Factor on all gains at which vibration starts", ("", *columns), gains),
-        table("Its frequency", ("[rad/s]", *columns), frequencies),
-    ]
-    parts += [f"Left out: {warning}" for warning in result.warnings]
-    return render(*parts, *closing({"Report": report}, ()))
-
-
-def _verdict(case: "Case", difference: float) -> tuple[str, str]:
-    return f"{digits(100 * case.tolerance)} %", "yes" if abs(difference) <= case.tolerance else "no"
+        column_table("Factor on all gains at which vibration starts", GAIN_TABLE, result.cases),
+        column_table("Its frequency", FREQUENCY_TABLE, result.cases),
+        *(f"Left out: {warning}" for warning in result.warnings),
+        *closing({"Report": report}, ()),
+    )

@@ -118,10 +118,7 @@ def _asked(result: Audit) -> str:
 
 
 def _certificate(result: Audit) -> Html:
-    pairs = limit_proofs([state.limit for state in result.states])
-    if result.immobile:
-        immobile = listed([state.contact for state in result.immobile])
-        pairs.append(("no verdict", f"{immobile}: the contacts lock every joint that has gains, so no loop is closed"))
+    pairs = limit_proofs(result.states, result.immobile)
     pairs += [
         ("one loop at a time", "each loop's own curve with the other loops closed, sampled until smooth; its crossings polished"),
         (

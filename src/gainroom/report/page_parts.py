@@ -9,6 +9,8 @@ import numpy as np
 
 from .. import __version__
 from ..analysis.gain_limit import GainLimit
+from ..errors import listed
+from ..studies.state import State
 from ..system.requirements import REQUIREMENTS, Requirements
 from ..system.system import System
 from .margin_columns import margin_value, requirement
@@ -49,8 +51,9 @@ def unstable_card(asked: Requirements, limit: GainLimit, where: str, what: str) 
     return Card("stable factor on these gains", "none", "", required, False, f"no factor makes {what} stable")
 
 
-def limit_proofs(limits: Sequence[GainLimit]) -> list[tuple[str, str]]:
-    """How the limits of several coupled loops were certified, state by state, as facts."""
+def limit_proofs(states: Sequence[State], immobile: Sequence[State]) -> list[tuple[str, str]]:
+    """How the limits of several coupled loops were certified, state by state, as facts; `immobile`: states without a verdict."""
+    limits = [state.limit for state in states]
     known = [limit.certificate for limit in limits if limit.certificate is not None]
     holding = sum(proof.holds for proof in known)
     pairs = [("verdict", "unstable closed-loop roots counted from the turns of the characteristic loci about −1 (Nyquist), state by state")]
@@ -62,6 +65,8 @@ def limit_proofs(limits: Sequence[GainLimit]) -> list[tuple[str, str]]:
         pairs.append(("gain limits", f"{words}{holding} of {len(known)} {count}"))
     if len(known) < len(limits):
         pairs.append(("no limit", f"{len(limits) - len(known)} states have none to confirm; factors up to 1000 were searched"))
+    if immobile:
+        pairs.append(("no verdict", f"{listed([one.title for one in immobile])}: {immobile[0].reason}, so no loop is closed"))
     return pairs
 
 

@@ -218,9 +218,7 @@ def _disk_words(study: RobotStudy) -> str:
 
 
 def _certificate(study: RobotStudy) -> Html:
-    pairs = limit_proofs([state.limit for state in study.states])
-    if study.immobile:
-        pairs.append(("no verdict", f"{listed([one.title for one in study.immobile])}: {study.immobile[0].reason}, so no loop is closed"))
+    pairs = limit_proofs(study.states, study.immobile)
     pairs += [
         (
             "one loop at a time, largest gains",

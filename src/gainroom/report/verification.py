@@ -9,10 +9,11 @@ import numpy as np
 from ..studies.verification import Verification, growth_about
 from ..system.system import System
 from . import style
+from .columns import tabulated
 from .number_format import digits, frequency, model_text
 from .page import Card, Html, Lead, Section, block, figure, page, table
 from .page_parts import assumptions, footer
-from .verification_text import frequency_cells, gain_cells, percent, sentence
+from .verification_text import CASE, percent, sentence
 
 
 def verification_page(system: System, result: Verification, command: str) -> str:
@@ -86,23 +87,9 @@ def _growth(system: System, limit: float) -> Html:
 
 
 def _table(result: Verification) -> Html:
-    columns = (
-        "Case",
-        "Method",
-        "Gain predicted",
-        "simulated",
-        "difference",
-        "[rad/s] predicted",
-        "simulated",
-        "difference",
-        "Allowed",
-        "Agrees",
+    return table(
+        *tabulated(CASE, result.cases), "Predicted and simulated gains are factors on the file's own.", {"yes": "met", "no": "unmet"}
     )
-    rows = []
-    for case in result.cases:
-        verdict = f"{digits(100 * case.tolerance)} %", "yes" if case.agrees else "no"
-        rows.append((case.what, case.witness, *gain_cells(case), *frequency_cells(case), *verdict))
-    return table(columns, rows, "Gains are factors on the file's own; frequencies in rad/s.", {"yes": "met", "no": "unmet"})
 
 
 def _method() -> str:

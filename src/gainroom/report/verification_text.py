@@ -1,9 +1,10 @@
-"""The outcome of a verification in sentences."""
+"""The outcome of a verification in sentences, and its cases as columns."""
 
 import math
 
 from ..errors import apart
 from ..studies.verification import Case, Verification
+from .columns import Column, yes
 from .number_format import digits
 
 
@@ -59,16 +60,31 @@ def percent(difference: float, tolerance: float = 0.0) -> str:
     return f"{100 * abs(difference):.{apart(abs(difference), tolerance, 2)}g} %"
 
 
-def gain_cells(case: Case) -> tuple[str, ...]:
-    """Predicted and simulated factor on the gains, and their relative difference."""
-    gains = (digits(gain, "", 6) for gain in (case.predicted_gain, case.simulated_gain))
-    return *gains, percent(case.gain_difference, case.tolerance)
+def _compared(quantity: str, key: str, unit: str, significant: int) -> list[Column]:
+    """A quantity predicted and simulated, and its relative difference."""
+
+    def column(how: str) -> Column:
+        return Column(f"{how}{unit}", f"{how}_{key}", lambda case: getattr(case, f"{how}_{quantity}"), significant=significant)
+
+    def difference(case: Case) -> float:
+        return getattr(case, f"{quantity}_difference")
+
+    shown = Column("difference", f"{quantity}_difference", difference, shown=lambda case: percent(difference(case), case.tolerance))
+    return [column("predicted"), column("simulated"), shown]
 
 
-def frequency_cells(case: Case) -> tuple[str, ...]:
-    """The same for the frequency [rad/s]."""
-    frequencies = (digits(omega, "", 5) for omega in (case.predicted_frequency, case.simulated_frequency))
-    return *frequencies, percent(case.frequency_difference, case.tolerance)
+def _agrees(quantity: str) -> Column:
+    return Column("agrees", "", lambda case: yes(abs(getattr(case, f"{quantity}_difference")) <= case.tolerance))
+
+
+NAMED = [Column("case", "what", lambda case: case.what), Column("method", "witness", lambda case: case.witness)]
+GAIN = _compared("gain", "gain", "", 6)
+FREQUENCY = _compared("frequency", "frequency_rad_s", " [rad/s]", 5)
+ALLOWED = Column("allowed", "tolerance", lambda case: case.tolerance, shown=lambda case: f"{digits(100 * case.tolerance)} %")
+CASE = [*NAMED, *GAIN, *FREQUENCY, ALLOWED, Column("agrees", "agrees", lambda case: case.agrees, shown=lambda case: yes(case.agrees))]
+"""A case of a verification."""
+GAIN_TABLE, FREQUENCY_TABLE = [*NAMED, *GAIN, ALLOWED, _agrees("gain")], [*NAMED, *FREQUENCY, ALLOWED, _agrees("frequency")]
+"""The same by quantity."""
 
 
 def _size(value: float) -> float:
