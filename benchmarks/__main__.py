@@ -27,6 +27,7 @@ def main() -> None:
     parser.add_argument("parts", nargs="*", metavar="part", help=f"which to run, of {', '.join(PARTS)}; all when none is named")
     parser.add_argument("--json", action="store_true", help=f"also write {OUTPUT}")
     parser.add_argument("--seed", type=int, default=2017, help="of the map cells that are drawn for checking")
+    parser.add_argument("--logs", type=int, default=3, help="from which identification finds joints; 20 take minutes")
     asked = parser.parse_args()
     unknown = [part for part in asked.parts if part not in PARTS]
     if unknown:
@@ -36,7 +37,8 @@ def main() -> None:
     results = {}
     for part in asked.parts or PARTS:
         print(f"measuring {part} …", file=sys.stderr)
-        results[part] = PARTS[part](seed=asked.seed)
+        more = {"logs": asked.logs} if part == "identification" else {}
+        results[part] = PARTS[part](seed=asked.seed, **more)
         print_table(results[part])
     if asked.json:
         OUTPUT.parent.mkdir(exist_ok=True)

@@ -8,10 +8,10 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
-from tests.independent import delay_roots
-from tests.independent.joint import PDJoint
 
 import gainroom as gr
+from tests.independent import delay_roots
+from tests.independent.joint import PDJoint
 
 from .measure import seconds
 from .table import Table

@@ -135,8 +135,9 @@ def joint_run(index: int) -> tuple[Case, Run]:
         columns["demand_torque"] = run.demand_torque[:, 0]
     if index % 4 == 0:
         columns["link_position"] = run.link_reading[:, 0]
-    truth = {name: getattr(joint, name) for name in ("motor_inertia", "link_inertia", "stiffness", "resonance", "antiresonance")}
-    return Case(Record(run.time, columns, tick), truth | {"damping": joint.damping, "delay": drive.delay, "tick": tick}), run
+    truth = {name: getattr(joint, name) for name in ("motor_inertia", "link_inertia", "stiffness", "resonance", "antiresonance", "damping")}
+    truth |= {"coulomb": coulomb, "link_coulomb": link_coulomb, "weight": bed.gravity, "delay": drive.delay, "tick": tick}
+    return Case(Record(run.time, columns, tick), truth), run
 
 
 def gains_case(index: int) -> Case:
