@@ -10,7 +10,7 @@ from gainroom.identification.gains import factors, identify_gains
 from gainroom.identification.record import Record
 from gainroom.identification.stiffness import identify_stiffness
 from gainroom.simulation import Friction, Scenario, Testbed, simulate
-from identified import POPULATION, coverage_bounds, gains_case, holds
+from identified import POPULATION, coverage_bounds, gains_case, joint_case, holds
 from refusals import assert_refused
 
 WHOLE, SHARE, TICK = 100, 8, 1e-3
@@ -132,6 +132,16 @@ def test_a_progressive_spring_is_called_one():
     found = identify_stiffness(locked(1e4, 0.0, cubic=2e8))
     assert "not linear" in found.warnings[0]
     assert found.hardening.value > 0.1
+
+
+@pytest.mark.parametrize("index", [0, 3, 8, 12])
+def test_a_link_that_moves_is_not_a_locked_output(index):
+    """Torque goes into its inertia; with its encoder, its motion is seen, and without, that no spring explains the torque."""
+    log = joint_case(index).record
+    without = Record(log.time, {name: values for name, values in log.channels.items() if name != "link_position"}, log.sample_time)
+    assert_refused(lambda: identify_stiffness(without), ["stiffness:", "fix"])
+    if log.has("link_position"):
+        assert_refused(lambda: identify_stiffness(log), ["link_position moves by", "fix the output"])
 
 
 def test_a_stiffness_that_cannot_be_told_is_refused():

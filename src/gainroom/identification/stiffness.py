@@ -20,6 +20,7 @@ LEAST_MOVING = 0.02  # of the largest speed: slower, the direction of friction i
 SMOOTHED = 0.01  # [s] over which the velocity is taken
 FREEDOM = 39
 MOST_RELATIVE = 0.1  # standard error of K
+LEAST_EXPLAINED = 0.95  # of the torque's variance: a locked joint leaves noise alone, one whose link moves its inertia's torque
 CURVED = 3.0  # standard errors of the cubic term that make a spring progressive
 
 
@@ -55,7 +56,8 @@ def identify_stiffness(record: Record, motor_inertia: float = 0.0) -> StiffnessF
     motor_inertia   J_M [kg m²], whose share J_M θ̈ is taken off the torque; 0: the record is slow
     With a link position in the record the deflection is motor less link, so that a mount that gives way does no harm.
 
-    Raises GainroomError where channels are missing, where the joint hardly moves, and where it turns one way only.
+    Raises GainroomError where channels are missing, where the joint hardly moves, where it turns one way only, and where a spring and
+    friction do not explain the torque, as when the link moves.
     """
     torque_name = next((name for name in ("actual_torque", "demand_torque", "target_torque") if record.has(name)), "actual_torque")
     torque, motor = record.need("stiffness", torque_name, "motor_position")
@@ -67,6 +69,11 @@ def identify_stiffness(record: Record, motor_inertia: float = 0.0) -> StiffnessF
         raise GainroomError(
             f"stiffness: the deflection spans {np.ptp(deflection):.3g} rad, {LEAST_STEPS} steps of the encoder ({step:.3g} rad) are "
             "needed: record with a larger torque"
+        )
+    if record.has("link_position") and np.ptp(record.channels["link_position"]) > np.ptp(deflection):
+        raise GainroomError(
+            f"stiffness: link_position moves by {np.ptp(record.channels['link_position']):.3g} rad, more than the spring's deflection of "
+            f"{np.ptp(deflection):.3g} rad: fix the output, or identify the joint from its motion (gainroom identify joint)"
         )
     velocity, acceleration = _derivatives(motor, record)
     moving = _steady(velocity, record)
@@ -123,7 +130,14 @@ def _fitted(deflection: Floats, torque: Floats, direction: Floats, rows: Floats)
     slope, friction, level = solution
     if slope <= 0:
         raise GainroomError(
-            f"stiffness: the torque falls with the deflection ({slope / half:.3g} N·m/rad): look at the signs of the columns"
+            f"stiffness: the torque falls with the deflection ({slope / half:.3g} N·m/rad): look at the signs of the columns, and whether "
+            "the output is fixed"
+        )
+    explained = 1 - float(np.var(residual) / np.var(torque))
+    if explained < LEAST_EXPLAINED:
+        raise GainroomError(
+            f"stiffness: a spring and friction explain {100 * explained:.0f} % of the torque's variance, less than "
+            f"{100 * LEAST_EXPLAINED:.0f} %: the output is not fixed, or the load not slow; fix it and load the joint slowly back and forth"
         )
     error = float(variance[0, 0] ** 0.5) / half
     if error > MOST_RELATIVE * slope / half:
