@@ -16,7 +16,7 @@ from gainroom.errors import GainroomError
 from gainroom.files.identified_section import problem_of
 from gainroom.files.joint_yaml import load_joint, parse_joint
 from gainroom.files.logs import JointLog, open_log, read_log
-from identified import joint_case
+from identified import joint_case, setpoint_case
 from log_files import WRITERS, Truth
 
 TICK = 1e-3
@@ -114,6 +114,28 @@ def followed(reference: np.ndarray, natural: float, damping: float, loop: int, c
         velocity += TICK / fine * (natural**2 * (wanted - late_position) - 2 * damping * natural * late_velocity)
         position += TICK / fine * velocity
     return positions
+
+
+def test_a_sampled_loop_s_hold_is_no_delay_once_its_rate_is_given(tmp_path: Path):
+    """Hold and backward difference are half a tick each; the rate is on the page's command line, and refused where torques tell."""
+    case, log = setpoint_case(3), tmp_path / "log.csv"
+    columns = np.column_stack([case.record.time, case.record.channels["reference"], case.record.channels["motor_position"]])
+    np.savetxt(log, columns, delimiter=",", header="time,reference,motor_position", comments="")
+    rate = f"{1 / case.record.sample_time:g}"
+    ticks = {}
+    for given in ((), ("--loop-rate-hz", rate)):
+        status, out, err = run("delay", log, *given, "--json", "--report", tmp_path / "page.html")
+        assert status == 0
+        ticks[given], warnings = json.loads(out)["delay_ticks"]["value"], json.loads(out)["warnings"]
+        assert any("--loop-rate-hz" in text for text in warnings) == (not given)
+    assert ticks[("--loop-rate-hz", rate)] == pytest.approx(case.truth["loop"], abs=0.1)
+    assert ticks[()] == pytest.approx(case.truth["loop"] + 1, abs=0.1)
+    assert f"--loop-rate-hz {rate} " in (tmp_path / "page.html").read_text("utf-8")
+    delayed(tmp_path / "torques.csv", 4)
+    for file, value, words in ((tmp_path / "torques.csv", "500", "is for logs without torques"), (log, "-5", "must be a number > 0")):
+        status, out, err = run("delay", file, "--loop-rate-hz", value)
+        assert (status, out) == (2, "")
+        assert words in err
 
 
 @pytest.fixture(scope="module")

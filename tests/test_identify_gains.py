@@ -10,7 +10,7 @@ from gainroom.identification.gains import factors, identify_gains
 from gainroom.identification.record import Record
 from gainroom.identification.stiffness import identify_stiffness
 from gainroom.simulation import Friction, Scenario, Testbed, simulate
-from identified import POPULATION, coverage_bounds, gains_case, joint_case, holds
+from identified import POPULATION, coverage_bounds, gains_case, holds, joint_case
 from refusals import assert_refused
 
 WHOLE, SHARE, TICK = 100, 8, 1e-3

@@ -45,6 +45,7 @@ class SetpointDelay:
     rate_of_error   kd acts on ẋ_d − θ̇ (True) or on −θ̇
     explained       share of the position's power, its mean apart
     sample_time     [s]
+    loop_sample_time   [s] of the loop on kp and kd, whose hold and velocity difference are not in `loop`; None: they are
     warnings        what the reader should know
     """
 
@@ -57,6 +58,7 @@ class SetpointDelay:
     rate_of_error: bool
     explained: float
     sample_time: float
+    loop_sample_time: float | None = None
     warnings: tuple[str, ...] = ()
 
 
@@ -81,7 +83,7 @@ def identify_setpoint_delay(record: Record, loop_sample_time: float | None = Non
             f"delay: {side} moves by {np.ptp(position):.3g} rad, {LEAST_STEPS} steps of its encoder ({step:.3g} rad) are needed: "
             "record larger set-points"
         )
-    fits = [_Simulation(record, reference, position, follows, loop_sample_time or 0.0) for follows in (False, True)]
+    fits = [_Simulation(record, reference, position, follows, loop_sample_time) for follows in (False, True)]
     best = min(fits, key=lambda fit: fit.found.cost)
     return best.result()
 
@@ -89,10 +91,11 @@ def identify_setpoint_delay(record: Record, loop_sample_time: float | None = Non
 class _Simulation:
     """The position from the set-point, in the frequency domain: delays are exact, and no stability is asked of the trial's parameters."""
 
-    def __init__(self, record: Record, reference: Floats, position: Floats, follows: bool, held: float) -> None:
+    def __init__(self, record: Record, reference: Floats, position: Floats, follows: bool, loop_tick: float | None) -> None:
         from scipy.fft import next_fast_len
 
         self.tick, self.follows, self.count = record.sample_time, follows, len(position)
+        self.loop_tick, held = loop_tick, loop_tick or 0.0
         self.mean, self.scale = float(position[0]), float(np.std(position))
         pad = min(self.count, int(4.0 / self.tick))
         self.size: Any = next_fast_len(self.count + pad, real=True)
@@ -207,7 +210,7 @@ class _Simulation:
         return SetpointDelay(
             command.scaled(tick), loop.scaled(tick), total.scaled(tick), confounded,
             interval(math.exp(point[0]), math.exp(point[0]) * float(errors[0]), FREEDOM), math.exp(point[1]), self.follows, explained, tick,
-            tuple(warnings),
+            self.loop_tick, tuple(warnings),
         )  # fmt: skip
 
 

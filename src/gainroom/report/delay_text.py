@@ -80,4 +80,6 @@ def setpoint_delay_answer(found: SetpointDelay) -> Answer:
             f"{digits(1e3 * found.loop.high)} ms), and with that of the set-point {total}."
         )
     source = "no pair of torques is in the log: the delay is from set-point and position, and includes the current loop's lag"
+    if found.loop_sample_time is None:
+        source += "; if the loop is sampled, about one of its ticks is hold and velocity difference (--loop-rate-hz takes it off)"
     return Answer("Delay", sentence, SETPOINT_COLUMNS, found, (source, *found.warnings))
