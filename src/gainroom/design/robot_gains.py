@@ -1,4 +1,4 @@
-"""Recommended gains of a robot: one set per contact state and one that is safe in all, with every loop closed, over the stated uncertainty.
+"""Recommended gains of a robot: one set per contact state and one that is safe in all, with every loop closed, over the uncertainty.
 
 The search (gain_search.py) begins with a part of what each joint alone is recommended, with the lightest load that any state gives it and
 the longest delay; task directions begin alike. The gains that a file has play no part, but for a P/PI task's, whose proportions are kept.

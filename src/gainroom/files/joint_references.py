@@ -51,13 +51,13 @@ def entry_of_file(name: str, folder: Path, owner: str) -> ActuatorEntry:
 
 
 def with_ranges(
-    stated: Uncertainty, entries: Sequence[ActuatorEntry], nominal: Mapping[str, ArrayLike], names: Sequence[str]
+    given: Uncertainty, entries: Sequence[ActuatorEntry], nominal: Mapping[str, ArrayLike], names: Sequence[str]
 ) -> tuple[Uncertainty, tuple[str, ...]]:
-    """`stated` for the robot, but for joints whose entries have intervals of their own those; and what is assumed of them.
+    """`given` for the robot, but for joints whose entries have intervals of their own those; and what is assumed of them.
 
-    nominal   by name, (n,): of joints that nothing is stated of
+    nominal   by name, (n,): of joints of which nothing is given
     """
-    found = {name: getattr(stated, name) for name in Uncertainty.__dataclass_fields__}
+    found = {name: getattr(given, name) for name in Uncertainty.__dataclass_fields__}
     for name in IN_ACTUATORS:
         if not any(name in entry.ranges for entry in entries):
             continue
@@ -68,7 +68,7 @@ def with_ranges(
         found[name] = low, high
     own = [name for name, entry in zip(names, entries, strict=True) if entry.ranges]
     if not own:
-        return stated, ()
+        return given, ()
     together = (
         "; joints vary together: one quantity is low in all of them, or high in all; mixtures are not looked at" if len(own) > 1 else ""
     )

@@ -50,7 +50,7 @@ def _in_time(plan: Plan, start: float, end: float, title: str) -> Html:
         Curve("link", scale * run.link_position[rows, 0], style.VERMILION, "dash"),
     ]
     caption = "Target torque: excitation and controller together. " if plan.closed else ""
-    caption += "Positions by the linear model at the stated values, from rest at 0; friction makes them smaller."
+    caption += "Positions by the linear model at the nominal values, from rest at 0; friction makes them smaller."
     panels = [Panel("torque", "N·m", torques, 0.5), Panel("position", "mrad", sides, 0.5)]
     return stacked(run.time[rows], panels, title, caption, 460)
 
@@ -100,8 +100,8 @@ def _spectrum(plan: Plan) -> Html:
     narrow = {**style.NARROW, "xaxis2.title.text": "Hz"} | style.decades("xaxis", low, high)
     narrow |= style.decades("xaxis2", low, high, scale=2 * math.pi)
     caption = (
-        "Amplitude of every line, of the target torque and of the measured side, at the stated values. Bands: where antiresonance and "
-        "resonance may lie over the stated range. Motion has to stand clear of the encoder's noise."
+        "Amplitude of every line, of the target torque and of the measured side, at the nominal values. Bands: where antiresonance and "
+        "resonance may lie over the range. Motion has to stand clear of the encoder's noise."
     )
     return figure({"data": traces, "layout": layout}, "Torque and motion over frequency", caption, 560, narrow)
 

@@ -48,9 +48,9 @@ def assumptions(plan: Plan) -> list[str]:
     shown = {"encoder_step": digits(plan.hardware.encoder_step, "rad", 2), "torque_noise": digits(plan.hardware.torque_noise, "N·m", 2)}
     assumed = [MEANT[name].format(shown.get(name, "")) for name in plan.assumed]
     held = "the controller of the file holds the joint" if plan.closed else "nothing holds the joint"
-    where = "the stated values" if plan.cases == 1 else f"{plan.cases} cases of the stated range"
+    where = "at the nominal values" if plan.cases == 1 else f"in {plan.cases} cases of the ranges"
     found = [
-        f"The limits hold in {where}, by the linear model without friction and weight; {held} meanwhile.",
+        f"The limits hold {where}, by the linear model without friction and weight; {held} meanwhile.",
         "The accuracy is the Cramér–Rao bound of the model that identify joint fits; log target_torque, actual_torque and the position.",
     ]
     return found + ([f"Assumed, as nothing was said: {', '.join(assumed)}."] if assumed else [])
