@@ -283,8 +283,9 @@ def _spectrum(found: Diagnosis) -> Html:
 
 def _amplitudes(values: Floats, tick: float, high: float) -> tuple[Floats, Floats]:
     """Frequencies [Hz] and amplitudes of (k,) values, the largest of every stretch, without the trend."""
-    line = np.linspace(-1, 1, len(values))[:, None] ** np.arange(2)
-    rest = values - line @ np.linalg.lstsq(line, values, rcond=None)[0]
+    from scipy.signal import detrend
+
+    rest = detrend(values)
     sizes = np.abs(np.fft.rfft(rest * np.hanning(len(rest))))
     lines = np.fft.rfftfreq(len(rest), tick)
     sizes, lines = sizes[lines <= high], lines[lines <= high]

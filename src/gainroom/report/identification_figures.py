@@ -48,16 +48,7 @@ def torques(found: TorqueDelay, record: Record) -> Html:
     level = (low + high) / 2
     shapes = [style.upright(0.0, style.SOFT, "dot"), style.upright(late, style.VERMILION, "dash", 1.6)]
     if found.told:
-        band = {
-            "type": "rect",
-            "x0": 1e3 * found.delay.low,
-            "x1": 1e3 * found.delay.high,
-            "y0": 0,
-            "y1": 1,
-            "yref": "paper",
-            "layer": "below",
-        }
-        shapes.append(band | {"fillcolor": style.VERMILION, "opacity": 0.15, "line": {"width": 0}})
+        shapes.append(style.stretch(1e3 * found.delay.low, 1e3 * found.delay.high, style.VERMILION, 0.15))
     words = f"delay {digits(late, 'ms', 3)}" if found.told else f"delay at most {digits(1e3 * found.delay.high, 'ms', 3)}"
     notes = [
         style.arrow((0.0, level), (late, level), style.VERMILION),

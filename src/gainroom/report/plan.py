@@ -85,8 +85,7 @@ def _spectrum(plan: Plan) -> Html:
     shapes = []
     for name, color in (("antiresonance", style.GREEN), ("resonance", style.VERMILION)):
         first, last = plan.span(name)  # type: ignore[arg-type]
-        wide = {"type": "rect", "x0": first / 1.01, "x1": last * 1.01, "y0": 0, "y1": 1, "yref": "paper", "layer": "below"}
-        shapes.append(wide | {"fillcolor": color, "opacity": 0.18, "line": {"width": 0}})
+        shapes.append(style.stretch(first / 1.01, last * 1.01, color, 0.18))
         middle = math.log10(math.sqrt(first * last))
         notes.append(style.label(middle, 0.44, name, color, yref="paper", yanchor="middle", font={"color": style.DARK[color], "size": 12}))
     layout = style.layout(

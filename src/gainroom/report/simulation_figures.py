@@ -126,11 +126,13 @@ def _conclusion(outcome: Outcome) -> str:
         return f"{how}: lower all gains together, or shorten the delay."
     if outcome.hidden:
         return "These gains are unstable, whatever hides it here: lower all of them together, or shorten the delay."
-    return "Only a steady-state error remains: friction, gravity or a constant torque ends a move short of its goal."
+    return "An error remains where friction, gravity or a constant torque ends a move short of its goal."
 
 
 def close_up(outcome: Outcome) -> Html:
-    """The last periods of the vibration: motors and torques of the joints that take part most; of a single joint both sides."""
+    """The last periods of the vibration, motors without mean and slope, and torques: mainly of which joints; of one joint both sides."""
+    from scipy.signal import detrend
+
     run, found = outcome.run, outcome.oscillation
     assert found is not None
     first, end, _ = found.rows.indices(_shown(outcome))
@@ -141,7 +143,7 @@ def close_up(outcome: Outcome) -> Html:
     time, single = run.time[rows], len(run.joint_names) == 1
     joints = [0] if single else [run.joint_names.index(name) for name in found.strongest[: len(COLORS)]]
     names, sides = _both_sides(outcome) if single else ([run.joint_names[k] for k in joints], run.motor_position.T[joints][:, :, None])
-    swings = [Curve(name, 1e3 * _swing(time, values[rows, 0]), *look) for name, values, look in zip(names, sides, COLORS, strict=False)]
+    swings = [Curve(name, 1e3 * detrend(values[rows, 0]), *look) for name, values, look in zip(names, sides, COLORS, strict=False)]
     torques = [Curve(run.joint_names[k], run.actual_torque[rows, k], *look, named=False) for look, k in zip(COLORS, joints, strict=False)]
     panels = [Panel("swing", "mrad", swings, 0.55), Panel("torque", "N·m", torques, 0.45)]
     title = f"The last {CLOSE_PERIODS} periods: {frequency(found.found.frequency)}"
@@ -153,12 +155,6 @@ def close_up(outcome: Outcome) -> Html:
         caption += f" The linear loop predicts {hertz(outcome.limit.frequency)} where vibration starts; "
         caption += "above the limit the frequency rises with the gains."
     return stacked(time, panels, title, caption, 520)
-
-
-def _swing(time: Floats, values: Floats) -> Floats:
-    """`values` without mean and slope."""
-    line = np.column_stack([np.ones(len(time)), time - time.mean()])
-    return values - line @ np.linalg.lstsq(line, values, rcond=None)[0]
 
 
 def drawn_channels(outcome: Outcome) -> list[int]:

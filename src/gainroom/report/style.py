@@ -118,6 +118,12 @@ def upright(x: float, color: str, dash: str = "solid", width: float = 1, **parts
     return {"type": "line", "x0": x, "x1": x, "y0": 0, "y1": 1, "yref": "paper", "line": line, "layer": "below"} | parts
 
 
+def stretch(low: float, high: float, color: str, opacity: float) -> dict[str, Any]:
+    """A band from `low` to `high` across the whole height, behind all else."""
+    place = {"type": "rect", "x0": low, "x1": high, "y0": 0, "y1": 1, "yref": "paper", "layer": "below"}
+    return place | {"fillcolor": color, "opacity": opacity, "line": {"width": 0}}
+
+
 def label(x: float, y: float, text: str, color: str = INK, **parts: Any) -> Annotation:
     """Text on the picture, on a white ground so that lines do not run through it."""
     base = {

@@ -59,19 +59,10 @@ def _growth(system: System, limit: float) -> Html:
         ),
     ]
     zero = {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": 0, "y1": 0, "line": {"color": style.INK, "width": 1}}
-    wall = {
-        "type": "line",
-        "yref": "paper",
-        "y0": 0,
-        "y1": 1,
-        "x0": limit,
-        "x1": limit,
-        "line": {"color": style.SOFT, "dash": "dot", "width": 1.5},
-    }
     layout = style.layout(
         xaxis=style.axis("factor on all gains [–]"),
         yaxis=style.axis("growth rate of the vibration [1/s]"),
-        shapes=[zero, wall],
+        shapes=[zero, style.upright(limit, style.SOFT, "dot", 1.5)],
         annotations=[
             style.label(limit, 0.02, f"predicted limit {digits(limit, '', 5)}", yref="paper", yanchor="bottom", xanchor="left", xshift=4)
         ],

@@ -168,12 +168,12 @@ def _irregular(spec: SimulationSpec, record: _Record) -> tuple[Oscillation | Non
 
     Reported as an oscillation with the power of the largest signal, at the mean of its frequency (root of the mean square, by power).
     """
+    from scipy.signal import detrend
+
     third = len(record.swinging) // 3
     if third < FEWEST_SAMPLES:
         return None, False
-    line = np.linspace(-1, 1, third)[:, None] ** np.arange(2)
-    thirds = (record.swinging[-2 * third : -third], record.swinging[-third:])
-    before, last = (part - line @ np.linalg.lstsq(line, part, rcond=None)[0] for part in thirds)
+    before, last = (detrend(part, axis=0) for part in (record.swinging[-2 * third : -third], record.swinging[-third:]))
     sizes = last.std(axis=0)
     most = int(np.argmax(sizes))
     size = float(last[:, most].std())
