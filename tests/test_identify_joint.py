@@ -7,11 +7,12 @@ import pytest
 
 import gainroom as gr
 from gainroom.identification.estimate import interval, log_interval
-from gainroom.identification.joint import JointFit, damping_beside_friction, identify_joint
+from gainroom.identification.frequency_response import frequency_response, given_torque
+from gainroom.identification.joint import JointFit, damping_beside_friction, fitted_response, identify_joint
 from gainroom.identification.motion import motion_of
 from gainroom.identification.prediction import Noise, Signals, prediction_errors, stationary
 from gainroom.identification.record import Record
-from gainroom.simulation import Scenario, Testbed, simulate
+from gainroom.simulation import Friction, Scenario, Testbed, simulate
 from identified import POPULATION, Case, coverage_bounds, holds, joint_case, multisine, soft_loop
 from independent.chain import Chain, record
 from independent.chain import multisine as chain_multisine
@@ -120,6 +121,31 @@ def test_a_third_mass_is_seen_in_the_residuals():
     assert not identify_joint(without(chained(three, 6, 70), "link_position")).adequate
 
 
+@pytest.mark.parametrize("excited", [False, True])
+def test_a_measured_response_is_the_joint_s_and_not_the_controller_s_inverse(excited):
+    """Friction's noise round a loop with a slow set-point: torque and motion are coherent by −1/D; only an added torque shows the joint."""
+    joint, drive, kp, kd = gr.ElasticJoint(0.2, 0.8, 1e4, 2.0), gr.Drive(2500.0, 0.8, 2.3 * TICK), 1000.0, 40.0
+    time = np.arange(8000) * TICK
+    added = 10 * multisine(np.random.default_rng(3), time, np.geomspace(5, 60, 40)) if excited else np.zeros(len(time))
+    loop = gr.build_loop(joint, drive, gr.PD(kp, kd), sample_time=TICK)
+    bed = Testbed(loop, motor_friction=Friction(1.0, 1.5, 0.05), motor_resolution=7.67e-6)
+    run = simulate(bed, Scenario(0.5 * np.sin(1.5 * time + 0.2 * time**2)[:, None], time[-1], feedforward=added[:, None]))
+    torque, position = run.target_torque[:, 0], run.motor_reading[:, 0]
+    plain, seen = (frequency_response(torque, position, TICK, *more) for more in ((), (given_torque(torque, position),)))
+    if excited:
+        used = seen.excited
+        ratio = seen.response[used] / fitted_response(seen.omega[used], joint, drive, TICK, True)
+        assert np.count_nonzero(used) > 40
+        assert np.median(np.abs(ratio - 1)) < 0.1  # friction is not in the fitted response
+    else:
+        used = plain.excited
+        law = kp + kd * (1 - np.exp(-1j * plain.omega[used] * TICK)) / TICK
+        inverse = (2 - 2 * np.cos(plain.omega[used] * TICK)) / TICK**2 / law  # −1/D of the twice differenced position
+        assert np.count_nonzero(used) > 15
+        assert np.median(np.abs(plain.response[used] / inverse - 1)) < 0.1
+        assert not seen.excited.any()
+
+
 def test_a_wrong_delay_is_seen_in_the_residuals(two):
     assert not identify_joint(without(two, "link_position", "actual_torque"), gr.Drive(2000.0, 0.9, 2 * 3 * TICK)).adequate
 
@@ -222,7 +248,7 @@ def test_damping_is_not_told_more_sharply_than_friction_allows():
     assert not note
     assert much.high - much.value == pytest.approx(1.96 + 0.2 * slope * 0.75**2, rel=5e-3)  # a million samples: to 0.1 %
     little, note = damping_beside_friction(exact | {"damping": log_interval(1e-7, 1.0)}, speed)
-    assert (little.low, little.high) == (0.0, pytest.approx(2 * slope * 0.75**2, rel=5e-3))
+    assert (little.value, little.low, little.high) == (0.0, 0.0, pytest.approx(2 * slope * 0.75**2, rel=5e-3))
     assert "friction hides the damping" in note[0]
     swapped = exact | {"coulomb": exact["link_coulomb"], "link_coulomb": exact["coulomb"], "damping": interval(50.0, 1.0)}
     assert damping_beside_friction(swapped, speed)[0].high - 50.0 == pytest.approx(1.96 + 0.2 * slope * 0.25**2, rel=5e-3)

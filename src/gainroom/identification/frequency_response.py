@@ -1,16 +1,22 @@
 """The measured frequency response of a joint, with coherence; and the joint that fits it roughly, from which a search may start.
 
 Positions are differenced twice before their spectra are taken: the joint's double integrator would leak over all frequencies.
+
+In a feedback loop the quotient of both spectra is the joint's response only where the torque is given from outside; where noise goes round
+the loop it is the controller's inverse. `given_torque` is what feedback did not make, and as an instrument takes that error out
+(Ljung, System Identification, 1999, section 13.4).
 """
 
 import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from ..linear.arrays import Booleans, Complexes, Floats
 from ..system.plant import ElasticJoint
 
+FEEDBACK = 4  # latest steps that a controller's law may rest on; more would foretell the torque itself from what it moved before
 SEGMENTS = 12  # at least, over which spectra are averaged
 LONGEST_SEGMENT = 8.0  # [s]
 STRONG = 0.005  # power of the torque that a frequency needs
@@ -27,9 +33,9 @@ class FrequencyResponse:
 
     omega       (k,) [rad/s]
     response    (k,) [rad/s² / (N m)] of the twice differenced position
-    coherence   (k,) 0 to 1; in a closed loop also near 1 where noise goes round the loop and nothing is excited
+    coherence   (k,) 0 to 1, of the motion with torque and instrument, the lesser; with a torque alone also near 1 where feedback makes it
     clearance   (k,) power of the motion over that of the encoder's noise
-    strength    (k,) power of the torque over that of its strongest tenth; where it is low a feedback loop answers noise
+    strength    (k,) power of torque and instrument over that of their strongest tenths, the lesser; where it is low feedback answers noise
     """
 
     omega: Floats
@@ -51,26 +57,41 @@ class FrequencyResponse:
         return int(np.count_nonzero(power >= LEAST_POWER * power.max(initial=0.0)))
 
 
-def frequency_response(torque: Floats, position: Floats, sample_time: float) -> FrequencyResponse:
-    """By Welch's method (scipy.signal) of torque (m,) [N m] and position (m,) [rad]."""
+def given_torque(torque: Floats, position: Floats) -> Floats:
+    """What of the torque (m,) [N m] no law of the last positions (m,) [rad] makes: from set-points, or added to the controller's.
+
+    The law is that of least squares between both differenced twice: slow motion, which follows its set-point, would hide it.
+    """
+    lags = sliding_window_view(np.diff(position, prepend=position[0]), FEEDBACK)
+    columns = np.column_stack([position[FEEDBACK - 1 :], lags])
+    law, *_ = np.linalg.lstsq(np.diff(columns, 2, axis=0), np.diff(torque[FEEDBACK - 1 :], 2), rcond=None)
+    given = torque[FEEDBACK - 1 :] - columns @ law
+    return np.concatenate([np.full(FEEDBACK - 1, given[0]), given])
+
+
+def frequency_response(torque: Floats, position: Floats, sample_time: float, instrument: Floats | None = None) -> FrequencyResponse:
+    """By Welch's method (scipy.signal) of torque (m,) [N m] and position (m,) [rad]; `instrument` (m,): what both are correlated with."""
     from scipy.signal import csd, welch
 
     acceleration = np.diff(position, 2) / sample_time**2
-    torque = torque[1:-1]
-    length = int(min(len(torque) / (SEGMENTS / 2 + 0.5), LONGEST_SEGMENT / sample_time))
+    length = int(min((len(torque) - 2) / (SEGMENTS / 2 + 0.5), LONGEST_SEGMENT / sample_time))
     options = {"fs": 1 / sample_time, "nperseg": max(length, 16), "detrend": "constant"}
-    frequency, input_power = welch(torque, **options)
-    _, output_power = welch(acceleration, **options)
-    _, cross = csd(torque, acceleration, **options)
-    with np.errstate(all="ignore"):
-        response, coherence = cross / input_power, np.abs(cross) ** 2 / (input_power * output_power)
+    drivers = [signal[1:-1] for signal in (torque, instrument) if signal is not None]
+    frequency, output_power = welch(acceleration, **options)
+    powers = [welch(driver, **options)[1] for driver in drivers]
+    crosses = [csd(driver, acceleration, **options)[1] for driver in drivers]
+    through = csd(drivers[-1], drivers[0], **options)[1]
     # White noise of the encoder, differenced twice; its size from the highest frequencies, where a joint hardly moves.
     shape = (2 - 2 * np.cos(2 * np.pi * frequency * sample_time)) ** 2
     high = (frequency > 0.3 / sample_time) & (frequency < 0.45 / sample_time)
     floor = max(float(np.median(output_power[high] / shape[high])), 1e-300) * np.maximum(shape, 1e-12)
     clearance = output_power / floor
     clear = (clearance >= CLEAR) & (frequency > LEAST_LINE * frequency[1])
-    strength = input_power / max(float(np.quantile(input_power[clear], 0.9)) if clear.any() else 0.0, 1e-300)
+    with np.errstate(all="ignore"):
+        response = crosses[-1] / through
+        coherence = np.min([np.abs(cross) ** 2 / (power * output_power) for cross, power in zip(crosses, powers, strict=True)], axis=0)
+    strongest = [float(np.quantile(power[clear], 0.9)) if clear.any() else 0.0 for power in powers]
+    strength = np.min([power / max(most, 1e-300) for power, most in zip(powers, strongest, strict=True)], axis=0)
     good = np.isfinite(response) & np.isfinite(coherence) & (frequency > 0) & (frequency < 0.45 / sample_time)
     return FrequencyResponse(2 * np.pi * frequency[good], response[good], coherence[good], clearance[good], strength[good])
 

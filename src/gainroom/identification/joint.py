@@ -18,7 +18,7 @@ from ..system.plant import ElasticJoint
 from .delay import TorqueDelay, identify_delay
 from .estimate import Estimate, log_interval, quantile
 from .excited_part import most_excited
-from .frequency_response import FrequencyResponse, Rough, frequency_response, rough_joint
+from .frequency_response import FrequencyResponse, Rough, frequency_response, given_torque, rough_joint
 from .joint_model import JointModel
 from .likelihood import Maximum, maximize
 from .motion import motion_of
@@ -39,6 +39,7 @@ DELAY_FLOOR = 0.02  # ticks: what torque logged once a tick knows of the delay a
 MODEL_ERROR, MODEL_ERROR_EXPLAINED = 0.0007, 0.007  # of inertias and stiffness
 USUAL_LAG = 1.5  # ticks of a hold and a current loop
 HIDDEN = 0.2  # of the viscous friction that Coulomb friction comes to: what may be missing of the damping beside it
+NOTHING = 1e-3  # of its error: a damping that is less is 0
 SEARCHED = 8.0  # ticks of delay, where no torque log tells it
 
 
@@ -53,7 +54,7 @@ class JointFit:
     names, covariance   (p,), (p, p) of the parameters that were fitted, SI
     joint, drive   the best values
     torque       the channel that drove the fit
-    measured     frequency response from that torque to the acceleration of the measured side
+    measured     frequency response from that torque to the acceleration of the measured side, by what feedback did not make of the torque
     residuals    of the fit, and what they say of the model
     delay        what the torques say of the delay; None where they say nothing
     sample_time  [s]
@@ -311,8 +312,10 @@ class _Fitting:
             covariance[place, place] += beside.standard_error**2 - parameters["damping"].standard_error ** 2
             parameters["damping"] = beside
             warnings = warnings + note
+        torque, position = self.source.torque, self.signals.positions[:, 0]
+        seen = frequency_response(torque, position, self.record.sample_time, given_torque(torque, position))
         return JointFit(
-            name, parameters, physical, covariance, joint, drive, self.source.name, measured, tests, self.source.told,
+            name, parameters, physical, covariance, joint, drive, self.source.name, seen, tests, self.source.told,
             self.record.sample_time, (float(self.record.time[0]), float(self.record.time[-1])), tuple(warnings),
         )  # fmt: skip
 
@@ -333,7 +336,8 @@ def damping_beside_friction(parameters: Mapping[str, Estimate], speed: float) ->
     was = parameters["damping"]
     error = math.hypot(was.standard_error, wide / quantile(math.inf))
     note = ["friction hides the damping, which may be 0: record a multisine of torque about the resonance on top of slow motion"] * hidden
-    return Estimate(was.value, max(was.low - wide, 0.0), was.high + wide, error), note
+    value = was.value if was.value > NOTHING * error else 0.0
+    return Estimate(value, max(was.low - wide, 0.0), was.high + wide, error), note
 
 
 def resonances(point: Floats, variance: Floats) -> dict[str, Estimate]:

@@ -107,7 +107,8 @@ def frequency_response(fit: JointFit) -> Html:
     """Torque to acceleration, measured and fitted: magnitude, phase, coherence."""
     measured = fit.measured
     used, omega = measured.excited, measured.omega
-    low, high = float(omega[used].min()) / 1.5, min(float(omega[used].max()) * 1.6, float(omega[-1]))
+    around = omega[used] if used.any() else np.array(list(_marks(fit).values()) or omega[[0, -1]])
+    low, high = float(around.min()) / 1.5, min(float(around.max()) * 1.6, float(omega[-1]))
     seen = (omega >= low) & (omega <= high)
     fine = np.geomspace(low, high, 600)
     fine = np.unique(np.concatenate([fine, *(value * (1 + 0.2 * np.linspace(-1, 1, 81) ** 3) for value in _marks(fit).values())]))
@@ -134,7 +135,7 @@ def frequency_response(fit: JointFit) -> Html:
         *_points(omega[other], measured.coherence[other], style.SOFT, "", yaxis="y3", **hz),
         *_points(omega[chosen], measured.coherence[chosen], style.BLUE, "", yaxis="y3", **hz),
     ]
-    seen_levels = np.log10(size[chosen])  # an undamped resonance of the fit would squeeze them into a line
+    seen_levels = np.log10(size[chosen if used.any() else seen])  # an undamped resonance of the fit would squeeze them into a line
     fitted_levels = np.clip(np.log10(np.abs(curve)), seen_levels.min() - MOST_BEYOND, seen_levels.max() + MOST_BEYOND)
     levels = np.concatenate([seen_levels, fitted_levels])
     decades, step = [float(levels.min()) - 0.15, float(levels.max()) + 0.15], 1 if np.ptp(levels) > 1.5 else "D2"
@@ -158,9 +159,10 @@ def frequency_response(fit: JointFit) -> Html:
     narrow = {**style.NARROW, "xaxis2.title.text": "Hz", "yaxis.title.text": "rad/s²/N·m"}
     narrow |= style.decades("xaxis", low, high) | style.decades("xaxis2", low, high, scale=2 * math.pi)
     caption = (
-        f"From {fit.torque} to the acceleration of the measured side. Blue: frequencies that the torque excites; grey: frequencies left "
-        "out, at which it is weak or the encoder's noise rules. The fit is of the log row by row, not of these points; friction lowers "
-        "the measured response at low frequencies. "
+        f"From {fit.torque} to the acceleration of the measured side. Blue: frequencies that set-points or an added torque excite; grey: "
+        "frequencies left out, at which feedback makes the torque or the encoder's noise rules. The fit is of the log row by row, not of "
+        "these points; friction lowers the measured response at low frequencies. "
+        + ("" if used.any() else "Here nothing excites the joint from outside: the fit rests on the noise that goes round the loop. ")
         + ("Hold, current loop and delay turn the phase." if fit.torque == "target_torque" else "")
     )
     return figure({"data": traces, "layout": layout}, "Frequency response, measured and fitted", caption, 640, narrow)
