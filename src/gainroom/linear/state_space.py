@@ -227,7 +227,7 @@ def zeros_of(system: StateSpace) -> Complexes:
     return np.concatenate([roots[roots.imag == 0], upper, upper.conj()])
 
 
-def factored(system: StateSpace, poles: Complexes, sample_time: float | None, delay: float = 0.0) -> Factored:
+def factored(system: StateSpace, poles: Complexes, sample_time: float | None) -> Factored:
     """Zeros, the given poles, and the gain of a scalar system, matched at a point away from both."""
     zeros = zeros_of(system)
     # Matched where the response is large: far up a roll-off the state space gives it as a small difference of large numbers.
@@ -237,4 +237,4 @@ def factored(system: StateSpace, poles: Complexes, sample_time: float | None, de
         probe = np.expm1(probe * sample_time) / sample_time
     shape = np.prod(probe - zeros) / np.prod(probe - poles)
     gain = system.at(np.array([probe]))[0, 0, 0] / shape
-    return Factored(zeros, poles, float(gain.real), delay, sample_time)
+    return Factored(zeros, poles, float(gain.real), 0.0, sample_time)

@@ -54,9 +54,9 @@ def warranted_digits(value: float, low: float, high: float) -> int:
     return min(max(before_point - math.floor(math.log10(half)) + 2, min(before_point, 2) + 1, LEAST_DIGITS), MOST_DIGITS)
 
 
-def interval_text(low: float, high: float, unit: str = "") -> str:
+def interval_text(low: float, high: float) -> str:
     """Two ends of an interval, with digits enough to tell them apart."""
-    return f"{digits(low, '', warranted_digits(low, low, high))} to {digits(high, unit, warranted_digits(high, low, high))}"
+    return f"{digits(low, '', warranted_digits(low, low, high))} to {digits(high, '', warranted_digits(high, low, high))}"
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from ..identification import Estimate, GainsFit, JointFit, Record, StiffnessFit, TorqueDelay
-from .estimates import TITLES, Answer, warranted_digits
+from .estimates import TITLES, Answer, interval_text, warranted_digits
 from .gains_figures import gains_beside, hysteresis, predicted
 from .gains_text import ASKED_TITLES, asked_rows
 from .identification_advice import delay_advice, gains_advice, joint_advice, stiffness_advice
@@ -92,6 +92,5 @@ def _card(label: str, estimate: Estimate | None, unit: str) -> Card | None:
     """A value with its interval; None where there is none."""
     if estimate is None:
         return None
-    low, high = (digits(end, "", warranted_digits(end, estimate.low, estimate.high)) for end in (estimate.low, estimate.high))
     value = digits(estimate.value, "", warranted_digits(estimate.value, estimate.low, estimate.high))
-    return Card(label, value, unit, note=f"{low} to {high}")
+    return Card(label, value, unit, note=interval_text(estimate.low, estimate.high))

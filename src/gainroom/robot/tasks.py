@@ -255,12 +255,12 @@ def tasks_of(model: Stance, tasks: Sequence[Task], rotors: bool = False) -> Task
     )
 
 
-def following(model: Stance, rotors: bool = False) -> Floats:
-    """(N, n) P' Sᵀ W'⁺: how everything moves with the joints on the contacts; `rotors` as for tasks_of.
+def following(model: Stance) -> Floats:
+    """(N, n) P' Sᵀ W'⁺: how everything moves with the joints on the contacts, without the rotors.
 
     Its transpose takes forces on everything to the smallest joint torques that do the same.
     """
-    motion = free_motion(_modelled_inertia(model, rotors), model.contact_jacobian)
+    motion = free_motion(model.inertia, model.contact_jacobian)
     return motion @ np.linalg.pinv(model.selection @ motion, rcond=MOVABLE)
 
 

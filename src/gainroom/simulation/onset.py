@@ -72,10 +72,10 @@ def _rate(found: Vibration | None) -> float:
     return -math.inf if found is None else found.growth_rate
 
 
-def linear_vibration(loop: Loop, duration: float = 2.0, seed: int = 0) -> Vibration | None:
+def linear_vibration(loop: Loop, duration: float = 2.0) -> Vibration | None:
     """The fastest-growing oscillation `duration` [s] after an impulse of every joint's torque, in the sampled linear loop."""
     require_positive("onset", "duration", duration, "s")
-    impulse = np.vstack([np.random.default_rng(seed).standard_normal(loop.size), np.zeros(loop.size)])  # no symmetry: excites every mode
+    impulse = np.vstack([np.random.default_rng(0).standard_normal(loop.size), np.zeros(loop.size)])  # no symmetry: excites every mode
     run = simulate(loop, Scenario(0.0, duration, feedforward=impulse))
     later = run.error[len(run.time) // 2 :]
     stride = -(-len(later) // MOST_SAMPLES)  # a fast tick and a slow vibration: the whole half counts, not its last samples

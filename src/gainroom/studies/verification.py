@@ -167,10 +167,10 @@ class Growth:
     simulated: Floats
 
 
-def growth_about(loop: Loop, count: int = 9) -> Growth:
+def growth_about(loop: Loop) -> Growth:
     """Within 10 % of the gain limit, which must be finite, for a figure; NaN where a run shows no vibration."""
     limit = gain_limit(loop)
-    gains = limit.gain * np.linspace(0.9, 1.1, count)
+    gains = limit.gain * np.linspace(0.9, 1.1, 9)
     found = [linear_vibration(loop.scaled(gain), _duration(loop, limit)) for gain in gains]
     simulated = [math.nan if one is None else one.growth_rate for one in found]
     predicted = [float(rightmost_roots(loop.scaled(gain)).roots[0].real) for gain in gains]
