@@ -35,7 +35,7 @@ def gains(
     with report_stream(report) as page:
         with joint_of_log(call, report) as (logged, _):
             from ..identification import identify_gains
-            from ..report.gains_text import ASKED_TITLES, asked_rows, gains_answer
+            from ..report.identified_gains_text import ASKED_TITLES, asked_rows, gains_answer
 
             fit = identify_gains(logged.record, **wanted, gear_ratio=ratio)
         answer, beside = gains_answer(fit), [*wanted.items()]
