@@ -110,7 +110,7 @@ def tetrahedron() -> bytes:
 def test_the_report_does_not_take_the_place_of_the_log(folder: Path, capsys: pytest.CaptureFixture[str]):
     (folder / "link.csv").symlink_to(folder / "new.csv")
     said = refused(["simulate", folder / "played.yaml", "--log", folder / "new.csv", "--report", folder / "link.csv"], capsys)
-    assert "would overwrite the log" in said
+    assert "would overwrite another file that this command writes" in said
 
 
 def test_a_file_read_by_an_earlier_run_may_be_written(folder: Path, capsys: pytest.CaptureFixture[str]):

@@ -168,6 +168,7 @@ def test_a_rigid_joint_is_rigid():
     ("change", "words"),
     [
         (lambda log: without(log, "motor_position", "link_position"), ["needs motor_position"]),
+        (lambda log: without(log, "motor_position"), ["needs motor_position", "link_position alone"]),
         (lambda log: without(log, "target_torque", "actual_torque"), ["needs actual_torque"]),
         (lambda log: Record(log.time, log.channels | {"motor_position": np.zeros(len(log.time))}, TICK), ["motor_position moves by 0 rad"]),
         (

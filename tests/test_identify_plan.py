@@ -13,9 +13,9 @@ from gainroom.cli import main
 from gainroom.files.joint_yaml import parse_simulation
 from gainroom.files.logs import read_joint
 from gainroom.identification import Record, identify_joint
-from gainroom.identification.estimate import quantile
+from gainroom.identification.estimate import FREEDOM, quantile
 from gainroom.identification.excitation import excitation
-from gainroom.identification.expected import FREEDOM, delay_error, virtual_log
+from gainroom.identification.expected import delay_error, virtual_log
 from gainroom.identification.plan import Bounds, Plan, plan_excitation
 from gainroom.simulation import simulate
 from identified import POPULATION

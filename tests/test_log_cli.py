@@ -115,7 +115,7 @@ def test_wrong_calls(options: tuple[str, ...], words: list[str], tmp_path: Path)
 def test_what_channels_allow():
     can = {each.question: each for each in abilities({"target_torque", "actual_torque", "link_position", "reference"})}
     assert can["identify delay"].channels == ("target_torque", "actual_torque")
-    assert can["identify joint"].channels == ("target_torque", "link_position")
+    assert can["identify joint"].missing == (("motor_position",),)
     assert can["identify gains"].possible
     assert can["identify stiffness"].missing == (("motor_position",),)
     assert not any(each.possible for each in abilities(()))

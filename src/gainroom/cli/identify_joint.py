@@ -39,7 +39,7 @@ def joint(
 ) -> int:
     """Inertias, stiffness, damping, friction and delay of a joint from torque and position, with 95 % intervals.
 
-    From target_torque or actual_torque (both: the delay too) and motor_position, link_position or both.
+    From target_torque or actual_torque (both: the delay too) and motor_position; link_position makes it sharper.
 
     \b
     Example:
@@ -94,8 +94,7 @@ def _write(temporary: Path, fit: "JointFit", logged: "LoggedJoint", drive: "Driv
     from ..files.identified_joint import identified_text
     from ..io.atomic import writing
 
-    feedback = "motor" if logged.record.has("motor_position") else "link"
-    text, _, met = identified_text(fit, logged.path, drive, feedback, date.today().isoformat(), __version__)
+    text, _, met = identified_text(fit, logged.path, drive, "motor", date.today().isoformat(), __version__)
     with writing(temporary):
         temporary.write_text(text, "utf-8", newline="\n")
     return [] if met else ["no PD gains keep the usual limits over the intervals: the gains in the file are low ones to start from"]

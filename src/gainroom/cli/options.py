@@ -29,11 +29,11 @@ def number_option(flag: str, unit: str, text: str, **others: Any) -> Any:
 
 
 @contextlib.contextmanager
-def report_stream(report: Path | None, log: Path | None = None) -> Iterator[StringIO | None]:
+def report_stream(report: Path | None, other: Path | None = None) -> Iterator[StringIO | None]:
     """What takes the page, or None when none is asked for; it is written when the block ends well, in the place of an older one.
 
-    To be opened when the input has been read: a path that cannot be written, or that would take the place of anything read or of `log`, is
-    refused before the work. The answer is printed inside the block, so that it is there even if the page cannot be.
+    A path that cannot be written, or that would take the place of anything read so far or of `other`, is refused before the work. The
+    answer is printed inside the block, so that it is there even if the page cannot be.
 
     Raises GainroomError.
     """
@@ -44,8 +44,8 @@ def report_stream(report: Path | None, log: Path | None = None) -> Iterator[Stri
     from ..io.atomic import replacement, writing
 
     refuse_inputs(report, "report")
-    if log is not None and os.path.realpath(report) == os.path.realpath(log):
-        raise GainroomError(f"{report}: the report would overwrite the log")
+    if other is not None and os.path.realpath(report) == os.path.realpath(other):
+        raise GainroomError(f"{report}: the report would overwrite another file that this command writes")
     with replacement(report) as temporary:
         page = StringIO()
         yield page

@@ -13,7 +13,7 @@ from ..errors import GainroomError
 from ..linear.arrays import Floats, Integers
 from .arrivals import Arrivals, arrivals, arrivals_of_ages
 from .current_loop import Data, Fit, Response, decoded, fit_arrivals, rough_response
-from .estimate import Estimate, covariance, interval, log_interval, quantile
+from .estimate import FREEDOM, Estimate, covariance, interval, log_interval, quantile
 from .excited_part import most_excited
 from .record import Record
 
@@ -22,7 +22,6 @@ ACTIVE, BEYOND, LIMITED = 0.02, 1.05, 0.02  # of the largest command; of the lar
 LEAST_CHANGES = 8  # of the target
 UNKNOWN_TICKS = 0.15  # half-width of the delay's interval: more, and the log does not tell it from the current loop's lag
 UNKNOWN_LAG = 0.5  # ticks of half-width: more, and the log tells nothing
-FREEDOM = 39  # of covariances: blocks of time less one
 DECODINGS = 8
 GUESSED_FROM = 0.15  # ticks of deviation
 GUESSED = 0.35  # of the jitter's deviation: error of a delay whose arrivals are guessed

@@ -13,6 +13,7 @@ import numpy as np
 from ..linear.arrays import Floats, Integers
 
 BLOCKS = 40  # of time: enough for a t quantile of 2.02, long enough to hold the residual's memory
+FREEDOM = BLOCKS - 1  # degrees of freedom of a covariance from so many blocks
 CONFIDENCE = 0.95
 
 
@@ -55,10 +56,10 @@ def quantile(freedom: float) -> float:
     return float(norm.ppf(tail) if math.isinf(freedom) else t.ppf(tail, max(freedom, 1.0)))
 
 
-def covariance(influence: Floats, clusters: Integers | None = None, blocks: int = BLOCKS) -> Floats:
+def covariance(influence: Floats, clusters: Integers | None = None) -> Floats:
     """(p, p) of the sum of influences (m, p): from sums over blocks of time, or from sums over `clusters` (m,), numbers from 0 on."""
     if clusters is None:
-        blocks = max(2, min(blocks, len(influence) // 4))
+        blocks = max(2, min(BLOCKS, len(influence) // 4))
         edges = np.linspace(0, len(influence), blocks + 1).astype(int)[:-1]
         sums = np.add.reduceat(influence, edges, axis=0)
     else:

@@ -18,8 +18,8 @@ from ..simulation import Friction, Run, Scenario, Testbed, simulate
 from ..system.system import System
 from .current_loop import DAMPING, SPEED, Response
 from .delay import FLOOR
-from .estimate import quantile
-from .joint import DELAY_FLOOR, FREEDOM, MODEL_ERROR, resonances
+from .estimate import FREEDOM, quantile
+from .joint import DELAY_FLOOR, MODEL_ERROR, resonances
 from .joint_model import JointModel
 from .likelihood import maximize
 from .motion import motion_of

@@ -109,7 +109,7 @@ class Rough:
     opposite: bool = False
 
 
-def rough_joint(measured: FrequencyResponse, sample_time: float, delays: Floats, elastic: bool, side: str = "motor") -> Rough:
+def rough_joint(measured: FrequencyResponse, sample_time: float, delays: Floats, elastic: bool) -> Rough:
     """The joint of least error over the excited frequencies: a coarse grid over resonance, ratio, damping and `delays` (d,) [s], refined.
 
     The delay is that from torque to motion with the current loop's and half a tick of hold.
@@ -137,10 +137,10 @@ def rough_joint(measured: FrequencyResponse, sample_time: float, delays: Floats,
     def shape(resonance: float, ratio: float, damping: float) -> Complexes:
         """Of a joint with J_M = 1."""
         if not elastic:
-            return -differenced * ElasticJoint(0.5, 0.5).plant().response(1j * omega, side)[:, 0, 0]
+            return -differenced * ElasticJoint(0.5, 0.5).plant().response(1j * omega, "motor")[:, 0, 0]
         stiffness = resonance**2 / (1 + 1 / ratio)
         joint = ElasticJoint(1.0, ratio, stiffness, 2 * damping * stiffness / resonance)
-        return -differenced * joint.plant().response(1j * omega, side)[:, 0, 0]
+        return -differenced * joint.plant().response(1j * omega, "motor")[:, 0, 0]
 
     if elastic:
         grid = [

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..errors import GainroomError
 from ..linear.arrays import Complexes, Floats
-from .estimate import Estimate, covariance, interval, quantile
+from .estimate import FREEDOM, Estimate, covariance, interval, quantile
 from .record import Record, resolution
 
 DAMPING_RATIO = 0.8  # of a current loop
@@ -23,7 +23,6 @@ LAW, LAW_BEHIND = 1e-6, 7e-4  # of the gains: what rounding leaves, and what a c
 FASTEST_BEHIND = 0.4  # radians per tick: faster, what a current loop does between ticks is not in the log
 CLEAR = 30.0  # power over the encoder's noise that a frequency needs
 TAPER = 0.02  # of the record, at either end
-FREEDOM = 39
 MOST_EXPLAINED, LEAST_EXPLAINED = 0.98, 0.5  # of the torque's power in the band: beyond, the law is found; below, there is none
 MOST_RELATIVE = 0.1  # half-width of kp's interval that still names a factor
 SAME_FACTOR = 0.04  # of a factor: two gains this near are the same

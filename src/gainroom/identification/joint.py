@@ -16,7 +16,7 @@ from ..linear.arrays import Complexes, Floats
 from ..system.drive import Drive
 from ..system.plant import ElasticJoint
 from .delay import TorqueDelay, identify_delay
-from .estimate import Estimate, log_interval, quantile
+from .estimate import FREEDOM, Estimate, log_interval, quantile
 from .excited_part import most_excited
 from .frequency_response import FrequencyResponse, Rough, frequency_response, given_torque, rough_joint
 from .joint_model import JointModel
@@ -28,7 +28,6 @@ from .residuals import Residuals, residual_tests
 
 FITTED_ROWS = 60_000  # of a long log, the most excited: what is left is then friction's law, not noise
 ROUGH_ROWS = 10_000  # of a long log, on which the search begins and models are compared
-FREEDOM = 39  # of the covariance: blocks of time less one
 LEAST_STEPS = 30  # of the encoder that the motor must move
 LEAST_LINES = 12  # of the spectrum, at which the torque must explain the motion
 MOST_RELATIVE = 0.2  # standard error of log K, above which the log does not tell the stiffness
@@ -52,7 +51,7 @@ class JointFit:
                  damping, viscous [N m s/rad], coulomb, link_coulomb, weight_sine, weight_cosine [N m], delay [s], resonance,
                  antiresonance [rad/s]
     names, covariance   (p,), (p, p) of the parameters that were fitted, SI
-    joint, drive   the best values
+    joint, drive   the best values; `parameters` have the delay that the torques tell, and the damping with what friction may hide
     torque       the channel that drove the fit
     measured     frequency response from that torque to the acceleration of the measured side, by what feedback did not make of the torque
     residuals    of the fit, and what they say of the model
@@ -78,7 +77,7 @@ class JointFit:
 
     @property
     def adequate(self) -> bool:
-        """True where the residuals hold nothing that the torque explains."""
+        """True where the torque explains little of the residuals (residuals.py)."""
         return self.residuals.adequate
 
     def response(self, omega: Floats) -> Complexes:
@@ -98,7 +97,9 @@ def fitted_response(omega: Floats, joint: ElasticJoint, drive: Drive, sample_tim
 
 
 def identify_joint(record: Record, drive: Drive | None = None) -> JointFit:
-    """The joint behind motor position (or link position alone), and both where both are logged.
+    """The joint behind the motor's position, and the link's where both are logged.
+
+    The link's alone tells J_M + J_L and the resonance, whose J_M J_L/K nothing there takes apart.
 
     drive   what is known of delay and current loop; None: both come from the torques, as far as they are logged
 
@@ -106,15 +107,18 @@ def identify_joint(record: Record, drive: Drive | None = None) -> JointFit:
     says what to record.
     """
     record = most_excited(record.longest_run(), FITTED_ROWS)
-    if not record.has("motor_position") and not record.has("link_position"):
-        record.need("joint", "motor_position")
+    if not record.has("motor_position") and record.has("link_position"):
+        raise GainroomError(
+            "joint: needs motor_position: link_position alone tells the sum of both inertias and the resonance, not how J_M, J_L and K "
+            "make them"
+        )
+    record.need("joint", "motor_position")
     if not record.has("target_torque") and not record.has("actual_torque"):
         record.need("joint", "actual_torque")
     warnings: list[str] = []
     source = _source(record, drive, warnings)
     _require_motion(record, source.torque)
-    position = record.channels["motor_position" if record.has("motor_position") else "link_position"]
-    measured = frequency_response(source.torque, position, record.sample_time)
+    measured = frequency_response(source.torque, record.channels["motor_position"], record.sample_time)
     if measured.lines < LEAST_LINES:
         raise GainroomError(
             f"joint: {source.name} drives the motion at {measured.lines} frequencies, {LEAST_LINES} are needed: record a multisine or "
@@ -222,7 +226,6 @@ class _Fitting:
         self.record, self.source = record, source
         names = [name for name in ("motor_position", "link_position") if record.has(name)]
         self.positions = np.column_stack([record.channels[name] for name in names])
-        self.sides = tuple(("motor_position", "link_position").index(name) for name in names)
         self.rough = rough
         self.model = JointModel.of(
             source.torque, self.positions, source.drive, record.sample_time, elastic, friction,
@@ -238,7 +241,8 @@ class _Fitting:
     def _signals(self, joint: ElasticJoint, cautious: bool) -> Signals:
         linked = self.positions.shape[1] == 2
         motion = motion_of(self.positions, linked, self.record.sample_time, joint, cautious)
-        return Signals(self.source.torque, self.source.sampled, self.positions, self.sides, motion, self.record.sample_time)
+        sides = tuple(range(self.positions.shape[1]))
+        return Signals(self.source.torque, self.source.sampled, self.positions, sides, motion, self.record.sample_time)
 
     def reduced(self, other: "_Fitting") -> Floats:
         """The point of `other`'s short fit as far as this model has its parameters."""
@@ -256,7 +260,7 @@ class _Fitting:
             )
         return self._short
 
-    def _maximum(self, signals: Signals, start: Floats, iterations: int, fixed: Floats | None = None) -> Maximum:
+    def _maximum(self, signals: Signals, start: Floats, iterations: int) -> Maximum:
         def predict(point: Floats) -> tuple[Floats, Floats]:
             try:
                 errors, variances, _ = prediction_errors(signals, *self.model.parts(point))
@@ -302,10 +306,15 @@ class _Fitting:
         parameters = self.model.estimates(best.parameters, variance)
         if name != "rigid":
             parameters |= resonances(best.parameters, variance)
-        if self.source.told is not None:
-            parameters["delay"] = self.source.told.effective  # the fit's is what remains of it beside a current loop that is held
         scale = self.model.slopes(best.parameters)
         covariance = variance[: len(physical), : len(physical)] * np.outer(scale, scale)
+        if self.source.told is not None:
+            delay = parameters["delay"] = self.source.told.effective  # the fit's is what remains of it beside a current loop that is held
+            place = physical.index("delay")
+            covariance[place] = covariance[:, place] = 0.0
+            covariance[place, place] = (delay.half_width / quantile(FREEDOM)) ** 2
+        if not best.converged:
+            warnings = [*warnings, "the search has not settled: values may be off by more than their intervals; look at the log's columns"]
         if self.model.elastic and self.model.friction:
             beside, note = damping_beside_friction(parameters, self.signals.motion.speed)
             place = physical.index("damping")

@@ -8,13 +8,12 @@ import numpy as np
 from ..linear.arrays import Floats
 from ..system.drive import Drive
 from ..system.plant import ElasticJoint
-from .estimate import Estimate, interval, log_interval
+from .estimate import FREEDOM, Estimate, interval, log_interval
 from .prediction import Between, Noise, Signals
 from .record import resolution
 
 Prior = tuple[Floats, Floats]
 """Mean and information (p,) of what is known beforehand."""
-FREEDOM = 39  # of the covariance: blocks of time less one
 LOGARITHMIC = ("motor_inertia", "inertia", "link_inertia", "stiffness", "damping")
 LAW_DAMPING, LAW_FRICTION, LAW_COMMON = 40.0, 0.05, 0.7
 """How much more of the damping than of the stiffness a wrong law of friction takes, how much of one side's it lays to the other, and how

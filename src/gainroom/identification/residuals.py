@@ -22,7 +22,7 @@ class Residuals:
     chance            two standard errors
     explained         share of the residual's power, over the frequencies that the torque excites, that is coherent with the torque: what
                       the model should have explained; 0 to 1, near 0 for the right model
-    adequate          `explained` and `autocorrelation` are small
+    adequate          `explained` is below MOST_EXPLAINED, and no autocorrelation beyond MOST_REPEATED
     """
 
     values: Floats

@@ -17,7 +17,7 @@ import numpy as np
 
 from ..errors import GainroomError
 from ..linear.arrays import Complexes, Floats
-from .estimate import Estimate, interval, quantile
+from .estimate import FREEDOM, Estimate, interval, quantile
 from .likelihood import Maximum, maximize
 from .record import Record, resolution
 
@@ -31,7 +31,6 @@ LEAST_EXPLAINED = 0.8
 LEAST_POWER = 1e-3  # of the reference's, above the frequency at which it counts as ending
 SLOW = 0.3  # of the natural frequency
 SMOOTH = 0.05  # of the root mean square velocity, over which friction's direction changes
-FREEDOM = 39
 
 
 @dataclass(frozen=True)

@@ -12,13 +12,12 @@ import numpy as np
 
 from ..errors import GainroomError
 from ..linear.arrays import Booleans, Floats
-from .estimate import Estimate, interval, quantile
+from .estimate import FREEDOM, Estimate, covariance, interval, quantile
 from .record import Record, resolution
 
 LEAST_STEPS = 20  # of the encoder that the deflection must span
 LEAST_MOVING = 0.02  # of the largest speed: slower, the direction of friction is not known
 SMOOTHED = 0.01  # [s] over which the velocity is taken
-FREEDOM = 39
 MOST_RELATIVE = 0.1  # standard error of K
 LEAST_EXPLAINED = 0.95  # of the torque's variance: a locked joint leaves noise alone, one whose link moves its inertia's torque
 CURVED = 3.0  # standard errors of the cubic term that make a spring progressive
@@ -110,8 +109,6 @@ def _steady(velocity: Floats, record: Record) -> Booleans:
 
 
 def _fitted(deflection: Floats, torque: Floats, direction: Floats, rows: Floats) -> StiffnessFit:
-    from .estimate import covariance
-
     middle, half = float((deflection.max() + deflection.min()) / 2), float(np.ptp(deflection)) / 2
     x = (deflection - middle) / half
     columns = np.column_stack([x, direction, np.ones(len(x))])
@@ -165,8 +162,6 @@ def _fitted(deflection: Floats, torque: Floats, direction: Floats, rows: Floats)
 
 def _hardening(x: Floats, direction: Floats, torque: Floats) -> tuple[Estimate, bool]:
     """Of a cubic fit over −1 <= x <= 1: the slope 1 + 3c x² against its middle, with its interval, and whether it is beyond chance."""
-    from .estimate import covariance
-
     columns = np.column_stack([x, x**3, x**2, direction, np.ones(len(x))])
     solution, *_ = np.linalg.lstsq(columns, torque, rcond=None)
     influence = (torque - columns @ solution)[:, None] * (columns @ np.linalg.pinv(columns.T @ columns))

@@ -52,7 +52,7 @@ class InRange:
 
 @dataclass(frozen=True)
 class JointStudy(Analysis):
-    """What `gainroom joint` reports: of the gains as given, of all others, and of recommended ones. Numbers are computed when asked for."""
+    """What `gainroom joint` reports: of the gains as given, of all others, and of recommended ones. Gain regions are computed on demand."""
 
     @property
     def state(self) -> State:
@@ -92,10 +92,10 @@ class JointStudy(Analysis):
 
     def _region(self, required: Requirements) -> PDRegion:
         asked = {name: getattr(required, name) for name in required.asked}
-        return pd_region(self.system.source, self.system.drives[0], **asked, **self._place)
+        return pd_region(self.system.source, self.system.drives[0], **asked, **self._loop_options)
 
     @property
-    def _place(self) -> dict[str, Any]:
+    def _loop_options(self) -> dict[str, Any]:
         control = self.system.control
         return {"feedback": control.feedback, "sample_time": control.sample_time, "controller": self.template}
 
@@ -127,7 +127,7 @@ class JointStudy(Analysis):
         system = self.system
         if not system.requirements.asked:
             return None
-        return recommend_pd(system.source, system.drives[0], system.requirements, uncertainty, **self._place)
+        return recommend_pd(system.source, system.drives[0], system.requirements, uncertainty, **self._loop_options)
 
     @cached_property
     def exact(self) -> Recommendation | None:

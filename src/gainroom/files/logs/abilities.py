@@ -12,7 +12,7 @@ QUESTIONS: dict[str, tuple[Way, ...]] = {
         (("target_torque",), ("actual_torque", "demand_torque")),
         (("reference",), POSITIONS),
     ),
-    "identify joint": ((("target_torque", "actual_torque"), POSITIONS),),
+    "identify joint": ((("target_torque", "actual_torque"), ("motor_position",)),),
     "identify gains": ((("reference",), POSITIONS, TORQUES[::-1]),),
     "identify stiffness": ((TORQUES, ("motor_position",)),),
     "diagnose": ((("motor_position", "link_position", "motor_velocity", "link_velocity", *TORQUES, "joint_torque", "current"),),),

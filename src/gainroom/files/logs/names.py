@@ -1,4 +1,4 @@
-"""A log's column names, as it is written."""
+"""The column names of a log that gainroom writes."""
 
 from collections.abc import Sequence
 
