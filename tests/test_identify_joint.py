@@ -12,7 +12,7 @@ from gainroom.identification.joint import JointFit, damping_beside_friction, fit
 from gainroom.identification.motion import motion_of
 from gainroom.identification.prediction import Noise, Signals, prediction_errors, stationary
 from gainroom.identification.record import Record
-from gainroom.simulation import Friction, Scenario, Testbed, simulate
+from gainroom.simulation import Friction, Run, Scenario, Testbed, simulate
 from identified import POPULATION, Case, coverage_bounds, holds, joint_case, multisine, soft_loop
 from independent.chain import Chain, record
 from independent.chain import multisine as chain_multisine
@@ -148,6 +148,52 @@ def test_a_measured_response_is_the_joint_s_and_not_the_controller_s_inverse(exc
 
 def test_a_wrong_delay_is_seen_in_the_residuals(two):
     assert not identify_joint(without(two, "link_position", "actual_torque"), gr.Drive(2000.0, 0.9, 2 * 3 * TICK)).adequate
+
+
+def on_testbed(added: float, motor_friction: Friction, reference: float) -> Record:
+    """The paper's testbed, sampled at 1 kHz: a multisine [N m] on slow motion [rad], with an encoder; the motor's side alone."""
+    joint, drive = gr.ElasticJoint(0.2, 0.8, 1e4, 1.0), gr.Drive(2500.0, 0.8, 2.3 * TICK)
+    time = np.arange(COUNT) * TICK
+    torque = added * multisine(np.random.default_rng(3), time, np.geomspace(5, 80, 50))
+    loop = gr.build_loop(joint, drive, gr.PD(1000.0, 40.0), sample_time=TICK)
+    bed = Testbed(loop, motor_friction=motor_friction, motor_resolution=7.67e-6)
+    return motor_side(simulate(bed, Scenario(reference * np.sin(1.5 * time)[:, None], time[-1], feedforward=torque[:, None], noise=1e-6)))
+
+
+def motor_side(run: Run) -> Record:
+    """Its torques and the motor's encoder."""
+    columns = {"target_torque": run.target_torque, "actual_torque": run.actual_torque, "motor_position": run.motor_reading}
+    return Record(run.time, {name: column[:, 0] for name, column in columns.items()}, TICK)
+
+
+@pytest.mark.parametrize(
+    ("added", "friction", "reference", "words"),
+    [
+        (0.0, Friction(1.0, 1.5, 0.05), 0.5, ["what feedback makes of the position at", "identify plan"]),  # once: 0.155 for 1.0 kg m²
+        (2.0, Friction(1.0, 1.5, 0.05), 0.0, ["times Coulomb friction", "larger torque"]),  # once: inertias a tenth off, and sure of it
+    ],
+)
+def test_a_log_that_friction_rules_is_refused(added, friction, reference, words):
+    assert_refused(lambda: identify_joint(on_testbed(added, friction, reference)), words)
+
+
+def test_a_joint_without_noise_is_adequate():
+    """What is left is round-off, and follows the torque."""
+    joint, drive = gr.ElasticJoint(0.2, 0.8, 1e4, 1.0), gr.Drive(2500.0, 0.8, 2.3 * TICK)
+    time = np.arange(COUNT) * TICK
+    torque = 20 * multisine(np.random.default_rng(3), time, np.geomspace(5, 80, 50))
+    found = identify_joint(
+        motor_side(simulate(soft_loop(joint, drive, 1.0, 0.7, TICK), Scenario(0.0, time[-1], feedforward=torque[:, None])))
+    )
+    assert found.adequate
+    assert found.parameters["stiffness"].value == pytest.approx(1e4, rel=1e-3)
+    assert not found.warnings
+
+
+def test_torques_of_the_wrong_sign_are_refused():
+    log = on_testbed(20.0, Friction(1.0, 1.5, 0.05), 0.3)
+    turned = {name: -column if "torque" in name else column for name, column in log.channels.items()}
+    assert_refused(lambda: identify_joint(Record(log.time, turned, TICK)), ["sign"])
 
 
 def test_a_rigid_joint_is_rigid():

@@ -28,6 +28,7 @@ from .residuals import Residuals, residual_tests
 
 FITTED_ROWS = 60_000  # of a long log, the most excited: what is left is then friction's law, not noise
 ROUGH_ROWS = 10_000  # of a long log, on which the search begins and models are compared
+LEAST_OVER_FRICTION = 3.0  # torque; at 1.5 the inertias of a virtual joint were a tenth off, at 5 none beyond its interval
 LEAST_STEPS = 30  # of the encoder that the motor must move
 LEAST_LINES = 12  # of the spectrum, at which the torque must explain the motion
 MOST_RELATIVE = 0.2  # standard error of log K, above which the log does not tell the stiffness
@@ -118,13 +119,16 @@ def identify_joint(record: Record, drive: Drive | None = None) -> JointFit:
     warnings: list[str] = []
     source = _source(record, drive, warnings)
     _require_motion(record, source.torque)
-    measured = frequency_response(source.torque, record.channels["motor_position"], record.sample_time)
-    if measured.lines < LEAST_LINES:
-        raise GainroomError(
-            f"joint: {source.name} drives the motion at {measured.lines} frequencies, {LEAST_LINES} are needed: record a multisine or "
-            "chirp of torque, well above friction, from below the antiresonance to above the resonance"
-        )
-    return _selected(record, source, measured, warnings)
+    position, tick = record.channels["motor_position"], record.sample_time
+    measured = frequency_response(source.torque, position, tick)
+    seen = frequency_response(source.torque, position, tick, given_torque(source.torque, position))
+    for lines, what in ((measured.lines, "drives the motion"), (seen.lines, "is more than what feedback makes of the position")):
+        if lines < LEAST_LINES:
+            raise GainroomError(
+                f"joint: {source.name} {what} at {lines} frequencies, {LEAST_LINES} are needed: record a multisine or chirp of torque, "
+                "well above friction, from below the antiresonance to above the resonance (gainroom identify plan makes one)"
+            )
+    return _selected(record, source, measured, seen, warnings)
 
 
 @dataclass(frozen=True)
@@ -189,7 +193,7 @@ def _require_motion(record: Record, torque: Floats) -> None:
         raise GainroomError("joint: the torque does not change: record a multisine or chirp of torque, well above friction")
 
 
-def _selected(record: Record, source: _Source, measured: FrequencyResponse, warnings: list[str]) -> JointFit:
+def _selected(record: Record, source: _Source, measured: FrequencyResponse, seen: FrequencyResponse, warnings: list[str]) -> JointFit:
     """Two masses with friction, unless the log does not need them."""
     tick = record.sample_time
     rough = rough_joint(measured, tick, source.delays, elastic=True)
@@ -207,11 +211,11 @@ def _selected(record: Record, source: _Source, measured: FrequencyResponse, warn
             f"{measured.omega[measured.excited][-1] / 2 / math.pi:.3g} Hz: the joint is fitted as rigid; to find its stiffness "
             "excite higher frequencies, up to a fifth of the tick rate"
         )
-        return rigid.result("rigid", measured, warnings)
+        return rigid.result("rigid", measured, seen, warnings)
     free = _Fitting(record, source, rough, elastic=True, friction=False)
     if _criterion(free.short(full), rows) < _criterion(whole, rows):
-        return free.result("two-mass", measured, warnings)
-    return full.result("two-mass with friction", measured, warnings)
+        return free.result("two-mass", measured, seen, warnings)
+    return full.result("two-mass with friction", measured, seen, warnings)
 
 
 def _criterion(fit: Maximum, rows: int) -> float:
@@ -276,8 +280,8 @@ class _Fitting:
         except np.linalg.LinAlgError as error:
             raise GainroomError("joint: no such joint explains the motion: look at signs, units and columns") from error
 
-    def result(self, name: str, measured: FrequencyResponse, warnings: list[str]) -> JointFit:
-        """On the whole log."""
+    def result(self, name: str, measured: FrequencyResponse, seen: FrequencyResponse, warnings: list[str]) -> JointFit:
+        """On the whole log; `measured` by the torque, `seen` by what of it feedback did not make."""
         best = self.short()
         joint, *_ = self.model.parts(best.parameters)
         self.signals = self._signals(joint, cautious=False)
@@ -306,6 +310,19 @@ class _Fitting:
         parameters = self.model.estimates(best.parameters, variance)
         if name != "rigid":
             parameters |= resonances(best.parameters, variance)
+            highest = math.pi / self.record.sample_time
+            if parameters["resonance"].value > highest:
+                raise GainroomError(
+                    f"joint: the resonance that fits, {parameters['resonance'].value / 2 / math.pi:.3g} Hz, is above half the tick rate, "
+                    f"{highest / 2 / math.pi:.4g} Hz: no joint explains this motion; look at signs, units and columns"
+                )
+        dry = sum(abs(parameters[side].value) for side in ("coulomb", "link_coulomb") if side in parameters)
+        size = float(np.std(self.source.torque))
+        if size < LEAST_OVER_FRICTION * dry:
+            raise GainroomError(
+                f"joint: the torque, {size:.3g} N·m (root mean square), is {size / dry:.2g} times Coulomb friction, {dry:.3g} N·m; "
+                f"{LEAST_OVER_FRICTION:g} times are needed, as no law of friction is exact: record a larger torque, on top of slow motion"
+            )
         scale = self.model.slopes(best.parameters)
         covariance = variance[: len(physical), : len(physical)] * np.outer(scale, scale)
         if self.source.told is not None:
@@ -313,7 +330,7 @@ class _Fitting:
             place = physical.index("delay")
             covariance[place] = covariance[:, place] = 0.0
             covariance[place, place] = (delay.half_width / quantile(FREEDOM)) ** 2
-        if not best.converged:
+        if not best.converged and tests.explained:
             warnings = [*warnings, "the search has not settled: values may be off by more than their intervals; look at the log's columns"]
         if self.model.elastic and self.model.friction:
             beside, note = damping_beside_friction(parameters, self.signals.motion.speed)
@@ -321,8 +338,6 @@ class _Fitting:
             covariance[place, place] += beside.standard_error**2 - parameters["damping"].standard_error ** 2
             parameters["damping"] = beside
             warnings = warnings + note
-        torque, position = self.source.torque, self.signals.positions[:, 0]
-        seen = frequency_response(torque, position, self.record.sample_time, given_torque(torque, position))
         return JointFit(
             name, parameters, physical, covariance, joint, drive, self.source.name, seen, tests, self.source.told,
             self.record.sample_time, (float(self.record.time[0]), float(self.record.time[-1])), tuple(warnings),

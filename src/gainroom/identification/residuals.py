@@ -10,6 +10,7 @@ from .prediction import Signals
 
 LAGS = 60  # ticks of autocorrelation
 MOST_REPEATED = 0.8  # correlation of the residual with itself some ticks before: more, and rows are copies of others
+NOTHING = 1e-4  # of the motion left: a simulated log without noise, in which round-off follows the torque
 MOST_EXPLAINED = 0.3  # of the residual's power, by the torque: more, and the model misses what the torque does
 
 
@@ -20,14 +21,16 @@ class Residuals:
     values            (m,)
     autocorrelation   (l,) at lags 1, 2, … ticks; of white noise within ± `chance`
     chance            two standard errors
+    left              their deviation over that of the second difference of the position
     explained         share of the residual's power, over the frequencies that the torque excites, that is coherent with the torque: what
                       the model should have explained; 0 to 1, near 0 for the right model
-    adequate          `explained` is below MOST_EXPLAINED, and no autocorrelation beyond MOST_REPEATED
+    adequate          `explained` is below MOST_EXPLAINED, and no autocorrelation beyond MOST_REPEATED; or next to nothing is left
     """
 
     values: Floats
     autocorrelation: Floats
     chance: float
+    left: float
     explained: float
     adequate: bool
 
@@ -52,5 +55,8 @@ def residual_tests(errors: Floats, variances: Floats, signals: Signals, measured
     excited = np.interp(2 * np.pi * frequency, measured.omega, measured.excited.astype(float), left=0.0, right=0.0) > 0.5
     total = float(spectrum[excited].sum())
     explained = float((real * spectrum)[excited].sum() / total) if total > 0 else 0.0
+    left = float(np.std(errors[::outputs][skipped:]) / np.std(np.diff(signals.positions[:, 0], 2)))
+    if left < NOTHING:
+        explained, lags = 0.0, 0.0 * lags
     adequate = explained < MOST_EXPLAINED and float(np.abs(lags).max()) < MOST_REPEATED
-    return Residuals(values, lags, 2 / len(centred) ** 0.5, explained, adequate)
+    return Residuals(values, lags, 2 / len(centred) ** 0.5, left, explained, adequate)

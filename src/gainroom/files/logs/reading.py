@@ -122,6 +122,8 @@ class LogReader:
                 first, last = (first if best.seen else float(part.time[0])), float(part.time[-1])
                 best.add(part.time, part.joints[self.joint_names[0]])
             quality, began = part.quality, part.began or began
+        if not best.seen:
+            raise GainroomError(f"{self.path}: has no row that can be used")
         time, channels = best.part()
         log = self._log(time, [channels[origin.channel] for origin in self._channels], quality, began)
         if best.seen == len(time):

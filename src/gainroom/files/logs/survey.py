@@ -44,5 +44,5 @@ class Survey:
         return 1 / self.last.sample_time if self.last.sample_time else 0.0
 
     def abilities(self) -> tuple[Ability, ...]:
-        """Of the joint with the most channels."""
-        return abilities(max(self.last.joints.values(), key=len))
+        """Of the joint with the most channels; of a log without rows none."""
+        return abilities(max(self.last.joints.values(), key=len) if self.last.quality.rows else ())
