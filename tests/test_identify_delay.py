@@ -183,6 +183,22 @@ def test_delays_that_trade_against_each_other_are_looked_for_from_several_starts
     assert abs(found.command.value / tick - case.truth["command"]) < 0.1
 
 
+def test_a_log_slower_than_its_controller_is_warned_of():
+    """Of 2.5 kHz every fifth row: commands between rows are not seen, and the delay comes out shorter by up to half a row."""
+    tick, count = 4e-4, 20_000
+    drive, time = gr.Drive(3000.0, 0.8, 2.3 * tick), tick * np.arange(count)
+    loop = soft_loop(gr.ElasticJoint(0.2, 0.8, 1e4, 2.0), drive, 0.5, 1.0, tick)
+    torque = 8 * multisine(np.linspace(1, 60, 40), count, tick, 1)
+    run = simulate(loop, Scenario(0.0, time[-1], feedforward=torque[:, None], limit=50.0))
+    actual = run.actual_torque[:, 0] + 0.05 * np.random.default_rng(1).standard_normal(count)
+    for step, warned in ((1, False), (5, True)):
+        rows = slice(None, None, step)
+        record = Record(time[rows], {"target_torque": run.target_torque[rows, 0], "actual_torque": actual[rows]}, step * tick)
+        found = identify_delay(record)
+        assert any("rows come every 2 ms" in text for text in found.warnings) == warned
+        assert -0.5 * step * tick < found.delay.value - drive.delay < 0.1 * tick
+
+
 @pytest.mark.parametrize("limit", [30.0, 22.0, 15.0, 9.0])
 def test_a_torque_limit_makes_no_wrong_delay(limit):
     """From 0.01 % of the commands beyond it to 17 %: the delay is right, its interval holds, or the log is refused; never a wrong one."""

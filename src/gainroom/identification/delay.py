@@ -19,6 +19,7 @@ from .record import Record
 
 LONGEST = 0.1  # [s] that a delay is looked for
 ACTIVE, BEYOND, LIMITED = 0.02, 1.05, 0.02  # of the largest command; of the largest torque; of the rows: overshoot and noise take 0.5 %
+SLOW_TICK = 1.25e-3  # [s] between rows from which on the controller may well run faster than its log
 LEAST_CHANGES = 8  # of the target
 UNKNOWN_TICKS = 0.15  # half-width of the delay's interval: more, and the log does not tell it from the current loop's lag
 UNKNOWN_LAG = 0.5  # ticks of half-width: more, and the log tells nothing
@@ -103,12 +104,17 @@ def identify_delay(record: Record, longest: float = LONGEST) -> TorqueDelay:
         )
     seen = arrivals(record, most) if record.has("demand_torque") else None
     warnings = []
+    if record.sample_time > SLOW_TICK:
+        warnings.append(
+            f"rows come every {1e3 * record.sample_time:.3g} ms, and a command is taken as held from row to row: of a controller that runs "
+            f"faster the delay is up to {500 * record.sample_time:.3g} ms longer; log every tick"
+        )
     if record.has("demand_torque") and seen is None:
         warnings.append("demand_torque is not target_torque some ticks later (filtered, limited or scaled): it is left out")
     if not record.has("actual_torque"):
         if seen is None:
             raise GainroomError("delay: demand_torque does not repeat target_torque, and there is no actual_torque: record actual_torque")
-        return _from_demand(record, seen)
+        return _from_demand(record, seen, warnings)
     _require_no_limit(target, record.channels["actual_torque"])
     return _from_actual(record, seen, most, warnings)
 
@@ -129,7 +135,7 @@ def _require_no_limit(target: Floats, actual: Floats) -> None:
         )
 
 
-def _from_demand(record: Record, seen: Arrivals) -> TorqueDelay:
+def _from_demand(record: Record, seen: Arrivals, warnings: list[str]) -> TorqueDelay:
     """Whole ticks only: a command that is seen at a tick arrived at any time since the tick before."""
     tick, late = (
         record.sample_time,
@@ -142,7 +148,7 @@ def _from_demand(record: Record, seen: Arrivals) -> TorqueDelay:
     jitter = Jitter(seen.deviation * tick, seen.values, seen.probability)
     channels = ("target_torque", "demand_torque")
     return TorqueDelay(
-        ticks.scaled(tick), ticks, effective.scaled(tick), jitter, None, None, None, None, False, tick, None, channels, (warning,)
+        ticks.scaled(tick), ticks, effective.scaled(tick), jitter, None, None, None, None, False, tick, None, channels, (*warnings, warning)
     )
 
 
