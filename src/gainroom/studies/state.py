@@ -291,7 +291,7 @@ def _at_least_zero(entry: Floats, whole: Floats) -> Floats:
 def joint_controller(controller: PD | PID | PPI, k: int, size: int) -> PD | PID | PPI:
     """An n-joint controller on joint `k` alone: its diagonal. Matrices of a P/PI count as the equivalent PID."""
     gains = {name: getattr(controller, name) for name in controller.gain_names()}
-    if type(controller) not in (PD, PID) and all(np.ndim(gain) < 2 for gain in gains.values()):
+    if type(controller) is PPI and all(np.ndim(gain) < 2 for gain in gains.values()):
         return replace(controller, **{name: float(np.broadcast_to(gain, size)[k]) for name, gain in gains.items()})
     terms = {powers: float(_own(gain, size)[k]) for powers, gain in controller.terms().items()}
     # velocity and integral of the same error make its position
