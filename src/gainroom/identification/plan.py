@@ -50,7 +50,9 @@ class Bounds:
         for name, unit in zip(NAMES, ("N·m", "rad/s", "rad"), strict=True):
             require_positive("plan", f"max_{name}", getattr(self, name), unit, infinite=True)
         if math.inf == self.torque == self.speed == self.travel:
-            raise GainroomError("plan: give at least one of max_torque, max_speed and max_travel: without any no torque is too large")
+            raise GainroomError(
+                "plan: give at least one of max_torque, max_speed and max_travel (--max-torque, …): without, any torque is allowed"
+            )
 
 
 @dataclass(frozen=True)

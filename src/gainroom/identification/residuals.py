@@ -34,6 +34,11 @@ class Residuals:
     explained: float
     adequate: bool
 
+    @property
+    def follows(self) -> bool:
+        """True where more of it than MOST_EXPLAINED follows the torque."""
+        return self.explained >= MOST_EXPLAINED
+
 
 def residual_tests(errors: Floats, variances: Floats, signals: Signals, measured: FrequencyResponse) -> Residuals:
     """From all prediction errors and their variances (m · o,)."""

@@ -72,13 +72,11 @@ STIFFNESS_COLUMNS = (
 
 def joint_answer(fit: JointFit) -> Answer:
     """Whether the model is adequate, and what it is."""
-    explained = digits(100 * fit.residuals.explained, "%", 2)
-    first = (
-        ""
-        if fit.adequate
-        else f"Not adequate: {explained} of what the model leaves follows the torque: something in the joint is not in the model, and the "
-        "intervals do not allow for it. "
-    )
+    first = ""
+    if not fit.adequate:
+        share = f"{digits(100 * fit.residuals.explained, '%', 2)} of "
+        what = f"{share}what the model leaves follows the torque" if fit.residuals.follows else "what the model leaves repeats itself"
+        first = f"Not adequate: {what}: something in the joint is not in the model, and the intervals do not allow for it. "
     return Answer("Joint", first + _model_text(fit), JOINT_COLUMNS, fit, fit.warnings, PARAMETER_COLUMNS)
 
 
