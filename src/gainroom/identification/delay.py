@@ -29,6 +29,7 @@ GUESSED = 0.35  # of the jitter's deviation: error of a delay whose arrivals are
 FITTED_ROWS = 40_000  # of a long log, the most excited: the delay is then known to a thousandth of a tick
 JITTER = 0.35  # ticks: a larger deviation is not a delay's place within one tick
 EDGE, NEIGHBOURS = 0.1, 3  # ticks from the ends of its tick at which a delay may belong to the next; how many are compared
+JITTERED = 0.05  # ticks of deviation: with less the first search ends at the top
 SPEEDS = (1.0, 2.0)  # ω_c T_s from which the search starts again
 ALIKE = 2.0  # of minus twice the log likelihood: a log does not tell fits apart that differ by less
 DECODED = 1.0  # what decoding must gain per row in squared errors and log variance, as it may choose among histories
@@ -176,10 +177,13 @@ def _from_actual(record: Record, seen: Arrivals | None, most: int, warnings: lis
 
 
 def _fitted(record: Record, data: Data, seen: Arrivals, start: Response) -> Fit:
-    """The likeliest of searches from several moments and speeds: beside a jitter the likelihood has more than one top."""
+    """The likeliest of searches from several moments and speeds: beside a jitter or near a tick's edge the likelihood has several tops."""
     changes = seen.changes(record.channels["target_torque"], data.command)
-    starts = [start, *(replace(start, delay=-0.5, speed=speed) for speed in SPEEDS)]
-    return min((fit_arrivals(data, changes, one) for one in starts), key=lambda fit: fit.cost)
+    found = fit_arrivals(data, changes, start)
+    if found.deviations.max() < JITTERED and np.all(np.abs(found.places - 0.5) < 0.5 - EDGE):
+        return found
+    others = (fit_arrivals(data, changes, replace(start, delay=-0.5, speed=speed)) for speed in SPEEDS)
+    return min((found, *others), key=lambda fit: fit.cost)
 
 
 def _without_demand(record: Record, data: Data, rough: Response) -> tuple[Fit, Arrivals]:
