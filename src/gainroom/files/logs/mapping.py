@@ -54,7 +54,7 @@ def map_columns(columns: Sequence[Column], options: LogOptions, path: Path) -> M
     time = chosen.pop(("", "time"), None)
     if time is None and options.sample_rate is None:
         raise GainroomError(
-            f"{path}: has no column time; it has {_names(columns)}; name it (--columns time=NAME), or give the rate of the rows (--rate-hz)"
+            f"{path}: has no column time; it has {_names(columns)}; name it (--columns time=NAME), or give the sample rate (--rate-hz)"
         )
     joints, more = _joints(chosen, options, path, columns)
     order = [*CHANNELS]
