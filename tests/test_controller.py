@@ -1,11 +1,16 @@
 """Controllers against direct formulas, in continuous and sampled time."""
 
+from dataclasses import dataclass
 from math import pi, sqrt
+from typing import Any
 
 import numpy as np
 import pytest
+from scipy import signal
 
 import gainroom as gr
+from gainroom.robot.tasks import TaskPPI
+from gainroom.system.controller import Compensator, Controller, Terms
 from refusals import assert_refused
 
 TICK = 5e-4
@@ -177,3 +182,46 @@ def test_filter_just_below_nyquist():
     difference = v / (1 + TICK * v)
     assert transfer.response(np.array([bandwidth]))[0] == pytest.approx(difference / (1 + 1j), rel=1e-9)  # tan(0.999 π/2) costs 3 digits
     assert np.all(np.abs(1 + TICK * transfer.poles) < 1)
+
+
+@dataclass(frozen=True)
+class Jerky(Controller):
+    """A type that the package does not know: g (1 + V²/100)."""
+
+    gain: Any
+    kind = "jerky"
+
+    @classmethod
+    def gain_names(cls) -> tuple[str, ...]:
+        return ("gain",)
+
+    def terms(self) -> Terms:
+        return {(0, 0): np.asarray(self.gain), (2, 0): np.asarray(self.gain) / 100}
+
+
+GAIN = np.array([[3.0, 0.4], [-0.7, 2.0]])
+TASK = TaskPPI(np.array([7.0, 2.0]), np.array([5.0, 3.0]), np.array([1.0, 0.0]), torque=GAIN, jacobian=GAIN.T)
+
+
+@pytest.mark.parametrize("sample_time", [None, TICK])
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda time: gr.PD([3.0, 2.0], GAIN, velocity_filter=gr.LowPass(800.0, 2)),
+        lambda time: gr.PID(GAIN, [1.0, 0.0], 0.3),
+        lambda time: gr.PPI([7.0, 2.0], 5.0, [1.0, 0.0]),
+        lambda time: gr.PPI(GAIN, GAIN.T, GAIN, notches=(gr.Notch(300.0, 0.5, 0.1),)),
+        lambda time: TASK,
+        lambda time: Jerky([3.0, 2.0]),
+        lambda time: Compensator(
+            signal.TransferFunction([1.0, 2.0], [1.0, 30.0]) if time is None else signal.dlti([1.0], [1.0, -0.5], dt=time)
+        ),
+    ],
+)
+def test_on_one_joint_it_does_what_it_does_on_that_joint_of_many(make, sample_time):
+    """D_kk of the whole is D of the part: a Compensator, and a type of one's own, once became a PD there."""
+    whole, s = make(sample_time), 1j * OMEGA[:-1]
+    v = s if sample_time is None else np.expm1(s * sample_time) / sample_time
+    for k in range(2):
+        alone = whole.on_joint(k, 2).matrix(s, v, 1, sample_time)[:, 0, 0]
+        np.testing.assert_allclose(alone, whole.matrix(s, v, 2, sample_time)[:, k, k], rtol=1e-12)

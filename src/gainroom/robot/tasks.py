@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike
 
 from ..errors import GainroomError, first_of_many, nearest, require_finite
 from ..linear.arrays import Booleans, Floats, Integers
-from ..system.controller import PD, PPI
+from ..system.controller import PD, PPI, Controller
 from .contact import free_motion
 from .model import Stance
 
@@ -113,6 +113,10 @@ class TaskPPI(PPI):
 
     def terms(self) -> dict[tuple[int, int], Floats]:
         return {powers: self.torque @ (gain[:, None] * self.jacobian) for powers, gain in super().terms().items()}
+
+    def on_joint(self, k: int, size: int) -> Controller:
+        """Its gains are those of directions: what they make of the joint."""
+        return self.as_pid_on_joint(k, size)
 
 
 @dataclass(frozen=True)

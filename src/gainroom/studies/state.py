@@ -17,7 +17,7 @@ from ..analysis.stability import has_growing_root, unstable_roots
 from ..design.starting_gains import IMMOBILE, joints_that_move
 from ..errors import GainroomError, computable
 from ..linear.arrays import Complexes, Floats, Integers
-from ..system.controller import PD, PID, PPI, gain_matrix
+from ..system.controller import Controller, own_gain
 from ..system.loop import Loop, build_loop
 from ..system.plant import Compliance, Plant
 from ..system.system import System
@@ -107,7 +107,7 @@ class State:
         return f"{self.posture}, {self.contact}"
 
     @cached_property
-    def controller(self) -> PD | PID | PPI:
+    def controller(self) -> Controller:
         """The file's own in joint space, that of its tasks in task space."""
         return self.system.controller(self.model)
 
@@ -153,7 +153,7 @@ class State:
         control = self.system.control
         movable = joints_that_move(self.model, control.feedback)
         for k in range(self.model.size):
-            own = joint_controller(self.controller, k, self.model.size)
+            own = self.controller.on_joint(k, self.model.size)
             if not any(np.any(gain) for gain in own.terms().values()):
                 continue
             if not movable[k]:
@@ -176,7 +176,7 @@ class State:
         """Joint by joint."""
         size, margins, model = self.model.size, self.margins, self.model
         terms = self.controller.terms()
-        kp, kd = (_own(terms.get(powers, np.zeros(())), size) for powers in ((0, 0), (1, 0)))
+        kp, kd = ([own_gain(terms.get(powers, 0.0), k, size) for k in range(size)] for powers in ((0, 0), (1, 0)))
         nothing = np.full(size, math.nan)
         one_loop = margins.one_loop if size > 1 or not margins.stable else joint_margins(self.loop).one_loop
         with np.errstate(divide="ignore"):
@@ -286,25 +286,6 @@ def single_joint(model: Plant, k: int) -> Plant:
 def _at_least_zero(entry: Floats, whole: Floats) -> Floats:
     """W_kk, 0 where the contacts leave round-off."""
     return np.where(entry > IMMOBILE * np.abs(whole).max(), entry, 0.0)
-
-
-def joint_controller(controller: PD | PID | PPI, k: int, size: int) -> PD | PID | PPI:
-    """An n-joint controller on joint `k` alone: its diagonal. Matrices of a P/PI count as the equivalent PID."""
-    gains = {name: getattr(controller, name) for name in controller.gain_names()}
-    if type(controller) is PPI and all(np.ndim(gain) < 2 for gain in gains.values()):
-        return replace(controller, **{name: float(np.broadcast_to(gain, size)[k]) for name, gain in gains.items()})
-    terms = {powers: float(_own(gain, size)[k]) for powers, gain in controller.terms().items()}
-    # velocity and integral of the same error make its position
-    kp, ki, kd = terms.get((0, 0), 0.0) + terms.get((1, 1), 0.0), terms.get((0, 1), 0.0), terms.get((1, 0), 0.0)
-    filters = {"velocity_filter": controller.velocity_filter, "notches": controller.notches}
-    return PID(kp=kp, ki=ki, kd=kd, **filters) if ki else PD(kp=kp, kd=kd, **filters)
-
-
-def _own(gain: Floats, size: int) -> Floats:
-    """(n,) what a gain does on each joint alone. Matrices of tasks have round-off on joints that no task moves."""
-    matrix = gain_matrix("gain", gain, size)
-    own = np.diagonal(matrix)
-    return own if np.ndim(gain) < 2 else np.where(np.abs(own) > IMMOBILE * np.abs(matrix).max(), own, 0.0)
 
 
 def unknown_first(margin: float) -> float:

@@ -30,6 +30,7 @@ from .filters import LowPass, Notch, Ratio, filtered_velocity, integrator, notch
 
 Terms = dict[tuple[int, int], Floats]
 """Gains by (power of V, power of I)."""
+ROUND_OFF = 1e-12  # of the largest entry of a gain matrix
 
 
 @dataclass(frozen=True)
@@ -153,6 +154,10 @@ class Controller:
         """arg D(jω) rises with ω on every joint of its own, in continuous time: gains >= 0 without filters put no zero to the right."""
         return self.has_plane and self.velocity_filter is None and not self.notches
 
+    def on_joint(self, k: int, size: int) -> "Controller":
+        """What it does on joint `k` of `size` alone: the diagonal of its gains."""
+        return replace(self, **{name: own_gain(getattr(self, name), k, size) for name in self.gain_names()})
+
     def units(self) -> "dict[str, Controller]":
         """By name, the controllers that one diagonal gain, kp or kd, makes by itself when it is 1; empty where gains do not act so."""
         return {}
@@ -261,6 +266,18 @@ class PPI(Controller):
         outer_kv, outer_ki = _product(self.kv, self.kp), _product(self.ki, self.kp)
         return _nonzero({(0, 0): outer_kv, (1, 0): self.kv, (0, 1): outer_ki, (1, 1): self.ki})
 
+    def on_joint(self, k: int, size: int) -> Controller:
+        """Of matrices, whose products mix joints, the equivalent PID."""
+        if all(np.ndim(getattr(self, name)) < 2 for name in self.gain_names()):
+            return super().on_joint(k, size)
+        return self.as_pid_on_joint(k, size)
+
+    def as_pid_on_joint(self, k: int, size: int) -> PID:
+        """The diagonal of `terms` on joint `k` of `size`: velocity and integral of the same error make its position."""
+        own = {powers: own_gain(gain, k, size) for powers, gain in self.terms().items()}
+        kp, ki, kd = own.get((0, 0), 0.0) + own.get((1, 1), 0.0), own.get((0, 1), 0.0), own.get((1, 0), 0.0)
+        return PID(kp, ki, kd, velocity_filter=self.velocity_filter, notches=self.notches)
+
     def scaled(self, factor: float) -> "PPI":
         return replace(self, kv=self.kv * factor, ki=self.ki * factor)
 
@@ -309,6 +326,12 @@ def gain_matrix(name: str, gain: ArrayLike, size: int) -> Floats:
     if gain.ndim == 0 or gain.shape == (size,):
         return np.diag(np.broadcast_to(gain, (size,)))
     raise GainroomError(f"{name} of shape {gain.shape} must be a number, ({size},) or ({size}, {size})")
+
+
+def own_gain(gain: ArrayLike, k: int, size: int) -> float:
+    """What a gain does on joint `k` of `size` alone; 0 where matrices of tasks have round-off, on joints that no task moves."""
+    own = float(gain_matrix("gain", gain, size)[k, k])
+    return own if np.ndim(gain) < 2 or abs(own) > ROUND_OFF * np.abs(gain).max() else 0.0
 
 
 def _gain(owner: str, name: str, value: object) -> Floats | float:
