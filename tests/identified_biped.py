@@ -76,7 +76,7 @@ def bench(index: int, kind: int, folder: Path, seconds: float = 10.0) -> Identif
         log.write(replace(run, actual_torque=measured).columns())
     read = read_log(path).joint()
     fit = identify_joint(Record(read.time, read.channels, read.sample_time))
-    _, system, _ = identified_text(fit, path, None, "motor", "today", "0")
+    _, system, _ = identified_text(fit, path, None, "today", "0")
     return Identified(joint, drive, fit, system)
 
 

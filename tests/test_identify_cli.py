@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
+from scipy import stats
 
 import gainroom as gr
 from gainroom.cli import main
@@ -189,6 +191,16 @@ def test_the_joint_and_its_file(identified: tuple[Path, dict[str, Any], dict[str
         ends = unit * found[name]["low"], unit * found[name]["high"]
         assert ends[0] * (1 - 1e-5) - 1e-12 <= low <= ends[0]  # outwards, and by no more than the digits that are written
         assert ends[1] <= high <= ends[1] * (1 + 1e-5) + 1e-12
+
+
+def test_the_covariance_in_the_file_is_that_of_the_delay_beside_it(identified: tuple[Path, dict[str, Any], dict[str, Any]]):
+    """Which the torques tell: its variance is that of its interval (t with 39 degrees of freedom), and it moves with no other."""
+    section = yaml.safe_load((identified[0] / "knee.yaml").read_text("utf-8"))["identified"]
+    place, delay = section["names"].index("delay"), identified[1]["parameters"]["delay_ms"]
+    row = np.array(section["covariance"][place])
+    assert section["values"][place] == pytest.approx(1e-3 * delay["value"])
+    assert np.sqrt(row[place]) == pytest.approx(1e-3 * (delay["high"] - delay["low"]) / 2 / stats.t.ppf(0.975, 39), rel=1e-6)
+    assert not np.delete(row, place).any()
 
 
 def test_the_gains_in_the_file_keep_the_limits_over_its_intervals(identified: tuple[Path, dict[str, Any], dict[str, Any]]):

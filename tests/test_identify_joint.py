@@ -63,7 +63,7 @@ def test_predictions_of_the_true_joint_are_white_and_as_large_as_their_noise():
     run = simulate(loop, Scenario(0.0, 7999 * TICK, feedforward=torque[:, None], noise=step, seed=1))
     positions = run.motor_reading
     motion = motion_of(positions, False, TICK, joint)
-    signals = Signals(run.target_torque[:, 0], False, positions, (0,), motion, TICK)
+    signals = Signals(run.target_torque[:, 0], False, positions, motion, TICK)
     noise = Noise(1e-6, 1e-6, 1e-6, np.array([step]))
     errors, variances, settled = prediction_errors(signals, joint, drive, np.zeros(5), noise)
     values = (errors / np.sqrt(variances))[min(settled, 4000) :, 0]
@@ -188,6 +188,31 @@ def test_a_joint_without_noise_is_adequate():
     assert found.adequate
     assert found.parameters["stiffness"].value == pytest.approx(1e4, rel=1e-3)
     assert not found.warnings
+
+
+@pytest.fixture(scope="module")
+def with_link() -> Record:
+    """The same with an encoder on the link, too."""
+    joint, drive = gr.ElasticJoint(0.2, 0.8, 1e4, 1.0), gr.Drive(2500.0, 0.8, 2.3 * TICK)
+    time = np.arange(COUNT) * TICK
+    torque = 20.0 * multisine(np.random.default_rng(3), time, np.geomspace(5, 80, 50))
+    loop = gr.build_loop(joint, drive, gr.PD(1000.0, 40.0), sample_time=TICK)
+    bed = Testbed(loop, motor_friction=Friction(1.0, 1.5, 0.05), motor_resolution=7.67e-6)
+    run = simulate(bed, Scenario(0.3 * np.sin(1.5 * time)[:, None], time[-1], feedforward=torque[:, None], noise=1e-6))
+    return Record(run.time, motor_side(run).channels | {"link_position": run.link_position[:, 0]}, TICK)
+
+
+@pytest.mark.parametrize(("factor", "shown"), [(-1.0, "-1"), (180 / np.pi, "57.3")], ids=["sign", "degrees"])
+def test_a_link_encoder_of_another_sign_or_unit_is_refused(with_link, factor, shown):
+    assert identify_joint(with_link).adequate
+    wrong = with_link.channels | {"link_position": factor * with_link.channels["link_position"]}
+    assert_refused(lambda: identify_joint(Record(with_link.time, wrong, TICK)), [f"moves by {shown}", "sign, the unit and the gear ratio"])
+
+
+def test_a_resonance_above_half_the_tick_rate_is_refused(with_link):
+    """Every 8th row of a log whose controller changes its command in between: its true resonance of 40 Hz is below that half."""
+    channels = {name: with_link.channels[name][::8] for name in ("target_torque", "motor_position", "link_position")}
+    assert_refused(lambda: identify_joint(Record(with_link.time[::8], channels, 8 * TICK)), ["above half the tick rate", "columns"])
 
 
 def test_torques_of_the_wrong_sign_are_refused():

@@ -94,7 +94,7 @@ def _write(temporary: Path, fit: "JointFit", logged: "LoggedJoint", drive: "Driv
     from ..files.identified_joint import identified_text
     from ..io.atomic import writing
 
-    text, _, met = identified_text(fit, logged.path, drive, "motor", date.today().isoformat(), __version__)
+    text, _, met = identified_text(fit, logged.path, drive, date.today().isoformat(), __version__)
     with writing(temporary):
         temporary.write_text(text, "utf-8", newline="\n")
     return [] if met else ["no PD gains keep the usual limits over the intervals: the gains in the file are low ones to start from"]

@@ -90,7 +90,7 @@ def _planned(
     torque = known.get("torque_limit") if torque is None else torque
     if friction is None and "motor_friction" in known:
         friction = known["motor_friction"].coulomb
-    step = known.get(f"{simulation.system.control.feedback}_resolution") if step is None else step
+    step = known.get("motor_resolution") if step is None else step
     with named(str(file)):
         allowed = Bounds(*(math.inf if value is None else value for value in (torque, speed, travel)))
         return plan_excitation(simulation.system, allowed, kind, duration, friction, step, noise, closed)

@@ -33,7 +33,7 @@ RANGES = {
 """Keys of `uncertainty`, and the parameters that they hold."""
 
 
-def identified_text(fit: JointFit, log: Path, known: Drive | None, feedback: str, date: str, version: str) -> tuple[str, System, bool]:
+def identified_text(fit: JointFit, log: Path, known: Drive | None, date: str, version: str) -> tuple[str, System, bool]:
     """The text of a joint.yaml, the system that it describes, and whether its gains meet the usual limits over the intervals.
 
     log     of which only the name is written
@@ -52,7 +52,7 @@ def identified_text(fit: JointFit, log: Path, known: Drive | None, feedback: str
     start = {"kp": inertia * omega**2, "kd": 2 * inertia * omega}
 
     def text(gains: Mapping[str, float], met: bool) -> str:
-        return "\n".join(_lines(fit, log, drive, ranges, gains, feedback, (date, version), met)) + "\n"
+        return "\n".join(_lines(fit, log, drive, ranges, gains, (date, version), met)) + "\n"
 
     system = parse_joint(text(start, False), "the identified joint.yaml")
     control = system.control
@@ -77,7 +77,6 @@ def _lines(
     drive: Drive,
     ranges: Mapping[str, Estimate],
     gains: Mapping[str, float],
-    feedback: str,
     made: tuple[str, str],
     met: bool,
 ) -> list[str]:
@@ -103,7 +102,7 @@ def _lines(
         f"control:  # gains: {origin}",
         "  type: pd",
         *(f"  {name}: {_six(value)}" for name, value in gains.items()),
-        f"  feedback: {feedback}",
+        "  feedback: motor",
         f"  sample_rate_hz: {_six(1 / fit.sample_time)}  # of the log",
         "uncertainty:",
         *(f"  {key}: [{low}, {high}]" for key, (low, high) in boxes.items()),

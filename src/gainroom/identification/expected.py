@@ -68,14 +68,14 @@ def expected_widths(system: System, torque: Floats, hardware: Hardware) -> Mappi
     Raises GainroomError where the virtual log diverges.
     """
     run = virtual_log(system, torque, hardware)
-    if run.diverged or not np.ptp(run.measured):
+    if run.diverged or not np.ptp(run.motor_reading):
         raise GainroomError(f"plan: under this torque the simulated joint {'diverges' if run.diverged else 'does not move: allow more'}")
     joint, drive, tick = system.source, system.drives[0], run.sample_time
-    target, side = run.target_torque[:, 0], ("motor", "link").index(run.feedback)
+    target, positions = run.target_torque[:, 0], run.motor_reading
     late = delay_error(target, drive.bandwidth * tick, drive.damping_ratio, drive.delay / tick, hardware.torque_noise)
-    motion = motion_of(run.measured, False, tick, joint)
-    signals = Signals(target, False, run.measured, (side,), motion, tick)
-    model = JointModel.of(target, run.measured, drive, tick, True, True, (True, False, False))
+    motion = motion_of(positions, False, tick, joint)
+    signals = Signals(target, False, positions, motion, tick)
+    model = JointModel.of(target, positions, drive, tick, True, True, (True, False, False))
     point = model.start(joint, drive.delay, signals)
     noise = max(hardware.torque_noise / model.torque, LEAST_NOISE)
     known = {

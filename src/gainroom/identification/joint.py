@@ -39,7 +39,8 @@ DELAY_FLOOR = 0.02  # ticks: what torque logged once a tick knows of the delay a
 MODEL_ERROR, MODEL_ERROR_EXPLAINED = 0.0007, 0.007  # of inertias and stiffness
 USUAL_LAG = 1.5  # ticks of a hold and a current loop
 HIDDEN = 0.2  # of the viscous friction that Coulomb friction comes to: what may be missing of the damping beside it
-NOTHING = 1e-3  # of its error: a damping that is less is 0
+LEAST_FOLLOWED = 0.5  # of the motor's motion by the link's: less or twice as much, and where no joint fits the columns are suspect
+NO_DAMPING = 1e-3  # of its error: a damping that is less is 0
 SEARCHED = 8.0  # ticks of delay, where no torque log tells it
 
 
@@ -245,8 +246,7 @@ class _Fitting:
     def _signals(self, joint: ElasticJoint, cautious: bool) -> Signals:
         linked = self.positions.shape[1] == 2
         motion = motion_of(self.positions, linked, self.record.sample_time, joint, cautious)
-        sides = tuple(range(self.positions.shape[1]))
-        return Signals(self.source.torque, self.source.sampled, self.positions, sides, motion, self.record.sample_time)
+        return Signals(self.source.torque, self.source.sampled, self.positions, motion, self.record.sample_time)
 
     def reduced(self, other: "_Fitting") -> Floats:
         """The point of `other`'s short fit as far as this model has its parameters."""
@@ -299,9 +299,14 @@ class _Fitting:
         if inertia > 2 * MOST_INERTIA and not tests.adequate:
             raise GainroomError(
                 f"joint: neither a rigid nor a two-mass joint with a linear spring explains the motion: {self.source.name} still explains "
-                f"{100 * tests.explained:.0f} % of what is left; look whether the position is that of the motor, and record without limits "
-                "on the torque"
+                f"{100 * tests.explained:.0f} % of what is left; "
+                + (
+                    _encoders_apart(self.positions)
+                    or "look whether the position is that of the motor, and record without limits on the torque"
+                )
             )
+        if not tests.adequate and (apart := _encoders_apart(self.positions)):
+            raise GainroomError(f"joint: {apart}")
         if inertia > 2 * MOST_INERTIA:
             raise GainroomError(
                 f"joint: the log tells the inertia to ± {100 * quantile(FREEDOM) * inertia:.0f} % only: record a multisine or chirp of "
@@ -344,6 +349,20 @@ class _Fitting:
         )  # fmt: skip
 
 
+def _encoders_apart(positions: Floats) -> str:
+    """Why two encoders cannot be those of one joint, for a message; "" where they can: on slow motion the link moves as the motor does.
+
+    positions   (m, o) [rad] of the motor, and of the link where it is measured
+    """
+    if positions.shape[1] < 2:
+        return ""
+    motor, link = (positions - positions.mean(axis=0)).T
+    slope = float(link @ motor / (motor @ motor))
+    if LEAST_FOLLOWED < slope < 1 / LEAST_FOLLOWED:
+        return ""
+    return f"link_position moves by {slope:.3g} times motor_position: look at the sign, the unit and the gear ratio of the two columns"
+
+
 def damping_beside_friction(parameters: Mapping[str, Estimate], speed: float) -> tuple[Estimate, list[str]]:
     """The damping with what friction may hide of it, and a warning where that is all of it; `speed`: the motor's, root mean square [rad/s].
 
@@ -360,7 +379,7 @@ def damping_beside_friction(parameters: Mapping[str, Estimate], speed: float) ->
     was = parameters["damping"]
     error = math.hypot(was.standard_error, wide / quantile(math.inf))
     note = ["friction hides the damping, which may be 0: record a multisine of torque about the resonance on top of slow motion"] * hidden
-    value = was.value if was.value > NOTHING * error else 0.0
+    value = was.value if was.value > NO_DAMPING * error else 0.0
     return Estimate(value, max(was.low - wide, 0.0), was.high + wide, error), note
 
 

@@ -59,7 +59,7 @@ def maximize(predict: Prediction, start: Floats, used: Floats, prior: Floats, it
     used    (m,) weight of each row, 0: left out
     prior   (2, p) mean and information of independent Gaussian knowledge; information 0: none
 
-    Raises numpy.linalg.LinAlgError where nothing is predicted at the start.
+    Raises numpy.linalg.LinAlgError where nothing is predicted at the start, or beside a point that the search comes to.
     """
     point, damping, converged = np.array(start, dtype=float), DAMPING, False
     error, var = predict(point)
@@ -130,5 +130,7 @@ def _slopes(predict: Prediction, point: Floats, error: Floats, var: Floats) -> _
         moved = point.copy()
         moved[k] += STEP
         above = predict(moved)
+        if not np.isfinite(above[0]).all():
+            raise np.linalg.LinAlgError("no prediction beside the point")
         errors[k], variances[k] = (above[0] - error) / (STEP * deviation), (above[1] - var) / (STEP * var)
     return _Slopes(error, var, errors, variances)

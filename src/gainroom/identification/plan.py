@@ -21,14 +21,14 @@ from ..system.uncertainty import NOMINAL
 from .delay import LONGEST
 from .excitation import Excitation, Kind, excitation
 from .expected import Hardware, expected_widths
-from .joint import LEAST_STEPS, MOST_INERTIA, MOST_RELATIVE
+from .joint import LEAST_OVER_FRICTION, LEAST_STEPS, MOST_INERTIA, MOST_RELATIVE
 
 BELOW, ABOVE = 0.4, 2.0  # times the lowest antiresonance and the highest resonance: where a plan begins and ends
 DELAY_BAND = 0.1  # of the tick rate: up to there at least, or the delay is not told from the current loop's lag
 FASTEST = 0.2  # of the tick rate: faster, a log does not show what happens within a tick
 FEWEST_PERIODS = 5  # of the lowest frequency in the duration
 SHORTEST, MOST_TICKS = 2000, 1_000_000  # ticks: fewer make no twelve spectra
-LEAST_OVER_FRICTION, WELL_OVER_FRICTION = 2.0, 12.0  # root mean square torque: refused below the first, warned of below the second
+WELL_OVER_FRICTION = 12.0  # root mean square torque: warned of below
 TILTS = (0.0, 1.0, 2.0)  # torque ∝ ω^tilt: where travel or speed binds, less at low frequencies leaves more at high ones
 ASSUMED_STEP = 1e-4  # [rad] of an encoder of 16 bit
 ASSUMED_NOISE = 0.01  # of the excitation's root mean square
@@ -245,7 +245,7 @@ def _require_motion(shape: _Shape, hardware: Hardware, size: float) -> None:
             f"plan: the torque of {size:.3g} N·m (root mean square) must be at least {LEAST_OVER_FRICTION:g} times friction, "
             f"{hardware.friction:g} N·m, to move the joint: allow more {shape.binding}, which binds"
         )
-    span = float(np.ptp(shape.run.measured))
+    span = float(np.ptp(shape.run.motor_position))
     if span < LEAST_STEPS * hardware.encoder_step:
         raise GainroomError(
             f"plan: the joint would move by {span:.3g} rad, {LEAST_STEPS} steps of its encoder ({hardware.encoder_step:.3g} rad) are "

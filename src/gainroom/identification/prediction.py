@@ -53,7 +53,6 @@ class Signals:
     torque        (m,) the torque's command, or the torque itself where `sampled`
     sampled       True: `torque` is what acts at the ticks, and goes straight from one to the next
     positions     (m, o) of the motor, and of the link where it is measured; or of the link alone
-    sides         which they are, indices of the outputs of actuated_state: 0 motor, 1 link
     motion        what friction acts along
     sample_time   [s]
     """
@@ -61,7 +60,6 @@ class Signals:
     torque: Floats
     sampled: bool
     positions: Floats
-    sides: tuple[int, ...]
     motion: Motion
     sample_time: float
     _inputs: dict[tuple[int, float, float], Floats] = field(default_factory=dict, init=False, repr=False)
@@ -69,7 +67,7 @@ class Signals:
     def rows(self, part: slice) -> "Signals":
         """Some of the ticks."""
         motion = Motion(self.motion.along[part], self.motion.turning[part])
-        return Signals(self.torque[part], self.sampled, self.positions[part], self.sides, motion, self.sample_time)
+        return Signals(self.torque[part], self.sampled, self.positions[part], motion, self.sample_time)
 
     def inputs(self, shift: int, between: "Between") -> Floats:
         """(m, 7) of each tick: two torques, what friction and weight act along; the last ones are kept, as few parameters change them.
@@ -114,7 +112,7 @@ def prediction_errors(
     """
     from ._prediction import predict  # loads numba
 
-    found = _filter(joint, drive.bandwidth, drive.damping_ratio, signals.sides, signals.sample_time, noise.key)
+    found = _filter(joint, drive.bandwidth, drive.damping_ratio, signals.positions.shape[1], signals.sample_time, noise.key)
     b, inputs = _inputs(signals, drive, found, friction, Between() if between is None else between)
     b = np.vstack([b, np.zeros((1, b.shape[1]))])
     rest = np.linalg.lstsq(found.system.c[[0, 1]], signals.positions[0, [0, -1]], rcond=None)[0]
@@ -151,7 +149,7 @@ class _Filter:
 
 @lru_cache(16)
 def _filter(
-    joint: ElasticJoint, bandwidth: float, damping_ratio: float, sides: tuple[int, ...], sample_time: float, noise: tuple[float, ...]
+    joint: ElasticJoint, bandwidth: float, damping_ratio: float, outputs: int, sample_time: float, noise: tuple[float, ...]
 ) -> _Filter:
     """Kept: friction and delay, which are half of a fit's parameters, do not change it."""
     system = actuated_state(joint.plant(), (Drive(bandwidth, damping_ratio),))
@@ -159,7 +157,7 @@ def _filter(
     torque, drift, turning, *readings = noise
     push, size = held[:, [MOTOR]], len(transition)
     a = np.block([[transition, push], [np.zeros((1, size)), np.ones((1, 1))]])
-    c = np.hstack([system.c[list(sides)], np.zeros((len(sides), 1))])
+    c = np.hstack([system.c[:outputs], np.zeros((outputs, 1))])
     lowest, gains, spreads = min(readings), [], []
     for white in (torque, math.hypot(torque, turning)):
         process = np.zeros((size + 1, size + 1))

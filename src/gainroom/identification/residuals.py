@@ -10,7 +10,7 @@ from .prediction import Signals
 
 LAGS = 60  # ticks of autocorrelation
 MOST_REPEATED = 0.8  # correlation of the residual with itself some ticks before: more, and rows are copies of others
-NOTHING = 1e-4  # of the motion left: a simulated log without noise, in which round-off follows the torque
+NOTHING_LEFT = 1e-4  # of the motion left: a simulated log without noise, in which round-off follows the torque
 MOST_EXPLAINED = 0.3  # of the residual's power, by the torque: more, and the model misses what the torque does
 
 
@@ -61,7 +61,7 @@ def residual_tests(errors: Floats, variances: Floats, signals: Signals, measured
     total = float(spectrum[excited].sum())
     explained = float((real * spectrum)[excited].sum() / total) if total > 0 else 0.0
     left = float(np.std(errors[::outputs][skipped:]) / np.std(np.diff(signals.positions[:, 0], 2)))
-    if left < NOTHING:
+    if left < NOTHING_LEFT:
         explained, lags = 0.0, 0.0 * lags
     adequate = explained < MOST_EXPLAINED and float(np.abs(lags).max()) < MOST_REPEATED
     return Residuals(values, lags, 2 / len(centred) ** 0.5, left, explained, adequate)

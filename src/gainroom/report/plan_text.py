@@ -51,7 +51,7 @@ def assumptions(plan: Plan) -> list[str]:
     where = "at the nominal values" if plan.cases == 1 else f"in {plan.cases} cases of the ranges"
     found = [
         f"The limits hold {where}, by the linear model without friction and weight; {held} meanwhile.",
-        "The accuracy is the Cramér–Rao bound of the model that identify joint fits; log target_torque, actual_torque and the position.",
+        "The accuracy is the Cramér–Rao bound of the model that identify joint fits; log target_torque, actual_torque and motor_position.",
     ]
     return found + ([f"Assumed, as nothing was said: {', '.join(assumed)}."] if assumed else [])
 
