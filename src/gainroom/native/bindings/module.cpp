@@ -1,0 +1,11 @@
+// gainroom.native._core: the C++ core for Python.
+#include <nanobind/nanobind.h>
+
+namespace nb = nanobind;
+
+void bind_scan(nb::module_& m);
+
+NB_MODULE(_core, m) {
+    m.doc() = "gainroom's C++ core; see src/gainroom/native/include/gainroom.";
+    bind_scan(m);
+}

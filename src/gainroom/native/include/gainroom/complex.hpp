@@ -1,0 +1,36 @@
+// Complex products and quotients without the tests for infinities that the language asks of std::complex.
+#pragma once
+
+#include <cmath>
+#include <complex>
+
+namespace gainroom {
+
+using Complex = std::complex<double>;
+
+constexpr double kPi = 3.14159265358979323846;
+
+inline Complex times(Complex a, Complex b) {
+    return {a.real() * b.real() - a.imag() * b.imag(), a.real() * b.imag() + a.imag() * b.real()};
+}
+
+// a/b by Smith's method, which does not overflow where the quotient does not.
+inline Complex over(Complex a, Complex b) {
+    if (std::fabs(b.real()) >= std::fabs(b.imag())) {
+        const double ratio = b.imag() / b.real(), size = b.real() + b.imag() * ratio;
+        return {(a.real() + a.imag() * ratio) / size, (a.imag() - a.real() * ratio) / size};
+    }
+    const double ratio = b.real() / b.imag(), size = b.real() * ratio + b.imag();
+    return {(a.real() * ratio + a.imag()) / size, (a.imag() * ratio - a.real()) / size};
+}
+
+// `angle` in (−π, π].
+inline double wrapped(double angle) { return angle - 2 * kPi * std::ceil((angle - kPi) / (2 * kPi)); }
+
+// arg(b/a) in (−π, π].
+inline double turn_between(Complex a, Complex b) {
+    const Complex rotated = times(b, std::conj(a));
+    return std::atan2(rotated.imag(), rotated.real());
+}
+
+}  // namespace gainroom
