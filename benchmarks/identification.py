@@ -40,7 +40,6 @@ def run(seed: int, logs: int = 3) -> Table:
     sys.path.append(str(Path(__file__).parents[1] / "tests"))
     from identified import joint_run
 
-    gr.warmup()
     results: dict[str, list[tuple[Errors, float]]] = {}
     for index in range(logs):
         case, simulated = joint_run(index)

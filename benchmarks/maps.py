@@ -58,7 +58,6 @@ MAPS = (
 
 def run(seed: int) -> Table:
     """One row per joint and tool; `seed` draws the cells that are checked."""
-    gr.warmup()
     table = Table(f"Stability map of {SIZE} × {SIZE} gains")
     for chart in MAPS:
         stable = chart.exact()

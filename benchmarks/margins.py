@@ -33,7 +33,6 @@ def example_loops() -> dict[str, gr.Loop]:
 
 def run(seed: int) -> Table:
     """One row per loop and tool; `seed` is not used."""
-    gr.warmup()
     table = Table("All margins of one loop")
     for name, loop in example_loops().items():
         exact = gr.margins(loop)

@@ -1,4 +1,4 @@
-"""The certified scan: it finds every crossing and peak that a dense grid sees, twice (numpy and compiled), and its count is right."""
+"""The certified scan: it finds every crossing and peak that a dense grid sees, and its count is right."""
 
 from math import inf, pi
 
@@ -8,9 +8,8 @@ import scipy.signal
 
 import gainroom as gr
 from draws import draw_setup
-from gainroom.analysis import acceleration
-from gainroom.analysis._peaks import objective
-from gainroom.analysis.crossings import LOWEST_FLOOR, Scan, scan_many
+from gainroom.analysis.crossings import scan
+from gainroom.analysis.sampled_scan import objective
 from gainroom.analysis.stability import scan_loop, unstable_roots
 from gainroom.linear.transfer_function import Factored, ratio
 from independent import delay_roots
@@ -69,32 +68,6 @@ def draw_undamped(rng: np.random.Generator) -> Factored:
 KINDS = {"any": draw_factored, "sampled": draw_sampled, "undamped": draw_undamped}
 
 
-def compiled(system: Factored, monkeypatch: pytest.MonkeyPatch) -> Scan | None:
-    monkeypatch.setattr(acceleration, "_enabled", True)
-    return acceleration.scan_one(system, True)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("batch", range(2))
-def test_compiled_and_numpy_scans_agree(kind, batch, monkeypatch):
-    for number in range(15):
-        system = KINDS[kind](np.random.default_rng([1, batch, number]))
-        one, many = compiled(system, monkeypatch), scan_many([system])[0]
-        where = f"{kind} {batch} {number}"
-        assert many.certified, where
-        if one is None:  # thousands of phase crossings: beyond its work space, and left to numpy
-            assert len(many.phases) > 900, where
-            continue
-        assert one.certified, where
-        assert one.half_turns == pytest.approx(many.half_turns, abs=1e-6), where
-        assert one.gains.shape == many.gains.shape, where
-        assert one.phases.shape == many.phases.shape, where
-        # Both polish to the last digit of L, whose rounding is magnified by a flat phase or magnitude there.
-        assert one.gains == pytest.approx(many.gains, rel=1e-7, abs=1e-9), where
-        assert one.phases == pytest.approx(many.phases, rel=1e-7, abs=1e-9), where
-        assert one.peaks[:, 1] == pytest.approx(many.peaks[:, 1], rel=1e-2, abs=1e-12), where  # each within 1 % of the true peak
-
-
 def dense_grid(system: Factored, points: int) -> np.ndarray:
     """ω over everything that matters, and dense around every root near the boundary."""
     roots = np.concatenate([system.zeros, system.poles])
@@ -117,39 +90,39 @@ def dense_grid(system: Factored, points: int) -> np.ndarray:
 @pytest.mark.parametrize("seed", range(25))
 def test_a_dense_grid_sees_nothing_else(kind, seed):
     system = KINDS[kind](np.random.default_rng([2, seed]))
-    scan = scan_many([system])[0]
+    found = scan(system)
     omega = dense_grid(system, 100_000)
     value = system.response(omega)
     steps = np.flatnonzero((np.abs(value[1:]) > 1) != (np.abs(value[:-1]) > 1))
     for k in steps:
-        assert np.any((scan.gains[:, 0] >= omega[k] * (1 - 1e-9)) & (scan.gains[:, 0] <= omega[k + 1] * (1 + 1e-9))), omega[k]
+        assert np.any((found.gains[:, 0] >= omega[k] * (1 - 1e-9)) & (found.gains[:, 0] <= omega[k + 1] * (1 + 1e-9))), omega[k]
     # The walk may end where |L| stays below 1e-3 in continuous time.
     strong = np.abs(value) > (1e-3 if system.sample_time is None else 0.0)
     turns = np.angle(-value[1:]) * np.angle(-value[:-1]) < 0
     turns &= (np.abs(np.angle(value[1:] / value[:-1])) < 1) & strong[1:] & strong[:-1] & (value[1:].real < 0) & (value[:-1].real < 0)
     for k in np.flatnonzero(turns):
-        assert np.any((scan.phases[:, 0] >= omega[k] * (1 - 1e-9)) & (scan.phases[:, 0] <= omega[k + 1] * (1 + 1e-9))), omega[k]
+        assert np.any((found.phases[:, 0] >= omega[k] * (1 - 1e-9)) & (found.phases[:, 0] <= omega[k + 1] * (1 + 1e-9))), omega[k]
     for kind_ in range(3):
         # The claim is a minimum that nothing undercuts by more than 1 %, and that is reached.
-        assert objective(kind_, value).min() >= 0.99 * scan.peaks[kind_, 1] - 1e-12
-        if scan.peaks[kind_, 0] > 0:
-            assert objective(kind_, system.response(scan.peaks[kind_, :1]))[0] == pytest.approx(scan.peaks[kind_, 1], rel=1e-9, abs=1e-12)
+        assert objective(kind_, value).min() >= 0.99 * found.peaks[kind_, 1] - 1e-12
+        if found.peaks[kind_, 0] > 0:
+            assert objective(kind_, system.response(found.peaks[kind_, :1]))[0] == pytest.approx(found.peaks[kind_, 1], rel=1e-9, abs=1e-12)
 
 
 @pytest.mark.parametrize("seed", range(60))
 def test_listed_crossings_are_crossings(seed):
     system = draw_factored(np.random.default_rng([3, seed]))
-    scan = scan_many([system])[0]
-    at_gain, at_phase = system.response(scan.gains[:, 0]), system.response(scan.phases[:, 0])
-    _, slope = system.response_and_slope(scan.gains[:, 0])
+    found = scan(system)
+    at_gain, at_phase = system.response(found.gains[:, 0]), system.response(found.phases[:, 0])
+    _, slope = system.response_and_slope(found.gains[:, 0])
     # Newton stops within 1e-15 of ω, whose rounding and that of ωT add a third; near an undamped root the slope magnifies it.
-    assert np.all(np.abs(np.abs(at_gain) - 1) < 1e-13 + 1.5e-15 * scan.gains[:, 0] * np.abs(slope))
-    assert np.abs(np.exp(1j * scan.gains[:, 1]) - at_gain / np.abs(at_gain)).max(initial=0.0) < 1e-6
-    inner = scan.phases[:, 0] > 0
-    _, slope = system.response_and_slope(scan.phases[:, 0][inner])
+    assert np.all(np.abs(np.abs(at_gain) - 1) < 1e-13 + 1.5e-15 * found.gains[:, 0] * np.abs(slope))
+    assert np.abs(np.exp(1j * found.gains[:, 1]) - at_gain / np.abs(at_gain)).max(initial=0.0) < 1e-6
+    inner = found.phases[:, 0] > 0
+    _, slope = system.response_and_slope(found.phases[:, 0][inner])
     off = np.abs(at_phase.imag / np.abs(at_phase))[inner]
-    assert np.all(off < 1e-13 + 1.5e-15 * scan.phases[inner, 0] * np.abs(slope / at_phase[inner]))
-    assert scan.phases[:, 1] == pytest.approx(np.abs(at_phase), rel=1e-9)
+    assert np.all(off < 1e-13 + 1.5e-15 * found.phases[inner, 0] * np.abs(slope / at_phase[inner]))
+    assert found.phases[:, 1] == pytest.approx(np.abs(at_phase), rel=1e-9)
 
 
 @pytest.mark.parametrize("seed", range(80))
@@ -161,73 +134,57 @@ def test_encirclements_of_a_rational_loop(seed):
         drawn = draw_factored(rng)
         system = Factored(drawn.zeros, drawn.poles, drawn.gain)
         roots = np.roots(np.polyadd(np.real(np.poly(system.poles)), system.gain * np.real(np.poly(system.zeros))))
-    assert scan_many([system])[0].half_turns == pytest.approx(system.unstable_poles - np.sum(roots.real > 0), abs=1e-6)
-
-
-def test_batch_is_one_by_one():
-    systems = [draw_factored(np.random.default_rng([5, k])) for k in range(12)]
-    for together, alone in zip(scan_many(systems), (scan_many([s])[0] for s in systems), strict=True):
-        assert together.gains == pytest.approx(alone.gains, rel=1e-12)
-        assert together.phases == pytest.approx(alone.phases, rel=1e-12)
-        assert together.half_turns == pytest.approx(alone.half_turns, abs=1e-9)
-        assert together.peaks[:, 1] == pytest.approx(alone.peaks[:, 1], rel=1e-2)
+    assert scan(system).half_turns == pytest.approx(system.unstable_poles - np.sum(roots.real > 0), abs=1e-6)
 
 
 def test_narrow_resonance_between_grid_points():
     """A mode of damping ratio 1e-7 is 6e-5 rad/s wide at 314 rad/s; it lifts |L| over one and back within that width."""
     mode = np.array([1.0, 2e-7 * 314.0, 314.0**2])
     system = ratio([30.0], np.polymul([1.0, 0.0], mode)) * ratio([100.0], [1.0, 100.0])
-    scan = scan_many([system])[0]
-    assert scan.certified
-    near = scan.gains[np.abs(scan.gains[:, 0] - 314) < 1, 0]
+    found = scan(system)
+    assert found.certified
+    near = found.gains[np.abs(found.gains[:, 0] - 314) < 1, 0]
     assert len(near) == 2
     assert near[0] < 314 < near[1]
 
 
-def test_peak_at_low_frequency(monkeypatch):
+def test_peak_at_low_frequency():
     """An integrator with the wrong sign: |1 + L|/|L| falls to one as ω → 0, and the search for it must end there, above zero."""
-    system = Factored(np.zeros(0, complex), np.zeros(1, complex), -105.48217392216715, 0.008518043908368026)
-    for scan in (compiled(system, monkeypatch), scan_many([system])[0]):
-        assert scan.peaks[1, 1] == pytest.approx(1.0, abs=1e-6)
-        assert np.all(scan.peaks[:, 0] >= 0)
+    found = scan(Factored(np.zeros(0, complex), np.zeros(1, complex), -105.48217392216715, 0.008518043908368026))
+    assert found.peaks[1, 1] == pytest.approx(1.0, abs=1e-6)
+    assert np.all(found.peaks[:, 0] >= 0)
 
 
-def test_undamped_sampled_zero_is_passed_once(monkeypatch):
-    """A zero of the hold 1e-12 beside the unit circle: the compiled walk must not count its turn several times."""
+def test_undamped_sampled_zero_is_passed_once():
+    """A zero of the hold 1e-12 beside the unit circle: the walk must not count its turn several times."""
     joint = gr.ElasticJoint(0.4, 4.0, 100.0, 0.0)
     system = gr.build_loop(joint, gr.Drive(delay=4e-3), gr.PID(100.0, 50.0, 3.0), sample_time=5e-4).scalar
-    one, many = compiled(system, monkeypatch), scan_many([system])[0]
-    assert one.gains == pytest.approx(many.gains, rel=1e-9)
-    assert np.abs(one.gains[:, 1]).max() < 4 * pi  # one turn each for the zero and the pole, little for the delay
+    found = scan(system)
+    assert np.abs(system.response(found.gains[:, 0])) == pytest.approx(1.0, rel=1e-6)
+    assert np.abs(found.gains[:, 1]).max() < 4 * pi  # one turn each for the zero and the pole, little for the delay
 
 
 def test_delay_alone():
     """2 e^{-s}/(s + 1): |L| = 1 at √3; phase crossings where ω + atan ω = (2k+1)π."""
-    scan = scan_many([Factored(np.zeros(0, complex), np.array([-1.0 + 0j]), 2.0, 1.0)])[0]
-    assert scan.gains[:, 0] == pytest.approx([np.sqrt(3)], rel=1e-15)
-    omega = scan.phases[:, 0]
+    found = scan(Factored(np.zeros(0, complex), np.array([-1.0 + 0j]), 2.0, 1.0))
+    assert found.gains[:, 0] == pytest.approx([np.sqrt(3)], rel=1e-15)
+    omega = found.phases[:, 0]
     turns = (omega + np.arctan(omega) - pi) / (2 * pi)
     assert len(omega) > 100  # down to |L| = 1e-3
     assert turns == pytest.approx(np.arange(len(omega)), abs=1e-12)
-    assert scan.phases[:, 1] == pytest.approx(2 / np.hypot(1, omega), rel=1e-13)
-    assert set(scan.phases[:, 2]) == {-1.0}
+    assert found.phases[:, 1] == pytest.approx(2 / np.hypot(1, omega), rel=1e-13)
+    assert set(found.phases[:, 2]) == {-1.0}
 
 
 def test_ends_of_the_boundary():
     """L(0) < 0 and L at the Nyquist frequency < 0 are crossings, with slope sign zero."""
-    scan = scan_many([ratio([-3.0], [1.0, 1.0])])[0]
-    assert scan.phases[0].tolist() == [0.0, 3.0, 0.0]
+    found = scan(ratio([-3.0], [1.0, 1.0]))
+    assert found.phases[0].tolist() == [0.0, 3.0, 0.0]
     step = 0.1  # 0.5/(z + 0.5): L(−1) = −1
-    sampled = scan_many([Factored(np.zeros(0, complex), np.array([-1.5 / step + 0j]), 0.4 / step, 0.0, step)])[0]
+    sampled = scan(Factored(np.zeros(0, complex), np.array([-1.5 / step + 0j]), 0.4 / step, 0.0, step))
     assert sampled.phases[-1] == pytest.approx([pi / step, 0.8, 0.0], rel=1e-12)
 
 
-@pytest.fixture(params=[False, True], ids=["numpy", "compiled"])
-def both(request, monkeypatch):
-    monkeypatch.setattr(acceleration, "_enabled", request.param)
-
-
-@pytest.mark.usefixtures("both")
 @pytest.mark.parametrize("growth", [0.0, 0.1])
 @pytest.mark.parametrize("gain", [10.0, 1.2e3, 5e3, 9e3, 1e6])
 def test_loops_that_vanish_at_rest(gain, growth):
@@ -237,7 +194,6 @@ def test_loops_that_vanish_at_rest(gain, growth):
     assert unstable_roots(gr.loop_from(scipy.signal.TransferFunction([gain, 0.0], denominator))) == expected
 
 
-@pytest.mark.usefixtures("both")
 @pytest.mark.parametrize("kp", [0.0, 50.0])
 def test_pole_and_zero_at_rest_that_cancel(kp):
     """Friction leaves one pole at 0, and without kp the controller has a zero there: a root at 0 that no gain moves."""
@@ -249,25 +205,48 @@ def test_pole_and_zero_at_rest_that_cancel(kp):
     assert gr.gain_limit(loop).stable
 
 
-def test_a_sample_on_an_undamped_resonance(monkeypatch):
+def test_a_sample_on_an_undamped_resonance():
     """Resonances at 1 and 2 rad/s: the search for the highest frequency doubles from the slowest, and meets the other."""
-    system = Factored(np.zeros(0, dtype=complex), np.array([1j, -1j, 2j, -2j]), 1.0, 0.1)
-    one, many = compiled(system, monkeypatch), scan_many([system])[0]
-    assert many.certified
-    assert one is None  # left to numpy, where the response there is infinite
+    found = scan(Factored(np.zeros(0, dtype=complex), np.array([1j, -1j, 2j, -2j]), 1.0, 0.1))
+    assert found.certified
+    squares = (5 + np.array([-np.sqrt(13), -np.sqrt(5), np.sqrt(5), np.sqrt(13)])) / 2  # (1 − ω²)(4 − ω²) = ±1
+    assert found.gains[:, 0] == pytest.approx(np.sqrt(squares), rel=1e-13)
+    passed = np.array([0, 1, 1, 2])  # poles passed on their right, half a turn each
+    assert found.gains[:, 1] == pytest.approx(-0.1 * np.sqrt(squares) - pi * passed, rel=1e-12)
+
+
+def test_poles_on_the_boundary_close_together():
+    """Two undamped modes 1e-13 apart are passed as one, and neither is counted twice; a mode whose zero lies on it is none."""
+    far = np.array([-50.0 + 0j])
+    pair = np.array([10j, -10j])
+    twice = scan(Factored(np.zeros(0, complex), np.concatenate([pair, pair * (1 + 1e-13), far]), 1e6))
+    assert twice.certified
+    assert twice.gains[-1, 1] == pytest.approx(-2 * pi - np.arctan(twice.gains[-1, 0] / 50), abs=1e-6)
+    hidden = scan(Factored(pair, np.concatenate([pair, far]), 100.0))
+    alone = scan(Factored(np.zeros(0, complex), far, 100.0))
+    assert hidden.gains == pytest.approx(alone.gains, rel=1e-12)
+    assert hidden.half_turns == alone.half_turns
+
+
+def test_a_pole_at_the_nyquist_frequency():
+    """g/(z + 1)(z − p) has a pole at z = −1; unstable roots are those of z² + (1 − p) z + g − p outside the unit circle."""
+    step, p = 1e-2, 0.5
+    for g in (0.2, 0.8, 1.4, 1.6, 3.0, -0.2):
+        found = scan(Factored(np.zeros(0, complex), np.array([-2.0, p - 1], dtype=complex) / step, g / step**2, 0.0, step))
+        outside = int(np.sum(np.abs(np.roots([1.0, 1 - p, g - p])) > 1))
+        assert -found.half_turns == pytest.approx(outside, abs=1e-9), g
 
 
 @pytest.mark.filterwarnings("error")
 def test_the_search_for_the_highest_frequency_stays_within_range():
     """Nine zeros and ten poles, 120 doublings beyond the slowest: each product alone is far beyond 1e308."""
     system = Factored(-np.full(9, 1e3 + 0j), -np.geomspace(1.0, 1e3, 10).astype(complex), 1.0)
-    assert scan_many([system])[0].certified
+    assert scan(system).certified
 
 
 # --- the nearest crossing lies below where the walk first ends -----------------------------------------------------------
 
 
-@pytest.mark.usefixtures("both")
 def test_narrow_resonance_far_beyond_the_first_crossing():
     """At 2880 rad/s a load of 85 kg·m² swings at damping ratio 2e-3 and comes nearer to −1 than the first crossing, 1/4642 at 34 rad/s."""
     joint = gr.ElasticJoint(1.878237949653454, 85.19219446645083, 15251267.605866635, 19.385373300644897, link_viscous=20.99234257459169)
@@ -286,7 +265,6 @@ def test_narrow_resonance_far_beyond_the_first_crossing():
         assert (delay_roots.count_unstable_with(drawn, above, [0.0, 1.0]) > 0) == unstable
 
 
-@pytest.mark.usefixtures("both")
 @pytest.mark.parametrize("seed", range(40))
 def test_no_crossing_lies_nearer_than_the_nearest(seed):
     """Weak loops, a crossing at √20 rad/s, lightly damped modes further out that come about as near to −1; against a dense grid."""
@@ -297,16 +275,15 @@ def test_no_crossing_lies_nearer_than_the_nearest(seed):
     poles = np.concatenate([[0.0, -1.0, -20.0], upper, upper.conj()]).astype(complex)
     system = Factored(np.concatenate([zeros, zeros.conj()]), poles, 1.0)
     system = system.scaled(10.0 ** rng.uniform(-7, -4) / abs(system.response(np.array([20**0.5]))[0]))
-    scan = scan_loop(gr.loop_from(system))
+    found = scan_loop(gr.loop_from(system))
     omega = dense_grid(system, 200_000)
     value = system.response(omega)
     crossed = (value.imag[1:] * value.imag[:-1] < 0) & (value.real[1:] < 0) & (value.real[:-1] < 0)
     smaller = np.minimum(np.abs(value[1:]), np.abs(value[:-1]))[crossed & (np.abs(value[1:]) < 1)]
-    nearest = scan.phases[scan.phases[:, 1] < 1, 1].max(initial=LOWEST_FLOOR)
+    nearest = found.phases[found.phases[:, 1] < 1, 1].max(initial=1e-9)  # smaller ones are left out (numerics.md)
     assert smaller.max(initial=0.0) <= nearest * 1.01  # the smaller end of a step across the axis
 
 
-@pytest.mark.usefixtures("both")
 @pytest.mark.parametrize(
     ("zeros", "poles", "gain", "delay", "limit"),
     [
@@ -325,7 +302,6 @@ def test_as_many_zeros_as_poles(zeros, poles, gain, delay, limit):
     assert found.certificate is None or found.certificate.holds
 
 
-@pytest.mark.usefixtures("both")
 def test_crossings_that_gather_above_their_limit():
     """|L| falls to 0.9 from above as it turns: the largest crossing, near 2 rad/s·turns of a delay of 0.1 s, is the margin."""
     system = Factored(np.array([-4, -1], complex), np.array([-3, -2], complex), -0.9, 0.1)
@@ -343,7 +319,6 @@ def test_count_with_as_many_zeros_as_poles(gain):
     assert unstable_roots(loop) == (-(3 + gain) / (1 + gain) > 0)
 
 
-@pytest.mark.usefixtures("both")
 def test_phase_that_crosses_and_turns_back():
     """Between 5 and 30 rad/s arg L falls to 0.4° beyond −π and comes back, with no root of L in between to stop at."""
     joint = PDJoint(

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import gainroom as gr
-from gainroom.analysis import acceleration
 from gainroom.cli import main
 from independent.joint import PDJoint
 from wide_joints import Case
@@ -76,26 +75,26 @@ def test_what_topples_within_a_tick_is_refused():
         gr.build_loop(plant, gr.Drive(), gr.PD(100.0, 1.0), sample_time=1e-3)
 
 
-@pytest.mark.parametrize("compiled", [False, True])
 @pytest.mark.parametrize("sample_time", [None, 1e-3], ids=["continuous", "sampled"])
 @pytest.mark.parametrize("damping", [0.0, 1.0])
 @pytest.mark.parametrize("factor", [1e-12, 1e-9, 1.0, 1e9, 1e12])
-def test_roots_on_the_boundary_under_any_gain(factor, damping, sample_time, compiled, monkeypatch):
+def test_roots_on_the_boundary_under_any_gain(factor, damping, sample_time):
     """L is 0 at the notch and infinite at an undamped resonance, however large or small a relative 2e-12 beside them."""
-    monkeypatch.setattr(acceleration, "_enabled", compiled)
     delay = 2e-3 if factor < 1e12 else 1e-4  # with which |L| > 1 for some 3000 turns of L, rather than 60 000
     joint = PDJoint(0.2, 0.8, 1e4, damping, kp=0.0, kd=0.0, delay=delay, bandwidth=4000.0)
     case = Case(joint, "PD", (1600.0 * factor, 70.0 * factor), notches=((300.0, 0.5, 0.0),), sample_time=sample_time)
     assert gr.margins(case.loop()).unstable_roots == case.truth().count()
 
 
-def test_values_beyond_all_reckoning_are_refused_in_one_line(tmp_path, capsys):
-    """Each is allowed by itself; together their response overflows."""
+def test_values_beyond_all_reckoning_are_unstable_and_what_is_not_known_is_said(tmp_path, capsys):
+    """Each is allowed by itself; together |L| reaches 1e99, and arg L turns fifty thousand times before |L| < 1."""
     path = tmp_path / "joint.yaml"
     path.write_text(
         "joint: {motor_inertia: 1.0e-12, link_inertia: 1.0e12, stiffness: 1.0e-12}\n"
         "drive: {bandwidth: 4000, delay_ms: 2}\ncontrol: {type: pd, kp: 1.0e6, kd: 1.0e6, feedback: motor}\n",
         "utf-8",
     )
-    assert main(["joint", str(path)]) == 2
-    assert "look for values that are many orders of magnitude off" in capsys.readouterr().err
+    assert main(["joint", str(path)]) == 1
+    printed = capsys.readouterr().out
+    assert printed.startswith("Unstable. Whether lower gains in the same ratio are stable is not known.")
+    assert "could not be certified" in printed.replace("\n", " ")

@@ -173,7 +173,6 @@ def test_eight_threads_get_what_one_gets():
     loops = [gr.build_loop(gr.ElasticJoint(1.0, 4.0 + k, 1e4, 1.0), gr.Drive(4000.0, 0.9, 2e-3), gr.PD(1e4, 300.0)) for k in range(8)]
 
     def answers(k: int) -> str:
-        gr.warmup()
         limit = gr.gain_limit(loops[k % 8])
         with TemporaryDirectory() as folder:
             file = Path(folder) / "gains.yaml"

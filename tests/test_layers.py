@@ -11,6 +11,7 @@ LAYERS = (
     "errors",
     "io",
     "linear",
+    "native",
     "system",
     "analysis",
     "robot",

@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 
 import gainroom as gr
-from gainroom.analysis import acceleration
 from independent.counts import Boundary
 from independent.delay_roots import UndecidedError
 from wide_joints import Case, narrow, wide
@@ -155,14 +154,6 @@ def disagreements(case: Case) -> list[str]:
 def assert_confirmed(kind: str, indices: range) -> None:
     wrong = {index: found for index in indices if (found := disagreements(case_of(kind, index)))}
     assert not wrong, f"population {kind} {SEED}: {wrong}"
-
-
-@pytest.fixture(autouse=True)
-def compiled(monkeypatch):
-    """By the compiled scan; test_crossings.py holds that numpy's says the same."""
-    acceleration.warmup()
-    yield
-    monkeypatch.setattr(acceleration, "_enabled", False)
 
 
 @pytest.mark.parametrize("kind", DRAWS)

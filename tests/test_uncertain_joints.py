@@ -42,7 +42,6 @@ def judged(number: int, seed: int = SEED, inner: int = 200) -> tuple[str, float]
 
 
 def assert_kept(numbers: range, inner: int = 200) -> None:
-    gr.warmup()
     found = {number: judged(number, inner=inner) for number in numbers}
     print(f"\nseed {SEED}, joints {numbers}: {dict(Counter(word for word, _ in found.values()))}")
     broken = {number: one for number, one in found.items() if one[1] < -MET}

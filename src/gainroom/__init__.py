@@ -9,7 +9,6 @@ TYPE_CHECKING = False  # as typing has it, which takes a third of the way to `ga
 if TYPE_CHECKING:
     from typing import Any
 
-    from .analysis.acceleration import warmup
     from .analysis.gain_limit import GainLimit, gain_limit
     from .analysis.gain_region import PDRegion, pd_region
     from .analysis.margins import Margins, joint_margins, margins
@@ -17,6 +16,7 @@ if TYPE_CHECKING:
     from .design.joint_gains import Recommendation, recommend_pd
     from .errors import GainroomError
     from .files.robot_yaml import load_robot
+    from .native import warmup
     from .simulation import Friction, Scenario, Testbed, simulate
     from .studies.analysis import Analysis, State, analyze
     from .studies.joint import JointStudy, study_joint
@@ -52,7 +52,7 @@ _HOME = {
     "studies.joint": ("study_joint", "JointStudy"),
     "files.robot_yaml": ("load_robot",),
     "simulation": ("Scenario", "simulate", "Testbed", "Friction"),
-    "analysis.acceleration": ("warmup",),
+    "native": ("warmup",),
     "errors": ("GainroomError",),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}

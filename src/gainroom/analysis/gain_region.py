@@ -22,7 +22,7 @@ from ..system.drive import Drive
 from ..system.loop import Feedback, Loop, build_loop
 from ..system.plant import ElasticJoint, Plant
 from ..system.requirements import Requirements
-from .crossings import scan_many
+from .crossings import scan
 from .excluded_region import Lines
 from .gain_plane import Curve, GainPlane
 from .margin_record import Margins
@@ -124,8 +124,7 @@ class PDRegion:
         for gains in zip(kps, kds, strict=True):
             control = self.template.in_plane(*gains, step)
             loops.append(Loop(1, step, self.actuated, control, unstable_poles=(self.actuated * control).unstable_poles))
-        scans = scan_many([loop.scalar for loop in loops if loop.scalar is not None]) if loops else []
-        return [margins_of(loop, scan) for loop, scan in zip(loops, scans, strict=True)]
+        return [margins_of(loop, scan(loop.scalar)) for loop in loops if loop.scalar is not None]
 
     def stable_columns(self, kps: Floats, polish: bool = True) -> list[Floats]:
         """As `columns`, for bare stability."""
@@ -232,7 +231,7 @@ class PDRegion:
     def _count(self, kp: float, kd: float) -> int:
         """Unstable roots by the Nyquist count of the certified scan."""
         system = self.scalar(kp, kd)
-        return round(system.unstable_poles - scan_many([system], with_peaks=False)[0].half_turns)
+        return round(system.unstable_poles - scan(system, with_peaks=False).half_turns)
 
     @cached_property
     def _top(self) -> float:

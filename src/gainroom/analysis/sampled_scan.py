@@ -12,8 +12,8 @@ import numpy as np
 
 from ..errors import GainroomError
 from ..linear.arrays import Complexes, Floats
-from ._peaks import objective
-from .crossings import Scan, half_encirclements
+from ..native import _core
+from .crossings import Scan
 
 FIRST, LAST, DENSITY = 1e-5, 1e7, 60  # [rad/s], [rad/s], points
 LARGEST_STEP = 0.3  # largest step of log|L| and arg L between neighbours
@@ -47,8 +47,8 @@ def scan_callable(response: Response) -> Scan:
         root = _root(lambda w: float(np.angle(-response(np.array([w]))[0])), omega[k], omega[k + 1])
         phases.append((root, abs(response(np.array([root]))[0]), float(np.sign(phase[k + 1] - phase[k]))))
     table = np.array(gains, dtype=float).reshape(-1, 2)
-    outside = integrators > 0 or abs(value[0]) > 1
-    half_turns = half_encirclements(start_phase, outside, False, phase[-1], table)
+    outside = bool(integrators > 0 or abs(value[0]) > 1)
+    half_turns = _core.half_encirclements(start_phase, outside, False, float(phase[-1]), table)
     peaks = np.array([_minimum(response, kind, omega, value) for kind in range(3)])
     return Scan(table, np.array(phases, dtype=float).reshape(-1, 3), peaks, half_turns, False)
 
@@ -80,6 +80,12 @@ def _root(function: Callable[[float], float], low: float, high: float) -> float:
 
     root: Any = brentq(function, low, high, xtol=1e-15 * high, rtol=LEAST_STEP)
     return float(root)
+
+
+def objective(kind: int, value: Complexes) -> Floats:
+    """What each peak minimises: 0: |1+L| (Ms), 1: |1+L|/|L| (Mt), 2: 2|1+L|/|1−L| (disk margin)."""
+    below = (1.0, np.abs(value), np.abs(1 - value) / 2)[kind]
+    return np.divide(np.abs(1 + value), below, out=np.full(len(value), np.inf), where=np.asarray(below) > 0)
 
 
 def _minimum(response: Response, kind: int, omega: Floats, value: Complexes) -> tuple[float, float]:

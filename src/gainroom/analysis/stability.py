@@ -14,7 +14,7 @@ from ..errors import GainroomError, require_count
 from ..linear.arrays import Complexes, Floats
 from ..linear.transfer_function import growth
 from ..system.loop import Loop
-from .crossings import Scan, scan_many
+from .crossings import Scan, scan
 from .loci import Sweep
 from .sampled_scan import scan_callable
 
@@ -48,7 +48,7 @@ def scan_loop(loop: Loop, with_peaks: bool = True) -> Scan:
     if loop.scalar is not None and loop.scalar.gain == 0:
         return _silent(with_peaks)
     if loop.scalar is not None:
-        return _scan_one(loop, with_peaks)
+        return scan(loop.scalar, with_peaks)
     if loop.function is not None:
         return scan_callable(loop.response)
     raise GainroomError(f"a loop of {loop.size} joints has no scalar response; use gain_limit or rightmost_roots")
@@ -58,13 +58,6 @@ def _silent(with_peaks: bool) -> Scan:
     """The scan of L = 0: no crossings, and nothing amplified."""
     peaks = np.array([[0.0, 1.0], [0.0, math.inf], [0.0, 2.0]]) if with_peaks else np.zeros((3, 2))
     return Scan(np.empty((0, 2)), np.empty((0, 3)), peaks, 0.0, True)
-
-
-def _scan_one(loop: Loop, with_peaks: bool) -> Scan:
-    from . import acceleration
-
-    assert loop.scalar is not None
-    return acceleration.scan_one(loop.scalar, with_peaks) or scan_many([loop.scalar], with_peaks)[0]
 
 
 def unstable_roots(loop: Loop, scan: Scan | None = None) -> int:

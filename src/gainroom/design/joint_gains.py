@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ..analysis.crossings import scan_many
+from ..analysis.crossings import scan
 from ..analysis.gain_region import PDRegion, pd_region
 from ..analysis.margin_record import Margins, worst_of
 from ..analysis.margins import margins, margins_of
@@ -213,8 +213,7 @@ class _Search:
         if any(one.excluded(needed) is None for one, needed in self.requirements.asked_for):  # which may be of any margin there is
             controller = self.template.from_plane(kp, kd)
             return [margins(build_loop(*self.case(place), controller, self.feedback, self.sample_time)) for place in places]
-        scans = scan_many([loop.scalar for loop in loops if loop.scalar is not None])
-        return [margins_of(loop, scan) for loop, scan in zip(loops, scans, strict=True)]
+        return [margins_of(loop, scan(loop.scalar)) for loop in loops if loop.scalar is not None]
 
     def worst(self, kp: float, kd: float) -> Found:
         """The screened case that misses most. Stops at the first screening that finds one that misses something."""
@@ -298,8 +297,7 @@ class _Search:
         if math.isinf(high):  # more damping is always allowed: look around the critical damping of the whole inertia
             high = 4 * max(low, 2 * math.sqrt(kp * (self.joint.motor_inertia + min(self.joint.link_inertia, 1e6))))
         trials = low + (high - low) * np.linspace(0.05, 0.95, 9)
-        cases = [region.scalar(kp, kd) for kd in trials for region in self.active]
-        peaks = np.array([1 / scan.peaks[0, 1] for scan in scan_many(cases)]).reshape(len(trials), -1).max(axis=1)
+        peaks = np.array([max(1 / scan(region.scalar(kp, kd)).peaks[0, 1] for region in self.active) for kd in trials.tolist()])
         kd = float(trials[np.argmin(peaks)])
         room = 0.02 * (high - low)
         return next((short for digits in range(3, 9) if low + room < (short := float(f"{kd:.{digits}g}")) < high - room), kd)

@@ -46,6 +46,8 @@ def _nominal(study: JointStudy) -> str:
     if limit.gain > 0 and math.isfinite(limit.gain):
         text = f"Unstable. Scaled together, these gains are stable only below {limit.gain:.3g} ×; vibration starts there at {at}."
         return text + _cause(limit.gain, study.without)
+    if math.isnan(limit.gain):
+        return "Unstable. Whether lower gains in the same ratio are stable is not known."
     return "Unstable. No lower gains in the same ratio are stable."
 
 

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from ..analysis.crossings import scan_many
+from ..analysis.crossings import scan
 from ..analysis.gain_region import PDRegion
 from ..linear.arrays import Floats
 from . import style
@@ -44,13 +44,11 @@ def _frequencies(region: PDRegion, piece: Floats) -> Floats:
     """ω of the closed-loop root on the imaginary axis at each point of the boundary; NaN where there is no point."""
     omega = np.full(len(piece), math.nan)
     index = np.flatnonzero(np.isfinite(piece[:, 1]))
-    if not len(index):
-        return omega
-    scans = scan_many([region.scalar(*piece[k]) for k in index], with_peaks=False)
-    for k, scan in zip(index, scans, strict=True):
-        nearest = np.abs(np.log(scan.phases[:, 1])) if len(scan.phases) else np.zeros(0)
+    for k in index:
+        phases = scan(region.scalar(*piece[k].tolist()), with_peaks=False).phases
+        nearest = np.abs(np.log(phases[:, 1]))
         if len(nearest) and nearest.min() < 1e-3:
-            omega[k] = scan.phases[int(np.argmin(nearest)), 0]
+            omega[k] = phases[int(np.argmin(nearest)), 0]
     omega[omega == 0] = math.nan
     return omega
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from ..analysis.crossings import scan_many
+from ..analysis.crossings import scan
 from ..analysis.gain_region import PDRegion, pd_region
 from ..analysis.margin_record import GainLimit, Margins, worst_of
 from ..analysis.margins import margins, margins_of
@@ -181,8 +181,7 @@ class JointStudy(Analysis):
         places += [uncertain.values(place) for place in (*uncertain.corners, *uncertain.inside(FILLING))]
         systems = [self.system.with_values(**values) for values in places]
         loops = [system.loop() for system in systems]
-        scans = scan_many([loop.scalar for loop in loops if loop.scalar is not None])
-        found = [margins_of(loop, scan) for loop, scan in zip(loops, scans, strict=True)]
+        found = [margins_of(loop, scan(loop.scalar)) for loop in loops if loop.scalar is not None]
         for values, one in zip(places, found, strict=True):
             if not one.stable:
                 return InRange({name: float(value) for name, value in values.items()}, one, True, False)

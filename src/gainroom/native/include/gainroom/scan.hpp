@@ -51,6 +51,10 @@ class Scanner {
         if (end_jump != 0 && (std::abs(at_last) > 1) != (end_jump < 0)) scan_.gains.push_back({last_, last_phase});
         const bool ends_on_boundary = loop_.sample_time > 0 || loop_.zeros == loop_.poles;
         scan_.half_turns = half_encirclements(start_phase_, outside, ends_on_boundary, last_phase + end_jump, scan_.gains);
+        if (beyond_range_) {
+            scan_.half_turns = std::numeric_limits<double>::quiet_NaN();
+            scan_.certified = false;
+        }
         if (integrators_ == 0 && at_first_.real() < 0) scan_.phases.insert(scan_.phases.begin(), {0.0, std::abs(at_first_), 0.0});
         if (loop_.sample_time > 0 && end_jump == 0 && at_last.real() < 0) scan_.phases.push_back({last_, std::abs(at_last), 0.0});
         if (with_peaks) find_peaks();
@@ -78,6 +82,7 @@ class Scanner {
     const Response& loop_;
     double floor_, first_ = 0.0, last_ = 0.0, phase_ = 0.0, start_phase_ = 0.0, scale_ = kInfinite;
     int integrators_ = 0;
+    bool beyond_range_ = false;  // the response overflows somewhere
     Complex at_first_;
     Scan scan_;
     std::vector<Slope> work_;
@@ -157,6 +162,7 @@ class Scanner {
             while (top >= 0) {
                 Point& there = stack[top];
                 const double width = there.omega - here.omega, log_there = log_size(there.value);
+                beyond_range_ = beyond_range_ || !std::isfinite(std::abs(there.value));
                 double phase_there = phase + turn_between(here.value, there.value);
                 if (gap != nullptr) {
                     phase_there = phase + gap->jump + wrapped(phase_there - phase - gap->jump);
