@@ -3,11 +3,12 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+NATIVE := build/native/.built
 DEMO := build/demo
 
 .PHONY: demo test tests bench lint format lock clean
 
-demo: $(STAMP)
+demo: $(NATIVE)
 	@mkdir -p $(DEMO)
 	$(BIN)/gainroom example biped > $(DEMO)/biped.yaml
 	$(BIN)/gainroom robot $(DEMO)/biped.yaml --report $(DEMO)/biped.html
@@ -15,10 +16,10 @@ demo: $(STAMP)
 	$(BIN)/gainroom joint $(DEMO)/testbed.yaml --report $(DEMO)/testbed.html
 
 # Side by side, as the types take one core a third of a minute.
-test: $(STAMP)
+test: $(NATIVE)
 	@$(MAKE) --no-print-directory --jobs=2 lint tests
 
-tests: $(STAMP)
+tests: $(NATIVE)
 	$(BIN)/pytest -n 2 --dist worksteal -q
 
 lint: $(STAMP)
@@ -30,11 +31,16 @@ format: $(STAMP)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-bench: $(STAMP)
+bench: $(NATIVE)
 	$(BIN)/python -m benchmarks
 
 $(STAMP): pyproject.toml requirements-dev.lock scripts/setup.sh
 	@scripts/setup.sh $(VENV) $(PYTHON)
+	@touch $@
+
+# The C++ core, beside the Python that imports it.
+$(NATIVE): $(STAMP) CMakeLists.txt scripts/native.sh $(shell find src/gainroom/native -name '*.[ch]pp')
+	@scripts/native.sh $(VENV)
 	@touch $@
 
 # Newest versions that pyproject.toml allows, written down for everyone.
@@ -45,4 +51,4 @@ lock:
 	build/lock/bin/pip freeze --exclude-editable --exclude pip --exclude setuptools > requirements-dev.lock
 
 clean:
-	rm -rf $(VENV) build dist .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) build dist .pytest_cache .ruff_cache .hypothesis src/gainroom/native/*.so

@@ -87,7 +87,7 @@ def test_roots_on_the_boundary_under_any_gain(factor, damping, sample_time):
 
 
 def test_values_beyond_all_reckoning_are_unstable_and_what_is_not_known_is_said(tmp_path, capsys):
-    """Each is allowed by itself; together |L| reaches 1e99, and arg L turns fifty thousand times before |L| < 1."""
+    """Each is allowed by itself; together |L| is 1e18 at 1 rad/s, and arg L turns fifty thousand times before |L| < 1."""
     path = tmp_path / "joint.yaml"
     path.write_text(
         "joint: {motor_inertia: 1.0e-12, link_inertia: 1.0e12, stiffness: 1.0e-12}\n"

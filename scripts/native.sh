@@ -1,0 +1,29 @@
+#!/bin/sh
+# Builds the C++ core into src/gainroom/native, for the virtual environment in $1. What is missing comes as wheels, without root:
+# cmake, and where there is no C++ compiler, zig's.
+set -e
+python=$(cd "$1" && pwd)/bin/python
+build=build/native
+
+fail() {
+    cat "$build/log" >&2
+    echo "gainroom setup: the C++ core could not be built: $1" >&2
+    exit 1
+}
+
+mkdir -p "$build"
+if ! cmake --version >/dev/null 2>&1; then
+    "$python" -m pip install -q "cmake>=3.20"
+    PATH=$(dirname "$python"):$PATH
+fi
+if [ -z "$CXX" ] && ! command -v c++ >/dev/null 2>&1; then
+    echo "gainroom setup: no C++ compiler here; installing one (ziglang)" >&2
+    "$python" -m pip install -q ziglang
+    printf '#!/bin/sh\nexec "%s" -m ziglang c++ "$@"\n' "$python" >"$build/c++"
+    chmod +x "$build/c++"
+    CXX=$PWD/$build/c++
+    export CXX
+fi
+cmake -S . -B "$build" -DPython_EXECUTABLE="$python" -DCMAKE_LIBRARY_OUTPUT_DIRECTORY="$PWD/src/gainroom/native" >"$build/log" 2>&1 ||
+    fail "cmake does not find what it needs"
+cmake --build "$build" --parallel 2 >"$build/log" 2>&1 || fail "the compiler stops"
