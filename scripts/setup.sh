@@ -28,4 +28,5 @@ fi
 echo "gainroom setup: installing into $venv (a minute or two, once)" >&2
 "$venv/bin/python" -m pip install -q -r requirements-dev.lock
 # Without the C++ core, which scripts/native.sh builds beside its sources.
-"$venv/bin/python" -m pip install -q --no-deps --no-build-isolation --editable . -C wheel.cmake=false -C editable.mode=inplace
+"$venv/bin/python" -m pip install -q --no-deps --no-build-isolation --editable . \
+    -C wheel.cmake=false -C wheel.py-api=py3 -C editable.mode=inplace
