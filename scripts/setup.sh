@@ -30,3 +30,7 @@ echo "gainroom setup: installing into $venv (a minute or two, once)" >&2
 # Without the C++ core, which scripts/native.sh builds beside its sources.
 "$venv/bin/python" -m pip install -q --no-deps --no-build-isolation --editable . \
     -C wheel.cmake=false -C wheel.py-api=py3 -C editable.mode=inplace
+# Its import hook goes before PYTHONPATH, and another clone's sources would not be found: the path behind it in the file does as well.
+for file in "$venv"/lib/python3*/site-packages/_editable_skbc_gainroom.pth; do
+    grep -v '^import ' "$file" >"$file.tmp" && mv "$file.tmp" "$file"
+done
