@@ -212,8 +212,10 @@ class Loop:
     def delayed(self, extra: float) -> "Loop":
         """The same loop of parts with `extra` [s] more delay in every drive."""
         assert self.parts is not None
-        drives = [replace(drive, delay=drive.delay + extra) for drive in self.parts.drives]
-        return build_loop(self.parts.plant, drives, self.parts.controller, self.parts.feedback, self.parts.sample_time).scaled(self.gain)
+        parts = replace(self.parts, drives=tuple(replace(drive, delay=drive.delay + extra) for drive in self.parts.drives))
+        if self.size == 1:  # the controller stays, and a delay moves no pole
+            return replace(self, actuated=actuated_scalar(parts), parts=parts)
+        return build_loop(parts.plant, parts.drives, parts.controller, parts.feedback, parts.sample_time).scaled(self.gain)
 
     @property
     def _delays(self) -> Floats:
