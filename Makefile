@@ -6,7 +6,7 @@ STAMP := $(VENV)/.installed
 NATIVE := build/native/.built
 DEMO := build/demo
 
-.PHONY: demo test tests bench lint format lock clean
+.PHONY: demo test tests bench lint format lock wheels clean
 
 demo: $(NATIVE)
 	@mkdir -p $(DEMO)
@@ -42,6 +42,10 @@ $(STAMP): pyproject.toml requirements-dev.lock scripts/setup.sh
 $(NATIVE): $(STAMP) CMakeLists.txt scripts/native.sh $(shell find src/gainroom/native -name '*.[ch]pp')
 	@scripts/native.sh $(VENV)
 	@touch $@
+
+# A source distribution, and a wheel that needs no compiler, in dist/.
+wheels:
+	@scripts/wheels.sh $(PYTHON)
 
 # Newest versions that pyproject.toml allows, written down for everyone.
 lock:

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 from importlib.metadata import PackageNotFoundError, version
 
-PACKAGES = ("numpy", "scipy", "numba", "control")
+PACKAGES = ("numpy", "scipy", "control")
 
 
 def machine_facts() -> str:
