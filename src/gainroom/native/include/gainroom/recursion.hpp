@@ -8,7 +8,7 @@
 
 namespace gainroom {
 
-// The nonzero entries of a square matrix, row by row.
+// A square matrix, row by row, by the nonzero entries: a delay of many ticks is a line of ones.
 class SparseRows {
    public:
     SparseRows(const double* matrix, std::size_t size) {
@@ -23,9 +23,11 @@ class SparseRows {
 
     std::size_t count() const { return entries_.size(); }
 
-    // Adds value · row j to `sum`.
-    void add(std::size_t j, double value, double* sum) const {
-        for (std::size_t entry = ends_[j]; entry < ends_[j + 1]; entry++) sum[entries_[entry].column] += entries_[entry].value * value;
+    // Adds Σ_j factors[j] · row j to `sum`, which is another array.
+    void add(const double* factors, double* sum) const {
+        for (std::size_t j = 0; j + 1 < ends_.size(); j++)
+            for (std::size_t entry = ends_[j]; entry < ends_[j + 1]; entry++)
+                sum[entries_[entry].column] += entries_[entry].value * factors[j];
     }
 
    private:
@@ -37,29 +39,44 @@ class SparseRows {
     std::vector<std::size_t> ends_;
 };
 
-// Fills states (k + 1, m) from states[0] by x⁺ = A x + f, with A `transposed` (m, m) and forcing f (k, m).
-//
-// The number of steps made: k, or fewer where the next state is beyond `limit` or no number (that one is not counted).
-inline std::size_t recur(const double* transposed, std::size_t size, const double* forcing, std::size_t steps, double* states, double limit) {
-    // A matrix with fewer nonzero entries than one in so many is gone through entry by entry: a delay of many ticks is a line of ones.
-    constexpr std::size_t kSparse = 4;
-    const SparseRows rows(transposed, size);
-    const bool sparse = kSparse * rows.count() < size * size;
+// A square matrix, row by row.
+struct DenseRows {
+    const double* matrix;
+    std::size_t size;
+
+    // As SparseRows::add, and in the same order. Four rows at a time, as each sum is then fetched and put back a quarter as often.
+    void add(const double* factors, double* sum) const {
+        std::size_t j = 0;
+        for (; j + 4 <= size; j += 4) {
+            const double *a = matrix + j * size, *b = a + size, *c = b + size, *d = c + size;
+            const double fa = factors[j], fb = factors[j + 1], fc = factors[j + 2], fd = factors[j + 3];
+            for (std::size_t i = 0; i < size; i++) sum[i] = (((sum[i] + a[i] * fa) + b[i] * fb) + c[i] * fc) + d[i] * fd;
+        }
+        for (; j < size; j++)
+            for (std::size_t i = 0; i < size; i++) sum[i] += matrix[j * size + i] * factors[j];
+    }
+};
+
+template <typename Rows>
+std::size_t recur_by(const Rows& rows, std::size_t size, const double* forcing, std::size_t steps, double* states, double limit) {
     for (std::size_t k = 0; k < steps; k++) {
-        const double* now = states + k * size;
         double* next = states + (k + 1) * size;
         std::copy(forcing + k * size, forcing + (k + 1) * size, next);
-        for (std::size_t j = 0; j < size; j++) {
-            if (sparse) {
-                rows.add(j, now[j], next);
-            } else {  // columns outside: the inner loop is a vector instruction
-                for (std::size_t i = 0; i < size; i++) next[i] += transposed[j * size + i] * now[j];
-            }
-        }
+        rows.add(states + k * size, next);
         for (std::size_t i = 0; i < size; i++)
             if (!(std::fabs(next[i]) < limit)) return k;
     }
     return steps;
+}
+
+// Fills states (k + 1, m) from states[0] by x⁺ = A x + f, with A `transposed` (m, m) and forcing f (k, m).
+//
+// The number of steps made: k, or fewer where the next state is beyond `limit` or no number (that one is not counted).
+inline std::size_t recur(const double* transposed, std::size_t size, const double* forcing, std::size_t steps, double* states, double limit) {
+    constexpr std::size_t kSparse = 6;  // where fewer than one entry in so many is not zero, going through them one by one is faster
+    const SparseRows sparse(transposed, size);
+    if (kSparse * sparse.count() < size * size) return recur_by(sparse, size, forcing, steps, states, limit);
+    return recur_by(DenseRows{transposed, size}, size, forcing, steps, states, limit);
 }
 
 }  // namespace gainroom
