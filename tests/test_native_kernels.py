@@ -11,7 +11,7 @@ TICK = Tick.of(1.7, 0.9)
 
 
 def test_the_current_loop_s_filter_is_conditioning_of_a_gaussian():
-    """The torque of all rows is one Gaussian vector: what is left of a row under those before it is in the Cholesky factor of its covariance."""
+    """All torques are one Gaussian vector: the Cholesky factor of its covariance says what is left of a row under those before it."""
     rng = np.random.default_rng(3)
     command, torque, changes = rng.normal(size=ROWS), rng.normal(size=ROWS), rng.normal(size=(ROWS, KINDS))
     parts, slope, spread = rng.normal(size=(3, KINDS, 2)), rng.normal(size=(KINDS, 2)), np.array([0.1, 0.3])
@@ -179,7 +179,7 @@ def test_shapes_that_do_not_fit_are_refused(kernel, arguments):
     ],
 )
 def test_numbers_out_of_bounds_are_refused(kernel, arguments):
-    with pytest.raises(ValueError, match="from 0|0, the motor|at least one|at most"):
+    with pytest.raises(ValueError, match=r"from 0|0, the motor|at least one|at most"):
         kernel(**arguments)
 
 
