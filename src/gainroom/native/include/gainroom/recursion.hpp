@@ -25,9 +25,11 @@ class SparseRows {
 
     // Adds Σ_j factors[j] · row j to `sum`, which is another array.
     void add(const double* factors, double* sum) const {
-        for (std::size_t j = 0; j + 1 < ends_.size(); j++)
-            for (std::size_t entry = ends_[j]; entry < ends_[j + 1]; entry++)
-                sum[entries_[entry].column] += entries_[entry].value * factors[j];
+        const Entry* entry = entries_.data();
+        for (std::size_t j = 0; j + 1 < ends_.size(); j++) {
+            const double factor = factors[j];
+            for (const Entry* end = entries_.data() + ends_[j + 1]; entry < end; entry++) sum[entry->column] += entry->value * factor;
+        }
     }
 
    private:
