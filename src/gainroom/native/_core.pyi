@@ -37,7 +37,7 @@ class Hardware:
     ) -> None: ...
 
 class Testbed:
-    """One joint at some tick, from `state` (m,); no command takes more than `longest` whole ticks."""
+    """One joint at some tick, from `state` (m,); no command takes more than `longest` whole ticks. For one thread at a time."""
 
     def __init__(self, body: Body, control: Control, hardware: Hardware, state: Floats, longest: int) -> None: ...
     def advance(self, given: Floats, whole: Integers, fraction: Floats) -> Floats:

@@ -33,8 +33,8 @@ static void predict_torque(const Vector& command, const Matrix& changes, const V
                              error.data(), variance.data());
 }
 
-static void decode(const Vector& target, const Vector& torque, const Matrix& transition, const Vector& full, const Vector& part, double gain,
-                   double offset, double noise, std::int64_t first, std::int64_t last, double change_cost,
+static void decode(const Vector& target, const Vector& torque, const Matrix& transition, const Vector& full, const Vector& part,
+                   double gain, double offset, double noise, std::int64_t first, std::int64_t last, double change_cost,
                    const Array<std::int64_t, 1>& age) {
     const std::size_t rows = target.shape(0);
     require(torque.shape(0) == rows && age.shape(0) == rows, "target, torque and age have the shape (m,)");
@@ -53,12 +53,13 @@ static void predict(const Matrix& a, const Matrix& b, const Matrix& c, const Cub
     require(has_shape(b, size, inputs.shape(1)), "b and inputs have the shapes (n, i) and (m, i)");
     require(has_shape(outputs, rows, seen), "outputs have the shape (m, o)");
     require(errors.shape(0) == rows && errors.shape(1) == seen, "errors have the shape (m, o)");
-    require(gains.shape(1) == size && gains.shape(2) == seen && regime.shape(0) == rows, "gains and regime have the shapes (r, n, o) and (m,)");
+    require(gains.shape(1) == size && gains.shape(2) == seen, "gains have the shape (r, n, o)");
+    require(regime.shape(0) == rows, "regime has the shape (m,)");
     const auto regimes = static_cast<std::int64_t>(gains.shape(0));
     for (std::size_t k = 0; k < rows; k++) require(regime(k) >= 0 && regime(k) < regimes, "a regime is from 0 to r − 1");
     nb::gil_scoped_release release;
-    gainroom::predict({size, inputs.shape(1), seen, a.data(), b.data(), c.data(), gains.data()}, regime.data(), inputs.data(), outputs.data(),
-                      rows, state.data(), errors.data());
+    gainroom::predict({size, inputs.shape(1), seen, a.data(), b.data(), c.data(), gains.data()}, regime.data(), inputs.data(),
+                      outputs.data(), rows, state.data(), errors.data());
 }
 
 void bind_identification(nb::module_& m) {

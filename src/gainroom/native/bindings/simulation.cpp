@@ -32,7 +32,8 @@ static std::array<double, 2> pair(const Vector& array, const char* message) {
 static gainroom::Laws laws(const Matrix& array) {
     require(has_shape(array, kSides, 5), "laws have the shape (2, 5)");
     gainroom::Laws found;
-    for (int side = 0; side < kSides; side++) found[side] = {array(side, 0), array(side, 1), array(side, 2), array(side, 3), array(side, 4)};
+    for (int side = 0; side < kSides; side++)
+        found[side] = {array(side, 0), array(side, 1), array(side, 2), array(side, 3), array(side, 4)};
     return found;
 }
 
@@ -41,8 +42,8 @@ static Gravity gravity(const Vector& array) {
     return {moment, hanging_at};
 }
 
-static Body body(const Matrix& system, const Matrix& positions, const Matrix& rates, const Matrix& entries, const Vector& current, bool ideal,
-                 std::size_t coordinates) {
+static Body body(const Matrix& system, const Matrix& positions, const Matrix& rates, const Matrix& entries, const Vector& current,
+                 bool ideal, std::size_t coordinates) {
     const std::size_t size = current.shape(0), width = size + gainroom::kTorques;
     require(has_shape(system, width, width), "system has the shape (m + 3, m + 3), current (m,)");
     require(coordinates <= size / 2, "a body of m states has at most m/2 coordinates");
@@ -62,13 +63,14 @@ static Control control(const Matrix& a, const Matrix& b, const Vector& c, const 
     return {copied(a), copied(b), copied(c), pair(d, "d has the shape (2,)"), side};
 }
 
-static Hardware hardware(double tick, int cells, const Matrix& friction, const Vector& weight, double torque_limit, const Vector& resolution,
-                         double position_limit) {
+static Hardware hardware(double tick, std::int64_t cells, const Matrix& friction, const Vector& weight, double torque_limit,
+                         const Vector& resolution, double position_limit) {
     require(cells >= 1, "a tick has at least one cell");
     return {tick, cells, laws(friction), gravity(weight), torque_limit, pair(resolution, "resolution has the shape (2,)"), position_limit};
 }
 
-static gainroom::Testbed testbed(const Body& body, const Control& control, const Hardware& hardware, const Vector& state, std::int64_t longest) {
+static gainroom::Testbed testbed(const Body& body, const Control& control, const Hardware& hardware, const Vector& state,
+                                 std::int64_t longest) {
     require(state.shape(0) == body.states(), "state has the shape (m,)");
     require(longest >= 0 && longest <= 1 << 24, "longest is from 0 to 2^24 ticks");
     return {body, control, hardware, copied(state), longest};
@@ -98,7 +100,8 @@ static void substep(const Body& body, const Hardware& hardware, const Array<doub
     std::vector<double> transition(entries), work(2 * entries);
     nb::gil_scoped_release release;
     gainroom::propagator(body.system.data(), body.width(), width, transition.data(), work.data());
-    gainroom::substep(state.data(), bent.data(), transition.data(), width, torques.data(), body, hardware.laws, hardware.gravity, work.data());
+    gainroom::substep(state.data(), bent.data(), transition.data(), width, torques.data(), body, hardware.laws, hardware.gravity,
+                      work.data());
 }
 
 static std::size_t recur(const Matrix& transposed, const Matrix& forcing, const Array<double, 2>& states, double limit) {

@@ -118,7 +118,7 @@ inline void decode(const double* target, const double* torque, std::size_t count
     std::vector<Path> paths(kinds), fresh(kinds);
     std::vector<std::uint8_t> back(count * kinds);
     const double middle = 0.5 * static_cast<double>(first + last);
-    for (std::int64_t i = 0; i < kinds; i++) paths[i].state.torque = target[std::min(std::max<std::int64_t>(0, last - first - i), rows - 1)];
+    for (std::int64_t i = 0; i < kinds; i++) paths[i].state.torque = target[std::min(kinds - 1 - i, rows - 1)];
     for (std::int64_t k = last + 1; k < rows; k++) {
         double least = std::numeric_limits<double>::infinity();
         for (std::int64_t i = 0; i < kinds; i++) {

@@ -74,7 +74,8 @@ std::size_t recur_by(const Rows& rows, std::size_t size, const double* forcing, 
 // Fills states (k + 1, m) from states[0] by x⁺ = A x + f, with A `transposed` (m, m) and forcing f (k, m).
 //
 // The number of steps made: k, or fewer where the next state is beyond `limit` or no number (that one is not counted).
-inline std::size_t recur(const double* transposed, std::size_t size, const double* forcing, std::size_t steps, double* states, double limit) {
+inline std::size_t recur(const double* transposed, std::size_t size, const double* forcing, std::size_t steps, double* states,
+                         double limit) {
     constexpr std::size_t kSparse = 6;  // where fewer than one entry in so many is not zero, going through them one by one is faster
     const SparseRows sparse(transposed, size);
     if (kSparse * sparse.count() < size * size) return recur_by(sparse, size, forcing, steps, states, limit);

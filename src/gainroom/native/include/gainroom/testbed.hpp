@@ -1,6 +1,7 @@
 // The virtual testbed: one joint, its drive, its encoders and its controller, tick by tick.
 //
-// A command is computed from the readings of its tick and arrives its delay later; the newest that has arrived counts.
+// A command is computed from the readings of its tick and arrives its delay later; the newest that has arrived counts. All memory is taken
+// when a testbed is made: a tick neither allocates nor throws.
 #pragma once
 
 #include <cstdint>
@@ -19,7 +20,7 @@ struct Control {
 // What is not linear.
 struct Hardware {
     double tick;                            // T_s [s]
-    int cells;                              // substeps per tick
+    std::int64_t cells;                     // substeps per tick
     Laws laws;                              // friction of motor and link
     Gravity gravity;
     double torque_limit;                    // [N m]
@@ -57,7 +58,7 @@ class Testbed {
         work_.assign(std::max(2 * entries, body_.states()), 0.0);
         whole_cell_.transition.assign(entries, 0.0);
         for (Stretch& part : parts_) part.transition.assign(entries, 0.0);
-        propagate(hardware_.tick / hardware_.cells, whole_cell_);
+        propagate(hardware_.tick / static_cast<double>(hardware_.cells), whole_cell_);
     }
 
     std::size_t states() const { return body_.states(); }
@@ -115,7 +116,8 @@ class Testbed {
         if (now_ == 0) first_reading_ = reading;  // the difference's past: it has always read this
         const double error = given.reference - reading, motion = given.motion + first_reading_ - reading;
         const std::size_t size = memory_.size();
-        const double target = given.feedforward + dot(control_.c.data(), memory_.data(), size) + control_.d[0] * error + control_.d[1] * motion;
+        const double own = dot(control_.c.data(), memory_.data(), size);
+        const double target = given.feedforward + own + control_.d[0] * error + control_.d[1] * motion;
         for (std::size_t i = 0; i < size; i++)
             moved_[i] = dot(&control_.a[i * size], memory_.data(), size) + control_.b[2 * i] * error + control_.b[2 * i + 1] * motion;
         std::swap(memory_, moved_);
@@ -146,14 +148,16 @@ class Testbed {
     // The joint through this tick, from arrival to arrival, in no longer steps than a cell.
     void move(const TickInputs& given) {
         double now = 0.0;
-        for (int cell = 1; cell <= hardware_.cells;) {
-            const double end = static_cast<double>(cell) / hardware_.cells, arrival = next_arrival(now), until = std::min(arrival, end);
+        const auto cells = static_cast<double>(hardware_.cells);
+        for (std::int64_t cell = 1; cell <= hardware_.cells;) {
+            const double end = static_cast<double>(cell) / cells, arrival = next_arrival(now), until = std::min(arrival, end);
             if (until - now > kSameInstant) {
                 const double torques[kTorques] = {demand_, given.torque[kMotor], given.torque[kLink]};
-                const bool whole = std::fabs((until - now) * hardware_.cells - 1) <= kSameInstant;
+                const bool whole = std::fabs((until - now) * cells - 1) <= kSameInstant;
                 const Stretch& over = whole ? whole_cell_ : part(hardware_.tick * (until - now));
                 const double width = whole ? whole_cell_.width : hardware_.tick * (until - now);
-                substep(state_.data(), bent_, over.transition.data(), width, torques, body_, hardware_.laws, hardware_.gravity, work_.data());
+                substep(state_.data(), bent_, over.transition.data(), width, torques, body_, hardware_.laws, hardware_.gravity,
+                        work_.data());
             }
             now = until;
             if (arrival <= end) take_newest(arrival);
