@@ -9,7 +9,8 @@ from scipy.optimize import brentq
 from scipy.special import ellipk
 
 import gainroom as gr
-from gainroom.simulation import _motion, testbed_stepping
+from gainroom.native import _core
+from gainroom.simulation import testbed_stepping
 from gainroom.simulation.friction import Friction
 from gainroom.simulation.run import simulate
 from gainroom.simulation.run_record import Run
@@ -146,7 +147,7 @@ def test_stick_slip_has_its_period():
     assert np.ptp(periods) < 2.1 * TICK
 
 
-def mechanical_energy(body: _motion.Body, joint: gr.ElasticJoint, moment: float, state: np.ndarray) -> float:
+def mechanical_energy(body: _core.Body, joint: gr.ElasticJoint, moment: float, state: np.ndarray) -> float:
     motor, link = body.positions @ state
     motor_rate, link_rate = body.rates @ state
     twist = 0.0 if math.isinf(joint.stiffness) else joint.stiffness * (motor - link) ** 2
@@ -166,11 +167,9 @@ def test_friction_creates_no_energy(joint, bristles, width):
     friction = Friction(0.5, 0.8, 0.1, bristle_stiffness=3e3) if bristles else Friction(0.5, 0.8, 0.1)
     bed = free(joint, motor_friction=friction, link_friction=friction, gravity=moment)
     body, hardware = testbed_stepping._body(bed)[0], testbed_stepping._hardware(bed, math.inf)
-    transition = np.empty_like(body.system)
-    _motion.propagator(body.system, width, transition)
     for seed in range(20):
         rng = np.random.default_rng([8, seed])
-        state, bent = np.zeros(len(body.current)), np.zeros(2)
+        state, bent = np.zeros(body.positions.shape[1]), np.zeros(2)
         pair = rng.normal(size=2) * [1.0, 0.02]
         state[-2 * body.coordinates :] = np.linalg.lstsq(
             np.vstack([body.positions, body.rates])[:, -2 * body.coordinates :],
@@ -179,7 +178,7 @@ def test_friction_creates_no_energy(joint, bristles, width):
         )[0]
         energy = [mechanical_energy(body, joint, moment, state)]
         for _ in range(400):
-            _motion.substep(state, bent, transition, width, np.zeros(3), body, hardware.laws, hardware.gravity, np.empty(len(state)))
+            _core.substep(body, hardware, state, bent, width, np.zeros(3))
             energy.append(mechanical_energy(body, joint, moment, state) + (1.5e3 * bent @ bent if bristles else 0.0))
         # Rounding: a double knows the energy to 1e-16 of its largest term, which springs and motion exchange 400 times.
         assert np.diff(energy).max() <= 1e-12 * energy[0]

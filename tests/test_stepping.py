@@ -8,7 +8,7 @@ import pytest
 from scipy import signal
 
 import gainroom as gr
-from gainroom.simulation import _stepping, stepping
+from gainroom.native import _core
 from gainroom.simulation.oscillation import response_vibration
 from gainroom.simulation.run import simulate, stream
 from gainroom.simulation.run_record import Run, joined
@@ -270,32 +270,31 @@ def test_overflow_ends_the_run_too():
 
 
 @pytest.mark.parametrize("full", [1.0, 0.1])
-def test_compiled_kernel_is_the_matrix_recursion(full: float):
-    """The kernel and its numpy twin against matrix products; 60 states, of which the largest grow, full and mostly zeros."""
+@pytest.mark.parametrize("count", [1, 7, 60])
+def test_the_core_s_recursion_is_the_matrix_s(count: int, full: float):
+    """Against matrix products; up to 60 states, of which the largest grow, full and mostly zeros."""
     rng = np.random.default_rng(6)
-    matrix, forcing = rng.normal(size=(60, 60)) / 7 / np.sqrt(full), rng.normal(size=(300, 60))
+    matrix, forcing = rng.normal(size=(count, count)) / np.sqrt(0.8 * count * full), rng.normal(size=(300, count))
     matrix *= rng.uniform(size=matrix.shape) < full
-    expected = [rng.normal(size=60)]
+    expected = [rng.normal(size=count)]
     for f in forcing:
         expected.append(matrix @ expected[-1] + f)
     size = np.abs(expected).max(axis=1, keepdims=True)
-    for recur in (_stepping.recur, stepping.recur):
-        states = np.full((301, 60), np.nan)
-        states[0] = expected[0]
-        assert recur(matrix.T.copy(), forcing, states) == 300
-        assert states / size == pytest.approx(np.array(expected) / size, abs=1e-11)  # 300 products of 60 terms
+    states = np.full((301, count), np.nan)
+    states[0] = expected[0]
+    assert _core.recur(matrix.T, forcing, states, 1e150) == 300
+    assert states / size == pytest.approx(np.array(expected) / size, abs=1e-11)  # 300 products of 60 terms
 
 
-@pytest.mark.parametrize("recur", [_stepping.recur, stepping.recur], ids=["compiled", "numpy"])
-def test_recursion_stops_before_it_overflows(recur):
+def test_recursion_stops_before_it_overflows():
     """Tenfold each step: 1e149 is the last below 1e150; a state that is no number is not counted either."""
     states = np.full((401, 2), np.nan)
     states[0] = [1.0, 0.0]
-    assert recur(np.diag([10.0, 0.5]), np.zeros((400, 2)), states) == 149
+    assert _core.recur(np.diag([10.0, 0.5]), np.zeros((400, 2)), states, 1e150) == 149
     assert states[149, 0] == pytest.approx(1e149)
     forcing = np.zeros((400, 2))
     forcing[7, 1] = np.nan
-    assert recur(np.diag([0.9, 0.5]), forcing, states) == 7
+    assert _core.recur(np.diag([0.9, 0.5]), forcing, states, 1e150) == 7
 
 
 @pytest.mark.parametrize("block", [1, 7, 400])

@@ -2,7 +2,7 @@
 
 C = ω_c²/(s² + 2ζω_c s + ω_c²), eq. (3) of Jung et al. 2017. A command that is first seen in row k arrived φ of a tick before it,
 0 <= φ <= 1; for commands that took c ticks (rounded up) φ has a mean φ_c and a deviation σ_c, which are fitted, as is the noise: a Kalman
-filter predicts the torque row by row (_current_loop.py). Nothing is approximated between ticks but that φ's deviation is taken to
+filter predicts the torque row by row (current_loop.hpp). Nothing is approximated between ticks but that φ's deviation is taken to
 second order.
 """
 
@@ -12,6 +12,7 @@ import numpy as np
 
 from ..errors import GainroomError
 from ..linear.arrays import Booleans, Floats, Integers
+from ..native import _core
 from .excited_part import busiest
 from .likelihood import maximize
 
@@ -135,8 +136,6 @@ def fit_arrivals(data: Data, changes: Floats, start: Response) -> Fit:
     changes   (m, q) of the command in each row, by kind of arrival
     start     its delay is minus the first φ
     """
-    from ._current_loop import predict_torque  # loads numba
-
     kinds = changes.shape[1]
     scale = float(np.std(data.torque)) or 1.0
     rough = np.concatenate([np.full(kinds, -start.delay), np.full(kinds, DEVIATION[0])])
@@ -158,7 +157,7 @@ def fit_arrivals(data: Data, changes: Floats, start: Response) -> Fit:
         parts, slope = _parts(speed, damping, places, spread)
         error, variance = np.empty(len(changes)), np.empty(len(changes))
         fresh = data.run_length == 0
-        predict_torque(
+        _core.predict_torque(
             *(data.command, changes, data.torque, fresh, tick.transition, tick.full, parts, slope, spread, gain, offset, noise),
             *((UNKNOWN * scale) ** 2, error, variance),
         )
@@ -222,14 +221,12 @@ def rough_response(data: Data, lowest: float, highest: float) -> Response:
 
 def decoded(data: Data, response: Response, fit: Fit) -> Integers:
     """Ages (m,) [ticks] of the commands that acted, where data.command is the target: the likeliest history under both."""
-    from ._current_loop import decode  # loads numba
-
     usual = int(np.ceil(response.delay - 1e-6))
     first, last = max(usual - AGES, 0), usual + AGES
     tick, (position, rate, _) = Tick.of(response.speed, response.damping), held(response.speed, response.damping, usual - response.delay)
     age = np.zeros(len(data.command), dtype=np.int64)
     part = np.array([float(position), float(rate)])
-    decode(data.command, data.torque, tick.transition, tick.full, part, fit.gain, fit.offset, fit.noise, first, last, UNUSUAL, age)
+    _core.decode(data.command, data.torque, tick.transition, tick.full, part, fit.gain, fit.offset, fit.noise, first, last, UNUSUAL, age)
     return age
 
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from ..linear.arrays import Floats
 from ..linear.state_space import StateSpace, split_delay
+from ..native import _core
 from ..system.assembly import actuated_state
 from ..system.drive import Drive
 from ..system.plant import ElasticJoint
@@ -110,14 +111,12 @@ def prediction_errors(
 
     Raises numpy.linalg.LinAlgError where there is no stationary filter.
     """
-    from ._prediction import predict  # loads numba
-
     found = _filter(joint, drive.bandwidth, drive.damping_ratio, signals.positions.shape[1], signals.sample_time, noise.key)
     b, inputs = _inputs(signals, drive, found, friction, Between() if between is None else between)
     b = np.vstack([b, np.zeros((1, b.shape[1]))])
     rest = np.linalg.lstsq(found.system.c[[0, 1]], signals.positions[0, [0, -1]], rcond=None)[0]
     state, errors = np.append(rest, 0.0), np.empty_like(signals.positions)
-    predict(found.a, b, found.c, found.gains, signals.motion.turning, inputs, signals.positions, state, errors)
+    _core.predict(found.a, b, found.c, found.gains, signals.motion.turning, inputs, signals.positions, state, errors)
     variances = np.array([np.diag(spread) for spread in found.spreads])
     if errors.shape[1] == 2:
         ratio = found.spreads[:, 1, 0] / found.spreads[:, 0, 0]

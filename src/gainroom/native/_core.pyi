@@ -1,8 +1,104 @@
-"""What bindings/ brings into Python. Arrays are contiguous, and of the type said here: nothing is converted."""
+"""What bindings/ brings into Python.
 
-from ..linear.arrays import Complexes, Floats
+Arrays that are read are copied unless they are contiguous and of doubles (integers: int64); those that are written have to be.
+Shapes that do not fit raise ValueError. What the functions compute is said in include/gainroom/*.hpp.
+"""
+
+from ..linear.arrays import Booleans, Complexes, Floats, Integers
 
 def scan(
     zeros: Complexes, poles: Complexes, gain: float, delay: float, sample_time: float, with_peaks: bool
 ) -> tuple[Floats, Floats, Floats, float, bool]: ...
 def half_encirclements(start_phase: float, outside: bool, ends_on_boundary: bool, last_phase: float, gains: Floats) -> float: ...
+
+class Body:
+    """As in motion.hpp; positions, rates, entries (2, m)."""
+
+    def __init__(
+        self, system: Floats, positions: Floats, rates: Floats, entries: Floats, current: Floats, ideal: bool, coordinates: int
+    ) -> None: ...
+    @property
+    def positions(self) -> Floats: ...
+    @property
+    def rates(self) -> Floats: ...
+    @property
+    def coordinates(self) -> int: ...
+
+class Control:
+    """As in testbed.hpp."""
+
+    def __init__(self, a: Floats, b: Floats, c: Floats, d: Floats, side: int) -> None: ...
+
+class Hardware:
+    """As in testbed.hpp; laws (2, 5), gravity (2,), resolution (2,)."""
+
+    def __init__(
+        self, tick: float, cells: int, laws: Floats, gravity: Floats, torque_limit: float, resolution: Floats, position_limit: float
+    ) -> None: ...
+
+class Testbed:
+    """One joint at some tick, from `state` (m,); no command takes more than `longest` whole ticks. For one thread at a time."""
+
+    def __init__(self, body: Body, control: Control, hardware: Hardware, state: Floats, longest: int) -> None: ...
+    def advance(self, given: Floats, whole: Integers, fraction: Floats) -> Floats:
+        """Rows (made, 7) of the next k ticks, fewer where a position is out of bounds.
+
+        given             (k, 7) reference, motion, feedforward, torques and noises of motor and link
+        whole, fraction   (k,) delays of the commands [ticks]
+
+        Columns of what comes out: positions and readings of motor and link, target, demand and actual torque.
+        """
+
+def substep(body: Body, hardware: Hardware, state: Floats, bent: Floats, width: float, torques: Floats) -> None:
+    """Moves `state` (m,) and `bent` (2,)."""
+
+def recur(transposed: Floats, forcing: Floats, states: Floats, limit: float) -> int:
+    """Fills `states` (k + 1, m) from its first row."""
+
+def predict_torque(
+    command: Floats,
+    changes: Floats,
+    torque: Floats,
+    fresh: Booleans,
+    transition: Floats,
+    full: Floats,
+    parts: Floats,
+    slope: Floats,
+    spread: Floats,
+    gain: float,
+    offset: float,
+    noise: float,
+    unknown: float,
+    error: Floats,
+    variance: Floats,
+) -> None:
+    """Fills `error` and `variance` (m,)."""
+
+def decode(
+    target: Floats,
+    torque: Floats,
+    transition: Floats,
+    full: Floats,
+    part: Floats,
+    gain: float,
+    offset: float,
+    noise: float,
+    first: int,
+    last: int,
+    change_cost: float,
+    age: Integers,
+) -> None:
+    """Fills `age` (m,)."""
+
+def predict(
+    a: Floats,
+    b: Floats,
+    c: Floats,
+    gains: Floats,
+    regime: Integers,
+    inputs: Floats,
+    outputs: Floats,
+    state: Floats,
+    errors: Floats,
+) -> None:
+    """Fills `errors` (m, o), and changes `state` (n,)."""

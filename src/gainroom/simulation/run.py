@@ -8,6 +8,7 @@ from .run_record import Run, cut, joined
 from .scenario import MOST_TICKS, Scenario, Signals
 from .stepping import LinearStepper
 from .testbed import Testbed
+from .testbed_stepping import TestbedStepper
 
 BLOCK = 2000  # ticks
 
@@ -32,7 +33,7 @@ def simulate(system: Loop | Testbed, scenario: Scenario) -> Run:
 def stream(system: Loop | Testbed, scenario: Scenario, block: int = BLOCK) -> Iterator[Run]:
     """The run in parts of `block` ticks, as they are computed; ends early where it diverges, which the last part then says."""
     signals = Signals(scenario, _sampled(system))
-    stepper = _testbed_stepper(system, signals) if isinstance(system, Testbed) else LinearStepper(system, signals)
+    stepper = TestbedStepper(system, signals) if isinstance(system, Testbed) else LinearStepper(system, signals)
     first, total = 0, signals.ticks + 1  # both ends of the run are rows
     while first < total:
         count = min(block, total - first)
@@ -48,9 +49,3 @@ def _sampled(system: Loop | Testbed) -> Loop:
     if loop.parts is None or loop.sample_time is None:
         raise GainroomError("simulation needs a loop built with build_loop and a sample_time: the controller works tick by tick")
     return loop
-
-
-def _testbed_stepper(testbed: Testbed, signals: Signals):
-    from .testbed_stepping import TestbedStepper  # loads numba
-
-    return TestbedStepper(testbed, signals)

@@ -17,10 +17,10 @@ from ..analysis.stability import rightmost_roots
 from ..errors import GainroomError
 from ..linear.arrays import Complexes, Floats
 from ..linear.state_space import StateSpace, realize
+from ..native import _core
 from ..system.loop import Loop
 from .run import simulate
 from .scenario import Scenario
-from .stepping import recur
 from .trajectories import Step
 
 SETTLE = 4.0  # time constants of the slowest root that are shown
@@ -105,7 +105,7 @@ def _delayed(loop: Loop, step: float, late: int, count: int) -> tuple[Floats, Fl
     for turn in range(count // late + 1):  # in one delay the commands are those that were sent in the one before
         forcing = np.outer(sent, before) + np.outer(np.append(sent[1:], 0.0), after)
         states[0] = states[-1]
-        recur(transposed, forcing, states)
+        _recur(transposed, forcing, states)
         rows.append(states[:-1] @ system.c.T + np.outer(sent, direct))
         # The point that follows the last one is this delay's own first command, known only when its outputs are.
         # In the first delay it is the unit step itself, which does not ramp up inside the interval before it.
@@ -113,6 +113,11 @@ def _delayed(loop: Loop, step: float, late: int, count: int) -> tuple[Floats, Fl
         states[-1] += after * (sent[0] if turn else 0.0)
     table = np.vstack(rows)[: count + 1]
     return table[:, 0], table[:, 1]
+
+
+def _recur(transposed: Floats, forcing: Floats, states: Floats) -> None:
+    """Fill states (k + 1, m) from the first row; with NaN where they overflow."""
+    states[_core.recur(transposed, forcing, states, math.inf) + 1 :] = np.nan
 
 
 def _undelayed(loop: Loop, step: float, count: int) -> tuple[Floats, Floats]:
@@ -133,8 +138,7 @@ def _undelayed(loop: Loop, step: float, count: int) -> tuple[Floats, Floats]:
     transition = expm(total * step)
     table = np.zeros((count + 1, len(total)))
     table[0, -1] = 1.0
-    for k in range(count):
-        table[k + 1] = transition @ table[k]
+    _recur(transition.T, np.zeros((count, len(total))), table)
     return 1.0 - table @ row, table[:, states:-1] @ plant.c[0]
 
 

@@ -9,18 +9,15 @@ and a run is x_{k+1} = A x_k + f_k. The reference enters as the controller's equ
 with velocities formed from positions by the controller's own difference and filter, the reference's likewise.
 """
 
-from collections.abc import Callable
-
 import numpy as np
 
 from ..linear.arrays import Floats
 from ..linear.state_space import StateSpace, hold, split_delay
+from ..native import _core
 from ..system.assembly import actuated_state, controller_state
 from ..system.loop import Loop
 from .run_record import OVERFLOWING, Run
 from .scenario import Inputs, Signals
-
-SHORT = 5000  # ticks of a run that numpy steps sooner than numba is loaded
 
 
 class LinearStepper:
@@ -46,7 +43,6 @@ class LinearStepper:
         start = signals.start()
         self._state[len(body.a) - len(start) : len(body.a)] = start  # the plant's states are the body's last
         self._offset: Floats | None = None
-        self._short = signals.ticks <= SHORT
 
     def advance(self, inputs: Inputs, first: int) -> Run:
         """The rows of the next ticks, of which the first has number `first`; rows past the first number that is not finite are left out."""
@@ -66,7 +62,7 @@ class LinearStepper:
         )
         states = np.empty((len(entering) + 1, len(self._state)))
         states[0] = self._state
-        count = (recur if self._short else _compiled())(self._transition.T.copy(), entering @ self._entry.T, states)
+        count = _core.recur(self._transition.T, entering @ self._entry.T, states, OVERFLOWING)
         self._state = states[count]
         return self._rows(states[: min(count + 1, len(entering))], entering, inputs, first)
 
@@ -103,26 +99,6 @@ class LinearStepper:
         history = np.vstack([self._sent, target])
         self._sent = history[len(history) - longest :]
         return np.column_stack([history[longest - late : len(history) - late, joint] for joint, late in enumerate(self.late)])
-
-
-def recur(transposed: Floats, forcing: Floats, states: Floats) -> int:
-    """Fill states (k + 1, m) from states[0] by x⁺ = A x + f, with A transposed (m, m) and f (k, m).
-
-    Returns the number of steps made: k, or fewer where the next state is beyond OVERFLOWING (that one is not counted).
-    """
-    with np.errstate(over="ignore", invalid="ignore"):
-        for k in range(len(forcing)):
-            np.dot(states[k], transposed, out=states[k + 1])
-            states[k + 1] += forcing[k]
-        beyond = ~(np.abs(states[1:]) < OVERFLOWING).all(axis=1)
-    return int(np.argmax(beyond)) if beyond.any() else len(forcing)
-
-
-def _compiled() -> Callable[[Floats, Floats, Floats], int]:
-    """The same, some ten times faster, from the first run that is long enough to wait for it."""
-    from ._stepping import recur
-
-    return recur
 
 
 def _closed(body: StateSpace, control: StateSpace, feedback: str, size: int) -> StateSpace:

@@ -1,4 +1,4 @@
-"""The testbed tick by tick: what the compiled kernel needs, and what it gives back."""
+"""The testbed tick by tick: what the C++ core needs (testbed.hpp), and what it gives back."""
 
 import math
 from dataclasses import replace
@@ -7,9 +7,9 @@ import numpy as np
 
 from ..linear.arrays import Floats, Integers
 from ..linear.state_space import split_delay
+from ..native import _core
 from ..system.assembly import actuated_state, controller_state
 from ..system.loop import Feedback, Loop
-from ._testbed import Body, Control, Hardware, Memory, advance
 from .run_record import Run
 from .scenario import Inputs, Signals
 from .testbed import Testbed
@@ -27,43 +27,25 @@ class TestbedStepper:
         self.testbed, self.sample_time = testbed, loop.sample_time
         self.feedback: Feedback = loop.parts.feedback
         self.joint_names = loop.parts.plant.joint_names
-        self._body, back = _body(testbed)
-        self._control, self._hardware = _control(loop), _hardware(testbed, signals.scenario.limit)
         self._delays = np.random.default_rng([signals.scenario.seed, 1])
-        state = np.zeros(len(self._body.current))
+        body, back = _body(testbed)
+        state = np.zeros(len(back))
         start = signals.start()
         state[len(state) - len(start) :] = start
-        state = np.linalg.solve(back, state)
-        ticks = math.ceil((loop.parts.drives[0].delay + testbed.jitter) / self.sample_time) + 2
-        self._memory = Memory(
-            state,
-            np.zeros(2),
-            np.zeros(len(self._control.a)),
-            np.zeros(2),
-            np.array([ticks - 1.0, 0.0]),
-            np.zeros(ticks),
-            np.zeros(ticks, dtype=np.int64),
-            np.zeros(ticks),
-        )
+        longest = math.ceil((loop.parts.drives[0].delay + testbed.jitter) / self.sample_time) + 1
+        hardware = _hardware(testbed, signals.scenario.limit)
+        self._bed = _core.Testbed(body, _control(loop), hardware, np.linalg.solve(back, state), longest)
 
     def advance(self, inputs: Inputs, first: int) -> Run:
         """The rows of the next ticks, of which the first has number `first`; rows past the first out of bounds are left out."""
-        count, past = len(inputs.reference), len(self._memory.sent)
+        count = len(inputs.reference)
         nothing = np.zeros(count)
         noises = (inputs.noise[:, 0], nothing) if self.feedback == "motor" else (nothing, inputs.noise[:, 0])
         columns = (inputs.reference, inputs.motion, inputs.feedforward, inputs.motor_torque, inputs.link_torque)
         given = np.column_stack([*(column[:, 0] for column in columns), *noises])
-        whole, fraction = self._drawn(count)
-        memory = self._memory._replace(
-            sent=np.append(self._memory.sent, nothing),
-            whole=np.append(self._memory.whole, whole),
-            fraction=np.append(self._memory.fraction, fraction),
-        )
-        out = np.empty((count, 7))
-        made = advance(self._body, self._control, self._hardware, memory, given, out)
-        memory.demand[0] = max(memory.demand[0] - count, -1)  # places are counted from the oldest command in memory
-        self._memory = memory._replace(**{name: getattr(memory, name)[-past:].copy() for name in ("sent", "whole", "fraction")})
-        rows = [out[:made, [k]] for k in range(7)]
+        out = self._bed.advance(given, *self._drawn(count))
+        made = len(out)
+        rows = [out[:, [k]] for k in range(7)]
         return Run(
             time=self.sample_time * (first + np.arange(made)),
             reference=inputs.reference[:made],
@@ -91,7 +73,7 @@ class TestbedStepper:
         return whole.astype(np.int64), fraction
 
 
-def _body(testbed: Testbed) -> tuple[Body, Floats]:
+def _body(testbed: Testbed) -> tuple[_core.Body, Floats]:
     """Plant with the frictions' viscous parts and current loop; and the matrix that takes its states to actuated_state's."""
     parts = testbed.loop.parts
     assert parts is not None
@@ -113,24 +95,24 @@ def _body(testbed: Testbed) -> tuple[Body, Floats]:
     a, b, c = np.linalg.solve(back, state.a @ back), np.linalg.solve(back, state.b), state.c @ back
     system = np.zeros((size + 3, size + 3))
     system[:size] = np.hstack([a, b])
-    return Body(system, c[0:2], c[2:4], b[:, 1:3].T.copy(), c[4], parts.drives[0].is_ideal, coordinates), back
+    return _core.Body(system, c[0:2], c[2:4], b[:, 1:3].T, c[4], parts.drives[0].is_ideal, coordinates), back
 
 
-def _control(loop: Loop) -> Control:
+def _control(loop: Loop) -> _core.Control:
     """The controller's difference equation."""
     assert loop.parts is not None
     assert loop.sample_time is not None
     state = controller_state(loop.parts.controller, loop.size, loop.sample_time)
     transition = np.eye(len(state.a)) + loop.sample_time * state.a
     side = 0 if loop.parts.feedback == "motor" else 1
-    return Control(transition, loop.sample_time * state.b, loop.gain * state.c[0], loop.gain * state.d[0], side)
+    return _core.Control(transition, loop.sample_time * state.b, loop.gain * state.c[0], loop.gain * state.d[0], side)
 
 
-def _hardware(testbed: Testbed, limit: float) -> Hardware:
-    """Everything else, for the kernel."""
+def _hardware(testbed: Testbed, limit: float) -> _core.Hardware:
+    """Everything else."""
     assert testbed.loop.sample_time is not None
     tick = testbed.loop.sample_time
-    return Hardware(
+    return _core.Hardware(
         tick,
         max(1, math.ceil(tick / testbed.substep * (1 - 1e-9))),
         np.stack([testbed.motor_friction.law(), testbed.link_friction.law()]),

@@ -1,4 +1,4 @@
-// numpy arrays in and out. None is copied or converted: the Python side hands over contiguous arrays of the right type.
+// numpy arrays in and out. What is read should be contiguous and of the right type, else it is copied; what is written has to be.
 #pragma once
 
 #include <nanobind/nanobind.h>
@@ -14,6 +14,16 @@ template <typename T, std::size_t N>
 using Array = nb::ndarray<T, nb::numpy, nb::ndim<N>, nb::c_contig, nb::device::cpu>;
 using Vector = Array<const double, 1>;
 using Matrix = Array<const double, 2>;
+using Cube = Array<const double, 3>;
+using Integers = Array<const std::int64_t, 1>;
+
+inline void require(bool fits, const char* message) {
+    if (!fits) throw nb::value_error(message);
+}
+
+inline bool has_shape(const Matrix& array, std::size_t rows, std::size_t columns) {
+    return array.shape(0) == rows && array.shape(1) == columns;
+}
 
 // A new numpy array (rows, columns) that owns a copy of `values`.
 inline nb::object owned(const double* values, std::size_t rows, std::size_t columns) {

@@ -1,0 +1,258 @@
+"""The core's filters against matrix algebra, and every kernel against input that does not fit."""
+
+import numpy as np
+import pytest
+
+from gainroom.identification.current_loop import Tick, held
+from gainroom.native import _core
+
+ROWS, KINDS, NOISE, UNKNOWN = 12, 2, 0.05, 4.0
+TICK = Tick.of(1.7, 0.9)
+
+
+def test_the_current_loop_s_filter_is_conditioning_of_a_gaussian():
+    """All torques are one Gaussian vector: the Cholesky factor of its covariance says what is left of a row under those before it."""
+    rng = np.random.default_rng(3)
+    command, torque, changes = rng.normal(size=ROWS), rng.normal(size=ROWS), rng.normal(size=(ROWS, KINDS))
+    parts, slope, spread = rng.normal(size=(3, KINDS, 2)), rng.normal(size=(KINDS, 2)), np.array([0.1, 0.3])
+    fresh = np.zeros(ROWS, dtype=bool)
+    fresh[[0, 7]] = True
+    # x (2) of each row as a mean and as a sum of independent unit normals: two for each start, one for each arrival
+    means, loads, at = [], [], 0
+    for k in range(ROWS):
+        load = np.zeros((2, 2 * ROWS * (1 + KINDS)))
+        if fresh[k]:
+            mean = np.array([command[k], 0.0])
+            load[:, at : at + 2] = np.sqrt(UNKNOWN) * np.eye(2)
+            at += 2
+        else:
+            mean = TICK.transition @ means[-1] + TICK.full * command[k - 1] + changes[k] @ parts[1]
+            load = TICK.transition @ loads[-1]
+            mean += 0 if fresh[k - 1] else changes[k - 1] @ parts[2]
+            mean += changes[k + 1] @ parts[0] if k + 1 < ROWS and not fresh[k + 1] else 0
+            for q in range(KINDS):
+                load[:, at] += spread[q] * changes[k, q] * slope[q]
+                at += 1
+        means.append(mean)
+        loads.append(load)
+    rows = 1.3 * np.array(loads)[:, 0]
+    factor = np.linalg.cholesky(rows @ rows.T + NOISE**2 * np.eye(ROWS))
+    rest = np.linalg.solve(factor, torque - 1.3 * np.array(means)[:, 0] - 0.2)
+    error, variance = np.empty(ROWS), np.empty(ROWS)
+    loop = TICK.transition, TICK.full, parts, slope, spread
+    _core.predict_torque(command, changes, torque, fresh, *loop, 1.3, 0.2, NOISE, UNKNOWN, error, variance)
+    # Cholesky loses what the variances range over, (2 · 1.3 / 0.05)²: 1e-16 · 3e3
+    assert variance == pytest.approx(np.diag(factor) ** 2, rel=1e-11)
+    assert error == pytest.approx(rest * np.diag(factor), rel=1e-10)
+
+
+@pytest.mark.parametrize(("first", "last"), [(0, 2), (3, 7), (5, 5)])
+def test_decoding_gives_the_ages_back_that_a_torque_was_made_with(first: int, last: int):
+    """Every command different, no noise: only the true history explains it."""
+    rng, count = np.random.default_rng(4), 200
+    target, part = rng.normal(size=count), np.array([float(value) for value in held(1.7, 0.9, 0.4)[:2]])
+    ages = [last]
+    while len(ages) < count:  # no older than one tick more than the one before
+        ages.append(int(rng.integers(first, min(ages[-1] + 1, last) + 1)))
+    state, torque = np.zeros(2), np.zeros(count)
+    for k in range(last + 1, count):
+        before, now = target[k - 1 - ages[k - 1]], target[k - ages[k]]
+        state = TICK.transition @ state + TICK.full * before + part * (now - before)
+        torque[k] = 1.1 * state[0] + 0.3
+    found = np.zeros(count, dtype=np.int64)
+    _core.decode(target, torque, TICK.transition, TICK.full, part, 1.1, 0.3, 1e-3, first, last, 0.0, found)
+    settled = last + 40  # the state that it starts from, which is not known, is e^-30 of itself
+    assert np.array_equal(found[settled:], ages[settled:])
+
+
+def test_predictions_are_the_matrix_recursion():
+    """With gains that change from row to row."""
+    rng = np.random.default_rng(5)
+    a, b, c = rng.normal(size=(5, 5)) / 4, rng.normal(size=(5, 3)), rng.normal(size=(2, 5))
+    gains, regime = rng.normal(size=(3, 5, 2)) / 10, rng.integers(0, 3, 80)
+    inputs, outputs, state = rng.normal(size=(80, 3)), rng.normal(size=(80, 2)), rng.normal(size=5)
+    x, expected = state.copy(), []
+    for k in range(80):
+        expected.append(outputs[k] - c @ x)
+        x = a @ x + b @ inputs[k] + gains[regime[k]] @ expected[-1]
+    errors = np.empty((80, 2))
+    _core.predict(a, b, c, gains, regime, inputs, outputs, state, errors)
+    assert errors == pytest.approx(np.array(expected), rel=1e-9, abs=1e-11)
+    assert state == pytest.approx(x, rel=1e-9, abs=1e-11)
+
+
+BODY = {
+    "system": np.zeros((5, 5)),
+    "positions": np.eye(2),
+    "rates": np.eye(2),
+    "entries": np.eye(2),
+    "current": np.zeros(2),
+    "ideal": True,
+    "coordinates": 1,
+}
+CONTROL = {"a": np.zeros((1, 1)), "b": np.zeros((1, 2)), "c": np.zeros(1), "d": np.zeros(2), "side": 0}
+HARDWARE = {
+    "tick": 1e-3,
+    "cells": 2,
+    "laws": np.zeros((2, 5)),
+    "gravity": np.zeros(2),
+    "torque_limit": 1.0,
+    "resolution": np.zeros(2),
+    "position_limit": 1e4,
+}
+RECURSION = {"transposed": np.eye(2), "forcing": np.zeros((3, 2)), "states": np.zeros((4, 2)), "limit": 1e150}
+FILTER = {
+    "command": np.zeros(4),
+    "changes": np.zeros((4, 1)),
+    "torque": np.zeros(4),
+    "fresh": np.zeros(4, dtype=bool),
+    "transition": np.eye(2),
+    "full": np.zeros(2),
+    "parts": np.zeros((3, 1, 2)),
+    "slope": np.zeros((1, 2)),
+    "spread": np.zeros(1),
+    **dict.fromkeys(("gain", "offset", "noise", "unknown"), 1.0),
+    "error": np.zeros(4),
+    "variance": np.zeros(4),
+}
+DECODING = {
+    "target": np.zeros(9),
+    "torque": np.zeros(9),
+    "transition": np.eye(2),
+    "full": np.zeros(2),
+    "part": np.zeros(2),
+    **dict.fromkeys(("gain", "offset", "noise", "change_cost"), 1.0),
+    "first": 1,
+    "last": 5,
+    "age": np.zeros(9, dtype=np.int64),
+}
+PREDICTION = {
+    "a": np.eye(3),
+    "b": np.zeros((3, 2)),
+    "c": np.zeros((1, 3)),
+    "gains": np.zeros((2, 3, 1)),
+    "regime": np.zeros(6, dtype=np.int64),
+    "inputs": np.zeros((6, 2)),
+    "outputs": np.zeros((6, 1)),
+    "state": np.zeros(3),
+    "errors": np.zeros((6, 1)),
+}
+KERNELS = [
+    (_core.Body, BODY),
+    (_core.Control, CONTROL),
+    (_core.Hardware, HARDWARE),
+    (_core.recur, RECURSION),
+    (_core.predict_torque, FILTER),
+    (_core.decode, DECODING),
+    (_core.predict, PREDICTION),
+]
+
+
+def grown(array: np.ndarray) -> list[np.ndarray]:
+    """Arrays of another length along each axis."""
+    return [np.zeros([n + (k == axis) for k, n in enumerate(array.shape)], array.dtype) for axis in range(array.ndim)]
+
+
+@pytest.mark.parametrize(("kernel", "arguments"), KERNELS, ids=[kernel.__name__ for kernel, _ in KERNELS])
+def test_shapes_that_do_not_fit_are_refused(kernel, arguments):
+    """Each array in turn with a row or a column too many; more regimes are more to choose from, and fit."""
+    kernel(**arguments)
+    for name, value in arguments.items():
+        if isinstance(value, np.ndarray):
+            for axis, wrong in enumerate(grown(value)):
+                if (name, axis) != ("gains", 0):
+                    with pytest.raises(ValueError, match=r"shape|square|rows"):
+                        kernel(**{**arguments, name: wrong})
+
+
+@pytest.mark.parametrize(
+    ("kernel", "arguments"),
+    [
+        (_core.Body, {**BODY, "coordinates": 2}),
+        (_core.Control, {**CONTROL, "side": 2}),
+        (_core.Hardware, {**HARDWARE, "cells": 0}),
+        (_core.decode, {**DECODING, "first": -1}),
+        (_core.decode, {**DECODING, "first": 6}),
+        (_core.decode, {**DECODING, "last": 400}),
+        (_core.predict, {**PREDICTION, "regime": np.full(6, 2)}),
+        (_core.predict, {**PREDICTION, "regime": np.full(6, -1)}),
+    ],
+)
+def test_numbers_out_of_bounds_are_refused(kernel, arguments):
+    with pytest.raises(ValueError, match=r"from 0|0, the motor|at least one|at most"):
+        kernel(**arguments)
+
+
+@pytest.mark.parametrize(
+    ("kernel", "arguments", "name"),
+    [
+        (_core.recur, RECURSION, "states"),
+        (_core.predict_torque, FILTER, "error"),
+        (_core.predict_torque, FILTER, "variance"),
+        (_core.decode, DECODING, "age"),
+        (_core.predict, PREDICTION, "state"),
+        (_core.predict, PREDICTION, "errors"),
+    ],
+)
+def test_results_are_never_written_into_a_copy(kernel, arguments, name):
+    """What cannot be written in place is refused: another type, gaps between the numbers, read-only."""
+    good = arguments[name]
+    frozen = good.copy()
+    frozen.setflags(write=False)
+    for wrong in (good.astype(np.float32), np.repeat(good, 2, axis=-1)[..., ::2], frozen):
+        with pytest.raises(TypeError):
+            kernel(**{**arguments, name: wrong})
+
+
+def bed(longest: int = 3) -> _core.Testbed:
+    return _core.Testbed(_core.Body(**BODY), _core.Control(**CONTROL), _core.Hardware(**HARDWARE), np.zeros(2), longest)
+
+
+@pytest.mark.parametrize(
+    ("given", "whole", "fraction"),
+    [((4, 6), 4, 4), ((4, 7), 3, 4), ((4, 7), 4, 5)],
+)
+def test_a_testbed_s_rows_have_to_fit(given, whole, fraction):
+    assert bed().advance(np.zeros((4, 7)), np.zeros(4, dtype=np.int64), np.zeros(4)).shape == (4, 7)
+    with pytest.raises(ValueError, match="shape"):
+        bed().advance(np.zeros(given), np.zeros(whole, dtype=np.int64), np.zeros(fraction))
+
+
+@pytest.mark.parametrize("whole", [-1, 4, 2**62])
+def test_no_command_is_later_than_the_testbed_remembers(whole):
+    with pytest.raises(ValueError, match="longest"):
+        bed().advance(np.zeros((1, 7)), np.array([whole]), np.zeros(1))
+
+
+def test_numbers_that_are_none_end_a_run_and_hang_nothing():
+    """A system without bounds has no exponential; a reading that is no number makes a torque that is none, and the next row is left out."""
+    state, bent = np.ones(2), np.zeros(2)
+    for value in (np.nan, np.inf, 1e300):
+        body = _core.Body(**{**BODY, "system": np.full((5, 5), value)})
+        _core.substep(body, _core.Hardware(**{**HARDWARE, "laws": np.full((2, 5), value)}), state, bent, 1.0, np.full(3, value))
+    assert not np.isfinite(state).any()
+    given = np.zeros((5, 7))
+    given[2] = np.nan
+    found = _core.Testbed(
+        _core.Body(**{**BODY, "system": np.pad(np.ones((2, 5)), ((0, 3), (0, 0)))}),
+        _core.Control(**{**CONTROL, "d": np.ones(2)}),
+        _core.Hardware(**HARDWARE),
+        np.zeros(2),
+        3,
+    ).advance(given, np.zeros(5, dtype=np.int64), np.zeros(5))
+    assert len(found) == 3
+    assert np.isfinite(found[:2]).all()
+    assert np.isnan(found[2, 4])
+
+
+def test_nothing_at_all_is_no_row():
+    none, empty = np.zeros(0), np.zeros((0, 1))
+    assert bed().advance(np.zeros((0, 7)), np.zeros(0, dtype=np.int64), none).shape == (0, 7)
+    assert _core.recur(np.zeros((0, 0)), np.zeros((3, 0)), np.zeros((4, 0)), 1.0) == 3
+    assert _core.recur(np.eye(2), np.zeros((0, 2)), np.ones((1, 2)), 1e150) == 0
+    rows = dict.fromkeys(("command", "torque", "error", "variance"), none)
+    _core.predict_torque(**{**FILTER, **rows, "changes": empty, "fresh": np.zeros(0, dtype=bool)})
+    for count in range(8):  # fewer rows than ages
+        age = np.zeros(count, dtype=np.int64)
+        _core.decode(**{**DECODING, "target": np.zeros(count), "torque": np.zeros(count), "age": age})
+        assert np.all((age >= 1) & (age <= 5))
