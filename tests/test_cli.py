@@ -275,7 +275,7 @@ def loaded_by(*arguments: str) -> set[str]:
 
 def test_help_loads_nothing_heavy():
     loaded = {name.partition(".")[0] for name in loaded_by("--help")}
-    assert not loaded & {"numpy", "scipy", "numba", "pydantic", "plotly", "yaml", "control"}
+    assert not loaded & {"numpy", "scipy", "pydantic", "plotly", "yaml", "control"}
 
 
 def test_a_joint_without_a_scenario_loads_no_simulation(folder: Path):
@@ -283,7 +283,7 @@ def test_a_joint_without_a_scenario_loads_no_simulation(folder: Path):
     loaded = loaded_by("joint", str(folder / "testbed.yaml"))
     assert "gainroom.studies.joint" in loaded
     packages = {name.partition(".")[0] for name in loaded}
-    assert not packages & {"scipy", "numba", "plotly", "control", "mujoco", "pinocchio"}
+    assert not packages & {"scipy", "plotly", "control", "mujoco", "pinocchio"}
     assert not loaded & {f"gainroom.{name}" for name in ("simulation", "files.joint_scenario", "robot", "files.robot_yaml", "report.joint")}
 
 

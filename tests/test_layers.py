@@ -27,7 +27,7 @@ LAYERS = (
     "__main__",
 )
 """What stands in the package's folder, lowest first."""
-HEAVY = {"numpy", "scipy", "numba", "pydantic", "plotly", "rich", "yaml"}
+HEAVY = {"numpy", "scipy", "pydantic", "plotly", "rich", "yaml"}
 
 
 def modules() -> dict[str, Path]:
