@@ -154,6 +154,59 @@ def test_the_promised_accuracy_is_that_of_estimates(plan, capsys):
     assert np.all(spread > 0.4)
 
 
+@pytest.mark.parametrize("friction", [(0.3, 0.0), (0.3, 0.15)], ids=["motor", "both sides"])
+def test_the_damping_s_promise_beside_friction_is_what_identification_says(friction):
+    """The interval of a log's damping holds the truth and reaches as far up as promised, to a quarter of it: friction's part hangs on the
+    speed, which is the same to a few per cent, the rest on how much of one noise is left. It is never less than a fifth of the viscous
+    friction √(2/π) F/σ of either side, in the square of its part in the mode; the speed σ without friction is an upper bound.
+    """
+    motor, link = friction
+    given = {"duration": 8.0, "encoder_step": 1e-5, "torque_noise": 0.05}
+    plan = plan_excitation(SYSTEM, Bounds(torque=20.0), friction=motor, link_friction=link, **given)
+    run = virtual_log(SYSTEM, plan.torque, plan.hardware, 1)
+    columns = {name: getattr(run, name)[:, 0] for name in ("target_torque", "actual_torque")}
+    found = identify_joint(Record(run.time, {**columns, "motor_position": run.motor_reading[:, 0]}, TICK)).parameters["damping"]
+    assert found.low < JOINT.damping < found.high
+    assert plan.expected["damping"] == pytest.approx((found.high - found.value) / JOINT.damping, rel=0.25)
+    speed = np.std(np.diff(plan.run.motor_position[:, 0])) / TICK
+    viscous = math.sqrt(2 / math.pi) * (motor * 0.8**2 + link * 0.2**2) / speed
+    assert plan.expected["damping"] > 0.2 * viscous / JOINT.damping
+
+
+def test_a_plan_takes_the_friction_that_was_identified(tmp_path, capsys):
+    """Of an identified joint.yaml both sides'; a scenario's stands for it, and so does --friction."""
+    section = (
+        "identified: {log: run.csv, date: today, gainroom: '0', model: two-mass with friction, adequate: true,\n"
+        "  names: [coulomb, link_coulomb], values: [0.3, -0.15], covariance: [[0.01, 0], [0, 0.01]]}\n"
+    )
+    scenario = "scenario: {friction: {link: {coulomb: 0.2}}}\n"
+
+    def planned(more: str, *options: str) -> dict:
+        call = ["identify", "plan", str(written(tmp_path, more)), "--max-torque", "20", "--duration", "2", "--json", *options]
+        assert main(call) == 0
+        return json.loads(capsys.readouterr().out)["hardware"]
+
+    for more, options, motor, link, assumed in [
+        (section, [], 0.3, 0.15, False),
+        (section + scenario, [], 0.0, 0.2, False),
+        (section, ["--friction", "0.1"], 0.1, 0.0, False),
+        ("", [], 0.0, 0.0, True),
+    ]:
+        hardware = planned(more, *options)
+        assert (hardware["friction"], hardware["link_friction"]) == (motor, link)
+        assert ("friction" in hardware["assumed"]) is assumed
+
+
+def test_a_damping_that_friction_hides_is_not_promised(tmp_path, capsys):
+    """A damping far below a fifth of what friction amounts to: identification says that it may be 0, and the plan says so."""
+    path = written(tmp_path, "scenario: {friction: {motor: {coulomb: 0.5}}}\n")
+    path.write_text(path.read_text("utf-8").replace("damping: 2.0", "damping: 0.02"), "utf-8")
+    assert main(["identify", "plan", str(path), "--max-torque", "20", "--duration", "4"]) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "damping B not told" in shown
+    assert "friction hides the damping" in shown
+
+
 @pytest.mark.parametrize(
     ("system", "bounds", "options", "words"),
     [

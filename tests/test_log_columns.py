@@ -32,8 +32,33 @@ NAMES = {
     "Torque (N m)": ("actual_torque", "", "N m"),
     "iq": ("current", "", ""),
     "joint_torque_elbow": ("joint_torque", "elbow", ""),
+    "motor_position_target": ("reference", "", ""),
+    "knee_target_angle": ("reference", "knee", ""),
+    "joint_states/position": ("motor_position", "", ""),
+    "joint_commands/effort": ("target_torque", "", ""),
+    "desired/knee/effort": ("target_torque", "knee", ""),
+    "setpoint/velocity": ("reference_velocity", "", ""),
+    "low_cmd/motor_cmd[3].tau": ("target_torque", "motor[3]", ""),
+    "low_state/motor_state[3].tau_est": ("actual_torque", "motor[3]", ""),
+    "target_controller/state/position": ("motor_position", "", ""),  # the nearest part says what it is
+    "effort_controller/commands": ("target_torque", "", ""),
+    "knee/time": ("time", "knee", ""),
+    "log.knee.t": ("time", "knee", ""),
 }
-NOTHING = ("torque_enable", "max_torque", "temperature", "position_error", "base_pos_x", "time_step", "kp", "", "[]", "q_max")
+NOTHING = (
+    "torque_enable",
+    "max_torque",
+    "temperature",
+    "position_error",
+    "base_pos_x",
+    "time_step",
+    "kp",
+    "",
+    "[]",
+    "q_max",
+    "iq_ref",
+    "cpu_time",
+)
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -22,7 +22,9 @@ def plan(
     max_travel: Annotated[Number, number_option("--max-travel", "in rad", "To either side [rad].")] = None,
     kind: Annotated[str, typer.Option("--kind", metavar="|".join(KINDS), help="Of excitation.")] = "multisine",
     duration: Annotated[float, number_option("--duration", "in seconds", "Of the recording [s].")] = 20.0,
-    friction: Annotated[Number, number_option("--friction", "in N m", "Coulomb's, joint side [N m]; without it, the file's.")] = None,
+    friction: Annotated[
+        Number, number_option("--friction", "in N m", "Coulomb's, joint side [N m]; without it, the file's of motor and link.")
+    ] = None,
     encoder_step: Annotated[
         Number, number_option("--encoder-step", "in rad", "Joint side [rad]; without it, the file's, else 1e-4.")
     ] = None,
@@ -38,7 +40,7 @@ def plan(
 ) -> int:
     """What to run on a joint so that its log tells inertias, stiffness and delay: a torque within limits, and the accuracy to expect.
 
-    Friction, encoder steps and torque limit are taken from the file's scenario where it has them.
+    Friction, encoder steps and torque limit are those of the file's scenario; friction else that of its section identified.
 
     \b
     Example:
@@ -88,12 +90,11 @@ def _planned(
     friction, step, noise = hardware
     known = simulation.hardware
     torque = known.get("torque_limit") if torque is None else torque
-    if friction is None and "motor_friction" in known:
-        friction = known["motor_friction"].coulomb
+    friction, link_friction = (simulation.coulomb or (None, 0.0)) if friction is None else (friction, 0.0)
     step = known.get("motor_resolution") if step is None else step
     with named(str(file)):
         allowed = Bounds(*(math.inf if value is None else value for value in (torque, speed, travel)))
-        return plan_excitation(simulation.system, allowed, kind, duration, friction, step, noise, closed)
+        return plan_excitation(simulation.system, allowed, kind, duration, friction, step, noise, closed, link_friction)
 
 
 def _write(found: "Plan", output: Path) -> None:

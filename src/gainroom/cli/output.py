@@ -59,8 +59,11 @@ def _strict(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]]) -> "Table":
-    """A quiet table: words to the left, numbers to the right; yes and no in the last column are coloured."""
+def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]], wrapped: int = 0) -> "Table":
+    """A quiet table: words to the left, numbers to the right; yes and no in the last column are coloured.
+
+    wrapped   the column that is broken into lines where there is no room for all
+    """
     from rich import box
     from rich.table import Table
     from rich.text import Text
@@ -72,7 +75,7 @@ def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]]) -> 
     look = {"title_justify": "left", "title_style": "bold", "box": box.SIMPLE_HEAD, "pad_edge": False, "collapse_padding": tight}
     result = Table(title=title, min_width=len(title), **look)
     for index, column in enumerate(columns):
-        result.add_column(column, justify="right" if index else "left", no_wrap=index > 0)
+        result.add_column(column, justify="right" if index else "left", no_wrap=index != wrapped, overflow="fold")
     styles = {"yes": "bold blue", "no": "bold yellow"}  # never red against green
     for row in rows:
         result.add_row(*(Text(cell, style=styles.get(cell, "")) for cell in row))

@@ -53,6 +53,12 @@ class IdentifiedSection(Section):
             raise refusal(problem, key="covariance")
         return self
 
+    @property
+    def coulomb(self) -> tuple[float, float]:
+        """Friction of motor and link [N m]; 0 where the log needed none."""
+        found = dict(zip(self.names, self.values, strict=True))
+        return abs(found.get("coulomb", 0.0)), abs(found.get("link_coulomb", 0.0))
+
 
 def problem_of(covariance: Floats) -> str:
     """What keeps a matrix (p, p) from being a covariance; empty where nothing does."""

@@ -4,6 +4,7 @@ Everything is SI and radians except where a key's name carries another unit (del
 """
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +20,7 @@ from .system_sections import ControlSection, GearboxSection, PositiveInterval, S
 
 if TYPE_CHECKING:
     from ..simulation.simulation_spec import JointSimulation
+    from .identified_section import IdentifiedSection
     from .joint_scenario import ScenarioSection
 
 MOST_DAMPED = 1e4
@@ -60,16 +62,22 @@ def parse_simulation(text: str, source: str, feedforward: Path | None = None) ->
     with named(source):
         if file.control.sample_rate_hz is None:  # else a delay in ticks would ask for another remedy
             raise GainroomError(NO_RATE)
-        return scenario.spec(file.spec(), Path(source).parent)
+        simulation = scenario.spec(file.spec(), Path(source).parent)
+        return simulation if file.identified is None else replace(simulation, identified=_section(file, source).coulomb)
 
 
 def _file(text: str, source: str) -> "JointFile":
     file = validate(JointFile, parse_as("joint", text, source, "testbed"), source)
-    if file.identified is not None:  # only then is identification loaded
-        from .identified_section import IdentifiedSection
-
-        validate(IdentifiedSection, file.identified, source, "identified")
+    if file.identified is not None:
+        _section(file, source)
     return file
+
+
+def _section(file: "JointFile", source: str) -> "IdentifiedSection":
+    """What was identified, checked; only here is identification loaded."""
+    from .identified_section import IdentifiedSection
+
+    return validate(IdentifiedSection, file.identified, source, "identified")
 
 
 def _scenario(file: "JointFile", source: str) -> "ScenarioSection":

@@ -8,26 +8,29 @@ friction and no clock is exact is added here too.
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..errors import GainroomError
 from ..linear.arrays import Floats
 from ..simulation import Friction, Run, Scenario, Testbed, simulate
+from ..system.plant import ElasticJoint
 from ..system.system import System
 from .current_loop import DAMPING, SPEED, Response
 from .delay import FLOOR
 from .estimate import FREEDOM, quantile
-from .joint import DELAY_FLOOR, MODEL_ERROR, resonances
-from .joint_model import JointModel
-from .likelihood import maximize
+from .frequency_response import frequency_response
+from .joint import DELAY_FLOOR, MODEL_ERROR, MODEL_ERROR_EXPLAINED, ROUGH_ROWS, damping_beside_friction, likeliest, resonances
+from .joint_model import JointModel, Prior
 from .motion import motion_of
-from .prediction import Signals, prediction_errors
+from .prediction import Signals
+from .residuals import residual_tests
 
 FASTEST = 20.0  # radians per tick: a current loop beyond it is over within the tick
 MOVED = 1e-3  # of a tick, or of a logarithm, for differences
 DRIFT, TURNING = 1e-3, 0.3  # of the torque noise and of friction: random walk per tick, and what no law of friction says near standstill
+SETTLED = 5  # iterations from the true point, after which the noise is that of the record
 LEAST_NOISE = 1e-6  # of the torque: a record without any is none
 NAMES = ("motor_inertia", "link_inertia", "stiffness", "damping", "resonance", "antiresonance", "delay")
 """What is promised. Not friction: how well that is known hangs on how far its law is from Coulomb's."""
@@ -40,11 +43,18 @@ class Hardware:
     friction        Coulomb's, on the motor [N m]
     encoder_step    [rad] on the joint side
     torque_noise    standard deviation [N m] of the measured torque, and of the torque that acts beside the command
+    link_friction   as friction, on the link
     """
 
     friction: float
     encoder_step: float
     torque_noise: float
+    link_friction: float = 0.0
+
+    @property
+    def dry(self) -> float:
+        """Coulomb friction of both sides [N m]."""
+        return self.friction + self.link_friction
 
 
 def virtual_log(system: System, torque: Floats, hardware: Hardware, seed: int = 0) -> Run:
@@ -54,6 +64,7 @@ def virtual_log(system: System, torque: Floats, hardware: Hardware, seed: int = 
     bed = Testbed(
         system.loop(),
         motor_friction=Friction(hardware.friction),
+        link_friction=Friction(hardware.link_friction),
         motor_resolution=hardware.encoder_step,
         link_resolution=hardware.encoder_step,
         substep=tick / 4,
@@ -80,26 +91,37 @@ def expected_widths(system: System, torque: Floats, hardware: Hardware) -> Mappi
     noise = max(hardware.torque_noise / model.torque, LEAST_NOISE)
     known = {
         "coulomb": hardware.friction / model.torque,
+        "link_coulomb": hardware.link_friction / model.torque,
         "noise torque": math.log(noise),
         "noise drift": math.log(DRIFT * noise),
-        "noise turning": math.log(max(TURNING * hardware.friction / model.torque, noise)),
+        "noise turning": math.log(max(TURNING * hardware.dry / model.torque, noise)),
         "noise reading 0": math.log(hardware.encoder_step / math.sqrt(12)),
     }
     point = np.array([known.get(name, value) for name, value in zip(model.names, point, strict=True)])
 
-    def predict(point: Floats) -> tuple[Floats, Floats]:
-        errors, variances, _ = prediction_errors(signals, *model.parts(point))
-        return errors.ravel(), variances.ravel()
-
-    *_, settled = prediction_errors(signals, *model.parts(point))
-    used = np.ones(len(target))
-    used[: min(settled, len(used) // 3)] = 0.0
-    prior = np.stack(model.prior(point, (drive.delay / tick, math.hypot(late, DELAY_FLOOR))))
-    found = maximize(predict, point, used, prior, iterations=0)
-    variance = np.linalg.inv(found.information + np.diag(prior[1])) + model.law_error(point, MODEL_ERROR)
+    prior = model.prior(point, (drive.delay / tick, math.hypot(late, DELAY_FLOOR)))
+    variance = np.linalg.inv(likeliest(model, signals, point, prior, 0).information + np.diag(prior[1]))
+    variance += _law_error(model, signals, joint, point, prior) if hardware.dry else model.law_error(point, MODEL_ERROR)
     estimates = model.estimates(point, variance) | resonances(point, variance)
-    delay = quantile(FREEDOM) * math.hypot(late, FLOOR) * tick / drive.delay if drive.delay else math.inf
-    return {name: delay if name == "delay" else abs(estimates[name].half_width / estimates[name].value) for name in NAMES}
+    widths = {name: estimates[name].half_width / estimates[name].value for name in NAMES if name in estimates}
+    # Upwards, as the interval ends at 0 where friction hides the damping.
+    damping, _ = damping_beside_friction(estimates, motion.speed)
+    widths["damping"] = (damping.high - joint.damping) / joint.damping if joint.damping else math.inf
+    widths["delay"] = quantile(FREEDOM) * math.hypot(late, FLOOR) * tick / drive.delay if drive.delay else math.inf
+    return {name: widths[name] for name in NAMES}
+
+
+def _law_error(model: JointModel, signals: Signals, joint: ElasticJoint, point: Floats, prior: Prior) -> Floats:
+    """(p, p) of what friction leaves, as identification finds it: residuals that follow the torque, and what another law would give."""
+    first = max(len(signals.torque) - ROUGH_ROWS, 0) // 2
+    rows = slice(first, first + ROUGH_ROWS)
+    other = replace(signals, motion=motion_of(signals.positions, False, signals.sample_time, joint, cautious=True))
+    part = signals.rows(rows)
+    best = likeliest(model, part, point, prior, SETTLED)
+    difference = likeliest(model, other.rows(rows), best.parameters, prior, 1).parameters - best.parameters
+    measured = frequency_response(part.torque, part.positions[:, 0], part.sample_time)
+    tests = residual_tests(best.errors, best.variances, part, measured)
+    return np.outer(difference, difference) + model.law_error(point, MODEL_ERROR + MODEL_ERROR_EXPLAINED * tests.explained)
 
 
 def delay_error(target: Floats, speed: float, damping: float, delay: float, noise: float) -> float:

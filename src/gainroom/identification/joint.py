@@ -19,7 +19,7 @@ from .delay import TorqueDelay, identify_delay
 from .estimate import FREEDOM, Estimate, log_interval, quantile
 from .excited_part import most_excited
 from .frequency_response import FrequencyResponse, Rough, frequency_response, given_torque, rough_joint
-from .joint_model import JointModel
+from .joint_model import JointModel, Prior
 from .likelihood import Maximum, maximize
 from .motion import motion_of
 from .prediction import Signals, prediction_errors
@@ -257,38 +257,19 @@ class _Fitting:
         """On the middle of a long log; `like`: a richer model, from whose best the search starts."""
         if self._short is None:
             first = max(len(self.source.torque) - ROUGH_ROWS, 0) // 2
-            self._short = self._maximum(
-                self.signals.rows(slice(first, first + ROUGH_ROWS)),
-                self.start if like is None else self.reduced(like),
-                25 if like is None else 8,
-            )
+            start, iterations = (self.start, 25) if like is None else (self.reduced(like), 8)
+            self._short = likeliest(self.model, self.signals.rows(slice(first, first + ROUGH_ROWS)), start, self.prior, iterations)
         return self._short
-
-    def _maximum(self, signals: Signals, start: Floats, iterations: int) -> Maximum:
-        def predict(point: Floats) -> tuple[Floats, Floats]:
-            try:
-                errors, variances, _ = prediction_errors(signals, *self.model.parts(point))
-            except (np.linalg.LinAlgError, GainroomError, OverflowError, ValueError):
-                return np.full(signals.positions.size, np.inf), np.ones(signals.positions.size)
-            return errors.ravel(), variances.ravel()
-
-        _, _, settled = prediction_errors(signals, *self.model.parts(start))
-        used = np.ones(signals.positions.shape)
-        used[: min(settled, len(used) // 3)] = 0.0
-        try:
-            return maximize(predict, start, used.ravel(), np.stack(self.prior), iterations)
-        except np.linalg.LinAlgError as error:
-            raise GainroomError("joint: no such joint explains the motion: look at signs, units and columns") from error
 
     def result(self, name: str, measured: FrequencyResponse, seen: FrequencyResponse, warnings: list[str]) -> JointFit:
         """On the whole log; `measured` by the torque, `seen` by what of it feedback did not make."""
         best = self.short()
         joint, *_ = self.model.parts(best.parameters)
         self.signals = self._signals(joint, cautious=False)
-        best = self._maximum(self.signals, best.parameters, 30)
+        best = likeliest(self.model, self.signals, best.parameters, self.prior, 30)
         joint, drive, *_ = self.model.parts(best.parameters)
         # What another law of friction would have given is as likely: the difference is a deviation that no amount of data averages out.
-        other = self._maximum(self._signals(joint, cautious=True), best.parameters, 1)
+        other = likeliest(self.model, self._signals(joint, cautious=True), best.parameters, self.prior, 1)
         difference = other.parameters - best.parameters
         variance = best.variance + np.outer(difference, difference)
         tests = residual_tests(best.errors, best.variances, self.signals, measured)
@@ -347,6 +328,25 @@ class _Fitting:
             name, parameters, physical, covariance, joint, drive, self.source.name, seen, tests, self.source.told,
             self.record.sample_time, (float(self.record.time[0]), float(self.record.time[-1])), tuple(warnings),
         )  # fmt: skip
+
+
+def likeliest(model: JointModel, signals: Signals, start: Floats, prior: Prior, iterations: int) -> Maximum:
+    """The point of `model` near `start` (p,) under which `signals` are likeliest. Raises GainroomError where nothing is predicted."""
+
+    def predict(point: Floats) -> tuple[Floats, Floats]:
+        try:
+            errors, variances, _ = prediction_errors(signals, *model.parts(point))
+        except (np.linalg.LinAlgError, GainroomError, OverflowError, ValueError):
+            return np.full(signals.positions.size, np.inf), np.ones(signals.positions.size)
+        return errors.ravel(), variances.ravel()
+
+    _, _, settled = prediction_errors(signals, *model.parts(start))
+    used = np.ones(signals.positions.shape)
+    used[: min(settled, len(used) // 3)] = 0.0
+    try:
+        return maximize(predict, start, used.ravel(), np.stack(prior), iterations)
+    except np.linalg.LinAlgError as error:
+        raise GainroomError("joint: no such joint explains the motion: look at signs, units and columns") from error
 
 
 def _encoders_apart(positions: Floats) -> str:

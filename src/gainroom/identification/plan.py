@@ -70,7 +70,8 @@ class Plan:
     closed        the controller holds the joint meanwhile
     hardware      friction, encoder and torque noise that `expected` rests on
     assumed       which of hardware's values were assumed, by name
-    expected      half-width of the 95 % interval by parameter, relative; the worst over the rough values and the ends of the resonance
+    expected      half-width of the 95 % interval by parameter, relative; the worst over the rough values and the ends of the resonance;
+                  of the damping with what friction may hide of it, 1 or more where that is all of it
     cases         number of cases that the bounds hold in
     warnings      what the reader should know
     """
@@ -110,12 +111,14 @@ def plan_excitation(
     encoder_step: float | None = None,
     torque_noise: float | None = None,
     closed: bool = True,
+    link_friction: float = 0.0,
 ) -> Plan:
     """The largest excitation within `bounds` over the joint's range, of the shape that promises the narrowest intervals.
 
     system         a joint with rough values; its `uncertainty` is the range that the plan holds for, its controller holds the joint
     duration       [s]
     friction, encoder_step, torque_noise   see Hardware; None: no friction is assumed, an encoder of 16 bit, 1 % of the excitation
+    link_friction  [N m]
     closed         False: nothing holds the joint
 
     Raises GainroomError where there is nothing to plan for, and where no log of this excitation would tell the joint; the message says why.
@@ -139,6 +142,7 @@ def plan_excitation(
             "friction": 0.0 if friction is None else friction,
             "encoder_step": ASSUMED_STEP if encoder_step is None else encoder_step,
             "torque_noise": ASSUMED_NOISE * size if torque_noise is None else torque_noise,
+            "link_friction": link_friction,
         }
         hardware = Hardware(**given)
         _require_motion(shape, hardware, size)
@@ -148,7 +152,7 @@ def plan_excitation(
         name for name, value in (("friction", friction), ("encoder_step", encoder_step), ("torque_noise", torque_noise)) if value is None
     )
     _require_told(shape, expected)
-    warnings = _warnings(system, kind, tick, hardware, size)
+    warnings = _warnings(system, kind, tick, hardware, size, expected["damping"])
     return Plan(
         system, kind, shape.excitation, shape.amplitude, bounds, shape.binding, shape.reached, shape.run, closed, hardware, assumed,
         expected, len(cases), warnings,
@@ -240,10 +244,10 @@ def _expected(cases: list[System], shape: _Shape, hardware: Hardware) -> dict[st
 
 def _require_motion(shape: _Shape, hardware: Hardware, size: float) -> None:
     """Raise GainroomError where friction or the encoder's steps would swallow the motion."""
-    if size < LEAST_OVER_FRICTION * hardware.friction:
+    if size < LEAST_OVER_FRICTION * hardware.dry:
         raise GainroomError(
             f"plan: the torque of {size:.3g} N·m (root mean square) must be at least {LEAST_OVER_FRICTION:g} times friction, "
-            f"{hardware.friction:g} N·m, to move the joint: allow more {shape.binding}, which binds"
+            f"{hardware.dry:.3g} N·m, to move the joint: allow more {shape.binding}, which binds"
         )
     span = float(np.ptp(shape.run.motor_position))
     if span < LEAST_STEPS * hardware.encoder_step:
@@ -264,7 +268,7 @@ def _require_told(shape: _Shape, expected: Mapping[str, float]) -> None:
             )
 
 
-def _warnings(system: System, kind: Kind, tick: float, hardware: Hardware, size: float) -> tuple[str, ...]:
+def _warnings(system: System, kind: Kind, tick: float, hardware: Hardware, size: float, damping: float) -> tuple[str, ...]:
     found, highest = [], FASTEST * 2 * math.pi / tick
     fastest = max(case.source.resonance for case in _cases(system))
     if fastest > highest:
@@ -272,12 +276,14 @@ def _warnings(system: System, kind: Kind, tick: float, hardware: Hardware, size:
             f"the resonance may lie at {fastest / 2 / math.pi:.3g} Hz, above a fifth of the tick rate, {highest / 2 / math.pi:.4g} Hz: "
             "there the log would not tell the stiffness"
         )
-    if hardware.friction and size < WELL_OVER_FRICTION * hardware.friction:
+    if hardware.dry and size < WELL_OVER_FRICTION * hardware.dry:
         found.append(
-            f"the torque is {size / hardware.friction:.2g} times friction (root mean square); below {WELL_OVER_FRICTION:g} times errors "
-            "were up to three times as large as promised in virtual logs, as no law of friction is exact"
+            f"the torque is {size / hardware.dry:.2g} times friction (root mean square); below {WELL_OVER_FRICTION:g} times errors "
+            "were up to twice as large as promised in virtual logs, as no law of friction is exact"
         )
-    if hardware.friction and kind == "chirp":
+    if hardware.dry and damping >= 1 and system.source.damping:
+        found.append("friction hides the damping, which the log will say may be 0: allow more torque, or record on top of slow motion")
+    if hardware.dry and kind == "chirp":
         found.append(
             "friction holds a joint where a chirp moves it little, and the log then tells less than is promised: prefer a multisine"
         )

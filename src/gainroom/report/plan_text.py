@@ -40,7 +40,10 @@ def limit_rows(plan: Plan) -> list[tuple[str, ...]]:
 
 def expected_rows(plan: Plan) -> list[tuple[str, str]]:
     """As EXPECTED_TITLES says."""
-    return [(TITLES[name], f"± {percent(plan.expected[name])}") for name in EXPECTED]
+    widths = {name: f"± {percent(plan.expected[name])}" for name in EXPECTED}
+    if plan.expected["damping"] >= 1:
+        widths["damping"] = "not told"
+    return [(TITLES[name], width) for name, width in widths.items()]
 
 
 def assumptions(plan: Plan) -> list[str]:
@@ -53,6 +56,12 @@ def assumptions(plan: Plan) -> list[str]:
         f"The limits hold {where}, by the linear model without friction and weight; {held} meanwhile.",
         "The accuracy is the Cramér–Rao bound of the model that identify joint fits; log target_torque, actual_torque and motor_position.",
     ]
+    if plan.hardware.dry:
+        sides = (("motor", plan.hardware.friction), ("link", plan.hardware.link_friction))
+        sizes = [f"{digits(size, 'N·m', 3)} on the {side}" for side, size in sides if size]
+        found.append(f"Coulomb friction of {' and '.join(sizes)} is included; the damping's interval has what friction may hide of it.")
+    elif "friction" not in plan.assumed:
+        found.append("It holds for a joint without friction.")
     return found + ([f"Assumed, as nothing was said: {', '.join(assumed)}."] if assumed else [])
 
 

@@ -144,12 +144,14 @@ class JointSimulation(SimulationSpec):
 
     hardware    arguments of simulation.Testbed beside the loop; empty: the linear loop, stepped exactly
     described   the file's scenario as text, by key
+    identified  Coulomb friction of motor and link that was identified [N m]; it is not simulated
     """
 
     system: System
     scenario: Scenario
     hardware: Mapping[str, Any]
     described: Mapping[str, str]
+    identified: tuple[float, float] | None = None
 
     @classmethod
     def of(cls, system: System, scenario: Scenario, hardware: Mapping[str, Any], described: Mapping[str, str]) -> "JointSimulation":
@@ -192,6 +194,15 @@ class JointSimulation(SimulationSpec):
         )
         spec.simulated()
         return spec
+
+    @property
+    def coulomb(self) -> tuple[float, float] | None:
+        """Friction of motor and link [N m], of the scenario, else as identified; None where nothing is known of it."""
+        sides = [self.hardware.get(f"{side}_friction") for side in ("motor", "link")]
+        if sides == [None, None]:
+            return self.identified
+        motor, link = (0.0 if side is None else side.coulomb for side in sides)
+        return motor, link
 
     def loop(self, gain: float = 1.0) -> Loop:
         joint = self.system.source

@@ -4,6 +4,7 @@ import re
 from dataclasses import dataclass
 from functools import cache
 
+from ...simulation.run_record import REFERENCE_SIGNAL
 from .channels import CHANNELS, words
 from .units import known_unit
 
@@ -16,9 +17,20 @@ OTHER = frozenset(
 )
 """Words beside a channel's name that make it something else."""
 CONTAINERS = frozenset(
-    words("log logs data robot out logsout yout record recording states joint_states signals values run ans result sensors")
+    words(
+        """log logs data robot out logsout yout record recording states joint_states signals values run ans result sensors controller
+        controllers"""
+    )
 )
 """Parts of a path that name no joint."""
+COMMANDING = frozenset(words("command commands commanded cmd cmds target targets desired des reference ref setpoint setpoints goal goals"))
+"""Words that make what they stand beside, and what is below them in a path, a command."""
+MEASURING = frozenset(words("state states feedback measured actual status"))
+"""The same of what is measured."""
+COMMAND_OF = {"motor_position": REFERENCE_SIGNAL, "motor_velocity": "reference_velocity", "actual_torque": "target_torque"}
+"""What a channel's name is beside such a word: `/joint_commands` has an `effort`, as `/joint_states` has."""
+LESS_SURE = 100
+"""Ranks that a name found so is behind one that says it itself."""
 WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|[0-9]+")
 PLURALS = {"positions": "position", "velocities": "velocity", "efforts": "effort", "torques": "torque", "currents": "current"}
 BRACKETED = re.compile(r"[\s_]*[\[(<{]([^\])>}]*)[\])>}]\s*$")
@@ -50,13 +62,15 @@ def _spellings() -> dict[tuple[str, ...], tuple[str, int]]:
     return found
 
 
-def channel_of(text: str, whole: bool = False) -> Guess | None:
+def channel_of(text: str, whole: bool = False, commanded: bool = False) -> Guess | None:
     """What a column called `text` holds; None where the name says nothing.
 
-    whole   the joint is known otherwise: what stands before the channel's name is no joint's, and nothing may stand behind it
+    whole       the joint is known otherwise: what stands before the channel's name is no joint's, and nothing may stand behind it
+    commanded   it stands among commands
     """
     if whole:
-        text = text.rsplit("/", 1)[-1]
+        above, _, text = text.rpartition("/")
+        commanded = is_commanding(above, commanded)
     own = None if whole else _own(text)
     if own is not None:
         return own
@@ -65,16 +79,32 @@ def channel_of(text: str, whole: bool = False) -> Guess | None:
         found = _match(text, spans, whole)
         if found is None:
             continue
-        channel, rank, joint = found
+        channel, rank, left = found
+        joint = "" if whole else joint_in(left)
         dimension = CHANNELS[channel].dimension
         if dimension_unit and known_unit(dimension_unit, dimension) is None:
             if dimension_unit != unit:
                 continue  # the last word was no unit of this channel: read it as part of a name
             dimension_unit = ""
-        if channel == "time" and joint:
+        if channel == "time" and joint and not left.endswith(("/", ".")):
             continue
+        if is_commanding(left, commanded and rank > 0) and not CHANNELS[channel].commanded:
+            if channel not in COMMAND_OF:
+                return None
+            channel, rank = COMMAND_OF[channel], rank + LESS_SURE
         return Guess(channel, joint, dimension_unit, rank)
     return None
+
+
+def is_commanding(path: str, otherwise: bool = False) -> bool:
+    """Whether a path, as of a topic, is that of commands: its last part that says so decides."""
+    for part in reversed(re.split(r"[/.]", path)):
+        said = {word[0].lower() for word in WORD.finditer(part)}
+        if said & COMMANDING:
+            return True
+        if said & MEASURING:
+            return False
+    return otherwise
 
 
 def _own(text: str) -> Guess | None:
@@ -82,6 +112,8 @@ def _own(text: str) -> Guess | None:
     for name in sorted(CHANNELS, key=len, reverse=True):
         rest = text[len(name) + 1 :]
         if text == name or (name != "time" and rest and text.startswith(f"{name}_")):
+            if rest.lower() in COMMANDING:
+                return None
             unit = rest if len(rest) > 1 and known_unit(rest, CHANNELS[name].dimension) else ""
             return Guess(name, "" if unit else rest, unit, 0)
     return None
@@ -109,8 +141,9 @@ def _readings(text: str, unit: str) -> list[tuple[str, list[re.Match[str]]]]:
 
 
 def _match(text: str, spans: list[re.Match[str]], whole: bool) -> tuple[str, int, str] | None:
-    """Channel, rank and joint: the longest name of a channel at either end of the words, the surer one of two as long."""
+    """Channel, rank and what else the name says: the longest name of a channel at either end of the words, the surer one of two as long."""
     words = [PLURALS.get(span[0].lower(), span[0].lower()) for span in spans]
+    above = max(text.rfind("/"), text.rfind("."))  # words before are of what the column is in
     best: tuple[tuple[int, int, int], str, int, str] | None = None
     for count in range(min(len(words), 4), 0, -1):
         for at_end in (False, True):
@@ -118,19 +151,31 @@ def _match(text: str, spans: list[re.Match[str]], whole: bool) -> tuple[str, int
             known = _spellings().get(tuple(words[start : start + count]))
             if known is None or (whole and start + count != len(words)):
                 continue
-            others = words[:start] + words[start + count :]
+            others = [
+                word for k, word in enumerate(words) if not (start <= k < start + count or (spans[k].end() <= above and word in MEASURING))
+            ]
             if OTHER.intersection(words[start - 1 : start] if whole else others):
                 return None
             left = text[: spans[start].start()] if at_end else text[spans[count - 1].end() : spans[-1].end()]
-            key = (count, -known[1] if count == len(words) else 0, int(not at_end))
+            key = (count, -known[1] if count == len(words) else 0, int(at_end == (above > 0)))
             if best is None or key > best[0]:
-                best = (key, *known, "" if whole else _joint(left))
+                best = (key, *known, left)
         if best is not None:
             break
     return best[1:] if best is not None else None
 
 
-def _joint(text: str) -> str:
-    """The joint's name in what is left of a column's: the last part of a path that is no container's."""
-    parts = [part for part in re.split(r"[/.]", text.strip("_ ./-[](){}<>:")) if part and part.lower() not in CONTAINERS]
-    return parts[-1] if parts else ""
+def joint_in(path: str) -> str:
+    """The joint's name in what is left of a column's, or in a topic's: the last part of a path that names one."""
+    parts = (_joint_part(part) for part in re.split(r"[/.]", path.strip("_ ./-[](){}<>:")))
+    return ([part for part in parts if part] or [""])[-1]
+
+
+def _joint_part(part: str) -> str:
+    """Without the words for commands and states: `l_knee_cmd` as l_knee, `joint_states` as nothing."""
+    if part.lower() in CONTAINERS:
+        return ""
+    name, bracket, index = part.partition("[")
+    kept = [piece for piece in name.split("_") if piece.lower() not in COMMANDING | MEASURING]
+    name = "" if {piece.lower() for piece in kept} <= CONTAINERS | {"joint", "joints"} else "_".join(kept).strip("_ -](){}<>:")
+    return f"{name}[{index.rstrip(']')}]" if name and bracket else name or index.rstrip("]")

@@ -1,6 +1,7 @@
 """Which of a file's columns are read, as which channel of which joint, and by which factor: as the user says, else by their names."""
 
 import re
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,7 +9,7 @@ from pathlib import Path
 from ...errors import GainroomError, first_of_many, listed
 from ...io.yaml_text import shown
 from .channels import CHANNELS, ONE_JOINT
-from .guessing import channel_of
+from .guessing import COMMAND_OF, LESS_SURE, channel_of
 from .options import LogOptions
 from .record import Origin
 from .table import TIME, Column
@@ -36,8 +37,11 @@ class Mapped:
     notes: tuple[str, ...]
 
 
-def map_columns(columns: Sequence[Column], options: LogOptions, path: Path) -> Mapped:
-    """Raises GainroomError where there is no time, no channel, a column that was named is not there, or a unit is not known."""
+def map_columns(columns: Sequence[Column], options: LogOptions, path: Path, left: Sequence[str] = ()) -> Mapped:
+    """`left`: what the file's columns are without, and why.
+
+    Raises GainroomError where there is no time, no channel, a column that was named is not there, or a unit is not known.
+    """
     claims = [*_given(columns, options, path)]
     taken = {claim.column.name for claim in claims}
     overruled = {claim.channel for claim in claims}
@@ -47,16 +51,13 @@ def map_columns(columns: Sequence[Column], options: LogOptions, path: Path) -> M
     for claim in sorted(claims, key=lambda claim: claim.rank):
         if chosen.setdefault((claim.joint, claim.channel), claim) is not claim:
             second.append(claim)
-    notes = [
-        f"column {claim.column.name!r} was passed over: {chosen[claim.joint, claim.channel].column.name!r} is {claim.channel}"
-        for claim in second
-    ]
+    notes = _passed_over(second, chosen)
     time = chosen.pop(("", "time"), None)
     if time is None and options.sample_rate is None:
         raise GainroomError(
             f"{path}: has no column time; it has {_names(columns)}; name it (--columns time=NAME), or give the sample rate (--rate-hz)"
         )
-    joints, more = _joints(chosen, options, path, columns)
+    joints, more = _joints(chosen, options, path, columns, left)
     order = [*CHANNELS]
     origins = [
         _origin(claim, joint, options, path)
@@ -65,6 +66,28 @@ def map_columns(columns: Sequence[Column], options: LogOptions, path: Path) -> M
     ]
     found = None if time is None or options.sample_rate is not None else _origin(time, "", options, path)
     return Mapped(found, tuple(origins), (*notes, *more))
+
+
+def _passed_over(second: Sequence[_Claim], chosen: Mapping[tuple[str, str], _Claim]) -> list[str]:
+    """One text per channel that several columns may be, with what to type to have another."""
+    notes = []
+    for channel in dict.fromkeys(claim.channel for claim in second):
+        first, *others = (claim for claim in second if claim.channel == channel)
+        taken = chosen[first.joint, channel]
+        more = f" and {len(others)} more of its kind were" if others else " was"
+        ways = [f"to take it: {_flag(channel, first)}"]
+        command = COMMAND_OF.get(channel)
+        if command and taken.rank == first.rank and (first.joint, command) not in chosen:
+            ways.append(f"if it is the command: {_flag(command, first)}")
+        notes.append(f"column {first.column.name!r}{more} passed over: {taken.column.name!r} is {channel} ({'; '.join(ways)})")
+    return notes
+
+
+def _flag(channel: str, claim: _Claim) -> str:
+    """What to type so that a column, and those of other joints that are called like it, is a channel."""
+    name, joint = claim.column.name, claim.joint
+    name = name.replace(joint, "{joint}") if joint else name
+    return f"--columns {shlex.quote(f'{channel}={name}')}"
 
 
 def _names(columns: Sequence[Column]) -> str:
@@ -96,21 +119,24 @@ def _named(columns: Sequence[Column], text: str) -> list[Column]:
 def _guessed(columns: Sequence[Column]) -> list[_Claim]:
     claims = []
     for column in columns:
-        guess = channel_of(column.text, whole=bool(column.joint))
+        guess = channel_of(column.text, bool(column.joint), column.commanded)
         if guess is not None:
-            joint = "" if guess.channel == "time" else column.joint or guess.joint
-            claims.append(_Claim(column, guess.channel, joint, guess.rank, False, guess.unit))
+            joint = "" if guess.channel == TIME else column.joint or guess.joint
+            later = LESS_SURE if guess.channel == TIME and guess.joint else 0  # the time of one group: that of all where there is none
+            claims.append(_Claim(column, guess.channel, joint, guess.rank + later, False, guess.unit))
     return claims
 
 
 def _joints(
-    chosen: Mapping[tuple[str, str], _Claim], options: LogOptions, path: Path, columns: Sequence[Column]
+    chosen: Mapping[tuple[str, str], _Claim], options: LogOptions, path: Path, columns: Sequence[Column], left: Sequence[str]
 ) -> tuple[dict[str, list[_Claim]], list[str]]:
     """The channels of every joint that is wanted, by the name that the log will have; and texts about what was left out."""
     found: dict[str, list[_Claim]] = {}
     named = [joint for joint in dict.fromkeys(joint for joint, _ in chosen) if joint]
-    for (joint, _), claim in chosen.items():
-        alone = named[0] if len(named) == 1 and claim.given else ""  # a column that was named without a joint is the only joint's
+    only = named[0] if len(named) == 1 else ""
+    for (joint, channel), claim in chosen.items():
+        # A column that was named without a joint is the only joint's, and so is a command that the file gives none.
+        alone = only if claim.given or (CHANNELS[channel].commanded and (only, channel) not in chosen) else ""
         found.setdefault(joint or alone, []).append(claim)
     if not found:
         raise GainroomError(
@@ -119,14 +145,22 @@ def _joints(
     notes = []
     measured = {joint for joint, claims in found.items() if any(not CHANNELS[claim.channel].commanded or claim.given for claim in claims)}
     if measured and len(measured) < len(found):
-        left = [joint or ONE_JOINT for joint in found if joint not in measured]
-        notes.append(f"nothing is measured of {listed(left)}, which was left out")
+        unmeasured = [joint for joint in found if joint not in measured]
+        claim = found[unmeasured[0]][0]
+        name = claim.column.name
+        first = next(joint for joint in found if joint in measured)
+        typed = shlex.quote(f"{claim.channel}.{first or ONE_JOINT}={name}")
+        notes.append(
+            f"nothing is measured of {listed([joint or ONE_JOINT for joint in unmeasured])}, which was left out "
+            f"(to give a command to a joint: --columns {typed})"
+        )
         found = {joint: claims for joint, claims in found.items() if joint in measured}
     wanted = {joint or ONE_JOINT: claims for joint, claims in sorted(found.items(), key=lambda item: _first(item[1], columns))}
     kept = {joint: claims for joint, claims in wanted.items() if options.wants(joint)}
     if not kept:
         raise GainroomError(
-            f"{path}: none of its joints is {listed([shown(name) for name in options.joints], 'or')}; it has {first_of_many([*wanted])}"
+            f"{path}: none of its joints is {listed([shown(name) for name in options.joints], 'or')}; it has "
+            + "; ".join([first_of_many([*wanted]), *left])
         )
     return kept, notes
 

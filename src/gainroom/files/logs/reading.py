@@ -12,6 +12,7 @@ from ...identification.excited_part import MostExcited
 from ...identification.record import Record
 from ...io.validation import LARGEST
 from ...linear.arrays import Floats
+from .abilities import TORQUES
 from .channels import CHANNELS
 from .cleaning import Cleaner
 from .formats import format_of
@@ -41,7 +42,7 @@ class LogReader:
     def __init__(self, path: Path, options: LogOptions, table: Table, title: str) -> None:
         self.path, self._options, self._table, self._title = path, options, table, title
         with guarded(path, title):
-            mapped = map_columns(table.columns, options, path)
+            mapped = map_columns(table.columns, options, path, table.notes)
             self._time, origins, notes = mapped.time, mapped.origins, [*mapped.notes]
             with contextlib.closing(self._parts(origins)) as parts:
                 time, columns = next(parts, (None, []))
@@ -264,7 +265,19 @@ def read_joint(path: Path, options: LogOptions | None = None) -> LoggedJoint:
         log = reader.most_excited()
     with named(str(path)):
         joint = log.joint()
+        constant = _constant_torques(joint)
+        if constant:
+            notes = [f"{name} is {joint.channels[name][0]:g} N·m throughout and was left out" for name in constant]
+            log = replace(log, notes=(*log.notes, *notes))
+            joint = replace(joint, channels={name: values for name, values in joint.channels.items() if name not in constant})
         return LoggedJoint(path, log, joint, joint.record())
+
+
+def _constant_torques(joint: JointLog) -> list[str]:
+    """Torques that never change beside one that does: as of commands of a position, whose effort is 0."""
+    torques = [name for name in TORQUES if name in joint.channels]
+    constant = [name for name in torques if np.ptp(joint.channels[name]) == 0]
+    return constant if len(constant) < len(torques) else []
 
 
 def read_log(path: Path, columns: Mapping[str, str] | None = None, options: LogOptions | None = None) -> Log:

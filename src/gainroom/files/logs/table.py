@@ -38,12 +38,14 @@ class Column:
     label   what it is called without its joint, where the file tells them apart; else as `name`
     joint   its joint, where the file says so
     unit    in the file's own words
+    commanded   the file says that it is among commands
     """
 
     name: str
     label: str = ""
     joint: str = ""
     unit: str = ""
+    commanded: bool = False
 
     @property
     def text(self) -> str:

@@ -1,6 +1,7 @@
 """Named arrays in a file as columns of a log: those that have as many rows as the time stamps."""
 
 import re
+import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +11,10 @@ import numpy as np
 from ....errors import GainroomError, first_of_many
 from ....linear.arrays import Floats
 from ..guessing import channel_of
-from ..table import BLOCK_ROWS, MOST_COLUMNS, MOST_ROWS, Column, Table, bounded, whole_numbers
+from ..table import BLOCK_ROWS, MOST_COLUMNS, MOST_ROWS, TIME, Column, Table, bounded, whole_numbers
+
+MOST_CLOCKS = 500
+"""Arrays of time stamps that are compared: one for every joint of a robot, and many more."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +34,15 @@ class NamedArray:
     def of(cls, values: Floats, unit: str = "") -> "NamedArray":
         """Of one that is in memory."""
         return cls(values.shape, lambda first, last, axis: values[first:last] if axis == 0 else values[:, first:last].T, unit)
+
+    def along(self, first: int, last: int) -> Floats:
+        """A part of it along its longest axis, flat."""
+        return np.ravel(self.rows(first, last, int(np.argmax(self.shape))))
+
+
+def _group(name: str) -> str:
+    """What an array is in: `knee` of `knee/position` and `knee.position`."""
+    return name[: max(name.rfind("/"), name.rfind("."), 0)]
 
 
 @dataclass(frozen=True)
@@ -52,32 +65,67 @@ class ArrayTable(Table):
         super().__init__()
         self._path = path
         self._arrays = {name: array for name, array in arrays.items() if 0 < len(array.shape) <= 2}
-        self._count = self._rows(time)
+        self._groups: dict[str, list[str]] = {}
+        for name in self._arrays:
+            self._groups.setdefault(_group(name), []).append(name)
+        stamps = self._stamps(time)
+        self._count = self._rows(stamps)
+        groups, gone = self._asynchronous(stamps)
         bounded(path, "number of rows", self._count, MOST_ROWS)
         self._places: dict[str, _Place] = {}
         columns = []
         for name, array in self._arrays.items():
+            if name in gone:
+                continue
             for column, place in self._columns(name, array, labels):
                 columns.append(column)
                 self._places[column.name] = place
             bounded(path, "number of columns", len(columns), MOST_COLUMNS)
         self.columns = columns
-        others = [name for name in arrays if not any(place.array == name for place in self._places.values())]
+        others = [name for name in arrays if name not in gone and not any(place.array == name for place in self._places.values())]
         self.notes = [f"arrays that have not {self._count} rows: {first_of_many(others)}"] if others else []
+        for own, names in groups.items():
+            flag = f"--columns {shlex.quote(f'time={own}')}"
+            self.notes.append(f"left out, as they have time stamps of their own: {first_of_many(names)} (to read them: {flag})")
 
-    def _rows(self, time: str | None) -> int:
-        """How many rows the log has."""
+    def _stamps(self, time: str | None) -> str | None:
+        """The array of time stamps; None where none is."""
         if not self._arrays:
             raise GainroomError(f"{self._path}: holds no array of numbers")
         if time is not None:
             name = time if time in self._arrays else re.sub(r"\[[0-9]+\]$", "", time)
             if name not in self._arrays:
                 raise GainroomError(f"{self._path}: has no column {time!r} for time; it has {first_of_many([*self._arrays])}")
-            return max(self._arrays[name].shape)
+            return name
+        return max(self._clocks(), key=lambda name: (not _group(name), len(self._groups[_group(name)])), default=None)
+
+    def _clocks(self) -> list[str]:
+        """Arrays of time stamps."""
         long = [name for name, array in self._arrays.items() if max(array.shape) == np.prod(array.shape)]
-        stamps = [name for name in long if (found := channel_of(name)) is not None and found.channel == "time"]
-        if stamps:
-            return max(self._arrays[stamps[0]].shape)
+        return [name for name in long if (guess := channel_of(name)) is not None and guess.channel == TIME]
+
+    def _asynchronous(self, stamps: str | None) -> tuple[dict[str, list[str]], set[str]]:
+        """By their time stamps the groups of arrays that have others than `stamps`; and what is no column: those, and time stamps alike."""
+        if stamps is None or not _group(stamps):
+            return {}, set()
+        others = [name for name in self._clocks() if _group(name) != _group(stamps)]
+        bounded(self._path, "number of arrays of time stamps", len(others), MOST_CLOCKS)
+        groups = {name: self._groups[_group(name)] for name in others if not self._same(stamps, name)}
+        return groups, {*others, *(name for names in groups.values() for name in names)}
+
+    def _same(self, one: str, other: str) -> bool:
+        """Whether two arrays begin and end with the same numbers."""
+        first, second = self._arrays[one], self._arrays[other]
+        count = max(first.shape)
+        if max(second.shape) != count:
+            return False
+        ends = ((0, min(count, BLOCK_ROWS)), (max(count - BLOCK_ROWS, 0), count))
+        return all(np.array_equal(first.along(*end), second.along(*end)) for end in ends)
+
+    def _rows(self, stamps: str | None) -> int:
+        """How many rows the log has."""
+        if stamps is not None:
+            return max(self._arrays[stamps].shape)
         lengths = [max(array.shape) for array in self._arrays.values()]
         return max(set(lengths), key=lambda length: (lengths.count(length), length))
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from ....errors import GainroomError, first_of_many
 from ....linear.arrays import Floats
-from ..guessing import channel_of
+from ..guessing import WORD, channel_of, is_commanding, joint_in
 from ..table import MOST_COLUMNS, TIME, Column, Table, bounded
 from .alignment import Alignment, Stream
 from .decoding import CdrDecoder, Decoder, JsonDecoder
@@ -123,7 +123,7 @@ class MessageTable(Table):
         return f"{before}topics left out: {first_of_many(topics)}" if topics else ""
 
     def _columns(self) -> Iterator[Column]:
-        """With a topic's name as the joint's where several topics have the same field, and no names of joints in them."""
+        """With the joint that a topic names where several topics have the same field, and no names of joints in them."""
         streams = [*self._streams.values()]
         fields: dict[str, set[str]] = {}
         for stream in streams:
@@ -132,19 +132,20 @@ class MessageTable(Table):
         seen: set[str] = set()
         for stream in streams:
             for path, (label, joint) in stream.part.labels.items():
-                name = stream.column(path)
+                name, commanded = stream.column(path), is_commanding(stream.topic)
                 guess = channel_of(path)
                 if name in seen or (guess is not None and guess.channel == TIME):
                     continue  # stamps within messages are those of the column `time`
                 seen.add(name)
                 if joint:
-                    yield Column(name, f"{stream.topic}/{label}", joint)
+                    yield Column(name, label, joint, commanded=commanded)
                 elif wrapped := WRAPPED.fullmatch(path):
-                    yield Column(name, f"{stream.topic}{wrapped[1]}")
+                    alone = path.endswith("[0]") and f"{path[:-2]}1]" not in stream.part.labels
+                    yield Column(name, _field_of(stream.topic) + ("" if alone else wrapped[1]), commanded=commanded)
                 elif len(fields[path]) > 1:
-                    yield Column(name, label, stream.topic.rsplit("/", 1)[-1] if _differ(fields[path]) else stream.topic)
+                    yield Column(name, label, _joint_of(stream.topic, fields[path]), commanded=commanded)
                 else:
-                    yield Column(name, label)
+                    yield Column(name, label, commanded=commanded)
 
     def blocks(self, names: Sequence[str], held: Sequence[str] = ()) -> Iterator[list[Floats]]:
         places = [self._place(name) for name in names]
@@ -202,6 +203,14 @@ class _Waiting:
         return topics
 
 
-def _differ(names: set[str]) -> bool:
-    """Whether the last parts of these names tell them apart."""
-    return len({name.rsplit("/", 1)[-1] for name in names}) == len(names)
+def _field_of(topic: str) -> str:
+    """What a topic says that its only field is: all of it, or a word, as of `forward_effort_controller/commands`."""
+    if channel_of(topic) is not None or not is_commanding(topic):
+        return topic
+    return next((word[0] for word in WORD.finditer(topic) if channel_of(word[0]) is not None), topic)
+
+
+def _joint_of(topic: str, others: set[str]) -> str:
+    """The joint that a topic names beside `others`: the last part that does, or all of it where that does not tell joints apart."""
+    paths = {"/".join(filter(None, map(joint_in, name.split("/")))) for name in others}
+    return joint_in(topic) if len({joint_in(path) for path in paths}) == len(paths) else topic
