@@ -51,9 +51,9 @@ def test_json_of_every_format(name: str, tmp_path: Path):
     torque = name not in ("log.json", "log.pt")
     assert facts["allows"]["identify joint"]["possible"] is torque
     assert facts["allows"]["identify delay"] == (
-        {"possible": False, "channels": [], "missing": [["actual_torque", "demand_torque"]], "confounded": False}
+        {"possible": False, "channels": [], "missing": [["actual_torque", "demand_torque"]], "confounded": False, "constant": []}
         if torque
-        else {"possible": True, "channels": ["reference", "motor_position"], "missing": [], "confounded": True}
+        else {"possible": True, "channels": ["reference", "motor_position"], "missing": [], "confounded": True, "constant": []}
     )
 
 
@@ -123,6 +123,33 @@ def test_a_log_without_rows_tells_nothing(tmp_path: Path):
         with redirect_stderr(said):
             assert main([*call, str(tmp_path / "log.csv")]) == 2
         assert "has no row" in said.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("columns", "rows", "possible", "words"),
+    [
+        ({"motor_position": 0.3, "target_torque": None}, 500, ("diagnose",), "needs motor_position to change"),
+        ({"motor_position": None, "target_torque": 0.0}, 500, ("diagnose",), "needs target_torque to change"),
+        ({"motor_position": None, "target_torque": None}, 40, (), "needs 50 rows"),
+        ({"motor_position": None, "target_torque": None, "reference": 0.0}, 500, (
+            "identify joint", "identify gains", "identify stiffness", "diagnose"), "needs actual_torque or demand_torque"),
+    ],
+)  # fmt: skip
+def test_rows_that_tell_nothing_are_no_yes(columns: dict, rows: int, possible: tuple[str, ...], words: str, tmp_path: Path):
+    """Channels that never change, and too few rows; a set-point may rest. What is refused here the command refuses, too."""
+    path, noise = tmp_path / "log.csv", np.random.default_rng(1)
+    table = [noise.normal(size=rows).cumsum() if value is None else np.full(rows, value) for value in columns.values()]
+    np.savetxt(path, np.column_stack([1e-3 * np.arange(rows), *table]), delimiter=",", header=",".join(["time", *columns]), comments="")
+    _, out, _ = run(path, "--json")
+    allowed = {name for name, each in json.loads(out)["allows"].items() if each["possible"]}
+    assert allowed == {*possible}
+    assert words in " ".join(run(path)[1].split())
+    for question in ("identify joint", "identify gains", "identify stiffness"):
+        if question not in allowed:
+            said = io.StringIO()
+            with redirect_stderr(said):
+                assert main([*question.split(), str(path)]) == 2
+            assert said.getvalue().count("\n") == 1
 
 
 def test_what_channels_allow():

@@ -212,3 +212,39 @@ def test_a_bag_that_reaches_out_of_its_folder(tmp_path: Path):
         assert_refused(lambda: read_log(tmp_path / "bag"), ["metadata.yaml", "relative_file_paths", "must"])
     where.write_text(text, "utf-8")
     assert_refused(lambda: read_log(tmp_path / "bag"), [file.name, "no such file"])
+
+
+@pytest.mark.parametrize("packing", ["NONE", "LZ4", "ZSTD"])
+@pytest.mark.parametrize("chunk", [1 << 30, 20_000], ids=["one chunk", "several"])
+def test_an_mcap_that_is_cut_is_read_up_to_there(packing: str, chunk: int, tmp_path: Path):
+    """Every message before the cut of a file that is not packed, the first ones of one that is; never one that was not written."""
+    from mcap.writer import CompressionType, Writer
+
+    path, rows = tmp_path / "log.mcap", 30_000 if chunk > 1e6 else 2000
+    values, places = np.random.default_rng(5).normal(size=rows), []
+    with path.open("wb") as file:
+        writer = Writer(file, chunk_size=chunk, compression=CompressionType[packing])
+        writer.start()
+        channel = writer.register_channel("/hip", "json", 0)
+        for k, value in enumerate(values.tolist()):
+            writer.add_message(channel, log_time=10**6 * k, publish_time=0, data=f'{{"motor_position": {value!r}}}'.encode())
+        writer.finish()
+    whole = path.read_bytes()
+    if packing == "NONE":
+        places = [whole.index(repr(value).encode()) for value in values.tolist()]
+    for share in (0.3, 0.6, 0.8):
+        cut = int(share * len(whole))
+        path.write_bytes(whole[:cut])
+        log = read_log(path)
+        found = log.joint().channels["motor_position"]
+        assert not log.complete
+        assert np.array_equal(found, values[: len(found)])
+        if packing == "NONE":
+            before = sum(place + len(repr(value)) + 1 <= cut for place, value in zip(places, values.tolist(), strict=True))
+            assert len(found) == before
+        else:
+            assert len(found) > 0.1 * rows
+    path.write_bytes(whole[:150])
+    assert_refused(lambda: read_log(path), ["log.mcap", "ends within its first chunk"])
+    path.write_bytes(whole[:60])
+    assert_refused(lambda: read_log(path), ["log.mcap", "cut off"])

@@ -141,8 +141,25 @@ def test_cases_that_disagree_are_reported_with_differences_and_likely_cause():
 
 def test_what_verify_leaves_out_is_said():
     good = Case("one joint", "linear", 1.0, 1.0, 500.0, 500.0)
-    assert "Both leave out the scenario's friction and torque limit." in sentence(Verification((good,)))
-    assert "Both leave out the scenario's friction, torque limit and ground." in sentence(Verification((good,), of_robot=True))
+    assert sentence(Verification((good,))).endswith("Both are for small motions.")
+    limited = Verification((good,), effects=("friction", "the torque limit"))
+    assert sentence(limited).endswith("Both are for small motions, without the scenario's friction and torque limit.")
+
+
+@pytest.mark.parametrize(
+    ("scenario", "effects"),
+    [
+        ("", ""),
+        ("scenario: {duration: 1.0}\n", ""),
+        ("scenario: {friction: {motor: {viscous: 0.5}}}\n", ", without the scenario's friction"),
+        ("scenario: {gravity: 2.0, noise: 1.0e-5, torque_limit: 100}\n", ", without the scenario's noise, torque limit and gravity"),
+    ],
+)
+def test_what_verify_leaves_out_is_what_the_scenario_has(scenario: str, effects: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    path = tmp_path / "joint.yaml"
+    path.write_text(SAMPLED + scenario, "utf-8")
+    assert main(["verify", str(path), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["sentence"].endswith(f"Both are for small motions{effects}.")
 
 
 def test_interrupted_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):

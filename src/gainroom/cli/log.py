@@ -12,7 +12,7 @@ MOST_JOINTS = 3
 
 @reads_log
 def log(call: LogCall, as_json: AsJson = False, verbose: Verbose = False) -> int:
-    """What a log holds: joints, channels, units, how each was found out, what had to be cut, and what can be identified from it.
+    """What a log holds: joints, channels, units, how each was found out, what had to be cut, and which questions it has channels for.
 
     \b
     Example:
@@ -40,7 +40,8 @@ def _terminal(survey: Any, most: int | None) -> str:
         "",
         table("Channels", CHANNEL_TITLES, channel_rows(survey, most), wrapped=2),
         *([f"and {digits(more)} more joints (--verbose)", ""] if more > 0 else []),
-        table("What it can tell", ("", "", "possible"), questions),
+        table("What it has channels for", ("", "", "has them"), questions),
+        "Whether their motion is enough, each command says.",
         *(f"Note: {text}" for text in remarks(survey.last)),
     ]
     return render(*parts)

@@ -33,12 +33,12 @@ def verify(
     Exit status: 0 they agree within the tolerance (linear simulation: 0.1 %, MuJoCo: 2 %); 1 they do not; 2 the file or the call is wrong;
     130 interrupted.
     """
-    system = _load(file)
+    system, effects = _load(file)
     with report_stream(report) as page:
         from ..studies.verification import verify as verified
 
         with progress_bar("verify:") as progress:
-            result = verified(system, progress)
+            result = verified(system, progress, effects)
         show(as_json, lambda: _facts(result), lambda: _terminal(result, report))
         if page is not None:
             from ..report.verification import verification_page
@@ -47,18 +47,19 @@ def verify(
     return 0 if result.agrees else 1
 
 
-def _load(file: Path) -> "System":
-    """What the file describes."""
+def _load(file: Path) -> "tuple[System, tuple[str, ...]]":
+    """What the file describes, and the names of its scenario's effects."""
     if kind_of(file) == "robot":
         from ..files.robot_yaml import load_robot_system
-        from ..simulation.robot_simulation import require_sampled
+        from ..simulation.robot_simulation import require_sampled, scenario_effects
 
         robot = load_robot_system(file)
         require_sampled(robot)
-        return robot
+        return robot, scenario_effects(robot.scenario)
     from ..files.joint_yaml import load_simulation
 
-    return load_simulation(file).system
+    simulation = load_simulation(file)
+    return simulation.system, simulation.scenario_effects
 
 
 def _facts(result: "Verification") -> dict[str, Any]:

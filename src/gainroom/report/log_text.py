@@ -5,6 +5,7 @@ from typing import Any
 
 from ..errors import listed
 from ..files.logs import CHANNELS, Ability, Log, LoggedJoint, Origin, Quality, Survey
+from ..identification.record import SHORTEST
 from .number_format import digits
 
 READ = {
@@ -101,10 +102,18 @@ def _cuts(quality: Quality) -> list[str]:
 
 def ability_text(ability: Ability) -> str:
     """What answers a question, or what is missing."""
-    if not ability.possible:
-        return f"needs {', and '.join(listed(group, 'or', 2) for group in ability.missing)}"
+    if ability.missing:
+        return f"needs {', and '.join(_needed(group, ability.resting) for group in ability.missing)}"
+    if ability.too_few:
+        return f"needs {SHORTEST} rows"
     text = f"from {listed(ability.channels)}"
     return f"{text}; delays of command and loop may be confounded" if ability.confounded else text
+
+
+def _needed(group: Sequence[str], resting: Sequence[str]) -> str:
+    """One of a group of channels: one that is there, but never changes, else any."""
+    still = [name for name in group if name in resting]
+    return f"{listed(still, 'or', 2)} to change" if still else listed(group, "or", 2)
 
 
 CHANNEL_TITLES = ("", "joint", "column", "by", "unit", "by", "range")
@@ -153,7 +162,13 @@ def facts(survey: Survey) -> dict[str, Any]:
         "joints": [{"name": joint, "channels": _channel_facts(survey, log.origins, joint)} for joint in log.joint_names],
         "time": next((_origin_facts(origin) for origin in log.origins if origin.channel == "time"), None),
         "allows": {
-            each.question: {"possible": each.possible, "channels": each.channels, "missing": each.missing, "confounded": each.confounded}
+            each.question: {
+                "possible": each.possible,
+                "channels": each.channels,
+                "missing": each.missing,
+                "confounded": each.confounded,
+                "constant": each.resting,
+            }
             for each in survey.abilities()
         },
         "warnings": remarks(survey.last),

@@ -13,7 +13,7 @@ from .columns import tabulated
 from .number_format import digits, frequency, model_text
 from .page import Card, Html, Lead, Section, block, figure, page, table
 from .page_parts import assumptions, footer
-from .verification_text import CASE, percent, sentence
+from .verification_text import CASE, left_out, percent, sentence
 
 
 def verification_page(system: System, result: Verification, command: str) -> str:
@@ -28,7 +28,7 @@ def verification_page(system: System, result: Verification, command: str) -> str
     notes = ["Left out: " + warning for warning in result.warnings]
     sections += [
         Section("Predicted and simulated", [_table(result)]),
-        Section("Assumptions", [assumptions(model, sample_time), _method(), *map(escape, notes)]),
+        Section("Assumptions", [assumptions(model, sample_time), _method(result), *map(escape, notes)]),
         Section("Command", [block(command)]),
     ]
     headline = "" if result.agrees else "Simulation and prediction disagree"
@@ -83,10 +83,9 @@ def _table(result: Verification) -> Html:
     )
 
 
-def _method() -> str:
+def _method(result: Verification) -> str:
     return (
         "Every run starts with a torque impulse. A matrix pencil finds the fastest-growing oscillation in its second half, and a bracketed "
         "search the factor at which its growth rate is zero, to one part in a million; in MuJoCo, where the motors start at a small "
-        "speed, to one in a thousand. Limits are those of small motions, without the scenario's friction, torque limit or ground that "
-        "feet may leave; gainroom simulate includes them."
+        "speed, to one in a thousand. The limits " + left_out(result) + "; gainroom simulate includes the scenario."
     )

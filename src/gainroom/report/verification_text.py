@@ -2,7 +2,7 @@
 
 import math
 
-from ..errors import apart
+from ..errors import apart, listed
 from ..studies.verification import Case, Verification
 from .columns import Column, yes
 from .number_format import digits
@@ -24,8 +24,14 @@ def sentence(result: Verification) -> str:
         f"Simulation and prediction agree: vibration starts at {worst.simulated_gain:.5g} × these gains in simulation, predicted "
         f"{worst.predicted_gain:.5g} ×, a difference of {percent(worst.gain_difference)}"
         + (f" in the worst of {len(cases)} cases" if len(cases) > 1 else "")
-        + f". Both leave out the scenario's friction{', torque limit and ground' if result.of_robot else ' and torque limit'}."
+        + f". Both {left_out(result)}."
     )
+
+
+def left_out(result: Verification) -> str:
+    """What the limits are without: "are for small motions, without …"."""
+    effects = listed([effect.removeprefix("the ") for effect in result.effects], most=9)
+    return "are for small motions" + (f", without the scenario's {effects}" if effects else "")
 
 
 def _furthest(case: Case) -> float:

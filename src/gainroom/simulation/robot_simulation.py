@@ -11,6 +11,7 @@ from ..linear.arrays import Floats
 from ..robot.ground import Footing, footings
 from ..robot.model import RobotModel
 from ..robot.name_patterns import select
+from ..robot.robot import RobotScenario
 from ..system.loop import Loop
 from ..system.system import System
 from .robot_run import stream_robot
@@ -29,6 +30,17 @@ def require_sampled(system: System) -> None:
     """Raises GainroomError for a continuous controller, which has no ticks to simulate."""
     if system.control.sample_time is None:
         raise GainroomError(f"{system.source.name}: control.sample_rate_hz: is missing; the simulation runs a sampled controller")
+
+
+def scenario_effects(scenario: RobotScenario) -> tuple[str, ...]:
+    """Names of what a scenario adds to the linear loop."""
+    there = {
+        "friction": np.any(scenario.coulomb) or np.any(scenario.viscous),
+        "encoder steps": scenario.resolution > 0,
+        TORQUE_LIMIT: np.any(np.isfinite(scenario.torque_limit)),
+        "the ground": scenario.ground is not None,
+    }
+    return tuple(name for name, given in there.items() if given)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -204,6 +204,12 @@ class JointSimulation(SimulationSpec):
         motor, link = (0.0 if side is None else side.coulomb for side in sides)
         return motor, link
 
+    @property
+    def scenario_effects(self) -> tuple[str, ...]:
+        """Names of what the scenario adds to the file's linear loop: `effects`, and friction where it is viscous, too."""
+        viscous = any(isinstance(value, Friction) and value.viscous for value in self.hardware.values())
+        return tuple(dict.fromkeys([*(["friction"] if viscous else []), *self.effects]))
+
     def loop(self, gain: float = 1.0) -> Loop:
         joint = self.system.source
         viscous = {

@@ -5,7 +5,7 @@ shares the model; and for robots MuJoCo with drives and running controller, whic
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -85,6 +85,8 @@ class Verification:
     of_robot: bool = False
     warnings: tuple[str, ...] = ()
     """What was left out, and why."""
+    effects: tuple[str, ...] = ()
+    """Of the file's scenario, which neither prediction nor simulation has."""
 
     @property
     def agrees(self) -> bool:
@@ -92,10 +94,10 @@ class Verification:
         return all(case.agrees for case in self.cases)
 
 
-def verify(system: System, progress: Progress = lambda done, total, what: None) -> Verification:
+def verify(system: System, progress: Progress = lambda done, total, what: None, effects: Sequence[str] = ()) -> Verification:
     """The common factor on all gains at which vibration starts, predicted and by linear simulation, in every state.
 
-    A robot's in joint and in task space, with MuJoCo as a second witness.
+    A robot's in joint and in task space, with MuJoCo as a second witness. `effects`: of the scenario, by name; they are left out.
     Raises GainroomError for continuous control, and where the gains act on no motion in any state.
     """
     require_sampled(system)
@@ -110,7 +112,7 @@ def verify(system: System, progress: Progress = lambda done, total, what: None) 
         progress(index, len(jobs), name)
         cases.append(make())
     progress(len(jobs), len(jobs), "")
-    return Verification(tuple(cases), system.source.body is not None, tuple(warnings))
+    return Verification(tuple(cases), system.source.body is not None, tuple(warnings), tuple(effects))
 
 
 def spaces(system: System) -> Iterator[System]:

@@ -1,7 +1,12 @@
-"""What a log can tell: which questions its channels answer, and what is missing for the others."""
+"""What a log may tell: which questions it has the channels and rows for, and what is missing for the others.
+
+Whether what moves is enough each identification says itself; here it is only looked whether anything does.
+"""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+
+from ...identification.record import SHORTEST
 
 Way = tuple[tuple[str, ...], ...]
 """Groups of channels; one of each group is needed."""
@@ -18,6 +23,8 @@ QUESTIONS: dict[str, tuple[Way, ...]] = {
     "diagnose": ((("motor_position", "link_position", "motor_velocity", "link_velocity", *TORQUES, "joint_torque", "current"),),),
 }
 """By question the ways to answer it, the better one first. Without torque the command's delay and the loop's can seldom be separated."""
+MAY_REST = {"identify gains": ("reference",)}
+"""Channels that need not change: a controller acts on what differs from its set-point."""
 
 
 @dataclass(frozen=True)
@@ -27,28 +34,40 @@ class Ability:
     channels   those that answer it; empty where it cannot
     missing    groups of which one channel each would be needed beside what there is; empty where it can
     confounded True where only the second way is open
+    resting    those of `missing` that are there and never change
+    too_few    True where there are fewer rows than any identification takes
     """
 
     question: str
     channels: tuple[str, ...]
     missing: tuple[tuple[str, ...], ...]
     confounded: bool = False
+    resting: tuple[str, ...] = ()
+    too_few: bool = False
 
     @property
     def possible(self) -> bool:
-        """Whether it can."""
-        return not self.missing
+        """Whether nothing is missing."""
+        return not self.missing and not self.too_few
 
 
-def abilities(channels: Iterable[str]) -> tuple[Ability, ...]:
-    """One per question, of a log that has these channels of a joint."""
-    there = set(channels)
-    return tuple(_ability(question, ways, there) for question, ways in QUESTIONS.items())
+def abilities(channels: Iterable[str], resting: Iterable[str] = (), rows: int | None = None) -> tuple[Ability, ...]:
+    """One per question, of a log that has these channels of a joint.
+
+    resting   those of them that never change
+    rows      how many there are; None: enough
+    """
+    there, still = set(channels), set(resting)
+    too_few = rows is not None and rows < SHORTEST
+    return tuple(_ability(question, ways, there, still - {*MAY_REST.get(question, ())}, too_few) for question, ways in QUESTIONS.items())
 
 
-def _ability(question: str, ways: tuple[Way, ...], there: set[str]) -> Ability:
+def _ability(question: str, ways: tuple[Way, ...], there: set[str], resting: set[str], too_few: bool) -> Ability:
+    usable = there - resting
     for number, way in enumerate(ways):
-        chosen = [next((name for name in group if name in there), "") for group in way]
+        chosen = [next((name for name in group if name in usable), "") for group in way]
         if all(chosen):
-            return Ability(question, tuple(chosen), (), confounded=number > 0)
-    return Ability(question, (), tuple(group for group in ways[0] if not there.intersection(group)))
+            return Ability(question, tuple(chosen), (), confounded=number > 0, too_few=too_few)
+    missing = tuple(group for group in ways[0] if not usable.intersection(group))
+    still = tuple(name for group in missing for name in group if name in there)
+    return Ability(question, (), missing, resting=still, too_few=too_few)

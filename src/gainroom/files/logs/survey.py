@@ -44,5 +44,11 @@ class Survey:
         return 1 / self.last.sample_time if self.last.sample_time else 0.0
 
     def abilities(self) -> tuple[Ability, ...]:
-        """Of the joint with the most channels; of a log without rows none."""
-        return abilities(max(self.last.joints.values(), key=len) if self.last.quality.rows else ())
+        """Of the joint that has the most channels that change."""
+        changing = {
+            joint: [name for name in channels if (span := self.ranges.get((joint, name))) is not None and span[0] < span[1]]
+            for joint, channels in self.last.joints.items()
+        }
+        joint = max(changing, key=lambda joint: (len(changing[joint]), len(self.last.joints[joint])))
+        there = set(self.last.joints[joint])
+        return abilities(there, there - {*changing[joint]}, self.last.quality.rows - self.last.quality.cut)

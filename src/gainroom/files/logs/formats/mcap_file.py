@@ -1,6 +1,7 @@
 """MCAP, through the mcap library: chunk by chunk. JSON messages and those of ROS 2 are read.
 
 The library unpacks a chunk before it knows how large that becomes; here what is announced is checked first, and unpacking stops there.
+A chunk that the file's end cuts off is read by hand, as far as its messages are whole: what is packed unpacks up to its last whole block.
 """
 
 import contextlib
@@ -8,18 +9,20 @@ import json
 import struct
 import zlib
 from collections.abc import Iterator, Sequence
+from os import SEEK_END
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
 from ....errors import GainroomError
 from ....linear.arrays import Floats
 from ..table import MOST_PIECE, LogFormat, Table, bounded, checked_file, library
-from .messages import MessageTable, Topic
+from .messages import Messages, MessageTable, Topic
 
 SCHEMA, CHANNEL, MESSAGE = 3, 4, 5
 """Records within chunks."""
+CHUNK = 6
 
 
 class McapSink:
@@ -72,10 +75,21 @@ class Mcap(LogFormat):
         library("mcap", "mcap.stream_reader")
         checked_file(path)
         source = McapMessages(path)
-        table = MessageTable(path, source)
-        table.complete = source.complete
-        source.table = table
-        yield table
+        yield message_table(path, source, [source])
+
+
+def message_table(path: Path, messages: Messages, files: "Sequence[McapMessages]") -> MessageTable:
+    """The table of `messages`, which come from these files among others. Raises GainroomError."""
+    try:
+        table = MessageTable(path, messages)
+    except GainroomError as error:
+        if all(file.complete for file in files):
+            raise
+        raise GainroomError(f"{error}; it ends within its first chunk, before a message is whole") from error
+    for file in files:
+        file.table = table
+        table.complete &= file.complete
+    return table
 
 
 class McapMessages:
@@ -89,7 +103,7 @@ class McapMessages:
         self._topics: dict[int, Topic] = {}
 
     def __call__(self) -> Iterator[tuple[Topic, int, bytes]]:
-        from mcap.exceptions import EndOfFile
+        from mcap.exceptions import EndOfFile, RecordLengthLimitExceeded
         from mcap.records import Channel, Chunk, Message, Schema
         from mcap.stream_reader import StreamReader
 
@@ -97,12 +111,20 @@ class McapMessages:
             limit = min(self._path.stat().st_size, MOST_PIECE)
             records = StreamReader(file, validate_crcs=True, record_size_limit=limit, emit_chunks=True).records
             while True:
+                start = file.tell()
                 try:
                     record = next(records, None)
-                except (EndOfFile, struct.error):
+                except (EndOfFile, struct.error, RecordLengthLimitExceeded) as error:
+                    chunk = _cut_chunk(file, start)
+                    if chunk is None and isinstance(error, RecordLengthLimitExceeded):
+                        if limit == MOST_PIECE:
+                            raise
+                        raise GainroomError(f"{self._path}: {error} bytes, all that the file has: it is cut off, or damaged") from error
                     self.complete = False
                     if self.table is not None:
                         self.table.complete = False
+                    if chunk is not None:
+                        yield from self._in_chunk(self._unpacked(chunk, cut=True), cut=True)
                     return
                 if record is None:
                     return
@@ -118,8 +140,8 @@ class McapMessages:
     def _add(self, number: int, topic: str, encoding: str, schema: int) -> None:
         self._topics[number] = Topic(topic.strip("/"), encoding, *self._schemas.get(schema, ()))
 
-    def _unpacked(self, chunk: Any) -> bytes:
-        """The records of a chunk. Raises GainroomError where it is not what it announces."""
+    def _unpacked(self, chunk: Any, cut: bool = False) -> bytes:
+        """The records of a chunk, of one that is cut its first bytes. Raises GainroomError where it is not what it announces."""
         bounded(self._path, "unpacked chunk:", chunk.uncompressed_size, MOST_PIECE, " bytes")
         size = chunk.uncompressed_size
         if chunk.compression == "lz4":
@@ -131,19 +153,23 @@ class McapMessages:
             data = chunk.data
         else:
             raise GainroomError(f"{self._path}: chunks packed by {chunk.compression[:20]!r} must be packed by lz4 or zstd, or not at all")
+        if cut and len(data) <= size:
+            return data
         if len(data) != size:
             raise GainroomError(f"{self._path}: a chunk of {size} bytes unpacks to {'more' if len(data) > size else len(data)}")
         if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
             raise GainroomError(f"{self._path}: the checksum of a chunk is not that of what it holds")
         return data
 
-    def _in_chunk(self, data: bytes) -> Iterator[tuple[Topic, int, bytes]]:
-        """Messages; one at a time through the library would take five times as long."""
+    def _in_chunk(self, data: bytes, cut: bool = False) -> Iterator[tuple[Topic, int, bytes]]:
+        """Messages; one at a time through the library would take five times as long. `cut`: the last one may not be whole."""
         place = 0
         while place + 9 <= len(data):
             opcode, length = struct.unpack_from("<BQ", data, place)
             place += 9
             if place + length > len(data):
+                if cut:
+                    return
                 raise GainroomError(f"{self._path}: a record of {length} bytes goes beyond its chunk")
             if opcode == MESSAGE:
                 channel, _, stamp, _ = struct.unpack_from("<HIQQ", data, place)
@@ -166,3 +192,25 @@ class McapMessages:
         else:
             channel = Channel.read(stream)
             self._add(channel.id, channel.topic, channel.message_encoding, channel.schema_id)
+
+
+def _cut_chunk(file: BinaryIO, start: int) -> Any:
+    """The chunk that begins at `start` and that the file's end cuts off; None where no such chunk is there.
+
+    Record: opcode, length, then start and end time, unpacked size, checksum, packing, size of the data, the data
+    (https://mcap.dev/spec#chunk-op0x06).
+    """
+    from mcap.records import Chunk
+
+    size = file.seek(0, SEEK_END)
+    file.seek(start)
+    head = file.read(41)
+    if len(head) < 41 or head[0] != CHUNK:
+        return None
+    (length,) = struct.unpack_from("<Q", head, 1)
+    begin, end, unpacked, checksum, letters = struct.unpack_from("<QQQII", head, 9)
+    rest = file.read(letters + 8) if letters < 20 else b""
+    announced = int.from_bytes(rest[letters:], "little")
+    if len(rest) < letters + 8 or length != 40 + letters + announced or not file.tell() + announced > size or length > MOST_PIECE:
+        return None
+    return Chunk(rest[:letters].decode("ascii", "replace"), file.read(), end, begin, checksum, unpacked)

@@ -9,8 +9,8 @@ from urllib.parse import quote
 from ....errors import GainroomError, one_line
 from ....io.yaml_text import parse_yaml, read_text
 from ..table import MOST_PIECE, LogFormat, Table, checked_file, library
-from .mcap_file import McapMessages
-from .messages import Messages, MessageTable, Topic
+from .mcap_file import McapMessages, message_table
+from .messages import Messages, Topic
 
 METADATA = "metadata.yaml"
 MOST_FILES = 1000
@@ -36,12 +36,7 @@ class Bag(LogFormat):
             for source in sources:
                 yield from source()
 
-        table = MessageTable(path, messages)
-        for source in sources:
-            if isinstance(source, McapMessages):
-                source.table = table
-                table.complete &= source.complete
-        yield table
+        yield message_table(path, messages, [source for source in sources if isinstance(source, McapMessages)])
 
 
 def _files(folder: Path) -> list[Path]:
