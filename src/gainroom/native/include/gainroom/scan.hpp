@@ -57,7 +57,7 @@ class Scanner {
         }
         if (integrators_ == 0 && at_first_.real() < 0) scan_.phases.insert(scan_.phases.begin(), {0.0, std::abs(at_first_), 0.0});
         if (loop_.sample_time > 0 && end_jump == 0 && at_last.real() < 0) scan_.phases.push_back({last_, std::abs(at_last), 0.0});
-        if (with_peaks) find_peaks();
+        if (with_peaks && !beyond_range_) find_peaks();
         return std::move(scan_);
     }
 
@@ -76,7 +76,8 @@ class Scanner {
     }
 
    private:
-    static constexpr std::size_t kMostNodes = 200'000;  // bounds memory and time; an ordinary loop needs 50 to 300
+    static constexpr std::size_t kMostNodes = 50'000, kLeastNodes = 4000;  // bound memory and time; an ordinary loop needs 50 to 300
+    static constexpr std::size_t kMostTerms = 1'000'000;                    // the same, of nodes times roots
     static constexpr int kDepth = 60;                   // of bisection
 
     const Response& loop_;
@@ -152,6 +153,7 @@ class Scanner {
         Point here{ends[0], 0.0, std::vector<Slope>(size)};
         here.value = loop_.at(here.omega, here.slopes.data());
         double log_here = log_size(here.value), phase = phase_;
+        const std::size_t most = std::min(std::max(kMostTerms / (size + 1), kLeastNodes), kMostNodes);
         std::size_t spent = 0;
         if (!seek_peaks) nodes_.assign(1, here.omega);
         for (std::size_t target = 1; target < ends.size(); target++) {
@@ -162,7 +164,10 @@ class Scanner {
             while (top >= 0) {
                 Point& there = stack[top];
                 const double width = there.omega - here.omega, log_there = log_size(there.value);
-                beyond_range_ = beyond_range_ || !std::isfinite(std::abs(there.value));
+                if (!std::isfinite(std::abs(there.value))) {
+                    beyond_range_ = true;
+                    return phase;
+                }
                 double phase_there = phase + turn_between(here.value, there.value);
                 if (gap != nullptr) {
                     phase_there = phase + gap->jump + wrapped(phase_there - phase - gap->jump);
@@ -173,7 +178,7 @@ class Scanner {
                 } else if (width > 8 * kTiny * there.omega && undecided(seek_peaks, width, here.slopes.data(), there.slopes.data(), size,
                                                                        log_here, log_there, phase, phase_there)) {
                     spent++;
-                    if (top + 1 < kDepth && spent < kMostNodes) {
+                    if (top + 1 < kDepth && spent < most) {
                         const double a = here.omega, b = there.omega;
                         Point& middle = stack[++top];
                         middle.omega = a > 0 && 4 * a < b ? std::sqrt(a * b) : 0.5 * (a + b);
@@ -269,7 +274,7 @@ inline Scan scan(const Response& loop, bool with_peaks) {
         for (const PhaseCrossing& crossing : found.phases)
             if (crossing.size < 1) nearest = std::max(nearest, crossing.size);
         const double limit = std::fabs(loop.gain), reached = neutral ? limit + (1 - limit) * std::min(500 * floor, 0.5) : floor;
-        if (nearest >= reached || floor <= kLowestFloor) break;
+        if (!found.certified || nearest >= reached || floor <= kLowestFloor) break;
         floor = std::max({neutral ? 0.0 : nearest, 1e-3 * floor, kLowestFloor});
     }
     auto& phases = found.phases;
