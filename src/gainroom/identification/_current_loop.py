@@ -6,48 +6,50 @@ from ..analysis.compiled import cached_njit
 
 
 @cached_njit(error_model="numpy")
-def predict_torque(command, changes, torque, fresh, transition, full, parts, slope, spread, gain, offset, noise, unknown, error, variance):
-    """Kalman filter of the current loop whose command changes within a tick at uncertain moments.
+def predict_torque(command, changes, torque, fresh, tick, parts, noises, gain, offset, noise, unknown, error, variance):
+    """Kalman filter of the current loop whose command changes within a tick at uncertain moments, and is read within it.
 
-    command, torque (m,); changes (m, q) of the command in each row by kind of arrival; fresh (m,) behind a gap; transition (2, 2) and full
-    (2,) over a whole tick; parts (3, q, 2) what a change of a row adds one row before it, in it, and one row after it, slope (q, 2) the
-    derivative of their sum by the moment of arrival, spread (q,) that moment's standard deviation [ticks]; gain, offset, noise of the
-    measurement; unknown: variance of the state behind a gap [(N m)²]. Fills error and variance (m,) of the torque's prediction.
+    command, torque (m,); changes (m, q) of the command in each row by kind of arrival; fresh (m,) behind a gap; tick (3, 3) what a state
+    (2,) and the command held before come to at the end of the tick, two rows, and at the torque's reading; parts (q, 3), noises (q, 3, 3)
+    mean and covariance of what a unit change adds to these three; gain, offset, noise of the measurement; unknown: variance of the state
+    behind a gap [(N m)²]. Fills error and variance (m,) of the torque's prediction.
     """
     x0 = x1 = p00 = p01 = p11 = 0.0
     kinds = changes.shape[1]
     for k in range(len(command)):
         if fresh[k]:
-            x0, x1 = command[k], 0.0
-            p00, p01, p11 = unknown, 0.0, unknown
+            n0, n1, n2 = command[k], 0.0, command[k]
+            c00 = c02 = c11 = c22 = unknown
+            c01 = c12 = 0.0
         else:
-            n0 = transition[0, 0] * x0 + transition[0, 1] * x1 + full[0] * command[k - 1]
-            n1 = transition[1, 0] * x0 + transition[1, 1] * x1 + full[1] * command[k - 1]
-            a00 = transition[0, 0] * p00 + transition[0, 1] * p01
-            a01 = transition[0, 0] * p01 + transition[0, 1] * p11
-            a10 = transition[1, 0] * p00 + transition[1, 1] * p01
-            a11 = transition[1, 0] * p01 + transition[1, 1] * p11
-            p00 = a00 * transition[0, 0] + a01 * transition[0, 1]
-            p01 = a00 * transition[1, 0] + a01 * transition[1, 1]
-            p11 = a10 * transition[1, 0] + a11 * transition[1, 1]
+            held = command[k - 1]
+            n0 = tick[0, 0] * x0 + tick[0, 1] * x1 + tick[0, 2] * held
+            n1 = tick[1, 0] * x0 + tick[1, 1] * x1 + tick[1, 2] * held
+            n2 = tick[2, 0] * x0 + tick[2, 1] * x1 + tick[2, 2] * held
+            a00 = tick[0, 0] * p00 + tick[0, 1] * p01
+            a01 = tick[0, 0] * p01 + tick[0, 1] * p11
+            a10 = tick[1, 0] * p00 + tick[1, 1] * p01
+            a11 = tick[1, 0] * p01 + tick[1, 1] * p11
+            a20 = tick[2, 0] * p00 + tick[2, 1] * p01
+            a21 = tick[2, 0] * p01 + tick[2, 1] * p11
+            c00 = a00 * tick[0, 0] + a01 * tick[0, 1]
+            c01 = a00 * tick[1, 0] + a01 * tick[1, 1]
+            c11 = a10 * tick[1, 0] + a11 * tick[1, 1]
+            c02 = a20 * tick[0, 0] + a21 * tick[0, 1]
+            c12 = a20 * tick[1, 0] + a21 * tick[1, 1]
+            c22 = a20 * tick[2, 0] + a21 * tick[2, 1]
             for q in range(kinds):
                 change = changes[k, q]
-                n0, n1 = n0 + parts[1, q, 0] * change, n1 + parts[1, q, 1] * change
-                r0, r1 = spread[q] * change * slope[q, 0], spread[q] * change * slope[q, 1]
-                p00, p01, p11 = p00 + r0 * r0, p01 + r0 * r1, p11 + r1 * r1
-                if not fresh[k - 1]:
-                    n0, n1 = n0 + parts[2, q, 0] * changes[k - 1, q], n1 + parts[2, q, 1] * changes[k - 1, q]
-                if k + 1 < len(command) and not fresh[k + 1]:
-                    n0, n1 = n0 + parts[0, q, 0] * changes[k + 1, q], n1 + parts[0, q, 1] * changes[k + 1, q]
-            x0, x1 = n0, n1
-        e = torque[k] - gain * x0 - offset
-        s = gain * gain * p00 + noise * noise
+                n0, n1, n2 = n0 + parts[q, 0] * change, n1 + parts[q, 1] * change, n2 + parts[q, 2] * change
+                square = change * change
+                c00, c01, c11 = c00 + noises[q, 0, 0] * square, c01 + noises[q, 0, 1] * square, c11 + noises[q, 1, 1] * square
+                c02, c12, c22 = c02 + noises[q, 0, 2] * square, c12 + noises[q, 1, 2] * square, c22 + noises[q, 2, 2] * square
+        e = torque[k] - gain * n2 - offset
+        s = gain * gain * c22 + noise * noise
         error[k], variance[k] = e, s
-        k0, k1 = gain * p00 / s, gain * p01 / s
-        x0, x1 = x0 + k0 * e, x1 + k1 * e
-        p11 -= k1 * gain * p01
-        p01 -= k0 * gain * p01
-        p00 *= noise * noise / s
+        k0, k1 = gain * c02 / s, gain * c12 / s
+        x0, x1 = n0 + k0 * e, n1 + k1 * e
+        p00, p01, p11 = c00 - k0 * gain * c02, c01 - k0 * gain * c12, c11 - k1 * gain * c12
 
 
 @cached_njit(error_model="numpy")
