@@ -3,6 +3,10 @@
 With the demand logged, the arrival of every command is read to the tick (arrivals.py); the actual torque, through the current loop that is
 fitted with it, says when within the tick (arrival_law.py, arrival_fit.py), and what else it allows (allowed_delays.py). Without the demand
 both come from the actual torque alone.
+
+How sharp that is has a bound. Of 200 virtual joints' logs with 1 % of torque noise the Cramér-Rao bound of the delay's standard error,
+beside an unknown current loop, is above 0.05 ticks in 63: excitation that is slow beside the current loop shows the sum of delay and lag,
+and no unbiased estimator tells the delay there to 0.1 ticks. Such logs are not `told`, and their intervals say how far it may be off.
 """
 
 import math
@@ -188,12 +192,14 @@ def _with_arrivals(record: Record, seen: Arrivals, data: Data, used: Booleans | 
     """By each law that arrivals which are seen to the tick may follow; data.command is what acts."""
     target, rough = record.channels["target_torque"], rough_response(data, -1.0, 0.0)
     start = replace(rough, delay=seen.mean + rough.delay)
-    laws: list[Phase | Spread] = [Phase(seen, target, data)]
-    if len(seen.shares) > 1:
-        laws.append(Spread(seen, target, data))
     used = data.run_length >= SETTLED if used is None else used
-    found = [_fitted(ArrivalLikelihood(data, law, used), start, seen) for law in laws]
-    return [each for each, law in zip(found, laws, strict=True) if law.bounds[0] <= each.fit.point[0] <= law.bounds[1]] or found[:1]
+    phase = _fitted(ArrivalLikelihood(data, Phase(seen, target, data), used), start, seen)
+    if len(seen.shares) == 1:
+        return [phase]
+    law = Spread(seen, target, data)
+    spread = _fitted(ArrivalLikelihood(data, law, used), start, seen)
+    low, high = law.bounds
+    return [phase, spread] if low <= spread.fit.point[0] <= high else [phase]
 
 
 def _fitted(likelihood: ArrivalLikelihood, start: Response, seen: Arrivals | None = None) -> _Found:
