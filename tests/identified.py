@@ -137,6 +137,7 @@ def joint_run(index: int) -> tuple[Case, Run]:
         columns["link_position"] = run.link_reading[:, 0]
     truth = {name: getattr(joint, name) for name in ("motor_inertia", "link_inertia", "stiffness", "resonance", "antiresonance", "damping")}
     truth |= {"coulomb": coulomb, "link_coulomb": link_coulomb, "weight": bed.gravity, "delay": drive.delay, "tick": tick}
+    truth |= {"ticks": drive.delay / tick, "jitter": bed.jitter / tick}
     return Case(Record(run.time, columns, tick), truth), run
 
 

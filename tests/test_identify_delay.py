@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 import gainroom as gr
-from gainroom.identification.arrivals import arrivals
-from gainroom.identification.current_loop import held
+from gainroom.identification.arrival_fit import ArrivalLikelihood
+from gainroom.identification.arrival_law import Spread, Unseen
+from gainroom.identification.arrivals import Arrivals, arrivals
+from gainroom.identification.current_loop import Data, Response, held
 from gainroom.identification.delay import identify_delay
 from gainroom.identification.record import Record
 from gainroom.identification.setpoint_delay import identify_setpoint_delay
@@ -230,6 +232,69 @@ def test_the_likeliest_of_several_delays_is_found(index, within):
     assert holds(found.ticks, true)
 
 
+@pytest.mark.parametrize("index", [16, 74, 131])
+def test_jitter_that_carries_arrivals_over_a_tick_s_edge_is_told(index):
+    """Jitter of 0.3 ticks; without a demand torque (16) no row says which command has arrived, with one 4 % arrive a tick early."""
+    case = joint_case(index)
+    found, true = identify_delay(case.record), case.truth["ticks"]
+    assert np.ceil(true - case.truth["jitter"]) != np.ceil(true + case.truth["jitter"])
+    assert abs(found.ticks.value - true) < 0.03
+    assert holds(found.ticks, true)
+    assert found.told
+
+
+def test_a_log_that_hardly_tells_the_delay_says_so():
+    """At a whole number of ticks the likelihood falls steeply to one side and hardly to the other: 0.02 ticks were promised, 0.16 off."""
+    found = identify_delay(joint_case(142).record)
+    assert not found.told
+    assert found.ticks.half_width > 0.15
+
+
+@pytest.mark.parametrize(("delay", "jitter"), [(1.05, 0.3), (2.9, 0.45), (3.4, 0.2)])
+def test_predictions_without_a_demand_are_right_on_average(delay, jitter):
+    """At the truth e²/v is 1 on average, and errors are not correlated: a third of the power is what unknown moments of arrival do."""
+    count, tick, rng = 20_000, 1e-3, np.random.default_rng(3)
+    drive = gr.Drive(1800.0, 0.8, delay * tick)
+    torque = 8 * multisine(np.linspace(1, 120, 60), count, tick, 4)
+    loop = soft_loop(gr.ElasticJoint(0.2, 0.8, 1e4, 2.0), drive, 0.5, 1.0, tick)
+    bed = Testbed(loop, motor_resolution=1e-5, jitter=jitter * tick, substep=tick / 4)
+    run = simulate(bed, Scenario(0.0, (count - 1) * tick, feedforward=torque[:, None], limit=50.0))
+    actual = run.actual_torque[:, 0] + 0.2 * rng.standard_normal(count)
+    data = Data(run.target_torque[:, 0], actual, np.arange(count))
+    likelihood = ArrivalLikelihood(data, Unseen(data), np.arange(count) > 20)
+    point = likelihood.start(Response(delay, 1.8, 0.8))
+    point[1], point[6] = np.log(jitter / 3**0.5), np.log(0.2 / likelihood.scale)
+    errors, variances = (values[20:] for values in likelihood.predict(point))
+    relative = errors / np.sqrt(variances)
+    assert np.median(variances) > 1.3 * 0.2**2
+    assert abs(np.mean(relative**2) - 1) < 0.04  # three standard errors of 20 000 squares, of which a deviation is at most √2
+    for lag in (1, 2, 3):
+        assert abs(np.mean(relative[lag:] * relative[:-lag])) < 0.025
+
+
+def test_what_comes_to_act_under_overtaking_is_that_of_sampled_delays():
+    """D even over 2.2 to 4.6 ticks: means and deviations by kind of 400 000 commands, each acting when it or a later one arrives."""
+    rng, count, low, high = np.random.default_rng(8), 400_000, 2.2, 4.6
+    delays = rng.uniform(low, high, count)
+    acts = np.minimum.reduce([np.append(delays[i:], np.full(i, 9.0)) + i for i in range(4)])
+    kinds = np.ceil(acts).astype(int)
+    target = rng.standard_normal(4000)
+    first = int(np.ceil(low))
+    probability = np.array([0.8, 1.0, 0.6]) / 2.4
+    seen = Arrivals(np.arange(1, 3001), kinds[:3000], np.arange(3, 6), probability)
+    law = Spread(seen, target, Data(target, target, np.arange(4000)))
+    point = np.array([0.0, np.log(high - low)])
+    _, windows = law.windows(point)
+    for kind, window in enumerate(windows):
+        places = first + kind - acts[kinds == first + kind]
+        mean = window.places @ window.weights
+        assert abs(mean - places.mean()) < 0.01
+        assert abs((window.weights @ (window.places - mean) ** 2) ** 0.5 - places.std()) < 0.01
+    mean, _, deviation, _ = law.means(point)
+    assert abs(mean - (low + high) / 2) < 1e-9
+    assert abs(deviation - (high - low) / 12**0.5) < 1e-9
+
+
 def test_a_position_ahead_of_its_set_point_tells_no_delay():
     """20 ticks too early: no delay that is not negative explains it, where both were said to be 0.00 ± 0.00 ticks."""
     case = setpoint_case(1)
@@ -259,20 +324,29 @@ def test_share_of_the_population():
 @pytest.mark.population
 @pytest.mark.skipif(POPULATION, reason="runs with -m population")
 @pytest.mark.timeout(3600)
-def test_whole_population(capsys):
-    """0.1 tick wherever the log tells the delay, and intervals that hold in 90 to 99 of 100 cases."""
+@pytest.mark.parametrize(("make", "least_told"), [(delay_case, 0.95), (joint_case, 0.85)])
+def test_whole_population(make, least_told, capsys):
+    """0.1 tick wherever the log tells the delay, and intervals that hold in 90 to 99 of 100 cases, told or not.
+
+    A quarter of the joints' logs cannot tell the delay to 0.1 tick: see the bound in docs/identify.md.
+    """
     results, refused = [], 0
     for index in range(WHOLE):
         try:
-            results.append(examined(delay_case(index)))
+            results.append(examined(make(index)))
         except gr.GainroomError:
             refused += 1
     errors = np.abs([error for error, _, told in results if told])
-    coverage = float(np.mean([inside for _, inside, told in results if told]))
+    within = np.mean([abs(error) < 0.1 for error, _, _ in results])
+    coverage = float(np.mean([inside for _, inside, _ in results]))
     with capsys.disabled():
-        print(f"\n{len(results)} delays, {refused} refused, {len(errors)} told: {np.mean(errors < 0.1):.3f} within 0.1 tick, ", end="")
+        print(
+            f"\n{len(results)} delays, {refused} refused, {within:.3f} within 0.1 tick; {len(errors)} told: {np.mean(errors < 0.1):.3f}, ",
+            end="",
+        )
         print(f"largest {errors.max():.3f}, coverage {coverage:.3f}")
-    low, high = coverage_bounds(len(errors))
+    low, high = coverage_bounds(len(results))
     assert low <= coverage <= high
+    assert len(errors) >= least_told * WHOLE
     assert np.mean(errors < 0.1) >= 0.97
     assert refused <= 0.1 * WHOLE

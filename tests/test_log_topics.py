@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gainroom.cli import main
 from gainroom.files.logs import LogOptions, read_joint, read_log
 from log_files import BEGAN, JOINTS, Truth
 from refusals import assert_refused
@@ -136,6 +137,19 @@ def test_an_effort_that_is_never_commanded_is_no_torque(tmp_path: Path):
     assert not logged.record.has("target_torque")
     assert logged.record.has("actual_torque", "reference")
     assert "target_torque is 0 N·m throughout and was left out" in logged.log.notes
+
+
+def test_a_log_in_which_every_third_row_lacks_a_number_is_not_identified(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """What is commanded between the rows is not known: a delay of 4.3 ticks was found as 2.1, and sure of it."""
+    noise = np.random.default_rng(2).normal(size=(3000, 3)).cumsum(axis=0)
+    noise[::3, 2] = np.nan
+    names = "time,target_torque,actual_torque,motor_position"
+    np.savetxt(tmp_path / "log.csv", np.column_stack([1e-3 * np.arange(3000), noise]), delimiter=",", header=names, comments="")
+    for question in ("delay", "joint"):
+        assert main(["identify", question, str(tmp_path / "log.csv")]) == 2
+        said = capsys.readouterr().err
+        assert "ticks are missing" in said
+        assert "12%" in said
 
 
 def groups(path: Path, clocks: dict[str, np.ndarray]) -> Path:

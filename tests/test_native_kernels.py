@@ -3,44 +3,42 @@
 import numpy as np
 import pytest
 
-from gainroom.identification.current_loop import Tick, held
+from gainroom.identification.current_loop import held
 from gainroom.native import _core
 
 ROWS, KINDS, NOISE, UNKNOWN = 12, 2, 0.05, 4.0
-TICK = Tick.of(1.7, 0.9)
 
 
 def test_the_current_loop_s_filter_is_conditioning_of_a_gaussian():
     """All torques are one Gaussian vector: the Cholesky factor of its covariance says what is left of a row under those before it."""
     rng = np.random.default_rng(3)
     command, torque, changes = rng.normal(size=ROWS), rng.normal(size=ROWS), rng.normal(size=(ROWS, KINDS))
-    parts, slope, spread = rng.normal(size=(3, KINDS, 2)), rng.normal(size=(KINDS, 2)), np.array([0.1, 0.3])
+    tick, parts, roots = rng.normal(size=(3, 3)) / 2, rng.normal(size=(KINDS, 3)), rng.normal(size=(KINDS, 3, 3)) / 3
     fresh = np.zeros(ROWS, dtype=bool)
     fresh[[0, 7]] = True
-    # x (2) of each row as a mean and as a sum of independent unit normals: two for each start, one for each arrival
+    # the state (2) and the torque as read, of each row, as a mean and as a sum of independent unit normals: two for each start, three for
+    # each kind of arrival
     means, loads, at = [], [], 0
     for k in range(ROWS):
-        load = np.zeros((2, 2 * ROWS * (1 + KINDS)))
+        load = np.zeros((3, ROWS * (2 + 3 * KINDS)))
         if fresh[k]:
-            mean = np.array([command[k], 0.0])
-            load[:, at : at + 2] = np.sqrt(UNKNOWN) * np.eye(2)
+            mean = np.array([command[k], 0.0, command[k]])
+            load[[0, 1, 2], [at, at + 1, at]] = np.sqrt(UNKNOWN)  # it is read as it is
             at += 2
         else:
-            mean = TICK.transition @ means[-1] + TICK.full * command[k - 1] + changes[k] @ parts[1]
-            load = TICK.transition @ loads[-1]
-            mean += 0 if fresh[k - 1] else changes[k - 1] @ parts[2]
-            mean += changes[k + 1] @ parts[0] if k + 1 < ROWS and not fresh[k + 1] else 0
+            mean = tick @ np.append(means[-1][:2], command[k - 1]) + changes[k] @ parts
+            load = tick[:, :2] @ loads[-1][:2]
             for q in range(KINDS):
-                load[:, at] += spread[q] * changes[k, q] * slope[q]
-                at += 1
+                load[:, at : at + 3] += changes[k, q] * roots[q]
+                at += 3
         means.append(mean)
         loads.append(load)
-    rows = 1.3 * np.array(loads)[:, 0]
+    rows = 1.3 * np.array(loads)[:, 2]
     factor = np.linalg.cholesky(rows @ rows.T + NOISE**2 * np.eye(ROWS))
-    rest = np.linalg.solve(factor, torque - 1.3 * np.array(means)[:, 0] - 0.2)
+    rest = np.linalg.solve(factor, torque - 1.3 * np.array(means)[:, 2] - 0.2)
     error, variance = np.empty(ROWS), np.empty(ROWS)
-    loop = TICK.transition, TICK.full, parts, slope, spread
-    _core.predict_torque(command, changes, torque, fresh, *loop, 1.3, 0.2, NOISE, UNKNOWN, error, variance)
+    noises = roots @ roots.transpose(0, 2, 1)
+    _core.predict_torque(command, changes, torque, fresh, tick, parts, noises, 1.3, 0.2, NOISE, UNKNOWN, error, variance)
     # Cholesky loses what the variances range over, (2 · 1.3 / 0.05)²: 1e-16 · 3e3
     assert variance == pytest.approx(np.diag(factor) ** 2, rel=1e-11)
     assert error == pytest.approx(rest * np.diag(factor), rel=1e-10)
@@ -54,13 +52,15 @@ def test_decoding_gives_the_ages_back_that_a_torque_was_made_with(first: int, la
     ages = [last]
     while len(ages) < count:  # no older than one tick more than the one before
         ages.append(int(rng.integers(first, min(ages[-1] + 1, last) + 1)))
+    whole, rate, acceleration = (float(value) for value in held(1.7, 0.9, 1.0))
+    transition, full = np.array([[1 - whole, rate], [-rate, acceleration]]), np.array([whole, rate])
     state, torque = np.zeros(2), np.zeros(count)
     for k in range(last + 1, count):
         before, now = target[k - 1 - ages[k - 1]], target[k - ages[k]]
-        state = TICK.transition @ state + TICK.full * before + part * (now - before)
+        state = transition @ state + full * before + part * (now - before)
         torque[k] = 1.1 * state[0] + 0.3
     found = np.zeros(count, dtype=np.int64)
-    _core.decode(target, torque, TICK.transition, TICK.full, part, 1.1, 0.3, 1e-3, first, last, 0.0, found)
+    _core.decode(target, torque, transition, full, part, 1.1, 0.3, 1e-3, first, last, 0.0, found)
     settled = last + 40  # the state that it starts from, which is not known, is e^-30 of itself
     assert np.array_equal(found[settled:], ages[settled:])
 
@@ -106,11 +106,9 @@ FILTER = {
     "changes": np.zeros((4, 1)),
     "torque": np.zeros(4),
     "fresh": np.zeros(4, dtype=bool),
-    "transition": np.eye(2),
-    "full": np.zeros(2),
-    "parts": np.zeros((3, 1, 2)),
-    "slope": np.zeros((1, 2)),
-    "spread": np.zeros(1),
+    "tick": np.eye(3),
+    "parts": np.zeros((1, 3)),
+    "noises": np.zeros((1, 3, 3)),
     **dict.fromkeys(("gain", "offset", "noise", "unknown"), 1.0),
     "error": np.zeros(4),
     "variance": np.zeros(4),

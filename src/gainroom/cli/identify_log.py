@@ -23,6 +23,7 @@ def joint_of_log(call: LogCall, report: Path | None = None) -> Iterator[tuple["L
     """
     from ..errors import named
     from ..files.logs import read_joint
+    from ..identification.contradictions import require_consistent
 
     options = call.options()
     with progress_bar("identify:") as progress:
@@ -32,6 +33,8 @@ def joint_of_log(call: LogCall, report: Path | None = None) -> Iterator[tuple["L
             refuse_inputs(report, "report")
         progress(1, 2, "fitting")
         with named(str(call.file)):
+            logged.require_dense()
+            require_consistent(logged.record)
             yield logged, progress
 
 

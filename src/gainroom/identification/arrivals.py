@@ -14,7 +14,7 @@ from .record import Record
 
 LEAST_MATCHED = 0.8  # of the demand's changes: with fewer, the demand is not the target some ticks later
 LEAST_ARRIVALS = 5
-COMMON = 0.05  # of the arrivals: rarer ones do not get a moment of arrival of their own
+COMMON = 0.003  # of the arrivals: rarer ones join the next kind
 RARE = 0.005  # of the arrivals: later ones are repeated values taken for each other, and their ratio of survivals is noise
 
 
@@ -34,7 +34,7 @@ class Arrivals:
 
     @property
     def first(self) -> int:
-        """Ticks of the first kind of arrival; the kinds are those ticks, the next, and so on, `shares` many; rarer ones join them."""
+        """Ticks of the first kind of arrival; the kinds are those ticks, the next, and so on, without a gap; rarer ones join them."""
         return int(self._common[0])
 
     @property
@@ -47,8 +47,12 @@ class Arrivals:
 
     @property
     def _common(self) -> tuple[int, int]:
-        common = self.values[self.probability >= COMMON]
-        return (int(common[0]), int(common[-1])) if len(common) else (int(self.values[0]), int(self.values[0]))
+        first = last = int(np.argmax(self.probability))
+        while first > 0 and self.probability[first - 1] >= COMMON:
+            first -= 1
+        while last + 1 < len(self.probability) and self.probability[last + 1] >= COMMON:
+            last += 1
+        return int(self.values[first]), int(self.values[last])
 
     def changes(self, target: Floats, command: Floats) -> Floats:
         """(m, q) changes of the `command` (m,) that acts in each row, by kind of arrival; `target` (m,) says which share is whose."""

@@ -12,8 +12,8 @@ from ..studies.vibration_causes import Cause
 from ..system.requirements import to_db
 from . import style
 from .curves import Curve, Panel, stacked
-from .diagnosis_text import LARGE_ANGLE, NAMES, SHORT, advice, evidence_text, growth, percent, ranked, sentence, size, strength, warnings
-from .number_format import digits, frequency, hertz
+from .diagnosis_text import NAMES, SHORT, advice, evidence_text, growth, percent, ranked, sentence, size, strength, warnings
+from .number_format import digits, frequency, hertz, motion_unit
 from .page import Card, Html, Lead, Section, block, details, facts, figure, page, paragraph, table
 from .page_parts import footer
 
@@ -96,7 +96,7 @@ def _panels(found: Diagnosis, part: slice, torque_names: Sequence[str]) -> list[
     panels = []
     if side is not None:
         values = channels[side][part]
-        scale, unit = (1.0, "rad") if np.ptp(values) > LARGE_ANGLE else (1e3, "mrad")
+        scale, unit = motion_unit(float(np.ptp(values)))
         curves = [Curve(side.replace("_", " "), scale * (values - values[0]), style.BLUE)]
         if "reference" in channels:
             curves.append(Curve("set-point", scale * (channels["reference"][part] - values[0]), style.VERMILION, "dash"))

@@ -9,7 +9,7 @@ from ..identification.recorded_oscillation import POSITIONS, RecordedOscillation
 from ..studies.diagnosis import Diagnosis
 from ..studies.vibration_causes import UNKNOWN, Cause, Evidence
 from ..system.requirements import to_db
-from .number_format import digits, hertz, typed_gains
+from .number_format import digits, hertz, motion, typed_gains
 
 NAMES = {
     "gain_limit": "the loop is at its gain limit",
@@ -28,8 +28,6 @@ SHORT = {
     "saturation": "saturation",
 }
 """As they stand on a card."""
-LARGE_ANGLE = 0.5
-"""[rad] from which on amplitudes are in rad instead of mrad."""
 LIKELY = 0.02
 """Causes of less are shown on demand."""
 RECORDS = {
@@ -67,7 +65,7 @@ def size(seen: RecordedOscillation) -> str:
     value = seen.found.amplitude
     if seen.side not in POSITIONS:
         return digits(value, "rad/s" if "velocity" in seen.side else "N·m", 3)
-    return digits(value, "rad", 3) if value > LARGE_ANGLE else digits(1e3 * value, "mrad", 3)
+    return motion(value)
 
 
 def growth(seen: RecordedOscillation) -> str:

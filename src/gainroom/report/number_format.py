@@ -5,6 +5,8 @@ from typing import Any
 
 from ..errors import QUANTITIES, apart
 
+LARGE = 0.5
+"""[rad, m] from which on distances are not in thousandths."""
 THIN = "\u202f"
 
 
@@ -25,6 +27,17 @@ def digits(value: float | None, unit: str = "", significant: int = 4) -> str:
         text = f"{rounded:.{significant}g}"
     text = text.replace("-", "−")
     return text + (unit if unit == "°" else f" {unit}" if unit else "")
+
+
+def motion_unit(value: float, unit: str = "rad") -> tuple[float, str]:
+    """Factor and unit in which a distance [rad, m] is shown: thousandths, or where it is LARGE as it is."""
+    return (1.0, unit) if abs(value) > LARGE else (1e3, f"m{unit}")
+
+
+def motion(value: float, unit: str = "rad", significant: int = 3) -> str:
+    """A distance [rad, m] with the unit that suits it."""
+    factor, shown = motion_unit(value, unit)
+    return digits(factor * value, shown, significant)
 
 
 def milli(value: float, floor: float = 1e-9) -> str:

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..errors import listed
 from ..studies.simulation import Outcome
-from .number_format import digits, gain_factor, hertz, milli
+from .number_format import digits, gain_factor, hertz, milli, motion_unit
 from .page import Card, Html, Lead, Section, beside, block, facts, page, paragraph, table
 from .page_parts import footer
 from .simulation_figures import channels, close_up, drawn_channels, in_time
@@ -46,7 +46,7 @@ def _lead(outcome: Outcome) -> Lead:
 
 def _cards(outcome: Outcome) -> list[Card]:
     run, found, first, hardest = outcome.run, outcome.tracking, outcome.leading[0], int(np.argmax(outcome.torque_peak))
-    unit, floor = f"m{run.units[first]}", floor_of(outcome)
+    floor = floor_of(outcome)
     torque = Card(
         "torque peak",
         _digits(float(outcome.torque_peak[hardest]), 3),
@@ -56,11 +56,11 @@ def _cards(outcome: Outcome) -> list[Card]:
     others = [torque, _vibration_card(outcome), *_slip_card(outcome)]
     if not outcome.completed:
         what = "falls after" if run.ending == "fell" else "diverges after"
-        off = Card("largest error", milli(float(found.peak[first])), unit, note=run.channels[first])
+        off = Card("largest error", *_distance(float(found.peak[first]), run.units[first]), note=run.channels[first])
         return [Card(what, digits(outcome.duration, "", 3), "s", "never", met=False), off, *others]
     last, roughest = outcome.worst_at_end, max(outcome.leading, key=lambda k: float(found.rms[k]))
     errors = [
-        Card(f"{name} error", milli(abs(float(values[k])), floor), unit, note=f"{over}, {run.channels[k]}")
+        Card(f"{name} error", *_distance(abs(float(values[k])), run.units[k], floor), note=f"{over}, {run.channels[k]}")
         for name, values, k, over in (
             ("largest", found.peak, first, "over the whole run"),
             ("RMS", found.rms, roughest, "over the whole run"),
@@ -69,9 +69,15 @@ def _cards(outcome: Outcome) -> list[Card]:
         if not math.isnan(values[k])
     ]
     if len(others) > 2:  # five cards at most
-        rough = f"{milli(float(found.rms[first]), floor)} {unit}"
+        rough = " ".join(_distance(float(found.rms[first]), run.units[first], floor))
         errors = [replace(errors[0], note=f"{run.channels[first]}; RMS {rough}"), *errors[2:]]
     return [*errors, *others]
+
+
+def _distance(value: float, unit: str, floor: float = 1e-9) -> tuple[str, str]:
+    """Number and unit of an error [rad, m]; what is below `floor` is 0."""
+    factor, shown = motion_unit(value, unit)
+    return (milli(value, floor) if factor > 1 else digits(value, significant=3)), shown
 
 
 def _beyond(outcome: Outcome) -> str:

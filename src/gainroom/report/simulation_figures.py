@@ -13,7 +13,7 @@ from ..studies.oscillation import MUJOCO
 from ..studies.simulation import Outcome
 from . import style
 from .curves import Curve, Panel, stacked
-from .number_format import digits, frequency, hertz, milli
+from .number_format import digits, frequency, hertz, milli, motion_unit
 from .page import Html, figure
 from .robot_drawing import WIDTH, drawing_layout
 from .robot_skeleton import drawn, ghost, labels, path, view_of
@@ -25,7 +25,6 @@ LARGE_POINTS, SMALL_POINTS = 1200, 500  # of a curve, in a figure of full and of
 MOST_LINK_TICKS = 1200  # at which true link positions are computed
 POSES = 200  # on the path of the centre of mass
 ROUNDED = 9  # decimals [m, rad, N m] of what is drawn
-LARGE_ANGLE = 0.5  # [rad] from which on an axis is in rad instead of mrad
 CLOSE_PERIODS = 12  # of the vibration in its own figure
 DIVERGED_RANGE = 3.0  # times the reference's range: a run that diverges is drawn up to it
 LEAST_RANGE = 0.01  # [rad, m] of a reference that hardly moves
@@ -105,7 +104,7 @@ def _scale(outcome: Outcome, channel: int) -> float:
     """The factor from SI to the axis: rad for joints that move far, else mm or mrad."""
     run = outcome.run
     extent = max(float(np.ptp(values[:, channel])) for values in (run.reference, run.measured))
-    return 1.0 if run.units[channel] == "rad" and extent > LARGE_ANGLE else 1e3
+    return motion_unit(extent)[0] if run.units[channel] == "rad" else 1e3
 
 
 def _vibration_note(outcome: Outcome) -> style.Annotation:

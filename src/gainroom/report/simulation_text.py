@@ -7,7 +7,7 @@ from ..errors import beside, frequency_text, listed, printable
 from ..simulation.simulation_spec import SimulationSpec
 from ..studies.oscillation import EXACT, MUJOCO
 from ..studies.simulation import Outcome
-from .number_format import digits, frequency, gain_factor, milli, settling
+from .number_format import digits, frequency, gain_factor, milli, motion, settling
 
 SMALLEST_ERROR = 1e-6
 """[m, rad] smaller errors are not distinguished in a sentence."""
@@ -47,8 +47,7 @@ def sentence(outcome: Outcome) -> str:
         text += f", vibrating at {at}" if at else ""
     elif found is not None:
         how = "irregularly, on average at" if found.irregular else "at"
-        size = f"{1e3 * found.swing:.3g} mrad"
-        text = f"Vibrates {how} {at}, {growth_text(outcome)}, mainly {printable(found.strongest[0])} by {size}"
+        text = f"Vibrates {how} {at}, {growth_text(outcome)}, mainly {printable(found.strongest[0])} by {motion(found.swing)}"
     elif outcome.hidden:
         text = f"Unstable: {_excess(outcome.limit)}. This run shows no sustained vibration: {_hiding(outcome)}"
     else:
@@ -96,8 +95,8 @@ def not_counted(outcome: Outcome) -> str:
 
 def _size(outcome: Outcome, channel: int, number: str) -> str:
     """A number of the tracking error, with its unit."""
-    value, unit = abs(getattr(outcome.tracking, number)[channel]), f"m{outcome.run.units[channel]}"
-    return f"{1e3 * value:.3g} {unit}" if value >= SMALLEST_ERROR else f"less than {1e3 * SMALLEST_ERROR:g} {unit}"
+    value, unit = abs(float(getattr(outcome.tracking, number)[channel])), outcome.run.units[channel]
+    return motion(value, unit) if value >= SMALLEST_ERROR else f"less than {motion(SMALLEST_ERROR, unit)}"
 
 
 def _errors(outcome: Outcome) -> str:
@@ -165,7 +164,7 @@ def warnings(outcome: Outcome) -> tuple[str, ...]:
         texts.append(_limit_warning(outcome))
     if outcome.sound and outcome.noise_motion > EXACT.least:
         causes = [name for name in spec.effects if name in ("noise", "encoder steps")]
-        texts.append(f"{listed(causes)} move the joint by {1e3 * outcome.noise_motion:.3g} mrad RMS, without a sustained vibration")
+        texts.append(f"{listed(causes)} move the joint by {motion(outcome.noise_motion)} RMS, without a sustained vibration")
     if spec.kind == "linear":
         texts.append(
             "this run is linear, without dry friction, gravity, torque limit or encoder steps: the scenario section of the file adds them"

@@ -2,7 +2,6 @@
 #include "gainroom/current_loop.hpp"
 #include "gainroom/prediction.hpp"
 
-using gainroom::LoopState;
 using gainroom::LoopTick;
 using gainroom::TorqueSensor;
 
@@ -13,24 +12,17 @@ static LoopTick loop_tick(const Matrix& transition, const Vector& full) {
     return {{{transition(0, 0), transition(0, 1)}, {transition(1, 0), transition(1, 1)}}, {full(0), full(1)}};
 }
 
-static const LoopState* loop_states(const double* values) {
-    static_assert(sizeof(LoopState) == 2 * sizeof(double));
-    return reinterpret_cast<const LoopState*>(values);
-}
-
 static void predict_torque(const Vector& command, const Matrix& changes, const Vector& torque, const Array<const bool, 1>& fresh,
-                           const Matrix& transition, const Vector& full, const Cube& parts, const Matrix& slope, const Vector& spread,
-                           double gain, double offset, double noise, double unknown, const Result& error, const Result& variance) {
+                           const Matrix& tick, const Matrix& parts, const Cube& noises, double gain, double offset, double noise,
+                           double unknown, const Result& error, const Result& variance) {
     const std::size_t rows = command.shape(0), kinds = changes.shape(1);
     require(torque.shape(0) == rows && changes.shape(0) == rows && fresh.shape(0) == rows, "command, changes, torque, fresh have m rows");
     require(error.shape(0) == rows && variance.shape(0) == rows, "error and variance have the shape (m,)");
-    require(parts.shape(0) == 3 && parts.shape(1) == kinds && parts.shape(2) == 2, "parts have the shape (3, q, 2)");
-    require(has_shape(slope, kinds, 2) && spread.shape(0) == kinds, "slope and spread have the shapes (q, 2) and (q,)");
-    const LoopTick tick = loop_tick(transition, full);
+    require(has_shape(tick, 3, 3) && has_shape(parts, kinds, 3), "tick and parts have the shapes (3, 3) and (q, 3)");
+    require(noises.shape(0) == kinds && noises.shape(1) == 3 && noises.shape(2) == 3, "noises have the shape (q, 3, 3)");
     nb::gil_scoped_release release;
-    gainroom::predict_torque({rows, command.data(), changes.data(), torque.data(), fresh.data()}, tick,
-                             {kinds, loop_states(parts.data()), loop_states(slope.data()), spread.data()}, {gain, offset, noise}, unknown,
-                             error.data(), variance.data());
+    gainroom::predict_torque({rows, command.data(), changes.data(), torque.data(), fresh.data()}, tick.data(),
+                             {kinds, parts.data(), noises.data()}, {gain, offset, noise}, unknown, error.data(), variance.data());
 }
 
 static void decode(const Vector& target, const Vector& torque, const Matrix& transition, const Vector& full, const Vector& part,
@@ -64,8 +56,8 @@ static void predict(const Matrix& a, const Matrix& b, const Matrix& c, const Cub
 
 void bind_identification(nb::module_& m) {
     m.def("predict_torque", &predict_torque, nb::arg("command"), nb::arg("changes"), nb::arg("torque"), nb::arg("fresh"),
-          nb::arg("transition"), nb::arg("full"), nb::arg("parts"), nb::arg("slope"), nb::arg("spread"), nb::arg("gain"), nb::arg("offset"),
-          nb::arg("noise"), nb::arg("unknown"), nb::arg("error").noconvert(), nb::arg("variance").noconvert());
+          nb::arg("tick"), nb::arg("parts"), nb::arg("noises"), nb::arg("gain"), nb::arg("offset"), nb::arg("noise"), nb::arg("unknown"),
+          nb::arg("error").noconvert(), nb::arg("variance").noconvert());
     m.def("decode", &decode, nb::arg("target"), nb::arg("torque"), nb::arg("transition"), nb::arg("full"), nb::arg("part"), nb::arg("gain"),
           nb::arg("offset"), nb::arg("noise"), nb::arg("first"), nb::arg("last"), nb::arg("change_cost"), nb::arg("age").noconvert());
     m.def("predict", &predict, nb::arg("a"), nb::arg("b"), nb::arg("c"), nb::arg("gains"), nb::arg("regime"), nb::arg("inputs"),

@@ -31,12 +31,11 @@ struct TorqueSensor {
     double gain, offset, noise;
 };
 
-// Commands change within a tick at moments that are uncertain, by q kinds of arrival.
+// What changes of the command add, by q kinds of arrival within a tick: mean (q, 3) and covariance (q, 3, 3) of what a unit change adds to
+// the state at the tick's end (2) and to the torque where it is read.
 struct Arrivals {
     std::size_t kinds;
-    const LoopState* parts;  // (3, q) what a change of a row adds one row before it, in it, and one row after it
-    const LoopState* slope;  // (q) derivative of their sum by the moment of arrival
-    const double* spread;    // (q) that moment's standard deviation [ticks]
+    const double *parts, *noises;
 };
 
 // What a log says, in m rows.
@@ -46,55 +45,45 @@ struct TorqueRows {
     const bool* fresh;                         // (m) behind a gap; the first row always is
 };
 
-// Kalman filter of the current loop. Fills error and variance (m) of the torque's prediction. `unknown`: variance of the state behind a
-// gap [(N m)²].
-inline void predict_torque(const TorqueRows& rows, const LoopTick& tick, const Arrivals& arrivals, const TorqueSensor& sensor,
+// Kalman filter of the current loop whose command changes within a tick at uncertain moments, and whose torque is read within it. tick
+// (3, 3): what a state (2) and the command held before come to, at the tick's end (2) and where the torque is read. Fills error and
+// variance (m). `unknown`: variance of the state behind a gap [(N m)²].
+inline void predict_torque(const TorqueRows& rows, const double* tick, const Arrivals& arrivals, const TorqueSensor& sensor,
                            double unknown, double* error, double* variance) {
-    const auto& t = tick.transition;
-    const std::size_t kinds = arrivals.kinds;
-    const LoopState *earlier = arrivals.parts, *within = earlier + kinds, *later = within + kinds;
-    const auto fresh = [&rows](std::size_t k) { return k == 0 || rows.fresh[k]; };
-    LoopState x;
-    double p00 = 0.0, p01 = 0.0, p11 = 0.0;  // covariance of x
+    double x0 = 0.0, x1 = 0.0, p00 = 0.0, p01 = 0.0, p11 = 0.0;
+    const double gain = sensor.gain, quiet = sensor.noise * sensor.noise;
     for (std::size_t k = 0; k < rows.count; k++) {
-        if (fresh(k)) {
-            x = {rows.command[k], 0.0};
-            p00 = p11 = unknown;
-            p01 = 0.0;
+        double n[3], c00, c01, c02, c11, c12, c22;
+        if (k == 0 || rows.fresh[k]) {
+            n[0] = n[2] = rows.command[k];
+            n[1] = 0.0;
+            c00 = c02 = c11 = c22 = unknown;
+            c01 = c12 = 0.0;
         } else {
-            x = tick.after(x, rows.command[k - 1]);
-            const double a00 = t[0][0] * p00 + t[0][1] * p01, a01 = t[0][0] * p01 + t[0][1] * p11;
-            const double a10 = t[1][0] * p00 + t[1][1] * p01, a11 = t[1][0] * p01 + t[1][1] * p11;
-            p00 = a00 * t[0][0] + a01 * t[0][1];
-            p01 = a00 * t[1][0] + a01 * t[1][1];
-            p11 = a10 * t[1][0] + a11 * t[1][1];
-            const bool before = !fresh(k - 1), behind = k + 1 < rows.count && !fresh(k + 1);
-            const double* changes = rows.changes + k * kinds;
-            const auto add = [&x](const LoopState& part, double change) {
-                x.torque += part.torque * change;
-                x.rate += part.rate * change;
-            };
-            for (std::size_t q = 0; q < kinds; q++) {
-                add(within[q], changes[q]);
-                const double moment = arrivals.spread[q] * changes[q];
-                const double r0 = moment * arrivals.slope[q].torque, r1 = moment * arrivals.slope[q].rate;
-                p00 += r0 * r0;
-                p01 += r0 * r1;
-                p11 += r1 * r1;
-                if (before) add(later[q], rows.changes[(k - 1) * kinds + q]);
-                if (behind) add(earlier[q], rows.changes[(k + 1) * kinds + q]);
+            double a[3][2];
+            for (int i = 0; i < 3; i++) {
+                const double* t = tick + 3 * i;
+                n[i] = t[0] * x0 + t[1] * x1 + t[2] * rows.command[k - 1];
+                a[i][0] = t[0] * p00 + t[1] * p01;
+                a[i][1] = t[0] * p01 + t[1] * p11;
+            }
+            const auto with = [&](int i, int j) { return a[i][0] * tick[3 * j] + a[i][1] * tick[3 * j + 1]; };
+            c00 = with(0, 0), c01 = with(0, 1), c11 = with(1, 1), c02 = with(2, 0), c12 = with(2, 1), c22 = with(2, 2);
+            for (std::size_t q = 0; q < arrivals.kinds; q++) {
+                const double change = rows.changes[k * arrivals.kinds + q], square = change * change;
+                const double *part = arrivals.parts + 3 * q, *noise = arrivals.noises + 9 * q;
+                for (int i = 0; i < 3; i++) n[i] += part[i] * change;
+                c00 += noise[0] * square, c01 += noise[1] * square, c02 += noise[2] * square;
+                c11 += noise[4] * square, c12 += noise[5] * square, c22 += noise[8] * square;
             }
         }
-        const double gain = sensor.gain, quiet = sensor.noise * sensor.noise;
-        const double e = rows.torque[k] - gain * x.torque - sensor.offset, s = gain * gain * p00 + quiet;
+        const double e = rows.torque[k] - gain * n[2] - sensor.offset, s = gain * gain * c22 + quiet;
         error[k] = e;
         variance[k] = s;
-        const double k0 = gain * p00 / s, k1 = gain * p01 / s;
-        x.torque += k0 * e;
-        x.rate += k1 * e;
-        p11 -= k1 * gain * p01;
-        p01 -= k0 * gain * p01;
-        p00 *= quiet / s;
+        const double k0 = gain * c02 / s, k1 = gain * c12 / s;
+        x0 = n[0] + k0 * e;
+        x1 = n[1] + k1 * e;
+        p00 = c00 - k0 * gain * c02, p01 = c01 - k0 * gain * c12, p11 = c11 - k1 * gain * c12;
     }
 }
 
