@@ -5,8 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from gainroom.identification import Record
+from gainroom.identification import Record, identify_gains
 from gainroom.identification.contradictions import require_consistent
+from gainroom.report.identified_gains_text import gains_answer
 from refusals import assert_refused
 
 TICK, COUNT = 1e-3, 6000
@@ -57,3 +58,13 @@ def test_what_cannot_be_is_named(channels: dict, words: list[str]):
 )
 def test_what_may_be_is_left_alone(channels: dict):
     require_consistent(record(**channels))
+
+
+def test_gains_that_leave_torque_unexplained_are_not_said_to_be_applied():
+    """A feed-forward torque beside kp = 100: what is fitted is not what the firmware applies, and the answer does not say that it is."""
+    feed = 10 * np.sin(29 * TIME)
+    channels = {"reference": 0 * ANGLE, "motor_position": ANGLE, "target_torque": -100 * ANGLE}
+    assert gains_answer(identify_gains(record(**channels))).sentence.startswith("The firmware applies kp = 100 N·m/rad")
+    answer = gains_answer(identify_gains(record(**{**channels, "target_torque": feed - 100 * ANGLE}))).sentence
+    assert answer.startswith("Not adequate: kp and kd explain")
+    assert "applies" not in answer

@@ -41,8 +41,12 @@ ASKED_TITLES = ("", "asked for", "applied", "applied/asked", "")
 def gains_answer(fit: GainsFit) -> Answer:
     """The gains, what of the torque they do not explain, and errors of units."""
     explained = digits(100 * fit.explained, "%", 3)
-    first = f"kp and kd explain {explained} of {fit.torque} only. " if fit.explained < MOST_EXPLAINED else ""
-    gains = f"The firmware applies kp = {_gain(fit.kp, 'N·m/rad')} and kd = {_gain(fit.kd, 'N·m·s/rad')}{LAWS[fit.rate_of_error]}."
+    adequate = fit.explained >= MOST_EXPLAINED
+    first = (
+        "" if adequate else f"Not adequate: kp and kd explain {explained} of {fit.torque} only; the intervals do not allow for the rest. "
+    )
+    verb = "The firmware applies" if adequate else "They would be"
+    gains = f"{verb} kp = {_gain(fit.kp, 'N·m/rad')} and kd = {_gain(fit.kd, 'N·m·s/rad')}{LAWS[fit.rate_of_error]}."
     wrong = "".join(f" {error.gain} is off by {digits(error.factor, '', 4)} ({error.name})." for error in fit.unit_errors)
     return Answer("Gains", first + gains + wrong, GAIN_COLUMNS, fit, fit.warnings)
 
