@@ -30,6 +30,8 @@ class Closeness:
     close: float = 0.05
     # [rad, or of ln g] the same, of margins so small that interpolation is off by more than that part of them
     slack: float = 0.01
+    before: float = 1e-3  # of the way to a margin: as near to it roots are counted
+    highest: float = 100.0  # factor on all gains: what is further is as good as no limit
 
 
 QUICK = Closeness()
@@ -116,7 +118,7 @@ def quick_look(loop: Loop, required: Requirements | None = None) -> tuple[Margin
 
 
 def _look(loop: Loop) -> tuple[Margins, Sampled | None]:
-    sweep = Sweep(loop)
+    sweep = Sweep(loop, QUICK.highest)
     count = sweep.unstable(1.0)
     if count > 0 or sweep.full or count < 0:
         return Margins.unknown(GainLimit.unknown(loop.size, stable=count <= 0)), None
@@ -205,7 +207,10 @@ def _common_factor(sweep: Sweep) -> float:
 
 def _counted(family: Family, start: float, end: float) -> float:
     """`end`, or where the first root crosses before it: of two crossings close together polishing may find one twice."""
-    first = family.end(start, end + SEARCH.nudge * (start - end))
+    before = end + QUICK.before * (start - end)
+    if family.count(before) == 0:
+        return end
+    first = family.end(start, before)
     return end if first is None or abs(first.at - start) > abs(end - start) else first.at
 
 
