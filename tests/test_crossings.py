@@ -8,7 +8,7 @@ import scipy.signal
 
 import gainroom as gr
 from draws import draw_setup
-from gainroom.analysis.crossings import scan
+from gainroom.analysis.crossings import LOWEST_FLOOR, scan
 from gainroom.analysis.sampled_scan import objective
 from gainroom.analysis.stability import scan_loop, unstable_roots
 from gainroom.linear.transfer_function import Factored, ratio
@@ -280,7 +280,7 @@ def test_no_crossing_lies_nearer_than_the_nearest(seed):
     value = system.response(omega)
     crossed = (value.imag[1:] * value.imag[:-1] < 0) & (value.real[1:] < 0) & (value.real[:-1] < 0)
     smaller = np.minimum(np.abs(value[1:]), np.abs(value[:-1]))[crossed & (np.abs(value[1:]) < 1)]
-    nearest = found.phases[found.phases[:, 1] < 1, 1].max(initial=1e-9)  # smaller ones are left out (numerics.md)
+    nearest = found.phases[found.phases[:, 1] < 1, 1].max(initial=LOWEST_FLOOR)
     assert smaller.max(initial=0.0) <= nearest * 1.01  # the smaller end of a step across the axis
 
 

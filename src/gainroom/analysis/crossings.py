@@ -9,6 +9,11 @@ from ..linear.arrays import Floats
 from ..linear.transfer_function import Factored
 from ..native import _core
 
+FLOOR = _core.FLOOR
+"""In continuous time the walk ends where |L| stays below; lower until it cannot come back to the nearest crossing found."""
+LOWEST_FLOOR = _core.LOWEST_FLOOR
+"""Crossings below are left out: which of them comes first is not known."""
+
 
 @dataclass(frozen=True)
 class Scan:

@@ -14,7 +14,7 @@ import numpy as np
 from ..linear.arrays import Booleans, Complexes, Floats, Integers
 from ..system.loop import Loop
 from ..system.requirements import Requirements
-from .first_crossing import SEARCH, Family, gains, height, phases, slope
+from .first_crossing import Family, gains, height, phases, slope
 from .loci import Sweep
 from .margin_record import GainLimit, Margins, OneLoop
 from .sampled_curves import meets_axis, meets_circle, on_axis, peaks, polished_peaks

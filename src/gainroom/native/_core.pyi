@@ -6,6 +6,9 @@ Shapes that do not fit raise ValueError. What the functions compute is said in i
 
 from ..linear.arrays import Booleans, Complexes, Floats, Integers
 
+FLOOR: float
+LOWEST_FLOOR: float
+
 def scan(
     zeros: Complexes, poles: Complexes, gain: float, delay: float, sample_time: float, with_peaks: bool
 ) -> tuple[Floats, Floats, Floats, float, bool]: ...

@@ -25,6 +25,8 @@ static double half_encirclements(double start_phase, bool outside, bool ends_on_
 }
 
 void bind_scan(nb::module_& m) {
+    m.attr("FLOOR") = gainroom::kFloor;
+    m.attr("LOWEST_FLOOR") = gainroom::kLowestFloor;
     m.def("half_encirclements", &half_encirclements, nb::arg("start_phase"), nb::arg("outside"), nb::arg("ends_on_boundary"),
           nb::arg("last_phase"), nb::arg("gains"));
     m.def("scan", &scan, nb::arg("zeros"), nb::arg("poles"), nb::arg("gain"), nb::arg("delay"), nb::arg("sample_time"),
