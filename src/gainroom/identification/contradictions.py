@@ -17,6 +17,7 @@ LEAST, MOST = 0.5, 2.0  # of the one over the other: beyond, no torque constant 
 FACTORS = {180 / math.pi: "180/π, degrees", 2 * math.pi: "2π, revolutions", 1e3: "1000, milli", 30 / math.pi: "30/π, rpm"}
 ROWS = 20_000  # of the middle of a record, in which the order of torques is looked for
 LOOK = "look at the sign, the unit and the side of the gearbox of the two columns (--units, --rotor-side)"
+LEAST_FOLLOWED = 0.5  # of the motor's motion by the link's: less or twice as much, and where no joint fits the columns are suspect
 SAME = 0.03  # of a factor: one this near is named
 
 
@@ -77,3 +78,17 @@ def _named(slope: float) -> str:
     """What commonly makes that factor."""
     size = max(abs(slope), 1 / abs(slope))
     return next((f" ({name})" for factor, name in FACTORS.items() if abs(size / factor - 1) < SAME), "")
+
+
+def encoders_apart(positions: Floats) -> str:
+    """Why two encoders cannot be those of one joint, for a message; "" where they can: on slow motion the link moves as the motor does.
+
+    positions   (m, o) [rad] of the motor, and of the link where it is measured
+    """
+    if positions.shape[1] < 2:
+        return ""
+    motor, link = (positions - positions.mean(axis=0)).T
+    slope = float(link @ motor / (motor @ motor))
+    if LEAST_FOLLOWED < slope < 1 / LEAST_FOLLOWED:
+        return ""
+    return f"link_position moves by {slope:.3g} times motor_position: look at the sign, the unit and the gear ratio of the two columns"

@@ -15,6 +15,7 @@ from ..errors import GainroomError
 from ..linear.arrays import Complexes, Floats
 from ..system.drive import Drive
 from ..system.plant import ElasticJoint
+from .contradictions import encoders_apart
 from .delay import TorqueDelay, identify_delay
 from .estimate import FREEDOM, Estimate, log_interval, quantile
 from .excited_part import most_excited
@@ -39,7 +40,8 @@ DELAY_FLOOR = 0.02  # ticks: what torque logged once a tick knows of the delay a
 MODEL_ERROR, MODEL_ERROR_EXPLAINED = 0.0007, 0.007  # of inertias and stiffness
 USUAL_LAG = 1.5  # ticks of a hold and a current loop
 HIDDEN = 0.2  # of the viscous friction that Coulomb friction comes to: what may be missing of the damping beside it
-LEAST_FOLLOWED = 0.5  # of the motor's motion by the link's: less or twice as much, and where no joint fits the columns are suspect
+UNUSED = 0.1  # of its motion: an encoder's noise from which on it tells nothing
+HELD = 1e12  # information: as good as known
 NO_DAMPING = 1e-3  # of its error: a damping that is less is 0
 SEARCHED = 8.0  # ticks of delay, where no torque log tells it
 
@@ -205,8 +207,14 @@ def _selected(record: Record, source: _Source, measured: FrequencyResponse, seen
     whole = full.short()
     rigid = _Fitting(record, source, stiff, elastic=False, friction=True)
     rows = len(whole.errors)
-    unknown = whole.variance[2, 2] ** 0.5 > MOST_RELATIVE
-    if unknown or _criterion(rigid.short(), rows) < _criterion(whole, rows):
+
+    def too_much(fit: Maximum) -> bool:
+        """Whether the log does not need a spring, or does not tell it."""
+        return fit.variance[2, 2] ** 0.5 > MOST_RELATIVE or _criterion(rigid.short(), rows) < _criterion(fit, rows)
+
+    if too_much(whole) and not whole.converged:
+        whole = full.again()
+    if too_much(whole):
         warnings.append(
             f"no resonance is found between {measured.omega[measured.excited][0] / 2 / math.pi:.3g} and "
             f"{measured.omega[measured.excited][-1] / 2 / math.pi:.3g} Hz: the joint is fitted as rigid; to find its stiffness "
@@ -256,9 +264,22 @@ class _Fitting:
     def short(self, like: "_Fitting | None" = None) -> Maximum:
         """On the middle of a long log; `like`: a richer model, from whose best the search starts."""
         if self._short is None:
-            first = max(len(self.source.torque) - ROUGH_ROWS, 0) // 2
             start, iterations = (self.start, 25) if like is None else (self.reduced(like), 8)
-            self._short = likeliest(self.model, self.signals.rows(slice(first, first + ROUGH_ROWS)), start, self.prior, iterations)
+            self._short = likeliest(self.model, self._middle, start, self.prior, iterations)
+        return self._short
+
+    @property
+    def _middle(self) -> Signals:
+        first = max(len(self.source.torque) - ROUGH_ROWS, 0) // 2
+        return self.signals.rows(slice(first, first + ROUGH_ROWS))
+
+    def again(self) -> Maximum:
+        """From noise and friction that suit the rough joint, where with the least noise that there can be the search went astray."""
+        mean, information = self.prior
+        held = np.where(np.isin(self.model.names, ("motor_inertia", "link_inertia", "stiffness")), HELD, information)
+        first = likeliest(self.model, self._middle, self.start, (mean, held), 25)
+        found = likeliest(self.model, self._middle, first.parameters, self.prior, 25)
+        self._short = min(self.short(), found, key=lambda fit: fit.cost)
         return self._short
 
     def result(self, name: str, measured: FrequencyResponse, seen: FrequencyResponse, warnings: list[str]) -> JointFit:
@@ -267,7 +288,7 @@ class _Fitting:
         joint, *_ = self.model.parts(best.parameters)
         self.signals = self._signals(joint, cautious=False)
         best = likeliest(self.model, self.signals, best.parameters, self.prior, 30)
-        joint, drive, *_ = self.model.parts(best.parameters)
+        joint, drive, _, noise, _ = self.model.parts(best.parameters)
         # What another law of friction would have given is as likely: the difference is a deviation that no amount of data averages out.
         other = likeliest(self.model, self._signals(joint, cautious=True), best.parameters, self.prior, 1)
         difference = other.parameters - best.parameters
@@ -277,17 +298,17 @@ class _Fitting:
         physical = self.model.physical
         errors = np.sqrt(np.diag(variance))[: len(physical)]
         inertia = errors[0] if name == "rigid" else float(np.hypot(errors[0], errors[1]))
+        apart = encoders_apart(self.positions)
         if inertia > 2 * MOST_INERTIA and not tests.adequate:
             raise GainroomError(
                 f"joint: neither a rigid nor a two-mass joint with a linear spring explains the motion: {self.source.name} still explains "
                 f"{100 * tests.explained:.0f} % of what is left; "
-                + (
-                    _encoders_apart(self.positions)
-                    or "look whether the position is that of the motor, and record without limits on the torque"
-                )
+                + (apart or "look whether the position is that of the motor, and record without limits on the torque")
             )
-        if not tests.adequate and (apart := _encoders_apart(self.positions)):
+        if apart and not tests.adequate:
             raise GainroomError(f"joint: {apart}")
+        if apart and noise.readings[-1] > UNUSED * np.std(self.positions[:, -1]):
+            warnings = [*warnings, f"the fit makes no use of link_position: {apart[0].lower()}{apart[1:]}"]
         if inertia > 2 * MOST_INERTIA:
             raise GainroomError(
                 f"joint: the log tells the inertia to ± {100 * quantile(FREEDOM) * inertia:.0f} % only: record a multisine or chirp of "
@@ -347,20 +368,6 @@ def likeliest(model: JointModel, signals: Signals, start: Floats, prior: Prior, 
         return maximize(predict, start, used.ravel(), np.stack(prior), iterations)
     except np.linalg.LinAlgError as error:
         raise GainroomError("joint: no such joint explains the motion: look at signs, units and columns") from error
-
-
-def _encoders_apart(positions: Floats) -> str:
-    """Why two encoders cannot be those of one joint, for a message; "" where they can: on slow motion the link moves as the motor does.
-
-    positions   (m, o) [rad] of the motor, and of the link where it is measured
-    """
-    if positions.shape[1] < 2:
-        return ""
-    motor, link = (positions - positions.mean(axis=0)).T
-    slope = float(link @ motor / (motor @ motor))
-    if LEAST_FOLLOWED < slope < 1 / LEAST_FOLLOWED:
-        return ""
-    return f"link_position moves by {slope:.3g} times motor_position: look at the sign, the unit and the gear ratio of the two columns"
 
 
 def damping_beside_friction(parameters: Mapping[str, Estimate], speed: float) -> tuple[Estimate, list[str]]:
