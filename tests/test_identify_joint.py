@@ -193,9 +193,12 @@ def test_a_joint_without_noise_is_adequate():
 def test_a_search_that_goes_astray_begins_again():
     """With the least noise that its encoders allow, the search from this joint's rough fit once ended at a motor of 0.2 kg m² (2.3)."""
     case = joint_case(160)
-    found = identify_joint(case.record)  # adequate or not settled: that hangs on the last digits of the linear algebra
-    for name in ("motor_inertia", "link_inertia", "stiffness"):
-        assert found.parameters[name].value == pytest.approx(case.truth[name], rel=0.01)  # three times the intervals
+    found = identify_joint(case.record)
+    assert found.model == "two-mass with friction"
+    assert not found.residuals.follows  # `adequate` asks for no repetition above 0.8, too, and here it is 0.80
+    assert not [text for text in found.warnings if "not settled" in text]
+    for name in ("motor_inertia", "link_inertia", "stiffness", "damping", "coulomb", "link_coulomb"):
+        assert holds(found.parameters[name], case.truth[name]), name
 
 
 @pytest.fixture(scope="module")

@@ -204,17 +204,11 @@ def _selected(record: Record, source: _Source, measured: FrequencyResponse, seen
         raise GainroomError(f"joint: the motion goes against {source.name}: turn the sign of one of the two columns")
     stiff = rough_joint(measured, tick, source.delays, elastic=False)
     full = _Fitting(record, source, rough, elastic=True, friction=True)
-    whole = full.short()
+    whole = full.short() if full.short().converged else full.again()
     rigid = _Fitting(record, source, stiff, elastic=False, friction=True)
     rows = len(whole.errors)
-
-    def too_much(fit: Maximum) -> bool:
-        """Whether the log does not need a spring, or does not tell it."""
-        return fit.variance[2, 2] ** 0.5 > MOST_RELATIVE or _criterion(rigid.short(), rows) < _criterion(fit, rows)
-
-    if too_much(whole) and not whole.converged:
-        whole = full.again()
-    if too_much(whole):
+    unknown = whole.variance[2, 2] ** 0.5 > MOST_RELATIVE
+    if unknown or _criterion(rigid.short(), rows) < _criterion(whole, rows):
         warnings.append(
             f"no resonance is found between {measured.omega[measured.excited][0] / 2 / math.pi:.3g} and "
             f"{measured.omega[measured.excited][-1] / 2 / math.pi:.3g} Hz: the joint is fitted as rigid; to find its stiffness "
@@ -274,7 +268,7 @@ class _Fitting:
         return self.signals.rows(slice(first, first + ROUGH_ROWS))
 
     def again(self) -> Maximum:
-        """From noise and friction that suit the rough joint, where with the least noise that there can be the search went astray."""
+        """From noise and friction that suit the rough joint, where the search from the least noise that there can be has not settled."""
         mean, information = self.prior
         held = np.where(np.isin(self.model.names, ("motor_inertia", "link_inertia", "stiffness")), HELD, information)
         first = likeliest(self.model, self._middle, self.start, (mean, held), 25)
