@@ -10,7 +10,7 @@ import pytest
 import gainroom as gr
 from draws import draw_plant
 from gainroom.analysis.margin_record import GainLimit, Margins, OneLoop
-from gainroom.analysis.margins import joint_margins
+from gainroom.analysis.margins import joint_margins, required_margins
 from gainroom.analysis.quick_margins import quick_margins
 from gainroom.design.gain_search import PRICES, RAISE, Raised, raised_gains, rounded, stiffer
 from gainroom.design.margin_slopes import Case, moved
@@ -76,6 +76,19 @@ def test_close_crossings_of_near_equal_limbs_are_not_lost():
         assert kept.least_gain_margin <= min(whole.limit.gain, lower) * (1 + 1e-5)
         seen += 1
     assert seen > 10
+
+
+@pytest.mark.parametrize("number", [10, 13, 20])
+@pytest.mark.parametrize("needed", [30.0, 1000.0])
+def test_far_gain_margins_are_looked_for_as_far_as_they_are_asked_for(number, needed):
+    """Near-equal limbs, whose common limit lies below those of single loops, with a limit just below and just above what is needed."""
+    loop = limbs(2017, number).loop
+    nearest = gr.gain_limit(loop).gain
+    required = gr.Requirements(gain_margin=needed)
+    for share, met in ((0.99, False), (1.01, True)):
+        found, _ = required_margins(loop.scaled(nearest / (share * needed)), required)
+        assert found.limit.gain == pytest.approx(share * needed, rel=1e-6)
+        assert required.met_by(found) == met
 
 
 def test_an_unstable_loop_keeps_nothing():

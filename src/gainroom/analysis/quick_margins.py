@@ -31,7 +31,7 @@ class Closeness:
     # [rad, or of ln g] the same, of margins so small that interpolation is off by more than that part of them
     slack: float = 0.01
     before: float = 1e-3  # of the way to a margin: as near to it roots are counted
-    highest: float = 100.0  # factor on all gains: what is further is as good as no limit
+    highest: float = 100.0  # factor on all gains up to which loci are followed, or further where a requirement asks for it
 
 
 QUICK = Closeness()
@@ -108,17 +108,18 @@ def quick_margins(loop: Loop) -> Margins:
 
 def quick_look(loop: Loop, required: Requirements | None = None) -> tuple[Margins, Sampled | None]:
     """`quick_margins`, and the samples behind them of a loop that is stable (required_margins in margins.py: where these do not tell)."""
-    found, sampled = _look(loop)
-    if required is None or sampled is None:
-        return found, sampled
-    for one, _ in required.asked_for:
+    asked = required.asked_for if required is not None else ()
+    found, sampled = _look(loop, max([QUICK.highest, *(one.reach(needed) for one, needed in asked)]))
+    if sampled is None:
+        return found, None
+    for one, _ in asked:
         if math.isnan(one.value(found)):
             found = replace(found, **one.sampled(sampled))
     return found, sampled
 
 
-def _look(loop: Loop) -> tuple[Margins, Sampled | None]:
-    sweep = Sweep(loop, QUICK.highest)
+def _look(loop: Loop, highest: float) -> tuple[Margins, Sampled | None]:
+    sweep = Sweep(loop, highest)
     count = sweep.unstable(1.0)
     if count > 0 or sweep.full or count < 0:
         return Margins.unknown(GainLimit.unknown(loop.size, stable=count <= 0)), None

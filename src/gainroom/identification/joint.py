@@ -311,12 +311,7 @@ class _Fitting:
         parameters = self.model.estimates(best.parameters, variance)
         if name != "rigid":
             parameters |= resonances(best.parameters, variance)
-            highest = math.pi / self.record.sample_time
-            if parameters["resonance"].value > highest:
-                raise GainroomError(
-                    f"joint: the resonance that fits, {parameters['resonance'].value / 2 / math.pi:.3g} Hz, is above half the tick rate, "
-                    f"{highest / 2 / math.pi:.4g} Hz: no joint explains this motion; look at signs, units and columns"
-                )
+        _refuse_impossible(parameters, self.record.sample_time)
         dry = sum(abs(parameters[side].value) for side in ("coulomb", "link_coulomb") if side in parameters)
         size = float(np.std(self.source.torque))
         if size < LEAST_OVER_FRICTION * dry:
@@ -343,6 +338,16 @@ class _Fitting:
             name, parameters, physical, covariance, joint, drive, self.source.name, seen, tests, self.source.told,
             self.record.sample_time, (float(self.record.time[0]), float(self.record.time[-1])), tuple(warnings),
         )  # fmt: skip
+
+
+def _refuse_impossible(parameters: Mapping[str, Estimate], tick: float) -> None:
+    resonance, delay, highest = parameters.get("resonance"), parameters.get("delay"), math.pi / tick
+    explains = "no joint explains this motion; look at signs, units and columns, and whether rows are left out"
+    if resonance is not None and resonance.value > highest:
+        seen, most = (omega / 2 / math.pi for omega in (resonance.value, highest))
+        raise GainroomError(f"joint: the resonance that fits, {seen:.3g} Hz, is above half the tick rate, {most:.4g} Hz: {explains}")
+    if delay is not None and delay.high < -tick:
+        raise GainroomError(f"joint: the delay that fits, {1e3 * delay.value:.3g} ms, is negative: {explains}")
 
 
 def likeliest(model: JointModel, signals: Signals, start: Floats, prior: Prior, iterations: int) -> Maximum:
@@ -375,9 +380,8 @@ def damping_beside_friction(parameters: Mapping[str, Estimate], speed: float) ->
     part = link / (motor + link)
     sizes = abs(parameters["coulomb"].value) * part**2, abs(parameters["link_coulomb"].value) * (1 - part) ** 2
     viscous = math.sqrt(2 / math.pi) * sum(sizes) / speed
-    hidden = damping < HIDDEN * viscous
+    was, hidden = parameters["damping"], damping < HIDDEN * viscous
     wide = (2.0 if hidden else HIDDEN) * viscous
-    was = parameters["damping"]
     error = math.hypot(was.standard_error, wide / quantile(math.inf))
     note = ["friction hides the damping, which may be 0: record a multisine of torque about the resonance on top of slow motion"] * hidden
     value = was.value if was.value > NO_DAMPING * error else 0.0

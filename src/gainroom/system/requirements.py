@@ -135,6 +135,10 @@ class Requirement:
         """
         return None
 
+    def reach(self, needed: float) -> float:
+        """The factor on all gains up to which samples of coupled loops have to be fine."""
+        return 1.0
+
     def sampled(self, seen: Sampled) -> dict[str, float]:
         """Fields of Margins that samples of coupled loops tell quickly; without them all margins are worked out at every look."""
         return {}
@@ -173,6 +177,9 @@ class GainMargin(Requirement):
 
     def stricter(self, needed: float) -> float:
         return needed**2
+
+    def reach(self, needed: float) -> float:
+        return 2 * needed
 
     def excluded(self, needed: float) -> ExcludedSet:
         return Segment(needed)

@@ -77,8 +77,8 @@ class Scanner {
 
    private:
     static constexpr std::size_t kMostNodes = 50'000, kLeastNodes = 4000;  // bound memory and time; an ordinary loop needs 50 to 300
-    static constexpr std::size_t kMostTerms = 1'000'000;                    // the same, of nodes times roots
-    static constexpr int kDepth = 60;                   // of bisection
+    static constexpr std::size_t kMostTerms = 1'000'000;                   // the same, of nodes times roots
+    static constexpr int kDepth = 60;                                      // of bisection
 
     const Response& loop_;
     double floor_, first_ = 0.0, last_ = 0.0, phase_ = 0.0, start_phase_ = 0.0, scale_ = kInfinite;
@@ -153,6 +153,7 @@ class Scanner {
         Point here{ends[0], 0.0, std::vector<Slope>(size)};
         here.value = loop_.at(here.omega, here.slopes.data());
         double log_here = log_size(here.value), phase = phase_;
+        beyond_range_ = !std::isfinite(std::abs(here.value));
         const std::size_t most = std::min(std::max(kMostTerms / (size + 1), kLeastNodes), kMostNodes);
         std::size_t spent = 0;
         if (!seek_peaks) nodes_.assign(1, here.omega);
