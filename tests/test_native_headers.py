@@ -13,24 +13,42 @@ from gainroom.linear.transfer_function import Factored
 from gainroom.native import include_dir
 from test_crossings import KINDS
 
-SOURCE = Path(__file__).with_name("native") / "scans.cpp"
+SOURCES = Path(__file__).with_name("native")
 STRICT = ["-std=c++17", "-O1", "-ffp-contract=off", "-Wall", "-Wextra", "-Wpedantic", "-Werror"]
 SANITIZED = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
 
 
-@pytest.fixture(scope="module")
-def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def compiled(name: str, folder: Path) -> Path:
     """With sanitizers, where the compiler has them."""
     compiler = os.environ.get("CXX") or shutil.which("c++") or "build/native/c++"
     if shutil.which(compiler) is None:
         pytest.skip("no C++ compiler")
-    path = tmp_path_factory.mktemp("native") / "scans"
-    command = [compiler, *STRICT, f"-I{include_dir()}", str(SOURCE), "-o", str(path)]
+    path = folder / name
+    command = [compiler, *STRICT, f"-I{include_dir()}", str(SOURCES / f"{name}.cpp"), "-o", str(path)]
     done = subprocess.run([*command, *SANITIZED], capture_output=True, text=True, check=False)
     if done.returncode:
         done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert not done.returncode, done.stderr
     return path
+
+
+def output(program: Path, lines: str = "") -> str:
+    # The look for leaks needs to trace the process, which containers may forbid.
+    environment = {**os.environ, "ASAN_OPTIONS": "detect_leaks=0"}
+    done = subprocess.run([str(program)], input=lines, capture_output=True, text=True, check=False, env=environment)
+    assert (done.returncode, done.stderr) == (0, "")
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return compiled("scans", tmp_path_factory.mktemp("native"))
+
+
+def test_limits_of_random_and_hostile_coupled_loops_end(tmp_path: Path):
+    """Loops of 0 to 60 joints; NaN, infinite, zero, huge and tiny values in every kind of place."""
+    ordinary, _ = output(compiled("limits", tmp_path)).split()
+    assert int(ordinary) > 10
 
 
 def scanned(program: Path, loops: list[Factored]) -> list[list[float]]:
@@ -41,11 +59,8 @@ def scanned(program: Path, loops: list[Factored]) -> list[list[float]]:
         for root in (*loop.zeros, *loop.poles):
             numbers += [root.real, root.imag]
         lines.append(" ".join([str(len(loop.zeros)), str(len(loop.poles)), *(float(value).hex() for value in numbers)]))
-    # The look for leaks needs to trace the process, which containers may forbid.
-    environment = {**os.environ, "ASAN_OPTIONS": "detect_leaks=0"}
-    done = subprocess.run([str(program)], input="\n".join(lines), capture_output=True, text=True, check=False, env=environment)
-    assert (done.returncode, done.stderr) == (0, "")
-    return [[float.fromhex(word) for word in line.split()] for line in done.stdout.splitlines()]
+    found = output(program, "\n".join(lines))
+    return [[float.fromhex(word) for word in line.split()] for line in found.splitlines()]
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -11,6 +11,7 @@ from ..system.loop import Loop
 from .first_crossing import SEARCH, Certificate, End, Family, gains
 from .loci import Sweep
 from .margin_record import GainLimit
+from .proved_limit import proved_limit
 from .stability import INFINITELY_MANY, has_growing_root, scan_loop, unstable_roots
 from .stability_boundary import LOCI
 
@@ -27,6 +28,9 @@ def gain_limit(loop: Loop) -> GainLimit:
     """
     if loop.size == 1:
         return _scalar_limit(loop)
+    proved = proved_limit(loop)
+    if proved is not None:
+        return proved
     limit = coupled_limit(Sweep(loop, NEAREST_FACTORS, for_limit=True))
     return limit if limit.gain < math.inf else coupled_limit(Sweep(loop, LOCI.highest, for_limit=True))
 

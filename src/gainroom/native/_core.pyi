@@ -14,6 +14,36 @@ def scan(
 ) -> tuple[Floats, Floats, Floats, float, bool]: ...
 def half_encirclements(start_phase: float, outside: bool, ends_on_boundary: bool, last_phase: float, gains: Floats) -> float: ...
 
+class ModalLoop:
+    """As in modal_loop.hpp; rigid (n, n), shapes (m, n), poles (m,), partners (m,) or (0,)."""
+
+    def __init__(
+        self,
+        rigid: Floats,
+        shapes: Complexes,
+        poles: Complexes,
+        partners: Complexes,
+        bandwidth: float,
+        damping_ratio: float,
+        fraction: float,
+        step: float,
+        inexact: float,
+    ) -> None: ...
+    def set_laws(self, roots: Complexes, counts: Integers, gains: Floats, delays: Floats) -> None:
+        """Zeros, then poles, joint by joint; counts (n, 2) of them, gains and delays (n,)."""
+
+    def responses(self, omega: Floats) -> tuple[Complexes, Complexes]:
+        """f₀ and f_k (k, 1 + m), and d (k, n), at omega (k,)."""
+
+    def bends(self, omega: Floats) -> tuple[Floats, Floats]:
+        """What interpolation from each ω to the next may miss at most of `responses`: (k − 1, 1 + m), (k − 1, n)."""
+
+    def limit(self, grid: Floats, highest: float, nudge: float, floor: float) -> tuple[bool, Floats, Complexes, Floats]:
+        """As in coupled_limit.hpp: whether it is proved; (k, 3) ω, gain and growth of crossings; their vectors (k, n); (k, 2) undecided."""
+
+    def excluded(self, low: float, high: float, gain: float, basis: Complexes, floor: float, most: int) -> bool:
+        """Whether no gain up to `gain` puts a root in [low, high], in coordinates of `basis` (n, n), vectors in rows."""
+
 class Body:
     """As in motion.hpp; positions, rates, entries (2, m)."""
 

@@ -22,6 +22,10 @@ from numpy.typing import ArrayLike
 
 from ..errors import GainroomError, first_of_many, require_finite, require_positive
 from ..linear.arrays import Booleans, Complexes, Floats
+from .modes import Modes, modes_of
+
+BESIDE = 1.07  # of natural frequencies: there a sum over modes is compared with the response itself
+OFF_MODES = 1e-9  # relative: a sum over modes that is further off, as where two modes are as good as one, is not used
 
 
 @dataclass(frozen=True)
@@ -306,6 +310,22 @@ class Plant:
         if self.gravity_stiffness is not None:
             stiffness = stiffness + link_position.T @ self.gravity_stiffness @ link_position
         return Mechanism(mass, damping, stiffness, motor_position.T, motor_position, link_position)
+
+    @cached_property
+    def modes(self) -> Modes | None:
+        """The response of the motors as a sum over modes; None where none is known: friction to ground, and what modes_of says."""
+        gravity = self.gravity_stiffness
+        if np.any(self.motor_viscous) or np.any(self.link_viscous) or (gravity is not None and not np.array_equal(gravity, gravity.T)):
+            return None
+        form = self.mechanism()
+        found = modes_of(form.mass, form.damping, form.stiffness, form.motor_position)
+        if found is None:
+            return None
+        s = 1j * BESIDE * np.unique(np.abs(found.poles))
+        right = self.response(s, "motor")
+        off = np.abs(found.response(s) - right).max(axis=(1, 2)) / np.abs(right).max(axis=(1, 2))
+        inexact = float(off.max(initial=0.0))
+        return replace(found, inexact=inexact) if inexact < OFF_MODES else None
 
     def resonances(self) -> Complexes:
         """Rough corner frequencies: poles with motors free, then with motors held (zeros of the motor's response), Im > 0.

@@ -26,9 +26,10 @@ inline bool has_shape(const Matrix& array, std::size_t rows, std::size_t columns
 }
 
 // A new numpy array (rows, columns) that owns a copy of `values`.
-inline nb::object owned(const double* values, std::size_t rows, std::size_t columns) {
-    double* copy = new double[rows * columns + 1];
+template <typename T>
+nb::object owned(const T* values, std::size_t rows, std::size_t columns) {
+    T* copy = new T[rows * columns + 1];
     std::copy(values, values + rows * columns, copy);
-    nb::capsule owner(copy, [](void* pointer) noexcept { delete[] static_cast<double*>(pointer); });
-    return nb::cast(nb::ndarray<nb::numpy, double, nb::ndim<2>>(copy, {rows, columns}, owner));
+    nb::capsule owner(copy, [](void* pointer) noexcept { delete[] static_cast<T*>(pointer); });
+    return nb::cast(nb::ndarray<nb::numpy, T, nb::ndim<2>>(copy, {rows, columns}, owner));
 }

@@ -6,10 +6,12 @@ namespace nb = nanobind;
 void bind_scan(nb::module_& m);
 void bind_simulation(nb::module_& m);
 void bind_identification(nb::module_& m);
+void bind_coupled(nb::module_& m);
 
 NB_MODULE(_core, m) {
     m.doc() = "gainroom's C++ core; see src/gainroom/native/include/gainroom.";
     bind_scan(m);
     bind_simulation(m);
     bind_identification(m);
+    bind_coupled(m);
 }

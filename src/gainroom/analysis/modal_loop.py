@@ -1,0 +1,138 @@
+"""A coupled loop in the core, by its modes: which common factor on all gains first puts a root on the boundary, proved without loci.
+
+Known for gains on the diagonal, with encoders on the motors' side (native/include/gainroom/exclusion.hpp, coupled_limit.hpp).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ..linear.arrays import Complexes, Floats
+from ..linear.state_space import split_delay
+from ..linear.transfer_function import Factored
+from ..native import _core
+from ..system.assembly import current_loop
+from ..system.controller import gain_matrix
+from ..system.loop import Loop
+from ..system.modes import Modes
+
+APART = 1e-3  # of a current loop's bandwidth: two poles closer together count as one, whose response is another
+INEXACT = 4.0  # times what a sum over modes was seen to be off by
+NARROWEST = 1e-4  # relative width of an interval that is not halved further
+NUDGE = 1e-6  # relative: how far below a crossing the proof goes
+FINEST, MOST, HALVINGS = 1e-9, 200, 6  # where eigenvectors have to be looked at: relative width, samples, halvings
+FACTOR = 3.0  # from end to end of the intervals that are begun with, at most: units are chosen in the middle of each
+
+
+@dataclass(frozen=True)
+class ModalLoop:
+    """A coupled loop in the core.
+
+    modes     of its plant
+    corners   (k,) rad/s: resonances, and half of the way to half the sample rate; intervals begin there
+    bends     (k,) rad/s: the corner frequencies of its laws
+    last      half the sample rate [rad/s]; None: continuous
+    """
+
+    core: "_core.ModalLoop"
+    modes: Modes
+    corners: Floats
+    bends: Floats
+    last: float | None
+
+    @classmethod
+    def of(cls, loop: Loop) -> "ModalLoop | None":
+        """None where the proof is not known: link-side feedback, gain matrices, joints without gain, different drives of a sampled loop."""
+        parts, step = loop.parts, loop.sample_time
+        if parts is None or loop.size == 1 or parts.feedback != "motor" or loop.gain <= 0:
+            return None
+        gains = [gain_matrix("gain", gain, loop.size) for gain in parts.controller.terms().values()]
+        if any(np.count_nonzero(gain) != np.count_nonzero(np.diagonal(gain)) for gain in gains):
+            return None
+        modes, drives = parts.plant.modes, parts.drives
+        of_gains: dict[tuple[float, ...], Factored] = {}  # legs that are alike share theirs
+        laws = []
+        for k, own in enumerate(zip(*(np.diagonal(gain).tolist() for gain in gains), strict=True)):
+            if own not in of_gains:
+                of_gains[own] = parts.controller.on_joint(k, loop.size).transfer(step).scaled(loop.gain)
+            laws.append(of_gains[own])
+        if modes is None or not all(law.gain > 0 for law in laws):
+            return None
+        corners = np.abs(modes.poles.imag)
+        if step is None:
+            laws = [law * current_loop(drive) for law, drive in zip(laws, drives, strict=True)]
+            late, fraction, current = np.array([drive.delay for drive in drives]), 0.0, (0.0, 0.0)
+        else:
+            first = drives[0]
+            if any(drive != first for drive in drives) or (not first.is_ideal and abs(first.damping_ratio**2 - 1) < APART):
+                return None
+            whole, part = split_delay(np.array([drive.delay for drive in drives]), step)
+            late, fraction, corners = whole * step, float(part[0]), np.append(corners, 0.5 * np.pi / step)
+            current = (0.0, 0.0) if first.is_ideal else (first.bandwidth, first.damping_ratio)
+        core = _core.ModalLoop(
+            modes.rigid, modes.shapes, modes.poles, modes.partners, *current, fraction, step or 0.0, INEXACT * modes.inexact
+        )
+        _give(core, laws, late)
+        bends = np.abs(np.concatenate([part for law in laws for part in (law.zeros, law.poles)]))
+        return cls(core, modes, np.unique(corners), np.unique(bends), None if step is None else np.pi / step)
+
+    def lowest_crossings(self, highest: float, low: float, high: float) -> "list[Crossing] | None":
+        """Where factors on all gains below `highest` put a root at jω, low <= ω <= `high`; the first is the lowest, which is proved.
+
+        None where that could not be proved; empty where there is none, which is proved then.
+        """
+        proved, places, vectors, undecided = self.core.limit(self._grid(low, high), highest, NUDGE, NARROWEST)
+        below = float(places[0, 1]) * (1 - NUDGE) if len(places) else highest
+        if not proved and not all(self._excluded(start, end, below, HALVINGS) for start, end in undecided.tolist()):
+            return None
+        _, laws = self.core.responses(np.ascontiguousarray(places[:, 0]))
+        return [Crossing(omega, gain, growth, mode) for (omega, gain, growth), mode in zip(places.tolist(), vectors * laws, strict=True)]
+
+    def response(self, omega: Floats) -> tuple[Complexes, Complexes, Complexes]:
+        """x P (k, n, n), f₀ (k,) and d = x/c (k, n) at omega (k,), as in modal_loop.hpp."""
+        functions, laws = self.core.responses(omega)
+        moved = np.einsum("sk,ki,kj->sij", functions[:, 1:], self.modes.shapes, self.modes.shapes)
+        return functions[:, :1, None] * self.modes.rigid + moved, functions[:, 0], laws
+
+    def _excluded(self, low: float, high: float, gain: float, halvings: int) -> bool:
+        """Whether gains up to `gain` put no root at jω in [low, high], seen in the eigenvectors of L in the middle; else of both halves."""
+        middle = float(np.sqrt(low * high))
+        if self.core.excluded(low, high, gain, self._basis(middle, gain), FINEST, MOST):
+            return True
+        return halvings > 0 and all(self._excluded(start, end, gain, halvings - 1) for start, end in ((low, middle), (middle, high)))
+
+    def _basis(self, omega: float, gain: float) -> Complexes:
+        """(n, n) vectors in rows that make x P and diag(d) diagonal, each turned so that d and x P + d/gain lie about the real axis."""
+        mobility, _, laws = self.response(np.array([omega]))
+        root = 1 / np.sqrt(laws[0])
+        values, vectors = np.linalg.eig(-root[:, None] * mobility[0] * root)
+        vectors = root[:, None] * vectors
+        own = np.einsum("ik,i,ik->k", vectors, laws[0], vectors)
+        with np.errstate(all="ignore"):
+            sides = own / np.abs(own) + own * (1 / gain - values) / np.abs(own * (1 / gain - values))
+            return np.ascontiguousarray((vectors * np.sqrt(sides.conj() / np.abs(sides))).T)
+
+    def _grid(self, low: float, high: float) -> Floats:
+        """From `low` to `high` in steps no longer than FACTOR, with every corner."""
+        grid = np.geomspace(low, high, 2 + int(np.log(high / low) / np.log(FACTOR)))
+        grid = np.unique(np.concatenate([grid, self.corners[(self.corners > low) & (self.corners < high)]]))
+        grid = grid[np.append(np.diff(grid) > NARROWEST * grid[1:], True)]
+        grid[0] = low
+        return grid
+
+
+class Crossing(NamedTuple):
+    """A root on the boundary at jω with all gains times `gain`; `growth`: > 0 where it goes unstable above; mode (n,) of positions."""
+
+    omega: float
+    gain: float
+    growth: float
+    mode: Complexes
+
+
+def _give(core: "_core.ModalLoop", laws: Sequence[Factored], late: Floats) -> None:
+    roots = np.concatenate([part for law in laws for part in (law.zeros, law.poles)]).astype(complex)
+    counts = np.array([[len(law.zeros), len(law.poles)] for law in laws])
+    core.set_laws(roots, counts, np.array([law.gain for law in laws]), late)

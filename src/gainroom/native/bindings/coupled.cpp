@@ -1,0 +1,122 @@
+#include "gainroom/coupled_limit.hpp"
+
+#include "arrays.hpp"
+
+using gainroom::Complex;
+using ComplexVector = Array<const Complex, 1>;
+using ComplexMatrix = Array<const Complex, 2>;
+using Counts = Array<const std::int64_t, 2>;
+
+static gainroom::ModalLoop modal_loop(Matrix rigid, ComplexMatrix shapes, ComplexVector poles, ComplexVector partners,
+                                      double bandwidth, double damping_ratio, double fraction, double step, double inexact) {
+    const std::size_t size = rigid.shape(0), modes = poles.size();
+    if (rigid.shape(1) != size || shapes.shape(0) != modes || (modes > 0 && shapes.shape(1) != size) ||
+        (partners.size() > 0 && partners.size() != modes))
+        throw nb::value_error("rigid (n, n), shapes (m, n), poles (m,) and partners, as many or none, do not fit");
+    gainroom::ModalLoop loop;
+    loop.size = size;
+    loop.modes = modes;
+    loop.rigid.assign(rigid.data(), rigid.data() + size * size);
+    loop.shapes.assign(shapes.data(), shapes.data() + modes * size);
+    loop.poles.assign(poles.data(), poles.data() + modes);
+    loop.partners.assign(partners.data(), partners.data() + partners.size());
+    loop.bandwidth = bandwidth;
+    loop.damping_ratio = damping_ratio;
+    loop.fraction = fraction;
+    loop.step = step;
+    loop.inexact = inexact;
+    loop.prepare();
+    return loop;
+}
+
+// Zeros and poles of all laws in a row, `counts` (n, 2) of them, gains and delays (n).
+static void set_laws(gainroom::ModalLoop& loop, ComplexVector roots, Counts counts, Vector gains, Vector delays) {
+    if (counts.shape(0) != loop.size || counts.shape(1) != 2 || gains.size() != loop.size || delays.size() != loop.size)
+        throw nb::value_error("counts (n, 2), gains and delays (n,) do not fit");
+    std::size_t total = 0;
+    for (std::size_t k = 0; k < 2 * loop.size; k++) {
+        if (counts.data()[k] < 0) throw nb::value_error("counts must be >= 0");
+        total += static_cast<std::size_t>(counts.data()[k]);
+    }
+    if (total != roots.size()) throw nb::value_error("counts do not add up to roots");
+    loop.laws.clear();
+    const Complex* next = roots.data();
+    for (std::size_t i = 0; i < loop.size; i++) {
+        const Complex *poles = next + counts.data()[2 * i], *end = poles + counts.data()[2 * i + 1];
+        loop.laws.push_back({{next, poles}, {poles, end}, gains.data()[i], delays.data()[i]});
+        next = end;
+    }
+}
+
+static nb::tuple responses(const gainroom::ModalLoop& loop, Vector omega) {
+    std::vector<Complex> functions(omega.size() * (loop.modes + 1)), laws(omega.size() * loop.size);
+    for (std::size_t r = 0; r < omega.size(); r++) {
+        Complex* row = &functions[r * (loop.modes + 1)];
+        loop.functions(omega.data()[r], row[0], row + 1);
+        for (std::size_t i = 0; i < loop.laws.size(); i++) laws[r * loop.size + i] = loop.inverse_law(i, omega.data()[r]);
+    }
+    return nb::make_tuple(owned(functions.data(), omega.size(), loop.modes + 1), owned(laws.data(), omega.size(), loop.size));
+}
+
+// What interpolation between each two ω of `omega` may miss at most: f₀ and f_k (k − 1, 1 + m), d (k − 1, n).
+static nb::tuple bends(const gainroom::ModalLoop& loop, Vector omega) {
+    const std::size_t cells = omega.size() > 0 ? omega.size() - 1 : 0;
+    std::vector<double> functions(cells * (loop.modes + 1)), laws(cells * loop.laws.size());
+    for (std::size_t r = 0; r < cells; r++) {
+        const gainroom::Cell cell(omega.data()[r], omega.data()[r + 1], loop.step, loop.inexact);
+        loop.bends(cell, functions[r * (loop.modes + 1)], &functions[r * (loop.modes + 1) + 1]);
+        for (std::size_t i = 0; i < loop.laws.size(); i++)
+            laws[r * loop.laws.size() + i] = loop.inverse_law_bend(
+                i, cell, std::max(gainroom::ModalLoop::inverse_law_size(loop.inverse_law(i, cell.a), cell.a, loop.step),
+                                  gainroom::ModalLoop::inverse_law_size(loop.inverse_law(i, cell.b), cell.b, loop.step)));
+    }
+    return nb::make_tuple(owned(functions.data(), cells, loop.modes + 1), owned(laws.data(), cells, loop.laws.size()));
+}
+
+// Whether it is proved; (k, 3) ω, gain and growth of the crossings found, the lowest first; their vectors (k, n); undecided (k, 2).
+static nb::tuple limit(const gainroom::ModalLoop& loop, Vector grid, double highest, double nudge, double floor) {
+    if (loop.laws.size() != loop.size || loop.size == 0) throw nb::value_error("the laws of all joints are needed");
+    gainroom::CoupledLimit found(loop);
+    bool proved = false;
+    {
+        nb::gil_scoped_release release;
+        proved = found.search(grid.data(), grid.size(), highest, nudge, floor);
+    }
+    std::vector<double> places;
+    std::vector<Complex> vectors;
+    for (const gainroom::Crossing& one : found.crossings) {
+        places.insert(places.end(), {one.omega, one.gain, one.growth});
+        vectors.insert(vectors.end(), one.vector.begin(), one.vector.end());
+    }
+    return nb::make_tuple(proved, owned(places.data(), found.crossings.size(), 3), owned(vectors.data(), found.crossings.size(), loop.size),
+                          owned(reinterpret_cast<const double*>(found.undecided.data()), found.undecided.size(), 2));
+}
+
+// Whether [low, high] is excluded up to `gain`, in the coordinates of `basis`: n vectors in rows.
+static bool excluded(const gainroom::ModalLoop& loop, double low, double high, double gain, ComplexMatrix basis, double floor,
+                     std::int64_t most) {
+    if (basis.shape(0) != loop.size || basis.shape(1) != loop.size || loop.laws.size() != loop.size)
+        throw nb::value_error("basis (n, n) and the laws of all joints are needed");
+    nb::gil_scoped_release release;
+    std::vector<gainroom::Interval> left;
+    gainroom::Effort effort;
+    gainroom::Exclusion(loop, gain, 0.0, basis.data(), loop.size).run(low, high, floor, left, effort, most);
+    return left.empty();
+}
+
+void bind_coupled(nb::module_& m) {
+    nb::class_<gainroom::ModalLoop>(m, "ModalLoop")
+        .def("__init__",
+             [](gainroom::ModalLoop* self, Matrix rigid, ComplexMatrix shapes, ComplexVector poles, ComplexVector partners,
+                double bandwidth, double damping_ratio, double fraction, double step, double inexact) {
+                 new (self) gainroom::ModalLoop(modal_loop(rigid, shapes, poles, partners, bandwidth, damping_ratio, fraction, step, inexact));
+             },
+             nb::arg("rigid"), nb::arg("shapes"), nb::arg("poles"), nb::arg("partners"), nb::arg("bandwidth"), nb::arg("damping_ratio"),
+             nb::arg("fraction"), nb::arg("step"), nb::arg("inexact"))
+        .def("set_laws", &set_laws, nb::arg("roots"), nb::arg("counts"), nb::arg("gains"), nb::arg("delays"))
+        .def("responses", &responses, nb::arg("omega"))
+        .def("bends", &bends, nb::arg("omega"))
+        .def("limit", &limit, nb::arg("grid"), nb::arg("highest"), nb::arg("nudge"), nb::arg("floor"))
+        .def("excluded", &excluded, nb::arg("low"), nb::arg("high"), nb::arg("gain"), nb::arg("basis"), nb::arg("floor"), nb::arg("most"))
+;
+}

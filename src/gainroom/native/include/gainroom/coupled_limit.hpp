@@ -1,0 +1,294 @@
+// The lowest factor on all gains of coupled joints that puts a root on the boundary, and the proof that no lower one does.
+//
+// F = Q + v diag(d_i), v = 1/g, is singular where a root crosses (modal_loop.hpp). With a border b, the solution of
+//
+//   [F b; bᵀ 0] [x; μ] = [0; 1]   has   μ = 0 exactly there, and   dμ = −xᵀ dF x,
+//
+// as F is complex symmetric: Newton's method in (ω, v) takes one factorisation per step. Each lower crossing that is found lowers g; what
+// is excluded up to g (exclusion.hpp) stays excluded below. Where intervals are left that neither tell a crossing nor are excluded, the
+// answer is not decided.
+#pragma once
+
+#include "exclusion.hpp"
+
+namespace gainroom {
+
+struct Crossing {
+    double omega = 0.0, gain = 0.0;
+    double growth = 0.0;  // Re of how the root moves with ln g, over its size: > 0 towards instability
+    std::vector<Complex> vector;  // x: torques; positions are x_i/c_i
+};
+
+class CoupledLimit {
+   public:
+    std::vector<Crossing> crossings;  // those found, the lowest first
+    std::vector<Interval> undecided;
+    Effort effort;
+
+    explicit CoupledLimit(const ModalLoop& loop) : loop_(loop), n_(loop.size), border_(n_ + 1) {
+        matrix_.resize(border_ * border_);
+        solution_.resize(border_);
+        functions_.resize(loop.modes);
+        later_.resize(loop.modes);
+        laws_.resize(2 * n_);
+        scale_.resize(n_);
+        mobility_.resize(n_ * n_);
+    }
+
+    // Searches factors up to `highest` on [grid.front(), grid.back()]. True where the first of `crossings`, or that there is none, is proved.
+    bool search(const double* grid, std::size_t grid_count, double highest, double nudge, double floor) {
+        std::vector<Interval> open;
+        if (n_ == 0 || !(highest > 0)) return false;
+        for (std::size_t k = 1; k < grid_count; k++) open.push_back({grid[k - 1], grid[k]});
+        for (int round = 0; round < kRounds; round++) {
+            const double gain = crossings.empty() ? highest : crossings.front().gain * (1 - nudge);
+            undecided = open;
+            for (const double alignment : {0.0, 1.0}) undecided = left_by(undecided, Exclusion(loop_, gain, alignment), floor);
+            if (undecided.empty()) return true;
+            open = undecided;
+            if (lowered(gain, grid[0], grid[grid_count - 1])) continue;
+            if (crossings.empty()) return false;
+            const std::vector<Complex> near = vectors_near();
+            undecided = left_by(undecided, Exclusion(loop_, gain, 0.0, near.data(), near.size() / n_), kFinest);
+            if (undecided.empty()) return true;
+            open = undecided;
+            if (!lowered(gain, grid[0], grid[grid_count - 1])) return false;
+        }
+        return false;
+    }
+
+    // From ω, g and x; false where it leads nowhere.
+    bool polish(Crossing& at) {
+        double omega = at.omega, v = 1 / at.gain;
+        std::vector<Complex>& x = at.vector;
+        rescale(omega);
+        for (std::size_t i = 0; i < n_; i++) x[i] = over(x[i], scale_[i]);
+        for (int step = 0; step < kSteps; step++) {
+            double size = 0.0;
+            for (const Complex one : x) size += std::norm(one);
+            if (!(size > 0) || !std::isfinite(size)) return false;
+            const double ahead = omega * (1 + kDifference);
+            fill(omega, v, x, 1 / std::sqrt(size));
+            Complex slope_v = 0.0;
+            if (!solve()) return false;
+            for (std::size_t i = 0; i < n_; i++) x[i] = solution_[i];
+            const Complex mu = solution_[n_];
+            for (std::size_t i = 0; i < n_; i++) slope_v -= times(times(x[i], x[i]), times(laws_[i], Complex(scale_[i] * scale_[i])));
+            const Complex slope_omega = -over(form(ahead, v, x) - form(omega, v, x), Complex(ahead - omega));
+            const double determinant = slope_omega.real() * slope_v.imag() - slope_omega.imag() * slope_v.real();
+            double step_omega = (mu.real() * slope_v.imag() - mu.imag() * slope_v.real()) / determinant;
+            double step_v = (slope_omega.real() * mu.imag() - slope_omega.imag() * mu.real()) / determinant;
+            const double far = std::max(std::fabs(step_omega) / (kFar * omega), std::fabs(step_v) / (kFar * v));
+            if (!std::isfinite(far)) return false;
+            if (far > 1) {
+                step_omega /= far;
+                step_v /= far;
+            }
+            omega -= step_omega;
+            v -= step_v;
+            if (!(omega > 0) || !(v > 0)) return false;
+            if (far * kFar < kSettled) {
+                at.omega = omega;
+                at.gain = 1 / v;
+                at.growth = -v * over(times({0.0, -1.0}, slope_v), slope_omega).real() / omega;
+                for (std::size_t i = 0; i < n_; i++) x[i] *= scale_[i];
+                return true;
+            }
+        }
+        return false;
+    }
+
+   private:
+    static constexpr int kRounds = 24, kSteps = 24, kStarts = 3, kSweeps = 12;
+    static constexpr double kDifference = 1e-6, kFar = 0.3, kSettled = 1e-13, kSame = 1e-7, kNear = 1.5, kFinest = 1e-7;
+    static constexpr double kClose = 1.5, kDiagonal = 1e-12;
+    static constexpr std::int64_t kMostNodes = 400;
+    static constexpr std::size_t kMost = 6;  // vectors that are mixed
+
+    const ModalLoop& loop_;
+    std::size_t n_, border_;
+    std::vector<Complex> mobility_, matrix_, solution_, functions_, later_, laws_;
+    std::vector<double> scale_;
+
+    std::vector<Interval> left_by(const std::vector<Interval>& open, Exclusion exclusion, double floor) {
+        std::vector<Interval> left;
+        const std::int64_t most = effort.nodes + kMostNodes + kMostNodes / 8 * static_cast<std::int64_t>(open.size());
+        for (const Interval& interval : open) exclusion.run(interval.low, interval.high, floor, left, effort, most);
+        return left;
+    }
+
+    // Looks for crossings below `gain` from the undecided intervals; true where there are.
+    bool lowered(double gain, double low, double high) {
+        bool found = false;
+        for (const Interval& interval : undecided)
+            for (int k = 0; k < kStarts; k++)
+                for (Crossing& start : starts(interval.low + (interval.high - interval.low) * k / (kStarts - 1), gain)) {
+                    if (!polish(start) || start.omega < low || start.omega > high || !(start.gain < gain) || known(start)) continue;
+                    found = true;
+                    crossings.push_back(start);
+                }
+        std::sort(crossings.begin(), crossings.end(), [](const Crossing& a, const Crossing& b) { return a.gain < b.gain; });
+        return found;
+    }
+
+    // Where Re(e^{jθ} F) is singular, e^{jθ} turning the mean of the d_i to be real: the gains below 1.5 `gain` that are nearly the lowest.
+    std::vector<Crossing> starts(double omega, double gain) {
+        rescale(omega);
+        respond(omega);
+        Complex mean = 0.0;
+        for (std::size_t i = 0; i < n_; i++) mean += loop_.inverse_law(i, omega) * (scale_[i] * scale_[i]);
+        const Complex turn = std::conj(mean) / std::abs(mean);
+        std::vector<double> form(n_ * n_), vectors(n_ * n_, 0.0), units(n_);
+        for (std::size_t i = 0; i < n_; i++) {
+            const double own = times(turn, loop_.inverse_law(i, omega)).real();
+            if (!(own > 0)) return {};
+            units[i] = 1 / std::sqrt(own);
+            vectors[i * n_ + i] = 1.0;
+        }
+        for (std::size_t i = 0; i < n_; i++)
+            for (std::size_t j = 0; j <= i; j++)
+                form[i * n_ + j] = form[j * n_ + i] = -times(turn, mobility_[i * n_ + j]).real() * units[i] * units[j];
+        diagonalize(form, vectors);
+        double most = 0.0;
+        for (std::size_t k = 0; k < n_; k++) most = std::max(most, form[k * n_ + k]);
+        std::vector<Crossing> found;
+        for (std::size_t k = 0; k < n_; k++) {
+            const double v = form[k * n_ + k];
+            if (!(v * kNear * gain > 1) || v * kClose < most) continue;
+            Crossing one;
+            one.omega = omega;
+            one.gain = 1 / v;
+            for (std::size_t i = 0; i < n_; i++) one.vector.push_back(vectors[i * n_ + k] * units[i]);
+            found.push_back(one);
+        }
+        return found;
+    }
+
+    // A symmetric matrix by Jacobi's rotations, in place; columns of `vectors` turn with it.
+    void diagonalize(std::vector<double>& a, std::vector<double>& vectors) const {
+        for (int sweep = 0; sweep < kSweeps; sweep++) {
+            double off = 0.0, on = 0.0;
+            for (std::size_t p = 0; p < n_; p++)
+                for (std::size_t q = 0; q < n_; q++) (p == q ? on : off) += a[p * n_ + q] * a[p * n_ + q];
+            if (!(off > kDiagonal * on)) return;
+            for (std::size_t p = 0; p < n_; p++)
+                for (std::size_t q = p + 1; q < n_; q++) {
+                    const double across = a[p * n_ + q];
+                    if (across == 0) continue;
+                    const double ratio = (a[q * n_ + q] - a[p * n_ + p]) / (2 * across);
+                    const double t = (ratio >= 0 ? 1.0 : -1.0) / (std::fabs(ratio) + std::sqrt(ratio * ratio + 1));
+                    const double c = 1 / std::sqrt(t * t + 1), s = t * c;
+                    for (std::size_t k = 0; k < n_; k++) {
+                        const double one = a[k * n_ + p], two = a[k * n_ + q];
+                        a[k * n_ + p] = c * one - s * two;
+                        a[k * n_ + q] = s * one + c * two;
+                    }
+                    for (std::size_t k = 0; k < n_; k++) {
+                        const double one = a[p * n_ + k], two = a[q * n_ + k];
+                        a[p * n_ + k] = c * one - s * two;
+                        a[q * n_ + k] = s * one + c * two;
+                    }
+                    for (std::size_t k = 0; k < n_; k++) {
+                        const double one = vectors[k * n_ + p], two = vectors[k * n_ + q];
+                        vectors[k * n_ + p] = c * one - s * two;
+                        vectors[k * n_ + q] = s * one + c * two;
+                    }
+                }
+        }
+    }
+
+    bool known(const Crossing& one) const {
+        return std::any_of(crossings.begin(), crossings.end(), [&](const Crossing& other) {
+            return std::fabs(one.gain / other.gain - 1) < kSame && std::fabs(one.omega / other.omega - 1) < kSame;
+        });
+    }
+
+    std::vector<Complex> vectors_near() const {
+        std::vector<Complex> found;
+        for (const Crossing& one : crossings)
+            if (one.gain < kNear * crossings.front().gain && found.size() < kMost * n_)
+                found.insert(found.end(), one.vector.begin(), one.vector.end());
+        return found;
+    }
+
+    void rescale(double omega) {
+        for (std::size_t i = 0; i < n_; i++) scale_[i] = 1 / std::sqrt(std::abs(loop_.inverse_law(i, omega)));
+    }
+
+    // Q at ω, lower triangle.
+    void respond(double omega) {
+        Complex f0;
+        loop_.functions(omega, f0, functions_.data());
+        for (std::size_t i = 0; i < n_; i++)
+            for (std::size_t j = 0; j <= i; j++) mobility_[i * n_ + j] = loop_.rigid[i * n_ + j] * f0;
+        for (std::size_t k = 0; k < loop_.modes; k++) {
+            const Complex* shape = &loop_.shapes[k * n_];
+            for (std::size_t i = 0; i < n_; i++) {
+                const Complex f = times(functions_[k], shape[i]);
+                for (std::size_t j = 0; j <= i; j++) mobility_[i * n_ + j] += times(f, shape[j]);
+            }
+        }
+    }
+
+    // The bordered matrix at (ω, v), in the units of `scale_`.
+    void fill(double omega, double v, const std::vector<Complex>& x, double unit) {
+        respond(omega);
+        for (std::size_t i = 0; i < n_; i++) {
+            for (std::size_t j = 0; j <= i; j++) {
+                const Complex value = mobility_[i * n_ + j] * (scale_[i] * scale_[j]);
+                matrix_[i * border_ + j] = matrix_[j * border_ + i] = value;
+            }
+            laws_[i] = loop_.inverse_law(i, omega);
+            matrix_[i * border_ + i] += v * laws_[i] * (scale_[i] * scale_[i]);
+            matrix_[i * border_ + n_] = matrix_[n_ * border_ + i] = std::conj(x[i]) * unit;
+            solution_[i] = 0.0;
+        }
+        matrix_[n_ * border_ + n_] = 0.0;
+        solution_[n_] = 1.0;
+    }
+
+    // xᵀ F x at (ω, v).
+    Complex form(double omega, double v, const std::vector<Complex>& x) {
+        Complex f0, value = 0.0;
+        loop_.functions(omega, f0, later_.data());
+        for (std::size_t i = 0; i < n_; i++) {
+            const Complex own = x[i] * scale_[i];
+            Complex rest = 0.0;
+            for (std::size_t j = 0; j < n_; j++) rest += loop_.rigid[i * n_ + j] * scale_[j] * x[j];
+            value += times(own, times(f0, rest) + v * times(loop_.inverse_law(i, omega), own));
+        }
+        for (std::size_t k = 0; k < loop_.modes; k++) {
+            Complex along = 0.0;
+            for (std::size_t i = 0; i < n_; i++) along += times(loop_.shapes[k * n_ + i], x[i] * scale_[i]);
+            value += times(later_[k], times(along, along));
+        }
+        return value;
+    }
+
+    // Gauss with row exchanges, in place.
+    bool solve() {
+        for (std::size_t k = 0; k < border_; k++) {
+            std::size_t pivot = k;
+            for (std::size_t i = k + 1; i < border_; i++)
+                if (std::norm(matrix_[i * border_ + k]) > std::norm(matrix_[pivot * border_ + k])) pivot = i;
+            if (!(std::norm(matrix_[pivot * border_ + k]) > 0)) return false;
+            if (pivot != k) {
+                for (std::size_t j = k; j < border_; j++) std::swap(matrix_[k * border_ + j], matrix_[pivot * border_ + j]);
+                std::swap(solution_[k], solution_[pivot]);
+            }
+            const Complex inverse = over(1.0, matrix_[k * border_ + k]);
+            for (std::size_t i = k + 1; i < border_; i++) {
+                const Complex factor = times(matrix_[i * border_ + k], inverse);
+                for (std::size_t j = k + 1; j < border_; j++) matrix_[i * border_ + j] -= times(factor, matrix_[k * border_ + j]);
+                solution_[i] -= times(factor, solution_[k]);
+            }
+        }
+        for (std::size_t i = border_; i-- > 0;) {
+            for (std::size_t j = i + 1; j < border_; j++) solution_[i] -= times(matrix_[i * border_ + j], solution_[j]);
+            solution_[i] = over(solution_[i], matrix_[i * border_ + i]);
+        }
+        return true;
+    }
+};
+
+}  // namespace gainroom

@@ -1,0 +1,260 @@
+// n coupled joints under gains on the diagonal, by their modes: L = P diag(c), and how far its parts bend between two frequencies.
+//
+// With x = ω² (sampled: x = |z − 1|²/T_s²), which takes the two integrators of a free mechanism away,
+//
+//   x P = M₀ f₀ + Σ_k φ_k φ_kᵀ f_k,   d_i = x/c_i,
+//
+// where every f is a scalar function of ω: f₀ belongs to the rigid motion, f_k to a mode (real φ: two poles) or to one pole (complex φ). Sampled functions stand behind the hold, the current loop and the part of the delay that is no whole tick; whole ticks and
+// the controller are in c_i. For each of them a bound of its second derivative over an interval is known, by the pole's distance:
+// nothing between two samples is guessed.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <vector>
+
+#include "complex.hpp"
+
+namespace gainroom {
+
+// c as a product of roots in v = jω, or v = (z − 1)/T_s: gain Π(v − zeros)/Π(v − poles) e^{−jωT}
+struct Law {
+    std::vector<Complex> zeros, poles;
+    double gain, delay;
+};
+
+// Bounds of |u|, |u'| and |u''| by ω over an interval.
+struct Bend {
+    double value, first, second;
+};
+
+// An interval of ω, and the variable in which functions are interpolated over it: x, or ω where x stops to rise.
+struct Cell {
+    double a, b, step, inexact;
+    bool in_x;
+
+    Cell(double a, double b, double step, double inexact)
+        : a(a), b(b), step(step), inexact(inexact), in_x(step == 0 || b * step <= kPi / 2) {}
+
+    static double weight(double omega, double step) {
+        if (step == 0) return omega * omega;
+        const double root = 2 * std::sin(0.5 * omega * step) / step;
+        return root * root;
+    }
+    // Largest deviation of x u from its interpolation between the ends, with what u itself is off by.
+    double weighted(const Bend& u) const { return bent(u) + inexact * weight(b, step) * u.value; }
+    // The same of f itself.
+    double plain(double first, double second) const {
+        if (!in_x) return width() * second;
+        const double rise = step == 0 ? 2 * a : 2 * std::sin(a * step) / step;
+        return width() * (second + first * (step == 0 ? 1 / a : step / std::tan(a * step))) / (rise * rise);
+    }
+
+   private:
+    double bent(const Bend& u) const {
+        if (step == 0) return width() * (0.75 * u.first / a + 0.25 * u.second);  // (x u)_xx = 3u'/4ω + u''/4
+        if (in_x) {
+            const double half = std::cos(0.5 * b * step);
+            return width() * (u.first * step / std::sin(a * step) + 0.25 * u.second / (half * half));
+        }
+        const double rise = 2 / step * (a * step < kPi / 2 ? 1.0 : std::sin(a * step));
+        return width() * (2 * u.value + 2 * rise * u.first + weight(b, step) * u.second);
+    }
+    double width() const {  // (Δ)²/8
+        const double way = in_x ? weight(b, step) - weight(a, step) : b - a;
+        return way * way / 8;
+    }
+};
+
+// Least distance of v on the boundary between cell.a and cell.b from `place`, in v.
+inline double distance(const Cell& cell, Complex place) {
+    if (cell.step == 0) return std::hypot(place.real(), std::clamp(place.imag(), cell.a, cell.b) - place.imag());
+    const Complex z(1 + cell.step * place.real(), cell.step * place.imag());
+    const double angle = std::atan2(z.imag(), z.real()), low = cell.a * cell.step, high = cell.b * cell.step;
+    double least = std::min(std::abs(z - std::polar(1.0, low)), std::abs(z - std::polar(1.0, high)));
+    if (low <= angle && angle <= high) least = std::min(least, std::fabs(std::abs(z) - 1));
+    return least / cell.step;
+}
+
+class ModalLoop {
+   public:
+    std::size_t size, modes;
+    std::vector<double> rigid;        // M₀ (n, n)
+    std::vector<Complex> shapes;      // φ (modes, n), real where there are partners
+    std::vector<Complex> poles;       // λ (modes), in s
+    std::vector<Complex> partners;    // the other pole of each mode, μ; none: poles stand alone
+    double bandwidth, damping_ratio;  // of the current loop that all joints share, sampled only; 0: ideal
+    double fraction, step;            // of a tick by which the torque comes later; T_s, 0: continuous
+    double inexact;                   // relative: how far the sum over modes is off
+    std::vector<Law> laws;            // (n), continuous: with current loop and delay
+
+    // To be called once, when everything above is filled in.
+    void prepare() {
+        held_.clear();
+        current_.clear();
+        if (step == 0) return;
+        if (bandwidth > 0) {
+            const Complex root = std::sqrt(Complex(damping_ratio * damping_ratio - 1, 0.0));
+            fast_[0] = bandwidth * (-damping_ratio + root);
+            fast_[1] = bandwidth * (-damping_ratio - root);
+            current_ = {held(fast_[0]), held(fast_[1])};
+        }
+        for (const Complex pole : poles) held_.push_back(held(pole));
+        for (const Complex pole : partners) held_.push_back(held(pole));
+    }
+
+    bool pairs() const { return !partners.empty(); }
+
+    // f₀ and f_k (modes) at ω.
+    void functions(double omega, Complex& f0, Complex* f) const {
+        const double x = Cell::weight(omega, step);
+        if (step == 0) {
+            f0 = -1.0;
+            for (std::size_t k = 0; k < modes; k++) {
+                const Complex away = Complex(0.0, omega) - poles[k];
+                f[k] = x * over(1.0, pairs() ? times(away, Complex(0.0, omega) - partners[k]) : away);
+            }
+            return;
+        }
+        const Complex z = std::polar(1.0, omega * step);
+        Complex fast[2] = {0.0, 0.0};
+        for (std::size_t q = 0; q < current_.size(); q++) fast[q] = current_[q].at(z);
+        for (std::size_t k = 0; k < modes; k++) {
+            const Complex one = behind(poles[k], held_[k], z, fast);
+            f[k] = x * (pairs() ? over(one - behind(partners[k], held_[modes + k], z, fast), poles[k] - partners[k]) : one);
+        }
+        const Rigid r = rigid_parts();
+        f0 = -(r.constant + over(r.once, z) + over(r.twice, times(z, z)));
+        for (std::size_t q = 0; q < current_.size(); q++) f0 += x * times(slow(q), fast[q]);
+    }
+
+    // Largest deviations of f₀ and f_k from their interpolations over a cell.
+    void bends(const Cell& cell, double& f0, double* f) const {
+        if (step == 0) {
+            f0 = 0.0;
+            for (std::size_t k = 0; k < modes; k++) {
+                const double near = 1 / distance(cell, poles[k]);
+                if (!pairs()) {
+                    f[k] = cell.weighted({near, near * near, 2 * near * near * near});
+                    continue;
+                }
+                const double h = near / distance(cell, partners[k]), turn = 2 * cell.b + std::abs(poles[k] + partners[k]);
+                f[k] = cell.weighted({h, h * h * turn, 2 * h * h * (h * turn * turn + 1)});
+            }
+            return;
+        }
+        Bend fast[2] = {{0, 0, 0}, {0, 0, 0}};
+        for (std::size_t q = 0; q < current_.size(); q++) fast[q] = bend(current_[q], cell);
+        for (std::size_t k = 0; k < modes; k++) {
+            const Bend one = behind(poles[k], bend(held_[k], cell), fast);
+            if (!pairs()) {
+                f[k] = cell.weighted(one);
+            } else {
+                const Bend two = behind(partners[k], bend(held_[modes + k], cell), fast);
+                const double apart = std::abs(poles[k] - partners[k]);
+                f[k] = cell.weighted({(one.value + two.value) / apart, (one.first + two.first) / apart, (one.second + two.second) / apart});
+            }
+        }
+        const Rigid r = rigid_parts();
+        f0 = cell.plain(step * (std::fabs(r.once) + 2 * std::fabs(r.twice)), step * step * (std::fabs(r.once) + 4 * std::fabs(r.twice)));
+        for (std::size_t q = 0; q < current_.size(); q++) {
+            const double size = std::abs(slow(q));
+            f0 += cell.weighted({size * fast[q].value, size * fast[q].first, size * fast[q].second});
+        }
+    }
+
+    // d_i = x/c_i at ω.
+    Complex inverse_law(std::size_t i, double omega) const { return Cell::weight(omega, step) * inverse(laws[i], omega); }
+
+    // Largest deviation of d_i from its interpolation over a cell.
+    double inverse_law_bend(std::size_t i, const Cell& cell, double at_ends) const {
+        double first = laws[i].delay, turn = 0.0;  // bounds of |(log u)'| and |(log u)''|
+        for (const auto* roots : {&laws[i].zeros, &laws[i].poles})
+            for (const Complex root : *roots) {
+                const double near = 1 / distance(cell, root);
+                first += near;
+                turn += near * (near + step);
+            }
+        const double value = at_ends * std::exp(0.5 * first * (cell.b - cell.a));
+        return cell.weighted({value, value * first, value * (first * first + turn)});
+    }
+
+    // |1/c_i|, which the bound above asks for, at the end of a cell where it is larger.
+    static double inverse_law_size(Complex d, double omega, double step) { return std::abs(d) / Cell::weight(omega, step); }
+
+   private:
+    // r/(s − p) behind a hold, torque a fraction of a tick late: once/z + again/(z − E).
+    struct Held {
+        Complex once, again, moved;  // E = e^{p T_s}
+        Complex at(Complex z) const { return over(once, z) + over(again, z - moved); }
+    };
+    // Of f₀ without the current loop's poles: −(constant + once/z + twice/z²).
+    struct Rigid {
+        double constant, once, twice;
+    };
+
+    std::vector<Held> held_, current_;
+    Complex fast_[2];
+
+    Held held(Complex pole) const {
+        const Complex early = std::exp(pole * ((1 - fraction) * step)), moved = std::exp(pole * step);
+        const Complex once = -over(moved - early, times(pole, moved));
+        return {once, over(times(early - 1.0, moved) + moved - early, times(pole, moved)), moved};
+    }
+
+    Bend bend(const Held& of, const Cell& cell) const {
+        const double near = 1 / (step * distance(cell, (of.moved - 1.0) / step)), once = std::abs(of.once), again = std::abs(of.again);
+        return {once + again * near, step * (once + again * near * near), step * step * (once + again * near * near * (1 + 2 * near))};
+    }
+
+    // Weights of C/(s − p) = w_p/(s − p) + Σ_q w_q/(s − q).
+    void weights(Complex pole, Complex& own, Complex* fast) const {
+        own = 1.0;
+        if (current_.empty()) return;
+        const double square = bandwidth * bandwidth;
+        own = over(square, times(pole - fast_[0], pole - fast_[1]));
+        fast[0] = over(square, times(fast_[0] - fast_[1], fast_[0] - pole));
+        fast[1] = over(square, times(fast_[1] - fast_[0], fast_[1] - pole));
+    }
+
+    Complex behind(Complex pole, const Held& of, Complex z, const Complex* fast) const {
+        Complex own, others[2] = {0.0, 0.0};
+        weights(pole, own, others);
+        return times(own, of.at(z)) + times(others[0], fast[0]) + times(others[1], fast[1]);
+    }
+
+    Bend behind(Complex pole, const Bend& of, const Bend* fast) const {
+        Complex own, others[2] = {0.0, 0.0};
+        weights(pole, own, others);
+        const double w = std::abs(own), v0 = std::abs(others[0]), v1 = std::abs(others[1]);
+        return {w * of.value + v0 * fast[0].value + v1 * fast[1].value, w * of.first + v0 * fast[0].first + v1 * fast[1].first,
+                w * of.second + v0 * fast[0].second + v1 * fast[1].second};
+    }
+
+    // x times what C/s² = 1/s² − (2ζ/ω_c)/s + … leaves of integrators behind hold and fraction.
+    Rigid rigid_parts() const {
+        const double early = 1 - fraction, alpha = 0.5 * early * early, beta = 0.5 - alpha;
+        const double lag = current_.empty() ? 0.0 : 2 * damping_ratio / bandwidth / step;
+        return {alpha - lag * early, beta - alpha + early - lag * (fraction - early), fraction - beta + lag * fraction};
+    }
+
+    // Weight of 1/(s − q) in C/s².
+    Complex slow(std::size_t q) const {
+        return over(bandwidth * bandwidth, times(fast_[q] - fast_[1 - q], times(fast_[q], fast_[q])));
+    }
+
+    Complex inverse(const Law& law, double omega) const {
+        Complex v(0.0, omega);
+        if (step > 0) {
+            const double half = 0.5 * omega * step;
+            v = times(std::polar(1.0, half), {0.0, 2 * std::sin(half) / step});
+        }
+        Complex value = std::polar(1 / law.gain, omega * law.delay);
+        for (const Complex root : law.poles) value = times(value, v - root);
+        for (const Complex root : law.zeros) value = over(value, v - root);
+        return value;
+    }
+};
+
+}  // namespace gainroom

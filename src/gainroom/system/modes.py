@@ -1,0 +1,91 @@
+"""The motion of a plant as a sum over its modes, with the motors free.
+
+P_M = M₀/s² + Σ_k φ_k φ_kᵀ/((s − λ_k)(s − μ_k)), with real φ: a resonance has μ = λ̄, a motion that gravity topples two real poles. Where
+the dampers couple the modes, Σ_k φ_k φ_kᵀ/(s − λ_k) over all poles of the quadratic eigenproblem stands in the place of the sum, with
+complex φ (Tisseur and Meerbergen 2001).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..linear.arrays import Complexes, Floats
+
+AT_REST = 1e-9  # of the largest squared natural frequency: smaller ones are motions without a spring
+ALONE = 1e-12  # of the dampers: less coupling between modes is round-off
+SAME = 1e-6  # of a pole: distance to one that is as good as equal
+APART = 1e-3  # of a pole, likewise: distance of the two of a mode
+
+
+@dataclass(frozen=True)
+class Modes:
+    """M₀ (n, n), φ (m, n), λ (m,) and μ (m,), or none: then every pole stands alone, and φ is complex. `inexact`: relative."""
+
+    rigid: Floats
+    shapes: Complexes
+    poles: Complexes
+    partners: Complexes
+    inexact: float = 0.0
+
+    def response(self, s: Complexes) -> Complexes:
+        """P_M (k, n, n) at complex s (k,)."""
+        away = s[:, None] - self.poles
+        terms = 1 / (away * (s[:, None] - self.partners) if len(self.partners) else away)
+        return self.rigid / s[:, None, None] ** 2 + np.einsum("sk,ki,kj->sij", terms, self.shapes, self.shapes)
+
+
+def modes_of(mass: Floats, damping: Floats, stiffness: Floats, position: Floats) -> Modes | None:
+    """Of M η̈ + D η̇ + K η = Fᵀ τ, moved by and measured at F η = `position` η (n, m); symmetric, M > 0.
+
+    None where a motion without a spring is damped, and where a mode has two poles that are as good as one.
+    """
+    from scipy.linalg import eigh
+
+    squares, vectors = eigh((stiffness + stiffness.T) / 2, mass)
+    free = np.abs(squares) <= AT_REST * np.abs(squares).max()
+    moved = position @ vectors
+    damping = vectors.T @ damping @ vectors
+    scale = np.abs(np.diagonal(damping)).max(initial=0.0)
+    if np.abs(damping[free]).max(initial=0.0) > ALONE * scale:
+        return None
+    rigid, shapes = moved[:, free] @ moved[:, free].T, moved[:, ~free].T.astype(complex)
+    squares, damping = squares[~free], damping[np.ix_(~free, ~free)]
+    own, partners = np.diagonal(damping), np.zeros(0, dtype=complex)
+    if np.abs(damping - np.diag(own)).max(initial=0.0) <= ALONE * scale:
+        root = np.sqrt(own**2 / 4 - squares + 0j)
+        poles, partners = -own / 2 + root, -own / 2 - root
+        if np.any(np.abs(root) < APART * np.abs(poles)):
+            return None
+    else:
+        poles, parts = _quadratic(squares, damping)
+        shapes = parts @ shapes
+    return Modes(rigid, shapes, poles, partners)
+
+
+def _quadratic(squares: Floats, damping: Floats) -> tuple[Complexes, Complexes]:
+    """λ (2m,) and x (2m, m) with (s² + s D + Ω²)⁻¹ = Σ x xᵀ/(s − λ); vectors of poles that are as good as equal are made orthogonal.
+
+    A z = λ B z with z = (x, λx) and symmetric A and B: zᵀBz = 1 is the scale, zᵀBz' = 0 for another pole.
+    """
+    count, none, one = len(squares), np.zeros((len(squares), len(squares))), np.eye(len(squares))
+    poles, vectors = np.linalg.eig(np.block([[none, one], [-np.diag(squares), -damping]]))
+    a, b = np.block([[-np.diag(squares), none], [none, one]]), np.block([[damping, one], [one, none]])
+    near = np.abs(poles[:, None] - poles) <= SAME * np.abs(poles)
+    for k in range(2 * count):
+        together = np.flatnonzero(near[k])
+        if len(together) > 1 and together[0] == k:
+            vectors[:, together] = np.linalg.qr(vectors[:, together])[0]
+            for _ in range(2):  # orthogonal as to B, then turned so that A is diagonal as far as round-off lets it be told, again
+                basis = _scaled(vectors[:, together], b)
+                turn = np.linalg.eig(basis.T @ a @ basis)[1]
+                vectors[:, together] = basis @ _scaled(turn, np.eye(len(together)))
+            poles[together] = np.diagonal(vectors[:, together].T @ a @ vectors[:, together])
+        elif len(together) == 1:
+            vectors[:, k] /= np.sqrt(vectors[:, k] @ b @ vectors[:, k])
+    return poles, vectors[:count].T
+
+
+def _scaled(vectors: Complexes, form: Floats) -> Complexes:
+    """Another basis of the span of `vectors`, in which the bilinear form is the identity."""
+    values, axes = np.linalg.eig(vectors.T @ form @ vectors)
+    return vectors @ (axes / np.sqrt(values)) @ np.linalg.inv(axes)
