@@ -52,17 +52,13 @@ class ModalLoop:
         if any(np.count_nonzero(gain) != np.count_nonzero(np.diagonal(gain)) for gain in gains):
             return None
         modes, drives = parts.plant.modes, parts.drives
-        of_gains: dict[tuple[float, ...], Factored] = {}  # legs that are alike share theirs
-        laws = []
-        for k, own in enumerate(zip(*(np.diagonal(gain).tolist() for gain in gains), strict=True)):
-            if own not in of_gains:
-                of_gains[own] = parts.controller.on_joint(k, loop.size).transfer(step).scaled(loop.gain)
-            laws.append(of_gains[own])
+        laws = [law.scaled(loop.gain) for law in parts.controller.on_joints(loop.size, step)]
         if modes is None or not all(law.gain > 0 for law in laws):
             return None
         corners = np.abs(modes.poles.imag)
         if step is None:
-            laws = [law * current_loop(drive) for law, drive in zip(laws, drives, strict=True)]
+            currents = {drive: current_loop(drive) for drive in drives}
+            laws = [law * currents[drive] for law, drive in zip(laws, drives, strict=True)]
             late, fraction, current = np.array([drive.delay for drive in drives]), 0.0, (0.0, 0.0)
         else:
             first = drives[0]

@@ -132,22 +132,29 @@ class Controller:
 
     def combine(self, terms: Terms, sample_time: float | None) -> Factored:
         """N · Σ terms, with this controller's filters, for scalar gains."""
-        velocity, integral = self.velocity(sample_time), integrator(sample_time)
-        most_v, most_i = (max((powers[k] for powers in terms), default=0) for k in (0, 1))
-        numerator = np.zeros(1)
-        for (power_v, power_i), gain in terms.items():
+        for gain in terms.values():
             if np.size(gain) != 1:
                 raise GainroomError(f"{type(self).__name__}: gains of shape {np.shape(gain)} must be single numbers for one joint")
-            part = np.full(1, float(np.reshape(gain, ())))
-            for power, most, (num, den) in ((power_v, most_v, velocity), (power_i, most_i, integral)):
-                if most:
-                    part = np.polymul(part, num if power else den)
-            numerator = np.polyadd(numerator, part)
-        denominator = np.ones(1)
-        for most, (_, den) in ((most_v, velocity), (most_i, integral)):
-            if most:
-                denominator = np.polymul(denominator, den)
+        parts, denominator = self._polynomials(terms, sample_time)
+        numerator = sum((float(np.reshape(gain, ())) * part for gain, part in zip(terms.values(), parts, strict=True)), np.zeros(1))
         return self.shaping(sample_time) * ratio(numerator, denominator, sample_time)
+
+    def on_joints(self, size: int, sample_time: float | None) -> list[Factored]:
+        """D of each of `size` joints, of gains on the diagonal."""
+        terms = self._matrices(size)
+        parts, denominator = self._polynomials(terms, sample_time)
+        numerators = sum((np.outer(np.diagonal(gain), part) for gain, part in zip(terms.values(), parts, strict=True)), np.zeros((size, 1)))
+        shaping = self.shaping(sample_time)
+        return [shaping * ratio(numerator, denominator, sample_time) for numerator in numerators]
+
+    def _polynomials(self, terms: Terms, sample_time: float | None) -> tuple[Floats, Floats]:
+        """What each term's gain multiplies in a common numerator (terms, k), highest power first, and the denominator."""
+        ratios = self.velocity(sample_time), integrator(sample_time)
+        most = [max((powers[k] for powers in terms), default=0) for k in (0, 1)]
+        parts = [reduce(np.polymul, (ratios[k][0 if powers[k] else 1] for k in (0, 1) if most[k]), np.ones(1)) for powers in terms]
+        longest = max((len(part) for part in parts), default=1)
+        padded = np.array([np.concatenate([np.zeros(longest - len(part)), part]) for part in parts]).reshape(len(parts), longest)
+        return padded, reduce(np.polymul, (ratios[k][1] for k in (0, 1) if most[k]), np.ones(1))
 
     @property
     def lead_rises(self) -> bool:

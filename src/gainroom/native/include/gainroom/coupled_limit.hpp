@@ -117,16 +117,24 @@ class CoupledLimit {
         return left;
     }
 
-    // Looks for crossings below `gain` from the undecided intervals; true where there are.
+    // Looks for crossings below `gain` from the undecided intervals, first from the likeliest start of each; true where there are. Those a
+    // little above are kept too: their vectors matter (exclusion.hpp).
     bool lowered(double gain, double low, double high) {
         bool found = false;
-        for (const Interval& interval : undecided)
-            for (int k = 0; k < kStarts; k++)
-                for (Crossing& start : starts(interval.low + (interval.high - interval.low) * k / (kStarts - 1), gain)) {
-                    if (!polish(start) || start.omega < low || start.omega > high || !(start.gain < gain) || known(start)) continue;
-                    found = true;
-                    crossings.push_back(start);
+        for (const bool all : {false, true}) {
+            for (const Interval& interval : undecided)
+                for (int k = all ? 0 : 1; k < (all ? kStarts : 2); k++) {
+                    std::vector<Crossing> from = starts(interval.low + (interval.high - interval.low) * k / (kStarts - 1), gain);
+                    if (!all && from.size() > 1) from.resize(1);
+                    for (Crossing& start : from) {
+                        if (!polish(start) || start.omega < low || start.omega > high || known(start)) continue;
+                        if (!(start.gain < gain * (all && !crossings.empty() ? kNear : 1.0))) continue;
+                        found = found || start.gain < gain;
+                        crossings.push_back(start);
+                    }
                 }
+            if (found) break;
+        }
         std::sort(crossings.begin(), crossings.end(), [](const Crossing& a, const Crossing& b) { return a.gain < b.gain; });
         return found;
     }
@@ -161,6 +169,7 @@ class CoupledLimit {
             for (std::size_t i = 0; i < n_; i++) one.vector.push_back(vectors[i * n_ + k] * units[i]);
             found.push_back(one);
         }
+        std::sort(found.begin(), found.end(), [](const Crossing& a, const Crossing& b) { return a.gain < b.gain; });
         return found;
     }
 
