@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from .errors import GainroomError
     from .files.robot_yaml import load_robot
     from .native import warmup
+    from .realtime.tracker import GainTracker, TrackedLimit
     from .simulation import Friction, Scenario, Testbed, simulate
     from .studies.analysis import Analysis, State, analyze
     from .studies.joint import JointStudy, study_joint
@@ -52,6 +53,7 @@ _HOME = {
     "studies.joint": ("study_joint", "JointStudy"),
     "files.robot_yaml": ("load_robot",),
     "simulation": ("Scenario", "simulate", "Testbed", "Friction"),
+    "realtime.tracker": ("GainTracker", "TrackedLimit"),
     "native": ("warmup",),
     "errors": ("GainroomError",),
 }
@@ -70,6 +72,7 @@ __all__ = [
     "ElasticJoint",
     "Friction",
     "GainLimit",
+    "GainTracker",
     "GainroomError",
     "JointSpec",
     "JointStudy",
@@ -86,6 +89,7 @@ __all__ = [
     "State",
     "System",
     "Testbed",
+    "TrackedLimit",
     "Uncertainty",
     "analyze",
     "build_loop",

@@ -215,6 +215,10 @@ class RigidBody:
         jacobian = pin.computeFrameJacobian(self.model, self._data, self._posture(q), index, pin.ReferenceFrame.LOCAL)
         return jacobian.reshape(6, self.nv).copy()
 
+    def frame_index(self, frame: str) -> int:
+        """Pinocchio's number of a frame. Raises GainroomError for an unknown one."""
+        return self._frame(frame)
+
     def skeleton(self, q: ArrayLike) -> Skeleton:
         """Joints and the ends of chains as points, for a drawing of posture `q`."""
         data = self._placed(q)

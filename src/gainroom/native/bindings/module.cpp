@@ -7,6 +7,7 @@ void bind_scan(nb::module_& m);
 void bind_simulation(nb::module_& m);
 void bind_identification(nb::module_& m);
 void bind_coupled(nb::module_& m);
+void bind_tracker(nb::module_& m);
 
 NB_MODULE(_core, m) {
     m.doc() = "gainroom's C++ core; see src/gainroom/native/include/gainroom.";
@@ -14,4 +15,5 @@ NB_MODULE(_core, m) {
     bind_simulation(m);
     bind_identification(m);
     bind_coupled(m);
+    bind_tracker(m);
 }

@@ -1,0 +1,118 @@
+#include "gainroom/tracker.hpp"
+
+#include <nanobind/stl/vector.h>
+
+#include "arrays.hpp"
+
+using gainroom::JointData;
+using Strided = nb::ndarray<const double, nb::ndim<2>, nb::device::cpu>;
+
+// A tracker with the rigid-body terms of its ticks in memory of its own: filled by whoever calls, read by update.
+class GainTracker {
+public:
+    GainTracker(const Matrix& joints, double sample_time, std::size_t velocities, std::size_t rows, std::size_t contacts, double slices,
+                double urgent)
+        : joints_(read(joints)), tracker_(joints_.data(), joints_.size(), sample_time, contacts, settings(slices, urgent)),
+          inertia_(velocities, joints_.size(), rows), mass_(velocities * velocities), rows_(rows * velocities),
+          inverse_(joints_.size() * joints_.size()) {
+        require(velocities >= joints_.size(), "there are at least as many velocities as joints");
+    }
+
+    // `mass` (N, N), `jacobians`: contact Jacobians one below the other; a negative contact: an unknown one.
+    nb::tuple update(const Strided& mass, const std::vector<Strided>& jacobians, std::int64_t contact) {
+        const std::size_t size = inertia_.velocities();
+        require(mass.shape(0) == size && mass.shape(1) == size, "mass has the shape (N, N)");
+        for (std::size_t i = 0; i < size; i++)
+            for (std::size_t j = i; j < size; j++) mass_[i * size + j] = mass(i, j);
+        std::size_t count = 0;
+        for (const Strided& one : jacobians) {
+            require(one.shape(1) == size && count + one.shape(0) <= inertia_.most_rows(), "Jacobians have N columns and fit in `rows`");
+            for (std::size_t r = 0; r < one.shape(0); r++, count++)
+                for (std::size_t j = 0; j < size; j++) rows_[count * size + j] = one(r, j);
+        }
+        gainroom::Limit limit;
+        {
+            nb::gil_scoped_release release;
+            if (contact < 0) limit = tracker_.without_evidence(gainroom::Flag::bad_contact);
+            else if (!inertia_.compute(mass_.data(), rows_.data(), count, inverse_.data()))
+                limit = tracker_.without_evidence(gainroom::Flag::bad_posture);
+            else limit = tracker_.update(inverse_.data(), std::size_t(contact));
+        }
+        return answer(limit);
+    }
+
+    nb::tuple update_inverse(const Matrix& w, std::int64_t contact) {
+        require(has_shape(w, joints_.size(), joints_.size()), "w has the shape (n, n)");
+        return answer(contact < 0 ? tracker_.without_evidence(gainroom::Flag::bad_contact) : tracker_.update(w.data(), std::size_t(contact)));
+    }
+
+    nb::tuple flagged(int flag) const {
+        return answer(tracker_.without_evidence(static_cast<gainroom::Flag>(flag)));
+    }
+    nb::object inverse() const { return owned(inverse_.data(), joints_.size(), joints_.size()); }
+    double passive_frequency() const { return tracker_.passive_frequency(); }
+    long pairs() const { return tracker_.pairs(); }
+    std::size_t slices() const { return tracker_.slices(); }
+    double alias_left(const Matrix& w, double omega) const { return tracker_.laws().alias_left(w.data(), omega); }
+    double counted_gain(std::size_t contact) const { return tracker_.counted_gain(contact); }
+
+    // Gain, frequency, direction and spread of the crossings followed in one contact state.
+    nb::object crossings(std::size_t contact) const {
+        std::vector<double> values;
+        for (std::size_t k = 0; k < tracker_.crossings(contact); k++) {
+            const auto& one = tracker_.crossing(contact, k);
+            values.insert(values.end(), {one.gain, one.omega, one.rising > 0.0 ? 1.0 : -1.0, one.spread});
+        }
+        return owned(values.data(), values.size() / 4, 4);
+    }
+
+private:
+    static std::vector<JointData> read(const Matrix& joints) {
+        static_assert(sizeof(JointData) == 10 * sizeof(double));
+        require(joints.shape(1) == 10 && joints.shape(0) > 0, "joints have the shape (n, 10)");
+        const auto* first = reinterpret_cast<const JointData*>(joints.data());
+        return {first, first + joints.shape(0)};
+    }
+    static gainroom::TrackerSettings settings(double slices, double urgent) {
+        gainroom::TrackerSettings found;
+        found.slices = slices;
+        found.urgent = urgent;
+        return found;
+    }
+    static nb::tuple answer(const gainroom::Limit& limit) {
+        return nb::make_tuple(limit.gain, limit.frequency, limit.certified, limit.age, limit.safe_gain, static_cast<int>(limit.flag));
+    }
+
+    std::vector<JointData> joints_;
+    gainroom::Tracker tracker_;
+    gainroom::LinkInertia inertia_;
+    std::vector<double> mass_, rows_, inverse_;
+};
+
+static nb::object link_inverse_inertia(const Strided& mass, const Matrix& rows, std::size_t joints) {
+    const std::size_t size = mass.shape(0), count = rows.shape(0);
+    require(mass.shape(1) == size && rows.shape(1) == size && joints <= size, "mass and rows have the shapes (N, N) and (c, N), n <= N");
+    std::vector<double> values(size * size), inverse(joints * joints);
+    for (std::size_t i = 0; i < size; i++)
+        for (std::size_t j = i; j < size; j++) values[i * size + j] = mass(i, j);
+    gainroom::LinkInertia inertia(size, joints, count);
+    require(inertia.compute(values.data(), rows.data(), count, inverse.data()), "mass has to be finite and positive definite");
+    return owned(inverse.data(), joints, joints);
+}
+
+void bind_tracker(nb::module_& m) {
+    m.def("link_inverse_inertia", &link_inverse_inertia, nb::arg("mass"), nb::arg("rows"), nb::arg("joints"));
+    nb::class_<GainTracker>(m, "GainTracker")
+        .def(nb::init<const Matrix&, double, std::size_t, std::size_t, std::size_t, double, double>(), nb::arg("joints"),
+             nb::arg("sample_time"), nb::arg("velocities"), nb::arg("rows"), nb::arg("contacts"), nb::arg("slices"), nb::arg("urgent"))
+        .def("update", &GainTracker::update, nb::arg("mass"), nb::arg("jacobians"), nb::arg("contact"))
+        .def("update_inverse", &GainTracker::update_inverse, nb::arg("w"), nb::arg("contact"))
+        .def("flagged", &GainTracker::flagged, nb::arg("flag"))
+        .def("crossings", &GainTracker::crossings, nb::arg("contact"))
+        .def("counted_gain", &GainTracker::counted_gain, nb::arg("contact"))
+        .def("alias_left", &GainTracker::alias_left, nb::arg("w"), nb::arg("omega"))
+        .def_prop_ro("inverse", &GainTracker::inverse)
+        .def_prop_ro("pairs", &GainTracker::pairs)
+        .def_prop_ro("slices", &GainTracker::slices)
+        .def_prop_ro("passive_frequency", &GainTracker::passive_frequency);
+}

@@ -1,0 +1,166 @@
+// A gain factor g and a frequency ω at which the closed loop has a root jω, followed as W changes.
+//
+// The mode x of (W + diag(β)) x = 0 gives g and ω by xᵀWx + Σ β_i x_i² = 0, wrong by the square of the mode's own error, as the matrix is
+// symmetric; the mode is mended by residual inverse iteration with the factors of an earlier posture (Neumaier, SIAM J. Numer. Anal. 22,
+// 1985). Factors are made anew where that is slow.
+#pragma once
+
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "symmetric_factor.hpp"
+
+namespace gainroom {
+
+struct Crossing {
+    explicit Crossing(std::size_t size) : mode(size), factor(size) {}
+
+    double omega = 0.0, gain = 0.0;
+    double rising = 0.0;   // > 0: a pair of roots becomes unstable as the factor rises past `gain`
+    double spread = 1.0;   // how much the gain moves with W, at most: |d ln g| <= spread · (change of W relative to W + 1/J)
+    double seen_at = 0.0;  // the path (tracker.hpp) at which it was right
+    bool factored = false, converged = false;
+    std::vector<Complex> mode;
+    SymmetricFactor factor;
+};
+
+class CrossingSolver {
+public:
+    explicit CrossingSolver(const JointLaws& laws) : laws_(laws), values_(laws.size()), moved_(laws.size()), extra_(laws.size()) {}
+
+    // Follows `crossing` to W; `work` is counted in factorizations. True where it has converged: `converged` says so too.
+    bool follow(const double* w, Crossing& crossing, int steps, double& work) {
+        double last = 1.0, step_size = 1.0;
+        crossing.converged = false;
+        for (int k = 0; k < steps; k++) {
+            const double residual = balance(w, crossing, step_size);
+            work += 0.3;
+            if (!std::isfinite(residual)) return false;
+            if (residual < kResidual && step_size < 1e-7) {
+                sensitivity(w, crossing);
+                return crossing.converged = true;
+            }
+            if (!crossing.factored || (k > 0 && residual > 0.1 * last)) {
+                refactor(w, crossing);
+                work += 1.0;
+            }
+            last = residual;
+            crossing.factor.solve(extra_.data());
+            for (std::size_t i = 0; i < extra_.size(); i++) crossing.mode[i] -= extra_[i];
+            if (!normalize(crossing.mode)) return false;
+        }
+        return false;
+    }
+
+    // A start from nothing but a place: another direction every time, so that equal crossings are found one by one.
+    void begin(double omega, double gain, Crossing& crossing) {
+        for (Complex& x : crossing.mode) {
+            seed_ = seed_ * 6364136223846793005u + 1442695040888963407u;
+            x = double(seed_ >> 11) * 0x1p-52 - 1.0;
+        }
+        crossing.omega = omega;
+        crossing.gain = gain;
+        crossing.factored = false;
+    }
+
+    // Towards the direction in which the matrix that `factor` holds is smallest.
+    static bool sharpen(const SymmetricFactor& factor, Crossing& crossing) {
+        factor.solve(crossing.mode.data());
+        return normalize(crossing.mode);
+    }
+
+    static bool normalize(std::vector<Complex>& mode) {
+        double size = 0.0;
+        for (const Complex& x : mode) size += std::norm(x);
+        if (!(size > 0.0) || !std::isfinite(size)) return false;
+        size = 1.0 / std::sqrt(size);
+        for (Complex& x : mode) x *= size;
+        return true;
+    }
+
+private:
+    static constexpr double kResidual = 1e-7;
+
+    void refactor(const double* w, Crossing& crossing) {
+        laws_.at(crossing.omega, crossing.gain * (1.0 + 1e-7), values_.data());  // beside the root, where nothing is singular
+        crossing.factor.factor(w, values_.data());
+        crossing.factored = true;
+    }
+
+    // ω and g for the mode as it is, the residual in extra_; its size, relative.
+    double balance(const double* w, Crossing& crossing, double& step_size) {
+        const std::size_t n = crossing.mode.size();
+        const Complex* x = crossing.mode.data();
+        Complex inertia = 0.0;
+        for (std::size_t i = 0; i < n; i++) moved_[i] = 0.0;
+        for (std::size_t j = 0; j < n; j++) {
+            const double re = x[j].real(), im = x[j].imag();
+            const double* row = w + j * n;
+            double* to = reinterpret_cast<double*>(moved_.data());
+            for (std::size_t i = 0; i < n; i++) {
+                to[2 * i] += row[i] * re;
+                to[2 * i + 1] += row[i] * im;
+            }
+        }
+        for (std::size_t i = 0; i < n; i++) inertia += times(moved_[i], x[i]);
+        double first = 0.0;
+        for (int k = 0; k < 4; k++) {
+            laws_.at(crossing.omega, crossing.gain, values_.data());
+            Complex f = inertia, slope = 0.0, by_gain = 0.0;
+            for (std::size_t i = 0; i < n; i++) {
+                const Complex square = times(x[i], x[i]);
+                f += times(square, values_[i].beta);
+                slope += times(square, values_[i].beta_omega);
+                by_gain += times(square, values_[i].beta_gain);
+            }
+            const double det = slope.real() * by_gain.imag() - slope.imag() * by_gain.real();
+            double d_omega = (f.real() * by_gain.imag() - f.imag() * by_gain.real()) / (det * crossing.omega);
+            double d_gain = (slope.real() * f.imag() - slope.imag() * f.real()) / (det * crossing.gain);
+            const double size = std::fabs(d_omega) + std::fabs(d_gain);
+            if (!std::isfinite(size)) return size;
+            if (size > 0.2) {
+                d_omega *= 0.2 / size;
+                d_gain *= 0.2 / size;
+            }
+            crossing.omega *= 1.0 - d_omega;
+            crossing.gain *= 1.0 - d_gain;
+            crossing.rising = (by_gain.imag() * slope.real() - by_gain.real() * slope.imag());
+            if (k == 0) first = size;
+            if (size < 1e-7) break;  // the next step would be of its square
+        }
+        laws_.at(crossing.omega, crossing.gain, values_.data());
+        step_size = first;
+        double left = 0.0, whole = 0.0;
+        for (std::size_t i = 0; i < n; i++) {
+            extra_[i] = moved_[i] + times(values_[i].beta, x[i]);
+            left += std::norm(extra_[i]);
+            whole += std::norm(x[i]) * (w[i * n + i] * w[i * n + i] + 1.0 / std::norm(values_[i].outer));  // β itself may be 0
+        }
+        return std::sqrt(left / whole);
+    }
+
+    // |d ln g| under a change of W by δ(W + 1/J), of any shape.
+    void sensitivity(const double* w, Crossing& crossing) const {
+        const std::size_t n = crossing.mode.size();
+        Complex slope = 0.0, by_gain = 0.0;
+        double size = 0.0;
+        for (std::size_t i = 0; i < n; i++) {
+            const Complex square = times(crossing.mode[i], crossing.mode[i]);
+            slope += times(square, values_[i].beta_omega);
+            by_gain += times(square, values_[i].beta_gain);
+            size += std::norm(crossing.mode[i]) * (w[i * n + i] + 1.0 / laws_.joint(i).motor_inertia);
+        }
+        // Real ω and g balance a complex change f: Im(f conj(slope)) = dg Im(by_gain conj(slope)), up to signs.
+        const double across = std::fabs(by_gain.imag() * slope.real() - by_gain.real() * slope.imag());
+        crossing.spread = size * std::abs(slope) / (across * crossing.gain);
+    }
+
+    const JointLaws& laws_;
+    std::vector<JointValue> values_;
+    std::vector<Complex> moved_, extra_;
+    std::uint64_t seed_ = 1;
+};
+
+}  // namespace gainroom

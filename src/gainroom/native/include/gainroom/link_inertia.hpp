@@ -1,0 +1,127 @@
+// What n joints feel of the links that they move, in one posture on rigid contacts: W = S (A⁻¹ − A⁻¹Jᵀ(J A⁻¹Jᵀ)⁺J A⁻¹) Sᵀ.
+//
+// A (N, N) is the mass matrix of all velocities, of which the joints are the last n, and J (c, N) holds the contact directions, of any
+// rank. With A = L Lᵀ, Y = L⁻¹Sᵀ and Q an orthonormal basis of the columns of L⁻¹Jᵀ, W = YᵀY − (QᵀY)ᵀ(QᵀY). Inner loops run along rows.
+#pragma once
+
+#include <cmath>
+#include <cstddef>
+#include <vector>
+
+namespace gainroom {
+
+// A held direction that is not another's combination moves the links by more than this, relative to the one that moves them most.
+constexpr double kRedundant = 1e-9;
+
+inline double dot(const double* a, const double* b, std::size_t count) {
+    double sums[4] = {0.0, 0.0, 0.0, 0.0};  // four chains of additions: one alone would wait for its own result
+    std::size_t k = 0;
+    for (; k + 4 <= count; k += 4)
+        for (std::size_t m = 0; m < 4; m++) sums[m] += a[k + m] * b[k + m];
+    for (; k < count; k++) sums[0] += a[k] * b[k];
+    return (sums[0] + sums[1]) + (sums[2] + sums[3]);
+}
+
+inline void subtract(double* from, double factor, const double* what, std::size_t count) {
+    for (std::size_t k = 0; k < count; k++) from[k] -= factor * what[k];
+}
+
+// Space for machines of up to `velocities` N, of which `joints` n, and `rows` c held directions. For one thread at a time.
+class LinkInertia {
+public:
+    LinkInertia(std::size_t velocities, std::size_t joints, std::size_t rows)
+        : velocities_(velocities), joints_(joints), most_(rows), root_(velocities * velocities), reach_(velocities * joints),
+          held_(rows * velocities), taken_(rows * joints) {}
+
+    std::size_t velocities() const { return velocities_; }
+    std::size_t joints() const { return joints_; }
+    std::size_t most_rows() const { return most_; }
+
+    // Fills `inverse` W (n, n) from the upper triangle of `mass` (N, N) and `rows` (count, N), row by row. False, and W is not to be
+    // used, where the mass matrix is not positive definite or a number is not finite.
+    bool compute(const double* mass, const double* rows, std::size_t count, double* inverse) {
+        const std::size_t size = velocities_, base = size - joints_;
+        if (count > most_ || !factor(mass)) return false;
+        for (std::size_t k = 0; k < size * joints_; k++) reach_[k] = 0.0;
+        for (std::size_t k = base; k < size; k++) {  // row k of Y: joints up to k − base
+            double* row = &reach_[k * joints_];
+            const std::size_t width = k - base + 1;
+            row[width - 1] = 1.0;
+            const double pivot = 1.0 / root_[k * size + k];
+            for (std::size_t j = 0; j < width; j++) row[j] *= pivot;
+            for (std::size_t i = k + 1; i < size; i++) subtract(&reach_[i * joints_], root_[k * size + i], row, width);
+        }
+        const std::size_t rank = orthonormal(rows, count);
+        for (std::size_t r = 0; r < rank; r++) {
+            double* row = &taken_[r * joints_];
+            for (std::size_t j = 0; j < joints_; j++) row[j] = 0.0;
+            for (std::size_t k = base; k < size; k++) subtract(row, -held_[r * size + k], &reach_[k * joints_], k - base + 1);
+        }
+        for (std::size_t k = 0; k < joints_ * joints_; k++) inverse[k] = 0.0;
+        for (std::size_t k = base; k < size; k++) add_square(inverse, &reach_[k * joints_], k - base + 1, -1.0);
+        for (std::size_t r = 0; r < rank; r++) add_square(inverse, &taken_[r * joints_], joints_, 1.0);
+        double sum = 0.0;
+        for (std::size_t i = 0; i < joints_; i++)
+            for (std::size_t j = 0; j <= i; j++) {
+                inverse[j * joints_ + i] = inverse[i * joints_ + j];
+                sum += inverse[i * joints_ + j];
+            }
+        return std::isfinite(sum);
+    }
+
+private:
+    // Lᵀ row by row, from the upper triangle.
+    bool factor(const double* mass) {
+        const std::size_t size = velocities_;
+        for (std::size_t i = 0; i < size; i++)
+            for (std::size_t j = i; j < size; j++) root_[i * size + j] = mass[i * size + j];
+        for (std::size_t k = 0; k < size; k++) {
+            double* row = &root_[k * size];
+            if (!(row[k] > 1e-15 * mass[k * size + k])) return false;
+            row[k] = std::sqrt(row[k]);
+            const double pivot = 1.0 / row[k];
+            for (std::size_t j = k + 1; j < size; j++) row[j] *= pivot;
+            for (std::size_t i = k + 1; i < size; i++) subtract(&root_[i * size + i], row[i], row + i, size - i);
+        }
+        return true;
+    }
+
+    // Columns of L⁻¹Jᵀ as rows of held_, orthonormal (Gram and Schmidt, twice); how many are left.
+    std::size_t orthonormal(const double* rows, std::size_t count) {
+        const std::size_t size = velocities_;
+        double largest = 0.0;
+        for (std::size_t r = 0; r < count; r++) {
+            double* row = &held_[r * size];
+            for (std::size_t k = 0; k < size; k++) row[k] = rows[r * size + k];
+            for (std::size_t k = 0; k < size; k++) {
+                row[k] /= root_[k * size + k];
+                subtract(row + k + 1, row[k], &root_[k * size + k + 1], size - k - 1);
+            }
+            largest = std::fmax(largest, std::sqrt(dot(row, row, size)));
+        }
+        std::size_t rank = 0;
+        for (std::size_t r = 0; r < count; r++) {
+            double* row = &held_[rank * size];
+            if (rank < r)
+                for (std::size_t k = 0; k < size; k++) row[k] = held_[r * size + k];
+            for (int pass = 0; pass < 2; pass++)
+                for (std::size_t m = 0; m < rank; m++) subtract(row, dot(row, &held_[m * size], size), &held_[m * size], size);
+            const double left = std::sqrt(dot(row, row, size));
+            if (!(left > kRedundant * largest)) continue;
+            for (std::size_t k = 0; k < size; k++) row[k] /= left;
+            // What is left of a nearly redundant row is mostly round-off in the others' directions: taken out once more at its new size.
+            for (std::size_t m = 0; m < rank; m++) subtract(row, dot(row, &held_[m * size], size), &held_[m * size], size);
+            rank++;
+        }
+        return rank;
+    }
+
+    void add_square(double* inverse, const double* row, std::size_t width, double sign) const {
+        for (std::size_t i = 0; i < width; i++) subtract(inverse + i * joints_, sign * row[i], row, i + 1);
+    }
+
+    std::size_t velocities_, joints_, most_;
+    std::vector<double> root_, reach_, held_, taken_;
+};
+
+}  // namespace gainroom

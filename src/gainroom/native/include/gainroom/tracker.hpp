@@ -1,0 +1,396 @@
+// The largest stable common factor on all gains, tick by tick, as the posture moves: GainTracker's core (docs/realtime.md).
+//
+// Known crossings are followed at every tick: the lowest two, every other one that might have come below them, and one more in turn. Meanwhile
+// the unstable roots are counted, a few slices per tick, at a factor above the lowest crossing: where the count is that of the known
+// crossings below, nothing unknown lies in between. What has been counted holds for as long as the robot has not moved far
+// enough to bring an unknown crossing from above that factor below the tracked gain. Where the count differs, slices become
+// starts of a search. Restarts (contact switches, jumps of posture) move W in bounded strides from where the crossings were last known.
+//
+// All space is taken at construction; no exceptions, no allocation in update. For one thread at a time.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <limits>
+#include <vector>
+
+#include "crossing.hpp"
+#include "link_inertia.hpp"
+#include "phase_sweep.hpp"
+
+namespace gainroom {
+
+struct TrackerSettings {
+    double slices = 2.0;       // of the count at an ordinary tick
+    double urgent = 10.0;      // and where there is no certificate, in factorizations, searches included
+    int strides = 4;           // of W at one tick after a jump
+    double stride = 0.15;      // relative to W + 1/J
+    double highest = 1e3;      // factors that are looked for
+};
+
+enum class Flag { fine = 0, bad_posture = 1, bad_contact = 2 };
+
+// gain, frequency [rad/s]  of the lowest known crossing; NaN: none known
+// certified                the gain is the loop's limit, see docs/realtime.md
+// age                      ticks since this contact state's gain was certified; −1: never
+// safe_gain                not above gain; of the last certified one where this is not; 0: nothing is known
+struct Limit {
+    double gain = std::numeric_limits<double>::quiet_NaN(), frequency = std::numeric_limits<double>::quiet_NaN();
+    bool certified = false;
+    long age = -1;
+    double safe_gain = 0.0;
+    Flag flag = Flag::fine;
+};
+
+class Tracker {
+public:
+    static constexpr std::size_t kMost = 16;  // crossings followed
+    static constexpr double kCertain = 1e-6;  // of the gain that safe_gain stays below it
+
+    Tracker(const JointData* joints, std::size_t count, double sample_time, std::size_t contacts, const TrackerSettings& settings = {})
+        : laws_(joints, count, sample_time), settings_(settings), solver_(laws_), sweep_(laws_), trial_(count), inverse_root_(count) {
+        for (std::size_t k = 0; k < contacts; k++) states_.emplace_back(count);
+        passive_end_ = passive_end();
+    }
+    Tracker(const Tracker&) = delete;  // parts refer to each other
+    Tracker& operator=(const Tracker&) = delete;
+
+    const JointLaws& laws() const { return laws_; }
+    // Below this frequency [rad/s] every joint's controller only takes energy out; 0: there is none, and the tracker has no start.
+    double passive_frequency() const { return passive_end_; }
+    std::size_t slices() const { return last_slices_; }
+    std::size_t crossings(std::size_t contact) const { return states_[contact].count; }
+    const Crossing& crossing(std::size_t contact, std::size_t k) const { return *states_[contact].order[k]; }
+    long pairs() const { return sweep_.pairs(); }
+    double counted_gain(std::size_t contact) const { return states_[contact].counted; }
+
+    // One tick: `w` W (n, n), symmetric, in contact state `contact`.
+    Limit update(const double* w, std::size_t contact) {
+        tick_++;
+        if (contact >= states_.size()) return without_evidence(Flag::bad_contact);
+        State& state = states_[contact];
+        if (!finite(w)) return without_evidence(Flag::bad_posture);
+        if (contact != contact_) stop_sweep();
+        contact_ = contact;
+        work_ = 0.0;
+        const bool arrived = approach(w, state);
+        if (arrived) count(state);
+        return answer(state, arrived);
+    }
+
+    // The answer where nothing is known of this tick: the lowest that was last certified in any contact state.
+    Limit without_evidence(Flag flag) const {
+        Limit limit;
+        limit.flag = flag;
+        double lowest = std::numeric_limits<double>::infinity();
+        for (const State& state : states_)
+            if (state.certified_at >= 0) lowest = std::min(lowest, kShrunk * state.certified_gain);
+        limit.safe_gain = std::isfinite(lowest) ? lowest : 0.0;
+        return limit;
+    }
+
+private:
+    static constexpr double kShrunk = 0.9, kFarthest = 1.4, kLeast = 1e-3, kFollowed = 1.7, kDouble = 1e-5;
+
+    struct State {
+        explicit State(std::size_t size) : w(size * size) {
+            pool.reserve(kMost);
+            for (std::size_t k = 0; k < kMost; k++) pool.emplace_back(size);
+            for (auto& one : pool) order.push_back(&one);
+        }
+        State(State&&) = default;
+
+        std::vector<double> w;  // at which the crossings are
+        std::vector<Crossing> pool;
+        std::vector<Crossing*> order;  // by rising gain, the first `count` in use
+        std::size_t count = 0, turn = 0, tries = 0;
+        bool begun = false, searching = false, lost = false;
+        double path = 0.0;                         // how far W has moved in all
+        double counted = 0.0, counted_from = 0.0;  // the factor of the last count that agreed, the path at its first slice; 0: none
+        double reach = kFarthest - 1.0;            // how far above the lowest crossing the next count may be
+        double empty_below = 0.0, seek = 0.5;      // factors without unstable roots, and the next one to look at while none is known
+        double certified_gain = 0.0, certified_path = 0.0;
+        long certified_at = -1;
+    };
+
+    bool finite(const double* w) const {
+        double sum = 0.0;
+        const std::size_t n = laws_.size();
+        for (std::size_t k = 0; k < n * n; k++) sum += std::fabs(w[k]);
+        return std::isfinite(sum);
+    }
+
+    // ‖S^(−½)(w − W) S^(−½)‖ with S = diag(W + 1/J), Frobenius.
+    double distance(const double* w, const State& state) {
+        const std::size_t n = laws_.size();
+        for (std::size_t i = 0; i < n; i++) inverse_root_[i] = 1.0 / (state.w[i * n + i] + 1.0 / laws_.joint(i).motor_inertia);
+        double sum = 0.0;
+        for (std::size_t i = 0; i < n; i++) {
+            double row = 0.0;
+            for (std::size_t j = 0; j < n; j++) {
+                const double change = w[i * n + j] - state.w[i * n + j];
+                row += change * change * inverse_root_[j];
+            }
+            sum += row * inverse_root_[i];
+        }
+        return std::sqrt(sum);
+    }
+
+    // Crossings from where they were to `w`; false where this takes further ticks.
+    bool approach(const double* w, State& state) {
+        const std::size_t entries = state.w.size();
+        if (!state.begun) {
+            std::copy(w, w + entries, state.w.begin());
+            state.begun = true;
+            return true;
+        }
+        for (int k = 0; k < settings_.strides; k++) {
+            const double far = distance(w, state);
+            if (!(far > settings_.stride)) {
+                state.path += far;
+                std::copy(w, w + entries, state.w.begin());
+                follow(state, k > 0);
+                return true;
+            }
+            stop_sweep();
+            const double share = std::min(0.5, settings_.stride / far);
+            for (std::size_t m = 0; m < entries; m++) state.w[m] += share * (w[m] - state.w[m]);
+            state.path += share * far;
+            follow(state, true);
+        }
+        return false;
+    }
+
+    void follow(State& state, bool all) {
+        const std::size_t turn = state.count > 2 ? 2 + state.turn++ % (state.count - 2) : 0;
+        for (std::size_t k = 0; k < state.count; k++) {
+            Crossing& one = *state.order[k];
+            const double drift = 2.0 * one.spread * (state.path - one.seen_at);
+            const bool may_be_lowest = k < 2 || one.gain * (1.0 - drift) < state.order[0]->gain;
+            if (!all && !may_be_lowest && k != turn) continue;
+            if (!moved(state, one)) drop(state, k--);
+        }
+        arrange(state);
+    }
+
+    bool moved(State& state, Crossing& one) {
+        bool found = solver_.follow(state.w.data(), one, 6, work_);
+        if (!found) {
+            one.factored = false;
+            found = solver_.follow(state.w.data(), one, 8, work_);
+        }
+        one.seen_at = state.path;
+        return found && one.gain > 0.0 && one.omega > passive_end_ && one.omega < highest_omega();
+    }
+
+    double highest_omega() const { return laws_.sample_time() > 0.0 ? kPi / laws_.sample_time() : 1e9; }
+
+    void drop(State& state, std::size_t k) {
+        if (state.order[k]->gain < kFarthest * state.order[0]->gain) state.lost = true;
+        std::rotate(state.order.begin() + long(k), state.order.begin() + long(k) + 1, state.order.begin() + long(state.count));
+        state.count--;
+    }
+
+    // By rising gain, without doubles and without those far above the lowest.
+    void arrange(State& state) {
+        const auto first = state.order.begin();
+        for (std::size_t i = 1; i < state.count; i++)
+            for (std::size_t j = i; j > 0 && state.order[j]->gain < state.order[j - 1]->gain; j--) std::swap(first[long(j)], first[long(j - 1)]);
+        for (std::size_t k = 1; k < state.count; k++)
+            for (std::size_t m = 0; m < k; m++)
+                if (same(*state.order[k], *state.order[m])) {
+                    drop(state, k--);
+                    break;
+                }
+        while (state.count > 1 && state.order[state.count - 1]->gain > kFollowed * state.order[0]->gain) state.count--;
+    }
+
+    static bool close(const Crossing& a, const Crossing& b) {
+        return std::fabs(a.gain - b.gain) < kDouble * a.gain && std::fabs(a.omega - b.omega) < kDouble * a.omega;
+    }
+
+    static bool same(const Crossing& a, const Crossing& b) { return close(a, b) && std::norm(product(a.mode, b.mode)) > 0.99; }
+
+    static Complex product(const std::vector<Complex>& a, const std::vector<Complex>& b) {
+        Complex sum = 0.0;
+        for (std::size_t i = 0; i < a.size(); i++) sum += times(std::conj(a[i]), b[i]);
+        return sum;
+    }
+
+    // trial_'s mode without those of known crossings.
+    bool away(const State& state) {
+        for (std::size_t k = 0; k < state.count; k++) subtract_share(state.order[k]->mode);
+        return CrossingSolver::normalize(trial_.mode);
+    }
+
+    void subtract_share(const std::vector<Complex>& known) {
+        const Complex share = product(known, trial_.mode);
+        for (std::size_t i = 0; i < known.size(); i++) trial_.mode[i] -= times(share, known[i]);
+    }
+
+    // Whether trial_'s mode is no combination of those of the known crossings at the same place: equal joints that contacts hold have equal
+    // crossings. Their modes are made orthogonal on the way, which leaves them modes of the same crossing.
+    bool independent(const State& state) {
+        for (int pass = 0; pass < 2; pass++) {
+            for (std::size_t k = 0; k < state.count; k++)
+                if (close(trial_, *state.order[k])) subtract_share(state.order[k]->mode);
+            double left = 0.0;
+            for (const Complex& x : trial_.mode) left += std::norm(x);
+            if (!(left > 0.01)) return false;
+            left = 1.0 / std::sqrt(left);
+            for (Complex& x : trial_.mode) x *= left;
+        }
+        return true;
+    }
+
+    // Slices of the count, as many as this tick has room for.
+    void count(State& state) {
+        const double room = certified(state) ? settings_.slices : settings_.urgent;
+        owed_ = std::min(owed_ + room, std::max(room, 1.0));
+        double spent = 0.0;
+        while (spent + 1.0 <= owed_) {
+            if (!sweeping_) {
+                sweep_from_ = state.path;
+                state.lost = false;
+                sweeping_ = sweep_.begin(state.w.data(), next_factor(state), passive_end_) == PhaseSweep::State::running;
+                spent += 1.0;
+                continue;
+            }
+            const PhaseSweep::State now = sweep_.advance(state.w.data());
+            spent += 1.0;
+            if (state.searching && sweep_.slices() % 2 == 0) spent += search(state);
+            if (now == PhaseSweep::State::running) continue;
+            sweeping_ = false;
+            last_slices_ = sweep_.slices();
+            conclude(state, now == PhaseSweep::State::done);
+        }
+        owed_ -= spent;
+    }
+
+    // A crossing that is not known yet, from this slice's frequency and the factor of the count; what it cost.
+    double search(State& state) {
+        double work = 1.0;
+        // Every other one starts beside a known crossing: equal limbs have theirs close together.
+        const Crossing* known = state.count > 0 && state.tries++ % 2 == 0 ? state.order[state.tries / 2 % state.count] : nullptr;
+        if (known && !known->factored) known = nullptr;
+        solver_.begin(known ? known->omega : sweep_.omega(), known ? 1.001 * known->gain : sweep_.gain(), trial_);
+        for (int pass = 0; pass < 3; pass++)
+            if (!away(state) || !CrossingSolver::sharpen(known ? known->factor : sweep_.factor(), trial_)) return work;
+        if (!away(state)) return work;
+        if (!solver_.follow(state.w.data(), trial_, 12, work)) return work;
+        if (!(trial_.gain > 0.0 && trial_.gain < 1.5 * sweep_.gain() && trial_.omega > passive_end_ && trial_.omega < sweep_.top())) return work;
+        if (!independent(state)) return work;
+        if (state.count == kMost) {
+            if (trial_.gain > state.order[kMost - 1]->gain) return work;
+            state.count--;
+        }
+        trial_.seen_at = state.path;
+        std::swap(trial_, *state.order[state.count++]);
+        arrange(state);
+        return work;
+    }
+
+    void conclude(State& state, bool done) {
+        const double factor = sweep_.gain();
+        if (!done) {
+            state.searching = true;
+            state.reach = std::max(0.6 * state.reach, kLeast);
+            if (state.count == 0) state.seek *= 0.9;
+            return;
+        }
+        long expected = 0;
+        for (std::size_t k = 0; k < state.count; k++)
+            if (state.order[k]->gain < factor) expected += state.order[k]->rising > 0.0 ? 1 : -1;
+        if (sweep_.pairs() == expected && !state.lost) {
+            state.searching = false;
+            state.reach = std::min(1.5 * state.reach, kFarthest - 1.0);
+            state.counted = factor;
+            state.counted_from = sweep_from_;
+            state.empty_below = expected == 0 ? factor : 0.0;
+            if (state.count == 0) state.seek = std::min(1.5 * factor, settings_.highest);
+            return;
+        }
+        state.searching = true;
+        state.reach = std::max(0.6 * state.reach, kLeast);
+        if (state.count > 0) return;
+        // No crossing known: nearer to where there are no unstable roots, and a search where that is near.
+        state.searching = state.empty_below > 0.0 && factor < 1.2 * state.empty_below;
+        state.seek = state.empty_below > 0.0 ? std::sqrt(state.empty_below * factor) : 0.5 * factor;
+        if (state.searching) state.seek = factor;
+    }
+
+    // Where to count: in the widest gap between known crossings a little above the lowest.
+    double next_factor(State& state) const {
+        if (state.count == 0) return state.seek;
+        const double lowest = state.order[0]->gain, farthest = (1.0 + state.reach) * lowest;
+        double from = (1.0 + 0.2 * state.reach) * lowest, best = 0.0, factor = from;
+        for (std::size_t k = 1; k <= state.count; k++) {
+            const double to = k < state.count ? std::min(state.order[k]->gain, farthest) : farthest;
+            if (to > from && to / from > best) {
+                best = to / from;
+                factor = to == farthest ? std::pow(from, 0.25) * std::pow(to, 0.75) : std::sqrt(from * to);
+            }
+            from = std::max(from, to);
+        }
+        return factor;
+    }
+
+    void stop_sweep() { sweeping_ = false; }
+
+    // Whether the last count still holds for the lowest crossing.
+    bool certified(const State& state) const {
+        if (state.count == 0 || state.counted == 0.0 || state.lost) return false;
+        const Crossing& lowest = *state.order[0];
+        if (!lowest.converged || lowest.seen_at != state.path) return false;
+        const double room = std::log(state.counted / lowest.gain), moved = state.path - state.counted_from;
+        return room > 0.0 && std::max(lowest.spread, 0.5) * moved < room;
+    }
+
+    Limit answer(State& state, bool arrived) {
+        Limit limit;
+        if (state.count > 0) {
+            limit.gain = state.order[0]->gain;
+            limit.frequency = state.order[0]->omega;
+        }
+        limit.certified = arrived && certified(state);
+        if (limit.certified) {
+            state.certified_at = tick_;
+            state.certified_gain = limit.gain;
+            state.certified_path = state.path;
+            limit.safe_gain = (1.0 - kCertain) * limit.gain;
+        } else if (state.certified_at >= 0) {
+            limit.safe_gain = kShrunk * std::exp(-(state.path - state.certified_path)) * state.certified_gain;
+        } else {
+            limit.safe_gain = without_evidence(Flag::fine).safe_gain;
+        }
+        if (state.count > 0) limit.safe_gain = std::min(limit.safe_gain, (1.0 - kCertain) * limit.gain);
+        limit.age = state.certified_at < 0 ? -1 : tick_ - state.certified_at;
+        return limit;
+    }
+
+    double passive_end() const {
+        double last = 0.0;
+        for (double omega = 1e-2; omega < 1e7; omega *= 1.01) {
+            if (laws_.sample_time() > 0.0 && omega * laws_.sample_time() > kPi) return 0.0;
+            for (std::size_t i = 0; i < laws_.size(); i++)
+                if (laws_.control(i, omega, 1.0).imag() < 0.0) return 0.95 * last;
+            last = omega;
+        }
+        return 0.0;
+    }
+
+    JointLaws laws_;
+    TrackerSettings settings_;
+    CrossingSolver solver_;
+    PhaseSweep sweep_;
+    Crossing trial_;
+    std::vector<double> inverse_root_;
+    std::vector<State> states_;
+    std::size_t contact_ = std::size_t(-1), last_slices_ = 0;
+    bool sweeping_ = false;
+    double passive_end_ = 0.0, sweep_from_ = 0.0, owed_ = 0.0, work_ = 0.0;
+    long tick_ = 0;
+};
+
+}  // namespace gainroom

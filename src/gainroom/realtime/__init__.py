@@ -1,0 +1,1 @@
+"""While a controller runs: gains that go with posture and contact."""

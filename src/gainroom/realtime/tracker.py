@@ -1,0 +1,226 @@
+"""The gain limit of a robot at every control tick, rigid-body terms included.
+
+The C++ core does the work (native/include/gainroom/tracker.hpp); here a robot, its control and limits become the core's numbers, and
+Pinocchio gives mass matrix and contact Jacobians.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..analysis.gain_limit import gain_limit
+from ..errors import GainroomError, first_of_many, nearest
+from ..linear.arrays import Floats
+from ..native import _core
+from ..robot.body import library
+from ..system.controller import PD, Controller
+from ..system.requirements import Requirements
+from ..system.system import Control, System
+from .carried import joint_table, require_carried
+
+if TYPE_CHECKING:
+    from ..robot.contact import Contact
+    from ..robot.robot import Robot
+
+SLICES, URGENT = 2.0, 10.0
+"""Of the count at a tick with a certificate, and at one without, in factorizations: they set the time that a tick takes."""
+SETTLING = 20_000
+"""Ticks within which the first certificate of a contact state has to come, at construction."""
+AGREED = 1e-6
+"""Of the first limits, with those of gain_limit."""
+HOLDING = 6
+"""Directions that have to be held for a floating base to stand."""
+FLAGS = ("", "posture", "contact", "too few constraints")
+UNIT_QUATERNION = 1e-3
+
+
+class TrackedLimit(NamedTuple):
+    """The limit at one tick; gains are common factors on all gains of the control.
+
+    gain        the lowest known factor at which the loop loses stability; NaN where none is known
+    frequency   at which it then vibrates [rad/s]
+    certified   whether `gain` is the loop's limit now: see GainTracker
+    age_ticks   since the limit of this contact state was certified, 0: now; −1: never
+    safe_gain   1e-6 below `gain` where that is certified. Else what was certified last in this contact state, or the lowest of all
+                states where there is none, 10 % and more below it; 0 where nothing is known. Never above `gain`
+    allowed     safe_gain over the gain margin that the limits ask for
+    flag        what was wrong with the call, one of FLAGS; "": nothing
+    """
+
+    gain: float
+    frequency: float
+    certified: bool
+    age_ticks: int
+    safe_gain: float
+    allowed: float
+    flag: str
+
+
+class GainTracker:
+    """Follows the gain limit of a robot's joint-space PD control from tick to tick, continuous or sampled.
+
+    robot      as load_robot gives it; the links are those of its first posture
+    control    a Control or a PD; None: the robot's own
+    limits     of which the gain margin counts, for `allowed`; None: the robot's own
+    contacts   names of contact states; None: all of the robot's
+
+    A certified gain has been followed to convergence at this tick's posture. A little above it the loop's unstable roots have been counted,
+    frequency by frequency, and known crossings explain all of them. Since that count began W has not moved as far as would
+    bring an unknown crossing, as movable as the lowest one, below the gain.
+
+    It is not a proof. The steps of the count are chosen so that phase and slope of the closed loop's determinant agree; each frequency is
+    looked at in the posture of its own tick; and gains below the limit are not looked at one by one, so that an interval of instability
+    that opens below it without passing through it is not seen. At construction the first limits are compared with gain_limit.
+
+    Raises GainroomError for what is not carried: gravity stiffness, springs under contacts, encoders on the link's side, controllers other
+    than PD with one gain per joint, filters, elastic joints without damping, rigid among elastic joints where control is sampled, loops
+    without delay, and loops that are not stable from small gains up to the limit.
+    """
+
+    def __init__(
+        self,
+        robot: "Robot",
+        control: Control | PD | None = None,
+        limits: Requirements | None = None,
+        contacts: Sequence[str] | None = None,
+    ):
+        system = _system(robot, control)
+        names = _contact_names(robot, contacts)
+        require_carried(robot, system, names)
+        body = robot.body
+        self._pin, self._model, self._data = library("pinocchio", "Pinocchio"), body.model, body.model.createData()
+        self._nq, self._floating = body.nq, body.base == "floating"
+        self._world, self._local = self._pin.Convention.WORLD, self._pin.ReferenceFrame.LOCAL
+        self._share = 1.0 / ((system.requirements if limits is None else limits).gain_margin or 1.0)
+        held = [robot.contacts[name] for name in names]
+        rows = [sum(len(contact.rows) for contact in state) for state in held]
+        self._core = _core.GainTracker(
+            joint_table(robot, system), system.control.sample_time or 0.0, body.nv, max(rows, default=0), len(names), SLICES, URGENT
+        )
+        self._states = {
+            name: _State(index, tuple(_held_frame(body, contact) for contact in state))
+            for index, (name, state) in enumerate(zip(names, held, strict=True))
+            if not (self._floating and 0 < rows[index] < HOLDING)
+        }
+        self._loose = frozenset(names) - frozenset(self._states)
+        self._settle(robot, system)
+
+    def update(self, q: ArrayLike, contact: str) -> TrackedLimit:
+        """One tick at posture `q` (nq,), as body.configuration gives it, in contact state `contact`. Raises nothing: see `flag`."""
+        state = self._states.get(contact)
+        if state is None:
+            return self._flagged(3 if contact in self._loose else 2)
+        if not (isinstance(q, np.ndarray) and q.dtype == np.float64 and q.shape == (self._nq,)):
+            try:
+                q = np.array(q, dtype=float)
+            except (TypeError, ValueError):
+                return self._flagged(1)
+            if q.shape != (self._nq,):
+                return self._flagged(1)
+        if self._floating and not abs(q[3] * q[3] + q[4] * q[4] + q[5] * q[5] + q[6] * q[6] - 1.0) < UNIT_QUATERNION:
+            return self._flagged(1)
+        pin, model, data = self._pin, self._model, self._data
+        pin.crba(model, data, q, self._world)
+        jacobians = [
+            pin.getFrameJacobian(model, data, frame, self._local)
+            if rows is None
+            else pin.getFrameJacobian(model, data, frame, self._local)[rows]
+            for frame, rows in state.frames
+        ]
+        return self._answer(self._core.update(data.M, jacobians, state.number))
+
+    def update_dynamics(self, mass: Floats, jacobians: Sequence[Floats], contact: str) -> TrackedLimit:
+        """As update, with mass matrix (N, N) and contact Jacobians, each (c, N), of another dynamics library: links alone, rotors apart.
+
+        Velocities are in the order of the robot's body: base, then joints. Raises nothing: see `flag`.
+        """
+        state = self._states.get(contact)
+        if state is None:
+            return self._flagged(3 if contact in self._loose else 2)
+        try:
+            return self._answer(self._core.update(mass, list(jacobians), state.number))
+        except (TypeError, ValueError):
+            return self._flagged(1)
+
+    def crossings(self, contact: str) -> Floats:
+        """(k, 4) the crossings that are followed in a contact state, by rising gain.
+
+        Columns: gain; frequency [rad/s]; ±1 as roots become unstable or stable; how much ln gain moves with W, relative to W + 1/J.
+        """
+        return self._core.crossings(self._states[contact].number)
+
+    @property
+    def contacts(self) -> tuple[str, ...]:
+        """Contact states that are tracked; floating bases held in fewer than 6 directions are not."""
+        return tuple(self._states)
+
+    def warmup(self) -> None:
+        """Nothing is left to do after construction."""
+
+    def _settle(self, robot: "Robot", system: System) -> None:
+        """The first certificate of every contact state, in the first posture."""
+        for name, state in self._states.items():
+            model = robot.linearize(next(iter(robot.postures)), name)
+            inverse = np.ascontiguousarray(model.link_inverse_inertia)
+            left = self._core.alias_left(inverse, self._core.passive_frequency)
+            if left > 1e-9:
+                raise GainroomError(
+                    f"gain tracker: contact {name!r}: motion faster than the ticks takes part by {left:.1g}; shorten the sample time"
+                )
+            limit = gain_limit(system.loop(model))
+            if not np.isfinite(limit.gain) or limit.gain == 0 or limit.lower_gain > 0:
+                raise GainroomError(
+                    f"gain tracker: contact {name!r}: the loop is stable from a gain factor of {limit.lower_gain:g} to {limit.gain:g}; "
+                    "it has to be stable from 0 to a finite one"
+                )
+            found = self._core.update_inverse(inverse, state.number)
+            for _ in range(SETTLING):
+                if found[2]:
+                    break
+                found = self._core.update_inverse(inverse, state.number)
+            if not found[2] or abs(found[0] - limit.gain) > AGREED * limit.gain:
+                raise GainroomError(f"gain tracker: contact {name!r}: {found[0]:.7g} was found as gain limit, not {limit.gain:.7g}")
+
+    def _answer(self, found: "tuple[float, float, bool, int, float, int]") -> TrackedLimit:
+        gain, frequency, certified, age, safe, flag = found
+        return TrackedLimit(gain, frequency, certified, age, safe, safe * self._share, FLAGS[flag])
+
+    def _flagged(self, flag: int) -> TrackedLimit:
+        return self._answer(self._core.flagged(flag))
+
+
+class _State(NamedTuple):
+    """A contact state: its number in the core, and frames with the rows of their Jacobians that are held, None: all."""
+
+    number: int
+    frames: "tuple[tuple[int, list[int] | None], ...]"
+
+
+def _held_frame(body: Any, contact: "Contact") -> tuple[int, list[int] | None]:
+    return body.frame_index(contact.frame), None if len(contact.rows) == 6 else list(contact.rows)
+
+
+def _system(robot: "Robot", control: Control | PD | None) -> System:
+    """The robot's system with the control that is tracked."""
+    system = getattr(robot, "system", None)
+    if system is None:
+        raise GainroomError("gain tracker: the robot has to come from load_robot, which reads drives and control")
+    if isinstance(control, Controller):
+        return system.with_controller(control)
+    if control is not None and not isinstance(control, Control):
+        raise GainroomError(f"gain tracker: control of type {type(control).__name__} must be a Control or a PD")
+    return system if control is None else replace(system, control=control)
+
+
+def _contact_names(robot: "Robot", names: Sequence[str] | None) -> tuple[str, ...]:
+    known: Mapping[str, Any] = robot.contacts
+    names = tuple(known) if names is None else tuple(names)
+    for name in names:
+        if name not in known:
+            raise GainroomError(f"gain tracker: contact {name!r} is not one of this robot's{nearest(name, tuple(known), 'contact')}")
+    if not names:
+        raise GainroomError(f"gain tracker: contacts must name some of {first_of_many(tuple(known))}")
+    return names

@@ -1,0 +1,180 @@
+"""The gain limit at every tick: rigid-body terms, crossings, counts and misuse, against linearize, the loop's response and gain_limit."""
+
+from dataclasses import replace
+from importlib.resources import files
+
+import numpy as np
+import pytest
+
+import gainroom as gr
+import machines
+from gainroom.native import _core
+from gainroom.robot.contact import Contact
+from gainroom.robot.linearize import linearize
+from robot_walks import Walk
+
+BIPED = files("gainroom") / "files" / "examples" / "biped.yaml"
+TICK = 5e-4
+
+
+@pytest.fixture(scope="module")
+def biped():
+    return gr.load_robot(BIPED)
+
+
+def sampled(robot, sample_time):
+    return replace(robot.system.control, sample_time=sample_time)
+
+
+def joint_rows(loop: gr.Loop):
+    """The core's table of a loop's joints."""
+    plant, drives, pd = loop.parts.plant, loop.parts.drives, loop.parts.controller
+    of_drives = np.array([(drive.bandwidth, drive.damping_ratio, drive.delay) for drive in drives])
+    gains = [loop.gain * np.broadcast_to(gain, loop.size) for gain in (pd.kp, pd.kd)]
+    gearbox = (plant.stiffness, np.where(plant.elastic, plant.damping, 0.0))
+    return np.column_stack([plant.motor_inertia, plant.motor_viscous, plant.link_viscous, *gearbox, of_drives, *gains])
+
+
+def settled(loop: gr.Loop, ticks: int = 4000):
+    """The core's answer for a loop that stays as it is, and the crossings it knows."""
+    w = np.ascontiguousarray(loop.parts.plant.link_inverse_inertia)
+    core = _core.GainTracker(np.ascontiguousarray(joint_rows(loop)), loop.sample_time or 0.0, loop.size, 0, 1, 2.0, 10.0)
+    for _ in range(ticks):
+        found = core.update_inverse(w, 0)
+        if found[2]:
+            break
+    return found, core.crossings(0)
+
+
+STANCES = {
+    "flight": (),
+    "flat": (Contact("left_sole"),),
+    "both": (Contact("left_sole"), Contact("right_sole")),
+    "line": (Contact("left_sole", "line"), Contact("right_sole", "point")),
+}
+
+
+@pytest.mark.parametrize("stance", STANCES)
+def test_link_inertia_is_that_of_linearize(biped, stance: str):
+    """Another algorithm (Cholesky and Gram-Schmidt against an SVD) on random postures; and rows that repeat others change nothing."""
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        q = biped.body.integrate(biped.body.neutral(), rng.uniform(-1, 1, biped.body.nv))
+        model = linearize(biped.body, biped.actuators, q, STANCES[stance])
+        rows = np.ascontiguousarray(model.contact_jacobian)
+        twice = np.vstack([rows, rng.normal(size=(len(rows), len(rows))) @ rows])
+        for held in (rows, twice):
+            found = _core.link_inverse_inertia(model.inertia, held, biped.body.size)
+            # Round-off is that of A⁻¹, of which the contacts take most away.
+            assert np.abs(found - model.link_inverse_inertia).max() < 1e-10 * np.abs(model.link_inverse_inertia).max()
+
+
+def test_link_inertia_refuses_what_is_no_mass_matrix():
+    for mass in (np.zeros((3, 3)), np.diag([1.0, -1.0, 1.0]), np.diag([1.0, np.nan, 1.0]), np.diag([1.0, np.inf, 1.0])):
+        with pytest.raises(ValueError, match="positive definite"):
+            _core.link_inverse_inertia(mass, np.ones((1, 3)), 2)
+
+
+def friction(loop: gr.Loop, rng: np.random.Generator) -> gr.Loop:
+    """The same loop with friction at motors and links, and drives that differ."""
+    parts = loop.parts
+    some = 0.01 * np.sqrt(parts.plant.stiffness * parts.plant.motor_inertia)
+    motor, link = (some * rng.uniform(0, 1, loop.size) for _ in range(2))
+    drives = [replace(drive, bandwidth=drive.bandwidth * rng.uniform(0.8, 1.2)) for drive in parts.drives]
+    if loop.sample_time is None:
+        drives = [replace(drive, delay=drive.delay * rng.uniform(0.9, 1.1)) for drive in drives]
+    return gr.build_loop(replace(parts.plant, motor_viscous=motor, link_viscous=link), drives, parts.controller, "motor", loop.sample_time)
+
+
+def rigid(loop: gr.Loop) -> gr.Loop:
+    parts = loop.parts
+    plant = replace(parts.plant, stiffness=np.full(loop.size, np.inf), damping=np.zeros(loop.size))
+    return gr.build_loop(plant, parts.drives, parts.controller, "motor", loop.sample_time)
+
+
+def as_it_is(loop: gr.Loop, rng: np.random.Generator) -> gr.Loop:
+    return loop
+
+
+@pytest.mark.parametrize("change", [as_it_is, friction, lambda loop, rng: rigid(loop)], ids=["limbs", "friction", "rigid"])
+@pytest.mark.parametrize("number", range(12))
+def test_crossings_are_the_loops_own(change, number: int):
+    """At each one L has the eigenvalue −1/g, and a settled limit is gain_limit's; equal limbs, continuous and sampled (every fourth)."""
+    loop = change(machines.limbs(11, number).loop, np.random.default_rng(number))
+    found, crossings = settled(loop)
+    for gain, omega, *_ in crossings[:4]:
+        values = np.linalg.eigvals(loop.response([omega])[0])
+        # Aliases of what carries W are left out: at most 1e-9, see alias_left.
+        assert np.abs(gain * values + 1).min() < 1e-7
+    if found[2]:
+        assert found[0] == pytest.approx(gr.gain_limit(loop).gain, rel=1e-7)
+
+
+def test_motion_with_contact_switches(biped):
+    """Symmetric and asymmetric walks, continuous and sampled: no certified gain is above the limit by 1e-6."""
+    for sample_time, seed in ((None, 1), (TICK, 2)):
+        walk = Walk(biped, sample_time, seed, symmetric=seed % 2 == 1)
+        _, worst = walk.run(ticks=1500, checks=12)
+        assert worst < 1e-6
+
+
+def test_a_jump_of_posture_is_certified_again_in_bounded_time(biped):
+    tracker = gr.GainTracker(biped, contacts=["left"])
+    for seed in range(3):
+        q = biped.body.neutral()
+        q[7:] += np.random.default_rng(seed).uniform(-0.6, 0.6, biped.body.size)
+        answers = [tracker.update(q, "left") for _ in range(400)]
+        assert answers[-1].certified
+        limit = gr.gain_limit(biped.system.loop(linearize(biped.body, biped.actuators, q, biped.contacts["left"])))
+        assert answers[-1].gain == pytest.approx(limit.gain, rel=1e-9)
+        assert all(one.safe_gain <= limit.gain or not one.certified for one in answers)
+
+
+def test_misuse_in_the_loop_is_flagged(biped):
+    loose = replace(biped, contacts={**biped.contacts, "toe": (Contact("left_sole", "point"),)})
+    tracker = gr.GainTracker(loose, contacts=["left", "toe"])
+    q = biped.body.configuration(dict(biped.postures["stand"].angles))
+    good = tracker.update(q, "left")
+    assert good.certified
+    assert good.flag == ""
+    wrong = [(q[:-1], "left", "posture"), (q * np.nan, "left", "posture"), ("?", "left", "posture"), (2 * q, "left", "posture")]
+    wrong += [(np.where(np.arange(len(q)) == 9, bad, q), "left", "posture") for bad in (np.nan, np.inf)]
+    wrong += [(q, "up", "contact"), (q, None, "contact"), (q, "toe", "too few constraints")]
+    for posture, contact, flag in wrong:
+        answer = tracker.update(posture, contact)
+        assert (answer.flag, answer.certified) == (flag, False)
+        assert 0 < answer.safe_gain < good.gain
+    assert tracker.update(list(q), "left").gain == pytest.approx(good.gain, rel=1e-9)
+    for mass in (np.zeros((18, 18)), np.full((18, 18), np.nan), np.eye(3), None):
+        assert tracker.update_dynamics(mass, [], "left").flag == "posture"
+
+
+def test_dynamics_of_another_library_give_the_same(biped):
+    body = biped.body
+    trackers = [gr.GainTracker(biped, contacts=["left"]) for _ in range(2)]
+    for k in range(5):
+        q = body.configuration(dict(biped.postures["stand"].angles))
+        q[7:] += 0.01 * k
+        here = trackers[0].update(q, "left")
+        there = trackers[1].update_dynamics(body.mass_matrix(q), [body.frame_jacobian(q, "left_sole")], "left")
+        assert there == pytest.approx(here, rel=1e-12) if here.flag else there[:2] == pytest.approx(here[:2], rel=1e-12)
+
+
+REFUSED = {
+    "task space": lambda robot: {"control": replace(robot.system.control, controller=None, space="task")},
+    "other than PD": lambda robot: {"control": gr.PID(2000.0, 10.0, 100.0)},
+    "link's side": lambda robot: {"control": replace(robot.system.control, feedback="link")},
+    "filters": lambda robot: {"control": gr.PD(2000.0, 100.0, velocity_filter=gr.LowPass(500.0, 1))},
+    "gain matrices": lambda robot: {"control": gr.PD(2000.0 * np.eye(12), 100.0)},
+    "lag of": lambda robot: {"control": gr.PD(2000.0, 2.0)},
+    "not both 0": lambda robot: {"control": gr.PD(0.0, 0.0)},
+    "must be a Control": lambda robot: {"control": "pd"},
+    "is not one of": lambda robot: {"contacts": ["dubble"]},
+    "must name": lambda robot: {"contacts": []},
+}
+
+
+@pytest.mark.parametrize("words", REFUSED)
+def test_what_is_not_carried_is_refused(biped, words: str):
+    with pytest.raises(gr.GainroomError, match=words):
+        gr.GainTracker(biped, **REFUSED[words](biped))
