@@ -25,10 +25,8 @@ if TYPE_CHECKING:
     from ..robot.contact import Contact
     from ..robot.robot import Robot
 
-SLICES, URGENT = 2.0, 10.0
-"""Of the count at a tick with a certificate, and at one without, in factorizations: they set the time that a tick takes."""
-SETTLING = 20_000
-"""Ticks within which the first certificate of a contact state has to come, at construction."""
+SETTLING, WIDENING = 20_000, 1000
+"""Ticks within which the first certificate of a contact state has to come, at construction, and after it."""
 AGREED = 1e-6
 """Of the first limits, with those of gain_limit."""
 HOLDING = 6
@@ -98,7 +96,7 @@ class GainTracker:
         held = [robot.contacts[name] for name in names]
         rows = [sum(len(contact.rows) for contact in state) for state in held]
         self._core = _core.GainTracker(
-            joint_table(robot, system), system.control.sample_time or 0.0, body.nv, max(rows, default=0), len(names), SLICES, URGENT
+            joint_table(robot, system), system.control.sample_time or 0.0, body.nv, max(rows, default=0), len(names), 0.0, 0.0
         )
         self._states = {
             name: _State(index, tuple(_held_frame(body, contact) for contact in state))
@@ -180,6 +178,8 @@ class GainTracker:
             for _ in range(SETTLING):
                 if found[2]:
                     break
+                found = self._core.update_inverse(inverse, state.number)
+            for _ in range(WIDENING):  # other crossings above it
                 found = self._core.update_inverse(inverse, state.number)
             if not found[2] or abs(found[0] - limit.gain) > AGREED * limit.gain:
                 raise GainroomError(f"gain tracker: contact {name!r}: {found[0]:.7g} was found as gain limit, not {limit.gain:.7g}")

@@ -1,4 +1,4 @@
-#include "gainroom/tracker.hpp"
+#include "gainroom/robot_tracker.hpp"
 
 #include <nanobind/stl/vector.h>
 
@@ -7,69 +7,74 @@
 using gainroom::JointData;
 using Strided = nb::ndarray<const double, nb::ndim<2>, nb::device::cpu>;
 
-// A tracker with the rigid-body terms of its ticks in memory of its own: filled by whoever calls, read by update.
+// A tracker with space for the matrices of its ticks, which come in any order of entries.
 class GainTracker {
 public:
     GainTracker(const Matrix& joints, double sample_time, std::size_t velocities, std::size_t rows, std::size_t contacts, double slices,
                 double urgent)
-        : joints_(read(joints)), tracker_(joints_.data(), joints_.size(), sample_time, contacts, settings(slices, urgent)),
-          inertia_(velocities, joints_.size(), rows), mass_(velocities * velocities), rows_(rows * velocities),
-          inverse_(joints_.size() * joints_.size()) {
-        require(velocities >= joints_.size(), "there are at least as many velocities as joints");
-    }
+        : joints_(read(joints, velocities)), robot_(joints_.data(), joints_.size(), sample_time, velocities, rows, contacts,
+                                                    settings(slices, urgent)),
+          mass_(velocities * velocities), rows_(rows * velocities) {}
 
     // `mass` (N, N), `jacobians`: contact Jacobians one below the other; a negative contact: an unknown one.
     nb::tuple update(const Strided& mass, const std::vector<Strided>& jacobians, std::int64_t contact) {
-        const std::size_t size = inertia_.velocities();
+        const std::size_t size = robot_.links().velocities();
         require(mass.shape(0) == size && mass.shape(1) == size, "mass has the shape (N, N)");
         for (std::size_t i = 0; i < size; i++)
             for (std::size_t j = i; j < size; j++) mass_[i * size + j] = mass(i, j);
         std::size_t count = 0;
         for (const Strided& one : jacobians) {
-            require(one.shape(1) == size && count + one.shape(0) <= inertia_.most_rows(), "Jacobians have N columns and fit in `rows`");
+            require(one.shape(1) == size && count + one.shape(0) <= robot_.links().most_rows(), "Jacobians have N columns and fit in `rows`");
             for (std::size_t r = 0; r < one.shape(0); r++, count++)
                 for (std::size_t j = 0; j < size; j++) rows_[count * size + j] = one(r, j);
         }
         gainroom::Limit limit;
         {
             nb::gil_scoped_release release;
-            if (contact < 0) limit = tracker_.without_evidence(gainroom::Flag::bad_contact);
-            else if (!inertia_.compute(mass_.data(), rows_.data(), count, inverse_.data()))
-                limit = tracker_.without_evidence(gainroom::Flag::bad_posture);
-            else limit = tracker_.update(inverse_.data(), std::size_t(contact));
+            limit = robot_.update(mass_.data(), rows_.data(), count, std::size_t(contact));
         }
         return answer(limit);
     }
 
     nb::tuple update_inverse(const Matrix& w, std::int64_t contact) {
         require(has_shape(w, joints_.size(), joints_.size()), "w has the shape (n, n)");
-        return answer(contact < 0 ? tracker_.without_evidence(gainroom::Flag::bad_contact) : tracker_.update(w.data(), std::size_t(contact)));
+        return answer(tracker().update(w.data(), std::size_t(contact)));
     }
 
     nb::tuple flagged(int flag) const {
-        return answer(tracker_.without_evidence(static_cast<gainroom::Flag>(flag)));
+        return answer(tracker().without_evidence(static_cast<gainroom::Flag>(flag)));
     }
-    nb::object inverse() const { return owned(inverse_.data(), joints_.size(), joints_.size()); }
-    double passive_frequency() const { return tracker_.passive_frequency(); }
-    long pairs() const { return tracker_.pairs(); }
-    std::size_t slices() const { return tracker_.slices(); }
-    double alias_left(const Matrix& w, double omega) const { return tracker_.laws().alias_left(w.data(), omega); }
-    double counted_gain(std::size_t contact) const { return tracker_.counted_gain(contact); }
+    nb::object inverse() const { return owned(robot_.inverse(), joints_.size(), joints_.size()); }
+    double passive_frequency() const { return tracker().passive_frequency(); }
+    long pairs() const { return tracker().pairs(); }
+    std::size_t slices() const { return tracker().slices(); }
+    double alias_left(const Matrix& w, double omega) const {
+        require(has_shape(w, joints_.size(), joints_.size()), "w has the shape (n, n)");
+        return tracker().laws().alias_left(w.data(), omega);
+    }
+    double counted_gain(std::size_t contact) const {
+        require(contact < tracker().contacts(), "contact is from 0 to contacts − 1");
+        return tracker().counted_gain(contact);
+    }
 
     // Gain, frequency, direction and spread of the crossings followed in one contact state.
     nb::object crossings(std::size_t contact) const {
+        require(contact < tracker().contacts(), "contact is from 0 to contacts − 1");
         std::vector<double> values;
-        for (std::size_t k = 0; k < tracker_.crossings(contact); k++) {
-            const auto& one = tracker_.crossing(contact, k);
+        for (std::size_t k = 0; k < tracker().crossings(contact); k++) {
+            const auto& one = tracker().crossing(contact, k);
             values.insert(values.end(), {one.gain, one.omega, one.rising > 0.0 ? 1.0 : -1.0, one.spread});
         }
         return owned(values.data(), values.size() / 4, 4);
     }
 
 private:
-    static std::vector<JointData> read(const Matrix& joints) {
+    gainroom::Tracker& tracker() { return robot_.tracker(); }
+    const gainroom::Tracker& tracker() const { return robot_.tracker(); }
+    static std::vector<JointData> read(const Matrix& joints, std::size_t velocities) {
         static_assert(sizeof(JointData) == 10 * sizeof(double));
         require(joints.shape(1) == 10 && joints.shape(0) > 0, "joints have the shape (n, 10)");
+        require(joints.shape(0) <= velocities && velocities <= 512, "there are at least as many velocities as joints, and at most 512");
         const auto* first = reinterpret_cast<const JointData*>(joints.data());
         return {first, first + joints.shape(0)};
     }
@@ -84,9 +89,8 @@ private:
     }
 
     std::vector<JointData> joints_;
-    gainroom::Tracker tracker_;
-    gainroom::LinkInertia inertia_;
-    std::vector<double> mass_, rows_, inverse_;
+    gainroom::RobotTracker robot_;
+    std::vector<double> mass_, rows_;
 };
 
 static nb::object link_inverse_inertia(const Strided& mass, const Matrix& rows, std::size_t joints) {

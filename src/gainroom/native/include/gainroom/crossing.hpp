@@ -15,14 +15,16 @@
 namespace gainroom {
 
 struct Crossing {
-    explicit Crossing(std::size_t size) : mode(size), factor(size) {}
+    explicit Crossing(std::size_t size) : mode(size), before(size), factor(size) {}
 
     double omega = 0.0, gain = 0.0;
     double rising = 0.0;   // > 0: a pair of roots becomes unstable as the factor rises past `gain`
     double spread = 1.0;   // how much the gain moves with W, at most: |d ln g| <= spread · (change of W relative to W + 1/J)
-    double seen_at = 0.0;  // the path (tracker.hpp) at which it was right
+    double speed = 0.0;    // how much it has moved lately: |d ln g| along the path (tracker.hpp)
+    double seen_at = 0.0;  // the path at which it was right
     bool factored = false, converged = false;
-    std::vector<Complex> mode;
+    double omega_before = 0.0, gain_before = 0.0, stride = 0.0;  // where it was one step before, and the path of that step; 0: not known
+    std::vector<Complex> mode, before;
     SymmetricFactor factor;
 };
 
@@ -36,13 +38,13 @@ public:
         crossing.converged = false;
         for (int k = 0; k < steps; k++) {
             const double residual = balance(w, crossing, step_size);
-            work += 0.3;
+            work += 0.7;
             if (!std::isfinite(residual)) return false;
-            if (residual < kResidual && step_size < 1e-7) {
+            if (residual < kResidual && step_size < 1e-6) {
                 sensitivity(w, crossing);
                 return crossing.converged = true;
             }
-            if (!crossing.factored || (k > 0 && residual > 0.1 * last)) {
+            if (!crossing.factored || residual > (k > 0 ? 0.1 * last : kOld)) {  // a step with fresh factors squares the error
                 refactor(w, crossing);
                 work += 1.0;
             }
@@ -54,6 +56,22 @@ public:
         return false;
     }
 
+    // Where it will be after `ahead` more of the path, if it goes on as before.
+    static void predict(Crossing& crossing, double ahead) {
+        const double share = crossing.stride > 0.0 && ahead < 3.0 * crossing.stride ? ahead / crossing.stride : 0.0;
+        const double omega = crossing.omega, gain = crossing.gain;
+        crossing.omega += share * (omega - crossing.omega_before);
+        crossing.gain += share * (gain - crossing.gain_before);
+        crossing.omega_before = omega;
+        crossing.gain_before = gain;
+        for (std::size_t i = 0; i < crossing.mode.size(); i++) {
+            const Complex x = crossing.mode[i];
+            crossing.mode[i] += share * (x - crossing.before[i]);
+            crossing.before[i] = x;
+        }
+        crossing.stride = ahead;
+    }
+
     // A start from nothing but a place: another direction every time, so that equal crossings are found one by one.
     void begin(double omega, double gain, Crossing& crossing) {
         for (Complex& x : crossing.mode) {
@@ -63,6 +81,7 @@ public:
         crossing.omega = omega;
         crossing.gain = gain;
         crossing.factored = false;
+        crossing.stride = 0.0;
     }
 
     // Towards the direction in which the matrix that `factor` holds is smallest.
@@ -81,7 +100,7 @@ public:
     }
 
 private:
-    static constexpr double kResidual = 1e-7;
+    static constexpr double kResidual = 1e-7, kSmall = 1e-5, kOld = 1e-5;
 
     void refactor(const double* w, Crossing& crossing) {
         laws_.at(crossing.omega, crossing.gain * (1.0 + 1e-7), values_.data());  // beside the root, where nothing is singular
@@ -105,7 +124,6 @@ private:
             }
         }
         for (std::size_t i = 0; i < n; i++) inertia += times(moved_[i], x[i]);
-        double first = 0.0;
         for (int k = 0; k < 4; k++) {
             laws_.at(crossing.omega, crossing.gain, values_.data());
             Complex f = inertia, slope = 0.0, by_gain = 0.0;
@@ -116,22 +134,23 @@ private:
                 by_gain += times(square, values_[i].beta_gain);
             }
             const double det = slope.real() * by_gain.imag() - slope.imag() * by_gain.real();
-            double d_omega = (f.real() * by_gain.imag() - f.imag() * by_gain.real()) / (det * crossing.omega);
-            double d_gain = (slope.real() * f.imag() - slope.imag() * f.real()) / (det * crossing.gain);
-            const double size = std::fabs(d_omega) + std::fabs(d_gain);
+            double d_omega = (f.imag() * by_gain.real() - f.real() * by_gain.imag()) / det;
+            double d_gain = (slope.imag() * f.real() - slope.real() * f.imag()) / det;
+            const double size = std::fabs(d_omega / crossing.omega) + std::fabs(d_gain / crossing.gain);
             if (!std::isfinite(size)) return size;
             if (size > 0.2) {
                 d_omega *= 0.2 / size;
                 d_gain *= 0.2 / size;
             }
-            crossing.omega *= 1.0 - d_omega;
-            crossing.gain *= 1.0 - d_gain;
-            crossing.rising = (by_gain.imag() * slope.real() - by_gain.real() * slope.imag());
-            if (k == 0) first = size;
-            if (size < 1e-7) break;  // the next step would be of its square
+            crossing.omega += d_omega;
+            crossing.gain += d_gain;
+            crossing.rising = det;  // of the sign of Im f_g/f_ω
+            if (k == 0) step_size = size;
+            if (size < kSmall) {  // what the next step would change is of its square
+                for (std::size_t i = 0; i < n; i++) values_[i].beta += d_omega * values_[i].beta_omega + d_gain * values_[i].beta_gain;
+                break;
+            }
         }
-        laws_.at(crossing.omega, crossing.gain, values_.data());
-        step_size = first;
         double left = 0.0, whole = 0.0;
         for (std::size_t i = 0; i < n; i++) {
             extra_[i] = moved_[i] + times(values_[i].beta, x[i]);

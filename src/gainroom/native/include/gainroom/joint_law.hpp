@@ -41,6 +41,11 @@ public:
         all_rigid_ = true;
         for (const auto& joint : joints_) all_rigid_ = all_rigid_ && !std::isfinite(joint.stiffness);
         if (step_ > 0.0) tabulate();
+        for (std::size_t i = 0; i < count; i++) {
+            std::size_t k = 0;
+            while (k < i && !equal(joints_[i], joints_[k])) k++;
+            first_.push_back(k);
+        }
     }
 
     std::size_t size() const { return joints_.size(); }
@@ -51,9 +56,15 @@ public:
     void at(double omega, double gain, JointValue* values) const {
         Actuation last{};
         Spring spring{};
+        std::size_t before = 0;  // the joint that these two are of
         for (std::size_t i = 0; i < joints_.size(); i++) {
-            if (i == 0 || !same_drive(i)) last = actuation(joints_[i], omega);
-            if (i == 0 || !same_spring(i)) spring = spring_of(joints_[i], omega);
+            if (first_[i] < i) {
+                values[i] = values[first_[i]];
+                continue;
+            }
+            if (i == 0 || !same_drive(joints_[i], joints_[before])) last = actuation(joints_[i], omega);
+            if (i == 0 || !same_spring(joints_[i], joints_[before])) spring = spring_of(joints_[i], omega);
+            before = i;
             values[i] = value(i, omega, gain, last, spring);
         }
     }
@@ -96,13 +107,10 @@ private:
         Complex value, omega, gain, factor;
     };
 
-    bool same_drive(std::size_t i) const {
-        const JointData &a = joints_[i], &b = joints_[i - 1];
+    static bool same_drive(const JointData& a, const JointData& b) {
         return a.bandwidth == b.bandwidth && a.damping_ratio == b.damping_ratio && a.delay == b.delay;
     }
-    bool same_spring(std::size_t i) const {
-        return joints_[i].stiffness == joints_[i - 1].stiffness && joints_[i].damping == joints_[i - 1].damping;
-    }
+    static bool same_spring(const JointData& a, const JointData& b) { return a.stiffness == b.stiffness && a.damping == b.damping; }
 
     Actuation actuation(const JointData& joint, double omega) const {
         const double lag = std::isfinite(joint.bandwidth) ? 1.0 / joint.bandwidth : 0.0;
@@ -206,6 +214,10 @@ private:
         }
     }
 
+    static bool equal(const JointData& a, const JointData& b) {
+        return alike(a, b) && a.link_viscous == b.link_viscous && a.kp == b.kp && a.kd == b.kd;
+    }
+
     static bool alike(const JointData& a, const JointData& b) {
         return a.motor_inertia == b.motor_inertia && a.motor_viscous == b.motor_viscous && a.stiffness == b.stiffness &&
                a.damping == b.damping && a.bandwidth == b.bandwidth && a.damping_ratio == b.damping_ratio && a.delay == b.delay;
@@ -228,7 +240,7 @@ private:
                 slope += times(drive.slope, p) + times(term, relative);
             }
             value += both;
-            if (std::abs(both) * double(k) < 1e-10 * std::abs(value)) break;
+            if (!(std::abs(both) * double(k) > 1e-10 * std::abs(value))) break;  // or not a number
         }
     }
 
@@ -237,7 +249,7 @@ private:
     std::vector<JointData> joints_;
     double step_, spacing_ = 0.0;
     bool all_rigid_ = false;
-    std::vector<std::size_t> row_;
+    std::vector<std::size_t> row_, first_;  // of each joint: its row of the table, and the first joint equal to it
     std::vector<Complex> table_;
 };
 

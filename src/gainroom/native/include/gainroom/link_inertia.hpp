@@ -30,7 +30,7 @@ inline void subtract(double* from, double factor, const double* what, std::size_
 class LinkInertia {
 public:
     LinkInertia(std::size_t velocities, std::size_t joints, std::size_t rows)
-        : velocities_(velocities), joints_(joints), most_(rows), root_(velocities * velocities), reach_(velocities * joints),
+        : velocities_(velocities), joints_(joints), most_(rows), root_(velocities * velocities), pivots_(velocities), reach_(velocities * joints),
           held_(rows * velocities), taken_(rows * joints) {}
 
     std::size_t velocities() const { return velocities_; }
@@ -47,8 +47,7 @@ public:
             double* row = &reach_[k * joints_];
             const std::size_t width = k - base + 1;
             row[width - 1] = 1.0;
-            const double pivot = 1.0 / root_[k * size + k];
-            for (std::size_t j = 0; j < width; j++) row[j] *= pivot;
+            for (std::size_t j = 0; j < width; j++) row[j] *= pivots_[k];
             for (std::size_t i = k + 1; i < size; i++) subtract(&reach_[i * joints_], root_[k * size + i], row, width);
         }
         const std::size_t rank = orthonormal(rows, count);
@@ -79,7 +78,7 @@ private:
             double* row = &root_[k * size];
             if (!(row[k] > 1e-15 * mass[k * size + k])) return false;
             row[k] = std::sqrt(row[k]);
-            const double pivot = 1.0 / row[k];
+            const double pivot = pivots_[k] = 1.0 / row[k];
             for (std::size_t j = k + 1; j < size; j++) row[j] *= pivot;
             for (std::size_t i = k + 1; i < size; i++) subtract(&root_[i * size + i], row[i], row + i, size - i);
         }
@@ -94,7 +93,7 @@ private:
             double* row = &held_[r * size];
             for (std::size_t k = 0; k < size; k++) row[k] = rows[r * size + k];
             for (std::size_t k = 0; k < size; k++) {
-                row[k] /= root_[k * size + k];
+                row[k] *= pivots_[k];
                 subtract(row + k + 1, row[k], &root_[k * size + k + 1], size - k - 1);
             }
             largest = std::fmax(largest, std::sqrt(dot(row, row, size)));
@@ -104,16 +103,23 @@ private:
             double* row = &held_[rank * size];
             if (rank < r)
                 for (std::size_t k = 0; k < size; k++) row[k] = held_[r * size + k];
-            for (int pass = 0; pass < 2; pass++)
-                for (std::size_t m = 0; m < rank; m++) subtract(row, dot(row, &held_[m * size], size), &held_[m * size], size);
-            const double left = std::sqrt(dot(row, row, size));
+            double before = std::sqrt(dot(row, row, size)), left = project(row, rank);
+            while (left < 0.5 * before && left > kRedundant * largest) {  // what was taken away left its round-off behind
+                before = left;
+                left = project(row, rank);
+            }
             if (!(left > kRedundant * largest)) continue;
             for (std::size_t k = 0; k < size; k++) row[k] /= left;
-            // What is left of a nearly redundant row is mostly round-off in the others' directions: taken out once more at its new size.
-            for (std::size_t m = 0; m < rank; m++) subtract(row, dot(row, &held_[m * size], size), &held_[m * size], size);
             rank++;
         }
         return rank;
+    }
+
+    // Takes the first `rank` rows of held_ out of `row`; its size then.
+    double project(double* row, std::size_t rank) const {
+        const std::size_t size = velocities_;
+        for (std::size_t m = 0; m < rank; m++) subtract(row, dot(row, &held_[m * size], size), &held_[m * size], size);
+        return std::sqrt(dot(row, row, size));
     }
 
     void add_square(double* inverse, const double* row, std::size_t width, double sign) const {
@@ -121,7 +127,7 @@ private:
     }
 
     std::size_t velocities_, joints_, most_;
-    std::vector<double> root_, reach_, held_, taken_;
+    std::vector<double> root_, pivots_, reach_, held_, taken_;
 };
 
 }  // namespace gainroom

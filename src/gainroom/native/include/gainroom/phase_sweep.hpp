@@ -27,6 +27,7 @@ public:
     double top() const { return top_; }
     std::size_t slices() const { return slices_; }
     const SymmetricFactor& factor() const { return factor_; }
+    const JointValue* values() const { return values_.data(); }
     // Pairs of unstable roots; right after `done`.
     long pairs() const { return pairs_; }
 
@@ -37,7 +38,7 @@ public:
         omega_ = passive_end;
         top_ = top(w);
         evaluate(w, omega_, gain_);
-        total_ = known_phase_;
+        total_ = known_phase();
         step_ = 0.25 * resolution(omega_);
         return std::isfinite(total_ + slope_) && top_ > omega_ ? State::running : State::failed;
     }
@@ -80,18 +81,27 @@ private:
     void evaluate(const double* w, double omega, double gain) {
         laws_.at(omega, gain, values_.data());
         factor_.factor(w, values_.data());
-        phase_ = known_phase_ = 0.0;
-        Complex slope = factor_.trace(values_.data(), work_.data());
+        Complex product = 1.0, slope = factor_.trace(values_.data(), work_.data());
         for (std::size_t i = 0; i < laws_.size(); i++) {
             const JointValue& value = values_[i];
-            const double pivot = upper(factor_.pivot(i)), outer = std::arg(value.outer), factor = std::arg(value.factor);
-            phase_ += pivot + outer + factor;
-            // α = a (1/a + e)/β, each where Im 1/a >= 0 in the upper half plane.
-            const Complex beside = times(value.outer, over(value.beta, value.inner));  // 1/a + e
-            known_phase_ += pivot - upper(std::conj(value.inner)) + upper(beside) - upper(value.beta) + factor;
+            product = times(times(product, factor_.pivot(i)), times(value.outer, value.factor));
+            product *= 1.0 / (std::fabs(product.real()) + std::fabs(product.imag()));
             slope += over(value.outer_omega, value.outer);
         }
+        phase_ = std::arg(product);
         slope_ = slope.imag();
+    }
+
+    // The phase at which `evaluate` was last, not only up to turns, where every joint's controller takes energy out: α = a (1/a + e)/β,
+    // each factor in a half plane that is known.
+    double known_phase() const {
+        double sum = 0.0;
+        for (std::size_t i = 0; i < laws_.size(); i++) {
+            const JointValue& value = values_[i];
+            const Complex beside = times(value.outer, over(value.beta, value.inner));  // 1/a + e
+            sum += upper(factor_.pivot(i)) - upper(std::conj(value.inner)) + upper(beside) - upper(value.beta) + std::arg(value.factor);
+        }
+        return sum;
     }
 
     // arg in [0, π] of what is in the upper half plane but for round-off; elsewhere arg in (−π, 0).
@@ -104,7 +114,7 @@ private:
     State finish(const double* w) {
         const double reached = total_;
         evaluate(w, top_, 0.0);
-        double known = known_phase_, before = phase_;
+        double known = known_phase(), before = phase_;
         for (int k = 1; k <= kParts; k++) {
             evaluate(w, top_, gain_ * double(k) / kParts);
             const double turned = wrapped(phase_ - before);
@@ -144,7 +154,7 @@ private:
     SymmetricFactor factor_;
     std::vector<double> work_;
     double gain_ = 0.0, omega_ = 0.0, top_ = 0.0, step_ = 0.0, resonance_ = 0.0;
-    double phase_ = 0.0, known_phase_ = 0.0, slope_ = 0.0, total_ = 0.0;
+    double phase_ = 0.0, slope_ = 0.0, total_ = 0.0;
     std::size_t slices_ = 0;
     long pairs_ = 0;
 };

@@ -1,6 +1,6 @@
 // The largest stable common factor on all gains, tick by tick, as the posture moves: GainTracker's core (docs/realtime.md).
 //
-// Known crossings are followed at every tick: the lowest two, every other one that might have come below them, and one more in turn. Meanwhile
+// Known crossings are followed: at every tick the lowest, every other one that might have come below it, and a tenth of the rest in turn. Meanwhile
 // the unstable roots are counted, a few slices per tick, at a factor above the lowest crossing: where the count is that of the known
 // crossings below, nothing unknown lies in between. What has been counted holds for as long as the robot has not moved far
 // enough to bring an unknown crossing from above that factor below the tracked gain. Where the count differs, slices become
@@ -17,15 +17,15 @@
 
 #include "crossing.hpp"
 #include "link_inertia.hpp"
+#include "mode_basis.hpp"
 #include "phase_sweep.hpp"
 
 namespace gainroom {
 
 struct TrackerSettings {
-    double slices = 2.0;       // of the count at an ordinary tick
-    double urgent = 10.0;      // and where there is no certificate, in factorizations, searches included
-    int strides = 4;           // of W at one tick after a jump
-    double stride = 0.15;      // relative to W + 1/J
+    double slices = 0.0;       // of the count at an ordinary tick, and
+    double urgent = 0.0;       // where there is no certificate, searches included; 0: as fits a tick, see kSlices
+    double stride = 0.3;       // of W at a time after a jump, relative to W + 1/J
     double highest = 1e3;      // factors that are looked for
 };
 
@@ -45,13 +45,16 @@ struct Limit {
 
 class Tracker {
 public:
-    static constexpr std::size_t kMost = 16;  // crossings followed
+    static constexpr double kSlices = 600.0;  // over n²: with 12 joints 4 slices, which is 5 µs
     static constexpr double kCertain = 1e-6;  // of the gain that safe_gain stays below it
 
     Tracker(const JointData* joints, std::size_t count, double sample_time, std::size_t contacts, const TrackerSettings& settings = {})
-        : laws_(joints, count, sample_time), settings_(settings), solver_(laws_), sweep_(laws_), trial_(count), inverse_root_(count) {
+        : laws_(joints, count, sample_time), settings_(settings), solver_(laws_), sweep_(laws_), basis_(laws_), trial_(count), inverse_root_(count), change_(count * count), square_(count), loci_(count), loci_before_(count) {
         for (std::size_t k = 0; k < contacts; k++) states_.emplace_back(count);
         passive_end_ = passive_end();
+        const double square = double(count * count);
+        if (!(settings_.slices > 0.0)) settings_.slices = std::max(kSlices / square, 1.5);
+        if (!(settings_.urgent > 0.0)) settings_.urgent = std::max(5.0 * kSlices / square, 6.0);
     }
     Tracker(const Tracker&) = delete;  // parts refer to each other
     Tracker& operator=(const Tracker&) = delete;
@@ -59,6 +62,7 @@ public:
     const JointLaws& laws() const { return laws_; }
     // Below this frequency [rad/s] every joint's controller only takes energy out; 0: there is none, and the tracker has no start.
     double passive_frequency() const { return passive_end_; }
+    std::size_t contacts() const { return states_.size(); }
     std::size_t slices() const { return last_slices_; }
     std::size_t crossings(std::size_t contact) const { return states_[contact].count; }
     const Crossing& crossing(std::size_t contact, std::size_t k) const { return *states_[contact].order[k]; }
@@ -70,11 +74,13 @@ public:
         tick_++;
         if (contact >= states_.size()) return without_evidence(Flag::bad_contact);
         State& state = states_[contact];
-        if (!finite(w)) return without_evidence(Flag::bad_posture);
+        if (!sound(w)) return without_evidence(Flag::bad_posture);
+        const double far = state.begun ? distance(w, state) : 0.0;
+        if (!std::isfinite(far)) return without_evidence(Flag::bad_posture);
         if (contact != contact_) stop_sweep();
         contact_ = contact;
         work_ = 0.0;
-        const bool arrived = approach(w, state);
+        const bool arrived = approach(w, state, far);
         if (arrived) count(state);
         return answer(state, arrived);
     }
@@ -91,12 +97,15 @@ public:
     }
 
 private:
-    static constexpr double kShrunk = 0.9, kFarthest = 1.4, kLeast = 1e-3, kFollowed = 1.7, kDouble = 1e-5;
+    static constexpr std::size_t kSpare = 6;  // crossings followed beside one for each joint
+    static constexpr std::size_t kTurn = 10;  // every one of them is, in so many ticks
+    static constexpr double kShrunk = 0.9, kFarthest = 1.4, kLeast = 0.02, kFollowed = 1.7, kDouble = 1e-5, kNear = 0.05, kCluster = 1e-3, kDependent = 0.01, kSlowest = 0.5, kFaster = 3.0, kForgets = 0.95, kBeyond = 1.5;
 
     struct State {
         explicit State(std::size_t size) : w(size * size) {
-            pool.reserve(kMost);
-            for (std::size_t k = 0; k < kMost; k++) pool.emplace_back(size);
+            const std::size_t most = size + kSpare;
+            pool.reserve(most);
+            for (std::size_t k = 0; k < most; k++) pool.emplace_back(size);
             for (auto& one : pool) order.push_back(&one);
         }
         State(State&&) = default;
@@ -105,8 +114,9 @@ private:
         std::vector<Crossing> pool;
         std::vector<Crossing*> order;  // by rising gain, the first `count` in use
         std::size_t count = 0, turn = 0, tries = 0;
+        int missed = 0, agreed = 0;  // counts in a row that did not agree, that did
         bool begun = false, searching = false, lost = false;
-        double path = 0.0;                         // how far W has moved in all
+        double path = 0.0, based_at = -1e300;      // how far W has moved in all; where basis_ was begun for this state
         double counted = 0.0, counted_from = 0.0;  // the factor of the last count that agreed, the path at its first slice; 0: none
         double reach = kFarthest - 1.0;            // how far above the lowest crossing the next count may be
         double empty_below = 0.0, seek = 0.5;      // factors without unstable roots, and the next one to look at while none is known
@@ -114,39 +124,40 @@ private:
         long certified_at = -1;
     };
 
-    bool finite(const double* w) const {
+    // Numbers whose squares are numbers.
+    bool sound(const double* w) const {
         double sum = 0.0;
         const std::size_t n = laws_.size();
         for (std::size_t k = 0; k < n * n; k++) sum += std::fabs(w[k]);
-        return std::isfinite(sum);
+        return sum < 1e100;
     }
 
-    // ‖S^(−½)(w − W) S^(−½)‖ with S = diag(W + 1/J), Frobenius.
+    // How far `w` is from W: at least the largest |λ| of E = S^(−½)(w − W) S^(−½) with S = diag(W + 1/J), and little more: (Σ λ⁴)^¼ = ‖E²‖^½.
     double distance(const double* w, const State& state) {
         const std::size_t n = laws_.size();
-        for (std::size_t i = 0; i < n; i++) inverse_root_[i] = 1.0 / (state.w[i * n + i] + 1.0 / laws_.joint(i).motor_inertia);
+        for (std::size_t i = 0; i < n; i++) inverse_root_[i] = 1.0 / std::sqrt(state.w[i * n + i] + 1.0 / laws_.joint(i).motor_inertia);
+        for (std::size_t i = 0; i < n; i++)
+            for (std::size_t j = 0; j < n; j++)
+                change_[i * n + j] = inverse_root_[i] * inverse_root_[j] * (w[i * n + j] - state.w[i * n + j]);
         double sum = 0.0;
         for (std::size_t i = 0; i < n; i++) {
-            double row = 0.0;
-            for (std::size_t j = 0; j < n; j++) {
-                const double change = w[i * n + j] - state.w[i * n + j];
-                row += change * change * inverse_root_[j];
-            }
-            sum += row * inverse_root_[i];
+            for (std::size_t j = 0; j <= i; j++) square_[j] = 0.0;
+            for (std::size_t k = 0; k < n; k++) subtract(square_.data(), change_[i * n + k], &change_[k * n], i + 1);
+            sum += 2.0 * dot(square_.data(), square_.data(), i) + square_[i] * square_[i];
         }
-        return std::sqrt(sum);
+        return std::sqrt(std::sqrt(sum));
     }
 
     // Crossings from where they were to `w`; false where this takes further ticks.
-    bool approach(const double* w, State& state) {
+    bool approach(const double* w, State& state, double far) {
         const std::size_t entries = state.w.size();
         if (!state.begun) {
             std::copy(w, w + entries, state.w.begin());
             state.begun = true;
             return true;
         }
-        for (int k = 0; k < settings_.strides; k++) {
-            const double far = distance(w, state);
+        for (int k = 0; k == 0 || work_ < settings_.urgent; k++) {
+            if (k > 0) far = distance(w, state);
             if (!(far > settings_.stride)) {
                 state.path += far;
                 std::copy(w, w + entries, state.w.begin());
@@ -163,23 +174,28 @@ private:
     }
 
     void follow(State& state, bool all) {
-        const std::size_t turn = state.count > 2 ? 2 + state.turn++ % (state.count - 2) : 0;
+        state.turn++;
         for (std::size_t k = 0; k < state.count; k++) {
             Crossing& one = *state.order[k];
-            const double drift = 2.0 * one.spread * (state.path - one.seen_at);
-            const bool may_be_lowest = k < 2 || one.gain * (1.0 - drift) < state.order[0]->gain;
-            if (!all && !may_be_lowest && k != turn) continue;
+            const double drift = speed(one) * (state.path - one.seen_at);
+            const bool may_be_lowest = k == 0 || one.gain * (1.0 - drift) < state.order[0]->gain;
+            if (!all && !may_be_lowest && (state.turn + k) % kTurn != 0) continue;
             if (!moved(state, one)) drop(state, k--);
         }
         arrange(state);
     }
 
     bool moved(State& state, Crossing& one) {
+        const double before = one.gain;
+        CrossingSolver::predict(one, state.path - one.seen_at);
         bool found = solver_.follow(state.w.data(), one, 6, work_);
         if (!found) {
             one.factored = false;
+            one.stride = 0.0;
             found = solver_.follow(state.w.data(), one, 8, work_);
         }
+        if (const double ahead = state.path - one.seen_at; ahead > 1e-9)
+            one.speed = std::max(std::fabs(std::log(one.gain / before)) / ahead, kForgets * one.speed);
         one.seen_at = state.path;
         return found && one.gain > 0.0 && one.omega > passive_end_ && one.omega < highest_omega();
     }
@@ -187,7 +203,7 @@ private:
     double highest_omega() const { return laws_.sample_time() > 0.0 ? kPi / laws_.sample_time() : 1e9; }
 
     void drop(State& state, std::size_t k) {
-        if (state.order[k]->gain < kFarthest * state.order[0]->gain) state.lost = true;
+        if (state.order[k]->gain < state.counted) state.lost = true;  // the count relied on it
         std::rotate(state.order.begin() + long(k), state.order.begin() + long(k) + 1, state.order.begin() + long(state.count));
         state.count--;
     }
@@ -197,13 +213,24 @@ private:
         const auto first = state.order.begin();
         for (std::size_t i = 1; i < state.count; i++)
             for (std::size_t j = i; j > 0 && state.order[j]->gain < state.order[j - 1]->gain; j--) std::swap(first[long(j)], first[long(j - 1)]);
-        for (std::size_t k = 1; k < state.count; k++)
-            for (std::size_t m = 0; m < k; m++)
-                if (same(*state.order[k], *state.order[m])) {
-                    drop(state, k--);
+        for (std::size_t k = 0; k < state.count; k++) {
+            if (state.order[k]->seen_at != state.path) continue;  // nothing new about it
+            for (std::size_t m = 0; m < state.count; m++)
+                if (m != k && doubles(state, *state.order[m], *state.order[k])) {
+                    drop(state, std::max(k, m));
+                    if (m < k) k--;
                     break;
                 }
+        }
         while (state.count > 1 && state.order[state.count - 1]->gain > kFollowed * state.order[0]->gain) state.count--;
+    }
+
+    // Whether two crossings have become one; where they look alike, the one that was not followed at this tick is.
+    bool doubles(State& state, Crossing& old, Crossing& now) {
+        if (std::fabs(old.gain - now.gain) > 0.02 * now.gain || std::fabs(old.omega - now.omega) > 0.02 * now.omega) return false;
+        if (std::norm(product(old.mode, now.mode)) < 0.5) return false;
+        if (old.seen_at != state.path && !moved(state, old)) return true;
+        return same(old, now);
     }
 
     static bool close(const Crossing& a, const Crossing& b) {
@@ -218,9 +245,10 @@ private:
         return sum;
     }
 
-    // trial_'s mode without those of known crossings.
+    // trial_'s mode without those of known crossings about its frequency; elsewhere the same mode may cross again.
     bool away(const State& state) {
-        for (std::size_t k = 0; k < state.count; k++) subtract_share(state.order[k]->mode);
+        for (std::size_t k = 0; k < state.count; k++)
+            if (std::fabs(state.order[k]->omega - trial_.omega) < kNear * trial_.omega) subtract_share(state.order[k]->mode);
         return CrossingSolver::normalize(trial_.mode);
     }
 
@@ -229,15 +257,19 @@ private:
         for (std::size_t i = 0; i < known.size(); i++) trial_.mode[i] -= times(share, known[i]);
     }
 
-    // Whether trial_'s mode is no combination of those of the known crossings at the same place: equal joints that contacts hold have equal
-    // crossings. Their modes are made orthogonal on the way, which leaves them modes of the same crossing.
+    // Whether trial_'s mode is no combination of those of the known crossings at its place: equal joints that contacts hold have equal
+    // crossings, as many as there are directions. It is made orthogonal to them on the way, which leaves it a mode of the same crossing.
     bool independent(const State& state) {
-        for (int pass = 0; pass < 2; pass++) {
-            for (std::size_t k = 0; k < state.count; k++)
-                if (close(trial_, *state.order[k])) subtract_share(state.order[k]->mode);
+        for (int pass = 0; pass < 3; pass++) {
+            for (std::size_t k = 0; k < state.count; k++) {
+                const Crossing& known = *state.order[k];
+                if (std::fabs(known.gain - trial_.gain) < kCluster * trial_.gain && std::fabs(known.omega - trial_.omega) < kCluster * trial_.omega &&
+                    known.rising * trial_.rising > 0.0)
+                    subtract_share(known.mode);
+            }
             double left = 0.0;
             for (const Complex& x : trial_.mode) left += std::norm(x);
-            if (!(left > 0.01)) return false;
+            if (!(left > kDependent)) return false;
             left = 1.0 / std::sqrt(left);
             for (Complex& x : trial_.mode) x *= left;
         }
@@ -246,11 +278,16 @@ private:
 
     // Slices of the count, as many as this tick has room for.
     void count(State& state) {
-        const double room = certified(state) ? settings_.slices : settings_.urgent;
+        const double room = certified(state) ? settings_.slices : std::max(settings_.urgent - work_, settings_.slices);
         owed_ = std::min(owed_ + room, std::max(room, 1.0));
         double spent = 0.0;
         while (spent + 1.0 <= owed_) {
             if (!sweeping_) {
+                if (state.searching && !(state.based_at > state.path - 0.5 * settings_.stride)) {
+                    basis_.begin(state.w.data());
+                    for (State& other : states_) other.based_at = -1e300;
+                    state.based_at = state.path;
+                }
                 sweep_from_ = state.path;
                 state.lost = false;
                 sweeping_ = sweep_.begin(state.w.data(), next_factor(state), passive_end_) == PhaseSweep::State::running;
@@ -259,7 +296,7 @@ private:
             }
             const PhaseSweep::State now = sweep_.advance(state.w.data());
             spent += 1.0;
-            if (state.searching && sweep_.slices() % 2 == 0) spent += search(state);
+            if (state.searching) spent += search(state);
             if (now == PhaseSweep::State::running) continue;
             sweeping_ = false;
             last_slices_ = sweep_.slices();
@@ -268,34 +305,78 @@ private:
         owed_ -= spent;
     }
 
-    // A crossing that is not known yet, from this slice's frequency and the factor of the count; what it cost.
+    // Crossings that are not known yet, from one slice of the count; what it cost.
     double search(State& state) {
-        double work = 1.0;
-        // Every other one starts beside a known crossing: equal limbs have theirs close together.
-        const Crossing* known = state.count > 0 && state.tries++ % 2 == 0 ? state.order[state.tries / 2 % state.count] : nullptr;
+        double work = 0.5;
+        if (!basis_.ready()) {
+            for (int k = 0; k < 3 && !basis_.ready(); k++) basis_.rotate();
+            looked_at_ = 0.0;
+            return work;
+        }
+        const double from = looked_at_, omega = sweep_.omega();
+        if (!(omega > from)) {  // a new count; or a step that was shortened
+            if (omega < from) looked_at_ = 0.0;
+            return work;
+        }
+        looked_at_ = omega;
+        loci_before_.swap(loci_);
+        basis_.loci(sweep_.values(), sweep_.gain(), loci_.data());
+        for (std::size_t k = 0; from > 0.0 && k < loci_.size(); k++) {
+            const Complex a = loci_before_[k], b = loci_[k];
+            if (!(a.imag() * b.imag() <= 0.0)) continue;
+            const double share = a.imag() == b.imag() ? 0.5 : a.imag() / (a.imag() - b.imag()), gain = a.real() + share * (b.real() - a.real());
+            if (!(gain > 0.0 && gain < kBeyond * sweep_.gain())) continue;
+            solver_.begin(from + share * (omega - from), gain, trial_);
+            basis_.mode(k, trial_.mode.data());
+            if (CrossingSolver::normalize(trial_.mode) && !resembles_known(state)) take_trial(state, work);
+        }
+        if (state.tries++ % 3 > 0) return work;
+        // A random direction: here, or beside a known crossing, as equal limbs have theirs close together.
+        const Crossing* known = state.tries % 2 == 0 && state.count > 0 ? state.order[state.tries / 2 % state.count] : nullptr;
         if (known && !known->factored) known = nullptr;
-        solver_.begin(known ? known->omega : sweep_.omega(), known ? 1.001 * known->gain : sweep_.gain(), trial_);
-        for (int pass = 0; pass < 3; pass++)
+        solver_.begin(known ? known->omega : omega, known ? 1.001 * known->gain : sweep_.gain(), trial_);
+        for (int pass = 0; pass < 3; pass++) {
+            work += 0.5;
             if (!away(state) || !CrossingSolver::sharpen(known ? known->factor : sweep_.factor(), trial_)) return work;
-        if (!away(state)) return work;
-        if (!solver_.follow(state.w.data(), trial_, 12, work)) return work;
-        if (!(trial_.gain > 0.0 && trial_.gain < 1.5 * sweep_.gain() && trial_.omega > passive_end_ && trial_.omega < sweep_.top())) return work;
-        if (!independent(state)) return work;
-        if (state.count == kMost) {
-            if (trial_.gain > state.order[kMost - 1]->gain) return work;
+        }
+        if (away(state)) take_trial(state, work);
+        return work;
+    }
+
+    // Whether trial_, a start, looks like a crossing that is known already.
+    bool resembles_known(const State& state) const {
+        for (std::size_t k = 0; k < state.count; k++) {
+            const Crossing& known = *state.order[k];
+            if (std::fabs(known.gain - trial_.gain) < kNear * trial_.gain && std::fabs(known.omega - trial_.omega) < kNear * trial_.omega &&
+                std::norm(product(known.mode, trial_.mode)) > 0.6)
+                return true;
+        }
+        return false;
+    }
+
+    // Follows trial_ to a crossing, and keeps it where it is one of its own.
+    void take_trial(State& state, double& work) {
+        if (!solver_.follow(state.w.data(), trial_, 12, work)) return;
+        if (!(trial_.gain > 0.0 && trial_.gain < kBeyond * sweep_.gain() && trial_.omega > passive_end_ && trial_.omega < sweep_.top())) return;
+        trial_.seen_at = state.path;
+        trial_.speed = 0.0;  // not known: as the others
+        for (std::size_t k = 0; k < state.count; k++) trial_.speed = std::max(trial_.speed, state.order[k]->speed);
+        for (std::size_t k = 0; k < state.count; k++)
+            if (doubles(state, *state.order[k], trial_)) return;
+        if (!independent(state)) return;
+        if (state.count == state.order.size()) {
+            if (trial_.gain > state.order.back()->gain) return;
             state.count--;
         }
-        trial_.seen_at = state.path;
         std::swap(trial_, *state.order[state.count++]);
         arrange(state);
-        return work;
     }
 
     void conclude(State& state, bool done) {
         const double factor = sweep_.gain();
         if (!done) {
             state.searching = true;
-            state.reach = std::max(0.6 * state.reach, kLeast);
+            shorten(state);
             if (state.count == 0) state.seek *= 0.9;
             return;
         }
@@ -304,20 +385,42 @@ private:
             if (state.order[k]->gain < factor) expected += state.order[k]->rising > 0.0 ? 1 : -1;
         if (sweep_.pairs() == expected && !state.lost) {
             state.searching = false;
-            state.reach = std::min(1.5 * state.reach, kFarthest - 1.0);
+            state.reach = std::min((state.agreed > 3 ? 1.5 : 1.15) * state.reach, kFarthest - 1.0);
+            state.missed = 0;
+            state.agreed++;
             state.counted = factor;
             state.counted_from = sweep_from_;
             state.empty_below = expected == 0 ? factor : 0.0;
             if (state.count == 0) state.seek = std::min(1.5 * factor, settings_.highest);
             return;
         }
-        state.searching = true;
-        state.reach = std::max(0.6 * state.reach, kLeast);
+        if (sweep_.pairs() < expected && state.count > 0) state.count = 1;  // some account for each other: all but the lowest are found anew
+        state.searching = ++state.missed > 1 || !certified(state);  // nearer to the lowest crossing nothing may be missing
+        shorten(state);
         if (state.count > 0) return;
         // No crossing known: nearer to where there are no unstable roots, and a search where that is near.
         state.searching = state.empty_below > 0.0 && factor < 1.2 * state.empty_below;
         state.seek = state.empty_below > 0.0 ? std::sqrt(state.empty_below * factor) : 0.5 * factor;
         if (state.searching) state.seek = factor;
+    }
+
+    // Less far above the lowest crossing, but farther than it may come within two counts.
+    void shorten(State& state) const {
+        state.agreed = 0;
+        const double moved = 2.0 * speed(state) * (state.path - sweep_from_);
+        state.reach = std::max(0.7 * state.reach, std::min(kLeast + moved, kFarthest - 1.0));
+    }
+
+    // How fast a crossing is taken to move at most, in ln g along the path: three times as fast as it has moved lately, unless that is more than
+    // any motion can do to it.
+    static double speed(const Crossing& one) { return std::max(kSlowest, std::min(one.spread, kFaster * one.speed)); }
+
+    // Of an unknown one: as the fastest known one up to the factor of the last count. Above it a pair about to merge moves without bound.
+    static double speed(const State& state) {
+        double most = kSlowest;
+        for (std::size_t k = 0; k < state.count && (k == 0 || state.order[k]->gain < state.counted); k++)
+            most = std::max(most, speed(*state.order[k]));
+        return most;
     }
 
     // Where to count: in the widest gap between known crossings a little above the lowest.
@@ -344,7 +447,7 @@ private:
         const Crossing& lowest = *state.order[0];
         if (!lowest.converged || lowest.seen_at != state.path) return false;
         const double room = std::log(state.counted / lowest.gain), moved = state.path - state.counted_from;
-        return room > 0.0 && std::max(lowest.spread, 0.5) * moved < room;
+        return room > 0.0 && speed(state) * moved < room;
     }
 
     Limit answer(State& state, bool arrived) {
@@ -384,8 +487,11 @@ private:
     TrackerSettings settings_;
     CrossingSolver solver_;
     PhaseSweep sweep_;
+    ModeBasis basis_;
     Crossing trial_;
-    std::vector<double> inverse_root_;
+    std::vector<double> inverse_root_, change_, square_;
+    std::vector<Complex> loci_, loci_before_;
+    double looked_at_ = 0.0;
     std::vector<State> states_;
     std::size_t contact_ = std::size_t(-1), last_slices_ = 0;
     bool sweeping_ = false;

@@ -1,0 +1,127 @@
+"""The tracker's headers in C++ programs of their own: the control loop that is an example, ticks without memory, and hostile ones."""
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import gainroom as gr
+from gainroom.native import _core, include_dir
+
+TESTS = Path(__file__).parent
+STRICT = ["-std=c++17", "-O1", "-ffp-contract=off", "-Wall", "-Wextra", "-Wpedantic", "-Werror"]
+SANITIZED = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+PERIOD = 5e-4
+
+
+def compiled(source: Path, folder: Path, options: list[str]) -> Path:
+    """With the options where the compiler has them."""
+    compiler = os.environ.get("CXX") or shutil.which("c++") or "build/native/c++"
+    if shutil.which(compiler) is None:
+        pytest.skip("no C++ compiler")
+    path = folder / source.stem
+    command = [compiler, *STRICT, f"-I{include_dir()}", str(source), "-o", str(path)]
+    done = subprocess.run([*command, *options], capture_output=True, text=True, check=False)
+    if done.returncode:
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert not done.returncode, done.stderr
+    return path
+
+
+def output(program: Path, *arguments: str, given: str = "") -> list[str]:
+    # The look for leaks needs to trace the process, which containers may forbid.
+    environment = {**os.environ, "ASAN_OPTIONS": "detect_leaks=0"}
+    done = subprocess.run([str(program), *arguments], input=given, capture_output=True, text=True, check=False, env=environment)
+    assert (done.returncode, done.stderr) == (0, "")
+    return done.stdout.splitlines()
+
+
+def example_joints():
+    return np.array([[0.3 if i % 2 else 0.5, 0.2, 0, 8e3, 2.0, 4000.0, 0.9, 2e-3, 1800.0, 80.0 if i % 2 else 90.0] for i in range(4)])
+
+
+def test_control_loop(tmp_path: Path):
+    """Every tick of the example gives what Python gives for its matrices, and some of its limits are compared with gain_limit."""
+    program = compiled(TESTS.parent / "examples" / "control_loop.cpp", tmp_path, [])
+    table = example_joints()
+    tracker = _core.GainTracker(table, PERIOD, 7, 4, 4, 0.0, 0.0)
+    drive, pd = gr.Drive(4000.0, 0.9, 2e-3), gr.PD(table[:, 8], table[:, 9])
+    ticks = [line.split() for line in output(program, "trace")]
+    assert len(ticks) == 4000
+    certified = 0
+    for number, words in enumerate(ticks):
+        contact, rows = int(words[0]), int(words[1])
+        numbers = np.array([float.fromhex(word) for word in words[2 : 2 + 49 + 7 * rows]])
+        gain, frequency, safe = (float.fromhex(words[k]) for k in (-5, -4, -1))
+        mass, held = numbers[:49].reshape(7, 7), numbers[49:].reshape(rows, 7)
+        found = tracker.update(mass, [held], contact)
+        assert (found[0], found[1], found[4]) == pytest.approx((gain, frequency, safe), rel=1e-12, nan_ok=True)
+        assert [found[2], found[3]] == [words[-3] == "1", int(words[-2])]
+        certified += found[2]
+        if found[2] and number % 400 == 399:
+            motor, viscous, _, stiffness, damping = table[:, :5].T
+            plant = gr.Plant(tracker.inverse, motor, stiffness, damping, viscous)
+            assert gain == pytest.approx(gr.gain_limit(gr.build_loop(plant, drive, pd, "motor", PERIOD)).gain, rel=1e-8)
+    assert certified > 0.98 * len(ticks)
+    assert "certified" in output(program)[0]
+
+
+def words(values) -> str:
+    return " ".join(float(value).hex() for value in np.ravel(values))
+
+
+def ticks_text(table, sample_time, size, rows, contacts, ticks) -> str:
+    head = f"{len(table)} {size} {rows} {contacts} {sample_time.hex()} {words(table)}"
+    return "\n".join([head, *(f"{contact} {len(held)} {words(mass)} {words(held)}" for contact, mass, held in ticks)])
+
+
+def hostile_ticks(rng: np.random.Generator, count: int):
+    """Matrices of every sort, most of them none that a robot has."""
+    for k in range(count):
+        root = rng.normal(size=(5, 5))
+        mass, held = root @ root.T + np.eye(5), rng.normal(size=(int(rng.integers(0, 4)), 5))
+        kind = k % 12
+        if kind == 1:
+            mass[rng.integers(5), rng.integers(5)] = rng.choice([np.nan, np.inf, -np.inf])
+        elif kind == 2:
+            mass *= 10.0 ** rng.uniform(-300, 300)
+        elif kind == 3:
+            mass -= 5 * np.eye(5)
+        elif kind == 4:
+            held = held * rng.choice([np.nan, 0.0, np.inf, 1e300, 1e-300])
+        elif kind == 5:
+            held = np.repeat(rng.normal(size=(1, 5)), 3, axis=0)
+        yield (int(rng.integers(-2, 4)) if kind == 6 else int(rng.integers(0, 2))), mass, held
+
+
+def test_ticks_take_no_memory_and_hostile_ones_end(tmp_path: Path):
+    """No tick takes memory; whatever comes in, an answer comes out, and none of it that is no number is called certified or safe."""
+    program = compiled(TESTS / "native" / "ticks.cpp", tmp_path, SANITIZED)
+    rng = np.random.default_rng(3)
+    good = np.array([[0.5, 0.1, 0.1, 8e3, 2.0, 4000.0, 0.9, 2e-3, 900.0, 45.0]] * 3)
+    tables = [(good, 0.0), (good, PERIOD), (np.where(np.arange(10) == 3, np.inf, good), PERIOD)]
+    for column in range(10):
+        for odd in (0.0, np.nan, -1.0, 1e300):
+            tables.append((np.where(np.arange(10) == column, odd, good), PERIOD if column % 2 else 0.0))
+    for number, (table, sample_time) in enumerate(tables):
+        ticks = list(hostile_ticks(rng, 60 if number < 3 else 12))
+        lines = output(program, given=ticks_text(table, sample_time, 5, 3, 2, ticks))
+        assert len(lines) == len(ticks)
+        for line in lines:
+            gain, _, certified, _, safe, flag = line.split()
+            gain, safe = float.fromhex(gain), float.fromhex(safe)
+            assert safe >= 0, table
+            assert not gain < safe, table
+            assert certified == "0" or (flag == "0" and gain > 0)
+
+
+def test_a_long_row_count_is_refused():
+    tracker = _core.GainTracker(example_joints(), PERIOD, 7, 4, 4, 0.0, 0.0)
+    for mass, rows in ((np.eye(6), np.zeros((0, 7))), (np.eye(7), np.zeros((5, 7))), (np.eye(7), np.zeros((1, 6)))):
+        with pytest.raises(ValueError, match=r"shape|columns"):
+            tracker.update(mass, [rows], 0)
+    with pytest.raises(ValueError, match="at least as many"):
+        _core.GainTracker(example_joints(), PERIOD, 3, 4, 4, 0.0, 0.0)
