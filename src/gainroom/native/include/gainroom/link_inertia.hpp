@@ -13,7 +13,7 @@ namespace gainroom {
 // A held direction that is not another's combination moves the links by more than this, relative to the one that moves them most.
 constexpr double kRedundant = 1e-9;
 
-inline double dot(const double* a, const double* b, std::size_t count) {
+inline double scalar_product(const double* a, const double* b, std::size_t count) {
     double sums[4] = {0.0, 0.0, 0.0, 0.0};  // four chains of additions: one alone would wait for its own result
     std::size_t k = 0;
     for (; k + 4 <= count; k += 4)
@@ -96,14 +96,14 @@ private:
                 row[k] *= pivots_[k];
                 subtract(row + k + 1, row[k], &root_[k * size + k + 1], size - k - 1);
             }
-            largest = std::fmax(largest, std::sqrt(dot(row, row, size)));
+            largest = std::fmax(largest, std::sqrt(scalar_product(row, row, size)));
         }
         std::size_t rank = 0;
         for (std::size_t r = 0; r < count; r++) {
             double* row = &held_[rank * size];
             if (rank < r)
                 for (std::size_t k = 0; k < size; k++) row[k] = held_[r * size + k];
-            double before = std::sqrt(dot(row, row, size)), left = project(row, rank);
+            double before = std::sqrt(scalar_product(row, row, size)), left = project(row, rank);
             while (left < 0.5 * before && left > kRedundant * largest) {  // what was taken away left its round-off behind
                 before = left;
                 left = project(row, rank);
@@ -118,8 +118,8 @@ private:
     // Takes the first `rank` rows of held_ out of `row`; its size then.
     double project(double* row, std::size_t rank) const {
         const std::size_t size = velocities_;
-        for (std::size_t m = 0; m < rank; m++) subtract(row, dot(row, &held_[m * size], size), &held_[m * size], size);
-        return std::sqrt(dot(row, row, size));
+        for (std::size_t m = 0; m < rank; m++) subtract(row, scalar_product(row, &held_[m * size], size), &held_[m * size], size);
+        return std::sqrt(scalar_product(row, row, size));
     }
 
     void add_square(double* inverse, const double* row, std::size_t width, double sign) const {

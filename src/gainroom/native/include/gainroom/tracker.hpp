@@ -15,7 +15,7 @@
 #include <limits>
 #include <vector>
 
-#include "crossing.hpp"
+#include "tracked_crossing.hpp"
 #include "link_inertia.hpp"
 #include "mode_basis.hpp"
 #include "phase_sweep.hpp"
@@ -65,7 +65,7 @@ public:
     std::size_t contacts() const { return states_.size(); }
     std::size_t slices() const { return last_slices_; }
     std::size_t crossings(std::size_t contact) const { return states_[contact].count; }
-    const Crossing& crossing(std::size_t contact, std::size_t k) const { return *states_[contact].order[k]; }
+    const TrackedCrossing& crossing(std::size_t contact, std::size_t k) const { return *states_[contact].order[k]; }
     long pairs() const { return sweep_.pairs(); }
     double counted_gain(std::size_t contact) const { return states_[contact].counted; }
 
@@ -111,8 +111,8 @@ private:
         State(State&&) = default;
 
         std::vector<double> w;  // at which the crossings are
-        std::vector<Crossing> pool;
-        std::vector<Crossing*> order;  // by rising gain, the first `count` in use
+        std::vector<TrackedCrossing> pool;
+        std::vector<TrackedCrossing*> order;  // by rising gain, the first `count` in use
         std::size_t count = 0, turn = 0, tries = 0;
         int missed = 0, agreed = 0;  // counts in a row that did not agree, that did
         bool begun = false, searching = false, lost = false;
@@ -143,7 +143,7 @@ private:
         for (std::size_t i = 0; i < n; i++) {
             for (std::size_t j = 0; j <= i; j++) square_[j] = 0.0;
             for (std::size_t k = 0; k < n; k++) subtract(square_.data(), change_[i * n + k], &change_[k * n], i + 1);
-            sum += 2.0 * dot(square_.data(), square_.data(), i) + square_[i] * square_[i];
+            sum += 2.0 * scalar_product(square_.data(), square_.data(), i) + square_[i] * square_[i];
         }
         return std::sqrt(std::sqrt(sum));
     }
@@ -176,7 +176,7 @@ private:
     void follow(State& state, bool all) {
         state.turn++;
         for (std::size_t k = 0; k < state.count; k++) {
-            Crossing& one = *state.order[k];
+            TrackedCrossing& one = *state.order[k];
             const double drift = speed(one) * (state.path - one.seen_at);
             const bool may_be_lowest = k == 0 || one.gain * (1.0 - drift) < state.order[0]->gain;
             if (!all && !may_be_lowest && (state.turn + k) % kTurn != 0) continue;
@@ -185,9 +185,9 @@ private:
         arrange(state);
     }
 
-    bool moved(State& state, Crossing& one) {
+    bool moved(State& state, TrackedCrossing& one) {
         const double before = one.gain;
-        CrossingSolver::predict(one, state.path - one.seen_at);
+        CrossingFollower::predict(one, state.path - one.seen_at);
         bool found = solver_.follow(state.w.data(), one, 6, work_);
         if (!found) {
             one.factored = false;
@@ -226,18 +226,18 @@ private:
     }
 
     // Whether two crossings have become one; where they look alike, the one that was not followed at this tick is.
-    bool doubles(State& state, Crossing& old, Crossing& now) {
+    bool doubles(State& state, TrackedCrossing& old, TrackedCrossing& now) {
         if (std::fabs(old.gain - now.gain) > 0.02 * now.gain || std::fabs(old.omega - now.omega) > 0.02 * now.omega) return false;
         if (std::norm(product(old.mode, now.mode)) < 0.5) return false;
         if (old.seen_at != state.path && !moved(state, old)) return true;
         return same(old, now);
     }
 
-    static bool close(const Crossing& a, const Crossing& b) {
+    static bool close(const TrackedCrossing& a, const TrackedCrossing& b) {
         return std::fabs(a.gain - b.gain) < kDouble * a.gain && std::fabs(a.omega - b.omega) < kDouble * a.omega;
     }
 
-    static bool same(const Crossing& a, const Crossing& b) { return close(a, b) && std::norm(product(a.mode, b.mode)) > 0.99; }
+    static bool same(const TrackedCrossing& a, const TrackedCrossing& b) { return close(a, b) && std::norm(product(a.mode, b.mode)) > 0.99; }
 
     static Complex product(const std::vector<Complex>& a, const std::vector<Complex>& b) {
         Complex sum = 0.0;
@@ -249,7 +249,7 @@ private:
     bool away(const State& state) {
         for (std::size_t k = 0; k < state.count; k++)
             if (std::fabs(state.order[k]->omega - trial_.omega) < kNear * trial_.omega) subtract_share(state.order[k]->mode);
-        return CrossingSolver::normalize(trial_.mode);
+        return CrossingFollower::normalize(trial_.mode);
     }
 
     void subtract_share(const std::vector<Complex>& known) {
@@ -262,7 +262,7 @@ private:
     bool independent(const State& state) {
         for (int pass = 0; pass < 3; pass++) {
             for (std::size_t k = 0; k < state.count; k++) {
-                const Crossing& known = *state.order[k];
+                const TrackedCrossing& known = *state.order[k];
                 if (std::fabs(known.gain - trial_.gain) < kCluster * trial_.gain && std::fabs(known.omega - trial_.omega) < kCluster * trial_.omega &&
                     known.rising * trial_.rising > 0.0)
                     subtract_share(known.mode);
@@ -328,16 +328,16 @@ private:
             if (!(gain > 0.0 && gain < kBeyond * sweep_.gain())) continue;
             solver_.begin(from + share * (omega - from), gain, trial_);
             basis_.mode(k, trial_.mode.data());
-            if (CrossingSolver::normalize(trial_.mode) && !resembles_known(state)) take_trial(state, work);
+            if (CrossingFollower::normalize(trial_.mode) && !resembles_known(state)) take_trial(state, work);
         }
         if (state.tries++ % 3 > 0) return work;
         // A random direction: here, or beside a known crossing, as equal limbs have theirs close together.
-        const Crossing* known = state.tries % 2 == 0 && state.count > 0 ? state.order[state.tries / 2 % state.count] : nullptr;
+        const TrackedCrossing* known = state.tries % 2 == 0 && state.count > 0 ? state.order[state.tries / 2 % state.count] : nullptr;
         if (known && !known->factored) known = nullptr;
         solver_.begin(known ? known->omega : omega, known ? 1.001 * known->gain : sweep_.gain(), trial_);
         for (int pass = 0; pass < 3; pass++) {
             work += 0.5;
-            if (!away(state) || !CrossingSolver::sharpen(known ? known->factor : sweep_.factor(), trial_)) return work;
+            if (!away(state) || !CrossingFollower::sharpen(known ? known->factor : sweep_.factor(), trial_)) return work;
         }
         if (away(state)) take_trial(state, work);
         return work;
@@ -346,7 +346,7 @@ private:
     // Whether trial_, a start, looks like a crossing that is known already.
     bool resembles_known(const State& state) const {
         for (std::size_t k = 0; k < state.count; k++) {
-            const Crossing& known = *state.order[k];
+            const TrackedCrossing& known = *state.order[k];
             if (std::fabs(known.gain - trial_.gain) < kNear * trial_.gain && std::fabs(known.omega - trial_.omega) < kNear * trial_.omega &&
                 std::norm(product(known.mode, trial_.mode)) > 0.6)
                 return true;
@@ -413,7 +413,7 @@ private:
 
     // How fast a crossing is taken to move at most, in ln g along the path: three times as fast as it has moved lately, unless that is more than
     // any motion can do to it.
-    static double speed(const Crossing& one) { return std::max(kSlowest, std::min(one.spread, kFaster * one.speed)); }
+    static double speed(const TrackedCrossing& one) { return std::max(kSlowest, std::min(one.spread, kFaster * one.speed)); }
 
     // Of an unknown one: as the fastest known one up to the factor of the last count. Above it a pair about to merge moves without bound.
     static double speed(const State& state) {
@@ -444,7 +444,7 @@ private:
     // Whether the last count still holds for the lowest crossing.
     bool certified(const State& state) const {
         if (state.count == 0 || state.counted == 0.0 || state.lost) return false;
-        const Crossing& lowest = *state.order[0];
+        const TrackedCrossing& lowest = *state.order[0];
         if (!lowest.converged || lowest.seen_at != state.path) return false;
         const double room = std::log(state.counted / lowest.gain), moved = state.path - state.counted_from;
         return room > 0.0 && speed(state) * moved < room;
@@ -485,10 +485,10 @@ private:
 
     JointLaws laws_;
     TrackerSettings settings_;
-    CrossingSolver solver_;
+    CrossingFollower solver_;
     PhaseSweep sweep_;
     ModeBasis basis_;
-    Crossing trial_;
+    TrackedCrossing trial_;
     std::vector<double> inverse_root_, change_, square_;
     std::vector<Complex> loci_, loci_before_;
     double looked_at_ = 0.0;

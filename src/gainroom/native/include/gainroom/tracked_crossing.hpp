@@ -14,8 +14,8 @@
 
 namespace gainroom {
 
-struct Crossing {
-    explicit Crossing(std::size_t size) : mode(size), before(size), factor(size) {}
+struct TrackedCrossing {
+    explicit TrackedCrossing(std::size_t size) : mode(size), before(size), factor(size) {}
 
     double omega = 0.0, gain = 0.0;
     double rising = 0.0;   // > 0: a pair of roots becomes unstable as the factor rises past `gain`
@@ -28,12 +28,12 @@ struct Crossing {
     SymmetricFactor factor;
 };
 
-class CrossingSolver {
+class CrossingFollower {
 public:
-    explicit CrossingSolver(const JointLaws& laws) : laws_(laws), values_(laws.size()), moved_(laws.size()), extra_(laws.size()) {}
+    explicit CrossingFollower(const JointLaws& laws) : laws_(laws), values_(laws.size()), moved_(laws.size()), extra_(laws.size()) {}
 
     // Follows `crossing` to W; `work` is counted in factorizations. True where it has converged: `converged` says so too.
-    bool follow(const double* w, Crossing& crossing, int steps, double& work) {
+    bool follow(const double* w, TrackedCrossing& crossing, int steps, double& work) {
         double last = 1.0, step_size = 1.0;
         crossing.converged = false;
         for (int k = 0; k < steps; k++) {
@@ -57,7 +57,7 @@ public:
     }
 
     // Where it will be after `ahead` more of the path, if it goes on as before.
-    static void predict(Crossing& crossing, double ahead) {
+    static void predict(TrackedCrossing& crossing, double ahead) {
         const double share = crossing.stride > 0.0 && ahead < 3.0 * crossing.stride ? ahead / crossing.stride : 0.0;
         const double omega = crossing.omega, gain = crossing.gain;
         crossing.omega += share * (omega - crossing.omega_before);
@@ -73,7 +73,7 @@ public:
     }
 
     // A start from nothing but a place: another direction every time, so that equal crossings are found one by one.
-    void begin(double omega, double gain, Crossing& crossing) {
+    void begin(double omega, double gain, TrackedCrossing& crossing) {
         for (Complex& x : crossing.mode) {
             seed_ = seed_ * 6364136223846793005u + 1442695040888963407u;
             x = double(seed_ >> 11) * 0x1p-52 - 1.0;
@@ -85,7 +85,7 @@ public:
     }
 
     // Towards the direction in which the matrix that `factor` holds is smallest.
-    static bool sharpen(const SymmetricFactor& factor, Crossing& crossing) {
+    static bool sharpen(const SymmetricFactor& factor, TrackedCrossing& crossing) {
         factor.solve(crossing.mode.data());
         return normalize(crossing.mode);
     }
@@ -102,14 +102,14 @@ public:
 private:
     static constexpr double kResidual = 1e-7, kSmall = 1e-5, kOld = 1e-5;
 
-    void refactor(const double* w, Crossing& crossing) {
+    void refactor(const double* w, TrackedCrossing& crossing) {
         laws_.at(crossing.omega, crossing.gain * (1.0 + 1e-7), values_.data());  // beside the root, where nothing is singular
         crossing.factor.factor(w, values_.data());
         crossing.factored = true;
     }
 
     // ω and g for the mode as it is, the residual in extra_; its size, relative.
-    double balance(const double* w, Crossing& crossing, double& step_size) {
+    double balance(const double* w, TrackedCrossing& crossing, double& step_size) {
         const std::size_t n = crossing.mode.size();
         const Complex* x = crossing.mode.data();
         Complex inertia = 0.0;
@@ -161,7 +161,7 @@ private:
     }
 
     // |d ln g| under a change of W by δ(W + 1/J), of any shape.
-    void sensitivity(const double* w, Crossing& crossing) const {
+    void sensitivity(const double* w, TrackedCrossing& crossing) const {
         const std::size_t n = crossing.mode.size();
         Complex slope = 0.0, by_gain = 0.0;
         double size = 0.0;
