@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import gainroom as gr
+from draws import draw_setup
 from gainroom.analysis.crossings import scan
 from gainroom.linear.transfer_function import Factored
 from gainroom.native import include_dir
@@ -51,16 +53,41 @@ def test_limits_of_random_and_hostile_coupled_loops_end(tmp_path: Path):
     assert int(ordinary) > 10
 
 
+@pytest.fixture(scope="module")
+def delays(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return compiled("delays", tmp_path_factory.mktemp("native"))
+
+
+def answers(program: Path, lines: list[list[float]]) -> list[list[float]]:
+    """What the program says of each line of numbers; integers are counts."""
+    words = [" ".join(str(value) if isinstance(value, int) else float(value).hex() for value in line) for line in lines]
+    return [[float.fromhex(word) for word in line.split()] for line in output(program, "\n".join(words)).splitlines()]
+
+
+def parts(roots: np.ndarray) -> list[float]:
+    return [part for root in roots for part in (root.real, root.imag)]
+
+
 def scanned(program: Path, loops: list[Factored]) -> list[list[float]]:
     """Of each loop: certified, the numbers of crossings, half turns, crossings and peaks."""
+    return answers(
+        program,
+        [
+            [len(one.zeros), len(one.poles), one.gain, one.delay, one.sample_time or 0.0, *parts(one.zeros), *parts(one.poles)]
+            for one in loops
+        ],
+    )
+
+
+def delayed(program: Path, plant: list[Factored], control: list[Factored], crossings: list[np.ndarray]) -> list[list[float]]:
+    """Of each sampled loop: what was found, the extra delay and its ω."""
     lines = []
-    for loop in loops:
-        numbers = [loop.gain, loop.delay, loop.sample_time or 0.0]
-        for root in (*loop.zeros, *loop.poles):
-            numbers += [root.real, root.imag]
-        lines.append(" ".join([str(len(loop.zeros)), str(len(loop.poles)), *(float(value).hex() for value in numbers)]))
-    found = output(program, "\n".join(lines))
-    return [[float.fromhex(word) for word in line.split()] for line in found.splitlines()]
+    for one, law, starts in zip(plant, control, crossings, strict=True):
+        counts = [len(one.zeros), len(one.poles), len(law.zeros), len(law.poles), len(starts), 0]
+        sizes = [one.gain, one.delay, law.gain, law.sample_time or 0.0]
+        places = [part for roots in (one.zeros, one.poles, law.zeros, law.poles) for part in parts(roots)]
+        lines.append([*counts, *sizes, *places, *starts.ravel().tolist()])
+    return answers(program, lines)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -70,6 +97,39 @@ def test_the_same_digits(program: Path, kind: str):
         own = scan(loop)
         expected = [float(own.certified), len(own.gains), len(own.phases), own.half_turns, *own.gains.ravel(), *own.phases.ravel()]
         assert found == pytest.approx([*expected, *own.peaks.ravel()], rel=0, abs=0, nan_ok=True)
+
+
+def test_delay_margins_with_the_same_digits(delays: Path):
+    loops = [loop for k in range(40) if gr.is_stable(loop := draw_setup(np.random.default_rng([9, k]), True).loop())]
+    found = [gr.margins(loop) for loop in loops]
+    crossings = [np.array(sorted((one.delay_margin, one.omega) for one in margins.gain_crossings)).reshape(-1, 2) for margins in found]
+    plants = [loop.unsampled for loop in loops if loop.unsampled is not None]
+    alone = delayed(delays, plants, [loop.control for loop in loops if loop.control is not None], crossings)
+    assert sum(numbers[0] == 1 for numbers in alone) > 10  # confirmed on both sides
+    for margins, (way, extra, _) in zip(found, alone, strict=True):
+        assert not way or extra == margins.delay_margin
+
+
+def test_hostile_sampled_loops_end(delays: Path):
+    """What is not finite, not strictly proper or vast fails or has no margin; equal poles are sampled."""
+    none, one = np.zeros(0, complex), np.array([-1.0 + 0j])
+    odd = [0.0, 1.0, 1e300, -1e300, np.inf, np.nan, 5e-324]
+    law = Factored(none, none, 1.0, 0.0, 1e-3)
+    plants = [Factored(none, np.array([complex(x, y), complex(x, -y)]), 1.0, 1e-3) for x in odd for y in odd]
+    plants += (
+        [Factored(none, one, gain, 1e-3) for gain in odd]
+        + [Factored(none, one, 1.0, delay) for delay in odd]
+        + [Factored(one, one, 1.0), Factored(none, none, 1.0)]
+    )
+    plants += [Factored(none, np.repeat(one, count), 2.0) for count in (2, 6, 61)]
+    laws = (
+        [law] * len(plants)
+        + [Factored(one, none, 1.0, 0.0, step) for step in odd]
+        + [Factored(none, none, gain, 0.0, 1e-3) for gain in odd]
+    )
+    plants += [Factored(none, one, 1.0)] * 2 * len(odd)
+    for starts in (np.zeros((0, 2)), np.array([[np.nan, np.nan], [np.inf, 0.0], [-1.0, 5.0]]), np.array([[1e-3, 1e3]])):
+        assert len(delayed(delays, plants, laws, [starts] * len(plants))) == len(plants)
 
 
 def test_hostile_loops_end(program: Path):

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import GainroomError
+from ..native import _core
 from ..system.loop import Loop
 from ..system.requirements import Requirements
 from .coupled_margins import coupled_margins, one_loop_margins
@@ -17,8 +18,7 @@ from .margin_record import GainCrossing, GainLimit, Margins, OneLoop, PhaseCross
 from .quick_margins import Sampled, quick_look
 from .stability import scan_loop, unstable_roots
 
-DELAY_NUDGE = 1e-7  # relative; the delay margin of a sampled loop is confirmed on both sides of it,
-LEAST_ANGLE = 1e-10  # or this far in phase [rad] where it is next to nothing
+NOTHING, _, _, ENDLESS, FAILED = range(5)  # of Found in delay_margin.hpp
 
 
 def margins(loop: Loop) -> Margins:
@@ -34,7 +34,7 @@ def margins(loop: Loop) -> Margins:
     if not found.stable:
         with suppress(GainroomError):
             return replace(found, limit=gain_limit(loop))
-    return _with_sampled_delay(loop, found) if loop.sample_time is not None and loop.parts is not None and found.stable else found
+    return _with_sampled_delay(loop, found) if loop.sample_time is not None and loop.unsampled is not None and found.stable else found
 
 
 def joint_margins(loop: Loop) -> Margins:
@@ -64,89 +64,28 @@ def required_margins(loop: Loop, required: Requirements) -> tuple[Margins, Sampl
 
 
 def _with_sampled_delay(loop: Loop, found: Margins) -> Margins:
-    """`found` with the extra delay that puts a root of a sampled loop on the boundary, confirmed on both sides of it.
-
-    A fraction of a tick of delay in front of a hold is nearly, not quite, a phase ωT. So the first of the gain crossings, and those that
-    come about as soon, are followed with the plant sampled anew for each delay; where the count of roots does not confirm the
-    first of them, the delay is halved between stable and unstable.
-    """
-    assert loop.sample_time is not None
-    estimates = sorted((crossing.delay_margin, crossing.omega) for crossing in found.gain_crossings)
-    near = [(extra, omega) for extra, omega in estimates if extra <= 1.02 * estimates[0][0] + 0.1 * loop.sample_time]
-    followed = [one for extra, omega in near[:4] if (one := _followed(loop, extra, omega)) is not None]
-    extra, omega = min(followed, default=(math.inf, math.nan))
-    latest = abs(loop.response(math.pi / loop.sample_time)[0]) > 1  # within a tick L(−1) then comes to −1 from 1 or more
-    if math.isinf(extra) and not estimates and not latest:
-        return found
-    nudge = DELAY_NUDGE * extra + LEAST_ANGLE / omega if math.isfinite(extra) else 0.0
-    if math.isfinite(extra) and _stable_later(loop, extra - nudge) and not _stable_later(loop, extra + nudge):
-        return replace(found, delay_margin=extra, delay_crossover=omega)
-    return _halved(loop, found, min(extra, loop.sample_time if latest else estimates[-1][0] + loop.sample_time))
-
-
-def _halved(loop: Loop, found: Margins, unstable: float) -> Margins:
-    """The delay margin by bisection below a delay at which, or just beyond which, the loop is unstable."""
-    stable = 0.0
-    for _ in range(40):
-        if not _stable_later(loop, unstable):
-            break
-        stable, unstable = unstable, 2 * unstable
-    else:
+    """`found` with the extra delay that puts a root of a sampled loop on the boundary, confirmed on both sides of it (delay_margin.hpp)."""
+    plant, control = loop.unsampled, loop.control
+    assert plant is not None
+    assert control is not None
+    crossings = np.array(sorted((crossing.delay_margin, crossing.omega) for crossing in found.gain_crossings)).reshape(-1, 2)
+    way, extra, omega = _core.delay_margin(
+        plant.zeros,
+        plant.poles,
+        plant.gain,
+        plant.delay,
+        control.zeros,
+        control.poles,
+        control.gain * loop.gain,
+        loop.sample_time or 0.0,
+        loop.unstable_poles,
+        crossings,
+    )
+    if way == FAILED:
+        raise GainroomError("loop: its turns about −1 cannot be computed: look for values that are many orders of magnitude off")
+    if way == ENDLESS:
         return replace(found, certified=False)
-    while unstable - stable > DELAY_NUDGE * unstable:
-        middle = 0.5 * (stable + unstable)
-        stable, unstable = (middle, unstable) if _stable_later(loop, middle) else (stable, middle)
-    crossings = _crossings_later(loop, stable)
-    omega = min(crossings, key=lambda crossing: abs(crossing.phase_margin)).omega if crossings else math.nan
-    return replace(found, delay_margin=stable, delay_crossover=omega)
-
-
-def _followed(loop: Loop, extra: float, omega: float) -> tuple[float, float] | None:
-    """The extra delay, near `extra`, that puts a root at about `omega`, and its frequency; gains about four digits a step."""
-    for _ in range(8):
-        crossings = _crossings_later(loop, extra)
-        if not crossings:
-            return None
-        nearest = min(crossings, key=lambda crossing: (abs(math.log(crossing.omega / omega)) > 0.1, abs(crossing.phase_margin)))
-        left, omega = nearest.phase_margin / nearest.omega, nearest.omega
-        if extra + left < 0:
-            return None
-        extra += left
-        if abs(left) <= 1e-12 * extra:
-            return extra, omega
-    return None
-
-
-def _crossings_later(loop: Loop, extra: float) -> list[GainCrossing]:
-    """The gain crossings with `extra` more delay [s]."""
-    scan, ticks = _later(loop, extra)[1:]
-    return [_gain_crossing(omega, phase - omega * ticks * (loop.sample_time or 0.0)) for omega, phase in scan.gains.tolist()]
-
-
-def _stable_later(loop: Loop, extra: float) -> bool:
-    """Whether the loop is stable with `extra` more delay [s].
-
-    Whole ticks only turn L: by ωT_s each, so that a pair of roots comes out where |L| falls through 1 and arg L passes an odd multiple of
-    π, and goes in where |L| rises; where |L| > 1 at z = −1, each tick brings one root more. Thousands of ticks cost no more than one.
-    """
-    later, scan, ticks = _later(loop, extra)
-    assert loop.sample_time is not None
-    unstable = unstable_roots(later, scan)
-    outside = bool(abs(later.response(math.pi / loop.sample_time)[0]) > 1)
-    unstable += ticks * outside
-    for omega, phase in scan.gains[::-1].tolist():
-        turns = [math.floor((angle - math.pi) / (2 * math.pi)) for angle in (phase, phase - omega * ticks * loop.sample_time)]
-        unstable += 2 * (turns[0] - turns[1]) * (-1 if outside else 1)
-        outside = not outside
-    return unstable == 0
-
-
-def _later(loop: Loop, extra: float) -> tuple[Loop, Scan, int]:
-    """The loop with the part of `extra` that is less than a tick as more delay, its scan, and the whole ticks that are left out."""
-    assert loop.sample_time is not None
-    ticks = math.floor(extra / loop.sample_time)
-    later = loop.delayed(extra - ticks * loop.sample_time)
-    return later, scan_loop(later, with_peaks=False), ticks
+    return found if way == NOTHING else replace(found, delay_margin=extra, delay_crossover=omega)
 
 
 def margins_of(loop: Loop, scan: Scan) -> Margins:

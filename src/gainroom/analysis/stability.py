@@ -13,6 +13,7 @@ import numpy as np
 from ..errors import GainroomError, require_count
 from ..linear.arrays import Complexes, Floats
 from ..linear.transfer_function import growth
+from ..native import _core
 from ..system.loop import Loop
 from .crossings import Scan, scan
 from .loci import Sweep
@@ -24,7 +25,6 @@ INFINITELY_MANY = 10**9
 SINGULAR = 1e-13  # of the largest singular value: smaller ones are 0
 AT_REST = 1e-3  # [1/s] likewise, where all else is fast
 SILENT = 1e-10  # of the gains: coupling between the controller and a motion on which no gain acts
-MARGINAL = 1e-12  # a crossing with | |L| − 1 | below this puts a root on the boundary: not called stable
 
 
 @dataclass(frozen=True)
@@ -73,12 +73,9 @@ def unstable_roots(loop: Loop, scan: Scan | None = None) -> int:
     if loop.scalar is not None and loop.scalar.gain == 0:
         return int(np.count_nonzero(growth(loop.scalar.poles, loop.sample_time) >= 0))
     scan = scan_loop(loop, with_peaks=False) if scan is None else scan
-    on_boundary = sum(abs(size - 1) < MARGINAL for size in scan.phases[:, 1].tolist())
-    if not on_boundary:  # L may also lie along the real axis, as 1/s² does, and meet −1 without crossing it
-        on_boundary = sum(abs(math.remainder(phase, 2 * math.pi)) > math.pi - MARGINAL for phase in scan.gains[:, 1].tolist())
     if math.isnan(scan.half_turns):
         raise GainroomError("loop: its turns about −1 cannot be computed: look for values that are many orders of magnitude off")
-    return round(loop.unstable_poles - scan.half_turns) + on_boundary
+    return int(_core.unstable_roots(scan.gains, scan.phases, scan.half_turns, loop.unstable_poles))
 
 
 def _coupled_unstable_roots(loop: Loop) -> int:

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import GainroomError
+from ..native import _core
 from .arrays import Complexes, Floats, Integers
 from .transfer_function import Factored
 
 IN_CACHE = 250_000  # entries of all matrices that are solved at a time: more would leave the processor's cache
-SAME_TICK = 1e-12  # of a tick: a delay this near to whole ticks is taken as whole; it moves a phase by less than 4e-12 rad
 
 
 @dataclass(frozen=True)
@@ -145,11 +145,9 @@ def split_delay(delays: ArrayLike, sample_time: float) -> tuple[Integers, Floats
 
     Within rounding of a whole number of ticks nothing is left: 4.0 ms / 0.5 ms is not a whole number in floating point.
     """
-    ticks = np.asarray(delays, dtype=float) / sample_time
-    nearest = np.rint(ticks)
-    on_tick = np.abs(ticks - nearest) <= SAME_TICK + 1e-15 * ticks  # three roundings: delay, sample time, quotient
-    whole = np.where(on_tick, nearest, np.floor(ticks))
-    return whole.astype(int), np.where(on_tick, 0.0, ticks - whole)
+    delays = np.asarray(delays, dtype=float)
+    whole, fraction = _core.split_delays(delays.ravel(), sample_time).T.reshape(2, *delays.shape)
+    return whole.astype(int), fraction
 
 
 def hold(system: StateSpace, delays: Floats, sample_time: float) -> StateSpace:

@@ -12,6 +12,27 @@ LOWEST_FLOOR: float
 def scan(
     zeros: Complexes, poles: Complexes, gain: float, delay: float, sample_time: float, with_peaks: bool
 ) -> tuple[Floats, Floats, Floats, float, bool]: ...
+def sample(zeros: Complexes, poles: Complexes, gain: float, sample_time: float, fraction: float) -> tuple[Complexes, Complexes, float]:
+    """As sampling.hpp: zeros, poles and gain in δ; no poles where the numbers are too far apart."""
+
+def delay_margin(
+    zeros: Complexes,
+    poles: Complexes,
+    gain: float,
+    delay: float,
+    control_zeros: Complexes,
+    control_poles: Complexes,
+    control_gain: float,
+    sample_time: float,
+    unstable_poles: int,
+    crossings: Floats,
+) -> tuple[int, float, float]:
+    """As delay_margin.hpp: what was found (its enum's number), the extra delay [s] and its ω; crossings (k, 2)."""
+
+def split_delays(delays: Floats, sample_time: float) -> Floats:
+    """(k, 2) whole ticks and the rest as a fraction of a tick, of delays (k,) [s]."""
+
+def unstable_roots(gains: Floats, phases: Floats, half_turns: float, unstable_poles: int) -> float: ...
 def half_encirclements(start_phase: float, outside: bool, ends_on_boundary: bool, last_phase: float, gains: Floats) -> float: ...
 
 class ModalLoop:

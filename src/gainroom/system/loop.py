@@ -21,7 +21,7 @@ from ..linear.transfer_function import Factored, ratio
 from .assembly import Feedback, Parts, controller_state
 from .controller import Compensator, Controller, gain_matrix
 from .drive import Drive
-from .measured_response import actuated_scalar, measured_signals, measured_state
+from .measured_response import measured_signals, measured_state, sampled_scalar, unsampled_scalar
 from .plant import ElasticJoint, Plant
 
 NO_GAIN = 1e-11  # of the largest gain: less is what round-off leaves of none, and spoils eigenvectors
@@ -41,6 +41,7 @@ class Loop:
     unstable_poles   of L; those on the stability boundary are not counted
     parts         what it was built from, None for loops from elsewhere
     gain          common factor on all controller gains
+    unsampled     `actuated` in continuous time, of one joint built from parts
     known         P C e^{−sT} of several joints cached by point; None: not cached
     """
 
@@ -54,6 +55,7 @@ class Loop:
     parts: Parts | None = None
     given: StateSpace | None = None
     gain: float = 1.0
+    unsampled: Factored | None = None
     known: Remembered | None = field(default=None, repr=False, compare=False)
 
     def __repr__(self) -> str:
@@ -214,7 +216,9 @@ class Loop:
         assert self.parts is not None
         parts = replace(self.parts, drives=tuple(replace(drive, delay=drive.delay + extra) for drive in self.parts.drives))
         if self.size == 1:  # the controller stays, and a delay moves no pole
-            return replace(self, actuated=actuated_scalar(parts), parts=parts)
+            assert self.unsampled is not None
+            later = replace(self.unsampled, delay=parts.drives[0].delay)
+            return replace(self, actuated=sampled_scalar(later, self.sample_time), unsampled=later, parts=parts)
         return build_loop(parts.plant, parts.drives, parts.controller, parts.feedback, parts.sample_time).scaled(self.gain)
 
     @property
@@ -271,8 +275,10 @@ def build_loop(
             return loop  # springs, dampers and masses alone are passive
         assert loop.open_loop is not None
         return replace(loop, unstable_poles=np.count_nonzero(_unstable(np.linalg.eigvals(loop.open_loop.a), sample_time)))
-    actuated, control = actuated_scalar(parts), controller.transfer(sample_time)
-    return Loop(1, sample_time, actuated, control, delays, unstable_poles=(actuated * control).unstable_poles, parts=parts)
+    unsampled, control = unsampled_scalar(parts), controller.transfer(sample_time)
+    actuated = sampled_scalar(unsampled, sample_time)
+    unstable = (actuated * control).unstable_poles
+    return Loop(1, sample_time, actuated, control, delays, unstable_poles=unstable, parts=parts, unsampled=unsampled)
 
 
 def _drives(drive: Any, size: int) -> tuple[Drive, ...]:

@@ -31,14 +31,18 @@ def measured_state(parts: Parts, *quantities: str) -> StateSpace:
     return actuated_state(parts.plant, parts.drives).between(np.arange(size), np.concatenate(rows))
 
 
-def actuated_scalar(parts: Parts) -> Factored:
-    """P C e^{−sT} of one joint from the exact polynomials of eq. (2), sampled exactly where there is a sample time."""
-    plant, drive = parts.plant, parts.drives[0]
-    continuous = _joint_transfer(plant, parts.feedback) * current_loop(drive)
-    if parts.sample_time is None:
-        return Factored(continuous.zeros, continuous.poles, continuous.gain, drive.delay)
-    ticks, fraction = split_delay(drive.delay, parts.sample_time)
-    return replace(sample(continuous, parts.sample_time, float(fraction)), delay=float(ticks) * parts.sample_time)  # whole ticks stay exact
+def unsampled_scalar(parts: Parts) -> Factored:
+    """P C e^{−sT} of one joint in continuous time, from the exact polynomials of eq. (2)."""
+    drive = parts.drives[0]
+    return replace(_joint_transfer(parts.plant, parts.feedback) * current_loop(drive), delay=drive.delay)
+
+
+def sampled_scalar(continuous: Factored, sample_time: float | None) -> Factored:
+    """`continuous` with its delay behind a hold, sampled exactly; itself where there is no sample time."""
+    if sample_time is None:
+        return continuous
+    ticks, fraction = split_delay(continuous.delay, sample_time)
+    return replace(sample(continuous, sample_time, float(fraction)), delay=float(ticks) * sample_time)  # whole ticks stay exact
 
 
 def _joint_transfer(plant: Plant, feedback: Feedback) -> Factored:

@@ -1,4 +1,4 @@
-#include "gainroom/scan.hpp"
+#include "gainroom/delay_margin.hpp"
 
 #include "arrays.hpp"
 
@@ -19,6 +19,58 @@ static nb::tuple scan(Roots zeros, Roots poles, double gain, double delay, doubl
                           found.certified);
 }
 
+static nb::object complexes(const std::vector<Complex>& values) {
+    auto* copy = new std::vector<Complex>(values);
+    nb::capsule owner(copy, [](void* pointer) noexcept { delete static_cast<std::vector<Complex>*>(pointer); });
+    return nb::cast(nb::ndarray<nb::numpy, Complex, nb::ndim<1>>(copy->data(), {copy->size()}, owner));
+}
+
+static nb::tuple sample(Roots zeros, Roots poles, double gain, double sample_time, double fraction) {
+    gainroom::Factors found;
+    {
+        nb::gil_scoped_release release;
+        found = gainroom::Sampler(zeros.data(), zeros.size(), poles.data(), poles.size(), gain, sample_time).at(fraction);
+    }
+    return nb::make_tuple(complexes(found.zeros), complexes(found.poles), found.gain);
+}
+
+static nb::tuple delay_margin(Roots zeros, Roots poles, double gain, double delay, Roots control_zeros, Roots control_poles,
+                              double control_gain, double sample_time, int unstable_poles, Matrix crossings) {
+    require(crossings.shape(1) == 2, "crossings must have two columns");
+    gainroom::DelayMargin found;
+    {
+        nb::gil_scoped_release release;
+        const gainroom::Sampler plant(zeros.data(), zeros.size(), poles.data(), poles.size(), gain, sample_time);
+        const gainroom::Factors control{{control_zeros.data(), control_zeros.data() + control_zeros.size()},
+                                        {control_poles.data(), control_poles.data() + control_poles.size()},
+                                        control_gain};
+        std::vector<std::array<double, 2>> starts;
+        for (std::size_t k = 0; k < crossings.shape(0); k++) starts.push_back({crossings(k, 0), crossings(k, 1)});
+        found = gainroom::DelayedLoop(plant, control, delay, sample_time, unstable_poles).margin(starts);
+    }
+    return nb::make_tuple(static_cast<int>(found.found), found.extra, found.omega);
+}
+
+static nb::object split_delays(Vector delays, double sample_time) {
+    std::vector<double> split;
+    for (std::size_t k = 0; k < delays.size(); k++) {
+        const auto [whole, fraction] = gainroom::split_delay(delays(k), sample_time);
+        split.insert(split.end(), {whole, fraction});
+    }
+    return owned(split.data(), delays.size(), 2);
+}
+
+static double unstable_roots(Matrix gains, Matrix phases, double half_turns, int unstable_poles) {
+    require(gains.shape(1) == 2 && phases.shape(1) == 3, "a scan's gains have two columns, its phases three");
+    gainroom::Scan scan;
+    const auto* gain = reinterpret_cast<const gainroom::GainCrossing*>(gains.data());
+    const auto* phase = reinterpret_cast<const gainroom::PhaseCrossing*>(phases.data());
+    scan.gains.assign(gain, gain + gains.shape(0));
+    scan.phases.assign(phase, phase + phases.shape(0));
+    scan.half_turns = half_turns;
+    return gainroom::unstable_roots(scan, unstable_poles);
+}
+
 static double half_encirclements(double start_phase, bool outside, bool ends_on_boundary, double last_phase, Matrix gains) {
     const auto* first = reinterpret_cast<const gainroom::GainCrossing*>(gains.data());
     return gainroom::Scanner::half_encirclements(start_phase, outside, ends_on_boundary, last_phase, {first, first + gains.shape(0)});
@@ -27,6 +79,11 @@ static double half_encirclements(double start_phase, bool outside, bool ends_on_
 void bind_scan(nb::module_& m) {
     m.attr("FLOOR") = gainroom::kFloor;
     m.attr("LOWEST_FLOOR") = gainroom::kLowestFloor;
+    m.def("sample", &sample, nb::arg("zeros"), nb::arg("poles"), nb::arg("gain"), nb::arg("sample_time"), nb::arg("fraction"));
+    m.def("delay_margin", &delay_margin, nb::arg("zeros"), nb::arg("poles"), nb::arg("gain"), nb::arg("delay"), nb::arg("control_zeros"),
+          nb::arg("control_poles"), nb::arg("control_gain"), nb::arg("sample_time"), nb::arg("unstable_poles"), nb::arg("crossings"));
+    m.def("split_delays", &split_delays, nb::arg("delays"), nb::arg("sample_time"));
+    m.def("unstable_roots", &unstable_roots, nb::arg("gains"), nb::arg("phases"), nb::arg("half_turns"), nb::arg("unstable_poles"));
     m.def("half_encirclements", &half_encirclements, nb::arg("start_phase"), nb::arg("outside"), nb::arg("ends_on_boundary"),
           nb::arg("last_phase"), nb::arg("gains"));
     m.def("scan", &scan, nb::arg("zeros"), nb::arg("poles"), nb::arg("gain"), nb::arg("delay"), nb::arg("sample_time"),

@@ -292,4 +292,16 @@ inline Scan scan(const Response& loop, bool with_peaks) {
     return found;
 }
 
+constexpr double kMarginal = 1e-12;  // a crossing with | |L| − 1 | below this puts a root on the boundary: not called stable
+
+// Closed-loop roots right of the imaginary axis (outside the unit circle), and those on it, of a finished scan.
+inline double unstable_roots(const Scan& scan, int unstable_poles) {
+    int on_boundary = 0;
+    for (const PhaseCrossing& crossing : scan.phases) on_boundary += std::fabs(crossing.size - 1) < kMarginal;
+    if (on_boundary == 0)  // L may also lie along the real axis, as 1/s² does, and meet −1 without crossing it
+        for (const GainCrossing& crossing : scan.gains)
+            on_boundary += std::fabs(std::remainder(crossing.phase, 2 * kPi)) > kPi - kMarginal;
+    return std::nearbyint(unstable_poles - scan.half_turns) + on_boundary;
+}
+
 }  // namespace gainroom
