@@ -10,8 +10,8 @@ PACKAGE = Path(gainroom.__path__[0])
 LAYERS = (
     "errors",
     "io",
-    "linear",
     "native",
+    "linear",
     "system",
     "analysis",
     "robot",
