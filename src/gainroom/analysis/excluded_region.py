@@ -128,8 +128,10 @@ class Lines:
         # From one sample to the next the interval moves and sweeps what lies between, unless it leaves through infinity (a zero of B).
         column, k = np.nonzero(real[:, 1:] & real[:, :-1] & ((lower[:, 1:] > upper[:, :-1]) | (upper[:, 1:] < lower[:, :-1])))
         start, end = np.minimum(lower[column, k], lower[column, k + 1]), np.maximum(upper[column, k], upper[column, k + 1])
-        between, exists = on_circle(kps[column], *self._at(0.5 * (omega[k] + omega[k + 1])), -center, radius, 1.0)
-        swept = exists & (between > start) & (between <= end)
+        halfway = self._at(0.5 * (omega[k] + omega[k + 1]))
+        (below, exists), (above, _) = (on_circle(kps[column], *halfway, -center, radius, sign) for sign in (-1.0, 1.0))
+        gap = np.minimum(upper[column, k], upper[column, k + 1]), np.maximum(lower[column, k], lower[column, k + 1])
+        swept = exists & (above > gap[0]) & (below < gap[1])
         pieces.append((column[swept], start[swept], end[swept]))
         if not self.polish:
             return pieces

@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..linear.arrays import Booleans, Complexes, Floats, Integers
+from ..linear.arrays import Booleans, Complexes, Floats, Integers, distinct
 from ..linear.transfer_function import Factored, growth
 
 POINTS_PER_DECADE = 120
@@ -80,7 +80,7 @@ class GainPlane:
         if a.delay:
             count = min(math.ceil((high - low) * a.delay / 0.2), MOST_TURNS)
             grid.append(np.linspace(low, low + 0.2 / a.delay * count, count, endpoint=False))
-        omega = np.unique(np.concatenate(grid))
+        omega = distinct(np.concatenate(grid))
         for root in np.concatenate([a.zeros, a.poles]):  # an undamped resonance is stepped over
             omega = omega[np.abs(omega - _frequency(root, a.sample_time)) > 1e-9 * omega]
         omega = omega[(omega >= low) & (omega <= high)]
@@ -88,7 +88,7 @@ class GainPlane:
         steps = np.append(-np.geomspace(1e-2, PINCH, 60), np.geomspace(PINCH, 1e-2, 60))
         around = (pinches[:, None] * (1 + steps)).ravel()
         clear = np.all(np.abs(omega[:, None] - pinches) > PINCH * pinches, axis=1)
-        omega = np.unique(np.append(omega[clear], around[(around > low) & (around < high)]))
+        omega = distinct(np.append(omega[clear], around[(around > low) & (around < high)]))
         return cls(a, b, omega, last, resolved, pinches)
 
     def solve(self, target: complex, omega: Floats) -> tuple[Floats, Floats, Floats, Floats]:
@@ -207,11 +207,10 @@ class Curve:
         interval = np.repeat(np.arange(len(count)), count)
         within = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
         index = order[first[interval] + within]
+        share = (values[index] - along[interval]) / (along[interval + 1] - along[interval])
+        omega_found = omega[interval] + share * (omega[interval + 1] - omega[interval])
         if polish:
-            omega_found = self._polish(axis, values[index], omega[interval], omega[interval + 1], along[interval])
-        else:
-            share = (values[index] - along[interval]) / (along[interval + 1] - along[interval])
-            omega_found = omega[interval] + share * (omega[interval + 1] - omega[interval])
+            omega_found = self._polish(axis, values[index], omega[interval], omega[interval + 1], omega_found, along[interval])
         other = self._other(axis, values[index], omega_found)
         parts = (index, omega_found, other), self._straight(axis, values), self._beside_zeros(axis, values)
         index, omega_found, other = (np.concatenate(columns) for columns in zip(*parts, strict=True))
@@ -308,10 +307,9 @@ class Curve:
             np.insert(slope, turning + 1, extra_slope * 0),
         )
 
-    def _polish(self, axis: str, values: Floats, low: Floats, high: Floats, along_low: Floats) -> Floats:
-        """ω in [low, high] where the curve meets `values`, by Newton with bisection as the fallback."""
+    def _polish(self, axis: str, values: Floats, low: Floats, high: Floats, omega: Floats, along_low: Floats) -> Floats:
+        """ω in [low, high] where the curve meets `values`, by Newton from `omega`, with bisection as the fallback."""
         low, high, rising = low.copy(), high.copy(), along_low <= values
-        omega = 0.5 * (low + high)
         active = np.arange(len(values))
         for _ in range(80):
             here, wanted = omega[active], values[active]

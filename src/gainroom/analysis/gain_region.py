@@ -131,27 +131,25 @@ class PDRegion:
         index, kd, change = self._crossings("kp", kps, polish)
         order = np.lexsort((kd, index))
         index, kd, change = index[order], kd[order], change[order]
-        bounds = np.searchsorted(index, np.arange(len(kps) + 1))
-        anchor = self._row.kd
-        counts = self._row.counts(kps)
-        result = []
-        lowest, highest = self._reach
-        for m in range(len(kps)):
-            if not lowest <= kps[m] <= highest:
-                result.append(np.empty((0, 2)))
-                continue
-            edges, steps = kd[bounds[m] : bounds[m + 1]], change[bounds[m] : bounds[m + 1]]
-            below = np.searchsorted(edges, anchor)
-            unstable = counts[m] - steps[:below].sum() + np.append(0, np.cumsum(steps))
-            ends = np.concatenate([[-np.inf], edges, [np.inf]])
-            result.append(np.stack([ends[:-1], ends[1:]], axis=1)[(unstable == 0) & (ends[1:] > ends[:-1])])
-        return result
+        # Line m's crossings are first[m] to first[m + 1]; its intervals, one more than crossings, begin at first[m] + m.
+        first = np.searchsorted(index, np.arange(len(kps) + 1))
+        total = np.append(0, np.cumsum(change))
+        below = self._row.counts(kps) - np.bincount(index, change * (kd < self._row.kd), len(kps))  # unstable roots where kd → −∞
+        start, inner = first + np.arange(len(kps) + 1), np.arange(len(kd)) + index + 1
+        low, high, unstable = np.full(start[-1], -np.inf), np.full(start[-1], np.inf), np.repeat(below, np.diff(start))
+        low[inner], high[inner - 1] = kd, kd
+        unstable[inner] += total[1:] - total[first[index]]
+        reached = (kps >= self._reach[0]) & (kps <= self._reach[1])
+        free = (unstable == 0) & (high > low) & np.repeat(reached, np.diff(start))
+        intervals, ends = np.stack([low, high], axis=1)[free], np.append(0, np.cumsum(free))[start]
+        return [intervals[ends[m] : ends[m + 1]] for m in range(len(kps))]
 
     def contains(self, kp: ArrayLike, kd: ArrayLike) -> Booleans:
         """True where the gains are allowed; kp and kd broadcast."""
-        kp, kd = np.broadcast_arrays(require_finite("region", "kp", kp), require_finite("region", "kd", kd))
-        values, inverse = np.unique(kp, return_inverse=True)
-        inverse, kd_flat = inverse.ravel(), kd.ravel()
+        given, kd = require_finite("region", "kp", kp), require_finite("region", "kd", kd)
+        values, line = np.unique(given, return_inverse=True)
+        line, kd = np.broadcast_arrays(line.reshape(np.shape(given)), kd)
+        inverse, kd_flat = line.ravel(), kd.ravel()
         inside = np.zeros(len(kd_flat), dtype=bool)
         order = np.argsort(inverse, kind="stable")
         bounds = np.searchsorted(inverse[order], np.arange(len(values) + 1))
@@ -160,7 +158,7 @@ class PDRegion:
             ends = intervals.ravel()
             place = np.searchsorted(ends, kd_flat[mine])
             inside[mine] = (place % 2 == 1) & (kd_flat[mine] != ends[np.minimum(place, len(ends) - 1)] if len(ends) else False)
-        return inside.reshape(kp.shape)
+        return inside.reshape(kd.shape)
 
     def max_kd(self, kp: ArrayLike) -> Any:
         """The largest allowed kd for each kp; NaN where none is allowed. A float for a single kp."""

@@ -16,6 +16,8 @@ from .streams import give_up, open_closed, say, show_everything
 # Read when numpy loads, so it is set before; a value of the user's own stays.
 for _variable in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
+# pydantic would look through every installed package for plug-ins, which takes as long as a joint's margins.
+os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -19,7 +19,7 @@ from ..analysis.margin_record import Margins, worst_of
 from ..analysis.margins import margins, margins_of
 from ..analysis.range_proof import Proof, prove
 from ..errors import GainroomError
-from ..linear.arrays import Floats
+from ..linear.arrays import Floats, distinct
 from ..system.controller import PD
 from ..system.drive import Drive
 from ..system.loop import Feedback, Loop, build_loop
@@ -276,7 +276,7 @@ class _Search:
         if not kp > 0:
             return None
         for _ in range(5):  # the first search is as good as its grid; this one is exact
-            trials = np.unique([_rounded_down(kp * 0.9989**k) for k in range(8)])[::-1]
+            trials = distinct([_rounded_down(kp * 0.9989**k) for k in range(8)])[::-1]
             found = self.first_allowed(trials)
             if found is not None:
                 return found

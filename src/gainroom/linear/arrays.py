@@ -2,9 +2,16 @@
 
 from typing import Any, TypeAlias
 
+import numpy as np
 from numpy.typing import NDArray
 
 Floats: TypeAlias = NDArray[Any]
 Complexes: TypeAlias = Any  # numpy's stubs give .real and .imag only to arrays of one known dtype
 Integers: TypeAlias = NDArray[Any]
 Booleans: TypeAlias = NDArray[Any]
+
+
+def distinct(values: Floats) -> Floats:
+    """The different ones of `values`, sorted: np.unique without numpy.ma, whose import takes as long as half of numpy."""
+    ordered = np.sort(values, axis=None)
+    return ordered[np.append(True, ordered[1:] != ordered[:-1])[: len(ordered)]]

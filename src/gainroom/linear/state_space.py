@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from ..errors import GainroomError
 from ..native import _core
-from .arrays import Complexes, Floats, Integers
+from .arrays import Complexes, Floats, Integers, distinct
 from .transfer_function import Factored
 
 IN_CACHE = 250_000  # entries of all matrices that are solved at a time: more would leave the processor's cache
@@ -169,7 +169,7 @@ def hold(system: StateSpace, delays: Floats, sample_time: float) -> StateSpace:
 
     transition, whole = over(1.0)
     now, before = whole.copy(), np.zeros_like(whole)
-    for value in np.unique(fraction[fraction > 0]):
+    for value in distinct(fraction[fraction > 0]):
         after, late = over(1 - value)
         columns = fraction == value
         now[:, columns] = late[:, columns]

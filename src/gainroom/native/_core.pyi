@@ -12,6 +12,14 @@ LOWEST_FLOOR: float
 def scan(
     zeros: Complexes, poles: Complexes, gain: float, delay: float, sample_time: float, with_peaks: bool
 ) -> tuple[Floats, Floats, Floats, float, bool]: ...
+def response(zeros: Complexes, poles: Complexes, gain: float, delay: float, sample_time: float, points: Complexes) -> Complexes:
+    """The value at s = points (k,), as factors.hpp; sample_time 0: continuous."""
+
+def response_and_slope(
+    zeros: Complexes, poles: Complexes, gain: float, delay: float, sample_time: float, omega: Floats
+) -> tuple[Complexes, Complexes]:
+    """The value at s = jω (k,) and its derivative by ω."""
+
 def sample(zeros: Complexes, poles: Complexes, gain: float, sample_time: float, fraction: float) -> tuple[Complexes, Complexes, float]:
     """As sampling.hpp: zeros, poles and gain in δ; no poles where the numbers are too far apart."""
 

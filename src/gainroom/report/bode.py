@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..analysis.margins import Margins
-from ..linear.arrays import Floats
+from ..linear.arrays import Floats, distinct
 from ..studies.joint import JointStudy
 from ..system.loop import Loop
 from ..system.requirements import to_db
@@ -81,7 +81,7 @@ def grid(loop: Loop, low: float, high: float) -> Floats:
     """Frequencies [rad/s] from `low` to `high`, dense around resonances."""
     parts = [np.geomspace(low, high, round(PER_DECADE * math.log10(high / low)))]
     parts += [one.imag * (1 + 0.3 * np.linspace(-1, 1, 81) ** 3) for one in loop.corner_frequencies if one.imag > 0]
-    omega = np.unique(np.concatenate(parts))
+    omega = distinct(np.concatenate(parts))
     return omega[(omega >= low) & (omega <= high)]
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..linear.arrays import Floats, Integers
+from ..linear.arrays import Floats, Integers, distinct
 from . import style
 from .page import Html, figure
 
@@ -109,4 +109,4 @@ def thinned(values: Floats, most: int = MOST_POINTS) -> Integers:
     for begin, end in pairwise(edges.tolist()):
         part = values[begin:end]
         picked += [begin + int(np.argmin(part)), begin + int(np.argmax(part))]
-    return np.unique(picked)
+    return distinct(picked)

@@ -19,10 +19,39 @@ static nb::tuple scan(Roots zeros, Roots poles, double gain, double delay, doubl
                           found.certified);
 }
 
-static nb::object complexes(const std::vector<Complex>& values) {
-    auto* copy = new std::vector<Complex>(values);
+static nb::object complexes(std::vector<Complex> values) {
+    auto* copy = new std::vector<Complex>(std::move(values));
     nb::capsule owner(copy, [](void* pointer) noexcept { delete static_cast<std::vector<Complex>*>(pointer); });
     return nb::cast(nb::ndarray<nb::numpy, Complex, nb::ndim<1>>(copy->data(), {copy->size()}, owner));
+}
+
+// Zeros, poles and gain as they come from Python.
+static gainroom::Factors factors(const Roots& zeros, const Roots& poles, double gain) {
+    return {{zeros.data(), zeros.data() + zeros.size()}, {poles.data(), poles.data() + poles.size()}, gain};
+}
+
+static nb::object response(Roots zeros, Roots poles, double gain, double delay, double sample_time, Roots points) {
+    std::vector<Complex> values(points.size());
+    {
+        nb::gil_scoped_release release;
+        const gainroom::Factors system = factors(zeros, poles, gain);
+        for (std::size_t k = 0; k < values.size(); k++) values[k] = gainroom::value_at(system, delay, sample_time, points(k));
+    }
+    return complexes(std::move(values));
+}
+
+static nb::tuple response_and_slope(Roots zeros, Roots poles, double gain, double delay, double sample_time, Vector omega) {
+    std::vector<Complex> values(omega.size()), slopes(omega.size());
+    {
+        nb::gil_scoped_release release;
+        const gainroom::Factors system = factors(zeros, poles, gain);
+        for (std::size_t k = 0; k < values.size(); k++) {
+            Complex slope;
+            values[k] = gainroom::value_at(system, delay, sample_time, {0.0, omega(k)}, &slope);
+            slopes[k] = gainroom::times(values[k], {-slope.imag(), slope.real()});
+        }
+    }
+    return nb::make_tuple(complexes(std::move(values)), complexes(std::move(slopes)));
 }
 
 static nb::tuple sample(Roots zeros, Roots poles, double gain, double sample_time, double fraction) {
@@ -31,7 +60,7 @@ static nb::tuple sample(Roots zeros, Roots poles, double gain, double sample_tim
         nb::gil_scoped_release release;
         found = gainroom::Sampler(zeros.data(), zeros.size(), poles.data(), poles.size(), gain, sample_time).at(fraction);
     }
-    return nb::make_tuple(complexes(found.zeros), complexes(found.poles), found.gain);
+    return nb::make_tuple(complexes(std::move(found.zeros)), complexes(std::move(found.poles)), found.gain);
 }
 
 static nb::tuple delay_margin(Roots zeros, Roots poles, double gain, double delay, Roots control_zeros, Roots control_poles,
@@ -41,9 +70,7 @@ static nb::tuple delay_margin(Roots zeros, Roots poles, double gain, double dela
     {
         nb::gil_scoped_release release;
         const gainroom::Sampler plant(zeros.data(), zeros.size(), poles.data(), poles.size(), gain, sample_time);
-        const gainroom::Factors control{{control_zeros.data(), control_zeros.data() + control_zeros.size()},
-                                        {control_poles.data(), control_poles.data() + control_poles.size()},
-                                        control_gain};
+        const gainroom::Factors control = factors(control_zeros, control_poles, control_gain);
         std::vector<std::array<double, 2>> starts;
         for (std::size_t k = 0; k < crossings.shape(0); k++) starts.push_back({crossings(k, 0), crossings(k, 1)});
         found = gainroom::DelayedLoop(plant, control, delay, sample_time, unstable_poles).margin(starts);
@@ -79,6 +106,10 @@ static double half_encirclements(double start_phase, bool outside, bool ends_on_
 void bind_scan(nb::module_& m) {
     m.attr("FLOOR") = gainroom::kFloor;
     m.attr("LOWEST_FLOOR") = gainroom::kLowestFloor;
+    m.def("response", &response, nb::arg("zeros"), nb::arg("poles"), nb::arg("gain"), nb::arg("delay"), nb::arg("sample_time"),
+          nb::arg("points"));
+    m.def("response_and_slope", &response_and_slope, nb::arg("zeros"), nb::arg("poles"), nb::arg("gain"), nb::arg("delay"),
+          nb::arg("sample_time"), nb::arg("omega"));
     m.def("sample", &sample, nb::arg("zeros"), nb::arg("poles"), nb::arg("gain"), nb::arg("sample_time"), nb::arg("fraction"));
     m.def("delay_margin", &delay_margin, nb::arg("zeros"), nb::arg("poles"), nb::arg("gain"), nb::arg("delay"), nb::arg("control_zeros"),
           nb::arg("control_poles"), nb::arg("control_gain"), nb::arg("sample_time"), nb::arg("unstable_poles"), nb::arg("crossings"));

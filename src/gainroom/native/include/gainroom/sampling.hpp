@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "extended.hpp"
+#include "factors.hpp"
 #include "response.hpp"
 
 namespace gainroom {
@@ -20,12 +21,6 @@ constexpr double kPolesApart = 1e-22;  // of 1/T_s: coinciding poles (the two in
 constexpr double kLargestExponent = 1e12;  // |p T_s|: each doubling beyond 2^−16 costs a bit of the 320
 constexpr std::size_t kMostPoles = 60;
 constexpr double kFarthest = 1e-20;    // a zero at |z| beyond 1/kFarthest changes no digit of the response: its factor is a constant
-
-// gain Π(v − zeros)/Π(v − poles), in v = s or v = (z − 1)/T_s.
-struct Factors {
-    std::vector<Complex> zeros, poles;
-    double gain = 0.0;
-};
 
 inline Complex rounded(Complex value) { return value; }
 inline Complex rounded(const ExtendedComplex& value) { return value.to_double(); }
@@ -158,7 +153,7 @@ class Sampler {
         for (std::size_t k = roots.size(); k < poles_.size() + late; k++) gain = gain * rate;
         found.gain = gain.to_double();
         for (const ExtendedComplex& root : roots) add_zero(((root - ExtendedComplex(Extended(1.0))) * rate).to_double(), found.zeros);
-        for (const Complex pole : poles_) found.poles.push_back(grown_by(pole));
+        for (const Complex pole : poles_) found.poles.push_back(variable(pole, step_));
         if (late) found.poles.emplace_back(-1 / step_);
         const bool finite = std::isfinite(found.gain + largest_of(found.zeros.data(), found.zeros.size()) +
                                           largest_of(found.poles.data(), found.poles.size()));
@@ -201,12 +196,6 @@ class Sampler {
             zeros.push_back(place);
             zeros.push_back(std::conj(place));
         }
-    }
-
-    // (e^{p T_s} − 1)/T_s.
-    Complex grown_by(Complex pole) const {
-        const double x = pole.real() * step_, y = pole.imag() * step_, half = std::sin(y / 2);
-        return Complex(std::expm1(x) * std::cos(y) - 2 * half * half, std::exp(x) * std::sin(y)) / step_;
     }
 };
 

@@ -1,0 +1,44 @@
+// A scalar transfer function as zeros, poles and gain, and its value anywhere: gain Π(v − zeros)/Π(v − poles) e^{−sT}.
+#pragma once
+
+#include <algorithm>
+#include <vector>
+
+#include "complex.hpp"
+
+namespace gainroom {
+
+struct Factors {
+    std::vector<Complex> zeros, poles;
+    double gain = 0.0;
+};
+
+// v at s: s itself in continuous time (sample_time 0), else (e^{s T_s} − 1)/T_s without cancellation.
+inline Complex variable(Complex s, double sample_time) {
+    if (!(sample_time > 0)) return s;
+    const double x = s.real() * sample_time, y = s.imag() * sample_time, half = std::sin(y / 2);
+    return Complex(std::expm1(x) * std::cos(y) - 2 * half * half, std::exp(x) * std::sin(y)) / sample_time;
+}
+
+// The value at s, infinite or NaN on a pole; `slope` receives the derivative by s of its logarithm where it is given.
+inline Complex value_at(const Factors& system, double delay, double sample_time, Complex s, Complex* slope = nullptr) {
+    const Complex v = variable(s, sample_time);
+    Complex value = system.gain, terms = 0.0;
+    // Zero by pole, so that the product stays within range for any number of factors.
+    for (std::size_t k = 0; k < std::max(system.zeros.size(), system.poles.size()); k++) {
+        if (k < system.zeros.size()) {
+            const Complex distance = v - system.zeros[k];
+            value = times(value, distance);
+            if (slope != nullptr) terms += over(1.0, distance);
+        }
+        if (k < system.poles.size()) {
+            const Complex distance = v - system.poles[k], inverse = over(1.0, distance);
+            value = distance == 0.0 ? Complex(value.real() / 0.0, value.imag() / 0.0) : times(value, inverse);
+            terms -= inverse;
+        }
+    }
+    if (slope != nullptr) *slope = (sample_time > 0 ? times(terms, std::exp(s * sample_time)) : terms) - delay;
+    return delay > 0 ? times(value, std::exp(-s * delay)) : value;
+}
+
+}  // namespace gainroom
