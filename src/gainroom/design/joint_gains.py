@@ -276,7 +276,7 @@ class _Search:
         if not kp > 0:
             return None
         for _ in range(5):  # the first search is as good as its grid; this one is exact
-            trials = distinct([_rounded_down(kp * 0.9989**k) for k in range(8)])[::-1]
+            trials = distinct(np.array([_rounded_down(kp * 0.9989**k) for k in range(8)]))[::-1]
             found = self.first_allowed(trials)
             if found is not None:
                 return found
