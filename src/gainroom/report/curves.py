@@ -109,4 +109,4 @@ def thinned(values: Floats, most: int = MOST_POINTS) -> Integers:
     for begin, end in pairwise(edges.tolist()):
         part = values[begin:end]
         picked += [begin + int(np.argmin(part)), begin + int(np.argmax(part))]
-    return distinct(picked)
+    return distinct(np.array(picked))
