@@ -32,7 +32,7 @@ format: $(STAMP)
 	$(BIN)/ruff format .
 
 bench: $(NATIVE)
-	$(BIN)/python -m benchmarks
+	$(BIN)/python -m benchmarks --page docs/performance.md
 
 $(STAMP): pyproject.toml requirements-dev.lock scripts/setup.sh
 	@scripts/setup.sh $(VENV) $(PYTHON)

@@ -3,44 +3,96 @@
 import gc
 import os
 import platform
-import statistics
+import subprocess
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 
-PACKAGES = ("numpy", "scipy", "control")
+import numpy as np
+
+PACKAGES = ("gainroom", "numpy", "scipy", "control", "mujoco", "pin")
+ROUNDS = 5
 
 
-def machine_facts() -> str:
-    """One line: processor, cores, system, Python and packages."""
+@dataclass(frozen=True)
+class Spread:
+    """How long one piece of work took, again and again [s]."""
+
+    taken: np.ndarray
+
+    @property
+    def median(self) -> float:
+        return float(np.median(self.taken))
+
+    def cells(self, unit: str = "ms", limit: float | None = None, *, limited: bool = True) -> dict[str, float | None]:
+        """Columns of a table: median with its limit [unit], least, 99th percentile (of fewer than 100 the greatest)."""
+        scale = {"s": 1.0, "ms": 1e3, "µs": 1e6}[unit]
+        found = {f"median [{unit}]": scale * self.median}
+        if limited:
+            found[f"at most [{unit}]"] = limit
+        high = np.max(self.taken) if len(self.taken) < 100 else np.quantile(self.taken, 0.99)
+        return found | {f"least [{unit}]": scale * float(np.min(self.taken)), f"p99 [{unit}]": scale * float(high)}
+
+
+def in_turns(works: dict[str, Callable[[], object]], budget: float = 0.6) -> dict[str, Spread]:
+    """Every piece of work again and again for `budget` [s] each, in turns, so that what else the machine does meets all of them.
+
+    A first, unmeasured call warms caches; a piece that takes longer than its budget is measured once more.
+    """
+    repeats, taken = {}, {name: [] for name in works}
+    for name, work in works.items():
+        start = time.perf_counter()
+        work()
+        repeats[name] = min(200, max(1, round(budget / ROUNDS / max(time.perf_counter() - start, 1e-7))))
+    gc.collect()
+    longest = max(repeats.values())
+    for turn in range(ROUNDS if longest > 1 else 1):
+        for name, work in works.items():
+            for _ in range(repeats[name] if repeats[name] > 1 or turn == 0 else 0):
+                start = time.perf_counter()
+                work()
+                taken[name].append(time.perf_counter() - start)
+    return {name: Spread(np.array(all_of_it)) for name, all_of_it in taken.items()}
+
+
+def spread(work: Callable[[], object], budget: float = 0.6) -> Spread:
+    """Of one piece of work alone."""
+    return in_turns({"": work}, budget)[""]
+
+
+def once(work: Callable[[], object]) -> Spread:
+    """Of work too long to be repeated."""
+    start = time.perf_counter()
+    work()
+    return Spread(np.array([time.perf_counter() - start]))
+
+
+def machine_facts() -> dict[str, str]:
+    """Processor, cores, system, Python, packages, linear algebra and compiler."""
     model = platform.processor() or platform.machine()
     if os.path.exists("/proc/cpuinfo"):
         with open("/proc/cpuinfo", encoding="utf-8", errors="replace") as lines:
             model = next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), model)
-    packages = ", ".join(f"{name} {_version(name)}" for name in PACKAGES)
-    return (
-        f"{model}, {os.cpu_count()} cores, {platform.system()} {platform.release()}, "
-        f"Python {platform.python_version()}, {packages}, one BLAS thread"
-    )
+    algebra = np.show_config(mode="dicts")["Build Dependencies"]["blas"]  # pyright: ignore[reportOptionalSubscript]
+    return {
+        "processor": f"{model}, {os.cpu_count()} cores, one used (one thread of linear algebra)",
+        "other work": f"load average {os.getloadavg()[0]:.1f} as the run began: the machine is shared, and times wander with it",
+        "system": f"{platform.system()} {platform.release()}",
+        "Python": f"{platform.python_version()}; {', '.join(f'{name} {_version(name)}' for name in PACKAGES)}",
+        "linear algebra": f"{algebra['name']} {algebra['version']}",
+        "C++ compiler": _compiler(),
+    }
 
 
-def seconds(work: Callable[[], object], budget: float = 0.6, batches: int = 5) -> float:
-    """Best of `batches` medians, so that other work on the machine hardly counts; the first, unmeasured call warms caches."""
-    work()
-    start = time.perf_counter()
-    work()
-    once = time.perf_counter() - start
-    repeats = max(1, min(200, round(budget / batches / max(once, 1e-7))))
-    medians = []
-    gc.collect()
-    for _ in range(batches):
-        taken = []
-        for _ in range(repeats):
-            start = time.perf_counter()
-            work()
-            taken.append(time.perf_counter() - start)
-        medians.append(statistics.median(taken))
-    return min(medians)
+def _compiler() -> str:
+    """The first line of what the compiler of the core says of itself."""
+    for command in (os.environ.get("CXX", "c++"), "build/native/c++"):
+        try:
+            return subprocess.run([command, "--version"], capture_output=True, text=True, check=True).stdout.splitlines()[0]
+        except (OSError, subprocess.CalledProcessError, IndexError):
+            continue
+    return "(none found)"
 
 
 def _version(name: str) -> str:
