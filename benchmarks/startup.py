@@ -58,8 +58,8 @@ def run(seed: int) -> Table:
             rows.append(_row("gainroom audit, G1", audit, fresh, ROUNDS, 1.0))
             rows.append(_row("gainroom robot, G1 in 3 states", ["robot", str(robot)], fresh, 1, 10.0))
     notes = [
-        f"Whole processes, {ROUNDS} each, after one that fills the cache of bytecode; the first time and robots once, for {PATIENCE:g} s at",
-        "most (inf: not done by then). The processor's time, user and system, wanders less than the clock's on a shared machine.",
+        f"Whole processes, {ROUNDS} each, after one that fills the cache of bytecode; the first time and robots once, {PATIENCE:g} s",
+        "at most (inf: not done then). The processor's time, user and system, wanders less than the clock's on a shared machine.",
     ]
     return Table("Command line", rows, notes)
 
