@@ -91,15 +91,43 @@ class GainPlane:
         omega = distinct(np.append(omega[clear], around[(around > low) & (around < high)]))
         return cls(a, b, omega, last, resolved, pinches)
 
+    @cached_property
+    def _parts(self) -> tuple[Factored, Factored, Factored]:
+        """What A and B share, plant and delay, and what each has besides: a few roots of the controller."""
+        zeros, a_zeros, b_zeros = _common(self.a.zeros, self.b.zeros)
+        poles, a_poles, b_poles = _common(self.a.poles, self.b.poles)
+        shared = Factored(zeros, poles, 1.0, self.a.delay, self.a.sample_time)
+        step = self.a.sample_time
+        return shared, Factored(a_zeros, a_poles, self.a.gain, 0.0, step), Factored(b_zeros, b_poles, self.b.gain, 0.0, step)
+
+    def responses_and_slopes(self, omega: Floats) -> tuple[Complexes, Complexes, Complexes, Complexes]:
+        """A, dA/dω, B and dB/dω at omega (k,)."""
+        shared, a, b = self._parts
+        value, slope = shared.response_and_slope(omega)
+        (own_a, turn_a), (own_b, turn_b) = (one.response_and_slope(omega) for one in (a, b))
+        return value * own_a, slope * own_a + value * turn_a, value * own_b, slope * own_b + value * turn_b
+
     def solve(self, target: complex, omega: Floats) -> tuple[Floats, Floats, Floats, Floats]:
         """(kp, kd, dkp/dω, dkd/dω) with L(jω) = target."""
-        a, da = self.a.response_and_slope(omega)
-        b, db = self.b.response_and_slope(omega)
+        with np.errstate(invalid="ignore", over="ignore"):
+            a, da, b, db = self.responses_and_slopes(omega)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             kp, kd = _solve2(a, b, np.full(len(omega), complex(target)))
             dkp, dkd = _solve2(a, b, -(kp * da + kd * db))
         on_pole = ~np.isfinite(a)  # no gains are needed to reach the target there
         return np.where(on_pole, 0.0, kp), np.where(on_pole, 0.0, kd), dkp, dkd
+
+
+def _common(first: Complexes, second: Complexes) -> tuple[Complexes, Complexes, Complexes]:
+    """Roots that are in both, and those left over in each."""
+    left, both, right = [], [], second.tolist()
+    for root in first.tolist():
+        if root in right:
+            right.remove(root)
+            both.append(root)
+        else:
+            left.append(root)
+    return np.array(both, dtype=complex), np.array(left, dtype=complex), np.array(right, dtype=complex)
 
 
 def _is_simple(root: complex, part: Factored) -> bool:

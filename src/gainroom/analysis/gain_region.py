@@ -203,8 +203,7 @@ class PDRegion:
                 other = np.append(other, (-1 - values * here) / there)
                 size = np.append(size, np.ones(len(values), dtype=int))
         kp, kd = (values[index], other) if axis == "kp" else (other, values[index])
-        a, da = self._plane.a.response_and_slope(omega)
-        b, db = self._plane.b.response_and_slope(omega)
+        a, da, b, db = self._plane.responses_and_slopes(omega)
         # ds/d(gain) = −A/(dL/ds) and dL/ds = −j dL/dω; the real part says which way the root moves
         moving = (b if axis == "kp" else a) / (kp * da + kd * db)
         return index, other, size * np.sign(moving.imag).astype(int)

@@ -20,6 +20,14 @@ inline Complex variable(Complex s, double sample_time) {
     return Complex(std::expm1(x) * std::cos(y) - 2 * half * half, std::exp(x) * std::sin(y)) / sample_time;
 }
 
+// 1/a with one division where |a|² is far from the ends of the range.
+inline Complex inverse_of(Complex a) {
+    const double size = std::norm(a);
+    if (!(size > 1e-280 && size < 1e280)) return over(1.0, a);
+    const double scale = 1 / size;
+    return {a.real() * scale, -a.imag() * scale};
+}
+
 // The value at s, infinite or NaN on a pole; `slope` receives the derivative by s of its logarithm where it is given.
 inline Complex value_at(const Factors& system, double delay, double sample_time, Complex s, Complex* slope = nullptr) {
     const Complex v = variable(s, sample_time);
@@ -29,10 +37,10 @@ inline Complex value_at(const Factors& system, double delay, double sample_time,
         if (k < system.zeros.size()) {
             const Complex distance = v - system.zeros[k];
             value = times(value, distance);
-            if (slope != nullptr) terms += over(1.0, distance);
+            if (slope != nullptr) terms += inverse_of(distance);
         }
         if (k < system.poles.size()) {
-            const Complex distance = v - system.poles[k], inverse = over(1.0, distance);
+            const Complex distance = v - system.poles[k], inverse = inverse_of(distance);
             value = distance == 0.0 ? Complex(value.real() / 0.0, value.imag() / 0.0) : times(value, inverse);
             terms -= inverse;
         }
