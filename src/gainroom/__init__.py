@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from .files.robot_yaml import load_robot
     from .native import warmup
     from .realtime.tracker import GainTracker, TrackedLimit
+    from .realtime.scheduler import GainScheduler, GainTable
     from .simulation import Friction, Scenario, Testbed, simulate
     from .studies.analysis import Analysis, State, analyze
     from .studies.joint import JointStudy, study_joint
@@ -54,6 +55,7 @@ _HOME = {
     "files.robot_yaml": ("load_robot",),
     "simulation": ("Scenario", "simulate", "Testbed", "Friction"),
     "realtime.tracker": ("GainTracker", "TrackedLimit"),
+    "realtime.scheduler": ("GainScheduler", "GainTable"),
     "native": ("warmup",),
     "errors": ("GainroomError",),
 }
@@ -73,6 +75,8 @@ __all__ = [
     "Friction",
     "GainLimit",
     "GainTracker",
+    "GainScheduler",
+    "GainTable",
     "GainroomError",
     "JointSpec",
     "JointStudy",
