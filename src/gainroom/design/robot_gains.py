@@ -133,8 +133,12 @@ class _State:
     load: Floats
 
 
-def recommend_robot(system: System, space: str = "joint", progress: Callable[[], None] = lambda: None) -> RobotGains:
+def recommend_robot(
+    system: System, space: str = "joint", progress: Callable[[], None] = lambda: None, start: RobotGains | None = None
+) -> RobotGains:
     """Gains for the joints, or for the file's tasks (space "task").
+
+    start   gains to begin with, such as those found for fewer states: the search is a local one
 
     Raises GainroomError where nothing is required, and in task space without tasks.
     """
@@ -150,12 +154,15 @@ def recommend_robot(system: System, space: str = "joint", progress: Callable[[],
         names, inertia = tasks.directions, None
         beginning = tasks_alike(tasks, beginning)
     nearest: dict[str, str] = {}
-    safe = _set(EVERYWHERE, found, beginning, progress, nearest)
+    known = {} if start is None else {EVERYWHERE: start.everywhere, **start.per_contact}
+    safe = _set(EVERYWHERE, found, beginning, progress, nearest, known.get(EVERYWHERE))
     per_contact: dict[str, GainSet | None] = {}
     for contact in system.source.contacts:
         own = [state for state in found if state.contact == contact]
         whole = safe and replace(safe, contact=contact)
-        per_contact[contact] = whole if len(own) == len(found) else _set(contact, own, beginning, progress, nearest, safe)
+        per_contact[contact] = (
+            whole if len(own) == len(found) else _set(contact, own, beginning, progress, nearest, known.get(contact) or safe)
+        )
         if len(own) == len(found) and EVERYWHERE in nearest:
             nearest[contact] = nearest[EVERYWHERE]
     return RobotGains(space, tuple(names), per_contact, safe, inertia, nearest, _unweighed(system, space, states))
