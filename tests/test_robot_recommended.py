@@ -119,6 +119,14 @@ def test_legs_get_equal_gains(biped: tuple[System, RobotGains]):
     np.testing.assert_allclose(kp[:6], kp[6:], rtol=0.1)
 
 
+def test_a_search_may_begin_where_another_ended(biped: tuple[System, RobotGains]):
+    """Then it gets at least as far by what it makes small, but for the digits that gains are rounded to, and meets the same."""
+    spec, gains = biped
+    again = safe(recommend_robot(spec, start=gains))
+    assert again.compliance.sum() <= safe(gains).compliance.sum() * (1 + 1e-3)
+    assert all(spec.requirements.met_by(quick_margins(loop)) for loop in loops(spec, again.kp, again.kd, weight=True).values())
+
+
 def assert_stands(text: str, gains: RobotGains, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """For two seconds in MuJoCo, on the ground, held by nothing but its gains."""
     found, data = safe(gains), yaml.safe_load(text)
