@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from .errors import GainroomError
     from .files.robot_yaml import load_robot
     from .native import warmup
-    from .realtime.tracker import GainTracker, TrackedLimit
     from .realtime.scheduler import GainScheduler, GainTable
+    from .realtime.tracker import GainTracker, TrackedLimit
     from .simulation import Friction, Scenario, Testbed, simulate
     from .studies.analysis import Analysis, State, analyze
     from .studies.joint import JointStudy, study_joint
