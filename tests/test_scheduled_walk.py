@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from walking_gains import MOMENTS, with_states
 from walking_plan import LIFT, STEP
-from walking_run import biped, error_of, phases, plan_of, rms, steps, tables, vibrations, walked
+from walking_run import HERE, biped, error_of, loop, phases, plan_of, rms, steps, tables, vibrations, walked
 
 import gainroom as gr
 from gainroom.analysis.margins import joint_margins
@@ -81,3 +81,23 @@ def test_the_detector_finds_gains_above_the_limit():
     table = gr.GainTable.of({name: tuple(2.6 * gains) for name, gains in tables()["scheduled"].own.items()})
     run, _ = walked(system, plan, table, friction=False, ticks=1000, trackers=dict.fromkeys(table.own, NoLimit()), rise=1e4)
     assert run.ending == "diverged" or vibrations(run, plan)
+
+
+def test_with_the_tracker_gains_end_at_its_limit_over_the_margin():
+    """Gains that are three times too high, along the swing on the left foot: where a tick is certified, cold limits say the same."""
+    system, plan = biped(), plan_of(biped())
+    kp, kd = 3 * tables()["scheduled"].own["left"]
+    tracker = gr.GainTracker(gr.load_robot(HERE / "scheduled_biped.yaml"), gr.PD(kp, kd), contacts=["left"])
+    table = gr.GainTable.of({"left": (kp, kd)}, (kp / 100, kd / 100))
+    running = gr.GainScheduler(table, {"left": tracker}, system.requirements, rise=1e4)
+    certified = 0
+    for k in range(3600, 4200):
+        q = plan.posture(system.source.body, k)
+        out = running.update(q, "left", plan.time[1])
+        if out.certified and k % 100 == 99:
+            certified += 1
+            cold = gr.gain_limit(loop(system, q, "left", np.array([kp, kd]))).gain
+            assert out.settled
+            assert out.factor * system.requirements.gain_margin == pytest.approx(cold, rel=2e-6)
+            assert np.array_equal(out.kp, out.factor * kp)
+    assert certified >= 3
