@@ -15,7 +15,7 @@
 #include <limits>
 #include <vector>
 
-#include "tracked_crossing.hpp"
+#include "contact_state.hpp"
 #include "link_inertia.hpp"
 #include "mode_basis.hpp"
 #include "phase_sweep.hpp"
@@ -49,7 +49,8 @@ public:
     static constexpr double kCertain = 1e-6;  // of the gain that safe_gain stays below it
 
     Tracker(const JointData* joints, std::size_t count, double sample_time, std::size_t contacts, const TrackerSettings& settings = {})
-        : laws_(joints, count, sample_time), settings_(settings), solver_(laws_), sweep_(laws_), basis_(laws_), trial_(count), inverse_root_(count), change_(count * count), square_(count), loci_(count), loci_before_(count) {
+        : laws_(joints, count, sample_time), settings_(settings), solver_(laws_), sweep_(laws_), basis_(laws_), trial_(count), inverse_root_(count),
+          change_(count * count), square_(count), loci_(count), loci_before_(count) {
         for (std::size_t k = 0; k < contacts; k++) states_.emplace_back(count);
         passive_end_ = passive_end();
         const double square = double(count * count);
@@ -97,32 +98,11 @@ public:
     }
 
 private:
-    static constexpr std::size_t kSpare = 6;  // crossings followed beside one for each joint
     static constexpr std::size_t kTurn = 10;  // every one of them is, in so many ticks
-    static constexpr double kShrunk = 0.9, kFarthest = 1.4, kLeast = 0.02, kFollowed = 1.7, kDouble = 1e-5, kNear = 0.05, kCluster = 1e-3, kDependent = 0.01, kSlowest = 0.5, kFaster = 3.0, kForgets = 0.95, kBeyond = 1.5;
-
-    struct State {
-        explicit State(std::size_t size) : w(size * size) {
-            const std::size_t most = size + kSpare;
-            pool.reserve(most);
-            for (std::size_t k = 0; k < most; k++) pool.emplace_back(size);
-            for (auto& one : pool) order.push_back(&one);
-        }
-        State(State&&) = default;
-
-        std::vector<double> w;  // at which the crossings are
-        std::vector<TrackedCrossing> pool;
-        std::vector<TrackedCrossing*> order;  // by rising gain, the first `count` in use
-        std::size_t count = 0, turn = 0, tries = 0;
-        int missed = 0, agreed = 0;  // counts in a row that did not agree, that did
-        bool begun = false, searching = false, lost = false;
-        double path = 0.0, based_at = -1e300;      // how far W has moved in all; where basis_ was begun for this state
-        double counted = 0.0, counted_from = 0.0;  // the factor of the last count that agreed, the path at its first slice; 0: none
-        double reach = kFarthest - 1.0;            // how far above the lowest crossing the next count may be
-        double empty_below = 0.0, seek = 0.5;      // factors without unstable roots, and the next one to look at while none is known
-        double certified_gain = 0.0, certified_path = 0.0;
-        long certified_at = -1;
-    };
+    using State = ContactState;
+    static constexpr double kShrunk = 0.9, kFollowed = 1.7, kForgets = 0.95;            // see answer, arrange, moved
+    static constexpr double kDouble = 1e-5, kCluster = 1e-3, kDependent = 0.01, kNear = 0.05;  // of crossings that are alike
+    static constexpr double kBeyond = 1.5;                                              // of the factor of a count: what a search keeps
 
     // Numbers whose squares are numbers.
     bool sound(const double* w) const {
@@ -177,7 +157,7 @@ private:
         state.turn++;
         for (std::size_t k = 0; k < state.count; k++) {
             TrackedCrossing& one = *state.order[k];
-            const double drift = speed(one) * (state.path - one.seen_at);
+            const double drift = State::speed(one) * (state.path - one.seen_at);
             const bool may_be_lowest = k == 0 || one.gain * (1.0 - drift) < state.order[0]->gain;
             if (!all && !may_be_lowest && (state.turn + k) % kTurn != 0) continue;
             if (!moved(state, one)) drop(state, k--);
@@ -203,7 +183,7 @@ private:
     double highest_omega() const { return laws_.sample_time() > 0.0 ? kPi / laws_.sample_time() : 1e9; }
 
     void drop(State& state, std::size_t k) {
-        if (state.order[k]->gain < state.counted) state.lost = true;  // the count relied on it
+        if (state.order[k]->gain < state.counted) state.counted = 0.0;  // the count relied on it
         std::rotate(state.order.begin() + long(k), state.order.begin() + long(k) + 1, state.order.begin() + long(state.count));
         state.count--;
     }
@@ -278,7 +258,7 @@ private:
 
     // Slices of the count, as many as this tick has room for.
     void count(State& state) {
-        const double room = certified(state) ? settings_.slices : std::max(settings_.urgent - work_, settings_.slices);
+        const double room = state.certified() ? settings_.slices : std::max(settings_.urgent - work_, settings_.slices);
         owed_ = std::min(owed_ + room, std::max(room, 1.0));
         double spent = 0.0;
         while (spent + 1.0 <= owed_) {
@@ -289,8 +269,7 @@ private:
                     state.based_at = state.path;
                 }
                 sweep_from_ = state.path;
-                state.lost = false;
-                sweeping_ = sweep_.begin(state.w.data(), next_factor(state), passive_end_) == PhaseSweep::State::running;
+                sweeping_ = sweep_.begin(state.w.data(), state.next_factor(), passive_end_) == PhaseSweep::State::running;
                 spent += 1.0;
                 continue;
             }
@@ -364,6 +343,7 @@ private:
         for (std::size_t k = 0; k < state.count; k++)
             if (doubles(state, *state.order[k], trial_)) return;
         if (!independent(state)) return;
+        if (trial_.gain < state.counted) state.counted = 0.0;  // the count did not know it
         if (state.count == state.order.size()) {
             if (trial_.gain > state.order.back()->gain) return;
             state.count--;
@@ -376,18 +356,14 @@ private:
         const double factor = sweep_.gain();
         if (!done) {
             state.searching = true;
-            shorten(state);
+            state.shorten(sweep_from_);
             if (state.count == 0) state.seek *= 0.9;
             return;
         }
-        long expected = 0;
-        for (std::size_t k = 0; k < state.count; k++)
-            if (state.order[k]->gain < factor) expected += state.order[k]->rising > 0.0 ? 1 : -1;
-        if (sweep_.pairs() == expected && !state.lost) {
+        const long expected = state.pairs(factor);
+        if (sweep_.pairs() == expected) {
             state.searching = false;
-            state.reach = std::min((state.agreed > 3 ? 1.5 : 1.15) * state.reach, kFarthest - 1.0);
-            state.missed = 0;
-            state.agreed++;
+            state.lengthen();
             state.counted = factor;
             state.counted_from = sweep_from_;
             state.empty_below = expected == 0 ? factor : 0.0;
@@ -395,8 +371,8 @@ private:
             return;
         }
         if (sweep_.pairs() < expected && state.count > 0) state.count = 1;  // some account for each other: all but the lowest are found anew
-        state.searching = ++state.missed > 1 || !certified(state);  // nearer to the lowest crossing nothing may be missing
-        shorten(state);
+        state.searching = ++state.missed > 1 || !state.certified();  // nearer to the lowest crossing nothing may be missing
+        state.shorten(sweep_from_);
         if (state.count > 0) return;
         // No crossing known: nearer to where there are no unstable roots, and a search where that is near.
         state.searching = state.empty_below > 0.0 && factor < 1.2 * state.empty_below;
@@ -404,51 +380,7 @@ private:
         if (state.searching) state.seek = factor;
     }
 
-    // Less far above the lowest crossing, but farther than it may come within two counts.
-    void shorten(State& state) const {
-        state.agreed = 0;
-        const double moved = 2.0 * speed(state) * (state.path - sweep_from_);
-        state.reach = std::max(0.7 * state.reach, std::min(kLeast + moved, kFarthest - 1.0));
-    }
-
-    // How fast a crossing is taken to move at most, in ln g along the path: three times as fast as it has moved lately, unless that is more than
-    // any motion can do to it.
-    static double speed(const TrackedCrossing& one) { return std::max(kSlowest, std::min(one.spread, kFaster * one.speed)); }
-
-    // Of an unknown one: as the fastest known one up to the factor of the last count. Above it a pair about to merge moves without bound.
-    static double speed(const State& state) {
-        double most = kSlowest;
-        for (std::size_t k = 0; k < state.count && (k == 0 || state.order[k]->gain < state.counted); k++)
-            most = std::max(most, speed(*state.order[k]));
-        return most;
-    }
-
-    // Where to count: in the widest gap between known crossings a little above the lowest.
-    double next_factor(State& state) const {
-        if (state.count == 0) return state.seek;
-        const double lowest = state.order[0]->gain, farthest = (1.0 + state.reach) * lowest;
-        double from = (1.0 + 0.2 * state.reach) * lowest, best = 0.0, factor = from;
-        for (std::size_t k = 1; k <= state.count; k++) {
-            const double to = k < state.count ? std::min(state.order[k]->gain, farthest) : farthest;
-            if (to > from && to / from > best) {
-                best = to / from;
-                factor = to == farthest ? std::pow(from, 0.25) * std::pow(to, 0.75) : std::sqrt(from * to);
-            }
-            from = std::max(from, to);
-        }
-        return factor;
-    }
-
     void stop_sweep() { sweeping_ = false; }
-
-    // Whether the last count still holds for the lowest crossing.
-    bool certified(const State& state) const {
-        if (state.count == 0 || state.counted == 0.0 || state.lost) return false;
-        const TrackedCrossing& lowest = *state.order[0];
-        if (!lowest.converged || lowest.seen_at != state.path) return false;
-        const double room = std::log(state.counted / lowest.gain), moved = state.path - state.counted_from;
-        return room > 0.0 && speed(state) * moved < room;
-    }
 
     Limit answer(State& state, bool arrived) {
         Limit limit;
@@ -456,7 +388,7 @@ private:
             limit.gain = state.order[0]->gain;
             limit.frequency = state.order[0]->omega;
         }
-        limit.certified = arrived && certified(state);
+        limit.certified = arrived && state.certified();
         if (limit.certified) {
             state.certified_at = tick_;
             state.certified_gain = limit.gain;

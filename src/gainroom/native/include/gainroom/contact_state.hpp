@@ -1,0 +1,94 @@
+// What the tracker knows in one contact state: the crossings at some W, and how far the last count of unstable roots reaches.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <vector>
+
+#include "tracked_crossing.hpp"
+
+namespace gainroom {
+
+struct ContactState {
+    static constexpr std::size_t kSpare = 6;  // crossings followed beside one for each joint
+    static constexpr double kFarthest = 1.4, kLeast = 0.02, kSlowest = 0.5, kFaster = 3.0;
+
+    explicit ContactState(std::size_t size) : w(size * size) {
+        const std::size_t most = size + kSpare;
+        pool.reserve(most);
+        for (std::size_t k = 0; k < most; k++) pool.emplace_back(size);
+        for (auto& one : pool) order.push_back(&one);
+    }
+    ContactState(ContactState&&) = default;
+
+    std::vector<double> w;  // at which the crossings are
+    std::vector<TrackedCrossing> pool;
+    std::vector<TrackedCrossing*> order;  // by rising gain, the first `count` in use
+    std::size_t count = 0, turn = 0, tries = 0;
+    int missed = 0, agreed = 0;  // counts in a row that did not agree, that did
+    bool begun = false, searching = false;
+    double path = 0.0, based_at = -1e300;      // how far W has moved in all; where the modes of the search were begun for this state
+    double counted = 0.0, counted_from = 0.0;  // the factor of the last count that agreed, the path at its first slice; 0: none
+    double reach = kFarthest - 1.0;            // how far above the lowest crossing the next count may be
+    double empty_below = 0.0, seek = 0.5;      // factors without unstable roots, and the next one to look at while none is known
+    double certified_gain = 0.0, certified_path = 0.0;
+    long certified_at = -1;
+
+    // How fast a crossing is taken to move at most, in ln g along the path: three times as fast as it has moved lately, unless that is more
+    // than any motion can do to it.
+    static double speed(const TrackedCrossing& one) { return std::max(kSlowest, std::min(one.spread, kFaster * one.speed)); }
+
+    // Of an unknown one: as the fastest known one up to the factor of the last count. Above it a pair about to merge moves without bound.
+    double speed() const {
+        double most = kSlowest;
+        for (std::size_t k = 0; k < count && (k == 0 || order[k]->gain < counted); k++) most = std::max(most, speed(*order[k]));
+        return most;
+    }
+
+    // Whether the last count still holds for the lowest crossing.
+    bool certified() const {
+        if (count == 0 || counted == 0.0) return false;
+        const TrackedCrossing& lowest = *order[0];
+        if (!lowest.converged || lowest.seen_at != path) return false;
+        const double room = std::log(counted / lowest.gain);
+        return room > 0.0 && speed() * (path - counted_from) < room;
+    }
+
+    // After a count that began at the path `from`: the next one less far above the lowest crossing, but farther than it may come meanwhile.
+    void shorten(double from) {
+        agreed = 0;
+        reach = std::max(0.7 * reach, std::min(kLeast + 2.0 * speed() * (path - from), kFarthest - 1.0));
+    }
+
+    void lengthen() {
+        missed = 0;
+        reach = std::min((agreed++ > 3 ? 1.5 : 1.15) * reach, kFarthest - 1.0);
+    }
+
+    // Where to count: in the widest gap between known crossings a little above the lowest.
+    double next_factor() const {
+        if (count == 0) return seek;
+        const double lowest = order[0]->gain, farthest = (1.0 + reach) * lowest;
+        double from = (1.0 + 0.2 * reach) * lowest, best = 0.0, factor = from;
+        for (std::size_t k = 1; k <= count; k++) {
+            const double to = k < count ? std::min(order[k]->gain, farthest) : farthest;
+            if (to > from && to / from > best) {
+                best = to / from;
+                factor = to == farthest ? std::pow(from, 0.25) * std::pow(to, 0.75) : std::sqrt(from * to);
+            }
+            from = std::max(from, to);
+        }
+        return factor;
+    }
+
+    // Pairs of unstable roots at a factor, as the known crossings have it.
+    long pairs(double factor) const {
+        long sum = 0;
+        for (std::size_t k = 0; k < count; k++)
+            if (order[k]->gain < factor) sum += order[k]->rising > 0.0 ? 1 : -1;
+        return sum;
+    }
+};
+
+}  // namespace gainroom
