@@ -2,6 +2,7 @@
 
 import math
 import os
+import resource
 import subprocess
 import sys
 import tempfile
@@ -60,7 +61,8 @@ def run(seed: int) -> Table:
     notes = [
         f"Whole processes, {ROUNDS} each, after one that fills the cache of bytecode; robots once, for {PATIENCE:g} s at most (inf: not",
         "done then). pip writes bytecode as it installs, so that the very first run is like any other; only a checkout's has none.",
-        "The processor's time, user and system, wanders less than the clock's on a shared machine.",
+        "The processor's time, user and system, wanders less than the clock's on a shared machine. Memory: peak, where it is more than the",
+        "benchmark's own, which a process inherits.",
     ]
     return Table("Command line", rows, notes)
 
@@ -73,13 +75,16 @@ def _row(name: str, arguments: list[str], environment: dict[str, str], rounds: i
         "command": name,
         **Spread(runs[:, 0]).cells("s", limit),
         "processor [s]": float(np.median(runs[:, 1])),
-        "memory [MB]": float(np.max(runs[:, 2])),
+        "memory [MB]": None if np.isnan(runs[:, 2]).any() else float(np.max(runs[:, 2])),
         "at most [MB]": MEMORY if name.startswith("gainroom robot") else None,
     }
 
 
 def _run(arguments: list[str], environment: dict[str, str]) -> tuple[float, float, float]:
-    """Clock time [s], processor time [s] and peak memory [MB] of one process; a status of 2 (bad call) is an error of the benchmark."""
+    """Clock time [s], processor time [s] and peak memory [MB] of one process; a status of 2 (bad call) is an error of the benchmark.
+
+    A process inherits the peak of the one that starts it: what is not above this one's own is not known, NaN.
+    """
     script = Path(sys.executable).with_name("gainroom")
     command = [str(script)] if script.exists() else [sys.executable, "-m", "gainroom"]
     with tempfile.TemporaryFile() as output:
@@ -92,12 +97,17 @@ def _run(arguments: list[str], environment: dict[str, str]) -> tuple[float, floa
         taken = time.perf_counter() - start
         process.returncode = os.waitstatus_to_exitcode(status)
         if taken >= PATIENCE:
-            return math.inf, math.inf, usage.ru_maxrss / 1024
+            return math.inf, math.inf, _memory(usage)
         if process.returncode not in (0, 1):
             output.seek(0)
             said = output.read().decode(errors="replace").strip()
             raise RuntimeError(f"gainroom {' '.join(arguments)} ended with status {process.returncode}: {said[-500:]}")
-    return taken, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024
+    return taken, usage.ru_utime + usage.ru_stime, _memory(usage)
+
+
+def _memory(usage: resource.struct_rusage) -> float:
+    inherited = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return usage.ru_maxrss / 1024 if usage.ru_maxrss > inherited else math.nan
 
 
 def _sampled(text: str) -> str:

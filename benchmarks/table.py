@@ -45,7 +45,7 @@ def bounded(tables: Iterable[Table]) -> Table:
         for row in table.rows:
             heads = list(row)
             for before, head in pairwise(heads):
-                if head.startswith((LIMIT, LEAST)) and row[head] is not None:
+                if head.startswith((LIMIT, LEAST)) and row[head] is not None and row[before] is not None:
                     met = row[before] <= row[head] if head.startswith(LIMIT) else row[before] >= row[head]
                     named = ", ".join([table.title, *(value for value in row.values() if isinstance(value, str))])
                     limit = f"{head.split(' [')[0]} {shown(row[head])}"
