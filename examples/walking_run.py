@@ -1,7 +1,7 @@
 """The biped of scheduled_biped.py in MuJoCo: its controller with scheduled gains, a run of the plan, and what is measured of it."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
@@ -10,11 +10,11 @@ import numpy as np
 import yaml
 from walking_plan import Plan, posture, two_steps
 
-from gainroom.analysis.gain_limit import gain_limit
 from gainroom.analysis.margin_record import Margins
 from gainroom.analysis.margins import joint_margins
-from gainroom.files.robot_yaml import load_robot_system
+from gainroom.files.robot_yaml import load_robot, load_robot_system
 from gainroom.realtime.scheduler import GainScheduler, GainTable, ScheduledGains, Tracker
+from gainroom.realtime.tracker import GainTracker
 from gainroom.robot.ground import Ground, Sole
 from gainroom.robot.linearize import linearize
 from gainroom.simulation.robot_run import RobotRun, RobotStepper
@@ -28,32 +28,11 @@ from gainroom.system.system import System
 HERE = Path(__file__).parent
 COULOMB, OF_ANKLES, VISCOUS = 4.5, 21.0, 10.0
 """Friction of the motors [N m], [N m s/rad], and of those of the ankle pitch: of `gainroom example biped-simulated`."""
-REFRESH = 100
-"""Ticks between two limits of the stand-in for a tracker."""
 BLOCK = 200
 EVERY = 100
 """Ticks between two looks at the margins."""
 EARLY_OR_LATE = 0.04
 """So much earlier or later than planned a foot may lift or land [s]: the margins of both contact states are looked at then."""
-
-
-@dataclass
-class ColdLimit:
-    """In place of a GainTracker: the limit of one contact state's gains (2, n), computed anew at every REFRESH-th tick and held between."""
-
-    system: System
-    gains: np.ndarray
-    safe_gain: float = 0.0
-    certified: bool = False
-    age_ticks: int = REFRESH
-
-    def update(self, q: np.ndarray, contact: str) -> "ColdLimit":
-        """The limit in posture `q`."""
-        self.age_ticks += 1
-        self.certified = self.age_ticks >= REFRESH
-        if self.certified:
-            self.safe_gain, self.age_ticks = gain_limit(loop(self.system, q, contact, self.gains)).gain, 0
-        return self
 
 
 def loop(system: System, q: np.ndarray, contact: str, gains: np.ndarray, weight: bool = False) -> Loop:
@@ -110,7 +89,11 @@ def walked(
     ticks: int | None = None,
     **options: float,
 ) -> tuple[RobotRun, list[ScheduledGains]]:
-    """The run of the plan with the gains of a table, and the gains of each tick; `options`: of the scheduler."""
+    """The run of the plan with the gains of a table, and the gains of each tick.
+
+    trackers   other than a GainTracker of each contact state's gains
+    options    of the scheduler
+    """
     source = system.source
     body, own = source.body, source.actuators
     contacts = source.contacts["double"]
@@ -124,7 +107,8 @@ def walked(
         coulomb=friction * np.where(["ankle_pitch" in name for name in body.joint_names], OF_ANKLES, COULOMB),
         ground=Ground(friction=0.8, soles={contact.frame: Sole(length=0.28, width=0.15) for contact in contacts}),
     )
-    trackers = trackers or {name: ColdLimit(system, gains) for name, gains in table.own.items()}
+    robot = load_robot(HERE / "scheduled_biped.yaml")
+    trackers = trackers or {name: GainTracker(robot, PD(*gains), contacts=[name]) for name, gains in table.own.items()}
     stepper = RobotStepper(setup)
     controller = Controller(system, plan, GainScheduler(table, trackers, system.requirements, **options))
     stepper.control = controller  # type: ignore[assignment] - all that the stepper asks of it

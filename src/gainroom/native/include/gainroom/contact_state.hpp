@@ -12,7 +12,7 @@ namespace gainroom {
 
 struct ContactState {
     static constexpr std::size_t kSpare = 6;  // crossings followed beside one for each joint
-    static constexpr double kFarthest = 1.4, kLeast = 0.02, kSlowest = 0.5, kFaster = 3.0;
+    static constexpr double kFarthest = 1.4, kLeast = 0.02, kSlowest = 0.5, kFaster = 3.0, kIdle = 0.1;
 
     explicit ContactState(std::size_t size) : w(size * size) {
         const std::size_t most = size + kSpare;
@@ -32,7 +32,7 @@ struct ContactState {
     double counted = 0.0, counted_from = 0.0;  // the factor of the last count that agreed, the path at its first slice; 0: none
     double reach = kFarthest - 1.0;            // how far above the lowest crossing the next count may be
     double empty_below = 0.0, seek = 0.5;      // factors without unstable roots, and the next one to look at while none is known
-    double certified_gain = 0.0, certified_path = 0.0;
+    double certified_gain = 0.0, certified_path = 0.0, certified_speed = 0.0;
     long certified_at = -1;
 
     // How fast a crossing is taken to move at most, in ln g along the path: three times as fast as it has moved lately, unless that is more
@@ -44,6 +44,18 @@ struct ContactState {
         double most = kSlowest;
         for (std::size_t k = 0; k < count && (k == 0 || order[k]->gain < counted); k++) most = std::max(most, speed(*order[k]));
         return most;
+    }
+
+    // What is left of the last certified gain where the robot has moved on: crossings are taken to move as fast as the fastest one that was
+    // known then, times kFaster, but no less than kIdle.
+    double remembered() const { return certified_gain * std::exp(-std::max(kIdle, kFaster * certified_speed) * (path - certified_path)); }
+
+    void certify(double gain, long tick) {
+        certified_gain = gain;
+        certified_at = tick;
+        certified_path = path;
+        certified_speed = 0.0;
+        for (std::size_t k = 0; k < count; k++) certified_speed = std::max(certified_speed, order[k]->speed);
     }
 
     // Whether the last count still holds for the lowest crossing.

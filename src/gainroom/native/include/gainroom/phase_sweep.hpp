@@ -4,7 +4,9 @@
 // one, so its way from a frequency below which all joints' controllers only take energy out, to one above which they do next to nothing,
 // counts the unstable ones. At both ends the phase is known as such, not only up to turns: where Im β > 0, every pivot of L D Lᵀ lies in
 // the upper half plane, and so does β of a robot without control. Between them one slice adds the increment over one step, which
-// its ends' slopes predict: a step is taken only where prediction and phase agree, else it is shortened.
+// its ends' slopes predict: a step is taken only where prediction and phase agree, else it is shortened. Two roots of equal limbs that are
+// passed closely in one step turn the phase by 2π, which cannot be told from none: but the slope of ln|F| then rises from steep to
+// steep, by at least 4 over the step per root, so that a step is shortened for that too.
 #pragma once
 
 #include <algorithm>
@@ -46,13 +48,14 @@ public:
     // One more slice.
     State advance(const double* w) {
         if (++slices_ > kMostSlices) return State::failed;
-        const double before = phase_, slope = slope_, from = omega_, to = std::min(from + step_, top_);
+        const double before = phase_, slope = slope_, growth = growth_, from = omega_, to = std::min(from + step_, top_);
         evaluate(w, to, gain_);
         const double predicted = 0.5 * (slope + slope_) * (to - from);
         const double off = wrapped(phase_ - before - predicted);
-        if (!(std::fabs(off) < kAgreed)) {
+        if (!(std::fabs(off) < kAgreed) || !((growth_ - growth) * (to - from) < kClose)) {
             phase_ = before;
             slope_ = slope;
+            growth_ = growth;
             step_ = 0.4 * (to - from);
             return step_ > kShortest * from ? State::running : State::failed;
         }
@@ -65,7 +68,7 @@ public:
 
 private:
     static constexpr std::size_t kMostSlices = 2000;
-    static constexpr double kAgreed = 0.9, kShortest = 1e-5;
+    static constexpr double kAgreed = 0.9, kClose = 2.0, kShortest = 1e-5;
 
     // Steps beyond which a resonance could hide: its half width is about ζω with ζ = ωB/2K.
     double resolution(double omega) const {
@@ -90,6 +93,7 @@ private:
         }
         phase_ = std::arg(product);
         slope_ = slope.imag();
+        growth_ = slope.real();
     }
 
     // The phase at which `evaluate` was last, not only up to turns, where every joint's controller takes energy out: α = a (1/a + e)/β,
@@ -154,7 +158,7 @@ private:
     SymmetricFactor factor_;
     std::vector<double> work_;
     double gain_ = 0.0, omega_ = 0.0, top_ = 0.0, step_ = 0.0, resonance_ = 0.0;
-    double phase_ = 0.0, slope_ = 0.0, total_ = 0.0;
+    double phase_ = 0.0, slope_ = 0.0, growth_ = 0.0, total_ = 0.0;  // growth: d ln|F|/dω
     std::size_t slices_ = 0;
     long pairs_ = 0;
 };

@@ -390,12 +390,10 @@ private:
         }
         limit.certified = arrived && state.certified();
         if (limit.certified) {
-            state.certified_at = tick_;
-            state.certified_gain = limit.gain;
-            state.certified_path = state.path;
+            state.certify(limit.gain, tick_);
             limit.safe_gain = (1.0 - kCertain) * limit.gain;
         } else if (state.certified_at >= 0) {
-            limit.safe_gain = kShrunk * std::exp(-(state.path - state.certified_path)) * state.certified_gain;
+            limit.safe_gain = kShrunk * state.remembered();
         } else {
             limit.safe_gain = without_evidence(Flag::fine).safe_gain;
         }
