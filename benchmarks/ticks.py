@@ -1,0 +1,69 @@
+"""The tracked limit at every control tick, rigid-body terms included, and what of it can be trusted."""
+
+import time
+from dataclasses import replace
+from importlib.resources import files
+
+import numpy as np
+
+import gainroom as gr
+from gainroom.robot.linearize import linearize
+
+from .table import Table
+
+TICKS, STANCE, CHECKS = 20_000, 800, 200
+MEDIAN, TAIL, LEFT, ABOVE = 15.0, 50.0, 1.0, 1e-6  # [µs], [µs], [%], relative
+SAMPLE_TIME = 5e-4
+
+
+def run(seed: int) -> Table:
+    """The biped in random smooth motion, contacts changing every 800 ticks of 1 ms; `seed` draws the motion."""
+    table = Table("GainTracker: one tick, from posture to limit (12 joints)")
+    for sample_time in (None, SAMPLE_TIME):
+        robot = gr.load_robot(str(files("gainroom") / "files" / "examples" / "biped.yaml"))
+        system = replace(robot.system, control=replace(robot.system.control, sample_time=sample_time))
+        tracker, body = gr.GainTracker(robot, system.control), robot.body
+        postures, names = _motion(robot, seed), [tracker.contacts[k // STANCE % len(tracker.contacts)] for k in range(TICKS)]
+        taken, answers, rigid = np.empty(TICKS), [], np.empty(TICKS)
+        for k, (q, name) in enumerate(zip(postures, names, strict=True)):
+            begun = time.perf_counter()
+            answers.append(tracker.update(q, name))
+            taken[k] = time.perf_counter() - begun
+        for k, q in enumerate(postures):
+            begun = time.perf_counter()
+            body.mass_matrix(q)
+            rigid[k] = time.perf_counter() - begun
+        certified = [k for k, answer in enumerate(answers) if answer.certified]
+        looked = certified[:: max(1, len(certified) // CHECKS)]
+        above = max(
+            answers[k].gain / gr.gain_limit(system.loop(linearize(body, robot.actuators, postures[k], robot.contacts[names[k]]))).gain - 1
+            for k in looked
+        )
+        time_model = "continuous" if sample_time is None else f"{1 / sample_time:g} Hz"
+        table.rows += [
+            {"figure": f"{time_model}: median [µs]", "value": 1e6 * float(np.median(taken)), "at most": MEDIAN},
+            {"figure": f"{time_model}: p99.9 [µs]", "value": 1e6 * float(np.quantile(taken, 0.999)), "at most": TAIL},
+            {
+                "figure": f"{time_model}: Pinocchio's mass matrix alone, median [µs]",
+                "value": 1e6 * float(np.median(rigid)),
+                "at most": None,
+            },
+            {"figure": f"{time_model}: ticks not certified [%]", "value": 100 - 100 * len(certified) / TICKS, "at most": LEFT},
+            {"figure": f"{time_model}: certified above gain_limit by, relative", "value": float(above), "at most": ABOVE},
+        ]
+    table.notes = [f"{TICKS:,} ticks; {CHECKS} certified ones are computed cold by gain_limit afterwards."]
+    return table
+
+
+def _motion(robot: gr.System, seed: int) -> list[np.ndarray]:
+    """Postures about the first one: every joint a sum of three sines of 0.1 to 0.8 Hz."""
+    rng, size = np.random.default_rng([5, seed]), robot.body.size
+    rates, phases = rng.uniform(0.1, 0.8, (size, 3)), rng.uniform(0, 2 * np.pi, (size, 3))
+    swing = rng.uniform(0.3, 1.0, (size, 1)) / (2 * np.pi * rates) / 1.5
+    middle = robot.body.configuration(dict(next(iter(robot.postures.values())).angles))
+    found = []
+    for tick in range(TICKS):
+        q = middle.copy()
+        q[len(q) - size :] += np.clip(np.sum(swing * np.sin(2e-3 * np.pi * rates * tick + phases), axis=1), -0.6, 0.6)
+        found.append(q)
+    return found
