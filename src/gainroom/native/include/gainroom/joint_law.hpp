@@ -75,6 +75,18 @@ public:
         return applied(i, omega, gain, drive).value;
     }
 
+    // Up to where every joint's controller only takes energy out [rad/s]; 0: nowhere.
+    double passive_end() const {
+        double last = 0.0;
+        for (double omega = 1e-2; omega < 1e7; omega *= 1.01) {
+            if (step_ > 0.0 && omega * step_ > kPi) return 0.0;
+            for (std::size_t i = 0; i < joints_.size(); i++)
+                if (control(i, omega, 1.0).imag() < 0.0) return 0.95 * last;
+            last = omega;
+        }
+        return 0.0;
+    }
+
     // Largest share that the aliases of what carries W have in the response of motors, relative: with `inverse` W (n, n).
     double alias_left(const double* inverse, double omega) const {
         if (step_ == 0.0 || all_rigid_) return 0.0;

@@ -19,6 +19,7 @@
 #include "link_inertia.hpp"
 #include "mode_basis.hpp"
 #include "phase_sweep.hpp"
+#include "posture_change.hpp"
 
 namespace gainroom {
 
@@ -49,17 +50,15 @@ public:
     static constexpr double kCertain = 1e-6;  // of the gain that safe_gain stays below it
 
     Tracker(const JointData* joints, std::size_t count, double sample_time, std::size_t contacts, const TrackerSettings& settings = {})
-        : laws_(joints, count, sample_time), settings_(settings), solver_(laws_), sweep_(laws_), basis_(laws_), trial_(count), inverse_root_(count),
-          change_(count * count), square_(count), loci_(count), loci_before_(count) {
+        : laws_(joints, count, sample_time), settings_(settings), solver_(laws_), sweep_(laws_), basis_(laws_), trial_(count), change_(count),
+          loci_(count), loci_before_(count) {
         for (std::size_t k = 0; k < contacts; k++) states_.emplace_back(count);
-        passive_end_ = passive_end();
+        passive_end_ = laws_.passive_end();
         const double square = double(count * count);
         if (!(settings_.slices > 0.0)) settings_.slices = std::max(kSlices / square, 1.5);
         if (!(settings_.urgent > 0.0)) settings_.urgent = std::max(5.0 * kSlices / square, 6.0);
     }
     Tracker(const Tracker&) = delete;  // parts refer to each other
-    Tracker& operator=(const Tracker&) = delete;
-
     const JointLaws& laws() const { return laws_; }
     // Below this frequency [rad/s] every joint's controller only takes energy out; 0: there is none, and the tracker has no start.
     double passive_frequency() const { return passive_end_; }
@@ -76,9 +75,9 @@ public:
         if (contact >= states_.size()) return without_evidence(Flag::bad_contact);
         State& state = states_[contact];
         if (!sound(w)) return without_evidence(Flag::bad_posture);
-        const double far = state.begun ? distance(w, state) : 0.0;
+        const double far = state.begun ? change_(laws_, state.w.data(), w) : 0.0;
         if (!std::isfinite(far)) return without_evidence(Flag::bad_posture);
-        if (contact != contact_) stop_sweep();
+        if (contact != contact_) sweeping_ = false;
         contact_ = contact;
         work_ = 0.0;
         const bool arrived = approach(w, state, far);
@@ -112,22 +111,6 @@ private:
         return sum < 1e100;
     }
 
-    // How far `w` is from W: at least the largest |λ| of E = S^(−½)(w − W) S^(−½) with S = diag(W + 1/J), and little more: (Σ λ⁴)^¼ = ‖E²‖^½.
-    double distance(const double* w, const State& state) {
-        const std::size_t n = laws_.size();
-        for (std::size_t i = 0; i < n; i++) inverse_root_[i] = 1.0 / std::sqrt(state.w[i * n + i] + 1.0 / laws_.joint(i).motor_inertia);
-        for (std::size_t i = 0; i < n; i++)
-            for (std::size_t j = 0; j < n; j++)
-                change_[i * n + j] = inverse_root_[i] * inverse_root_[j] * (w[i * n + j] - state.w[i * n + j]);
-        double sum = 0.0;
-        for (std::size_t i = 0; i < n; i++) {
-            for (std::size_t j = 0; j <= i; j++) square_[j] = 0.0;
-            for (std::size_t k = 0; k < n; k++) subtract(square_.data(), change_[i * n + k], &change_[k * n], i + 1);
-            sum += 2.0 * scalar_product(square_.data(), square_.data(), i) + square_[i] * square_[i];
-        }
-        return std::sqrt(std::sqrt(sum));
-    }
-
     // Crossings from where they were to `w`; false where this takes further ticks.
     bool approach(const double* w, State& state, double far) {
         const std::size_t entries = state.w.size();
@@ -137,14 +120,14 @@ private:
             return true;
         }
         for (int k = 0; k == 0 || work_ < settings_.urgent; k++) {
-            if (k > 0) far = distance(w, state);
+            if (k > 0) far = change_(laws_, state.w.data(), w);
             if (!(far > settings_.stride)) {
                 state.path += far;
                 std::copy(w, w + entries, state.w.begin());
                 follow(state, k > 0);
                 return true;
             }
-            stop_sweep();
+            sweeping_ = false;
             const double share = std::min(0.5, settings_.stride / far);
             for (std::size_t m = 0; m < entries; m++) state.w[m] += share * (w[m] - state.w[m]);
             state.path += share * far;
@@ -213,11 +196,9 @@ private:
         return same(old, now);
     }
 
-    static bool close(const TrackedCrossing& a, const TrackedCrossing& b) {
-        return std::fabs(a.gain - b.gain) < kDouble * a.gain && std::fabs(a.omega - b.omega) < kDouble * a.omega;
+    static bool same(const TrackedCrossing& a, const TrackedCrossing& b) {
+        return std::fabs(a.gain - b.gain) < kDouble * a.gain && std::fabs(a.omega - b.omega) < kDouble * a.omega && std::norm(product(a.mode, b.mode)) > 0.99;
     }
-
-    static bool same(const TrackedCrossing& a, const TrackedCrossing& b) { return close(a, b) && std::norm(product(a.mode, b.mode)) > 0.99; }
 
     static Complex product(const std::vector<Complex>& a, const std::vector<Complex>& b) {
         Complex sum = 0.0;
@@ -380,8 +361,6 @@ private:
         if (state.searching) state.seek = factor;
     }
 
-    void stop_sweep() { sweeping_ = false; }
-
     Limit answer(State& state, bool arrived) {
         Limit limit;
         if (state.count > 0) {
@@ -402,24 +381,13 @@ private:
         return limit;
     }
 
-    double passive_end() const {
-        double last = 0.0;
-        for (double omega = 1e-2; omega < 1e7; omega *= 1.01) {
-            if (laws_.sample_time() > 0.0 && omega * laws_.sample_time() > kPi) return 0.0;
-            for (std::size_t i = 0; i < laws_.size(); i++)
-                if (laws_.control(i, omega, 1.0).imag() < 0.0) return 0.95 * last;
-            last = omega;
-        }
-        return 0.0;
-    }
-
     JointLaws laws_;
     TrackerSettings settings_;
     CrossingFollower solver_;
     PhaseSweep sweep_;
     ModeBasis basis_;
     TrackedCrossing trial_;
-    std::vector<double> inverse_root_, change_, square_;
+    PostureChange change_;
     std::vector<Complex> loci_, loci_before_;
     double looked_at_ = 0.0;
     std::vector<State> states_;
