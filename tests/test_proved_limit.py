@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import signal
 
 import gainroom as gr
 from gainroom.analysis.first_crossing import SEARCH
@@ -176,6 +177,18 @@ CHANGES = {
     "different drives, sampled": {"drive": [DRIVE, DRIVE, DRIVE, gr.Drive(3000.0, 0.9, 2e-3)], "sample_time": STEP},
     "gravity": {"joint": chain(np.random.default_rng(0), gravity_stiffness=np.diag([10.0, -20.0, 5.0, 1.0]))},
 }
+
+
+@pytest.mark.parametrize(
+    ("zeros", "poles"), [([1.0, -50.0], [1.0, -51.0]), ([1.0, 0.0, 900.0], [1.0, 0.0, 901.0])], ids=["unstable", "on the boundary"]
+)
+def test_controllers_that_are_not_stable_prove_nothing(zeros, poles):
+    """A pole beside a zero, which no gain moves far: nearly the same response along the boundary, and an unstable loop."""
+    lead = [20.0, 300.0], [1 / 2000.0, 1.0]
+    law = gr.Compensator(signal.TransferFunction(*(np.polymul(part, more) for part, more in zip(lead, (zeros, poles), strict=True))))
+    loop = gr.build_loop(chain(np.random.default_rng(0)), DRIVE, law)
+    assert proved_limit(loop) is None
+    assert proved_limit(gr.build_loop(chain(np.random.default_rng(0)), DRIVE, gr.Compensator(signal.TransferFunction(*lead)))) is not None
 
 
 def test_what_no_proof_is_known_for_is_left_to_the_loci():

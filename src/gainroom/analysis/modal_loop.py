@@ -11,7 +11,7 @@ import numpy as np
 
 from ..linear.arrays import Complexes, Floats
 from ..linear.state_space import split_delay
-from ..linear.transfer_function import Factored
+from ..linear.transfer_function import Factored, growth
 from ..native import _core
 from ..system.assembly import current_loop
 from ..system.controller import gain_matrix
@@ -44,7 +44,11 @@ class ModalLoop:
 
     @classmethod
     def of(cls, loop: Loop) -> "ModalLoop | None":
-        """None where the proof is not known: link-side feedback, gain matrices, joints without gain, different drives of a sampled loop."""
+        """None where no proof is known.
+
+        With link-side feedback, gain matrices, joints without gain, different drives of a sampled loop, and controllers that are not stable
+        by themselves, as with integrators.
+        """
         parts, step = loop.parts, loop.sample_time
         if parts is None or loop.size == 1 or parts.feedback != "motor" or loop.gain <= 0:
             return None
@@ -53,7 +57,7 @@ class ModalLoop:
             return None
         modes, drives = parts.plant.modes, parts.drives
         laws = [law.scaled(loop.gain) for law in parts.controller.on_joints(loop.size, step)]
-        if modes is None or not all(law.gain > 0 for law in laws):
+        if modes is None or not all(law.gain > 0 and np.all(growth(law.poles, step) < 0) for law in laws):
             return None
         corners = np.abs(modes.poles.imag)
         if step is None:

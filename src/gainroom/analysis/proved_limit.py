@@ -1,7 +1,8 @@
 """The limit of a common factor on all gains of coupled loops, proved from rest to infinity without following loci (modal_loop.py).
 
-At factors near 0 the roots are those of the plant: resonances decay, and a free motion, s² = −γ μ (kp + …), does where every joint's lead
-outweighs all lag as ω → 0. From there no root can cross below the lowest crossing; and the one that crosses there goes the wrong way.
+At factors near 0 the roots are those of plant and controller: resonances decay, as the controller's own poles do, and a free motion,
+s² = −γ μ (kp + …), does where every joint's lead outweighs all lag as ω → 0. From there no root can cross below the lowest crossing; and the
+one that crosses there goes the wrong way.
 
     ω below `low`    x P → −M₀ (1 − jω T'), d_i → (x/kp_i) (1 − jω τ_i): with τ_i > T' for all i the angle θ = 90° + ω (T' + ε) serves
     ω above `high`   |L| only falls, and is small
@@ -25,7 +26,7 @@ SMALL = 0.1  # of what puts a root on the boundary
 
 def proved_limit(loop: Loop) -> GainLimit | None:
     """None where no proof is known: see ModalLoop.of; with gravity, of unstable loops, or where lower gains are unstable; or it failed."""
-    modal = ModalLoop.of(loop)
+    modal = ModalLoop.of(loop) if loop.parts is not None and loop.parts.plant.gravity_stiffness is None else None
     if modal is None or np.any(modal.modes.poles.real >= 0) or np.any(modal.modes.partners.real >= 0):
         return None
     low, high = _ends(modal)
