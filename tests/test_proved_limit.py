@@ -191,6 +191,26 @@ def test_controllers_that_are_not_stable_prove_nothing(zeros, poles):
     assert proved_limit(gr.build_loop(chain(np.random.default_rng(0)), DRIVE, gr.Compensator(signal.TransferFunction(*lead)))) is not None
 
 
+def test_lead_that_lag_nearly_cancels_proves_nothing():
+    """More lead than lag at a low frequency, by 4e-5 s of 2 s, and less further down."""
+    pole = 1 / (2 - 2e-3 - 1.8 / 4000 - 5e-4 + 1e-5)
+    for factor in (4e-6, 1.0):
+        law = gr.Compensator(signal.ZerosPolesGain([-1, -1], [-pole, -2000], factor * pole * 2000))
+        assert proved_limit(gr.build_loop(chain(np.random.default_rng(0)), DRIVE, law)) is None
+
+
+def test_a_loop_that_does_not_fall_ends_without_proof():
+    law = gr.Compensator(signal.ZerosPolesGain([-10, -100.0], [], 0.1))
+    assert proved_limit(gr.build_loop(chain(np.random.default_rng(0)), gr.Drive(delay=1e-3), law)) is None
+
+
+def test_a_current_loop_with_a_pole_of_the_plant_proves_nothing():
+    plant = replace(chain(np.random.default_rng(0)), stiffness=1e4, damping=100.0)
+    pole = max(plant.modes.poles, key=abs)
+    drive = gr.Drive(abs(pole), -pole.real / abs(pole), 2e-3)
+    assert proved_limit(gr.build_loop(plant, drive, gr.PD(20.0, 5.0), sample_time=STEP)) is None
+
+
 def test_what_no_proof_is_known_for_is_left_to_the_loci():
     setup = {"joint": chain(np.random.default_rng(0)), "drive": DRIVE, "controller": gr.PD(500.0, 20.0)}
     assert proved_limit(gr.build_loop(**setup)) is not None

@@ -119,3 +119,10 @@ def test_equal_legs_closed_by_the_ground_are_followed(name):
             assert out.safe_gain < cold
             assert not out.certified or out.gain == pytest.approx(cold, rel=1e-6)
     assert certified >= 10
+
+
+def test_a_tracker_of_other_gains_is_refused():
+    gains = tables()["scheduled"].own["left"]
+    tracker = gr.GainTracker(gr.load_robot(HERE / "scheduled_biped.yaml"), gr.PD(*gains), contacts=["left"])
+    with pytest.raises(gr.GainroomError, match="follows the limit of other gains"):
+        gr.GainScheduler(gr.GainTable.of({"left": tuple(2 * gains)}), {"left": tracker})

@@ -18,7 +18,7 @@ from ..system.controller import gain_matrix
 from ..system.loop import Loop
 from ..system.modes import Modes
 
-APART = 1e-3  # of a current loop's bandwidth: two poles closer together count as one, whose response is another
+APART = 1e-3  # of a current loop's pole: its two, or one of the plant's, that are closer count as one, whose response is another
 INEXACT = 4.0  # times what a sum over modes was seen to be off by
 NARROWEST = 1e-4  # relative width of an interval that is not halved further
 NUDGE = 1e-6  # relative: how far below a crossing the proof goes
@@ -33,6 +33,8 @@ class ModalLoop:
     modes     of its plant
     corners   (k,) rad/s: resonances, and half of the way to half the sample rate; intervals begin there
     bends     (k,) rad/s: the corner frequencies of its laws
+    leads     (n,) [s] by how much more each joint's law leads than all lags at ω = 0: d arg/dω there
+    turns     (n,) [s] the sum of the sizes of all that leads and lags
     last      half the sample rate [rad/s]; None: continuous
     """
 
@@ -40,6 +42,8 @@ class ModalLoop:
     modes: Modes
     corners: Floats
     bends: Floats
+    leads: Floats
+    turns: Floats
     last: float | None
 
     @classmethod
@@ -63,7 +67,7 @@ class ModalLoop:
         if step is None:
             currents = {drive: current_loop(drive) for drive in drives}
             laws = [law * currents[drive] for law, drive in zip(laws, drives, strict=True)]
-            late, fraction, current = np.array([drive.delay for drive in drives]), 0.0, (0.0, 0.0)
+            late, fraction, current, lag = np.array([drive.delay for drive in drives]), 0.0, (0.0, 0.0), 0.0
         else:
             first = drives[0]
             if any(drive != first for drive in drives) or (not first.is_ideal and abs(first.damping_ratio**2 - 1) < APART):
@@ -71,12 +75,25 @@ class ModalLoop:
             whole, part = split_delay(np.array([drive.delay for drive in drives]), step)
             late, fraction, corners = whole * step, float(part[0]), np.append(corners, 0.5 * np.pi / step)
             current = (0.0, 0.0) if first.is_ideal else (first.bandwidth, first.damping_ratio)
+            fast = current_loop(first).poles
+            if np.any(np.abs(np.concatenate([modes.poles, modes.partners])[:, None] - fast) < APART * np.abs(fast)):
+                return None
+            lag = (0.5 + fraction) * step + (0.0 if first.is_ideal else 2 * first.damping_ratio / first.bandwidth)
         core = _core.ModalLoop(
             modes.rigid, modes.shapes, modes.poles, modes.partners, *current, fraction, step or 0.0, INEXACT * modes.inexact
         )
         _give(core, laws, late)
         bends = np.abs(np.concatenate([part for law in laws for part in (law.zeros, law.poles)]))
-        return cls(core, modes, np.unique(corners), np.unique(bends), None if step is None else np.pi / step)
+        leads, turns = np.array([_turn(law) for law in laws]).T
+        return cls(
+            core,
+            modes,
+            np.unique(corners),
+            np.unique(bends),
+            leads - late - lag,
+            turns + late + lag,
+            None if step is None else np.pi / step,
+        )
 
     def lowest_crossings(self, highest: float, low: float, high: float) -> "list[Crossing] | None":
         """Where factors on all gains below `highest` put a root at jω, low <= ω <= `high`; the first is the lowest, which is proved.
@@ -99,7 +116,10 @@ class ModalLoop:
     def _excluded(self, low: float, high: float, gain: float, halvings: int) -> bool:
         """Whether gains up to `gain` put no root at jω in [low, high], seen in the eigenvectors of L in the middle; else of both halves."""
         middle = float(np.sqrt(low * high))
-        if self.core.excluded(low, high, gain, self._basis(middle, gain), FINEST, MOST):
+        basis = self._basis(middle, gain)
+        if not np.all(np.isfinite(basis)):
+            return False
+        if self.core.excluded(low, high, gain, basis, FINEST, MOST):
             return True
         return halvings > 0 and all(self._excluded(start, end, gain, halvings - 1) for start, end in ((low, middle), (middle, high)))
 
@@ -130,6 +150,14 @@ class Crossing(NamedTuple):
     gain: float
     growth: float
     mode: Complexes
+
+
+def _turn(law: Factored) -> tuple[float, float]:
+    """d arg/dω of a law's zeros and poles at ω = 0 [s], and the same with all of one sign; infinite where one is there."""
+    if not (np.all(law.zeros) and np.all(law.poles)):
+        return -np.inf, np.inf
+    zeros, poles = 1 / law.zeros, 1 / law.poles
+    return float(poles.real.sum() - zeros.real.sum()), float(np.abs(zeros).sum() + np.abs(poles).sum())
 
 
 def _give(core: "_core.ModalLoop", laws: Sequence[Factored], late: Floats) -> None:

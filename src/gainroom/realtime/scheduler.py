@@ -130,7 +130,7 @@ class GainScheduler:
     highest       of the factor on the table's gains. Above 1 of all requirements only the gain margin holds
 
     The first tick begins with `everywhere`. Nothing raises in the loop: what cannot be used is told by `problem`. Raises GainroomError here
-    where contact states of table and trackers differ, where no gain margin is asked for, and for numbers that make no sense.
+    where contact states or gains of table and trackers differ, where no gain margin is asked for, and for numbers that make no sense.
     """
 
     def __init__(
@@ -146,6 +146,13 @@ class GainScheduler:
         if set(table.own) != set(trackers):
             names = ", ".join(sorted({str(name) for name in set(table.own) ^ set(trackers)}))
             raise GainroomError(f"gain scheduler: every contact state needs gains and a tracker; only one of them is there for {names}")
+        for name, tracker in trackers.items():
+            tracked = getattr(tracker, "gains", table.own[name])  # one of a user's own need not tell
+            if not np.allclose(tracked, table.own[name], rtol=1e-9, atol=0.0):
+                raise GainroomError(
+                    f"gain scheduler: the tracker of {name!r} follows the limit of other gains than the table's: "
+                    f"GainTracker(robot, PD(*table.own[{name!r}]), contacts=[{name!r}])"
+                )
         margin = (Requirements.usual() if requirements is None else requirements).gain_margin
         if margin is None:
             raise GainroomError("gain scheduler: the requirements must have a gain margin")

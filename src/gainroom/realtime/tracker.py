@@ -88,6 +88,9 @@ class GainTracker:
         system = _system(robot, control)
         names = _contact_names(robot, contacts)
         require_carried(robot, system, names)
+        pd = system.control.controller
+        self.gains = np.array([np.broadcast_to(gain, robot.body.size) for gain in (pd.kp, pd.kd)], dtype=float)
+        """(2, n) kp and kd that the limits are factors on."""
         body = robot.body
         self._pin, self._model, self._data = library("pinocchio", "Pinocchio"), body.model, body.model.createData()
         self._nq, self._floating = body.nq, body.base == "floating"
@@ -181,7 +184,7 @@ class GainTracker:
                 found = self._core.update_inverse(inverse, state.number)
             for _ in range(WIDENING):  # other crossings above it
                 found = self._core.update_inverse(inverse, state.number)
-            if not found[2] or abs(found[0] - limit.gain) > AGREED * limit.gain:
+            if not abs(found[0] - limit.gain) <= AGREED * limit.gain:
                 raise GainroomError(f"gain tracker: contact {name!r}: {found[0]:.7g} was found as gain limit, not {limit.gain:.7g}")
 
     def _answer(self, found: "tuple[float, float, bool, int, float, int]") -> TrackedLimit:

@@ -27,6 +27,7 @@ struct ContactState {
     std::vector<TrackedCrossing*> order;  // by rising gain, the first `count` in use
     std::size_t count = 0, turn = 0, tries = 0;
     int missed = 0, agreed = 0;  // counts in a row that did not agree, that did
+    unsigned vain = 0;           // counts in all that told nothing: the next ones are elsewhere, also where nothing moves
     bool begun = false, searching = false;
     double path = 0.0, based_at = -1e300;      // how far W has moved in all; where the modes of the search were begun for this state
     double counted = 0.0, counted_from = 0.0;  // the factor of the last count that agreed, the path at its first slice; 0: none
@@ -81,7 +82,7 @@ struct ContactState {
     // Where to count: in the widest gap between known crossings a little above the lowest.
     double next_factor() const {
         if (count == 0) return seek;
-        const double lowest = order[0]->gain, farthest = (1.0 + reach) * lowest;
+        const double lowest = order[0]->gain, farthest = (1.0 + reach * (1.0 - 0.4 * std::fmod(0.618 * vain, 1.0))) * lowest;
         double from = (1.0 + 0.2 * reach) * lowest, best = 0.0, factor = from;
         for (std::size_t k = 1; k <= count; k++) {
             const double to = k < count ? std::min(order[k]->gain, farthest) : farthest;

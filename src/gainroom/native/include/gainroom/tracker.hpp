@@ -260,7 +260,7 @@ private:
             if (now == PhaseSweep::State::running) continue;
             sweeping_ = false;
             last_slices_ = sweep_.slices();
-            conclude(state, now == PhaseSweep::State::done);
+            conclude(state, now == PhaseSweep::State::done, sweep_.gain());
         }
         owed_ -= spent;
     }
@@ -333,8 +333,8 @@ private:
         arrange(state);
     }
 
-    void conclude(State& state, bool done) {
-        const double factor = sweep_.gain();
+    void conclude(State& state, bool done, double factor) {
+        if (!done || sweep_.pairs() != state.pairs(factor)) state.vain++;
         if (!done) {
             state.searching = true;
             state.shorten(sweep_from_);
