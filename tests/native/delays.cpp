@@ -1,18 +1,8 @@
 // Delay margins of sampled loops from standard input with the core's headers alone: one line per loop, numbers in hexadecimal.
 #include <cstdio>
-#include <vector>
 
 #include "gainroom/delay_margin.hpp"
-
-static std::vector<gainroom::Complex> pairs(int count) {
-    std::vector<gainroom::Complex> found;
-    for (int k = 0; k < count; k++) {
-        double real = 0.0, imag = 0.0;
-        if (std::scanf("%la %la", &real, &imag) != 2) break;
-        found.emplace_back(real, imag);
-    }
-    return found;
-}
+#include "input.hpp"
 
 int main() {
     int zeros = 0, poles = 0, control_zeros = 0, control_poles = 0, crossings = 0, unstable = 0;

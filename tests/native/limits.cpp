@@ -27,9 +27,10 @@ static gainroom::ModalLoop draw(std::mt19937& engine, std::size_t size, std::siz
     for (std::size_t i = 0; i < size; i++) {
         const double kp = 20 + 100 * uniform(engine), kd = 1 + 5 * uniform(engine);
         if (step > 0)
-            loop.laws.push_back({{Complex(-kp / (kd + kp * step))}, {Complex(-1 / step)}, kd / step + kp, 4 * step});
+            loop.laws.push_back({{Complex(-kp / (kd + kp * step))}, {Complex(-1 / step)}, kd / step + kp});
         else
-            loop.laws.push_back({{Complex(-kp / kd)}, {Complex(-3000.0), Complex(-4000.0)}, kd * 1.2e7, 2e-3});
+            loop.laws.push_back({{Complex(-kp / kd)}, {Complex(-3000.0), Complex(-4000.0)}, kd * 1.2e7});
+        loop.delays.push_back(step > 0 ? 4 * step : 2e-3);
     }
     loop.prepare();
     return loop;
@@ -57,7 +58,7 @@ int main() {
             if (place == 1) loop.shapes[1] = value;
             if (place == 2) loop.poles[0] = value;
             if (place == 3) loop.laws[0].gain = value;
-            if (place == 4) loop.laws[1].delay = value;
+            if (place == 4) loop.delays[1] = value;
             if (place == 5) loop.laws[2].zeros[0] = value;
             loop.prepare();
             hostile += proved(loop);

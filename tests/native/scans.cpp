@@ -1,24 +1,14 @@
 // Scans loops from standard input with the core's headers alone, as a robot's controller would: one line per loop, numbers in hexadecimal.
 #include <cstdio>
-#include <vector>
 
 #include "gainroom/scan.hpp"
-
-static std::vector<gainroom::Complex> roots(int count) {
-    std::vector<gainroom::Complex> found;
-    for (int k = 0; k < count; k++) {
-        double real = 0.0, imag = 0.0;
-        if (std::scanf("%la %la", &real, &imag) != 2) break;
-        found.emplace_back(real, imag);
-    }
-    return found;
-}
+#include "input.hpp"
 
 int main() {
     int zeros = 0, poles = 0;
     double gain = 0.0, delay = 0.0, sample_time = 0.0;
     while (std::scanf("%d %d %la %la %la", &zeros, &poles, &gain, &delay, &sample_time) == 5) {
-        const auto zero = roots(zeros), pole = roots(poles);
+        const auto zero = pairs(zeros), pole = pairs(poles);
         const gainroom::Response loop(zero.data(), zero.size(), pole.data(), pole.size(), gain, delay, sample_time);
         const gainroom::Scan found = gainroom::scan(loop, true);
         const double sizes[] = {double(found.certified), double(found.gains.size()), double(found.phases.size())};

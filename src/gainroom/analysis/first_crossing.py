@@ -45,7 +45,10 @@ SEARCH = Search()
 
 @dataclass(frozen=True)
 class Certificate:
-    """Unstable closed-loop roots just inside and just outside a limit; `holds` when none inside and some outside."""
+    """Unstable closed-loop roots just inside and just outside a limit; `holds` when none inside and some outside.
+
+    They are counted. Of a limit that is proved (proved_limit.py) those outside are those of the crossings found: at least as many.
+    """
 
     inside: int
     outside: int

@@ -107,11 +107,11 @@ class ModalLoop:
         _, laws = self.core.responses(np.ascontiguousarray(places[:, 0]))
         return [Crossing(omega, gain, growth, mode) for (omega, gain, growth), mode in zip(places.tolist(), vectors * laws, strict=True)]
 
-    def response(self, omega: Floats) -> tuple[Complexes, Complexes, Complexes]:
-        """x P (k, n, n), f₀ (k,) and d = x/c (k, n) at omega (k,), as in modal_loop.hpp."""
+    def response(self, omega: Floats) -> tuple[Complexes, Complexes]:
+        """x P (k, n, n) and d = x/c (k, n) at omega (k,), as in modal_loop.hpp."""
         functions, laws = self.core.responses(omega)
         moved = np.einsum("sk,ki,kj->sij", functions[:, 1:], self.modes.shapes, self.modes.shapes)
-        return functions[:, :1, None] * self.modes.rigid + moved, functions[:, 0], laws
+        return functions[:, :1, None] * self.modes.rigid + moved, laws
 
     def _excluded(self, low: float, high: float, gain: float, halvings: int) -> bool:
         """Whether gains up to `gain` put no root at jω in [low, high], seen in the eigenvectors of L in the middle; else of both halves."""
@@ -125,7 +125,7 @@ class ModalLoop:
 
     def _basis(self, omega: float, gain: float) -> Complexes:
         """(n, n) vectors in rows that make x P and diag(d) diagonal, each turned so that d and x P + d/gain lie about the real axis."""
-        mobility, _, laws = self.response(np.array([omega]))
+        mobility, laws = self.response(np.array([omega]))
         root = 1 / np.sqrt(laws[0])
         values, vectors = np.linalg.eig(-root[:, None] * mobility[0] * root)
         vectors = root[:, None] * vectors

@@ -55,7 +55,7 @@ def _ends(modal: ModalLoop) -> tuple[float, float] | None:
     if not len(corners) or not math.isfinite(most) or not np.all(modal.leads > LEAST_LEAD * modal.turns):
         return None
     low = LOW * min(float(corners.min()), 1 / most)
-    if not np.all(modal.response(np.array([low]))[2].real > 0):
+    if not np.all(modal.response(np.array([low]))[1].real > 0):
         return None
     return low, modal.last or HIGH * float(corners.max())
 
@@ -63,7 +63,7 @@ def _ends(modal: ModalLoop) -> tuple[float, float] | None:
 def _quiet(modal: ModalLoop, high: float, highest: float) -> float | None:
     """`high`, or further up in continuous time, where `highest` times L is small; None where it does not become so."""
     for _ in range(DOUBLINGS if modal.last is None else 0):
-        mobility, _, laws = modal.response(np.array([high]))
+        mobility, laws = modal.response(np.array([high]))
         scaled = np.abs(mobility[0]) / np.sqrt(np.abs(laws[0])[:, None] * np.abs(laws[0]))
         if highest * float(scaled.sum(axis=1).max()) < SMALL:
             return high

@@ -147,8 +147,9 @@ class GainScheduler:
             names = ", ".join(sorted({str(name) for name in set(table.own) ^ set(trackers)}))
             raise GainroomError(f"gain scheduler: every contact state needs gains and a tracker; only one of them is there for {names}")
         for name, tracker in trackers.items():
-            tracked = getattr(tracker, "gains", table.own[name])  # one of a user's own need not tell
-            if not np.allclose(tracked, table.own[name], rtol=1e-9, atol=0.0):
+            own = table.own[name]
+            tracked = np.asarray(getattr(tracker, "gains", own))  # one of a user's own need not tell
+            if tracked.shape != own.shape or not np.allclose(tracked, own, rtol=1e-9, atol=0.0):
                 raise GainroomError(
                     f"gain scheduler: the tracker of {name!r} follows the limit of other gains than the table's: "
                     f"GainTracker(robot, PD(*table.own[{name!r}]), contacts=[{name!r}])"

@@ -40,10 +40,11 @@ static void set_laws(gainroom::ModalLoop& loop, ComplexVector roots, Counts coun
     }
     if (total != roots.size()) throw nb::value_error("counts do not add up to roots");
     loop.laws.clear();
+    loop.delays.assign(delays.data(), delays.data() + loop.size);
     const Complex* next = roots.data();
     for (std::size_t i = 0; i < loop.size; i++) {
         const Complex *poles = next + counts.data()[2 * i], *end = poles + counts.data()[2 * i + 1];
-        loop.laws.push_back({{next, poles}, {poles, end}, gains.data()[i], delays.data()[i]});
+        loop.laws.push_back({{next, poles}, {poles, end}, gains.data()[i]});
         next = end;
     }
 }
@@ -99,8 +100,7 @@ static bool excluded(const gainroom::ModalLoop& loop, double low, double high, d
         throw nb::value_error("basis (n, n) and the laws of all joints are needed");
     nb::gil_scoped_release release;
     std::vector<gainroom::Interval> left;
-    gainroom::Effort effort;
-    gainroom::Exclusion(loop, gain, 0.0, basis.data(), loop.size).run(low, high, floor, left, effort, most);
+    gainroom::Exclusion(loop, gain, 0.0, basis.data(), loop.size).run(low, high, floor, most, left);
     return left.empty();
 }
 

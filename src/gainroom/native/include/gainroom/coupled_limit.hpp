@@ -23,7 +23,6 @@ class CoupledLimit {
    public:
     std::vector<Crossing> crossings;  // those found, the lowest first
     std::vector<Interval> undecided;
-    Effort effort;
 
     explicit CoupledLimit(const ModalLoop& loop) : loop_(loop), n_(loop.size), border_(n_ + 1) {
         matrix_.resize(border_ * border_);
@@ -112,8 +111,8 @@ class CoupledLimit {
 
     std::vector<Interval> left_by(const std::vector<Interval>& open, Exclusion exclusion, double floor) {
         std::vector<Interval> left;
-        const std::int64_t most = effort.nodes + kMostNodes + kMostNodes / 8 * static_cast<std::int64_t>(open.size());
-        for (const Interval& interval : open) exclusion.run(interval.low, interval.high, floor, left, effort, most);
+        const std::int64_t most = kMostNodes + kMostNodes / 8 * static_cast<std::int64_t>(open.size());
+        for (const Interval& interval : open) exclusion.run(interval.low, interval.high, floor, most, left);
         return left;
     }
 

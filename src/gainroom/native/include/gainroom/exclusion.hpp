@@ -27,10 +27,6 @@ struct Interval {
     double low, high;
 };
 
-struct Effort {
-    std::int64_t nodes = 0, factorisations = 0;
-};
-
 class Exclusion {
    public:
     // `alignment`: part of the joints' phase differences that is turned away beforehand, 0 to 1. `crossing`: X (count, n).
@@ -59,23 +55,23 @@ class Exclusion {
     }
 
     // Appends the parts of [low, high] that are left undecided at a relative width of `floor`; angles are carried from cell to cell.
-    // Once `most` samples have been taken nothing more is decided.
-    void run(double low, double high, double floor, std::vector<Interval>& undecided, Effort& effort, std::int64_t most = INT64_MAX) {
+    // Once `most` samples have been taken, in all runs, nothing more is decided.
+    void run(double low, double high, double floor, std::int64_t most, std::vector<Interval>& undecided) {
         if (!(high > low) || !(low > 0)) return;
         align(low, high);
         int free[kDepth + 2], stack[kDepth + 2], left = 0, depth = 0, spare = 0;
         for (int k = 2; k < kDepth + 2; k++) free[spare++] = k;
-        sample(nodes_[left], low, effort);
-        sample(nodes_[1], high, effort);
+        sample(nodes_[left], low);
+        sample(nodes_[1], high);
         stack[0] = 1;
         while (depth >= 0) {
             const int right = stack[depth];
             const double a = nodes_[left].omega, b = nodes_[right].omega;
-            const bool decided = effort.nodes < most && excluded(nodes_[left], nodes_[right], effort);
-            if (!decided && b - a > floor * b && spare > 0 && effort.nodes < most) {
+            const bool decided = samples_ < most && excluded(nodes_[left], nodes_[right]);
+            if (!decided && b - a > floor * b && spare > 0 && samples_ < most) {
                 const int middle = free[--spare];
-                sample(nodes_[middle], b > 1.5 * a ? std::sqrt(a * b) : 0.5 * (a + b), effort);
-                if (mixed() || b - a > kCoarse * b || excluded(nodes_[middle], nodes_[middle], effort)) {
+                sample(nodes_[middle], b > 1.5 * a ? std::sqrt(a * b) : 0.5 * (a + b));
+                if (mixed() || b - a > kCoarse * b || excluded(nodes_[middle], nodes_[middle])) {
                     stack[++depth] = middle;
                     continue;
                 }
@@ -121,6 +117,7 @@ class Exclusion {
     std::size_t n_, m_;
     Node nodes_[kDepth + 2];
     bool plain_ = true;
+    std::int64_t samples_ = 0;
     std::size_t alone_ = 0;  // the joint whose d_i has failed; n: the whole matrix
     Test test_{};
     double small_ = 0.0;  // deviations of functions that are bounded all at once
@@ -193,8 +190,8 @@ class Exclusion {
         return value;
     }
 
-    void sample(Node& node, double omega, Effort& effort) {
-        effort.nodes++;
+    void sample(Node& node, double omega) {
+        samples_++;
         node.omega = omega;
         Complex f0;
         loop_.functions(omega, f0, functions_.data());
@@ -271,7 +268,7 @@ class Exclusion {
     }
 
     // True where one angle serves both ends, with what interpolation misses to spare.
-    bool excluded(const Node& left, const Node& right, Effort& effort) {
+    bool excluded(const Node& left, const Node& right) {
         bound(left, right);
         double low = angle_ - kPi, high = angle_ + kPi;
         for (int cut = 0; cut < kCuts; cut++) {
@@ -279,7 +276,7 @@ class Exclusion {
             if (cut > 0 || !(low < angle_ && angle_ < high)) angle_ = 0.5 * (low + high);
             const Node* failed = nullptr;
             for (const Node* node : {&right, &left}) {
-                if (!holds(*node, effort)) {
+                if (!holds(*node)) {
                     failed = node;
                     break;
                 }
@@ -291,11 +288,10 @@ class Exclusion {
     }
 
     // True where the angle serves one node; else `test_` has failed there, with `vector_` or `alone_` to show it.
-    bool holds(const Node& node, Effort& effort) {
+    bool holds(const Node& node) {
         alone_ = n_;
         if (mixed()) {
             test_ = {node.law_real.data(), node.law_imaginary.data(), law_missed_.data()};
-            effort.factorisations++;
             if (!positive(test_)) return false;
         } else {
             const double c = std::cos(angle_), s = std::sin(angle_);
@@ -306,7 +302,6 @@ class Exclusion {
                 }
         }
         test_ = {node.real.data(), node.imaginary.data(), missed_.data()};
-        effort.factorisations++;
         return positive(test_);
     }
 

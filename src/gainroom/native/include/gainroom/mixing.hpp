@@ -23,7 +23,7 @@ inline std::vector<Complex> basis_of(const std::vector<Complex>& vectors, const 
 }
 
 // A (m, m) → A⁻¹, by Gauss and Jordan without exchanges: for positive definite ones; others give anything.
-inline std::vector<double> inverse_of(std::vector<double> matrix, std::size_t m) {
+inline std::vector<double> inverted(std::vector<double> matrix, std::size_t m) {
     std::vector<double> inverse(m * m, 0.0);
     for (std::size_t k = 0; k < m; k++) inverse[k * m + k] = 1.0;
     for (std::size_t k = 0; k < m; k++) {
@@ -68,7 +68,7 @@ inline std::vector<Complex> mixing_of(const std::vector<Complex>& vectors, const
     for (std::size_t k = 0; k < count; k++)
         for (std::size_t l = 0; l < count; l++)
             for (std::size_t i = 0; i < n; i++) gram[k * count + l] += real[k * n + i] * real[l * n + i];
-    const std::vector<double> inverse = inverse_of(gram, count);  // vectors that are alike: then nothing is proved
+    const std::vector<double> inverse = inverted(gram, count);  // vectors that are alike: then nothing is proved
     std::vector<Complex> mixing(n * n);
     double away = 0.0;
     for (std::size_t i = 0; i < n; i++)

@@ -14,15 +14,9 @@
 #include <cstddef>
 #include <vector>
 
-#include "complex.hpp"
+#include "factors.hpp"
 
 namespace gainroom {
-
-// c as a product of roots in v = jω, or v = (z − 1)/T_s: gain Π(v − zeros)/Π(v − poles) e^{−jωT}
-struct Law {
-    std::vector<Complex> zeros, poles;
-    double gain, delay;
-};
 
 // Bounds of |u|, |u'| and |u''| by ω over an interval.
 struct Bend {
@@ -87,7 +81,8 @@ class ModalLoop {
     double bandwidth, damping_ratio;  // of the current loop that all joints share, sampled only; 0: ideal
     double fraction, step;            // of a tick by which the torque comes later; T_s, 0: continuous
     double inexact;                   // relative: how far the sum over modes is off
-    std::vector<Law> laws;            // (n), continuous: with current loop and delay
+    std::vector<Factors> laws;        // c (n), continuous: with current loop
+    std::vector<double> delays;       // of the laws (n)
 
     // To be called once, when everything above is filled in.
     void prepare() {
@@ -165,11 +160,11 @@ class ModalLoop {
     }
 
     // d_i = x/c_i at ω.
-    Complex inverse_law(std::size_t i, double omega) const { return Cell::weight(omega, step) * inverse(laws[i], omega); }
+    Complex inverse_law(std::size_t i, double omega) const { return over(Cell::weight(omega, step), value_at(laws[i], delays[i], step, {0.0, omega})); }
 
     // Largest deviation of d_i from its interpolation over a cell.
     double inverse_law_bend(std::size_t i, const Cell& cell, double at_ends) const {
-        double first = laws[i].delay, turn = 0.0;  // bounds of |(log u)'| and |(log u)''|
+        double first = delays[i], turn = 0.0;  // bounds of |(log u)'| and |(log u)''|
         for (const auto* roots : {&laws[i].zeros, &laws[i].poles})
             for (const Complex root : *roots) {
                 const double near = 1 / distance(cell, root);
@@ -242,18 +237,6 @@ class ModalLoop {
     // Weight of 1/(s − q) in C/s².
     Complex slow(std::size_t q) const {
         return over(bandwidth * bandwidth, times(fast_[q] - fast_[1 - q], times(fast_[q], fast_[q])));
-    }
-
-    Complex inverse(const Law& law, double omega) const {
-        Complex v(0.0, omega);
-        if (step > 0) {
-            const double half = 0.5 * omega * step;
-            v = times(std::polar(1.0, half), {0.0, 2 * std::sin(half) / step});
-        }
-        Complex value = std::polar(1 / law.gain, omega * law.delay);
-        for (const Complex root : law.poles) value = times(value, v - root);
-        for (const Complex root : law.zeros) value = over(value, v - root);
-        return value;
     }
 };
 
