@@ -185,11 +185,22 @@ def test_what_is_not_carried_is_refused(biped, words: str):
 @pytest.mark.skipif("'population' not in config.getoption('markexpr')", reason="runs with -m population")
 @pytest.mark.parametrize("seed", range(20))
 def test_population_of_walks(biped, seed: int, capsys: pytest.CaptureFixture[str]):
+    share, worst = walked(biped, seed)
+    with capsys.disabled():
+        print(f"\nwalk {seed}: {100 * share:.1f} % of ticks certified; above the limit by {worst:.1e} at most")
+
+
+@pytest.mark.parametrize("seed", [2, 7])
+def test_a_share_of_the_walks(biped, seed: int):
+    share, _ = walked(biped, seed)
+    assert share > 0.9
+
+
+def walked(biped, seed: int) -> tuple[float, float]:
     """Every certified gain that is looked up is the limit: continuous and sampled, with equal limbs (symmetric walks) among them."""
     walk = Walk(
         biped, (None, TICK)[seed % 2], 100 + seed, symmetric=seed % 4 > 1, speed=(0.3, 1.0)[seed % 3 > 0], stance=(800, 333)[seed % 5 == 4]
     )
     share, worst = walk.run(ticks=5000, checks=100)
-    with capsys.disabled():
-        print(f"\nwalk {seed}: {100 * share:.1f} % of ticks certified; above the limit by {worst:.1e} at most")
     assert worst < 1e-6
+    return share, worst

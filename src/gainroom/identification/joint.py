@@ -394,7 +394,5 @@ def resonances(point: Floats, variance: Floats) -> dict[str, Estimate]:
     share = motor / (motor + link)  # ω_r² = K (1/J_M + 1/J_L)
     towards = {"resonance": 0.5 * np.array([share - 1, -share, 1.0]), "antiresonance": 0.5 * np.array([0.0, -1.0, 1.0])}
     values = {"resonance": math.sqrt(stiffness * (1 / motor + 1 / link)), "antiresonance": math.sqrt(stiffness / link)}
-    return {
-        name: log_interval(values[name], float(np.sqrt(direction @ variance[:3, :3] @ direction)), FREEDOM)
-        for name, direction in towards.items()
-    }
+    errors = {name: float(np.sqrt(direction @ variance[:3, :3] @ direction)) for name, direction in towards.items()}
+    return {name: log_interval(values[name], error, FREEDOM) for name, error in errors.items()}

@@ -43,7 +43,8 @@ class TrackedLimit(NamedTuple):
     certified   whether `gain` is the loop's limit now: see GainTracker
     age_ticks   since the limit of this contact state was certified, 0: now; −1: never
     safe_gain   1e-6 below `gain` where that is certified. Else what was certified last in this contact state, or the lowest of all
-                states where there is none, 10 % and more below it; 0 where nothing is known. Never above `gain`
+                states where there is none, 10 % below it and more as the robot moves on: no proof; 0 where nothing is known. Never
+                above `gain`
     allowed     safe_gain over the gain margin that the limits ask for
     flag        what was wrong with the call, one of FLAGS; "": nothing
     """
@@ -66,8 +67,8 @@ class GainTracker:
     contacts   names of contact states; None: all of the robot's
 
     A certified gain has been followed to convergence at this tick's posture. A little above it the loop's unstable roots have been counted,
-    frequency by frequency, and known crossings explain all of them. Since that count began W has not moved as far as would
-    bring an unknown crossing, as movable as the lowest one, below the gain.
+    frequency by frequency, and known crossings explain all of them. Since that count began W has moved too little to bring an unknown
+    crossing below the gain, were it to move three times as fast as the fastest of those did lately.
 
     It is not a proof. The steps of the count are chosen so that phase and slope of the closed loop's determinant agree; each frequency is
     looked at in the posture of its own tick; and gains below the limit are not looked at one by one, so that an interval of instability
