@@ -10,13 +10,12 @@ import pytest
 import gainroom as gr
 from draws import draw_plant
 from gainroom.analysis.margin_record import GainLimit, Margins, OneLoop
-from gainroom.analysis.margins import joint_margins, required_margins
-from gainroom.analysis.quick_margins import quick_margins
+from gainroom.analysis.margins import joint_margins
 from gainroom.design.gain_search import PRICES, RAISE, Raised, raised_gains, rounded, stiffer
 from gainroom.design.margin_slopes import Case, moved
-from gainroom.linear import response_cache as remembered
 from gainroom.report.margin_columns import margin_value
 from gainroom.system.requirements import REQUIREMENTS
+from independent.quick_margins import quick_margins
 from machines import limbs
 from refusals import assert_refused
 
@@ -86,9 +85,25 @@ def test_far_gain_margins_are_looked_for_as_far_as_they_are_asked_for(number, ne
     nearest = gr.gain_limit(loop).gain
     required = gr.Requirements(gain_margin=needed)
     for share, met in ((0.99, False), (1.01, True)):
-        found, _ = required_margins(loop.scaled(nearest / (share * needed)), required)
+        found = one_case(loop, required).margins(gains_of(loop) * nearest / (share * needed))
         assert found.limit.gain == pytest.approx(share * needed, rel=1e-6)
         assert required.met_by(found) == met
+
+
+def gains_of(loop):
+    """(3, n) of a PD."""
+    controller = loop.parts.controller
+    return np.array([np.broadcast_to(gain, loop.size) for gain in (controller.kp, controller.kd, 0.0)])
+
+
+def one_case(loop, required):
+    """A loop of PD-controlled joints as the search for gains sees it."""
+
+    def regained(gains):
+        return loop.regained(replace(loop.parts.controller, kp=gains[0], kd=gains[1]))
+
+    eye = np.eye(loop.size)
+    return Case("", regained, eye, eye, np.zeros(loop.size, dtype=bool), required)
 
 
 def test_an_unstable_loop_keeps_nothing():
@@ -140,7 +155,7 @@ def test_none_can_be_raised(seed, sample_time):
     """The definition."""
     cases, found = searched(seed, sample_time)
     assert all(holds(case, found.gains) for case in cases)
-    assert list(found.margins) == [case.margins(found.gains) for case in cases]  # the very records
+    assert list(found.margins) == [case.all_margins(found.gains) for case in cases]  # the very records
     assert found.gains.tolist() == rounded(found.gains).tolist()  # what is typed in is what was looked at
     for j in range(found.gains.shape[1]):
         for power in (0.0, 1.0):
@@ -297,22 +312,3 @@ def test_met_to_round_off_and_no_further(name: str):
         assert (shown == margin_value(asked, name, needed, True, 3)) is met
     assert asked.met(name, nan) is False
     assert gr.Requirements(**{other: getattr(asked, other) for other in asked.asked if other != name}).met(name, needed) is None
-
-
-def test_what_is_remembered_is_what_is_computed(monkeypatch: pytest.MonkeyPatch):
-    """Also where there is no room for all that is asked for, and after it has been forgotten."""
-    monkeypatch.setattr(remembered, "ENTRIES", 1_000_000)
-    calls = []
-
-    def response(s):
-        calls.append(len(s))
-        return s[:, None, None] * np.ones((1, 100, 100))
-
-    known = remembered.Remembered(response)
-    for count in (20, 20, 30, 45, 60, 20):  # there is room for 100 points, and for 50 at a time
-        points = 1j * np.arange(1.0, count + 1)
-        np.testing.assert_array_equal(known(points)[:, 3, 4], points)
-    np.testing.assert_array_equal(known(1j * np.array([2.0, 1.0, 2.0]))[:, 0, 0], [2j, 1j, 2j])
-    assert calls == [1, 20, 10, 15, 60]
-    far = 1j * np.arange(100.0, 140.0)
-    np.testing.assert_array_equal(known(far)[:, 0, 0], far)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import gainroom as gr
-from gainroom.analysis.quick_margins import quick_margins
 from gainroom.design.robot_gains import GainSet, recommend_robot
 from gainroom.files.robot_yaml import parse_robot
 from gainroom.simulation.robot_simulation import RobotSimulation
@@ -14,6 +13,7 @@ from gainroom.studies.simulation import simulate_study
 from gainroom.system.system import System
 from identified import POPULATION, SEED
 from identified_biped import KINDS, ROBOT, bench, drawn, robot_of
+from independent.quick_margins import quick_margins
 
 DRAWS, LOOP_ERROR = 200, 0.05
 

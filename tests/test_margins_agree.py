@@ -6,7 +6,7 @@ import pytest
 import gainroom as gr
 from draws import draw_setup
 from gainroom.analysis.coupled_margins import coupled_margins
-from gainroom.analysis.quick_margins import quick_margins
+from independent.quick_margins import quick_margins
 
 FOLLOWED = 1e3  # the loci are followed to this factor, down to 1e-4, and those of one loop down to 1e-3
 

@@ -53,6 +53,12 @@ def test_limits_of_random_and_hostile_coupled_loops_end(tmp_path: Path):
     assert int(ordinary) > 10
 
 
+def test_looks_at_random_and_hostile_coupled_loops_end(tmp_path: Path):
+    """Joints and directions, gravity, soft contacts, sampled; NaN, infinite, zero, huge and tiny values everywhere; 20 joints."""
+    ordinary, _ = output(compiled("looks", tmp_path)).split()
+    assert int(ordinary) > 60
+
+
 @pytest.fixture(scope="module")
 def delays(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return compiled("delays", tmp_path_factory.mktemp("native"))

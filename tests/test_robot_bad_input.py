@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 import gainroom as gr
-from gainroom.analysis.quick_margins import quick_margins
 from gainroom.cli import main
 from gainroom.files.robot_yaml import parse_robot
 from gainroom.robot.name_patterns import compile_pattern
+from independent.quick_margins import quick_margins
 from refusals import assert_refused
 from robot_truths import hinge, link, write_robot
 

@@ -13,13 +13,13 @@ import yaml
 
 import gainroom as gr
 from gainroom.analysis.margins import joint_margins
-from gainroom.analysis.quick_margins import quick_margins
 from gainroom.cli import main
 from gainroom.design.robot_gains import GainSet, RobotGains, recommend_robot
 from gainroom.files.robot_yaml import load_robot_system, parse_robot
 from gainroom.report.robot_text import free_joints, warnings
 from gainroom.studies.robot import study_robot
 from gainroom.system.system import System
+from independent.quick_margins import quick_margins
 from robot_files import SOLO, write_arm
 
 BIPED = """\

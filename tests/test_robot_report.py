@@ -13,7 +13,6 @@ from pytest import approx
 
 import gainroom as gr
 from gainroom.analysis.margin_record import GainLimit, Margins
-from gainroom.analysis.quick_margins import quick_margins
 from gainroom.files.robot_yaml import parse_robot
 from gainroom.report.number_format import digits
 from gainroom.report.robot import MOST_PICTURES, robot_page
@@ -21,6 +20,7 @@ from gainroom.report.robot_headroom import MOST_STATES
 from gainroom.report.robot_skeleton import common_view
 from gainroom.report.robot_text import sentence
 from gainroom.studies.robot import RobotStudy, study_robot
+from independent.quick_margins import quick_margins
 from robot_files import changed
 from robot_truths import hinge, link, write_robot
 from test_report import figures, without_library

@@ -14,7 +14,7 @@ from .first_crossing import SEARCH, Certificate, End, Family, Rough, delays, lis
 from .gain_limit import coupled_limit
 from .loci import Sweep, passes
 from .margin_record import Margins, OneLoop
-from .quick_margins import Peak, Sampled, own_phases
+from .return_ratios import Peak, Sampled, own_phases
 from .sampled_curves import Curves, meets_axis, on_axis
 from .stability_boundary import LOCI, in_blocks
 

@@ -47,7 +47,7 @@ class Sweep:
         self.loop, self.highest, self._for_limit = loop, highest, for_limit
         self.boundary = Boundary(loop)
         self.last, self.undamped = self.boundary.last, self.boundary.undamped
-        grid = _first_grid(loop, self.last)
+        grid = first_grid(loop, self.last)
         self.first = float(grid[0])  # lower than all corner frequencies of the loci
         self._passive = passive_intervals(loop, 1e-4 * grid[0], grid[-1]) if for_limit else np.zeros((0, 2))
         self.omega = np.union1d(_without_inside(grid, self._passive), LOCI.beside * grid[:1])
@@ -313,7 +313,7 @@ def _longest_delay(loop: Loop) -> float:
     return 0.0 if loop.parts is None else max(drive.delay for drive in loop.parts.drives) + (loop.sample_time or 0.0)
 
 
-def _first_grid(loop: Loop, last: float | None) -> Floats:
+def first_grid(loop: Loop, last: float | None) -> Floats:
     """Every order of magnitude, every resonance on its own scale, and several samples per turn of the delay."""
     corners = loop.corner_frequencies
     longest = _longest_delay(loop)

@@ -9,13 +9,11 @@ import numpy as np
 from ..errors import GainroomError
 from ..native import _core
 from ..system.loop import Loop
-from ..system.requirements import Requirements
 from .coupled_margins import coupled_margins, one_loop_margins
 from .crossings import Scan
 from .gain_limit import gain_limit
 from .loci import Sweep
 from .margin_record import GainCrossing, GainLimit, Margins, OneLoop, PhaseCrossing
-from .quick_margins import Sampled, quick_look
 from .stability import scan_loop, unstable_roots
 
 NOTHING, _, _, ENDLESS, FAILED = range(5)  # of Found in delay_margin.hpp
@@ -52,15 +50,6 @@ def joint_margins(loop: Loop) -> Margins:
     else:
         found = margins(loop)
     return replace(found, phase_margin=abs(found.phase_margin))
-
-
-def required_margins(loop: Loop, required: Requirements) -> tuple[Margins, Sampled | None]:
-    """What requirements bound, from a quick look, and the samples behind it; all margins where samples do not tell what is required."""
-    found, sampled = quick_look(loop, required)
-    if sampled is not None and any(math.isnan(one.value(found)) for one, _ in required.asked_for):
-        with suppress(GainroomError):
-            return margins(loop), sampled
-    return found, sampled
 
 
 def _with_sampled_delay(loop: Loop, found: Margins) -> Margins:

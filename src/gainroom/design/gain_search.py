@@ -102,7 +102,7 @@ def raised_gains(
     for found in (rounded(reached), reached, start):
         if all(case.required.met_by(case.margins(found)) for case in cases):
             return search.proved(found)
-    return Raised(reached, tuple(case.margins(reached) for case in cases), False)
+    return Raised(reached, tuple(case.all_margins(reached) for case in cases), False)
 
 
 class _Search:
@@ -228,7 +228,7 @@ class _Search:
                 order.remove(broken[1])
                 order.insert(0, broken[1])
         names, places = zip(*(why.get(j, ("", -1)) for j in range(gains.shape[1])), strict=True)
-        return Raised(gains, tuple(case.margins(gains) for case in cases), True, names, places)
+        return Raised(gains, tuple(case.all_margins(gains) for case in cases), True, names, places)
 
     def _first_broken(self, gains: Gains, order: Sequence[int], blind: Sequence[int]) -> tuple[str, int] | None:
         """What is broken first, and the case; None where nothing is. What is quickly seen comes first, but in `blind` cases."""

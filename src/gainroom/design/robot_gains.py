@@ -24,6 +24,7 @@ from ..system.requirements import REQUIREMENTS, Requirements
 from ..system.system import StateCase, System
 from .gain_search import Raised, raised_gains, stiffness
 from .margin_slopes import Case, Gains
+from .side_by_side import Job, side_by_side
 from .starting_gains import Beginning, joints_alone, joints_that_move, link_inertia, tasks_alike
 
 if TYPE_CHECKING:
@@ -156,15 +157,20 @@ def recommend_robot(
     nearest: dict[str, str] = {}
     known = {} if start is None else {EVERYWHERE: start.everywhere, **start.per_contact}
     safe = _set(EVERYWHERE, found, beginning, progress, nearest, known.get(EVERYWHERE))
-    per_contact: dict[str, GainSet | None] = {}
-    for contact in system.source.contacts:
-        own = [state for state in found if state.contact == contact]
-        whole = safe and replace(safe, contact=contact)
-        per_contact[contact] = (
-            whole if len(own) == len(found) else _set(contact, own, beginning, progress, nearest, known.get(contact) or safe)
-        )
-        if len(own) == len(found) and EVERYWHERE in nearest:
+    whole: dict[str, GainSet | None] = {}
+    own = {contact: [state for state in found if state.contact == contact] for contact in system.source.contacts}
+
+    def alone(contact: str) -> Job[GainSet | None]:
+        first = known.get(contact) or safe
+        return lambda told: _set(contact, own[contact], beginning, told, nearest, first)
+
+    for contact in [contact for contact, states in own.items() if len(states) == len(found)]:
+        whole[contact] = safe and replace(safe, contact=contact)
+        if EVERYWHERE in nearest:
             nearest[contact] = nearest[EVERYWHERE]
+    some = [contact for contact in own if contact not in whole]
+    sets = whole | dict(zip(some, side_by_side([alone(contact) for contact in some], progress), strict=True))
+    per_contact = {contact: sets[contact] for contact in own}
     return RobotGains(space, tuple(names), per_contact, safe, inertia, nearest, _unweighed(system, space, states))
 
 
@@ -252,7 +258,7 @@ def _searched(
         if best is None or _most_missed(cases, found) < _most_missed(cases, best):
             best = found
     first = beginning.at(SHARES[0], (WEIGHED if weighed else SOFT)[0])
-    return best or Raised(first, tuple(case.margins(first) for case in cases), False)
+    return best or Raised(first, tuple(case.all_margins(first) for case in cases), False)
 
 
 def _starts(
@@ -310,7 +316,7 @@ def _joint_state(state: StateCase) -> _State:
     system, size = state.system, state.model.size
 
     def case(model: "RobotModel") -> Case:
-        first = system.loop(model, system.filtered(PD(np.ones(size), np.ones(size)))).remembering()
+        first = system.loop(model, system.filtered(PD(np.ones(size), np.ones(size))))
 
         def loop(gains: Gains) -> Loop:
             return first.regained(system.filtered(PD(gains[0], gains[1])))
@@ -325,7 +331,7 @@ def _task_state(state: StateCase) -> _State:
     tasks = system.source.tasks(state.model, system.control.rotors)
 
     def case(model: "RobotModel") -> Case:
-        first = system.loop(model, system.filtered(tasks.controller())).remembering()
+        first = system.loop(model, system.filtered(tasks.controller()))
 
         def loop(gains: Gains) -> Loop:
             kp, kd, ki = gains

@@ -189,3 +189,72 @@ class GainTracker:
     def pairs(self) -> int: ...
     @property
     def passive_frequency(self) -> float: ...
+
+def eigenvalues(matrix: Complexes) -> Complexes:
+    """(1, n) of a matrix (n, n), as dense.hpp finds them."""
+
+class DirectedLoop:
+    """As in directed_loop.hpp: a loop without its gains. torque (n, m), jacobian (m, n), both (0, 0) where directions are joints.
+
+    For one thread at a time. joints (5, n): motor inertia, stiffness, damping, viscous friction of motor and link; contacts (2, c):
+    stiffness and damping; drives (3, n): bandwidth, damping ratio, delay.
+    """
+
+    def __init__(self, size: int, torque: Floats, jacobian: Floats, cascade: Integers) -> None: ...
+    def set_plant(
+        self,
+        mobility: Floats,
+        joints: Floats,
+        root: Floats,
+        gravity: Floats,
+        coupling: Floats,
+        resisted: Floats,
+        contacts: Floats,
+        drives: Floats,
+        motor_side: bool,
+    ) -> None: ...
+    def set_held(
+        self,
+        a: Floats,
+        b: Floats,
+        c: Floats,
+        hessenberg: Floats,
+        turned_b: Floats,
+        turned_c: Floats,
+        fast: float,
+        delay: Floats,
+        step: float,
+    ) -> None: ...
+    def set_law(
+        self,
+        velocity_above: Floats,
+        velocity_below: Floats,
+        integral_above: Floats,
+        integral_below: Floats,
+        zeros: Complexes,
+        poles: Complexes,
+        gain: float,
+    ) -> None: ...
+    def set_boundary(self, grid: Floats, tilt: float, unstable_poles: int, settles: float) -> None: ...
+    def response(self, omega: Floats) -> Complexes:
+        """E P C e^{−sT} X (k, m²) at ω (k,)."""
+
+class Look:
+    """As in loop_samples.hpp and loop_curves.hpp; gains (3, m). Margins come as columns (c, 1), with their changes (c, 2 m)."""
+
+    def __init__(self, loop: DirectedLoop, gains: Floats, factor: float, phase: float, peak: float) -> None: ...
+    @property
+    def followed(self) -> bool: ...
+    @property
+    def singular(self) -> bool: ...
+    @property
+    def unstable(self) -> int: ...
+    @property
+    def samples(self) -> int: ...
+    @property
+    def with_loci(self) -> int: ...
+    def least(self) -> tuple[float, float, float, float, float, float]: ...
+    def peak(self, slope: float, offset: float) -> tuple[float, float]: ...
+    def crossings(self, gains: Floats, locus: bool, axis: bool, reach: float) -> tuple[Floats, Floats]: ...
+    def peaks(self, gains: Floats, least: float, slope: float, offset: float) -> tuple[Floats, Floats]: ...
+    def ends(self, gains: Floats, locus: bool, reach: float) -> tuple[Floats, Floats]: ...

@@ -3,10 +3,9 @@
 import math
 from dataclasses import replace
 
-from ..analysis.margins import required_margins
 from ..errors import listed
 from ..studies.robot import RobotStudy
-from ..studies.state import State
+from ..studies.state import State, margins_of
 from ..system.requirements import REQUIREMENTS, Requirement
 from .margin_columns import margin_value
 from .number_format import hertz
@@ -41,7 +40,7 @@ def _trials(study: RobotStudy, one: Requirement, state: State) -> str:
     better, worse = [], []
     for gain, factor in ((rate, MORE), (rate, LESS), ("kp", LESS)):
         changed = replace(controller, **{gain: factor * getattr(controller, gain)})
-        found, _ = required_margins(system.loop(state.model, changed), asked)
+        found = margins_of(system.loop(state.model, changed))
         value, own = one.value(found), one.value(state.margins)
         helps = found.stable and (value < own if one.at_most else value > own)
         known = "not known" if math.isnan(value) else margin_value(asked, one.name, value, None, 3)

@@ -1,9 +1,11 @@
 """A whole robot: every posture in every contact state, all joints at once, joint by joint, and in task space; and recommended gains."""
 
 import itertools
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from ..design.robot_gains import RobotGains, recommend_robot
+from ..design.side_by_side import Job, side_by_side
 from ..errors import computable
 from ..system.system import System
 from .analysis import Analysis, analyze
@@ -64,16 +66,19 @@ def _unstable_at(system: System) -> str:
 
 def _recommended(system: System, tell: Progress) -> tuple[RobotGains, ...]:
     """Recommended gains in joint space and, where there are tasks, in task space."""
-    expected = EXPECTED_LOOKS * len(system.source.states) * 2 ** len(system.uncertainty.names)
+    spaces = ("joint", "task") if system.source.stack else ("joint",)
+    expected = EXPECTED_LOOKS * len(system.source.states) * 2 ** len(system.uncertainty.names) * len(spaces)
+    looked = itertools.count()
 
-    def of(space: str) -> RobotGains:
-        looked = itertools.count()
+    def count() -> None:
+        tell(min(next(looked), expected), expected, "gains")
 
-        def count() -> None:
-            tell(min(next(looked), expected), expected, f"gains, {space} space")
+    def of(space: str) -> Job[RobotGains]:
+        def job(told: Callable[[], None]) -> RobotGains:
+            with computable(f"{system.source.name}: recommended gains, {space} space"):
+                return recommend_robot(system, space, told)
 
-        count()
-        with computable(f"{system.source.name}: recommended gains, {space} space"):
-            return recommend_robot(system, space, count)
+        return job
 
-    return tuple(of(space) for space in (("joint", "task") if system.source.stack else ("joint",)))
+    count()
+    return tuple(side_by_side([of(space) for space in spaces], count))

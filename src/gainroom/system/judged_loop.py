@@ -31,7 +31,7 @@ class Curves(Protocol):
 
 
 class Sampled(Protocol):
-    """Coupled loops along the stability boundary (analysis/quick_margins.py)."""
+    """Coupled loops along the stability boundary (analysis/look.py)."""
 
     def peak(self, slope: float = 1.0, offset: float = 0.0) -> tuple[float, float]:
         """The largest |slope S_ii + offset|, and its frequency [rad/s]."""

@@ -5,7 +5,7 @@ poles and exact delay; for any n it also has a state space with the delayed chan
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike
 from ..errors import GainroomError, one_line, require_count, require_finite, require_positive
 from ..linear.arrays import Booleans, Complexes, Floats, Integers
 from ..linear.lti import factored_from, is_lti, sample_time_of
-from ..linear.response_cache import Remembered
 from ..linear.state_space import StateSpace, hold, realize, split_delay
 from ..linear.transfer_function import Factored, ratio
 from .assembly import Feedback, Parts, controller_state
@@ -42,7 +41,6 @@ class Loop:
     parts         what it was built from, None for loops from elsewhere
     gain          common factor on all controller gains
     unsampled     `actuated` in continuous time, of one joint built from parts
-    known         P C e^{−sT} of several joints cached by point; None: not cached
     """
 
     size: int
@@ -56,7 +54,6 @@ class Loop:
     given: StateSpace | None = None
     gain: float = 1.0
     unsampled: Factored | None = None
-    known: Remembered | None = field(default=None, repr=False, compare=False)
 
     def __repr__(self) -> str:
         time = "continuous" if self.sample_time is None else f"sample_time {self.sample_time:g} s"
@@ -153,10 +150,8 @@ class Loop:
     def _actuated_at(self, s: Complexes, v: Complexes) -> Complexes:
         """P C e^{−sT} (k, n, n) of several joints."""
         assert self.parts is not None
-        if self.known is not None:
-            return self.known(s)
         if self.sample_time is not None:
-            return self._held.at(v) * np.exp(-s[:, None, None] * (self._ticks * self.sample_time))
+            return self.held.at(v) * np.exp(-s[:, None, None] * (self.ticks * self.sample_time))
         bandwidth = np.array([drive.bandwidth for drive in self.parts.drives])
         damping = np.array([drive.damping_ratio for drive in self.parts.drives])
         lag = s[:, None] / bandwidth  # 0 where the current loop is ideal
@@ -167,7 +162,7 @@ class Loop:
         """(k,) how far, relative to its size, `actuated_at` may be off at jω: most where a sampled mechanism drifts."""
         if self.sample_time is None or self.size == 1:
             return np.full(len(omega), np.finfo(float).eps)
-        held = self._held
+        held = self.held
         shifted = self.variable(1j * omega)[:, None, None] * np.eye(len(held.a)) - held.a
         inverse = np.linalg.inv(shifted)
         back = np.abs(inverse)
@@ -175,14 +170,14 @@ class Loop:
         return np.finfo(float).eps * spread.max(axis=(1, 2)) / np.maximum(np.abs(held.c @ inverse @ held.b).max(axis=(1, 2)), 1e-300)
 
     @cached_property
-    def _ticks(self) -> Integers:
+    def ticks(self) -> Integers:
         """(n,) whole ticks of delay in sampled time."""
         assert self.parts is not None
         assert self.sample_time is not None
         return split_delay(np.array([drive.delay for drive in self.parts.drives]), self.sample_time)[0]
 
     @cached_property
-    def _held(self) -> StateSpace:
+    def held(self) -> StateSpace:
         """Torque command → measured positions with hold, current loops and the delays beyond whole ticks."""
         assert self.parts is not None
         assert self.sample_time is not None
@@ -197,10 +192,6 @@ class Loop:
         """The same loop with every controller gain multiplied by `factor`."""
         require_finite("loop", "factor", factor)
         return replace(self, gain=self.gain * factor)
-
-    def remembering(self) -> "Loop":
-        """The same loop of several joints, with the responses of plant and drives cached, for `regained`."""
-        return self if self.size == 1 else replace(self, known=Remembered(self.actuated_at))
 
     def regained(self, controller: Any) -> "Loop":
         """The same plant and drives under a controller that differs in its gains alone: with the same filters, notches and type."""

@@ -262,7 +262,7 @@ class Plant:
             load = load + self.gravity_stiffness / points**2
         if self.compliance is None and np.any(load):
             # Where contacts hold motions W is singular, and its round-off times G/s² is not small: W = R Rᵀ leaves them out.
-            root = self._root
+            root = self.root
             links = root @ np.linalg.solve(np.eye(root.shape[1]) + root.T @ load @ root, root.T)
         elif np.any(load):
             links = np.linalg.solve(eye + links @ load, links)
@@ -275,7 +275,7 @@ class Plant:
         return np.linalg.solve(feedback.swapaxes(1, 2), moved.swapaxes(1, 2)).swapaxes(1, 2) / points**2
 
     @cached_property
-    def _root(self) -> Floats:
+    def root(self) -> Floats:
         """R (n, r) of full column rank with W = R Rᵀ."""
         return _factor(self.link_inverse_inertia)
 

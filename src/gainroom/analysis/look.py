@@ -1,0 +1,110 @@
+"""Coupled loops whose gains act along directions, in the core: looked at again and again with other gains (loop_curves.hpp)."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..linear.arrays import Booleans, Floats
+from ..native import _core
+from ..system.filters import integrator
+from ..system.loop import Loop
+from .loci import first_grid
+from .margin_record import GainLimit, Margins, OneLoop
+from .stability_boundary import LOCI, Boundary
+
+AT_REST = 1e-6
+"""Of the lowest frequency that is sampled: there gravity's loops are at rest."""
+
+FAST = 1e-2
+"""Of the size of A: from there on Hessenberg form loses no more than some five of a response's digits (actuated.hpp)."""
+
+
+@dataclass(frozen=True)
+class Reach:
+    """How far from −1 loci and return ratios are followed: margins beyond are taken for infinite.
+
+    factor   > 1, on gains, up or down
+    phase    [rad]
+    peaks    (slope, offset, ceiling) of |slope S_ii + offset|: what is lower than the ceiling is sampled coarsely
+    """
+
+    factor: float = 1.5
+    phase: float = 0.3
+    peaks: tuple[tuple[float, float, float], ...] = ()
+
+    def wider(self, other: "Reach") -> "Reach":
+        """Both."""
+        return Reach(max(self.factor, other.factor), max(self.phase, other.phase), self.peaks + other.peaks)
+
+    @property
+    def peak(self) -> float:
+        """The least |S_ii − 1/2| at a peak that is asked for."""
+        sizes = ((high - abs(offset + slope / 2)) / abs(slope) for slope, offset, high in self.peaks if slope)
+        return max(0.05, min(sizes, default=math.inf))
+
+
+WHOLE = Reach(100.0, math.pi, ((1.0, 0.0, 0.5),))
+"""Every margin that people are told."""
+
+
+def look(loop: "_core.DirectedLoop", gains: Floats, reach: Reach) -> "_core.Look":
+    """The loop with gains (3, m), kp, kd and ki of every direction (kp, kv, ki of a P/PI), as far as `reach` asks."""
+    return _core.Look(loop, np.ascontiguousarray(gains), reach.factor, reach.phase, reach.peak)
+
+
+def margins_seen(seen: "_core.Look", size: int) -> Margins:
+    """The gain and phase margins and the peak sensitivity of `size` joints; the rest is NaN.
+
+    Gains: the lesser of the factors up and down stands under both names, and the least over all loops for each. Nothing is known, so
+    that no requirement is met, where loci cannot be followed; inf: beyond what was asked for.
+    """
+    if not seen.followed or seen.unstable != 0:
+        return Margins.unknown(GainLimit.unknown(size, stable=not seen.singular and seen.unstable <= 0))
+    common, single, phase, one_phase, peak, omega = seen.least()
+    factor, every = math.exp(common), np.full(size, math.exp(single))
+    limit = replace(GainLimit.unknown(size), gain=factor, lower_gain=1 / factor)
+    one_loop = OneLoop(every, 1 / every, np.full(size, one_phase), np.zeros(size, dtype=bool))
+    return Margins(limit, one_loop, phase_margin=phase, peak_sensitivity=peak, peak_sensitivity_frequency=omega)
+
+
+def directed_loop(loop: Loop, torque: Floats, jacobian: Floats, cascade: Booleans) -> "_core.DirectedLoop":
+    """Plant, drives and filters of a loop of parts, without its gains: L = P C e^{−sT} X Δ E, X (n, m) = torque, E (m, n) = jacobian."""
+    assert loop.parts is not None
+    plant, drives, time = loop.parts.plant, loop.parts.drives, loop.sample_time
+    joints = torque.shape[0] == torque.shape[1] and np.array_equal(torque, np.eye(len(torque))) and np.array_equal(jacobian, torque)
+    nothing = np.zeros((0, 0))
+    found = _core.DirectedLoop(loop.size, *((nothing, nothing) if joints else (torque, jacobian)), cascade.astype(np.int64))
+    if time is None:
+        gravity, soft, size = plant.gravity_stiffness, plant.compliance, plant.size
+        found.set_plant(
+            plant.link_inverse_inertia,
+            np.array([plant.motor_inertia, plant.stiffness, plant.damping, plant.motor_viscous, plant.link_viscous]),
+            plant.root,
+            nothing if gravity is None else gravity,
+            np.zeros((size, 0)) if soft is None else soft.coupling,
+            nothing if soft is None else soft.inverse_inertia,
+            np.zeros((2, 0)) if soft is None else np.array([soft.stiffness, soft.damping]),
+            np.array([[drive.bandwidth, drive.damping_ratio, drive.delay] for drive in drives]).T.copy(),
+            loop.parts.feedback == "motor",
+        )
+    else:
+        held = loop.held
+        fast = FAST * float(np.linalg.norm(held.a, 2))
+        found.set_held(held.a, held.b, held.c, *_hessenberg(held.a, held.b, held.c), fast, loop.ticks * time, time)
+    controller, boundary = loop.parts.controller, Boundary(loop)
+    shaping = controller.shaping(time)
+    found.set_law(*controller.velocity(time), *integrator(time), shaping.zeros, shaping.poles, shaping.gain)
+    settles = AT_REST if plant.gravity_stiffness is not None else 0.0
+    tilt = LOCI.tilt if boundary.undamped else 0.0
+    found.set_boundary(first_grid(loop, boundary.last), tilt, loop.unstable_poles, settles)
+    return found
+
+
+def _hessenberg(a: Floats, b: Floats, c: Floats) -> tuple[Floats, Floats, Floats]:
+    """The same response, with A in Hessenberg form: states in units in which A is balanced, then turned."""
+    from scipy.linalg import hessenberg, matrix_balance
+
+    balanced, (scale, _) = matrix_balance(a, permute=False, separate=True)
+    form, turn = hessenberg(balanced, calc_q=True)
+    return form, turn.T @ (b / scale[:, None]), (c * scale) @ turn

@@ -1,0 +1,114 @@
+"""The return ratio of every loop of coupled ones, the other loops closed, along the stability boundary; their peaks and phases.
+
+Found between samples that are refined until neighbours differ little; then polished.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ..linear.arrays import Complexes, Floats, Integers
+from ..system.loop import Loop
+from .loci import Sweep
+from .sampled_curves import meets_circle, on_axis, peaks, polished_peaks
+from .stability_boundary import LOCI, in_blocks
+
+CLOSE = 0.05
+"""Relative: phases and peaks whose interpolated values are that near the least or the highest one are polished."""
+SLACK = 0.01
+"""[rad] the same, of phases so small that interpolation is off by more than that part of them."""
+
+
+@dataclass(frozen=True)
+class Curves:
+    """m scalar curves: `values` (k, m) at `omega` (k,), and how to find more."""
+
+    omega: Floats
+    values: Complexes
+    at: Callable[[Floats], Complexes]
+
+    def on_axis(self, rows: Integers, joints: Integers, bent: Callable[[Complexes], Complexes] = lambda value: value) -> Complexes:
+        """Where `bent` of curves `joints` crosses the real axis between samples `rows` and the next."""
+        low, high = ((self.omega[at], bent(self.values[at, joints])) for at in (rows, rows + 1))
+        return on_axis(lambda omega: bent(self.at(omega)), joints, low, high)[1]
+
+
+class Peak(NamedTuple):
+    """The largest |S_ii|, or what is asked for, and where [rad/s]."""
+
+    height: float
+    omega: float
+
+
+@dataclass(frozen=True)
+class Sampled:
+    """A loop along the stability boundary: its loci, each return ratio ℓ_i with the other loops closed, and S_ii (k, n) at the same ω."""
+
+    sweep: Sweep
+    single: Curves
+    sensitivity: Complexes
+    sensitivity_at: Callable[[Floats], Complexes]
+
+    @classmethod
+    def of(cls, sweep: Sweep) -> "Sampled":
+        """From the samples of its loci, refined around peaks of S_ii. Raises LinAlgError where I + L is singular at a sample."""
+
+        def sensitivity(omega: Floats) -> Complexes:
+            return in_blocks(lambda part: _own_sensitivity(sweep.loop, part), omega, sweep.loop.size)
+
+        omega, values = _resolved(sweep, sensitivity)
+        return cls(sweep, Curves(omega, _return_ratio(values), lambda omega: _return_ratio(sensitivity(omega))), values, sensitivity)
+
+    def peak(self, slope: float = 1.0, offset: float = 0.0) -> Peak:
+        """The largest |slope S_ii + offset|."""
+        omega, sizes = self.single.omega, np.abs(slope * self.sensitivity + offset)
+        rows, joints = peaks(sizes, (1 - CLOSE) * sizes.max())
+        among = np.arange(len(rows)), joints
+        place, height = polished_peaks(omega, sizes, rows, joints, lambda omega: np.abs(slope * self.sensitivity_at(omega) + offset)[among])
+        row = int(np.argmax(sizes.max(axis=1)))
+        return max([Peak(float(sizes[row].max()), float(omega[row])), *map(Peak, height.tolist(), place.tolist())])
+
+
+def _own_sensitivity(loop: Loop, omega: Floats) -> Complexes:
+    """The diagonal of (I + L)⁻¹ (k, n)."""
+    response = loop.response(omega).reshape(len(omega), loop.size, loop.size)
+    return np.diagonal(np.linalg.inv(np.eye(loop.size) + response), axis1=1, axis2=2)
+
+
+def _return_ratio(sensitivity: Complexes) -> Complexes:
+    """ℓ_i of loop i with the other loops closed: 1 + ℓ_i = 1/S_ii."""
+    return 1 / np.where(sensitivity == 0, 1e-300, sensitivity) - 1
+
+
+def _resolved(sweep: Sweep, sensitivity: Callable[[Floats], Complexes]) -> tuple[Floats, Complexes]:
+    """ω (k,) and the sensitivities (k, n) along the boundary, refined around their peaks."""
+    omega = sweep.omega
+    values = sensitivity(omega)
+    for _ in range(10):
+        move = np.abs(np.diff(values, axis=0)).max(axis=1)
+        rough = np.flatnonzero((move > 0.1) & (np.diff(omega) > 1e-7 * omega[1:]))
+        if not len(rough) or len(omega) > LOCI.most:
+            break
+        middle = 0.5 * (omega[rough] + omega[rough + 1])
+        values = np.insert(values, rough + 1, sensitivity(middle), axis=0)
+        omega = np.insert(omega, rough + 1, middle)
+    return omega, values
+
+
+def own_phases(single: Curves) -> Floats:
+    """(n,) the smallest phase [rad] at which each loop vibrates."""
+    rows, joints, _, lag = meets_circle(single.values[:-1], single.values[1:])
+    least = np.full(single.values.shape[1], math.inf)
+    np.minimum.at(least, joints, np.abs(lag))
+    chosen = np.abs(lag) <= least[joints] * (1 + CLOSE) + SLACK
+
+    def bent(value: Complexes) -> Complexes:
+        """On the real axis, at its lag, where the value is on the unit circle."""
+        return np.angle(-value) + 1j * np.log(np.maximum(np.abs(value), 1e-300))
+
+    least[:] = math.inf
+    np.minimum.at(least, joints[chosen], np.abs(single.on_axis(rows[chosen], joints[chosen], bent).real))
+    return least

@@ -1,0 +1,218 @@
+#include "gainroom/loop_curves.hpp"
+
+#include "arrays.hpp"
+
+using gainroom::Complex;
+using gainroom::DirectedGains;
+using gainroom::DirectedLoop;
+using ComplexVector = Array<const Complex, 1>;
+
+template <typename T>
+static std::vector<double> listed(const T& array) {
+    return {array.data(), array.data() + array.size()};
+}
+
+static DirectedGains gains_of(const DirectedLoop& loop, const Matrix& gains) {
+    require(has_shape(gains, 3, loop.directions), "gains must be (3, m)");
+    const double* first = gains.data();
+    const std::size_t m = loop.directions;
+    return {{first, first + m}, {first + m, first + 2 * m}, {first + 2 * m, first + 3 * m}};
+}
+
+static void set_plant(DirectedLoop& loop, Matrix mobility, Matrix joints, Matrix root, Matrix gravity, Matrix coupling, Matrix resisted,
+                      Matrix contacts, Matrix drives, bool motor_side) {
+    gainroom::Actuated& to = loop.actuated;
+    const std::size_t n = to.size, c = contacts.shape(1);
+    require(has_shape(mobility, n, n) && has_shape(joints, 5, n) && root.shape(0) == n && has_shape(drives, 3, n) && contacts.shape(0) == 2,
+            "a plant's arrays do not fit");
+    require(gravity.size() == 0 || has_shape(gravity, n, n), "gravity must be (n, n)");
+    require(has_shape(coupling, n, c) && has_shape(resisted, c, c), "a plant's contacts do not fit");
+    const auto row = [n](const Matrix& from, std::size_t k) { return std::vector<double>(from.data() + k * n, from.data() + (k + 1) * n); };
+    to.step = 0.0;
+    to.motor_side = motor_side;
+    to.mobility = listed(mobility);
+    to.motor_inertia = row(joints, 0);
+    to.stiffness = row(joints, 1);
+    to.damping = row(joints, 2);
+    to.motor_viscous = row(joints, 3);
+    to.link_viscous = row(joints, 4);
+    to.root = listed(root);
+    to.gravity = listed(gravity);
+    to.loaded = gravity.size() > 0;
+    for (double value : to.link_viscous) to.loaded |= value != 0;
+    to.coupling = listed(coupling);
+    to.resisted = listed(resisted);
+    to.contact_stiffness.assign(contacts.data(), contacts.data() + c);
+    to.contact_damping.assign(contacts.data() + c, contacts.data() + 2 * c);
+    to.bandwidth = row(drives, 0);
+    to.damping_ratio = row(drives, 1);
+    to.delay = row(drives, 2);
+}
+
+static gainroom::StateForm state_form(const Matrix& a, const Matrix& b, const Matrix& c, std::size_t n) {
+    const std::size_t order = a.shape(0);
+    require(has_shape(a, order, order) && has_shape(b, order, n) && has_shape(c, n, order), "a sampled plant's arrays do not fit");
+    return {listed(a), listed(b), listed(c)};
+}
+
+static void set_held(DirectedLoop& loop, Matrix a, Matrix b, Matrix c, Matrix hessenberg, Matrix turned_b, Matrix turned_c, double fast,
+                     Vector delay, double step) {
+    gainroom::Actuated& to = loop.actuated;
+    require(step > 0 && delay.size() == to.size, "a sampled plant needs a step > 0 and the delay of every joint");
+    to.step = step;
+    to.whole = state_form(a, b, c, to.size);
+    to.hessenberg = state_form(hessenberg, turned_b, turned_c, to.size);
+    to.fast = fast;
+    to.delay = listed(delay);
+    loop.last = gainroom::kPi / step;
+}
+
+static void set_law(DirectedLoop& loop, Vector velocity_above, Vector velocity_below, Vector integral_above, Vector integral_below,
+                    ComplexVector zeros, ComplexVector poles, double gain) {
+    loop.velocity = {listed(velocity_above), listed(velocity_below)};
+    loop.integrator = {listed(integral_above), listed(integral_below)};
+    loop.shaping = {{zeros.data(), zeros.data() + zeros.size()}, {poles.data(), poles.data() + poles.size()}, gain};
+}
+
+static void set_boundary(DirectedLoop& loop, Vector grid, double tilt, std::int64_t unstable_poles, double settles) {
+    require(grid.size() > 1, "two frequencies at least are needed");
+    loop.grid = listed(grid);
+    loop.tilt = tilt;
+    loop.unstable_poles = static_cast<int>(unstable_poles);
+    loop.settles = settles;
+}
+
+class Look {
+public:
+    Look(DirectedLoop& loop, Matrix gains, double factor, double phase, double peak) : loop_(loop) {
+        require(!loop.grid.empty() && loop.actuated.size > 0, "the plant and the first samples are needed");
+        require(factor > 1 && phase > 0 && !std::isnan(peak), "a factor > 1, a phase > 0 and a peak are needed");
+        const DirectedGains own = gains_of(loop, gains);
+        nb::gil_scoped_release release;
+        samples_ = std::make_unique<gainroom::LoopSamples>(loop, own, factor, phase, peak);
+    }
+
+    bool followed() const { return samples_->ok(); }
+    bool singular() const { return samples_->state() == gainroom::LookState::singular; }
+    std::int64_t unstable() const { return samples_->unstable(); }
+    std::size_t samples() const { return samples_->samples().size(); }
+    std::size_t with_loci() const {
+        std::size_t count = 0;
+        for (const auto& one : samples_->samples()) count += one->loci.known();
+        return count;
+    }
+
+    nb::tuple least() {
+        gainroom::LeastMargins found;
+        {
+            nb::gil_scoped_release release;
+            found = gainroom::LoopCurves(*samples_).least();
+        }
+        return nb::make_tuple(found.factor, found.one_factor, found.phase, found.one_phase, found.peak, found.peak_omega);
+    }
+
+    nb::tuple peak(double slope, double offset) {
+        const gainroom::MovingMargin found = gainroom::LoopCurves(*samples_).peak(slope, offset);
+        return nb::make_tuple(found.margin, found.omega);
+    }
+
+    nb::tuple crossings(Matrix gains, bool locus, bool axis, double reach) {
+        const DirectedGains own = gains_of(loop_, gains);
+        std::vector<gainroom::MovingMargin> found;
+        {
+            nb::gil_scoped_release release;
+            gainroom::LoopCurves curves(*samples_);
+            for (const gainroom::CurveStep& step : curves.meets(locus, axis)) {
+                if (!(std::fabs(gainroom::LoopCurves::margin_of(step.value, axis)) < reach)) continue;
+                gainroom::MovingMargin one = curves.polished(step, axis, own, 1e-6, 8, true);
+                if (one.found) found.push_back(std::move(one));
+            }
+        }
+        return columns(found);
+    }
+
+    nb::tuple peaks(Matrix gains, double least, double slope, double offset) {
+        const DirectedGains own = gains_of(loop_, gains);
+        std::vector<gainroom::MovingMargin> found;
+        {
+            nb::gil_scoped_release release;
+            found = gainroom::LoopCurves(*samples_).peaks(own, least, slope, offset, true);
+        }
+        return columns(found);
+    }
+
+    nb::tuple ends(Matrix gains, bool locus, double reach) {
+        return columns(gainroom::LoopCurves(*samples_).ends(locus, gains_of(loop_, gains), reach, true));
+    }
+
+private:
+    nb::tuple columns(const std::vector<gainroom::MovingMargin>& found) const {
+        std::vector<double> margins, moves;
+        for (const gainroom::MovingMargin& one : found) {
+            margins.push_back(one.margin);
+            moves.insert(moves.end(), one.moves.begin(), one.moves.end());
+        }
+        return nb::make_tuple(owned(margins.data(), found.size(), 1), owned(moves.data(), found.size(), 2 * loop_.directions));
+    }
+
+    DirectedLoop& loop_;
+    std::unique_ptr<gainroom::LoopSamples> samples_;
+};
+
+static nb::object response(DirectedLoop& loop, Vector omega) {
+    std::vector<Complex> found;
+    for (std::size_t k = 0; k < omega.size(); k++) {
+        gainroom::LoopPoint point;
+        require(loop.point(omega.data()[k], point), "the response is not finite");
+        found.insert(found.end(), point.seen.begin(), point.seen.end());
+    }
+    return owned(found.data(), omega.size(), loop.directions * loop.directions);
+}
+
+static nb::object eigenvalues(Array<const Complex, 2> matrix) {
+    require(matrix.shape(0) == matrix.shape(1), "the matrix must be square");
+    std::vector<Complex> work(matrix.data(), matrix.data() + matrix.size()), values(matrix.shape(0));
+    require(gainroom::Eigenvalues().find(work, matrix.shape(0), values.data()), "the eigenvalues do not settle");
+    return owned(values.data(), 1, values.size());
+}
+
+void bind_look(nb::module_& m) {
+    m.def("eigenvalues", &eigenvalues, nb::arg("matrix"));
+    nb::class_<DirectedLoop>(m, "DirectedLoop")
+        .def("__init__",
+             [](DirectedLoop* self, std::size_t size, Matrix torque, Matrix jacobian, Integers cascade) {
+                 const std::size_t directions = cascade.size();
+                 require(size > 0 && directions > 0, "a loop needs a joint and a direction");
+                 require((torque.size() == 0 && jacobian.size() == 0 && directions == size) ||
+                             (has_shape(torque, size, directions) && has_shape(jacobian, directions, size)),
+                         "torque (n, m) and jacobian (m, n) do not fit");
+                 new (self) DirectedLoop();
+                 self->actuated.size = size;
+                 self->directions = directions;
+                 self->torque = listed(torque);
+                 self->jacobian = listed(jacobian);
+                 for (std::size_t k = 0; k < directions; k++) self->cascade.push_back(cascade.data()[k] != 0);
+             },
+             nb::arg("size"), nb::arg("torque"), nb::arg("jacobian"), nb::arg("cascade"))
+        .def("set_plant", &set_plant, nb::arg("mobility"), nb::arg("joints"), nb::arg("root"), nb::arg("gravity"), nb::arg("coupling"),
+             nb::arg("resisted"), nb::arg("contacts"), nb::arg("drives"), nb::arg("motor_side"))
+        .def("set_held", &set_held, nb::arg("a"), nb::arg("b"), nb::arg("c"), nb::arg("hessenberg"), nb::arg("turned_b"), nb::arg("turned_c"),
+             nb::arg("fast"), nb::arg("delay"), nb::arg("step"))
+        .def("set_law", &set_law, nb::arg("velocity_above"), nb::arg("velocity_below"), nb::arg("integral_above"), nb::arg("integral_below"),
+             nb::arg("zeros"), nb::arg("poles"), nb::arg("gain"))
+        .def("set_boundary", &set_boundary, nb::arg("grid"), nb::arg("tilt"), nb::arg("unstable_poles"), nb::arg("settles"))
+        .def("response", &response, nb::arg("omega"));
+    nb::class_<Look>(m, "Look")
+        .def(nb::init<DirectedLoop&, Matrix, double, double, double>(), nb::keep_alive<1, 2>(), nb::arg("loop"), nb::arg("gains"), nb::arg("factor"),
+             nb::arg("phase"), nb::arg("peak"))
+        .def_prop_ro("followed", &Look::followed)
+        .def_prop_ro("singular", &Look::singular)
+        .def_prop_ro("unstable", &Look::unstable)
+        .def_prop_ro("samples", &Look::samples)
+        .def_prop_ro("with_loci", &Look::with_loci)
+        .def("least", &Look::least)
+        .def("peak", &Look::peak, nb::arg("slope"), nb::arg("offset"))
+        .def("crossings", &Look::crossings, nb::arg("gains"), nb::arg("locus"), nb::arg("axis"), nb::arg("reach"))
+        .def("peaks", &Look::peaks, nb::arg("gains"), nb::arg("least"), nb::arg("slope"), nb::arg("offset"))
+        .def("ends", &Look::ends, nb::arg("gains"), nb::arg("locus"), nb::arg("reach"));
+}

@@ -1,0 +1,315 @@
+// Where loci and return ratios of coupled loops meet the negative real axis and the unit circle, where |a S_ii + b| is largest, and how
+// all of that moves with the gains; the least margins of each kind.
+//
+// At one ω, with V = (I + Q)⁻¹, Q = E P X Δ,
+//   dS_ii = −Σ_j (S P X)_ij (E S)_ji dd_j,  S P X = P X (I − Δ V E P X),  E S = V E,      dλ = Σ_j (y E P X)_j x_j dd_j,  y x = 1,
+// and with z = ln(−λ) = a + j b, or of ℓ_i = 1/S_ii − 1: on b = 0 a moves by Re z_p − Re z_ω Im z_p/Im z_ω, on a = 0 b by the same of z/j.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <limits>
+#include <vector>
+
+#include "curve_value.hpp"
+#include "loop_samples.hpp"
+
+namespace gainroom {
+
+struct CurveStep {
+    bool locus;
+    std::size_t which;
+    double low, high, place;  // ω of the samples before and after, and interpolated
+    Complex start, value;  // there
+};
+
+// A margin, and how it moves with ln of stiffness and of damping of every direction (2, m).
+struct MovingMargin {
+    double margin = 0.0, omega = 0.0;
+    Complex value;  // of the curve there
+    std::vector<double> moves;
+    bool found = false;
+};
+
+struct LeastMargins {
+    double factor = std::numeric_limits<double>::infinity(), one_factor = factor;  // |ln g| of all gains, of one loop's
+    double phase = factor, one_phase = factor;
+    double peak = 0.0, peak_omega = 0.0;
+};
+
+class LoopCurves {
+public:
+    explicit LoopCurves(LoopSamples& samples) : samples_(samples), loop_(samples.loop()), n_(loop_.size()), m_(loop_.directions), at_(loop_) {}
+
+    std::vector<CurveStep> meets(bool locus, bool axis) const {
+        std::vector<CurveStep> found;
+        const auto& all = samples_.samples();
+        for (std::size_t k = 0; k + 1 < all.size(); k++) {
+            const LoopSample &low = *all[k], &high = *all[k + 1];
+            if (locus && !samples_.near(low, high)) continue;
+            for (std::size_t i = 0; i < (locus ? m_ : n_); i++) {
+                const Complex start = locus ? low.loci.values[i] : return_ratio(low.sensitivity[i]);
+                const Complex end = locus ? high.loci.values[static_cast<std::size_t>(low.pairs[i])] : return_ratio(high.sensitivity[i]);
+                CurveStep step{locus, i, low.omega(), high.omega(), 0.0, start, 0.0};
+                if (axis) {
+                    if ((start.imag() > 0) == (end.imag() > 0)) continue;
+                    const double share = start.imag() / (start.imag() - end.imag());
+                    step.value = (start + share * (end - start)).real();
+                    step.place = low.omega() + share * (high.omega() - low.omega());
+                    if (!(step.value.real() < 0)) continue;
+                } else {
+                    const double first = log_size(start), second = log_size(end);
+                    if ((first > 0) == (second > 0)) continue;
+                    const double share = first / (first - second);
+                    step.value = -std::polar(1.0, std::arg(-start) + share * turn_between(start, end));
+                    step.place = low.omega() * std::pow(high.omega() / low.omega(), share);
+                }
+                found.push_back(step);
+            }
+        }
+        return found;
+    }
+
+    static double margin_of(Complex value, bool axis) { return axis ? std::log(-value.real()) : std::arg(-value); }
+
+    // The margin at the crossing that is interpolated in `step`, of these gains; `moves` where asked for.
+    MovingMargin polished(const CurveStep& step, bool axis, const DirectedGains& gains, double tolerance, int rounds, bool moves) {
+        const Complex turn = axis ? Complex(1.0) : Complex(0.0, 1.0);
+        double before = step.low, place = step.place;
+        Complex back = over(log_of_minus(step.start), turn), here = 0.0, slope = 0.0, guess = step.value;
+        MovingMargin result;
+        at_.begin(step.locus, step.which);
+        for (int round = 0; round < rounds; round++) {
+            Complex value;
+            if (!at_.evaluate(place, gains, guess, value)) return result;
+            result.value = value;
+            here = over(log_of_minus(value), turn);
+            const double run = place - before;
+            if (std::fabs(run) > kSame * place) slope = (here - back) / run;
+            if (slope.imag() != 0 && std::fabs(here.imag()) <= tolerance) break;
+            if (round + 1 == rounds) break;
+            const double away = slope.imag() == 0 ? kAside * place : std::clamp(-here.imag() / slope.imag(), -0.1 * place, 0.1 * place);
+            before = place;
+            back = here;
+            place = std::min(place + away, loop_.last);
+            if (place == before) break;
+            guess = -std::exp((here + slope * (place - before)) * turn);
+        }
+        const double along = slope.imag() != 0 ? slope.real() / slope.imag() : 0.0;
+        result.margin = here.real() - along * here.imag();
+        result.omega = place;
+        result.found = std::fabs(here.imag()) < kOffCourse;
+        if (!moves || !result.found) return result;
+        at_.grow();
+        result.moves.resize(2 * m_);
+        for (std::size_t k = 0; k < 2 * m_; k++) {
+            const Complex moved = over(at_.growth()[k], turn);
+            result.moves[k] = moved.real() - along * moved.imag();
+        }
+        return result;
+    }
+
+    // Peaks of |slope S_ii + offset| above `least`: height, place and growth of its logarithm.
+    std::vector<MovingMargin> peaks(const DirectedGains& gains, double least, double slope, double offset, bool moves) {
+        std::vector<MovingMargin> found;
+        const auto& all = samples_.samples();
+        const auto size = [&](std::size_t k, std::size_t i) { return std::abs(slope * all[k]->sensitivity[i] + offset); };
+        for (std::size_t k = 1; k + 1 < all.size(); k++)
+            for (std::size_t i = 0; i < n_; i++) {
+                double height[3] = {size(k - 1, i), size(k, i), size(k + 1, i)};
+                if (!(height[1] >= height[0] && height[1] >= height[2] && height[1] > least)) continue;
+                double place[3] = {all[k - 1]->omega(), all[k]->omega(), all[k + 1]->omega()};
+                at_.begin(false, i);
+                Complex value;
+                for (int round = 0; round < kParabolas; round++) {
+                    const double top = top_of_parabola(place, height);
+                    if (!at_.evaluate(top, gains, 0.0, value)) break;
+                    const double there = std::abs(slope * at_.sensitivity() + offset);
+                    const int to = there >= height[1] ? (top > place[1] ? 0 : 2) : (top > place[1] ? 2 : 0);
+                    if (there >= height[1]) {
+                        place[to] = place[1];
+                        height[to] = height[1];
+                        place[1] = top;
+                        height[1] = there;
+                    } else {
+                        place[to] = top;
+                        height[to] = there;
+                    }
+                }
+                MovingMargin peak;
+                peak.omega = place[1];
+                peak.margin = height[1];
+                peak.found = true;
+                if (moves) {
+                    if (!at_.evaluate(place[1], gains, 0.0, value)) continue;
+                    const Complex own = slope * at_.sensitivity() + offset;
+                    peak.margin = std::abs(own);
+                    at_.grow_sensitivity();
+                    peak.moves.resize(2 * m_);
+                    for (std::size_t q = 0; q < 2 * m_; q++) peak.moves[q] = (over(slope * at_.growth()[q], own)).real();
+                }
+                found.push_back(peak);
+            }
+        return found;
+    }
+
+    // Values that are real and negative where the boundary ends, which a gain moves along the axis, with |ln of them| < `reach`.
+    std::vector<MovingMargin> ends(bool locus, const DirectedGains& gains, double reach, bool moves) {
+        std::vector<MovingMargin> found;
+        if (std::isfinite(loop_.last)) add_end(*samples_.samples().back(), samples_.samples().back()->loci.values, locus, gains, reach, moves, found);
+        // At rest: loci where gravity holds; return ratios also where the other loops leave motions alone that this one's gains hold or topple.
+        const double lowest = samples_.samples().front()->omega();
+        if (locus && loop_.settles > 0) {
+            const auto rest = samples_.sample(loop_.settles * lowest);
+            if (rest != nullptr) add_end(*rest, samples_.at_rest(), true, gains, reach, moves, found);
+        } else if (!locus) {
+            add_settled(lowest, gains, reach, moves, found);
+        }
+        return found;
+    }
+
+    LeastMargins least() {
+        LeastMargins found;
+        found.factor = least_of(true, true);
+        for (int way = -1; way <= 1; way += 2)
+            if (std::isfinite(found.factor)) found.factor = counted(found.factor, [&](double t) { return Complex(std::exp(way * t)); });
+        found.one_factor = least_of(false, true);
+        found.phase = least_of(true, false);
+        for (int way = -1; way <= 1; way += 2)
+            if (std::isfinite(found.phase)) found.phase = counted(found.phase, [&](double t) { return std::polar(1.0, way * t); });
+        found.one_phase = least_of(false, false);
+        for (const bool locus : {true, false})
+            for (const MovingMargin& one : ends(locus, samples_.gains(), std::numeric_limits<double>::infinity(), false)) {
+                double& least = locus ? found.factor : found.one_factor;
+                least = std::min(least, std::fabs(one.margin));
+            }
+        const MovingMargin top = peak(1.0, 0.0);
+        found.peak = top.margin;
+        found.peak_omega = top.omega;
+        return found;
+    }
+
+    // The largest |slope S_ii + offset|, and where.
+    MovingMargin peak(double slope, double offset) {
+        MovingMargin top;
+        for (const auto& sample : samples_.samples())
+            for (const Complex& value : sample->sensitivity)
+                if (std::abs(slope * value + offset) > top.margin) {
+                    top.margin = std::abs(slope * value + offset);
+                    top.omega = sample->omega();
+                }
+        for (const MovingMargin& one : peaks(samples_.gains(), (1 - kClose) * top.margin, slope, offset, false))
+            if (one.margin > top.margin) top = one;
+        return top;
+    }
+
+private:
+    // What is polished: crossings and peaks whose interpolated margins are within kClose of the least, or kSlack [rad, ln].
+    static constexpr double kSame = 1e-7, kAside = 1e-5, kOffCourse = 1e-3, kClose = 0.05, kSlack = 0.01, kBefore = 1e-3, kReal = 0.01;
+    static constexpr double kExact = 1e-11, kTwins = 0.02, kFar = 1.5, kSettled = 1e-4, kDeepest = 1e-6;
+    static constexpr int kParabolas = 4, kRounds = 30, kHalvings = 40;
+
+    static double top_of_parabola(const double* place, const double* height) {
+        const double before = (height[1] - height[0]) / std::max(place[1] - place[0], 1e-300);
+        const double after = (height[2] - height[1]) / std::max(place[2] - place[1], 1e-300), bend = before - after;
+        const double share = bend > 0 ? before / bend : 0.5;
+        return std::clamp(0.5 * (place[0] + place[1]) + 0.5 * (place[2] - place[0]) * share, place[0], place[2]);
+    }
+
+    // The least |margin| among those whose interpolated one may be the least.
+    double least_of(bool locus, bool axis) {
+        std::vector<CurveStep> steps = meets(locus, axis);
+        const auto size = [axis](const CurveStep& step) { return std::fabs(margin_of(step.value, axis)); };
+        std::stable_sort(steps.begin(), steps.end(), [&](const CurveStep& a, const CurveStep& b) { return size(a) < size(b); });
+        double found = std::numeric_limits<double>::infinity();
+        MovingMargin first;
+        for (const CurveStep& step : steps) {
+            const double own = size(step);
+            if (own > found * (1 + (found > 1 ? kFar : kClose)) + kSlack) break;  // what is far is interpolated between fewer samples
+            const MovingMargin exact = polished(step, axis, samples_.gains(), kExact, kRounds, false);
+            // One loop's curve was seen on both sides; a locus may have been left for another.
+            const bool between = exact.omega >= step.low && exact.omega <= step.high;
+            const bool astray = !exact.found || !(between || std::fabs(exact.margin - margin_of(step.value, axis)) < 0.4);
+            if (!astray && !(std::fabs(exact.margin) > found)) first = exact;
+            found = std::min(found, astray ? own : std::fabs(exact.margin));
+        }
+        return locus && first.found ? std::min(found, least_beside(first, axis)) : found;
+    }
+
+    // The least |margin| of loci so near to one that crosses that both may have been polished to the same crossing: those of equal limbs.
+    double least_beside(const MovingMargin& first, bool axis) {
+        double found = std::numeric_limits<double>::infinity();
+        LoopPoint point;
+        if (!loop_.point(first.omega, point)) return found;
+        std::vector<Complex> law(m_), matrix(m_ * m_), values(m_);
+        loop_.law(point, samples_.gains(), law.data());
+        for (std::size_t k = 0; k < m_ * m_; k++) matrix[k] = times(point.seen[k], law[k % m_]);
+        if (!Eigenvalues().find(matrix, m_, values.data())) return found;
+        for (const Complex& value : values) {
+            if (std::abs(value - first.value) > kTwins * std::abs(first.value)) continue;
+            const CurveStep step{true, 0, first.omega, first.omega, first.omega, value, value};
+            const MovingMargin twin = polished(step, axis, samples_.gains(), kExact, kRounds, false);
+            if (twin.found) found = std::min(found, std::fabs(twin.margin));
+        }
+        return found;
+    }
+
+    // `end`, or where the first root crosses before it: of two crossings close together polishing may find one twice.
+    template <typename Factor>
+    double counted(double end, Factor factor) {
+        double before = (1 - kBefore) * end;
+        if (samples_.crossed(factor(before)) == 0 || !samples_.ok()) return end;
+        double stable = 0.0;
+        for (int round = 0; round < kHalvings && before - stable > 1e-10 * before; round++) {
+            const double middle = 0.5 * (stable + before);
+            (samples_.crossed(factor(middle)) == 0 ? stable : before) = middle;
+        }
+        return stable;
+    }
+
+    // Return ratios that settle as ω → 0: as far down as they have to be followed, since round-off grows on the way.
+    void add_settled(double lowest, const DirectedGains& gains, double reach, bool moves, std::vector<MovingMargin>& found) {
+        std::vector<char> told(n_, 0);
+        for (double omega = lowest; omega > kDeepest * lowest; omega *= 0.3) {
+            const auto rest = samples_.sample(omega), lower = samples_.sample(0.5 * omega);
+            if (rest == nullptr || lower == nullptr) return;
+            for (std::size_t i = 0; i < n_; i++) {
+                const Complex value = return_ratio(rest->sensitivity[i]), below = return_ratio(lower->sensitivity[i]);
+                const bool settled = !told[i] && std::abs(below - value) < kSettled * std::abs(value);
+                rest->sensitivity[i] = settled ? over(1.0, 1.0 + (4.0 * below - value) / 3.0) : 1.0;  // what is left goes with ω²
+                told[i] |= settled;
+            }
+            add_end(*rest, {}, false, gains, reach, moves, found);
+        }
+    }
+
+    void add_end(const LoopSample& sample, const std::vector<Complex>& loci, bool locus, const DirectedGains& gains, double reach, bool moves,
+                 std::vector<MovingMargin>& found) {
+        for (std::size_t i = 0; i < (locus ? loci.size() : n_); i++) {
+            const Complex value = locus ? loci[i] : return_ratio(sample.sensitivity[i]);
+            if (!(value.real() < 0 && std::fabs(value.imag()) < kReal * std::abs(value)) || !(std::fabs(log_size(value)) < reach)) continue;
+            MovingMargin one;
+            one.omega = sample.omega();
+            one.margin = std::log(-value.real());
+            one.found = true;
+            if (moves) {
+                at_.begin(locus, i);
+                Complex there;
+                if (!at_.evaluate(one.omega, gains, value, there)) continue;
+                one.margin = log_size(there);
+                at_.grow();
+                one.moves.resize(2 * m_);
+                for (std::size_t k = 0; k < 2 * m_; k++) one.moves[k] = at_.growth()[k].real();
+            }
+            found.push_back(one);
+        }
+    }
+
+    LoopSamples& samples_;
+    DirectedLoop& loop_;
+    std::size_t n_, m_;
+    CurveValue at_;
+};
+
+}  // namespace gainroom

@@ -1,0 +1,399 @@
+// Coupled loops along the stability boundary: S_ii, ln det(I + L) and, where some eigenvalue of L may come near −1, these loci, from sample
+// to sample as finely as they need; and the number of unstable roots.
+//
+// With M = (I + L)⁻¹ − I/2 the eigenvalues λ of L and μ of M belong together by 2μ = (1 − λ)/(1 + λ). A λ in [−g, −1/g], or on the unit
+// circle within φ of −1, has |μ| ≥ `nearness`, and |μ| ≤ |M⁸|_F^(1/8): where that is smaller no eigenvalue is computed.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <memory>
+#include <vector>
+
+#include "complex.hpp"
+#include "dense.hpp"
+#include "directed_loop.hpp"
+#include "locus_step.hpp"
+
+namespace gainroom {
+
+struct LoopSample {
+    std::shared_ptr<const LoopPoint> point;
+    std::vector<Complex> law, inverse, sensitivity;  // d (m), (I + L)⁻¹ (m, m), S_ii (n)
+    Loci loci;                                       // (m), or not known
+    Complex log_determinant;
+    double nearness = 0.0;             // bound of |μ|
+    const LoopSample* next = nullptr;  // with which this interval was found fine enough
+    std::vector<int> pairs;            // of the loci there with those of `next`
+    double turned = 0.0;               // by arg det(I + L) over it
+
+    double omega() const { return point->omega; }
+};
+
+enum class LookState { followed, lost, singular };
+
+class LoopSamples {
+public:
+    LoopSamples(DirectedLoop& loop, const DirectedGains& gains, double factor, double phase, double peak)
+        : loop_(loop), gains_(gains), m_(loop.directions) {
+        wanted_ = 0.9 * std::min(0.5 * (factor + 1) / (factor - 1), phase < kPi ? 0.5 / std::tan(0.5 * phase) : 0.0);
+        highest_ = std::max(3.0, factor);
+        peak_ = std::min({kPeak, wanted_, peak});
+        loop_.forget();
+        state_ = LookState::followed;
+        for (double omega : loop_.grid) add(omega);
+        if (!loop_.grid.empty()) add(kBeside * loop_.grid.front());
+        sort();
+        if (samples_.size() < 2) state_ = LookState::lost;
+        if (ok()) {
+            reach_down();
+            reach_up();
+            refine(nothing);
+        }
+        if (ok()) count_ = counted();
+        if (ok() && count_ == 0) {  // what is unstable has no margins
+            smooth_ = true;
+            for (auto& one : samples_) one->next = nullptr;
+            refine(nothing);
+        }
+    }
+
+    bool ok() const { return state_ == LookState::followed; }
+    LookState state() const { return state_; }
+    int unstable() const { return count_; }
+    const std::vector<std::unique_ptr<LoopSample>>& samples() const { return samples_; }
+    DirectedLoop& loop() { return loop_; }
+    const DirectedGains& gains() const { return gains_; }
+
+    // Roots that cross the boundary on the way from this loop to one with L times `factor` (a gain, or e^{−jφ}), as far as loci are known.
+    int crossed(Complex factor) {
+        refine([&](const LoopSample& low, const LoopSample& high) {
+            for (std::size_t i = 0; i < m_; i++)
+                if (passes(times(factor, low.loci.values[i]), times(factor, high.loci.values[low.pairs[i]]))) return true;
+            return false;
+        });
+        if (!ok()) return 0;
+        double turned = 0.0;
+        for (std::size_t k = 0; k + 1 < samples_.size(); k++) {
+            const LoopSample &low = *samples_[k], &high = *samples_[k + 1];
+            if (!near(low, high)) continue;
+            for (std::size_t i = 0; i < m_; i++) {
+                const Complex before = low.loci.values[i], after = high.loci.values[static_cast<std::size_t>(low.pairs[i])];
+                turned += 2 * kPi * (wraps(1.0 + times(factor, before), 1.0 + times(factor, after)) - wraps(1.0 + before, 1.0 + after));
+            }
+            const bool first = k == 0 || !near(*samples_[k - 1], low), end = k + 2 == samples_.size() || !near(high, *samples_[k + 2]);
+            if (first) turned -= begun(low, factor);
+            if (end) turned += begun(high, factor);
+        }
+        return -static_cast<int>(std::lround(turned / kPi));
+    }
+
+    // Whether loci are known between two samples that are neighbours.
+    bool near(const LoopSample& low, const LoopSample& high) const { return std::max(low.nearness, high.nearness) >= wanted_; }
+
+    // Eigenvalues of L at a sample, or next to ω = 0.
+    bool loci(LoopSample& sample) {
+        if (sample.loci.known()) return true;
+        sample.loci.values.resize(m_);
+        matrix_.resize(m_ * m_);
+        for (std::size_t k = 0; k < m_ * m_; k++) matrix_[k] = times(sample.point->seen[k], sample.law[k % m_]);
+        if (!eigenvalues_.find(matrix_, m_, sample.loci.values.data())) {
+            state_ = LookState::lost;
+            sample.loci.values.clear();
+            return false;
+        }
+        sample.loci.describe();
+        return true;
+    }
+
+    // A sample that does not belong to the others.
+    std::unique_ptr<LoopSample> sample(double omega) {
+        const auto point = loop_.known(omega);
+        if (point == nullptr) {
+            state_ = LookState::lost;
+            return nullptr;
+        }
+        const std::size_t n = loop_.size();
+        auto found = std::make_unique<LoopSample>();
+        found->point = point;
+        found->law.resize(m_);
+        loop_.law(*point, gains_, found->law.data());
+        dense_.resize(m_, m_);
+        for (std::size_t i = 0; i < m_; i++)
+            for (std::size_t j = 0; j < m_; j++)
+                dense_.set(i, j, times(point->seen[i * m_ + j], found->law[j]) + (i == j ? 1.0 : 0.0));
+        LogDeterminant determinant;
+        if (!invert(dense_, exchanged_, determinant)) {
+            state_ = LookState::singular;
+            return nullptr;
+        }
+        found->log_determinant = determinant.value();
+        found->inverse.resize(m_ * m_);
+        for (std::size_t k = 0; k < m_ * m_; k++) found->inverse[k] = Complex(dense_.re[k], dense_.im[k]);
+        found->sensitivity.resize(n);
+        for (std::size_t i = 0; i < n; i++) found->sensitivity[i] = loop_.joints() ? found->inverse[i * m_ + i] : own_sensitivity(*found, i);
+        found->nearness = nearness(*found);
+        return found;
+    }
+
+    // The loci that settle as ω → 0, which are real there.
+    std::vector<Complex> at_rest() {
+        std::vector<Complex> found;
+        auto rest = sample(1e-6 * samples_.front()->omega());
+        if (rest == nullptr || !loci(*rest) || !loci(*samples_.front())) return found;
+        const std::vector<double> falling = falls();
+        for (const Complex& value : rest->loci.values)
+            for (std::size_t i = 0; i < m_; i++) {
+                const double settled = std::abs(samples_.front()->loci.values[i]);
+                if (std::fabs(falling[i]) < 0.5 && std::fabs(std::abs(value) - settled) < 0.1 * settled) {
+                    found.push_back(value);
+                    break;
+                }
+            }
+        return found;
+    }
+
+private:
+    // As in analysis/stability_boundary.py.
+    static constexpr double kSmooth = 0.12, kDetour = 0.5, kGrowth = 0.7, kLarge = 1e3, kHuge = 1e9, kNoise = 1e-10, kSteepest = 2.5;
+    static constexpr double kAstray = 0.02, kReal = 0.3, kOutside = 10.0, kBeside = 1.02, kLowest = 1e-12, kClosest = 1e-10;
+    static constexpr double kPeak = 0.8, kJump = 0.4;  // |S_ii − 1/2| from which on S_ii is followed closely; a move that is halved anyway
+    static constexpr std::size_t kMost = 12000;
+
+    Complex own_sensitivity(const LoopSample& sample, std::size_t i) const {  // S_ii = 1 − (P X Δ (I + E P X Δ)⁻¹ E)_ii
+        const std::size_t n = loop_.size();
+        Complex sum = 1.0;
+        for (std::size_t k = 0; k < m_; k++) {
+            Complex row = 0.0;
+            for (std::size_t j = 0; j < m_; j++) row += times(times(sample.point->reached[i * m_ + j], sample.law[j]), sample.inverse[j * m_ + k]);
+            sum -= row * loop_.jacobian[k * n + i];
+        }
+        return sum;
+    }
+
+    // |M⁸|_F^(1/8), in the coordinates in which P Δ is symmetric where directions are joints.
+    double nearness(const LoopSample& sample) {
+        scale_.resize(m_);
+        for (std::size_t i = 0; i < m_; i++) scale_[i] = std::sqrt(std::abs(sample.law[i]));
+        dense_.resize(m_, m_);
+        for (std::size_t i = 0; i < m_; i++)
+            for (std::size_t j = 0; j < m_; j++) {
+                const double ratio = scale_[j] > 0 && scale_[i] > 0 ? scale_[i] / scale_[j] : 1.0;
+                dense_.set(i, j, ratio * (sample.inverse[i * m_ + j] - (i == j ? 0.5 : 0.0)));
+            }
+        return radius_bound(dense_, square_);
+    }
+
+    void add(double omega) {
+        if (!ok() || !(omega > 0) || omega > loop_.last) return;
+        auto found = sample(omega);
+        if (found != nullptr) samples_.push_back(std::move(found));
+    }
+
+    void sort() {
+        std::sort(samples_.begin(), samples_.end(), [](const auto& a, const auto& b) { return a->omega() < b->omega(); });
+        const auto same = [](const auto& a, const auto& b) { return a->omega() == b->omega(); };
+        samples_.erase(std::unique(samples_.begin(), samples_.end(), same), samples_.end());
+    }
+
+    // (m) how each locus falls at the lowest sample, as 1/ωᵏ: k; 0 where it is lost in round-off.
+    std::vector<double> falls() {
+        std::vector<double> found(m_, 0.0);
+        LoopSample &low = *samples_[0], &high = *samples_[1];
+        if (!loci(low) || !loci(high)) return found;
+        const std::vector<int> pairs = paired(low.loci, high.loci);
+        double most = 0.0;
+        for (const Complex& value : low.loci.values) most = std::max(most, std::abs(value));
+        for (std::size_t i = 0; i < m_; i++) {
+            const double size = std::abs(low.loci.values[i]), after = std::abs(high.loci.values[pairs[i]]);
+            if (size > std::max(1e-9, kNoise * most) && after > 0) found[i] = std::log(size / after) / std::log(high.omega() / low.omega());
+        }
+        return found;
+    }
+
+    static bool nothing(const LoopSample&, const LoopSample&) { return false; }
+
+    template <typename Lost>
+    void further_down(Lost lost) {
+        std::vector<double> omegas = {samples_[0]->omega() / 16, samples_[0]->omega() / 4, kBeside * samples_[0]->omega() / 16};
+        const std::size_t before = samples_.size();
+        for (double omega : omegas) add(omega);
+        sort();
+        if (!ok()) return;
+        for (double fall : falls())
+            if (lost(fall)) {
+                samples_.erase(samples_.begin(), samples_.begin() + static_cast<std::ptrdiff_t>(samples_.size() - before));
+                bottom_ = true;
+                return;
+            }
+    }
+
+    // Down to where integrators rule, and settled loci are clearly on one side of −1.
+    void reach_down() {
+        const double slowest = loop_.slowest(gains_);
+        for (int round = 0; round < 40 && ok() && !bottom_; round++) {
+            const std::vector<double> falling = falls();
+            if (!ok()) return;
+            bool settled = samples_[0]->omega() < slowest;
+            double most = 0.0;
+            for (std::size_t i = 0; i < m_; i++) {
+                const double size = std::abs(samples_[0]->loci.values[i]);
+                most = std::max(most, size);
+                settled &= std::fabs(falling[i] - std::round(falling[i])) < 0.05 && !(falling[i] > 0.5 && size < kOutside);
+            }
+            if (settled || most > kHuge || samples_[0]->omega() < 1e3 * kLowest * samples_.back()->omega()) break;
+            further_down([](double fall) { return std::fabs(fall - 1) > kSteepest; });
+        }
+        for (int round = 0; round < 20 && ok() && !bottom_; round++) {
+            const std::vector<double> falling = falls();
+            if (!ok()) return;
+            bool unsettled = false;
+            for (std::size_t i = 0; i < m_; i++) {
+                const Complex one = 1.0 + samples_[0]->loci.values[i];
+                const double order = std::round(falling[i]);
+                unsettled |= order > 1 && std::abs(samples_[0]->loci.values[i]) < 100;
+                unsettled |= falling[i] != 0 && order == 0 && std::fabs(one.imag()) > 0.1 * std::fabs(one.real());
+            }
+            if (!unsettled || samples_[0]->omega() < kLowest * samples_.back()->omega()) break;
+            further_down([](double fall) { return std::round(fall) > 0 && std::fabs(fall - std::round(fall)) > kAstray; });
+        }
+    }
+
+    // Up to where the loci have become small.
+    void reach_up() {
+        for (int round = 0; round < 60 && ok() && std::isinf(loop_.last); round++) {
+            if (!loci(*samples_.back())) return;
+            double most = 0.0;
+            for (const Complex& value : samples_.back()->loci.values) most = std::max(most, std::abs(value));
+            if (most * highest_ <= 1 || samples_.back()->omega() > 1e12 * samples_.front()->omega()) return;
+            const double top = samples_.back()->omega();
+            add(1.5 * top);
+            add(2 * top);
+            sort();
+        }
+    }
+
+    // Halve intervals until none is too rough; `doubtful` of those with loci, once they are paired.
+    template <typename Doubtful>
+    void refine(Doubtful doubtful) {
+        for (int round = 0; round < 60 && ok(); round++) {
+            std::vector<double> middles;
+            for (std::size_t k = 0; ok() && k + 1 < samples_.size(); k++) {
+                LoopSample &low = *samples_[k], &high = *samples_[k + 1];
+                const double width = high.omega() - low.omega();
+                const bool narrow = width <= kClosest * high.omega();
+                bool rough = false;
+                if (low.next != &high) {
+                    rough = !fine(low, high, width) && !narrow;
+                    if (!rough) low.next = &high;
+                }
+                if (!rough && !narrow && near(low, high) && doubtful(low, high)) rough = true;
+                if (rough) middles.push_back(high.omega() > 4 * low.omega() ? std::sqrt(low.omega() * high.omega()) : 0.5 * (low.omega() + high.omega()));
+            }
+            if (middles.empty() || !ok()) return;
+            for (double omega : middles) add(omega);
+            sort();
+            if (samples_.size() > std::max(kMost, 30 * kMost / (m_ * m_))) state_ = LookState::lost;
+        }
+    }
+
+    // Whether an interval is fine enough; its loci are paired, and how far arg det(I + L) turns over it is kept.
+    bool fine(LoopSample& low, LoopSample& high, double width) {
+        bool found = true;
+        for (std::size_t i = 0; smooth_ && found && i < low.sensitivity.size(); i++) {
+            const double most = std::max(std::norm(low.sensitivity[i] - 0.5), std::norm(high.sensitivity[i] - 0.5));
+            const double move = std::norm(high.sensitivity[i] - low.sensitivity[i]);
+            found = !(move > (most > peak_ * peak_ ? 0.04 * std::max(1.0, most) : kJump * kJump) && width > 1e-7 * high.omega());
+        }
+        const double difference = (high.log_determinant - low.log_determinant).imag();
+        if (!near(low, high)) {
+            const double ahead = expected(low, high), behind = -expected(high, low), mean = 0.5 * (ahead + behind);
+            const double off = wrapped(difference - mean);
+            low.turned = mean + off;
+            return found && std::fabs(ahead - behind) < 1.5 && std::fabs(off) < 1.0 && std::fabs(mean) < 0.8 * static_cast<double>(m_);
+        }
+        if (!loci(low) || !loci(high)) return true;
+        low.pairs = paired(low.loci, high.loci);
+        low.turned = 0.0;
+        double most = 0.0;
+        for (std::size_t i = 0; i < m_; i++) most = std::max({most, std::norm(low.loci.values[i]), std::norm(high.loci.values[i])});
+        most = std::sqrt(most);
+        for (std::size_t i = 0; i < m_; i++) {
+            const auto j = static_cast<std::size_t>(low.pairs[i]);
+            const Complex before = low.loci.values[i], after = high.loci.values[j];
+            low.turned += high.loci.returned[j] - low.loci.returned[i] + 2 * kPi * wraps(1.0 + before, 1.0 + after);
+            if (!found) continue;
+            const double read = 0.8 * wanted_;  // what stays further from −1 has no margins that are asked for
+            const bool close = nearer(before, read) || nearer(after, read) || nearer(nearest_to_minus_one(before, after), read);
+            found = !(close && rough(low, i, high, j, most)) && !passes(before, after);
+        }
+        return found;
+    }
+
+    // How far arg det(I + L) turns on the way from one sample to another, if all of I + L turned alike: m arg(tr(A⁻¹ B)/m).
+    double expected(const LoopSample& from, const LoopSample& to) const {
+        Complex trace = 0.0;
+        for (std::size_t i = 0; i < m_; i++)
+            for (std::size_t j = 0; j < m_; j++) {
+                const Complex entry = times(to.point->seen[j * m_ + i], to.law[i]) + (i == j ? 1.0 : 0.0);
+                trace += times(from.inverse[i * m_ + j], entry);
+            }
+        return static_cast<double>(m_) * std::atan2(trace.imag(), trace.real());
+    }
+
+    bool rough(const LoopSample& low, std::size_t i, const LoopSample& high, std::size_t j, double most) const {
+        const double size = std::exp(std::max(low.loci.sizes[i], high.loci.sizes[j]));
+        if (!(size > std::max(1 / highest_, kNoise * most))) return false;
+        const double away = kPi - std::max(std::fabs(low.loci.angles[i]), std::fabs(high.loci.angles[j]));
+        const double turned = kPi - std::fabs(std::fabs(high.loci.angles[j] - low.loci.angles[i]) - kPi), grown = std::fabs(high.loci.sizes[j] - low.loci.sizes[i]);
+        const double far = size > kLarge ? turned * size : std::sqrt(std::norm(high.loci.values[j] - low.loci.values[i]));
+        return (turned > kDetour * away || grown > kGrowth) && far > kSmooth * size;
+    }
+
+    // Principal arguments of 1 + factor λ less those of 1 + λ, less what of it a change of the factor from 1 on turns.
+    double begun(const LoopSample& sample, Complex factor) const {
+        double sum = 0.0;
+        for (const Complex& locus : sample.loci.values) {
+            const Complex one = 1.0 + locus, other = 1.0 + times(factor, locus);
+            sum += std::arg(other) - std::arg(one) - turn_between(one, other);
+        }
+        return sum;
+    }
+
+    // Unstable closed-loop roots, as far as the gains move them.
+    int counted() {
+        double turned = 0.0, orders = 0.0;
+        for (std::size_t k = 0; k + 1 < samples_.size(); k++) turned += samples_[k]->turned;
+        const std::vector<double> falling = falls();
+        LoopSample &first = *samples_.front(), &top = *samples_.back();
+        if (!ok() || !loci(first) || !loci(top)) return -1;
+        for (std::size_t i = 0; i < m_; i++) {  // from ω = 0+ to the first sample: integrators point along their own value there
+            const double order = std::max(std::round(falling[i]), 0.0);
+            const Complex power = std::polar(1.0, 0.5 * kPi * order), one = 1.0 + first.loci.values[i];
+            Complex own = times(first.loci.values[i], power);
+            if (std::fabs(own.imag()) < kReal * std::abs(own)) own = own.real() < 0 ? -1.0 : 1.0;
+            turned += std::arg(times(one, order > 0 ? times(std::conj(own), power) : Complex(one.real() < 0 ? -1.0 : 1.0)));
+            orders += order;
+            if (std::isinf(loop_.last)) turned -= std::arg(1.0 + top.loci.values[i]);  // to infinity, where L is 0
+        }
+        return static_cast<int>(std::lround(loop_.unstable_poles + 0.5 * orders - turned / kPi));
+    }
+
+    DirectedLoop& loop_;
+    DirectedGains gains_;
+    std::size_t m_;
+    double wanted_, highest_, peak_;
+    LookState state_;
+    bool bottom_ = false, smooth_ = false;  // round-off hides what is further down; S_ii are followed
+    int count_ = -1;
+    std::vector<std::unique_ptr<LoopSample>> samples_;
+    Dense dense_, square_;
+    std::vector<std::size_t> exchanged_;
+    std::vector<double> scale_;
+    std::vector<Complex> matrix_;
+    Eigenvalues eigenvalues_;
+};
+
+}  // namespace gainroom

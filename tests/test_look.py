@@ -1,0 +1,193 @@
+"""What the core sees of coupled loops at a glance (loop_samples.hpp, loop_curves.hpp), against counted roots, all margins, and differences.
+
+A share of the machines of machines.py runs every time, all of them with `pytest -m population`; other draws: GAINROOM_SEED=7.
+"""
+
+import math
+import os
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+import gainroom as gr
+from gainroom.analysis.look import WHOLE, Reach, directed_loop, look, margins_seen
+from gainroom.linear.arrays import Booleans, Floats
+from gainroom.native import _core
+from independent.machine import unstable
+from machines import Pair, chain, limbs
+
+SEED = int(os.environ.get("GAINROOM_SEED", "2017"))
+SHARE, ALL, BATCHES = 16, 600, 12
+
+
+@dataclass(frozen=True)
+class Directed:
+    """L = P X Δ E."""
+
+    torque: Floats
+    jacobian: Floats
+    cascade: Booleans
+    gains: Floats  # (3, m)
+
+    def loop(self, pair: Pair) -> "_core.DirectedLoop":
+        return directed_loop(pair.loop, self.torque, self.jacobian, self.cascade)
+
+
+def directed(pair: Pair) -> Directed | None:
+    """The directions along which the gains of a machine act; None for those of a PID, which the search for gains does not have."""
+    gains, n = pair.machine.gains, pair.machine.size
+    if pair.kind.startswith("pid"):
+        return None
+    kd = gains[1, 0]
+    cascade = (0, 1) in gains
+    if np.count_nonzero(kd - np.diag(np.diagonal(kd))):
+        values, vectors = np.linalg.eigh(kd)
+        kept = values > 1e-9 * values.max()
+        torque, jacobian = vectors[:, kept] * values[kept], vectors[:, kept].T.copy()
+    else:
+        torque, jacobian = np.diag(np.diagonal(kd)), np.eye(n)
+    scale = [float(np.trace(part) / np.trace(kd)) for part in (gains[0, 0], gains[(1, 1)] if cascade else 0 * kd)]
+    count = torque.shape[1]
+    if cascade or not np.allclose(gains[0, 0], scale[0] * kd):
+        if not cascade:  # as joints, each with its own
+            return Directed(
+                np.eye(n), np.eye(n), np.zeros(n, dtype=bool), np.array([np.diagonal(gains[0, 0]), np.diagonal(kd), np.zeros(n)])
+            )
+        return Directed(torque, jacobian, np.ones(count, dtype=bool), np.outer([scale[0], 1.0, scale[1]], np.ones(count)))
+    return Directed(torque, jacobian, np.zeros(count, dtype=bool), np.outer([scale[0], 1.0, 0.0], np.ones(count)))
+
+
+def machine_of(draw, number: int) -> tuple[Pair, Directed]:
+    """Nothing that the search has not: a PID becomes the next number."""
+    while True:
+        pair = draw(SEED, number)
+        found = directed(pair)
+        if found is not None:
+            return pair, found
+        number += 100_000
+
+
+def scaled(gains: Floats, cascade: Booleans, factor: float) -> Floats:
+    """L times `factor`."""
+    return gains * np.array([np.where(cascade, 1.0, factor), np.full(len(cascade), factor), np.where(cascade, factor, 1.0)])
+
+
+def confirm(draw, number: int) -> str:
+    """What is wrong, or ""."""
+    pair, along = machine_of(draw, number)
+    loop = along.loop(pair)
+    for factor in (1.0, 0.2, 3.0):
+        count = unstable(pair.machine.scaled(factor))
+        seen = look(loop, scaled(along.gains, along.cascade, factor), Reach(3.0, 0.7))
+        if not seen.followed:
+            return "not followed"
+        if (seen.unstable > 0) != (count > 0):
+            return f"times {factor}: {seen.unstable} unstable roots, counted {count}"
+    exact = gr.joint_margins(pair.loop)
+    if not exact.stable:
+        return ""
+    found = margins_seen(look(loop, along.gains, WHOLE), pair.machine.size)
+    narrow = margins_seen(look(loop, along.gains, Reach(3.0, 0.7)), pair.machine.size)
+    wrong = []
+
+    def same(name: str, value: float, near: float, truth: float, reach: float, tolerance: float) -> None:
+        if truth < reach and not math.isclose(value, truth, rel_tol=tolerance):
+            wrong.append(f"{name} {value}, not {truth}")
+        if truth < min(reach, 3.0 if "factor" in name else 0.7) and not math.isclose(near, truth, rel_tol=tolerance):
+            wrong.append(f"{name} {near} seen near by, not {truth}")
+
+    limit, alone = exact.limit, exact.one_loop
+    lower = 1 / limit.lower_gain if limit.lower_gain else math.inf
+    own = min(float(alone.gain_margin.min()), float((1 / np.maximum(alone.lower_gain_margin, 1e-300)).min()))
+    # polished on both sides; curves that touch are known less well
+    if limit.certified:
+        same("factor", found.limit.gain, narrow.limit.gain, min(limit.gain, lower), 90.0, 1e-6)
+    if alone.certified.all():
+        same("one factor", found.one_loop.gain_margin[0], narrow.one_loop.gain_margin[0], own, 90.0, 1e-6)
+    if exact.phase_certificate is not None and exact.phase_certificate.holds:
+        same("phase", found.common_phase_margin, narrow.common_phase_margin, exact.common_phase_margin, 3.1, 1e-6)
+    same("one phase", found.one_loop_phase_margin, narrow.one_loop_phase_margin, exact.one_loop_phase_margin, 3.1, 1e-6)
+    # peaks of both are where samples told them to be
+    if abs(found.peak_sensitivity / exact.peak_sensitivity - 1) > 1e-3:
+        wrong.append(f"Ms {found.peak_sensitivity}, not {exact.peak_sensitivity}")
+    return "; ".join(wrong)
+
+
+@pytest.mark.parametrize("draw", [limbs, chain])
+@pytest.mark.parametrize("number", range(SHARE))
+def test_share(draw, number):
+    assert confirm(draw, number) == ""
+
+
+@pytest.mark.population
+@pytest.mark.skipif("'population' not in config.getoption('markexpr')", reason="runs with -m population")
+@pytest.mark.parametrize("batch", range(BATCHES))
+@pytest.mark.parametrize("draw", [limbs, chain])
+def test_population(draw, batch):
+    wrong = {number: text for number in range(batch, ALL, BATCHES) if (text := confirm(draw, number))}
+    print(f"\n{draw.__name__}: {len(wrong)} of {ALL // BATCHES} wrong: {wrong}")
+    assert not wrong
+
+
+def test_responses_are_those_of_the_loop():
+    """Plant, drives, delays, contacts, gravity and hold in the core, against the package's own matrices."""
+    for draw, number in ((limbs, 1), (limbs, 3), *((chain, number) for number in range(30))):
+        pair, along = machine_of(draw, number)
+        omega = np.geomspace(0.1, 0.9 * math.pi / (pair.machine.sample_time or 1e-4), 40)
+        seen = along.loop(pair).response(omega).reshape(len(omega), -1)
+        own = (along.jacobian @ pair.loop.actuated_at(1j * omega) @ along.torque).reshape(len(omega), -1)
+        # sampled: small differences of large terms at half the sample rate, where the response has fallen by a million
+        off = np.abs(seen - own).max(axis=1) / np.abs(own).max(axis=1)
+        assert off.max() < (1e-9 if pair.machine.sample_time is None else 1e-7), (draw.__name__, number)
+
+
+@pytest.mark.parametrize("number", [0, 1, 2, 5, 7, 9, 10, 11, 12, 13])
+def test_margins_move_as_they_are_said_to(number):
+    """Every crossing and peak at gains a little larger and a little smaller, against its slope between."""
+    pair, along = machine_of(chain, number)
+    loop, size = along.loop(pair), len(along.cascade)
+    seen = look(loop, along.gains, WHOLE)
+    assert seen.unstable == 0
+    direction = np.random.default_rng(number).uniform(-1, 1, (2, size))
+
+    def both(ask, step, relative, absolute):
+        def moved(way):
+            stiffer, damped = np.exp(way * step * direction)
+            return along.gains * np.array([np.where(along.cascade, stiffer / damped, stiffer), damped, stiffer])
+
+        (_, moves), (after, _), (before, _) = (ask(moved(way)) for way in (0, 1, -1))
+        expected = step * (moves.reshape(len(moves), 2, size) * direction).sum(axis=(1, 2))
+        assert 0.5 * (after - before)[:, 0] == pytest.approx(expected, rel=relative, abs=absolute)
+        return len(moves)
+
+    count = 0
+    for locus in (True, False):
+        for axis in (True, False):  # central differences: off by the square of the step, and by the digits to which crossings are polished
+            count += both(lambda gains, locus=locus, axis=axis: seen.crossings(gains, locus, axis, 2.5), 1e-5, 2e-3, 2e-8)
+        count += both(lambda gains, locus=locus: seen.ends(gains, locus, 2.5), 1e-5, 2e-3, 2e-8)
+
+    def logarithms(gains):
+        heights, moves = seen.peaks(gains, 1.05, 1.0, 0.0)
+        return np.log(heights), moves
+
+    assert count + both(logarithms, 1e-5, 0.05, 1.5e-6) > 0  # four parabolas find a height to about a millionth
+
+
+@pytest.mark.parametrize("size", [1, 2, 3, 6, 12, 32])
+def test_eigenvalues(size):
+    """Against LAPACK, for matrices of every kind of size and structure; sorted, as neighbours may change places."""
+    rng = np.random.default_rng(size)
+    shapes = [rng.normal(size=(size, size)) + 1j * rng.normal(size=(size, size)) for _ in range(5)]
+    shapes += [
+        np.zeros((size, size), complex),
+        np.eye(size) * 1e200j,
+        1e-200 * shapes[0],
+        np.triu(shapes[1]),
+        np.diag(10.0 ** np.arange(-8, size - 8)) @ shapes[2],
+    ]
+    for matrix in shapes:
+        own, right = _core.eigenvalues(matrix)[0], np.linalg.eigvals(matrix)
+        pairs = np.abs(own[:, None] - right[None, :])
+        assert pairs.min(axis=1).max() <= 1e-10 * np.abs(matrix).max() * size
+        assert pairs.min(axis=0).max() <= 1e-10 * np.abs(matrix).max() * size
