@@ -1,47 +1,73 @@
 """The gain limit of coupled joints from a cold start: gainroom's certified one, and bisection on a state space with Padé delays."""
 
+from dataclasses import replace
+from importlib.util import find_spec
+
 import numpy as np
 
 import gainroom as gr
 
 from .disk import PADE_ORDER, coupled_joints
 from .measure import once, spread
+from .startup import g1_robot
 from .table import Table
 
 ACCURACY = 1e-6  # relative, of the bisection: what gainroom's certificate tells apart
 SAMPLE_TIME = 5e-4
 LIMITS = {(12, None): 1.0, (32, None): 6.0, (12, SAMPLE_TIME): 4.0, (32, SAMPLE_TIME): 20.0}  # [ms], by joints and sample time
+G1_LIMIT = 40.0  # [ms]
 
 
 def run(seed: int) -> Table:
-    """Two rows per loop: ours and the peer's; `seed` draws the joints."""
+    """Two rows per loop, and the peer's; `seed` draws the joints."""
     table = Table("Gain limit of coupled joints, cold start")
     for size in (12, 32):
         loop = coupled_joints(size, 2e-3, seed)
-        assert loop.parts is not None
         for sample_time in (None, SAMPLE_TIME):
-            work = _cold(loop, sample_time)
-            ours, limit = spread(work, 2.0), work()
-            assert limit.certificate is not None
-            name = f"{size} joints, {'continuous' if sample_time is None else f'{1 / sample_time:g} Hz'}"
-            certified = "both sides" if limit.certificate.holds else "NO"
-            table.rows.append(_row(name, "gainroom", ours.cells(limit=LIMITS[size, sample_time]), 1.0, limit.gain, limit.gain, certified))
+            name = f"{size} joints, {_rate(sample_time)}"
+            ours, gain = _ours(table, name, loop, sample_time, LIMITS[size, sample_time])
             if sample_time is None:
                 found = _bisected(loop)
                 taken = once(lambda loop=loop: _bisected(loop))
-                ratio = taken.median / ours.median
-                table.rows.append(_row(name, f"bisection, Padé {PADE_ORDER}", taken.cells(), ratio, found, limit.gain, ""))
+                table.rows.append(_row(name, f"bisection, Padé {PADE_ORDER}", taken.cells(), taken.median / ours, found, gain, ""))
+    if find_spec("pinocchio"):
+        _ours(table, f"G1 in flight, {_rate(SAMPLE_TIME)}", _g1_in_flight(), SAMPLE_TIME, G1_LIMIT)
     table.notes = [
-        "Cold start: loop, samples, limit, mode and certificate, nothing kept.",
+        "Cold start: loop, samples, limit, mode and certificate, nothing kept but the modes of a known plant, which no gains change;",
+        "“new plant”: with those too. The G1: 29 elastic joints as under “Command line”.",
         f"The peer halves to {ACCURACY:g} by numpy's eigenvalues; from python-control's state space with the delays in; timed once.",
     ]
     return table
 
 
-def _cold(loop: gr.Loop, sample_time: float | None):
+def _ours(table: Table, name: str, loop: gr.Loop, sample_time: float | None, limit: float) -> tuple[float, float]:
+    """Adds two rows; median [s] of the first, and the limit."""
     parts = loop.parts
     assert parts is not None
-    return lambda: gr.gain_limit(gr.build_loop(parts.plant, parts.drives, parts.controller, sample_time=sample_time))
+
+    def work(new: bool) -> gr.GainLimit:
+        plant = replace(parts.plant) if new else parts.plant
+        return gr.gain_limit(gr.build_loop(plant, parts.drives, parts.controller, sample_time=sample_time))
+
+    found = work(False)
+    assert found.certificate is not None
+    certified = "both sides" if found.certificate.holds else "NO"
+    taken = {new: spread(lambda new=new: work(new), 2.0) for new in (False, True)}
+    for new, tool in ((False, "gainroom"), (True, "gainroom, new plant")):
+        ratio = taken[new].median / taken[False].median
+        table.rows.append(_row(name, tool, taken[new].cells(limit=None if new else limit), ratio, found.gain, found.gain, certified))
+    return taken[False].median, found.gain
+
+
+def _rate(sample_time: float | None) -> str:
+    return "continuous" if sample_time is None else f"{1 / sample_time:g} Hz"
+
+
+def _g1_in_flight() -> gr.Loop:
+    from gainroom.files.robot_yaml import parse_robot
+
+    system = parse_robot(g1_robot(), "g1.yaml")
+    return system.loop(system.source.linearize("stand", "flight"))
 
 
 def _bisected(loop: gr.Loop) -> float:

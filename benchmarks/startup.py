@@ -54,7 +54,7 @@ def run(seed: int) -> Table:
             rows.append(_row("gainroom robot, biped, 2 kHz", ["robot", str(folder / "sampled.yaml")], fresh, 1, 8.0))
             gains, robot = folder / "gains.yaml", folder / "g1.yaml"
             gains.write_text(_gains(), encoding="utf-8")
-            robot.write_text(_g1(), encoding="utf-8")
+            robot.write_text(g1_robot(), encoding="utf-8")
             audit = ["audit", G1, "--delay-ms", "2", "--gains", str(gains)]
             rows.append(_row("gainroom audit, G1", audit, fresh, ROUNDS, 1.0))
             rows.append(_row("gainroom robot, G1 in 3 states", ["robot", str(robot)], fresh, 1, 10.0))
@@ -127,7 +127,7 @@ def _gains() -> str:
     return "\n".join(["gains:", *lines, ""])
 
 
-def _g1() -> str:
+def g1_robot() -> str:
     """robot.yaml of the G1 standing, with elastic gearboxes of one kind."""
     from yaml import safe_dump
 

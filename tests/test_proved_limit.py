@@ -119,6 +119,29 @@ def test_interpolation_misses_no_more_than_its_bound(setup):
     assert max(seen) > 0.1  # a bound far above everything would prove nothing
 
 
+@pytest.mark.parametrize("setup", SETUPS)
+def test_only_joints_that_lead_and_small_loops_are_not_searched(setup):
+    """Dense samples: below, every law leads (arg in (0°, 180°)) and the motors take no power; above, ρ(g L) < 1."""
+    left_out = 0
+    for seed in range(4):
+        loop, found = modal(setup, seed)
+        span = 1.0, 3e4 if loop.sample_time is None else math.pi / STEP
+        for gain in (0.1, 1.0, 10.0):
+            low, high = found.core.searched(*span, gain, found.passive)
+            assert span[0] <= low <= high <= span[1]
+            below, above = np.linspace(span[0], low, 400), np.linspace(high, span[1], 400)
+            if low > span[0]:
+                left_out += 1
+                assert found.passive
+                assert np.all(np.angle(1 / found.response(below)[1]) > 0)
+                power = (1j * below[:, None, None] * loop.parts.plant.response(1j * below, "motor")).real
+                assert np.linalg.eigvalsh(power).min() > -1e-12 * np.abs(power).max()
+            if high < span[1]:
+                left_out += 1
+                assert np.abs(np.linalg.eigvals(gain * loop.response(above))).max() < 1
+    assert left_out > 2
+
+
 def lowest_of_all(loop: gr.Loop) -> float:
     """From the loci."""
     limit = coupled_limit(Sweep(loop, 1e3, for_limit=True))

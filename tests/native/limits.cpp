@@ -41,7 +41,7 @@ static int proved(const gainroom::ModalLoop& loop) {
     const double last = loop.step > 0 ? gainroom::kPi / loop.step : 3e4;
     for (int k = 0; k <= 20; k++) grid.push_back(0.05 * std::pow(last / 0.05, k / 20.0));
     gainroom::CoupledLimit limit(loop);
-    return limit.search(grid.data(), grid.size(), 100.0, 1e-6, 1e-4) ? 1 : 0;
+    return limit.search(grid.data(), grid.size(), 100.0, 1e-6, 1e-4, loop.step == 0) ? 1 : 0;
 }
 
 int main() {

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..linear.arrays import Complexes, Floats
+from ..linear.arrays import Complexes, Floats, Integers
 from ..linear.state_space import split_delay
 from ..linear.transfer_function import Factored, growth
 from ..native import _core
@@ -36,6 +36,7 @@ class ModalLoop:
     leads     (n,) [s] by how much more each joint's law leads than all lags at ω = 0: d arg/dω there
     turns     (n,) [s] the sum of the sizes of all that leads and lags
     last      half the sample rate [rad/s]; None: continuous
+    passive   the motors give out no energy at any frequency, Re(jω P) >= 0: without gravity and without a hold between
     """
 
     core: "_core.ModalLoop"
@@ -45,6 +46,7 @@ class ModalLoop:
     leads: Floats
     turns: Floats
     last: float | None
+    passive: bool
 
     @classmethod
     def of(cls, loop: Loop) -> "ModalLoop | None":
@@ -60,13 +62,15 @@ class ModalLoop:
         if any(np.count_nonzero(gain) != np.count_nonzero(np.diagonal(gain)) for gain in gains):
             return None
         modes, drives = parts.plant.modes, parts.drives
-        laws = [law.scaled(loop.gain) for law in parts.controller.on_joints(loop.size, step)]
-        if modes is None or not all(law.gain > 0 and np.all(growth(law.poles, step) < 0) for law in laws):
+        if modes is None:
+            return None
+        laws = _Laws.of(parts.controller.on_joints(loop.size, step), loop.gain)
+        if np.any(laws.gains <= 0) or np.any(growth(laws.poles, step) >= 0):
             return None
         corners = np.abs(modes.poles.imag)
         if step is None:
-            currents = {drive: current_loop(drive) for drive in drives}
-            laws = [law * currents[drive] for law, drive in zip(laws, drives, strict=True)]
+            currents = {drive: current_loop(drive) for drive in set(drives)}
+            laws = laws.times([currents[drive] for drive in drives])
             late, fraction, current, lag = np.array([drive.delay for drive in drives]), 0.0, (0.0, 0.0), 0.0
         else:
             first = drives[0]
@@ -82,17 +86,17 @@ class ModalLoop:
         core = _core.ModalLoop(
             modes.rigid, modes.shapes, modes.poles, modes.partners, *current, fraction, step or 0.0, INEXACT * modes.inexact
         )
-        _give(core, laws, late)
-        bends = np.abs(np.concatenate([part for law in laws for part in (law.zeros, law.poles)]))
-        leads, turns = np.array([_turn(law) for law in laws]).T
+        core.set_laws(laws.zeros, laws.poles, laws.counts, laws.gains, late)
+        leads, turns = laws.turns()
         return cls(
             core,
             modes,
             np.unique(corners),
-            np.unique(bends),
+            np.unique(np.abs(np.concatenate([laws.zeros, laws.poles]))),
             leads - late - lag,
             turns + late + lag,
             None if step is None else np.pi / step,
+            step is None and parts.plant.gravity_stiffness is None,
         )
 
     def lowest_crossings(self, highest: float, low: float, high: float) -> "list[Crossing] | None":
@@ -100,7 +104,7 @@ class ModalLoop:
 
         None where that could not be proved; empty where there is none, which is proved then.
         """
-        proved, places, vectors, undecided = self.core.limit(self._grid(low, high), highest, NUDGE, NARROWEST)
+        proved, places, vectors, undecided = self.core.limit(self._grid(low, high), highest, NUDGE, NARROWEST, self.passive)
         below = float(places[0, 1]) * (1 - NUDGE) if len(places) else highest
         if not proved and not all(self._excluded(start, end, below, HALVINGS) for start, end in undecided.tolist()):
             return None
@@ -110,8 +114,8 @@ class ModalLoop:
     def response(self, omega: Floats) -> tuple[Complexes, Complexes]:
         """x P (k, n, n) and d = x/c (k, n) at omega (k,), as in modal_loop.hpp."""
         functions, laws = self.core.responses(omega)
-        moved = np.einsum("sk,ki,kj->sij", functions[:, 1:], self.modes.shapes, self.modes.shapes)
-        return functions[:, :1, None] * self.modes.rigid + moved, laws
+        shapes = self.modes.shapes
+        return functions[:, :1, None] * self.modes.rigid + (shapes.T * functions[:, None, 1:]) @ shapes, laws
 
     def _excluded(self, low: float, high: float, gain: float, halvings: int) -> bool:
         """Whether gains up to `gain` put no root at jω in [low, high], seen in the eigenvectors of L in the middle; else of both halves."""
@@ -152,15 +156,44 @@ class Crossing(NamedTuple):
     mode: Complexes
 
 
-def _turn(law: Factored) -> tuple[float, float]:
-    """d arg/dω of a law's zeros and poles at ω = 0 [s], and the same with all of one sign; infinite where one is there."""
-    if not (np.all(law.zeros) and np.all(law.poles)):
-        return -np.inf, np.inf
-    zeros, poles = 1 / law.zeros, 1 / law.poles
-    return float(poles.real.sum() - zeros.real.sum()), float(np.abs(zeros).sum() + np.abs(poles).sum())
+@dataclass(frozen=True)
+class _Laws:
+    """The laws of n joints: all zeros and all poles in a row, counts (n, 2) of them, gains (n,)."""
 
+    zeros: Complexes
+    poles: Complexes
+    counts: Integers
+    gains: Floats
 
-def _give(core: "_core.ModalLoop", laws: Sequence[Factored], late: Floats) -> None:
-    roots = np.concatenate([part for law in laws for part in (law.zeros, law.poles)]).astype(complex)
-    counts = np.array([[len(law.zeros), len(law.poles)] for law in laws])
-    core.set_laws(roots, counts, np.array([law.gain for law in laws]), late)
+    @classmethod
+    def of(cls, laws: Sequence[Factored], factor: float = 1.0) -> "_Laws":
+        """With all gains times `factor`."""
+        return cls(
+            np.concatenate([law.zeros for law in laws]).astype(complex),
+            np.concatenate([law.poles for law in laws]).astype(complex),
+            np.array([[len(law.zeros), len(law.poles)] for law in laws]),
+            factor * np.array([law.gain for law in laws]),
+        )
+
+    def times(self, others: Sequence[Factored]) -> "_Laws":
+        """Joint by joint multiplied."""
+        other = _Laws.of(others)
+        zeros, poles = (
+            np.concatenate([own, more])[np.argsort(np.concatenate([self._owners(k), other._owners(k)]), kind="stable")]
+            for k, (own, more) in enumerate([(self.zeros, other.zeros), (self.poles, other.poles)])
+        )
+        return _Laws(zeros, poles, self.counts + other.counts, self.gains * other.gains)
+
+    def turns(self) -> tuple[Floats, Floats]:
+        """(n,) d arg/dω at ω = 0 [s], and the same with all zeros and poles of one sign; infinite where one is there."""
+        size = len(self.gains)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            zeros, poles = 1 / self.zeros, 1 / self.poles
+        leads = np.bincount(self._owners(1), poles.real, size) - np.bincount(self._owners(0), zeros.real, size)
+        turns = np.bincount(self._owners(0), np.abs(zeros), size) + np.bincount(self._owners(1), np.abs(poles), size)
+        none = ~np.isfinite(turns)
+        return np.where(none, -np.inf, leads), np.where(none, np.inf, turns)
+
+    def _owners(self, kind: int) -> Integers:
+        """Whose each zero (0) or pole (1) is."""
+        return np.repeat(np.arange(len(self.gains)), self.counts[:, kind])

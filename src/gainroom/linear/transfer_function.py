@@ -99,17 +99,22 @@ def growth(roots: Complexes, sample_time: float | None) -> Floats:
 
 def polynomial_roots(coefficients: ArrayLike) -> Complexes:
     """Roots of a real polynomial, highest power first; exact zeros stay exact, quadratics are solved without cancellation."""
-    poly = _without_leading_zeros(coefficients)
-    if not len(poly):
+    return _roots(_without_leading_zeros(coefficients))
+
+
+def _roots(poly: list[float]) -> Complexes:
+    if not poly:
         raise GainroomError("a transfer function with a zero polynomial has no roots")
-    trimmed = poly[: np.flatnonzero(poly)[-1] + 1]
+    trimmed = list(poly)
+    while trimmed[-1] == 0:
+        trimmed.pop()
     at_zero = np.zeros(len(poly) - len(trimmed), dtype=complex)
-    if len(trimmed) <= 1:
+    if len(trimmed) == 1:
         return at_zero
     if len(trimmed) == 2:
-        return np.append(at_zero, -trimmed[1] / trimmed[0])
+        return np.array([0.0] * len(at_zero) + [-trimmed[1] / trimmed[0]], dtype=complex)
     if len(trimmed) == 3:
-        a, b, c = trimmed
+        a, b, c = np.array(trimmed)
         discriminant = b * b - 4 * a * c
         if discriminant < 0:
             root = complex(-b, math.sqrt(-discriminant)) / (2 * a)
@@ -123,9 +128,10 @@ def polynomial_roots(coefficients: ArrayLike) -> Complexes:
     return np.append(at_zero, _paired(roots))
 
 
-def _without_leading_zeros(coefficients: ArrayLike) -> Floats:
-    poly = np.atleast_1d(np.asarray(coefficients, dtype=float))
-    return poly[np.argmax(poly != 0) :] if np.any(poly) else poly[:0]
+def _without_leading_zeros(coefficients: ArrayLike) -> list[float]:
+    poly = np.asarray(coefficients, dtype=float).ravel().tolist()
+    first = next((k for k, one in enumerate(poly) if one != 0), len(poly))
+    return poly[first:]
 
 
 def _paired(roots: Complexes) -> Complexes:
@@ -138,5 +144,6 @@ def ratio(numerator: ArrayLike, denominator: ArrayLike, sample_time: float | Non
     """A ratio of polynomials in v, highest power first."""
     num, den = _without_leading_zeros(numerator), _without_leading_zeros(denominator)
     if not len(num):
-        return Factored(_NO_ROOTS, polynomial_roots(den), 0.0, 0.0, sample_time)
-    return Factored(polynomial_roots(num), polynomial_roots(den), num[0] / den[0], 0.0, sample_time)
+        return Factored(_NO_ROOTS, _roots(den), 0.0, 0.0, sample_time)
+    zeros, poles = _roots(num), _roots(den)
+    return Factored(zeros, poles, num[0] / den[0], 0.0, sample_time)

@@ -58,8 +58,8 @@ class ModalLoop:
         step: float,
         inexact: float,
     ) -> None: ...
-    def set_laws(self, roots: Complexes, counts: Integers, gains: Floats, delays: Floats) -> None:
-        """Zeros, then poles, joint by joint; counts (n, 2) of them, gains and delays (n,)."""
+    def set_laws(self, zeros: Complexes, poles: Complexes, counts: Integers, gains: Floats, delays: Floats) -> None:
+        """Zeros, and poles, joint by joint; counts (n, 2) of them, gains and delays (n,)."""
 
     def responses(self, omega: Floats) -> tuple[Complexes, Complexes]:
         """f₀ and f_k (k, 1 + m), and d (k, n), at omega (k,)."""
@@ -67,8 +67,11 @@ class ModalLoop:
     def bends(self, omega: Floats) -> tuple[Floats, Floats]:
         """What interpolation from each ω to the next may miss at most of `responses`: (k − 1, 1 + m), (k − 1, n)."""
 
-    def limit(self, grid: Floats, highest: float, nudge: float, floor: float) -> tuple[bool, Floats, Complexes, Floats]:
+    def limit(self, grid: Floats, highest: float, nudge: float, floor: float, passive: bool) -> tuple[bool, Floats, Complexes, Floats]:
         """As in coupled_limit.hpp: whether it is proved; (k, 3) ω, gain and growth of crossings; their vectors (k, n); (k, 2) undecided."""
+
+    def searched(self, low: float, high: float, gain: float, passive: bool) -> tuple[float, float]:
+        """The part of [low, high] rad/s in which factors up to `gain` may put a root on the boundary."""
 
     def excluded(self, low: float, high: float, gain: float, basis: Complexes, floor: float, most: int) -> bool:
         """Whether no gain up to `gain` puts a root in [low, high], in coordinates of `basis` (n, n), vectors in rows."""

@@ -144,17 +144,17 @@ class Controller:
         terms = self._matrices(size)
         parts, denominator = self._polynomials(terms, sample_time)
         numerators = sum((np.outer(np.diagonal(gain), part) for gain, part in zip(terms.values(), parts, strict=True)), np.zeros((size, 1)))
-        shaping = self.shaping(sample_time)
-        return [shaping * ratio(numerator, denominator, sample_time) for numerator in numerators]
+        shared = self.shaping(sample_time) * ratio([1.0], denominator, sample_time)
+        return [ratio(numerator, [1.0], sample_time) * shared for numerator in numerators]
 
     def _polynomials(self, terms: Terms, sample_time: float | None) -> tuple[Floats, Floats]:
         """What each term's gain multiplies in a common numerator (terms, k), highest power first, and the denominator."""
         ratios = self.velocity(sample_time), integrator(sample_time)
         most = [max((powers[k] for powers in terms), default=0) for k in (0, 1)]
-        parts = [reduce(np.polymul, (ratios[k][0 if powers[k] else 1] for k in (0, 1) if most[k]), np.ones(1)) for powers in terms]
+        parts = [reduce(np.convolve, (ratios[k][0 if powers[k] else 1] for k in (0, 1) if most[k]), np.ones(1)) for powers in terms]
         longest = max((len(part) for part in parts), default=1)
         padded = np.array([np.concatenate([np.zeros(longest - len(part)), part]) for part in parts]).reshape(len(parts), longest)
-        return padded, reduce(np.polymul, (ratios[k][1] for k in (0, 1) if most[k]), np.ones(1))
+        return padded, reduce(np.convolve, (ratios[k][1] for k in (0, 1) if most[k]), np.ones(1))
 
     @property
     def lead_rises(self) -> bool:

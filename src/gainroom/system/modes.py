@@ -31,7 +31,7 @@ class Modes:
         """P_M (k, n, n) at complex s (k,)."""
         away = s[:, None] - self.poles
         terms = 1 / (away * (s[:, None] - self.partners) if len(self.partners) else away)
-        return self.rigid / s[:, None, None] ** 2 + np.einsum("sk,ki,kj->sij", terms, self.shapes, self.shapes)
+        return self.rigid / s[:, None, None] ** 2 + (self.shapes.T * terms[:, None]) @ self.shapes
 
 
 def modes_of(mass: Floats, damping: Floats, stiffness: Floats, position: Floats) -> Modes | None:
@@ -65,14 +65,17 @@ def modes_of(mass: Floats, damping: Floats, stiffness: Floats, position: Floats)
 def _quadratic(squares: Floats, damping: Floats) -> tuple[Complexes, Complexes]:
     """λ (2m,) and x (2m, m) with (s² + s D + Ω²)⁻¹ = Σ x xᵀ/(s − λ); vectors of poles that are as good as equal are made orthogonal.
 
+    Conjugate poles follow each other, with conjugate vectors.
     A z = λ B z with z = (x, λx) and symmetric A and B: zᵀBz = 1 is the scale, zᵀBz' = 0 for another pole.
     """
     count, none, one = len(squares), np.zeros((len(squares), len(squares))), np.eye(len(squares))
+    poles: Complexes
     poles, vectors = np.linalg.eig(np.block([[none, one], [-np.diag(squares), -damping]]))
     a, b = np.block([[-np.diag(squares), none], [none, one]]), np.block([[damping, one], [one, none]])
     near = np.abs(poles[:, None] - poles) <= SAME * np.abs(poles)
-    for k in range(2 * count):
-        together = np.flatnonzero(near[k])
+    upper = poles.imag > 0  # a pair's first, as LAPACK has them
+    for k in np.flatnonzero(poles.imag >= 0):
+        together = np.flatnonzero(near[k] & (poles.imag >= 0))
         if len(together) > 1 and together[0] == k:
             vectors[:, together] = np.linalg.qr(vectors[:, together])[0]
             for _ in range(2):  # orthogonal as to B, then turned so that A is diagonal as far as round-off lets it be told, again
@@ -82,6 +85,7 @@ def _quadratic(squares: Floats, damping: Floats) -> tuple[Complexes, Complexes]:
             poles[together] = np.diagonal(vectors[:, together].T @ a @ vectors[:, together])
         elif len(together) == 1:
             vectors[:, k] /= np.sqrt(vectors[:, k] @ b @ vectors[:, k])
+    poles[1:][upper[:-1]], vectors[:, 1:][:, upper[:-1]] = poles[upper].conj(), vectors[:, upper].conj()
     return poles, vectors[:count].T
 
 

@@ -321,7 +321,7 @@ class Plant:
         found = modes_of(form.mass, form.damping, form.stiffness, form.motor_position)
         if found is None:
             return None
-        s = 1j * BESIDE * np.unique(np.abs(found.poles))
+        s = 1j * BESIDE * np.unique(np.abs(found.poles[found.poles.imag >= 0]))
         right = self.response(s, "motor")
         off = np.abs(found.response(s) - right).max(axis=(1, 2)) / np.abs(right).max(axis=(1, 2))
         inexact = float(off.max(initial=0.0))

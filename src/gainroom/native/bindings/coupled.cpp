@@ -29,23 +29,24 @@ static gainroom::ModalLoop modal_loop(Matrix rigid, ComplexMatrix shapes, Comple
     return loop;
 }
 
-// Zeros and poles of all laws in a row, `counts` (n, 2) of them, gains and delays (n).
-static void set_laws(gainroom::ModalLoop& loop, ComplexVector roots, Counts counts, Vector gains, Vector delays) {
+// Zeros and poles of all laws, each in a row, `counts` (n, 2) of them, gains and delays (n).
+static void set_laws(gainroom::ModalLoop& loop, ComplexVector zeros, ComplexVector poles, Counts counts, Vector gains, Vector delays) {
     if (counts.shape(0) != loop.size || counts.shape(1) != 2 || gains.size() != loop.size || delays.size() != loop.size)
         throw nb::value_error("counts (n, 2), gains and delays (n,) do not fit");
-    std::size_t total = 0;
+    std::size_t totals[2] = {0, 0};
     for (std::size_t k = 0; k < 2 * loop.size; k++) {
         if (counts.data()[k] < 0) throw nb::value_error("counts must be >= 0");
-        total += static_cast<std::size_t>(counts.data()[k]);
+        totals[k % 2] += static_cast<std::size_t>(counts.data()[k]);
     }
-    if (total != roots.size()) throw nb::value_error("counts do not add up to roots");
+    if (totals[0] != zeros.size() || totals[1] != poles.size()) throw nb::value_error("counts do not add up to zeros and poles");
     loop.laws.clear();
     loop.delays.assign(delays.data(), delays.data() + loop.size);
-    const Complex* next = roots.data();
+    const Complex *zero = zeros.data(), *pole = poles.data();
     for (std::size_t i = 0; i < loop.size; i++) {
-        const Complex *poles = next + counts.data()[2 * i], *end = poles + counts.data()[2 * i + 1];
-        loop.laws.push_back({{next, poles}, {poles, end}, gains.data()[i]});
-        next = end;
+        const Complex *zero_end = zero + counts.data()[2 * i], *pole_end = pole + counts.data()[2 * i + 1];
+        loop.laws.push_back({{zero, zero_end}, {pole, pole_end}, gains.data()[i]});
+        zero = zero_end;
+        pole = pole_end;
     }
 }
 
@@ -75,13 +76,13 @@ static nb::tuple bends(const gainroom::ModalLoop& loop, Vector omega) {
 }
 
 // Whether it is proved; (k, 3) ω, gain and growth of the crossings found, the lowest first; their vectors (k, n); undecided (k, 2).
-static nb::tuple limit(const gainroom::ModalLoop& loop, Vector grid, double highest, double nudge, double floor) {
+static nb::tuple limit(const gainroom::ModalLoop& loop, Vector grid, double highest, double nudge, double floor, bool passive) {
     if (loop.laws.size() != loop.size || loop.size == 0) throw nb::value_error("the laws of all joints are needed");
     gainroom::CoupledLimit found(loop);
     bool proved = false;
     {
         nb::gil_scoped_release release;
-        proved = found.search(grid.data(), grid.size(), highest, nudge, floor);
+        proved = found.search(grid.data(), grid.size(), highest, nudge, floor, passive);
     }
     std::vector<double> places;
     std::vector<Complex> vectors;
@@ -93,6 +94,13 @@ static nb::tuple limit(const gainroom::ModalLoop& loop, Vector grid, double high
                           owned(reinterpret_cast<const double*>(found.undecided.data()), found.undecided.size(), 2));
 }
 
+// The part of [low, high] in which factors up to `gain` may put a root on the boundary.
+static nb::tuple searched(const gainroom::ModalLoop& loop, double low, double high, double gain, bool passive) {
+    if (loop.laws.size() != loop.size || loop.size == 0) throw nb::value_error("the laws of all joints are needed");
+    const gainroom::Interval found = gainroom::CoupledLimit(loop).searched(low, high, gain, passive);
+    return nb::make_tuple(found.low, found.high);
+}
+
 // Whether [low, high] is excluded up to `gain`, in the coordinates of `basis`: n vectors in rows.
 static bool excluded(const gainroom::ModalLoop& loop, double low, double high, double gain, ComplexMatrix basis, double floor,
                      std::int64_t most) {
@@ -100,7 +108,7 @@ static bool excluded(const gainroom::ModalLoop& loop, double low, double high, d
         throw nb::value_error("basis (n, n) and the laws of all joints are needed");
     nb::gil_scoped_release release;
     std::vector<gainroom::Interval> left;
-    gainroom::Exclusion(loop, gain, 0.0, basis.data(), loop.size).run(low, high, floor, most, left);
+    gainroom::Exclusion(loop, gain, 0.0, basis.data(), loop.size).run({{low, high}}, floor, most, left);
     return left.empty();
 }
 
@@ -113,10 +121,10 @@ void bind_coupled(nb::module_& m) {
              },
              nb::arg("rigid"), nb::arg("shapes"), nb::arg("poles"), nb::arg("partners"), nb::arg("bandwidth"), nb::arg("damping_ratio"),
              nb::arg("fraction"), nb::arg("step"), nb::arg("inexact"))
-        .def("set_laws", &set_laws, nb::arg("roots"), nb::arg("counts"), nb::arg("gains"), nb::arg("delays"))
+        .def("set_laws", &set_laws, nb::arg("zeros"), nb::arg("poles"), nb::arg("counts"), nb::arg("gains"), nb::arg("delays"))
         .def("responses", &responses, nb::arg("omega"))
         .def("bends", &bends, nb::arg("omega"))
-        .def("limit", &limit, nb::arg("grid"), nb::arg("highest"), nb::arg("nudge"), nb::arg("floor"))
-        .def("excluded", &excluded, nb::arg("low"), nb::arg("high"), nb::arg("gain"), nb::arg("basis"), nb::arg("floor"), nb::arg("most"))
-;
+        .def("limit", &limit, nb::arg("grid"), nb::arg("highest"), nb::arg("nudge"), nb::arg("floor"), nb::arg("passive"))
+        .def("searched", &searched, nb::arg("low"), nb::arg("high"), nb::arg("gain"), nb::arg("passive"))
+        .def("excluded", &excluded, nb::arg("low"), nb::arg("high"), nb::arg("gain"), nb::arg("basis"), nb::arg("floor"), nb::arg("most"));
 }

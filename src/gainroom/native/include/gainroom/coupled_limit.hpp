@@ -34,11 +34,16 @@ class CoupledLimit {
         mobility_.resize(n_ * n_);
     }
 
-    // Searches factors up to `highest` on [grid.front(), grid.back()]. True where the first of `crossings`, or that there is none, is proved.
-    bool search(const double* grid, std::size_t grid_count, double highest, double nudge, double floor) {
+    // Searches factors up to `highest` on [grid.front(), grid.back()], of a plant that is `passive`, or not known to be (Exclusion::leading_to).
+    // True where the first of `crossings`, or that there is none, is proved.
+    bool search(const double* grid, std::size_t grid_count, double highest, double nudge, double floor, bool passive) {
         std::vector<Interval> open;
         if (n_ == 0 || !(highest > 0)) return false;
-        for (std::size_t k = 1; k < grid_count; k++) open.push_back({grid[k - 1], grid[k]});
+        if (grid_count < 2) return false;
+        const Interval among = searched(grid[0], grid[grid_count - 1], highest, passive);
+        for (std::size_t k = 1; k < grid_count; k++)
+            if (grid[k] > among.low && grid[k - 1] < among.high)
+                open.push_back({std::max(grid[k - 1], among.low), std::min(grid[k], among.high)});
         for (int round = 0; round < kRounds; round++) {
             const double gain = crossings.empty() ? highest : crossings.front().gain * (1 - nudge);
             undecided = open;
@@ -54,6 +59,13 @@ class CoupledLimit {
             if (!lowered(gain, grid[0], grid[grid_count - 1])) return false;
         }
         return false;
+    }
+
+    // Where in [low, high] factors up to `gain` may put a root on the boundary: not below, where joints lead, nor above, where all is small.
+    Interval searched(double low, double high, double gain, bool passive) const {
+        Exclusion ends(loop_, gain, 0.0);
+        if (passive) low = ends.leading_to(low, high);
+        return {low, ends.too_small_from(low, high)};
     }
 
     // From ω, g and x; false where it leads nowhere.
@@ -112,7 +124,7 @@ class CoupledLimit {
     std::vector<Interval> left_by(const std::vector<Interval>& open, Exclusion exclusion, double floor) {
         std::vector<Interval> left;
         const std::int64_t most = kMostNodes + kMostNodes / 8 * static_cast<std::int64_t>(open.size());
-        for (const Interval& interval : open) exclusion.run(interval.low, interval.high, floor, most, left);
+        exclusion.run(open, floor, most, left);
         return left;
     }
 

@@ -19,7 +19,7 @@
 #include <cstdint>
 
 #include "mixing.hpp"
-#include "modal_loop.hpp"
+#include "mode_sum.hpp"
 
 namespace gainroom {
 
@@ -32,42 +32,125 @@ class Exclusion {
     // `alignment`: part of the joints' phase differences that is turned away beforehand, 0 to 1. `crossing`: X (count, n).
     Exclusion(const ModalLoop& loop, double gain, double alignment, const Complex* crossing = nullptr, std::size_t crossing_count = 0)
         : loop_(loop),
+          sum_(loop),
           crossing_(crossing, crossing + crossing_count * loop.size),
           v_(1 / gain),
           alignment_(alignment),
           n_(loop.size),
-          m_(loop.modes) {
-        const std::size_t square = n_ * n_;
+          stride_(sum_.stride) {
         scale_.resize(n_);
-        rigid_.resize(square);
-        shapes_.resize(m_ * n_);
-        shapes_real_.resize(m_ * n_);
-        shapes_imaginary_.resize(m_ * n_);
-        spread_.resize(n_);
-        functions_.resize(m_);
-        bends_.resize(m_);
         law_bends_.resize(n_);
-        missed_.resize(square);
-        trial_.resize(square);
+        missed_.resize(n_ * stride_);
+        trial_.resize(n_ * stride_);
         vector_.resize(n_);
-        column_.resize(n_);
-        for (Node& node : nodes_) node.resize(n_, mixed());
+        if (mixed()) law_missed_.resize(n_ * stride_);
     }
 
-    // Appends the parts of [low, high] that are left undecided at a relative width of `floor`; angles are carried from cell to cell.
-    // Once `most` samples have been taken, in all runs, nothing more is decided.
-    void run(double low, double high, double floor, std::int64_t most, std::vector<Interval>& undecided) {
-        if (!(high > low) || !(low > 0)) return;
-        align(low, high);
-        int free[kDepth + 2], stack[kDepth + 2], left = 0, depth = 0, spare = 0;
-        for (int k = 2; k < kDepth + 2; k++) free[spare++] = k;
-        sample(nodes_[left], low);
-        sample(nodes_[1], high);
-        stack[0] = 1;
+    // Appends the parts of `open` that are left undecided at a relative width of `floor`; units, samples and angles are carried from one
+    // interval to the next. Once `most` samples have been taken nothing more is decided.
+    void run(const std::vector<Interval>& open, double floor, std::int64_t most, std::vector<Interval>& undecided) {
+        double units_end = 0.0;
+        for (std::size_t k = 0; k < open.size(); k++) {
+            const double low = open[k].low, high = open[k].high;
+            if (!(high > low) || !(low > 0)) continue;
+            if (k == 0 || open[k - 1].high != low || !(high <= units_end)) {
+                units_end = high;
+                for (std::size_t l = k + 1; l < open.size() && open[l].low == units_end && open[l].high <= kSpan * low; l++)
+                    units_end = open[l].high;
+                align(low, units_end);
+                sample(nodes_[left_], low);
+            }
+            run(high, floor, most, undecided);
+        }
+    }
+
+    // From where up to `high` gains up to this one are too small for a root at jω, however late they act: Σ_j |Q_ij| < v |d_i| in all rows.
+    double too_small_from(double low, double high) {
+        int at = 0;
+        align(high / kStride, high);
+        sample(nodes_[at], high);
+        while (high > low) {
+            sample(nodes_[1 - at], std::max(high / kStride, low));
+            if (!too_small(nodes_[1 - at], nodes_[at])) break;
+            at = 1 - at;
+            high = nodes_[at].omega;
+        }
+        return high;
+    }
+
+    // To where from `low` on every Re(j d_i) > 0. Of plants that give out no energy, Re(j Q) >= 0, there is no root at jω with any gains.
+    double leading_to(double low, double high) const {
+        for (double stride = kStride; low < high && stride > kLeast;) {
+            const Cell cell(low, std::min(low * stride, high), loop_.step, loop_.inexact);
+            bool leads = true;
+            for (std::size_t i = 0; i < n_ && leads; i++) {
+                const Complex start = loop_.inverse_law(i, cell.a), end = loop_.inverse_law(i, cell.b);
+                const double size = std::max(ModalLoop::inverse_law_size(start, cell.a, cell.step),
+                                             ModalLoop::inverse_law_size(end, cell.b, cell.step));
+                leads = -std::max(start.imag(), end.imag()) > loop_.inverse_law_bend(i, cell, size);
+            }
+            if (leads)
+                low = cell.b;
+            else
+                stride = std::sqrt(stride);
+        }
+        return low;
+    }
+
+   private:
+    static constexpr int kDepth = 48, kCuts = 24;
+    static constexpr double kRounding = 1e-13, kCoarse = 0.05;
+    static constexpr double kSpan = 3.0;  // from end to end of what shares units, at most, but for wider intervals
+    static constexpr double kStride = 1.3, kLeast = 1.01, kSafe = 1e-9;
+
+    struct Node {
+        double omega = 0.0;
+        std::vector<double> real, imaginary;  // upper triangle of Q + v D, aligned and scaled
+        std::vector<Complex> law;             // d_i, likewise
+        std::vector<double> size;             // |1/c_i|
+        std::vector<double> law_real, law_imaginary;  // upper triangle of Tᵀ D T, where unknowns are mixed
+        void resize(std::size_t n, std::size_t stride, bool mixed) {
+            real.resize(n * stride);
+            imaginary.resize(n * stride);
+            law.resize(n);
+            size.resize(n);
+            law_real.resize(mixed ? n * stride : 0);
+            law_imaginary.resize(mixed ? n * stride : 0);
+        }
+    };
+
+    // A matrix that has to be positive: Re(e^{jθ} (real + j imaginary)) less what may be missed.
+    struct Test {
+        const double *real, *imaginary, *missed;
+    };
+
+    const ModalLoop& loop_;
+    ModeSum sum_;
+    std::vector<Complex> crossing_, mixing_;  // X (count, n), T (n, n)
+    std::vector<double> law_missed_;          // as `missed_`, of Tᵀ D T
+    double mixing_size_ = 1.0;                // bound of |T|²
+    double v_, alignment_;
+    std::size_t n_, stride_;
+    Node nodes_[kDepth + 2];
+    int left_ = 0;  // the node where the next interval begins
+    std::int64_t samples_ = 0;
+    std::size_t alone_ = 0;  // the joint whose d_i has failed; n: the whole matrix
+    Test test_{};
+    double angle_ = 0.5 * kPi;
+    std::vector<Complex> scale_;
+    std::vector<double> law_bends_, missed_, trial_, vector_;
+
+    // From where the last interval has ended to `high`.
+    void run(double high, double floor, std::int64_t most, std::vector<Interval>& undecided) {
+        int free[kDepth + 2], stack[kDepth + 2], depth = 0, spare = 0;
+        for (int k = 0; k < kDepth + 2; k++)
+            if (k != left_) free[spare++] = k;
+        stack[0] = free[--spare];
+        sample(nodes_[stack[0]], high);
         while (depth >= 0) {
             const int right = stack[depth];
-            const double a = nodes_[left].omega, b = nodes_[right].omega;
-            const bool decided = samples_ < most && excluded(nodes_[left], nodes_[right]);
+            const double a = nodes_[left_].omega, b = nodes_[right].omega;
+            const bool decided = samples_ < most && excluded(nodes_[left_], nodes_[right]);
             if (!decided && b - a > floor * b && spare > 0 && samples_ < most) {
                 const int middle = free[--spare];
                 sample(nodes_[middle], b > 1.5 * a ? std::sqrt(a * b) : 0.5 * (a + b));
@@ -78,52 +161,30 @@ class Exclusion {
                 free[spare++] = middle;  // not even by itself: nothing is gained by halving
             }
             if (!decided) add(undecided, a, b);
-            free[spare++] = left;
-            left = right;
+            free[spare++] = left_;
+            left_ = right;
             depth--;
         }
     }
 
-   private:
-    static constexpr int kDepth = 48, kCuts = 24;
-    static constexpr double kRounding = 1e-13, kSmall = 1e-4, kCoarse = 0.05;
-
-    struct Node {
-        double omega = 0.0;
-        std::vector<double> real, imaginary;  // upper triangle of Q + v D, aligned and scaled
-        std::vector<Complex> law;             // d_i, likewise
-        std::vector<double> size;             // |1/c_i|
-        std::vector<double> law_real, law_imaginary;  // upper triangle of Tᵀ D T, where unknowns are mixed
-        void resize(std::size_t n, bool mixed) {
-            real.resize(n * n);
-            imaginary.resize(n * n);
-            law.resize(n);
-            size.resize(n);
-            law_real.resize(mixed ? n * n : 0);
-            law_imaginary.resize(mixed ? n * n : 0);
+    bool too_small(const Node& left, const Node& right) {
+        const Cell cell(left.omega, right.omega, loop_.step, loop_.inexact);
+        sum_.missed_rows(cell, vector_.data());
+        for (std::size_t i = 0; i < n_; i++) {
+            double row = vector_[i];
+            for (std::size_t j = 0; j < n_; j++) row += std::max(entry(left, i, j), entry(right, i, j));
+            const double least = loop_.least_inverse_law(i, cell, std::min(left.size[i], right.size[i])) * std::norm(scale_[i]);
+            if (!(row * (1 + kSafe) < v_ * least)) return false;
         }
-    };
+        return true;
+    }
 
-    // A matrix that has to be positive: Re(e^{jθ} (real + j imaginary)) less what may be missed.
-    struct Test {
-        const double *real, *imaginary, *missed;
-    };
-
-    const ModalLoop& loop_;
-    std::vector<Complex> crossing_, mixing_, column_;  // X (count, n), T (n, n)
-    std::vector<double> law_missed_;                   // as `missed_`, of Tᵀ D T
-    double mixing_size_ = 1.0;                         // bound of |T|²
-    double v_, alignment_;
-    std::size_t n_, m_;
-    Node nodes_[kDepth + 2];
-    bool plain_ = true;
-    std::int64_t samples_ = 0;
-    std::size_t alone_ = 0;  // the joint whose d_i has failed; n: the whole matrix
-    Test test_{};
-    double small_ = 0.0;  // deviations of functions that are bounded all at once
-    double angle_ = 0.5 * kPi;
-    std::vector<Complex> scale_, rigid_, shapes_, functions_;
-    std::vector<double> shapes_real_, shapes_imaginary_, spread_, bends_, law_bends_, missed_, trial_, vector_;
+    // |Q_ij|
+    double entry(const Node& node, std::size_t i, std::size_t j) const {
+        const std::size_t at = std::min(i, j) * stride_ + std::max(i, j);
+        const Complex value(node.real[at], node.imaginary[at]);
+        return size_of(i == j ? value - v_ * node.law[i] : value);
+    }
 
     // Units in which every d_i has size 1 in the middle, and as much of a common phase as is asked for: a congruence.
     void align(double low, double high) {
@@ -133,54 +194,39 @@ class Exclusion {
             scale_[i] = loop_.inverse_law(i, middle);
             mean += scale_[i] / std::abs(scale_[i]);
         }
-        plain_ = loop_.pairs() && alignment_ == 0;
         for (std::size_t i = 0; i < n_; i++) {
             const double turn = alignment_ == 0 ? 0.0 : 0.5 * alignment_ * turn_between(scale_[i], mean);
             scale_[i] = std::polar(1 / std::sqrt(std::abs(scale_[i])), turn);
         }
-        for (std::size_t k = 0; k < m_; k++)
-            for (std::size_t i = 0; i < n_; i++) shapes_[k * n_ + i] = times(scale_[i], loop_.shapes[k * n_ + i]);
-        for (std::size_t i = 0; i < n_; i++) {
-            spread_[i] = 0.0;
-            for (std::size_t j = 0; j < n_; j++) {
-                rigid_[i * n_ + j] = times(times(scale_[i], scale_[j]), loop_.rigid[i * n_ + j]);
-                spread_[i] += std::abs(rigid_[i * n_ + j]);
-            }
+        if (alignment_ == 0 && !mixed()) {
+            std::vector<double> units(n_);
+            for (std::size_t i = 0; i < n_; i++) units[i] = scale_[i].real();
+            sum_.set_units(units);
+            return;
         }
-        if (mixed()) {
-            mix();
-            const double most = mixing_size_ * *std::max_element(spread_.begin(), spread_.end());
-            std::fill(spread_.begin(), spread_.end(), most);
-            plain_ = false;
-        }
-        // Gershgorin: Σ_k |φ_k φ_kᵀ| + |M₀| lies below this diagonal
-        for (std::size_t k = 0; k < m_; k++) {
-            double total = 0.0;
-            for (std::size_t i = 0; i < n_; i++) total += std::abs(shapes_[k * n_ + i]);
-            for (std::size_t i = 0; i < n_; i++) spread_[i] += std::abs(shapes_[k * n_ + i]) * total;
-        }
-        for (std::size_t k = 0; k < m_ * n_; k++) {
-            shapes_real_[k] = shapes_[k].real();
-            shapes_imaginary_[k] = shapes_[k].imag();
-        }
-        small_ = kSmall / *std::max_element(spread_.begin(), spread_.end());
+        std::vector<Complex> rigid(n_ * n_), shapes(loop_.modes * n_);
+        for (std::size_t k = 0; k < loop_.modes; k++)
+            for (std::size_t i = 0; i < n_; i++) shapes[k * n_ + i] = times(scale_[i], loop_.shapes[k * n_ + i]);
+        for (std::size_t i = 0; i < n_; i++)
+            for (std::size_t j = 0; j < n_; j++) rigid[i * n_ + j] = times(scale_[i], scale_[j]) * loop_.rigid[i * n_ + j];
+        if (mixed()) mix(rigid, shapes);
+        sum_.set_coordinates(rigid, shapes);
     }
 
     bool mixed() const { return !crossing_.empty(); }
 
-    // T, and what it makes of the modes.
-    void mix() {
+    // T, and what it makes of M₀ and of the modes.
+    void mix(std::vector<Complex>& rigid, std::vector<Complex>& shapes) {
         mixing_ = mixing_of(crossing_, scale_, mixing_size_);
-        for (std::size_t k = 0; k < m_; k++) {
-            for (std::size_t j = 0; j < n_; j++) column_[j] = mixed_row(&shapes_[k * n_], j);
-            std::copy(column_.begin(), column_.end(), &shapes_[k * n_]);
+        std::vector<Complex> row(n_), half(n_ * n_);
+        for (std::size_t k = 0; k < loop_.modes; k++) {
+            for (std::size_t j = 0; j < n_; j++) row[j] = mixed_row(&shapes[k * n_], j);
+            std::copy(row.begin(), row.end(), &shapes[k * n_]);
         }
-        std::vector<Complex> half(n_ * n_);
         for (std::size_t i = 0; i < n_; i++)
-            for (std::size_t j = 0; j < n_; j++) half[j * n_ + i] = mixed_row(&rigid_[i * n_], j);  // (M T)ᵀ
+            for (std::size_t j = 0; j < n_; j++) half[j * n_ + i] = mixed_row(&rigid[i * n_], j);  // (M T)ᵀ
         for (std::size_t i = 0; i < n_; i++)
-            for (std::size_t j = 0; j < n_; j++) rigid_[j * n_ + i] = mixed_row(&half[i * n_], j);
-        law_missed_.assign(n_ * n_, 0.0);
+            for (std::size_t j = 0; j < n_; j++) rigid[j * n_ + i] = mixed_row(&half[i * n_], j);
     }
 
     // Σ_i row_i T_ij
@@ -192,78 +238,53 @@ class Exclusion {
 
     void sample(Node& node, double omega) {
         samples_++;
+        node.resize(n_, stride_, mixed());
         node.omega = omega;
-        Complex f0;
-        loop_.functions(omega, f0, functions_.data());
-        for (std::size_t i = 0; i < n_; i++)
-            for (std::size_t j = i; j < n_; j++) {
-                const Complex value = times(rigid_[i * n_ + j], f0);
-                node.real[i * n_ + j] = value.real();
-                node.imaginary[i * n_ + j] = value.imag();
-            }
-        for (std::size_t k = 0; k < m_; k++) {
-            const double *re = &shapes_real_[k * n_], *im = &shapes_imaginary_[k * n_];
-            for (std::size_t i = 0; i < n_; i++) {
-                const Complex f = times(functions_[k], {re[i], im[i]});
-                add(f.real(), re, &node.real[i * n_], i);
-                add(f.imag(), re, &node.imaginary[i * n_], i);
-                if (plain_) continue;
-                add(-f.imag(), im, &node.real[i * n_], i);
-                add(f.real(), im, &node.imaginary[i * n_], i);
-            }
-        }
+        sum_.respond(omega, node.real.data(), node.imaginary.data());
         for (std::size_t i = 0; i < n_; i++) {
             const Complex d = loop_.inverse_law(i, omega);
             node.size[i] = ModalLoop::inverse_law_size(d, omega, loop_.step);
             node.law[i] = times(d, times(scale_[i], scale_[i]));
             if (!mixed()) {
-                node.real[i * n_ + i] += v_ * node.law[i].real();
-                node.imaginary[i * n_ + i] += v_ * node.law[i].imag();
+                node.real[i * stride_ + i] += v_ * node.law[i].real();
+                node.imaginary[i * stride_ + i] += v_ * node.law[i].imag();
             }
         }
         if (!mixed()) return;
-        for (std::size_t i = 0; i < n_; i++)
-            for (std::size_t j = i; j < n_; j++) {
-                Complex value = 0.0;
-                for (std::size_t k = 0; k < n_; k++) value += times(node.law[k], times(mixing_[k * n_ + i], mixing_[k * n_ + j]));
-                node.law_real[i * n_ + j] = value.real();
-                node.law_imaginary[i * n_ + j] = value.imag();
-                node.real[i * n_ + j] += v_ * value.real();
-                node.imaginary[i * n_ + j] += v_ * value.imag();
+        std::fill(node.law_real.begin(), node.law_real.end(), 0.0);
+        std::fill(node.law_imaginary.begin(), node.law_imaginary.end(), 0.0);
+        for (std::size_t k = 0; k < n_; k++)
+            for (std::size_t i = 0; i < n_; i++) {
+                const Complex left = times(node.law[k], mixing_[k * n_ + i]);
+                for (std::size_t j = i; j < n_; j++) {
+                    const Complex value = times(left, mixing_[k * n_ + j]);
+                    node.law_real[i * stride_ + j] += value.real();
+                    node.law_imaginary[i * stride_ + j] += value.imag();
+                }
             }
+        add(v_, node.law_real.data(), node.real.data(), 0, n_ * stride_);
+        add(v_, node.law_imaginary.data(), node.imaginary.data(), 0, n_ * stride_);
     }
 
     // What interpolation between two nodes may miss: `missed_` of Q (upper triangle), `law_bends_` of d; of one node only round-off.
     void bound(const Node& left, const Node& right) {
-        std::fill(missed_.begin(), missed_.end(), 0.0);
-        for (std::size_t i = 0; i < n_; i++)
-            missed_[i * n_ + i] = kRounding * static_cast<double>(n_) * (std::abs(left.law[i]) + std::abs(right.law[i]) + spread_[i]);
-        std::fill(law_bends_.begin(), law_bends_.end(), 0.0);
-        std::fill(law_missed_.begin(), law_missed_.end(), 0.0);
-        if (&left == &right) return;
+        const bool one = &left == &right;
         const Cell cell(left.omega, right.omega, loop_.step, loop_.inexact);
-        double f0;
-        loop_.bends(cell, f0, bends_.data());
-        double common = f0;  // what every term may miss; what larger ones miss beyond is added one by one
-        for (const double bend : bends_)
-            if (bend <= small_) common = std::max(common, bend);
-        for (std::size_t k = 0; k < m_; k++) {
-            if (bends_[k] <= common) continue;
-            const double *re = &shapes_real_[k * n_], *im = &shapes_imaginary_[k * n_], bend = bends_[k] - common;
-            for (std::size_t i = 0; i < n_; i++) {
-                add(bend * re[i], re, &missed_[i * n_], i);
-                if (!plain_) add(bend * im[i], im, &missed_[i * n_], i);
-            }
-        }
+        if (one)
+            std::fill(missed_.begin(), missed_.end(), 0.0);
+        else
+            sum_.missed(cell, missed_.data());
+        double most = 0.0;
         for (std::size_t i = 0; i < n_; i++) {
-            const double size = std::max(left.size[i], right.size[i]);
-            law_bends_[i] = loop_.inverse_law_bend(i, cell, size) * std::norm(scale_[i]);
-            missed_[i * n_ + i] += common * spread_[i];
+            law_bends_[i] = one ? 0.0 : loop_.inverse_law_bend(i, cell, std::max(left.size[i], right.size[i])) * std::norm(scale_[i]);
+            most = std::max(most, law_bends_[i]);
         }
-        const double most = mixing_size_ * *std::max_element(law_bends_.begin(), law_bends_.end());
+        most *= mixing_size_;
+        const double rounding = kRounding * static_cast<double>(n_);
         for (std::size_t i = 0; i < n_; i++) {
-            missed_[i * n_ + i] += v_ * (mixed() ? most : law_bends_[i]);
-            if (mixed()) law_missed_[i * n_ + i] = most + kRounding * static_cast<double>(n_) * mixing_size_;
+            missed_[i * stride_ + i] += rounding * (size_of(left.law[i]) + size_of(right.law[i]) + sum_.spread()[i]);
+            missed_[i * stride_ + i] += v_ * (mixed() ? most : law_bends_[i]);
+            if (mixed()) law_missed_[i * stride_ + i] = most + rounding * mixing_size_;
         }
     }
 
@@ -310,31 +331,31 @@ class Exclusion {
         const double c = std::cos(angle_), s = std::sin(angle_);
         for (std::size_t k = 0; k < n_; k++)
             for (std::size_t j = k; j < n_; j++) {
-                const std::size_t at = k * n_ + j;
+                const std::size_t at = k * stride_ + j;
                 trial_[at] = c * test.real[at] - s * test.imaginary[at] - test.missed[at];
             }
         for (std::size_t k = 0; k < n_; k++) {
-            double* row = &trial_[k * n_];
+            double* row = &trial_[k * stride_];
             if (!(row[k] > 0)) {
                 std::fill(vector_.begin(), vector_.end(), 0.0);
                 vector_[k] = 1.0;
                 for (std::size_t i = k; i-- > 0;) {
-                    for (std::size_t j = i + 1; j <= k; j++) vector_[i] -= trial_[i * n_ + j] * vector_[j];
-                    vector_[i] *= trial_[i * n_ + i];
+                    for (std::size_t j = i + 1; j <= k; j++) vector_[i] -= trial_[i * stride_ + j] * vector_[j];
+                    vector_[i] *= trial_[i * stride_ + i];
                 }
                 return false;
             }
             const double inverse = 1 / std::sqrt(row[k]);
             for (std::size_t j = k + 1; j < n_; j++) row[j] *= inverse;
-            for (std::size_t i = k + 1; i < n_; i++) add(-row[i], row, &trial_[i * n_], i);
+            for (std::size_t i = k + 1; i < n_; i++) add(-row[i], row, &trial_[i * stride_], i, n_);
             row[k] = inverse;  // of the pivot
         }
         return true;
     }
 
-    // to_j += factor from_j for j >= first: rows of upper triangles, which processors add two or four at a time.
-    void add(double factor, const double* __restrict from, double* __restrict to, std::size_t first) const {
-        for (std::size_t j = first; j < n_; j++) to[j] += factor * from[j];
+    // to_j += factor from_j for first <= j < end.
+    static void add(double factor, const double* __restrict from, double* __restrict to, std::size_t first, std::size_t end) {
+        for (std::size_t j = first; j < end; j++) to[j] += factor * from[j];
     }
 
     // Leaves the angles at which what has failed may hold; false where there is none.
@@ -348,9 +369,9 @@ class Exclusion {
             for (std::size_t i = 0; i < n_; i++)
                 for (std::size_t j = i; j < n_ && vector_[i] != 0; j++) {
                     const double product = (j > i ? 2.0 : 1.0) * vector_[i] * vector_[j];
-                    cosine += product * test_.real[i * n_ + j];
-                    sine -= product * test_.imaginary[i * n_ + j];
-                    needed += product * test_.missed[i * n_ + j];
+                    cosine += product * test_.real[i * stride_ + j];
+                    sine -= product * test_.imaginary[i * stride_ + j];
+                    needed += product * test_.missed[i * stride_ + j];
                 }
         }
         const double size = std::hypot(cosine, sine);
@@ -372,7 +393,6 @@ class Exclusion {
         else
             to.push_back({low, high});
     }
-
 };
 
 }  // namespace gainroom

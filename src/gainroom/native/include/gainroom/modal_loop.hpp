@@ -27,9 +27,29 @@ struct Bend {
 struct Cell {
     double a, b, step, inexact;
     bool in_x;
+    Complex start, end;  // z at a and b
 
     Cell(double a, double b, double step, double inexact)
-        : a(a), b(b), step(step), inexact(inexact), in_x(step == 0 || b * step <= kPi / 2) {}
+        : a(a), b(b), step(step), inexact(inexact),
+          in_x(step == 0 || b * step <= kPi / 2), start(std::polar(1.0, a * step)), end(std::polar(1.0, b * step)),
+          largest_(weight(b, step)) {
+        const double way = in_x ? largest_ - weight(a, step) : b - a, width = way * way / 8;
+        if (in_x) {  // (x u)_xx = 3u'/4ω + u''/4, sampled likewise
+            const double half = step == 0 ? 1.0 : std::cos(0.5 * b * step), rise = step == 0 ? 2 * a : 2 * std::sin(a * step) / step;
+            value_ = inexact * largest_;
+            first_ = width * (step == 0 ? 0.75 / a : step / std::sin(a * step));
+            second_ = 0.25 * width / (half * half);
+            plain_second_ = width / (rise * rise);
+            plain_first_ = plain_second_ * (step == 0 ? 1 / a : step / std::tan(a * step));
+        } else {
+            const double rise = 2 / step * (a * step < kPi / 2 ? 1.0 : std::sin(a * step));
+            value_ = 2 * width + inexact * largest_;
+            first_ = 2 * rise * width;
+            second_ = largest_ * width;
+            plain_first_ = 0.0;
+            plain_second_ = width;
+        }
+    }
 
     static double weight(double omega, double step) {
         if (step == 0) return omega * omega;
@@ -37,38 +57,28 @@ struct Cell {
         return root * root;
     }
     // Largest deviation of x u from its interpolation between the ends, with what u itself is off by.
-    double weighted(const Bend& u) const { return bent(u) + inexact * weight(b, step) * u.value; }
+    double weighted(const Bend& u) const { return value_ * u.value + first_ * u.first + second_ * u.second; }
     // The same of f itself.
-    double plain(double first, double second) const {
-        if (!in_x) return width() * second;
-        const double rise = step == 0 ? 2 * a : 2 * std::sin(a * step) / step;
-        return width() * (second + first * (step == 0 ? 1 / a : step / std::tan(a * step))) / (rise * rise);
-    }
+    double plain(double first, double second) const { return plain_first_ * first + plain_second_ * second; }
 
    private:
-    double bent(const Bend& u) const {
-        if (step == 0) return width() * (0.75 * u.first / a + 0.25 * u.second);  // (x u)_xx = 3u'/4ω + u''/4
-        if (in_x) {
-            const double half = std::cos(0.5 * b * step);
-            return width() * (u.first * step / std::sin(a * step) + 0.25 * u.second / (half * half));
-        }
-        const double rise = 2 / step * (a * step < kPi / 2 ? 1.0 : std::sin(a * step));
-        return width() * (2 * u.value + 2 * rise * u.first + weight(b, step) * u.second);
-    }
-    double width() const {  // (Δ)²/8
-        const double way = in_x ? weight(b, step) - weight(a, step) : b - a;
-        return way * way / 8;
-    }
+    double largest_, value_, first_, second_, plain_first_, plain_second_;
 };
 
-// Least distance of v on the boundary between cell.a and cell.b from `place`, in v.
+// |a|, of numbers whose squares are within range.
+inline double size_of(Complex a) { return std::sqrt(std::norm(a)); }
+
+// Least distance of z on the boundary between the ends of a cell from `z`, at `angle`.
+inline double distance(const Cell& cell, Complex z, double angle) {
+    const double least = std::min(size_of(z - cell.start), size_of(z - cell.end));
+    return cell.a * cell.step <= angle && angle <= cell.b * cell.step ? std::min(least, std::fabs(size_of(z) - 1)) : least;
+}
+
+// The same of v from `place`.
 inline double distance(const Cell& cell, Complex place) {
-    if (cell.step == 0) return std::hypot(place.real(), std::clamp(place.imag(), cell.a, cell.b) - place.imag());
+    if (cell.step == 0) return size_of({place.real(), std::clamp(place.imag(), cell.a, cell.b) - place.imag()});
     const Complex z(1 + cell.step * place.real(), cell.step * place.imag());
-    const double angle = std::atan2(z.imag(), z.real()), low = cell.a * cell.step, high = cell.b * cell.step;
-    double least = std::min(std::abs(z - std::polar(1.0, low)), std::abs(z - std::polar(1.0, high)));
-    if (low <= angle && angle <= high) least = std::min(least, std::fabs(std::abs(z) - 1));
-    return least / cell.step;
+    return distance(cell, z, std::atan2(z.imag(), z.real())) / cell.step;
 }
 
 class ModalLoop {
@@ -95,8 +105,11 @@ class ModalLoop {
             fast_[1] = bandwidth * (-damping_ratio - root);
             current_ = {held(fast_[0]), held(fast_[1])};
         }
-        for (const Complex pole : poles) held_.push_back(held(pole));
-        for (const Complex pole : partners) held_.push_back(held(pole));
+        for (const auto* part : {&poles, &partners})
+            for (const Complex pole : *part) {
+                held_.push_back(held(pole));
+                weights(pole, held_.back());
+            }
     }
 
     bool pairs() const { return !partners.empty(); }
@@ -116,8 +129,8 @@ class ModalLoop {
         Complex fast[2] = {0.0, 0.0};
         for (std::size_t q = 0; q < current_.size(); q++) fast[q] = current_[q].at(z);
         for (std::size_t k = 0; k < modes; k++) {
-            const Complex one = behind(poles[k], held_[k], z, fast);
-            f[k] = x * (pairs() ? over(one - behind(partners[k], held_[modes + k], z, fast), poles[k] - partners[k]) : one);
+            const Complex one = behind(held_[k], z, fast);
+            f[k] = x * (pairs() ? over(one - behind(held_[modes + k], z, fast), poles[k] - partners[k]) : one);
         }
         const Rigid r = rigid_parts();
         f0 = -(r.constant + over(r.once, z) + over(r.twice, times(z, z)));
@@ -134,7 +147,7 @@ class ModalLoop {
                     f[k] = cell.weighted({near, near * near, 2 * near * near * near});
                     continue;
                 }
-                const double h = near / distance(cell, partners[k]), turn = 2 * cell.b + std::abs(poles[k] + partners[k]);
+                const double h = near / distance(cell, partners[k]), turn = 2 * cell.b + size_of(poles[k] + partners[k]);
                 f[k] = cell.weighted({h, h * h * turn, 2 * h * h * (h * turn * turn + 1)});
             }
             return;
@@ -142,19 +155,19 @@ class ModalLoop {
         Bend fast[2] = {{0, 0, 0}, {0, 0, 0}};
         for (std::size_t q = 0; q < current_.size(); q++) fast[q] = bend(current_[q], cell);
         for (std::size_t k = 0; k < modes; k++) {
-            const Bend one = behind(poles[k], bend(held_[k], cell), fast);
+            const Bend one = behind(held_[k], cell, fast);
             if (!pairs()) {
                 f[k] = cell.weighted(one);
             } else {
-                const Bend two = behind(partners[k], bend(held_[modes + k], cell), fast);
-                const double apart = std::abs(poles[k] - partners[k]);
+                const Bend two = behind(held_[modes + k], cell, fast);
+                const double apart = size_of(poles[k] - partners[k]);
                 f[k] = cell.weighted({(one.value + two.value) / apart, (one.first + two.first) / apart, (one.second + two.second) / apart});
             }
         }
         const Rigid r = rigid_parts();
         f0 = cell.plain(step * (std::fabs(r.once) + 2 * std::fabs(r.twice)), step * step * (std::fabs(r.once) + 4 * std::fabs(r.twice)));
         for (std::size_t q = 0; q < current_.size(); q++) {
-            const double size = std::abs(slow(q));
+            const double size = size_of(slow(q));
             f0 += cell.weighted({size * fast[q].value, size * fast[q].first, size * fast[q].second});
         }
     }
@@ -164,24 +177,28 @@ class ModalLoop {
 
     // Largest deviation of d_i from its interpolation over a cell.
     double inverse_law_bend(std::size_t i, const Cell& cell, double at_ends) const {
-        double first = delays[i], turn = 0.0;  // bounds of |(log u)'| and |(log u)''|
-        for (const auto* roots : {&laws[i].zeros, &laws[i].poles})
-            for (const Complex root : *roots) {
-                const double near = 1 / distance(cell, root);
-                first += near;
-                turn += near * (near + step);
-            }
-        const double value = at_ends * std::exp(0.5 * first * (cell.b - cell.a));
+        double growth, turn;
+        rates(i, cell, growth, turn);
+        const double value = at_ends * std::exp(0.5 * growth * (cell.b - cell.a)), first = growth + delays[i];
         return cell.weighted({value, value * first, value * (first * first + turn)});
     }
 
-    // |1/c_i|, which the bound above asks for, at the end of a cell where it is larger.
-    static double inverse_law_size(Complex d, double omega, double step) { return std::abs(d) / Cell::weight(omega, step); }
+    // Least |d_i| over a cell, from |1/c_i| at the end where that is smaller.
+    double least_inverse_law(std::size_t i, const Cell& cell, double at_ends) const {
+        double growth, turn;
+        rates(i, cell, growth, turn);
+        return Cell::weight(cell.a, step) * at_ends * std::exp(-0.5 * growth * (cell.b - cell.a));
+    }
+
+    // |1/c_i| from d_i.
+    static double inverse_law_size(Complex d, double omega, double step) { return size_of(d) / Cell::weight(omega, step); }
 
    private:
     // r/(s − p) behind a hold, torque a fraction of a tick late: once/z + again/(z − E).
     struct Held {
         Complex once, again, moved;  // E = e^{p T_s}
+        double angle;                // of E
+        Complex own, others[2];      // weights of C/(s − p) = w_p/(s − p) + Σ_q w_q/(s − q)
         Complex at(Complex z) const { return over(once, z) + over(again, z - moved); }
     };
     // Of f₀ without the current loop's poles: −(constant + once/z + twice/z²).
@@ -195,36 +212,43 @@ class ModalLoop {
     Held held(Complex pole) const {
         const Complex early = std::exp(pole * ((1 - fraction) * step)), moved = std::exp(pole * step);
         const Complex once = -over(moved - early, times(pole, moved));
-        return {once, over(times(early - 1.0, moved) + moved - early, times(pole, moved)), moved};
+        const Complex again = over(times(early - 1.0, moved) + moved - early, times(pole, moved));
+        return {once, again, moved, std::arg(moved), 1.0, {0.0, 0.0}};
     }
 
     Bend bend(const Held& of, const Cell& cell) const {
-        const double near = 1 / (step * distance(cell, (of.moved - 1.0) / step)), once = std::abs(of.once), again = std::abs(of.again);
+        const double near = 1 / distance(cell, of.moved, of.angle), once = size_of(of.once), again = size_of(of.again);
         return {once + again * near, step * (once + again * near * near), step * step * (once + again * near * near * (1 + 2 * near))};
     }
 
-    // Weights of C/(s − p) = w_p/(s − p) + Σ_q w_q/(s − q).
-    void weights(Complex pole, Complex& own, Complex* fast) const {
-        own = 1.0;
+    void weights(Complex pole, Held& of) const {
         if (current_.empty()) return;
         const double square = bandwidth * bandwidth;
-        own = over(square, times(pole - fast_[0], pole - fast_[1]));
-        fast[0] = over(square, times(fast_[0] - fast_[1], fast_[0] - pole));
-        fast[1] = over(square, times(fast_[1] - fast_[0], fast_[1] - pole));
+        of.own = over(square, times(pole - fast_[0], pole - fast_[1]));
+        of.others[0] = over(square, times(fast_[0] - fast_[1], fast_[0] - pole));
+        of.others[1] = over(square, times(fast_[1] - fast_[0], fast_[1] - pole));
     }
 
-    Complex behind(Complex pole, const Held& of, Complex z, const Complex* fast) const {
-        Complex own, others[2] = {0.0, 0.0};
-        weights(pole, own, others);
-        return times(own, of.at(z)) + times(others[0], fast[0]) + times(others[1], fast[1]);
+    static Complex behind(const Held& of, Complex z, const Complex* fast) {
+        return times(of.own, of.at(z)) + times(of.others[0], fast[0]) + times(of.others[1], fast[1]);
     }
 
-    Bend behind(Complex pole, const Bend& of, const Bend* fast) const {
-        Complex own, others[2] = {0.0, 0.0};
-        weights(pole, own, others);
-        const double w = std::abs(own), v0 = std::abs(others[0]), v1 = std::abs(others[1]);
-        return {w * of.value + v0 * fast[0].value + v1 * fast[1].value, w * of.first + v0 * fast[0].first + v1 * fast[1].first,
-                w * of.second + v0 * fast[0].second + v1 * fast[1].second};
+    Bend behind(const Held& of, const Cell& cell, const Bend* fast) const {
+        const Bend u = bend(of, cell);
+        const double w = size_of(of.own), v0 = size_of(of.others[0]), v1 = size_of(of.others[1]);
+        return {w * u.value + v0 * fast[0].value + v1 * fast[1].value, w * u.first + v0 * fast[0].first + v1 * fast[1].first,
+                w * u.second + v0 * fast[0].second + v1 * fast[1].second};
+    }
+
+    // Bounds of how fast log |1/c_i| grows over a cell, and of its second derivative; the delay, which only turns, left out.
+    void rates(std::size_t i, const Cell& cell, double& growth, double& turn) const {
+        growth = turn = 0.0;
+        for (const auto* roots : {&laws[i].zeros, &laws[i].poles})
+            for (const Complex root : *roots) {
+                const double near = 1 / distance(cell, root);
+                growth += near;
+                turn += near * (near + step);
+            }
     }
 
     // x times what C/s² = 1/s² − (2ζ/ω_c)/s + … leaves of integrators behind hold and fraction.

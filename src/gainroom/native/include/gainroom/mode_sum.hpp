@@ -1,0 +1,220 @@
+// x P = M₀ f₀ + Σ_k φ_k φ_kᵀ f_k of a ModalLoop at many ω, in units of the joints or mixed coordinates that are given once.
+//
+// Where poles stand alone they come in conjugate pairs, whose φ are conjugate in real units. With φ = a + jb and S = f + f', D = j (f − f'),
+//
+//   φ φᵀ f + φ̄ φ̄ᵀ f' = (a aᵀ − b bᵀ) S + (a bᵀ + b aᵀ) D;
+//
+// one with a real φ has b = 0 and S = f, any other S = f, D = jf. Matrices are upper triangles in rows of `stride`, a multiple of BLOCK:
+// sums over all terms are taken BLOCK entries at a time, as processors do.
+#pragma once
+
+#include <algorithm>
+#include <vector>
+
+#include "modal_loop.hpp"
+
+namespace gainroom {
+
+class ModeSum {
+   public:
+    static constexpr std::size_t kBlock = 8;
+    const std::size_t size, stride;
+
+    explicit ModeSum(const ModalLoop& loop) : size(loop.size), stride((loop.size + kBlock - 1) / kBlock * kBlock), loop_(loop) {
+        rigid_real_.resize(size * stride);
+        rigid_imaginary_.resize(size * stride);
+        spread_.resize(size);
+        functions_.resize(loop.modes);
+        for (auto* part : {&a_, &b_, &share_}) part->resize(loop.modes * stride);
+        for (auto* part : {&p_, &q_}) part->resize(loop.modes);
+        for (auto* part : {&s_, &d_}) part->resize(loop.modes);
+        bends_.resize(loop.modes);
+        twin_.resize(loop.modes);
+        for (std::size_t k = 0; k < loop.modes; k++) twin_[k] = has_twin(k);
+    }
+
+    // Real units of the joints.
+    void set_units(const std::vector<double>& units) {
+        begin(true);
+        for (std::size_t i = 0; i < size; i++)
+            for (std::size_t j = 0; j < size; j++) rigid_real_[i * stride + j] = units[i] * units[j] * loop_.rigid[i * size + j];
+        for (std::size_t k = 0; k < loop_.modes; k++) {
+            if (k > 0 && twin_[k - 1]) continue;
+            for (std::size_t i = 0; i < size; i++) {
+                const Complex value = loop_.shapes[k * size + i] * units[i];
+                a_[terms_ * stride + i] = value.real();
+                b_[terms_ * stride + i] = value.imag();
+            }
+            add_term(k);
+        }
+        finish(false);
+    }
+
+    // Any coordinates: M₀ (n, n) and φ (modes, n) in them.
+    void set_coordinates(const std::vector<Complex>& rigid, const std::vector<Complex>& shapes) {
+        begin(false);
+        for (std::size_t i = 0; i < size; i++)
+            for (std::size_t j = 0; j < size; j++) {
+                rigid_real_[i * stride + j] = rigid[i * size + j].real();
+                rigid_imaginary_[i * stride + j] = rigid[i * size + j].imag();
+            }
+        for (std::size_t k = 0; k < loop_.modes; k++) {
+            for (std::size_t i = 0; i < size; i++) {
+                a_[terms_ * stride + i] = shapes[k * size + i].real();
+                b_[terms_ * stride + i] = shapes[k * size + i].imag();
+            }
+            add_term(k);
+        }
+        finish(true);
+    }
+
+    // (n): no diagonal entry of Σ |φ_k φ_kᵀ| and |M₀| together has a row with more, nor, as a quadratic form, the whole (Gershgorin).
+    const std::vector<double>& spread() const { return spread_; }
+
+    // Q at ω, its upper triangle.
+    void respond(double omega, double* real, double* imaginary) {
+        Complex f0;
+        loop_.functions(omega, f0, functions_.data());
+        for (std::size_t t = 0; t < terms_; t++) {
+            const Complex f = functions_[first_[t]];
+            const Complex other = second(t) ? functions_[first_[t] + 1] : 0.0;
+            s_[t] = f + other;
+            d_[t] = times({0.0, 1.0}, f - other);
+        }
+        for (std::size_t i = 0; i < size; i++) {
+            for (std::size_t t = 0; t < terms_; t++) {
+                const double a = a_[t * stride + i], b = b_[t * stride + i];
+                p_[t] = s_[t] * a + d_[t] * b;
+                q_[t] = d_[t] * a - s_[t] * b;
+            }
+            for (std::size_t first = i / kBlock * kBlock; first < stride; first += kBlock) {
+                double re[kBlock], im[kBlock];
+                for (std::size_t j = 0; j < kBlock; j++) {
+                    const double x = rigid_real_[i * stride + first + j], y = rigid_imaginary_[i * stride + first + j];
+                    re[j] = x * f0.real() - y * f0.imag();
+                    im[j] = x * f0.imag() + y * f0.real();
+                }
+                if (real_)
+                    add_real(first, re, im);
+                else
+                    add_all(first, re, im);
+                std::copy(re, re + kBlock, real + i * stride + first);
+                std::copy(im, im + kBlock, imaginary + i * stride + first);
+            }
+        }
+    }
+
+    // A matrix (upper triangle) that lies above what interpolation over a cell may miss of Q; terms that may miss little, on its diagonal.
+    void missed(const Cell& cell, double* out) {
+        double f0;
+        loop_.bends(cell, f0, bends_.data());
+        std::fill(out, out + size * stride, 0.0);
+        for (std::size_t i = 0; i < size; i++) out[i * stride + i] = f0 * rigid_spread_[i];
+        std::size_t large = 0;
+        for (std::size_t t = 0; t < terms_; t++) {
+            if (bend(t) * largest_share_[t] > kSmall)
+                large_[large++] = t;
+            else
+                for (std::size_t i = 0; i < size; i++) out[i * stride + i] += bend(t) * share_[t * stride + i];
+        }
+        for (std::size_t i = 0; i < size && large > 0; i++)
+            for (std::size_t first = i / kBlock * kBlock; first < stride; first += kBlock) {
+                double sum[kBlock] = {};
+                for (std::size_t l = 0; l < large; l++) {
+                    const double *a = &a_[large_[l] * stride], *b = &b_[large_[l] * stride];
+                    const double p = bend(large_[l]) * a[i], q = bend(large_[l]) * b[i];
+                    for (std::size_t j = 0; j < kBlock; j++) sum[j] += p * a[first + j] + q * b[first + j];
+                }
+                for (std::size_t j = 0; j < kBlock; j++) out[i * stride + first + j] += sum[j];
+            }
+    }
+
+    // (n) the same of every row: Σ_j of what interpolation may miss of Q_ij.
+    void missed_rows(const Cell& cell, double* out) {
+        double f0;
+        loop_.bends(cell, f0, bends_.data());
+        for (std::size_t i = 0; i < size; i++) out[i] = f0 * rigid_spread_[i];
+        for (std::size_t t = 0; t < terms_; t++)
+            for (std::size_t i = 0; i < size; i++) out[i] += bend(t) * share_[t * stride + i];
+    }
+
+   private:
+    static constexpr double kSmall = 1e-3;
+
+    const ModalLoop& loop_;
+    std::vector<double> rigid_real_, rigid_imaginary_, rigid_spread_, spread_;
+    std::vector<double> a_, b_, share_, largest_share_;  // φ = a + jb (terms, stride); row sums of |φ φᵀ|
+    std::vector<double> bends_;
+    std::vector<Complex> functions_, s_, d_, p_, q_;
+    std::vector<std::size_t> first_, large_;  // f's of each term: this one, and the next where it has a twin
+    std::vector<bool> twin_;
+    std::size_t terms_ = 0;
+    bool real_ = true, paired_ = true;
+
+    bool has_twin(std::size_t k) const {
+        if (loop_.pairs() || k + 1 >= loop_.modes || (k > 0 && twin_[k - 1]) || loop_.poles[k + 1] != std::conj(loop_.poles[k])) return false;
+        for (std::size_t i = 0; i < size; i++)
+            if (loop_.shapes[(k + 1) * size + i] != std::conj(loop_.shapes[k * size + i])) return false;
+        return true;
+    }
+
+    bool second(std::size_t t) const { return paired_ && twin_[first_[t]]; }
+
+    double bend(std::size_t t) const { return bends_[first_[t]] + (second(t) ? bends_[first_[t] + 1] : 0.0); }
+
+    void begin(bool paired) {
+        paired_ = paired;
+        terms_ = 0;
+        first_.clear();
+        std::fill(rigid_imaginary_.begin(), rigid_imaginary_.end(), 0.0);
+    }
+
+    void add_term(std::size_t k) {
+        first_.push_back(k);
+        terms_++;
+    }
+
+    void finish(bool complex) {
+        real_ = !complex && loop_.pairs();
+        large_.resize(terms_);
+        largest_share_.assign(terms_, 0.0);
+        rigid_spread_.assign(size, 0.0);
+        for (std::size_t i = 0; i < size; i++)
+            for (std::size_t j = 0; j < size; j++)
+                rigid_spread_[i] += size_of({rigid_real_[i * stride + j], rigid_imaginary_[i * stride + j]});
+        spread_ = rigid_spread_;
+        for (std::size_t t = 0; t < terms_; t++) {
+            double total = 0.0;
+            for (std::size_t i = 0; i < size; i++) total += share_[t * stride + i] = size_of({a_[t * stride + i], b_[t * stride + i]});
+            for (std::size_t i = 0; i < size; i++) {
+                share_[t * stride + i] *= total;
+                largest_share_[t] = std::max(largest_share_[t], share_[t * stride + i]);
+                spread_[i] += (second(t) ? 2 : 1) * share_[t * stride + i];
+            }
+        }
+    }
+
+    void add_real(std::size_t first, double* __restrict re, double* __restrict im) const {
+        for (std::size_t t = 0; t < terms_; t++) {
+            const double* a = &a_[t * stride + first];
+            const double x = p_[t].real(), y = p_[t].imag();
+            for (std::size_t j = 0; j < kBlock; j++) {
+                re[j] += x * a[j];
+                im[j] += y * a[j];
+            }
+        }
+    }
+
+    void add_all(std::size_t first, double* __restrict re, double* __restrict im) const {
+        for (std::size_t t = 0; t < terms_; t++) {
+            const double *a = &a_[t * stride + first], *b = &b_[t * stride + first];
+            const double x = p_[t].real(), y = p_[t].imag(), u = q_[t].real(), v = q_[t].imag();
+            for (std::size_t j = 0; j < kBlock; j++) {
+                re[j] += x * a[j] + u * b[j];
+                im[j] += y * a[j] + v * b[j];
+            }
+        }
+    }
+};
+
+}  // namespace gainroom
