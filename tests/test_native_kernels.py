@@ -1,5 +1,8 @@
 """The core's filters against matrix algebra, and every kernel against input that does not fit."""
 
+import math
+from itertools import permutations
+
 import numpy as np
 import pytest
 
@@ -254,3 +257,20 @@ def test_nothing_at_all_is_no_row():
         age = np.zeros(count, dtype=np.int64)
         _core.decode(**{**DECODING, "target": np.zeros(count), "torque": np.zeros(count), "age": age})
         assert np.all((age >= 1) & (age <= 5))
+
+
+def test_assignments_cost_the_least_of_all_permutations():
+    """Of random costs, and of whole numbers, where many are equally cheap; of no joints at all too."""
+    rng = np.random.default_rng(5)
+    for size in range(7):
+        orders = np.array(list(permutations(range(size))), dtype=int).reshape(math.factorial(size), size)
+        for cost in (rng.normal(size=(size, size)), rng.integers(0, 3, (size, size)).astype(float)):
+            found = _core.assigned(cost)
+            assert sorted(found) == list(range(size))
+            assert cost[range(size), found].sum() == pytest.approx(cost[range(size), orders].sum(axis=1).min(), abs=1e-12)
+
+
+def test_assignments_of_costs_that_are_none_are_refused():
+    for cost in (np.zeros((2, 3)), np.array([[0.0, np.nan], [1.0, 2.0]]), np.array([[0.0, np.inf], [1.0, 2.0]])):
+        with pytest.raises(ValueError, match="cost must be"):
+            _core.assigned(cost)

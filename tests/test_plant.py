@@ -62,8 +62,10 @@ def test_z_formula(size, rank, rigid):
     rng = np.random.default_rng([1, size, rigid])
     plant = replace(draw_plant(rng, size, rank, rigid), motor_viscous=np.zeros(size), link_viscous=np.zeros(size))
     for s in S_POINTS:
-        for found, expected in zip(from_mechanism(plant, s), z_formula(plant, s), strict=True):
+        responses = [plant.response(s, side)[0] for side in ("motor", "link")]
+        for found, response, expected in zip(from_mechanism(plant, s), responses, z_formula(plant, s), strict=True):
             assert relative(found, expected) < rounding(plant, s)
+            assert relative(response, expected) < rounding(plant, s)
 
 
 @pytest.mark.parametrize(("size", "rank", "rigid"), [(1, None, 0), (1, None, 1), (3, None, 1), (6, 4, 2), (12, 6, 3)])

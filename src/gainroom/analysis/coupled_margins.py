@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..linear.arrays import Booleans, Complexes, Floats, Integers
+from ..linear.arrays import Booleans, Complexes, Floats, Integers, distinct
 from ..system.controller import gain_matrix
 from ..system.loop import Loop
 from .disk_margin import MultiLoopDisk, disk_margin
@@ -37,6 +37,7 @@ class CurveTolerances:
     least_factor: float = 1e-3  # on one joint's gains: what limits it further down counts as none
     # of a curve's largest value: where it is smaller it is not followed, and what it would limit counts as without limit
     faintest: float = 1e-6
+    within: float = 0.5  # of where it crosses for sure: likewise, as what it does there limits nothing first
 
 
 CURVES = CurveTolerances()
@@ -124,8 +125,7 @@ def one_loop_margins(sweep: Sweep) -> OneLoop:
         s = sweep.boundary.points(omega)
         v = loop.variable(s)
         actuated = loop.actuated_at(s)
-        law = loop.gain * controller.matrix(s, v, size, sample_time)
-        returned = actuated @ law
+        returned = controller.after(loop.gain * actuated, s, v, sample_time)
         sensitive = sensitivity(loop, returned)
         own = np.einsum("kij,kji->ki", sensitive, actuated)
         alone = [own * unit.matrix(s, v, 1, sample_time)[:, 0] for unit in units.values()]
@@ -147,13 +147,18 @@ def one_loop_margins(sweep: Sweep) -> OneLoop:
 def sensitivity(loop: Loop, returned: Complexes) -> Complexes:
     """(I + L)⁻¹ (k, n, n) for L = `returned`, from what the gains see alone: what no gain closes would drown it in round-off."""
     seen = loop.seen
+    if seen.shape[1] == loop.size:
+        return _inverse(np.eye(loop.size) + returned)
     unseen = np.eye(loop.size) - seen @ seen.T
-    core = np.eye(seen.shape[1]) + seen.T @ returned @ seen
-    try:
-        back = np.linalg.inv(core)
-    except np.linalg.LinAlgError:  # integrators have drowned the rest in round-off, which shows: nothing settles there
-        back = np.linalg.pinv(core)
+    back = _inverse(np.eye(seen.shape[1]) + seen.T @ returned @ seen)
     return unseen + (seen - unseen @ returned @ seen) @ back @ seen.T
+
+
+def _inverse(matrices: Complexes) -> Complexes:
+    try:
+        return np.linalg.inv(matrices)
+    except np.linalg.LinAlgError:  # integrators have drowned the rest in round-off, which shows: nothing settles there
+        return np.linalg.pinv(matrices)
 
 
 def distances(sweep: Sweep, curves: Curves, farthest: Floats | float = math.inf) -> tuple[Floats, Booleans]:
@@ -193,7 +198,7 @@ class _Curves:
         self._sweep = sweep
         self._given: Curves = lambda omega: in_blocks(curves, omega, sweep.loop.size)
         levels, below = self._halved(sweep.first)
-        omega = np.union1d(levels, sweep.omega)
+        omega = distinct(np.concatenate([levels, sweep.omega]))
         values = self._given(omega)
         self.size = values.shape[1]
         least = 1e-3 * np.abs(values).max(axis=0)
@@ -224,7 +229,8 @@ class _Curves:
     def add(self, omega: Floats) -> None:
         """Take samples at more frequencies."""
         inside = (omega > self.omega[0]) & (omega < self.omega[-1])
-        fresh = np.setdiff1d(omega[inside], self.omega)
+        fresh = distinct(omega[inside])
+        fresh = fresh[~np.isin(fresh, self.omega, assume_unique=True)]
         place = np.searchsorted(self.omega, fresh)
         self.omega, self.values = np.insert(self.omega, place, fresh), np.insert(self.values, place, self._at(fresh), axis=0)
 
@@ -350,13 +356,18 @@ def _foremost(values: Complexes, crosses: Booleans) -> Booleans:
 
 
 def _resolved(omega: Floats, values: Complexes, curves: Curves) -> tuple[Floats, Complexes]:
-    """Samples of the curves fine enough where they come near the negative real axis, beginning with `values` at `omega`."""
+    """Samples of the curves fine enough where they come near the negative real axis, beginning with `values` at `omega`.
+
+    Up to a change δ at which a curve c meets −1/δ, 1 + δ c cannot turn about 0 where c is smaller than that.
+    """
     for _ in range(12):
         start, end = values[:-1], values[1:]
         size = np.maximum(np.abs(start), np.abs(end))
+        moves = np.abs(end - start) > CURVES.relative_move * size
+        surely = np.where(_meet_axis(values) & ~moves, np.maximum(start.real, end.real), 0.0).min(axis=0, initial=0.0)
         near = (np.minimum(start.real, end.real) < 0) & (np.minimum(np.abs(start.imag), np.abs(end.imag)) < size)
-        followed = size > CURVES.faintest * np.abs(values).max(axis=0)
-        rough = np.any(near & (np.abs(end - start) > CURVES.relative_move * size) & followed, axis=1)
+        followed = size > np.maximum(CURVES.faintest * np.abs(values).max(axis=0), -CURVES.within * surely)
+        rough = np.any(near & moves & followed, axis=1)
         rough &= np.diff(omega) > 1e-9 * omega[1:]
         if not rough.any() or len(omega) > LOCI.most:
             break

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import GainroomError
-from ..linear.arrays import Complexes, Floats, Integers
+from ..linear.arrays import Complexes, Floats, Integers, distinct
 from ..system.loop import Loop
 from ._disk_modes import AGREEMENT, Expansion, Modes, expanded, opened_at_torques
 from ._mu import balanced, from_below, improved, largest, scaled
@@ -115,7 +115,7 @@ def disk_margin_of(response: Response, omega: Floats) -> MultiLoopDisk:
             raise GainroomError(f"disk margin: the response of shape {value.shape} must be finite, of shape ({len(points)}, n, n)")
         return 2 * np.linalg.inv(np.eye(value.shape[1]) + value) - np.eye(value.shape[1])
 
-    points = np.unique(np.asarray(omega, dtype=float))
+    points = distinct(np.asarray(omega, dtype=float))
     if len(points) < 3 or not np.all(np.isfinite(points)) or points[0] < 0:
         raise GainroomError("disk margin: omega must hold at least three finite frequencies >= 0")
     while True:

@@ -19,7 +19,8 @@ from functools import cached_property
 import numpy as np
 
 from ..errors import GainroomError
-from ..linear.arrays import Booleans, Complexes, Floats, Integers
+from ..linear.arrays import Booleans, Complexes, Floats, Integers, distinct
+from ..native import _core
 from ..system.loop import Loop
 from .passive_intervals import passive_intervals
 from .stability_boundary import LOCI, Boundary, in_blocks
@@ -50,7 +51,7 @@ class Sweep:
         grid = first_grid(loop, self.last)
         self.first = float(grid[0])  # lower than all corner frequencies of the loci
         self._passive = passive_intervals(loop, 1e-4 * grid[0], grid[-1]) if for_limit else np.zeros((0, 2))
-        self.omega = np.union1d(_without_inside(grid, self._passive), LOCI.beside * grid[:1])
+        self.omega = distinct(np.append(_without_inside(grid, self._passive), LOCI.beside * grid[:1]))
         self.largest = 0.0
         self._lowest = (math.nan, np.zeros(0))
         self._bottom = False  # True where round-off hides what is further down
@@ -66,7 +67,7 @@ class Sweep:
 
     def add(self, omega: Floats) -> None:
         """Take samples at more frequencies."""
-        fresh = np.unique(omega[omega > 0])
+        fresh = distinct(omega[omega > 0])
         if self.last is not None:
             fresh = fresh[fresh <= self.last]
         place = np.searchsorted(self.omega, fresh)
@@ -129,7 +130,7 @@ class Sweep:
             middle = _middle(self.omega[rows], self.omega[rows + 1])
             self.add(middle)
             right = np.searchsorted(self.omega, middle)
-            rows = np.union1d(right - 1, right)
+            rows = distinct(np.concatenate([right - 1, right]))
 
     def unstable(self, gain: float, phase: float = 0.0, delay: float = 0.0) -> int:
         """Unstable closed-loop roots with L multiplied by gain e^{−j(phase + ω delay)}, as far as the gains move them.
@@ -260,7 +261,7 @@ def _without_inside(omega: Floats, spans: Floats) -> Floats:
     inside = (span >= 0) & (omega < np.append(spans[:, 1], 0.0)[span])
     inside[0] = False
     ends = spans[(spans > omega[0]) & (spans < omega[-1])]
-    return np.unique(np.concatenate([omega[~inside], ends]))
+    return distinct(np.concatenate([omega[~inside], ends]))
 
 
 def _size(value: Complexes) -> Floats:
@@ -286,11 +287,8 @@ def _paired(before: Complexes, after: Complexes) -> Integers:
     distance = grown**2 + (np.abs(np.abs(turned) - math.pi) - math.pi) ** 2
     pairs = np.argmin(distance, axis=2)
     clashing = np.flatnonzero(np.any(np.sort(pairs, axis=1) != np.arange(before.shape[1]), axis=1))
-    if len(clashing):
-        from scipy.optimize import linear_sum_assignment
-
-        for k in clashing:
-            pairs[k] = linear_sum_assignment(distance[k])[1]
+    for k in clashing:
+        pairs[k] = _core.assigned(distance[k])
     return pairs
 
 
@@ -327,6 +325,6 @@ def first_grid(loop: Loop, last: float | None) -> Floats:
     if last is not None:  # resonances above half the sample rate are aliased below it
         center = np.abs((center + last) % (2 * last) - last)
     grid.append((center[:, None] + width[:, None] * LOCI.around).ravel())
-    omega = np.unique(np.concatenate(grid))
+    omega = distinct(np.concatenate(grid))
     omega = omega[(omega >= low) & (omega <= high)]
     return omega[np.append(True, np.diff(omega) > 1e-7 * omega[1:])]

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..linear.arrays import Complexes, Floats, Integers
+from ..linear.arrays import Complexes, Floats, Integers, distinct
 from ..linear.state_space import split_delay
 from ..linear.transfer_function import Factored, growth
 from ..native import _core
@@ -91,8 +91,8 @@ class ModalLoop:
         return cls(
             core,
             modes,
-            np.unique(corners),
-            np.unique(np.abs(np.concatenate([laws.zeros, laws.poles]))),
+            distinct(corners),
+            distinct(np.abs(np.concatenate([laws.zeros, laws.poles]))),
             leads - late - lag,
             turns + late + lag,
             None if step is None else np.pi / step,
@@ -141,7 +141,7 @@ class ModalLoop:
     def _grid(self, low: float, high: float) -> Floats:
         """From `low` to `high` in steps no longer than FACTOR, with every corner."""
         grid = np.geomspace(low, high, 2 + int(np.log(high / low) / np.log(FACTOR)))
-        grid = np.unique(np.concatenate([grid, self.corners[(self.corners > low) & (self.corners < high)]]))
+        grid = distinct(np.concatenate([grid, self.corners[(self.corners > low) & (self.corners < high)]]))
         grid = grid[np.append(np.diff(grid) > NARROWEST * grid[1:], True)]
         grid[0] = low
         return grid

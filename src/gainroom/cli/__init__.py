@@ -3,6 +3,7 @@
 Even the light ones wait until signals are heeded and standard streams are open.
 """
 
+import gc
 import os
 import signal
 import sys
@@ -30,6 +31,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _run(arguments)
     leave_when_asked()
     open_closed()
+    gc.set_threshold(20_000)  # modules and schemas are no garbage: looking for it every 700 objects takes a twentieth of a short command
     try:
         return _run(None)
     except Exception as error:  # noqa: BLE001 - a fault of the program, reported in full

@@ -132,9 +132,8 @@ def _facts(result: "Audit") -> dict[str, Any]:
 
 
 def _terminal(result: "Audit", report: Path | None) -> str:
-    from ..report.audit import joint_caption
     from ..report.columns import definitions
-    from ..report.robot_columns import AUDITED_JOINT, audited_states
+    from ..report.robot_columns import AUDITED_JOINT, audited_states, joint_caption
     from ..report.robot_text import audit_sentence, audit_warnings
 
     title = f"All joints together ({model_text(result.system.control.sample_time)})"

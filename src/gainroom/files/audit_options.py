@@ -122,7 +122,7 @@ def audit_spec(model: str, gains: Path | None, options: AuditOptions) -> System:
         file = validate(RobotFile, options.sections(str(path), body, found), "")
         if (sample_time := file.sample_time()) is not None:
             refuse_long_delay(1e-3 * options.delay_ms, sample_time, "--delay-ms")
-        spec = robot_spec(file, str(path), path)
+        spec = robot_spec(file, str(path), path, known=body)
     with named(str(source)):
         spec = examined(spec)
     assumptions = (*spec.assumptions, *_assumptions(spec.source.body, file.joints.locked, options))

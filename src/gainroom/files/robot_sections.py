@@ -55,7 +55,7 @@ class ActuatorSection(GearboxSection):
 class JointsSection(BaseModel):
     """`default` and patterns with their data, and the joints that do not move."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
     entries: dict[str, ActuatorSection] = {}
     locked: list[Name] = []

@@ -58,14 +58,14 @@ def parse_robot(text: str, source: str, folder: Path = Path()) -> System:
     return system if file.limits is not None else replace(system, assumptions=(*system.assumptions, USUAL))
 
 
-def robot_spec(file: RobotFile, name: str, path: Path, folder: Path = Path()) -> System:
-    """In SI: the robot `name` with the model at `path`, its joints' files in `folder`.
+def robot_spec(file: RobotFile, name: str, path: Path, folder: Path = Path(), known: RigidBody | None = None) -> System:
+    """In SI: the robot `name` with the model at `path`, its joints' files in `folder`; `known`: that model without locked joints, if read.
 
     Raises GainroomError where sections contradict each other or the model.
     """
     tick, sample_time = file.tick(), file.sample_time()
     base, assumed = base_of(file.model.base, path, any((file.contacts or {}).values()))
-    body = load_model(path, base, file.joints.locked, locked_key=LOCKED)
+    body = known if known is not None and not file.joints.locked else load_model(path, base, file.joints.locked, locked_key=LOCKED)
     # Patterns may name joints that are locked: to lock a joint, one line is enough.
     names = (*body.joint_names, *body.locked)
     postures = {name: _posture(name, patterns, path, base, file, body) for name, patterns in (file.postures or {"zero": {}}).items()}

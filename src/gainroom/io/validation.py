@@ -94,7 +94,7 @@ def refusal(message: str, key: str = "") -> PydanticCustomError:
 class Section(BaseModel):
     """A mapping with known keys. A field's description says what a missing key would hold."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
     @model_validator(mode="before")
     @classmethod

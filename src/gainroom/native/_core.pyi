@@ -42,6 +42,8 @@ def split_delays(delays: Floats, sample_time: float) -> Floats:
 
 def unstable_roots(gains: Floats, phases: Floats, half_turns: float, unstable_poles: int) -> float: ...
 def half_encirclements(start_phase: float, outside: bool, ends_on_boundary: bool, last_phase: float, gains: Floats) -> float: ...
+def assigned(cost: Floats) -> Integers:
+    """(n,) the column of each row at the least total of `cost` (n, n); ValueError where that is not finite."""
 
 class ModalLoop:
     """As in modal_loop.hpp; rigid (n, n), shapes (m, n), poles (m,), partners (m,) or (0,)."""

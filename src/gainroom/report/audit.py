@@ -11,14 +11,13 @@ from .columns import definitions, tabulated
 from .number_format import digits, hertz, model_kind
 from .page import Card, Html, Lead, Section, beside, block, facts, page, table
 from .page_parts import ON_TOP, assumed_and_warned, assumptions, footer, limit_proofs, margin_card, unstable_card
-from .robot_columns import AUDITED_JOINT, audited_states
+from .robot_columns import AUDITED_JOINT, asked, audited_states, joint_caption
 from .robot_coupling import coupling
 from .robot_drawing import hero, small
 from .robot_headroom import Factors, heat_map
 from .robot_skeleton import common_view
 from .robot_tables import MARKS, inputs
 from .robot_text import audit_sentence, audit_warnings
-from .robot_units import joint_units
 
 
 def audit_page(result: Audit, command: str) -> str:
@@ -97,24 +96,11 @@ def _vibrations(result: Audit) -> list[Html]:
 
 def _state_table(result: Audit) -> Html:
     columns = audited_states(result.enough_in)
-    return table(*tabulated(columns, result.states + result.immobile), f"{definitions(columns)} Safe: {_asked(result)} or more.", MARKS)
+    return table(*tabulated(columns, result.states + result.immobile), f"{definitions(columns)} Safe: {asked(result)} or more.", MARKS)
 
 
 def _joint_table(result: Audit) -> Html:
     return table(*tabulated(AUDITED_JOINT, result.joints), joint_caption(result), MARKS)
-
-
-def joint_caption(result: Audit) -> str:
-    """What the columns of AUDITED_JOINT are, with their units."""
-    units = joint_units(result.system.source.body)
-    return (
-        f"In the worst state. {definitions(AUDITED_JOINT)} kp [{units['kp']}], kd [{units['kd']}], ki [{units['ki']}], motor inertia "
-        f"[{units['load']}].{units['prismatic']} Safe: {_asked(result)} or more alone, and no part in the vibration of a state with less."
-    )
-
-
-def _asked(result: Audit) -> str:
-    return f"{digits(result.margin, '', 3)} ({digits(to_db(result.margin), 'dB', 3)})"
 
 
 def _certificate(result: Audit) -> Html:

@@ -5,12 +5,14 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from ..errors import listed
-from ..system.requirements import REQUIREMENTS
-from .columns import Column, facts, yes
+from ..system.requirements import REQUIREMENTS, to_db
+from .columns import Column, definitions, facts, yes
 from .margin_columns import margin_facts
 from .number_format import digits, hertz
+from .robot_units import joint_units
 
 if TYPE_CHECKING:
+    from ..studies.audit import Audit
     from ..studies.state import State
 
 
@@ -221,3 +223,17 @@ AUDITED_JOINT = [
     CLOSED,
 ]
 """A joint of an audit, in its worst state."""
+
+
+def joint_caption(result: "Audit") -> str:
+    """What the columns of AUDITED_JOINT are, with their units."""
+    units = joint_units(result.system.source.body)
+    return (
+        f"In the worst state. {definitions(AUDITED_JOINT)} kp [{units['kp']}], kd [{units['kd']}], ki [{units['ki']}], motor inertia "
+        f"[{units['load']}].{units['prismatic']} Safe: {asked(result)} or more alone, and no part in the vibration of a state with less."
+    )
+
+
+def asked(result: "Audit") -> str:
+    """The margin that an audit requires."""
+    return f"{digits(result.margin, '', 3)} ({digits(to_db(result.margin), 'dB', 3)})"

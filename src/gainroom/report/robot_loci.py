@@ -4,10 +4,10 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from ..analysis.loci import Sweep
 from ..linear.arrays import Complexes, Floats, Integers
+from ..native import _core
 from ..studies.state import State
 from . import style
 from .number_format import digits, frequency
@@ -77,7 +77,7 @@ def _followed(sweep: Sweep) -> Complexes:
             ahead = ahead + (curves[k - 1] - curves[k - 2]) * min((omega[k] - omega[k - 1]) / (omega[k - 1] - omega[k - 2]), 2.0)
         distance = np.abs(ahead[:, None] - curves[k])
         order = np.argmin(distance, axis=1)
-        curves[k] = curves[k, order if len(set(order.tolist())) == len(order) else linear_sum_assignment(distance)[1]]
+        curves[k] = curves[k, order if len(set(order.tolist())) == len(order) else _core.assigned(distance)]
     return curves
 
 

@@ -98,14 +98,26 @@ class Controller:
 
     def matrix(self, s: Complexes, v: Complexes, size: int, sample_time: float | None) -> Complexes:
         """D of `size` joints at complex s (k,), with v the same points in this module's variable: (k, n, n)."""
-        terms, ratios = self._matrices(size), (self.velocity(sample_time), integrator(sample_time))
+        return self._sum(self._matrices(size), (size, size), s, v, sample_time)
+
+    def after(self, response: Complexes, s: Complexes, v: Complexes, sample_time: float | None) -> Complexes:
+        """`response` D of what is measured, (k, n, n), at the points of `matrix`."""
+        terms = self._matrices(response.shape[-1])
+        if all(np.count_nonzero(gain) == np.count_nonzero(np.diagonal(gain)) for gain in terms.values()):
+            own = {powers: np.diagonal(gain) for powers, gain in terms.items()}
+            return response * self._sum(own, response.shape[-1:], s, v, sample_time)[:, None, :]
+        return response @ self._sum(terms, response.shape[1:], s, v, sample_time)
+
+    def _sum(self, terms: Terms, shape: tuple[int, ...], s: Complexes, v: Complexes, sample_time: float | None) -> Complexes:
+        """D (k, …), of gains of `shape` (…)."""
+        ratios = self.velocity(sample_time), integrator(sample_time)
         signals = [value_of(ratio, v) if any(powers[k] for powers in terms) else None for k, ratio in enumerate(ratios)]
-        total = np.zeros((len(v), size, size), dtype=complex)
+        total = np.zeros((len(v), *shape), dtype=complex)
         for powers, gain in terms.items():
             parts = [signal**power for signal, power in zip(signals, powers, strict=True) if signal is not None and power]
-            total += reduce(np.multiply, parts)[:, None, None] * gain if parts else gain
+            total += np.multiply.outer(reduce(np.multiply, parts), gain) if parts else gain
         shaping = self.shaping(sample_time)
-        return total if shaping.is_one else shaping.at(s)[:, None, None] * total
+        return total if shaping.is_one else (shaping.at(s) * total.T).T
 
     def _matrices(self, size: int) -> Terms:
         """`terms` as (n, n) matrices; cached, as responses are evaluated many times."""

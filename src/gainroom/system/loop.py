@@ -99,8 +99,7 @@ class Loop:
         assert self.parts is not None
         v = self.variable(points)
         actuated = self._actuated_at(points, v)
-        law = self.parts.controller.matrix(points, v, self.size, self.sample_time)
-        return (actuated if self.gain == 1 else self.gain * actuated) @ law
+        return self.parts.controller.after(actuated if self.gain == 1 else self.gain * actuated, points, v, self.sample_time)
 
     def variable(self, s: Complexes) -> Complexes:
         """v at complex s (k,): s itself, or (e^{s T_s} − 1)/T_s in sampled time."""

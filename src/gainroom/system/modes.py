@@ -39,9 +39,7 @@ def modes_of(mass: Floats, damping: Floats, stiffness: Floats, position: Floats)
 
     None where a motion without a spring is damped, and where a mode has two poles that are as good as one.
     """
-    from scipy.linalg import eigh
-
-    squares, vectors = eigh((stiffness + stiffness.T) / 2, mass)
+    squares, vectors = undamped(mass, stiffness)
     free = np.abs(squares) <= AT_REST * np.abs(squares).max()
     moved = position @ vectors
     damping = vectors.T @ damping @ vectors
@@ -60,6 +58,14 @@ def modes_of(mass: Floats, damping: Floats, stiffness: Floats, position: Floats)
         poles, parts = _quadratic(squares, damping)
         shapes = parts @ shapes
     return Modes(rigid, shapes, poles, partners)
+
+
+def undamped(mass: Floats, stiffness: Floats) -> tuple[Floats, Floats]:
+    """ω² (m,), rising, and v (m, m) with K v = ω² M v, vᵀMv = 1, for M > 0 and the symmetric part of K."""
+    root = np.linalg.cholesky(mass)
+    half = np.linalg.solve(root, (stiffness + stiffness.T) / 2)
+    squares, vectors = np.linalg.eigh(np.linalg.solve(root, half.T))
+    return squares, np.linalg.solve(root.T, vectors)
 
 
 def _quadratic(squares: Floats, damping: Floats) -> tuple[Complexes, Complexes]:

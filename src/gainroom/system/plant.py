@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import GainroomError, first_of_many, require_finite, require_positive
-from ..linear.arrays import Booleans, Complexes, Floats
-from .modes import Modes, modes_of
+from ..linear.arrays import Booleans, Complexes, Floats, distinct
+from .modes import Modes, modes_of, undamped
 
 BESIDE = 1.07  # of natural frequencies: there a sum over modes is compared with the response itself
 OFF_MODES = 1e-9  # relative: a sum over modes that is further off, as where two modes are as good as one, is not used
@@ -248,6 +248,8 @@ class Plant:
         and with link friction and gravity W(s) = (I + W (D_l/s + G/s²))⁻¹ W.
         """
         points = np.atleast_1d(np.asarray(s, dtype=complex))[:, None, None]
+        if self._unsprung is not None:
+            return self._unsprung / points**2
         eye = np.eye(self.size)
         links = np.broadcast_to(self.link_inverse_inertia.astype(complex), (len(points), self.size, self.size))
         if self.compliance is not None:
@@ -273,6 +275,15 @@ class Plant:
         # X (I + J Z)⁻¹ = ((I + J Z)ᵀ \ Xᵀ)ᵀ
         feedback = eye + motors[:, :, None] * admittance
         return np.linalg.solve(feedback.swapaxes(1, 2), moved.swapaxes(1, 2)).swapaxes(1, 2) / points**2
+
+    @cached_property
+    def _unsprung(self) -> Floats | None:
+        """(n, n) W (I + J_m W)⁻¹ where no spring and no damper acts: rigid joints alone. None elsewhere."""
+        resisted = np.any(self.motor_viscous) or np.any(self.link_viscous) or self.gravity_stiffness is not None
+        if np.any(self.elastic) or resisted or self.compliance is not None:
+            return None
+        links = self.link_inverse_inertia
+        return np.linalg.solve(np.eye(self.size) + links * self.motor_inertia, links)
 
     @cached_property
     def root(self) -> Floats:
@@ -321,7 +332,7 @@ class Plant:
         found = modes_of(form.mass, form.damping, form.stiffness, form.motor_position)
         if found is None:
             return None
-        s = 1j * BESIDE * np.unique(np.abs(found.poles[found.poles.imag >= 0]))
+        s = 1j * BESIDE * distinct(np.abs(found.poles[found.poles.imag >= 0]))
         right = self.response(s, "motor")
         off = np.abs(found.response(s) - right).max(axis=(1, 2)) / np.abs(right).max(axis=(1, 2))
         inexact = float(off.max(initial=0.0))
@@ -359,9 +370,7 @@ def _per_joint(name: str, value: ArrayLike, size: int) -> Floats:
 
 def _modes(mass: Floats, damping: Floats, stiffness: Floats) -> Complexes:
     """−δ + jω of each undamped mode that oscillates."""
-    from scipy.linalg import eigh
-
-    squares, shapes = eigh((stiffness + stiffness.T) / 2, mass)
+    squares, shapes = undamped(mass, stiffness)
     oscillates = squares > 1e-9 * np.abs(squares).max(initial=0.0)
     rates = np.einsum("im,ij,jm->m", shapes, damping, shapes)
     return -rates[oscillates] / 2 + 1j * np.sqrt(squares[oscillates])

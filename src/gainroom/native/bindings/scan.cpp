@@ -1,3 +1,4 @@
+#include "gainroom/assignment.hpp"
 #include "gainroom/delay_margin.hpp"
 
 #include "arrays.hpp"
@@ -103,6 +104,16 @@ static double half_encirclements(double start_phase, bool outside, bool ends_on_
     return gainroom::Scanner::half_encirclements(start_phase, outside, ends_on_boundary, last_phase, {first, first + gains.shape(0)});
 }
 
+static nb::object assigned(Matrix cost) {
+    const std::size_t size = cost.shape(0);
+    require(cost.shape(1) == size, "cost must be (n, n)");
+    require(std::all_of(cost.data(), cost.data() + size * size, [](double one) { return std::isfinite(one); }), "cost must be finite");
+    const std::vector<std::size_t> columns = gainroom::assigned(cost.data(), size);
+    auto* copy = new std::vector<std::int64_t>(columns.begin(), columns.end());
+    nb::capsule owner(copy, [](void* pointer) noexcept { delete static_cast<std::vector<std::int64_t>*>(pointer); });
+    return nb::cast(nb::ndarray<nb::numpy, std::int64_t, nb::ndim<1>>(copy->data(), {copy->size()}, owner));
+}
+
 void bind_scan(nb::module_& m) {
     m.attr("FLOOR") = gainroom::kFloor;
     m.attr("LOWEST_FLOOR") = gainroom::kLowestFloor;
@@ -113,6 +124,7 @@ void bind_scan(nb::module_& m) {
     m.def("sample", &sample, nb::arg("zeros"), nb::arg("poles"), nb::arg("gain"), nb::arg("sample_time"), nb::arg("fraction"));
     m.def("delay_margin", &delay_margin, nb::arg("zeros"), nb::arg("poles"), nb::arg("gain"), nb::arg("delay"), nb::arg("control_zeros"),
           nb::arg("control_poles"), nb::arg("control_gain"), nb::arg("sample_time"), nb::arg("unstable_poles"), nb::arg("crossings"));
+    m.def("assigned", &assigned, nb::arg("cost"));
     m.def("split_delays", &split_delays, nb::arg("delays"), nb::arg("sample_time"));
     m.def("unstable_roots", &unstable_roots, nb::arg("gains"), nb::arg("phases"), nb::arg("half_turns"), nb::arg("unstable_poles"));
     m.def("half_encirclements", &half_encirclements, nb::arg("start_phase"), nb::arg("outside"), nb::arg("ends_on_boundary"),
