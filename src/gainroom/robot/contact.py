@@ -117,9 +117,9 @@ def free_motion(inertia: Floats, held: Floats) -> Floats:
     With A = L Lᵀ and X = L⁻¹ J_cᵀ, P = L⁻ᵀ (I − X X⁺) L⁻¹: R is L⁻ᵀ times an orthonormal basis of what X does not reach, so nothing is
     subtracted and P comes out symmetric and ≥ 0.
     """
-    root = np.linalg.cholesky(inertia)
+    alone = np.linalg.inv(np.linalg.cholesky(inertia))
     if not len(held):
-        return np.linalg.solve(root.T, np.eye(len(root)))
-    reached, sizes, _ = np.linalg.svd(np.linalg.solve(root, held.T))
+        return alone.T
+    reached, sizes, _ = np.linalg.svd(alone @ held.T)
     rank = int(np.count_nonzero(sizes > REDUNDANT * sizes[0]))
-    return np.linalg.solve(root.T, reached[:, rank:])
+    return alone.T @ reached[:, rank:]

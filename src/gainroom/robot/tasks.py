@@ -22,7 +22,7 @@ so it does not affect the tasks above it, and tasks without conflict all get the
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, get_args
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -233,6 +233,34 @@ def tasks_of(model: Stance, tasks: Sequence[Task], rotors: bool = False) -> Task
     for name, count in Counter(task.name for task in tasks).items():
         if count > 1:
             raise GainroomError(f"task {name!r}: the name is used {count} times; give each task its own")
+    found = task_motion(model, tasks, rotors)
+    sizes = [len(row) for row in found.rows]
+    return Tasks(
+        tasks=tasks,
+        directions=tuple(f"{task.name} {direction}" for task in tasks for direction in task.directions(model.joint_names)),
+        owners=np.repeat(np.arange(len(tasks)), sizes),
+        jacobian=np.vstack(found.rows),
+        torque=found.torque,
+        follow=found.follow,
+        kp=_gains("kp", tasks, sizes),
+        kd=_gains("kd", tasks, sizes),
+        ki=_gains("ki", tasks, sizes),
+        cascade=np.repeat([task.ki is not None for task in tasks], sizes),
+        warnings=found.warnings,
+    )
+
+
+class TaskMotion(NamedTuple):
+    """What changes with the posture: Eᵀ of each task (m_i, n); X, Y and warnings as in Tasks."""
+
+    rows: list[Floats]
+    torque: Floats
+    follow: Floats
+    warnings: tuple[str, ...]
+
+
+def task_motion(model: Stance, tasks: Sequence[Task], rotors: bool = False) -> TaskMotion:
+    """Of a stack that `tasks_of` has taken."""
     inertia = _modelled_inertia(model, rotors)
     motion = free_motion(inertia, model.contact_jacobian)
     joints = model.selection @ motion  # M = S R', with W' = M Mᵀ
@@ -241,22 +269,9 @@ def tasks_of(model: Stance, tasks: Sequence[Task], rotors: bool = False) -> Task
     jacobians = [task.jacobian(model) for task in tasks]
     rows = [jacobian @ follow for jacobian in jacobians]
     alone = free_motion(inertia, np.zeros((0, len(inertia))))
-    scales = [float(np.linalg.norm(jacobian @ alone, 2)) for jacobian in jacobians]
+    scales = [float(np.linalg.svd(jacobian @ alone, compute_uv=False)[0]) for jacobian in jacobians]
     force, warnings = _stack(tasks, [row @ joints for row in rows], scales)
-    sizes = [len(row) for row in rows]
-    return Tasks(
-        tasks=tasks,
-        directions=tuple(f"{task.name} {direction}" for task in tasks for direction in task.directions(model.joint_names)),
-        owners=np.repeat(np.arange(len(tasks)), sizes),
-        jacobian=np.vstack(rows),
-        torque=inverse.T @ force,
-        follow=follow,
-        kp=_gains("kp", tasks, sizes),
-        kd=_gains("kd", tasks, sizes),
-        ki=_gains("ki", tasks, sizes),
-        cascade=np.repeat([task.ki is not None for task in tasks], sizes),
-        warnings=warnings,
-    )
+    return TaskMotion(rows, inverse.T @ force, follow, warnings)
 
 
 def following(model: Stance) -> Floats:

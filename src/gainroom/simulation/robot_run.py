@@ -223,10 +223,19 @@ class RobotStepper:
     def read(self, positions: Floats) -> Floats:
         """Encoder readings, (n,) or (k, n) [rad]."""
         step = self.setup.encoder_step
-        return np.round(positions / step) * step if step else positions
+        return np.rint(positions / step) * step if step else positions
 
     def problem(self) -> tuple[Ending, str] | None:
         """Why the simulation cannot go on; None while it can."""
+        data = self.data
+        if not data.qvel @ data.qvel <= self.too_fast**2 and (found := self._runaway()) is not None:
+            return found
+        if self._upright is not None and not self._upright.holds(data.qpos[:7].tolist()):
+            return "fell", "the robot fell"
+        return None
+
+    def _runaway(self) -> tuple[Ending, str] | None:
+        """What is not finite or too fast."""
         data, robot = self.data, self.robot
         if not np.isfinite(data.qvel).all():
             return "diverged", "the simulation diverged: its numbers are no longer finite"
@@ -236,8 +245,6 @@ class RobotStepper:
             unit = "m/s" if is_prismatic(robot.body.joints[worst]) else "rad/s"
             name = robot.body.joint_names[worst]
             return "diverged", f"the simulation diverged: joint {name!r} moves faster than {self.too_fast:.3g} {unit}"
-        if self._upright is not None and not self._upright.holds(data.qpos[:7].tolist()):
-            return "fell", "the robot fell"
         return None
 
 

@@ -25,7 +25,7 @@ from ..errors import GainroomError, require_count, require_finite
 from ..linear.arrays import Floats
 from ..robot.body import RigidBody, is_continuous, library, put_position
 from ..robot.contact import Contact, contact_jacobian
-from ..robot.tasks import Task, TaskPPI, Tasks, following, tasks_of
+from ..robot.tasks import Task, TaskPPI, Tasks, following, task_motion, tasks_of
 from ..system.controller import PD, PPI
 from ..system.system import Control
 from .sampled_control import SampledControl
@@ -157,6 +157,8 @@ class WholeBodyControl:
         self._refresh, self._age = require_count("simulation", "refresh", refresh, 1), 0
         self._estimate = PostureEstimate(body, contacts, start)
         self._pin, self._data = library("pinocchio", "Pinocchio"), body.model.createData()
+        stance = self._stance()
+        self._tasks: Tasks | None = tasks_of(stance, self._stack, control.rotors) if self._stack else None
         self._renew()
         self._values = values_of(body, self._stack, self._estimate.q)
         self.channels = self._tasks.directions if self._tasks else body.joint_names
@@ -188,16 +190,20 @@ class WholeBodyControl:
             self._running.rest(np.zeros(len(value)), value)
         reference = self._start + offset
         wanted = self._gain * self._running.tick(reference - value, value)
-        torque = self._tasks.torque @ wanted if self._tasks else wanted
+        torque = wanted if self._torque is None else self._torque @ wanted
         return torque + self.holding_torque if self._gravity else torque, reference, value
 
     def _renew(self) -> None:
         """Jacobians and inertia of the present posture."""
-        self._age = 1
-        stance = stance_of(self._body, self._estimate.q, self._motor_inertia, self._contacts)
-        self._tasks: Tasks | None = tasks_of(stance, self._stack, self._control.rotors) if self._stack else None
-        self._follow = self._tasks.follow if self._tasks else following(stance)
+        self._age, stance = 1, self._stance()
+        if self._stack:
+            _, self._torque, self._follow, _ = task_motion(stance, self._stack, self._control.rotors)
+        else:
+            self._torque, self._follow = None, following(stance)
         self._estimate.renew(stance, self._follow)
+
+    def _stance(self) -> BodyStance:
+        return stance_of(self._body, self._estimate.q, self._motor_inertia, self._contacts)
 
     def _law(self) -> Any:
         """D(z) of the channels."""
