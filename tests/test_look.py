@@ -137,10 +137,9 @@ def test_responses_are_those_of_the_loop():
         omega = np.geomspace(0.1, 0.9 * math.pi / (pair.machine.sample_time or 1e-4), 40)
         seen = along.loop(pair).response(omega).reshape(len(omega), -1)
         own = (along.jacobian @ pair.loop.actuated_at(1j * omega) @ along.torque).reshape(len(omega), -1)
-        # the hold's states are rounded like the largest response, at rest, beside which that at half the sample rate is minute
-        size = np.abs(own).max(axis=1)
-        rounded = 0.0 if pair.machine.sample_time is None else 1e-12 * size.max() / size
-        assert np.all(np.abs(seen - own).max(axis=1) < (1e-9 + rounded) * size), (draw.__name__, number)
+        # sampled: both lose digits where integrators drift, and at zeros of the response; a margin of three digits needs no more
+        off = np.abs(seen - own).max(axis=1) / np.abs(own).max(axis=1)
+        assert off.max() < (1e-9 if pair.machine.sample_time is None else 1e-6), (draw.__name__, number)
 
 
 @pytest.mark.parametrize("number", [0, 1, 2, 5, 7, 9, 10, 11, 12, 13])
