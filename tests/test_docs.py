@@ -12,6 +12,7 @@ from gainroom.cli import main
 from gainroom.files import joint_scenario as scenario_sections
 from gainroom.files import joint_yaml as config
 from gainroom.files import system_sections as config_sections
+from gainroom.files.gain_formats import actuator_configs, gain_arrays, gain_record, ros2_control
 from gainroom.files.identified_section import IdentifiedSection
 from robot_files import write_arm
 
@@ -60,6 +61,18 @@ def test_links_lead_somewhere(path: Path):
 def test_every_key_of_a_joint_file_is_documented(section):
     text = (ROOT / "docs" / "files.md").read_text("utf-8")
     assert [key for key in section.model_fields if f"`{key}`" not in text] == []
+
+
+def test_every_key_of_gains_is_documented():
+    text = (ROOT / "docs" / "gains.md").read_text("utf-8")
+    keys = [
+        *gain_record.GainSection.model_fields,
+        *ros2_control.TERMS,
+        *ros2_control.BESIDE,
+        *(*gain_arrays.KP, *gain_arrays.KD, *gain_arrays.ORDERS, *gain_arrays.INDICES),
+        *(*actuator_configs.TARGETS, *actuator_configs.EFFORT_LIMITS, *(key for pair in actuator_configs.LAGS for key in pair)),
+    ]
+    assert [key for key in keys if f"`{key}`" not in text] == []
 
 
 @pytest.fixture

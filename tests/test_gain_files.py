@@ -2,8 +2,10 @@
 
 import contextlib
 import json
+import re
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 import yaml
@@ -12,7 +14,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from gainroom.errors import GainroomError
-from gainroom.files.gain_files import Gain, gains_of, parse_gains, read_gains
+from gainroom.files.gain_files import gains_of, parse_gains, read_gains
+from gainroom.files.gain_formats.gain_record import Gain
 from gainroom.io.yaml_text import parse_yaml
 from gainroom.robot.formats.model_names import locate
 from mutations import RANDOMS, mutated_data
@@ -213,6 +216,66 @@ def test_mjcf_position_actuators(tmp_path: Path):
     file = read_gains(path)
     assert (file.form, file.notes) == ("MJCF", ())
     assert dict(file.gains) == {"hip": Gain(50.0, 2.0), "knee": Gain(120.0, 6.0)}
+
+
+def compiled_feedback(path: Path) -> dict[str, tuple[float, float]]:
+    """kp and kd of each joint as MuJoCo's own forces have them: their slopes in position and velocity at rest, by differences."""
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(model)
+
+    def force(joint: int, q: float, v: float) -> float:
+        mujoco.mj_resetData(model, data)
+        data.qpos[joint], data.qvel[joint] = q, v
+        mujoco.mj_forward(model, data)
+        return float(data.qfrc_actuator[joint])
+
+    step = 1e-6
+    names = [model.joint(joint).name for joint in range(model.njnt)]
+    return {
+        name: (-(force(k, step, 0) - force(k, -step, 0)) / (2 * step), -(force(k, 0, step) - force(k, 0, -step)) / (2 * step))
+        for k, name in enumerate(names)
+    }
+
+
+@pytest.mark.parametrize(
+    "actuator",
+    [
+        '<position joint="JOINT" kp="50" dampratio="0.7"/>',
+        '<position joint="JOINT" kp="50" kv="2" gear="3" timeconst="0.01"/>',
+        '<intvelocity joint="JOINT" kp="30" kv="1" actrange="-1 1"/>',
+        '<velocity joint="JOINT" kv="4"/><position joint="JOINT" kp="20"/>',
+        '<pid joint="JOINT" kp="50" kv="2"/>',
+        '<general jointinparent="JOINT" biastype="affine" gainprm="3" biasprm="1 -30 -1.5" gear="-2"/>',
+    ],
+)
+def test_mjcf_actuators_push_as_mujoco_has_them(tmp_path: Path, actuator: str):
+    path = write_mjcf(tmp_path, actuator.replace("JOINT", "hip") + actuator.replace("JOINT", "knee"))
+    found = read_gains(path).gains
+    for joint, (kp, kd) in compiled_feedback(path).items():  # linear laws: differences are exact but for round-off
+        assert (found[joint].kp, found[joint].kd) == pytest.approx((kp, kd), rel=1e-8, abs=1e-8)
+
+
+def test_mjcf_dampratio_by_hand(tmp_path: Path):
+    """kv = 2 ζ sqrt(kp M) of a single joint: M = 0.01 + 1 · 0.1² of the link and 0.1 of armature [kg m²]."""
+    path = tmp_path / "robot.xml"
+    text = MJCF.replace("ACTUATORS", '<position joint="hip" kp="50" dampratio="0.7"/>')
+    path.write_text(re.sub(r'<body name="shank".*?</body>', "", text, flags=re.DOTALL), "utf-8")
+    assert read_gains(path).gains == {"hip": Gain(50.0, pytest.approx(2 * 0.7 * (50 * 0.12) ** 0.5))}
+
+
+def test_mjcf_integral_limits_and_what_is_left_out(tmp_path: Path):
+    path = write_mjcf(
+        tmp_path,
+        '<pid joint="hip" kp="50" kv="2" ki="7" gear="2" forcerange="-30 20"/>'
+        '<position joint="knee" kp="5" kv="1" delay="0.01" nsample="5"/>'
+        '<muscle name="biceps" joint="knee" lengthrange="0 1"/><general name="bent" joint="knee" gaintype="affine" gainprm="1 1 1"/>',
+    )
+    file = read_gains(path)
+    assert dict(file.gains) == {"hip": Gain(200, 8, 28, effort_limit=60), "knee": Gain(5, 1)}
+    assert file.notes == (
+        "actuators that are no torque on one joint are left out: biceps, bent",
+        "the delay of these joints' actuators delays the set-point, not the feedback, and does not count: knee",
+    )
 
 
 def test_mjcf_joint_damping_is_not_the_controllers(tmp_path: Path):

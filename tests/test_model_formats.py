@@ -19,7 +19,7 @@ from gainroom.robot import load_model
 from gainroom.robot.assemble import Description
 from gainroom.robot.body import Base
 from gainroom.robot.formats.model_files import FORMATS
-from gainroom.robot.formats.model_format import ModelFormat
+from gainroom.robot.formats.model_format import ActuatorGain, ActuatorGains, ModelFormat
 from refusals import assert_refused
 
 LENGTH = 0.5
@@ -44,8 +44,8 @@ class Chain(ModelFormat):
     def keyframes(self, root: Element, path: Path) -> Mapping[str, Mapping[str, float]]:
         return {"bent": {"hinge1": 0.5 * np.pi}}
 
-    def position_gains(self, root: Element, path: Path) -> Mapping[str, tuple[float, float]]:
-        return {f"hinge{index}": (200.0, 10.0) for index in range(len(root))}
+    def position_gains(self, root: Element, path: Path) -> ActuatorGains:
+        return ActuatorGains({f"hinge{index}": ActuatorGain(200.0, 10.0) for index in range(len(root))})
 
 
 @pytest.fixture

@@ -31,7 +31,12 @@ def audit(
         float, number_option("--delay-ms", "in milliseconds", "From torque command to motor torque [ms].", show_default=False)
     ],
     gains: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Gains as plain or ros2_control YAML; without it, the MJCF's own actuators.")
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Gains: plain or ros2_control YAML, a Python file of mjlab or Isaac Lab (FILE.py:NAME), Kp and Kd arrays, a policy's "
+            "ONNX, moteus, MJCF; without it, the MJCF's own actuators.",
+        ),
     ] = None,
     rate_hz: Annotated[Number, number_option("--rate-hz", "in Hz", "Of the controller [Hz]; without it, continuous time.")] = None,
     stiffness: Annotated[Number, number_option("--stiffness", "in N m/rad", "Of every gearbox [N m/rad]; without it, rigid.")] = None,

@@ -1,15 +1,19 @@
-"""Reading text with bounds: any path costs little time and memory, and an error is one line."""
+"""Reading with bounds: any path costs little time and memory, and an error is one line."""
 
+import contextlib
 import os
 import stat
+from collections.abc import Iterator
 from pathlib import Path
+from typing import BinaryIO
 
 from ..errors import GainroomError
 from .run_files import note_read
 
 
-def bounded_text(path: Path, most: int, what: str) -> str:
-    """The text of a regular UTF-8 file of at most `most` bytes. Raises GainroomError; messages call the file `what`."""
+@contextlib.contextmanager
+def regular_file(path: Path) -> Iterator[tuple[BinaryIO, int]]:
+    """A regular file, open for reading, and its size [bytes]. Raises GainroomError, also for what fails while it is read."""
     try:
         # Opening a FIFO for reading would wait for its writer.
         handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
@@ -24,11 +28,17 @@ def bounded_text(path: Path, most: int, what: str) -> str:
             raise GainroomError(f"{path}: is {'a directory' if stat.S_ISDIR(mode) else 'not a regular file'}")
         note_read(status, path)
         with open(handle, "rb", closefd=False) as stream:
-            content = stream.read(most + 1)
+            yield stream, status.st_size
     except OSError as error:
         raise GainroomError(f"{path}: cannot be read: {error.strerror}") from error
     finally:
         os.close(handle)
+
+
+def bounded_text(path: Path, most: int, what: str) -> str:
+    """The text of a regular UTF-8 file of at most `most` bytes. Raises GainroomError; messages call the file `what`."""
+    with regular_file(path) as (stream, _):
+        content = stream.read(most + 1)
     if len(content) > most:
         raise GainroomError(f"{path}: is larger than {most} bytes; this is not {what}")
     if b"\0" in content:

@@ -18,7 +18,7 @@ from ...errors import GainroomError, first_of_many
 from ..assemble import Description
 from ..body import Base, library
 from .mjcf_file import compile_mjcf
-from .model_format import ModelFormat
+from .model_format import ActuatorGain, ActuatorGains, ModelFormat
 
 
 class Mjcf(ModelFormat):
@@ -46,18 +46,28 @@ class Mjcf(ModelFormat):
         frames = {model.key(index).name or f"key#{index}": model.key_qpos[index] for index in range(model.nkey)}
         return {frame: {joint: float(qpos[place]) for joint, place in places.items()} for frame, qpos in frames.items()}
 
-    def position_gains(self, root: Element, path: Path) -> Mapping[str, tuple[float, float]]:
-        """Of <position>, <velocity> and affine <general>, as MuJoCo compiles them, times gear²."""
-        model = compile_mjcf(root, path).model
-        gains: dict[str, tuple[float, float]] = {}
-        for index in range(model.nu):
-            joint = model.actuator_trnid[index, 0]
-            stiffness, damping = -model.actuator_biasprm[index, 1:3] * model.actuator_gear[index, 0] ** 2
-            if model.jnt_type[joint] in _ONE_DOF and (stiffness or damping):
-                name = _joint_name(model, joint)
-                before = gains.get(name, (0.0, 0.0))
-                gains[name] = (before[0] + float(stiffness), before[1] + float(damping))
-        return gains
+    def position_gains(self, root: Element, path: Path) -> ActuatorGains:
+        """Of <position>, <velocity>, <intvelocity>, <pid> and affine <general>, as MuJoCo compiles them, times gear²."""
+        compiled = compile_mjcf(root, path)
+        model, gains, late = compiled.model, {}, []
+        for index in range(len(model.actuator_biasprm)):  # nu counts inputs, of which a <pid> has two
+            joint, gear = model.actuator_trnid[index, 0], float(model.actuator_gear[index, 0])
+            stiffness, damping = (-float(each) * gear**2 for each in model.actuator_biasprm[index, 1:3])
+            integral = float(model.actuator_gainprm[index, 0]) * gear**2 if model.actuator_gaintype[index] == compiled.pid else 0.0
+            if model.jnt_type[joint] not in _ONE_DOF or not (stiffness or damping):
+                continue
+            name = _joint_name(model, joint)
+            before = gains.get(name, ActuatorGain())
+            limited = bool(model.actuator_forcelimited[index])
+            effort = float(np.max(np.abs(model.actuator_forcerange[index]))) * abs(gear) if limited else before.effort_limit
+            gains[name] = ActuatorGain(before.kp + stiffness, before.kd + damping, before.ki + integral, effort or None)
+            late += [name] if getattr(model, "actuator_delay", np.zeros(index + 1))[index] > 0 else []  # since MuJoCo 3.5
+        notes = [f"actuators that are no torque on one joint are left out: {first_of_many(compiled.left_out)}"] * bool(compiled.left_out)
+        if late:
+            notes.append(
+                f"the delay of these joints' actuators delays the set-point, not the feedback, and does not count: {first_of_many(late)}"
+            )
+        return ActuatorGains(gains, tuple(notes))
 
 
 _FREE, _BALL, _SLIDE, _HINGE = range(4)  # mjtJoint

@@ -50,11 +50,17 @@ _COMPILING = threading.Lock()
 
 @dataclass(frozen=True)
 class Compiled:
-    """MuJoCo's model of a file; coupled: joints that a constraint ties to another, and how."""
+    """MuJoCo's model of a file; coupled: joints that a constraint ties to another, and how.
+
+    left_out   actuators that are no torque on a joint, by name
+    pid        MuJoCo's number for the gain of a <pid>, where it knows them
+    """
 
     model: Any
     coupled: Mapping[str, str]
     notes: tuple[str, ...]
+    left_out: tuple[str, ...] = ()
+    pid: int = -1
 
 
 def compile_mjcf(root: Element, path: Path, keyframes: bool = False) -> Compiled:
@@ -70,7 +76,7 @@ def compile_mjcf(root: Element, path: Path, keyframes: bool = False) -> Compiled
             spec.modelfiledir, spec.memory = str(path.parent), ARENA
             notes, coupled = _take_constraints(mujoco, spec)
             _drop_shapes(spec, path)
-            _drop_actuators(mujoco, spec)
+            left_out = _drop_actuators(mujoco, spec)
             model = spec.compile()
         except GainroomError:
             raise
@@ -80,7 +86,8 @@ def compile_mjcf(root: Element, path: Path, keyframes: bool = False) -> Compiled
     if tendons:
         notes.append(f"{len(tendons)} tendon{'s' * (len(tendons) > 1)} ignored: their springs, dampers and limits do not count")
     _require_finite(model, source)
-    return Compiled(model, coupled, (*notes, *(f"MuJoCo: {one_line(text)}" for text in said)))
+    said_too = (f"MuJoCo: {one_line(text)}" for text in said)
+    return Compiled(model, coupled, (*notes, *said_too), left_out, int(getattr(mujoco.mjtGain, "mjGAIN_PID", -1)))
 
 
 def _require_finite(model: Any, source: str) -> None:
@@ -259,13 +266,17 @@ def _require_mesh(spec: Any, body: str, name: str, path: Path) -> None:
     note_read(status, file)
 
 
-def _drop_actuators(mujoco: Any, spec: Any) -> None:
-    """Delete the actuators that are no torque on a joint, possibly with position and velocity feedback."""
+def _drop_actuators(mujoco: Any, spec: Any) -> tuple[str, ...]:
+    """Delete the actuators that are no torque on a joint, possibly with position and velocity feedback; their names."""
+    gain = (mujoco.mjtGain.mjGAIN_FIXED, getattr(mujoco.mjtGain, "mjGAIN_PID", None))  # since MuJoCo 3.12
+    left_out = []
     joint = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
     bias = (mujoco.mjtBias.mjBIAS_NONE, mujoco.mjtBias.mjBIAS_AFFINE)
-    for actuator in list(spec.actuators):
-        if actuator.trntype not in joint or actuator.gaintype != mujoco.mjtGain.mjGAIN_FIXED or actuator.biastype not in bias:
+    for index, actuator in enumerate(list(spec.actuators)):
+        if actuator.trntype not in joint or actuator.gaintype not in gain or actuator.biastype not in bias:
+            left_out.append(actuator.name or f"actuator#{index}")
             spec.delete(actuator)
+    return tuple(left_out)
 
 
 @contextlib.contextmanager

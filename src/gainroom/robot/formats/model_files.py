@@ -8,7 +8,7 @@ from ...errors import GainroomError
 from ..assemble import assemble
 from ..body import Base, RigidBody
 from .mjcf import Mjcf
-from .model_format import ModelFormat
+from .model_format import ActuatorGains, ModelFormat
 from .model_names import locate
 from .urdf import Urdf
 from .xml_text import read_xml
@@ -57,7 +57,7 @@ def keyframes(path: Path) -> Mapping[str, Mapping[str, float]]:
     return _format(root, path).keyframes(root, path)
 
 
-def position_gains(path: Path) -> Mapping[str, tuple[float, float]]:
+def position_gains(path: Path) -> ActuatorGains:
     """See ModelFormat. Raises GainroomError as load_model."""
     root = read_xml(path)
     return _format(root, path).position_gains(root, path)

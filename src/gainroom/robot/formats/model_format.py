@@ -1,12 +1,31 @@
 """What a file format of robots does. A new format is a file beside this one with a subclass, and its line in FORMATS of model_files.py."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import ClassVar
 from xml.etree.ElementTree import Element
 
 from ..assemble import Description
 from ..body import Base
+
+
+@dataclass(frozen=True)
+class ActuatorGain:
+    """What the actuators on a joint feed back [N m/rad, N m s/rad, N m/(rad s)], and the limit of their torque [N m]; None: without."""
+
+    kp: float = 0.0
+    kd: float = 0.0
+    ki: float = 0.0
+    effort_limit: float | None = None
+
+
+@dataclass(frozen=True)
+class ActuatorGains:
+    """By joint name; notes: actuators that were left out, and what does not count of others."""
+
+    joints: Mapping[str, ActuatorGain] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
 
 class ModelFormat:
@@ -27,6 +46,6 @@ class ModelFormat:
         """By name, the postures in the file: joint positions by name [rad; m if prismatic]. Raises GainroomError."""
         return {}
 
-    def position_gains(self, root: Element, path: Path) -> Mapping[str, tuple[float, float]]:
-        """(kp, kd) by joint name [N m/rad, N m s/rad] of the actuators in the file that feed position back. Raises GainroomError."""
-        return {}
+    def position_gains(self, root: Element, path: Path) -> ActuatorGains:
+        """The gains of the actuators in the file that feed position or velocity back. Raises GainroomError."""
+        return ActuatorGains()

@@ -1,0 +1,72 @@
+"""What every format of gains yields: gains by joint name or pattern, in SI on the joint side."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Annotated
+
+from pydantic import BeforeValidator, Field
+
+from ...io.validation import NotNegative, Positive, Section, number, refusal
+from ...io.yaml_text import shown
+from ...robot.name_patterns import assign
+
+NOT_NEGATIVE = number(least=0)
+
+
+@dataclass(frozen=True)
+class Gain:
+    """One joint's gains [N m/rad], [N m s/rad], [N m/(rad s)].
+
+    Where the file names them also its reflected motor inertia [kg m²] and the limit of its torque [N m].
+    """
+
+    kp: float
+    kd: float = 0.0
+    ki: float = 0.0
+    motor_inertia: float | None = None
+    effort_limit: float | None = None
+
+
+class GainSection(Section):
+    """What a plain file says of a joint or pattern."""
+
+    kp: NotNegative = Field(description="[N m/rad]")
+    kd: NotNegative = Field(0.0, description="[N m s/rad]")
+    ki: NotNegative = Field(0.0, description="[N m/(rad s)]")
+    motor_inertia: Positive | None = Field(None, description="on the joint side [kg m²]")
+    effort_limit: Positive | None = Field(None, description="[N m]")
+
+
+def _pair(value: object) -> object:
+    """[kp, kd] as a section."""
+    if isinstance(value, list):
+        if len(value) != 2:
+            raise refusal(f"{shown(value)} must be [kp, kd], or a section with kp and kd")
+        return dict(zip(("kp", "kd"), value, strict=True))
+    return value
+
+
+AnyGain = Annotated[GainSection, BeforeValidator(_pair)]
+"""Gains of a joint or pattern in YAML or JSON."""
+
+
+@dataclass(frozen=True)
+class GainFile:
+    """Gains by joint name or pattern, in the file's order.
+
+    form    the format's title
+    notes   what was left out, or how something was understood
+    """
+
+    source: str
+    form: str
+    gains: Mapping[str, Gain]
+    notes: tuple[str, ...] = field(default=(), kw_only=True)
+
+    def matched(self, joint_names: Sequence[str]) -> list[list[Gain]]:
+        """For each joint of a model its gains, the last one first in rank. Raises GainroomError for what the model does not have."""
+        return assign(self.gains, joint_names, f"{self.source}: gains")
+
+    def notes_for(self, joint_names: Sequence[str]) -> tuple[str, ...]:
+        """What is to be said of these gains on this model."""
+        return self.notes

@@ -1,0 +1,145 @@
+"""ros2_control YAML: p, i, d under a joint's name.
+
+They stand in joint_trajectory_controller's and pid_controller's `gains`, in gazebo's `pid_gains`, in effort_controllers'
+JointPositionController (`joint` and `pid`) and JointGroupPositionController (`pid` per joint). Controllers that command position or
+velocity are left out: their gains are no N m/rad.
+"""
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from ...errors import GainroomError, first_of_many, typo_of
+from ...io.validation import checked, dotted
+from ...io.yaml_text import shown
+from .gain_record import NOT_NEGATIVE, Gain, GainFile
+
+TERMS = {"p": "kp", "i": "ki", "d": "kd"}
+WRAPPERS = ("gains", "pid", "pid_gains", "ros__parameters")
+"""Keys between a controller and its joints that name neither."""
+HOLDERS = ("gains", "pid", "pid_gains")
+"""Of them, those that hold gains and nothing else."""
+BESIDE = (
+    *(
+        "i_clamp",
+        "i_clamp_max",
+        "i_clamp_min",
+        "i_max",
+        "i_min",
+        "antiwindup",
+        "antiwindup_strategy",
+        "tracking_time_constant",
+        "error_deadband",
+    ),
+    *("u_clamp_max", "u_clamp_min", "u_max", "u_min", "saturation", "ff_velocity_scale", "feedforward_gain", "angle_wraparound"),
+    *("normalize_error", "save_i_term", "save_iterm", "publish_state", "activate_state_publisher", "type", "joint"),
+)
+"""What ros2_control has beside p, i and d, and what no margin depends on."""
+LONGEST_SLIP = 3
+
+
+def read_ros2_control(data: dict[str, Any], source: str, unknown: str) -> GainFile:
+    """p, i, d wherever they stand under a joint's name; `unknown` is said of a file without any. Raises GainroomError."""
+    types = {name: each["type"] for _, node in _mappings(data) for name, each in node.items() if isinstance(each, dict) and "type" in each}
+    gains: dict[str, Gain] = {}
+    places: dict[str, str] = {}
+    notes, empty = [], []
+    for path, node in _mappings(data):
+        place = dotted(*path) or "at the top"
+        if all(isinstance(node.get(term, {}), dict) for term in TERMS):  # joints may be called p, i and d, too
+            empty += [] if _no_torque(data, path, types) else _without_terms(path, node)
+            continue
+        joint = _joint(data, path)
+        if joint is None:
+            raise GainroomError(f"{source}: {place}: p, i, d stand under no joint's name")
+        reason = _no_torque(data, path, types)
+        if reason:
+            notes.append(f"{place}: left out, as {reason}")
+            continue
+        if joint in gains:
+            raise GainroomError(f"{source}: joint {shown(joint)} has gains twice, in {places[joint]} and in {place}; leave one in the file")
+        gains[joint] = _pid(node, f"{source}: {place}")
+        places[joint] = place
+        strange = [key for key in node if key not in (*TERMS, *BESIDE)]
+        if strange:
+            notes.append(f"{place}: does not count, as it is not known here: {first_of_many([dotted(key) for key in strange])}")
+    if not gains:
+        problem = "no controller here commands torque: " + notes[0] if notes else unknown
+        raise GainroomError(f"{source}: {problem}")
+    if empty:
+        raise GainroomError(f"{source}: {empty[0]}")
+    return GainFile(source, "ros2_control", gains, notes=tuple(notes))
+
+
+def _mappings(node: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], dict[str, Any]]]:
+    """Every mapping in a file's data with the keys that lead to it."""
+    if isinstance(node, dict):
+        yield path, node
+        for key, value in node.items():
+            yield from _mappings(value, (*path, key))
+
+
+def _along(data: dict[str, Any], path: Sequence[str]) -> list[dict[str, Any]]:
+    """The mappings from the top down to the one at `path`."""
+    nodes = [data]
+    for key in path:
+        nodes.append(nodes[-1][key])
+    return nodes
+
+
+def _joint(data: dict[str, Any], path: Sequence[str]) -> str | None:
+    """Whose gains stand at `path`: the nearest key that is no wrapper's, or the value of `joint` beside the wrapper."""
+    nodes = _along(data, path)
+    for depth in range(len(path) - 1, -1, -1):
+        if path[depth] not in WRAPPERS:
+            return path[depth]
+        named = nodes[depth].get("joint")
+        if isinstance(named, str):
+            return named
+    return None
+
+
+def _no_torque(data: dict[str, Any], path: Sequence[str], types: Mapping[str, Any]) -> str:
+    """Why a controller's gains are not N m/rad; empty where they are, or nothing says otherwise."""
+    for key, node in zip(("", *path), _along(data, path), strict=True):
+        commands = node.get("command_interfaces", node.get("command_interface"))
+        commands = commands if isinstance(commands, list) else [] if commands is None else [commands]
+        if commands and "effort" not in commands:
+            return f"it commands {', '.join(map(str, commands))[:60]}, not effort"
+        measured = node.get("reference_and_state_interfaces")
+        if isinstance(measured, list) and measured and measured[0] != "position":
+            return f"it follows {shown(measured[0])}, not position"
+        kind = str(node.get("type", types.get(key, "")))
+        if re.match(r"(position|velocity)_controllers/", kind) or "Velocity" in kind:
+            return f"it is a {shown(kind)}"
+    return ""
+
+
+def _without_terms(path: Sequence[str], node: Mapping[str, Any]) -> list[str]:
+    """What stands in the place of gains and has none of them."""
+    found = []
+    if path and any(key in HOLDERS for key in path) and not any(isinstance(value, dict) for value in node.values()):
+        found.append(f"{dotted(*path)}: must hold p, i and d{_found(node)}")
+    for key, value in node.items():
+        inside = key in HOLDERS or path[-1:] in (("gains",), ("pid_gains",))
+        if inside and (value is None or isinstance(value, str | int | float)):
+            found.insert(0, f"{dotted(*path, key)}: {shown(value)} must be a section with p, i and d")
+    return found
+
+
+def _found(node: Mapping[str, Any]) -> str:
+    """What a section holds in their place: the end of a message."""
+    return f", and holds {first_of_many([dotted(key) for key in node])}" if node else ""
+
+
+def _pid(node: Mapping[str, Any], owner: str) -> Gain:
+    """p must be there: a controller takes 0 for it, which nobody means. A short key that is not known was meant to be one of the three."""
+    for key in node:
+        meant = typo_of(key, (*TERMS, *BESIDE))
+        if key not in (*TERMS, *BESIDE) and (meant or len(key) <= LONGEST_SLIP):
+            raise GainroomError(
+                f"{owner}.{dotted(key)}: unknown key" + (f"; did you mean {meant}?" if meant else f" beside {', '.join(TERMS)}")
+            )
+    if "p" not in node:
+        raise GainroomError(f"{owner}.p: is missing: [N m/rad]{_found(node)}; write 0 where there is none")
+    return Gain(**{name: checked(f"{owner}.{term}", node.get(term, 0.0), NOT_NEGATIVE) for term, name in TERMS.items()})
