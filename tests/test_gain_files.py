@@ -5,7 +5,6 @@ import json
 import re
 from pathlib import Path
 
-import mujoco
 import numpy as np
 import pytest
 import yaml
@@ -18,6 +17,7 @@ from gainroom.files.gain_files import gains_of, parse_gains, read_gains
 from gainroom.files.gain_formats.gain_record import Gain
 from gainroom.io.yaml_text import parse_yaml
 from gainroom.robot.formats.model_names import locate
+from mujoco_feedback import compiled_feedback
 from mutations import RANDOMS, mutated_data
 
 NAMES = ("l_hip", "l_knee", "r_hip", "r_knee")
@@ -216,25 +216,6 @@ def test_mjcf_position_actuators(tmp_path: Path):
     file = read_gains(path)
     assert (file.form, file.notes) == ("MJCF", ())
     assert dict(file.gains) == {"hip": Gain(50.0, 2.0), "knee": Gain(120.0, 6.0)}
-
-
-def compiled_feedback(path: Path) -> dict[str, tuple[float, float]]:
-    """kp and kd of each joint as MuJoCo's own forces have them: their slopes in position and velocity at rest, by differences."""
-    model = mujoco.MjModel.from_xml_path(str(path))
-    data = mujoco.MjData(model)
-
-    def force(joint: int, q: float, v: float) -> float:
-        mujoco.mj_resetData(model, data)
-        data.qpos[joint], data.qvel[joint] = q, v
-        mujoco.mj_forward(model, data)
-        return float(data.qfrc_actuator[joint])
-
-    step = 1e-6
-    names = [model.joint(joint).name for joint in range(model.njnt)]
-    return {
-        name: (-(force(k, step, 0) - force(k, -step, 0)) / (2 * step), -(force(k, 0, step) - force(k, 0, -step)) / (2 * step))
-        for k, name in enumerate(names)
-    }
 
 
 @pytest.mark.parametrize(

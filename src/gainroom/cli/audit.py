@@ -110,6 +110,7 @@ def _command(model: str, gains: Path | None, options: "AuditOptions", margin_db:
 
 def _facts(result: "Audit") -> dict[str, Any]:
     """What --json prints."""
+    from .. import __version__
     from ..report.columns import facts
     from ..report.robot_columns import AUDITED_JOINT, audited_states
     from ..report.robot_text import audit_sentence, audit_warnings
@@ -117,10 +118,15 @@ def _facts(result: "Audit") -> dict[str, Any]:
     columns = audited_states(result.enough_in)
     from ..system.requirements import to_db  # loads numpy
 
+    sample_time = result.system.control.sample_time
     return {
+        "robot": result.system.source.name,
+        "gainroom": __version__,
         "safe": result.safe,
         "sentence": audit_sentence(result),
-        "model": model_kind(result.system.control.sample_time),
+        "model": model_kind(sample_time),
+        "sample_rate_hz": None if sample_time is None else 1 / sample_time,
+        "delay_ms": 1e3 * max(drive.delay for drive in result.system.drives),
         "margin_db": as_typed(to_db(result.margin)),
         "stable": all(state.limit.stable for state in result.states),
         "gain_limit": result.tightest.limit.gain,

@@ -7,6 +7,7 @@ import typer
 from .audit import audit
 from .diagnose import diagnose
 from .example import example
+from .export import export
 from .identify import identify
 from .joint import joint
 from .log import log
@@ -25,6 +26,7 @@ app = typer.Typer(
 app.command(name="joint", short_help="One joint: stable or not, margins, largest gains, recommended gains.")(joint)
 app.command(name="robot", short_help="A whole robot: limits with all joints closed, by posture and contact state.")(robot)
 app.command(name="audit", short_help="Are the gains that a robot already has safe?")(audit)
+app.command(name="export", short_help="Gains into the files of simulators and controllers, as a difference first.")(export)
 app.command(name="simulate", short_help="Simulate a joint's or a robot's scenario: tracking, vibration, traces.")(simulate)
 app.command(name="verify", short_help="The predicted limit against simulation.")(verify)
 app.command(name="log", short_help="What a log holds, and what can be identified from it.")(log)

@@ -51,13 +51,16 @@ def robot(
 
 def _facts(study: "RobotStudy") -> dict[str, Any]:
     """What --json prints."""
+    from .. import __version__
     from ..report.columns import facts
     from ..report.recommended_gains import recommended_facts
-    from ..report.robot_columns import state_columns
+    from ..report.robot_columns import actuator_facts, state_columns
     from ..report.robot_text import sentence, warnings
 
     sample_time = study.system.control.sample_time
     return {
+        "robot": study.system.source.name,
+        "gainroom": __version__,
         "stable": study.stable,
         "stable_in_range": study.stable_in_range,
         "unstable_at": study.unstable_at or None,
@@ -68,6 +71,7 @@ def _facts(study: "RobotStudy") -> dict[str, Any]:
         "sample_rate_hz": None if sample_time is None else 1 / sample_time,
         "states": [facts(state_columns(), state) for state in study.every],
         "recommended": [recommended_facts(gains) for gains in study.recommended] or None,
+        "actuators": actuator_facts(study.system),
         "assumptions": list(study.system.assumptions),
         "warnings": list(warnings(study)),
     }

@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 
 from ..errors import GainroomError
+from ..io.bounded_text import bounded_text
 from ..io.validation import dotted
-from ..io.yaml_text import parse_yaml, read_text, shown
+from ..io.yaml_text import MAX_BYTES, parse_yaml, read_text, shown
 from ..linear.arrays import Booleans, Floats
 from .file_types import kind_of, wrong_kind
 from .gain_formats.actuator_configs import read_actuator_configs
@@ -23,6 +24,8 @@ from .gain_formats.gain_record import GainFile, GainSection
 from .gain_formats.mjcf_actuators import read_mjcf
 from .gain_formats.moteus import is_dump, read_dump, read_moteus
 from .gain_formats.onnx_metadata import read_onnx
+from .gain_formats.own_answers import MOST_BYTES as ANSWER_BYTES
+from .gain_formats.own_answers import answer_in, read_answer
 from .gain_formats.plain import is_plain, read_plain
 from .gain_formats.ros2_control import read_ros2_control
 
@@ -52,8 +55,10 @@ class JointGains:
         return (self.kp > 0) | (self.kd > 0)
 
 
-def read_gains(path: Path) -> GainFile:
+def read_gains(path: Path, contact: str = "") -> GainFile:
     """The gains in a file: its ending says which language it is in, its content which form. FILE.py:NAME is one robot of several in a file.
+
+    contact   of the sets that gainroom robot recommends the one for this contact state, not the one that is safe in all
 
     Raises GainroomError, one line that names the file, the key or the line, the value and what is allowed.
     """
@@ -61,13 +66,26 @@ def read_gains(path: Path) -> GainFile:
     if Path(file).suffix.lower() in PYTHON:
         return read_actuator_configs(read_text(Path(file)), file, name)
     ending = path.suffix.lower()
-    if ending in XML:
-        return read_mjcf(path)
     if ending == ".onnx":
         return read_onnx(path)
-    text = read_text(path)
+    if ending in XML:
+        return parse_file("", path)
+    most, what = (ANSWER_BYTES, "an answer of gainroom's") if ending == ".json" else (MAX_BYTES, "a configuration file")
+    return parse_file(bounded_text(path, most, what), path, contact)
+
+
+def parse_file(text: str, path: Path, contact: str = "") -> GainFile:
+    """As read_gains, for the text of a file that messages call `path`; "" of an MJCF: it is read from there."""
+    ending = path.suffix.lower()
+    if ending in XML:
+        return read_mjcf(path, text)
     if ending in PYTHON:
         return read_actuator_configs(text, str(path))
+    answer = answer_in(text)
+    if answer is not None:
+        return read_answer(answer, str(path), contact)
+    if contact:
+        raise GainroomError(f"{path}: is no answer of gainroom robot --json; --contact chooses among the sets of one")
     if is_dump(text):
         return read_dump(text, str(path))
     if ending in (*C_CODE, *TEXT):

@@ -14,6 +14,7 @@ from .robot_units import joint_units
 if TYPE_CHECKING:
     from ..studies.audit import Audit
     from ..studies.state import State
+    from ..system.system import System
 
 
 def _if_moving(value: Callable[["State"], Any]) -> Callable[["State"], Any]:
@@ -210,6 +211,12 @@ def audited_states(safe: Callable[["State"], bool]) -> list[Column]:
         ),
         CERTIFIED,
     ]
+
+
+def actuator_facts(system: "System") -> list[dict[str, Any]]:
+    """Motor and delay of each joint in JSON."""
+    rows = zip(system.source.joint_names, system.source.quantities["motor_inertia"], system.drives, strict=True)
+    return [{"name": name, "motor_inertia": inertia, "delay_ms": 1e3 * drive.delay} for name, inertia, drive in rows]
 
 
 AUDITED_JOINT = [

@@ -5,6 +5,7 @@ A configuration is a call, or a class, with names of joints (`target_names_expr`
 """
 
 import ast
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -58,6 +59,13 @@ class GroupedGains(GainFile):
     """Gains by groups of joints, each joint in one of them."""
 
     groups: tuple[Group, ...] = ()
+
+    @property
+    def own_names(self) -> tuple[str, ...]:
+        """The joints' names, where no group has a pattern."""
+        patterns = [joint for group in self.groups for joint in group.joints]
+        names = [re.sub(r"\\(.)", r"\1", pattern) for pattern in patterns]
+        return tuple(names) if [re.escape(name) for name in names] == patterns else ()
 
     def matched(self, joint_names: Sequence[str]) -> list[list[Gain]]:
         result: list[list[Gain]] = [[] for _ in joint_names]

@@ -56,6 +56,11 @@ class OrderedGains(GainFile):
     order: ArrayNames = ArrayNames()
     what: str = ""
 
+    @property
+    def own_names(self) -> tuple[str, ...]:
+        """The order's names, where each joint has one."""
+        return tuple(names[0] for names in self.order.names) if all(len(names) == 1 for names in self.order.names) else ()
+
     def matched(self, joint_names: Sequence[str]) -> list[list[Gain]]:
         places = self._places(joint_names)
         result: list[list[Gain]] = [[] for _ in joint_names]

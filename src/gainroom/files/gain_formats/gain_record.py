@@ -1,5 +1,6 @@
 """What every format of gains yields: gains by joint name or pattern, in SI on the joint side."""
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated
@@ -8,7 +9,7 @@ from pydantic import BeforeValidator, Field
 
 from ...io.validation import NotNegative, Positive, Section, number, refusal
 from ...io.yaml_text import shown
-from ...robot.name_patterns import assign
+from ...robot.name_patterns import DEFAULT, assign
 
 NOT_NEGATIVE = number(least=0)
 
@@ -51,6 +52,24 @@ AnyGain = Annotated[GainSection, BeforeValidator(_pair)]
 
 
 @dataclass(frozen=True)
+class Origin:
+    """Where gains come from, as far as their file says.
+
+    robot            its file
+    delay_ms         the largest of its drives
+    sample_rate_hz   of the controller
+    margins          as text
+    version          gainroom's
+    """
+
+    robot: str = ""
+    delay_ms: float | None = None
+    sample_rate_hz: float | None = None
+    margins: str = ""
+    version: str = ""
+
+
+@dataclass(frozen=True)
 class GainFile:
     """Gains by joint name or pattern, in the file's order.
 
@@ -62,6 +81,13 @@ class GainFile:
     form: str
     gains: Mapping[str, Gain]
     notes: tuple[str, ...] = field(default=(), kw_only=True)
+    origin: Origin = field(default=Origin(), kw_only=True)
+
+    @property
+    def own_names(self) -> tuple[str, ...]:
+        """The joints that the file names, where it names them one by one; else none."""
+        names = tuple(name for name in self.gains if name != DEFAULT)
+        return names if len(names) == len(self.gains) and not any(re.search(r"[^\w\- ./:]|\.[*+?]", name) for name in names) else ()
 
     def matched(self, joint_names: Sequence[str]) -> list[list[Gain]]:
         """For each joint of a model its gains, the last one first in rank. Raises GainroomError for what the model does not have."""

@@ -9,9 +9,9 @@ from ...robot.formats.model_files import position_gains
 from .gain_record import NOT_NEGATIVE, Gain, GainFile
 
 
-def read_mjcf(path: Path) -> GainFile:
+def read_mjcf(path: Path, text: str = "") -> GainFile:
     """Position and velocity feedback of an MJCF's actuators; the joints' own damping is passive and only noted."""
-    found = position_gains(path)
+    found = position_gains(path, text)
     if not found.joints:
         raise GainroomError(
             f"{path}: holds no gains: no actuator feeds position back (<position> of an MJCF, or <general> with affine bias, does); give "

@@ -7,6 +7,7 @@ velocity are left out: their gains are no N m/rad.
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 from ...errors import GainroomError, first_of_many, typo_of
@@ -38,11 +39,18 @@ BESIDE = (
 LONGEST_SLIP = 3
 
 
-def read_ros2_control(data: dict[str, Any], source: str, unknown: str) -> GainFile:
+@dataclass(frozen=True)
+class Ros2Gains(GainFile):
+    """Gains per joint; `paths`: the keys that lead to each joint's p, i, d."""
+
+    paths: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+
+
+def read_ros2_control(data: dict[str, Any], source: str, unknown: str) -> Ros2Gains:
     """p, i, d wherever they stand under a joint's name; `unknown` is said of a file without any. Raises GainroomError."""
     types = {name: each["type"] for _, node in _mappings(data) for name, each in node.items() if isinstance(each, dict) and "type" in each}
     gains: dict[str, Gain] = {}
-    places: dict[str, str] = {}
+    paths: dict[str, tuple[str, ...]] = {}
     notes, empty = [], []
     for path, node in _mappings(data):
         place = dotted(*path) or "at the top"
@@ -57,9 +65,10 @@ def read_ros2_control(data: dict[str, Any], source: str, unknown: str) -> GainFi
             notes.append(f"{place}: left out, as {reason}")
             continue
         if joint in gains:
-            raise GainroomError(f"{source}: joint {shown(joint)} has gains twice, in {places[joint]} and in {place}; leave one in the file")
+            both = f"in {dotted(*paths[joint])} and in {place}"
+            raise GainroomError(f"{source}: joint {shown(joint)} has gains twice, {both}; leave one in the file")
         gains[joint] = _pid(node, f"{source}: {place}")
-        places[joint] = place
+        paths[joint] = path
         strange = [key for key in node if key not in (*TERMS, *BESIDE)]
         if strange:
             notes.append(f"{place}: does not count, as it is not known here: {first_of_many([dotted(key) for key in strange])}")
@@ -68,7 +77,7 @@ def read_ros2_control(data: dict[str, Any], source: str, unknown: str) -> GainFi
         raise GainroomError(f"{source}: {problem}")
     if empty:
         raise GainroomError(f"{source}: {empty[0]}")
-    return GainFile(source, "ros2_control", gains, notes=tuple(notes))
+    return Ros2Gains(source, "ros2_control", gains, notes=tuple(notes), paths=paths)
 
 
 def _mappings(node: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], dict[str, Any]]]:

@@ -50,7 +50,7 @@ class Mjcf(ModelFormat):
         """Of <position>, <velocity>, <intvelocity>, <pid> and affine <general>, as MuJoCo compiles them, times gear²."""
         compiled = compile_mjcf(root, path)
         model, gains, late = compiled.model, {}, []
-        for index in range(len(model.actuator_biasprm)):  # nu counts inputs, of which a <pid> has two
+        for index in range(len(model.actuator_trnid)):
             joint, gear = model.actuator_trnid[index, 0], float(model.actuator_gear[index, 0])
             stiffness, damping = (-float(each) * gear**2 for each in model.actuator_biasprm[index, 1:3])
             integral = float(model.actuator_gainprm[index, 0]) * gear**2 if model.actuator_gaintype[index] == compiled.pid else 0.0
@@ -219,8 +219,9 @@ def _not_counted(model: Any) -> tuple[str, ...]:
 def _rotor(model: Any, joint: int) -> float:
     """Armature of a joint, and of the actuators on it, which stand before their gear [kg m²; kg if prismatic]."""
     rotor = float(model.dof_armature[model.jnt_dofadr[joint]])
-    before_gear = getattr(model, "actuator_armature", np.zeros(model.nu))  # since MuJoCo 3.5
-    for index in range(model.nu):
+    count = len(model.actuator_trnid)  # nu counts inputs, of which a <pid> has two
+    before_gear = getattr(model, "actuator_armature", np.zeros(count))  # since MuJoCo 3.5
+    for index in range(count):
         if model.actuator_trnid[index, 0] == joint:
             rotor += float(before_gear[index] * model.actuator_gear[index, 0] ** 2)
     return rotor

@@ -49,9 +49,28 @@ _COMPILING = threading.Lock()
 
 
 @dataclass(frozen=True)
+class ActuatorElement:
+    """An actuator of a file with its defaults: its joint ("" for another target), its gear, and on its own side of that what it does.
+
+    stiffness, offset   of an affine bias: −b1 and b0; gain: the factor on its input
+    control_range       as an attribute's text, "" where the input is not limited
+    """
+
+    joint: str
+    gear: float
+    is_affine: bool
+    gain: float
+    stiffness: float
+    offset: float
+    control_range: str
+    force_limited: bool
+
+
+@dataclass(frozen=True)
 class Compiled:
     """MuJoCo's model of a file; coupled: joints that a constraint ties to another, and how.
 
+    elements   actuators in the file's order
     left_out   actuators that are no torque on a joint, by name
     pid        MuJoCo's number for the gain of a <pid>, where it knows them
     """
@@ -59,6 +78,7 @@ class Compiled:
     model: Any
     coupled: Mapping[str, str]
     notes: tuple[str, ...]
+    elements: tuple[ActuatorElement, ...] = ()
     left_out: tuple[str, ...] = ()
     pid: int = -1
 
@@ -76,6 +96,7 @@ def compile_mjcf(root: Element, path: Path, keyframes: bool = False) -> Compiled
             spec.modelfiledir, spec.memory = str(path.parent), ARENA
             notes, coupled = _take_constraints(mujoco, spec)
             _drop_shapes(spec, path)
+            elements = tuple(_element(mujoco, actuator) for actuator in spec.actuators)
             left_out = _drop_actuators(mujoco, spec)
             model = spec.compile()
         except GainroomError:
@@ -87,7 +108,7 @@ def compile_mjcf(root: Element, path: Path, keyframes: bool = False) -> Compiled
         notes.append(f"{len(tendons)} tendon{'s' * (len(tendons) > 1)} ignored: their springs, dampers and limits do not count")
     _require_finite(model, source)
     said_too = (f"MuJoCo: {one_line(text)}" for text in said)
-    return Compiled(model, coupled, (*notes, *said_too), left_out, int(getattr(mujoco.mjtGain, "mjGAIN_PID", -1)))
+    return Compiled(model, coupled, (*notes, *said_too), elements, left_out, int(getattr(mujoco.mjtGain, "mjGAIN_PID", -1)))
 
 
 def _require_finite(model: Any, source: str) -> None:
@@ -264,6 +285,23 @@ def _require_mesh(spec: Any, body: str, name: str, path: Path) -> None:
     if status.st_size > MAX_BYTES:
         raise GainroomError(f"{owner} is larger than {MAX_BYTES} bytes")
     note_read(status, file)
+
+
+def _element(mujoco: Any, actuator: Any) -> ActuatorElement:
+    on_joint = actuator.trntype in (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
+    bias, (low, high) = actuator.biasprm, actuator.ctrlrange
+    limited = low < high and int(actuator.ctrllimited) != 0  # 1: true; 2: as the range says
+    limits_force = (False, True, actuator.forcerange[0] < actuator.forcerange[1])[int(actuator.forcelimited)]
+    return ActuatorElement(
+        joint=actuator.target if on_joint else "",
+        gear=float(actuator.gear[0]),
+        is_affine=actuator.biastype == mujoco.mjtBias.mjBIAS_AFFINE,
+        gain=float(actuator.gainprm[0]),
+        stiffness=-float(bias[1]),
+        offset=float(bias[0]),
+        control_range=f"{low:.10g} {high:.10g}" if limited else "",
+        force_limited=bool(limits_force),
+    )
 
 
 def _drop_actuators(mujoco: Any, spec: Any) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ from .mjcf import Mjcf
 from .model_format import ActuatorGains, ModelFormat
 from .model_names import locate
 from .urdf import Urdf
-from .xml_text import read_xml
+from .xml_text import parse_xml, read_xml
 
 FORMATS: dict[str, ModelFormat] = {"robot": Urdf(), "mujoco": Mjcf()}
 """By root element."""
@@ -57,9 +57,9 @@ def keyframes(path: Path) -> Mapping[str, Mapping[str, float]]:
     return _format(root, path).keyframes(root, path)
 
 
-def position_gains(path: Path) -> ActuatorGains:
-    """See ModelFormat. Raises GainroomError as load_model."""
-    root = read_xml(path)
+def position_gains(path: Path, text: str = "") -> ActuatorGains:
+    """See ModelFormat; `text` is read in the place of the file's, where it is given. Raises GainroomError as load_model."""
+    root = parse_xml(text, str(path)) if text else read_xml(path)
     return _format(root, path).position_gains(root, path)
 
 

@@ -1,0 +1,109 @@
+"""gainroom export: gains into the files of simulators and controllers."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from .options import AsJson, refuse_inputs
+from .output import closing, render, show
+
+if TYPE_CHECKING:
+    from ..files.gain_export import Export
+
+KEYS = ("kp", "kd", "ki", "motor_inertia")
+TO = "yaml, ros2_control, mjcf, mjlab, isaaclab or arrays"
+
+
+def export(
+    gains: Annotated[
+        Path,
+        typer.Argument(
+            metavar="GAINS",
+            help="What `gainroom robot --json` or `audit --json` wrote, or gains as `audit --gains` reads them.",
+            show_default=False,
+        ),
+    ],
+    to: Annotated[str, typer.Option("--to", metavar="FORM", help=f"{TO}.", show_default=False)],
+    onto: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="An MJCF or ros2_control file whose gains are replaced; the rest of it stays.")
+    ] = None,
+    output: Annotated[Path | None, typer.Option(metavar="OUT", help="Where it goes; without it, the file of --onto.")] = None,
+    write: Annotated[bool, typer.Option("--write", help="Write the file; without it, only the difference is shown.")] = False,
+    model: Annotated[str | None, typer.Option(metavar="MODEL", help="The robot's model, where GAINS names joints by patterns.")] = None,
+    contact: Annotated[str, typer.Option(metavar="NAME", help="The recommended set of this contact state, not the one for all.")] = "",
+    as_json: AsJson = False,
+) -> int:
+    """Gains for simulators and controllers, as `gainroom audit` reads them again: with where they come from, as a difference first.
+
+    \b
+    Example:
+      gainroom robot robot.yaml --json > answer.json
+      gainroom export answer.json --to mjlab
+      gainroom export answer.json --to mjcf --onto robot.xml --output robot-safe.xml --write
+
+    Exit status: 0 done; 2 a file or the call is wrong, or the form cannot hold these gains.
+    """
+    import datetime
+
+    from .. import __version__
+    from ..errors import GainroomError
+    from ..files.gain_export import export_gains
+    from ..files.gain_files import read_gains
+    from ..robot.formats.model_names import locate
+
+    file = read_gains(gains, contact)
+    made = export_gains(file, to, onto, None if model is None else locate(model), __version__, datetime.date.today())
+    target = output or onto
+    if write and target is None:
+        raise GainroomError("--write: needs --output FILE, or --onto FILE")
+    if target is not None and target != onto:
+        refuse_inputs(target, "export")
+    difference = _difference(made, target, onto)
+    show(as_json, lambda: _facts(made, to, target, write, difference), lambda: _terminal(made, target, write, difference))
+    if write and target is not None:
+        from ..io.atomic import replacement, writing
+
+        with replacement(target) as temporary, writing(target):
+            temporary.write_text(made.text, "utf-8", newline="\n")
+    return 0
+
+
+def _difference(made: "Export", target: Path | None, onto: Path | None) -> str:
+    """As `diff -u` has it, against what stands in the target."""
+    import difflib
+
+    from ..io.bounded_text import bounded_text
+    from ..robot.formats.xml_text import MAX_BYTES
+
+    before = made.before if target == onto else bounded_text(target, MAX_BYTES, "a file of gains") if target and target.exists() else ""
+    name = "new" if target is None else str(target)
+    lines = difflib.unified_diff(before.splitlines(), made.text.splitlines(), name if before else "/dev/null", name, lineterm="")
+    return "".join(f"{line}\n" for line in lines)
+
+
+def _facts(made: "Export", to: str, target: Path | None, written: bool, difference: str) -> dict[str, Any]:
+    """What --json prints."""
+    return {
+        "form": to,
+        "file": None if target is None else str(target),
+        "written": written,
+        "joints": [{"name": name} | {key: getattr(gain, key) for key in KEYS} for name, gain in made.gains.items()],
+        "difference": difference,
+        "text": made.text,
+        "notes": list(made.notes),
+    }
+
+
+def _terminal(made: "Export", target: Path | None, written: bool, difference: str) -> str:
+    """A file to be piped where there is no target; else the difference and what became of it."""
+    if target is None:
+        return made.text
+    state = f"Written: {target}" if written else f"Not written: add --write to write {target}"
+    return "".join(f"{_shown(line)}\n" for line in difference.splitlines()) + render("", state, *closing({}, (), (), made.notes))
+
+
+def _shown(line: str) -> str:
+    from ..errors import printable
+
+    return printable(line)

@@ -1,0 +1,189 @@
+"""Gains into an MJCF: the actuators of the joints get them, and the rest of the text stays as it is.
+
+A <motor> becomes a <position>; a joint without an actuator gets one. What MuJoCo makes of defaults and classes is asked of MuJoCo.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from xml.parsers import expat
+from xml.sax.saxutils import quoteattr
+
+from ...errors import GainroomError, first_of_many
+from ...io.yaml_text import shown
+from ...robot.formats.mjcf_file import ActuatorElement, compile_mjcf
+from ...robot.formats.xml_text import parse_xml
+from .export_text import number_text
+from .gain_record import Gain
+
+SERVOS = ("position", "intvelocity", "pid")
+COMMENT = re.compile(r"\n?[ \t]*<!-- gains by gainroom\b.*?-->", re.DOTALL)
+ATTRIBUTE = r"\s+{0}\s*=\s*(\"[^\"]*\"|'[^']*')"
+INDENT = "  "
+
+
+@dataclass
+class Tag:
+    """An element's place in a text [bytes]: its start tag from `start` to `end`, and where its end tag begins; 0: it is empty."""
+
+    name: str
+    attributes: dict[str, str]
+    start: int
+    end: int = 0
+    close: int = 0
+
+
+@dataclass
+class _Places:
+    """The tags that matter, as expat finds them."""
+
+    content: bytes
+    root: Tag | None = None
+    sections: list[Tag] = field(default_factory=list)
+    actuators: list[Tag] = field(default_factory=list)
+    controls: list[str] = field(default_factory=list)
+    open: list[Tag] = field(default_factory=list)
+
+    def find(self) -> "_Places":
+        self.parser = expat.ParserCreate()
+        self.parser.StartElementHandler = self._begin
+        self.parser.EndElementHandler = self._finish
+        self.parser.Parse(self.content, True)
+        return self
+
+    def _begin(self, name: str, attributes: dict[str, str]) -> None:
+        start = self.parser.CurrentByteIndex
+        tag = Tag(name, attributes, start, _end_of_tag(self.content, start))
+        path = [each.name for each in self.open]
+        if not path:
+            self.root = tag
+        elif len(path) == 1 and name == "actuator":
+            self.sections.append(tag)
+        elif len(path) == 2 and path[1] == "actuator":
+            self.actuators.append(tag)
+        elif name == "key" and "ctrl" in attributes:
+            self.controls.append(attributes.get("name", "without a name"))
+        self.open.append(tag)
+
+    def _finish(self, name: str) -> None:
+        tag = self.open.pop()
+        if self.content[tag.end - 2 : tag.end] != b"/>":
+            tag.close = self.parser.CurrentByteIndex
+
+
+def mjcf_text(text: str, path: Path, gains: Mapping[str, Gain], header: Sequence[str]) -> str:
+    """The MJCF `text`, read from `path`, with these gains. Raises GainroomError where its actuators cannot take them."""
+    text = COMMENT.sub("", text)
+    content = text.encode()
+    elements = compile_mjcf(parse_xml(text, str(path)), path).elements
+    places = _Places(content).find()
+    if len(elements) != len(places.actuators):
+        raise GainroomError(f"{path}: some of its actuators stand in an included file; export onto a file with all of them")
+    edits: list[tuple[int, int, str]] = []
+    missing = []
+    for joint, gain in gains.items():
+        mine = [k for k, element in enumerate(elements) if element.joint == joint]
+        if not mine:
+            missing.append(joint)
+            continue
+        for k, (kp, kd) in _shared(joint, [elements[k] for k in mine], mine, places.actuators, gain, path):
+            edits += _rewritten(places, places.actuators[k], elements[k], kp, kd, path)
+    if missing:
+        edits.append(_inserted(places, missing, gains, path))
+    assert places.root is not None
+    note = "".join(f"\n{INDENT}{'     ' if k else '<!-- '}{line.replace('--', '- -')}" for k, line in enumerate(header))
+    edits.append((places.root.end, places.root.end, f"{note} -->"))
+    for start, end, replacement in sorted(edits, reverse=True):
+        content = content[:start] + replacement.encode() + content[end:]
+    return content.decode()
+
+
+def _shared(
+    joint: str, elements: Sequence[ActuatorElement], indices: Sequence[int], tags: Sequence[Tag], gain: Gain, path: Path
+) -> list[tuple[int, tuple[float, float]]]:
+    """Which of a joint's actuators gets which gains: a servo both, or a servo kp and a <velocity> kd."""
+    names = [tags[k].name for k in indices]
+    if len(indices) == 1:
+        return [(indices[0], (gain.kp, gain.kd))]
+    if sorted(names) == ["position", "velocity"]:
+        servo = names.index("position")
+        return [(indices[servo], (gain.kp, 0.0)), (indices[1 - servo], (0.0, gain.kd))]
+    raise GainroomError(
+        f"{path}: joint {shown(joint)} has several actuators ({first_of_many(names)}); leave one, or a position and a velocity"
+    )
+
+
+def _rewritten(places: _Places, tag: Tag, element: ActuatorElement, kp: float, kd: float, path: Path) -> list[tuple[int, int, str]]:
+    """The edits that give an actuator these gains on the joint's side; its own stand before the gear."""
+    source = places.content[tag.start : tag.end].decode()
+    kp, kd = kp / element.gear**2, kd / element.gear**2
+    if tag.name in SERVOS:
+        source = _with(source, {"kp": number_text(kp), "kv": number_text(kd), "dampratio": None})
+    elif tag.name == "velocity":
+        source = _with(source, {"kv": number_text(kd)})
+    elif tag.name == "general" and element.is_affine and element.stiffness:
+        scale = element.gain / element.stiffness  # the input's own scale stays
+        offset = element.offset * kp / element.stiffness
+        prm = {"gainprm": number_text(scale * kp), "biasprm": f"{number_text(offset)} {number_text(-kp)} {number_text(-kd)}"}
+        source = _with(source, {"gaintype": "fixed", "biastype": "affine", **prm})
+    elif tag.name == "motor":
+        bounded = element.control_range and not element.force_limited
+        limits = {"forcerange": element.control_range, "forcelimited": "true"} if bounded else {}
+        changes = {"kp": number_text(kp), "kv": number_text(kd), "ctrlrange": None, "ctrllimited": "false", **limits}
+        source = _with(re.sub(r"^<motor\b", "<position", source), changes)
+        if tag.close:
+            ending = places.content[tag.close :].index(b">") + tag.close + 1
+            return [(tag.start, tag.end, source), (tag.close, ending, "</position>")]
+    else:
+        raise GainroomError(f"{path}: joint {shown(element.joint)}: <{tag.name}> takes no kp and kd; make it a <position>")
+    return [(tag.start, tag.end, source)]
+
+
+def _with(source: str, changes: Mapping[str, str | None]) -> str:
+    """A start tag with attributes changed, added, or (None) left out."""
+    for name, value in changes.items():
+        pattern = re.compile(ATTRIBUTE.format(name))
+        if value is None:
+            source = pattern.sub("", source)
+        elif pattern.search(source):
+            source = pattern.sub(f' {name}="{value}"', source)
+        else:
+            source = re.sub(r"\s*(/?>)$", rf' {name}="{value}"\1', source)
+    return source
+
+
+def _inserted(places: _Places, missing: Sequence[str], gains: Mapping[str, Gain], path: Path) -> tuple[int, int, str]:
+    """New actuators behind those that are there."""
+    if places.controls:
+        raise GainroomError(
+            f"{path}: joints without an actuator: {first_of_many(missing)}; add them, or leave ctrl out of the keyframe "
+            f"{shown(places.controls[0])}, which counts actuators"
+        )
+    lines = []
+    for joint in missing:
+        kp, kd = number_text(gains[joint].kp), number_text(gains[joint].kd)
+        lines.append(f'{INDENT * 2}<position joint={quoteattr(joint)} kp="{kp}" kv="{kd}" gear="1"/>\n')
+    whole = [section for section in places.sections if section.close]
+    if whole:
+        at = places.content.rindex(b"<", 0, whole[-1].close + 1)
+        line = places.content.rfind(b"\n", 0, at) + 1
+        own_line = not places.content[line:at].strip()
+        return (line, line, "".join(lines)) if own_line else (at, at, "\n" + "".join(lines) + INDENT)
+    assert places.root is not None
+    at = places.root.close
+    return (at, at, f"{INDENT}<actuator>\n{''.join(lines)}{INDENT}</actuator>\n")
+
+
+def _end_of_tag(content: bytes, start: int) -> int:
+    """Where the start tag at `start` ends: behind the first > that stands in no quotes."""
+    quote = 0
+    for place in range(start, len(content)):
+        byte = content[place]
+        if quote:
+            quote = 0 if byte == quote else quote
+        elif byte in b"\"'":
+            quote = byte
+        elif byte == ord(">"):
+            return place + 1
+    return len(content)

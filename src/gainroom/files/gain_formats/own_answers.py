@@ -1,0 +1,106 @@
+"""What `gainroom robot --json` and `gainroom audit --json` wrote: recommended gains, or those that were audited."""
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from ...errors import GainroomError, first_of_many
+from ...io.validation import checked, number
+from ...io.yaml_text import shown
+from .gain_record import NOT_NEGATIVE, Gain, GainFile, Origin
+
+EVERYWHERE = "everywhere"
+MOST_BYTES = 16 << 20
+NUMBER = number()
+MARGINS = {
+    "gain_margin_db": "gain margin {:.3g} dB",
+    "phase_margin_deg": "phase margin {:.3g}°",
+    "peak_sensitivity": "peak sensitivity {:.3g}",
+}
+OF_ROBOT = {"states", "recommended", "unstable_at"}
+OF_AUDIT = {"states", "joints", "delay_limit_ms"}
+"""Keys by which an answer is known."""
+
+
+def answer_in(text: str) -> dict[str, Any] | None:
+    """The data of an answer of ours, where a text is one; JSON is read by Python's own reader, in time that grows with the text."""
+    if not text.lstrip().startswith("{"):
+        return None
+    try:
+        data = json.loads(text)
+    except (ValueError, RecursionError):
+        return None
+    is_ours = isinstance(data, dict) and (data.keys() >= OF_ROBOT or data.keys() >= OF_AUDIT)
+    return data if is_ours else None
+
+
+def read_answer(data: Mapping[str, Any], source: str, contact: str = "") -> GainFile:
+    """The gains in an answer; of several recommended sets the one for `contact`, else the one that is safe everywhere.
+
+    Raises GainroomError.
+    """
+    with_rate = checked(f"{source}: sample_rate_hz", data["sample_rate_hz"], NUMBER) if data.get("sample_rate_hz") is not None else None
+    if "recommended" in data:
+        gains, margins = _recommended(data, source, contact or EVERYWHERE)
+        form = "gainroom robot --json"
+    else:
+        if contact:
+            raise GainroomError(f"{source}: is an audit, whose gains are the same in all contact states; leave --contact out")
+        gains = {name: _gain(entry, f"{source}: joints.{shown(name)}") for name, entry in _named(data, "joints", source).items()}
+        limit = data.get("gain_limit")
+        margins = f"vibration starts at {limit:.3g} × these gains" if isinstance(limit, int | float) else ""
+        form = "gainroom audit --json"
+    actuators = _named(data, "actuators", source) if "actuators" in data else {}
+    delays = [checked(f"{source}: actuators.{shown(name)}.delay_ms", each.get("delay_ms"), NUMBER) for name, each in actuators.items()]
+    if data.get("delay_ms") is not None:
+        delays.append(checked(f"{source}: delay_ms", data["delay_ms"], NUMBER))
+    for name in gains.keys() & actuators.keys():
+        inertia = actuators[name].get("motor_inertia")
+        gain = _gain({**vars(gains[name]), "motor_inertia": inertia}, f"{source}: actuators.{shown(name)}")
+        gains[name] = gain
+    origin = Origin(str(data.get("robot") or ""), max(delays, default=None), with_rate, margins, str(data.get("gainroom") or ""))
+    return GainFile(source, form, gains, origin=origin)
+
+
+def _recommended(data: Mapping[str, Any], source: str, contact: str) -> tuple[dict[str, Gain], str]:
+    """The set of gains per joint for a contact state, and its margins as text."""
+    spaces = data["recommended"] or []
+    joint = [each for each in spaces if isinstance(each, dict) and each.get("space") == "joint"] if isinstance(spaces, list) else []
+    if not joint:
+        raise GainroomError(f"{source}: recommended: holds no gains per joint" + (", only of tasks" if spaces else ""))
+    names, sets = joint[0].get("names"), joint[0].get("sets")
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names) or not isinstance(sets, list):
+        raise GainroomError(f"{source}: recommended: names and sets must be lists")
+    found = {str(each.get("contact")): each for each in sets if isinstance(each, dict)}
+    if contact not in found:
+        known = first_of_many(tuple(found)) or "none"
+        raise GainroomError(f"{source}: recommended: no gains were found for {shown(contact)}; contact states with gains: {known}")
+    one = found[contact]
+    columns: dict[str, Any] = {key: one[key] for key in ("kp", "kd", "ki") if one.get(key) is not None}
+    for key, column in columns.items():
+        if not isinstance(column, list) or len(column) != len(names):
+            raise GainroomError(f"{source}: recommended: {contact}: {key} must be a list of {len(names)} numbers")
+    gains = {}
+    for k, name in enumerate(names):
+        values = {key: column[k] for key, column in columns.items()}
+        if values.get("kp") is not None:  # null: nothing can move this joint in any state of the set
+            gains[name] = _gain(values, f"{source}: recommended: {contact}: {shown(name)}")
+    if not gains:
+        raise GainroomError(f"{source}: recommended: {contact}: no joint has gains")
+    parts = [text.format(one[key]) for key, text in MARGINS.items() if isinstance(one.get(key), int | float)]
+    where = "in every state" if contact == EVERYWHERE else f"in contact state {contact}"
+    return gains, f"{', '.join(parts)} at least, {where}" if parts else ""
+
+
+def _named(data: Mapping[str, Any], key: str, source: str) -> dict[str, dict[str, Any]]:
+    """A list of sections with a name each, by name."""
+    entries = data[key]
+    if not isinstance(entries, list) or not all(isinstance(each, dict) and isinstance(each.get("name"), str) for each in entries):
+        raise GainroomError(f"{source}: {key}: must be a list of sections with a name each")
+    return {each["name"]: each for each in entries}
+
+
+def _gain(values: Mapping[str, Any], owner: str) -> Gain:
+    kp, kd, ki = (checked(f"{owner}.{key}", values.get(key) or 0.0, NOT_NEGATIVE) for key in ("kp", "kd", "ki"))
+    inertia = values.get("motor_inertia")
+    return Gain(kp, kd, ki, None if inertia is None else checked(f"{owner}.motor_inertia", inertia, NOT_NEGATIVE) or None)
