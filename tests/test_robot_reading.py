@@ -152,7 +152,7 @@ def test_gains_of_position_servos(tmp_path: Path):
       <body><joint name="c"/>{ball}</body></worldbody><actuator>
       <position class="damped" joint="a" kp="30" gear="3"/><velocity joint="a" kv="5"/><position joint="b" kp="8" dampratio="0.7"/>
       <motor joint="c"/></actuator></mujoco>"""
-    gains = position_gains(write(tmp_path, text))
+    gains = {joint: (gain.kp, gain.kd) for joint, gain in position_gains(write(tmp_path, text)).joints.items()}
     assert set(gains) == {"a", "b"}
     assert gains["a"] == pytest.approx((30 * 9, 2 * 9 + 5), rel=1e-15)
     assert gains["b"] == pytest.approx((8, 2 * 0.7 * np.sqrt(8 * 0.5)), rel=1e-12)

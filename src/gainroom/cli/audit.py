@@ -55,6 +55,13 @@ def audit(
             "repeated, the later wins; default 0.",
         ),
     ] = None,
+    joint_damping: Annotated[
+        str | None,
+        typer.Option(
+            metavar="WHAT",
+            help="What the model's own joint damping is: controller (a part of kd) or friction; without it, it does not count.",
+        ),
+    ] = None,
     margin_db: Annotated[float, number_option("--margin-db", "in dB", "Gain margin that safe gains have [dB].")] = MARGIN_DB,
     as_json: AsJson = False,
     report: Report = None,
@@ -73,7 +80,7 @@ def audit(
     from ..studies.audit import audit as run_audit
 
     options = AuditOptions(
-        delay_ms, rate_hz, stiffness, damping, motor_inertia, bandwidth, base, tuple(contact or ()), tuple(posture or ())
+        delay_ms, rate_hz, stiffness, damping, motor_inertia, bandwidth, base, tuple(contact or ()), tuple(posture or ()), joint_damping
     )
     margin = margin_factor(margin_db)
     system = audit_spec(model, gains, options)
@@ -103,6 +110,7 @@ def _command(model: str, gains: Path | None, options: "AuditOptions", margin_db:
         ("--base", options.base),
         *(("--contact", frame) for frame in options.contacts),
         *(("--posture", text) for text in options.posture),
+        ("--joint-damping", options.joint_damping),
         ("--margin-db", margin_db if margin_db != MARGIN_DB else None),
         ("--report", report),
     )

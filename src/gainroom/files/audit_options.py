@@ -18,8 +18,10 @@ import numpy as np
 from ..errors import GainroomError, first_of_many, named, nearest
 from ..io.validation import checked, number, validate
 from ..io.yaml_text import shown
+from ..linear.arrays import Floats
+from ..robot.assemble import DAMPING_NOTE
 from ..robot.body import Base, RigidBody
-from ..robot.formats.model_files import keyframes, load_model
+from ..robot.formats.model_files import includes, keyframes, load_model
 from ..robot.formats.model_names import locate
 from ..robot.name_patterns import DEFAULT, select
 from ..system.requirements import from_db
@@ -42,6 +44,9 @@ KEYS = {
     "contact": ("contacts", "contact"),
 }
 """Where an option stands in a robot.yaml."""
+JOINT_DAMPING = ("controller", "friction")
+MOST_SCENES = 20
+"""Files beside a model that are looked at for a keyframe."""
 ANGLE = number(least=-1e4, most=1e4)
 DESCRIPTIONS = (".yaml", ".yml", ".json")
 
@@ -50,7 +55,8 @@ DESCRIPTIONS = (".yaml", ".yml", ".json")
 class AuditOptions:
     """As they are typed: ms, Hz, otherwise SI; None: not given. `contacts` are frames on the ground, all at once.
 
-    posture   JOINT=ANGLE (a name or pattern; rad, m if prismatic), or the name of an MJCF's keyframe; later ones win
+    posture         JOINT=ANGLE (a name or pattern; rad, m if prismatic), or the name of an MJCF's keyframe; later ones win
+    joint_damping   what the model's own damping of joints is: "controller", a part of kd; "friction", of the link; None: not counted
     """
 
     delay_ms: float
@@ -62,10 +68,13 @@ class AuditOptions:
     base: Base | Any = None
     contacts: tuple[str, ...] = ()
     posture: tuple[str, ...] = ()
+    joint_damping: str | None = None
 
     def __post_init__(self) -> None:
         if self.base not in (None, *get_args(Base)):
             raise GainroomError(f"--base {self.base}: must be {' or '.join(get_args(Base))}")
+        if self.joint_damping not in (None, *JOINT_DAMPING):
+            raise GainroomError(f"--joint-damping {self.joint_damping}: must be {' or '.join(JOINT_DAMPING)}")
         if self.damping is not None and not self.is_elastic:
             raise GainroomError(f"--damping {self.damping:g}: is of elastic gearboxes; give --stiffness too")
 
@@ -78,12 +87,14 @@ class AuditOptions:
         """The sections of a robot.yaml that say the same, for the model in `file`; joints without gains are locked."""
         names = (*body.joint_names, *body.locked)
         given = [k for k, has in enumerate(gains.given) if has]
+        inertia = {k: {"motor_inertia": float(gains.motor_inertia[k])} for k in given if np.isfinite(gains.motor_inertia[k])}
+        rubbed = {k: {"link_viscous": float(body.damping[k])} for k in given if self.joint_damping == "friction" and k < body.size}
         columns = {"kp": gains.kp, "kd": gains.kd} | ({"ki": gains.ki} if np.any(gains.ki) else {})
         data: dict[str, Any] = {
             "model": {"file": file, "gravity_stiffness": False},
             "joints": {
                 DEFAULT: {},
-                **{names[k]: {"motor_inertia": float(gains.motor_inertia[k])} for k in given if np.isfinite(gains.motor_inertia[k])},
+                **{names[k]: inertia.get(k, {}) | rubbed.get(k, {}) for k in given if k in inertia or k in rubbed},
                 "locked": [name for name, has in zip(body.joint_names, gains.given, strict=False) if not has],
             },
             "drive": {"bandwidth": math.inf},
@@ -114,20 +125,46 @@ def audit_spec(model: str, gains: Path | None, options: AuditOptions) -> System:
     path = locate(model)
     _require_model(path)
     source = path if gains is None else gains
+    told: list[str] = []
     with _options_named():
         body = load_model(path, base_of(options.base, path, bool(options.contacts))[0])
         found = gains_of(read_gains(source), (*body.joint_names, *body.locked))
         if not np.any(found.given[: body.size]):
             raise GainroomError(f"{path}: no joint that can move has gains")
+        if options.rate_hz is None and found.rate_hz is not None:
+            options = replace(options, rate_hz=found.rate_hz)
+            told.append(f"the controller runs at {found.rate_hz:g} Hz, as {source} has it: --rate-hz says another")
+        if options.joint_damping == "controller":
+            found = replace(found, kd=found.kd + np.where(found.given, _padded(body.damping, len(found.kd)), 0.0))
         file = validate(RobotFile, options.sections(str(path), body, found), "")
         if (sample_time := file.sample_time()) is not None:
             refuse_long_delay(1e-3 * options.delay_ms, sample_time, "--delay-ms")
         spec = robot_spec(file, str(path), path, known=body)
     with named(str(source)):
         spec = examined(spec)
-    assumptions = (*spec.assumptions, *_assumptions(spec.source.body, file.joints.locked, options))
+    told += [f"--posture {name}: the keyframe of {scene}" for name in options.posture if (scene := _scene_with(name, path))]
+    assumptions = (*spec.assumptions, *told, *_assumptions(spec.source.body, file.joints.locked, options))
     warnings = [text.replace("move it inside", "move it inside with --posture") for text in spec.warnings]
-    return replace(spec, assumptions=assumptions, warnings=(*found.notes, *warnings))
+    return replace(spec, assumptions=assumptions, warnings=(*found.notes, *_damping_asked(warnings, options)))
+
+
+def _padded(column: Floats, size: int) -> Floats:
+    """A column of the joints that can move, with zeros for those that are locked."""
+    return np.concatenate([column, np.zeros(size - len(column))])
+
+
+def _damping_asked(warnings: Sequence[str], options: AuditOptions) -> list[str]:
+    """What is said of the joints' own damping: asked for where nothing was said, told where it counts."""
+    meant = {
+        "controller": "the joints' own damping in the model file counts as a part of the controller's kd",
+        "friction": "the joints' own damping in the model file counts as friction of the links",
+        None: f"{DAMPING_NOTE}: say what it is, --joint-damping controller (a part of kd, as in many training models) or friction",
+    }[options.joint_damping]
+    found = []
+    for text in warnings:
+        values = text.rpartition(": ")[2]
+        found.append(f"{meant}: {values}" if text.startswith(DAMPING_NOTE) else text)
+    return found
 
 
 @contextlib.contextmanager
@@ -160,8 +197,19 @@ def _angles(typed: Sequence[str], path: Path, joint_names: Sequence[str]) -> dic
     return angles
 
 
+def _scene_with(name: str, path: Path) -> Path | None:
+    """The file beside an MJCF that includes it and has this keyframe, where the model itself has not: its scene."""
+    if "=" in name or name in keyframes(path):
+        return None
+    for scene in sorted(path.parent.glob("*scene*.xml"))[:MOST_SCENES]:
+        with contextlib.suppress(GainroomError):  # another robot's scene may be anything
+            if includes(scene, path) and name in keyframes(scene):
+                return scene
+    return None
+
+
 def _keyframe(name: str, owner: str, path: Path) -> Mapping[str, float]:
-    known = keyframes(path)
+    known = keyframes(_scene_with(name, path) or path)
     if name not in known:
         raise GainroomError(f"{owner}: must be JOINT=ANGLE, or a keyframe of an MJCF{nearest(name, tuple(known), 'keyframe')}")
     return known[name]

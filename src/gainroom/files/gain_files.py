@@ -41,13 +41,17 @@ UNKNOWN = (
 
 @dataclass(frozen=True)
 class JointGains:
-    """Gains of n joints, each (n,), units as Gain; 0 where a joint has none, motor_inertia NaN where the file names none."""
+    """Gains of n joints, each (n,), units as Gain; 0 where a joint has none, motor_inertia NaN where the file names none.
+
+    rate_hz   of the controller, where the file names it
+    """
 
     kp: Floats
     kd: Floats
     ki: Floats
     motor_inertia: Floats
     notes: tuple[str, ...] = ()
+    rate_hz: float | None = None
 
     @property
     def given(self) -> Booleans:
@@ -124,7 +128,7 @@ def gains_of(file: GainFile, joint_names: Sequence[str]) -> JointGains:
                 column[k] = getattr(matches[-1], name)
             named = [match.motor_inertia for match in matches if match.motor_inertia is not None]
             inertia[k] = named[-1] if named else np.nan
-    found = JointGains(**columns, motor_inertia=inertia, notes=file.notes_for(joint_names))
+    found = JointGains(**columns, motor_inertia=inertia, notes=file.notes_for(joint_names), rate_hz=file.origin.sample_rate_hz)
     if not np.any(found.given):
         raise GainroomError(f"{file.source}: all gains are zero")
     return found

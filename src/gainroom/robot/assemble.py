@@ -28,6 +28,7 @@ LARGEST = 1e12
 LINK = "link:"
 RESERVED = "universe"
 """Pinocchio's own name for what does not move."""
+DAMPING_NOTE = "the joints' own damping in the model file is not counted"
 FRICTION_NOTE = "the joints' own dry friction in the model file is not counted [N m]"
 SPRING_NOTE = "the joints' own springs in the model file count as stiffness beside the gearbox, without the load they carry [N m/rad]"
 
@@ -180,9 +181,7 @@ def _notes(description: Description, held: Sequence[str], positions: Mapping[str
     own = {name: float(model.damping[model.joints[model.getJointId(name)].idx_v]) for name in _one_dof(model) if name not in held}
     damped = [f"{name} {damping:.4g}" for name, damping in own.items() if damping > 0]
     if damped:
-        notes.append(
-            f"the joints' own damping in the model file is not counted, give it as link_viscous [N m s/rad]: {first_of_many(damped)}"
-        )
+        notes.append(f"{DAMPING_NOTE}, give it as link_viscous [N m s/rad]: {first_of_many(damped)}")
     for values, note in ((description.friction, FRICTION_NOTE), (description.springs, SPRING_NOTE)):
         found = [f"{name} {value:.4g}" for name, value in values.items() if value and name not in held]
         if found:

@@ -113,6 +113,11 @@ class RigidBody:
         return np.array([is_prismatic(joint) for joint in self.joints])
 
     @property
+    def damping(self) -> Floats:
+        """(n,) the joints' own damping given in the file [N m s/rad; N s/m if prismatic]; it is no part of the links."""
+        return np.array([float(self.model.damping[joint.idx_v]) for joint in self.joints])
+
+    @property
     def nq(self) -> int:
         """Length of a posture q."""
         return self.model.nq

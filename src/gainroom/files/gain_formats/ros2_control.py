@@ -6,14 +6,14 @@ velocity are left out: their gains are no N m/rad.
 """
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 from ...errors import GainroomError, first_of_many, typo_of
-from ...io.validation import checked, dotted
+from ...io.validation import checked, dotted, number
 from ...io.yaml_text import shown
-from .gain_record import NOT_NEGATIVE, Gain, GainFile
+from .gain_record import NOT_NEGATIVE, Gain, GainFile, Origin
 
 TERMS = {"p": "kp", "i": "ki", "d": "kd"}
 WRAPPERS = ("gains", "pid", "pid_gains", "ros__parameters")
@@ -37,6 +37,8 @@ BESIDE = (
 )
 """What ros2_control has beside p, i and d, and what no margin depends on."""
 LONGEST_SLIP = 3
+MANAGER = "controller_manager"
+RATE = number(least=0, most=1e6)
 
 
 @dataclass(frozen=True)
@@ -77,7 +79,19 @@ def read_ros2_control(data: dict[str, Any], source: str, unknown: str) -> Ros2Ga
         raise GainroomError(f"{source}: {problem}")
     if empty:
         raise GainroomError(f"{source}: {empty[0]}")
-    return Ros2Gains(source, "ros2_control", gains, notes=tuple(notes), paths=paths)
+    origin = Origin(sample_rate_hz=_rate(data, {path[0] for path in paths.values() if path}, source))
+    return Ros2Gains(source, "ros2_control", gains, notes=tuple(notes), origin=origin, paths=paths)
+
+
+def _rate(data: dict[str, Any], controllers: Collection[str], source: str) -> float | None:
+    """The slowest of these controllers' own update_rate, of one that has none the manager's; None where nothing is said."""
+    rates: dict[str, float] = {}
+    for path, node in _mappings(data):
+        if "update_rate" in node and not isinstance(node["update_rate"], dict):
+            name = next((key for key in reversed(path) if key not in WRAPPERS), "")
+            rates[name] = checked(f"{source}: {dotted(*path, 'update_rate')}", node["update_rate"], RATE)
+    own = (rates.get(name) or rates.get(MANAGER) for name in controllers)  # 0: as its manager
+    return min((rate for rate in own if rate), default=None)
 
 
 def _mappings(node: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], dict[str, Any]]]:

@@ -57,6 +57,12 @@ def keyframes(path: Path) -> Mapping[str, Mapping[str, float]]:
     return _format(root, path).keyframes(root, path)
 
 
+def includes(path: Path, other: Path) -> bool:
+    """Whether an MJCF names the file `other`, in its own folder, in an <include>. Raises GainroomError as load_model."""
+    named = [each.get("file", "") for each in read_xml(path).iter("include")]
+    return any((path.parent / name).resolve() == other.resolve() for name in named if name)
+
+
 def position_gains(path: Path, text: str = "") -> ActuatorGains:
     """See ModelFormat; `text` is read in the place of the file's, where it is given. Raises GainroomError as load_model."""
     root = parse_xml(text, str(path)) if text else read_xml(path)
