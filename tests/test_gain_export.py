@@ -88,7 +88,8 @@ def test_the_same_verdict_is_read_back(folder: Path, capsys: pytest.CaptureFixtu
     said = told(capsys, *call)
     assert said["written"] is True
     assert (folder / target).read_text("utf-8") == said["text"]
-    question = ("--delay-ms", "2", "--stiffness", "400", "--damping", "1")
+    rate = ("--rate-hz", "500") if other else ()  # which that file has
+    question = ("--delay-ms", "2", "--stiffness", "400", "--damping", "1", *rate)
     before = told(capsys, "audit", "robot.xml", "--gains", "gains.yaml", *question)
     after = told(capsys, "audit", "robot.xml", "--gains", target, *question)
     assert after["safe"] == before["safe"]

@@ -38,8 +38,7 @@ def export(
 
     \b
     Example:
-      gainroom robot robot.yaml --json > answer.json
-      gainroom export answer.json --to mjlab
+      gainroom export answer.json --to mjlab                 # of: gainroom robot robot.yaml --json > answer.json
       gainroom export answer.json --to mjcf --onto robot.xml --output robot-safe.xml --write
 
     Exit status: 0 done; 2 a file or the call is wrong, or the form cannot hold these gains.
