@@ -238,6 +238,11 @@ def test_loops_whose_integrators_drown_the_rest(number):
         assert math.isfinite(found.one_loop_phase_margin)
 
 
+def test_a_curve_that_round_off_makes_zero():
+    """A PID's T_ii falls with ω towards rest, and is 0 to the last digit at some of the frequencies that are looked at."""
+    confirm(chain, range(1317, 1318))
+
+
 @pytest.mark.population
 @pytest.mark.skipif("'population' not in config.getoption('markexpr')", reason="runs with -m population")
 @pytest.mark.parametrize("batch", range(BATCHES))

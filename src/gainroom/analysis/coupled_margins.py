@@ -37,6 +37,7 @@ class CurveTolerances:
     least_factor: float = 1e-3  # on one joint's gains: what limits it further down counts as none
     # of a curve's largest value: where it is smaller it is not followed, and what it would limit counts as without limit
     faintest: float = 1e-6
+    steepest: int = 6  # power of 1/ω with which a curve rises towards rest: what rises faster rises from a 0 that round-off has made
     within: float = 0.5  # of where it crosses for sure: likewise, as what it does there limits nothing first
 
 
@@ -325,6 +326,8 @@ def _at_rest(levels: Floats, curve: Complexes, least: float) -> _Rest:
     order = round(float(np.log2(max(abs(curve[last, 0]), 1e-300) / max(abs(curve[last - 1, 0]), 1e-300))))
     if order < 0 or size[last, 0] <= CURVES.faintest * least:
         return _Rest(last, 0, 0.0, 2 * abs(float(curve[last, 0].real)), True)
+    if order > CURVES.steepest:
+        return _Rest(last, 0, 0.0, 2 * abs(float(curve[last, 0].real)), bool(abs(curve[last, 0]) <= least))
     flat = curve[: last + 1, 0] * (1j * levels[: last + 1] / levels[last]) ** order
     # c is real on the real axis: what is left of its real part falls with ω², and two levels give the rest of it
     ahead, scale = flat.real[1:] + np.diff(flat.real) / 3, max(abs(flat[last]), least)

@@ -249,7 +249,7 @@ class Plant:
         """
         points = np.atleast_1d(np.asarray(s, dtype=complex))[:, None, None]
         if self._unsprung is not None:
-            return self._unsprung / points**2
+            return self._unsprung * (1 / points**2)
         eye = np.eye(self.size)
         links = np.broadcast_to(self.link_inverse_inertia.astype(complex), (len(points), self.size, self.size))
         if self.compliance is not None:
