@@ -196,7 +196,7 @@ class GainTracker:
     def passive_frequency(self) -> float: ...
 
 def eigenvalues(matrix: Complexes) -> Complexes:
-    """(1, n) of a matrix (n, n), as dense.hpp finds them."""
+    """(1, n) of a matrix (n, n), as eigenvalues.hpp finds them."""
 
 class DirectedLoop:
     """As in directed_loop.hpp: a loop without its gains. torque (n, m), jacobian (m, n), both (0, 0) where directions are joints.

@@ -15,6 +15,7 @@
 #include "complex.hpp"
 #include "dense.hpp"
 #include "directed_loop.hpp"
+#include "eigenvalues.hpp"
 #include "locus_step.hpp"
 
 namespace gainroom {
