@@ -279,6 +279,10 @@ def test_nothing_is_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: s
         ("A = ActuatorNetMLPCfg(joint_names_expr=['a'])", "left out, as it is a network: a"),
         ("A = XmlPositionActuatorCfg(target_names_expr=('a',))", "its gains stand in the MJCF: audit that without --gains"),
         ("def f():\n    return SomeCfg(joint_names_expr=['a'], stiffness=1, damping=1)", "outside functions, which are not run: line 2"),
+        (
+            "class A(Cfg):\n    def __post_init__(self):\n        self.x = 2\nB = A(joint_names_expr=['a'], stiffness=1, damping=1)",
+            "line 2: 'A.__post_init__()' may change the configuration, and is not run",
+        ),
         ("x = " + "-" * 100_000 + "1", "is no Python that can be read here"),
         ("x = " + "[" * 150 + "]" * 150, "holds no actuator"),
         ("x = [1]\n" + "x = [*x, *x]\n" * 60, "holds no actuator"),
@@ -295,6 +299,19 @@ def test_what_is_wrong_is_named_with_its_line(text: str, says: str):
     assert message.startswith("r.py")
     assert "\n" not in message
     assert time.perf_counter() - started < 20  # bounded: none of these takes a second here
+
+
+@pytest.mark.parametrize(
+    ("origin", "call"),
+    [
+        ("def double(x): x.stiffness *= 2", "double(ACTUATOR)"),
+        ("def double(x): x.stiffness *= 2", "x = double(robot=[ACTUATOR])"),
+        ("from other import double", "x = double(ACTUATOR)"),
+    ],
+)
+def test_a_function_that_gets_a_configuration_is_told(origin: str, call: str):
+    (note,) = read_actuator_configs(small(before=origin, after=call), "r.py").notes
+    assert note == "r.py: line 3: double(…) gets a configuration: it is not run, and may change it"
 
 
 def test_a_velocity_actuator_has_damping_alone():

@@ -102,6 +102,7 @@ def test_the_files_update_rate_is_the_controllers(folder: Path, capsys: pytest.C
         ("command_interfaces: [effort]", "command_interfaces: [effort]\n    update_rate: 100", 100),
         ("command_interfaces: [effort]", "command_interfaces: [effort]\n    update_rate: 0", 500),
         ("update_rate: 500", "update_rate: 250.0", 250),
+        ("controller_manager:", "/two/controller_manager:", 500),
         ("legs:", "arms: {ros__parameters: {update_rate: 50}}\nlegs:", 500),
     ],
 )

@@ -255,6 +255,17 @@ def line(capsys: pytest.CaptureFixture[str], *call: str) -> str:
     return err
 
 
+def test_an_audits_answer_is_read(folder: Path, capsys: pytest.CaptureFixture[str]):
+    question = ("audit", "robot.xml", "--delay-ms", "2", "--rate-hz", "1000")
+    first = told(capsys, *question, "--gains", "gains.yaml")
+    (folder / "answer.json").write_text(json.dumps(first), "utf-8")
+    second = told(capsys, "audit", "robot.xml", "--delay-ms", "2", "--gains", "answer.json")  # the rate is the answer's
+    assert second["gain_limit"] == first["gain_limit"]
+    assert second["joints"] == first["joints"]
+    text = export_gains(read_gains(folder / "answer.json"), "arrays", None, None, "1.2.3", TODAY).text
+    assert "#   model: robot.xml\n#   delay: 2 ms; controller at 1000 Hz\n#   margins: vibration starts at" in text
+
+
 def test_nothing_is_written_unasked(folder: Path, capsys: pytest.CaptureFixture[str]):
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
     assert main(["export", "gains.yaml", "--to", "mjcf", "--onto", "robot.xml"]) == 0

@@ -145,7 +145,7 @@ def _header(file: GainFile, version: str, today: datetime.date) -> list[str]:
     origin = file.origin
     lines = [f"gains by gainroom {version}, {today.isoformat()}, from {file.source} ({file.form})"]
     if origin.robot:
-        lines.append(f"  model: {origin.robot}")
+        lines.append(f"  model: {Path(origin.robot).name}")
     delay = "not said in that file" if origin.delay_ms is None else f"{origin.delay_ms:g} ms"
     lines.append(f"  delay: {delay}" + (f"; controller at {origin.sample_rate_hz:g} Hz" if origin.sample_rate_hz else ""))
     lines.append(f"  margins: {origin.margins or 'not known; gainroom audit computes them'}")

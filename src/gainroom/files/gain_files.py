@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import GainroomError
+from ..errors import GainroomError, first_of_many
 from ..io.bounded_text import bounded_text
 from ..io.validation import dotted
 from ..io.yaml_text import MAX_BYTES, parse_yaml, read_text, shown
@@ -107,9 +107,12 @@ def parse_gains(text: str, source: str) -> GainFile:
         raise wrong_kind(source, "file of gains", found)
     if "moteus" in data:
         return read_moteus(data, source)
-    arrays = next((each for each in (data, *data.values()) if isinstance(each, dict) and has_arrays(each)), None)
-    if arrays is not None and "gains" not in data:
-        return read_arrays(arrays, ArrayNames.of(data | arrays, {}), source)
+    arrays = {key: each for key, each in {"": data, **data}.items() if isinstance(each, dict) and has_arrays(each)}
+    if len(arrays) > 1:
+        several = first_of_many([key or "at the top" for key in arrays])
+        raise GainroomError(f"{source}: holds arrays of gains in several places: {several}; leave one")
+    for each in arrays.values():
+        return read_arrays(each, ArrayNames.of(data | each, {}), source)
     if is_plain(data):
         return read_plain(data, source)
     return read_ros2_control(data, source, f"{UNKNOWN}{_begins(data)}")

@@ -17,7 +17,7 @@ from ...robot.name_patterns import select_all
 from .gain_arrays import ArrayNames, is_gain_array, read_arrays
 from .gain_record import NOT_NEGATIVE, Gain, GainFile
 from .python_records import Record, Unknown, parts
-from .python_values import PythonValues, read_python
+from .python_values import SET_UP, PythonValues, read_python
 
 TARGETS = ("target_names_expr", "joint_names_expr", "actuated_names_expr")
 EFFORT_LIMITS = ("effort_limit", "actuator_effort_limit", "joint_effort_limit", "effort_limit_sim")
@@ -113,7 +113,11 @@ def read_actuator_configs(text: str, source: str, chosen: str = "") -> GainFile:
     if not robots:
         raise GainroomError(f"{source}: holds no actuator configurations of mjlab or Isaac Lab{_inside_functions(values)}")
     name, found = _chosen(robots, source, chosen)
-    groups, notes = [], []
+    made = parts(values.names.get(name) if name else found)
+    changed = next((each.fields[SET_UP[0]] for each in made if isinstance(each, Record) and SET_UP[0] in each.fields), None)
+    if changed is not None:
+        raise GainroomError(f"{source}: line {changed.line}: {changed}; write its numbers into the configuration")
+    groups, notes = [], list(values.notes)
     for record in found:
         group = _group(record, source, notes)
         if group is not None:

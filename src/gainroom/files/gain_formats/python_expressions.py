@@ -69,6 +69,7 @@ class Expressions:
     def __init__(self, source: str, names: dict[str, Any]) -> None:
         self.source = source
         self.names = names
+        self.notes: list[str] = []
         self._steps = 0
         self._depth = 0
 
@@ -195,12 +196,20 @@ class Expressions:
             return self._computed(node, function, given, named)
         known = self.value(node.func) if isinstance(node.func, ast.Name | ast.Attribute) else None
         if isinstance(known, Unknown) and known.kind == "function":
+            self._note_passed(node, name, (*given, *named.values()))
             return Unknown(node.lineno, text_of(node), known.why)
         self.leaves_alone(node)
         if given or not name:
+            self._note_passed(node, name, (*given, *named.values()))
             return self.unknown(node)
         inherited = known if isinstance(known, Record) else Record(name, node.lineno, {}, (name,))
         return Record(name, node.lineno, self.deep_copy(node, inherited.fields) | named, inherited.kinds)
+
+    def _note_passed(self, node: ast.Call, name: str, values: tuple[Any, ...]) -> None:
+        """A note where a configuration goes into a function that is not run: it may be another afterwards."""
+        if name != "print" and any(map(has_record, values)):
+            what = f"{name or 'a call'}(…) gets a configuration"
+            self.notes.append(f"{self.source}: line {node.lineno}: {what}: it is not run, and may change it")
 
     def _function(self, node: ast.expr, name: str) -> Callable[..., float] | None:
         """One of those that are known by name, unless the file gives the name another meaning."""

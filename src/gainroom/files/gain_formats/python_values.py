@@ -15,6 +15,10 @@ from ...errors import GainroomError
 from .python_expressions import CONSTANTS, HARMLESS, MATH, Expressions
 from .python_records import Record, Unknown, has_record, last_name, text_of
 
+SET_UP = ("__post_init__", "__init__")
+"""Methods that change what a call makes; the first is also the field that says so."""
+NOT_RUN = "may change the configuration, and is not run"
+
 
 @dataclass
 class PythonValues:
@@ -24,6 +28,7 @@ class PythonValues:
     names: dict[str, Any] = field(default_factory=dict)
     lines: dict[str, int] = field(default_factory=dict)
     functions: list[ast.AST] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
 
 
 def read_python(text: str, source: str, guarded: tuple[str, ...]) -> PythonValues:
@@ -46,6 +51,7 @@ def read_python(text: str, source: str, guarded: tuple[str, ...]) -> PythonValue
         reader.block(tree.body)
     except RecursionError as error:
         raise GainroomError(f"{source}: is nested too deeply") from error
+    reader.values.notes = reader.notes
     return reader.values
 
 
@@ -85,6 +91,8 @@ class _Reader(Expressions):
                 self._unfollowed(node)
             case ast.Expr(value=ast.Call(func=ast.Attribute(value=owner, attr=method), args=args)):
                 self._changed_by_call(node, owner, method, args)
+            case ast.Expr(value=ast.Call() as call):
+                self.value(call)
             case ast.Delete(targets=targets):
                 for target in targets:
                     self._assign(target, Unknown(node.lineno, "del"))
@@ -164,6 +172,8 @@ class _Reader(Expressions):
         self.names = names
         for statement in node.body:
             if isinstance(statement, ast.FunctionDef | ast.AsyncFunctionDef):
+                if statement.name in SET_UP:
+                    record.fields[SET_UP[0]] = Unknown(statement.lineno, f"{node.name}.{statement.name}()", NOT_RUN)
                 continue
             self._statement(statement)
             record.fields |= {name: names[name] for name in _stored(statement) if name in names}

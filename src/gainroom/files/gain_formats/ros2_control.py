@@ -90,7 +90,8 @@ def _rate(data: dict[str, Any], controllers: Collection[str], source: str) -> fl
         if "update_rate" in node and not isinstance(node["update_rate"], dict):
             name = next((key for key in reversed(path) if key not in WRAPPERS), "")
             rates[name] = checked(f"{source}: {dotted(*path, 'update_rate')}", node["update_rate"], RATE)
-    own = (rates.get(name) or rates.get(MANAGER) for name in controllers)  # 0: as its manager
+    managers = min((rate for name, rate in rates.items() if name.endswith(MANAGER)), default=None)  # /robot/controller_manager too
+    own = (rates.get(name) or managers for name in controllers)  # 0: as its manager
     return min((rate for rate in own if rate), default=None)
 
 
