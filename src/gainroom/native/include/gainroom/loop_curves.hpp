@@ -207,7 +207,7 @@ public:
 private:
     // What is polished: crossings and peaks whose interpolated margins are within kClose of the least, or kSlack [rad, ln].
     static constexpr double kSame = 1e-7, kAside = 1e-5, kOffCourse = 1e-3, kClose = 0.05, kSlack = 0.01, kBefore = 1e-3, kReal = 0.01;
-    static constexpr double kExact = 1e-11, kTwins = 0.02, kFar = 1.5, kSettled = 1e-4, kDeepest = 1e-6;
+    static constexpr double kExact = 1e-11, kTwins = 0.02, kFar = 1.5, kSettled = 1e-4, kDeepest = 1e-6, kBlur = 1e-6;
     static constexpr int kParabolas = 4, kRounds = 30, kHalvings = 40;
 
     static double top_of_parabola(const double* place, const double* height) {
@@ -268,12 +268,22 @@ private:
         return stable;
     }
 
+    // How far (I + L)⁻¹ may be off by round-off: one motion's share of L drowns beside a much larger one.
+    double blurred(const LoopSample& sample) const {
+        double loop = 0.0, inverse = 0.0;
+        for (std::size_t k = 0; k < m_ * m_; k++) {
+            loop = std::max(loop, std::norm(times(sample.point->seen[k], sample.law[k % m_])));
+            inverse = std::max(inverse, std::norm(sample.inverse[k]));
+        }
+        return 2.2e-16 * static_cast<double>(m_) * std::sqrt(loop) * inverse;
+    }
+
     // Return ratios that settle as ω → 0: as far down as they have to be followed, since round-off grows on the way.
     void add_settled(double lowest, const DirectedGains& gains, double reach, bool moves, std::vector<MovingMargin>& found) {
         std::vector<char> told(n_, 0);
         for (double omega = lowest; omega > kDeepest * lowest; omega *= 0.3) {
             const auto rest = samples_.sample(omega), lower = samples_.sample(0.5 * omega);
-            if (rest == nullptr || lower == nullptr) return;
+            if (rest == nullptr || lower == nullptr || blurred(*lower) > kBlur) return;
             for (std::size_t i = 0; i < n_; i++) {
                 const Complex value = return_ratio(rest->sensitivity[i]), below = return_ratio(lower->sensitivity[i]);
                 const bool settled = !told[i] && std::abs(below - value) < kSettled * std::abs(value);
