@@ -1,0 +1,236 @@
+"""Whether PD gains are stable in the simulator that trains a policy: MuJoCo's own linearisation of one step, closed with the gains.
+
+About a posture at rest, one step takes the small motion x = (δq, h δv) to A x + B τ (mjd_transitionFD). A program's PD, τ = −F x, written
+as torque and held for d steps, closes it to
+
+    x⁺ = (A^d − (I + A + … + A^(d−1)) B F) x
+
+MuJoCo's own actuators are part of its step, so A itself is that of the gains; which of their forces a step takes implicitly is up to the
+integrator, and nothing here knows it. The simulation explodes where an eigenvalue lies outside the unit circle.
+
+Gravity is left out, as in an audit of gains, so what the gains do not move keeps its place or speed. Places that nothing holds (of a
+floating base, of joints without gains) are divided out: beside a constant speed they would be a double eigenvalue at 1, which the
+round-off of differences (1e-10) splits into 1 ± 1e-5.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+
+from ..errors import GainroomError
+from ..linear.arrays import Complexes, Floats
+from ..robot.actuators import Actuators
+from ..robot.body import RigidBody, library
+from ..robot.contact import Contact
+from .mujoco_model import MujocoRobot, build_mujoco
+
+Pd = Literal["explicit", "implicit", "joint-damping"]
+ArmatureOf = Literal["file", "motor"]
+DIFFERENCE = 1e-6
+"""Of central differences, as MuJoCo's documentation has it: truncation 1e-12, round-off 1e-10."""
+GROWS = 1e-8
+"""An eigenvalue is outside the unit circle where it is larger by this: a motion then takes 10⁸ steps to become e times larger. Less may be
+round-off."""
+UNHELD = 1e-7
+"""Nothing holds a place where a step changes it by less than this part of it: round-off of differences, and some to spare."""
+SEARCH_STEP = 1.1
+"""Factor between the gains, or time steps, that are tried before bisection; what is unstable only in between is not found."""
+FURTHEST = 1e3
+ACCURACY = 1e-6
+CONTACT_TIME, CONTACT_IMPEDANCE = (0.02, 1.0), (0.9, 0.95, 1e-3, 0.5, 2.0)
+"""solref and solimp that MuJoCo's contacts have by default."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Simulator:
+    """How MuJoCo is run.
+
+    timestep    h [s]
+    integrator  MuJoCo's name of it
+    pd          explicit: a program computes the torque from the state; implicit: MuJoCo's actuators do, <position kp kv>;
+                joint-damping: kp is an actuator's, and kd the joint's damping in place of the file's
+    decimation  d, the steps for which an explicit torque is held
+    armature    of the joints: the file's, or the audited motors' inertia
+    flags       the file's option.disableflags, of which those count that bear on damping
+    """
+
+    timestep: float
+    integrator: str = "Euler"
+    pd: Pd = "explicit"
+    decimation: int = 1
+    armature: ArmatureOf = "file"
+    flags: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatorLimit:
+    """Of a common factor on all gains.
+
+    stable      with these gains
+    gain        the factor at which that changes; inf: none up to 1000; 0: none down to 1/1000
+    frequency   of the motion that grows beyond it [rad/s]; 0: without oscillation; NaN where there is no limit
+    mode        (n,) the joints in that motion
+    """
+
+    stable: bool
+    gain: float
+    frequency: float = math.nan
+    mode: Complexes = field(default_factory=lambda: np.zeros(0, dtype=complex))
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedRobot:
+    """A robot as the simulator has it: rigid joints, no delay, no dry friction, no limits of position or torque, no gravity.
+
+    q         (nq,) posture
+    armature  (n,) [kg m²; kg if prismatic]
+    contacts  frames that are held where they are, as softly as MuJoCo's contacts are by default
+
+    Damping and springs of the joints are those of the model's file.
+    """
+
+    body: RigidBody
+    q: Floats
+    armature: Floats
+    contacts: tuple[Contact, ...] = ()
+
+    def limit(self, simulator: Simulator, kp: Floats, kd: Floats) -> SimulatorLimit:
+        """Of the common factor on kp, kd (n,) [N m/rad, N m s/rad]; joints whose gains are 0 are free.
+
+        Raises GainroomError for an integrator that MuJoCo does not have.
+        """
+        return _limit(lambda factor: self._growth(simulator, factor * kp, factor * kd))
+
+    def stable(self, simulator: Simulator, kp: Floats, kd: Floats) -> bool:
+        """With these gains; raises as `limit`."""
+        return not self._growth(simulator, kp, kd).unstable
+
+    def largest_timestep(self, simulator: Simulator, kp: Floats, kd: Floats) -> float:
+        """The time step [s] below which gains that are unstable are stable; 0: not even at a thousandth of `simulator`'s."""
+        found = _limit(lambda factor: self._growth(replace(simulator, timestep=factor * simulator.timestep), kp, kd))
+        return found.gain * simulator.timestep
+
+    @cached_property
+    def _built(self) -> MujocoRobot:
+        nothing, rigid = np.zeros(self.body.size), np.full(self.body.size, math.inf)
+        actuators = Actuators(self.armature, rigid, nothing, nothing, nothing)
+        robot = build_mujoco(self.body, actuators, self.q, self.contacts, timestep=1e-3, gravity=False)
+        robot.model.eq_solref[:], robot.model.eq_solimp[:] = CONTACT_TIME, CONTACT_IMPEDANCE
+        return robot
+
+    def _growth(self, simulator: Simulator, kp: Floats, kd: Floats) -> "_Growth":
+        """The largest eigenvalue of the closed step."""
+        step = self._closed(simulator, kp, kd)
+        if not np.isfinite(step).all():
+            return _Growth(math.inf, 0.0, np.ones(self.body.size, dtype=complex))
+        motors, nv = self._built.motor_v, len(step) // 2
+        driven = motors[(kp != 0) | (kd != 0)]
+        seen = np.eye(2 * nv)[[*driven, *(nv + driven)]]
+        _, held, directions = np.linalg.svd(np.vstack([step - np.eye(2 * nv), seen]))
+        rest = directions[: np.count_nonzero(held > UNHELD)].T  # all but the places that nothing holds
+        values, vectors = np.linalg.eig(rest.T @ step @ rest)
+        largest = int(np.argmax(np.abs(values)))
+        period = simulator.decimation * simulator.timestep
+        mode = (rest @ vectors[:, largest])[motors]
+        return _Growth(float(abs(values[largest])), float(abs(np.angle(values[largest]))) / period, mode)
+
+    def _closed(self, simulator: Simulator, kp: Floats, kd: Floats) -> Floats:
+        """(2 nv, 2 nv) of one control period, on (δq, h δv)."""
+        robot, n, h = self._built, self.body.size, simulator.timestep
+        mujoco, model, explicit = library("mujoco", "MuJoCo"), robot.model, simulator.pd == "explicit"
+        model.opt.timestep, model.opt.integrator = h, _integrator(mujoco, simulator.integrator)
+        mask = _damping_flags(mujoco)
+        model.opt.disableflags = (model.opt.disableflags & ~mask) | (simulator.flags & mask)
+        own = np.array(self.body.model.damping)[self.body.nv - n :]
+        model.dof_damping[robot.motor_v] = kd if simulator.pd == "joint-damping" else own
+        model.actuator_biastype[:n] = mujoco.mjtBias.mjBIAS_NONE if explicit else mujoco.mjtBias.mjBIAS_AFFINE
+        data = robot.new_data(self.q)
+        model.actuator_biasprm[:n, 0], model.actuator_biasprm[:n, 1] = kp * data.qpos[robot.motor_q], -kp
+        model.actuator_biasprm[:n, 2] = -kd * (simulator.pd == "implicit")
+        state, torque = _transition(mujoco, model, data)
+        nv = model.nv
+        scale = np.repeat([1.0, h], nv)
+        state, torque = state * scale[:, None] / scale, scale[:, None] * torque[:, :n]
+        if not explicit:
+            return state
+        feedback = np.zeros((n, 2 * nv))
+        feedback[np.arange(n), robot.motor_v], feedback[np.arange(n), nv + robot.motor_v] = kp, kd / h
+        powers = [np.eye(2 * nv)]
+        for _ in range(simulator.decimation):
+            powers.append(state @ powers[-1])
+        return powers[-1] - sum(powers[:-1]) @ torque @ feedback
+
+
+@dataclass(frozen=True, eq=False)
+class _Growth:
+    """Of a motion in one control period: its factor, its frequency [rad/s], the joints in it."""
+
+    factor: float
+    frequency: float
+    mode: Complexes
+
+    @property
+    def unstable(self) -> bool:
+        return self.factor > 1 + GROWS
+
+
+def _limit(growth: Callable[[float], _Growth]) -> SimulatorLimit:
+    """The factor nearest to 1, upwards from what is stable, else downwards, at which that changes."""
+    first = latest = growth(1.0)
+    last = tried = 1.0
+    while latest.unstable == first.unstable:
+        last, tried = tried, tried / SEARCH_STEP if first.unstable else tried * SEARCH_STEP
+        if not 1 / FURTHEST <= tried <= FURTHEST:
+            return SimulatorLimit(False, 0.0, first.frequency, first.mode) if first.unstable else SimulatorLimit(True, math.inf)
+        latest = growth(tried)
+    stable, unstable, beyond = (tried, last, first) if first.unstable else (last, tried, latest)
+    while unstable > stable * (1 + ACCURACY):
+        middle = math.sqrt(stable * unstable)
+        here = growth(middle)
+        stable, unstable, beyond = (stable, middle, here) if here.unstable else (middle, unstable, beyond)
+    return SimulatorLimit(not first.unstable, stable, beyond.frequency, beyond.mode)
+
+
+def _damping_flags(mujoco: Any) -> int:
+    """Of MuJoCo's disableflags, those that bear on the joints' damping."""
+    bits = mujoco.mjtDisableBit
+    return sum(int(getattr(bits, name, 0)) for name in ("mjDSBL_DAMPER", "mjDSBL_PASSIVE", "mjDSBL_EULERDAMP"))
+
+
+def _integrator(mujoco: Any, name: str) -> Any:
+    known = getattr(mujoco.mjtIntegrator, f"mjINT_{name.upper()}", None)
+    if known is None:
+        raise GainroomError(f"integrator {name}: MuJoCo {mujoco.__version__} does not have it")
+    return known
+
+
+def _transition(mujoco: Any, model: Any, data: Any) -> tuple[Floats, Floats]:
+    """A (2 nv, 2 nv) and B (2 nv, nu) of one step, from `data` at rest."""
+    if model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:  # which mjd_transitionFD refuses
+        return _differences(mujoco, model, data)
+    state, torque = np.zeros((2 * model.nv, 2 * model.nv)), np.zeros((2 * model.nv, model.nu))
+    mujoco.mjd_transitionFD(model, data, DIFFERENCE, True, state, torque, None, None)
+    return state, torque
+
+
+def _differences(mujoco: Any, model: Any, data: Any) -> tuple[Floats, Floats]:
+    """The same by central differences of whole steps."""
+    nv, moved = model.nv, mujoco.MjData(model)
+
+    def after(change: Floats) -> Floats:
+        mujoco.mj_resetData(model, moved)
+        moved.qpos[:] = data.qpos
+        mujoco.mj_integratePos(model, moved.qpos, change[:nv], 1.0)
+        moved.qvel[:], moved.ctrl[:] = change[nv : 2 * nv], change[2 * nv :]
+        mujoco.mj_step(model, moved)
+        place = np.zeros(nv)
+        mujoco.mj_differentiatePos(model, place, 1.0, data.qpos, moved.qpos)
+        return np.concatenate([place, moved.qvel])
+
+    changes = DIFFERENCE * np.eye(2 * nv + model.nu)
+    columns = np.array([(after(change) - after(-change)) / (2 * DIFFERENCE) for change in changes]).T
+    return columns[:, : 2 * nv], columns[:, 2 * nv :]
