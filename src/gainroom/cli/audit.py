@@ -13,6 +13,7 @@ from .progress import progress_bar
 if TYPE_CHECKING:
     from ..files.audit_options import AuditOptions
     from ..studies.audit import Audit
+    from ..studies.simulator_audit import SimulatorAudit
 
 Number = float | None
 MARGIN_DB = 6.0
@@ -63,6 +64,20 @@ def audit(
         ),
     ] = None,
     margin_db: Annotated[float, number_option("--margin-db", "in dB", "Gain margin that safe gains have [dB].")] = MARGIN_DB,
+    simulator: Annotated[
+        str | None, typer.Option(metavar="mujoco", help="Also: are the gains stable in the simulator that trains a policy?")
+    ] = None,
+    timestep: Annotated[Number, number_option("--timestep", "in seconds", "Of the simulator [s]; without it, the MJCF's.")] = None,
+    integrator: Annotated[str | None, typer.Option(metavar="NAME", help="MuJoCo's, as implicitfast; without it, the MJCF's.")] = None,
+    pd: Annotated[
+        str | None,
+        typer.Option(
+            metavar="KIND",
+            help="explicit: a program computes torques; implicit: MuJoCo's actuators do; joint-damping: so, kd as joint damping.",
+        ),
+    ] = None,
+    decimation: Annotated[int | None, typer.Option(metavar="STEPS", help="For which an explicit torque is held; 1 by default.")] = None,
+    armature: Annotated[str | None, typer.Option(metavar="OF", help="Of the simulator's joints: file, or motor, its inertia.")] = None,
     as_json: AsJson = False,
     report: Report = None,
 ) -> int:
@@ -73,8 +88,9 @@ def audit(
       gainroom audit robot.xml --delay-ms 2 --gains gains.yaml --report audit.html
       gainroom audit robot.urdf --delay-ms 2 --gains gains.yaml --posture '.*_knee=0.6' --posture '.*_hip_pitch=-0.3'
       gainroom audit robot.xml --delay-ms 2 --posture home
+      gainroom audit robot.xml --delay-ms 2 --simulator mujoco --timestep 0.005 --pd explicit
 
-    Exit status: 0 safe; 1 not safe; 2 a file or the call is wrong.
+    Exit status: 0 safe; 1 not safe, or unstable in the simulator; 2 a file or the call is wrong.
     """
     from ..files.audit_options import AuditOptions, audit_spec, margin_factor
     from ..studies.audit import audit as run_audit
@@ -82,20 +98,32 @@ def audit(
     options = AuditOptions(
         delay_ms, rate_hz, stiffness, damping, motor_inertia, bandwidth, base, tuple(contact or ()), tuple(posture or ()), joint_damping
     )
+    asked: dict[str, Any] = {"simulator": simulator, "timestep": timestep, "integrator": integrator, "pd": pd}
+    asked |= {"decimation": decimation, "armature": armature}
     margin = margin_factor(margin_db)
     system = audit_spec(model, gains, options)
+    told = None
+    if any(value is not None for value in asked.values()):
+        from ..files.simulator_options import SimulatorOptions, simulator_of
+
+        told = simulator_of(SimulatorOptions(**asked), model, gains is None, options.joint_damping == "controller")
     with report_stream(report) as page:
         with progress_bar("audit:") as progress:
             result = run_audit(system, margin, progress)
-        show(as_json, lambda: _facts(result), lambda: _terminal(result, report))
+        simulated = None
+        if told is not None:
+            from ..studies.simulator_audit import audit_simulator
+
+            simulated = audit_simulator(result, *told)
+        show(as_json, lambda: _facts(result, simulated), lambda: _terminal(result, simulated, report))
         if page is not None:
             from ..report.audit import audit_page
 
-            page.write(audit_page(result, _command(model, gains, options, margin_db, report)))
-    return 0 if result.safe else 1
+            page.write(audit_page(result, _command(model, gains, options, asked, margin_db, report), simulated))
+    return 0 if result.safe and (simulated is None or simulated.limit.stable) else 1
 
 
-def _command(model: str, gains: Path | None, options: "AuditOptions", margin_db: float, report: Path | None) -> str:
+def _command(model: str, gains: Path | None, options: "AuditOptions", asked: dict[str, Any], margin_db: float, report: Path | None) -> str:
     """The command that makes the same page."""
     return command_line(
         "audit",
@@ -112,11 +140,12 @@ def _command(model: str, gains: Path | None, options: "AuditOptions", margin_db:
         *(("--posture", text) for text in options.posture),
         ("--joint-damping", options.joint_damping),
         ("--margin-db", margin_db if margin_db != MARGIN_DB else None),
+        *((f"--{name}", value) for name, value in asked.items()),
         ("--report", report),
     )
 
 
-def _facts(result: "Audit") -> dict[str, Any]:
+def _facts(result: "Audit", simulated: "SimulatorAudit | None") -> dict[str, Any]:
     """What --json prints."""
     from .. import __version__
     from ..report.columns import facts
@@ -145,20 +174,23 @@ def _facts(result: "Audit") -> dict[str, Any]:
         "base": result.system.source.body.base,
         "joints": [facts(AUDITED_JOINT, joint) for joint in result.joints],
         "states": [facts(columns, state) for state in result.states + result.immobile],
+        "simulator": None if simulated is None else _simulator_facts(simulated),
         "assumptions": list(result.system.assumptions),
         "warnings": list(audit_warnings(result)),
     }
 
 
-def _terminal(result: "Audit", report: Path | None) -> str:
+def _terminal(result: "Audit", simulated: "SimulatorAudit | None", report: Path | None) -> str:
     from ..report.columns import definitions
     from ..report.robot_columns import AUDITED_JOINT, audited_states, joint_caption
     from ..report.robot_text import audit_sentence, audit_warnings
 
     title = f"All joints together ({model_text(result.system.control.sample_time)})"
     columns = audited_states(result.enough_in)
+    said, assumed = _simulator_text(simulated)
     return render(
         audit_sentence(result),
+        *said,
         "",
         column_table(title, columns, result.states + result.immobile),
         definitions(columns),
@@ -166,5 +198,20 @@ def _terminal(result: "Audit", report: Path | None) -> str:
         column_table("Joint by joint, in the worst state", AUDITED_JOINT, result.joints),
         joint_caption(result),
         f"Posture: {result.states[0].posture}; {result.system.source.body.base} base",
-        *closing({"Report": report}, audit_warnings(result), result.system.assumptions),
+        *closing({"Report": report}, audit_warnings(result), result.system.assumptions + assumed),
     )
+
+
+def _simulator_facts(simulated: "SimulatorAudit") -> dict[str, Any]:
+    from ..report.simulator_text import simulator_facts
+
+    return simulator_facts(simulated)
+
+
+def _simulator_text(simulated: "SimulatorAudit | None") -> tuple[list[str], tuple[str, ...]]:
+    """Its paragraph, and what it assumes; loaded only where it is asked for."""
+    if simulated is None:
+        return [], ()
+    from ..report.simulator_text import simulator_assumptions, simulator_sentence
+
+    return ["", simulator_sentence(simulated)], simulator_assumptions(simulated)

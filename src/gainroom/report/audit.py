@@ -1,6 +1,7 @@
 """The page of an audit: verdict, numbers, the vibration at the limit, headroom by joint, and how it was computed."""
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -9,7 +10,7 @@ from ..studies.audit import Audit
 from ..system.requirements import Requirements, to_db
 from .columns import definitions, tabulated
 from .number_format import digits, hertz, model_kind
-from .page import Card, Html, Lead, Section, beside, block, facts, page, table
+from .page import Card, Html, Lead, Section, beside, block, facts, page, paragraph, table
 from .page_parts import ON_TOP, assumed_and_warned, assumptions, footer, limit_proofs, margin_card, unstable_card
 from .robot_columns import AUDITED_JOINT, asked, audited_states, joint_caption
 from .robot_coupling import coupling
@@ -19,9 +20,16 @@ from .robot_skeleton import common_view
 from .robot_tables import MARKS, inputs
 from .robot_text import audit_sentence, audit_warnings
 
+if TYPE_CHECKING:
+    from ..studies.simulator_audit import SimulatorAudit
 
-def audit_page(result: Audit, command: str) -> str:
-    """The report of an audit as one HTML page; `command` is the command that makes it."""
+
+def audit_page(result: Audit, command: str, simulated: "SimulatorAudit | None" = None) -> str:
+    """The report of an audit as one HTML page.
+
+    command     that makes it
+    simulated   the simulator's answer
+    """
     system, factors = result.system, _factors(result)
     sample_time = system.control.sample_time
     taken = assumptions(f"Linear about posture {result.tightest.posture}", sample_time, "; contacts neither slip nor lift")
@@ -29,6 +37,7 @@ def audit_page(result: Audit, command: str) -> str:
         Section("Vibration at the limit", _vibrations(result)),
         Section("Gain headroom", [heat_map(factors, "joint"), _state_table(result)]),
         Section("Joint by joint", [_joint_table(result)]),
+        *([] if simulated is None else [Section("In the simulator", _simulator(simulated))]),
         Section("Cost of coupling", [beside(*coupling(factors, "joint"))]),
         Section("Inputs and assumptions", [inputs(system), taken, *assumed_and_warned(system.assumptions, audit_warnings(result))]),
         Section("Certification", [_certificate(result)]),
@@ -101,6 +110,12 @@ def _state_table(result: Audit) -> Html:
 
 def _joint_table(result: Audit) -> Html:
     return table(*tabulated(AUDITED_JOINT, result.joints), joint_caption(result), MARKS)
+
+
+def _simulator(result: "SimulatorAudit") -> list[Html]:
+    from .simulator_text import simulator_assumptions, simulator_sentence  # loads MuJoCo's side
+
+    return [paragraph(simulator_sentence(result)), facts([("assumed", text) for text in simulator_assumptions(result)])]
 
 
 def _certificate(result: Audit) -> Html:

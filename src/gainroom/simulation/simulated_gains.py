@@ -55,6 +55,7 @@ class Simulator:
                 joint-damping: kp is an actuator's, and kd the joint's damping in place of the file's
     decimation  d, the steps for which an explicit torque is held
     armature    of the joints: the file's, or the audited motors' inertia
+    damping_in_kd   whether the file's joint damping is a part of kd, rather than beside it
     flags       the file's option.disableflags, of which those count that bear on damping
     """
 
@@ -63,6 +64,7 @@ class Simulator:
     pd: Pd = "explicit"
     decimation: int = 1
     armature: ArmatureOf = "file"
+    damping_in_kd: bool = False
     flags: int = 0
 
 
@@ -103,7 +105,7 @@ class SimulatedRobot:
 
         Raises GainroomError for an integrator that MuJoCo does not have.
         """
-        return _limit(lambda factor: self._growth(simulator, factor * kp, factor * kd))
+        return _limit(lambda factor: self._growth(simulator, kp, kd, factor))
 
     def stable(self, simulator: Simulator, kp: Floats, kd: Floats) -> bool:
         """With these gains; raises as `limit`."""
@@ -122,9 +124,9 @@ class SimulatedRobot:
         robot.model.eq_solref[:], robot.model.eq_solimp[:] = CONTACT_TIME, CONTACT_IMPEDANCE
         return robot
 
-    def _growth(self, simulator: Simulator, kp: Floats, kd: Floats) -> "_Growth":
-        """The largest eigenvalue of the closed step."""
-        step = self._closed(simulator, kp, kd)
+    def _growth(self, simulator: Simulator, kp: Floats, kd: Floats, factor: float = 1.0) -> "_Growth":
+        """The largest eigenvalue of the closed step, with `factor` times the gains."""
+        step = self._closed(simulator, kp, kd, factor)
         if not np.isfinite(step).all():
             return _Growth(math.inf, 0.0, np.ones(self.body.size, dtype=complex))
         motors, nv = self._built.motor_v, len(step) // 2
@@ -138,19 +140,23 @@ class SimulatedRobot:
         mode = (rest @ vectors[:, largest])[motors]
         return _Growth(float(abs(values[largest])), float(abs(np.angle(values[largest]))) / period, mode)
 
-    def _closed(self, simulator: Simulator, kp: Floats, kd: Floats) -> Floats:
+    def _closed(self, simulator: Simulator, kp: Floats, kd: Floats, factor: float) -> Floats:
         """(2 nv, 2 nv) of one control period, on (δq, h δv)."""
         robot, n, h = self._built, self.body.size, simulator.timestep
         mujoco, model, explicit = library("mujoco", "MuJoCo"), robot.model, simulator.pd == "explicit"
         model.opt.timestep, model.opt.integrator = h, _integrator(mujoco, simulator.integrator)
         mask = _damping_flags(mujoco)
         model.opt.disableflags = (model.opt.disableflags & ~mask) | (simulator.flags & mask)
-        own = np.array(self.body.model.damping)[self.body.nv - n :]
-        model.dof_damping[robot.motor_v] = kd if simulator.pd == "joint-damping" else own
+        share = np.minimum(self.body.damping, kd) * simulator.damping_in_kd  # of kd, what is the joints' damping
+        beside = self.body.damping - share
+        if simulator.pd == "joint-damping":
+            share, beside = kd, 0.0 * kd
+        model.dof_damping[robot.motor_v] = beside + factor * share
+        kp, kd = factor * kp, factor * (kd - share)
         model.actuator_biastype[:n] = mujoco.mjtBias.mjBIAS_NONE if explicit else mujoco.mjtBias.mjBIAS_AFFINE
         data = robot.new_data(self.q)
         model.actuator_biasprm[:n, 0], model.actuator_biasprm[:n, 1] = kp * data.qpos[robot.motor_q], -kp
-        model.actuator_biasprm[:n, 2] = -kd * (simulator.pd == "implicit")
+        model.actuator_biasprm[:n, 2] = -kd
         state, torque = _transition(mujoco, model, data)
         nv = model.nv
         scale = np.repeat([1.0, h], nv)

@@ -24,6 +24,7 @@ from ..system.system import System
 
 if TYPE_CHECKING:
     from ..robot.tasks import Tasks
+    from ..simulation.simulated_gains import SimulatorLimit
 
 STRONG = 0.5
 """A joint takes part in a vibration where it moves by at least this part of the joint that moves most."""
@@ -309,7 +310,7 @@ def strongest_first(mode: Complexes) -> Integers:
     return np.argsort(-np.round(parts / parts.max(), 6), kind="stable")
 
 
-def limiting_joints(limit: GainLimit, names: tuple[str, ...]) -> tuple[str, ...]:
+def limiting_joints(limit: "GainLimit | SimulatorLimit", names: tuple[str, ...]) -> tuple[str, ...]:
     """The joints that take part in the vibration at a limit, the largest participation factor first; none where there is no limit."""
     if not math.isfinite(limit.frequency):
         return ()

@@ -18,7 +18,7 @@ from ...errors import GainroomError, first_of_many
 from ..assemble import Description
 from ..body import Base, library
 from .mjcf_file import compile_mjcf
-from .model_format import ActuatorGain, ActuatorGains, ModelFormat
+from .model_format import INTEGRATORS, ActuatorGain, ActuatorGains, ModelFormat, Stepping
 
 
 class Mjcf(ModelFormat):
@@ -68,6 +68,16 @@ class Mjcf(ModelFormat):
                 f"the delay of these joints' actuators delays the set-point, not the feedback, and does not count: {first_of_many(late)}"
             )
         return ActuatorGains(gains, tuple(notes))
+
+    def stepping(self, root: Element, path: Path) -> Stepping:
+        """What <option> says, in the file or what it includes."""
+        mujoco = library("mujoco", "Pinocchio and MuJoCo")
+        option = compile_mjcf(root, path).model.opt
+        named = {name for each in root.iter("option") for name in each.attrib}
+        enum = mujoco.mjtIntegrator(option.integrator).name.removeprefix("mjINT_")
+        name = next((name for name in INTEGRATORS if name.upper() == enum), enum)
+        unnamed = tuple(name for name in ("timestep", "integrator") if name not in named)
+        return Stepping(float(option.timestep), name, int(option.disableflags), unnamed, True)
 
 
 _FREE, _BALL, _SLIDE, _HINGE = range(4)  # mjtJoint
@@ -172,7 +182,7 @@ class _Tree:
             ("lowerPositionLimit", low, record.idx_q),
             ("upperPositionLimit", high, record.idx_q),
             ("armature", _rotor(model, index), record.idx_v),
-            ("damping", float(model.dof_damping[model.jnt_dofadr[index]]), record.idx_v),
+            ("damping", _damping(model, index), record.idx_v),
         ):
             values = np.array(getattr(self.result, name))
             values[at] = value
@@ -218,13 +228,19 @@ def _not_counted(model: Any) -> tuple[str, ...]:
 
 def _rotor(model: Any, joint: int) -> float:
     """Armature of a joint, and of the actuators on it, which stand before their gear [kg m²; kg if prismatic]."""
-    rotor = float(model.dof_armature[model.jnt_dofadr[joint]])
+    return float(model.dof_armature[model.jnt_dofadr[joint]]) + _actuators_part(model, "armature", joint)
+
+
+def _damping(model: Any, joint: int) -> float:
+    """Likewise [N m s/rad; N s/m if prismatic]."""
+    return float(model.dof_damping[model.jnt_dofadr[joint]]) + _actuators_part(model, "damping", joint)
+
+
+def _actuators_part(model: Any, name: str, joint: int) -> float:
     count = len(model.actuator_trnid)  # nu counts inputs, of which a <pid> has two
-    before_gear = getattr(model, "actuator_armature", np.zeros(count))  # since MuJoCo 3.5
-    for index in range(count):
-        if model.actuator_trnid[index, 0] == joint:
-            rotor += float(before_gear[index] * model.actuator_gear[index, 0] ** 2)
-    return rotor
+    before_gear = getattr(model, f"actuator_{name}", np.zeros(count))  # since MuJoCo 3.5
+    own = [index for index in range(count) if model.actuator_trnid[index, 0] == joint]
+    return sum(float(before_gear[index] * model.actuator_gear[index, 0] ** 2) for index in own)
 
 
 def _body_name(model: Any, body: int) -> str:

@@ -8,7 +8,7 @@ from ...errors import GainroomError
 from ..assemble import assemble
 from ..body import Base, RigidBody
 from .mjcf import Mjcf
-from .model_format import ActuatorGains, ModelFormat
+from .model_format import ActuatorGains, ModelFormat, Stepping
 from .model_names import locate
 from .urdf import Urdf
 from .xml_text import parse_xml, read_xml
@@ -67,6 +67,12 @@ def position_gains(path: Path, text: str = "") -> ActuatorGains:
     """See ModelFormat; `text` is read in the place of the file's, where it is given. Raises GainroomError as load_model."""
     root = parse_xml(text, str(path)) if text else read_xml(path)
     return _format(root, path).position_gains(root, path)
+
+
+def stepping(path: Path) -> Stepping:
+    """See ModelFormat. Raises GainroomError as load_model."""
+    root = read_xml(path)
+    return _format(root, path).stepping(root, path)
 
 
 def _format(root: Element, path: Path) -> ModelFormat:

@@ -9,6 +9,27 @@ from xml.etree.ElementTree import Element
 from ..assemble import Description
 from ..body import Base
 
+INTEGRATORS = ("Euler", "RK4", "implicit", "implicitfast", "discrete")
+"""As an MJCF calls them; discrete: since MuJoCo 4."""
+
+
+@dataclass(frozen=True)
+class Stepping:
+    """How a simulator steps the model in a file.
+
+    timestep    [s]
+    integrator  MuJoCo's name of it
+    disabled    MuJoCo's option.disableflags
+    unnamed     of timestep and integrator what the file does not name, so that it is MuJoCo's default
+    armature    whether the file says what armature the joints have, 0 where it names none
+    """
+
+    timestep: float = 2e-3
+    integrator: str = "Euler"
+    disabled: int = 0
+    unnamed: tuple[str, ...] = ("timestep", "integrator")
+    armature: bool = False
+
 
 @dataclass(frozen=True)
 class ActuatorGain:
@@ -49,3 +70,7 @@ class ModelFormat:
     def position_gains(self, root: Element, path: Path) -> ActuatorGains:
         """The gains of the actuators in the file that feed position or velocity back. Raises GainroomError."""
         return ActuatorGains()
+
+    def stepping(self, root: Element, path: Path) -> Stepping:
+        """How MuJoCo steps the model. Raises GainroomError."""
+        return Stepping()
