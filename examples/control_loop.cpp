@@ -28,10 +28,8 @@ public:
 
     enum Contact : std::size_t { both, left, right, flight };
 
-    void compute(double trunk, const Joints& q, Contact contact) {
+    void compute(double trunk, const Joints& q) {
         mass.fill(0.0);
-        rows.fill(0.0);
-        count = 0;
         add_mass(30.0, {1, 0, -0.3 * std::cos(trunk)}, {0, 1, -0.3 * std::sin(trunk)});
         mass[2 * kVelocities + 2] += 1.2;
         for (std::size_t leg = 0; leg < 2; leg++) {
@@ -46,11 +44,16 @@ public:
             add_mass(4.0, x, y);
             add_inertia(0.06, hip, true);
             turn(x, y, 0.2, shank, hip, true);
-            if (contact == both || contact == (leg == 0 ? left : right)) {
-                put_row(x);
-                put_row(y);
-            }
+            feet_[2 * leg] = x;
+            feet_[2 * leg + 1] = y;
         }
+    }
+
+    // The rows of a contact state.
+    void hold(Contact contact) {
+        count = 0;
+        for (std::size_t row = 0; row < kMostRows; row++)
+            if (contact == both || contact == (row < 2 ? left : right)) put_row(feet_[row]);
     }
 
 private:
@@ -79,6 +82,8 @@ private:
         for (std::size_t j = 0; j < kVelocities; j++) rows[count * kVelocities + j] = row[j];
         count++;
     }
+
+    std::array<Row, kMostRows> feet_{};
 };
 
 // Joint-space PD; its gains are the nominal ones times a factor that keeps twofold gain margin wherever the robot stands.
@@ -86,6 +91,7 @@ class FollowingController {
 public:
     static constexpr double kMargin = 2.0;   // 6 dB
     static constexpr double kRise = 6.9;     // of the factor, per second: 60 dB/s; it falls at once
+    static constexpr double kLeast = 1e-3;   // from which it rises where nothing was known
     static constexpr Joints kp{1800.0, 1800.0, 1800.0, 1800.0}, kd{90.0, 80.0, 90.0, 80.0};
 
     // All memory is taken here. False where control has no frequency at which every joint takes energy out: kd/kp is less than the lag.
@@ -98,12 +104,19 @@ public:
 
     // One tick: reads positions, velocities and contact, writes efforts.
     bool update(double /*time*/, double period) {
-        dynamics.compute(trunk, position, contact);
+        dynamics.compute(trunk, position);
+        dynamics.hold(contact);
         limit = tracker_->update(dynamics.mass.data(), dynamics.rows.data(), dynamics.count, contact);
         const double allowed = limit.safe_gain / kMargin;
-        factor = std::fmin(std::fmin(1.0, allowed), factor * (1.0 + kRise * period));
+        factor = std::fmin(std::fmin(1.0, allowed), std::fmax(factor, kLeast) * (1.0 + kRise * period));
         for (std::size_t i = 0; i < kJoints; i++) effort[i] = factor * (kp[i] * (target[i] - position[i]) - kd[i] * velocity[i]);
         return true;
+    }
+
+    // With what is left of a tick: another contact state is made ready, so that a switch finds its limit certified, or nearly.
+    void prepare(Dynamics::Contact other) {
+        dynamics.hold(other);
+        tracker_->prepare(dynamics.rows.data(), dynamics.count, other);
     }
 
     // State interfaces, and what the robot's own dynamics and contact estimation say.
@@ -153,7 +166,15 @@ int main(int argc, char** argv) {
             print(controller.dynamics.mass.data(), controller.dynamics.mass.size());
             print(controller.dynamics.rows.data(), controller.dynamics.count * kVelocities);
             const gainroom::Limit& limit = controller.limit;
-            std::printf(" %a %a %d %ld %a\n", limit.gain, limit.frequency, int(limit.certified), limit.age, limit.safe_gain);
+            std::printf(" %a %a %d %ld %a", limit.gain, limit.frequency, int(limit.certified), limit.age, limit.safe_gain);
+        }
+        const auto other = Dynamics::Contact(tick / 4 % 3);
+        const bool prepares = tick % 4 == 0 && other != controller.contact;
+        if (prepares) controller.prepare(other);
+        if (trace) {
+            std::printf(" %zu", prepares ? controller.dynamics.count : 0);
+            if (prepares) print(controller.dynamics.rows.data(), controller.dynamics.count * kVelocities);
+            std::printf("\n");
         } else if (tick % 500 == 499) {
             std::printf("%6.3f s  %-5s  limit %6.3f at %5.1f Hz  %-13s  factor on the gains %.3f\n", time, names[controller.contact],
                         controller.limit.gain, controller.limit.frequency / (2 * gainroom::kPi),

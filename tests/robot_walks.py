@@ -11,9 +11,11 @@ from gainroom.robot.linearize import linearize
 class Walk:
     """Joints swing about the first posture by sums of sines of 0.1 to 0.8 Hz; contacts take turns every `stance` ticks of 1 ms."""
 
-    def __init__(self, robot, sample_time=None, seed=0, symmetric=False, speed=1.0, stance=800, contacts=None):
+    def __init__(self, robot, sample_time=None, seed=0, symmetric=False, speed=1.0, stance=800, contacts=None, pd=None):
         self.robot, self.stance = robot, stance
         self.system = replace(robot.system, control=replace(robot.system.control, sample_time=sample_time))
+        if pd is not None:
+            self.system = self.system.with_controller(pd)
         self.tracker = gr.GainTracker(robot, self.system.control)
         self.contacts = contacts or self.tracker.contacts
         rng, size = np.random.default_rng([5, seed]), robot.body.size

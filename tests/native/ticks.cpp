@@ -1,5 +1,7 @@
 // Ticks of the gain tracker from standard input, numbers in hexadecimal; ends with status 3 where a tick takes memory.
 //
+// After every tick the next contact state is prepared.
+//
 // n N rows contacts sample_time, the joints (n, 10), then per tick: contact, held directions c, A (N, N), J (c, N).
 #include <cstdio>
 #include <cstdlib>
@@ -43,6 +45,7 @@ int main() {
         if (!fill(mass) || !fill(held)) return 2;
         inside = true;
         const gainroom::Limit limit = tracker.update(mass.data(), held.data(), count, std::size_t(contact));
+        tracker.prepare(held.data(), count, std::size_t(contact) + 1);
         inside = false;
         std::printf("%a %a %d %ld %a %d\n", limit.gain, limit.frequency, int(limit.certified), limit.age, limit.safe_gain, int(limit.flag));
     }

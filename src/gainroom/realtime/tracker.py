@@ -4,6 +4,7 @@ The C++ core does the work (native/include/gainroom/tracker.hpp); here a robot, 
 Pinocchio gives mass matrix and contact Jacobians.
 """
 
+import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -32,6 +33,8 @@ AGREED = 1e-6
 HOLDING = 6
 """Directions that have to be held for a floating base to stand."""
 FLAGS = ("", "posture", "contact", "too few constraints")
+PREPARED = 3
+"""Every so many ticks another contact state is made ready for a switch."""
 UNIT_QUATERNION = 1e-3
 
 
@@ -107,6 +110,7 @@ class GainTracker:
             for index, (name, state) in enumerate(zip(names, held, strict=True))
             if not (self._floating and 0 < rows[index] < HOLDING)
         }
+        self._order, self._ticks, self._turn = tuple(self._states.values()), 0, 0
         self._loose = frozenset(names) - frozenset(self._states)
         self._settle(robot, system)
 
@@ -124,15 +128,12 @@ class GainTracker:
                 return self._flagged(1)
         if self._floating and not abs(q[3] * q[3] + q[4] * q[4] + q[5] * q[5] + q[6] * q[6] - 1.0) < UNIT_QUATERNION:
             return self._flagged(1)
-        pin, model, data = self._pin, self._model, self._data
-        pin.crba(model, data, q, self._world)
-        jacobians = [
-            pin.getFrameJacobian(model, data, frame, self._local)
-            if rows is None
-            else pin.getFrameJacobian(model, data, frame, self._local)[rows]
-            for frame, rows in state.frames
-        ]
-        return self._answer(self._core.update(data.M, jacobians, state.number))
+        self._pin.crba(self._model, self._data, q, self._world)
+        found = self._core.update(self._data.M, self._jacobians(state), state.number)
+        self._ticks += 1
+        if self._ticks % PREPARED == 0:
+            self._prepare_next(state)
+        return self._answer(found)
 
     def update_dynamics(self, mass: Floats, jacobians: Sequence[Floats], contact: str) -> TrackedLimit:
         """As update, with mass matrix (N, N) and contact Jacobians, each (c, N), of another dynamics library: links alone, rotors apart.
@@ -146,6 +147,16 @@ class GainTracker:
             return self._answer(self._core.update(mass, list(jacobians), state.number))
         except (TypeError, ValueError):
             return self._flagged(1)
+
+    def prepare(self, jacobians: Sequence[Floats], contact: str) -> None:
+        """After update_dynamics: the contact Jacobians of another contact state in this tick's posture.
+
+        A switch to it then finds its limit certified, or nearly. Each state every tenth tick is enough. `update` does it by itself.
+        """
+        state = self._states.get(contact)
+        if state is not None:
+            with contextlib.suppress(TypeError, ValueError):
+                self._core.prepare(list(jacobians), state.number)
 
     def crossings(self, contact: str) -> Floats:
         """(k, 4) the crossings that are followed in a contact state, by rising gain.
@@ -161,6 +172,24 @@ class GainTracker:
 
     def warmup(self) -> None:
         """Nothing is left to do after construction."""
+
+    def _jacobians(self, state: "_State") -> list[Floats]:
+        """Of the contacts of a state, where crba was last."""
+        pin, model, data = self._pin, self._model, self._data
+        return [
+            pin.getFrameJacobian(model, data, frame, self._local)
+            if rows is None
+            else pin.getFrameJacobian(model, data, frame, self._local)[rows]
+            for frame, rows in state.frames
+        ]
+
+    def _prepare_next(self, now: "_State") -> None:
+        """One of the other contact states, in turn."""
+        others = [state for state in self._order if state is not now]
+        if others:
+            self._turn += 1
+            other = others[self._turn % len(others)]
+            self._core.prepare(self._jacobians(other), other.number)
 
     def _settle(self, robot: "Robot", system: System) -> None:
         """The first certificate of every contact state, in the first posture."""

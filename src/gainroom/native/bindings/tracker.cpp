@@ -22,18 +22,19 @@ public:
         require(mass.shape(0) == size && mass.shape(1) == size, "mass has the shape (N, N)");
         for (std::size_t i = 0; i < size; i++)
             for (std::size_t j = i; j < size; j++) mass_[i * size + j] = mass(i, j);
-        std::size_t count = 0;
-        for (const Strided& one : jacobians) {
-            require(one.shape(1) == size && count + one.shape(0) <= robot_.links().most_rows(), "Jacobians have N columns and fit in `rows`");
-            for (std::size_t r = 0; r < one.shape(0); r++, count++)
-                for (std::size_t j = 0; j < size; j++) rows_[count * size + j] = one(r, j);
-        }
+        const std::size_t count = copy_rows(jacobians);
         gainroom::Limit limit;
         {
             nb::gil_scoped_release release;
             limit = robot_.update(mass_.data(), rows_.data(), count, std::size_t(contact));
         }
         return answer(limit);
+    }
+
+    void prepare(const std::vector<Strided>& jacobians, std::int64_t contact) {
+        const std::size_t count = copy_rows(jacobians);
+        nb::gil_scoped_release release;
+        robot_.prepare(rows_.data(), count, std::size_t(contact));
     }
 
     nb::tuple update_inverse(const Matrix& w, std::int64_t contact) {
@@ -46,8 +47,6 @@ public:
     }
     nb::object inverse() const { return owned(robot_.inverse(), joints_.size(), joints_.size()); }
     double passive_frequency() const { return tracker().passive_frequency(); }
-    long pairs() const { return tracker().pairs(); }
-    std::size_t slices() const { return tracker().slices(); }
     double alias_left(const Matrix& w, double omega) const {
         require(has_shape(w, joints_.size(), joints_.size()), "w has the shape (n, n)");
         return tracker().laws().alias_left(w.data(), omega);
@@ -69,6 +68,18 @@ public:
     }
 
 private:
+    // One below the other; how many rows.
+    std::size_t copy_rows(const std::vector<Strided>& jacobians) {
+        const std::size_t size = robot_.links().velocities();
+        std::size_t count = 0;
+        for (const Strided& one : jacobians) {
+            require(one.shape(1) == size && count + one.shape(0) <= robot_.links().most_rows(), "Jacobians have N columns and fit in `rows`");
+            for (std::size_t r = 0; r < one.shape(0); r++, count++)
+                for (std::size_t j = 0; j < size; j++) rows_[count * size + j] = one(r, j);
+        }
+        return count;
+    }
+
     gainroom::Tracker& tracker() { return robot_.tracker(); }
     const gainroom::Tracker& tracker() const { return robot_.tracker(); }
     static std::vector<JointData> read(const Matrix& joints, std::size_t velocities) {
@@ -110,13 +121,12 @@ void bind_tracker(nb::module_& m) {
         .def(nb::init<const Matrix&, double, std::size_t, std::size_t, std::size_t, double, double>(), nb::arg("joints"),
              nb::arg("sample_time"), nb::arg("velocities"), nb::arg("rows"), nb::arg("contacts"), nb::arg("slices"), nb::arg("urgent"))
         .def("update", &GainTracker::update, nb::arg("mass"), nb::arg("jacobians"), nb::arg("contact"))
+        .def("prepare", &GainTracker::prepare, nb::arg("jacobians"), nb::arg("contact"))
         .def("update_inverse", &GainTracker::update_inverse, nb::arg("w"), nb::arg("contact"))
         .def("flagged", &GainTracker::flagged, nb::arg("flag"))
         .def("crossings", &GainTracker::crossings, nb::arg("contact"))
         .def("counted_gain", &GainTracker::counted_gain, nb::arg("contact"))
         .def("alias_left", &GainTracker::alias_left, nb::arg("w"), nb::arg("omega"))
         .def_prop_ro("inverse", &GainTracker::inverse)
-        .def_prop_ro("pairs", &GainTracker::pairs)
-        .def_prop_ro("slices", &GainTracker::slices)
         .def_prop_ro("passive_frequency", &GainTracker::passive_frequency);
 }

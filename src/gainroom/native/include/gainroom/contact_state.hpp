@@ -1,4 +1,5 @@
-// What the tracker knows in one contact state: the crossings at some W, and how far the last count of unstable roots reaches.
+// What the tracker knows in one contact state: the crossings at some W, how far the last count of unstable roots reaches, and the count
+// that is under way.
 #pragma once
 
 #include <algorithm>
@@ -6,16 +7,20 @@
 #include <cstddef>
 #include <vector>
 
+#include "mode_basis.hpp"
+#include "phase_sweep.hpp"
 #include "tracked_crossing.hpp"
 
 namespace gainroom {
 
 struct ContactState {
     static constexpr std::size_t kSpare = 6;  // crossings followed beside one for each joint
-    static constexpr double kFarthest = 1.4, kLeast = 0.02, kSlowest = 0.5, kFaster = 3.0, kIdle = 0.1;
+    static constexpr double kFarthest = 1.2, kLeast = 0.02, kSlowest = 0.5, kFaster = 3.0, kIdle = 0.1;
+    static constexpr double kOften = 3.0;  // counts in the time in which one becomes too old
 
-    explicit ContactState(std::size_t size) : w(size * size) {
-        const std::size_t most = size + kSpare;
+    explicit ContactState(const JointLaws& laws)
+        : w(laws.size() * laws.size()), sweep(laws), basis(laws), loci(laws.size()), loci_before(laws.size()) {
+        const std::size_t size = laws.size(), most = size + kSpare;
         pool.reserve(most);
         for (std::size_t k = 0; k < most; k++) pool.emplace_back(size);
         for (auto& one : pool) order.push_back(&one);
@@ -25,7 +30,14 @@ struct ContactState {
     std::vector<double> w;  // at which the crossings are
     std::vector<TrackedCrossing> pool;
     std::vector<TrackedCrossing*> order;  // by rising gain, the first `count` in use
-    std::size_t count = 0, turn = 0, tries = 0;
+    std::size_t count = 0, tries = 0;
+    PhaseSweep sweep;  // the count under way, where `sweeping`
+    ModeBasis basis;
+    std::vector<Complex> loci, loci_before;
+    double looked_at = 0.0;                    // the frequency of `loci`
+    bool sweeping = false;
+    double sweep_from = 0.0, owed = 0.0;       // the path at its first slice; slices that ticks have left over
+    double rate = 0.0, length = 40.0;          // of the path, per tick; slices of the last count
     int missed = 0, agreed = 0;  // counts in a row that did not agree, that did
     unsigned vain = 0;           // counts in all that told nothing: the next ones are elsewhere, also where nothing moves
     bool begun = false, searching = false;
@@ -63,15 +75,21 @@ struct ContactState {
     bool certified() const {
         if (count == 0 || counted == 0.0) return false;
         const TrackedCrossing& lowest = *order[0];
-        if (!lowest.converged || lowest.seen_at != path) return false;
-        const double room = std::log(counted / lowest.gain);
-        return room > 0.0 && speed() * (path - counted_from) < room;
+        return lowest.converged && lowest.seen_at == path && holds(counted, counted_from);
     }
 
-    // After a count that began at the path `from`: the next one less far above the lowest crossing, but farther than it may come meanwhile.
-    void shorten(double from) {
+    // Whether a count at `factor`, begun at the path `from`, tells about the lowest crossing here.
+    bool holds(double factor, double from) const {
+        return factor > order[0]->gain && speed() * (path - from) < std::log(factor / order[0]->gain);
+    }
+
+    // Slices per tick with which a count is kOften times as fast as it becomes too old.
+    double pace() const { return kOften * length * speed() * rate / std::log(counted / order[0]->gain); }
+
+    // The next count less far above the lowest crossing, but farther than it may come meanwhile.
+    void shorten() {
         agreed = 0;
-        reach = std::max(0.7 * reach, std::min(kLeast + 2.0 * speed() * (path - from), kFarthest - 1.0));
+        reach = std::max(0.7 * reach, std::min(kLeast + 2.0 * speed() * (path - sweep_from), kFarthest - 1.0));
     }
 
     void lengthen() {

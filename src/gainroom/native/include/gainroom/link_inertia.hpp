@@ -31,7 +31,7 @@ class LinkInertia {
 public:
     LinkInertia(std::size_t velocities, std::size_t joints, std::size_t rows)
         : velocities_(velocities), joints_(joints), most_(rows), root_(velocities * velocities), pivots_(velocities), reach_(velocities * joints),
-          held_(rows * velocities), taken_(rows * joints) {}
+          held_(rows * velocities), taken_(rows * joints), free_(joints * joints) {}
 
     std::size_t velocities() const { return velocities_; }
     std::size_t joints() const { return joints_; }
@@ -41,7 +41,8 @@ public:
     // used, where the mass matrix is not positive definite or a number is not finite.
     bool compute(const double* mass, const double* rows, std::size_t count, double* inverse) {
         const std::size_t size = velocities_, base = size - joints_;
-        if (count > most_ || !factor(mass)) return false;
+        known_ = count <= most_ && factor(mass);
+        if (!known_) return false;
         for (std::size_t k = 0; k < size * joints_; k++) reach_[k] = 0.0;
         for (std::size_t k = base; k < size; k++) {  // row k of Y: joints up to k − base
             double* row = &reach_[k * joints_];
@@ -50,14 +51,21 @@ public:
             for (std::size_t j = 0; j < width; j++) row[j] *= pivots_[k];
             for (std::size_t i = k + 1; i < size; i++) subtract(&reach_[i * joints_], root_[k * size + i], row, width);
         }
-        const std::size_t rank = orthonormal(rows, count);
+        for (double& entry : free_) entry = 0.0;
+        for (std::size_t k = base; k < size; k++) add_square(free_.data(), &reach_[k * joints_], k - base + 1, -1.0);
+        return hold(rows, count, inverse);
+    }
+
+    // The same for other `rows` and the mass matrix of before.
+    bool hold(const double* rows, std::size_t count, double* inverse) {
+        if (!known_ || count > most_) return false;
+        const std::size_t size = velocities_, base = size - joints_, rank = orthonormal(rows, count);
         for (std::size_t r = 0; r < rank; r++) {
             double* row = &taken_[r * joints_];
             for (std::size_t j = 0; j < joints_; j++) row[j] = 0.0;
             for (std::size_t k = base; k < size; k++) subtract(row, -held_[r * size + k], &reach_[k * joints_], k - base + 1);
         }
-        for (std::size_t k = 0; k < joints_ * joints_; k++) inverse[k] = 0.0;
-        for (std::size_t k = base; k < size; k++) add_square(inverse, &reach_[k * joints_], k - base + 1, -1.0);
+        for (std::size_t k = 0; k < joints_ * joints_; k++) inverse[k] = free_[k];
         for (std::size_t r = 0; r < rank; r++) add_square(inverse, &taken_[r * joints_], joints_, 1.0);
         double sum = 0.0;
         for (std::size_t i = 0; i < joints_; i++)
@@ -127,7 +135,8 @@ private:
     }
 
     std::size_t velocities_, joints_, most_;
-    std::vector<double> root_, pivots_, reach_, held_, taken_;
+    std::vector<double> root_, pivots_, reach_, held_, taken_, free_;  // free_: W without contacts, its lower triangle
+    bool known_ = false;
 };
 
 }  // namespace gainroom

@@ -1,5 +1,7 @@
 // Eigenvectors of √J W √J by Jacobi's rotations, some at a time: where joints are alike, the modes of all crossings are √J times these.
 //
+// Joints that are not alike have crossings apart, at gains that go with J/kd, and are not mixed.
+//
 // Along a count each of them has a locus g(ω), complex: the factor at which a root would lie at jω. Where it becomes real is a start of a
 // search; nothing else is concluded from it. From one search to the next W has moved a little, and the rotations begin
 // with the vectors as they were.
@@ -20,6 +22,10 @@ public:
         for (std::size_t i = 0; i < size_; i++) {
             scale_[i] = std::sqrt(laws.joint(i).motor_inertia);
             vectors_[i * size_ + i] = 1.0;
+            for (std::size_t j = 0; j < size_; j++) {
+                const double ratio = laws.joint(i).kd * laws.joint(j).motor_inertia / (laws.joint(j).kd * laws.joint(i).motor_inertia);
+                mixed_.push_back(ratio < kAlike && ratio > 1.0 / kAlike);
+            }
         }
     }
 
@@ -48,6 +54,7 @@ public:
     void rotate() {
         const std::size_t n = size_, p = row_;
         for (std::size_t q = p + 1; q < n; q++) {
+            if (!mixed_[p * n + q]) continue;
             const double off = matrix_[p * n + q], difference = matrix_[q * n + q] - matrix_[p * n + p];
             if (!(std::fabs(off) > 1e-300)) continue;
             const double ratio = difference / (2.0 * off);
@@ -94,6 +101,7 @@ public:
 
 private:
     static constexpr std::size_t kSweeps = 5;
+    static constexpr double kAlike = 1.5;
 
     void turn(double* a, double* b, double c, double s) const {
         for (std::size_t k = 0; k < size_; k++) {
@@ -107,6 +115,7 @@ private:
     std::vector<double> scale_;
     std::vector<Complex> push_, give_;
     std::vector<double> matrix_, vectors_, work_;
+    std::vector<char> mixed_;  // of each pair of joints
 };
 
 }  // namespace gainroom

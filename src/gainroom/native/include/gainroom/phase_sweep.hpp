@@ -37,6 +37,7 @@ public:
     State begin(const double* w, double gain, double passive_end) {
         gain_ = gain;
         slices_ = 0;
+        part_ = 0;
         omega_ = passive_end;
         top_ = top(w);
         evaluate(w, omega_, gain_);
@@ -48,6 +49,7 @@ public:
     // One more slice.
     State advance(const double* w) {
         if (++slices_ > kMostSlices) return State::failed;
+        if (omega_ >= top_) return finish(w);
         const double before = phase_, slope = slope_, growth = growth_, from = omega_, to = std::min(from + step_, top_);
         evaluate(w, to, gain_);
         const double predicted = 0.5 * (slope + slope_) * (to - from);
@@ -62,8 +64,7 @@ public:
         total_ += predicted + off;
         omega_ = to;
         step_ = std::min((to - from) * (std::fabs(off) < 0.2 * kAgreed ? 1.6 : std::fabs(off) < 0.5 * kAgreed ? 1.1 : 0.7), resolution(to));
-        if (to < top_) return State::running;
-        return finish(w);
+        return State::running;
     }
 
 private:
@@ -81,19 +82,24 @@ private:
         return share * omega;
     }
 
+    // The phase, and where it leads: the slope of ln F.
     void evaluate(const double* w, double omega, double gain) {
-        laws_.at(omega, gain, values_.data());
-        factor_.factor(w, values_.data());
-        Complex product = 1.0, slope = factor_.trace(values_.data(), work_.data());
-        for (std::size_t i = 0; i < laws_.size(); i++) {
-            const JointValue& value = values_[i];
-            product = times(times(product, factor_.pivot(i)), times(value.outer, value.factor));
-            product *= 1.0 / (std::fabs(product.real()) + std::fabs(product.imag()));
-            slope += over(value.outer_omega, value.outer);
-        }
-        phase_ = std::arg(product);
+        evaluate_phase(w, omega, gain);
+        Complex slope = factor_.trace(values_.data(), work_.data());
+        for (std::size_t i = 0; i < laws_.size(); i++) slope += over(values_[i].outer_omega, values_[i].outer);
         slope_ = slope.imag();
         growth_ = slope.real();
+    }
+
+    void evaluate_phase(const double* w, double omega, double gain) {
+        laws_.at(omega, gain, values_.data());
+        factor_.factor(w, values_.data());
+        Complex product = 1.0;
+        for (std::size_t i = 0; i < laws_.size(); i++) {
+            const Complex one = times(factor_.pivot(i), times(values_[i].outer, values_[i].factor));
+            product = times(product, one * (1.0 / (std::fabs(one.real()) + std::fabs(one.imag()))));
+        }
+        phase_ = std::arg(product);
     }
 
     // The phase at which `evaluate` was last, not only up to turns, where every joint's controller takes energy out: α = a (1/a + e)/β,
@@ -114,19 +120,21 @@ private:
         return std::arg(z);
     }
 
-    // Where control is so weak that nothing turns any more: the phase there, from that without control.
+    // Where control is so weak that nothing turns any more: the phase there, from that without control, in parts.
     State finish(const double* w) {
-        const double reached = total_;
-        evaluate(w, top_, 0.0);
-        double known = known_phase(), before = phase_;
-        for (int k = 1; k <= kParts; k++) {
-            evaluate(w, top_, gain_ * double(k) / kParts);
+        if (part_ == 0) {
+            evaluate_phase(w, top_, 0.0);
+            known_ = known_phase();
+        }
+        for (int k = 0; k < 2 && part_ < kParts; k++) {  // two cost as much as a slice
+            const double before = phase_;
+            evaluate_phase(w, top_, gain_ * double(++part_) / kParts);
             const double turned = wrapped(phase_ - before);
             if (!(std::fabs(turned) < 1.5)) return State::failed;
-            known += turned;
-            before = phase_;
+            known_ += turned;
         }
-        const double turns = (known - reached) / (2 * kPi);
+        if (part_ < kParts) return State::running;
+        const double turns = (known_ - total_) / (2 * kPi);
         pairs_ = std::lround(turns);
         return std::fabs(turns - double(pairs_)) < 0.1 ? State::done : State::failed;
     }
@@ -158,8 +166,9 @@ private:
     SymmetricFactor factor_;
     std::vector<double> work_;
     double gain_ = 0.0, omega_ = 0.0, top_ = 0.0, step_ = 0.0, resonance_ = 0.0;
-    double phase_ = 0.0, slope_ = 0.0, growth_ = 0.0, total_ = 0.0;  // growth: d ln|F|/dω
+    double phase_ = 0.0, slope_ = 0.0, growth_ = 0.0, total_ = 0.0, known_ = 0.0;  // growth: d ln|F|/dω
     std::size_t slices_ = 0;
+    int part_ = 0;
     long pairs_ = 0;
 };
 

@@ -11,7 +11,7 @@ class RobotTracker {
 public:
     RobotTracker(const JointData* joints, std::size_t count, double sample_time, std::size_t velocities, std::size_t rows,
                  std::size_t contacts, const TrackerSettings& settings = {})
-        : tracker_(joints, count, sample_time, contacts, settings), links_(velocities, count, rows), inverse_(count * count) {}
+        : tracker_(joints, count, sample_time, contacts, settings), links_(velocities, count, rows), inverse_(count * count), other_(count * count) {}
 
     // One tick: A (N, N), of which the upper triangle is read, of the links without rotors; J (count, N), the directions that are held
     // now, of any rank; both row by row. No exceptions, no allocation.
@@ -19,6 +19,12 @@ public:
         if (contact >= tracker_.contacts()) return tracker_.without_evidence(Flag::bad_contact);
         if (!links_.compute(mass, rows, count, inverse_.data())) return tracker_.without_evidence(Flag::bad_posture);
         return tracker_.update(inverse_.data(), contact);
+    }
+
+    // After `update`, where there is time: what another contact state would be now, so that a switch to it finds its limit certified, or nearly.
+    // Each of them every tenth tick is enough. Nothing is done after a tick that has taken long already.
+    void prepare(const double* rows, std::size_t count, std::size_t contact) {
+        if (tracker_.has_time() && links_.hold(rows, count, other_.data())) tracker_.prepare(other_.data(), contact);
     }
 
     Tracker& tracker() { return tracker_; }
@@ -30,7 +36,7 @@ public:
 private:
     Tracker tracker_;
     LinkInertia links_;
-    std::vector<double> inverse_;
+    std::vector<double> inverse_, other_;
 };
 
 }  // namespace gainroom

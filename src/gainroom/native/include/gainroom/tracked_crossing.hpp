@@ -10,46 +10,50 @@
 #include <cstdint>
 #include <vector>
 
+#include "link_inertia.hpp"
 #include "symmetric_factor.hpp"
 
 namespace gainroom {
 
 struct TrackedCrossing {
-    explicit TrackedCrossing(std::size_t size) : mode(size), before(size), factor(size) {}
+    explicit TrackedCrossing(std::size_t size) : mode(size), before(size) {}
 
     double omega = 0.0, gain = 0.0;
     double rising = 0.0;   // > 0: a pair of roots becomes unstable as the factor rises past `gain`
     double spread = 1.0;   // how much the gain moves with W, at most: |d ln g| <= spread · (change of W relative to W + 1/J)
     double speed = 0.0;    // how much it has moved lately: |d ln g| along the path (tracker.hpp)
     double seen_at = 0.0;  // the path at which it was right
-    bool factored = false, converged = false;
+    bool converged = false;
+    std::uint64_t factored = 0;  // which factors of a CrossingFollower are its own; 0: none
     double omega_before = 0.0, gain_before = 0.0, stride = 0.0;  // where it was one step before, and the path of that step; 0: not known
     std::vector<Complex> mode, before;
-    SymmetricFactor factor;
 };
 
 class CrossingFollower {
 public:
-    explicit CrossingFollower(const JointLaws& laws) : laws_(laws), values_(laws.size()), moved_(laws.size()), extra_(laws.size()) {}
+    explicit CrossingFollower(const JointLaws& laws)
+        : laws_(laws), values_(laws.size()), moved_(laws.size()), extra_(laws.size()), parts_(2 * laws.size()), factor_(laws.size()) {}
 
-    // Follows `crossing` to W; `work` is counted in factorizations. True where it has converged: `converged` says so too.
-    bool follow(const double* w, TrackedCrossing& crossing, int steps, double& work) {
+    // Follows `crossing` to W; `work` is counted in slices of a PhaseSweep. True where it has converged: `converged` says so too. Where it need
+    // only be `rough`, true as soon as its mode is within that, and gain and frequency within the square.
+    bool follow(const double* w, TrackedCrossing& crossing, int steps, double& work, bool rough = false) {
         double last = 1.0, step_size = 1.0;
         crossing.converged = false;
         for (int k = 0; k < steps; k++) {
             const double residual = balance(w, crossing, step_size);
-            work += 0.7;
+            work += kBalance;
             if (!std::isfinite(residual)) return false;
             if (residual < kResidual && step_size < 1e-6) {
                 sensitivity(w, crossing);
                 return crossing.converged = true;
             }
-            if (!crossing.factored || residual > (k > 0 ? 0.1 * last : kOld)) {  // a step with fresh factors squares the error
+            if (rough && residual < kRough && step_size < kRough) return true;
+            if (crossing.factored != factored_ || residual > (k > 0 ? 0.1 * last : kOld)) {  // a step with fresh factors squares the error
                 refactor(w, crossing);
-                work += 1.0;
+                work += kFactor;
             }
             last = residual;
-            crossing.factor.solve(extra_.data());
+            factor_.solve(extra_.data());
             for (std::size_t i = 0; i < extra_.size(); i++) crossing.mode[i] -= extra_[i];
             if (!normalize(crossing.mode)) return false;
         }
@@ -80,14 +84,21 @@ public:
         }
         crossing.omega = omega;
         crossing.gain = gain;
-        crossing.factored = false;
+        crossing.factored = 0;
         crossing.stride = 0.0;
     }
 
-    // Towards the direction in which the matrix that `factor` holds is smallest.
+    // Towards the direction in which the matrix of `factor` is smallest.
     static bool sharpen(const SymmetricFactor& factor, TrackedCrossing& crossing) {
         factor.solve(crossing.mode.data());
         return normalize(crossing.mode);
+    }
+    // The matrix beside a crossing, which is followed anew then.
+    const SymmetricFactor& beside(const double* w, double omega, double gain) {
+        laws_.at(omega, gain, values_.data());
+        factor_.factor(w, values_.data());
+        ++factored_;
+        return factor_;
     }
 
     static bool normalize(std::vector<Complex>& mode) {
@@ -100,12 +111,12 @@ public:
     }
 
 private:
-    static constexpr double kResidual = 1e-7, kSmall = 1e-5, kOld = 1e-5;
+    static constexpr double kBalance = 0.3, kFactor = 0.7;  // work
+    static constexpr double kResidual = 1e-7, kRough = 1e-3, kSmall = 1e-5, kOld = 1e-5;
 
     void refactor(const double* w, TrackedCrossing& crossing) {
-        laws_.at(crossing.omega, crossing.gain * (1.0 + 1e-7), values_.data());  // beside the root, where nothing is singular
-        crossing.factor.factor(w, values_.data());
-        crossing.factored = true;
+        beside(w, crossing.omega, crossing.gain * (1.0 + 1e-7));  // where nothing is singular
+        crossing.factored = factored_;
     }
 
     // ω and g for the mode as it is, the residual in extra_; its size, relative.
@@ -113,16 +124,13 @@ private:
         const std::size_t n = crossing.mode.size();
         const Complex* x = crossing.mode.data();
         Complex inertia = 0.0;
-        for (std::size_t i = 0; i < n; i++) moved_[i] = 0.0;
+        double *re = parts_.data(), *im = re + n;
+        for (std::size_t i = 0; i < 2 * n; i++) re[i] = 0.0;
         for (std::size_t j = 0; j < n; j++) {
-            const double re = x[j].real(), im = x[j].imag();
-            const double* row = w + j * n;
-            double* to = reinterpret_cast<double*>(moved_.data());
-            for (std::size_t i = 0; i < n; i++) {
-                to[2 * i] += row[i] * re;
-                to[2 * i + 1] += row[i] * im;
-            }
+            subtract(re, -x[j].real(), w + j * n, n);
+            subtract(im, -x[j].imag(), w + j * n, n);
         }
+        for (std::size_t i = 0; i < n; i++) moved_[i] = Complex(re[i], im[i]);
         for (std::size_t i = 0; i < n; i++) inertia += times(moved_[i], x[i]);
         for (int k = 0; k < 4; k++) {
             laws_.at(crossing.omega, crossing.gain, values_.data());
@@ -179,6 +187,9 @@ private:
     const JointLaws& laws_;
     std::vector<JointValue> values_;
     std::vector<Complex> moved_, extra_;
+    std::vector<double> parts_;
+    SymmetricFactor factor_;  // of the crossing that was factored last: many of them would not stay in the cache
+    std::uint64_t factored_ = 1;
     std::uint64_t seed_ = 1;
 };
 

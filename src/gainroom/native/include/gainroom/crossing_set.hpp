@@ -1,0 +1,219 @@
+// The known crossings of a contact state as W changes: by rising gain, each of them once, none far above the lowest.
+//
+// At a tick the lowest is followed, every other one that might have come below it, and those that W has left behind the most.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <vector>
+
+#include "contact_state.hpp"
+#include "posture_change.hpp"
+
+namespace gainroom {
+
+class CrossingSet {
+public:
+    // Up to `passive_end` [rad/s] no joint's controller gives energy, and nothing crosses. Strides: see `approach`.
+    CrossingSet(const JointLaws& laws, double passive_end, double stride)
+        : laws_(laws), solver_(laws), change_(laws.size()), passive_end_(passive_end), stride_(stride) {}
+
+    CrossingFollower& solver() { return solver_; }
+    double stride() const { return stride_; }
+
+    // How far it is to `w`; not finite where W is none.
+    double distance(const ContactState& state, const double* w) { return state.begun ? change_(laws_, state.w.data(), w) : 0.0; }
+
+    // Crossings from where they were to `w`, in strides: one, and more while there is room for work. False where this takes further ticks.
+    bool approach(const double* w, ContactState& state, double far, double room, double& work) {
+        if (begins(w, state)) return true;
+        for (int k = 0; k == 0 || 2.0 * work < room; k++) {
+            if (k > 0) far = distance(state, w);
+            const bool there = stride(w, state, far, stride_);
+            if (!there) state.sweeping = false;
+            follow_lowest(state, work);
+            if (there && k == 0) {
+                for (std::size_t m = 1; m < state.count; m++) {
+                    TrackedCrossing& one = *state.order[m];
+                    const double left = state.path - one.seen_at;
+                    if (left > 2.0 * kLate || one.gain * (1.0 - ContactState::speed(one) * left) < state.order[0]->gain) follow(state, m, false, work);
+                }
+                follow_late(state, kFew, kLate, work);
+            } else {
+                follow_late(state, state.count, 0.0, work);
+            }
+            arrange(state, work);
+            if (there) return true;
+        }
+        return false;
+    }
+
+    // The same with little work, where it does not matter how far it comes and how exact crossings are.
+    bool draw_near(const double* w, ContactState& state, double far, double& work) {
+        if (begins(w, state)) return true;
+        const bool there = stride(w, state, far, stride_);
+        follow_lowest(state, work);
+        follow_late(state, kSome, kLate, work, true);
+        arrange(state, work);
+        return there;
+    }
+
+    // Takes `found`, which has just been followed here, among the crossings; leaves there what is to be used again.
+    void keep(ContactState& state, TrackedCrossing& found) {
+        if (found.gain < state.counted) state.counted = 0.0;  // the count did not know it
+        if (state.count == state.order.size()) {
+            if (found.gain > state.order.back()->gain) return;
+            state.count--;
+        }
+        std::swap(found, *state.order[state.count++]);
+        double work = 0.0;
+        arrange(state, work);
+    }
+
+    // Whether two crossings have become one; where they look alike, both are followed to the end.
+    bool doubles(ContactState& state, TrackedCrossing& old, TrackedCrossing& now, double& work) {
+        if (std::fabs(old.gain - now.gain) > 0.02 * now.gain || std::fabs(old.omega - now.omega) > 0.02 * now.omega) return false;
+        if (std::norm(product(old.mode, now.mode)) < 0.5) return false;
+        if (!settled(state, old, work) || !settled(state, now, work)) return true;
+        return std::fabs(old.gain - now.gain) < kDouble * old.gain && std::fabs(old.omega - now.omega) < kDouble * old.omega &&
+               std::norm(product(old.mode, now.mode)) > 0.99;
+    }
+
+    static Complex product(const std::vector<Complex>& a, const std::vector<Complex>& b) {
+        Complex sum = 0.0;
+        for (std::size_t i = 0; i < a.size(); i++) sum += times(std::conj(a[i]), b[i]);
+        return sum;
+    }
+
+private:
+    static constexpr double kFollowed = 1.4, kForgets = 0.95, kDouble = 1e-5;  // see arrange, moved, doubles
+    static constexpr double kLate = 0.06;           // a path along which a crossing is left; twice as long at most
+    static constexpr std::size_t kFew = 2, kSome = 6;  // of these that are followed at a tick, and where W is not this tick's
+
+    static bool begins(const double* w, ContactState& state) {
+        if (state.begun) return false;
+        std::copy(w, w + state.w.size(), state.w.begin());
+        return state.begun = true;
+    }
+
+    // W towards `w`, which is `far`, by `most`; true where it is there.
+    static bool stride(const double* w, ContactState& state, double far, double most) {
+        const bool there = !(far > most);
+        const double share = there ? 1.0 : std::min(0.5, most / far);
+        for (std::size_t m = 0; m < state.w.size(); m++) state.w[m] = there ? w[m] : state.w[m] + share * (w[m] - state.w[m]);
+        state.path += share * far;
+        return there;
+    }
+
+    void follow_lowest(ContactState& state, double& work) {
+        while (state.count > 0 && !follow(state, 0, false, work)) continue;
+    }
+
+    // Those that have been left the longest, if longer than `late`.
+    void follow_late(ContactState& state, std::size_t most, double late, double& work, bool rough = false) {
+        for (; most > 0; most--) {
+            double longest = late;
+            std::size_t oldest = state.count;
+            for (std::size_t k = 0; k < state.count; k++)
+                if (const double left = state.path - state.order[k]->seen_at; left > longest) {
+                    longest = left;
+                    oldest = k;
+                }
+            if (oldest == state.count) return;
+            follow(state, oldest, rough, work);
+        }
+    }
+
+    // False where it is lost, and its place is another's.
+    bool follow(ContactState& state, std::size_t k, bool rough, double& work) {
+        const bool found = moved(state, *state.order[k], rough, work);
+        if (!found) drop(state, k);
+        return found;
+    }
+
+    bool moved(ContactState& state, TrackedCrossing& one, bool rough, double& work) {
+        const double before = one.gain;
+        CrossingFollower::predict(one, state.path - one.seen_at);
+        bool found = solver_.follow(state.w.data(), one, 6, work, rough);
+        if (!found) {
+            go_back(one);
+            one.mode = one.before;
+            found = solver_.follow(state.w.data(), one, 8, work);
+        }
+        if (const double ahead = state.path - one.seen_at; ahead > 1e-9)
+            one.speed = std::max(std::fabs(std::log(one.gain / before)) / ahead, kForgets * one.speed);
+        one.seen_at = state.path;
+        return found && one.gain > 0.0 && one.omega > passive_end_ && one.omega < highest_omega();
+    }
+
+    // Followed here, and to the end.
+    bool settled(ContactState& state, TrackedCrossing& one, double& work) {
+        if (one.seen_at != state.path) return moved(state, one, false, work);
+        return one.converged || solver_.follow(state.w.data(), one, 8, work);
+    }
+
+    double highest_omega() const { return laws_.sample_time() > 0.0 ? kPi / laws_.sample_time() : 1e9; }
+
+    static void drop(ContactState& state, std::size_t k) {
+        if (state.order[k]->gain < state.counted) state.counted = 0.0;  // the count relied on it
+        std::rotate(state.order.begin() + long(k), state.order.begin() + long(k) + 1, state.order.begin() + long(state.count));
+        state.count--;
+    }
+
+    void arrange(ContactState& state, double& work) {
+        sort(state);
+        for (std::size_t k = 0; k < state.count; k++) {
+            if (state.order[k]->seen_at != state.path) continue;  // nothing new about it
+            for (std::size_t m = 0; m < state.count; m++)
+                if (m != k && doubles(state, *state.order[m], *state.order[k], work)) {
+                    const bool later = jump(*state.order[m]) > jump(*state.order[k]);
+                    if (recovered(state, later ? m : k, later ? k : m, work)) continue;
+                    drop(state, std::max(k, m));
+                    if (m < k) k--;
+                    break;
+                }
+        }
+        sort(state);
+        while (state.count > 1 && state.order[state.count - 1]->gain > kFollowed * state.order[0]->gain) state.count--;
+    }
+
+    static void sort(ContactState& state) {
+        const auto first = state.order.begin();
+        for (std::size_t i = 1; i < state.count; i++)
+            for (std::size_t j = i; j > 0 && state.order[j]->gain < state.order[j - 1]->gain; j--) std::swap(first[long(j)], first[long(j - 1)]);
+    }
+
+    // To where it was before the last step.
+    static void go_back(TrackedCrossing& one) {
+        one.omega = one.omega_before;
+        one.gain = one.gain_before;
+        one.factored = 0;
+        one.stride = 0.0;
+    }
+
+    // How far the last step has taken a crossing.
+    static double jump(const TrackedCrossing& one) {
+        return std::fabs(one.gain - one.gain_before) / one.gain + std::fabs(one.omega - one.omega_before) / one.omega;
+    }
+
+    // A crossing that has come upon another one, followed again from where it was, in what is left of its mode beside the other's.
+    bool recovered(ContactState& state, std::size_t lost, std::size_t other, double& work) {
+        TrackedCrossing& one = *state.order[lost];
+        if (!(one.gain_before > 0.0)) return false;
+        go_back(one);
+        const Complex share = product(state.order[other]->mode, one.before);
+        for (std::size_t i = 0; i < one.mode.size(); i++) one.mode[i] = one.before[i] - times(share, state.order[other]->mode[i]);
+        if (!CrossingFollower::normalize(one.mode) || !solver_.follow(state.w.data(), one, 8, work)) return false;
+        for (std::size_t k = 0; k < state.count; k++)
+            if (k != lost && doubles(state, *state.order[k], one, work)) return false;
+        return one.gain > 0.0 && one.omega > passive_end_ && one.omega < highest_omega();
+    }
+
+    const JointLaws& laws_;
+    CrossingFollower solver_;
+    PostureChange change_;
+    double passive_end_, stride_;
+};
+
+}  // namespace gainroom
