@@ -15,7 +15,7 @@ namespace gainroom {
 
 struct ContactState {
     static constexpr std::size_t kSpare = 6;  // crossings followed beside one for each joint
-    static constexpr double kFarthest = 1.2, kLeast = 0.02, kSlowest = 0.5, kFaster = 3.0, kIdle = 0.1;
+    static constexpr double kFarthest = 0.2, kLeast = 0.02, kSlowest = 0.5, kFaster = 3.0, kIdle = 0.1;
     static constexpr double kOften = 3.0;  // counts in the time in which one becomes too old
 
     explicit ContactState(const JointLaws& laws)
@@ -43,7 +43,7 @@ struct ContactState {
     bool begun = false, searching = false;
     double path = 0.0, based_at = -1e300;      // how far W has moved in all; where the modes of the search were begun for this state
     double counted = 0.0, counted_from = 0.0;  // the factor of the last count that agreed, the path at its first slice; 0: none
-    double reach = kFarthest - 1.0;            // how far above the lowest crossing the next count may be
+    double reach = kFarthest;                     // how far above the lowest crossing the next count may be
     double empty_below = 0.0, seek = 0.5;      // factors without unstable roots, and the next one to look at while none is known
     double certified_gain = 0.0, certified_path = 0.0, certified_speed = 0.0;
     long certified_at = -1;
@@ -89,12 +89,12 @@ struct ContactState {
     // The next count less far above the lowest crossing, but farther than it may come meanwhile.
     void shorten() {
         agreed = 0;
-        reach = std::max(0.7 * reach, std::min(kLeast + 2.0 * speed() * (path - sweep_from), kFarthest - 1.0));
+        reach = std::max(0.7 * reach, std::min(kLeast + 2.0 * speed() * (path - sweep_from), kFarthest));
     }
 
     void lengthen() {
         missed = 0;
-        reach = std::min((agreed++ > 3 ? 1.5 : 1.15) * reach, kFarthest - 1.0);
+        reach = std::min((agreed++ > 3 ? 1.5 : 1.15) * reach, kFarthest);
     }
 
     // Where to count: in the widest gap between known crossings a little above the lowest.

@@ -49,9 +49,11 @@ public:
         }
         if (std::fmod(0.618 * double(++state.tries), 1.0) > 0.34 || work > kEnough) return work;
         // A random direction: here, or beside a known crossing, as equal limbs have theirs close together.
-        const TrackedCrossing* near = state.tries % 2 == 0 && state.count > 0 ? state.order[state.tries / 2 % state.count] : nullptr;
+        std::size_t below = 0;
+        while (below < state.count && state.order[below]->gain < 1.02 * state.sweep.gain()) below++;
+        const TrackedCrossing* near = state.tries % 2 == 0 && below > 0 ? state.order[state.tries / 2 % below] : nullptr;
         known_.solver().begin(near ? near->omega : omega, near ? 1.001 * near->gain : state.sweep.gain(), trial_);
-        const SymmetricFactor& factor = near ? known_.solver().beside(state.w.data(), trial_.omega, trial_.gain) : state.sweep.factor();
+        const SymmetricFactor& factor = near ? known_.solver().at(state.w.data(), trial_.omega, trial_.gain) : state.sweep.factor();
         for (int pass = 0; pass < 3; pass++) {
             work += 0.5;
             if (!away(state) || !CrossingFollower::sharpen(factor, trial_)) return work;

@@ -49,12 +49,12 @@ public:
         return false;
     }
 
-    // The same with little work, where it does not matter how far it comes and how exact crossings are.
-    bool draw_near(const double* w, ContactState& state, double far, double& work) {
+    // The same with no more work than there is room for, where it does not matter how far it comes and how exact crossings are.
+    bool draw_near(const double* w, ContactState& state, double far, double room, double& work) {
         if (begins(w, state)) return true;
         const bool there = stride(w, state, far, stride_);
         follow_lowest(state, work);
-        follow_late(state, kSome, kLate, work, true);
+        follow_late(state, state.count, kLate, work, true, room);
         arrange(state, work);
         return there;
     }
@@ -88,8 +88,8 @@ public:
 
 private:
     static constexpr double kFollowed = 1.4, kForgets = 0.95, kDouble = 1e-5;  // see arrange, moved, doubles
-    static constexpr double kLate = 0.06;           // a path along which a crossing is left; twice as long at most
-    static constexpr std::size_t kFew = 2, kSome = 6;  // of these that are followed at a tick, and where W is not this tick's
+    static constexpr double kLate = 0.06;    // a path along which a crossing is left; twice as long at most
+    static constexpr std::size_t kFew = 2;  // of these that are followed at a tick
 
     static bool begins(const double* w, ContactState& state) {
         if (state.begun) return false;
@@ -111,8 +111,8 @@ private:
     }
 
     // Those that have been left the longest, if longer than `late`.
-    void follow_late(ContactState& state, std::size_t most, double late, double& work, bool rough = false) {
-        for (; most > 0; most--) {
+    void follow_late(ContactState& state, std::size_t most, double late, double& work, bool rough = false, double room = 1e300) {
+        for (; most > 0 && work < room; most--) {
             double longest = late;
             std::size_t oldest = state.count;
             for (std::size_t k = 0; k < state.count; k++)

@@ -24,7 +24,7 @@ struct TrackedCrossing {
     double speed = 0.0;    // how much it has moved lately: |d ln g| along the path (tracker.hpp)
     double seen_at = 0.0;  // the path at which it was right
     bool converged = false;
-    std::uint64_t factored = 0;  // which factors of a CrossingFollower are its own; 0: none
+    std::uint64_t factored = 0;  // which factors of the CrossingFollower are its own, if they are still there
     double omega_before = 0.0, gain_before = 0.0, stride = 0.0;  // where it was one step before, and the path of that step; 0: not known
     std::vector<Complex> mode, before;
 };
@@ -32,7 +32,7 @@ struct TrackedCrossing {
 class CrossingFollower {
 public:
     explicit CrossingFollower(const JointLaws& laws)
-        : laws_(laws), values_(laws.size()), moved_(laws.size()), extra_(laws.size()), parts_(2 * laws.size()), factor_(laws.size()) {}
+        : laws_(laws), values_(laws.size()), moved_(laws.size()), extra_(laws.size()), parts_(2 * laws.size()), factors_(kKept, {SymmetricFactor(laws.size())}) {}
 
     // Follows `crossing` to W; `work` is counted in slices of a PhaseSweep. True where it has converged: `converged` says so too. Where it need
     // only be `rough`, true as soon as its mode is within that, and gain and frequency within the square.
@@ -48,12 +48,14 @@ public:
                 return crossing.converged = true;
             }
             if (rough && residual < kRough && step_size < kRough) return true;
-            if (crossing.factored != factored_ || residual > (k > 0 ? 0.1 * last : kOld)) {  // a step with fresh factors squares the error
-                refactor(w, crossing);
+            Factors* own = factors_of(crossing);
+            if (!own || residual > (k > 0 ? 0.1 * last : kOld)) {  // a step with fresh factors squares the error
+                own = &refactored(w, crossing);
                 work += kFactor;
             }
             last = residual;
-            factor_.solve(extra_.data());
+            own->used = ++uses_;
+            own->factor.solve(extra_.data());
             for (std::size_t i = 0; i < extra_.size(); i++) crossing.mode[i] -= extra_[i];
             if (!normalize(crossing.mode)) return false;
         }
@@ -93,13 +95,8 @@ public:
         factor.solve(crossing.mode.data());
         return normalize(crossing.mode);
     }
-    // The matrix beside a crossing, which is followed anew then.
-    const SymmetricFactor& beside(const double* w, double omega, double gain) {
-        laws_.at(omega, gain, values_.data());
-        factor_.factor(w, values_.data());
-        ++factored_;
-        return factor_;
-    }
+    // The matrix at a place of its own, until the next crossing is followed.
+    const SymmetricFactor& at(const double* w, double omega, double gain) { return fresh(w, omega, gain).factor; }
 
     static bool normalize(std::vector<Complex>& mode) {
         double size = 0.0;
@@ -111,12 +108,37 @@ public:
     }
 
 private:
+    static constexpr std::size_t kKept = 4;
     static constexpr double kBalance = 0.3, kFactor = 0.7;  // work
     static constexpr double kResidual = 1e-7, kRough = 1e-3, kSmall = 1e-5, kOld = 1e-5;
 
-    void refactor(const double* w, TrackedCrossing& crossing) {
-        beside(w, crossing.omega, crossing.gain * (1.0 + 1e-7));  // where nothing is singular
-        crossing.factored = factored_;
+    struct Factors {
+        SymmetricFactor factor;
+        std::uint64_t of = 0, used = 0;  // `factored` of its crossing; when it was used
+    };
+
+    Factors* factors_of(const TrackedCrossing& crossing) {
+        for (Factors& one : factors_)
+            if (one.of == crossing.factored && one.of != 0) return &one;
+        return nullptr;
+    }
+
+    // In place of those that have not been used for the longest.
+    Factors& fresh(const double* w, double omega, double gain) {
+        Factors* oldest = &factors_[0];
+        for (Factors& one : factors_)
+            if (one.used < oldest->used) oldest = &one;
+        laws_.at(omega, gain, values_.data());
+        oldest->factor.factor(w, values_.data());
+        oldest->of = 0;
+        return *oldest;
+    }
+
+    Factors& refactored(const double* w, TrackedCrossing& crossing) {
+        if (Factors* own = factors_of(crossing)) own->used = 0;
+        Factors& found = fresh(w, crossing.omega, crossing.gain * (1.0 + 1e-7));  // beside the root, where nothing is singular
+        crossing.factored = found.of = ++uses_;
+        return found;
     }
 
     // ω and g for the mode as it is, the residual in extra_; its size, relative.
@@ -188,8 +210,8 @@ private:
     std::vector<JointValue> values_;
     std::vector<Complex> moved_, extra_;
     std::vector<double> parts_;
-    SymmetricFactor factor_;  // of the crossing that was factored last: many of them would not stay in the cache
-    std::uint64_t factored_ = 1;
+    std::vector<Factors> factors_;  // of the few crossings that are followed often: all of them would not stay in the cache
+    std::uint64_t uses_ = 0;
     std::uint64_t seed_ = 1;
 };
 

@@ -54,7 +54,7 @@ public:
         for (std::size_t k = 0; k < contacts; k++) states_.emplace_back(laws_);
         const double square = double(count * count);
         if (!(settings_.slices > 0.0)) settings_.slices = std::max(kSlices / square, 1.5);
-        if (!(settings_.urgent > 0.0)) settings_.urgent = std::max(5.0 * kSlices / square, 6.0);
+        if (!(settings_.urgent > 0.0)) settings_.urgent = std::max(5.0 * kSlices / square, 9.0);
     }
     Tracker(const Tracker&) = delete;  // parts refer to each other
     const JointLaws& laws() const { return laws_; }
@@ -76,6 +76,9 @@ public:
         work_ = 0.0;
         const bool arrived = known_.approach(w, state, far, settings_.urgent, work_);
         if (arrived) {
+            // Slices of long ago tell nothing after a switch.
+            if (contact != contact_ && state.sweeping && state.count > 0 && !state.holds(state.sweep.gain(), state.sweep_from)) state.sweeping = false;
+            contact_ = contact;
             const double room = room_for(state);
             work_ += room;
             count(state, room);
@@ -84,15 +87,16 @@ public:
     }
 
     // Whether the last tick has left time for `prepare`.
-    bool has_time() const { return work_ < 0.5 * settings_.urgent; }
+    bool has_time() const { return work_ < 0.75 * settings_.urgent; }
 
     // Brings what is known of another contact state near to where it will be needed: `w` W (n, n) of this tick, were the robot in `contact`.
     void prepare(const double* w, std::size_t contact) {
         if (contact >= states_.size() || !sound(w)) return;
         State& state = states_[contact];
         const double far = known_.distance(state, w);
+        const double room = kPrepared * settings_.slices;
         double work = 0.0;
-        if (std::isfinite(far) && known_.draw_near(w, state, far, work)) count(state, kPrepared * settings_.slices);
+        if (std::isfinite(far) && known_.draw_near(w, state, far, 0.6 * room, work)) count(state, room - work);
     }
 
     // The answer where nothing is known of this tick: the lowest that was last certified in any contact state.
@@ -109,13 +113,11 @@ public:
 private:
     using State = ContactState;
     static constexpr double kShrunk = 0.9, kForgets = 0.95;  // see answer; of the rate, per tick
-    static constexpr double kIdle = 0.5, kPrepared = 2.0;    // slices where nothing moves; for another contact state, of those of a tick
+    static constexpr double kIdle = 0.5, kPrepared = 3.0;    // slices where nothing moves; for another contact state, of those of a tick
 
     // For slices, at this tick: where there is no certificate, all that is left after `work`, for the nearest count that will give one.
-    double room_for(State& state) const {
+    double room_for(const State& state) const {
         const bool certified = state.certified();
-        // A count far above, or of long ago, tells nothing here.
-        if (!certified && state.sweeping && state.count > 0 && !state.holds(state.sweep.gain(), state.sweep_from)) state.sweeping = false;
         if (!certified) return std::max(settings_.urgent - work_, settings_.slices);
         return std::min(std::max(state.pace(), state.missed > 0 ? settings_.slices : kIdle), 0.5 * settings_.urgent);
     }
@@ -161,9 +163,9 @@ private:
         const long expected = state.pairs(factor);
         if (pairs == expected) {
             state.searching = false;
-            state.lengthen();
             state.counted = factor;
             state.counted_from = state.sweep_from;
+            state.lengthen();
             state.empty_below = expected == 0 ? factor : 0.0;
             if (state.count == 0) state.seek = std::min(1.5 * factor, settings_.highest);
             return;
@@ -205,6 +207,7 @@ private:
     CrossingSearch search_;
     std::vector<State> states_;
     double work_ = 0.0;  // of the last tick
+    std::size_t contact_ = std::size_t(-1);
     long tick_ = 0;
 };
 
