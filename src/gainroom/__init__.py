@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from .errors import GainroomError
     from .files.robot_yaml import load_robot
     from .native import warmup
+    from .realtime.posture_table import Feature, PostureTable, TableGains
     from .realtime.scheduler import GainScheduler, GainTable
     from .realtime.tracker import GainTracker, TrackedLimit
     from .simulation import Friction, Scenario, Testbed, simulate
@@ -56,6 +57,7 @@ _HOME = {
     "simulation": ("Scenario", "simulate", "Testbed", "Friction"),
     "realtime.tracker": ("GainTracker", "TrackedLimit"),
     "realtime.scheduler": ("GainScheduler", "GainTable"),
+    "realtime.posture_table": ("PostureTable", "Feature", "TableGains"),
     "native": ("warmup",),
     "errors": ("GainroomError",),
 }
@@ -72,6 +74,7 @@ __all__ = [
     "Control",
     "Drive",
     "ElasticJoint",
+    "Feature",
     "Friction",
     "GainLimit",
     "GainTracker",
@@ -86,12 +89,14 @@ __all__ = [
     "Notch",
     "PDRegion",
     "Plant",
+    "PostureTable",
     "Recommendation",
     "Requirements",
     "Roots",
     "Scenario",
     "State",
     "System",
+    "TableGains",
     "Testbed",
     "TrackedLimit",
     "Uncertainty",
