@@ -15,7 +15,7 @@ namespace gainroom {
 
 struct ContactState {
     static constexpr std::size_t kSpare = 6;  // crossings followed beside one for each joint
-    static constexpr double kFarthest = 0.2, kLeast = 0.02, kSlowest = 0.5, kFaster = 3.0, kIdle = 0.1;
+    static constexpr double kFarthest = 0.2, kNear = 0.15, kLeast = 0.02, kSlowest = 0.5, kFaster = 3.0, kIdle = 0.1;
     static constexpr double kOften = 3.0;  // counts in the time in which one becomes too old
 
     explicit ContactState(const JointLaws& laws)
@@ -90,6 +90,12 @@ struct ContactState {
     void shorten() {
         agreed = 0;
         reach = std::max(0.7 * reach, std::min(kLeast + 2.0 * speed() * (path - sweep_from), kFarthest));
+    }
+
+    // After a switch without a certificate: a new count, near the lowest crossing, where less may be missing, and no search yet.
+    void hurry() {
+        sweeping = searching = false;
+        reach = std::min(reach, kNear);
     }
 
     void lengthen() {

@@ -3,6 +3,7 @@
 
 #include <cmath>
 #include <cstddef>
+#include <vector>
 
 #include "crossing_set.hpp"
 
@@ -11,7 +12,7 @@ namespace gainroom {
 class CrossingSearch {
 public:
     CrossingSearch(const JointLaws& laws, double passive_end, CrossingSet& known)
-        : known_(known), trial_(laws.size()), passive_end_(passive_end) {}
+        : laws_(laws), values_(laws.size()), weight_(laws.size()), known_(known), trial_(laws.size()), passive_end_(passive_end) {}
 
     // Before a count that is searched along: modes at this W, unless they are of one nearby.
     void begin(ContactState& state) const {
@@ -35,17 +36,20 @@ public:
         }
         state.looked_at = omega;
         state.loci_before.swap(state.loci);
-        state.basis.loci(state.sweep.values(), state.sweep.gain(), state.loci.data());
+        state.basis.at(state.sweep.values(), state.sweep.gain());
+        for (std::size_t k = 0; k < state.loci.size(); k++) state.loci[k] = state.basis.locus(k);
         const std::size_t size = state.loci.size();
         for (std::size_t m = 0; from > 0.0 && m < size && work < kEnough; m++) {
             const std::size_t k = (m + state.tries) % size;
             const Complex a = state.loci_before[k], b = state.loci[k];
             if (!(a.imag() * b.imag() <= 0.0)) continue;
-            const double share = a.imag() == b.imag() ? 0.5 : a.imag() / (a.imag() - b.imag()), gain = a.real() + share * (b.real() - a.real());
-            if (!(gain > 0.0 && gain < kBeyond * state.sweep.gain())) continue;
-            known_.solver().begin(from + share * (omega - from), gain, trial_);
+            if (!(std::fmax(a.real(), b.real()) > 0.0 && std::fmin(a.real(), b.real()) < 2.0 * kBeyond * state.sweep.gain())) continue;
+            const Place place = real_place(state, k, {from, a}, {omega, b});
+            work += 0.2;
+            if (!(place.locus.real() > 0.0 && place.locus.real() < kBeyond * state.sweep.gain())) continue;
+            known_.solver().begin(place.omega, place.locus.real(), trial_);
             state.basis.mode(k, trial_.mode.data());
-            if (CrossingFollower::normalize(trial_.mode) && !resembles_known(state)) take(state, work);
+            if (CrossingFollower::normalize(trial_.mode) && unlike_known(state)) take(state, work);
         }
         if (std::fmod(0.618 * double(++state.tries), 1.0) > 0.34 || work > kEnough) return work;
         // A random direction: here, or beside a known crossing, as equal limbs have theirs close together.
@@ -54,24 +58,65 @@ public:
         const TrackedCrossing* near = state.tries % 2 == 0 && below > 0 ? state.order[state.tries / 2 % below] : nullptr;
         known_.solver().begin(near ? near->omega : omega, near ? 1.001 * near->gain : state.sweep.gain(), trial_);
         const SymmetricFactor& factor = near ? known_.solver().at(state.w.data(), trial_.omega, trial_.gain) : state.sweep.factor();
+        weigh();
         for (int pass = 0; pass < 3; pass++) {
             work += 0.5;
-            if (!away(state) || !CrossingFollower::sharpen(factor, trial_)) return work;
+            if (!away(state)) return work;
+            for (std::size_t i = 0; i < trial_.mode.size(); i++) trial_.mode[i] = times(trial_.mode[i], weight_[i]);
+            if (!CrossingFollower::sharpen(factor, trial_)) return work;
         }
         if (away(state)) take(state, work);
         return work;
     }
 
 private:
-    static constexpr double kCluster = 1e-3, kDependent = 0.01, kNear = 0.05;  // of crossings that are alike
-    static constexpr double kEnough = 3.0;  // work at a slice
+    static constexpr double kCluster = 1e-3, kDependent = 0.01, kNear = 0.05, kUnlike = 0.2;  // of crossings that are alike
+    static constexpr int kRefined = 4;
+    static constexpr double kEnough = 1.5;  // work at a slice
     static constexpr double kBeyond = 1.5;                                     // of the factor of a count: what is kept
+
+    struct Place {
+        double omega;
+        Complex locus;
+    };
+
+    // Where the locus of mode k becomes real, between two frequencies; the slices are too far apart for a line through them.
+    Place real_place(ContactState& state, std::size_t k, Place below, Place above) {
+        Place found = below;
+        for (int step = 0; step < kRefined; step++) {
+            const double a = below.locus.imag(), b = above.locus.imag();
+            found.omega = below.omega + (a == b ? 0.5 : a / (a - b)) * (above.omega - below.omega);
+            laws_.at(found.omega, state.sweep.gain(), values_.data());
+            state.basis.at(values_.data(), state.sweep.gain());
+            found.locus = state.basis.locus(k);
+            (found.locus.imag() * a > 0.0 ? below : above) = found;
+        }
+        return found;
+    }
+
+    // Modes x of crossings at one frequency are orthogonal as x^T diag(weight) y, with the weight ∂β/∂g; here where trial_ is.
+    void weigh() {
+        laws_.at(trial_.omega, trial_.gain, values_.data());
+        for (std::size_t i = 0; i < weight_.size(); i++) weight_[i] = values_[i].beta_gain;
+    }
 
     // trial_'s mode without those of known crossings about its frequency; elsewhere the same mode may cross again.
     bool away(const ContactState& state) {
         for (std::size_t k = 0; k < state.count; k++)
-            if (std::fabs(state.order[k]->omega - trial_.omega) < kNear * trial_.omega) subtract_share(state.order[k]->mode);
+            if (std::fabs(state.order[k]->omega - trial_.omega) < kNear * trial_.omega) subtract_mode(state.order[k]->mode);
         return CrossingFollower::normalize(trial_.mode);
+    }
+
+    void subtract_mode(const std::vector<Complex>& known) {
+        Complex share = 0.0, whole = 0.0;
+        for (std::size_t i = 0; i < known.size(); i++) {
+            const Complex weighted = times(weight_[i], known[i]);
+            share += times(weighted, trial_.mode[i]);
+            whole += times(weighted, known[i]);
+        }
+        share = over(share, whole);
+        if (!(std::norm(share) < 100.0)) return;  // the mode is orthogonal to itself, nearly
+        for (std::size_t i = 0; i < known.size(); i++) trial_.mode[i] -= times(share, known[i]);
     }
 
     void subtract_share(const std::vector<Complex>& known) {
@@ -98,15 +143,17 @@ private:
         return true;
     }
 
-    // Whether trial_, a start, looks like a crossing that is known already.
-    bool resembles_known(const ContactState& state) const {
+    // trial_, a start, without what is known already where it is; false where that is nearly all of it.
+    bool unlike_known(const ContactState& state) {
+        weigh();
         for (std::size_t k = 0; k < state.count; k++) {
             const TrackedCrossing& known = *state.order[k];
-            if (std::fabs(known.gain - trial_.gain) < kNear * trial_.gain && std::fabs(known.omega - trial_.omega) < kNear * trial_.omega &&
-                std::norm(CrossingSet::product(known.mode, trial_.mode)) > 0.6)
-                return true;
+            if (std::fabs(known.gain - trial_.gain) < kNear * trial_.gain && std::fabs(known.omega - trial_.omega) < kNear * trial_.omega)
+                subtract_mode(known.mode);
         }
-        return false;
+        double left = 0.0;
+        for (const Complex& x : trial_.mode) left += std::norm(x);
+        return left > kUnlike && CrossingFollower::normalize(trial_.mode);
     }
 
     // Follows trial_ to a crossing, and keeps it where it is one of its own.
@@ -122,6 +169,9 @@ private:
         if (independent(state)) known_.keep(state, trial_);
     }
 
+    const JointLaws& laws_;
+    std::vector<JointValue> values_;
+    std::vector<Complex> weight_;
     CrossingSet& known_;
     TrackedCrossing trial_;
     double passive_end_;

@@ -37,7 +37,8 @@ public:
                 for (std::size_t m = 1; m < state.count; m++) {
                     TrackedCrossing& one = *state.order[m];
                     const double left = state.path - one.seen_at;
-                    if (left > 2.0 * kLate || one.gain * (1.0 - ContactState::speed(one) * left) < state.order[0]->gain) follow(state, m, false, work);
+                    const bool may_be_lowest = one.gain * (1.0 - ContactState::speed(one) * left) < state.order[0]->gain;
+                    if (left > 2.0 * kLate || may_be_lowest) follow(state, m, false, work);
                 }
                 follow_late(state, kFew, kLate, work);
             } else {

@@ -46,6 +46,7 @@ public:
                 matrix_[i * n + j] = matrix_[j * n + i] = sum;
             }
         row_ = sweeps_ = 0;
+        turned_ = 0.0;
     }
 
     bool ready() const { return sweeps_ >= kSweeps; }
@@ -60,6 +61,7 @@ public:
             const double ratio = difference / (2.0 * off);
             const double t = (ratio < 0.0 ? -1.0 : 1.0) / (std::fabs(ratio) + std::sqrt(ratio * ratio + 1.0));
             const double c = 1.0 / std::sqrt(t * t + 1.0), s = t * c;
+            turned_ = std::fmax(turned_, std::fabs(t));
             turn(&vectors_[p * n], &vectors_[q * n], c, s);
             turn(&matrix_[p * n], &matrix_[q * n], c, s);
             for (std::size_t k = 0; k < n; k++) {
@@ -70,29 +72,32 @@ public:
         }
         if (++row_ + 1 >= n) {
             row_ = 0;
-            sweeps_++;
+            sweeps_ = turned_ < kTurned ? kSweeps : sweeps_ + 1;  // angles are squared from one to the next
+            turned_ = 0.0;
         }
     }
 
-    // The locus of every mode at the frequency of `values`, which are of the factor `gain`. With S = √J W √J = Σ λ y yᵀ, joints alike:
+    // At the frequency of `values`, which are of the factor `gain`, for `locus`. With S = √J W √J = Σ λ y yᵀ, joints alike:
     // 1 + g c/(J s²) = −1/(λ + J e); where they differ, means over the mode stand for c/J and J e.
-    void loci(const JointValue* values, double gain, Complex* factors) {
-        const std::size_t n = size_;
-        for (std::size_t i = 0; i < n; i++) {
+    void at(const JointValue* values, double gain) {
+        gain_ = gain;
+        for (std::size_t i = 0; i < size_; i++) {
             const double inertia = scale_[i] * scale_[i];
             const JointValue& value = values[i];
             push_[i] = value.inner / inertia - 1.0;
             give_[i] = inertia * over(times(value.beta, value.outer) - 1.0, value.inner);
         }
-        for (std::size_t k = 0; k < n; k++) {
-            Complex push = 0.0, give = matrix_[k * n + k];
-            for (std::size_t i = 0; i < n; i++) {
-                const double share = vectors_[k * n + i] * vectors_[k * n + i];
-                push += share * push_[i];
-                give += share * give_[i];
-            }
-            factors[k] = gain * over(-1.0 - over(1.0, give), push);
+    }
+
+    // Of one mode there.
+    Complex locus(std::size_t k) const {
+        Complex push = 0.0, give = matrix_[k * size_ + k];
+        for (std::size_t i = 0; i < size_; i++) {
+            const double share = vectors_[k * size_ + i] * vectors_[k * size_ + i];
+            push += share * push_[i];
+            give += share * give_[i];
         }
+        return gain_ * over(-1.0 - over(1.0, give), push);
     }
 
     void mode(std::size_t k, Complex* x) const {
@@ -101,7 +106,7 @@ public:
 
 private:
     static constexpr std::size_t kSweeps = 5;
-    static constexpr double kAlike = 1.5;
+    static constexpr double kAlike = 1.5, kTurned = 0.03;
 
     void turn(double* a, double* b, double c, double s) const {
         for (std::size_t k = 0; k < size_; k++) {
@@ -112,6 +117,7 @@ private:
     }
 
     std::size_t size_, row_ = 0, sweeps_ = 0;
+    double gain_ = 1.0, turned_ = 0.0;
     std::vector<double> scale_;
     std::vector<Complex> push_, give_;
     std::vector<double> matrix_, vectors_, work_;

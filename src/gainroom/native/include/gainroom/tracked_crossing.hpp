@@ -32,7 +32,8 @@ struct TrackedCrossing {
 class CrossingFollower {
 public:
     explicit CrossingFollower(const JointLaws& laws)
-        : laws_(laws), values_(laws.size()), moved_(laws.size()), extra_(laws.size()), parts_(2 * laws.size()), factors_(kKept, {SymmetricFactor(laws.size())}) {}
+        : laws_(laws), values_(laws.size()),
+          moved_(laws.size()), extra_(laws.size()), parts_(2 * laws.size()), factors_(kKept, {SymmetricFactor(laws.size())}) {}
 
     // Follows `crossing` to W; `work` is counted in slices of a PhaseSweep. True where it has converged: `converged` says so too. Where it need
     // only be `rough`, true as soon as its mode is within that, and gain and frequency within the square.

@@ -76,8 +76,7 @@ public:
         work_ = 0.0;
         const bool arrived = known_.approach(w, state, far, settings_.urgent, work_);
         if (arrived) {
-            // Slices of long ago tell nothing after a switch.
-            if (contact != contact_ && state.sweeping && state.count > 0 && !state.holds(state.sweep.gain(), state.sweep_from)) state.sweeping = false;
+            if (contact != contact_ && !state.certified()) state.hurry();
             contact_ = contact;
             const double room = room_for(state);
             work_ += room;
