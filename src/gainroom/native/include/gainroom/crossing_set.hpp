@@ -37,8 +37,9 @@ public:
                 for (std::size_t m = 1; m < state.count; m++) {
                     TrackedCrossing& one = *state.order[m];
                     const double left = state.path - one.seen_at;
-                    const bool may_be_lowest = one.gain * (1.0 - ContactState::speed(one) * left) < state.order[0]->gain;
-                    if (left > 2.0 * kLate || may_be_lowest) follow(state, m, false, work);
+                    const double off = std::max(ContactState::speed(one) * left, one.converged ? 0.0 : kRough);
+                    const bool may_be_lowest = one.gain * (1.0 - off) < state.order[0]->gain;
+                    if ((left > 2.0 * kLate || may_be_lowest) && !follow(state, m, false, work)) m--;  // another one is in its place
                 }
                 follow_late(state, kFew, kLate, work);
             } else {
@@ -90,6 +91,7 @@ public:
 private:
     static constexpr double kFollowed = 1.4, kForgets = 0.95, kDouble = 1e-5;  // see arrange, moved, doubles
     static constexpr double kLate = 0.06;    // a path along which a crossing is left; twice as long at most
+    static constexpr double kRough = 0.01;  // a gain that has been followed roughly is nearer than this
     static constexpr std::size_t kFew = 2;  // of these that are followed at a tick
 
     static bool begins(const double* w, ContactState& state) {
