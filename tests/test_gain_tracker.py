@@ -111,7 +111,7 @@ def test_crossings_are_the_loops_own(change, number: int):
 
 
 def test_motion_with_contact_switches(biped):
-    """Symmetric and asymmetric walks, continuous and sampled: no certified gain is above the limit by 1e-6, and nearly all are certified."""
+    """Symmetric and asymmetric walks: no certified gain is above the limit by 1e-6, and nearly all are certified."""
     for sample_time, seed, least in ((None, 1, 0.99), (TICK, 2, 0.97)):
         walk = Walk(biped, sample_time, seed, symmetric=seed % 2 == 1)
         share, worst = walk.run(ticks=3200, checks=12)
