@@ -45,7 +45,10 @@ public:
             std::copy(form_.begin(), form_.end(), a_);
             found = settled(values, true);
         }
-        for (std::size_t k = 0; k < n; k++) values[k] *= most;
+        for (std::size_t k = 0; k < n; k++) {
+            values[k] *= most;
+            found = found && std::isfinite(size(values[k]));
+        }
         return found;
     }
 

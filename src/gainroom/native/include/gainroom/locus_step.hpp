@@ -4,9 +4,9 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <utility>
 #include <vector>
 
+#include "assignment.hpp"
 #include "complex.hpp"
 
 namespace gainroom {
@@ -19,7 +19,7 @@ struct Loci {
     bool known() const { return !values.empty(); }
     void describe() {
         for (const Complex& value : values) {
-            sizes.push_back(0.5 * std::log(std::max(std::norm(value), 1e-300)));
+            sizes.push_back(std::log(std::max(std::abs(value), 1e-150)));
             angles.push_back(std::arg(value));
             returned.push_back(std::arg(1.0 + value));
         }
@@ -48,56 +48,23 @@ inline bool passes(Complex start, Complex end) {
            std::fabs(turn_between(1.0 + start, 1.0 + end)) > 0.8;
 }
 
-// Which locus of `high` continues each of `low`: the nearest in ln of size and direction, the nearest as a whole.
-inline std::vector<int> paired(const Loci& low, const Loci& high) {
+// Which locus of `high` continues each of `low`: the nearest in ln of size and direction, or where two claim the same the nearest as a whole.
+inline std::vector<std::size_t> paired(const Loci& low, const Loci& high) {
     const std::size_t m = low.values.size();
-    struct Distance {
-        double square;
-        int from, to;
-    };
-    std::vector<int> pairs(m, -1), taken(m, 0);
-    const auto distance = [&](std::size_t i, std::size_t j) {
-        const double grown = high.sizes[j] - low.sizes[i], turned = kPi - std::fabs(std::fabs(high.angles[j] - low.angles[i]) - kPi);
-        return grown * grown + turned * turned;
-    };
+    std::vector<double> distances(m * m);
+    std::vector<std::size_t> pairs(m);
+    std::vector<char> taken(m, 0);
     bool clash = false;
     for (std::size_t i = 0; i < m; i++) {
-        int nearest = 0;
-        double least = distance(i, 0);
-        for (std::size_t j = 1; j < m; j++) {
-            const double square = distance(i, j);
-            if (square < least) {
-                least = square;
-                nearest = static_cast<int>(j);
-            }
+        for (std::size_t j = 0; j < m; j++) {
+            const double grown = high.sizes[j] - low.sizes[i], turned = kPi - std::fabs(std::fabs(high.angles[j] - low.angles[i]) - kPi);
+            distances[i * m + j] = grown * grown + turned * turned;
         }
-        pairs[i] = nearest;
-        clash |= taken[static_cast<std::size_t>(nearest)]++ > 0;
+        const double* row = &distances[i * m];
+        pairs[i] = static_cast<std::size_t>(std::min_element(row, row + m) - row);
+        clash |= taken[pairs[i]]++ > 0;
     }
-    if (!clash) return pairs;
-    std::vector<Distance> all;
-    for (std::size_t i = 0; i < m; i++)
-        for (std::size_t j = 0; j < m; j++) all.push_back({distance(i, j), static_cast<int>(i), static_cast<int>(j)});
-    std::stable_sort(all.begin(), all.end(), [](const Distance& a, const Distance& b) { return a.square < b.square; });
-    std::fill(pairs.begin(), pairs.end(), -1);
-    std::fill(taken.begin(), taken.end(), 0);
-    for (const Distance& one : all)
-        if (pairs[static_cast<std::size_t>(one.from)] < 0 && !taken[static_cast<std::size_t>(one.to)]) {
-            pairs[static_cast<std::size_t>(one.from)] = one.to;
-            taken[static_cast<std::size_t>(one.to)] = 1;
-        }
-    for (bool better = true; better;) {  // two that are nearer as a whole when they change places
-        better = false;
-        for (std::size_t i = 0; i < m; i++)
-            for (std::size_t j = i + 1; j < m; j++) {
-                const auto a = static_cast<std::size_t>(pairs[i]), b = static_cast<std::size_t>(pairs[j]);
-                if (distance(i, b) + distance(j, a) < (distance(i, a) + distance(j, b)) * (1 - 1e-9)) {
-                    std::swap(pairs[i], pairs[j]);
-                    better = true;
-                }
-            }
-    }
-    return pairs;
+    return clash ? assigned(distances.data(), m) : pairs;
 }
 
 }  // namespace gainroom

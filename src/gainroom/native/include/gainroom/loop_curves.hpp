@@ -50,7 +50,7 @@ public:
             if (locus && !samples_.near(low, high)) continue;
             for (std::size_t i = 0; i < (locus ? m_ : n_); i++) {
                 const Complex start = locus ? low.loci.values[i] : return_ratio(low.sensitivity[i]);
-                const Complex end = locus ? high.loci.values[static_cast<std::size_t>(low.pairs[i])] : return_ratio(high.sensitivity[i]);
+                const Complex end = locus ? high.loci.values[low.pairs[i]] : return_ratio(high.sensitivity[i]);
                 CurveStep step{locus, i, low.omega(), high.omega(), 0.0, start, 0.0};
                 if (axis) {
                     if ((start.imag() > 0) == (end.imag() > 0)) continue;

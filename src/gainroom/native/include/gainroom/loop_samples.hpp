@@ -27,7 +27,7 @@ struct LoopSample {
     Complex log_determinant;
     double nearness = 0.0;             // bound of |μ|
     const LoopSample* next = nullptr;  // with which this interval was found fine enough
-    std::vector<int> pairs;            // of the loci there with those of `next`
+    std::vector<std::size_t> pairs;            // of the loci there with those of `next`
     double turned = 0.0;               // by arg det(I + L) over it
 
     double omega() const { return point->omega; }
@@ -81,7 +81,7 @@ public:
             const LoopSample &low = *samples_[k], &high = *samples_[k + 1];
             if (!near(low, high)) continue;
             for (std::size_t i = 0; i < m_; i++) {
-                const Complex before = low.loci.values[i], after = high.loci.values[static_cast<std::size_t>(low.pairs[i])];
+                const Complex before = low.loci.values[i], after = high.loci.values[low.pairs[i]];
                 turned += 2 * kPi * (wraps(1.0 + times(factor, before), 1.0 + times(factor, after)) - wraps(1.0 + before, 1.0 + after));
             }
             const bool first = k == 0 || !near(*samples_[k - 1], low), end = k + 2 == samples_.size() || !near(high, *samples_[k + 2]);
@@ -204,7 +204,7 @@ private:
         std::vector<double> found(m_, 0.0);
         LoopSample &low = *samples_[0], &high = *samples_[1];
         if (!loci(low) || !loci(high)) return found;
-        const std::vector<int> pairs = paired(low.loci, high.loci);
+        const std::vector<std::size_t> pairs = paired(low.loci, high.loci);
         double most = 0.0;
         for (const Complex& value : low.loci.values) most = std::max(most, std::abs(value));
         for (std::size_t i = 0; i < m_; i++) {
@@ -322,7 +322,7 @@ private:
         for (std::size_t i = 0; i < m_; i++) most = std::max({most, std::norm(low.loci.values[i]), std::norm(high.loci.values[i])});
         most = std::sqrt(most);
         for (std::size_t i = 0; i < m_; i++) {
-            const auto j = static_cast<std::size_t>(low.pairs[i]);
+            const std::size_t j = low.pairs[i];
             const Complex before = low.loci.values[i], after = high.loci.values[j];
             low.turned += high.loci.returned[j] - low.loci.returned[i] + 2 * kPi * wraps(1.0 + before, 1.0 + after);
             if (!found) continue;
