@@ -11,6 +11,7 @@ from ..system.filters import integrator
 from ..system.loop import Loop
 from .loci import first_grid
 from .margin_record import GainLimit, Margins, OneLoop
+from .modal_loop import mode_functions
 from .stability_boundary import LOCI, Boundary
 
 AT_REST = 1e-6
@@ -93,6 +94,8 @@ def directed_loop(loop: Loop, torque: Floats, jacobian: Floats, cascade: Boolean
         fast = FAST * float(np.linalg.norm(held.a, 2))
         found.set_held(held.a, held.b, held.c, *_hessenberg(held.a, held.b, held.c), fast, loop.ticks * time, time)
     controller, boundary = loop.parts.controller, Boundary(loop)
+    if (modes := mode_functions(loop.parts)) is not None:
+        found.set_modes(modes)
     shaping = controller.shaping(time)
     found.set_law(*controller.velocity(time), *integrator(time), shaping.zeros, shaping.poles, shaping.gain)
     settles = AT_REST if plant.gravity_stiffness is not None else 0.0

@@ -15,7 +15,7 @@ from ..linear.transfer_function import Factored, growth
 from ..native import _core
 from ..system.assembly import current_loop
 from ..system.controller import gain_matrix
-from ..system.loop import Loop
+from ..system.loop import Loop, Parts
 from ..system.modes import Modes
 
 APART = 1e-3  # of a current loop's pole: its two, or one of the plant's, that are closer count as one, whose response is another
@@ -67,25 +67,18 @@ class ModalLoop:
         laws = _Laws.of(parts.controller.on_joints(loop.size, step), loop.gain)
         if np.any(laws.gains <= 0) or np.any(growth(laws.poles, step) >= 0):
             return None
-        corners = np.abs(modes.poles.imag)
+        corners, first, delays = np.abs(modes.poles.imag), drives[0], np.array([drive.delay for drive in drives])
+        core = mode_functions(parts)
+        if core is None:
+            return None
         if step is None:
             currents = {drive: current_loop(drive) for drive in set(drives)}
             laws = laws.times([currents[drive] for drive in drives])
-            late, fraction, current, lag = np.array([drive.delay for drive in drives]), 0.0, (0.0, 0.0), 0.0
+            late, lag = delays, 0.0
         else:
-            first = drives[0]
-            if any(drive != first for drive in drives) or (not first.is_ideal and abs(first.damping_ratio**2 - 1) < APART):
-                return None
-            whole, part = split_delay(np.array([drive.delay for drive in drives]), step)
-            late, fraction, corners = whole * step, float(part[0]), np.append(corners, 0.5 * np.pi / step)
-            current = (0.0, 0.0) if first.is_ideal else (first.bandwidth, first.damping_ratio)
-            fast = current_loop(first).poles
-            if np.any(np.abs(np.concatenate([modes.poles, modes.partners])[:, None] - fast) < APART * np.abs(fast)):
-                return None
-            lag = (0.5 + fraction) * step + (0.0 if first.is_ideal else 2 * first.damping_ratio / first.bandwidth)
-        core = _core.ModalLoop(
-            modes.rigid, modes.shapes, modes.poles, modes.partners, *current, fraction, step or 0.0, INEXACT * modes.inexact
-        )
+            whole, part = split_delay(delays, step)
+            late, corners = whole * step, np.append(corners, 0.5 * np.pi / step)
+            lag = (0.5 + float(part[0])) * step + (0.0 if first.is_ideal else 2 * first.damping_ratio / first.bandwidth)
         core.set_laws(laws.zeros, laws.poles, laws.counts, laws.gains, late)
         leads, turns = laws.turns()
         return cls(
@@ -145,6 +138,27 @@ class ModalLoop:
         grid = grid[np.append(np.diff(grid) > NARROWEST * grid[1:], True)]
         grid[0] = low
         return grid
+
+
+def mode_functions(parts: Parts) -> "_core.ModalLoop | None":
+    """The functions of frequency of a plant's modes, without laws: sampled, behind hold, current loop and the fraction of a tick of delay.
+
+    None where modes or these functions are not known: encoders on the links, friction to ground, different drives of a sampled loop, equal
+    poles.
+    """
+    modes, drives, step = parts.plant.modes, parts.drives, parts.sample_time
+    if modes is None or parts.feedback != "motor":
+        return None
+    current, fraction, first = (0.0, 0.0), 0.0, drives[0]
+    if step is not None:
+        if any(drive != first for drive in drives) or (not first.is_ideal and abs(first.damping_ratio**2 - 1) < APART):
+            return None
+        fraction = float(split_delay(np.array([first.delay]), step)[1][0])
+        if not first.is_ideal:
+            current, fast = (first.bandwidth, first.damping_ratio), current_loop(first).poles
+            if np.any(np.abs(np.concatenate([modes.poles, modes.partners])[:, None] - fast) < APART * np.abs(fast)):
+                return None
+    return _core.ModalLoop(modes.rigid, modes.shapes, modes.poles, modes.partners, *current, fraction, step or 0.0, INEXACT * modes.inexact)
 
 
 class Crossing(NamedTuple):

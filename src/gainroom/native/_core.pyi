@@ -229,6 +229,9 @@ class DirectedLoop:
         delay: Floats,
         step: float,
     ) -> None: ...
+    def set_modes(self, modes: ModalLoop) -> None:
+        """From now on responses are summed over modes where s is about jω."""
+
     def set_law(
         self,
         velocity_above: Floats,

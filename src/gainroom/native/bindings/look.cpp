@@ -67,6 +67,11 @@ static void set_held(DirectedLoop& loop, Matrix a, Matrix b, Matrix c, Matrix he
     loop.last = gainroom::kPi / step;
 }
 
+static void set_modes(DirectedLoop& loop, const gainroom::ModalLoop& modes) {
+    require(modes.size == loop.actuated.size && modes.step == loop.actuated.step, "the modes are those of another loop");
+    loop.actuated.modes = modes;
+}
+
 static void set_law(DirectedLoop& loop, Vector velocity_above, Vector velocity_below, Vector integral_above, Vector integral_below,
                     ComplexVector zeros, ComplexVector poles, double gain) {
     loop.velocity = {listed(velocity_above), listed(velocity_below)};
@@ -198,6 +203,7 @@ void bind_look(nb::module_& m) {
              nb::arg("resisted"), nb::arg("contacts"), nb::arg("drives"), nb::arg("motor_side"))
         .def("set_held", &set_held, nb::arg("a"), nb::arg("b"), nb::arg("c"), nb::arg("hessenberg"), nb::arg("turned_b"), nb::arg("turned_c"),
              nb::arg("fast"), nb::arg("delay"), nb::arg("step"))
+        .def("set_modes", &set_modes, nb::arg("modes"))
         .def("set_law", &set_law, nb::arg("velocity_above"), nb::arg("velocity_below"), nb::arg("integral_above"), nb::arg("integral_below"),
              nb::arg("zeros"), nb::arg("poles"), nb::arg("gain"))
         .def("set_boundary", &set_boundary, nb::arg("grid"), nb::arg("tilt"), nb::arg("unstable_poles"), nb::arg("settles"))

@@ -114,18 +114,18 @@ class ModalLoop {
 
     bool pairs() const { return !partners.empty(); }
 
-    // f₀ and f_k (modes) at ω.
-    void functions(double omega, Complex& f0, Complex* f) const {
+    // f₀ and f_k (modes) at s = ω (tilt + j), |tilt| ≪ 1.
+    void functions(double omega, Complex& f0, Complex* f, double tilt = 0.0) const {
         const double x = Cell::weight(omega, step);
         if (step == 0) {
             f0 = -1.0;
             for (std::size_t k = 0; k < modes; k++) {
-                const Complex away = Complex(0.0, omega) - poles[k];
-                f[k] = x * over(1.0, pairs() ? times(away, Complex(0.0, omega) - partners[k]) : away);
+                const Complex s(omega * tilt, omega), away = s - poles[k];
+                f[k] = x * over(1.0, pairs() ? times(away, s - partners[k]) : away);
             }
             return;
         }
-        const Complex z = std::polar(1.0, omega * step);
+        const Complex z = std::polar(std::exp(omega * tilt * step), omega * step);
         Complex fast[2] = {0.0, 0.0};
         for (std::size_t q = 0; q < current_.size(); q++) fast[q] = current_[q].at(z);
         for (std::size_t k = 0; k < modes; k++) {
