@@ -78,7 +78,7 @@ class Case:
         """The same, however far they are from what is asked for."""
         key = gains.tobytes()
         if key not in self._whole:
-            self._whole[key] = self._judged(gains, look(self._directed, gains, WHOLE))
+            self._whole[key] = self._judged(gains, look(self._directed, gains, WHOLE.wider(self._reach)))
         return self._whole[key]
 
     def _judged(self, gains: Gains, seen: "_core.Look") -> Margins:
