@@ -6,7 +6,7 @@ STAMP := $(VENV)/.installed
 NATIVE := build/native/.built
 DEMO := build/demo
 
-.PHONY: demo test tests bench lint format lock wheels clean
+.PHONY: demo test tests docs bench lint format lock wheels clean
 
 demo: $(NATIVE)
 	@mkdir -p $(DEMO)
@@ -15,9 +15,9 @@ demo: $(NATIVE)
 	$(BIN)/gainroom example testbed > $(DEMO)/testbed.yaml
 	$(BIN)/gainroom joint $(DEMO)/testbed.yaml --report $(DEMO)/testbed.html
 
-# Side by side, as the types take one core a third of a minute.
+# Side by side, as types and documentation take one core half a minute.
 test: $(NATIVE)
-	@$(MAKE) --no-print-directory --jobs=2 lint tests
+	@$(MAKE) --no-print-directory --jobs=2 tests lint docs
 
 tests: $(NATIVE)
 	$(BIN)/pytest -n 2 --dist worksteal -q
@@ -26,6 +26,11 @@ lint: $(STAMP)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright
+
+# All of it every time, as pages that have not changed would not warn again.
+docs: $(NATIVE)
+	@rm -rf build/docs
+	$(BIN)/sphinx-build -q -E -W --keep-going -d build/doctrees docs build/docs
 
 format: $(STAMP)
 	$(BIN)/ruff check --fix .
