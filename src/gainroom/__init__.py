@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from .system.controller import PD, PID, PPI, Compensator
     from .system.drive import Drive
     from .system.filters import LowPass, Notch
+    from .system.gain_path import GainPath
     from .system.loop import Loop, build_loop, loop_from
     from .system.plant import Compliance, ElasticJoint, Plant
     from .system.requirements import Requirements
@@ -41,6 +42,7 @@ _HOME = {
     "system.drive": ("Drive",),
     "system.controller": ("PD", "PID", "PPI", "Compensator"),
     "system.filters": ("LowPass", "Notch"),
+    "system.gain_path": ("GainPath",),
     "system.loop": ("Loop", "build_loop", "loop_from"),
     "system.closed_loop": ("closed_loop", "ClosedLoop"),
     "analysis.stability": ("is_stable", "rightmost_roots", "Roots"),
@@ -77,6 +79,7 @@ __all__ = [
     "Feature",
     "Friction",
     "GainLimit",
+    "GainPath",
     "GainTracker",
     "GainScheduler",
     "GainTable",

@@ -15,6 +15,7 @@ from .gain_limit import gain_limit
 from .loci import Sweep
 from .margin_record import GainCrossing, GainLimit, Margins, OneLoop, PhaseCrossing
 from .stability import scan_loop, unstable_roots
+from .two_paths import TwoPaths
 
 NOTHING, _, _, ENDLESS, FAILED = range(5)  # of Found in delay_margin.hpp
 
@@ -23,9 +24,12 @@ def margins(loop: Loop) -> Margins:
     """All margins of a loop of n >= 1 joints: for one joint from the certified scan, else from the characteristic loci.
 
     The delay margin of a sampled loop that was built from its parts is exact for any fraction of a tick; that of a sampled LTI system,
-    and those listed with the crossings, count a fraction of a tick as the phase that it costs.
+    and those listed with the crossings, count a fraction of a tick as the phase that it costs. Where kd closes on a path of its own, peak
+    sensitivities and the disk margin are not known (NaN).
     Raises GainroomError for several joints whose gains are all zero, or whose loci cannot be followed.
     """
+    if loop.kd_path is not None:
+        return TwoPaths(loop).margins()
     if loop.size > 1:
         return coupled_margins(loop)
     found = margins_of(loop, scan_loop(loop))
@@ -42,7 +46,7 @@ def joint_margins(loop: Loop) -> Margins:
     """
     if loop.parts is None:
         raise GainroomError("joint_margins needs a loop built with build_loop; use margins for a scalar return ratio")
-    if loop.size == 1:
+    if loop.size == 1 and loop.kd_path is None:
         limit, found = gain_limit(loop), margins(loop)
         gains = one_loop_margins(Sweep(loop)) if found.stable else OneLoop.unknown(1)
         one_loop = replace(found.one_loop, certified=gains.certified, largest_kp=gains.largest_kp, largest_kd=gains.largest_kd)

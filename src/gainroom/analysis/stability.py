@@ -18,6 +18,7 @@ from ..system.loop import Loop
 from .crossings import Scan, scan
 from .loci import Sweep
 from .sampled_scan import scan_callable
+from .two_paths import TwoPaths
 
 RESOLUTION = 1e-13  # of a root, relative to the largest element of the state matrix
 MOST_STATES = 1000  # with discretised delay lines, for a proof that may as well be had from elsewhere
@@ -66,6 +67,8 @@ def unstable_roots(loop: Loop, scan: Scan | None = None) -> int:
     Those on it count where the gains move them. A motion that no gain moves (a joint without kp drifts, a spring that neither sensor nor
     motor sees rings on) counts only where it grows; without any gain at all, everything on the boundary counts.
     """
+    if loop.kd_path is not None:
+        return TwoPaths(loop).unstable()
     if loop.scalar is None and loop.function is None:
         return _coupled_unstable_roots(loop)
     if _is_lost_at_infinity(loop):
@@ -108,6 +111,7 @@ def rightmost_roots(loop: Loop, count: int = 6) -> Roots:
     Raises GainroomError for a loop given as a callable: it has no state space.
     """
     require_count("rightmost_roots", "count", count, 1)
+    loop.require_one_path("a root in s")
     if loop.open_loop is None:
         raise GainroomError("rightmost_roots needs a loop built with build_loop or from an LTI system, not a callable")
     system = _characteristic(loop)
@@ -128,6 +132,8 @@ def rightmost_roots(loop: Loop, count: int = 6) -> Roots:
 
 def has_growing_root(loop: Loop) -> bool:
     """True where a polished closed-loop root proves a loop of several joints unstable; False proves nothing."""
+    if loop.kd_path is not None:
+        return TwoPaths(loop).unstable() > 0
     system = _characteristic(loop)
     plain = loop.sample_time is not None or not np.any(system.delays > 0)
     for nodes in (0,) if plain else (12, 20, 32):

@@ -13,6 +13,7 @@ from ..linear.state_space import StateSpace, realize
 from ..linear.transfer_function import Factored, ratio
 from .controller import Controller, gain_matrix
 from .drive import Drive
+from .gain_path import GainPath
 from .plant import Plant
 
 Feedback = Literal["motor", "link"]
@@ -20,13 +21,14 @@ Feedback = Literal["motor", "link"]
 
 @dataclass(frozen=True)
 class Parts:
-    """What a loop was built from."""
+    """What a loop was built from; `kd_path` None: kd closes with all other gains."""
 
     plant: Plant
     drives: tuple[Drive, ...]
     controller: Controller
     feedback: Feedback
     sample_time: float | None
+    kd_path: GainPath | None = None
 
 
 def actuated_state(plant: Plant, drives: tuple[Drive, ...]) -> StateSpace:

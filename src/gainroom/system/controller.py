@@ -181,6 +181,16 @@ class Controller:
         """By name, the controllers that one diagonal gain, kp or kd, makes by itself when it is 1; empty where gains do not act so."""
         return {}
 
+    def without_kd(self) -> "Controller":
+        """All gains but kd. Raises GainroomError where the controller has no kd that acts by itself."""
+        if "kd" not in self.gain_names():
+            raise GainroomError(f"kd_path: is for controllers with a kd, PD and PID, not for {self.kind}")
+        return replace(self, kd=0.0, velocity_filter=None)  # type: ignore[call-arg] - it has one
+
+    def kd_alone(self) -> "Controller":
+        """kd with its filters, no other gain; for controllers that have `without_kd`."""
+        return replace(self, **{name: 0.0 for name in self.gain_names() if name != "kd"})
+
     def scaled(self, factor: float) -> "Controller":
         """The same controller with its whole output multiplied by `factor`."""
         return replace(self, **{name: factor * getattr(self, name) for name in self.gain_names()})

@@ -20,6 +20,7 @@ from ..linear.transfer_function import Factored, ratio
 from .assembly import Feedback, Parts, controller_state
 from .controller import Compensator, Controller, gain_matrix
 from .drive import Drive
+from .gain_path import GainPath, samples_in_common
 from .measured_response import measured_signals, measured_state, sampled_scalar, unsampled_scalar
 from .plant import ElasticJoint, Plant
 
@@ -58,6 +59,7 @@ class Loop:
     def __repr__(self) -> str:
         time = "continuous" if self.sample_time is None else f"sample_time {self.sample_time:g} s"
         made = "" if self.parts is None else f", {type(self.parts.controller).__name__}, {self.parts.feedback} feedback"
+        made += "" if self.kd_path is None else ", kd on a path of its own"
         scale = "" if self.gain == 1 else f", gains times {self.gain:g}"
         return f"Loop({self.size} joint{'s' * (self.size > 1)}, {time}{made}{scale})"
 
@@ -68,11 +70,22 @@ class Loop:
             return None
         return (self.actuated * self.control).scaled(self.gain)
 
+    @property
+    def kd_path(self) -> GainPath | None:
+        """The path of kd where that is one of its own; None: all gains close together."""
+        return None if self.parts is None else self.parts.kd_path
+
+    def require_one_path(self, what: str) -> None:
+        """Raise GainroomError where kd closes on a path of its own, for which `what` is not known."""
+        if self.kd_path is not None:
+            raise GainroomError(f"kd_path: {what} is not known where kd closes at another rate or delay than the other gains")
+
     @cached_property
     def open_loop(self) -> StateSpace | None:
         """From torque command to controller output without `delays` (in sampled time they are states); None for callables."""
         if self.parts is None:
             return self.given
+        self.require_one_path("one state space")
         return controller_state(self.parts.controller, self.size, self.sample_time) @ measured_signals(self.parts)
 
     @cached_property
@@ -91,6 +104,7 @@ class Loop:
 
     def at(self, s: ArrayLike) -> Complexes:
         """L at complex s [1/s] (k,); in sampled time at z = e^{s T_s}. Shape (k,) for n = 1, else (k, n, n)."""
+        self.require_one_path("a frequency response")
         points = np.atleast_1d(np.asarray(s, dtype=complex))
         if self.scalar is not None:
             return self.scalar.at(points)
@@ -107,6 +121,7 @@ class Loop:
 
     def actuated_at(self, s: Complexes) -> Complexes:
         """P C e^{−sT}, torque command → measured position, (k, n, n) of a loop built with build_loop at complex s (k,) [rad/(N m)]."""
+        self.require_one_path("a frequency response")
         if self.actuated is not None:
             return self.actuated.at(s).reshape(-1, 1, 1)
         return self._actuated_at(s, self.variable(s))
@@ -180,6 +195,7 @@ class Loop:
         """Torque command → measured positions with hold, current loops and the delays beyond whole ticks."""
         assert self.parts is not None
         assert self.sample_time is not None
+        self.require_one_path("one sampled plant")
         _, fraction = split_delay(np.array([drive.delay for drive in self.parts.drives]), self.sample_time)
         return hold(measured_state(self.parts, "position"), fraction * self.sample_time, self.sample_time)
 
@@ -196,20 +212,22 @@ class Loop:
         """The same plant and drives under a controller that differs in its gains alone: with the same filters, notches and type."""
         assert self.parts is not None
         if self.size == 1:
-            return build_loop(self.parts.plant, self.parts.drives, controller, self.parts.feedback, self.sample_time)
+            return build_loop(self.parts.plant, self.parts.drives, controller, self.parts.feedback, self.sample_time, self.kd_path)
         found = replace(self, parts=replace(self.parts, controller=controller))
         vars(found)["corner_frequencies"] = self.corner_frequencies  # of plant, drives and filters
         return found
 
     def delayed(self, extra: float) -> "Loop":
-        """The same loop of parts with `extra` [s] more delay in every drive."""
+        """The same loop of parts with `extra` [s] more delay in every drive, and on the path of kd."""
         assert self.parts is not None
-        parts = replace(self.parts, drives=tuple(replace(drive, delay=drive.delay + extra) for drive in self.parts.drives))
-        if self.size == 1:  # the controller stays, and a delay moves no pole
+        path = None if self.kd_path is None else replace(self.kd_path, delay=self.kd_path.delay + extra)
+        drives = tuple(replace(drive, delay=drive.delay + extra) for drive in self.parts.drives)
+        parts = replace(self.parts, drives=drives, kd_path=path)
+        if self.size == 1 and path is None:  # the controller stays, and a delay moves no pole
             assert self.unsampled is not None
             later = replace(self.unsampled, delay=parts.drives[0].delay)
             return replace(self, actuated=sampled_scalar(later, self.sample_time), unsampled=later, parts=parts)
-        return build_loop(parts.plant, parts.drives, parts.controller, parts.feedback, parts.sample_time).scaled(self.gain)
+        return build_loop(parts.plant, parts.drives, parts.controller, parts.feedback, parts.sample_time, path).scaled(self.gain)
 
     @property
     def _delays(self) -> Floats:
@@ -234,6 +252,7 @@ def build_loop(
     controller: Any,
     feedback: Feedback = "motor",
     sample_time: float | None = None,
+    kd_path: GainPath | None = None,
 ) -> Loop:
     """The loop of one joint or of n.
 
@@ -242,6 +261,8 @@ def build_loop(
     controller   PD, PID, PPI, Compensator, or any scalar LTI of python-control or scipy.signal
     feedback     "motor" or "link": the side of the gearbox the encoder is on
     sample_time  [s]; None: continuous. Sampled: torque held between ticks, any delay, exact
+    kd_path      for a sampled PD or PID whose kd closes at a rate and delay of its own; None: with the other gains. Its margins come from
+                 the eigenvalues over a common period (period_map.py); it has no frequency response
 
     Raises GainroomError for input that does not fit together.
     """
@@ -257,7 +278,9 @@ def build_loop(
         controller = Compensator(system=factored_from(controller))
     if plant.size > 1:
         controller.require_size(plant.size)
-    parts = Parts(plant, drives, controller, feedback, sample_time)
+    parts = Parts(plant, drives, controller, feedback, sample_time, kd_path)
+    if kd_path is not None:
+        return _two_paths(parts)
     delays = np.array([drive.delay for drive in drives]) if sample_time is None else np.zeros(plant.size)
     if plant.size > 1:
         loop = Loop(plant.size, sample_time, delays=delays, parts=parts)
@@ -269,6 +292,17 @@ def build_loop(
     actuated = sampled_scalar(unsampled, sample_time)
     unstable = (actuated * control).unstable_poles
     return Loop(1, sample_time, actuated, control, delays, unstable_poles=unstable, parts=parts, unsampled=unsampled)
+
+
+def _two_paths(parts: Parts) -> Loop:
+    """The loop whose kd closes on a path of its own. Raises GainroomError where the two cannot be followed together."""
+    assert parts.kd_path is not None
+    if parts.sample_time is None:
+        raise GainroomError("kd_path: needs sample_time, the other gains' own: where kd closes apart, both are sampled")
+    samples_in_common(parts.sample_time, parts.kd_path.sample_time)
+    for controller, step in ((parts.controller.without_kd(), parts.sample_time), (parts.controller.kd_alone(), parts.kd_path.sample_time)):
+        controller_state(controller, parts.plant.size, step)  # refuses filters that are too fast for their rate
+    return Loop(parts.plant.size, parts.sample_time, delays=np.zeros(parts.plant.size), parts=parts)
 
 
 def _drives(drive: Any, size: int) -> tuple[Drive, ...]:

@@ -1,0 +1,235 @@
+"""Margins of a loop whose kd closes on a path of its own, from the eigenvalues of its common period (period_map.py).
+
+Such a loop is periodic: gain, phase and delay margins are those of a common factor, real or complex, or delay on what is measured, and
+each is confirmed by counting the eigenvalues outside the unit circle on both sides. Peak sensitivities and the disk margin are of loops
+with a frequency response; they stay unknown (NaN).
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..errors import GainroomError
+from ..linear.arrays import Complexes, Floats
+from ..system.loop import Loop
+from .first_crossing import SEARCH, Certificate
+from .margin_record import GainLimit, Margins, OneLoop
+from .period_map import PeriodMap
+
+HIGHEST, LOWEST = 1e3, 1e-3
+"""Factors on gains that are searched, as for other coupled loops."""
+FINEST, WIDEST, FIRST = 2e-3, 0.5, 0.02
+"""Steps of ln factor, of a phase [rad], or of a delay over the common period."""
+COARSE_DOWN = 0.02
+"""Steps of ln factor in which lower gains are tried on an unstable loop."""
+MOST_LATER = 500
+"""States of Φ up to which more delay is tried."""
+BULGE = 0.25
+"""Of a step of an eigenvalue: how far its path may lie beside the straight line."""
+ACCURACY = 1e-13
+RESTING = 1e-5
+"""How near to the unit circle, and how fixed, an eigenvalue is that no gain moves."""
+
+Spectrum = Callable[[float], Complexes]
+
+
+@dataclass(frozen=True)
+class Lost:
+    """Where the first eigenvalue leaves the unit circle: at t; with counts on both sides."""
+
+    at: float
+    certificate: Certificate
+
+
+class TwoPaths:
+    """The eigenvalues of one loop under changes of its gains, phases and delays."""
+
+    def __init__(self, loop: Loop) -> None:
+        self.loop, self.map = loop, PeriodMap(loop)
+        self._resting = np.zeros(0)
+        there, elsewhere = self.values(), self.values(0.7, 0.7)
+        near = there[np.abs(np.abs(there) - 1) < RESTING]
+        self._resting = near[[bool(np.abs(elsewhere - one).min() < RESTING) for one in near]] if len(near) else near
+
+    def values(self, others: object = 1.0, kd: object = 1.0, later: tuple[float, float] = (0.0, 0.0)) -> Complexes:
+        """Eigenvalues of Φ but for those that rest on the circle whatever the gains: a joint without kp drifts."""
+        matrix = (PeriodMap(self.loop, later) if any(later) else self.map).matrix(others, kd)
+        if not np.all(np.isfinite(matrix)):
+            raise GainroomError("loop: its numbers are too large to compute with")
+        found = np.linalg.eigvals(matrix).astype(complex)
+        for one in self._resting:
+            at = int(np.argmin(np.abs(found - one)))
+            if abs(found[at] - one) < 10 * RESTING:
+                found[at] = 0.0
+        return found
+
+    def unstable(self) -> int:
+        """Eigenvalues outside the unit circle."""
+        return _outside(self.values())
+
+    def limit(self) -> GainLimit:
+        """Of the common factor on all gains, as gain_limit has it. Raises GainroomError where it cannot be certified."""
+
+        def spectrum(factor: float) -> Complexes:
+            return self.values(factor, factor)
+
+        assert self.loop.parts is not None
+        if not self.loop.parts.controller.terms():
+            raise GainroomError("gain_limit: all gains are zero")
+        stable, inside = self.unstable() == 0, 0.0
+        if not stable:
+            tried = np.arange(-COARSE_DOWN, math.log(LOWEST), -COARSE_DOWN).tolist()
+            found = next((one for one in tried if not _outside(spectrum(math.exp(one)))), None)
+            if found is None:
+                return replace(GainLimit.unknown(self.loop.size, stable=False), gain=0.0)
+            inside = found
+        upper = first_lost(spectrum, inside, math.log(HIGHEST), exp=True)
+        lower = first_lost(spectrum, inside, math.log(LOWEST), exp=True)
+        for end in (upper, lower):
+            if end is not None and not end.certificate.holds:
+                raise GainroomError("gain_limit: the eigenvalues of two paths could not be followed to a certified limit")
+        below = (0.0, None, math.nan) if lower is None else (lower.at, lower.certificate, self._seen(lower.at, lower.at)[0])
+        if upper is None:
+            return GainLimit(stable, math.inf, below[0], math.nan, np.ones(self.loop.size, dtype=complex), None, below[1], below[2])
+        omega, mode = self._seen(upper.at, upper.at)
+        return GainLimit(stable, upper.at, below[0], omega, mode, upper.certificate, below[1], below[2])
+
+    def _seen(self, others: object, kd: object) -> tuple[float, Complexes]:
+        omega, mode = self.map.vibration(others, kd)
+        return abs(omega), mode
+
+    def margins(self) -> Margins:
+        """All that is known."""
+        limit, size = self.limit(), self.loop.size
+        if not limit.stable:
+            return replace(Margins.unknown(limit), unstable_roots=self.unstable())
+        phase = first_lost(lambda t: self.values(_turned(t), _turned(t)), 0.0, math.pi)
+        more, searched = self._more_delay()
+        one_loop = self._one_loop(limit, phase)
+        sign, at = 1.0, math.nan
+        if phase is not None:
+            omega, _ = self.map.vibration(_turned(phase.at), _turned(phase.at))
+            sign, at = math.copysign(1.0, omega), abs(omega)
+        delayed = math.nan if more is None else abs(PeriodMap(self.loop, (more.at, more.at)).vibration()[0])
+        held = [limit.certified, *(one.certificate.holds for one in (phase, more) if one is not None), bool(one_loop.certified.all())]
+        return Margins(
+            limit,
+            one_loop,
+            phase_margin=math.inf if phase is None else sign * phase.at,
+            gain_crossover=at,
+            delay_margin=more.at if more is not None else math.inf if searched else math.nan,
+            delay_crossover=delayed,
+            certified=all(held) and (size == 1 or searched or more is not None),
+            phase_certificate=None if phase is None else phase.certificate,
+            delay_certificate=None if more is None else more.certificate,
+        )
+
+    def _more_delay(self) -> tuple[Lost | None, bool]:
+        """The smallest delay more on both paths [s]; and whether all up to 1 s were tried where there is none."""
+        period, path = self.map.period, self.loop.kd_path
+        assert path is not None
+        parts = self.loop.parts
+        assert parts is not None
+        assert parts.sample_time is not None
+        per_second = self.loop.size * (1 / parts.sample_time + 1 / path.sample_time)
+        farthest = min(1.0, max(0.0, MOST_LATER - self.map.states) / per_second)
+        found = first_lost(lambda t: self.values(later=(t * period, t * period)), 0.0, farthest / period)
+        return None if found is None else replace(found, at=found.at * period), farthest == 1.0
+
+    def delay_of_others(self) -> float:
+        """The delay [s] of the other gains' path at which the loop is lost, that of kd as it is; inf where there is none up to 1 s."""
+        period = self.map.period
+        assert self.loop.parts is not None
+        own = max(drive.delay for drive in self.loop.parts.drives)
+        found = first_lost(lambda t: self.values(later=(t * period, 0.0)), 0.0, 1.0 / period)
+        return math.inf if found is None else own + found.at * period
+
+    def _one_loop(self, limit: GainLimit, phase: Lost | None) -> OneLoop:
+        """What each joint measures, the others' as they are."""
+        size = self.loop.size
+        if size == 1:
+            alone = limit.gain, limit.lower_gain, math.inf if phase is None else phase.at
+            largest = [first_lost(way, 0.0, math.log(HIGHEST), exp=True) for way in (self.values, lambda t: self.values(1.0, t))]
+            held = all(one is None or one.certificate.holds for one in largest) and limit.certified
+            columns = [np.array([one]) for one in (*alone, held)]
+            assert self.loop.parts is not None
+            kp, kd = (
+                np.atleast_1d(self.loop.gain * getattr(self.loop.parts.controller, name) * (math.inf if end is None else end.at))
+                for name, end in zip(("kp", "kd"), largest, strict=True)
+            )
+            return OneLoop(*columns, largest_kp=kp, largest_kd=kd)
+        found = [self._of_joint(k) for k in range(size)]
+        return OneLoop(*(np.array(column) for column in zip(*found, strict=True)))
+
+    def _of_joint(self, joint: int) -> tuple[float, float, float, bool]:
+        """Largest and smallest factor, smallest phase, and whether they are certified."""
+        unit = np.eye(self.loop.size)[joint]
+
+        def scaled(factor: complex) -> Complexes:
+            own = 1 + (factor - 1) * unit
+            return self.values(own, own)
+
+        ends = (
+            first_lost(scaled, 0.0, math.log(HIGHEST), exp=True),
+            first_lost(scaled, 0.0, math.log(1e-3), exp=True),
+            first_lost(lambda t: scaled(_turned(t)), 0.0, math.pi),
+        )
+        upper, lower, turn = (none if end is None else end.at for end, none in zip(ends, (math.inf, 0.0, math.inf), strict=True))
+        return upper, lower, turn, all(end is None or end.certificate.holds for end in ends)
+
+
+def first_lost(values: Spectrum, start: float, stop: float, exp: bool = False) -> Lost | None:
+    """The first t from `start`, where all is stable, to `stop` at which an eigenvalue leaves the unit circle; None where none does.
+
+    values   (m,) eigenvalues at t, or at e^t where `exp`
+
+    Steps are so short, down to FINEST, that the path of an eigenvalue from inside the circle to inside cannot bulge beyond it.
+    """
+    way, size = math.copysign(1.0, stop - start), math.exp if exp else float
+
+    def at(t: float) -> Complexes:
+        return values(size(t))
+
+    here, there, step = start, at(start), FIRST
+    while way * here < way * stop:
+        ahead = here + way * min(step, way * (stop - here))
+        found = at(ahead)
+        if step > FINEST and (_outside(found) or _may_pass(there, found)):
+            step = max(FINEST, step / 2)
+            continue
+        if _outside(found):
+            return _between(at, here, ahead, way, size, values)
+        here, there, step = ahead, found, min(WIDEST, 2 * step)
+    return None
+
+
+def _between(at: Spectrum, stable: float, lost: float, way: float, size: Callable[[float], float], values: Spectrum) -> Lost:
+    from scipy.optimize import brentq
+
+    exact: Any = brentq(lambda t: np.abs(at(t)).max() - 1, stable, lost, xtol=ACCURACY * max(abs(lost), 1e-6))
+    found = size(exact)
+    inside, outside = (_outside(values(found * (1 + side * way * SEARCH.nudge))) for side in (-1, 1))
+    return Lost(found, Certificate(inside, outside))
+
+
+def _may_pass(before: Complexes, after: Complexes) -> bool:
+    """Whether an eigenvalue may have left the circle, and come back, on its way from one set to the next: chords stay inside."""
+    from scipy.optimize import linear_sum_assignment
+
+    count = max(len(before), len(after))
+    first, second = (np.concatenate([one, np.zeros(count - len(one))]) for one in (before, after))
+    away = np.abs(first[:, None] - second)
+    rows, columns = linear_sum_assignment(away)
+    left: Floats = 1 - np.maximum(np.abs(first[rows]), np.abs(second[columns]))
+    return bool(np.any(BULGE * away[rows, columns] > left))
+
+
+def _outside(values: Complexes) -> int:
+    return int(np.count_nonzero(np.abs(values) > 1))
+
+
+def _turned(phase: float) -> complex:
+    return complex(np.exp(-1j * phase))

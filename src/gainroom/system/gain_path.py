@@ -1,0 +1,44 @@
+"""Where the gains on velocity close when not with the others: on the drive, at its own rate and delay, while kp comes over a bus."""
+
+from dataclasses import dataclass
+from fractions import Fraction
+
+from ..errors import GainroomError, require_positive
+
+MOST_PARTS = 20
+"""The slower of two rates takes at most this many samples in their common period."""
+MOST_SAMPLES = 1000
+"""Likewise the faster one: the period is followed sample by sample."""
+EQUAL = 1e-9
+"""Relative deviation from a ratio of whole numbers that counts as rounding."""
+
+
+@dataclass(frozen=True)
+class GainPath:
+    """The path of kd from measurement to torque.
+
+    delay        [s], in place of the drive's, which is that of all other gains
+    sample_time  [s] likewise, in place of the loop's; the velocity is differenced and filtered at this rate
+    """
+
+    delay: float
+    sample_time: float
+
+    def __post_init__(self) -> None:
+        require_positive("kd_path", "delay", self.delay, "s", zero=True)
+        require_positive("kd_path", "sample_time", self.sample_time, "s")
+
+
+def samples_in_common(first: float, second: float) -> tuple[int, int]:
+    """How often two loops with sample times `first` and `second` [s] sample in their common period.
+
+    Raises GainroomError where the ratio of their rates is not one of small whole numbers.
+    """
+    ratio = Fraction(second / first).limit_denominator(MOST_SAMPLES)
+    few, many = sorted((ratio.numerator, ratio.denominator))
+    if not 0 < few <= MOST_PARTS or many > MOST_SAMPLES or abs(second / first - float(ratio)) > EQUAL * second / first:
+        raise GainroomError(
+            f"kd_path: the rates of kd, {1 / second:.10g} Hz, and of the other gains, {1 / first:.10g} Hz, must have a ratio of small "
+            f"whole numbers, as 40 or 5/2 (at most {MOST_SAMPLES}/1 and {MOST_PARTS} in the smaller)"
+        )
+    return ratio.numerator, ratio.denominator

@@ -1,0 +1,85 @@
+"""Two loops with rates of their own around one machine, as one matrix over their common period. Nothing of gainroom is used.
+
+The gains on velocity (power 1 of V) are computed every `fast` ticks and act `fast_late` ticks after; all others every `slow` ticks and
+`slow_late` ticks after. A tick is short enough for all four to be whole. Every torque that was asked for is kept in a line, tick by tick;
+the physics between two ticks is one matrix exponential; and the matrix is what a period makes of every unit state.
+"""
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from math import lcm
+
+import numpy as np
+from scipy.linalg import expm
+
+from .machine import Machine, actuated, law
+
+
+@dataclass(frozen=True)
+class TwoRates:
+    """A Machine (its own delay and sample time do not count) with ticks of `tick` [s]."""
+
+    machine: Machine
+    tick: float
+    slow: int
+    slow_late: int
+    fast: int
+    fast_late: int
+
+    def scaled(self, slow: complex, fast: complex | None = None) -> "TwoRates":
+        """The gains of the slow and of the fast loop multiplied; the same factor for both where one is given."""
+        factors = slow, slow if fast is None else fast
+        gains = {powers: factors[powers[0]] * gain for powers, gain in self.machine.gains.items()}
+        return replace(self, machine=replace(self.machine, gains=gains))
+
+    def later(self, slow: int, fast: int) -> "TwoRates":
+        """More delay [ticks]."""
+        return replace(self, slow_late=self.slow_late + slow, fast_late=self.fast_late + fast)
+
+    @property
+    def period(self) -> int:
+        return lcm(self.slow, self.fast)
+
+    def matrix(self) -> np.ndarray:
+        """What one common period makes of [plant, memory of both laws, both held torques, both lines]."""
+        n, plant = self.machine.size, actuated(self.machine)
+        flow = expm(self.tick * np.block([[plant.a, plant.b], [np.zeros((n, len(plant.a) + n))]]))
+        states = len(plant.a)
+        move, push = flow[:states, :states], flow[:states, states:]
+        loops = []
+        for every, late, power in ((self.slow, self.slow_late, 0), (self.fast, self.fast_late, 1)):
+            gains = {powers: gain for powers, gain in self.machine.gains.items() if powers[0] == power}
+            loops.append((every, late, law(replace(self.machine, gains=gains, sample_time=every * self.tick))))
+        sizes = [states, *(len(one.a) for _, _, one in loops), n, n, *(late * n for _, late, _ in loops)]
+        total = sum(sizes)
+        edges = np.cumsum([0, *sizes])
+        x, *rest = (np.eye(total, dtype=complex)[low:high] for low, high in pairwise(edges))
+        memory, held, lines = rest[:2], rest[2:4], rest[4:]
+        for k in range(self.period):
+            arriving = np.zeros((n, total), dtype=complex)
+            for i, (every, _, one) in enumerate(loops):
+                if k % every == 0:
+                    measured = np.vstack([plant.c[:n] @ x] * 2)
+                    held[i] = -(one.c @ memory[i] + one.d @ measured)
+                    memory[i] = one.a @ memory[i] + one.b @ measured
+                line = np.vstack([lines[i], held[i]])  # oldest first
+                arriving, lines[i] = arriving + line[:n], line[n:]
+            x = move @ x + push @ arriving
+        return np.vstack([x, *memory, *held, *lines])
+
+    def radius(self) -> float:
+        """Largest |eigenvalue|."""
+        return float(np.abs(np.linalg.eigvals(self.matrix())).max())
+
+
+def first_loss(radius, low: float, high: float, steps: int = 60, halvings: int = 45) -> float:
+    """The first t on a grid from `low` (where radius(t) < 1) to `high` at which radius(t) > 1, then halved; inf where there is none."""
+    grid = np.linspace(low, high, steps + 1)
+    assert radius(grid[0]) < 1
+    for stable, lost in pairwise(grid):
+        if radius(lost) > 1:
+            for _ in range(halvings):
+                middle = 0.5 * (stable + lost)
+                stable, lost = (middle, lost) if radius(middle) < 1 else (stable, middle)
+            return 0.5 * (stable + lost)
+    return np.inf
