@@ -1,25 +1,34 @@
-"""Brings the outputs quoted in README.md and docs/*.md up to date (docs_picture.py draws the picture).
+"""Brings outputs and pictures of README.md and docs/*.md up to date (docs_animation.py draws the one that moves).
 
-    python scripts/docs_output.py            rewrite them
-    python scripts/docs_output.py --check    exit 1 where one is out of date
+    python scripts/docs_output.py [FILES]            rewrite them
+    python scripts/docs_output.py --check [FILES]    exit 1 where an output is out of date
 
-Two kinds of blocks are run, in order, in an empty folder of their own per file:
+Blocks are run in order, in an empty folder of their own per file:
 
-- ```console: every line after `$ ` is a command; what follows it is its output. `gainroom` means this checkout's.
-- ```python: run in one namespace per file; a ```text block right after it is what it prints.
+- ```console: every line after `$ ` is a command; what follows it is its output. `gainroom` means this checkout's, $EXAMPLES its examples.
+- ```python: run in one namespace per file; a ```text block right after it is what it prints. A picture that it saves under the name of one
+  in docs/images replaces that.
+- a block after <!-- file: NAME --> is not run, but written to NAME; <!-- run: COMMAND --> is a command that readers do not see.
 """
 
 import contextlib
 import io
 import os
 import re
+import shutil
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-BLOCK = re.compile(r"^```(console|python)\n(.*?)^```\n(?:\n*^```text\n(.*?)^```\n)?", re.MULTILINE | re.DOTALL)
+IMAGES = ROOT / "docs" / "images"
+BLOCK = re.compile(
+    r"^<!-- file: (?P<file>\S+) -->\n+```\w*\n(?P<text>.*?)^```\n"
+    r"|^<!-- run: (?P<command>.*?) -->\n"
+    r"|^```(?P<kind>console|python)\n(?P<content>.*?)^```\n(?:\n*^```text\n(?P<printed>.*?)^```\n)?",
+    re.MULTILINE | re.DOTALL,
+)
 
 
 def documents() -> list[Path]:
@@ -27,21 +36,29 @@ def documents() -> list[Path]:
     return [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 
 
-def renewed(text: str) -> str:
-    """`text` with its outputs as they are now."""
+def renewed(text: str, images: Path | None = None) -> str:
+    """`text` with its outputs as they are now; pictures that it shows and makes are put into `images`."""
     namespace: dict[str, object] = {}
     with tempfile.TemporaryDirectory() as folder:
 
         def renew(match: re.Match[str]) -> str:
-            kind, content, printed = match.groups()
-            if kind == "console":
-                return f"```console\n{_session(content, folder)}```\n"
-            output = _printed(content, namespace, folder)
-            if printed is None:
-                return match.group(0)
-            return f"```python\n{content}```\n\n```text\n{output}```\n"
+            if match["file"]:
+                (Path(folder) / match["file"]).write_text(match["text"], "utf-8")
+            elif match["command"]:
+                _output(match["command"], folder)
+            elif match["kind"] == "console":
+                return f"```console\n{_session(match['content'], folder)}```\n"
+            else:
+                output = _printed(match["content"], namespace, folder)
+                if match["printed"] is not None:
+                    return f"```python\n{match['content']}```\n\n```text\n{output}```\n"
+            return match.group(0)
 
-        return BLOCK.sub(renew, text)
+        result = BLOCK.sub(renew, text)
+        for name in re.findall(r"images/([\w.-]+)", text) if images else ():
+            if (Path(folder) / name).exists():
+                shutil.copy(Path(folder) / name, images)
+    return result
 
 
 def _session(content: str, folder: str) -> str:
@@ -56,7 +73,7 @@ def _session(content: str, folder: str) -> str:
 def _output(command: str, folder: str) -> str:
     """What a shell prints for `command`, standard error included; any exit status."""
     environment = {**os.environ, "NO_COLOR": "1", "COLUMNS": "100", "PYTHONPATH": str(ROOT / "src")}
-    environment["PYTHONIOENCODING"] = "utf-8"
+    environment |= {"PYTHONIOENCODING": "utf-8", "EXAMPLES": str(ROOT / "examples")}
     script = f'gainroom() {{ "{sys.executable}" -m gainroom "$@"; }}\n{command} 2>&1'
     done = subprocess.run(["sh", "-c", script], cwd=folder, env=environment, capture_output=True, encoding="utf-8")
     return done.stdout
@@ -72,17 +89,18 @@ def _printed(code: str, namespace: dict[str, object], folder: str) -> str:
 
 def main() -> int:
     """Rewrite or check; the exit status."""
+    check = "--check" in sys.argv
     stale = []
-    for path in documents():
+    for path in [Path(each).resolve() for each in sys.argv[1:] if each != "--check"] or documents():
         text = path.read_text("utf-8")
-        now = renewed(text)
+        now = renewed(text, None if check else IMAGES)
         if now != text:
             stale.append(path)
-            if "--check" not in sys.argv:
+            if not check:
                 path.write_text(now, "utf-8")
     for path in stale:
-        print(f"{'out of date' if '--check' in sys.argv else 'renewed'}: {path.relative_to(ROOT)}")
-    return 1 if stale and "--check" in sys.argv else 0
+        print(f"{'out of date' if check else 'renewed'}: {path.relative_to(ROOT)}")
+    return 1 if stale and check else 0
 
 
 if __name__ == "__main__":

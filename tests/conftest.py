@@ -18,5 +18,5 @@ def body():
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """README's robot takes longest: it comes first, so that no process is left with it alone at the end."""
-    items.sort(key=lambda item: "README" not in item.nodeid)
+    """The tutorial's robot takes longest: it comes first, so that no process is left with it alone at the end."""
+    items.sort(key=lambda item: "tutorial_humanoid" not in item.nodeid)

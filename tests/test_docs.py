@@ -45,9 +45,19 @@ SECTIONS = [
 
 
 @pytest.mark.parametrize("path", docs_output.documents(), ids=lambda path: path.name)
-def test_blocks_run_and_print_what_is_shown(path: Path):
+def test_blocks_run_and_print_what_is_shown(path: Path, tmp_path: Path):
     text = path.read_text("utf-8")
-    assert docs_output.renewed(text) == text, f"run: python {Path(docs_output.__file__).relative_to(ROOT)}"
+    assert docs_output.renewed(text, tmp_path) == text, f"run: python {Path(docs_output.__file__).relative_to(ROOT)}"
+
+
+def test_a_named_block_is_a_file_and_a_hidden_command_runs_without_a_trace():
+    text = "<!-- file: a.txt -->\n```yaml\nx: 1\n```\n<!-- run: echo y >> a.txt -->\n```console\n$ cat a.txt\nold\n```\n"
+    assert docs_output.renewed(text) == text.replace("old\n", "x: 1\ny\n")
+
+
+def test_a_picture_that_a_block_makes_is_put_where_the_page_shows_it(tmp_path: Path):
+    docs_output.renewed("![a](images/a.svg) ![b](images/b.svg)\n```python\nopen('a.svg', 'w').write('<svg/>')\n```\n", tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["a.svg"]
 
 
 @pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: path.name)
