@@ -30,6 +30,7 @@ SECTIONS = [
     config.JointControlSection,
     config_sections.LowPassSection,
     config_sections.NotchSection,
+    config_sections.GainPathSection,
     config_sections.limits_section(),
     config.JointUncertaintySection,
     IdentifiedSection,

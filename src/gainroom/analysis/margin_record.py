@@ -90,6 +90,27 @@ class OneLoop:
 
 
 @dataclass(frozen=True)
+class PathMargins:
+    """Of a loop whose kd closes on a path of its own: factors on one path's gains, of all joints at once, the other's as they are.
+
+    others, kd   the smallest factor > 1 at which the loop is lost, inf where none is up to 1e3
+    lower_others, lower_kd   the largest factor < 1, 0 where none is down to 1e-3
+    certified    roots were counted on both sides of each
+    """
+
+    others: float
+    lower_others: float
+    kd: float
+    lower_kd: float
+    certified: bool
+
+    @property
+    def headroom(self) -> float:
+        """The smallest factor, up or down, on either path's gains that is lost."""
+        return min(self.others, self.kd, *(1 / low for low in (self.lower_others, self.lower_kd) if low > 0))
+
+
+@dataclass(frozen=True)
 class Margins:
     """All margins of one loop of n joints: of all loops together and, in `one_loop`, of one at a time.
 
@@ -106,6 +127,7 @@ class Margins:
     certified                    n = 1: nothing between the evaluated frequencies was missed (False for loops given as callables);
                                  n > 1: roots were counted on both sides of every limit, phase, delay and factor on one loop
     phase_certificate, delay_certificate   roots counted on both sides; None where there is no such margin, and for n = 1
+    paths                        where kd closes on a path of its own; else None
     phase_crossings, gain_crossings   all of them for n = 1; in continuous time down to |L| = 0.001, or to where no nearer one can follow
     """
 
@@ -126,6 +148,7 @@ class Margins:
     certified: bool = False
     phase_certificate: Certificate | None = None
     delay_certificate: Certificate | None = None
+    paths: PathMargins | None = None
     phase_crossings: tuple[PhaseCrossing, ...] = ()
     gain_crossings: tuple[GainCrossing, ...] = ()
 
@@ -166,10 +189,10 @@ class Margins:
 
     @property
     def least_gain_margin(self) -> float:
-        """The smallest factor, up or down, on all gains or on those of one loop, that is lost: what requirements bound."""
+        """The smallest factor, up or down, on all gains or on those of one loop or path, that is lost: what requirements bound."""
         with np.errstate(divide="ignore"):
             factors = [self.one_loop.gain_margin, 1 / self.one_loop.lower_gain_margin]
-        return float(np.min(np.append(factors, self.gain_headroom)))
+        return float(np.min(np.append(factors, [self.gain_headroom, math.inf if self.paths is None else self.paths.headroom])))
 
     @property
     def common_phase_margin(self) -> float:

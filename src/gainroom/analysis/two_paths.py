@@ -16,7 +16,7 @@ from ..errors import GainroomError
 from ..linear.arrays import Complexes, Floats
 from ..system.loop import Loop
 from .first_crossing import SEARCH, Certificate
-from .margin_record import GainLimit, Margins, OneLoop
+from .margin_record import GainLimit, Margins, OneLoop, PathMargins
 from .period_map import PeriodMap
 
 HIGHEST, LOWEST = 1e3, 1e-3
@@ -108,13 +108,19 @@ class TwoPaths:
             return replace(Margins.unknown(limit), unstable_roots=self.unstable())
         phase = first_lost(lambda t: self.values(_turned(t), _turned(t)), 0.0, math.pi)
         more, searched = self._more_delay()
-        one_loop = self._one_loop(limit, phase)
+        paths = self.paths()
+        one_loop = self._one_loop(limit, phase, paths)
         sign, at = 1.0, math.nan
         if phase is not None:
             omega, _ = self.map.vibration(_turned(phase.at), _turned(phase.at))
             sign, at = math.copysign(1.0, omega), abs(omega)
         delayed = math.nan if more is None else abs(PeriodMap(self.loop, (more.at, more.at)).vibration()[0])
-        held = [limit.certified, *(one.certificate.holds for one in (phase, more) if one is not None), bool(one_loop.certified.all())]
+        held = [
+            limit.certified,
+            paths.certified,
+            *(one.certificate.holds for one in (phase, more) if one is not None),
+            bool(one_loop.certified.all()),
+        ]
         return Margins(
             limit,
             one_loop,
@@ -125,6 +131,7 @@ class TwoPaths:
             certified=all(held) and (size == 1 or searched or more is not None),
             phase_certificate=None if phase is None else phase.certificate,
             delay_certificate=None if more is None else more.certificate,
+            paths=paths,
         )
 
     def _more_delay(self) -> tuple[Lost | None, bool]:
@@ -140,27 +147,34 @@ class TwoPaths:
         return None if found is None else replace(found, at=found.at * period), farthest == 1.0
 
     def delay_of_others(self) -> float:
-        """The delay [s] of the other gains' path at which the loop is lost, that of kd as it is; inf where there is none up to 1 s."""
+        """See delay_of_others."""
         period = self.map.period
         assert self.loop.parts is not None
         own = max(drive.delay for drive in self.loop.parts.drives)
         found = first_lost(lambda t: self.values(later=(t * period, 0.0)), 0.0, 1.0 / period)
         return math.inf if found is None else own + found.at * period
 
-    def _one_loop(self, limit: GainLimit, phase: Lost | None) -> OneLoop:
+    def paths(self) -> PathMargins:
+        """Factors on the gains of one path alone."""
+        ways: tuple[Spectrum, Spectrum] = self.values, lambda t: self.values(1.0, t)
+        ends = [first_lost(way, 0.0, math.log(bound), exp=True) for way in ways for bound in (HIGHEST, LOWEST)]
+        others, lower_others, kd, lower_kd = (
+            none if end is None else end.at for end, none in zip(ends, (math.inf, 0.0, math.inf, 0.0), strict=True)
+        )
+        return PathMargins(others, lower_others, kd, lower_kd, all(end is None or end.certificate.holds for end in ends))
+
+    def _one_loop(self, limit: GainLimit, phase: Lost | None, paths: PathMargins) -> OneLoop:
         """What each joint measures, the others' as they are."""
         size = self.loop.size
         if size == 1:
             alone = limit.gain, limit.lower_gain, math.inf if phase is None else phase.at
-            largest = [first_lost(way, 0.0, math.log(HIGHEST), exp=True) for way in (self.values, lambda t: self.values(1.0, t))]
-            held = all(one is None or one.certificate.holds for one in largest) and limit.certified
-            columns = [np.array([one]) for one in (*alone, held)]
+            columns = [np.array([one]) for one in (*alone, limit.certified)]
             assert self.loop.parts is not None
-            kp, kd = (
-                np.atleast_1d(self.loop.gain * getattr(self.loop.parts.controller, name) * (math.inf if end is None else end.at))
-                for name, end in zip(("kp", "kd"), largest, strict=True)
-            )
-            return OneLoop(*columns, largest_kp=kp, largest_kd=kd)
+            controller, gain = self.loop.parts.controller, self.loop.gain
+            kd = np.atleast_1d(gain * controller.kd * paths.kd)  # type: ignore[attr-defined] - it has one
+            if getattr(controller, "ki", 0.0):  # which goes with kp on its path
+                return OneLoop(*columns, largest_kd=kd)
+            return OneLoop(*columns, largest_kp=np.atleast_1d(gain * controller.kp * paths.others), largest_kd=kd)  # type: ignore[attr-defined]
         found = [self._of_joint(k) for k in range(size)]
         return OneLoop(*(np.array(column) for column in zip(*found, strict=True)))
 
@@ -179,6 +193,16 @@ class TwoPaths:
         )
         upper, lower, turn = (none if end is None else end.at for end, none in zip(ends, (math.inf, 0.0, math.inf), strict=True))
         return upper, lower, turn, all(end is None or end.certificate.holds for end in ends)
+
+
+def path_margins(loop: Loop) -> PathMargins:
+    """Of a stable loop whose kd closes on a path of its own: factors on the gains of one path alone."""
+    return TwoPaths(loop).paths()
+
+
+def delay_of_others(loop: Loop) -> float:
+    """The delay [s] of the other gains' path at which a stable loop is lost, that of kd as it is; inf: none up to 1 s more."""
+    return TwoPaths(loop).delay_of_others()
 
 
 def first_lost(values: Spectrum, start: float, stop: float, exp: bool = False) -> Lost | None:

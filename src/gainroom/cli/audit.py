@@ -29,7 +29,8 @@ def audit(
         ),
     ],
     delay_ms: Annotated[
-        float, number_option("--delay-ms", "in milliseconds", "From torque command to motor torque [ms].", show_default=False)
+        float,
+        number_option("--delay-ms", "in milliseconds", "From the host to motor torque [ms]; see --gains-run.", show_default=False),
     ],
     gains: Annotated[
         Path | None,
@@ -78,6 +79,18 @@ def audit(
     ] = None,
     decimation: Annotated[int | None, typer.Option(metavar="STEPS", help="For which an explicit torque is held; 1 by default.")] = None,
     armature: Annotated[str | None, typer.Option(metavar="OF", help="Of the simulator's joints: file, or motor, its inertia.")] = None,
+    gains_run: Annotated[
+        str | None,
+        typer.Option(
+            metavar="WHERE",
+            help="host: kp and kd see all of --delay-ms, as is assumed without it; drive: it only delays set-points; split: kd runs on the "
+            "drive, kp on the host.",
+        ),
+    ] = None,
+    drive_rate_hz: Annotated[Number, number_option("--drive-rate-hz", "in Hz", "Of gains that run on the drive [Hz].")] = None,
+    drive_delay_ms: Annotated[
+        Number, number_option("--drive-delay-ms", "in milliseconds", "Of their own loop, measurement to torque [ms].")
+    ] = None,
     as_json: AsJson = False,
     report: Report = None,
 ) -> int:
@@ -89,6 +102,7 @@ def audit(
       gainroom audit robot.urdf --delay-ms 2 --gains gains.yaml --posture '.*_knee=0.6' --posture '.*_hip_pitch=-0.3'
       gainroom audit robot.xml --delay-ms 2 --posture home
       gainroom audit robot.xml --delay-ms 2 --simulator mujoco --timestep 0.005 --pd explicit
+      gainroom audit robot.xml --delay-ms 4 --rate-hz 500 --gains-run split --drive-rate-hz 20000 --drive-delay-ms 0.05
 
     Exit status: 0 safe; 1 not safe, or unstable in the simulator; 2 a file or the call is wrong.
     """
@@ -96,8 +110,9 @@ def audit(
     from ..studies.audit import audit as run_audit
 
     options = AuditOptions(
-        delay_ms, rate_hz, stiffness, damping, motor_inertia, bandwidth, base, tuple(contact or ()), tuple(posture or ()), joint_damping
-    )
+        delay_ms, rate_hz, stiffness, damping, motor_inertia, bandwidth, base, tuple(contact or ()), tuple(posture or ()), joint_damping,
+        gains_run, drive_rate_hz, drive_delay_ms,
+    )  # fmt: skip
     asked: dict[str, Any] = {"simulator": simulator, "timestep": timestep, "integrator": integrator, "pd": pd}
     asked |= {"decimation": decimation, "armature": armature}
     margin = margin_factor(margin_db)
@@ -139,6 +154,9 @@ def _command(model: str, gains: Path | None, options: "AuditOptions", asked: dic
         *(("--contact", frame) for frame in options.contacts),
         *(("--posture", text) for text in options.posture),
         ("--joint-damping", options.joint_damping),
+        ("--gains-run", options.gains_run),
+        ("--drive-rate-hz", options.drive_rate_hz),
+        ("--drive-delay-ms", options.drive_delay_ms),
         ("--margin-db", margin_db if margin_db != MARGIN_DB else None),
         *((f"--{name}", value) for name, value in asked.items()),
         ("--report", report),
@@ -149,13 +167,14 @@ def _facts(result: "Audit", simulated: "SimulatorAudit | None") -> dict[str, Any
     """What --json prints."""
     from .. import __version__
     from ..report.columns import facts
+    from ..report.number_format import path_facts
     from ..report.robot_columns import AUDITED_JOINT, audited_states
     from ..report.robot_text import audit_sentence, audit_warnings
 
     columns = audited_states(result.enough_in)
     from ..system.requirements import to_db  # loads numpy
 
-    sample_time = result.system.control.sample_time
+    sample_time, paths = result.system.control.sample_time, result.tightest.margins.paths
     return {
         "robot": result.system.source.name,
         "gainroom": __version__,
@@ -164,11 +183,14 @@ def _facts(result: "Audit", simulated: "SimulatorAudit | None") -> dict[str, Any
         "model": model_kind(sample_time),
         "sample_rate_hz": None if sample_time is None else 1 / sample_time,
         "delay_ms": 1e3 * max(drive.delay for drive in result.system.drives),
+        "command_delay_ms": 1e3 * result.system.control.command_delay,
+        "kd_path": path_facts(result.system.control.kd_path),
         "margin_db": as_typed(to_db(result.margin)),
         "stable": all(state.limit.stable for state in result.states),
         "gain_limit": result.tightest.limit.gain,
         "limit_frequency_rad_s": result.tightest.limit.frequency,
         "delay_limit_ms": 1e3 * result.delay_limit,
+        "path_gain_limits": None if paths is None else {"kp": [paths.lower_others, paths.others], "kd": [paths.lower_kd, paths.kd]},
         "limiting_joints": list(result.limiting_joints),
         "posture": result.angles,
         "base": result.system.source.body.base,
@@ -185,7 +207,8 @@ def _terminal(result: "Audit", simulated: "SimulatorAudit | None", report: Path 
     from ..report.robot_columns import AUDITED_JOINT, audited_states, joint_caption
     from ..report.robot_text import audit_sentence, audit_warnings
 
-    title = f"All joints together ({model_text(result.system.control.sample_time)})"
+    control = result.system.control
+    title = f"All joints together ({model_text(control.sample_time, control.kd_path)})"
     columns = audited_states(result.enough_in)
     said, assumed = _simulator_text(simulated)
     return render(

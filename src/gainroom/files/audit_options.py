@@ -9,7 +9,6 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
-from operator import getitem
 from pathlib import Path
 from typing import Any, get_args
 
@@ -44,7 +43,17 @@ KEYS = {
     "contact": ("contacts", "contact"),
 }
 """Where an option stands in a robot.yaml."""
+PATHS = {
+    "drive": {
+        "delay_ms": ("drive", "command_delay_ms"),
+        "drive_delay_ms": ("drive", "delay_ms"),
+        "drive_rate_hz": ("control", "sample_rate_hz"),
+    },
+    "split": {"drive_delay_ms": ("control", "kd_path", "delay_ms"), "drive_rate_hz": ("control", "kd_path", "sample_rate_hz")},
+}
+"""Where they stand instead, by --gains-run."""
 JOINT_DAMPING = ("controller", "friction")
+GAINS_RUN = ("host", "drive", "split")
 MOST_SCENES = 20
 """Files beside a model that are looked at for a keyframe."""
 ANGLE = number(least=-1e4, most=1e4)
@@ -57,6 +66,9 @@ class AuditOptions:
 
     posture         JOINT=ANGLE (a name or pattern; rad, m if prismatic), or the name of an MJCF's keyframe; later ones win
     joint_damping   what the model's own damping of joints is: "controller", a part of kd; "friction", of the link; None: not counted
+    gains_run       "host" or None: both gains see the whole delay; "drive": neither does, it is that of set-points; "split": kp does, kd
+                    runs on the drive
+    drive_rate_hz, drive_delay_ms   of the loop that runs on the drive, from measurement to torque
     """
 
     delay_ms: float
@@ -69,14 +81,43 @@ class AuditOptions:
     contacts: tuple[str, ...] = ()
     posture: tuple[str, ...] = ()
     joint_damping: str | None = None
+    gains_run: str | None = None
+    drive_rate_hz: float | None = None
+    drive_delay_ms: float | None = None
 
     def __post_init__(self) -> None:
+        self._require_drive()
         if self.base not in (None, *get_args(Base)):
             raise GainroomError(f"--base {self.base}: must be {' or '.join(get_args(Base))}")
         if self.joint_damping not in (None, *JOINT_DAMPING):
             raise GainroomError(f"--joint-damping {self.joint_damping}: must be {' or '.join(JOINT_DAMPING)}")
         if self.damping is not None and not self.is_elastic:
             raise GainroomError(f"--damping {self.damping:g}: is of elastic gearboxes; give --stiffness too")
+
+    def _require_drive(self) -> None:
+        """Raise GainroomError where a loop on the drive is described by half, or described and not there."""
+        if self.gains_run not in (None, *GAINS_RUN):
+            raise GainroomError(f"--gains-run {self.gains_run}: must be {', '.join(GAINS_RUN[:-1])} or {GAINS_RUN[-1]}")
+        given = {"--drive-rate-hz": self.drive_rate_hz, "--drive-delay-ms": self.drive_delay_ms}
+        for option, value in given.items():
+            if self.on_drive and value is None:
+                raise GainroomError(f"--gains-run {self.gains_run}: needs {option}, of the loop that runs on the drive")
+            if not self.on_drive and value is not None:
+                raise GainroomError(f"{option} {value:g}: is of gains that run on the drive; give --gains-run drive, or split for kd alone")
+        if self.gains_run == "drive" and self.rate_hz is not None:
+            raise GainroomError(
+                f"--rate-hz {self.rate_hz:g}: no gain runs on the host with --gains-run drive; --drive-rate-hz is their rate"
+            )
+
+    @property
+    def on_drive(self) -> bool:
+        """Whether kd, at least, runs on the drive."""
+        return self.gains_run in ("drive", "split")
+
+    @property
+    def keys(self) -> dict[str, tuple[str, ...]]:
+        """Where each option stands in a robot.yaml."""
+        return KEYS | PATHS.get(self.gains_run or "", {})
 
     @property
     def is_elastic(self) -> bool:
@@ -103,10 +144,24 @@ class AuditOptions:
             "postures": {first_of_many(self.posture) or "zero": _angles(self.posture, Path(file), names)},
             "contacts": {"flight" if body.base == "floating" else "free": []} | ({"contact": list(self.contacts)} if self.contacts else {}),
         }
-        for option, (*sections, key) in KEYS.items():
+        for option, (*sections, key) in self.keys.items():
             if (value := getattr(self, option, None)) is not None:
-                reduce(getitem, sections, data)[key] = value
+                reduce(lambda section, name: section.setdefault(name, {}), sections, data)[key] = value
         return data
+
+    def paths(self) -> tuple[str, ...]:
+        """What is assumed of the delay."""
+        delay = f"{self.delay_ms:g} ms"
+        if self.on_drive:
+            there = f"on the drives at {self.drive_rate_hz:g} Hz, {self.drive_delay_ms:g} ms from measurement to torque"
+            if self.gains_run == "drive":
+                return (f"kp and kd run {there}; the {delay} of --delay-ms delay set-points alone, so no margin depends on them",)
+            kp = f"kp on the host at {self.rate_hz:g} Hz, {delay} from measurement to torque"
+            return (f"kd runs {there}; {kp}; the delay limit is that of kp's path",)
+        told = f"kp and kd run on the host: the {delay} of --delay-ms lie between measurement and torque"
+        if self.gains_run == "host":
+            return (told,)
+        return (f"{told}; if they run on the drives, give --gains-run drive, or split for kd alone",)
 
 
 def margin_factor(decibels: float) -> float:
@@ -126,24 +181,27 @@ def audit_spec(model: str, gains: Path | None, options: AuditOptions) -> System:
     _require_model(path)
     source = path if gains is None else gains
     told: list[str] = []
-    with _options_named():
+    with _options_named(options):
         body = load_model(path, base_of(options.base, path, bool(options.contacts))[0])
         found = gains_of(read_gains(source), (*body.joint_names, *body.locked))
         if not np.any(found.given[: body.size]):
             raise GainroomError(f"{path}: no joint that can move has gains")
-        if options.rate_hz is None and found.rate_hz is not None:
+        if options.rate_hz is None and found.rate_hz is not None and options.gains_run != "drive":
             options = replace(options, rate_hz=found.rate_hz)
             told.append(f"the controller runs at {found.rate_hz:g} Hz, as {source} has it: --rate-hz says another")
         if options.joint_damping == "controller":
             found = replace(found, kd=found.kd + np.where(found.given, _padded(body.damping, len(found.kd)), 0.0))
+        if options.gains_run == "split" and options.rate_hz is None:
+            raise GainroomError("--gains-run split: needs --rate-hz, at which kp runs on the host")
         file = validate(RobotFile, options.sections(str(path), body, found), "")
         if (sample_time := file.sample_time()) is not None:
-            refuse_long_delay(1e-3 * options.delay_ms, sample_time, "--delay-ms")
+            owner = "--drive-delay-ms" if options.gains_run == "drive" else "--delay-ms"
+            refuse_long_delay(1e-3 * (file.drive.delay_ms or 0.0), sample_time, owner)
         spec = robot_spec(file, str(path), path, known=body)
     with named(str(source)):
         spec = examined(spec)
     told += [f"--posture {name}: the keyframe of {scene}" for name in options.posture if (scene := _scene_with(name, path))]
-    assumptions = (*spec.assumptions, *told, *_assumptions(spec.source.body, file.joints.locked, options))
+    assumptions = (*options.paths(), *spec.assumptions, *told, *_assumptions(spec.source.body, file.joints.locked, options))
     warnings = [text.replace("move it inside", "move it inside with --posture") for text in spec.warnings]
     return replace(spec, assumptions=assumptions, warnings=(*found.notes, *_damping_asked(warnings, options)))
 
@@ -168,13 +226,13 @@ def _damping_asked(warnings: Sequence[str], options: AuditOptions) -> list[str]:
 
 
 @contextlib.contextmanager
-def _options_named() -> Iterator[None]:
+def _options_named(options: AuditOptions) -> Iterator[None]:
     """Messages about a key of a robot.yaml name the option that stands for it."""
     try:
         yield
     except GainroomError as error:
         text = str(error)
-        for option, keys in KEYS.items():
+        for option, keys in options.keys.items():
             text = re.sub(rf"^{re.escape('.'.join(keys))}\b(\[\d+\])?", f"--{option.replace('_', '-')}", text)
         raise GainroomError(text) from error
 

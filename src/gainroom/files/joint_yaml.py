@@ -16,7 +16,16 @@ from ..io.yaml_text import read_text
 from ..system.plant import ElasticJoint
 from ..system.system import System
 from .file_types import parse_as
-from .system_sections import ControlSection, GearboxSection, PositiveInterval, Stiffness, SystemFile, UncertaintySection, refuse_long_delay
+from .system_sections import (
+    ControlSection,
+    GearboxSection,
+    PositiveInterval,
+    Stiffness,
+    SystemFile,
+    UncertaintySection,
+    refuse_long_delay,
+    refuse_two_paths,
+)
 
 if TYPE_CHECKING:
     from ..simulation.simulation_spec import JointSimulation
@@ -27,17 +36,17 @@ MOST_DAMPED = 1e4
 """Damping ratio of motor and spring: beyond it the spring has no effect."""
 
 
-def load_joint(path: Path) -> System:
-    """The joint that a joint.yaml describes.
+def load_joint(path: Path, two_paths: bool = False) -> System:
+    """The joint that a joint.yaml describes; `two_paths`: kd may have a path of its own.
 
     Raises GainroomError, one line that names the file, the key, the value and what is allowed.
     """
-    return parse_joint(read_text(path), str(path))
+    return parse_joint(read_text(path), str(path), two_paths)
 
 
-def parse_joint(text: str, source: str) -> System:
+def parse_joint(text: str, source: str, two_paths: bool = False) -> System:
     """As load_joint, for the text of a file that messages call `source`."""
-    file = _file(text, source)
+    file = _file(text, source, two_paths)
     if file.scenario != {}:
         _scenario(file, source)
     with named(source):
@@ -66,8 +75,10 @@ def parse_simulation(text: str, source: str, feedforward: Path | None = None) ->
         return simulation if file.identified is None else replace(simulation, identified=_section(file, source).coulomb)
 
 
-def _file(text: str, source: str) -> "JointFile":
+def _file(text: str, source: str, two_paths: bool = False) -> "JointFile":
     file = validate(JointFile, parse_as("joint", text, source, "testbed"), source)
+    with named(source):
+        refuse_two_paths(file.control, two_paths)
     if file.identified is not None:
         _section(file, source)
     return file
@@ -131,7 +142,7 @@ class JointFile(SystemFile[JointControlSection, JointUncertaintySection]):
         refuse_long_delay(drive.delay, sample_time, "drive")
         _refuse_seized_gearbox(joint)
         nominal = {"delay": drive.delay, **vars(joint)}
-        return System.of_joint(
+        found = System.of_joint(
             joint=joint,
             drive=drive,
             controller=self.control.controller({name: getattr(self.control, name) for name in self.control.gain_names}),
@@ -141,6 +152,8 @@ class JointFile(SystemFile[JointControlSection, JointUncertaintySection]):
             uncertainty=self.uncertainty.uncertainty(nominal, tick),
             entered=self.joint.model_dump(include={"rotor_inertia", "gear_ratio"}, exclude_none=True),
         )
+        paths = {"kd_path": self.control.gain_path(), "command_delay": 1e-3 * self.drive.command_delay_ms}
+        return replace(found, control=replace(found.control, **paths))
 
 
 def _refuse_seized_gearbox(joint: ElasticJoint) -> None:

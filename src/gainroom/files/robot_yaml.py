@@ -27,7 +27,8 @@ from ..system.system import Control, System
 from .absurd_values import examined
 from .file_types import parse_as
 from .joint_references import with_ranges
-from .robot_sections import ContactSection, ModelSection, RobotControlSection, RobotFile
+from .robot_sections import ContactSection, ModelSection, RobotFile
+from .system_sections import refuse_two_paths
 
 LOCKED = "joints.locked"
 MOST_STATES = 500
@@ -43,15 +44,16 @@ def load_robot(path: Path | str) -> Robot:
     return replace(system.source, system=system)
 
 
-def load_robot_system(path: Path) -> System:
-    """As load_robot: everything in the file."""
-    return parse_robot(read_text(path), str(path), path.parent)
+def load_robot_system(path: Path, two_paths: bool = False) -> System:
+    """As load_robot: everything in the file; `two_paths`: kd may have a path of its own."""
+    return parse_robot(read_text(path), str(path), path.parent, two_paths)
 
 
-def parse_robot(text: str, source: str, folder: Path = Path()) -> System:
+def parse_robot(text: str, source: str, folder: Path = Path(), two_paths: bool = False) -> System:
     """As load_robot_system, for the text of a file that messages call `source`; a model's path is relative to `folder`."""
     file = validate(RobotFile, parse_as("robot", text, source, "biped"), source)
     with named(source):
+        refuse_two_paths(file.control, two_paths)
         system = examined(robot_spec(file, source, _model_path(file.model, folder), folder))
         if system.control.controller is not None and not np.any(system.control.controller.kp):
             raise GainroomError("control.kp: must be > 0 on some joint")
@@ -82,7 +84,7 @@ def robot_spec(file: RobotFile, name: str, path: Path, folder: Path = Path(), kn
     return System(
         source=robot,
         drives=drives,
-        control=_control(file.control, body, sample_time),
+        control=_control(file, body, sample_time),
         requirements=file.requirements(),
         uncertainty=uncertainty,
         scenario=file.scenario.scenario(robot, file.control.space),
@@ -170,8 +172,9 @@ def _tasks(file: RobotFile, body: RigidBody) -> tuple[Task, ...]:
     return tasks
 
 
-def _control(section: RobotControlSection, body: RigidBody, sample_time: float | None) -> Control:
+def _control(file: RobotFile, body: RigidBody, sample_time: float | None) -> Control:
     """Gains per joint, or nothing but filters in task space."""
+    section = file.control
     gains = {name: _per_joint(f"control.{name}", getattr(section, name), body) for name in section.gain_names}
     in_joints = section.space == "joint"
     return Control(
@@ -182,6 +185,8 @@ def _control(section: RobotControlSection, body: RigidBody, sample_time: float |
         **section.filters(),
         rotors=section.rotors,
         weight=_per_joint("control.weight", {DEFAULT: 1.0, **(section.weight or {})}, body) if in_joints else None,
+        kd_path=section.gain_path(),
+        command_delay=1e-3 * file.drive.command_delay_ms,
     )
 
 

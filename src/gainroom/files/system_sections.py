@@ -18,6 +18,7 @@ from ..system.actuator_entry import ActuatorEntry
 from ..system.controller import PD, PID, PPI
 from ..system.drive import Drive
 from ..system.filters import LowPass, Notch
+from ..system.gain_path import GainPath, samples_in_common
 from ..system.requirements import REQUIREMENTS, Requirement, Requirements
 from ..system.uncertainty import Uncertainty
 
@@ -85,6 +86,7 @@ class DriveSection(Section):
     delay_ms: DelayMs | None = None
     delay_ticks: DelayTicks | None = None
     sample_rate_hz: SampleRate | None = None
+    command_delay_ms: DelayMs = 0.0
 
     @model_validator(mode="after")
     def _one_delay(self) -> "DriveSection":
@@ -171,6 +173,17 @@ class NotchSection(FrequencySection):
         return Notch(frequency=self.omega("frequency"), **self.model_dump(include={"width", "depth"}, exclude_none=True))
 
 
+class GainPathSection(Section):
+    """Where kd closes when not with the other gains: on the drive."""
+
+    delay_ms: DelayMs = Field(description="of kd's own loop, measurement to torque [ms]")
+    sample_rate_hz: SampleRate = Field(description="at which kd runs [Hz]")
+
+    def path(self) -> GainPath:
+        """In SI."""
+        return GainPath(delay=1e-3 * self.delay_ms, sample_time=1 / self.sample_rate_hz)
+
+
 class ControlSection(Section):
     """The controller: its type, the side of its encoders, its filters; subclasses have the gains."""
 
@@ -179,6 +192,7 @@ class ControlSection(Section):
     sample_rate_hz: SampleRate | None = None
     velocity_filter: LowPassSection | None = None
     notches: list[NotchSection] = Field([], max_length=20)
+    kd_path: GainPathSection | None = None
 
     @property
     def gain_names(self) -> tuple[str, ...]:
@@ -196,6 +210,26 @@ class ControlSection(Section):
                 raise refusal(f"is missing: {type(self).model_fields[name].description}; type {self.type} has {names}", key=name)
         return self
 
+    @model_validator(mode="after")
+    def _both_sampled(self) -> "ControlSection":
+        if self.kd_path is not None and "kd" not in self.gain_names:
+            raise refusal(f"has no meaning for type {self.type}, which has no kd", key="kd_path")
+        if self.kd_path is not None and self.sample_rate_hz is None:
+            raise refusal("is missing: the rate of the other gains, where kd has a kd_path", key="sample_rate_hz")
+        return self
+
+    def gain_path(self) -> GainPath | None:
+        """Of kd. Raises GainroomError where its rate and the other gains' cannot be followed together, and for too long a delay."""
+        if self.kd_path is None or self.sample_rate_hz is None:
+            return None
+        path = self.kd_path.path()
+        try:
+            samples_in_common(1 / self.sample_rate_hz, path.sample_time)
+        except GainroomError as error:
+            raise GainroomError(f"control.{str(error).replace('kd_path:', 'kd_path.sample_rate_hz:', 1)}") from error
+        refuse_long_delay(path.delay, path.sample_time, "control.kd_path.delay_ms")
+        return path
+
     def filters(self) -> dict[str, Any]:
         """What every controller's constructor takes beside the gains."""
         low_pass = None if self.velocity_filter is None else self.velocity_filter.low_pass()
@@ -206,11 +240,12 @@ class ControlSection(Section):
         return CONTROLLERS[self.type](**gains, **self.filters())
 
     def require_filters_below(self, nyquist: float) -> None:
-        """Raise GainroomError where a filter lies above half the sample rate [rad/s]."""
+        """Raise GainroomError where a filter lies above half the rate at which it runs; `nyquist` [rad/s] is that of all gains but kd."""
+        velocity = nyquist if self.kd_path is None else math.pi * self.kd_path.sample_rate_hz
         if self.velocity_filter is not None:
-            self.velocity_filter.require_below("bandwidth", "control.velocity_filter", nyquist)
+            self.velocity_filter.require_below("bandwidth", "control.velocity_filter", velocity)
         for index, notch in enumerate(self.notches):
-            notch.require_below("frequency", f"control.notches[{index}]", nyquist)
+            notch.require_below("frequency", f"control.notches[{index}]", min(nyquist, velocity))
 
 
 def limits_section() -> type[Section]:
@@ -308,6 +343,14 @@ class SystemFile(Section, Generic[Control, Ranges]):
             return Requirements.usual()
         given = {one.name: (one, getattr(self.limits, one.key)) for one in REQUIREMENTS.values()}
         return Requirements(**{name: one.in_si(value) for name, (one, value) in given.items() if value is not None})
+
+
+def refuse_two_paths(control: ControlSection, two_paths: bool) -> None:
+    """Raise GainroomError where kd has a path of its own, unless `two_paths`: what reads the file knows that."""
+    if control.kd_path is not None and not two_paths:
+        raise GainroomError(
+            "control.kd_path: is known to `gainroom joint`, `robot` and `audit`, not here; leave it out: one rate and delay for all gains"
+        )
 
 
 def refuse_long_delay(delay: float, sample_time: float | None, owner: str) -> None:

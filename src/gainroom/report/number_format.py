@@ -1,9 +1,12 @@
 """Numbers as a person reads them: three to four significant digits, thin spaces between thousands, always a unit."""
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..errors import QUANTITIES, apart
+
+if TYPE_CHECKING:
+    from ..system.gain_path import GainPath
 
 LARGE = 0.5
 """[rad, m] from which on distances are not in thousandths."""
@@ -84,10 +87,16 @@ def model_kind(sample_time: float | None) -> str:
     return "continuous" if sample_time is None else "sampled"
 
 
-def model_text(sample_time: float | None) -> str:
-    """The same with its rate, for titles."""
+def model_text(sample_time: float | None, kd_path: "GainPath | None" = None) -> str:
+    """The same with its rate, for titles; where kd has a path of its own, with both."""
     rate = "" if sample_time is None else f", {digits(1 / sample_time, 'Hz')}"
-    return f"{model_kind(sample_time)} model{rate}"
+    own = "" if kd_path is None else f", kd {digits(1 / kd_path.sample_time, 'Hz')}"
+    return f"{model_kind(sample_time)} model{rate}{own}"
+
+
+def path_facts(kd_path: "GainPath | None") -> dict[str, float] | None:
+    """What --json says of kd's own path; null where it closes with the other gains."""
+    return None if kd_path is None else {"delay_ms": 1e3 * kd_path.delay, "sample_rate_hz": 1 / kd_path.sample_time}
 
 
 def own_gains(controller: Any) -> list[tuple[str, float, str]]:

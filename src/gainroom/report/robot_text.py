@@ -6,6 +6,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from ..analysis.gain_limit import GainLimit
+from ..analysis.margin_record import PathMargins
 from ..errors import beside, frequency_text, listed
 from ..studies.audit import Audit
 from ..studies.robot import RobotStudy
@@ -217,6 +218,8 @@ def audit_sentence(result: Audit) -> str:
     factor, level = (f"{pair[0]:.3g}" if enough else beside(*pair) for pair in (factors, levels))
     start = f"Vibration starts at {factor} × these gains ({level} dB){at}"
     start = "No common factor on all gains makes it vibrate" if math.isinf(limit.gain) else start
+    if worst.margins.paths is not None and worst.margins.paths.headroom < limit.gain:
+        start = _weakest_path(worst.margins.paths)
     if result.safe:
         return f"Safe. {start}. {delay}"
     required = f"{result.margin:.3g} × ({to_db(result.margin):.2g} dB) required"
@@ -235,6 +238,14 @@ def _no_lower_gains(result: Audit) -> str:
         "With gearbox damping at 0 no lower gains in the same ratio are stable. Measure the damping; "
         f"--damping {guess:.1g} ({100 * SLIGHT:.0f} % of critical) is a first guess."
     )
+
+
+def _weakest_path(paths: PathMargins) -> str:
+    """At which factor on kp alone, or on kd alone, vibration starts."""
+    factors = {"kp": (paths.others, paths.lower_others), "kd": (paths.kd, paths.lower_kd)}
+    name, (upper, lower) = min(factors.items(), key=lambda one: min(one[1][0], 1 / one[1][1] if one[1][1] > 0 else math.inf))
+    factor = upper if upper < (1 / lower if lower > 0 else math.inf) else lower
+    return f"Vibration starts at {factor:.3g} × {name} alone ({to_db(factor):.3g} dB)"
 
 
 def _count(unsafe: int, result: Audit) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 from ..system.requirements import enough
 from ..system.system import System
 from .analysis import Analysis, analyze
-from .state import Progress, State
+from .state import Progress, State, by_headroom
 
 MARGIN = 2.0
 """The required factor on all gains by default: 6 dB."""
@@ -48,8 +48,19 @@ class Audit(Analysis):
         return all(map(self.enough_in, self.states)) and all(joint.safe for joint in self.joints)
 
     def enough_in(self, state: State) -> bool:
-        """Whether a state is stable with `margin` times its gains."""
-        return state.limit.stable and enough(state.limit.gain, self.margin)
+        """Whether a state is stable with `margin` times its gains; where kd has a path of its own, also on either path alone."""
+        paths = state.margins.paths
+        return state.limit.stable and enough(state.limit.gain, self.margin) and (paths is None or enough(paths.headroom, self.margin))
+
+    @property
+    def tightest(self) -> State:
+        """The state with the least headroom."""
+
+        def left(state: State) -> tuple[bool, float]:
+            stable, gain = by_headroom(state.limit)
+            return stable, gain if state.margins.paths is None else min(gain, state.margins.paths.headroom)
+
+        return min(self.states, key=left)
 
     @property
     def joints(self) -> tuple[AuditedJoint, ...]:

@@ -13,7 +13,8 @@ from ..analysis.loci import Sweep
 from ..analysis.margin_record import GainLimit, Margins
 from ..analysis.margins import joint_margins, margins
 from ..analysis.partial_limits import part_limits
-from ..analysis.stability import has_growing_root, unstable_roots
+from ..analysis.stability import has_growing_root, is_stable, unstable_roots
+from ..analysis.two_paths import delay_of_others, path_margins
 from ..design.starting_gains import IMMOBILE, joints_that_move
 from ..errors import GainroomError, computable
 from ..linear.arrays import Complexes, Floats, Integers
@@ -149,7 +150,10 @@ class State:
 
     @cached_property
     def single_joint_limits(self) -> Floats:
-        """(n,) factor on each joint's gains if it were the only one, its load 1/W_ii; NaN without gains, inf where it cannot move."""
+        """(n,) factor on each joint's gains if it were the only one, its load 1/W_ii; NaN without gains, inf where it cannot move.
+
+        Where kd closes on a path of its own: on all, on kd alone or on the others alone, whichever is nearest, up or down.
+        """
         limits = np.full(self.model.size, math.nan)
         control = self.system.control
         movable = joints_that_move(self.model, control.feedback)
@@ -160,17 +164,30 @@ class State:
             if not movable[k]:
                 limits[k] = math.inf
                 continue
-            alone = build_loop(single_joint(self.model, k), self.system.drives[k], own, control.feedback, control.sample_time)
-            limits[k] = limit_of(alone).gain
+            alone = build_loop(
+                single_joint(self.model, k), self.system.drives[k], own, control.feedback, control.sample_time, control.kd_path
+            )
+            limit = limit_of(alone)
+            limits[k] = limit.gain if alone.kd_path is None or not limit.stable else min(limit.gain, path_margins(alone).headroom)
         return limits
 
     @cached_property
     def delay_limit(self) -> float:
-        """The total delay [s] at which the robot vibrates; NaN where it is not known, 0 where it does without delay."""
+        """The total delay [s] at which the robot vibrates; NaN where it is not known, 0 where it does without delay.
+
+        Where kd closes on a path of its own: of the other gains' path, kd's as it is.
+        """
+        if self.loop.kd_path is not None:
+            return self._delay_limit_of_others
         if self.margins.stable:
             return self.system.delay + self.margins.delay_margin
         without = margins_of(self.system.with_values(delay=0.0).loop(self.model, self.controller))
         return without.delay_margin if without.stable else 0.0
+
+    @property
+    def _delay_limit_of_others(self) -> float:
+        loop = self.loop if self.margins.stable else self.system.with_values(delay=0.0).loop(self.model, self.controller)
+        return delay_of_others(loop) if self.margins.stable or is_stable(loop) else 0.0
 
     @cached_property
     def joints(self) -> tuple[JointRow, ...]:
@@ -209,7 +226,7 @@ class State:
         parts = [system.loop(model, system.filtered(share.controller())) for share in shares]
         alone, closed = np.full(count, math.nan), np.full(count, math.nan)
         alone[acting] = [limit_of(part).gain for part in parts]
-        if limit.stable:
+        if limit.stable and loop.kd_path is None:
             closed[acting] = part_limits(loop, parts)
         owners = [tasks.tasks[owner].name for owner in tasks.owners]
         rows = tuple(
@@ -240,6 +257,10 @@ def state_of(system: System, posture: str, contact: str, numbers: tuple[str, ...
 
 def moves(loop: Loop) -> bool:
     """Whether the gains act on any motion."""
+    if loop.kd_path is not None:  # which they act on is the same at any rate
+        parts = loop.parts
+        assert parts is not None
+        loop = build_loop(parts.plant, parts.drives, parts.controller, parts.feedback, loop.kd_path.sample_time)
     return bool(np.any(loop.response(ANYWHERE)))
 
 

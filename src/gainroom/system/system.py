@@ -12,6 +12,7 @@ from ..linear.arrays import Booleans, Floats
 from .controller import PD
 from .drive import Drive
 from .filters import LowPass, Notch
+from .gain_path import GainPath
 from .loop import Feedback, Loop, build_loop
 from .plant import ElasticJoint, Plant
 from .requirements import Requirements
@@ -70,6 +71,8 @@ class Control:
     sample_time [s]; None: continuous
     rotors      the tasks' model of the robot counts the motors' inertia
     weight      (n,) how much each joint's stiffness counts when gains are recommended
+    kd_path     where kd closes when not with the other gains; None: with them
+    command_delay   [s] of set-points on their way to the controller: it delays the motion, and no margin depends on it
     """
 
     space: str
@@ -80,6 +83,8 @@ class Control:
     notches: tuple[Notch, ...] = ()
     rotors: bool = False
     weight: Floats | None = None
+    kd_path: GainPath | None = None
+    command_delay: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -152,7 +157,8 @@ class System(Generic[Source]):
         """The loop of one state, by default the first, with another controller where one is given."""
         model = self.source.linearize() if model is None else model
         controller = self.controller(model) if controller is None else controller
-        return build_loop(model, self.drives, controller, self.control.feedback, self.control.sample_time)
+        control = self.control
+        return build_loop(model, self.drives, controller, control.feedback, control.sample_time, control.kd_path)
 
     def with_values(self, delay: ArrayLike | None = None, **values: ArrayLike) -> "System":
         """The same with other delays [s] and other quantities of the source, each a number or (n,)."""
