@@ -125,9 +125,10 @@ class AuditOptions:
         return self.stiffness is not None and math.isfinite(self.stiffness)
 
     def sections(self, file: str, body: RigidBody, gains: JointGains) -> dict[str, Any]:
-        """The sections of a robot.yaml that say the same, for the model in `file`; joints without gains are locked."""
-        names = (*body.joint_names, *body.locked)
+        """The sections of a robot.yaml that say the same, for the model in `file`; joints without gains are locked, or passive in loops."""
+        names = body.every_joint
         given = [k for k, has in enumerate(gains.given) if has]
+        idle = [name for name, has in zip(body.joint_names, gains.given, strict=False) if not has]
         inertia = {k: {"motor_inertia": float(gains.motor_inertia[k])} for k in given if np.isfinite(gains.motor_inertia[k])}
         rubbed = {k: {"link_viscous": float(body.damping[k])} for k in given if self.joint_damping == "friction" and k < body.size}
         columns = {"kp": gains.kp, "kd": gains.kd} | ({"ki": gains.ki} if np.any(gains.ki) else {})
@@ -136,7 +137,8 @@ class AuditOptions:
             "joints": {
                 DEFAULT: {},
                 **{names[k]: inertia.get(k, {}) | rubbed.get(k, {}) for k in given if k in inertia or k in rubbed},
-                "locked": [name for name, has in zip(body.joint_names, gains.given, strict=False) if not has],
+                "locked": [name for name in idle if name not in body.looped],
+                "passive": [*body.passive, *(name for name in idle if name in body.looped)],
             },
             "drive": {"bandwidth": math.inf},
             "control": {"type": "pid" if "ki" in columns else "pd", "feedback": "motor"}
@@ -183,7 +185,7 @@ def audit_spec(model: str, gains: Path | None, options: AuditOptions) -> System:
     told: list[str] = []
     with _options_named(options):
         body = load_model(path, base_of(options.base, path, bool(options.contacts))[0])
-        found = gains_of(read_gains(source), (*body.joint_names, *body.locked))
+        found = gains_of(read_gains(source), body.every_joint)
         if not np.any(found.given[: body.size]):
             raise GainroomError(f"{path}: no joint that can move has gains")
         if options.rate_hz is None and found.rate_hz is not None and options.gains_run != "drive":

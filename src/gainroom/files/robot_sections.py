@@ -52,6 +52,10 @@ class ActuatorSection(GearboxSection):
         return super().entry() if self.delay_ms is None else replace(super().entry(), delay=1e-3 * self.delay_ms)
 
 
+LISTS = ("locked", "passive")
+"""Keys of `joints` that are no pattern of a joint's name."""
+
+
 class JointsSection(BaseModel):
     """`default` and patterns with their data, and the joints that do not move."""
 
@@ -59,6 +63,7 @@ class JointsSection(BaseModel):
 
     entries: dict[str, ActuatorSection] = {}
     locked: list[Name] = []
+    passive: list[Name] = []
 
     @model_validator(mode="before")
     @classmethod
@@ -66,14 +71,14 @@ class JointsSection(BaseModel):
         if not isinstance(data, dict):
             raise refusal(f"{shown(data)} must be a section")
         for key, value in data.items():
-            if key != "locked" and not isinstance(value, dict):
+            if key not in LISTS and not isinstance(value, dict):
                 keys = ", ".join(ActuatorSection.model_fields)
                 raise refusal(
-                    f"{shown(value)} must be a section with keys among {keys}: every key here but locked, the list of joints that do not "
-                    "move, is default or a joint's name or pattern",
+                    f"{shown(value)} must be a section with keys among {keys}: every key here but locked and passive, the lists of joints "
+                    "that do not move and of those without a motor, is default or a joint's name or pattern",
                     key=dotted(key),
                 )
-        return {"entries": {key: value for key, value in data.items() if key != "locked"}, "locked": data.get("locked", [])}
+        return {"entries": {key: value for key, value in data.items() if key not in LISTS}, **{key: data.get(key, []) for key in LISTS}}
 
 
 class ContactSection(Section):

@@ -67,14 +67,18 @@ def robot_spec(file: RobotFile, name: str, path: Path, folder: Path = Path(), kn
     """
     tick, sample_time = file.tick(), file.sample_time()
     base, assumed = base_of(file.model.base, path, any((file.contacts or {}).values()))
-    body = known if known is not None and not file.joints.locked else load_model(path, base, file.joints.locked, locked_key=LOCKED)
-    # Patterns may name joints that are locked: to lock a joint, one line is enough.
-    names = (*body.joint_names, *body.locked)
+    joints = file.joints
+    if known is not None and not joints.locked and not joints.passive:
+        body = known
+    else:
+        body = load_model(path, base, joints.locked, locked_key=LOCKED, passive=joints.passive)
+    # Patterns may name joints that are locked or passive: to lock a joint, one line is enough.
+    names = body.every_joint
     postures = {name: _posture(name, patterns, path, base, file, body) for name, patterns in (file.postures or {"zero": {}}).items()}
     contacts = {name: _contacts(name, sections, body) for name, sections in (file.contacts or {"free": []}).items()}
     if len(postures) * len(contacts) > MOST_STATES:
         raise GainroomError(f"postures and contacts: {len(postures) * len(contacts)} combinations must be at most {MOST_STATES}")
-    given = {key: section.entry(folder, f"joints.{dotted(key)}") for key, section in file.joints.entries.items()}
+    given = {key: section.entry(folder, f"joints.{dotted(key)}") for key, section in joints.entries.items()}
     entries = merge_entries(given, names)[: body.size]
     actuators, guessed = actuators_of(entries, body.joint_names, body.armature)
     drives = drives_of(entries, file.drive.drive(tick))
@@ -111,10 +115,11 @@ def base_of(given: Base | None, path: Path, stands: bool) -> tuple[Base | None, 
 
 def _posture(name: str, patterns: Mapping[str, float], path: Path, base: Base | None, file: RobotFile, body: RigidBody) -> Posture:
     """One posture, with links whose locked joints stand as it says."""
-    angles = _angles(name, patterns, (*body.joint_names, *body.locked))
+    angles = _angles(name, patterns, body.every_joint)
     held = {joint: angles.pop(joint) for joint in body.locked if joint in angles}
     if any(held[joint] != body.locked[joint] for joint in held):
-        body = load_model(path, base, file.joints.locked, posture_for_locked=held, locked_key=LOCKED)
+        joints = file.joints
+        body = load_model(path, base, joints.locked, posture_for_locked=held, locked_key=LOCKED, passive=joints.passive)
     return Posture(body, angles)
 
 
@@ -192,7 +197,7 @@ def _control(file: RobotFile, body: RigidBody, sample_time: float | None) -> Con
 
 def _per_joint(owner: str, patterns: Mapping[str, float], body: RigidBody) -> Floats:
     """One gain per joint (n,). Raises GainroomError where a joint has none, or all are 0."""
-    found = strongest(patterns, (*body.joint_names, *body.locked), owner)[: body.size]
+    found = strongest(patterns, body.every_joint, owner)[: body.size]
     without = [name for name, value in zip(body.joint_names, found, strict=True) if value is None]
     if without:
         raise GainroomError(f"{owner}: no value for joint {first_of_many(without)}; give default, or patterns that match every joint")

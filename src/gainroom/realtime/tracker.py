@@ -91,6 +91,7 @@ class GainTracker:
     ):
         system = _system(robot, control)
         names = _contact_names(robot, contacts)
+        robot.body.require_tree("gain tracker")
         require_carried(robot, system, names)
         pd = system.control.controller
         self.gains = np.array([np.broadcast_to(gain, robot.body.size) for gain in (pd.kp, pd.kd)], dtype=float)

@@ -9,8 +9,10 @@ import numpy as np
 
 from ..errors import GainroomError, first_of_many, nearest, require_finite
 from ..linear.arrays import Floats
-from .body import Base, Bone, RigidBody, library, put_position
+from .body import Base, RigidBody, library, put_position
+from .linkage import FollowingJoint, JoinedFrames, Linkage
 from .name_patterns import select_all
+from .skeleton import Bone
 
 MAX_JOINTS = 150
 """Pinocchio's workspace grows with the third power of the joints: 150 take about 250 MB."""
@@ -40,6 +42,8 @@ class Description:
     model   Pinocchio's, with every joint; a floating base, if there is one, is its first. Rotors in `armature`, not in the links
     held    joints that cannot be actuated, and why
     springs, friction   of the joints themselves, by name [N m/rad; N/m if prismatic], [N m; N]
+    linkages   closed loops, and joints that follow others: those that are `held` follow where they are to be passive
+    actuated   joints with an actuator; None: the format, or this file, has none
     """
 
     source: str
@@ -48,6 +52,8 @@ class Description:
     notes: tuple[str, ...] = ()
     springs: Mapping[str, float] = field(default_factory=dict)
     friction: Mapping[str, float] = field(default_factory=dict)
+    linkages: tuple[Linkage, ...] = ()
+    actuated: frozenset[str] | None = None
 
 
 def assemble(
@@ -57,8 +63,12 @@ def assemble(
     selected: Sequence[str] | None = None,
     posture_for_locked: Mapping[str, float] | None = None,
     locked_key: str = "",
+    passive: Sequence[str] = (),
 ) -> RigidBody:
-    """The body whose joints are the `selected` ones (None: all) without the `locked` ones; see load_model. Raises GainroomError."""
+    """The body whose joints are the `selected` ones (None: all) without the `locked` and `passive` ones; see load_model.
+
+    Raises GainroomError.
+    """
     source, model = description.source, description.model
     require_at_most(source, model.njoints - 1, "joints", MAX_JOINTS)
     _require_names(source, model)
@@ -66,12 +76,12 @@ def assemble(
     first = 2 if floats(model) else 1
     names = tuple(model.names[first:])
     positions = _positions(source, names, posture_for_locked or {})
-    held = _held(description, names, locked, selected, locked_key or f"{source}: locked")
-    actuated = tuple(name for name in names if name not in held)
+    held, idle = _not_actuated(description, names, locked, selected, passive, locked_key or f"{source}: locked")
+    actuated = tuple(name for name in names if name not in held and name not in idle)
     _require_actuated(source, model, names, actuated)
 
     welded = (model.names[1],) if base == "fixed" and first == 2 else ()
-    reduced, armature = _reduce(model, (*welded, *held), positions)
+    reduced, armature = _reduce(model, (*welded, *held), positions, idle)
     ids = [model.getJointId(name) for name in actuated]
     body = RigidBody(
         source=source,
@@ -80,9 +90,15 @@ def assemble(
         base="floating" if floats(reduced) else "fixed",
         armature=np.array([armature[model.joints[index].idx_v] for index in ids]),
         locked={name: positions.get(name, 0.0) for name in held},
-        notes=_notes(description, held, positions, model),
+        notes=_notes(description, held, idle, positions, model),
         bones=tuple(_bone(model, index, first) for index in range(first, model.njoints)),
         springs={name: stiffness for name, stiffness in description.springs.items() if name in actuated},
+        passive=idle,
+        linkages=tuple(one for one in description.linkages if _counts(one, model, held, idle)),
+        passive_springs={
+            name: (description.springs[name], _damping(model, name)) for name in idle if description.springs.get(name, 0.0) > 0
+        },
+        looped=frozenset(_looped(description)),
     )
     _require_mass(body)
     return body
@@ -99,16 +115,49 @@ def floats(model: Any) -> bool:
     return model.njoints > 1 and model.joints[1].nv == 6
 
 
-def _held(
-    description: Description, names: Sequence[str], locked: Sequence[str], selected: Sequence[str] | None, locked_key: str
-) -> tuple[str, ...]:
-    """Joints that do not move, in the model's order."""
+def _not_actuated(
+    description: Description,
+    names: Sequence[str],
+    locked: Sequence[str],
+    selected: Sequence[str] | None,
+    passive: Sequence[str],
+    locked_key: str,
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Joints that do not move, and those that no motor moves, in the model's order."""
     source = description.source
-    chosen = set(range(len(names)))
-    if selected is not None:
-        chosen = set().union(*select_all(selected, names, f"{source}: selected"))
-    chosen -= set().union(*select_all(locked, names, locked_key, lambda pattern: f"{locked_key}[{list(locked).index(pattern)}]"))
-    return tuple(name for index, name in enumerate(names) if index not in chosen or name in description.held)
+    everything = set(range(len(names)))
+    chosen = everything if selected is None else set().union(*select_all(selected, names, f"{source}: selected"))
+    fixed = set().union(*select_all(locked, names, locked_key, lambda pattern: f"{locked_key}[{list(locked).index(pattern)}]"))
+    key = locked_key.replace("locked", "passive")
+    named = set().union(*select_all(passive, names, key, lambda pattern: f"{key}[{list(passive).index(pattern)}]"))
+    looped = _looped(description) - (description.actuated or set()) if description.actuated is not None else set()
+    held = {index for index, name in enumerate(names) if name in description.held}
+    idle = ({index for index, name in enumerate(names) if name in looped} - held | named) - fixed
+    still = (everything - chosen | fixed | held) - idle
+    return tuple(names[index] for index in sorted(still)), tuple(names[index] for index in sorted(idle))
+
+
+def _looped(description: Description) -> set[str]:
+    """Joints of closed loops."""
+    model = description.model
+    return set().union(*(_on_loop(one, model) for one in description.linkages if isinstance(one, JoinedFrames)))
+
+
+def _on_loop(loop: JoinedFrames, model: Any) -> set[str]:
+    """The joints between the two frames; a floating base is no joint."""
+    first, second = ({*model.supports[model.frames[model.getFrameId(name)].parentJoint]} for name in (loop.first, loop.second))
+    return {model.names[index] for index in first ^ second if model.joints[index].nv != 6}
+
+
+def _counts(linkage: Linkage, model: Any, held: Sequence[str], idle: Sequence[str]) -> bool:
+    """Whether something can move against it; a joint that follows is held unless it is passive."""
+    if isinstance(linkage, FollowingJoint):
+        return linkage.follower in idle
+    return not (isinstance(linkage, JoinedFrames) and _on_loop(linkage, model) <= {*held})
+
+
+def _damping(model: Any, name: str) -> float:
+    return float(model.damping[model.joints[model.getJointId(name)].idx_v])
 
 
 def _positions(source: str, names: Sequence[str], posture: Mapping[str, float]) -> dict[str, float]:
@@ -119,8 +168,8 @@ def _positions(source: str, names: Sequence[str], posture: Mapping[str, float]) 
     return {name: float(require_finite(source, f"position of joint {name!r}", value)) for name, value in posture.items()}
 
 
-def _reduce(model: Any, held: Sequence[str], positions: Mapping[str, float]) -> tuple[Any, Floats]:
-    """A model in which the held joints are rigid, without rotors; and the rotors (by the full model's velocities)."""
+def _reduce(model: Any, held: Sequence[str], positions: Mapping[str, float], passive: Sequence[str]) -> tuple[Any, Floats]:
+    """A model in which the held joints are rigid, with rotors of passive joints alone; and the rotors (by the full model's velocities)."""
     pin = library("pinocchio", "Pinocchio")
     q = pin.neutral(model)
     for name in held:
@@ -130,7 +179,11 @@ def _reduce(model: Any, held: Sequence[str], positions: Mapping[str, float]) -> 
     rotors = _rotors(model)
     reduced = _hold(pin, model, [model.getJointId(name) for name in held], q)
     # Pinocchio adds the armature to the mass matrix; here it is the motors' own degree of freedom.
-    reduced.armature = np.zeros(reduced.nv)
+    armature = np.zeros(reduced.nv)
+    for name in passive:
+        old, new = (each.joints[each.getJointId(name)] for each in (model, reduced))
+        armature[new.idx_v : new.idx_v + new.nv] = rotors[old.idx_v : old.idx_v + old.nv]
+    reduced.armature = armature
     reduced.rotorInertia = np.zeros(reduced.nv)
     return reduced, rotors
 
@@ -168,22 +221,33 @@ def _bone(model: Any, index: int, first: int) -> Bone:
     return Bone(model.names[index], name_of_parent, np.array(tip))
 
 
-def _notes(description: Description, held: Sequence[str], positions: Mapping[str, float], model: Any) -> tuple[str, ...]:
+def _notes(
+    description: Description, held: Sequence[str], idle: Sequence[str], positions: Mapping[str, float], model: Any
+) -> tuple[str, ...]:
     notes = []
     followers = [f"{name!r} {why}, at {positions.get(name, 0.0):g}" for name, why in description.held.items() if name in held]
     if followers:
-        notes.append(f"held, as they follow others: {first_of_many(followers)}")
+        notes.append(f"held, as they follow others, so that the joints that lead them move less inertia: {first_of_many(followers)}")
+    loops = [one.name for one in description.linkages if isinstance(one, JoinedFrames) and _counts(one, model, held, idle)]
+    if loops:
+        motors = "" if description.actuated is not None or idle else "; a motor is on each of their joints that is not listed as passive"
+        notes.append(f"closed loops are kept closed: {first_of_many(loops)}{motors}")
+    if idle:
+        notes.append(f"passive joints, without a motor: {first_of_many(idle)}")
+        rubbed = [name for name in idle if name in _one_dof(model) and _damping(model, name) > 0 and not description.springs.get(name)]
+        if rubbed:
+            notes.append(f"damping of passive joints without a spring does not count: {first_of_many(rubbed)}")
     unphysical = [model.names[index] for index in range(1, model.njoints) if not _is_physical(model.inertias[index])]
     if unphysical:
         notes.append(
             f"no solid has the inertia of the links on these joints, taken as given: {first_of_many([repr(name) for name in unphysical])}"
         )
-    own = {name: float(model.damping[model.joints[model.getJointId(name)].idx_v]) for name in _one_dof(model) if name not in held}
+    own = {name: _damping(model, name) for name in _one_dof(model) if name not in (*held, *idle)}
     damped = [f"{name} {damping:.4g}" for name, damping in own.items() if damping > 0]
     if damped:
         notes.append(f"{DAMPING_NOTE}, give it as link_viscous [N m s/rad]: {first_of_many(damped)}")
     for values, note in ((description.friction, FRICTION_NOTE), (description.springs, SPRING_NOTE)):
-        found = [f"{name} {value:.4g}" for name, value in values.items() if value and name not in held]
+        found = [f"{name} {value:.4g}" for name, value in values.items() if value and name not in (*held, *idle)]
         if found:
             notes.append(f"{note}: {first_of_many(found)}")
     return (*description.notes, *notes)
@@ -258,8 +322,8 @@ def _require_mass(body: RigidBody) -> None:
         raise GainroomError(
             f"{body.source}: the link of the floating base has no mass (singular mass matrix); give it some, or fix the base"
         )
-    base = body.nv - body.size
-    names = [repr(body.joint_names[index - base]) for index in culprits if index >= base]
+    driven = (*body.passive, *body.joint_names)
+    names = [repr(name) for name in driven if body.velocity_of(name) in culprits]
     what = f"joint{'s' * (len(names) > 1)} {first_of_many(names)}" if names else "floating base"
     raise GainroomError(f"{body.source}: no mass moves with the {what} (singular mass matrix); give the links inertia, or lock it")
 

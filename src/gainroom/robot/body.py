@@ -1,7 +1,7 @@
 """The links of a robot as rigid bodies, without rotors: inertia, frames, centre of mass and gravity torques at a posture.
 
-Velocities are v = (base twist, joint rates): a floating base comes first, with its linear and angular velocity in its own axes, as
-Pinocchio has it (Featherstone, Rigid Body Dynamics Algorithms, 2008; Carpentier et al., The Pinocchio C++ library, 2019).
+Velocities are v = (base twist, passive joint rates, joint rates): a floating base comes first, with its linear and angular velocity in its
+own axes, as Pinocchio has it (Featherstone, Rigid Body Dynamics Algorithms, 2008; Carpentier et al., The Pinocchio C++ library, 2019).
 """
 
 import importlib
@@ -14,8 +14,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import GainroomError, nearest, require_finite
+from ..errors import GainroomError, first_of_many, nearest, require_finite
 from ..linear.arrays import Booleans, Floats, Integers
+from .linkage import Linkage, closed
+from .skeleton import Bone, Skeleton
 
 Base = Literal["fixed", "floating"]
 UNLIMITED = 1e300  # Pinocchio writes the largest float where a joint has no limit
@@ -46,34 +48,9 @@ def put_position(q: Floats, joint: Any, value: float) -> None:
     q[joint.idx_q : joint.idx_q + joint.nq] = (np.cos(value), np.sin(value)) if is_continuous(joint) else value
 
 
-@dataclass(frozen=True)
-class Bone:
-    """One joint of the file for a drawing: `tip` (3,) [m] in its frame is where its links end, None where other joints follow."""
-
-    name: str
-    parent: str | None
-    tip: Floats | None
-
-
-@dataclass(frozen=True)
-class Skeleton:
-    """Where the joints are.
-
-    names       of the k nodes: "base", then every joint of the file, locked ones too, each chain closed by a tip
-    positions   (k, 3) [m]; a floating base stands at the origin
-    parents     (k,) index of the node that this one hangs on; −1 for the base
-    joints      (k,) index in joint_names of the joint at the node; −1 for base, locked joints and tips
-    """
-
-    names: tuple[str, ...]
-    positions: Floats
-    parents: Integers
-    joints: Integers
-
-
 @dataclass(frozen=True, eq=False)
 class RigidBody:
-    """Rigid links, n actuated joints of one degree of freedom each, and N = n (fixed base) or 6 + n (floating base).
+    """Rigid links, n actuated joints of one degree of freedom each, and N velocities: n, the passive joints', 6 of a floating base.
 
     source        its name in messages
     model         Pinocchio's, links only: its armature and rotor inertias are zero
@@ -84,6 +61,10 @@ class RigidBody:
     notes         warnings about how the file was read
     bones         joints of the file, parents first, for a drawing
     springs       of joints that have one of their own, beside the gearbox, by name [N m/rad; N/m if prismatic]
+    passive       joints without a motor, in the model's order, of any freedom; their rotors are part of the links
+    linkages      closed loops, and joints that follow others
+    passive_springs   stiffness and damping of passive joints with a spring, by name [N m/rad; N m s/rad]
+    looped        joints of closed loops, actuated or passive
 
     Postures q (nq,) hold the base's position and quaternion (x, y, z, w) if it floats, then each joint's angle, or cosine and sine of a
     continuous joint's. Make them with `configuration`. All methods raise GainroomError for a q of wrong shape or not finite.
@@ -98,6 +79,10 @@ class RigidBody:
     notes: tuple[str, ...] = ()
     bones: tuple[Bone, ...] = ()
     springs: Mapping[str, float] = field(default_factory=dict)
+    passive: tuple[str, ...] = ()
+    linkages: tuple[Linkage, ...] = ()
+    passive_springs: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    looped: frozenset[str] = frozenset()
 
     def __repr__(self) -> str:
         return f"RigidBody({self.source!r}: {self.size} joints, {len(self.locked)} locked, {self.base} base)"
@@ -106,6 +91,22 @@ class RigidBody:
     def size(self) -> int:
         """n, the number of actuated joints."""
         return len(self.joint_names)
+
+    def require_tree(self, owner: str) -> None:
+        """Raise GainroomError, which begins with `owner`, where there are closed loops or passive joints."""
+        if self.linkages or self.passive:
+            what = first_of_many([*(linkage.name for linkage in self.linkages), *(f"passive joint {name!r}" for name in self.passive)])
+            raise GainroomError(f"{owner}: closed loops and passive joints are not carried here, and this robot has {what}")
+
+    @property
+    def every_joint(self) -> tuple[str, ...]:
+        """Names of all joints of the file: the actuated ones, then those that are locked, then passive ones."""
+        return (*self.joint_names, *self.locked, *self.passive)
+
+    @property
+    def passive_size(self) -> int:
+        """Degrees of freedom of the passive joints."""
+        return sum(self._joint(name).nv for name in self.passive)
 
     @property
     def prismatic(self) -> Booleans:
@@ -124,7 +125,7 @@ class RigidBody:
 
     @property
     def nv(self) -> int:
-        """N, the degrees of freedom: n, or 6 + n on a floating base."""
+        """N, the degrees of freedom: n, those of passive joints, and 6 of a floating base."""
         return self.model.nv
 
     @cached_property
@@ -154,9 +155,11 @@ class RigidBody:
     def configuration(self, angles: Mapping[str, float]) -> Floats:
         """(nq,) joints at `angles` [rad; m if prismatic], at 0 where not named; a floating base at the identity.
 
-        A locked joint may be named with the position that it is held at. Raises GainroomError for unknown joints and other positions.
+        A locked joint may be named with the position that it is held at. Closed loops are closed: passive joints follow, and where they are
+        named it is looked for about there. Raises GainroomError for unknown joints, other positions, and loops that cannot be closed.
         """
         q = self.neutral()
+        moved: dict[str, float] = {}
         for name, angle in angles.items():
             value = float(require_finite(self.source, f"position of joint {name!r}", angle))
             if name in self.locked:
@@ -164,8 +167,34 @@ class RigidBody:
                 if not np.isclose(value, self.locked[name], rtol=1e-9, atol=1e-9):
                     raise GainroomError(f"{self.source}: joint {name!r} is locked at {self.locked[name]:g} and cannot stand at {value:g}")
                 continue
-            put_position(q, self.joints[self._index(name)], value)
-        return q
+            moved[name] = value
+            self.place(q, name, value)
+        if not self.linkages:
+            return q
+        return closed(self, self.neutral(), moved)
+
+    def place(self, q: Floats, name: str, value: float) -> None:
+        """Write the position of a joint of one degree of freedom, actuated or passive, into `q`. Raises GainroomError for another."""
+        joint = self.joints[self._index(name)] if name not in self.passive else self._joint(name)
+        if joint.nv > 1:
+            raise GainroomError(f"{self.source}: joint {name!r} has {joint.nv} degrees of freedom and no single position")
+        put_position(q, joint, value)
+
+    def position(self, q: Floats, name: str) -> float:
+        """Of any joint of one degree of freedom [rad; m if prismatic]."""
+        if name in self.locked:
+            return float(self.locked[name])
+        joint = self._joint(name)
+        at = joint.idx_q
+        return float(np.arctan2(q[at + 1], q[at]) if is_continuous(joint) else q[at])
+
+    def velocity_of(self, name: str) -> int:
+        """The place of a joint's rate among the N velocities, its first where it has several; −1 where it is locked."""
+        return -1 if name in self.locked else int(np.flatnonzero(self._order == self._joint(name).idx_v)[0])
+
+    def rate(self, name: str) -> Floats:
+        """(N,) from velocity to the rate of a joint of one degree of freedom; zeros where it is locked."""
+        return (np.arange(self.nv) == self.velocity_of(name)).astype(float)
 
     def angles(self, q: ArrayLike) -> Floats:
         """(n,) joint positions in posture `q` [rad; m if prismatic]; of a continuous joint within ±π."""
@@ -185,16 +214,18 @@ class RigidBody:
         moved = require_finite(self.source, "displacement", displacement)
         if moved.shape != (self.nv,):
             raise GainroomError(f"{self.source}: displacement of shape {moved.shape} must be ({self.nv},)")
-        return self._pinocchio.integrate(self.model, self._posture(q), moved)
+        in_tree = np.empty(self.nv)
+        in_tree[self._order] = moved
+        return self._pinocchio.integrate(self.model, self._posture(q), in_tree)
 
     def mass_matrix(self, q: ArrayLike) -> Floats:
-        """A (N, N), symmetric: inertia of the links alone, rotors apart [kg m², kg m, kg]."""
+        """A (N, N), symmetric: inertia of the links alone, actuated joints' rotors apart [kg m², kg m, kg]."""
         upper = np.triu(self._pinocchio.crba(self.model, self._data, self._posture(q)))
-        return upper + np.triu(upper, 1).T
+        return self._ordered(upper + np.triu(upper, 1).T, both=True)
 
     def gravity_torque(self, q: ArrayLike) -> Floats:
         """g (N,), the torques that balance gravity: A v̇ = Sᵀ τ − g at rest [N m; N if prismatic and for a base's linear part]."""
-        return self._pinocchio.computeGeneralizedGravity(self.model, self._data, self._posture(q)).copy()
+        return self._ordered(self._pinocchio.computeGeneralizedGravity(self.model, self._data, self._posture(q)))
 
     def com(self, q: ArrayLike) -> Floats:
         """(3,) centre of mass of everything that moves, world axes [m]."""
@@ -203,7 +234,7 @@ class RigidBody:
     def com_jacobian(self, q: ArrayLike) -> Floats:
         """(3, N) from velocity to that of the centre of mass, world axes."""
         jacobian = self._pinocchio.jacobianCenterOfMass(self.model, self._data, self._posture(q))
-        return jacobian.reshape(3, self.nv).copy()  # Pinocchio returns a vector for one degree of freedom
+        return self._ordered(jacobian.reshape(3, self.nv))  # Pinocchio returns a vector for one degree of freedom
 
     def frame_placement(self, q: ArrayLike, frame: str) -> tuple[Floats, Floats]:
         """(R (3, 3), p (3,)): axes and origin of a frame in world axes [m]. Raises GainroomError for an unknown frame."""
@@ -215,10 +246,28 @@ class RigidBody:
 
         Raises GainroomError for an unknown frame.
         """
+        return self._jacobian(q, self._frame(frame))
+
+    def anchor_jacobian(self, q: ArrayLike, anchor: str) -> Floats:
+        """The same of an anchor of a closed loop."""
+        return self._jacobian(q, self._anchor(anchor))
+
+    def _jacobian(self, q: ArrayLike, index: int) -> Floats:
         pin = self._pinocchio
-        index = self._frame(frame)
         jacobian = pin.computeFrameJacobian(self.model, self._data, self._posture(q), index, pin.ReferenceFrame.LOCAL)
-        return jacobian.reshape(6, self.nv).copy()
+        return self._ordered(jacobian.reshape(6, self.nv))
+
+    def anchors(self, q: ArrayLike, *names: str) -> tuple[Any, ...]:
+        """Placements of anchors of closed loops in world axes, as Pinocchio's SE3."""
+        data = self._placed(q)
+        return tuple(data.oMf[self._anchor(name)].copy() for name in names)
+
+    def _anchor(self, name: str) -> int:
+        return self.model.getFrameId(name, self._pinocchio.FrameType.SENSOR)
+
+    def logarithm(self, placement: Any) -> Floats:
+        """(6,) the twist that leads to a placement in unit time: linear [m], angular [rad]."""
+        return np.array(self._pinocchio.log6(placement).vector)
 
     def frame_index(self, frame: str) -> int:
         """Pinocchio's number of a frame. Raises GainroomError for an unknown one."""
@@ -260,12 +309,28 @@ class RigidBody:
 
     def __getstate__(self) -> dict[str, Any]:
         """Without modules and workspaces, so that a body can be sent to another process."""
-        return {name: value for name, value in self.__dict__.items() if name not in ("_pinocchio", "_scratch")}
+        return {name: value for name, value in self.__dict__.items() if name not in ("_pinocchio", "_scratch", "joints")}
 
-    @property
-    def joints(self) -> list[Any]:
+    @cached_property
+    def joints(self) -> tuple[Any, ...]:
         """Pinocchio's record of each actuated joint."""
-        return list(self.model.joints)[self.model.njoints - self.size :]
+        return tuple(self._joint(name) for name in self.joint_names)
+
+    def _joint(self, name: str) -> Any:
+        return self.model.joints[self.model.getJointId(name)]
+
+    @cached_property
+    def _order(self) -> Integers:
+        """(N,) where in Pinocchio's velocities, which follow the tree, each of ours is."""
+        parts = [(joint.idx_v, joint.nv) for joint in (*(self._joint(name) for name in self.passive), *self.joints)]
+        base = np.arange(self.nv - sum(size for _, size in parts))
+        return np.concatenate([base, *(np.arange(start, start + size) for start, size in parts)]).astype(int)
+
+    def _ordered(self, values: Floats, both: bool = False) -> Floats:
+        """A copy with its last axis, or `both`, in our order of velocities."""
+        if not self.passive:
+            return np.array(values)
+        return values[np.ix_(self._order, self._order)] if both else values[..., self._order]
 
     @cached_property
     def _frames(self) -> dict[str, int]:

@@ -1,4 +1,4 @@
-"""Contacts with the ground: the directions of a frame that are constrained, rigidly or by springs, and the motion that remains free.
+"""What holds a robot: contacts, rigid or on springs, closed loops, springs of passive joints; and the motion that remains free.
 
 Rigid contact takes motion away. With the links' inertia A (N, N) and the rows J_c of what is held (theory after Park and Khatib 2006,
 and Sentis, Park and Khatib 2010):
@@ -6,18 +6,19 @@ and Sentis, Park and Khatib 2010):
     Λ_c = (J_c A⁻¹ J_cᵀ)⁺,    N_c = I − A⁻¹ J_cᵀ Λ_c J_c,    P = A⁻¹ N_cᵀ = R Rᵀ
 
 P takes forces to accelerations; the columns of R span the free motion. Redundant rows (two frames on one foot, feet closed
-into a loop) change nothing.
+into a loop) change nothing. Closed loops are rows like any rigid contact's, and the springs of passive joints like a compliant one's.
 """
 
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
 from ..errors import GainroomError, require_positive
 from ..linear.arrays import Booleans, Floats
+from .linkage import linkage_jacobian
 
 if TYPE_CHECKING:
     from .body import RigidBody
@@ -92,7 +93,7 @@ class Contact:
 
 
 def contact_jacobian(body: "RigidBody", q: Floats, contacts: Sequence[Contact]) -> Floats:
-    """J_c (c, N): the held directions of all contacts, one below the other, each in its frame's axes.
+    """(c, N): the held directions of all contacts, one below the other, each in its frame's axes.
 
     Raises GainroomError for a frame that the robot does not have and for a frame used twice.
     """
@@ -103,9 +104,33 @@ def contact_jacobian(body: "RigidBody", q: Floats, contacts: Sequence[Contact]) 
     return np.vstack([np.zeros((0, body.nv)), *rows])
 
 
-def rigid_rows(contacts: Sequence[Contact]) -> Booleans:
-    """(c,) True for each row of the contact Jacobian that is held rigidly."""
-    return ~np.isfinite(np.concatenate([np.zeros(0), *(contact.springs for contact in contacts)]))
+class Held(NamedTuple):
+    """The directions that are held: those of contact_jacobian, then closed loops, then springs of passive joints.
+
+    jacobian           J_c (c, N)
+    springs, dampers   (c,) inf where rigid [N/m, N m/rad], [N s/m, N m s/rad]
+    """
+
+    jacobian: Floats
+    springs: Floats
+    dampers: Floats
+
+    @property
+    def rigid(self) -> Booleans:
+        """(c,) True for each row that is held rigidly."""
+        return ~np.isfinite(self.springs)
+
+
+def held(body: "RigidBody", q: Floats, contacts: Sequence[Contact]) -> Held:
+    """What holds the robot in posture `q` (nq,) on `contacts`. Raises GainroomError as contact_jacobian."""
+    loops = linkage_jacobian(body, q)
+    sprung = [body.rate(name)[None] for name in body.passive_springs]
+    own = np.array(list(body.passive_springs.values())).reshape(-1, 2)
+    return Held(
+        np.vstack([contact_jacobian(body, q, contacts), loops, *sprung]),
+        np.concatenate([np.zeros(0), *(contact.springs for contact in contacts), np.full(len(loops), np.inf), own[:, 0]]),
+        np.concatenate([np.zeros(0), *(contact.dampers for contact in contacts), np.zeros(len(loops)), own[:, 1]]),
+    )
 
 
 def free_motion(inertia: Floats, held: Floats) -> Floats:

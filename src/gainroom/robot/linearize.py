@@ -1,7 +1,7 @@
 """From a robot in a posture on its contacts to a plant of n joints: W = S P Sᵀ, compliant contact, gravity stiffness.
 
-A floating base moves with the joints as the contacts demand. Rigid contacts are projected out (contact.py); a compliant one pushes with
-f = −(K_c + s B_c) x_c on its own motion x_c, which leaves
+A floating base and passive joints move with the joints as contacts and closed loops demand. What holds rigidly is projected out
+(contact.py); springs push with f = −(K_c + s B_c) x_c on their own motion x_c, which leaves
 
     W(s) = W − C (s² (K_c + s B_c)⁻¹ + D)⁻¹ Cᵀ,    C = S P J_kᵀ,    D = J_k P J_kᵀ
 
@@ -17,7 +17,7 @@ from ..errors import GainroomError, require_finite
 from ..linear.arrays import Floats
 from ..system.plant import Compliance
 from .assemble import massless
-from .contact import REDUNDANT, Contact, contact_jacobian, free_motion, rigid_rows
+from .contact import REDUNDANT, Contact, Held, free_motion, held
 from .model import RobotModel
 
 if TYPE_CHECKING:
@@ -43,14 +43,13 @@ def linearize(body: "RigidBody", actuators: "Actuators", q: Floats, contacts: Se
     """
     q = require_finite("robot", "posture", q)
     contacts = tuple(contacts)
-    jacobian = contact_jacobian(body, q, contacts)
-    rigid = rigid_rows(contacts)
+    holding = held(body, q, contacts)
     inertia = body.mass_matrix(q)
     _require_mass(body, inertia)
-    motion = free_motion(inertia, jacobian[rigid])
+    motion = free_motion(inertia, holding.jacobian[holding.rigid])
     joints = motion[body.nv - body.size :]  # S R
-    # Without contact nothing is projected, and a fixed base has A⁻¹ to the last bit.
-    inverse = joints @ joints.T if rigid.any() or body.base == "floating" else np.linalg.inv(inertia)
+    # Where the joints are all that moves, nothing is projected, and W is A⁻¹ to the last bit.
+    inverse = joints @ joints.T if holding.rigid.any() or body.nv > body.size else np.linalg.inv(inertia)
     return RobotModel(
         link_inverse_inertia=inverse,
         motor_inertia=actuators.motor_inertia,
@@ -59,13 +58,13 @@ def linearize(body: "RigidBody", actuators: "Actuators", q: Floats, contacts: Se
         motor_viscous=actuators.motor_viscous,
         link_viscous=actuators.link_viscous,
         gravity_stiffness=_stiffness(body, q, contacts, gravity),
-        compliance=_compliance(motion, joints, jacobian[~rigid], contacts),
+        compliance=_compliance(motion, joints, holding),
         joint_names=body.joint_names,
         body=body,
         q=q,
         inertia=inertia,
         contacts=contacts,
-        contact_jacobian=jacobian,
+        held=holding,
     )
 
 
@@ -85,32 +84,33 @@ def gravity_stiffness(body: "RigidBody", q: Floats, contacts: Sequence[Contact] 
     the smallest ones, in least squares, are taken. In flight everything falls alike and G = 0. Springs under a foot enter without the
     load they carry.
 
-    Raises GainroomError where contacts leave the base free to move (points, lines, springs): that motion does not follow from the joints,
-    so no G expresses its weight.
+    Raises GainroomError where contacts leave the base free to move (points, lines, springs), or loops a passive joint: that motion does
+    not follow from the joints, so no G expresses its weight.
     """
-    jacobian = contact_jacobian(body, q, contacts)
-    rigid = rigid_rows(contacts)
-    if body.base == "floating" and not len(jacobian):
+    if body.base == "floating" and not contacts:
         return np.zeros((body.size, body.size))
+    holding = held(body, q, contacts)
+    jacobian, rigid = holding.jacobian, holding.rigid
     motion = free_motion(body.mass_matrix(q), jacobian[rigid])
     joints = motion[body.nv - body.size :]
     free = _free(motion, joints)
     if free:
+        what = "rigid contacts that hold the base" if not body.passive else "contacts and closed loops that hold base and passive joints"
         raise GainroomError(
-            f"robot: gravity stiffness needs rigid contacts that hold the base; {free} direction{'s' * (free > 1)} of it can move "
+            f"robot: gravity stiffness needs {what}; {free} direction{'s' * (free > 1)} of {'it' if not body.passive else 'them'} can move "
             "while the joints stand still"
         )
     inverse = np.linalg.pinv(joints, rcond=REDUNDANT)
     reached = motion @ inverse  # Y
     weight = body.gravity_torque(q)
-    held = np.linalg.pinv(joints.T, rcond=REDUNDANT) @ (motion.T @ weight)  # τ₀
+    torque = np.linalg.pinv(joints.T, rcond=REDUNDANT) @ (motion.T @ weight)  # τ₀
     rest = weight.copy()
-    rest[body.nv - body.size :] -= held
+    rest[body.nv - body.size :] -= torque
     forces = np.linalg.lstsq(jacobian[rigid].T, rest, rcond=REDUNDANT)[0]  # f₀; J_cᵀ f₀ is unique
 
     def unbalanced(direction: Floats, step: float) -> Floats:
         moved = body.integrate(q, step * direction)
-        return body.gravity_torque(moved) - contact_jacobian(body, moved, contacts)[rigid].T @ forces
+        return body.gravity_torque(moved) - held(body, moved, contacts).jacobian[rigid].T @ forces
 
     change = [(unbalanced(column, STEP) - unbalanced(column, -STEP)) / (2 * STEP) for column in reached.T]
     stiffness = reached.T @ np.array(change).T
@@ -133,25 +133,24 @@ def holds_base(body: "RigidBody", q: Floats, contacts: Sequence[Contact]) -> boo
     """Whether rigid contacts hold a floating base, so that it moves with the joints alone and gravity stiffness is theirs."""
     if body.base == "fixed" or not contacts:
         return False
-    motion = free_motion(body.mass_matrix(q), contact_jacobian(body, q, contacts)[rigid_rows(contacts)])
+    holding = held(body, q, contacts)
+    motion = free_motion(body.mass_matrix(q), holding.jacobian[holding.rigid])
     return not _free(motion, motion[body.nv - body.size :])
 
 
 def _free(motion: Floats, joints: Floats) -> int:
-    """The number of directions in which the base can move while the joints are immobile."""
+    """The number of directions in which base and passive joints can move while the joints are immobile."""
     sizes = np.linalg.svd(joints, compute_uv=False)
     return motion.shape[1] - int(np.count_nonzero(sizes > REDUNDANT * sizes.max(initial=0.0)))
 
 
-def _compliance(motion: Floats, joints: Floats, jacobian: Floats, contacts: Sequence[Contact]) -> Compliance | None:
-    """The springs under the feet as the plant wants them; None where every contact is rigid."""
-    if not len(jacobian):
+def _compliance(motion: Floats, joints: Floats, holding: Held) -> Compliance | None:
+    """The springs under the feet and in passive joints as the plant wants them; None where all that holds is rigid."""
+    soft = ~holding.rigid
+    if not soft.any():
         return None
-    springs = np.concatenate([contact.springs for contact in contacts])
-    dampers = np.concatenate([contact.dampers for contact in contacts])
-    soft = np.isfinite(springs)
-    moved = jacobian @ motion  # J_k R
-    return Compliance(coupling=joints @ moved.T, inverse_inertia=moved @ moved.T, stiffness=springs[soft], damping=dampers[soft])
+    moved = holding.jacobian[soft] @ motion  # J_k R
+    return Compliance(joints @ moved.T, moved @ moved.T, stiffness=holding.springs[soft], damping=holding.dampers[soft])
 
 
 def _require_mass(body: "RigidBody", inertia: Floats) -> None:

@@ -1,13 +1,13 @@
 """The robot linearised about one posture in one contact state: a plant of n joints, with what the operational space needs."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from ..linear.arrays import Booleans, Floats
 from ..system.plant import Plant
-from .contact import Contact, rigid_rows
+from .contact import Contact, Held
 
 if TYPE_CHECKING:
     from .body import RigidBody
@@ -38,17 +38,17 @@ class RobotModel(Plant):
 
     body               the links
     q                  posture, in the body's configuration (nq,)
-    inertia            A (N, N) of the links, rotors apart; N = n, or 6 + n on a floating base, whose 6 come first [kg m² and so on]
-    contacts           in the order of contact_jacobian
-    contact_jacobian   J_c (c, N), all contacts, rigid and compliant
+    inertia            A (N, N) of the links, rotors apart, by the body's velocities [kg m² and so on]
+    held               what holds it: contacts, rigid and compliant, and closed loops
+    contacts           in the order of `held`
     posture, contact   their names, for tables
     """
 
     body: "RigidBody"
     q: Floats
     inertia: Floats
+    held: Held
     contacts: tuple[Contact, ...] = ()
-    contact_jacobian: Floats = field(default_factory=lambda: np.zeros((0, 0)))
     posture: str = ""
     contact: str = ""
 
@@ -58,11 +58,16 @@ class RobotModel(Plant):
 
     @property
     def selection(self) -> Floats:
-        """S (n, N): the actuated joints among all degrees of freedom, [0 I] on a floating base."""
+        """S (n, N): the actuated joints among all degrees of freedom, the last."""
         total = len(self.inertia)
         return np.eye(total)[total - self.size :]
 
     @property
     def rigid(self) -> Booleans:
         """(c,) which rows of the contact Jacobian are held rigidly; the others are springs and enter as `compliance`."""
-        return rigid_rows(self.contacts)
+        return self.held.rigid
+
+    @property
+    def contact_jacobian(self) -> Floats:
+        """J_c (c, N): all rows of `held`."""
+        return self.held.jacobian

@@ -112,6 +112,7 @@ def build_mujoco(
     """
     mujoco = library("mujoco", "MuJoCo")
     require_positive("simulation", "timestep", timestep, "s")
+    body.require_tree("simulation")
     q = require_finite(body.source, "posture", q)
     friction = np.broadcast_to(require_finite("simulation", "coulomb friction", coulomb), (body.size,))
     if np.any(friction < 0):

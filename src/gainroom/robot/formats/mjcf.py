@@ -13,11 +13,14 @@ from typing import Any
 from xml.etree.ElementTree import Element
 
 import numpy as np
+from numpy.polynomial import Polynomial
 
 from ...errors import GainroomError, first_of_many
 from ..assemble import Description
 from ..body import Base, library
-from .mjcf_file import compile_mjcf
+from ..linkage import FollowingJoint, JoinedFrames, Linkage
+from .mjcf_constraints import Constraints, Placed
+from .mjcf_file import Compiled, compile_mjcf
 from .model_format import INTEGRATORS, ActuatorGain, ActuatorGains, ModelFormat, Stepping
 
 
@@ -36,8 +39,11 @@ class Mjcf(ModelFormat):
         compiled = compile_mjcf(root, path)
         tree = _Tree(pin, compiled.model, str(path))
         tree.grow(base)
+        tree.constrain(compiled.constraints)
         notes = (*compiled.notes, *tree.notes, *_not_counted(compiled.model))
-        return Description(str(path), tree.result, compiled.coupled, notes, tree.springs, tree.friction)
+        return Description(
+            str(path), tree.result, tree.held, notes, tree.springs, tree.friction, tuple(tree.linkages), tree.actuated(compiled)
+        )
 
     def keyframes(self, root: Element, path: Path) -> Mapping[str, Mapping[str, float]]:
         """Of the joints with one degree of freedom."""
@@ -97,6 +103,8 @@ class _Tree:
     places: dict[int, tuple[int, Any, int]] = field(default_factory=dict)
     springs: dict[str, float] = field(default_factory=dict)
     friction: dict[str, float] = field(default_factory=dict)
+    held: dict[str, str] = field(default_factory=dict)
+    linkages: list[Linkage] = field(default_factory=list)
 
     def grow(self, base: Base | None) -> None:
         model = self.mujoco_model
@@ -201,6 +209,34 @@ class _Tree:
             joint, place, frame = self.places[body]
             place = place * self._placement(model.site_pos[site], model.site_quat[site])
             self.result.addFrame(pin.Frame(name, joint, frame, place, pin.FrameType.OP_FRAME))
+
+    def constrain(self, constraints: Constraints) -> None:
+        """Closed loops as pairs of frames, and joints that are held or follow others."""
+        model = self.mujoco_model
+        start = {_joint_name(model, joint): float(model.qpos0[model.jnt_qposadr[joint]]) for joint in range(model.njnt)}
+        for tie in constraints.ties:
+            self.held[tie.follower] = f"is tied to {tie.leader!r}" if tie.leader else "is held by a constraint"
+            if tie.leader:
+                shifted = Polynomial(tie.coefficients)(Polynomial([-start[tie.leader], 1.0])) + start[tie.follower]
+                self.linkages.append(FollowingJoint(f"joint {tie.follower!r}", tie.follower, tie.leader, tuple(shifted.coef)))
+        for join in constraints.joins:
+            if join.first.body not in self.places or join.second.body not in self.places:
+                self.notes.append(f"the constraint {join.name!r} is ignored: it holds something that is left out")
+                continue
+            first, second = (self._anchor(f"{join.name} {side}", end) for side, end in enumerate((join.first, join.second)))
+            self.linkages.append(JoinedFrames(f"the loop of {join.name!r}", first, second, join.welded))
+
+    def _anchor(self, name: str, end: Placed) -> str:
+        """A frame that users do not see; its name."""
+        joint, place, frame = self.places[end.body]
+        place = place * self._placement(end.position, end.quaternion)
+        name = _unused(name, {each.name for each in self.result.frames})
+        self.result.addFrame(self.pin.Frame(name, joint, frame, place, self.pin.FrameType.SENSOR))
+        return name
+
+    def actuated(self, compiled: Compiled) -> frozenset[str] | None:
+        """Joints with an actuator; None where the file has none."""
+        return frozenset(each.joint for each in compiled.elements if each.joint) or None
 
     def _placement(self, position: Any, quaternion: Any) -> Any:
         rotation = self.pin.Quaternion(np.array(quaternion)[list(_TO_XYZW)]).normalized().toRotationMatrix()

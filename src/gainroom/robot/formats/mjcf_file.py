@@ -10,7 +10,7 @@ import re
 import threading
 import warnings
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,7 @@ from ...errors import GainroomError, one_line, typo_of
 from ...io.run_files import note_read
 from ..assemble import MAX_JOINTS, require_at_most
 from ..body import library
+from .mjcf_constraints import Constraints, take_constraints
 from .mujoco_messages import mujoco_warnings
 from .xml_text import MAX_BYTES, MAX_DEPTH, MAX_ELEMENTS, read_xml
 
@@ -68,7 +69,7 @@ class ActuatorElement:
 
 @dataclass(frozen=True)
 class Compiled:
-    """MuJoCo's model of a file; coupled: joints that a constraint ties to another, and how.
+    """MuJoCo's model of a file, without its constraints.
 
     elements   actuators in the file's order
     left_out   actuators that are no torque on a joint, by name
@@ -76,7 +77,7 @@ class Compiled:
     """
 
     model: Any
-    coupled: Mapping[str, str]
+    constraints: Constraints
     notes: tuple[str, ...]
     elements: tuple[ActuatorElement, ...] = ()
     left_out: tuple[str, ...] = ()
@@ -94,21 +95,22 @@ def compile_mjcf(root: Element, path: Path, keyframes: bool = False) -> Compiled
         try:
             spec = mujoco.MjSpec.from_string(tostring(root, "unicode"))
             spec.modelfiledir, spec.memory = str(path.parent), ARENA
-            notes, coupled = _take_constraints(mujoco, spec)
             _drop_shapes(spec, path)
             elements = tuple(_element(mujoco, actuator) for actuator in spec.actuators)
             left_out = _drop_actuators(mujoco, spec)
+            constraints = take_constraints(mujoco, spec)
             model = spec.compile()
         except GainroomError:
             raise
         except (ValueError, RuntimeError, LookupError, TypeError, mujoco.FatalError) as error:
             # Lines are those of the text that MuJoCo was given, not the file's.
             raise GainroomError(f"{source}: not a valid MJCF: {re.sub(r',? *line [0-9]+', '', one_line(error))}") from error
+    notes = [f"{constraints.ignored} constraints of tendons or flexible bodies ignored"] * (constraints.ignored > 0)
     if tendons:
         notes.append(f"{len(tendons)} tendon{'s' * (len(tendons) > 1)} ignored: their springs, dampers and limits do not count")
     _require_finite(model, source)
     said_too = (f"MuJoCo: {one_line(text)}" for text in said)
-    return Compiled(model, coupled, (*notes, *said_too), elements, left_out, int(getattr(mujoco.mjtGain, "mjGAIN_PID", -1)))
+    return Compiled(model, constraints, (*notes, *said_too), elements, left_out, int(getattr(mujoco.mjtGain, "mjGAIN_PID", -1)))
 
 
 def _require_finite(model: Any, source: str) -> None:
@@ -221,20 +223,6 @@ def _remove_geoms(body: Element) -> None:
     body[:] = [child for child in body if child.tag != "geom"]
     for frame in body.findall("frame"):
         _remove_geoms(frame)
-
-
-def _take_constraints(mujoco: Any, spec: Any) -> tuple[list[str], dict[str, str]]:
-    """Take the constraints out; notes, and the joints that one ties to another or to a constant."""
-    coupled = {}
-    ignored = 0
-    for equality in list(spec.equalities):
-        if equality.active and equality.type == mujoco.mjtEq.mjEQ_JOINT:
-            coupled[equality.name1] = f"is tied to {equality.name2!r}" if equality.name2 else "is held by a constraint"
-        elif equality.active:
-            ignored += 1
-        spec.delete(equality)
-    note = f"{ignored} equality constraint{'s' * (ignored > 1)} ignored: loops that they close are left open"
-    return [note] * (ignored > 0), coupled
 
 
 def _drop_shapes(spec: Any, path: Path) -> None:

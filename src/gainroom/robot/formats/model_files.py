@@ -24,6 +24,7 @@ def load_model(
     selected: Sequence[str] | None = None,
     posture_for_locked: Mapping[str, float] | None = None,
     locked_key: str = "",
+    passive: Sequence[str] = (),
 ) -> RigidBody:
     """The links of a robot.
 
@@ -34,6 +35,8 @@ def load_model(
     selected   patterns of the joints to use; None: all
     posture_for_locked   positions [rad; m if prismatic] of the locked joints, 0 where not named; other joints may stand in it too
     locked_key   what messages call the list `locked`, where it comes from another file
+    passive    patterns of joints without a motor: what holds them, such as a closed loop or a joint that they follow, moves them. Joints of
+               closed loops are, where the file has actuators and none on them. Locked ones are not
 
     Raises GainroomError, one line that names the file, where it is missing, malformed, out of bounds or makes no robot; where a pattern
     matches nothing; where Pinocchio, or for an MJCF MuJoCo, is not installed.
@@ -43,7 +46,7 @@ def load_model(
         raise GainroomError(f"{path}: base {base!r} must be fixed or floating")
     root = read_xml(path)
     description = _format(root, path).describe(root, path, base)
-    return assemble(description, base, locked, selected, posture_for_locked, locked_key)
+    return assemble(description, base, locked, selected, posture_for_locked, locked_key, passive)
 
 
 def has_base(path: Path) -> bool:

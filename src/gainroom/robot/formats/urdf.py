@@ -17,6 +17,7 @@ import numpy as np
 from ...errors import GainroomError, first_of_many, nearest, one_line, typo_of
 from ..assemble import FARTHEST, LARGEST, MASSLESS, Description, floats, require_at_most
 from ..body import Base, library
+from ..linkage import FollowingJoint
 from .model_format import ModelFormat
 
 MAX_LINKS = 2000
@@ -41,7 +42,7 @@ ATTRIBUTES = {
     "child": ("link",),
     "axis": ("xyz",),
     "limit": ("lower", "upper"),
-    "mimic": ("joint",),
+    "mimic": ("joint", "multiplier", "offset"),
     "dynamics": ("damping", "friction"),
 }
 CLOSED = ("inertial", "origin", "mass", "inertia", "parent", "child", "axis")
@@ -66,7 +67,7 @@ class Urdf(ModelFormat):
             # Pinocchio mixes two joints up that have one name.
             name = "root_joint" if "root_joint" not in found.joints else "floating base"
             model = _parse(pin, text, source, pin.JointModelFreeFlyer(), name)
-        return Description(source, model, found.held, found.notes(), friction=found.friction)
+        return Description(source, model, found.held, found.notes(), friction=found.friction, linkages=tuple(found.ties))
 
 
 def _parse(pin: Any, text: str, source: str, *root_joint: Any) -> Any:
@@ -87,6 +88,7 @@ class _Reader:
     joints: list[str] = field(default_factory=list)
     held: dict[str, str] = field(default_factory=dict)
     friction: dict[str, float] = field(default_factory=dict)
+    ties: list[FollowingJoint] = field(default_factory=list)
     negative: list[str] = field(default_factory=list)
 
     def read(self, root: Element) -> None:
@@ -174,8 +176,15 @@ class _Reader:
             self._add_limit(result, parts["limit"], owner)
             self._add_dynamics(result, parts["dynamics"], owner)
         if parts["mimic"] is not None:
-            self.held[name] = f"mimics {parts['mimic'].get('joint')!r}"
+            self._add_follower(name, parts["mimic"], owner)
         return ends["child"], ends["parent"]
+
+    def _add_follower(self, name: str, mimic: Element, owner: str) -> None:
+        leader = mimic.get("joint", "")
+        self.held[name] = f"mimics {leader!r}"
+        slope, offset = (self._numbers(mimic, "mimic", key, 1, owner, absent)[0] for key, absent in (("multiplier", 1.0), ("offset", 0.0)))
+        if leader in self.joints and leader != name:
+            self.ties.append(FollowingJoint(f"joint {name!r}", name, leader, (offset, slope)))
 
     def _axis(self, axis: Element, owner: str) -> list[float]:
         try:

@@ -1,0 +1,77 @@
+"""Equality constraints of an MJCF: which parts of a robot they hold together, as MuJoCo compiles them."""
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...linear.arrays import Floats
+
+
+class Placed(NamedTuple):
+    """A frame on a body: the body's number, place (3,) [m] and quaternion (4,), w first, in it."""
+
+    body: int
+    position: Floats
+    quaternion: Floats
+
+
+@dataclass(frozen=True)
+class Join:
+    """<connect> and <weld>: two frames that coincide, in their origins or altogether."""
+
+    name: str
+    welded: bool
+    first: Placed
+    second: Placed
+
+
+@dataclass(frozen=True)
+class Tie:
+    """<joint>: `follower` is moved from its reference position by Σ c_k x^k where `leader` is moved by x; "": it is held."""
+
+    follower: str
+    leader: str
+    coefficients: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Constraints:
+    """Those that are active; `ignored` of other kinds."""
+
+    joins: tuple[Join, ...] = ()
+    ties: tuple[Tie, ...] = ()
+    ignored: int = 0
+
+
+def take_constraints(mujoco: Any, spec: Any) -> Constraints:
+    """Read all constraints of `spec`, and delete them. Raises what MuJoCo's compiler does."""
+    kinds = mujoco.mjtEq
+    active = [each for each in spec.equalities if each.active]
+    ties = [Tie(each.name1, each.name2, tuple(map(float, each.data[:5]))) for each in active if each.type == kinds.mjEQ_JOINT]
+    count = sum(each.type in (kinds.mjEQ_CONNECT, kinds.mjEQ_WELD) for each in active)
+    joins = _joins(mujoco, spec.compile()) if count else ()  # where anchors are on the second body MuJoCo works out itself
+    for each in list(spec.equalities):
+        spec.delete(each)
+    return Constraints(joins, tuple(ties), len(active) - len(ties) - count)
+
+
+def _joins(mujoco: Any, model: Any) -> tuple[Join, ...]:
+    found, kinds = [], (int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD))
+    for index in range(model.neq):
+        if not model.eq_active0[index] or int(model.eq_type[index]) not in kinds:
+            continue
+        welded, data = int(model.eq_type[index]) == kinds[1], np.array(model.eq_data[index])
+        ends = int(model.eq_obj1id[index]), int(model.eq_obj2id[index])
+        unturned = np.array([1.0, 0.0, 0.0, 0.0])
+        if int(model.eq_objtype[index]) == int(mujoco.mjtObj.mjOBJ_SITE):
+            first, second = (
+                Placed(int(model.site_bodyid[end]), np.array(model.site_pos[end]), np.array(model.site_quat[end])) for end in ends
+            )
+        elif welded:  # the anchor on the second body, then where that body is seen from the first (engine_core_constraint.c)
+            first, second = Placed(ends[0], data[3:6], data[6:10]), Placed(ends[1], data[:3], unturned)
+        else:
+            first, second = Placed(ends[0], data[:3], unturned), Placed(ends[1], data[3:6], unturned)
+        name = model.equality(index).name or f"{'weld' if welded else 'connect'}#{index}"
+        found.append(Join(name, welded, first, second))
+    return tuple(found)

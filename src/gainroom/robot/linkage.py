@@ -1,0 +1,158 @@
+"""What holds two parts of a robot together beside its joints: closed kinematic loops, and joints that follow others.
+
+Each is rows of a Jacobian (r, N) that the motion of the links keeps at zero, as rigid contacts do (contact.py), and a residual (r,) that is
+zero where the loop is closed.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from ..errors import GainroomError
+from ..linear.arrays import Floats
+
+CLOSED = 1e-9
+"""Largest residual of a closed loop [m, rad]; Newton's steps go on to round-off."""
+ROUNDS = 50
+SHARE = 0.1
+"""On the way to a posture loops are closed again each time its joints have moved by so much [rad; m if prismatic]."""
+LOOSE = 1e-10
+"""Of the largest singular value: directions in which loops leave the joints that follow free stay where they are."""
+
+
+class Links(Protocol):
+    """What is asked of a robot's links; members as RigidBody has them."""
+
+    @property
+    def source(self) -> str: ...
+    @property
+    def nv(self) -> int: ...
+    @property
+    def size(self) -> int: ...
+    @property
+    def joint_names(self) -> tuple[str, ...]: ...
+    @property
+    def passive(self) -> tuple[str, ...]: ...
+    @property
+    def passive_size(self) -> int: ...
+    @property
+    def linkages(self) -> "tuple[Linkage, ...]": ...
+    def anchors(self, q: Floats, *names: str) -> tuple[Any, ...]: ...
+    def anchor_jacobian(self, q: Floats, anchor: str) -> Floats: ...
+    def logarithm(self, placement: Any) -> Floats: ...
+    def place(self, q: Floats, name: str, value: float) -> None: ...
+    def position(self, q: Floats, name: str) -> float: ...
+    def velocity_of(self, name: str) -> int: ...
+    def rate(self, name: str) -> Floats: ...
+    def integrate(self, q: Floats, displacement: Floats) -> Floats: ...
+
+
+class Linkage(Protocol):
+    """One constraint. `name` as messages call it."""
+
+    @property
+    def name(self) -> str: ...
+
+    def residual(self, body: Links, q: Floats) -> Floats:
+        """(r,) [m, rad]: zero where it is closed."""
+        ...
+
+    def jacobian(self, body: Links, q: Floats) -> Floats:
+        """(r, N), of a closed loop the residual's."""
+        ...
+
+
+@dataclass(frozen=True)
+class JoinedFrames:
+    """Two frames that coincide: in all six directions (a weld), or in their origins (a ball joint that closes a loop).
+
+    first, second   names of the frames, which users do not see
+    """
+
+    name: str
+    first: str
+    second: str
+    welded: bool
+
+    def residual(self, body: Links, q: Floats) -> Floats:
+        first, second = body.anchors(q, self.first, self.second)
+        apart = first.actInv(second)
+        return body.logarithm(apart) if self.welded else apart.translation.copy()
+
+    def jacobian(self, body: Links, q: Floats) -> Floats:
+        first, second = body.anchors(q, self.first, self.second)
+        turn = first.rotation.T @ second.rotation
+        of_first, of_second = body.anchor_jacobian(q, self.first), body.anchor_jacobian(q, self.second)
+        return np.vstack([turn @ of_second[rows] - of_first[rows] for rows in (slice(0, 3), slice(3, 6))[: 2 if self.welded else 1]])
+
+
+@dataclass(frozen=True)
+class FollowingJoint:
+    """A joint that stands at Σ c_k x^k where another one stands at x (both from where the file calls them 0)."""
+
+    name: str
+    follower: str
+    leader: str
+    coefficients: tuple[float, ...]
+
+    def residual(self, body: Links, q: Floats) -> Floats:
+        place = np.polynomial.polynomial.polyval(body.position(q, self.leader), self.coefficients)
+        return np.array([body.position(q, self.follower) - place])
+
+    def jacobian(self, body: Links, q: Floats) -> Floats:
+        slope = np.polynomial.polynomial.polyder(self.coefficients)
+        rate = np.polynomial.polynomial.polyval(body.position(q, self.leader), slope)
+        return (body.rate(self.follower) - rate * body.rate(self.leader))[None]
+
+
+def linkage_jacobian(body: Links, q: Floats) -> Floats:
+    """(r, N): all rows of the body's linkages."""
+    return np.vstack([np.zeros((0, body.nv)), *(linkage.jacobian(body, q) for linkage in body.linkages)])
+
+
+def closed(body: Links, start: Floats, angles: Mapping[str, float]) -> Floats:
+    """(nq,) the posture in which joints stand at `angles` and every loop is closed, reached from `start` (nq,), which is near closed.
+
+    Passive joints follow; where those do not close a loop, so do joints that are not named. Angles of passive joints are where they
+    are looked for, not kept. Raises GainroomError where a loop cannot be closed.
+    """
+    driven = {name: angle for name, angle in angles.items() if name in body.joint_names}
+    known = {name: angle for name, angle in angles.items() if name in body.passive}
+    steps = 1 if known else max(1, int(np.ceil(max(map(abs, driven.values()), default=0.0) / SHARE)))
+    first = {name: body.position(start, name) for name in driven}
+    unnamed = [name for name in body.joint_names if name not in driven]
+    q, left = start, np.inf
+    for follow in [(), unnamed] if unnamed else [()]:
+        q = start.copy()
+        for name, angle in known.items():
+            body.place(q, name, angle)
+        for step in range(1, steps + 1):
+            for name, angle in driven.items():
+                body.place(q, name, first[name] + (angle - first[name]) * step / steps)
+            q, left = _closed_about(body, q, follow)
+        if left <= CLOSED:
+            return q
+    worst = max(body.linkages, key=lambda linkage: float(np.abs(linkage.residual(body, q)).max(initial=0.0)))
+    gap = float(np.abs(worst.residual(body, q)).max())
+    raise GainroomError(
+        f"{body.source}: {worst.name} cannot be closed in this posture: it stays {gap:.3g} (m or rad) open; change its angles"
+    )
+
+
+def _closed_about(body: Links, q: Floats, follow: Sequence[str]) -> tuple[Floats, float]:
+    """Newton's method in the passive joints and those of `follow`, least steps; and the largest residual that is left."""
+    moving = np.array([*range(body.nv - body.size - body.passive_size, body.nv - body.size), *map(body.velocity_of, follow)], dtype=int)
+    moving = moving[moving >= 0]
+    left = np.inf
+    for _ in range(ROUNDS):
+        residual = np.concatenate([linkage.residual(body, q) for linkage in body.linkages])
+        before, left = left, float(np.abs(residual).max(initial=0.0))
+        if left <= 1e-4 * CLOSED or (left <= CLOSED and left > 0.5 * before) or not len(moving):
+            break
+        step = np.zeros(body.nv)
+        step[moving] = -np.linalg.lstsq(linkage_jacobian(body, q)[:, moving], residual, rcond=LOOSE)[0]
+        most = float(np.abs(step).max())
+        q = body.integrate(q, step * min(1.0, 3 * SHARE / most) if most else step)
+    return q, left

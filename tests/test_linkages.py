@@ -1,0 +1,314 @@
+"""Closed loops, joints that follow others and passive joints, against MuJoCo's own constraints, potential energies and closed forms."""
+
+import json
+
+import mujoco
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import gainroom as gr
+from gainroom.cli import main
+from gainroom.robot import load_model
+from gainroom.robot.contact import Contact
+from gainroom.robot.linearize import gravity_stiffness, linearize
+from refusals import assert_refused
+from robot_bodies import write
+from robot_truths import actuators, hinge, link, write_robot
+
+SOLVED = 1e-8
+"""Of W: matrices of condition up to 1e6, inverted twice."""
+
+
+def solid(mass: float, size: float, at: str = "0 0 0") -> str:
+    return f'<inertial pos="{at}" mass="{mass}" diaginertia="{mass * size**2} {1.2 * mass * size**2} {0.9 * mass * size**2}"/>'
+
+
+FOUR_BAR = f"""<mujoco><compiler angle="radian"/><worldbody>
+<body name="crank"><joint name="crank" axis="0 1 0" armature="0.01"/>{solid(0.4, 0.05, "0.05 0 0")}
+  <body name="coupler" pos="0.1 0 0"><joint name="coupler" axis="0 1 0" armature="0.003"/>{solid(0.6, 0.1, "0 0 0.15")}</body></body>
+<body name="rocker" pos="0.3 0 0"><joint name="rocker" axis="0 1 0" damping="0.1"/>{solid(0.5, 0.09, "-0.03 0 0.15")}
+  <body name="tool" pos="0 0 0.3"><joint name="tool" axis="0 1 0" armature="0.02"/>{solid(0.3, 0.05, "0 0 0.1")}</body></body>
+</worldbody>
+<equality><connect name="bar" body1="coupler" body2="rocker" anchor="0.1 0 0.3"/></equality>
+<actuator><position joint="crank" kp="300" kv="8"/><position joint="tool" kp="40" kv="2"/></actuator></mujoco>"""
+
+# An ankle that two motors in the shank move through rods; ball joints at both ends of each.
+ROD = """<body name="arm_{0}" pos="-0.03 {1} 0.2"><joint name="motor_{0}" axis="0 1 0" armature="0.02"/>{2}
+  <body name="rod_{0}" pos="-0.04 0 0"><joint name="ball_{0}" type="ball"/>{3}</body></body>"""
+ANKLE = f"""<mujoco><compiler angle="radian"/><worldbody><body name="shank" pos="0 0 0.5"><freejoint/>{solid(3.0, 0.12, "0 0 0.15")}
+{ROD.format("left", 0.04, solid(0.2, 0.02, "-0.02 0 0"), solid(0.1, 0.06, "0 0 -0.1"))}
+{ROD.format("right", -0.04, solid(0.2, 0.02, "-0.02 0 0"), solid(0.1, 0.06, "0 0 -0.1"))}
+<body name="cross"><joint name="pitch" axis="0 1 0"/>{solid(0.05, 0.02)}
+  <body name="foot"><joint name="roll" axis="1 0 0"/>{solid(1.0, 0.08, "0.03 0 -0.05")}<site name="sole" pos="0 0 -0.08"/></body></body>
+</body></worldbody><equality>
+<connect name="left" body1="rod_left" body2="foot" anchor="0 0 -0.2"/>
+<connect name="right" body1="rod_right" body2="foot" anchor="0 0 -0.2"/>
+</equality><actuator><motor joint="motor_left"/><motor joint="motor_right"/></actuator></mujoco>"""
+
+WELDED = FOUR_BAR.replace(
+    '<connect name="bar" body1="coupler" body2="rocker" anchor="0.1 0 0.3"/>',
+    '<weld name="bar" body1="end" body2="rocker" anchor="-0.1 0 0.3"/>',
+).replace(
+    solid(0.6, 0.1, "0 0 0.15") + "</body>",
+    solid(0.6, 0.1, "0 0 0.15") + f'<body name="end" pos="0.1 0 0.3"><joint name="pin" axis="0 1 0"/>{solid(0.05, 0.02)}</body></body>',
+)
+SITES = (
+    FOUR_BAR.replace(
+        '<connect name="bar" body1="coupler" body2="rocker" anchor="0.1 0 0.3"/>', '<connect name="bar" site1="one" site2="two"/>'
+    )
+    .replace(solid(0.6, 0.1, "0 0 0.15"), solid(0.6, 0.1, "0 0 0.15") + '<site name="one" pos="0.1 0 0.3" euler="0.3 0.2 0.1"/>')
+    .replace(solid(0.5, 0.09, "-0.03 0 0.15"), solid(0.5, 0.09, "-0.03 0 0.15") + '<site name="two" pos="-0.1 0 0.3"/>')
+)
+TWICE = FOUR_BAR.replace("</equality>", '<connect name="again" body1="rocker" body2="coupler" anchor="-0.1 0 0.3"/></equality>')
+FOUR_BARS = {"pin": FOUR_BAR, "weld": WELDED, "sites": SITES, "twice": TWICE}
+
+
+def posed(text: str, body, q):
+    """MuJoCo's model and data with the robot in posture q."""
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    for index in range(model.njnt):
+        at = model.jnt_qposadr[index]
+        if model.jnt_type[index] == mujoco.mjtJoint.mjJNT_FREE:
+            data.qpos[at : at + 3], data.qpos[at + 3 : at + 7] = q[:3], q[[6, 3, 4, 5]]
+            continue
+        joint = body.model.joints[body.model.getJointId(model.joint(index).name)]
+        here = q[joint.idx_q : joint.idx_q + joint.nq]
+        data.qpos[at : at + joint.nq] = here[[3, 0, 1, 2]] if joint.nq == 4 else here
+    mujoco.mj_forward(model, data)
+    return model, data
+
+
+def in_mujoco(text: str, body, q):
+    """MuJoCo's mass matrix without the actuated joints' rotors, the rows of its constraints, and those that pick the actuated joints."""
+    model, data = posed(text, body, q)
+    mass = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, mass)
+    places = [model.joint(name).dofadr[0] for name in body.joint_names]
+    mass[places, places] -= model.dof_armature[places]
+    equality = data.efc_type == int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)
+    assert np.abs(data.efc_pos[equality]).max(initial=0.0) < 1e-8  # MuJoCo finds every loop closed, too
+    return mass, data.efc_J.reshape(-1, model.nv)[equality], np.eye(model.nv)[places]
+
+
+def projected(mass, rows, picked):
+    """W of joints whose motion `rows` constrain: accelerations by unit torques, from the KKT equations of Gauss's principle."""
+    size = len(mass)
+    whole = np.block([[mass, rows.T], [rows, np.zeros((len(rows), len(rows)))]])
+    return picked @ np.linalg.lstsq(whole, np.vstack([picked.T, np.zeros((len(rows), len(picked)))]), rcond=1e-12)[0][:size]
+
+
+@pytest.mark.parametrize("name", FOUR_BARS)
+def test_a_four_bar_moves_as_in_mujoco(tmp_path, name):
+    body = load_model(write(tmp_path, FOUR_BARS[name]))
+    assert body.joint_names == ("crank", "tool")
+    assert set(body.passive) == {"coupler", "rocker"} | ({"pin"} if name == "weld" else set())
+    for crank, tool in ((0.0, 0.0), (0.4, -0.3), (-0.7, 1.0), (0.9, 2.0)):
+        q = body.configuration({"crank": crank, "tool": tool})
+        found = linearize(body, actuators(2), q).link_inverse_inertia
+        assert_allclose(found, projected(*in_mujoco(FOUR_BARS[name], body, q)), rtol=SOLVED)
+
+
+@pytest.mark.parametrize("angles", [(0.0, 0.0), (0.3, 0.3), (0.4, -0.2), (-0.5, 0.1)])
+def test_a_parallel_ankle_moves_as_in_mujoco(tmp_path, angles):
+    body = load_model(write(tmp_path, ANKLE))
+    assert body.joint_names == ("motor_left", "motor_right")
+    assert body.nv == 6 + 8 + 2  # base; two ball joints, pitch and roll; the motors
+    q = body.configuration(dict(zip(body.joint_names, angles, strict=True)))
+    mass, rows, picked = in_mujoco(ANKLE, body, q)
+    assert_allclose(linearize(body, actuators(2), q).link_inverse_inertia, projected(mass, rows, picked), rtol=SOLVED)
+
+
+def test_a_parallel_ankle_stands_on_its_foot(tmp_path):
+    """On flat ground the foot's site cannot move in any direction."""
+    body = load_model(write(tmp_path, ANKLE))
+    q = body.configuration({"motor_left": 0.2, "motor_right": -0.1})
+    found = linearize(body, actuators(2), q, [Contact("sole")]).link_inverse_inertia
+    mass, rows, picked = in_mujoco(ANKLE, body, q)
+    model, data = posed(ANKLE, body, q)
+    ground = np.zeros((6, model.nv))
+    mujoco.mj_jacSite(model, data, ground[:3], ground[3:], model.site("sole").id)
+    assert_allclose(found, projected(mass, np.vstack([rows, ground]), picked), rtol=SOLVED)
+
+
+def test_weight_in_a_closed_loop(tmp_path):
+    """G is the second derivative of the weight's potential along closed postures, less what the holding torque does, which is constant."""
+    body = load_model(write(tmp_path, FOUR_BAR))
+    at, h = np.array([0.4, -0.3]), 1e-3  # differences are good to h² and to round-off over h²: about 1e-6 here
+
+    def potential(shift):
+        q = body.configuration(dict(zip(body.joint_names, at + shift, strict=True)))
+        return 9.81 * body.total_mass * body.com(q)[2]
+
+    unit = h * np.eye(2)
+    truth = [[sum(s * t * potential(s * a + t * b) for s in (1, -1) for t in (1, -1)) / (4 * h**2) for a in unit] for b in unit]
+    q = body.configuration(dict(zip(body.joint_names, at, strict=True)))
+    assert_allclose(gravity_stiffness(body, q), truth, rtol=1e-4, atol=1e-5)
+
+
+def test_a_passive_joint_that_nothing_moves_has_no_gravity_stiffness(tmp_path):
+    body = load_model(write(tmp_path, FOUR_BAR), passive=["tool"])
+    assert_refused(lambda: gravity_stiffness(body, body.neutral()), ["passive joints", "1 direction of them"])
+
+
+FOLLOWING = f"""<mujoco><compiler angle="radian"/><worldbody>
+<body name="a"><joint name="lead" axis="0 0 1"/>{solid(2.0, 0.3)}</body>
+<body name="b" pos="1 0 0"><joint name="follow" axis="0 0 1" ref="0.2"/>{solid(1.5, 0.2)}</body>
+</worldbody><equality><joint joint1="follow" joint2="lead" polycoef="0.1 1.5 0.4 0 0"/></equality></mujoco>"""
+
+
+def test_a_joint_that_follows(tmp_path):
+    """q_f = 0.2 + 0.1 + 1.5 q + 0.4 q²: the leader moves its own inertia and the follower's by the square of the slope."""
+    text = FOLLOWING
+    held = load_model(write(tmp_path, text))
+    assert dict(held.locked) == {"follow": 0.0}
+    assert any("move less inertia" in note for note in held.notes)
+    body = load_model(write(tmp_path, text), passive=["follow"])
+    own, other = 0.9 * 2.0 * 0.3**2, 0.9 * 1.5 * 0.2**2
+    for angle in (0.0, 0.5, -1.0):
+        q = body.configuration({"lead": angle})
+        assert body.position(q, "follow") == pytest.approx(0.3 + 1.5 * angle + 0.4 * angle**2, abs=1e-12)
+        slope = 1.5 + 0.8 * angle
+        assert_allclose(linearize(body, actuators(1), q).link_inverse_inertia, [[1 / (own + slope**2 * other)]], rtol=1e-12)
+        mass, rows, picked = in_mujoco(text, body, q)
+        assert_allclose(linearize(body, actuators(1), q).link_inverse_inertia, projected(mass, rows, picked), rtol=SOLVED)
+
+
+def test_a_joint_that_mimics_another(tmp_path):
+    """Two wheels with one motor: inertia of the other by the square of the ratio; where it is locked it does not count."""
+    links = link("base") + link("one", 2.0, inertia=(1, 0.3, 1)) + link("two", 1.0, inertia=(1, 0.1, 1))
+    mimic = '<mimic joint="lead" multiplier="-2.5" offset="0.1"/></joint>'
+    joints = hinge("lead", "base", "one") + hinge("follow", "base", "two").replace("</joint>", mimic)
+    path = write_robot(tmp_path, links, joints)
+    for passive, inertia in (([], 0.3), (["follow"], 0.3 + 2.5**2 * 0.1)):
+        body = load_model(path, passive=passive)
+        q = body.configuration({"lead": 0.2})
+        assert_allclose(linearize(body, actuators(1), q).link_inverse_inertia, [[1 / inertia]], rtol=1e-12)
+    assert body.position(q, "follow") == pytest.approx(0.1 - 2.5 * 0.2, abs=1e-12)
+    path.write_text(path.read_text().replace("-2.5", "two"))
+    assert_refused(lambda: load_model(path), ["follow", "multiplier", "two"])
+
+
+def test_the_spring_of_a_passive_joint_gives_way(tmp_path):
+    """W(s) with the spring in it, against the links' equations of motion solved whole, loops by multipliers."""
+    text = FOUR_BAR.replace('name="rocker" axis="0 1 0" damping="0.1"', 'name="rocker" axis="0 1 0" damping="0.7" stiffness="90"')
+    body = load_model(write(tmp_path, text))
+    assert body.passive_springs == {"rocker": (90.0, 0.7)}
+    q = body.configuration({"crank": 0.4, "tool": 0.2})
+    model = linearize(body, actuators(2), q)
+    soft = model.compliance
+    mass, rows, picked = in_mujoco(text, body, q)
+    rocker = mujoco.MjModel.from_xml_string(text).joint("rocker").dofadr[0]
+    for s in (3j, 40 + 25j, 400j):
+        whole = mass.astype(complex)
+        whole[rocker, rocker] += (90.0 + 0.7 * s) / s**2
+        truth = projected(whole, rows, picked)
+        middle = soft.inverse_inertia + np.diag(s**2 / (soft.stiffness + s * soft.damping))
+        found = model.link_inverse_inertia - soft.coupling @ np.linalg.solve(middle, soft.coupling.T)
+        assert_allclose(found, truth, rtol=SOLVED)
+
+
+def test_a_locked_loop_is_no_loop(tmp_path):
+    body = load_model(write(tmp_path, FOUR_BAR), locked=["crank", "coupler", "rocker"])
+    assert body.joint_names == ("tool",)
+    assert not body.linkages
+    assert not any("loop" in note for note in body.notes)
+
+
+def test_without_actuators_every_joint_of_a_loop_has_a_motor_unless_it_is_said_to_be_passive(tmp_path):
+    light = FOUR_BAR.replace(' armature="0.003"', "")  # of a motor it is a rotor, of a passive joint a part of the links
+    bare = light[: light.index("<actuator>")] + "</mujoco>"
+    every = load_model(write(tmp_path, bare))
+    assert every.size == 4
+    assert any("not listed as passive" in note for note in every.notes)
+    q = every.configuration({"crank": 0.4, "tool": 0.1})  # the others close the loop
+    moving = linearize(every, actuators(4), q).link_inverse_inertia
+    assert np.linalg.matrix_rank(moving, tol=1e-9 * np.abs(moving).max()) == 2
+    said = load_model(write(tmp_path, bare), passive=["coupler", "rocker"])
+    driven = load_model(write(tmp_path, light))
+    for body in (said, driven):
+        assert body.joint_names == ("crank", "tool")
+    two = [linearize(body, actuators(2), body.configuration({"crank": 0.4, "tool": 0.1})).link_inverse_inertia for body in (said, driven)]
+    assert_allclose(two[0], two[1], rtol=SOLVED)
+    picked = [every.joint_names.index(name) for name in ("crank", "tool")]
+    assert_allclose(moving[np.ix_(picked, picked)], two[0], rtol=SOLVED)  # torques on these two alone
+
+
+def test_a_keyframe_chooses_among_the_ways_to_close_a_loop(tmp_path):
+    body = load_model(write(tmp_path, FOUR_BAR))
+    near = body.configuration({"crank": 0.4})
+    pin, ground = 0.1 * np.array([np.cos(0.4), -np.sin(0.4)]), np.array([0.3, 0.0])  # x and z of the ends of the two free bars
+    along = (ground - pin) / np.linalg.norm(ground - pin)
+
+    def turned(guess):
+        """How far a bar has turned about y, from its direction at 0 to `guess`."""
+        return [np.arctan2(now[0], now[1]) - np.arctan2(first[0], first[1]) for now, first in guess]
+
+    rocker = body.position(near, "rocker")
+    end = ground + np.array([-0.1 * np.cos(rocker) + 0.3 * np.sin(rocker), 0.1 * np.sin(rocker) + 0.3 * np.cos(rocker)])
+    other = 2 * (pin + along * (along @ (end - pin))) - end  # mirrored about the line between the ends
+    coupler, rocker = turned([(other - pin, (0.1, 0.3)), (other - ground, (-0.1, 0.3))])
+    crossed = body.configuration({"crank": 0.4, "coupler": coupler - 0.4 + 0.05, "rocker": rocker - 0.05})
+    for q in (near, crossed):
+        in_mujoco(FOUR_BAR, body, q)
+    assert np.sin(body.position(crossed, "rocker") - rocker) == pytest.approx(0.0, abs=1e-9)
+    assert abs(np.sin(body.position(near, "rocker") - rocker)) > 0.1
+
+
+def test_loops_that_cannot_be_closed_are_refused(tmp_path):
+    body = load_model(
+        write(tmp_path, FOUR_BAR.replace('pos="0.1 0 0"', 'pos="0.5 0 0"').replace('anchor="0.1 0 0.3"', 'anchor="-0.3 0 0.3"'))
+    )
+    assert_refused(lambda: body.configuration({"crank": 3.1}), ["'bar'", "cannot be closed", "open"])
+
+
+def test_audit_keeps_loops(tmp_path, capsys):
+    """The gain limit is that of the plant that MuJoCo's constraints leave; held open or locked, it is another."""
+    path = write(tmp_path, FOUR_BAR)
+    main(["audit", str(path), "--delay-ms", "2", "--stiffness", "5000", "--damping", "1", "--json"])
+    found = json.loads(capsys.readouterr().out)
+    assert [joint["name"] for joint in found["joints"]] == ["crank", "tool"]
+    assert any("closed" in text for text in found["warnings"])
+    body = load_model(path)
+    inverse = projected(*in_mujoco(FOUR_BAR, body, body.configuration({})))
+    plant = gr.Plant(inverse, np.array([0.01, 0.02]), np.full(2, 5000.0), np.ones(2))
+    loop = gr.build_loop(plant, gr.Drive(np.inf, 1.0, 2e-3), gr.PD(np.array([300.0, 40.0]), np.array([8.0, 2.0])))
+    assert found["gain_limit"] == pytest.approx(gr.gain_limit(loop).gain, rel=1e-6)
+
+
+def test_robot_yaml_names_passive_joints(tmp_path):
+    write(tmp_path, FOUR_BAR[: FOUR_BAR.index("<actuator>")] + "</mujoco>", "bars.xml")
+    text = """
+model: {file: bars.xml, base: fixed}
+joints: {default: {motor_inertia: 0.02, stiffness: 5000, damping: 1}, passive: [coupler, rocker]}
+drive: {bandwidth: 4000, damping_ratio: 0.9, delay_ms: 2}
+postures: {bent: {crank: 0.4, tool: 0.3}}
+control: {type: pd, space: joint, feedback: motor, kp: 100, kd: 3}
+"""
+    robot = gr.load_robot(write(tmp_path, text, "robot.yaml"))
+    assert robot.joint_names == ("crank", "tool")
+    body = robot.body
+    truth = projected(*in_mujoco(FOUR_BAR, body, body.configuration({"crank": 0.4, "tool": 0.3})))
+    assert_allclose(robot.linearize("bent").link_inverse_inertia, truth, rtol=SOLVED)
+    wrong = write(tmp_path, text.replace("[coupler, rocker]", "[couplr]"), "wrong.yaml")
+    assert_refused(lambda: gr.load_robot(wrong), ["joints.passive[0]", "couplr"])
+
+
+@pytest.mark.parametrize("what", ["tracker", "simulation"])
+def test_what_does_not_carry_loops_says_so(tmp_path, what, capsys):
+    write(tmp_path, FOUR_BAR, "bars.xml")
+    text = """
+model: {file: bars.xml, base: fixed}
+joints: {default: {motor_inertia: 0.02, stiffness: 5000, damping: 1}}
+drive: {bandwidth: 4000, damping_ratio: 0.9, delay_ms: 2}
+control: {type: pd, space: joint, feedback: motor, kp: 100, kd: 3, sample_rate_hz: 1000}
+"""
+    path = write(tmp_path, text, "robot.yaml")
+    if what == "tracker":
+        assert_refused(lambda: gr.GainTracker(gr.load_robot(path)), ["gain tracker", "closed loops"])
+        return
+    assert main(["simulate", str(path)]) == 2
+    error = capsys.readouterr().err
+    assert "closed loops" in error
+    assert len(error.strip().splitlines()) == 1
