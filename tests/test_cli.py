@@ -20,6 +20,9 @@ from gainroom.cli.identify import identify
 from gainroom.cli.output import emit_json, render, table
 from gainroom.files.joint_yaml import load_joint
 from gainroom.report.number_format import digits, frequency
+from gainroom.studies import joint as studies_of_joints
+from gainroom.studies.joint import JointStudy, study_joint
+from gainroom.system.system import JointSpec
 
 EXAMPLES = joint_examples()
 # Fixed names: scripts outside the project read them.
@@ -47,12 +50,19 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def said(folder: Path) -> Callable[..., Said]:
-    """What `gainroom joint` says about a file of `folder`, computed once for all who look at it."""
+    """What `gainroom joint` says about a file of `folder`, which is studied once for all its outputs."""
+    studies = {}
+
+    def studied(name: str, system: JointSpec) -> JointStudy:
+        if name not in studies:
+            studies[name] = study_joint(system)
+        return studies[name]
 
     @cache
     def ask(name: str, *options: str) -> Said:
         out, err = io.StringIO(), io.StringIO()
-        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), pytest.MonkeyPatch.context() as patch:
+            patch.setattr(studies_of_joints, "study_joint", lambda system: studied(name, system))
             status = main(["joint", str(folder / f"{name}.yaml"), *options])
         return Said(status, out.getvalue(), err.getvalue())
 
