@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from pytest import approx
 
@@ -198,3 +199,73 @@ def test_wrong_calls_are_named_in_one_line(options: tuple[str, ...], said: str, 
     assert captured.out == ""
     assert captured.err.count("\n") == 1
     assert said in captured.err
+
+
+def told_of(call: list[str], capsys: pytest.CaptureFixture[str]) -> tuple[dict, int]:
+    status = main([*call, "--json"])
+    return json.loads(capsys.readouterr().out), status
+
+
+def test_a_joint_of_two_paths_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    path = tmp_path / "knee.yaml"
+    path.write_text(JOINT, "utf-8")
+    facts, status = told_of(["joint", str(path)], capsys)
+    found = gr.margins(parse_joint(JOINT, "knee.yaml", two_paths=True).loop())
+    assert found.paths is not None
+    assert status == 0
+    assert facts["gain_limit"] == found.gain_margin
+    (state,) = facts["states"]
+    assert state["kp_gain_limits"] == [found.paths.lower_others, found.paths.others]
+    assert state["kd_gain_limits"] == [found.paths.lower_kd, found.paths.kd]
+    assert state["phase_margin_deg"] == approx(np.degrees(abs(found.phase_margin)))
+    assert facts["not_known"] == ["peak_sensitivity"]  # asked for as usual, and it has no meaning here
+    assert facts["requirements_met"] is None
+    assert main(["joint", str(path)]) == 0
+    terminal = capsys.readouterr().out
+    assert terminal.startswith("Stable. Vibration starts at 17.9 × kp and kd together")
+    assert "not known" in terminal
+    assert main(["joint", str(path), "--report", str(tmp_path / "page.html")]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    assert not (tmp_path / "page.html").exists()
+
+
+def test_the_range_of_a_joint_of_two_paths_is_judged_at_its_worst(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    path = tmp_path / "knee.yaml"
+    stiff = JOINT.replace("kp: 3000", "kp: 20000")
+    limits = "limits: {phase_margin_deg: 11.0}\nuncertainty: {delay_ms: [4.0, 5.0]}\n"
+    path.write_text(stiff + limits, "utf-8")
+    facts, status = told_of(["joint", str(path)], capsys)
+    late = parse_joint(stiff.replace("delay_ms: 4.0, ", "delay_ms: 5.0, "), "knee.yaml", two_paths=True)
+    worst = np.degrees(abs(gr.margins(late.loop()).phase_margin))
+    assert status == 0
+    assert worst < 11 < facts["states"][0]["phase_margin_deg"]  # nominally met
+    assert facts["worst"]["phase_margin"]["value"] == approx(worst)
+    assert facts["unmet"] == ["phase_margin"]
+    assert facts["requirements_met"] is False
+    assert "requirement fails" in facts["sentence"]
+    path.write_text(stiff + "uncertainty: {delay_ms: [4.0, 15.0]}\n", "utf-8")  # past kp's own delay limit
+    facts, status = told_of(["joint", str(path)], capsys)
+    assert (facts["stable"], facts["stable_in_range"], status) == (True, False, 1)
+
+
+def test_a_joint_of_two_paths_that_is_unstable(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    path = tmp_path / "knee.yaml"
+    path.write_text(JOINT.replace("kp: 3000", "kp: 90000"), "utf-8")
+    facts, status = told_of(["joint", str(path)], capsys)
+    assert (facts["stable"], status) == (False, 1)
+    assert facts["sentence"].startswith("Unstable")
+    assert facts["unmet"] == []
+
+
+def test_a_robot_of_two_paths_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    text = ROBOT.replace("sample_rate_hz: 2000", "sample_rate_hz: 500").replace(
+        "kd: 30.0}", "kd: 30.0, kd_path: {delay_ms: 0.1, sample_rate_hz: 10000}}"
+    )
+    path = write_arm(tmp_path, text)
+    facts, status = told_of(["robot", str(path)], capsys)
+    system = load_robot_system(path, two_paths=True)
+    assert facts["gain_limit"] == gr.gain_limit(system.loop()).gain
+    assert facts["stable"] == (status == 0)
+    assert [state["state"] for state in facts["states"]] == [f"{posture}, {contact}" for posture, contact in system.source.states]
+    assert main(["robot", str(path)]) == status
+    assert "kp alone" in capsys.readouterr().out

@@ -34,7 +34,11 @@ def joint(
     """
     from ..files.joint_yaml import load_joint
 
-    system = load_joint(file)
+    system = load_joint(file, two_paths=True)
+    if system.control.kd_path is not None:
+        from .two_paths import two_paths
+
+        return two_paths(system, as_json, report)
     with report_stream(report) as page:
         from ..studies.joint import study_joint
 

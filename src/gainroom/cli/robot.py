@@ -35,7 +35,11 @@ def robot(
     """
     from ..files.robot_yaml import load_robot_system
 
-    system = load_robot_system(file)
+    system = load_robot_system(file, two_paths=True)
+    if system.control.kd_path is not None:
+        from .two_paths import two_paths
+
+        return two_paths(system, as_json, report)
     with report_stream(report) as page:
         from ..studies.robot import study_robot
 

@@ -1,0 +1,42 @@
+"""What `gainroom joint` and `gainroom robot` print where kd closes on a path of its own."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..errors import GainroomError
+from .output import closing, column_table, render, show, table
+from .progress import progress_bar
+
+if TYPE_CHECKING:
+    from ..studies.two_paths import PathStudy
+    from ..system.system import System
+
+
+def two_paths(system: "System", as_json: bool, report: Path | None) -> int:
+    """The exit status: 0 stable in every state and at every corner of the uncertainty; 1 unstable. Raises GainroomError for a page."""
+    if report is not None:
+        raise GainroomError("--report: there is no page where kd closes on a path of its own; the terminal and --json have its numbers")
+    from ..report.two_paths import path_study_facts
+    from ..studies.two_paths import study_two_paths
+
+    with progress_bar("states:") as progress:
+        study = study_two_paths(system, progress)
+    show(as_json, lambda: path_study_facts(study), lambda: _terminal(study))
+    return 0 if study.stable_in_range else 1
+
+
+def _terminal(study: "PathStudy") -> str:
+    from ..report.columns import definitions
+    from ..report.number_format import model_text
+    from ..report.two_paths import COLUMNS, NOT_MADE, assumptions, requirement_rows, sentence, warnings
+
+    control = study.system.control
+    return render(
+        sentence(study),
+        "",
+        column_table(f"Nominal ({model_text(control.sample_time, control.kd_path)})", COLUMNS, study.nominal),
+        definitions(COLUMNS),
+        "",
+        table("Requirements, at their worst", ("", "value", "at", "required", "met"), requirement_rows(study)),
+        *closing({}, warnings(study), assumptions(study), [NOT_MADE]),
+    )

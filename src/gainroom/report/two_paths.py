@@ -1,0 +1,136 @@
+"""The answer for a joint or robot whose kd closes on a path of its own: sentence, tables, JSON."""
+
+import math
+from typing import Any
+
+from ..errors import listed
+from ..studies.two_paths import PathCase, PathStudy
+from ..system.plausibility import unusual_values
+from ..system.requirements import REQUIREMENTS, to_db
+from .columns import Column, yes
+from .margin_columns import margin_facts, required_facts
+from .number_format import digits, hertz, model_kind, path_facts
+
+NOT_MADE = "gain maps, largest gains, recommended gains and curves over frequency are of loops with one path, and are not made here"
+COLUMNS = [
+    Column("state", "state", lambda case: case.title or None, shown=lambda case: case.title or "nominal"),
+    Column("stable", "stable", lambda case: case.limit.stable, shown=lambda case: yes(case.limit.stable)),
+    Column("all gains", "gain_limit", lambda case: case.limit.gain, "×", "the factor on kp and kd together at which it starts to vibrate"),
+    Column("at", "limit_frequency_rad_s", lambda case: case.limit.frequency, shown=lambda case: hertz(case.limit.frequency)),
+    Column("kp", "kp_gain_limits", lambda case: _ends(case, "others"), "", "alone", shown=lambda case: _range(case, "others")),
+    Column(
+        "kd", "kd_gain_limits", lambda case: _ends(case, "kd"), "", "alone: it may change within these", shown=lambda c: _range(c, "kd")
+    ),
+    Column("phase", "phase_margin_deg", lambda case: math.degrees(case.margins.common_phase_margin), "°", "a common phase"),
+    Column("kp's delay", "kp_delay_limit_ms", lambda case: 1e3 * case.delay_limit, "ms", "the whole delay of kp's path that is too long"),
+    Column("", "delay_margin_ms", lambda case: 1e3 * case.margins.delay_margin),
+    Column("", "certified", lambda case: case.margins.certified),
+]
+"""A state at the nominal values."""
+
+
+def _ends(case: PathCase, path: str) -> list[float] | None:
+    paths = case.margins.paths
+    return None if paths is None else [getattr(paths, f"lower_{path}"), getattr(paths, path)]
+
+
+def _range(case: PathCase, path: str) -> str:
+    ends = _ends(case, path)
+    return "–" if ends is None else f"{digits(ends[0], '', 3)} to {digits(ends[1], '×', 3)}"
+
+
+def sentence(study: PathStudy) -> str:
+    """Verdict, what is missed, and where vibration starts."""
+    case, paths = study.tightest, study.tightest.margins.paths
+    if not study.stable:
+        gain = case.limit.gain
+        below = (
+            f"scaled together these gains are stable only below {gain:.3g} ×" if gain > 0 else "no lower gains in the same ratio are stable"
+        )
+        below = "whether lower gains are stable is not known" if math.isnan(gain) else below
+        return f"Unstable{_where(case)}: {below}."
+    if study.unstable_at:
+        return f"Stable nominally, but unstable at {study.unstable_at}."
+    fails = [f"{REQUIREMENTS[name].title} {_judged(study, name)}" for name in study.unmet]
+    text = f"Stable, but {'a requirement fails' if len(fails) == 1 else 'requirements fail'}: {', '.join(fails)}." if fails else "Stable."
+    starts = {"kp and kd together": case.limit.gain} | ({} if paths is None else {"kp alone": paths.others, "kd alone": paths.kd})
+    factors = [f"{digits(factor, '', 3)} × {what}" for what, factor in starts.items() if math.isfinite(factor)]
+    text += f" Vibration starts{_where(case)} at {listed(factors, 'or')}." if factors else " No factor on these gains makes it vibrate."
+    if math.isfinite(case.delay_limit):
+        text += f" kp's path may have {1e3 * case.delay_limit:.3g} ms of delay (given: {1e3 * study.system.delay:.3g} ms)."
+    return text
+
+
+def _where(case: PathCase) -> str:
+    return f" in {case.title}" if case.title else ""
+
+
+def _judged(study: PathStudy, name: str) -> str:
+    one, (value, case) = REQUIREMENTS[name], study.worst[name]
+    where = f" at {case.text}" if case.text else ""
+    return f"{one.text(value)}{where} ({one.sign} {one.text(study.system.requirements.needed[name])})"
+
+
+def requirement_rows(study: PathStudy) -> list[tuple[str, ...]]:
+    """What is required, its worst value and where, and whether it is met."""
+    rows = []
+    for name, needed in study.system.requirements.needed.items():
+        one, (value, case), met = REQUIREMENTS[name], study.worst[name], study.met(name)
+        told = "not known" if met is None else yes(met)
+        rows.append((one.title, one.text(value), case.text, f"{one.sign} {one.text(needed)}", told))
+    return rows
+
+
+def warnings(study: PathStudy) -> tuple[str, ...]:
+    """What a user should know."""
+    system, said = study.system, []
+    if study.unknown:
+        names = listed([REQUIREMENTS[name].title for name in study.unknown])
+        said.append(f"{names}: not known where kd closes on a path of its own, and not judged")
+    if system.uncertainty.names:
+        said.append("within the ranges every corner was examined; in between nothing is proved")
+    if not all(case.margins.certified for case in study.cases if case.limit.stable):
+        said.append("a margin is not known as far as others are looked for, or its eigenvalues could not be counted on both sides")
+    return (*said, *system.warnings, *(text for text in unusual_values(system) if text not in system.warnings))
+
+
+def assumptions(study: PathStudy) -> tuple[str, ...]:
+    """What is assumed of the two paths."""
+    control = study.system.control
+    assert control.kd_path is not None
+    assert control.sample_time is not None
+    return (
+        f"kd runs at {1 / control.kd_path.sample_time:g} Hz, {1e3 * control.kd_path.delay:g} ms from measurement to torque; kp at "
+        f"{1 / control.sample_time:g} Hz with {1e3 * study.system.delay:g} ms; both sample together, on one clock",
+        *study.system.assumptions,
+    )
+
+
+def path_study_facts(study: PathStudy) -> dict[str, Any]:
+    """What --json prints."""
+    from .columns import facts
+
+    control, case = study.system.control, study.tightest
+    assert control.sample_time is not None
+    return {
+        "stable": study.stable,
+        "stable_in_range": study.stable_in_range,
+        "unstable_at": study.unstable_at or None,
+        "sentence": sentence(study),
+        "model": model_kind(control.sample_time),
+        "sample_rate_hz": 1 / control.sample_time,
+        "delay_ms": 1e3 * study.system.delay,
+        "command_delay_ms": 1e3 * control.command_delay,
+        "kd_path": path_facts(control.kd_path),
+        "gain_limit": case.limit.gain,
+        "gain_margin_db": to_db(case.margins.gain_margin),
+        "limit_frequency_rad_s": case.limit.frequency,
+        "requirements_met": study.requirements_met,
+        "unmet": list(study.unmet),
+        "not_known": list(study.unknown),
+        "required": required_facts(study.system.requirements),
+        "worst": {name: {"value": REQUIREMENTS[name].in_unit(value), "at": at.text or None} for name, (value, at) in study.worst.items()},
+        "states": [facts(COLUMNS, one) | {"margins": margin_facts(one.margins)} for one in study.nominal],
+        "assumptions": list(assumptions(study)),
+        "warnings": [*warnings(study), NOT_MADE],
+    }
