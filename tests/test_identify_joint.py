@@ -213,10 +213,15 @@ def with_link() -> Record:
     return Record(run.time, motor_side(run).channels | {"link_position": run.link_position[:, 0]}, TICK)
 
 
+@pytest.fixture(scope="module")
+def right(with_link) -> JointFit:
+    """What it tells."""
+    return identify_joint(with_link)
+
+
 @pytest.mark.parametrize(("factor", "shown"), [(-1.0, "-1"), (2 * np.pi, "6.28"), (180 / np.pi, "57.3")], ids=["sign", "rev", "degrees"])
-def test_a_link_encoder_of_another_sign_or_unit_is_named(with_link, factor, shown):
+def test_a_link_encoder_of_another_sign_or_unit_is_named(with_link, right, factor, shown):
     """Refused, or left aside as noise: then the motor's encoder alone tells the joint, and rightly."""
-    right = identify_joint(with_link)
     assert right.adequate
     assert not right.warnings
     wrong = with_link.channels | {"link_position": factor * with_link.channels["link_position"]}
