@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..report.number_format import as_typed, model_kind, model_text
-from .options import AsJson, Report, command_line, number_option, report_stream
+from .options import AsJson, Report, command_line, number_option, report_stream, yaml_output
 from .output import closing, column_table, render, show
 from .progress import progress_bar
 
 if TYPE_CHECKING:
-    from ..files.audit_options import AuditOptions
+    from ..files.audit_options import Audited, AuditOptions
     from ..studies.audit import Audit
     from ..studies.simulator_audit import SimulatorAudit
 
@@ -48,7 +48,10 @@ def audit(
     ] = None,
     bandwidth: Annotated[Number, number_option("--bandwidth", "in rad/s", "Of the current loops [rad/s]; without it, ideal.")] = None,
     base: Annotated[str | None, typer.Option(help="fixed or floating; without it, as the MJCF has it. fixed locks a free joint.")] = None,
-    contact: Annotated[list[str] | None, typer.Option(metavar="NAME", help="A frame on the ground; may be repeated.")] = None,
+    contact: Annotated[
+        list[str] | None,
+        typer.Option(metavar="FRAME[:TYPE]", help="A frame on the ground, flat; FRAME:line, FRAME:point; may be repeated."),
+    ] = None,
     posture: Annotated[
         list[str] | None,
         typer.Option(
@@ -91,6 +94,9 @@ def audit(
     drive_delay_ms: Annotated[
         Number, number_option("--drive-delay-ms", "in milliseconds", "Of their own loop, measurement to torque [ms].")
     ] = None,
+    write_robot: Annotated[
+        Path | None, typer.Option(metavar="ROBOT.yaml", help="Also write this robot as a robot.yaml, to go on from with gainroom robot.")
+    ] = None,
     as_json: AsJson = False,
     report: Report = None,
 ) -> int:
@@ -106,7 +112,7 @@ def audit(
 
     Exit status: 0 safe; 1 not safe, or unstable in the simulator; 2 a file or the call is wrong.
     """
-    from ..files.audit_options import AuditOptions, audit_spec, margin_factor
+    from ..files.audit_options import AuditOptions, audited, margin_factor
     from ..studies.audit import audit as run_audit
 
     options = AuditOptions(
@@ -116,21 +122,23 @@ def audit(
     asked: dict[str, Any] = {"simulator": simulator, "timestep": timestep, "integrator": integrator, "pd": pd}
     asked |= {"decimation": decimation, "armature": armature}
     margin = margin_factor(margin_db)
-    system = audit_spec(model, gains, options)
+    found = audited(model, gains, options)
     told = None
     if any(value is not None for value in asked.values()):
         from ..files.simulator_options import SimulatorOptions, simulator_of
 
         told = simulator_of(SimulatorOptions(**asked), model, gains is None, options.joint_damping == "controller")
-    with report_stream(report) as page:
+    with report_stream(report, write_robot) as page, yaml_output(write_robot, "--write-robot", "robot.yaml") as robot:
         with progress_bar("audit:") as progress:
-            result = run_audit(system, margin, progress)
+            result = run_audit(found.system, margin, progress)
         simulated = None
         if told is not None:
             from ..studies.simulator_audit import audit_simulator
 
             simulated = audit_simulator(result, *told)
         show(as_json, lambda: _facts(result, simulated), lambda: _terminal(result, simulated, report))
+        if robot is not None:
+            _write(robot, found, model, margin_db, _command(model, gains, options, {}, margin_db, None), write_robot)  # type: ignore[arg-type]
         if page is not None:
             from ..report.audit import audit_page
 
@@ -161,6 +169,17 @@ def _command(model: str, gains: Path | None, options: "AuditOptions", asked: dic
         *((f"--{name}", value) for name, value in asked.items()),
         ("--report", report),
     )
+
+
+def _write(robot: Path, found: "Audited", model: str, margin_db: float, command: str, target: Path) -> None:
+    """The robot.yaml, into the new file `robot` that takes the place of `target`."""
+    from .. import __version__
+    from ..files.audited_robot import audited_robot_text
+    from ..io.atomic import writing
+
+    text = audited_robot_text(found.sections, model, margin_db, command, __version__, target)
+    with writing(target):
+        robot.write_text(text, "utf-8", newline="\n")
 
 
 def _facts(result: "Audit", simulated: "SimulatorAudit | None") -> dict[str, Any]:

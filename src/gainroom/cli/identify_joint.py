@@ -1,8 +1,6 @@
 """gainroom identify joint: inertias, stiffness, damping, friction and delay of a joint."""
 
-import contextlib
 import math
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -12,7 +10,7 @@ import typer
 from ..errors import GainroomError
 from .identify_log import joint_of_log, show
 from .log_options import LogCall, reads_log
-from .options import AsJson, Report, command_line, number_option, refuse_inputs, report_stream
+from .options import AsJson, Report, command_line, number_option, report_stream, yaml_output
 
 if TYPE_CHECKING:
     from ..files.logs import LoggedJoint
@@ -49,7 +47,7 @@ def joint(
     """
     drive = _drive(delay_ms, bandwidth)
     with report_stream(report, output) as page:
-        with joint_of_log(call, report) as (logged, progress), _taken(output) as temporary:
+        with joint_of_log(call, report) as (logged, progress), yaml_output(output, "--output", "joint.yaml") as temporary:
             from ..identification import identify_joint
             from ..report.identified_joint_text import joint_answer
 
@@ -69,21 +67,6 @@ def joint(
             command = command_line("identify", "joint", *call.words(), *known, ("--report", report))
             page.write(joint_page(fit, logged.record, answer, command))
     return 0
-
-
-@contextlib.contextmanager
-def _taken(output: Path | None) -> Iterator[Path | None]:
-    """A new file that takes the place of `output` when the block ends well. Raises GainroomError before the work where it cannot."""
-    if output is None:
-        yield None
-        return
-    from ..io.atomic import replacement
-
-    refuse_inputs(output, "joint.yaml")
-    if output.suffix not in (".yaml", ".yml"):
-        raise GainroomError(f"{output}: --output must end in .yaml")
-    with replacement(output) as temporary:
-        yield temporary
 
 
 def _write(temporary: Path, fit: "JointFit", logged: "LoggedJoint", drive: "Drive | None") -> list[str]:

@@ -53,6 +53,25 @@ def report_stream(report: Path | None, other: Path | None = None) -> Iterator[St
             temporary.write_text(page.getvalue(), "utf-8", newline="\n")
 
 
+@contextlib.contextmanager
+def yaml_output(output: Path | None, option: str, what: str) -> Iterator[Path | None]:
+    """A new file that takes the place of `output`, `what` (a joint.yaml), when the block ends well; None where none is asked for.
+
+    Raises GainroomError before the work where it cannot be.
+    """
+    if output is None:
+        yield None
+        return
+    from ..errors import GainroomError
+    from ..io.atomic import replacement
+
+    refuse_inputs(output, what)
+    if output.suffix not in (".yaml", ".yml"):
+        raise GainroomError(f"{output}: {option} must end in .yaml")
+    with replacement(output) as temporary:
+        yield temporary
+
+
 def refuse_inputs(path: Path, what: str) -> None:
     """Raise GainroomError where `path` is a file that has been read, by whatever name: `what` is to be written there."""
     from ..errors import GainroomError

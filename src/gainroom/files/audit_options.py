@@ -20,6 +20,7 @@ from ..io.yaml_text import shown
 from ..linear.arrays import Floats
 from ..robot.assemble import DAMPING_NOTE
 from ..robot.body import Base, RigidBody
+from ..robot.contact import ContactKind
 from ..robot.formats.model_files import includes, keyframes, load_model
 from ..robot.formats.model_names import locate
 from ..robot.name_patterns import DEFAULT, select
@@ -129,14 +130,13 @@ class AuditOptions:
         names = body.every_joint
         given = [k for k, has in enumerate(gains.given) if has]
         idle = [name for name, has in zip(body.joint_names, gains.given, strict=False) if not has]
-        inertia = {k: {"motor_inertia": float(gains.motor_inertia[k])} for k in given if np.isfinite(gains.motor_inertia[k])}
         rubbed = {k: {"link_viscous": float(body.damping[k])} for k in given if self.joint_damping == "friction" and k < body.size}
         columns = {"kp": gains.kp, "kd": gains.kd} | ({"ki": gains.ki} if np.any(gains.ki) else {})
         data: dict[str, Any] = {
             "model": {"file": file, "gravity_stiffness": False},
             "joints": {
                 DEFAULT: {},
-                **{names[k]: inertia.get(k, {}) | rubbed.get(k, {}) for k in given if k in inertia or k in rubbed},
+                **{names[k]: {**rubbed.get(k, {}), **gains.actuators[k]} for k in given if gains.actuators[k] or k in rubbed},
                 "locked": [name for name in idle if name not in body.looped],
                 "passive": [*body.passive, *(name for name in idle if name in body.looped)],
             },
@@ -144,7 +144,8 @@ class AuditOptions:
             "control": {"type": "pid" if "ki" in columns else "pd", "feedback": "motor"}
             | {name: {names[k]: float(column[k]) for k in given} for name, column in columns.items()},
             "postures": {first_of_many(self.posture) or "zero": _angles(self.posture, Path(file), names)},
-            "contacts": {"flight" if body.base == "floating" else "free": []} | ({"contact": list(self.contacts)} if self.contacts else {}),
+            "contacts": {"flight" if body.base == "floating" else "free": []}
+            | ({"contact": [_contact(text) for text in self.contacts]} if self.contacts else {}),
         }
         for option, (*sections, key) in self.keys.items():
             if (value := getattr(self, option, None)) is not None:
@@ -171,7 +172,24 @@ def margin_factor(decibels: float) -> float:
     return from_db(checked("--margin-db", decibels, number(least=0, most=100)))
 
 
+@dataclass(frozen=True)
+class Audited:
+    """What an audit looks at.
+
+    system     the robot with the gains it has
+    sections   the robot.yaml that says the same, without requirements; the model's file as it was found
+    """
+
+    system: System
+    sections: Mapping[str, Any]
+
+
 def audit_spec(model: str, gains: Path | None, options: AuditOptions) -> System:
+    """As audited: the robot alone."""
+    return audited(model, gains, options).system
+
+
+def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
     """A robot with the gains it has; joints without gains are held.
 
     model   a URDF or MJCF, or a name of robot_descriptions
@@ -195,7 +213,8 @@ def audit_spec(model: str, gains: Path | None, options: AuditOptions) -> System:
             found = replace(found, kd=found.kd + np.where(found.given, _padded(body.damping, len(found.kd)), 0.0))
         if options.gains_run == "split" and options.rate_hz is None:
             raise GainroomError("--gains-run split: needs --rate-hz, at which kp runs on the host")
-        file = validate(RobotFile, options.sections(str(path), body, found), "")
+        sections = options.sections(str(path), body, found)
+        file = validate(RobotFile, sections, "")
         if (sample_time := file.sample_time()) is not None:
             owner = "--drive-delay-ms" if options.gains_run == "drive" else "--delay-ms"
             refuse_long_delay(1e-3 * (file.drive.delay_ms or 0.0), sample_time, owner)
@@ -203,9 +222,10 @@ def audit_spec(model: str, gains: Path | None, options: AuditOptions) -> System:
     with named(str(source)):
         spec = examined(spec)
     told += [f"--posture {name}: the keyframe of {scene}" for name in options.posture if (scene := _scene_with(name, path))]
-    assumptions = (*options.paths(), *spec.assumptions, *told, *_assumptions(spec.source.body, file.joints.locked, options))
+    elastic = bool(np.isfinite(spec.source.actuators.stiffness).any())
+    assumptions = (*options.paths(), *spec.assumptions, *told, *_assumptions(spec.source.body, file.joints.locked, options, elastic))
     warnings = [text.replace("move it inside", "move it inside with --posture") for text in spec.warnings]
-    return replace(spec, assumptions=assumptions, warnings=(*found.notes, *_damping_asked(warnings, options)))
+    return Audited(replace(spec, assumptions=assumptions, warnings=(*found.notes, *_damping_asked(warnings, options))), sections)
 
 
 def _padded(column: Floats, size: int) -> Floats:
@@ -225,6 +245,12 @@ def _damping_asked(warnings: Sequence[str], options: AuditOptions) -> list[str]:
         values = text.rpartition(": ")[2]
         found.append(f"{meant}: {values}" if text.startswith(DAMPING_NOTE) else text)
     return found
+
+
+def _contact(typed: str) -> str | dict[str, str]:
+    """FRAME or FRAME:TYPE as a robot.yaml has it."""
+    frame, _, kind = typed.rpartition(":")
+    return {"frame": frame, "type": kind} if frame and kind in get_args(ContactKind) else typed
 
 
 @contextlib.contextmanager
@@ -285,16 +311,18 @@ def _require_model(path: Path) -> None:
             raise GainroomError(f"{path}: must be a URDF or MJCF; gains go with --gains {path}")
 
 
-def _assumptions(body: RigidBody, held: Sequence[str], options: AuditOptions) -> tuple[str, ...]:
-    """What is assumed where nothing was said, each with how to say it."""
+def _assumptions(body: RigidBody, held: Sequence[str], options: AuditOptions, elastic: bool) -> tuple[str, ...]:
+    """What is assumed where nothing was said, each with how to say it; `elastic`: some gearbox is."""
     zero = "every joint stands at 0, perhaps far from how the robot works: give --posture"
     notes = ["joints that --posture does not name stand at 0" if options.posture else zero, "the encoders are on the motor side"]
     if held:
         notes.append(f"these joints are held, as they have no gains: {first_of_many(held)}")
-    if not options.is_elastic:
+    if not options.is_elastic and not elastic:
         notes.append("gearboxes are rigid, so limits are optimistic: give --stiffness and --damping")
     if options.bandwidth is None:
         notes.append("current loops are infinitely fast: give --bandwidth [rad/s]")
+    if flat := [text for text in options.contacts if isinstance(_contact(text), str)]:
+        notes.append(f"these contacts are flat, all 6 directions held: {first_of_many(flat)}; else FRAME:point or FRAME:line")
     if body.base == "floating" and not options.contacts:
         notes.append("the robot is in flight only: name the frames on the ground with --contact")
     return tuple(notes)

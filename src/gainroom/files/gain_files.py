@@ -4,7 +4,7 @@ Files are read as data, within bounds; nothing in them is run. What is in no kno
 """
 
 import difflib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -29,6 +29,8 @@ from .gain_formats.own_answers import answer_in, read_answer
 from .gain_formats.plain import is_plain, read_plain
 from .gain_formats.ros2_control import read_ros2_control
 
+ACTUATOR = ("motor_inertia", "stiffness", "damping", "link_viscous")
+"""What a file of gains may say of a joint's actuator, by its key in a robot.yaml."""
 XML = (".xml", ".mjcf", ".urdf")
 PYTHON = (".py", ".pyi")
 C_CODE = (".h", ".hh", ".hpp", ".hxx", ".c", ".cc", ".cpp", ".cxx", ".ino")
@@ -41,15 +43,16 @@ UNKNOWN = (
 
 @dataclass(frozen=True)
 class JointGains:
-    """Gains of n joints, each (n,), units as Gain; 0 where a joint has none, motor_inertia NaN where the file names none.
+    """Gains of n joints, each (n,), units as Gain; 0 where a joint has none.
 
-    rate_hz   of the controller, where the file names it
+    actuators   of each joint what the file names of motor_inertia, stiffness, damping and link_viscous
+    rate_hz     of the controller, where the file names it
     """
 
     kp: Floats
     kd: Floats
     ki: Floats
-    motor_inertia: Floats
+    actuators: tuple[Mapping[str, float], ...]
     notes: tuple[str, ...] = ()
     rate_hz: float | None = None
 
@@ -57,6 +60,11 @@ class JointGains:
     def given(self) -> Booleans:
         """(n,) True where a joint has gains."""
         return (self.kp > 0) | (self.kd > 0)
+
+    @property
+    def motor_inertia(self) -> Floats:
+        """(n,) [kg m²], NaN where the file names none."""
+        return np.array([each.get("motor_inertia", np.nan) for each in self.actuators])
 
 
 def read_gains(path: Path, contact: str = "") -> GainFile:
@@ -124,14 +132,14 @@ def gains_of(file: GainFile, joint_names: Sequence[str]) -> JointGains:
     Raises GainroomError for a joint that the model does not have, for a pattern that matches nothing, and where no joint has gains.
     """
     columns = {name: np.zeros(len(joint_names)) for name in ("kp", "kd", "ki")}
-    inertia = np.full(len(joint_names), np.nan)
+    actuators: list[dict[str, float]] = [{} for _ in joint_names]
     for k, matches in enumerate(file.matched(joint_names)):
         if matches:
             for name, column in columns.items():
                 column[k] = getattr(matches[-1], name)
-            named = [match.motor_inertia for match in matches if match.motor_inertia is not None]
-            inertia[k] = named[-1] if named else np.nan
-    found = JointGains(**columns, motor_inertia=inertia, notes=file.notes_for(joint_names), rate_hz=file.origin.sample_rate_hz)
+            for match in matches:
+                actuators[k] |= {key: value for key in ACTUATOR if (value := getattr(match, key)) is not None}
+    found = JointGains(**columns, actuators=tuple(actuators), notes=file.notes_for(joint_names), rate_hz=file.origin.sample_rate_hz)
     if not np.any(found.given):
         raise GainroomError(f"{file.source}: all gains are zero")
     return found

@@ -10,6 +10,7 @@ from pydantic import BeforeValidator, Field
 from ...io.validation import NotNegative, Positive, Section, number, refusal
 from ...io.yaml_text import shown
 from ...robot.name_patterns import DEFAULT, assign
+from ..system_sections import Stiffness
 
 NOT_NEGATIVE = number(least=0)
 
@@ -18,7 +19,8 @@ NOT_NEGATIVE = number(least=0)
 class Gain:
     """One joint's gains [N m/rad], [N m s/rad], [N m/(rad s)].
 
-    Where the file names them also its reflected motor inertia [kg m²] and the limit of its torque [N m].
+    Where the file names them also its reflected motor inertia [kg m²], the limit of its torque [N m], stiffness [N m/rad] and damping
+    [N m s/rad] of its gearbox and the viscous friction of its link [N m s/rad].
     """
 
     kp: float
@@ -26,6 +28,9 @@ class Gain:
     ki: float = 0.0
     motor_inertia: float | None = None
     effort_limit: float | None = None
+    stiffness: float | None = None
+    damping: float | None = None
+    link_viscous: float | None = None
 
 
 class GainSection(Section):
@@ -36,6 +41,9 @@ class GainSection(Section):
     ki: NotNegative = Field(0.0, description="[N m/(rad s)]")
     motor_inertia: Positive | None = Field(None, description="on the joint side [kg m²]")
     effort_limit: Positive | None = Field(None, description="[N m]")
+    stiffness: Stiffness | None = Field(None, description="of the gearbox [N m/rad]")
+    damping: NotNegative | None = Field(None, description="of the gearbox [N m s/rad]")
+    link_viscous: NotNegative | None = Field(None, description="of the link [N m s/rad]")
 
 
 def _pair(value: object) -> object:

@@ -1,4 +1,4 @@
-"""Plain YAML or JSON: joint name or pattern → {kp, kd, ki, motor_inertia, effort_limit} or [kp, kd], at the top or under `gains`.
+"""Plain YAML or JSON: joint name or pattern → {kp, kd, ki, motor_inertia, …} or [kp, kd], at the top or under `gains`.
 
 Later patterns win.
 """

@@ -1,0 +1,38 @@
+"""The robot of an audit as a robot.yaml, to go on from."""
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from ..errors import GainroomError
+from .robot_yaml import parse_robot
+
+
+class _Dumper(yaml.SafeDumper):
+    """Numbers, words and sections alone: equal lists are written out each time, as a robot.yaml has no references."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
+
+
+def audited_robot_text(sections: Mapping[str, Any], model: str, margin_db: float, command: str, version: str, target: Path) -> str:
+    """The text of a robot.yaml in the place `target`, which is read again before it is given.
+
+    sections    of the audit
+    model       as it was typed; a file is named from the folder of `target`
+    margin_db   that is asked for
+
+    Raises GainroomError where what is written cannot be read back.
+    """
+    file = os.path.relpath(model, target.parent) if Path(model).exists() else model
+    data = {**sections, "model": {**sections["model"], "file": file}, "limits": {"gain_margin_db": margin_db}}
+    body = yaml.dump(data, Dumper=_Dumper, sort_keys=False, default_flow_style=None, allow_unicode=True, width=120)
+    text = f"# Written by gainroom {version}: {' '.join(command.split())}\n{body}"
+    try:
+        parse_robot(text, str(target), target.parent)
+    except GainroomError as error:
+        raise GainroomError(f"the robot.yaml that would be written cannot be read: {error}") from error
+    return text
