@@ -83,7 +83,7 @@ class RobotSimulation(SimulationSpec):
             sample_time=setup.sample_time,
             joint_names=setup.body.joint_names,
             signals=tuple(name for name in LOGGED if name != REFERENCE_SIGNAL or system.control.space == "joint"),
-            moves_until=scenario.move_duration if displacement.any() else 0.0,
+            moves_until=scenario.move_duration + system.control.command_delay if displacement.any() else 0.0,
             encoder_step=setup.encoder_step,
             torque_limit=setup.torque_limit,
             is_linear=not effects,
@@ -99,8 +99,10 @@ class RobotSimulation(SimulationSpec):
     def stream(self, gain: float) -> Iterator[Run]:
         with named(self.system.source.name):
             time = self.sample_time * np.arange(len(hold(self.setup, self.duration)))
-            offsets = Spline.move(self.displacement, self.system.scenario.move_duration, order=5).position(time)
-            yield from stream_robot(self.setup, offsets, gain=gain)
+            move, delay = Spline.move(self.displacement, self.system.scenario.move_duration, order=5), self.system.control.command_delay
+            for part in stream_robot(self.setup, move.position(time - delay), gain=gain):
+                asked = move.position(part.time) - move.position(part.time - delay)  # the record has what was asked for, not what arrived
+                yield part if delay == 0 else replace(part, reference=part.reference + asked)
 
     def loop(self, gain: float = 1.0) -> Loop:
         """With fixed contacts."""

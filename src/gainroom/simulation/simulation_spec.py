@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import GainroomError
+from ..linear.state_space import split_delay
 from ..system.loop import Loop
 from ..system.plausibility import unusual_values
 from ..system.system import System
@@ -17,7 +18,7 @@ from .oscillation import rows_after
 from .run import BLOCK, simulate, stream
 from .run_record import LOGGED, STEADY_SHARE, Run
 from .scenario import MOST_TICKS
-from .trajectories import Held, Trajectory
+from .trajectories import Held, Late, Trajectory
 
 if TYPE_CHECKING:
     from ..robot.ground import Footing
@@ -177,7 +178,7 @@ class JointSimulation(SimulationSpec):
             duration=scenario.duration,
             sample_time=sample_time,
             joint_names=joint.joint_names,
-            moves_until=max(scenario.reference.end, _end_of(scenario.feedforward, sample_time)),
+            moves_until=max(scenario.reference.end, _end_of(scenario.feedforward, sample_time)) + system.control.command_delay,
             disturbed_from=scenario.link_torque.end,
             fastest=scenario.reference.fastest,
             noise=noise,
@@ -225,7 +226,27 @@ class JointSimulation(SimulationSpec):
         return Testbed(self.system.loop().scaled(gain), **self.hardware)  # which adds viscous friction itself
 
     def stream(self, gain: float) -> Iterator[Run]:
-        return stream(self.simulated(gain), self.scenario, max(1, min(BLOCK, round(PORTION / self.sample_time))))
+        block = max(1, min(BLOCK, round(PORTION / self.sample_time)))
+        for part in stream(self.simulated(gain), self._arriving(self.scenario), block):
+            yield self._as_asked(part, self.scenario)
+
+    def _arriving(self, scenario: Scenario) -> Scenario:
+        """`scenario` as it reaches the controller: set-points and the torque that goes with them, later by the delay of commands."""
+        delay = self.system.control.command_delay
+        if delay == 0:
+            return scenario
+        whole, fraction = split_delay(delay, self.sample_time)
+        ticks = int(whole) + (1 if fraction > 0 else 0)  # a torque that arrives between two ticks is read at the second
+        late = {}
+        for name in ("reference", "feedforward"):
+            given = getattr(scenario, name)
+            shifted = Late(given, delay) if isinstance(given, Trajectory) else np.vstack([np.repeat(given[:1], ticks, axis=0), given])
+            late[name] = shifted
+        return replace(scenario, **late)
+
+    def _as_asked(self, run: Run, scenario: Scenario) -> Run:
+        """The run with the reference as it was asked for, not as it arrived."""
+        return run if self.system.control.command_delay == 0 else replace(run, reference=scenario.reference.position(run.time))
 
     def at_rest(self, run: Run) -> slice:
         """The last half, where too little is left by then."""
@@ -233,6 +254,5 @@ class JointSimulation(SimulationSpec):
 
     def continued(self, gain: float, ticks: int, moving: bool) -> Run:
         reference = self.scenario.reference if moving else Held(self.scenario.reference, self.duration)
-        return simulate(
-            self.simulated(gain), replace(self.scenario, reference=reference, duration=self.duration + ticks * self.sample_time)
-        )
+        scenario = replace(self.scenario, reference=reference, duration=self.duration + ticks * self.sample_time)
+        return self._as_asked(simulate(self.simulated(gain), self._arriving(scenario)), scenario)

@@ -289,6 +289,29 @@ class Held(Trajectory):
         return position, velocity * (t <= self.stop), acceleration * (t <= self.stop)
 
 
+@dataclass(frozen=True)
+class Late(Trajectory):
+    """`moving`, `delay` [s] later."""
+
+    moving: Trajectory
+    delay: float
+
+    @property
+    def size(self) -> int:
+        return self.moving.size
+
+    @property
+    def end(self) -> float:
+        return self.moving.end + self.delay
+
+    @property
+    def fastest(self) -> float:
+        return self.moving.fastest
+
+    def motion(self, time: ArrayLike) -> tuple[Floats, Floats, Floats]:
+        return self.moving.motion(np.asarray(time, dtype=float) - self.delay)
+
+
 def _column(time: ArrayLike) -> Floats:
     """`time` as (k, 1)."""
     return np.atleast_1d(np.asarray(time, dtype=float))[:, None]
