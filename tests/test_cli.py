@@ -102,9 +102,9 @@ def test_unstable_is_status_1_and_says_so_first(said: Callable[..., Said]):
 
 @pytest.mark.parametrize("name", [*sorted(EXAMPLES), "unstable"])
 def test_joint_terminal(said: Callable[..., Said], name: str):
-    _, out, err = said(name)
+    _, out, err = said(name, "--verbose")
     assert err == ""
-    assert max(map(len, out.splitlines())) <= 100
+    assert max(map(len, out.splitlines())) <= 80
     assert "\x1b" not in out
     for word in ("gain margin", "phase margin", "delay margin", "recommended", "rad/s", "Hz"):
         assert word in out
@@ -113,7 +113,7 @@ def test_joint_terminal(said: Callable[..., Said], name: str):
 def test_requirements_are_met_or_not(said: Callable[..., Said]):
     lines = said("fig9").out.splitlines()  # 6.2 dB against 6 dB
     row = next(line for line in lines if line.strip().startswith("gain margin"))
-    assert row.split()[-1] == "yes"
+    assert row.split()[7] == "yes"
 
 
 def test_a_gain_that_may_hardly_fall_has_no_gain_margin(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
@@ -130,7 +130,7 @@ def test_a_gain_that_may_hardly_fall_has_no_gain_margin(tmp_path: Path, capsys: 
     assert -6 < facts["lower_gain_margin_db"] < 0
     main(["joint", str(path)])
     row = next(line for line in capsys.readouterr().out.splitlines() if line.strip().startswith("gain margin"))
-    assert row.split()[-1] == "no"
+    assert "≥ 6 dB    no" in row
 
 
 @pytest.mark.parametrize("beyond", [False, True])
@@ -157,13 +157,13 @@ def test_gains_are_judged_over_the_stated_ranges(tmp_path: Path, capsys: pytest.
     assert ("UNSTABLE within the uncertainty ranges" in report.read_text("utf-8")) is beyond
 
 
-@pytest.mark.parametrize("longest", [60, 68, 70])
+@pytest.mark.parametrize("longest", [40, 46, 50])
 def test_a_wide_table_moves_together_before_it_breaks_lines(capsys: pytest.CaptureFixture[str], longest: int):
-    """Five columns of 5 need 3 blanks between them, or 2: the first column stays whole up to 100 columns in all."""
+    """Five columns of 5 need 3 blanks between them, or 2: the first column stays whole up to 80 columns in all."""
     name = f"crouch, {'x' * (longest - 8)}"
     text = render(table("title", ("", "a", "b", "c", "d"), [(name, *4 * ("12.34",)), ("short", *4 * ("1",))]))
     lines = text.splitlines()
-    assert max(map(len, lines)) <= 100
+    assert max(map(len, lines)) <= 80
     assert [line for line in lines if name in line]
     assert [len(line.split()) for line in lines[-3:] if line] == [6, 5]
 
@@ -178,7 +178,7 @@ def test_recommended_controller_can_be_typed_back(tmp_path: Path, capsys: pytest
     best = strict_json(capsys.readouterr().out)["recommended"]
     assert best["controller"] == {"type": "ppi", "kp": best["kp"], "kv": best["kv"], "ki": best["ki"]}
     assert best["plane"] == {"kp": pytest.approx(best["kp"] * best["kv"]), "kd": best["kv"]}
-    assert main(["joint", str(file)]) == 0
+    assert main(["joint", str(file), "--verbose"]) == 0
     out = capsys.readouterr().out
     line = next(line for line in out.splitlines() if line.startswith("Recommended controller: "))
     kp, kv, ki = (float(gain.split()[1]) for gain in line.partition(": ")[2].split(", "))
@@ -191,7 +191,7 @@ def test_recommended_controller_can_be_typed_back(tmp_path: Path, capsys: pytest
 
 
 def test_uncertain_rows_keep_cases_apart(said: Callable[..., Said]):
-    out = said("talos-knee").out
+    out = said("talos-knee", "--verbose").out
     assert "recommended (worst case)" in out
     assert "recommended (nominal)" in out
     assert "(worst case: delay 3 ms, stiffness 8\u202f000 N·m/rad" in " ".join(out.split("\n"))
@@ -323,7 +323,7 @@ def test_numbers_for_people():
     assert digits(float("nan")) == "–"
     assert digits(float("inf")) == "∞"
     assert digits(1.234e-7) == "1.234·10⁻⁷"
-    assert frequency(620.0) == "620 rad/s (98.7 Hz)"
+    assert frequency(620.0) == "98.7 Hz (620 rad/s)"
 
 
 def test_colour_is_for_terminals_that_want_it(monkeypatch: pytest.MonkeyPatch):

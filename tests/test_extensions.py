@@ -35,7 +35,7 @@ def test_a_column_is_one_entry(tmp_path, capsys: pytest.CaptureFixture[str], mon
     JOINT.append(rate)
     try:
         page = tmp_path / "page.html"
-        main(["robot", str(path), "--report", str(page)])
+        main(["robot", str(path), "--verbose", "--report", str(page)])
         terminal = " ".join(capsys.readouterr().out.split())
         main(["robot", str(path), "--json"])
         (row, *_) = json.loads(capsys.readouterr().out)["states"][0]["joints"]
@@ -92,7 +92,7 @@ def test_a_controller_is_one_class():
     assert isinstance(study.recommended.controller, Series)
     assert study.recommended.controller.plane_gains() == pytest.approx((pd.recommended.kp, pd.recommended.kd), rel=1e-9)
     assert _facts(study)["recommended"]["lead"] == pytest.approx(pd.recommended.kd / pd.recommended.kp, rel=1e-9)
-    assert digits(study.recommended.kd) in _terminal(study, None, False)
+    assert digits(study.recommended.kd) in _terminal(study, None, True)
     assert "Series" in joint_page(study, "again")
 
 
@@ -174,7 +174,7 @@ def shown_by(command: str, path: Path, capsys: pytest.CaptureFixture[str]) -> tu
     page = path.with_suffix(".html")
     main([command, str(path), "--json"])
     found = json.loads(capsys.readouterr().out)
-    main([command, str(path), "--report", str(page)])
+    main([command, str(path), "--verbose", "--report", str(page)])
     return found, " ".join(capsys.readouterr().out.split()), page.read_text("utf-8")
 
 

@@ -201,7 +201,7 @@ def test_one_name_one_number(tmp_path: Path, capsys: pytest.CaptureFixture[str],
     study = study_robot(load_robot_system(path))
     monkeypatch.setattr("gainroom.studies.robot.study_robot", lambda *_: study)
     report = tmp_path / "page.html"
-    main(["robot", str(path), "--report", str(report)])
+    main(["robot", str(path), "--verbose", "--report", str(report)])
     words = capsys.readouterr().out
     main(["robot", str(path), "--json"])
     (state,) = json.loads(capsys.readouterr().out)["states"]

@@ -255,7 +255,7 @@ def test_loci_are_eigenvalues_of_the_loop(page, biped):
         points = [(x, y, text) for x, y, text in zip(strong["x"], strong["y"], strong["text"], strict=True) if x is not None]
         assert len(points) > 30
         for x, y, text in points[::10]:
-            omega = float(re.match(r"[\d.\u202f]+", text).group().replace("\u202f", ""))
+            omega = float(re.search(r"([\d.\u202f]+) rad/s", text).group(1).replace("\u202f", ""))
             around = omega * (1 + np.linspace(-5e-4, 5e-4, 41))  # ω is told to four digits
             values = np.linalg.eigvals(state.loop.response(around))
             # resonances are damped by B ω / 2 K > 0.5 %, 200 of these steps: in one a locus moves by at most as much of itself

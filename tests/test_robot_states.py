@@ -154,17 +154,17 @@ def test_json_keeps_its_keys(folder: Path, capsys: pytest.CaptureFixture[str]):
 @pytest.mark.usefixtures("at_once")
 def test_terminal_and_page_say_it_in_words(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     report = tmp_path / "out.html"
-    assert main(["robot", str(folder / "leg.yaml"), "--report", str(report)]) == 0
+    assert main(["robot", str(folder / "leg.yaml"), "--verbose", "--report", str(report)]) == 0
     out, err = capsys.readouterr()
     assert err == ""
-    assert max(map(len, out.splitlines())) <= max(100, len(f"Report: {report}"))
+    assert max(map(len, out.splitlines())) <= max(80, len(f"Report: {report}"))
     words = " ".join(out.split())
     for text in (
-        "bent, flight – – – – – – – – nothing moves",
         "No gains for com y: nothing can move there",
         "Nothing moves in contact flight",
     ):
         assert text in words
+    assert re.search(r"bent, flight( –)+ nothing moves", words)
     page = report.read_text("utf-8")
     for text in ("<td>bent, flight</td><td>–</td>", "nothing moves there: gains have no effect", "no loop is closed"):
         assert text in page
@@ -393,7 +393,7 @@ def test_a_disk_margin_that_is_not_certified_says_so(
     (state,) = leg.states
     study = replace(leg, every=(changed(state, margins=replace(state.margins, disk_margin=0.25, disk_certified=certified)),))
     monkeypatch.setattr("gainroom.studies.robot.study_robot", lambda spec, progress: study)
-    main(["robot", str(folder / "leg.yaml")])
+    main(["robot", str(folder / "leg.yaml"), "--verbose"])
     assert shown in capsys.readouterr().out
     page = robot_page(study, "again")
     assert f"<td>{shown.strip()}</td>" in page
@@ -463,11 +463,12 @@ def test_lag_decides_about_an_undamped_spring_under_link_side_feedback(resonance
 
 
 def test_requirements_within_ranges_are_not_called_met(tmp_path: Path):
-    """Of a robot with an uncertainty margins are known at the nominal values alone: met there is not met everywhere."""
+    """Of a robot with an uncertainty margins are known at the corners alone: met there is not proved to be met everywhere."""
     text = write_arm(tmp_path).read_text("utf-8")
     soft = re.sub(r"kp: [^,}]+", "kp: 20", re.sub(r"kd: [^,}]+", "kd: 8", text))
     exact = study_robot(parse_robot(soft, "arm", tmp_path), recommend=False)
     uncertain = study_robot(parse_robot(soft + "uncertainty: {delay_ms: [1.9, 2.1]}\n", "arm", tmp_path), recommend=False)
     assert exact.requirements_met is True
     assert uncertain.requirements_met is None
-    assert replace(uncertain, unstable_at="a corner").requirements_met is False
+    beyond = changed(uncertain.every[0], worst=replace(uncertain.every[0].worst, unstable_at="a corner"))
+    assert replace(uncertain, every=(beyond,)).requirements_met is False

@@ -61,7 +61,12 @@ def beside(value: float, other: float) -> str:
 def case_text(values: Mapping[str, float]) -> str:
     """A case of what is uncertain, by name in QUANTITIES, SI: "delay 7 ms, stiffness 8000 N·m/rad"."""
     shown = ((name, value, *QUANTITIES[name]) for name, value in values.items())
-    return ", ".join(f"{name.replace('_', ' ')} {scale * value:.4g} {unit}" for name, value, scale, unit in shown)
+    return ", ".join(f"{name.replace('_', ' ')} {_four_digits(scale * value)} {unit}" for name, value, scale, unit in shown)
+
+
+def _four_digits(value: float) -> str:
+    text = f"{value:.4g}"
+    return f"{float(text):.0f}" if "e+" in text and abs(value) < 1e7 else text
 
 
 def nearest(name: str, names: Sequence[str], kind: str) -> str:
@@ -85,8 +90,8 @@ def listed(names: Sequence[str], word: str = "and", most: int = 4) -> str:
 
 
 def frequency_text(omega: float) -> str:
-    """A frequency [rad/s] in a sentence: Hz, and rad/s."""
-    return f"{omega / (2 * math.pi):.3g} Hz ({omega:.4g} rad/s)"
+    """A frequency [rad/s] in a sentence, in Hz."""
+    return f"{omega / (2 * math.pi):.3g} Hz"
 
 
 class GainroomError(ValueError):

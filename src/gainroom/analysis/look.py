@@ -63,6 +63,8 @@ def margins_seen(seen: "_core.Look", size: int) -> Margins:
     if not seen.followed or seen.unstable != 0:
         return Margins.unknown(GainLimit.unknown(size, stable=not seen.singular and seen.unstable <= 0))
     common, single, phase, one_phase, peak, omega = seen.least()
+    if not seen.followed:  # counting roots took too many samples
+        return Margins.unknown(GainLimit.unknown(size))
     factor, every = math.exp(common), np.full(size, math.exp(single))
     limit = replace(GainLimit.unknown(size), gain=factor, lower_gain=1 / factor)
     one_loop = OneLoop(every, 1 / every, np.full(size, one_phase), np.zeros(size, dtype=bool))

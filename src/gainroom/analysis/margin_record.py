@@ -1,7 +1,7 @@
 """What a loop of n >= 1 joints has left before it is lost: one record, whatever n is. An unstable loop has no margins: they are NaN."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -211,17 +211,24 @@ class Margins:
 
 
 def worst_of(found: Sequence[Margins]) -> Margins:
-    """Every margin, with its frequency, from the loop where it is smallest; no lists of crossings, and no certificates."""
+    """Every margin, with its frequency, from the loop where it is smallest; no lists of crossings, and no certificates.
+
+    A margin that is not known of one loop (NaN) is not known of the worst.
+    """
+
+    def least(size: Callable[[Margins], float]) -> Margins:
+        return min(found, key=lambda one: -math.inf if math.isnan(size(one)) else size(one))
+
     closest = {
-        "phase_margin gain_crossover": min(found, key=lambda one: abs(one.phase_margin)),
-        "delay_margin delay_crossover": min(found, key=lambda one: one.delay_margin),
-        "peak_sensitivity peak_sensitivity_frequency": max(found, key=lambda one: one.peak_sensitivity),
-        "peak_complementary peak_complementary_frequency": max(found, key=lambda one: one.peak_complementary),
-        "disk_margin disk_margin_frequency": min(found, key=lambda one: one.disk_margin),
+        "phase_margin gain_crossover": least(lambda one: abs(one.phase_margin)),
+        "delay_margin delay_crossover": least(lambda one: one.delay_margin),
+        "peak_sensitivity peak_sensitivity_frequency": least(lambda one: -one.peak_sensitivity),
+        "peak_complementary peak_complementary_frequency": least(lambda one: -one.peak_complementary),
+        "disk_margin disk_margin_frequency": least(lambda one: one.disk_margin),
     }
     upper, lower = (
-        min((one.limit for one in found), key=lambda one: one.gain),
-        max((one.limit for one in found), key=lambda one: one.lower_gain),
+        least(lambda one: one.limit.gain).limit,
+        least(lambda one: -one.limit.lower_gain).limit,
     )
     limit = GainLimit(
         stable=all(one.stable for one in found),

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..report.number_format import model_kind, model_text, own_gains, typed_gains
-from .options import AsJson, Report, Verbose, command_line, report_stream
-from .output import closing, column_table, render, show, table
+from .options import AsJson, Report, Strict, Verbose, command_line, report_stream
+from .output import closing, column_table, few, render, show, table, verdict_parts
 
 if TYPE_CHECKING:
     from ..design.joint_gains import Recommendation
@@ -22,6 +22,7 @@ def joint(
     ],
     as_json: AsJson = False,
     verbose: Verbose = False,
+    strict: Strict = False,
     report: Report = None,
 ) -> int:
     """Stability of a joint, its margins, what limits its gains, and recommended gains.
@@ -30,7 +31,8 @@ def joint(
     Example:
       gainroom joint joint.yaml --report joint.html
 
-    Exit status: 0 stable, also in every case within `uncertainty`; 1 unstable; 2 the file or the call is wrong.
+    Exit status: 0 stable, also in every case within `uncertainty`; 1 unstable, with --strict also where a requirement is not met;
+    2 the file or the call is wrong.
     """
     from ..files.joint_yaml import load_joint
 
@@ -38,7 +40,7 @@ def joint(
     if system.control.kd_path is not None:
         from .two_paths import two_paths
 
-        return two_paths(system, as_json, report)
+        return two_paths(system, as_json, report, strict)
     with report_stream(report) as page:
         from ..studies.joint import study_joint
 
@@ -48,13 +50,13 @@ def joint(
             from ..report import joint_page
 
             page.write(joint_page(study, command_line("joint", file, ("--report", report))))
-    return 0 if study.stable_in_range else 1
+    return 0 if study.stable_in_range and not (strict and study.requirements_met is False) else 1
 
 
 def _facts(study: "JointStudy") -> dict[str, Any]:
     """What --json prints."""
     from ..report.columns import facts
-    from ..report.joint_text import sentence, warnings
+    from ..report.joint_text import notes, sentence, warnings
     from ..report.margin_columns import margin_columns, required_facts
 
     margins, requirements, rule = study.margins, study.system.requirements, study.rule
@@ -77,11 +79,13 @@ def _facts(study: "JointStudy") -> dict[str, Any]:
         "requirements_met": study.requirements_met,
         "unmet": list(study.unmet),
         "worst": facts(margin_columns(), study.in_range.margins),
+        "worst_case": {name: study.case_of(name) or None for name in study.worst},
         "required": required_facts(requirements),
         "recommended": None if recommended is None else _recommended_facts(study, recommended),
+        "at_usual_rate": None if study.at_usual_rate is None else _rate_facts(study.at_usual_rate),
         "uncertainty_cost": None if study.uncertainty_cost is None else _cost_facts(study.uncertainty_cost),
         "rule": {"kp": rule.kp, "kd": rule.kd, "stable": rule.margins.stable, "margins": facts(margin_columns(), rule.margins)},
-        "warnings": list(warnings(study)),
+        "warnings": [*warnings(study), *notes(study)],
     }
 
 
@@ -105,6 +109,21 @@ def _recommended_facts(study: "JointStudy", recommended: "Recommendation") -> di
     }
 
 
+def _rate_facts(study: "JointStudy") -> dict[str, Any]:
+    """The recommended gains of continuous time at the usual rate, and those that are recommended there."""
+    from ..report.columns import facts
+    from ..report.margin_columns import margin_columns
+
+    again = study.recommended
+    return {
+        "sample_rate_hz": 1 / (study.system.control.sample_time or 1.0),
+        "margins": facts(margin_columns(), study.in_range.margins),
+        "requirements_met": study.requirements_met,
+        "unmet": list(study.unmet),
+        "recommended": None if again is None else {name: value for name, value, _ in own_gains(again.controller)},
+    }
+
+
 def _cost_facts(found: "UncertaintyCost") -> dict[str, Any]:
     return {
         "cost": found.cost,
@@ -114,15 +133,26 @@ def _cost_facts(found: "UncertaintyCost") -> dict[str, Any]:
 
 
 def _terminal(study: "JointStudy", report: Path | None, verbose: bool) -> str:
-    """`verbose`, or with a report, which has it too: also which parameter to measure better."""
+    """`verbose`: also all margins, the largest gains, what limits the recommended ones, and which parameter to measure better."""
+    from ..report.joint_text import notes, sentence, warnings
+    from ..report.verdict import MOST_WARNINGS, joint_to_use
+
+    said = warnings(study)
+    parts = [sentence(study), *verdict_parts(study, joint_to_use(study))]
+    if verbose:
+        return render(*parts, "", *_all_there_is(study), *closing({"Report": report}, said, notes=notes(study)))
+    return render(*parts, *closing({"Report": report}, few(said, MOST_WARNINGS)))
+
+
+def _all_there_is(study: "JointStudy") -> list[Any]:
     from ..report.joint_tables import gain_columns, gains_beside, largest_gains
-    from ..report.joint_text import RULE, recommended_text, sentence, uncertainty_cost_text, warnings
+    from ..report.joint_text import RULE, cause, recommended_text, uncertainty_cost_text
 
     model = model_text(study.system.control.sample_time)
     ranges = "; met: at the worst of the ranges" if study.system.uncertainty.names else ""
     own, *others = gains_beside(study)
     parts: list[Any] = [
-        sentence(study),
+        *filter(None, [cause(study)]),
         "",
         table(f"Margins ({model}{ranges})", ("", "value", "at", "required", "met"), _margin_rows(study)),
         column_table("Gains", gain_columns(study), [own, *largest_gains(study), *others]),
@@ -132,9 +162,7 @@ def _terminal(study: "JointStudy", report: Path | None, verbose: bool) -> str:
         if len(controller.gain_names()) > 2:  # the table has two columns of gains
             parts.append(f"Recommended controller: {typed_gains(controller)}.")
         parts.append(recommended_text(study.recommended))
-    parts += filter(None, [uncertainty_cost_text(study, ranked=verbose or report is not None)])
-    parts.append(RULE)
-    return render(*parts, *closing({"Report": report}, warnings(study)))
+    return [*parts, *filter(None, [uncertainty_cost_text(study, ranked=True)]), RULE]
 
 
 def _margin_rows(study: "JointStudy") -> list[tuple[str, ...]]:

@@ -12,6 +12,7 @@ import typer
 
 AsJson = Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")]
 Verbose = Annotated[bool, typer.Option("--verbose", help="All there is to know, not only what matters first.")]
+Strict = Annotated[bool, typer.Option("--strict", help="Exit status 1 also where a requirement is not met.")]
 Report = Annotated[Path | None, typer.Option("--report", metavar="OUT.html", help="Also write a self-contained page.")]
 
 

@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -15,7 +16,9 @@ if TYPE_CHECKING:
 
     from ..report.columns import Column
 
-WIDTH = 100
+WIDTH = 80
+"""Columns, where no terminal says otherwise."""
+WIDEST = 100
 """Columns, at most."""
 NARROWEST = 40
 """Columns, at least: on fewer a table says nothing, and a terminal that does not know its width may say 0 or 1."""
@@ -59,10 +62,24 @@ def _strict(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]], wrapped: int = 0) -> "Table":
-    """A quiet table: words to the left, numbers to the right; yes and no in the last column are coloured.
+def columns_wide() -> int:
+    """The width to print to: the terminal's, within bounds; elsewhere COLUMNS, or WIDTH."""
+    from rich.console import Console
+
+    if sys.stdout is not None and sys.stdout.isatty():
+        return min(WIDEST, max(NARROWEST, Console(file=sys.stdout).width))
+    told = os.environ.get("COLUMNS", "")
+    return min(WIDEST, max(NARROWEST, int(told))) if told.isdecimal() and len(told) < 6 else WIDTH
+
+
+def table(
+    title: str, columns: Sequence[str], rows: Iterable[Sequence[str]], wrapped: int = 0, drops: Sequence[str] = (), wide: bool = False
+) -> "Table":
+    """A quiet table: words to the left, numbers to the right; yes and no are coloured.
 
     wrapped   the column that is broken into lines where there is no room for all
+    drops     headings of columns that are left out before that, the first first
+    wide      as wide as what is read at leisure
     """
     from rich import box
     from rich.table import Table
@@ -70,10 +87,20 @@ def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]], wra
 
     title, columns = printable(title), [*map(printable, columns)]
     rows = [tuple(map(printable, row)) for row in rows]
-    widths = (max(map(len, cells)) for cells in zip(columns, *rows, strict=True))
-    tight = sum(widths) + 3 * (len(columns) - 1) > WIDTH - 2  # closer together before anything is broken into lines
+    across, drops = WIDEST if wide else columns_wide(), list(drops)
+
+    def width(gap: int) -> int:
+        return sum(max(map(len, cells)) for cells in zip(columns, *rows, strict=True)) + gap * (len(columns) - 1) + 2
+
+    while width(2) > across and drops:
+        dropped = drops.pop(0)
+        if dropped in columns:
+            place = columns.index(dropped)
+            columns = [name for k, name in enumerate(columns) if k != place]
+            rows = [tuple(cell for k, cell in enumerate(row) if k != place) for row in rows]
+    tight = width(3) > across  # closer together before anything is broken into lines
     look = {"title_justify": "left", "title_style": "bold", "box": box.SIMPLE_HEAD, "pad_edge": False, "collapse_padding": tight}
-    result = Table(title=title, min_width=len(title), **look)
+    result = Table(title=title or None, min_width=min(len(title), across), **look)
     for index, column in enumerate(columns):
         result.add_column(column, justify="right" if index else "left", no_wrap=index != wrapped, overflow="fold")
     styles = {"yes": "bold blue", "no": "bold yellow"}  # never red against green
@@ -82,11 +109,29 @@ def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]], wra
     return result
 
 
-def column_table(title: str, columns: Sequence["Column"], rows: Iterable[Any]) -> "Table":
-    """A table of report.columns."""
+def column_table(title: str, columns: Sequence["Column"], rows: Iterable[Any], drops: Sequence[str] = ()) -> "Table":
+    """A table of report.columns; `drops`: see table."""
     from ..report.columns import tabulated
 
-    return table(title, *tabulated(columns, rows))
+    return table(title, *tabulated(columns, rows), drops=drops)
+
+
+def verdict_parts(study: Any, to_use: Any) -> list[Any]:
+    """What stands first: every requirement at its worst, gains to use, and what is said of them."""
+    from rich.text import Text
+
+    from ..report.verdict import judged, judged_columns
+
+    parts = [column_table("", judged_columns(study), judged(study, to_use.margins), drops=("at", "nominal"))]
+    if to_use.lines:
+        parts += [to_use.heading, *(Text(printable("  " + line), no_wrap=True) for line in to_use.lines), *to_use.remarks]
+    return parts
+
+
+def few(warnings: Sequence[str], most: int) -> list[str]:
+    """The first warnings, and how many more there are."""
+    more = len(warnings) - most
+    return [*warnings[:most], *([f"{more} more: --verbose"] if more > 0 else [])]
 
 
 def closing(files: Mapping[str, Path | None], warnings: Iterable[str], assumed: Iterable[str] = (), notes: Iterable[str] = ()) -> list[Any]:
@@ -98,8 +143,8 @@ def closing(files: Mapping[str, Path | None], warnings: Iterable[str], assumed: 
     return [*written, *(f"{kind}: {text}" for kind, texts in kinds.items() for text in texts)]
 
 
-def render(*parts: Any) -> str:
-    """Text and tables as they go to this terminal; plain where standard output is none, or NO_COLOR is set.
+def render(*parts: Any, wide: bool = False) -> str:
+    """Text and tables as they go to this terminal; plain where standard output is none, or NO_COLOR is set. `wide`: see table.
 
     What names out of files hold that a terminal would obey (escape sequences) is shown as ?.
     """
@@ -112,7 +157,7 @@ def render(*parts: Any) -> str:
     probe = Console(file=sys.stdout)
     console = Console(
         file=buffer,
-        width=min(WIDTH, max(NARROWEST, probe.width)) if terminal else WIDTH,
+        width=WIDEST if wide else columns_wide(),
         force_terminal=terminal,
         no_color=probe.no_color or None,
         highlight=False,

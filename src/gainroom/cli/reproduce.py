@@ -37,8 +37,9 @@ def _terminal(result: "Reproduction", verbose: bool) -> str:
     head, warnings = summary(result.rows), [f"Warning: {warning}" for warning in result.warnings]
     disagreeing = [row for row in result.rows if not row.agrees]
     if not verbose:
-        parts = [table("Rows that disagree", COLUMNS[:-1], [cells(row)[:-1] for row in disagreeing])] if disagreeing else []
-        return render(head, "", *parts, *warnings, "--verbose: all rows, why some disagree, and the paper's claims checked.")
+        named = ("disagrees", *COLUMNS[1:-1])
+        parts = [table("", named, [cells(row)[:-1] for row in disagreeing])] if disagreeing else []
+        return render(head, *parts, *warnings, "--verbose: all rows, why some disagree, and the paper's claims checked.")
     return render(
         head,
         "",
@@ -46,6 +47,7 @@ def _terminal(result: "Reproduction", verbose: bool) -> str:
             "Paper and computed (in brackets: not printed in the paper)",
             COLUMNS,
             [cells(row) for row in result.rows],
+            wide=True,
         ),
         "Identified from virtual logs",
         "",
@@ -59,4 +61,5 @@ def _terminal(result: "Reproduction", verbose: bool) -> str:
         "",
         *(f"{row.id}: {row.note}" for row in disagreeing if not row.is_claim),
         *warnings,
+        wide=True,
     )

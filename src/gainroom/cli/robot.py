@@ -7,8 +7,8 @@ import typer
 
 from ..report.number_format import model_kind, model_text
 from ..report.robot_units import judged
-from .options import AsJson, Report, command_line, report_stream
-from .output import closing, column_table, render, show
+from .options import AsJson, Report, Strict, Verbose, command_line, report_stream
+from .output import closing, column_table, few, render, show, verdict_parts
 from .progress import progress_bar
 
 if TYPE_CHECKING:
@@ -23,6 +23,8 @@ def robot(
         typer.Argument(metavar="FILE", help="A robot.yaml; `gainroom example biped` prints one.", show_default=False),
     ],
     as_json: AsJson = False,
+    verbose: Verbose = False,
+    strict: Strict = False,
     report: Report = None,
 ) -> int:
     """The gain limit of a robot with all loops closed, in every posture and contact state, and the joints that vibrate there.
@@ -31,7 +33,8 @@ def robot(
     Example:
       gainroom robot robot.yaml --report robot.html
 
-    Exit status: 0 stable in every state, also at the corners of `uncertainty`; 1 unstable; 2 the file or the call is wrong.
+    Exit status: 0 stable in every state, also at the corners of `uncertainty`; 1 unstable, with --strict also where a requirement is
+    not met; 2 the file or the call is wrong.
     """
     from ..files.robot_yaml import load_robot_system
 
@@ -39,57 +42,77 @@ def robot(
     if system.control.kd_path is not None:
         from .two_paths import two_paths
 
-        return two_paths(system, as_json, report)
+        return two_paths(system, as_json, report, strict)
     with report_stream(report) as page:
         from ..studies.robot import study_robot
 
         with progress_bar("robot:") as progress:
             study = study_robot(system, progress)
-        show(as_json, lambda: _facts(study), lambda: _terminal(study, report))
+        show(as_json, lambda: _facts(study), lambda: _terminal(study, report, verbose))
         if page is not None:
             from ..report.robot import robot_page
 
             page.write(robot_page(study, command_line("robot", file, ("--report", report))))
-    return 0 if study.stable_in_range else 1
+    return 0 if study.stable_in_range and not (strict and study.requirements_met is False) else 1
 
 
 def _facts(study: "RobotStudy") -> dict[str, Any]:
     """What --json prints."""
     from .. import __version__
     from ..report.columns import facts
+    from ..report.margin_columns import margin_facts
     from ..report.recommended_gains import recommended_facts
-    from ..report.robot_columns import actuator_facts, state_columns
-    from ..report.robot_text import sentence, warnings
+    from ..report.robot_columns import actuator_facts, state_columns, worst_facts
+    from ..report.robot_text import notes, sentence, warnings
+    from ..studies.analysis import USUAL_RATE
 
-    sample_time = study.system.control.sample_time
+    sample_time, usual = study.system.control.sample_time, study.at_usual_rate
+    met = usual is not None and study.system.requirements.met_by(usual)
     return {
         "robot": study.system.source.name,
         "gainroom": __version__,
         "stable": study.stable,
         "stable_in_range": study.stable_in_range,
-        "unstable_at": study.unstable_at or None,
+        "unstable_at": study.unstable_case or None,
         "sentence": sentence(study),
         "requirements_met": study.requirements_met,
         "unmet": list(study.unmet),
+        "worst": {name: worst_facts(study, name) for name in study.worst},
         "model": model_kind(sample_time),
         "sample_rate_hz": None if sample_time is None else 1 / sample_time,
         "states": [facts(state_columns(), state) for state in study.every],
+        "at_usual_rate": None if usual is None else {"sample_rate_hz": USUAL_RATE, **margin_facts(usual), "requirements_met": met},
         "recommended": [recommended_facts(gains) for gains in study.recommended] or None,
         "actuators": actuator_facts(study.system),
         "assumptions": list(study.system.assumptions),
-        "warnings": list(warnings(study)),
+        "warnings": [*warnings(study), *notes(study)],
     }
 
 
-def _terminal(study: "RobotStudy", report: Path | None) -> str:
+def _terminal(study: "RobotStudy", report: Path | None, verbose: bool) -> str:
+    """`verbose`: also every state, joint and task, and all recommended gains."""
+    from ..report.robot_text import notes, sentence, warnings
+    from ..report.verdict import MOST_WARNINGS, robot_to_use
+
+    said, assumed = warnings(study), study.system.assumptions
+    parts = [sentence(study), *verdict_parts(study, robot_to_use(study))]
+    if verbose:
+        return render(*parts, "", *_all_there_is(study), *closing({"Report": report}, said, assumed, notes(study)))
+    return render(*parts, *closing({"Report": report}, few(said, MOST_WARNINGS)), "By state, joint and task: --verbose, or --report.")
+
+
+def _all_there_is(study: "RobotStudy") -> list[Any]:
     from ..report.columns import definitions
     from ..report.robot_columns import state_columns
     from ..report.robot_tables import joint_legend
-    from ..report.robot_text import sentence, warnings
 
     title = f"All joints together ({model_text(study.system.control.sample_time)})"
     columns = state_columns()
-    parts: list[Any] = [sentence(study), "", column_table(title, columns, study.states + study.immobile), definitions(columns), ""]
+    parts: list[Any] = [
+        column_table(title, columns, study.states + study.immobile, ("delay", "one loop", "disk")),
+        definitions(columns),
+        "",
+    ]
     for state in study.tightest_by_contact:
         parts += _contact_tables(state)
     parts.append(joint_legend(study.system.source.body))
@@ -98,8 +121,7 @@ def _terminal(study: "RobotStudy", report: Path | None) -> str:
     parts.append("")
     for gains in study.recommended:
         parts += _gains_parts(gains, study.system.source.states[0])
-    parts.append(judged(study.system))
-    return render(*parts, *closing({"Report": report}, warnings(study), study.system.assumptions))
+    return [*parts, judged(study.system)]
 
 
 def _contact_tables(state: "State") -> list[Any]:

@@ -12,8 +12,11 @@ if TYPE_CHECKING:
     from ..system.system import System
 
 
-def two_paths(system: "System", as_json: bool, report: Path | None) -> int:
-    """The exit status: 0 stable in every state and at every corner of the uncertainty; 1 unstable. Raises GainroomError for a page."""
+def two_paths(system: "System", as_json: bool, report: Path | None, strict: bool = False) -> int:
+    """The exit status: 0 stable in every state and at every corner of the uncertainty; 1 unstable, or with `strict` an unmet requirement.
+
+    Raises GainroomError for a page.
+    """
     if report is not None:
         raise GainroomError("--report: there is no page where kd closes on a path of its own; the terminal and --json have its numbers")
     from ..report.two_paths import path_study_facts
@@ -22,7 +25,7 @@ def two_paths(system: "System", as_json: bool, report: Path | None) -> int:
     with progress_bar("states:") as progress:
         study = study_two_paths(system, progress)
     show(as_json, lambda: path_study_facts(study), lambda: _terminal(study))
-    return 0 if study.stable_in_range else 1
+    return 0 if study.stable_in_range and not (strict and study.requirements_met is False) else 1
 
 
 def _terminal(study: "PathStudy") -> str:

@@ -18,11 +18,10 @@ import numpy as np
 
 from ..analysis.margin_record import GainLimit, Margins, worst_of
 from ..linear.arrays import Booleans, Floats, Integers
-from ..system.controller import PD
-from ..system.loop import Loop
 from ..system.requirements import REQUIREMENTS, Requirements
 from ..system.system import StateCase, System
 from .gain_search import Raised, raised_gains, stiffness
+from .judged_cases import case_of, joint_case, task_case
 from .margin_slopes import Case, Gains
 from .side_by_side import Job, side_by_side
 from .starting_gains import Beginning, joints_alone, joints_that_move, link_inertia, tasks_alike
@@ -174,6 +173,21 @@ def recommend_robot(
     return RobotGains(space, tuple(names), per_contact, safe, inertia, nearest, _unweighed(system, space, states))
 
 
+def margins_at_rate(system: System, found: GainSet, space: str, rate: float) -> Margins:
+    """What gains for every state keep where the loop runs at `rate` [Hz], the rest as it is: the worst of all states and corners."""
+    sampled = replace(system, control=replace(system.control, sample_time=1 / rate))
+    gains = np.nan_to_num([found.kp, found.kd, np.zeros(len(found.kp)) if found.ki is None else found.ki])
+    cases = sampled.cases(weight=space == "joint" and not found.without_weight)
+    return worst_of([case_of(case, space).all_margins(gains) for case in cases if _acts(case, space)])
+
+
+def _acts(case: StateCase, space: str) -> bool:
+    """Whether gains of that space move anything there."""
+    if space == "joint":
+        return bool(joints_that_move(case.model, case.system.control.feedback).any())
+    return bool(case.system.source.tasks(case.model, case.system.control.rotors).movable.any())
+
+
 def _unweighed(system: System, space: str, states: Sequence[StateCase]) -> tuple[str, ...]:
     """Where the weight cannot count although it should."""
     if system.source.gravity is not None or system.source.body.base == "fixed" or space == "task":
@@ -313,31 +327,17 @@ def _shortage(margins: Margins, required: Requirements) -> str:
 
 
 def _joint_state(state: StateCase) -> _State:
-    system, size = state.system, state.model.size
-
     def case(model: "RobotModel") -> Case:
-        first = system.loop(model, system.filtered(PD(np.ones(size), np.ones(size))))
+        return joint_case(state.title, state.system, model)
 
-        def loop(gains: Gains) -> Loop:
-            return first.regained(system.filtered(PD(gains[0], gains[1])))
-
-        return Case(state.title, loop, np.eye(size), np.eye(size), np.zeros(size, dtype=bool), system.requirements)
-
-    return _both(state, case, joints_that_move(state.model, system.control.feedback), link_inertia(state.model))
+    return _both(state, case, joints_that_move(state.model, state.system.control.feedback), link_inertia(state.model))
 
 
 def _task_state(state: StateCase) -> _State:
-    system = state.system
-    tasks = system.source.tasks(state.model, system.control.rotors)
+    tasks = state.system.source.tasks(state.model, state.system.control.rotors)
 
     def case(model: "RobotModel") -> Case:
-        first = system.loop(model, system.filtered(tasks.controller()))
-
-        def loop(gains: Gains) -> Loop:
-            kp, kd, ki = gains
-            return first.regained(system.filtered(replace(tasks, kp=kp, kd=kd, ki=ki).controller()))
-
-        return Case(state.title, loop, tasks.torque, tasks.jacobian, tasks.cascade, system.requirements)
+        return task_case(state.title, state.system, model, tasks)
 
     return _both(state, case, tasks.movable, np.arange(1.0, len(tasks.kp) + 1))
 

@@ -31,7 +31,7 @@ def audit_page(result: Audit, command: str, simulated: "SimulatorAudit | None" =
     simulated   the simulator's answer
     """
     system, factors = result.system, _factors(result)
-    sample_time = system.control.sample_time
+    sample_time, further = system.control.sample_time, audit_warnings(result)[ON_TOP:]
     taken = assumptions(f"Linear about posture {result.tightest.posture}", sample_time, "; contacts neither slip nor lift")
     sections = [
         Section("Vibration at the limit", _vibrations(result)),
@@ -39,7 +39,7 @@ def audit_page(result: Audit, command: str, simulated: "SimulatorAudit | None" =
         Section("Joint by joint", [_joint_table(result)]),
         *([] if simulated is None else [Section("In the simulator", _simulator(simulated))]),
         Section("Cost of coupling", [beside(*coupling(factors, "joint"))]),
-        Section("Inputs and assumptions", [inputs(system), taken, *assumed_and_warned(system.assumptions, audit_warnings(result))]),
+        Section("Inputs and assumptions", [inputs(system), taken, *assumed_and_warned(system.assumptions, further)]),
         Section("Certification", [_certificate(result)]),
         Section("Command", [block(command)]),
     ]

@@ -10,11 +10,11 @@ from .bode import bode, cases
 from .columns import Column
 from .gain_map import gain_map
 from .joint_tables import case_table, crossing_table, inputs, margin_table, uncertainty_table
-from .joint_text import recommended_text, sentence, warnings
+from .joint_text import cause, notes, recommended_text, sentence, warnings
 from .margin_columns import bounded_columns
 from .number_format import digits, frequency, hertz, model_kind, own_gains, typed_gains
 from .nyquist import nyquist
-from .page import Card, Html, Lead, Section, block, facts, page
+from .page import Card, Html, Lead, Section, block, facts, page, paragraph
 from .page_parts import assumptions, footer, margin_card, unstable_card
 from .time_response import time_response
 
@@ -26,11 +26,14 @@ def joint_page(study: JointStudy, command: str) -> str:
         Section("Gain map", [gain_map(study)]),
         Section("Cause: the open loop", [bode(study, shown), nyquist(study, shown)]),
         Section("In time", [time_response(study)]),
-        Section("Margins", [margin_table(study), *_recommended(study)]),
+        Section("Margins", [*map(paragraph, filter(None, [cause(study)])), margin_table(study), *_recommended(study)]),
         *([Section("What the uncertainty costs", [uncertainty_table(study)])] if study.uncertainty_cost is not None else []),
         Section("With and without elasticity and delay", [case_table(shown)]),
         Section("All crossings of this file's loop", [crossing_table(study.margins)]),
-        Section("Inputs and assumptions", [inputs(study), assumptions("Linear two-mass joint", study.system.control.sample_time)]),
+        Section(
+            "Inputs and assumptions",
+            [inputs(study), assumptions("Linear two-mass joint", study.system.control.sample_time), *map(paragraph, notes(study))],
+        ),
         Section("Certification", [_certificate(study)]),
         Section("Command", [block(command)]),
     ]
@@ -68,17 +71,18 @@ def _cards(study: JointStudy) -> list[Card]:
 
 
 def _margin_card(column: Column, found: Margins, worst: Margins | None, asked: Requirements) -> Card:
-    """The nominal margin, judged at the worst of the uncertainty where there is one (`worst`)."""
+    """The margin at the worst of the uncertainty, the nominal one beside it where there is one (`worst`)."""
     one = REQUIREMENTS[column.requirement]
     note = "" if column.at is None else _at(column.at(found))
-    if worst is not None:
-        within = f"worst in the ranges: {one.text(one.value(worst))}" if worst.stable else "unstable in the ranges"
-        note = f"{note}; {within}" if note else within
-    return margin_card(asked, one.name, getattr(found, one.name, one.value(found)), note, one.value(worst or found))
+    nominal = getattr(found, one.name, one.value(found))
+    if worst is None:
+        return margin_card(asked, one.name, nominal, note, one.value(found))
+    within = f"nominal {one.text(nominal)}" if found.stable else ""
+    return margin_card(asked, one.name, one.value(worst), ", ".join(filter(None, [within, note])), label=f"{one.label}, worst case")
 
 
 def _at(omega: float) -> str:
-    return f"at {digits(omega, 'rad/s', 3)} ({hertz(omega)})" if math.isfinite(omega) else ""
+    return f"at {hertz(omega)}" if math.isfinite(omega) else ""
 
 
 def _recommended(study: JointStudy) -> list[str]:

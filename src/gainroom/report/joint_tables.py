@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from ..analysis.margins import Margins
 from ..studies.joint import JointStudy
-from ..system.requirements import to_db
+from ..system.requirements import REQUIREMENTS, to_db
 from ..system.system import System
 from .bode import Case
 from .columns import Column, yes
@@ -66,7 +66,7 @@ def gain_columns(study: JointStudy) -> list[Column]:
         def shown(row: Gains) -> str:
             return "" if row.margins is None else column.text(row.margins) if row.margins.stable else verdict
 
-        return Column(column.title, "", lambda row: row.margins, shown=shown)
+        return Column(REQUIREMENTS[column.requirement].heading, "", lambda row: row.margins, shown=shown)
 
     first, *others = bounded_columns()
     margins = [margin(first, "unstable"), *(margin(column, "") for column in others)]

@@ -12,7 +12,7 @@ from ..studies.joint import JointStudy
 from ..system.plausibility import unusual_values
 from ..system.requirements import REQUIREMENTS, title_of, to_db
 from ..system.system import System
-from .number_format import digits, plane_names, quantity
+from .number_format import digits, own_gains, plane_names, quantity
 
 NOT_EVERYWHERE = "Stable nominally, but not everywhere in the uncertainty ranges"
 CONTINUOUS = (
@@ -20,35 +20,41 @@ CONTINUOUS = (
     "them; set control.sample_rate_hz for the sampled answer"
 )
 """A warning, for a joint and for a robot."""
+EXACT = "stiffness, damping and delay are taken as exact; give uncertainty: for gains that hold over a range"
 RULE = "10 Hz rule: kp = J ω², kd = 2 ζ J ω with ω = 2π·10 rad/s, ζ = 2, J the motor inertia."
 
 
 def sentence(study: JointStudy) -> str:
-    """Verdict, unmet requirements, gain limit with its frequency, and its cause; first of all, where the uncertainty makes it unstable."""
-    nominal = _nominal(study)
-    if not study.unstable_at:
-        return nominal
-    return f"{NOT_EVERYWHERE}: unstable at {case_text(study.unstable_at)}. Nominal: {nominal[0].lower()}{nominal[1:]}"
-
-
-def _nominal(study: JointStudy) -> str:
-    """The same at the nominal values, without the uncertainty."""
-    limit, at = study.limit, frequency_text(study.limit.frequency)
+    """Verdict, unmet requirements, and the gain limit with its frequency; first of all, where the uncertainty makes it unstable."""
+    if study.unstable_at:
+        return f"{NOT_EVERYWHERE}: unstable at {case_text(study.unstable_at)}.{_instead(study)}"
+    limit, worst = study.limit, study.in_range.margins.limit
+    at = f", at {frequency_text(limit.frequency)}"
     if study.margins.stable:
-        text = f"Stable{'' if study.unstable_at else failing(study)}."
+        text = f"Stable{failing(study)}."
         if math.isinf(limit.gain):
             return f"{text} No common factor on these gains makes the modelled joint vibrate."
-        starts = (
-            "At the nominal values, vibration starts" if study.system.uncertainty.names and not study.unstable_at else "Vibration starts"
-        )
-        text += f" {starts} at {limit.gain:.3g} × these gains ({to_db(limit.gain):.3g} dB), at {at}."
-        return text + _cause(limit.gain, study.without)
+        if study.system.uncertainty.names:
+            return f"{text} Vibration starts at {worst.gain:.3g} × these gains in the worst case, nominally at {limit.gain:.3g} ×{at}."
+        return f"{text} Vibration starts at {limit.gain:.3g} × these gains ({to_db(limit.gain):.3g} dB){at}."
     if limit.gain > 0 and math.isfinite(limit.gain):
-        text = f"Unstable. Scaled together, these gains are stable only below {limit.gain:.3g} ×; vibration starts there at {at}."
-        return text + _cause(limit.gain, study.without)
+        return (
+            f"Unstable. Scaled together, these gains are stable only below {limit.gain:.3g} ×, with no margin there{at}.{_instead(study)}"
+        )
     if math.isnan(limit.gain):
-        return "Unstable. Whether lower gains in the same ratio are stable is not known."
-    return "Unstable. No lower gains in the same ratio are stable."
+        return f"Unstable. Whether lower gains in the same ratio are stable is not known.{_instead(study)}"
+    return f"Unstable. No lower gains in the same ratio are stable.{_instead(study)}"
+
+
+def _instead(study: JointStudy) -> str:
+    if study.recommended is None:
+        return ""
+    return f" Use {', '.join(f'{name} {digits(value)}' for name, value, _ in own_gains(study.recommended.controller))}."
+
+
+def cause(study: JointStudy) -> str:
+    """What sets the gain limit, in a sentence; "" where there is no limit."""
+    return _cause(study.limit.gain, study.without).strip() if 0 < study.limit.gain < math.inf else ""
 
 
 COUNTS = ("no", "one", "two", "three")
@@ -65,14 +71,26 @@ def failing(study: Analysis) -> str:
         title = one.heading if one.named(state.margins) == one.title else one.named(state.margins)
         where = f" in {state.title}" if len(study.states) > 1 else ""
         parts.append(f"{title} {shown}{where} ({one.sign} {one.text(needed)})")
+    worst = " in the worst case" if study.system.uncertainty.names else ""
     if not parts:
-        return ""
+        least = tightest(study)
+        proved = "" if study.requirements_met else " examined"
+        return f", and every requirement is met{worst}{proved if worst else ''}; the tightest is {least}" if least else ""
     count = COUNTS[len(parts)] if len(parts) < len(COUNTS) else str(len(parts))
     count += " requirements" if len(parts) > 1 else " requirement"
     count += " cannot be judged" if unknown else " fail" if len(parts) > 1 else " fails"
     count += "" if unknown in (0, len(parts)) else ", or fail"
-    worst = " in the worst case" if study.system.uncertainty.names and len(study.states) == 1 else ""
     return f", but {count}{worst}: {', '.join(parts)}"
+
+
+def tightest(study: Analysis) -> str:
+    """The requirement with the least to spare: "phase margin 30° (≥ 30°)"; "" where none is asked for."""
+    name, asked = study.decisive, study.system.requirements
+    if not name:
+        return ""
+    one, state = REQUIREMENTS[name], study.worst[name]
+    where = f" in {state.title}" if len(study.states) > 1 else ""
+    return f"{one.heading} {one.text(study.least(state, name))}{where} ({one.sign} {one.text(asked.needed[name])})"
 
 
 def _cause(gain: float, without: dict[str, float]) -> str:
@@ -143,22 +161,16 @@ def rise_text(study: JointStudy, known: KnownExactly) -> str:
 
 
 def warnings(study: JointStudy) -> tuple[str, ...]:
-    """What a user should know, each with its remedy."""
+    """What changes the decision, each with its remedy."""
     system, found = study.system, study.margins
     joint, control = system.source, system.control
     said = list(unusual_values(system))
-    if not found.stable and 0 < study.limit.gain < math.inf:
-        instead = "" if study.recommended is None else ", or use the recommended ones"
-        said.append(f"these gains are unstable: multiply all of them by less than {study.limit.gain:.3g}{instead}")
     if _drifts(system):
         cause = "kp is 0" if "kp" in control.controller.gain_names() else "the controller gives no torque against a constant error"
         said.append(f"{cause}: no torque holds the joint's position, so it drifts; the verdict covers its other motions; give it kp")
-    if study.unstable_at:
-        instead = "lower these gains, or give narrower ranges" if study.recommended is None else "use the recommended gains"
-        said.append(f"these gains are unstable within the uncertainty ranges, at {case_text(study.unstable_at)}: {instead}")
     if not study.range_proved:
         said.append("these gains are stable in every case examined within the uncertainty ranges; in between it is not proved")
-    if control.sample_time is None and system.delay > 0:
+    if study.rate_is_missing and study.at_usual_rate is None:
         said.append(CONTINUOUS)
     if control.feedback == "link" and joint.damping == 0 and not math.isinf(joint.stiffness):
         said.append(
@@ -169,13 +181,25 @@ def warnings(study: JointStudy) -> tuple[str, ...]:
         said.append("nothing in this model limits kp: no gains are recommended; give the drive's delay and bandwidth")
     elif system.requirements.asked and study.recommended is None:
         said.append(_no_gains(system))
-    if study.max_kd is None:
-        said.append("the gain map, the largest gains and the recommendation are for a plain PD, as this controller has no kp–kd plane")
-    if not system.uncertainty.names:
-        said.append("stiffness, damping and delay are taken as exact; give uncertainty: for gains that hold over a range")
     if not found.certified:
         said.append("a crossing or peak could not be certified: treat these margins as estimates and report the input")
     return tuple(said)
+
+
+def notes(study: JointStudy) -> tuple[str, ...]:
+    """What else a user should know."""
+    said, system, found = [], study.system, study.margins
+    if not found.stable and 0 < study.limit.gain < math.inf:
+        instead = "" if study.recommended is None else ", or use the recommended ones"
+        said.append(f"these gains are unstable: multiply all of them by less than {study.limit.gain:.3g}{instead}")
+    if study.unstable_at:
+        instead = "lower these gains, or give narrower ranges" if study.recommended is None else "use the recommended gains"
+        said.append(f"these gains are unstable within the uncertainty ranges, at {case_text(study.unstable_at)}: {instead}")
+    if study.rate_is_missing and study.at_usual_rate is not None:
+        said.append(CONTINUOUS)
+    if study.max_kd is None:
+        said.append("the gain map, the largest gains and the recommendation are for a plain PD, as this controller has no kp–kd plane")
+    return (*said, *([] if system.uncertainty.names else [EXACT]))
 
 
 def _drifts(system: System) -> bool:

@@ -69,10 +69,10 @@ def hertz(omega: float) -> str:
 
 
 def frequency(omega: float | None, significant: int = 4) -> str:
-    """`omega` [rad/s] in rad/s and Hz; a dash where there is none."""
+    """`omega` [rad/s] in Hz and rad/s; a dash where there is none."""
     if omega is None or not math.isfinite(omega):
         return "–"
-    return f"{digits(omega, 'rad/s', significant)} ({hertz(omega)})"
+    return f"{hertz(omega)} ({digits(omega, 'rad/s', significant)})"
 
 
 def quantity(name: str, *values: float) -> str:

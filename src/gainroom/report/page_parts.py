@@ -81,9 +81,9 @@ def assumptions(model: str, sample_time: float | None, further: str = "") -> str
     return text
 
 
-def assumed_and_warned(assumed: Sequence[str], warnings: Sequence[str]) -> list[Html]:
-    """What is assumed, and the warnings that are not shown on top."""
-    return [*([facts([("assumed", text) for text in assumed])] if assumed else []), *map(paragraph, warnings[ON_TOP:])]
+def assumed_and_warned(assumed: Sequence[str], further: Sequence[str]) -> list[Html]:
+    """What is assumed, and the warnings and notes that are not shown on top."""
+    return [*([facts([("assumed", text) for text in assumed])] if assumed else []), *map(paragraph, further)]
 
 
 def uncertainty_text(system: System) -> str:

@@ -17,7 +17,7 @@ from .robot_loci import loci, loci_window
 from .robot_remedies import remedies
 from .robot_skeleton import common_view
 from .robot_tables import folded, gain_tables, inputs, joint_table, state_table, task_table
-from .robot_text import sentence, warnings
+from .robot_text import notes, sentence, warnings
 from .robot_units import judged
 
 FEW = 4
@@ -28,6 +28,7 @@ MOST_PICTURES = 8
 def robot_page(study: RobotStudy, command: str) -> str:
     """The report of a study as one HTML page; `command` is the command that makes it."""
     shown, sample_time = _shown(study), study.system.control.sample_time
+    told = [*warnings(study)[ON_TOP:], *notes(study)]
     taken = assumptions("Linear about each posture", sample_time, "; contacts neither slip nor lift")
     sections = [
         Section("Vibration at the limit", _vibrations(study, shown)),
@@ -37,7 +38,10 @@ def robot_page(study: RobotStudy, command: str) -> str:
         Section("Recommended gains", _gains(study)),
         *_tasks(study, shown),
         Section("Joints", _joints(study)),
-        Section("Inputs and assumptions", [inputs(study.system), taken, *assumed_and_warned(study.system.assumptions, warnings(study))]),
+        Section(
+            "Inputs and assumptions",
+            [inputs(study.system), taken, *assumed_and_warned(study.system.assumptions, told)],
+        ),
         Section("Certification", [_certificate(study)]),
         Section("Command", [block(command)]),
     ]
@@ -145,8 +149,8 @@ def _lead(study: RobotStudy) -> Lead:
         where = "" if states == 1 else f" in all {states} states" if count == states else f" in {'; '.join(unstable[:3])}"
         more = f" and {count - 3} more" if 3 < count < states else ""
         return Lead(answer, "bad", f"UNSTABLE{where}{more}: do not run these gains", first)
-    if study.unstable_at:
-        where = f"UNSTABLE within the uncertainty ranges, in {study.unstable_at}: do not run these gains"
+    if study.unstable_case:
+        where = f"UNSTABLE within the uncertainty ranges, in {study.unstable_case}: do not run these gains"
         return Lead(answer, "bad", where, first)
     lost = study.unstable_tasks
     problems = [f"the tasks' gains are UNSTABLE in {listed([state.title for state in lost])}"] if lost else []
@@ -192,7 +196,12 @@ def _stable_cards(study: RobotStudy) -> list[Card]:
     def card(one: Requirement, state: State) -> Card:
         where = f"{at(one.frequency(state.margins))}{state.title}"
         named = one.named(state.margins)
-        return margin_card(asked, one.name, one.value(state.margins), where, label=one.label if named == one.title else named)
+        label, nominal = one.label if named == one.title else named, one.value(state.margins)
+        if study.system.uncertainty.names:
+            return margin_card(
+                asked, one.name, study.least(state, one.name), f"nominal {one.text(nominal)}, {where}", label=f"{label}, worst"
+            )
+        return margin_card(asked, one.name, nominal, where, label=label)
 
     delay = Card(
         "delay margin",
@@ -204,7 +213,7 @@ def _stable_cards(study: RobotStudy) -> list[Card]:
 
 
 def _in_range(study: RobotStudy) -> str:
-    return "stable" if study.stable_in_range else f"unstable in {study.unstable_at}" if study.unstable_at else "unstable nominally"
+    return "stable" if study.stable_in_range else f"unstable in {study.unstable_case}" if study.unstable_case else "unstable nominally"
 
 
 def _disk_words(study: RobotStudy) -> str:

@@ -12,6 +12,7 @@ from .number_format import digits, hertz
 from .robot_units import joint_units
 
 if TYPE_CHECKING:
+    from ..studies.analysis import Analysis
     from ..studies.audit import Audit
     from ..studies.state import State
     from ..system.system import System
@@ -211,6 +212,14 @@ def audited_states(safe: Callable[["State"], bool]) -> list[Column]:
         ),
         CERTIFIED,
     ]
+
+
+def worst_facts(study: "Analysis", name: str) -> dict[str, Any]:
+    """A requirement's worst over states and uncertainty, beside the nominal value there, in JSON."""
+    one, state = REQUIREMENTS[name], study.worst[name]
+    value, nominal = study.least(state, name), one.value(state.margins)
+    case = study.case_of(name) or None
+    return {one.key: one.in_unit(value), "nominal": one.in_unit(nominal), "posture": state.posture, "contact": state.contact, "case": case}
 
 
 def actuator_facts(system: "System") -> list[dict[str, Any]]:

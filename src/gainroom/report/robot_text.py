@@ -19,6 +19,7 @@ from .recommended_gains_text import weight_warnings
 
 SLIGHT = 0.05
 """Damping ratio of a motor on its spring proposed as a first guess where none is given."""
+EXACT_ROBOT = "stiffness, damping, inertia and delay are taken as exact; give uncertainty: for gains that hold over a range"
 COUPLED = 0.95
 """Coupling is reported where the limit is below this part of the tightest joint's own."""
 
@@ -26,8 +27,8 @@ COUPLED = 0.95
 def sentence(study: RobotStudy) -> str:
     """Verdict, unmet requirements, gain limit with frequency, state and joints, cost of coupling; more where something is not known."""
     parts = [_verdict(study), *_lost_tasks(study)]
-    if study.unstable_at:
-        parts[0] = f"{NOT_EVERYWHERE}: unstable in {study.unstable_at}. Nominal: {parts[0][0].lower()}{parts[0][1:]}"
+    if study.unstable_case:
+        parts[0] = f"{NOT_EVERYWHERE}: unstable in {study.unstable_case}."
     unlimited = [state.title for state in study.without_limit]
     if unlimited:
         parts.append(f"In {listed(unlimited)} only the verdict is known, not the gain limit.")
@@ -55,13 +56,12 @@ def _uncontrolled(study: RobotStudy) -> list[str]:
         if state.tasks is not None and state.tasks.moves and state.tasks.tasks.free:
             tasks = state.tasks.tasks
             found.setdefault(f"the tasks leave {tasks.free} of {tasks.motions} joint motions uncontrolled", []).append(state.title)
-    return [f"{listed(titles)}: {text}, so they drift in task space; add a posture task" for text, titles in found.items()]
+    return [f"In {listed(titles)} {text}, so they drift. Add a posture task." for text, titles in found.items()]
 
 
 def _verdict(study: RobotStudy) -> str:
     worst, count = study.tightest, len(study.states)
-    where = f"in posture {worst.posture}, contact {worst.contact}"
-    limit = worst.limit
+    limit, where = worst.limit, f"in {worst.title}"
     act = " in which the gains act" if study.immobile else ""
     every = f"{' in the one state' if act else ''}{act}" if count == 1 else f" in all {count} states{act}"
     unstable = sum(not state.limit.stable for state in study.states)
@@ -72,17 +72,15 @@ def _verdict(study: RobotStudy) -> str:
             return start
         if math.isinf(limit.gain):
             return f"{start} No common factor up to 1000 on these gains makes the modelled robot vibrate."
-        return (
-            f"{start} Vibration starts at {limit.gain:.3g} × these gains ({to_db(limit.gain):.3g} dB), at {at}, first {where}, mainly "
-            f"{joints}.{_coupling(worst)}"
-        )
+        nominally = "Nominally, vibration" if study.system.uncertainty.names else "Vibration"
+        return f"{start} {nominally} starts at {limit.gain:.3g} × these gains, at {at} {where}, mainly {joints}.{_coupling(worst)}"
     start = f"Unstable{every}" if count == 1 else f"Unstable in {unstable} of {count} states{act}"
     if math.isnan(limit.gain):
         return f"{start}: the robot vibrates {where}."
     if limit.gain > 0 and math.isfinite(limit.gain):
         return (
-            f"{start}. Scaled together, these gains are stable only below {limit.gain:.3g} × {where}; vibration starts there at {at}, "
-            f"mainly {joints}.{_coupling(worst)}"
+            f"{start}. Scaled together, these gains are stable only below {limit.gain:.3g} ×, with no margin there; vibration starts at "
+            f"{at} {where}, mainly {joints}.{_coupling(worst)}"
         )
     return f"{start}: no lower gains in the same ratio are stable {where}."
 
@@ -94,21 +92,35 @@ def _coupling(state: State) -> str:
 
 
 def warnings(study: RobotStudy) -> tuple[str, ...]:
-    """What a user should know, each with its remedy."""
-    system = study.system
-    found = _unstable(study)
-    found += [f"{state.title}: the tasks' gains are unstable{_at_most(state.task_limit)}" for state in study.unstable_tasks]
+    """What changes the decision, each with its remedy."""
+    system, in_tasks = study.system, study.system.control.space == "task"
+    found = [f"{state.title}: the tasks' gains are unstable{_at_most(state.task_limit)}" for state in study.unstable_tasks]
     found += _immobile(study)
-    found += [f"{state.title}: {text}" for state in study.states if state.tasks is not None for text in state.tasks.tasks.warnings]
-    found += _uncontrolled(study)
-    found += [*unconfirmed(study.states), *free_joints(system), *_weightless(study)]
-    found += [text for gains in study.recommended for text in weight_warnings(gains)]
-    found += [*_undamped(study), *system.warnings]
-    if system.control.sample_time is None and system.delay > 0:
-        found.append(CONTINUOUS)
-    if not system.uncertainty.names:
-        found.append("stiffness, damping, inertia and delay are taken as exact; give uncertainty: for gains that hold over a range")
+    found += _uncontrolled(study) if in_tasks else []
+    found += [*unconfirmed(study.states), *free_joints(system)]
+    found += [text for gains in study.recommended for text in weight_warnings(gains) if gains.space == system.control.space]
+    found += [*_not_found(study), *_undamped(study), *system.warnings]
+    found += [CONTINUOUS] if study.rate_is_missing and study.at_usual_rate is None else []
     return tuple(dict.fromkeys(found))
+
+
+def notes(study: RobotStudy) -> tuple[str, ...]:
+    """What else a user should know."""
+    system, in_tasks = study.system, study.system.control.space == "task"
+    found = _unstable(study)
+    found += [f"{state.title}: {text}" for state in study.states if state.tasks is not None for text in state.tasks.tasks.warnings]
+    found += [] if in_tasks else _uncontrolled(study)
+    found += [text for gains in study.recommended for text in weight_warnings(gains) if gains.space != system.control.space]
+    found += _weightless(study)
+    found += [CONTINUOUS] if study.rate_is_missing and study.at_usual_rate is not None else []
+    found += [] if system.uncertainty.names else [EXACT_ROBOT]
+    return tuple(dict.fromkeys(found))
+
+
+def _not_found(study: RobotStudy) -> list[str]:
+    """A warning where no gains for every state were found."""
+    missing = [gains for gains in study.recommended if gains.space == study.system.control.space and gains.everywhere is None]
+    return [f"no gains were found that meet the requirements in every state; nearest: {gains.nearest['']}" for gains in missing]
 
 
 def unconfirmed(states: Iterable[State]) -> list[str]:

@@ -6,11 +6,15 @@ adds.
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 from ..errors import GainroomError
 from ..system.requirements import REQUIREMENTS
 from ..system.system import System
-from .state import Progress, State, by_headroom, state_of, unknown_first
+from .state import Progress, State, Worst, by_headroom, state_of, unknown_first
+
+USUAL_RATE = 2000.0
+"""[Hz] of the loops of robots with EtherCAT drives: what gains for continuous time keep there is told where no rate is given."""
 
 
 @dataclass(frozen=True)
@@ -52,11 +56,30 @@ class Analysis:
         """The states of which the verdict alone is known."""
         return [state for state in self.states if math.isnan(state.limit.gain)]
 
-    def least(self, state: State, name: str) -> float:
-        """What the requirement `name` bounds, in one state."""
-        return REQUIREMENTS[name].value(state.margins)
+    @property
+    def stable_in_range(self) -> bool:
+        """At the nominal values, and in every case within the uncertainty that was looked at."""
+        return self.stable and not self.unstable_case
 
     @property
+    def unstable_case(self) -> str:
+        """State and case within the uncertainty in which the gains are unstable, as text; "": none found, or they are nominally."""
+        found = [(state.title, self.worst_in(state).unstable_at) for state in self.states] if self.stable else []
+        return next((f"{title} ({case})" if title else case for title, case in found if case), "")
+
+    def worst_in(self, state: State) -> Worst:
+        """One state over the uncertainty."""
+        return state.worst
+
+    def least(self, state: State, name: str) -> float:
+        """What the requirement `name` bounds, in one state, at the worst of the uncertainty."""
+        return REQUIREMENTS[name].value(self.worst_in(state).margins)
+
+    def case_of(self, name: str) -> str:
+        """Where in the uncertainty the requirement's worst is, in its worst state, as text; "" at the nominal values."""
+        return self.worst_in(self.worst[name]).at.get(name, "")
+
+    @cached_property
     def worst(self) -> dict[str, State]:
         """By name of a requirement, the state that has least left of it; one of which that is not known comes first.
 
@@ -71,15 +94,28 @@ class Analysis:
 
     @property
     def unmet(self) -> dict[str, State]:
-        """The requirements that are not met in every state, each with the worst one; empty for an unstable system."""
+        """The requirements that are not met in every state and case, each with the worst state; empty for an unstable system."""
         asked = self.system.requirements
         missed = {name: state for name, state in self.worst.items() if asked.met(name, self.least(state, name)) is False}
-        return missed if self.stable else {}
+        return missed if self.stable_in_range else {}
 
     @property
     def requirements_met(self) -> bool | None:
-        """Stable, and every requirement met in every state; None where that is not known over the uncertainty."""
-        return self.stable and not self.unmet
+        """Stable, and every requirement met in every state and case; None where between the cases it is not proved."""
+        met = self.stable_in_range and not self.unmet
+        return None if met and self.system.uncertainty.names else met
+
+    @property
+    def rate_is_missing(self) -> bool:
+        """Continuous time, and a delay as only a sampled loop has one."""
+        return self.system.control.sample_time is None and self.system.delay > 0
+
+    @property
+    def decisive(self) -> str:
+        """The requirement that is missed most, or where all are met the tightest; "" of an unstable system, and where none is asked for."""
+        asked = self.system.requirements.asked_for if self.stable_in_range else ()
+        short = {one.name: one.shortfall(needed, self.least(self.worst[one.name], one.name)) for one, needed in asked}
+        return max(short, key=short.__getitem__, default="")
 
 
 def analyze(system: System, progress: Progress | None = None, numbers: tuple[str, ...] = ("margins",)) -> Analysis:

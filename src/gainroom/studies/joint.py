@@ -1,7 +1,8 @@
 """One joint: its analysis, and what exists for n = 1 alone: the regions of its gains, the largest, what limits them, and its ranges."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -12,13 +13,14 @@ from ..analysis.margins import margins, margins_of
 from ..analysis.range_proof import Proof, prove
 from ..design.joint_gains import FILLING, MOST_BOXES, QUICK_BOXES, Recommendation, recommend_pd
 from ..design.uncertainty_cost import UncertaintyCost, cost_of, uncertainty_cost
+from ..errors import case_text
 from ..system.controller import PD
 from ..system.loop import Loop
-from ..system.requirements import REQUIREMENTS, Requirements
+from ..system.requirements import Requirements
 from ..system.system import System
 from ..system.uncertainty import Uncertainty
-from .analysis import Analysis, analyze
-from .state import State
+from .analysis import USUAL_RATE, Analysis, analyze
+from .state import State, Worst
 
 RULE_FREQUENCY = 2 * math.pi * 10.0  # [rad/s] of the rule that reinforcement-learning teams copy: kp = J ω², kd = 2 ζ J ω
 RULE_DAMPING = 2.0
@@ -42,12 +44,14 @@ class InRange:
     margins       every margin in the case in which it is smallest, of those that were looked at
     proved        the verdict holds everywhere within; False: no unstable case was found, but there may be one
     met           every requirement is met everywhere within; None: wherever it was looked at, and not proved in between
+    at            by requirement, the case in which what it bounds is worst, as text; "" at the nominal values
     """
 
     unstable_at: dict[str, float]
     margins: Margins
     proved: bool
     met: bool | None
+    at: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -123,6 +127,15 @@ class JointStudy(Analysis):
         """None where nothing is required, or no gains meet it."""
         return self._recommend(self.system.uncertainty)
 
+    @cached_property
+    def at_usual_rate(self) -> "JointStudy | None":
+        """The recommended gains at USUAL_RATE; None where the file has a rate, or none are recommended."""
+        if not self.rate_is_missing or self.recommended is None:
+            return None
+        control = replace(self.system.control, controller=self.recommended.controller, sample_time=1 / USUAL_RATE)
+        sampled = replace(self.system, control=control)
+        return JointStudy(sampled, analyze(sampled).every)
+
     def _recommend(self, uncertainty: Uncertainty) -> Recommendation | None:
         system = self.system
         if not system.requirements.asked:
@@ -184,19 +197,23 @@ class JointStudy(Analysis):
         found = [margins_of(loop, scan(loop.scalar)) for loop in loops if loop.scalar is not None]
         for values, one in zip(places, found, strict=True):
             if not one.stable:
-                return InRange({name: float(value) for name, value in values.items()}, one, True, False)
-        worst = worst_of([self.margins, *found])
-        met = asked.met_by(worst)
+                return InRange(_numbers(values), one, True, False)
+        cases = [("", self.margins), *((case_text(_numbers(values)), one) for values, one in zip(places, found, strict=True))]
+        met = asked.met_by(worst_of([one for _, one in cases]))
         if met:
             proof = self._proof(asked, QUICK_BOXES)
             if proof.holds:
-                return InRange({}, worst, True, True)
+                return self._looked_at(cases, True, True)
             if proof.broken:
-                worst = worst_of([worst, margins(self.system.with_values(**proof.worst).loop())])
+                cases.append((case_text(proof.worst), margins(self.system.with_values(**proof.worst).loop())))
         proof = self._proof(Requirements(), MOST_BOXES)
         if proof.broken:
             return InRange(proof.worst, margins(self.system.with_values(**proof.worst).loop()), True, False)
-        return InRange({}, worst, proof.holds, (None if asked.met_by(worst) else False))
+        return self._looked_at(cases, proof.holds, None if asked.met_by(worst_of([one for _, one in cases])) else False)
+
+    def _looked_at(self, cases: list[tuple[str, Margins]], proved: bool, met: bool | None) -> InRange:
+        worst = Worst.of(cases)
+        return InRange({}, worst.margins, proved, met, worst.at)
 
     def _proof(self, required: Requirements, most: int) -> Proof:
         """Whether the gains as given meet `required` everywhere in the range; nothing required: whether they are stable there."""
@@ -228,24 +245,18 @@ class JointStudy(Analysis):
         """What is said of the whole range is proved."""
         return self.in_range.proved
 
-    @property
-    def stable_in_range(self) -> bool:
-        """Stable at the nominal values, and no unstable case found in the range; `range_proved` says whether there can be none."""
-        return self.margins.stable and not self.unstable_at
-
-    def least(self, state: State, name: str) -> float:
-        """At the worst of the uncertainty."""
-        return REQUIREMENTS[name].value(self.in_range.margins)
-
-    @property
-    def unmet(self) -> dict[str, State]:
-        """At the worst of the uncertainty; empty for a joint that is unstable there."""
-        return super().unmet if self.stable_in_range else {}
+    def worst_in(self, state: State) -> Worst:
+        """See in_range."""
+        return Worst(self.in_range.margins, self.in_range.at, case_text(self.unstable_at))
 
     @property
     def requirements_met(self) -> bool | None:
         """See InRange."""
         return self.in_range.met
+
+
+def _numbers(values: Mapping[str, Any]) -> dict[str, float]:
+    return {name: float(value) for name, value in values.items()}
 
 
 COMPUTED = ("in_range", "region", "required_region", "max_kp", "max_kd", "recommended", "exact", "rule", "others")

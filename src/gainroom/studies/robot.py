@@ -3,17 +3,19 @@
 import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
-from ..design.robot_gains import RobotGains, recommend_robot
+from ..analysis.margin_record import Margins
+from ..design.robot_gains import GainSet, RobotGains, margins_at_rate, recommend_robot
 from ..design.side_by_side import Job, side_by_side
 from ..errors import computable
 from ..system.system import System
-from .analysis import Analysis, analyze
-from .state import Progress, State, limit_of, moves
+from .analysis import USUAL_RATE, Analysis, analyze
+from .state import Progress, State
 
 EXPECTED_LOOKS = 250
 """Looks that the search for gains takes per state and corner of the uncertainty, roughly: for the progress bar."""
-NUMBERS = ("margins", "joints", "tasks")
+NUMBERS = ("margins", "worst", "joints", "tasks")
 
 
 @dataclass(frozen=True)
@@ -21,23 +23,25 @@ class RobotStudy(Analysis):
     """What `gainroom robot` reports.
 
     recommended   by space
-    unstable_at   posture, contact state and corner of the uncertainty in which the gains as given are unstable, for messages; "" where
-                  none is found, nothing is uncertain, or they are unstable at the nominal values
     """
 
     recommended: tuple[RobotGains, ...] = ()
-    unstable_at: str = ""
 
-    @property
-    def stable_in_range(self) -> bool:
-        """At the nominal values, and at every corner of the uncertainty."""
-        return self.stable and not self.unstable_at
+    @cached_property
+    def to_use(self) -> tuple[RobotGains, GainSet] | None:
+        """Recommended gains of the file's own space that are safe in every state; None where there are none, or they move nothing."""
+        for gains in self.recommended:
+            if gains.space == self.system.control.space and gains.everywhere is not None and gains.everywhere.moves:
+                return gains, gains.everywhere
+        return None
 
-    @property
-    def requirements_met(self) -> bool | None:
-        """At the nominal values; None where they are met there and something is uncertain: margins within the ranges are not computed."""
-        met = bool(super().requirements_met) and self.stable_in_range
-        return None if met and self.system.uncertainty.names else met
+    @cached_property
+    def at_usual_rate(self) -> Margins | None:
+        """What those keep at USUAL_RATE; None where the file has a rate, or there are none."""
+        if self.to_use is None or not self.rate_is_missing:
+            return None
+        gains, found = self.to_use
+        return margins_at_rate(self.system, found, gains.space, USUAL_RATE)
 
     @property
     def unstable_tasks(self) -> list[State]:
@@ -52,16 +56,7 @@ def study_robot(system: System, progress: Progress | None = None, recommend: boo
     found = analyze(system, progress, NUMBERS)
     tell = progress or (lambda done, total, what: None)
     recommended = _recommended(system, tell) if recommend and system.requirements.asked else ()
-    return RobotStudy(system, found.every, recommended, _unstable_at(system) if system.uncertainty.names and found.stable else "")
-
-
-def _unstable_at(system: System) -> str:
-    """The first posture and contact state, at a corner of the uncertainty, in which the gains as given are unstable; "": none."""
-    for case in system.cases():
-        loop = case.system.loop(case.model)
-        if case.place and moves(loop) and not limit_of(loop).stable:
-            return case.title
-    return ""
+    return RobotStudy(system, found.every, recommended)
 
 
 def _recommended(system: System, tell: Progress) -> tuple[RobotGains, ...]:

@@ -1,8 +1,8 @@
 """A robot in one posture and contact state: its loop and its numbers, each computed on first use."""
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -10,17 +10,19 @@ import numpy as np
 
 from ..analysis.gain_limit import gain_limit
 from ..analysis.loci import Sweep
-from ..analysis.margin_record import GainLimit, Margins
+from ..analysis.margin_record import GainLimit, Margins, worst_of
 from ..analysis.margins import joint_margins, margins
 from ..analysis.partial_limits import part_limits
 from ..analysis.stability import has_growing_root, is_stable, unstable_roots
 from ..analysis.two_paths import delay_of_others, path_margins
+from ..design.judged_cases import judged_margins
 from ..design.starting_gains import IMMOBILE, joints_that_move
 from ..errors import GainroomError, computable
 from ..linear.arrays import Complexes, Floats, Integers
 from ..system.controller import Controller, own_gain
 from ..system.loop import Loop, build_loop
 from ..system.plant import Compliance, Plant
+from ..system.requirements import REQUIREMENTS, Requirement
 from ..system.system import System
 
 if TYPE_CHECKING:
@@ -94,6 +96,31 @@ class TaskStudy:
         return any(row.moves for row in self.rows)
 
 
+@dataclass(frozen=True)
+class Worst:
+    """A loop over the uncertainty.
+
+    margins      every margin in the case in which it is smallest, of those that were looked at
+    at           by requirement, the case in which what it bounds is worst, as text; "" at the nominal values
+    unstable_at  the first case in which the gains are unstable, as text; "": none was found, or they are at the nominal values
+    """
+
+    margins: Margins
+    at: Mapping[str, str] = field(default_factory=dict)
+    unstable_at: str = ""
+
+    @classmethod
+    def of(cls, cases: Sequence[tuple[str, Margins]]) -> "Worst":
+        """Cases by their text, the nominal one ("") first."""
+        (_, nominal), *others = cases
+        unstable = next((name for name, found in others if not found.stable), "") if nominal.stable else ""
+
+        def least(requirement: Requirement) -> str:
+            return min(cases, key=lambda case: unknown_first((-1 if requirement.at_most else 1) * requirement.value(case[1])))[0]
+
+        return cls(worst_of([found for _, found in cases]), {name: least(one) for name, one in REQUIREMENTS.items()}, unstable)
+
+
 @dataclass(frozen=True, eq=False)
 class State:
     """One posture in one contact state. Where its gains act on no motion, all numbers of its loop are NaN."""
@@ -132,6 +159,15 @@ class State:
     def margins(self) -> Margins:
         """Of all loops together, and of each with the other loops closed."""
         return margins_of(self.loop) if self.moves else Margins.unknown(GainLimit.unknown(self.model.size))
+
+    @cached_property
+    def worst(self) -> Worst:
+        """Over the uncertainty: at the nominal values, and at every corner."""
+        nominal = [("", self.margins)]
+        if not (self.system.uncertainty.names and self.moves and self.margins.stable):
+            return Worst.of(nominal)
+        corners = [case for case in self.system.cases_of(self.posture, self.contact) if case.place]
+        return Worst.of(nominal + [(case.place, judged_margins(case)) for case in corners])
 
     @property
     def limit(self) -> GainLimit:

@@ -172,13 +172,17 @@ class System(Generic[Source]):
 
     def cases(self, weight: bool = False) -> Iterator["StateCase"]:
         """Every state, nominal and then at every corner of the uncertainty; `weight`: see PlantSource.linearize."""
-        corners = [NOMINAL, *self.uncertainty.corners] if self.uncertainty.names else [NOMINAL]
         for posture, contact in self.source.states:
-            for corner in corners:
-                moved = self.at(corner)
-                yield StateCase(
-                    posture, contact, _place_text(self.uncertainty, corner), moved, moved.source.linearize(posture, contact, weight)
-                )
+            yield from self.cases_of(posture, contact, weight)
+
+    def cases_of(self, posture: str, contact: str, weight: bool = False) -> Iterator["StateCase"]:
+        """The same of one state."""
+        corners = [NOMINAL, *self.uncertainty.corners] if self.uncertainty.names else [NOMINAL]
+        for corner in corners:
+            moved = self.at(corner)
+            yield StateCase(
+                posture, contact, _place_text(self.uncertainty, corner), moved, moved.source.linearize(posture, contact, weight)
+            )
 
 
 @dataclass(frozen=True)

@@ -169,24 +169,11 @@ public:
         return found;
     }
 
+    // NaN where counting roots takes more samples than there may be: then loci are not known between all of them.
     LeastMargins least() {
-        LeastMargins found;
-        found.factor = least_of(true, true);
-        for (int way = -1; way <= 1; way += 2)
-            if (std::isfinite(found.factor)) found.factor = counted(found.factor, [&](double t) { return Complex(std::exp(way * t)); });
-        found.one_factor = least_of(false, true);
-        found.phase = least_of(true, false);
-        for (int way = -1; way <= 1; way += 2)
-            if (std::isfinite(found.phase)) found.phase = counted(found.phase, [&](double t) { return std::polar(1.0, way * t); });
-        found.one_phase = least_of(false, false);
-        for (const bool locus : {true, false})
-            for (const MovingMargin& one : ends(locus, samples_.gains(), std::numeric_limits<double>::infinity(), false)) {
-                double& least = locus ? found.factor : found.one_factor;
-                least = std::min(least, std::fabs(one.margin));
-            }
-        const MovingMargin top = peak(1.0, 0.0);
-        found.peak = top.margin;
-        found.peak_omega = top.omega;
+        constexpr double unknown = std::numeric_limits<double>::quiet_NaN();
+        LeastMargins found = counted_least();
+        if (!samples_.ok()) found = {unknown, unknown, unknown, unknown, unknown, unknown};
         return found;
     }
 
@@ -209,6 +196,29 @@ private:
     static constexpr double kSame = 1e-7, kAside = 1e-5, kOffCourse = 1e-3, kClose = 0.05, kSlack = 0.01, kBefore = 1e-3, kReal = 0.01;
     static constexpr double kExact = 1e-11, kTwins = 0.02, kFar = 1.5, kSettled = 1e-4, kDeepest = 1e-6, kBlur = 1e-6;
     static constexpr int kParabolas = 4, kRounds = 30, kHalvings = 40;
+
+    LeastMargins counted_least() {
+        LeastMargins found;
+        found.factor = least_of(true, true);
+        for (int way = -1; way <= 1; way += 2)
+            if (std::isfinite(found.factor)) found.factor = counted(found.factor, [&](double t) { return Complex(std::exp(way * t)); });
+        if (!samples_.ok()) return found;
+        found.one_factor = least_of(false, true);
+        found.phase = least_of(true, false);
+        for (int way = -1; way <= 1; way += 2)
+            if (std::isfinite(found.phase)) found.phase = counted(found.phase, [&](double t) { return std::polar(1.0, way * t); });
+        if (!samples_.ok()) return found;
+        found.one_phase = least_of(false, false);
+        for (const bool locus : {true, false})
+            for (const MovingMargin& one : ends(locus, samples_.gains(), std::numeric_limits<double>::infinity(), false)) {
+                double& least = locus ? found.factor : found.one_factor;
+                least = std::min(least, std::fabs(one.margin));
+            }
+        const MovingMargin top = peak(1.0, 0.0);
+        found.peak = top.margin;
+        found.peak_omega = top.omega;
+        return found;
+    }
 
     static double top_of_parabola(const double* place, const double* height) {
         const double before = (height[1] - height[0]) / std::max(place[1] - place[0], 1e-300);

@@ -1,0 +1,71 @@
+"""A robot's gains in one state, as the core looks at them: quickly, and at the margins that requirements bound."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ..analysis.margin_record import GainLimit, Margins
+from ..analysis.margins import margins
+from ..errors import GainroomError
+from ..system.controller import PD
+from ..system.loop import Loop
+from ..system.system import StateCase, System
+from .margin_slopes import Case, Gains
+
+
+def joint_case(title: str, system: System, model: Any) -> Case:
+    """PD gains of the joints, with the system's filters."""
+    size = model.size
+    first = system.loop(model, system.filtered(PD(np.ones(size), np.ones(size))))
+
+    def loop(gains: Gains) -> Loop:
+        return first.regained(system.filtered(PD(gains[0], gains[1])))
+
+    return Case(title, loop, np.eye(size), np.eye(size), np.zeros(size, dtype=bool), system.requirements)
+
+
+def task_case(title: str, system: System, model: Any, tasks: Any) -> Case:
+    """Gains of `tasks`, the operational space of the model with its weight or without."""
+    first = system.loop(model, system.filtered(tasks.controller()))
+
+    def loop(gains: Gains) -> Loop:
+        kp, kd, ki = gains
+        return first.regained(system.filtered(replace(tasks, kp=kp, kd=kd, ki=ki).controller()))
+
+    return Case(title, loop, tasks.torque, tasks.jacobian, tasks.cascade, system.requirements)
+
+
+def case_of(state: StateCase, space: str) -> Case:
+    """Gains of the joints, or of the file's tasks, in one case."""
+    if space == "joint":
+        return joint_case(state.title, state.system, state.model)
+    return task_case(state.title, state.system, state.model, state.system.source.tasks(state.model, state.system.control.rotors))
+
+
+def judged_margins(state: StateCase) -> Margins:
+    """The margins that requirements bound, of a robot's own gains in one case; all others are NaN, and frequencies mostly are.
+
+    PD gains of joints and gains of tasks are looked at in the core, in milliseconds; for other controllers it takes `margins`.
+    """
+    system, control, size = state.system, state.system.control, state.model.size
+    if control.space == "task":
+        tasks = system.source.tasks(state.model, control.rotors)
+        found = task_case(state.title, system, state.model, tasks).all_margins(np.array([tasks.kp, tasks.kd, tasks.ki]))
+        if _known(found, system):
+            return found
+    own = control.controller
+    if control.kd_path is None and type(own) is PD and size > 1 and np.ndim(own.kp) < 2 and np.ndim(own.kd) < 2:
+        filters = replace(control, velocity_filter=own.velocity_filter, notches=own.notches)
+        gains = np.array([np.broadcast_to(gain, size) for gain in (own.kp, own.kd, 0.0)], dtype=float)
+        found = joint_case(state.title, replace(system, control=filters), state.model).all_margins(gains)
+        if _known(found, system):
+            return found
+    try:
+        return margins(system.loop(state.model))
+    except GainroomError:
+        return Margins.unknown(GainLimit.unknown(size, stable=False))
+
+
+def _known(found: Margins, system: System) -> bool:
+    return not found.stable or not any(np.isnan(one.value(found)) for one, _ in system.requirements.asked_for)

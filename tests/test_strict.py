@@ -1,0 +1,120 @@
+"""Exit statuses with and without --strict, and what is printed: gains to use that can be pasted, within 25 lines of 80 columns."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+import yaml
+
+from gainroom.cli import main
+from robot_files import ROBOT, write_arm
+
+EXAMPLES = Path(__import__("gainroom").__path__[0]) / "files" / "examples"
+JOINTS = sorted(path.stem for path in EXAMPLES.glob("*.yaml") if "biped" not in path.stem)
+LINES, COLUMNS = 25, 80
+
+
+@pytest.fixture(autouse=True)
+def narrow(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("COLUMNS", str(COLUMNS))
+
+
+def answer(capsys: pytest.CaptureFixture[str], *call: str) -> tuple[int, str]:
+    status = main(list(call))
+    return status, capsys.readouterr().out
+
+
+def assert_short(out: str):
+    lines = out.splitlines()
+    assert len(lines) <= LINES
+    assert max(map(len, lines)) <= COLUMNS
+    assert "…" not in out
+
+
+@pytest.mark.parametrize("name", JOINTS)
+def test_joints_fit_a_small_terminal(capsys: pytest.CaptureFixture[str], name: str):
+    status, out = answer(capsys, "joint", str(EXAMPLES / f"{name}.yaml"))
+    assert status == 0
+    assert_short(out)
+    assert re.match(r"Stable, (but|and) ", out)
+
+
+def test_more_is_there_when_it_is_asked_for(capsys: pytest.CaptureFixture[str]):
+    _, short = answer(capsys, "joint", str(EXAMPLES / "talos-knee.yaml"))
+    _, whole = answer(capsys, "joint", str(EXAMPLES / "talos-knee.yaml"), "--verbose")
+    for text in ("disk margin", "10 Hz rule", "The uncertainty costs"):
+        assert text not in short
+        assert text in whole
+
+
+@pytest.mark.parametrize("name", JOINTS)
+def test_gains_to_use_can_be_pasted(tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str):
+    """What the terminal prints under `control:` is valid there, and then every requirement is met, with status 0 even with --strict."""
+    text = (EXAMPLES / f"{name}.yaml").read_text("utf-8")
+    strict, out = answer(capsys, "joint", str(EXAMPLES / f"{name}.yaml"), "--strict")
+    told = json.loads(answer(capsys, "joint", str(EXAMPLES / f"{name}.yaml"), "--json")[1])
+    assert strict == (1 if told["requirements_met"] is False else 0)
+    file = yaml.safe_load(text)
+    file["control"] |= pasted(out)
+    (tmp_path / "joint.yaml").write_text(yaml.safe_dump(file), "utf-8")
+    status, out = answer(capsys, "joint", str(tmp_path / "joint.yaml"), "--json", "--strict")
+    assert status == 0
+    assert json.loads(out)["requirements_met"] is not False
+
+
+def pasted(out: str) -> dict:
+    """The lines under the heading of gains to use, as YAML."""
+    lines = out.splitlines()
+    start = next(k for k, line in enumerate(lines) if line.endswith("`control:`"))
+    block = [line for line in lines[start + 1 :] if line.startswith("  ")]
+    return yaml.safe_load("\n".join(block))
+
+
+@pytest.mark.parametrize(("limit", "status"), [("peak_sensitivity: 1.1", 1), ("peak_sensitivity: 5", 0)])
+def test_robots_too(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, limit: str, status: int):
+    monkeypatch.setattr("gainroom.studies.robot._recommended", lambda spec, tell: ())  # which take longest
+    text = ROBOT.replace("kp: 400.0, kd: 30.0", "kp: 400.0, kd: 60.0") + f"limits: {{{limit}}}\n"
+    path = write_arm(tmp_path, text)
+    plain, out = answer(capsys, "robot", str(path))
+    assert plain == 0
+    assert_short(out)
+    assert answer(capsys, "robot", str(path), "--strict")[0] == status
+    told = json.loads(answer(capsys, "robot", str(path), "--json")[1])
+    assert told["requirements_met"] is not bool(status)
+
+
+def test_a_robot_states_its_gains_by_patterns_that_are_read_back(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """Pasted as they are printed, they meet everything in every state and corner."""
+    path = write_arm(tmp_path, ROBOT + "uncertainty: {delay_ms: [1.9, 2.2]}\n")
+    status, out = answer(capsys, "robot", str(path), "--strict")
+    assert_short(out)
+    assert status == (1 if "requirement fails" in out or "requirements fail" in out else 0)
+    file = yaml.safe_load(path.read_text("utf-8"))
+    file["control"] |= pasted(out)
+    path.write_text(yaml.safe_dump(file), "utf-8")
+    status, out = answer(capsys, "robot", str(path), "--strict", "--json")
+    assert (status, json.loads(out)["unmet"]) == (0, [])
+
+
+def test_what_the_recommended_gains_keep_at_the_usual_rate(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """Fig. 9's: told as the same file says it with those gains and that rate; and no word of it where a rate is stated."""
+    name = str(EXAMPLES / "fig9.yaml")
+    _, out = answer(capsys, "joint", name)
+    told = json.loads(answer(capsys, "joint", name, "--json")[1])
+    usual = told["at_usual_rate"]
+    file = yaml.safe_load((EXAMPLES / "fig9.yaml").read_text("utf-8"))
+    file["control"] |= {"kp": told["recommended"]["kp"], "kd": told["recommended"]["kd"], "sample_rate_hz": 2000}
+    (tmp_path / "joint.yaml").write_text(yaml.safe_dump(file), "utf-8")
+    same = json.loads(answer(capsys, "joint", str(tmp_path / "joint.yaml"), "--json")[1])
+    for key in ("gain_margin_db", "phase_margin_deg", "peak_sensitivity"):
+        assert usual["margins"][key] == pytest.approx(same[key], rel=1e-12)
+    assert (usual["requirements_met"], usual["unmet"]) == (False, same["unmet"])
+    words = " ".join(out.split())
+    assert f"At 2 kHz they keep gain margin {same['gain_margin_db']:.3g} dB, phase margin {same['phase_margin_deg']:.3g}°" in words
+    assert "sample_rate_hz: 2000" in words
+    assert same["at_usual_rate"] is None
+    assert "At 2 kHz" not in answer(capsys, "joint", str(tmp_path / "joint.yaml"))[1]
+    there = {name: usual["recommended"][name] for name in ("kp", "kd")}
+    (tmp_path / "joint.yaml").write_text(yaml.safe_dump(file | {"control": file["control"] | there}), "utf-8")
+    assert answer(capsys, "joint", str(tmp_path / "joint.yaml"), "--strict")[0] == 0
