@@ -92,7 +92,7 @@ HOLDS_OR_DRIFTS = [
 def test_one_joint_that_drifts_is_told_so(controller, drifts, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
     """A file's kp must be above 0; a script's may be 0."""
     spec = config.parse_joint(joint_examples()["testbed"], "testbed")
-    monkeypatch.setattr(config, "load_joint", lambda file: spec.with_controller(controller))
+    monkeypatch.setattr(config, "load_joint", lambda file, **options: spec.with_controller(controller))
     for as_json in (False, True):
         assert main(["joint", "testbed", *(["--json"] if as_json else [])]) == 0
         out = capsys.readouterr().out
