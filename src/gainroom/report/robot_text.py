@@ -256,8 +256,9 @@ def _weakest_path(paths: PathMargins) -> str:
     """At which factor on kp alone, or on kd alone, vibration starts."""
     factors = {"kp": (paths.others, paths.lower_others), "kd": (paths.kd, paths.lower_kd)}
     name, (upper, lower) = min(factors.items(), key=lambda one: min(one[1][0], 1 / one[1][1] if one[1][1] > 0 else math.inf))
-    factor = upper if upper < (1 / lower if lower > 0 else math.inf) else lower
-    return f"Vibration starts at {factor:.3g} × {name} alone ({to_db(factor):.3g} dB)"
+    if lower * upper > 1:
+        return f"Vibration starts where {name} alone falls to {lower:.3g} × ({to_db(lower):.3g} dB)"
+    return f"Vibration starts at {upper:.3g} × {name} alone ({to_db(upper):.3g} dB)"
 
 
 def _count(unsafe: int, result: Audit) -> str:
