@@ -7,6 +7,7 @@ import pytest
 from pytest import approx
 
 import gainroom as gr
+from gainroom.analysis.margin_record import worst_of
 from gainroom.analysis.period_map import PeriodMap
 from gainroom.analysis.two_paths import TwoPaths
 from independent.machine import Machine
@@ -179,6 +180,15 @@ def test_a_joint_without_kp_drifts_and_is_not_unstable():
     assert np.sort(np.abs(np.linalg.eigvals(matrix)))[-1] > 1 + 1e-6
     matrix = two.scaled(limit.gain * (1 - 1e-4)).matrix()
     assert np.sort(np.abs(np.linalg.eigvals(matrix)))[-1] == approx(1, abs=1e-7)  # the drift
+
+
+def test_the_worst_of_two_loops_has_the_worst_of_their_paths():
+    near, far = (gr.margins(loop_of(TwoRates(one_joint(kp=kp), DRIVE, 40, 80, 1, 0))) for kp in (40000.0, 3000.0))
+    both = worst_of([far, near])
+    assert both.least_gain_margin == near.least_gain_margin < far.least_gain_margin
+    assert near.paths is not None
+    assert both.least_gain_margin == approx(near.paths.others)
+    assert both.least_gain_margin < 2 < both.gain_margin  # what a common factor alone would hide
 
 
 def test_gains_times_a_factor():

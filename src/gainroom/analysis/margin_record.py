@@ -247,4 +247,12 @@ def worst_of(found: Sequence[Margins]) -> Margins:
         certified=np.all([one.certified for one in loops], axis=0),
     )
     values = {name: getattr(case, name) for names, case in closest.items() for name in names.split()}
-    return Margins(limit, one_loop, **values, certified=all(one.certified for one in found))
+    paths = [one.paths for one in found if one.paths is not None]
+    of_paths = PathMargins(
+        others=min(one.others for one in paths),
+        lower_others=max(one.lower_others for one in paths),
+        kd=min(one.kd for one in paths),
+        lower_kd=max(one.lower_kd for one in paths),
+        certified=all(one.certified for one in paths),
+    ) if paths else None  # fmt: skip
+    return Margins(limit, one_loop, **values, certified=all(one.certified for one in found), paths=of_paths)

@@ -34,11 +34,12 @@ def _terminal(study: "PathStudy") -> str:
     from ..report.two_paths import COLUMNS, NOT_MADE, assumptions, requirement_rows, sentence, warnings
 
     control = study.system.control
+    columns = COLUMNS if study.nominal[0].title else COLUMNS[1:]
     return render(
         sentence(study),
         "",
-        column_table(f"Nominal ({model_text(control.sample_time, control.kd_path)})", COLUMNS, study.nominal),
-        definitions(COLUMNS),
+        column_table(f"Nominal ({model_text(control.sample_time, control.kd_path)})", columns, study.nominal, ("at", "phase")),
+        definitions(columns),
         "",
         table("Requirements, at their worst", ("", "value", "at", "required", "met"), requirement_rows(study)),
         *closing({}, warnings(study), assumptions(study), [NOT_MADE]),

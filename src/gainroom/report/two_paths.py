@@ -13,14 +13,19 @@ from .number_format import digits, hertz, model_kind, path_facts
 
 NOT_MADE = "gain maps, largest gains, recommended gains and curves over frequency are of loops with one path, and are not made here"
 COLUMNS = [
-    Column("state", "state", lambda case: case.title or None, shown=lambda case: case.title or "nominal"),
+    Column("state", "state", lambda case: case.title or None, shown=lambda case: case.title),
     Column("stable", "stable", lambda case: case.limit.stable, shown=lambda case: yes(case.limit.stable)),
     Column("all gains", "gain_limit", lambda case: case.limit.gain, "×", "the factor on kp and kd together at which it starts to vibrate"),
     Column("at", "limit_frequency_rad_s", lambda case: case.limit.frequency, shown=lambda case: hertz(case.limit.frequency)),
-    Column("kp", "kp_gain_limits", lambda case: _ends(case, "others"), "", "alone", shown=lambda case: _range(case, "others")),
     Column(
-        "kd", "kd_gain_limits", lambda case: _ends(case, "kd"), "", "alone: it may change within these", shown=lambda c: _range(c, "kd")
+        "kp",
+        "kp_gain_limits",
+        lambda case: _ends(case, "others"),
+        "",
+        "factors on kp alone between which it is stable",
+        shown=lambda c: _range(c, "others"),
     ),
+    Column("kd", "kd_gain_limits", lambda case: _ends(case, "kd"), "", "the same of kd", shown=lambda c: _range(c, "kd")),
     Column("phase", "phase_margin_deg", lambda case: math.degrees(case.margins.common_phase_margin), "°", "a common phase"),
     Column("kp's delay", "kp_delay_limit_ms", lambda case: 1e3 * case.delay_limit, "ms", "the whole delay of kp's path that is too long"),
     Column("", "delay_margin_ms", lambda case: 1e3 * case.margins.delay_margin),
