@@ -2,6 +2,8 @@
 
 import math
 import re
+import shutil
+import subprocess
 from dataclasses import replace
 from html import escape, unescape
 from pathlib import Path
@@ -92,6 +94,8 @@ def traces(figure: dict, kind: str) -> list[dict]:
 
 
 def drawings(html: str) -> list[dict]:
+    """Of vibrations at gain limits; before them stands the motion at the requirement that decides, where that is another."""
+    html = html[html.index("<h2>Vibration by contact state") :] if re.search("<h2>What (fails|is tightest)", html) else html
     return [one for one in figures(html) if traces(one, "joints")]
 
 
@@ -125,8 +129,9 @@ def test_page_carries_answer_then_reason_in_order(page, biped):
         sentence(biped),
         "gain margin",
         "≥ 6 dB",
-        "Vibration at the limit",
+        "What fails: peak sensitivity Ms",
         "Gain headroom",
+        "Vibration by contact state",
         "characteristic loci",
         "Cost of coupling",
         "Recommended gains",
@@ -142,6 +147,57 @@ def test_page_carries_answer_then_reason_in_order(page, biped):
         start = own.index(part, start)
     assert 3 <= own.count('<div class="card ') <= 5
     assert own.count("<figure>") == own.count("<figcaption>") + own.count("</tbody></table></div></figure>")  # pictures have captions
+
+
+def test_the_first_picture_is_of_what_fails(page, biped):
+    """The state and loop with the largest Ms: found on a dense grid. Colours: what one joint's disturbance moves, S e_k."""
+    first = next(one for one in figures(page) if traces(one, "joints"))
+    motion = biped.decisive_motion
+    omega = np.geomspace(0.5, 3000.0, 4000)
+    peaks = []
+    for state in biped.states:
+        found = np.linalg.inv(np.eye(12) + state.loop.response(omega))
+        own = np.abs(np.einsum("kii->ki", found))
+        peaks.append((own.max(), omega[own.max(1).argmax()], state.model.joint_names[own.max(0).argmax()], state.title))
+    worst, at, joint, title = max(peaks)
+    assert (motion.joint, motion.state.title) == (joint, title)
+    assert motion.limit.frequency == approx(at, rel=2e-3)
+    assert biped.least(motion.state, "peak_sensitivity") == approx(worst, rel=1e-4)
+    column = np.linalg.inv(np.eye(12) + motion.state.loop.response(np.array([motion.limit.frequency]))[0])
+    parts = np.abs(column[:, motion.state.model.joint_names.index(joint)])
+    shown = places(traces(first, "joints")[0])
+    for name, part in zip(motion.state.model.joint_names, parts / parts.max(), strict=True):
+        assert shown[name][2] == approx(part, rel=1e-5, abs=1e-9)
+    assert f"What fails: peak sensitivity Ms {worst:.3g} in {title}" in unescape(page)
+
+
+@pytest.mark.skipif(shutil.which("chromium") is None, reason="no browser")
+@pytest.mark.parametrize(("width", "most"), [(1400, 5000), (420, 9000)])
+def test_the_page_is_short_before_anything_is_opened(page, tmp_path, width, most):
+    """Measured in a browser: the height at two widths, and that nothing is wider than a phone."""
+    size = "[document.documentElement.scrollHeight, document.documentElement.scrollWidth].join(' ')"
+    tell = f"<script>setTimeout(() => parent.postMessage({size}, '*'), 900)</script>"
+    (tmp_path / "page.html").write_text(page.replace("</body>", f"{tell}</body>"), "utf-8")
+    hear = "<script>addEventListener('message', (told) => { document.title = told.data })</script>"
+    frame = f"<title></title>{hear}<iframe src='page.html' style='width:{width}px; height:1000px; border:0'></iframe>"
+    (tmp_path / "frame.html").write_text(frame, "utf-8")  # a window has a least width
+    call = ["chromium", "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", f"--user-data-dir={tmp_path / 'profile'}"]
+    call += ["--virtual-time-budget=8000", "--window-size=1500,1000", "--hide-scrollbars", "--dump-dom"]
+    done = subprocess.run([*call, (tmp_path / "frame.html").as_uri()], capture_output=True, timeout=60, check=True)
+    shown = done.stdout.decode()
+    title = re.search(r"<title>(\d+) (\d+)</title>", shown)
+    assert title is not None
+    assert int(title[1]) < most
+    assert int(title[2]) <= width
+
+
+def test_details_are_closed_with_a_line_of_what_they_hold(page):
+    own = without_library(page)
+    closed = re.findall(r'<details class="section"><summary><h2>(.*?)</h2>(.*?)</summary>', own)
+    assert {"Certification", "Joints", "Recommended gains", "Command"} <= {title for title, _ in closed}
+    assert all(line.strip() for _, line in closed)
+    opened = re.sub(r'<details class="section">.*?</details>\n', "", own, flags=re.S)
+    assert opened.count('class="plot"') == 2
 
 
 def test_all_text_in_pictures_is_at_least_12_px(page, unstable_page):

@@ -10,47 +10,53 @@ from .bode import bode, cases
 from .columns import Column
 from .gain_map import gain_map
 from .joint_tables import case_table, crossing_table, inputs, margin_table, uncertainty_table
-from .joint_text import cause, notes, recommended_text, sentence, warnings
+from .joint_text import cause, notes, recommended_text, sentence, uncertainty_cost_text, warnings
 from .margin_columns import bounded_columns
-from .number_format import digits, frequency, hertz, model_kind, own_gains, typed_gains
+from .number_format import digits, frequency, hertz, model_kind, typed_gains
 from .nyquist import nyquist
 from .page import Card, Html, Lead, Section, block, facts, page, paragraph
 from .page_parts import assumptions, footer, margin_card, unstable_card
 from .time_response import time_response
+from .verdict import advice_box, joint_to_use
 
 
 def joint_page(study: JointStudy, command: str) -> str:
     """The report of a study as one HTML page; `command` is the command that makes it."""
     shown = cases(study)
+    found = study.margins
     sections = [
         Section("Gain map", [gain_map(study)]),
-        Section("Cause: the open loop", [bode(study, shown), nyquist(study, shown)]),
-        Section("In time", [time_response(study)]),
-        Section("Margins", [*map(paragraph, filter(None, [cause(study)])), margin_table(study), *_recommended(study)]),
-        *([Section("What the uncertainty costs", [uncertainty_table(study)])] if study.uncertainty_cost is not None else []),
-        Section("With and without elasticity and delay", [case_table(shown)]),
-        Section("All crossings of this file's loop", [crossing_table(study.margins)]),
+        Section("Why: the open loop", [*map(paragraph, filter(None, [cause(study)])), bode(study, shown)]),
+        Section("Nyquist plot", [nyquist(study, shown)], "the open loop beside −1, and what the requirements exclude"),
+        Section("In time", [time_response(study)], "responses to a step and to a disturbance"),
+        Section("Margins", [margin_table(study), *_recommended(study)], "this file's gains, the recommended ones, and the 10 Hz rule's"),
+        *(
+            [Section("What the uncertainty costs", [uncertainty_table(study)], uncertainty_cost_text(study, ranked=False))]
+            if study.uncertainty_cost is not None
+            else []
+        ),
+        Section("With and without elasticity and delay", [case_table(shown)], "the same gains on a rigid joint, and without delay"),
+        Section("All crossings of this file's loop", [crossing_table(found)], f"{len(found.phase_crossings) + len(found.gain_crossings)}"),
         Section(
             "Inputs and assumptions",
             [inputs(study), assumptions("Linear two-mass joint", study.system.control.sample_time), *map(paragraph, notes(study))],
+            "what was read, and what it leaves out",
         ),
-        Section("Certification", [_certificate(study)]),
-        Section("Command", [block(command)]),
+        Section("Certification", [_certificate(study)], "how each number was checked"),
+        Section("Command", [block(command)], "that makes this page"),
     ]
     title = f"gainroom joint: gains of one joint, {model_kind(study.system.control.sample_time)} model"
     return page(title, _lead(study), _cards(study), sections, footer())
 
 
 def _lead(study: JointStudy) -> Lead:
+    said, do = warnings(study), advice_box(study, joint_to_use(study))
     if not study.margins.stable:
-        return Lead(sentence(study), "bad", "UNSTABLE: do not run these gains", warnings(study))
+        return Lead(sentence(study), "bad", "UNSTABLE: do not run these gains", said, do)
     if study.unstable_at:
         where = case_text(study.unstable_at)
-        return Lead(sentence(study), "bad", f"UNSTABLE within the uncertainty ranges, at {where}: do not run these gains", warnings(study))
-    unmet = [card.label for card in _cards(study) if card.met is False]
-    if unmet:
-        return Lead(sentence(study), "warn", f"Stable, but requirements fail: {', '.join(unmet)}", warnings(study))
-    return Lead(sentence(study), "good", "", warnings(study))
+        return Lead(sentence(study), "bad", f"UNSTABLE within the uncertainty ranges, at {where}: do not run these gains", said, do)
+    return Lead(sentence(study), "warn" if study.unmet else "good", "", said, do)
 
 
 def _cards(study: JointStudy) -> list[Card]:
@@ -61,12 +67,11 @@ def _cards(study: JointStudy) -> list[Card]:
     if not found.stable:
         cards[0] = unstable_card(asked, study.limit, f"; vibration there {_at(study.limit.frequency)}", "it")
     if "delay_margin" not in REQUIREMENTS:
-        delay = digits(1e3 * found.delay_margin, "", 3)
-        cards.append(Card("delay margin", delay, "ms" if found.stable else "", note=_at(found.delay_crossover)))
-    if study.recommended is not None:
-        (name, value, unit), *others = own_gains(study.recommended.controller)
-        with_ = ", ".join(f"{other} {digits(gain, its_unit, 3)}" for other, gain, its_unit in others)
-        cards.append(Card(f"recommended {name}", digits(value, "", 3), unit, note=f"with {with_}"))
+        least = found if worst is None else worst
+        label = "delay margin" if worst is None else "delay margin, worst case"
+        nominal = "" if worst is None else f"nominal {digits(1e3 * found.delay_margin, 'ms', 3)}, "
+        delay = digits(1e3 * least.delay_margin, "", 3)
+        cards.append(Card(label, delay, "ms" if found.stable else "", note=nominal + _at(found.delay_crossover)))
     return cards
 
 

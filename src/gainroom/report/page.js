@@ -22,14 +22,22 @@
   };
 
   const plots = [...document.querySelectorAll(".plot")];
-  plots.forEach((box) => draw(box, box.clientWidth));
+  const drawShown = () => plots.forEach((box) => box.dataset.narrow === undefined && box.clientWidth && draw(box, box.clientWidth));
+  drawShown();
+  document.querySelectorAll("details").forEach((part) => part.addEventListener("toggle", drawShown));
   addEventListener("resize", () =>
     plots.forEach((box) => {
-      if (String(box.clientWidth < NARROW) !== box.dataset.narrow) draw(box, box.clientWidth);
+      if (box.dataset.narrow !== undefined && box.clientWidth && String(box.clientWidth < NARROW) !== box.dataset.narrow) draw(box, box.clientWidth);
     }),
   );
-  addEventListener("beforeprint", () => plots.forEach((box) => Plotly.relayout(box, { width: Math.min(box.clientWidth, PAPER) })));
-  addEventListener("afterprint", () => plots.forEach((box) => Plotly.relayout(box, { width: null, autosize: true })));
+  const drawn = () => plots.filter((box) => box.dataset.narrow !== undefined);
+  addEventListener("beforeprint", () => drawn().forEach((box) => Plotly.relayout(box, { width: Math.min(box.clientWidth, PAPER) })));
+  addEventListener("afterprint", () => drawn().forEach((box) => Plotly.relayout(box, { width: null, autosize: true })));
+
+  for (const button of document.querySelectorAll(".copied button"))
+    button.addEventListener("click", () =>
+      navigator.clipboard?.writeText(button.previousElementSibling.textContent).then(() => (button.textContent = "Copied")),
+    );
 
   const number = (text) => parseFloat(text.replace(/[\u202f\u2009≥≤ ]/g, "").replace("−", "-").replace("∞", "Infinity"));
   for (const head of document.querySelectorAll("table.sorts th"))

@@ -29,12 +29,14 @@ class Lead:
     """The answer: one sentence, and how it must look. `state` "bad" puts a banner with `headline` before everything else.
 
     warnings   one line each, shown under the sentence
+    advice     what to do, before the cards
     """
 
     sentence: str
     state: Literal["good", "warn", "bad"] = "good"
     headline: str = ""
     warnings: Sequence[str] = ()
+    advice: str = ""
 
 
 @dataclass(frozen=True)
@@ -51,10 +53,14 @@ class Card:
 
 @dataclass(frozen=True)
 class Section:
-    """A heading and what stands under it: Html from the functions below, or plain text for a paragraph."""
+    """A heading and what stands under it: Html from the functions below, or plain text for a paragraph.
+
+    summary   what is in it, in a line: then it is closed until it is clicked on
+    """
 
     title: str
     parts: Sequence[str]
+    summary: str = ""
 
 
 def page(title: str, lead: Lead, cards: Sequence[Card], sections: Sequence[Section], footer: Sequence[str] = ()) -> str:
@@ -137,6 +143,12 @@ def details(summary: str, *parts: str) -> Html:
     return Html(f"<details><summary>{_inline(summary)}</summary>{''.join(map(_flow, parts))}</details>")
 
 
+def advice(heading: str, text: str, *parts: str) -> Html:
+    """What to do: a heading, lines to copy, and parts under them."""
+    copied = f'<div class="copied"><pre>{escape(text)}</pre><button type="button">Copy</button></div>' if text else ""
+    return Html(f'<section class="advice"><h2>Do this</h2><p>{_inline(heading)}</p>{copied}{"".join(map(_flow, parts))}</section>')
+
+
 def beside(*parts: str) -> Html:
     """Parts next to each other where there is room, under each other on a phone."""
     return Html('<div class="beside">' + "".join(map(_flow, parts)) + "</div>")
@@ -151,13 +163,16 @@ def _flow(text: str) -> str:
 
 
 def _section(section: Section) -> str:
+    if section.summary:
+        line = f"<summary><h2>{_inline(section.title)}</h2> {_inline(section.summary)}</summary>"
+        return f'<details class="section">{line}{"".join(map(_flow, section.parts))}</details>\n'
     return f"<section><h2>{_inline(section.title)}</h2>{''.join(map(_flow, section.parts))}</section>\n"
 
 
 def _lead(lead: Lead) -> str:
     banner = f'<p class="banner" role="alert">{escape(lead.headline)}</p>' if lead.headline else ""
     warnings = "".join(f'<p class="warning"><b>Warning</b> {escape(text)}</p>' for text in lead.warnings)
-    return f"{banner}<h1>{escape(lead.sentence)}</h1>{warnings}"
+    return f"{banner}<h1>{escape(lead.sentence)}</h1>{warnings}{lead.advice}"
 
 
 def _cards(cards: Sequence[Card]) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from ..errors import listed
 from ..studies.robot import RobotStudy
 from ..studies.state import State, by_headroom, task_headroom, unknown_first
-from ..system.requirements import REQUIREMENTS, Requirement, title_of
+from ..system.requirements import REQUIREMENTS, Requirement
 from .number_format import digits, hertz, model_kind
 from .page import Card, Html, Lead, Section, beside, block, facts, page, paragraph
 from .page_parts import ON_TOP, assumed_and_warned, assumptions, footer, limit_proofs, margin_card, unstable_card
@@ -19,6 +19,7 @@ from .robot_skeleton import common_view
 from .robot_tables import folded, gain_tables, inputs, joint_table, state_table, task_table
 from .robot_text import notes, sentence, warnings
 from .robot_units import judged
+from .verdict import advice_box, robot_to_use
 
 FEW = 4
 """States of which each has a picture; of more, the tightest posture of each contact state has one."""
@@ -30,20 +31,24 @@ def robot_page(study: RobotStudy, command: str) -> str:
     shown, sample_time = _shown(study), study.system.control.sample_time
     told = [*warnings(study)[ON_TOP:], *notes(study)]
     taken = assumptions("Linear about each posture", sample_time, "; contacts neither slip nor lift")
+    loci_of = beside(*(loci(state, loci_window(shown)) for state in shown))
     sections = [
-        Section("Vibration at the limit", _vibrations(study, shown)),
+        Section(_deciding_title(study), [_deciding(study)]),
         Section("Gain headroom", _headroom(study)),
-        Section("Cause: the characteristic loci", [_loci_words(), beside(*(loci(state, loci_window(shown)) for state in shown))]),
-        Section("Cost of coupling", [beside(*coupling(joint_factors(study), "joint"))]),
-        Section("Recommended gains", _gains(study)),
+        Section("Vibration by contact state", _vibrations(study, shown), f"{len(shown)} states, each at its own gain limit"),
+        Section("State by state", [state_table(study), *remedies(study)], f"{len(study.states)} states with all their margins"),
+        Section("Why: the characteristic loci", [_loci_words(), loci_of], "where the eigenvalues of the coupled loops come near −1"),
+        Section("Cost of coupling", [beside(*coupling(joint_factors(study), "joint"))], "each joint alone, and with all others closed"),
+        Section("Recommended gains", _gains(study), "by contact state and for all, in both spaces, and what limits them"),
         *_tasks(study, shown),
-        Section("Joints", _joints(study)),
+        Section("Joints", _joints(study), f"{study.system.source.body.size} joints: loads, gains and largest gains"),
         Section(
             "Inputs and assumptions",
             [inputs(study.system), taken, *assumed_and_warned(study.system.assumptions, told)],
+            f"what was read, and {len(told)} notes",
         ),
-        Section("Certification", [_certificate(study)]),
-        Section("Command", [block(command)]),
+        Section("Certification", [_certificate(study)], "how each number was checked"),
+        Section("Command", [block(command)], "that makes this page"),
     ]
     title = f"gainroom robot: gains of {study.system.source.body.size} joints, {model_kind(sample_time)} model"
     return page(title, _lead(study), _cards(study), sections, footer())
@@ -58,19 +63,37 @@ def _shown(study: RobotStudy) -> list[State]:
     return [state for state in found if state in order]
 
 
+def _deciding_title(study: RobotStudy) -> str:
+    """Names the requirement that fails, or is tightest."""
+    motion = study.decisive_motion
+    if motion is None:
+        return "Vibration at the limit"
+    one = REQUIREMENTS[study.decisive]
+    what, text = "What fails" if study.unmet else "What is tightest", one.text(study.least(motion.state, one.name))
+    return f"{what}: {one.label} {text} in {motion.state.title}, at {hertz(motion.limit.frequency)}"
+
+
+def _deciding(study: RobotStudy) -> Html:
+    """The motion that belongs to it, else the vibration at the gain limit."""
+    motion = study.decisive_motion
+    if motion is None:
+        return hero(study.tightest, len(study.states) == 1)
+    what = "joints as they move where all loops together come nearest to it"
+    if motion.joint:
+        what = f"joints as they move with a disturbance of {motion.joint}, whose loop comes nearest to it"
+    return hero(motion.state, len(study.states) == 1, motion.limit, f"{motion.state.title}, {hertz(motion.limit.frequency)}: {what}")
+
+
 def _vibrations(study: RobotStudy, shown: Sequence[State]) -> list[Html]:
-    parts = [hero(study.tightest, len(study.states) == 1)]
+    parts = [] if study.decisive_motion is None else [hero(study.tightest, len(study.states) == 1)]
     if len(shown) > 1:
         view = common_view(shown)
         parts.append(
             beside(*(small(state, state.limit, view, 0 if len(shown) == len(study.states) else _others(study, state)) for state in shown))
         )
     hidden = len({state.contact for state in study.states} - {state.contact for state in shown})
-    return (
-        [*parts, paragraph(f"{hidden} contact state{'s' * (hidden > 1)} with more headroom {'are' if hidden > 1 else 'is'} not drawn.")]
-        if hidden
-        else parts
-    )
+    words = f"{hidden} contact state{'s' * (hidden > 1)} with more headroom {'are' if hidden > 1 else 'is'} not drawn."
+    return [*parts, paragraph(words)] if hidden else parts or [paragraph("One state, drawn above.")]
 
 
 def _others(study: RobotStudy, state: State) -> int:
@@ -79,7 +102,7 @@ def _others(study: RobotStudy, state: State) -> int:
 
 
 def _headroom(study: RobotStudy) -> list[Html]:
-    return [paragraph(judged(study.system)), heat_map(joint_factors(study), "joint"), state_table(study), *remedies(study)]
+    return [paragraph(judged(study.system)), heat_map(joint_factors(study), "joint")]
 
 
 def _loci_words() -> Html:
@@ -109,7 +132,9 @@ def _tasks(study: RobotStudy, shown: Sequence[State]) -> list[Section]:
     parts.append(task_table(tightest))
     if len(tightest) < len(study.states):
         parts.append(folded("Tasks in every posture and contact state", task_table(study.states)))
-    return [Section("Operational space", parts)]
+    limit = min((state.task_limit for state in tightest if state.task_limit is not None), key=by_headroom)
+    summary = f"tasks in the joints' place: {'stable' if limit.stable else 'UNSTABLE'}, limit {digits(limit.gain, '', 3)} ×"
+    return [Section("Operational space", parts, summary)]
 
 
 def _tightest_tasks(study: RobotStudy) -> list[State]:
@@ -142,23 +167,18 @@ def _joints(study: RobotStudy) -> list[Html]:
 
 
 def _lead(study: RobotStudy) -> Lead:
-    answer, first = sentence(study), warnings(study)[:ON_TOP]
+    answer, first, do = sentence(study), warnings(study)[:ON_TOP], advice_box(study, robot_to_use(study))
     unstable = [state.title for state in study.states if not state.limit.stable]
     if unstable:
         count, states = len(unstable), len(study.states)
         where = "" if states == 1 else f" in all {states} states" if count == states else f" in {'; '.join(unstable[:3])}"
         more = f" and {count - 3} more" if 3 < count < states else ""
-        return Lead(answer, "bad", f"UNSTABLE{where}{more}: do not run these gains", first)
+        return Lead(answer, "bad", f"UNSTABLE{where}{more}: do not run these gains", first, do)
     if study.unstable_case:
         where = f"UNSTABLE within the uncertainty ranges, in {study.unstable_case}: do not run these gains"
-        return Lead(answer, "bad", where, first)
+        return Lead(answer, "bad", where, first, do)
     lost = study.unstable_tasks
-    problems = [f"the tasks' gains are UNSTABLE in {listed([state.title for state in lost])}"] if lost else []
-    if study.unmet:
-        problems.append(f"requirements fail: {', '.join(map(title_of, study.unmet))}")
-    if problems:
-        return Lead(answer, "warn", f"Stable, but {'; '.join(problems)}", first)
-    return Lead(answer, "good", "", first)
+    return Lead(answer, "warn" if lost or study.unmet else "good", "", first, do)
 
 
 def _cards(study: RobotStudy) -> list[Card]:

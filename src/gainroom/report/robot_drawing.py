@@ -18,16 +18,28 @@ MOST_BARS, FEW_BARS = 14, 6  # beside the drawing, and on a phone
 WIDTH = 1028  # [px] of a picture on a wide screen
 
 
-def hero(state: State, alone: bool) -> Html:
-    """The state with the least gain headroom, large, with each joint's participation factor beside it. `alone`: it is the only one."""
-    view, limit = common_view([state], 0.65), state.limit  # names stand between the sides
+PARTS = (
+    "The colour of a joint is its motion relative to the largest; rings are joints at one point, the first of the chain outermost. "
+    "Angles beside the bars: phase lag behind the first joint, 180° is opposite. Dark patches are contacts, the crossed circle is the "
+    "centre of mass."
+)
+
+
+def hero(state: State, alone: bool, motion: GainLimit | None = None, title: str = "") -> Html:
+    """The state with the least gain headroom, large, with each joint's participation factor beside it. `alone`: it is the only one.
+
+    motion   another one than at the gain limit, with the picture's `title`
+    """
+    view, limit = common_view([state], 0.65), motion or state.limit  # names stand between the sides
+    title = title or _title(state, alone)
+    caption = _hero_caption(state) if motion is None else PARTS
     wide, high = view.high - view.low
     part = min(0.54, max(0.4, 0.42 * wide / high))
     traces, notes = drawn(state.model, limit, view, 17)
     if vibration(limit) is None:  # no vibration
         height = round(min(max(part * WIDTH * high / wide, 220), 420)) + 16
         layout = drawing_layout(limit, notes, view, [0, 1], {})
-        return figure({"data": traces, "layout": layout}, _title(state, alone), _hero_caption(state), height)
+        return figure({"data": traces, "layout": layout}, title, caption, height)
     bars, names = _bars(state.model, limit)
     notes += labels(state.model, limit, view, float(part * WIDTH / wide))
     height = round(min(max(part * WIDTH * high / wide, 27 * len(names)), 420)) + 60
@@ -46,7 +58,7 @@ def hero(state: State, alone: bool) -> Html:
         "coloraxis.showscale": False,
         "yaxis2.range": [FEW_BARS - 0.4, -0.6],
     }
-    return figure({"data": [*traces, bars], "layout": picture}, _title(state, alone), _hero_caption(state), height, narrow)
+    return figure({"data": [*traces, bars], "layout": picture}, title, caption, height, narrow)
 
 
 def small(state: State, limit: GainLimit, view: View, others: int) -> Html:

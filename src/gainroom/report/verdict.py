@@ -9,10 +9,11 @@ from ..studies.analysis import USUAL_RATE, Analysis
 from ..studies.joint import JointStudy
 from ..studies.robot import RobotStudy
 from ..system.requirements import REQUIREMENTS, Requirements
-from .columns import Column, yes
+from .columns import Column, tabulated, yes
 from .gains_to_use import joint_gains, kept, robot_gains
 from .margin_columns import margin_value, requirement
 from .number_format import digits, hertz
+from .page import advice, table
 
 MOST_WARNINGS = 3
 """That a terminal shows without being asked for all."""
@@ -146,3 +147,14 @@ def _heading(study: Analysis, place: str) -> str:
     if study.requirements_met is False:
         return f"Use instead, under `{place}:`"
     return f"These gains may stay. The stiffest that meet the requirements, under `{place}:`"
+
+
+def advice_box(study: JointStudy | RobotStudy, found: ToUse) -> str:
+    """What to do, on a page: gains to copy, with every requirement before and after; "" where there are none."""
+    if not found.lines:
+        return ""
+    columns = [column for column in judged_columns(study) if column.title not in ("at", "in")]
+    marks = {"yes": "met", "no": "unmet"}
+    beside = table(*tabulated(columns, judged(study, found.margins)), marks=marks, sorts=False)
+    remarks = [text.replace("`", "") for text in found.remarks]
+    return advice(found.heading.replace("`", ""), "\n".join(found.lines), *remarks, beside)

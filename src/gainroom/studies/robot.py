@@ -1,14 +1,18 @@
 """A whole robot: every posture in every contact state, all joints at once, joint by joint, and in task space; and recommended gains."""
 
 import itertools
+import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
-from ..analysis.margin_record import Margins
+import numpy as np
+
+from ..analysis.margin_record import GainLimit, Margins
 from ..design.robot_gains import GainSet, RobotGains, margins_at_rate, recommend_robot
 from ..design.side_by_side import Job, side_by_side
 from ..errors import computable
+from ..system.requirements import REQUIREMENTS
 from ..system.system import System
 from .analysis import USUAL_RATE, Analysis, analyze
 from .state import Progress, State
@@ -16,6 +20,15 @@ from .state import Progress, State
 EXPECTED_LOOKS = 250
 """Looks that the search for gains takes per state and corner of the uncertainty, roughly: for the progress bar."""
 NUMBERS = ("margins", "worst", "joints", "tasks")
+
+
+@dataclass(frozen=True)
+class Motion:
+    """How joints move where a margin is: in a state, `limit` with its frequency and mode; `joint`: of one loop by itself."""
+
+    state: State
+    limit: GainLimit
+    joint: str = ""
 
 
 @dataclass(frozen=True)
@@ -42,6 +55,29 @@ class RobotStudy(Analysis):
             return None
         gains, found = self.to_use
         return margins_at_rate(self.system, found, gains.space, USUAL_RATE)
+
+    @cached_property
+    def decisive_motion(self) -> Motion | None:
+        """Where the requirement that decides is worst, at the nominal values; None where that is the gain limit, or has no frequency.
+
+        All loops together: the eigenvector of L whose value is nearest to −1. One loop: S's column, the answer to what disturbs its joint.
+        """
+        if self.decisive not in ("phase_margin", "peak_sensitivity"):
+            return None
+        state = self.worst[self.decisive]
+        found, one = state.margins, REQUIREMENTS[self.decisive]
+        omega = one.frequency(found)
+        if not math.isfinite(omega) or omega <= 0:
+            return None
+        response = state.loop.response(np.array([omega]))[0]
+        if self.decisive == "phase_margin":
+            values, vectors = np.linalg.eig(response)
+            mode, joint = vectors[:, int(np.argmin(np.abs(values + 1)))], ""
+        else:
+            sensitivity = np.linalg.inv(np.eye(len(response)) + response)
+            k = int(np.argmax(np.abs(np.diagonal(sensitivity))))
+            mode, joint = sensitivity[:, k], state.model.joint_names[k]
+        return Motion(state, replace(found.limit, frequency=omega, mode=mode / mode[np.argmax(np.abs(mode))]), joint)
 
     @property
     def unstable_tasks(self) -> list[State]:
