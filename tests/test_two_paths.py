@@ -187,7 +187,7 @@ def test_the_worst_of_two_loops_has_the_worst_of_their_paths():
     both = worst_of([far, near])
     assert both.least_gain_margin == near.least_gain_margin < far.least_gain_margin
     assert near.paths is not None
-    assert both.least_gain_margin == approx(near.paths.others)
+    assert both.least_gain_margin == approx(1 / near.paths.lower_kd)  # kd may fall less than kp may rise
     assert both.least_gain_margin < 2 < both.gain_margin  # what a common factor alone would hide
 
 
