@@ -23,6 +23,7 @@ from robot_bodies import (
     random_angles,
     write,
 )
+from robot_truths import hinge, link, write_robot
 
 
 def test_the_base_is_what_the_call_says(tmp_path: Path):
@@ -244,3 +245,22 @@ def test_tendons_and_lifted_bodies_are_told(tmp_path: Path):
     notes = load_model(write(tmp_path, lifted.replace("</worldbody>", tendon))).notes
     assert any("1 tendon ignored: their springs" in note for note in notes)
     assert any("gravcomp" in note and "shank" in note for note in notes)
+
+
+def test_rotors_of_transmissions_are_motors_inertia(tmp_path):
+    """Drake's: rotor_inertia gear_ratio²; a reduction alone says nothing of the rotor, and is named."""
+    links = link("base") + link("one", 2.0, inertia=(1, 0.3, 1)) + link("two", 1.0, inertia=(1, 0.1, 1))
+    joints = hinge("hip", "base", "one") + hinge("knee", "one", "two")
+    drake = '<actuator><d:rotor_inertia xmlns:d="drake" value="2e-4"/><d:gear_ratio xmlns:d="drake" value="-50"/></actuator>'
+    transmissions = (
+        f'<transmission name="a"><joint name="hip"/>{drake}</transmission><transmission name="b"><joint name="knee"/><actuator name="m">'
+        "<mechanicalReduction>100.0</mechanicalReduction></actuator></transmission>"
+    )
+    path = write_robot(tmp_path, links, joints + transmissions)
+    body = load_model(path)
+    np.testing.assert_allclose(body.armature, [2e-4 * 50**2, 0.0], rtol=1e-15)
+    np.testing.assert_array_equal(body.mass_matrix(body.neutral()), load_model(write_robot(tmp_path, links, joints)).mass_matrix([0, 0]))
+    assert any("gear ratios" in note and "knee 100.0" in note and "hip" not in note for note in body.notes)
+    for wrong, word in (("2e-4", "-1"), ("2e-4", "much"), ("-50", "1e200")):
+        (tmp_path / "wrong.urdf").write_text((links + joints + transmissions).replace(wrong, word).join(['<robot name="r">', "</robot>"]))
+        assert_refused(lambda: load_model(tmp_path / "wrong.urdf"), ["hip"])

@@ -5,8 +5,9 @@ the standard error of the whole process. So everything that bears on bodies and 
 text that holds that and nothing else.
 """
 
+import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from ..assemble import FARTHEST, LARGEST, MASSLESS, Description, floats, require
 from ..body import Base, library
 from ..linkage import FollowingJoint
 from .model_format import ModelFormat
+from .xml_text import WORDED
 
 MAX_LINKS = 2000
 """Pinocchio walks down a chain of links by recursion, and the stack ends at about 4000."""
@@ -67,7 +69,17 @@ class Urdf(ModelFormat):
             # Pinocchio mixes two joints up that have one name.
             name = "root_joint" if "root_joint" not in found.joints else "floating base"
             model = _parse(pin, text, source, pin.JointModelFreeFlyer(), name)
+        _put_rotors(model, found.rotors)
         return Description(source, model, found.held, found.notes(), friction=found.friction, linkages=tuple(found.ties))
+
+
+def _put_rotors(model: Any, rotors: Mapping[str, float]) -> None:
+    """Reflected inertias [kg m²] by joint, which transmissions of the file have."""
+    armature = np.array(model.armature)
+    for name, inertia in rotors.items():
+        joint = model.joints[model.getJointId(name)]
+        armature[joint.idx_v : joint.idx_v + joint.nv] = inertia
+    model.armature = armature
 
 
 def _parse(pin: Any, text: str, source: str, *root_joint: Any) -> Any:
@@ -89,6 +101,8 @@ class _Reader:
     held: dict[str, str] = field(default_factory=dict)
     friction: dict[str, float] = field(default_factory=dict)
     ties: list[FollowingJoint] = field(default_factory=list)
+    rotors: dict[str, float] = field(default_factory=dict)
+    geared: list[str] = field(default_factory=list)
     negative: list[str] = field(default_factory=list)
 
     def read(self, root: Element) -> None:
@@ -106,13 +120,17 @@ class _Reader:
         for link in links:
             self._add_link(link)
         parents = dict(self._add_joint(joint) for joint in joints)
+        for transmission in root.findall("transmission"):
+            self._add_transmission(transmission)
         self._require_tree(parents, [joint.find("child").get("link", "") for joint in joints])  # type: ignore[union-attr]
 
     def notes(self) -> tuple[str, ...]:
         """What a user should look at."""
-        if not self.negative:
-            return ()
-        return (f"the inertia of these links is negative about some axis, taken as given: {first_of_many(self.negative)}",)
+        told = {
+            "the inertia of these links is negative about some axis, taken as given": self.negative,
+            "gear ratios of transmissions have no effect without the rotors' inertia: give rotor_inertia and gear_ratio": self.geared,
+        }
+        return tuple(f"{text}: {first_of_many(names)}" for text, names in told.items() if names)
 
     def _names(self, elements: Sequence[Element], kind: str) -> list[str]:
         names = [element.get("name", "") for element in elements]
@@ -185,6 +203,27 @@ class _Reader:
         slope, offset = (self._numbers(mimic, "mimic", key, 1, owner, absent)[0] for key, absent in (("multiplier", 1.0), ("offset", 0.0)))
         if leader in self.joints and leader != name:
             self.ties.append(FollowingJoint(f"joint {name!r}", name, leader, (offset, slope)))
+
+    def _add_transmission(self, transmission: Element) -> None:
+        """The rotor of a joint: Drake's rotor_inertia and gear_ratio; ROS names the reduction alone."""
+        joint, found = transmission.find("joint"), {}
+        name = "" if joint is None else joint.get("name", "")
+        if name not in self.joints:
+            return
+        owner = f"{self.source}: transmission of joint {name!r}"
+        for element in transmission.iter():
+            key = re.split("[}:]", element.tag)[-1]
+            if key in ("rotor_inertia", "gear_ratio"):
+                found[key] = self._numbers(element, key, "value", 1, owner)[0]
+            elif key == WORDED and not re.fullmatch(r"[-+]?1(\.0*)?|", (element.text or "").strip()):
+                self.geared.append(f"{name} {one_line((element.text or '').strip(), 12)}")
+        if "rotor_inertia" in found:
+            ratio = found.get("gear_ratio", 1.0)
+            inertia = found["rotor_inertia"] * ratio * ratio  # a power would raise where it overflows
+            if not 0 <= inertia <= LARGEST:
+                raise GainroomError(f"{owner}: rotor inertia {inertia:g} kg·m² at the joint must be >= 0 and <= {LARGEST:g} kg·m²")
+            self.rotors[name] = inertia
+            self.geared = [each for each in self.geared if not each.startswith(f"{name} ")]
 
     def _axis(self, axis: Element, owner: str) -> list[float]:
         try:

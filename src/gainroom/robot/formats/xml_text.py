@@ -18,6 +18,9 @@ MAX_ATTRIBUTES = 200
 MAX_DEPTH = 400
 """Below tinyxml2's own limit of 500, at which MuJoCo and Pinocchio stop with a message of theirs."""
 
+WORDED = "mechanicalReduction"
+"""The one element of a URDF that holds its number as text."""
+
 
 def read_xml(path: Path) -> Element:
     """The root element of a UTF-8 XML file. Raises GainroomError, one line that names the file."""
@@ -25,7 +28,7 @@ def read_xml(path: Path) -> Element:
 
 
 def parse_xml(text: str, source: str) -> Element:
-    """The root element of an XML text, without character data; messages call it `source`. Raises GainroomError."""
+    """The root element of an XML text, of character data only that of WORDED; messages call it `source`. Raises GainroomError."""
     if not text.strip():
         raise GainroomError(f"{source}: is empty; a robot is a URDF (<robot>) or an MJCF (<mujoco>)")
     reader = _Reader(source)
@@ -66,10 +69,12 @@ class _Reader:
             if "nan" in value.lower() and re.search(r"(?i)(?<!\S)[-+]?nan(?!\S)", value):
                 raise self._refusal(f"<{tag}> has {key}={value[:60]!r}; numbers must be finite")
         self.builder.start(tag, attributes)
+        self.parser.CharacterDataHandler = self.builder.data if tag == WORDED else None
 
     def _end(self, tag: str) -> None:
         self._depth -= 1
         self.builder.end(tag)
+        self.parser.CharacterDataHandler = None
 
     def _doctype(self, *_: object) -> None:
         raise self._refusal("document types and entities (<!DOCTYPE, <!ENTITY) are not allowed in a robot file")
