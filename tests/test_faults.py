@@ -289,7 +289,7 @@ def test_a_narrow_terminal_still_gets_the_answer(folder: Path, columns: int, tol
     assert b"Traceback" not in shown
     words = b" ".join(shown.split())
     assert b"peak sensitivity" in words
-    assert b"Recommended gains" in words
+    assert b"Use instead" in words
 
 
 # Signals

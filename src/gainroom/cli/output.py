@@ -122,7 +122,7 @@ def verdict_parts(study: Any, to_use: Any) -> list[Any]:
 
     from ..report.verdict import judged, judged_columns
 
-    parts = [column_table("", judged_columns(study), judged(study, to_use.margins), drops=("at", "nominal"))]
+    parts = [column_table("", judged_columns(study), judged(study, to_use.margins), drops=("at", "nominal", "to use", "required"))]
     if to_use.lines:
         parts += [to_use.heading, *(Text(printable("  " + line), no_wrap=True) for line in to_use.lines), *to_use.remarks]
     return parts

@@ -161,10 +161,13 @@ def rise_text(study: JointStudy, known: KnownExactly) -> str:
 
 
 def warnings(study: JointStudy) -> tuple[str, ...]:
-    """What changes the decision, each with its remedy."""
+    """What changes the decision, each with its remedy; first what takes certainty from the verdict, as only the first are always shown."""
     system, found = study.system, study.margins
     joint, control = system.source, system.control
-    said = list(unusual_values(system))
+    said = []
+    if not found.certified:
+        said.append("a crossing or peak could not be certified: treat these margins as estimates and report the input")
+    said += unusual_values(system)
     if _drifts(system):
         cause = "kp is 0" if "kp" in control.controller.gain_names() else "the controller gives no torque against a constant error"
         said.append(f"{cause}: no torque holds the joint's position, so it drifts; the verdict covers its other motions; give it kp")
@@ -181,8 +184,6 @@ def warnings(study: JointStudy) -> tuple[str, ...]:
         said.append("nothing in this model limits kp: no gains are recommended; give the drive's delay and bandwidth")
     elif system.requirements.asked and study.recommended is None:
         said.append(_no_gains(system))
-    if not found.certified:
-        said.append("a crossing or peak could not be certified: treat these margins as estimates and report the input")
     return tuple(said)
 
 
