@@ -36,7 +36,7 @@ def test_units_in_terminal_and_page(tmp_path: Path, capsys: pytest.CaptureFixtur
     call = ["robot", str(folder / "robot.yaml")]
     if command == "audit":
         call = ["audit", str(folder / "robot.urdf"), "--delay-ms", "2", "--gains", str(folder / "gains.yaml")]
-    call += ["--verbose"] if command == "robot" else []
+    call += ["--verbose"]
     assert main([*call, "--report", str(report)]) == 0
     terminal = " ".join(capsys.readouterr().out.split())
     page = " ".join(unescape(re.sub(r"<(script|style).*?</\1>", "", report.read_text("utf-8"), flags=re.S)).split())

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..report.number_format import as_typed, model_kind, model_text
-from .options import AsJson, Report, command_line, number_option, report_stream, yaml_output
-from .output import closing, column_table, render, show
+from .options import AsJson, Report, Verbose, command_line, number_option, report_stream, yaml_output
+from .output import closing, column_table, few, render, show
 from .progress import progress_bar
 
 if TYPE_CHECKING:
@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 Number = float | None
 MARGIN_DB = 6.0
+FEW_JOINTS = 8
+"""Shown without being asked for all: those with the least headroom."""
 
 
 def audit(
@@ -98,6 +100,7 @@ def audit(
         Path | None, typer.Option(metavar="ROBOT.yaml", help="Also write this robot as a robot.yaml, to go on from with gainroom robot.")
     ] = None,
     as_json: AsJson = False,
+    verbose: Verbose = False,
     report: Report = None,
 ) -> int:
     """Which of the gains that a robot already has are safe, their headroom, and the delay at which it vibrates.
@@ -136,7 +139,7 @@ def audit(
             from ..studies.simulator_audit import audit_simulator
 
             simulated = audit_simulator(result, *told)
-        show(as_json, lambda: _facts(result, simulated), lambda: _terminal(result, simulated, report))
+        show(as_json, lambda: _facts(result, simulated), lambda: _terminal(result, simulated, report, verbose))
         if robot is not None:
             _write(robot, found, model, margin_db, _command(model, gains, options, {}, margin_db, None), write_robot)  # type: ignore[arg-type]
         if page is not None:
@@ -188,7 +191,7 @@ def _facts(result: "Audit", simulated: "SimulatorAudit | None") -> dict[str, Any
     from ..report.columns import facts
     from ..report.number_format import path_facts
     from ..report.robot_columns import AUDITED_JOINT, audited_states
-    from ..report.robot_text import audit_sentence, audit_warnings
+    from ..report.robot_text import audit_scale, audit_sentence, audit_warnings
 
     columns = audited_states(result.enough_in)
     from ..system.requirements import to_db  # loads numpy
@@ -199,6 +202,9 @@ def _facts(result: "Audit", simulated: "SimulatorAudit | None") -> dict[str, Any
         "gainroom": __version__,
         "safe": result.safe,
         "sentence": audit_sentence(result),
+        "requirements_met": result.safe,
+        "unmet": [] if result.safe else ["gain_margin"],
+        "scale": audit_scale(result),
         "model": model_kind(sample_time),
         "sample_rate_hz": None if sample_time is None else 1 / sample_time,
         "delay_ms": 1e3 * max(drive.delay for drive in result.system.drives),
@@ -221,17 +227,34 @@ def _facts(result: "Audit", simulated: "SimulatorAudit | None") -> dict[str, Any
     }
 
 
-def _terminal(result: "Audit", simulated: "SimulatorAudit | None", report: Path | None) -> str:
+def _terminal(result: "Audit", simulated: "SimulatorAudit | None", report: Path | None, verbose: bool) -> str:
+    """`verbose`: also every contact state and joint, and all that is assumed."""
     from ..report.columns import definitions
-    from ..report.robot_columns import AUDITED_JOINT, audited_states, joint_caption
-    from ..report.robot_text import audit_sentence, audit_warnings
+    from ..report.robot_columns import AUDITED_JOINT, asked, audited_states, joint_caption
+    from ..report.robot_text import audit_advice, audit_sentence, audit_warnings
+    from ..report.verdict import MOST_WARNINGS
 
     control = result.system.control
     title = f"All joints together ({model_text(control.sample_time, control.kd_path)})"
     columns = audited_states(result.enough_in)
     said, assumed = _simulator_text(simulated)
+    assumed, warned = result.system.assumptions + assumed, audit_warnings(result)
+    if not verbose:
+        left = len(result.joints) - FEW_JOINTS
+        more = f"{len(assumed)} assumptions" + (f", {left} more joints" if left > 0 else "")
+        return render(
+            audit_sentence(result),
+            *audit_advice(result),
+            *said,
+            column_table("", [one for one in AUDITED_JOINT if one.key != "motor_inertia"], result.by_headroom[:FEW_JOINTS], ("one loop",)),
+            f"alone, one loop: the factor until vibration; safe: {asked(result)} or more.",
+            *closing({"Report": report}, few(warned, MOST_WARNINGS)),
+            f"Posture: {result.states[0].posture}; {result.system.source.body.base} base",
+            f"{more}: --verbose.",
+        )
     return render(
         audit_sentence(result),
+        *audit_advice(result),
         *said,
         "",
         column_table(title, columns, result.states + result.immobile),
@@ -240,7 +263,7 @@ def _terminal(result: "Audit", simulated: "SimulatorAudit | None", report: Path 
         column_table("Joint by joint, in the worst state", AUDITED_JOINT, result.joints),
         joint_caption(result),
         f"Posture: {result.states[0].posture}; {result.system.source.body.base} base",
-        *closing({"Report": report}, audit_warnings(result), result.system.assumptions + assumed),
+        *closing({"Report": report}, warned, assumed),
     )
 
 

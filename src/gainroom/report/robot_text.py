@@ -217,10 +217,11 @@ def audit_sentence(result: Audit) -> str:
         delay = "These gains are unstable without delay, too." if result.delay_limit == 0 else delay
     elif math.isinf(result.delay_limit):
         delay = "No delay makes these gains vibrate."
+    mainly = f", mainly {listed(result.limiting_joints, most=2)}" if result.limiting_joints else ""
     if not limit.stable:
         remedy = f"Scale all gains below {limit.gain:.3g} ×." if limit.gain > 0 else _no_lower_gains(result)
         remedy = "Whether lower gains are stable is not known." if math.isnan(limit.gain) else remedy
-        return f"Not safe: unstable with {given} of delay. {remedy} {delay} {_count(count, result)}"
+        return f"Not safe: unstable with {given} of delay{mainly}. {remedy} {delay} {_count(count, result)}"
     unknown = [state.contact for state in result.states if math.isnan(state.limit.gain)]
     if unknown:
         return f"Not safe: stable, but the gain limit in {listed(unknown)} is not known. {_count(count, result)}"
@@ -228,15 +229,40 @@ def audit_sentence(result: Audit) -> str:
     factors, levels = (limit.gain, result.margin), (to_db(limit.gain), to_db(result.margin))
     enough = result.enough_in(worst)
     factor, level = (f"{pair[0]:.3g}" if enough else beside(*pair) for pair in (factors, levels))
-    start = f"Vibration starts at {factor} × these gains ({level} dB){at}"
+    start = f"Vibration starts at {factor} × these gains ({level} dB){at}{mainly}"
     start = "No common factor on all gains makes it vibrate" if math.isinf(limit.gain) else start
     if worst.margins.paths is not None and worst.margins.paths.headroom < limit.gain:
         start = _weakest_path(worst.margins.paths)
     if result.safe:
-        return f"Safe. {start}. {delay}"
+        return f"Safe{_if_rigid(result)}. {start}. {delay}"
     required = f"{result.margin:.3g} × ({to_db(result.margin):.2g} dB) required"
     short = f"{required}, and a joint by itself has less" if enough else required
     return f"Not safe. {start}; {short}. {delay} {_count(count, result)}"
+
+
+def audit_scale(result: Audit) -> float | None:
+    """The factor on all gains that makes unsafe ones safe, rounded down; None where none is known, and for safe gains."""
+    scale = result.scale
+    return None if result.safe or math.isnan(scale) else math.floor(1000 * scale) / 1000 if scale > 0.01 else scale
+
+
+def audit_advice(result: Audit) -> list[str]:
+    """What to do, in a sentence; nothing where gains are safe, or no remedy is known."""
+    scale, joints = audit_scale(result), result.by_headroom
+    if scale is None:
+        return []
+    first = joints[0]
+    gains = f"{first.name} kp {scale * first.kp:.4g}, kd {scale * first.kd:.4g}"
+    return [f"Use: all gains × {scale:.4g} ({gains}); then the margin holds."]
+
+
+def _if_rigid(result: Audit) -> str:
+    """What a safe verdict rests on where no stiffness was given."""
+    rigid = np.isinf(result.system.source.actuators.stiffness)
+    count = int(np.count_nonzero(rigid))
+    if not count:
+        return ""
+    return f" if {'the' if count == len(rigid) else f'{count} of {len(rigid)}'} gearboxes are rigid (give --stiffness and --damping)"
 
 
 def _no_lower_gains(result: Audit) -> str:

@@ -84,6 +84,22 @@ class Audit(Analysis):
         )
 
     @property
+    def by_headroom(self) -> tuple[AuditedJoint, ...]:
+        """The joints, unsafe ones first, then those with the least headroom alone."""
+        return tuple(sorted(self.joints, key=lambda joint: (joint.safe, -math.inf if math.isnan(joint.gain_limit) else joint.gain_limit)))
+
+    @property
+    def scale(self) -> float:
+        """The factor on all gains that makes them safe: exact, as every limit moves with one over it; NaN where none is known to.
+
+        None is known where kd has a path of its own, and where a state's gains may not fall so far.
+        """
+        limits = [min(state.limit.gain, *np.nan_to_num(state.single_joint_limits, nan=math.inf).tolist()) for state in self.states]
+        scale, lowest = min(limits) / self.margin, max(state.limit.lower_gain for state in self.states)
+        known = 0 < scale < math.inf and lowest * self.margin < scale
+        return scale if known and all(state.margins.paths is None for state in self.states) else math.nan
+
+    @property
     def delay_limit(self) -> float:
         """[s], over all states; NaN where none is known."""
         return min((state.delay_limit for state in self.states if not math.isnan(state.delay_limit)), default=math.nan)

@@ -1,0 +1,62 @@
+"""What audit says first: the joint, how far to lower the gains, and what a safe verdict rests on; within 25 lines of 80 columns."""
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+import yaml
+
+from gainroom.cli import main
+
+LEG = Path(__file__).parents[1] / "examples" / "robot.xml"
+
+
+@pytest.fixture(autouse=True)
+def narrow(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("COLUMNS", "80")
+
+
+def audited(capsys: pytest.CaptureFixture[str], *options: str) -> tuple[int, str]:
+    status = main(["audit", str(LEG), *(options if "--delay-ms" in options else ("--delay-ms", "2", *options))])
+    return status, capsys.readouterr().out
+
+
+@pytest.mark.parametrize("options", [(), ("--stiffness", "8000", "--damping", "2"), ("--rate-hz", "1000", "--margin-db", "12")])
+def test_the_first_lines_name_joint_and_remedy(capsys: pytest.CaptureFixture[str], options: tuple[str, ...]):
+    status, out = audited(capsys, *options)
+    assert status == 1
+    assert len(out.splitlines()) <= 25
+    assert max(map(len, out.splitlines())) <= 80
+    assert "ankle" in " ".join(out.splitlines()[:3])
+    assert "Use: all gains × " in out
+    _, whole = audited(capsys, *options, "--verbose")
+    assert "Assumed: " in whole
+    assert "Assumed: " not in out
+
+
+@pytest.mark.parametrize("delay", ["2", "4"])
+def test_scaled_gains_are_safe_and_hardly_more_is_not(tmp_path: Path, capsys: pytest.CaptureFixture[str], delay: str):
+    """Of gains that are stable (2 ms) and that are not (4 ms), typed again with the factor that is said, and with 1 % more."""
+    told = json.loads(audited(capsys, "--delay-ms", delay, "--json")[1])
+    assert (told["safe"], told["requirements_met"], told["unmet"]) == (False, False, ["gain_margin"])
+    assert told["stable"] == (delay == "2")
+    for factor, safe in ((told["scale"], True), (1.01 * told["scale"], False)):
+        gains = {joint["name"]: {"kp": factor * joint["kp"], "kd": factor * joint["kd"]} for joint in told["joints"]}
+        path = tmp_path / "gains.yaml"
+        for joint in told["joints"]:
+            gains[joint["name"]]["motor_inertia"] = joint["motor_inertia"]
+        path.write_text(yaml.safe_dump({"gains": gains}), "utf-8")
+        again = json.loads(audited(capsys, "--delay-ms", delay, "--gains", str(path), "--json")[1])
+        assert again["safe"] is safe
+        assert math.isclose(again["joints"][0]["kp"], factor * told["joints"][0]["kp"], rel_tol=1e-12)
+
+
+def test_safe_rests_on_rigid_gearboxes(capsys: pytest.CaptureFixture[str]):
+    """The headline says so, and says nothing of it where a stiffness is given."""
+    status, out = audited(capsys, "--delay-ms", "0.5")
+    assert status == 0
+    assert out.startswith("Safe if the gearboxes are rigid ")
+    assert "Use: " not in out
+    status, out = audited(capsys, "--delay-ms", "0.5", "--stiffness", "20000", "--damping", "20")
+    assert (status, out.startswith("Safe. ")) == (0, True)
