@@ -49,7 +49,8 @@ class TwoRates:
         loops = []
         for every, late, power in ((self.slow, self.slow_late, 0), (self.fast, self.fast_late, 1)):
             gains = {powers: gain for powers, gain in self.machine.gains.items() if powers[0] == power}
-            loops.append((every, late, law(replace(self.machine, gains=gains, sample_time=every * self.tick))))
+            low_pass = self.machine.low_pass if power else None  # of the velocity, and perhaps too fast for the other loop's rate
+            loops.append((every, late, law(replace(self.machine, gains=gains, low_pass=low_pass, sample_time=every * self.tick))))
         sizes = [states, *(len(one.a) for _, _, one in loops), n, n, *(late * n for _, late, _ in loops)]
         total = sum(sizes)
         edges = np.cumsum([0, *sizes])
