@@ -60,6 +60,9 @@ def test_the_written_robot_is_the_audited_one(tmp_path: Path, capsys: pytest.Cap
         assert [state[key] for state in again["states"]] == [state[key] for state in found["states"]]
     system = gr.load_robot("out/robot.yaml").system
     assert system.requirements.gain_margin == pytest.approx(10 ** (4 / 20))
+    usual = gr.Requirements.usual()
+    assert system.requirements.phase_margin == pytest.approx(usual.phase_margin)
+    assert system.requirements.peak_sensitivity == usual.peak_sensitivity
     assert system.control.sample_time == 1e-3
 
 

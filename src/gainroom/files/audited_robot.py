@@ -1,5 +1,6 @@
 """The robot of an audit as a robot.yaml, to go on from."""
 
+import math
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -8,6 +9,7 @@ from typing import Any
 import yaml
 
 from ..errors import GainroomError
+from ..system.requirements import Requirements
 from .robot_yaml import parse_robot
 
 
@@ -23,12 +25,15 @@ def audited_robot_text(sections: Mapping[str, Any], model: str, margin_db: float
 
     sections    of the audit
     model       as it was typed; a file is named from the folder of `target`
-    margin_db   that is asked for
+    margin_db   the gain margin that is asked for, beside the usual phase margin and peak sensitivity
 
     Raises GainroomError where what is written cannot be read back.
     """
     file = os.path.relpath(model, target.parent) if Path(model).exists() else model
-    data = {**sections, "model": {**sections["model"], "file": file}, "limits": {"gain_margin_db": margin_db}}
+    usual = Requirements.usual()
+    limits: dict[str, float | None] = {"gain_margin_db": margin_db, "phase_margin_deg": round(math.degrees(usual.phase_margin or 0.0), 6)}
+    limits["peak_sensitivity"] = usual.peak_sensitivity
+    data = {**sections, "model": {**sections["model"], "file": file}, "limits": limits}
     body = yaml.dump(data, Dumper=_Dumper, sort_keys=False, default_flow_style=None, allow_unicode=True, width=120)
     text = f"# Written by gainroom {version}: {' '.join(command.split())}\n{body}"
     try:
