@@ -118,3 +118,16 @@ def test_what_the_recommended_gains_keep_at_the_usual_rate(tmp_path: Path, capsy
     there = {name: usual["recommended"][name] for name in ("kp", "kd")}
     (tmp_path / "joint.yaml").write_text(yaml.safe_dump(file | {"control": file["control"] | there}), "utf-8")
     assert answer(capsys, "joint", str(tmp_path / "joint.yaml"), "--strict")[0] == 0
+
+
+def test_a_run_is_judged_by_what_was_asked_of_it_too(capsys: pytest.CaptureFixture[str]):
+    """The walking gains' 30 mm: by the table's own error at the end, which is more than 2 % of that in every direction."""
+    file = str(EXAMPLES / "biped-simulated.yaml")
+    status, out = answer(capsys, "simulate", file)
+    assert status == 0
+    assert_short(out)
+    told = json.loads(answer(capsys, "simulate", file, "--json")[1])
+    late = [name for name, found in told["tracking"].items() if name.startswith("com") and abs(found["steady_state"]) > 0.02 * 0.03]
+    assert late == ["com x", "com y", "com z"]
+    assert told["settled"] is False
+    assert "com x, com y and com z do not settle within 2 % of the move" in " ".join(out.split())

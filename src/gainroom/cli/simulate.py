@@ -10,8 +10,8 @@ import typer
 
 from ..report.number_format import digits
 from .interrupts import Stopped, stop_signals
-from .options import AsJson, Report, command_line, kind_of, number_option, refuse_inputs, report_stream
-from .output import closing, render, show, table
+from .options import AsJson, Report, Verbose, command_line, kind_of, number_option, refuse_inputs, report_stream
+from .output import closing, few, render, show, table
 from .progress import progress_bar
 
 if TYPE_CHECKING:
@@ -31,6 +31,7 @@ def simulate(
         typer.Argument(metavar="FILE", help="A joint.yaml or robot.yaml; see `gainroom example`.", show_default=False),
     ],
     as_json: AsJson = False,
+    verbose: Verbose = False,
     report: Report = None,
     log: Annotated[Path | None, typer.Option("--log", metavar="LOG", help="Also write every tick: .csv, .parquet or .mcap.")] = None,
     feedforward: Annotated[
@@ -55,7 +56,7 @@ def simulate(
     spec = _load(file, feedforward)
     with report_stream(report, log) as page:
         outcome = _simulated(spec, gain, log)
-        show(as_json, lambda: _facts(outcome, log), lambda: _terminal(outcome, report, log))
+        show(as_json, lambda: _facts(outcome, log), lambda: _terminal(outcome, report, log, verbose))
         if page is not None:
             from ..report.simulation import simulation_page
 
@@ -113,7 +114,7 @@ def _log_rows(log: Path | None, spec: "SimulationSpec") -> Iterator[Callable[["R
 
 def _facts(outcome: "Outcome", log: Path | None) -> dict[str, Any]:
     """What --json prints."""
-    from ..report.simulation_text import sentence, warnings
+    from ..report.simulation_text import sentence, unsettled, warnings
 
     run, found, limit, seen = outcome.run, outcome.tracking, outcome.limit, outcome.oscillation
     by_joint = {
@@ -145,11 +146,13 @@ def _facts(outcome: "Outcome", log: Path | None) -> dict[str, Any]:
         if limit is None
         else {"stable": limit.stable, "gain_limit": limit.gain, "limit_frequency_rad_s": limit.frequency},
         "log": None if log is None else str(log),
+        "settled": not unsettled(outcome) if any(time == time for time in found.settling_time.tolist()) else None,
         "warnings": list(warnings(outcome)),
     }
 
 
-def _terminal(outcome: "Outcome", report: Path | None, log: Path | None) -> str:
+def _terminal(outcome: "Outcome", report: Path | None, log: Path | None, verbose: bool) -> str:
+    """`verbose`: also torques, and the vibration beside the linear loop's."""
     from ..report.simulation_text import TRACKING, limit_text, sentence, tracking_cells, vibration_text, warnings
 
     run = outcome.run
@@ -162,18 +165,20 @@ def _terminal(outcome: "Outcome", report: Path | None, log: Path | None) -> str:
     rate = digits(1 / run.sample_time, "Hz")
     parts: list[Any] = [
         sentence(outcome),
-        "",
         table(
             f"Tracking, {run.feedback} side ({outcome.spec.kind}, {rate})",
             ("", *TRACKING),
             tracking,
         ),
+    ]
+    more = [
         table("Joints with the largest torques" if len(run.joint_names) > 1 else "Torque", ("", "torque peak", "RMS"), torques),
         table(
             "Vibration",
             ("", "frequency", "growth"),
             [("simulated", *vibration_text(outcome)), ("linear loop", *limit_text(outcome.limit))],
         ),
-        *closing({"Log": log, "Report": report}, warnings(outcome)),
     ]
-    return render(*parts)
+    said = warnings(outcome)
+    shown = closing({"Log": log, "Report": report}, said if verbose else few(said, 3))
+    return render(*parts, *(more if verbose else []), *shown, *([] if verbose else ["Torques and vibration: --verbose."]))

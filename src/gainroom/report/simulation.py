@@ -12,7 +12,7 @@ from .page import Card, Html, Lead, Section, beside, block, facts, page, paragra
 from .page_parts import footer
 from .simulation_figures import channels, close_up, drawn_channels, in_time
 from .simulation_inputs import KINDS, inputs
-from .simulation_text import TRACKING, floor_of, not_counted, overshoots, sentence, tracking_cells, warnings
+from .simulation_text import TRACKING, floor_of, not_counted, overshoots, sentence, tracking_cells, unsettled, warnings
 
 SHOWN_AS_ZERO = 1e-3
 """[N·m], and a participation factor: less is shown as 0."""
@@ -38,7 +38,7 @@ def simulation_page(outcome: Outcome, command: str) -> str:
 def _lead(outcome: Outcome) -> Lead:
     """The verdict with its sentence and warnings."""
     if outcome.sound:
-        return Lead(sentence(outcome), "good", "", warnings(outcome))
+        return Lead(sentence(outcome), "warn" if unsettled(outcome) else "good", "", warnings(outcome))
     verdict = {"fell": "FELL", "diverged": "DIVERGES"}.get(outcome.run.ending, "VIBRATES" if outcome.vibrates else "UNSTABLE")
     what = "this on the robot" if outcome.run.ending == "fell" else "these gains"
     return Lead(sentence(outcome), "bad", f"{verdict}: do not run {what}", warnings(outcome))

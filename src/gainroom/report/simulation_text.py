@@ -51,8 +51,26 @@ def sentence(outcome: Outcome) -> str:
     elif outcome.hidden:
         text = f"Unstable: {_excess(outcome.limit)}. This run shows no sustained vibration: {_hiding(outcome)}"
     else:
-        text = f"No vibration. {_errors(outcome)}"
+        text = f"No vibration{_unsettled(outcome)}. {_errors(outcome)}"
     return f"{text}. {prediction(outcome.limit)}."
+
+
+def unsettled(outcome: Outcome) -> list[int]:
+    """The channels that were asked to move, and do not stay within 2 % of the move around where they were sent."""
+    times, immovable = outcome.tracking.settling_time.tolist(), set(getattr(outcome.spec, "immovable", ()))
+    late = [k for k, time in enumerate(times) if math.isinf(time) and outcome.run.channels[k] not in immovable]
+    return late if outcome.completed else []
+
+
+def _unsettled(outcome: Outcome) -> str:
+    missed, names = unsettled(outcome), outcome.run.channels
+    if not missed:
+        return ""
+    most = max(missed, key=lambda k: float(outcome.tracking.overshoot[k]))
+    over = float(outcome.tracking.overshoot[most])
+    do = "do" if len(missed) > 1 else "does"
+    text = f", but {listed([printable(names[k]) for k in missed])} {do} not settle within 2 % of the move in this run"
+    return text + (f", and {printable(names[most])} overshoots by {100 * over:.3g} %" if over > 0 else "")
 
 
 def growth_text(outcome: Outcome) -> str:
