@@ -269,3 +269,19 @@ def test_a_robot_of_two_paths_is_reported(tmp_path: Path, capsys: pytest.Capture
     assert [state["state"] for state in facts["states"]] == [f"{posture}, {contact}" for posture, contact in system.source.states]
     assert main(["robot", str(path)]) == status
     assert "kp alone" in " ".join(capsys.readouterr().out.split())
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--rate-hz", "500"), "kp and kd run on the host (--gains-run)"),
+        (SPLIT, "kd runs on the drives, kp on the host (--gains-run)"),
+        (ON_DRIVE, "kp and kd run on the drives (--gains-run)"),
+    ],
+    ids=["host", "split", "drive"],
+)
+def test_the_first_screen_says_where_the_gains_run(options: tuple[str, ...], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    write_arm(tmp_path)
+    (tmp_path / "gains.yaml").write_text('".*": {kp: 400, kd: 30, motor_inertia: 0.5}', "utf-8")
+    main(["audit", str(tmp_path / "robot.urdf"), "--gains", str(tmp_path / "gains.yaml"), "--delay-ms", "0", *options])
+    assert said in " ".join(capsys.readouterr().out.split())

@@ -249,7 +249,7 @@ def _terminal(result: "Audit", simulated: "SimulatorAudit | None", report: Path 
             column_table("", [one for one in AUDITED_JOINT if one.key != "motor_inertia"], result.by_headroom[:FEW_JOINTS], ("one loop",)),
             f"alone, one loop: the factor until vibration; safe: {asked(result)} or more.",
             *closing({"Report": report}, few(warned, MOST_WARNINGS)),
-            f"Posture: {result.states[0].posture}; {result.system.source.body.base} base",
+            f"Posture: {result.states[0].posture}; {result.system.source.body.base} base; {_gains_run(result)} (--gains-run)",
             f"{more}: --verbose.",
         )
     return render(
@@ -265,6 +265,12 @@ def _terminal(result: "Audit", simulated: "SimulatorAudit | None", report: Path 
         f"Posture: {result.states[0].posture}; {result.system.source.body.base} base",
         *closing({"Report": report}, warned, assumed),
     )
+
+
+def _gains_run(result: "Audit") -> str:
+    """Which of the three cases of a delay is assumed, in a few words: the first assumption's own."""
+    first = result.system.assumptions[0].partition(" at ")[0].partition(":")[0]
+    return first if result.system.control.kd_path is None else f"{first}, kp on the host"
 
 
 def _simulator_facts(simulated: "SimulatorAudit") -> dict[str, Any]:
