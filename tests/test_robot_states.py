@@ -434,6 +434,8 @@ def test_audit_says_where_contacts_hold_every_joint(folder: Path, capsys: pytest
     assert first.keys() == second.keys()
     assert (first["moves"], second["moves"], second["stable"]) == (True, False, None)
     assert main(call) == 0
+    assert "contact: no joint that has gains can move" in " ".join(capsys.readouterr().out.split())
+    assert main([*call, "--verbose"]) == 0
     assert "contact – – – nothing moves –" in " ".join(capsys.readouterr().out.split())
 
 
