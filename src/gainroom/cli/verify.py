@@ -81,8 +81,8 @@ def _terminal(result: "Verification", report: Path | None) -> str:
     return render(
         sentence(result),
         "",
-        column_table("Factor on all gains at which vibration starts", GAIN_TABLE, result.cases),
-        column_table("Its frequency", FREQUENCY_TABLE, result.cases),
+        column_table("Factor on all gains at which vibration starts", GAIN_TABLE, result.cases, ("allowed", "difference")),
+        column_table("Its frequency", FREQUENCY_TABLE, result.cases, ("allowed", "difference", "method")),
         *(f"Left out: {warning}" for warning in result.warnings),
         *closing({"Report": report}, ()),
     )
