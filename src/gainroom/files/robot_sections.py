@@ -74,8 +74,8 @@ class JointsSection(BaseModel):
             if key not in LISTS and not isinstance(value, dict):
                 keys = ", ".join(ActuatorSection.model_fields)
                 raise refusal(
-                    f"{shown(value)} must be a section with keys among {keys}: every key here but locked and passive, the lists of joints "
-                    "that do not move and of those without a motor, is default or a joint's name or pattern",
+                    f"{shown(value)} must be a section with keys among {keys}: every key here but locked, the list of joints that do "
+                    "not move, and passive, of those without a motor, is default or a joint's name or pattern",
                     key=dotted(key),
                 )
         return {"entries": {key: value for key, value in data.items() if key not in LISTS}, **{key: data.get(key, []) for key in LISTS}}
