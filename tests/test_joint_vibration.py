@@ -262,7 +262,7 @@ def test_a_limit_just_above_the_gains_is_told_apart_from_them(tmp_path, capsys: 
     """4.157 / 4.155 = 1.0005: not "from 1 × these gains"."""
     path = tmp_path / "joint.yaml"
     path.write_text(text("duration: 0.5"), "utf-8")
-    main(["simulate", str(path), "--gain", "4.155"])
+    main(["simulate", str(path), "--gain", "4.155", "--verbose"])
     out = " ".join(capsys.readouterr().out.split())
     factor = simulated("duration: 0.5", 4.155).limit.gain
     assert 1 < factor < 1.001
