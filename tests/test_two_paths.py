@@ -182,6 +182,38 @@ def test_a_joint_without_kp_drifts_and_is_not_unstable():
     assert np.sort(np.abs(np.linalg.eigvals(matrix)))[-1] == approx(1, abs=1e-7)  # the drift
 
 
+@pytest.mark.parametrize("damping", [0.0, 1e-6])
+def test_slow_growth_of_soft_gains_is_told(damping: float):
+    """A resonance without damping moves by 1e-9 in a period with gains that hardly act on it: unstable where its eigenvalue is outside."""
+    said = []
+    for scale in (1.0, 1e-2, 1e-3, 1e-4, 1e-5):
+        for kp, kd in ((1e3, 30.0), (1e3, 1.0), (10.0, 0.0)):
+            for late in (20, 60, 80):
+                two = TwoRates(one_joint(kp=kp * scale, kd=kd * scale, damping=damping), DRIVE, 40, late, 10, 10)
+                outside = np.abs(np.linalg.eigvals(two.matrix())).max() - 1
+                if abs(outside) > 1e-9:  # of Φ's eigenvalues ten digits are sure
+                    assert gr.is_stable(loop_of(two)) == (outside < 0), (scale, kp, kd, late, outside)
+                    said.append(outside < 0)
+    assert {True, False} == set(said)
+
+
+def test_a_joint_without_gains_beside_others():
+    """It drifts at any speed; the other joint's limit is its own, and a resonance that no gain moves rests on the circle."""
+
+    def pair(value):
+        return np.array([value, value])
+
+    alone = TwoRates(one_joint(), DRIVE, 40, 80, 1, 0)
+    inertia, gains = np.diag([1 / 16.0, 1 / 3.0]), {(0, 0): np.diag([3000.0, 0.0]), (1, 0): np.diag([300.0, 0.0])}
+    machine = Machine(
+        inertia, pair(1.0), pair(1e4), np.array([1.0, 0.0]), pair(0.0), pair(0.0), None, None, pair(4000.0), pair(0.9), pair(0.0), gains,
+        None, None, "motor", None,
+    )  # fmt: skip
+    limit = gr.gain_limit(loop_of(TwoRates(machine, DRIVE, 40, 80, 1, 0)))
+    assert limit.stable
+    assert limit.gain == approx(gr.gain_limit(loop_of(alone)).gain, rel=1e-8)
+
+
 def test_the_worst_of_two_loops_has_the_worst_of_their_paths():
     near, far = (gr.margins(loop_of(TwoRates(one_joint(kp=kp), DRIVE, 40, 80, 1, 0))) for kp in (40000.0, 3000.0))
     both = worst_of([far, near])

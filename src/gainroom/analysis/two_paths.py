@@ -31,7 +31,9 @@ BULGE = 0.25
 """Of a step of an eigenvalue: how far its path may lie beside the straight line."""
 ACCURACY = 1e-13
 RESTING = 1e-5
-"""How near to the unit circle, and how fixed, an eigenvalue is that no gain moves."""
+"""How near to 1 round-off leaves the eigenvalue of a drift, twice of what no gain acts on, and to the circle one that no gain moves."""
+STILL = 1e-11
+"""How little an eigenvalue on the circle moves with all gains where none acts on it: round-off. One that grows moves by more."""
 
 Spectrum = Callable[[float], Complexes]
 
@@ -49,20 +51,20 @@ class TwoPaths:
 
     def __init__(self, loop: Loop) -> None:
         self.loop, self.map = loop, PeriodMap(loop)
-        self._resting = np.zeros(0)
+        self._drifting, self._still = _drifts(loop), np.zeros(0)
         there, elsewhere = self.values(), self.values(0.7, 0.7)
         near = there[np.abs(np.abs(there) - 1) < RESTING]
-        self._resting = near[[bool(np.abs(elsewhere - one).min() < RESTING) for one in near]] if len(near) else near
+        self._still = near[[bool(np.abs(elsewhere - one).min() < STILL) for one in near]] if len(near) else near
 
     def values(self, others: object = 1.0, kd: object = 1.0, later: tuple[float, float] = (0.0, 0.0)) -> Complexes:
-        """Eigenvalues of Φ but for those that rest on the circle whatever the gains: a joint without kp drifts."""
+        """Eigenvalues of Φ, 0 in the place of those that rest on the circle whatever the gains: a joint without kp drifts."""
         matrix = (PeriodMap(self.loop, later) if any(later) else self.map).matrix(others, kd)
         if not np.all(np.isfinite(matrix)):
             raise GainroomError("loop: its numbers are too large to compute with")
         found = np.linalg.eigvals(matrix).astype(complex)
-        for one in self._resting:
+        for one, off in [(1.0, RESTING)] * self._drifting + [(one, 10 * STILL) for one in self._still]:
             at = int(np.argmin(np.abs(found - one)))
-            if abs(found[at] - one) < 10 * RESTING:
+            if abs(found[at] - one) < off:
                 found[at] = 0.0
         return found
 
@@ -188,11 +190,24 @@ class TwoPaths:
 
         ends = (
             first_lost(scaled, 0.0, math.log(HIGHEST), exp=True),
-            first_lost(scaled, 0.0, math.log(1e-3), exp=True),
+            first_lost(scaled, 0.0, math.log(LOWEST), exp=True),
             first_lost(lambda t: scaled(_turned(t)), 0.0, math.pi),
         )
         upper, lower, turn = (none if end is None else end.at for end, none in zip(ends, (math.inf, 0.0, math.inf), strict=True))
         return upper, lower, turn, all(end is None or end.certificate.holds for end in ends)
+
+
+def _drifts(loop: Loop) -> int:
+    """Eigenvalues at 1 whatever the gains: positions that no kp or ki brings back, and the speeds of those without kd, too."""
+    assert loop.parts is not None
+    if loop.parts.plant.gravity_stiffness is not None:
+        return 0
+    controller, unit = loop.parts.controller, np.eye(loop.size)
+    terms = [np.zeros((loop.size, loop.size))] + [
+        unit * gain if np.ndim(gain) < 2 else np.asarray(gain) for gain in controller.without_kd().terms().values()
+    ]
+    kd = [unit * gain if np.ndim(gain) < 2 else np.asarray(gain) for gain in controller.kd_alone().terms().values()]
+    return 2 * loop.size - int(np.linalg.matrix_rank(np.vstack(terms))) - int(np.linalg.matrix_rank(np.vstack(terms + kd)))
 
 
 def path_margins(loop: Loop) -> PathMargins:
