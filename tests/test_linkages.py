@@ -175,6 +175,12 @@ def test_a_joint_that_follows(tmp_path):
         assert_allclose(linearize(body, actuators(1), q).link_inverse_inertia, projected(mass, rows, picked), rtol=SOLVED)
 
 
+def test_a_joint_held_by_a_constant_stays_held(tmp_path):
+    body = load_model(write(tmp_path, FOLLOWING.replace(' joint2="lead"', "")), passive=["follow"])
+    assert dict(body.locked) == {"follow": 0.0}
+    assert not body.passive
+
+
 def test_a_joint_that_mimics_another(tmp_path):
     """Two wheels with one motor: inertia of the other by the square of the ratio; where it is locked it does not count."""
     links = link("base") + link("one", 2.0, inertia=(1, 0.3, 1)) + link("two", 1.0, inertia=(1, 0.1, 1))

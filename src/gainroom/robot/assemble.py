@@ -132,6 +132,8 @@ def _not_actuated(
     named = set().union(*select_all(passive, names, key, lambda pattern: f"{key}[{list(passive).index(pattern)}]"))
     looped = _looped(description) - (description.actuated or set()) if description.actuated is not None else set()
     held = {index for index, name in enumerate(names) if name in description.held}
+    followers = {one.follower for one in description.linkages if isinstance(one, FollowingJoint)}
+    named -= {index for index in held if names[index] not in followers}  # by a constant: nothing moves them
     idle = ({index for index, name in enumerate(names) if name in looped} - held | named) - fixed
     still = (everything - chosen | fixed | held) - idle
     return tuple(names[index] for index in sorted(still)), tuple(names[index] for index in sorted(idle))
