@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..linear.arrays import Complexes, Floats
+from ..linear.arrays import Floats
 
 Disc = tuple[Any, Any]
 """(mid, rad), (n,) each, or (m, n)."""
@@ -124,8 +124,3 @@ def gathered(first: dict[int, Disc], second: dict[int, Disc]) -> dict[int, Disc]
 def constant(value: float, count: int) -> Ball:
     """A quantity that is the same in all `count` boxes."""
     return Ball((np.full(count, value, dtype=float), np.zeros(count)))
-
-
-def centers(disc: Disc) -> Complexes:
-    """The mid of each disc."""
-    return np.asarray(disc[0])

@@ -104,6 +104,18 @@ def common_phase(sweep: Sweep) -> End | None:
     return min(ends, key=lambda end: abs(end.at), default=None)
 
 
+def delay_margin(loop: Loop) -> float:
+    """The smallest extra delay [s] in all loops, n > 1, at which a stable set vibrates, inf where none is; NaN for an unstable one.
+
+    Raises GainroomError as coupled_margins does.
+    """
+    sweep = Sweep(loop)
+    if sweep.unstable(1.0) != 0 or sweep.full:
+        return coupled_margins(loop).delay_margin
+    end = _common_delay(sweep)
+    return end.at if end is not None and end.certificate.holds else math.inf if end is None else coupled_margins(loop).delay_margin
+
+
 def _common_delay(sweep: Sweep) -> End | None:
     family = delays(sweep)
     longest = max((one.at for one in family.crossings()), default=None)

@@ -12,6 +12,7 @@ import math
 
 import numpy as np
 
+from ..native import _core
 from ..system.loop import Loop
 from .first_crossing import SEARCH, Certificate
 from .margin_record import GainLimit
@@ -45,6 +46,15 @@ def proved_limit(loop: Loop) -> GainLimit | None:
             mode = first.mode / first.mode[np.argmax(np.abs(first.mode))]
             return GainLimit(True, first.gain, 0.0, first.omega, mode, Certificate(0, 2 * level), None, math.nan)
     return GainLimit(True, math.inf, 0.0, math.nan, np.ones(loop.size, dtype=complex), None)
+
+
+def posture_limits(modal: ModalLoop) -> "_core.PostureLimits | None":
+    """The same proof for the laws of `modal` behind other modes, one posture after the other; None where lead does not outweigh lag."""
+    corners, most = modal.bends[modal.bends > 0], float(modal.turns.max())
+    if not len(corners) or not math.isfinite(most) or not np.all(modal.leads > LEAST_LEAD * modal.turns):
+        return None
+    slow, fast = min(float(corners.min()), 1 / most), float(corners.max())
+    return _core.PostureLimits(modal.core, slow, fast, [NEAREST, FURTHEST], modal.passive)
 
 
 def _ends(modal: ModalLoop) -> tuple[float, float] | None:

@@ -7,8 +7,9 @@ finds to break a requirement becomes active, and the search starts over. Where t
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ from ..analysis.margin_record import Margins, worst_of
 from ..analysis.margins import margins, margins_of
 from ..analysis.range_proof import Proof, prove
 from ..errors import GainroomError
-from ..linear.arrays import Floats, distinct
+from ..linear.arrays import Floats
 from ..system.controller import PD
 from ..system.drive import Drive
 from ..system.loop import Feedback, Loop, build_loop
@@ -50,8 +51,8 @@ class Recommendation:
     margins       in the worst of the cases looked at; `worst_case` says where that is
     worst         every margin in the case looked at where that margin is smallest: they may come from different cases
     nominal       margins at the nominal values
-    binding       the requirement without which kp could go highest; where dropping any one alone gains nothing, the tightest
-    costs         largest kp if one requirement were dropped, by its name [N m/rad]; what the uncertainty costs: uncertainty_cost.py
+    shortfalls    of each requirement, by its name: by how much it is missed in the worst case; below 0: met
+    dropped       searches for `costs`, when they are asked for
     certificate   what has been checked, as text
     proved        the requirements hold for every joint within the uncertainty; False: at those that were looked at
     """
@@ -63,10 +64,20 @@ class Recommendation:
     worst: Margins
     nominal: Margins
     worst_case: dict[str, float]
-    binding: str
-    costs: dict[str, float]
+    shortfalls: dict[str, float]
+    dropped: Callable[[], dict[str, float]]
     certificate: str
     proved: bool
+
+    @cached_property
+    def costs(self) -> dict[str, float]:
+        """Largest kp if one requirement were dropped, by its name [N m/rad]; what the uncertainty costs: uncertainty_cost.py."""
+        return self.dropped()
+
+    @property
+    def binding(self) -> str:
+        """The requirement without which kp could go highest; where dropping any one alone gains nothing, the tightest."""
+        return max(self.costs, key=lambda name: (self.felt.get(name, self.kp), self.shortfalls[name]))
 
     @property
     def felt(self) -> dict[str, float]:
@@ -168,10 +179,6 @@ class _Search:
             high = (1.002 if count < QUICK_ROUNDS else 0.8) * kp
         else:
             return None
-        asked = self.requirements.asked
-        costs = {name: self.cost(kp, [other for other in asked if other != name], self.active) for name in asked}
-        short = self.requirements.shortfalls(worst)
-        binding = max(asked, key=lambda name: (costs[name] if costs[name] >= (1 + COST_ACCURACY) * kp else kp, short[name]))
         nominal = self.margins([NOMINAL], kp, kd)[0]
         case = self.case(place)
         return Recommendation(
@@ -182,11 +189,16 @@ class _Search:
             worst=worst_of(self.seen),
             nominal=nominal,
             worst_case={name: value_of(case, name) for name in self.uncertainty.names},
-            binding=binding,
-            costs=costs,
+            shortfalls=self.requirements.shortfalls(worst),
+            dropped=lambda: self.costs(kp),
             certificate=self.certificate(),
             proved=self.proof is None or self.proof.holds,
         )
+
+    def costs(self, kp: float) -> dict[str, float]:
+        """See `Recommendation.costs`."""
+        asked = self.requirements.asked
+        return {name: self.cost(kp, [other for other in asked if other != name], self.active) for name in asked}
 
     def cost(self, kp: float, names: Sequence[str], regions: list[PDRegion]) -> float:
         """The largest kp, from the recommended one up, with these requirements and cases alone."""
@@ -275,18 +287,18 @@ class _Search:
         kp = _rounded_down(min(high, largest))
         if not kp > 0:
             return None
-        for _ in range(5):  # the first search is as good as its grid; this one is exact
-            trials = distinct(np.array([_rounded_down(kp * 0.9989**k) for k in range(8)]))[::-1]
+        for _ in range(4):  # the first search is as good as its grid; this one is exact
+            trials = _and_below(kp)
             found = self.first_allowed(trials)
             if found is not None:
                 return found
-            kp = 0.999 * float(trials[-1])
+            kp = 0.9995 * float(trials[-1])
         kp = self.largest(self.requirements.asked, self.active, low, kp, accuracy=0.001, polish=True)  # the grid was far off
-        return None if math.isnan(kp) else self.first_allowed(np.array([_rounded_down(min(kp, high) * 0.9989**k) for k in range(8)]))
+        return None if math.isnan(kp) else self.first_allowed(_and_below(min(kp, high)))
 
     def first_allowed(self, kps: Floats) -> tuple[float, float] | None:
         """The first of `kps` (k,) that the active cases allow, and its best kd."""
-        for some in np.split(kps, [1, 3]):  # mostly the first will do
+        for some in np.split(kps, [1]):  # mostly the first will do; seven more at once cost little more than one
             for kp, allowed in zip(some, self.allowed(self.active, some, self.requirements.asked, polish=True), strict=True):
                 if len(allowed):
                     return float(kp), self.best_kd(float(kp), *allowed[-1])
@@ -339,6 +351,14 @@ def _common(first: Floats, second: Floats) -> Floats:
     high = np.minimum(first[:, None, 1], second[None, :, 1])
     keep = high > low
     return np.stack([low[keep], high[keep]], axis=1)
+
+
+def _and_below(kp: float) -> Floats:
+    """`kp` > 0 rounded down to three significant digits, and the seven next lower numbers of as many digits."""
+    found = [_rounded_down(kp)]
+    while len(found) < 8:
+        found.append(_rounded_down(found[-1] * (1 - 1e-5)))  # the next one down
+    return np.array(found)
 
 
 def _rounded_down(value: float) -> float:

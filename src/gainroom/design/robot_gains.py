@@ -39,6 +39,10 @@ TRIED = 2
 """Beginnings, where one does not come to gains that meet the requirements."""
 ALIKE = 0.01
 """Relative: joints whose data and loads differ by less are raised together."""
+RESERVE = 1e-3
+"""Of each requirement, kept in the search, so that gains may be rounded to few digits: four move each by half of that at most."""
+DIGITS = (4, 5, 6, 7)
+"""That gains are rounded to: the first that keep what is required."""
 EVERYWHERE = ""
 """The contact state of the set that is safe in all."""
 
@@ -144,6 +148,8 @@ def recommend_robot(
     """
     states = list(system.cases(weight=space == "joint"))
     first = states[0].model
+    required = system.requirements
+    states = [replace(state, system=replace(state.system, requirements=required.tightened(RESERVE))) for state in states]
     found = [_joint_state(state) if space == "joint" else _task_state(state) for state in states]
     moved = [state.model for state, one in zip(states, found, strict=True) if one.moves.any()] or [first]
     beginning = joints_alone(system, first, np.min([link_inertia(model) for model in moved], axis=0))
@@ -155,13 +161,13 @@ def recommend_robot(
         beginning = tasks_alike(tasks, beginning)
     nearest: dict[str, str] = {}
     known = {} if start is None else {EVERYWHERE: start.everywhere, **start.per_contact}
-    safe = _set(EVERYWHERE, found, beginning, progress, nearest, known.get(EVERYWHERE))
+    safe = _set(EVERYWHERE, found, required, beginning, progress, nearest, known.get(EVERYWHERE))
     whole: dict[str, GainSet | None] = {}
     own = {contact: [state for state in found if state.contact == contact] for contact in system.source.contacts}
 
     def alone(contact: str) -> Job[GainSet | None]:
         first = known.get(contact) or safe
-        return lambda told: _set(contact, own[contact], beginning, told, nearest, first)
+        return lambda told: _set(contact, own[contact], required, beginning, told, nearest, first)
 
     for contact in [contact for contact, states in own.items() if len(states) == len(found)]:
         whole[contact] = safe and replace(safe, contact=contact)
@@ -198,6 +204,7 @@ def _unweighed(system: System, space: str, states: Sequence[StateCase]) -> tuple
 def _set(
     contact: str,
     states: Sequence[_State],
+    required: Requirements,
     beginning: Beginning,
     progress: Callable[[], None],
     nearest: dict[str, str],
@@ -227,19 +234,19 @@ def _set(
         nearest[contact] = near
         return None
     immobile = np.setdiff1d(np.arange(size), free)
-    gains = found.gains.copy()
+    gains, margins = _rounded(found, cases, required)
     gains[:, immobile[given[immobile]]] = math.nan
     stiff = stiffness(gains, cascade)
     compliance = np.divide(beginning.unit, stiff, out=np.full(size, math.nan), where=stiff > 0)
     softest = max(free.tolist(), key=lambda j: np.nan_to_num(compliance[j]))
     where = tuple("" if k < 0 else cases[k].title for k in found.case)
-    topples = [state.with_weight.title for state in acting if without and not state.with_weight.margins(found.gains).stable]
+    topples = [state.with_weight.title for state in acting if without and not state.with_weight.margins(np.nan_to_num(gains)).stable]
     return GainSet(
         contact,
         gains[0],
         gains[1],
         gains[2] if cascade.any() else None,
-        worst_of(found.margins),
+        worst_of(margins),
         where[softest],
         len(acting),
         compliance,
@@ -250,6 +257,16 @@ def _set(
         near if without else "",
         tuple(topples),
     )
+
+
+def _rounded(found: Raised, cases: Sequence[Case], required: Requirements) -> tuple[Gains, Sequence[Margins]]:
+    """The gains in as few digits as keep what is required, and their margins in every case."""
+    for digits in DIGITS:
+        gains = np.array([[float(f"{gain:.{digits}g}") for gain in row] for row in found.gains.tolist()])
+        margins = [case.all_margins(gains) for case in cases]
+        if all(required.met_by(one) for one in margins):
+            return gains, margins
+    return found.gains.copy(), found.margins
 
 
 def _searched(

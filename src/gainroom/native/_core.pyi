@@ -78,6 +78,13 @@ class ModalLoop:
     def excluded(self, low: float, high: float, gain: float, basis: Complexes, floor: float, most: int) -> bool:
         """Whether no gain up to `gain` puts a root in [low, high], in coordinates of `basis` (n, n), vectors in rows."""
 
+class PostureLimits:
+    """As in posture_limits.hpp: a loop's laws behind other modes, one posture after the other."""
+
+    def __init__(self, loop: ModalLoop, slow: float, fast: float, highest: list[float], passive: bool) -> None: ...
+    def run(self, rigid: Floats, shapes: Floats, poles: Complexes, partners: Complexes, inexact: Floats) -> tuple[Integers, Floats]:
+        """ModeStacks of k postures: (k, 1) 1 where the limit is proved; (k, 3) gain, ω and the number of the joint that moves most."""
+
 class Body:
     """As in motion.hpp; positions, rates, entries (2, m)."""
 

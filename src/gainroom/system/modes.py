@@ -6,6 +6,7 @@ complex φ (Tisseur and Meerbergen 2001).
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,6 +15,8 @@ from ..linear.arrays import Complexes, Floats
 AT_REST = 1e-9  # of the largest squared natural frequency: smaller ones are motions without a spring
 ALONE = 1e-12  # of the dampers: less coupling between modes is round-off
 SAME = 1e-6  # of a pole: distance to one that is as good as equal
+ROUNDING = 4e-16  # of a matrix that is as good as its entries
+LIGHT = 0.1  # 2ζ: where damping is more, it does not count
 APART = 1e-3  # of a pole, likewise: distance of the two of a mode
 
 
@@ -58,6 +61,49 @@ def modes_of(mass: Floats, damping: Floats, stiffness: Floats, position: Floats)
         poles, parts = _quadratic(squares, damping)
         shapes = parts @ shapes
     return Modes(rigid, shapes, poles, partners)
+
+
+class ModeStacks(NamedTuple):
+    """Modes of one robot in k postures: M₀ (k, n, n), real φ (k, m, n), λ and μ (k, m), and what each sum is off by, relative (k,)."""
+
+    rigid: Floats
+    shapes: Floats
+    poles: Complexes
+    partners: Complexes
+    inexact: Floats
+
+
+def posture_modes(inverse_inertia: Floats, motor_inertia: Floats, stiffness: Floats, damping: Floats) -> ModeStacks | None:
+    """Of joints that are all rigid, or all elastic with dampers in one proportion to their springs: W (k, n, n), all else (n,), as Plant.
+
+    The gearboxes' twists δ = θ − q obey δ̈ + (W + J⁻¹)(K δ + B δ̇) = J⁻¹ τ. With B = T K and S = K^½ (W + J⁻¹) K^½ = U Λ Uᵀ the motors
+    have φ = J⁻¹ K^½ U Λ^(−½), λ and μ are the roots of s² + TΛ s + Λ, and M₀ = W (I + J W)⁻¹. An error dS of S moves the sum by
+    |dS| |(Λ (1 + jωT) − ω²)⁻¹| of itself at most, which bounds `inexact`. It is infinite where a mode's poles are as good as one.
+
+    None for other joints, and without damping.
+    """
+    size, count = len(motor_inertia), len(inverse_inertia)
+    rigid = np.linalg.solve(np.eye(size) + inverse_inertia * motor_inertia, inverse_inertia)
+    rigid = (rigid + rigid.swapaxes(1, 2)) / 2
+    if np.all(np.isinf(stiffness)):
+        none = np.zeros((count, 0), dtype=complex)
+        return ModeStacks(rigid, np.zeros((count, 0, size)), none, none, np.full(count, ROUNDING * size))
+    ratio = damping / stiffness
+    if not (np.all(np.isfinite(stiffness)) and ratio[0] > 0 and np.all(np.abs(ratio - ratio[0]) <= ALONE * ratio[0])):
+        return None
+    root = np.sqrt(stiffness)
+    twist = root[:, None] * (inverse_inertia + np.diag(1 / motor_inertia)) * root
+    squares, vectors = np.linalg.eigh(twist)
+    natural = np.sqrt(squares)
+    shapes = ((root / motor_inertia)[:, None] * vectors / natural[:, None, :]).swapaxes(1, 2)
+    own = ratio[0] * squares
+    apart = np.sqrt(own**2 / 4 - squares + 0j)
+    largest = squares[:, -1]
+    off = np.linalg.norm((vectors * squares[:, None, :]) @ vectors.swapaxes(1, 2) - twist, axis=(1, 2))
+    off += largest * np.linalg.norm(vectors.swapaxes(1, 2) @ vectors - np.eye(size), axis=(1, 2)) + ROUNDING * size * largest
+    inexact = off / (squares[:, 0] * np.minimum(LIGHT, ratio[0] * natural[:, 0]))
+    inexact[np.any(np.abs(apart) < APART * natural, axis=1)] = np.inf
+    return ModeStacks(rigid, np.ascontiguousarray(shapes), -own / 2 + apart, -own / 2 - apart, inexact)
 
 
 def undamped(mass: Floats, stiffness: Floats) -> tuple[Floats, Floats]:

@@ -1,4 +1,6 @@
-#include "gainroom/coupled_limit.hpp"
+#include "gainroom/posture_limits.hpp"
+
+#include <nanobind/stl/vector.h>
 
 #include "arrays.hpp"
 
@@ -48,6 +50,7 @@ static void set_laws(gainroom::ModalLoop& loop, ComplexVector zeros, ComplexVect
         zero = zero_end;
         pole = pole_end;
     }
+    loop.find_alike();
 }
 
 static nb::tuple responses(const gainroom::ModalLoop& loop, Vector omega) {
@@ -112,6 +115,30 @@ static bool excluded(const gainroom::ModalLoop& loop, double low, double high, d
     return left.empty();
 }
 
+// Postures one after the other: proved (k, 1); (k, 3) gain, ω and the joint that moves most.
+static nb::tuple posture_limits(gainroom::PostureLimits& limits, Cube rigid, Cube shapes, ComplexMatrix poles, ComplexMatrix partners,
+                                Vector inexact) {
+    const std::size_t count = rigid.shape(0), n = limits.size(), modes = poles.shape(1);
+    if (rigid.shape(1) != n || rigid.shape(2) != n || shapes.shape(0) != count || shapes.shape(1) != modes || shapes.shape(2) != n ||
+        poles.shape(0) != count || partners.shape(0) != count || partners.shape(1) != modes || inexact.size() != count)
+        throw nb::value_error("rigid (k, n, n), shapes (k, m, n), poles and partners (k, m) and inexact (k,) do not fit");
+    std::vector<std::int64_t> proved(count);
+    std::vector<double> found(3 * count);
+    {
+        nb::gil_scoped_release release;
+        limits.forget();
+        for (std::size_t k = 0; k < count; k++) {
+            const gainroom::PostureLimit one = limits.at(rigid.data() + k * n * n, shapes.data() + k * modes * n, poles.data() + k * modes,
+                                                         partners.data() + k * modes, modes, inexact.data()[k]);
+            proved[k] = one.proved;
+            found[3 * k] = one.gain;
+            found[3 * k + 1] = one.omega;
+            found[3 * k + 2] = double(one.joint);
+        }
+    }
+    return nb::make_tuple(owned(proved.data(), count, 1), owned(found.data(), count, 3));
+}
+
 void bind_coupled(nb::module_& m) {
     nb::class_<gainroom::ModalLoop>(m, "ModalLoop")
         .def("__init__",
@@ -127,4 +154,13 @@ void bind_coupled(nb::module_& m) {
         .def("limit", &limit, nb::arg("grid"), nb::arg("highest"), nb::arg("nudge"), nb::arg("floor"), nb::arg("passive"))
         .def("searched", &searched, nb::arg("low"), nb::arg("high"), nb::arg("gain"), nb::arg("passive"))
         .def("excluded", &excluded, nb::arg("low"), nb::arg("high"), nb::arg("gain"), nb::arg("basis"), nb::arg("floor"), nb::arg("most"));
+    nb::class_<gainroom::PostureLimits>(m, "PostureLimits")
+        .def("__init__",
+             [](gainroom::PostureLimits* self, const gainroom::ModalLoop& loop, double slow, double fast, const std::vector<double>& highest,
+                bool passive) {
+                 require(loop.laws.size() == loop.size && loop.size > 0, "the laws of all joints are needed");
+                 new (self) gainroom::PostureLimits(loop, slow, fast, highest, passive);
+             },
+             nb::arg("loop"), nb::arg("slow"), nb::arg("fast"), nb::arg("highest"), nb::arg("passive"))
+        .def("run", &posture_limits, nb::arg("rigid"), nb::arg("shapes"), nb::arg("poles"), nb::arg("partners"), nb::arg("inexact"));
 }

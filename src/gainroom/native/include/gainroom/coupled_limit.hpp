@@ -29,9 +29,17 @@ class CoupledLimit {
         solution_.resize(border_);
         functions_.resize(loop.modes);
         later_.resize(loop.modes);
-        laws_.resize(2 * n_);
+        laws_.resize(n_);
+        later_laws_.resize(n_);
         scale_.resize(n_);
         mobility_.resize(n_ * n_);
+    }
+
+    // Before a search up to `highest` on [low, high]: what crossings of a loop much like this one lead to. They only save time.
+    void begin(const std::vector<Crossing>& near, double low, double high, double highest) {
+        for (Crossing one : near)
+            if (polish(one) && one.omega >= low && one.omega <= high && one.gain < highest && !known(one)) crossings.push_back(one);
+        sort();
     }
 
     // Searches factors up to `highest` on [grid.front(), grid.back()], of a plant that is `passive`, or not known to be (Exclusion::leading_to).
@@ -40,7 +48,7 @@ class CoupledLimit {
         std::vector<Interval> open;
         if (n_ == 0 || !(highest > 0)) return false;
         if (grid_count < 2) return false;
-        const Interval among = searched(grid[0], grid[grid_count - 1], highest, passive);
+        const Interval among = searched(grid[0], grid[grid_count - 1], crossings.empty() ? highest : crossings.front().gain, passive);
         for (std::size_t k = 1; k < grid_count; k++)
             if (grid[k] > among.low && grid[k - 1] < among.high)
                 open.push_back({std::max(grid[k - 1], among.low), std::min(grid[k], among.high)});
@@ -118,7 +126,7 @@ class CoupledLimit {
 
     const ModalLoop& loop_;
     std::size_t n_, border_;
-    std::vector<Complex> mobility_, matrix_, solution_, functions_, later_, laws_;
+    std::vector<Complex> mobility_, matrix_, solution_, functions_, later_, laws_, later_laws_;
     std::vector<double> scale_;
 
     std::vector<Interval> left_by(const std::vector<Interval>& open, Exclusion exclusion, double floor) {
@@ -146,8 +154,12 @@ class CoupledLimit {
                 }
             if (found) break;
         }
-        std::sort(crossings.begin(), crossings.end(), [](const Crossing& a, const Crossing& b) { return a.gain < b.gain; });
+        sort();
         return found;
+    }
+
+    void sort() {
+        std::sort(crossings.begin(), crossings.end(), [](const Crossing& a, const Crossing& b) { return a.gain < b.gain; });
     }
 
     // Where Re(e^{jθ} F) is singular, e^{jθ} turning the mean of the d_i to be real: the gains below 1.5 `gain` that are nearly the lowest.
@@ -155,11 +167,12 @@ class CoupledLimit {
         rescale(omega);
         respond(omega);
         Complex mean = 0.0;
-        for (std::size_t i = 0; i < n_; i++) mean += loop_.inverse_law(i, omega) * (scale_[i] * scale_[i]);
+        loop_.inverse_laws(omega, laws_.data());
+        for (std::size_t i = 0; i < n_; i++) mean += laws_[i] * (scale_[i] * scale_[i]);
         const Complex turn = std::conj(mean) / std::abs(mean);
         std::vector<double> form(n_ * n_), vectors(n_ * n_, 0.0), units(n_);
         for (std::size_t i = 0; i < n_; i++) {
-            const double own = times(turn, loop_.inverse_law(i, omega)).real();
+            const double own = times(turn, laws_[i]).real();
             if (!(own > 0)) return {};
             units[i] = 1 / std::sqrt(own);
             vectors[i * n_ + i] = 1.0;
@@ -232,7 +245,8 @@ class CoupledLimit {
     }
 
     void rescale(double omega) {
-        for (std::size_t i = 0; i < n_; i++) scale_[i] = 1 / std::sqrt(std::abs(loop_.inverse_law(i, omega)));
+        loop_.inverse_laws(omega, laws_.data());
+        for (std::size_t i = 0; i < n_; i++) scale_[i] = 1 / std::sqrt(std::abs(laws_[i]));
     }
 
     // Q at ω, lower triangle.
@@ -253,12 +267,12 @@ class CoupledLimit {
     // The bordered matrix at (ω, v), in the units of `scale_`.
     void fill(double omega, double v, const std::vector<Complex>& x, double unit) {
         respond(omega);
+        loop_.inverse_laws(omega, laws_.data());
         for (std::size_t i = 0; i < n_; i++) {
             for (std::size_t j = 0; j <= i; j++) {
                 const Complex value = mobility_[i * n_ + j] * (scale_[i] * scale_[j]);
                 matrix_[i * border_ + j] = matrix_[j * border_ + i] = value;
             }
-            laws_[i] = loop_.inverse_law(i, omega);
             matrix_[i * border_ + i] += v * laws_[i] * (scale_[i] * scale_[i]);
             matrix_[i * border_ + n_] = matrix_[n_ * border_ + i] = std::conj(x[i]) * unit;
             solution_[i] = 0.0;
@@ -271,11 +285,12 @@ class CoupledLimit {
     Complex form(double omega, double v, const std::vector<Complex>& x) {
         Complex f0, value = 0.0;
         loop_.functions(omega, f0, later_.data());
+        loop_.inverse_laws(omega, later_laws_.data());
         for (std::size_t i = 0; i < n_; i++) {
             const Complex own = x[i] * scale_[i];
             Complex rest = 0.0;
             for (std::size_t j = 0; j < n_; j++) rest += loop_.rigid[i * n_ + j] * scale_[j] * x[j];
-            value += times(own, times(f0, rest) + v * times(loop_.inverse_law(i, omega), own));
+            value += times(own, times(f0, rest) + v * times(later_laws_[i], own));
         }
         for (std::size_t k = 0; k < loop_.modes; k++) {
             Complex along = 0.0;

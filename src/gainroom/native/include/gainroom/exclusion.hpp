@@ -84,6 +84,7 @@ class Exclusion {
             const Cell cell(low, std::min(low * stride, high), loop_.step, loop_.inexact);
             bool leads = true;
             for (std::size_t i = 0; i < n_ && leads; i++) {
+                if (loop_.alike[i] < i) continue;
                 const Complex start = loop_.inverse_law(i, cell.a), end = loop_.inverse_law(i, cell.b);
                 const double size = std::max(ModalLoop::inverse_law_size(start, cell.a, cell.step),
                                              ModalLoop::inverse_law_size(end, cell.b, cell.step));
@@ -190,10 +191,8 @@ class Exclusion {
     void align(double low, double high) {
         const double middle = std::sqrt(low * high);
         Complex mean = 0.0;
-        for (std::size_t i = 0; i < n_; i++) {
-            scale_[i] = loop_.inverse_law(i, middle);
-            mean += scale_[i] / std::abs(scale_[i]);
-        }
+        loop_.inverse_laws(middle, scale_.data());
+        for (std::size_t i = 0; i < n_; i++) mean += scale_[i] / std::abs(scale_[i]);
         for (std::size_t i = 0; i < n_; i++) {
             const double turn = alignment_ == 0 ? 0.0 : 0.5 * alignment_ * turn_between(scale_[i], mean);
             scale_[i] = std::polar(1 / std::sqrt(std::abs(scale_[i])), turn);
@@ -241,10 +240,10 @@ class Exclusion {
         node.resize(n_, stride_, mixed());
         node.omega = omega;
         sum_.respond(omega, node.real.data(), node.imaginary.data());
+        loop_.inverse_laws(omega, node.law.data());
         for (std::size_t i = 0; i < n_; i++) {
-            const Complex d = loop_.inverse_law(i, omega);
-            node.size[i] = ModalLoop::inverse_law_size(d, omega, loop_.step);
-            node.law[i] = times(d, times(scale_[i], scale_[i]));
+            node.size[i] = ModalLoop::inverse_law_size(node.law[i], omega, loop_.step);
+            node.law[i] = times(node.law[i], times(scale_[i], scale_[i]));
             if (!mixed()) {
                 node.real[i * stride_ + i] += v_ * node.law[i].real();
                 node.imaginary[i * stride_ + i] += v_ * node.law[i].imag();
@@ -275,8 +274,9 @@ class Exclusion {
         else
             sum_.missed(cell, missed_.data());
         double most = 0.0;
+        if (!one) loop_.inverse_law_bends(cell, left.size.data(), right.size.data(), law_bends_.data());
         for (std::size_t i = 0; i < n_; i++) {
-            law_bends_[i] = one ? 0.0 : loop_.inverse_law_bend(i, cell, std::max(left.size[i], right.size[i])) * std::norm(scale_[i]);
+            law_bends_[i] = one ? 0.0 : law_bends_[i] * std::norm(scale_[i]);
             most = std::max(most, law_bends_[i]);
         }
         most *= mixing_size_;

@@ -44,13 +44,18 @@ public:
 
     std::vector<CurveStep> meets(bool locus, bool axis) const {
         std::vector<CurveStep> found;
+        if (!samples_.ok()) return found;  // of what is lost the samples are not in order, nor their loci paired
         const auto& all = samples_.samples();
         for (std::size_t k = 0; k + 1 < all.size(); k++) {
             const LoopSample &low = *all[k], &high = *all[k + 1];
             if (locus && !samples_.near(low, high)) continue;
+            double noise = 0.0;  // of loci: more directions than motions leave some at 0, where round-off moves them about
+            if (locus)
+                for (const Complex& value : low.loci.values) noise = std::max(noise, kNoise * kNoise * std::norm(value));
             for (std::size_t i = 0; i < (locus ? m_ : n_); i++) {
                 const Complex start = locus ? low.loci.values[i] : return_ratio(low.sensitivity[i]);
                 const Complex end = locus ? high.loci.values[low.pairs[i]] : return_ratio(high.sensitivity[i]);
+                if (std::norm(start) < noise) continue;
                 CurveStep step{locus, i, low.omega(), high.omega(), 0.0, start, 0.0};
                 if (axis) {
                     if ((start.imag() > 0) == (end.imag() > 0)) continue;
@@ -113,6 +118,7 @@ public:
     // Peaks of |slope S_ii + offset| above `least`: height, place and growth of its logarithm.
     std::vector<MovingMargin> peaks(const DirectedGains& gains, double least, double slope, double offset, bool moves) {
         std::vector<MovingMargin> found;
+        if (!samples_.ok()) return found;
         const auto& all = samples_.samples();
         const auto size = [&](std::size_t k, std::size_t i) { return std::abs(slope * all[k]->sensitivity[i] + offset); };
         for (std::size_t k = 1; k + 1 < all.size(); k++)
@@ -157,6 +163,7 @@ public:
     // Values that are real and negative where the boundary ends, which a gain moves along the axis, with |ln of them| < `reach`.
     std::vector<MovingMargin> ends(bool locus, const DirectedGains& gains, double reach, bool moves) {
         std::vector<MovingMargin> found;
+        if (!samples_.ok()) return found;
         if (std::isfinite(loop_.last)) add_end(*samples_.samples().back(), samples_.samples().back()->loci.values, locus, gains, reach, moves, found);
         // At rest: loci where gravity holds; return ratios also where the other loops leave motions alone that this one's gains hold or topple.
         const double lowest = samples_.samples().front()->omega();
@@ -194,7 +201,8 @@ public:
 private:
     // What is polished: crossings and peaks whose interpolated margins are within kClose of the least, or kSlack [rad, ln].
     static constexpr double kSame = 1e-7, kAside = 1e-5, kOffCourse = 1e-3, kClose = 0.05, kSlack = 0.01, kBefore = 1e-3, kReal = 0.01;
-    static constexpr double kExact = 1e-11, kTwins = 0.02, kFar = 1.5, kSettled = 1e-4, kDeepest = 1e-6, kBlur = 1e-6;
+    static constexpr double kExact = 1e-11, kTwins = 0.02, kFar = 1.5, kSettled = 1e-4, kDeepest = 1e-6, kBlur = 1e-6,
+                            kNoise = 1e-10;
     static constexpr int kParabolas = 4, kRounds = 30, kHalvings = 40;
 
     LeastMargins counted_least() {

@@ -93,9 +93,11 @@ class ModalLoop {
     double inexact;                   // relative: how far the sum over modes is off
     std::vector<Factors> laws;        // c (n), continuous: with current loop
     std::vector<double> delays;       // of the laws (n)
+    std::vector<std::size_t> alike;   // of each joint: the first that has the same law and delay; see find_alike
 
     // To be called once, when everything above is filled in.
     void prepare() {
+        find_alike();
         held_.clear();
         current_.clear();
         if (step == 0) return;
@@ -110,6 +112,17 @@ class ModalLoop {
                 held_.push_back(held(pole));
                 weights(pole, held_.back());
             }
+    }
+
+    // Again where laws have been changed since `prepare`: equal ones are evaluated once.
+    void find_alike() {
+        alike.clear();
+        for (std::size_t i = 0; i < laws.size(); i++) {
+            std::size_t k = 0;
+            while (k < i && !(delays[k] == delays[i] && laws[k].gain == laws[i].gain && laws[k].zeros == laws[i].zeros && laws[k].poles == laws[i].poles))
+                k++;
+            alike.push_back(k);
+        }
     }
 
     bool pairs() const { return !partners.empty(); }
@@ -174,6 +187,16 @@ class ModalLoop {
 
     // d_i = x/c_i at ω.
     Complex inverse_law(std::size_t i, double omega) const { return over(Cell::weight(omega, step), value_at(laws[i], delays[i], step, {0.0, omega})); }
+
+    // All d_i (n) at ω.
+    void inverse_laws(double omega, Complex* d) const {
+        for (std::size_t i = 0; i < size; i++) d[i] = alike[i] < i ? d[alike[i]] : inverse_law(i, omega);
+    }
+
+    // Of all joints (n), from |1/c_i| at the ends of the cell.
+    void inverse_law_bends(const Cell& cell, const double* left, const double* right, double* out) const {
+        for (std::size_t i = 0; i < size; i++) out[i] = alike[i] < i ? out[alike[i]] : inverse_law_bend(i, cell, std::max(left[i], right[i]));
+    }
 
     // Largest deviation of d_i from its interpolation over a cell.
     double inverse_law_bend(std::size_t i, const Cell& cell, double at_ends) const {

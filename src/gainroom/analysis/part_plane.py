@@ -1,0 +1,180 @@
+"""The stable gains (kp, kd) of one part of a controller, one joint or one direction of a task, all other gains as they are.
+
+With D = D_0 + δ_p D_a + δ_d D_b, D_a and D_b of rank one with the same directions, det(I + L) is multiplied by f = 1 + δ_p a + δ_d b, with
+a = tr((I + L)⁻¹ P C D_a) and b likewise. f(jω) = 0 are two real equations linear in the gains, one point per ω (D-decomposition; Neimark
+1949; Ackermann 2002, ch. 4); the roots of the gains as they are have been counted, and every crossing changes that count by two.
+
+Sampled, not certified: a picture of where gains can go. What is said of gains is said by analysis/margins.py.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..errors import GainroomError
+from ..linear.arrays import Complexes, Floats, Integers, distinct
+from ..system.loop import Loop
+from .coupled_margins import sensitivity
+from .gain_region import traced
+from .stability import unstable_roots
+from .stability_boundary import in_blocks
+
+PER_DECADE = 60
+LARGEST_STEP = 0.1  # between samples, of the size that the gains of the picture have there
+ROUNDS, MOST = 9, 6000  # of refinement; samples
+BELOW = 1e-3  # of the lowest corner frequency: where sampling begins
+COLUMNS = 56
+
+
+@dataclass(frozen=True)
+class PartPlane:
+    """f along the boundary of stability around the gains (kp, kd) as they are.
+
+    omega   (k,) rising [rad/s]
+    a, b    (k,) what a change of kp and of kd does to f
+    count   unstable roots of the gains as they are
+    last    half the sample rate [rad/s]; None: continuous
+    """
+
+    omega: Floats
+    a: Complexes
+    b: Complexes
+    kp: float
+    kd: float
+    count: int
+    last: float | None
+
+    @classmethod
+    def of(cls, loop: Loop, left: Floats, right: Floats, kp: float, kd: float, window: tuple[float, float]) -> "PartPlane":
+        """Of the part left (n,) right (n,)ᵀ of a loop's controller, resolved for gains up to `window`.
+
+        Raises GainroomError for a controller without kp and kd.
+        """
+        assert loop.parts is not None
+        units = loop.parts.controller.units()
+        if "kp" not in units or "kd" not in units:
+            raise GainroomError(f"{type(loop.parts.controller).__name__}: has no kp and kd of one joint alone")
+        controller = loop.parts.controller
+
+        def at(omega: Floats) -> Complexes:
+            s = 1j * omega
+            v = loop.variable(s)
+            actuated = loop.gain * loop.actuated_at(s)
+            returned = controller.after(actuated, s, v, loop.sample_time)
+            through = ((right @ sensitivity(loop, returned))[:, None] @ actuated @ left)[:, 0]
+            return np.stack([through * units[name].matrix(s, v, 1, loop.sample_time)[:, 0, 0] for name in ("kp", "kd")], axis=1)
+
+        omega = _grid(loop)
+        values = in_blocks(at, omega, loop.size)
+        for _ in range(ROUNDS):
+            with np.errstate(divide="ignore", invalid="ignore"):
+                inverse = 1 / values[:, 0]
+                scale = np.abs(values[:, 1]) * np.abs(inverse) * window[1] + window[0]
+                small = np.minimum(np.abs(inverse[1:]), np.abs(inverse[:-1]))
+                rough = np.abs(np.diff(inverse)) > LARGEST_STEP * np.maximum(small, np.minimum(scale[1:], scale[:-1]))
+            spots = np.flatnonzero(rough & (np.diff(omega) > 1e-9 * omega[1:]))
+            if not len(spots) or len(omega) > MOST:
+                break
+            more = 0.5 * (omega[spots] + omega[spots + 1])
+            omega = np.insert(omega, spots + 1, more)
+            values = np.insert(values, spots + 1, in_blocks(at, more, loop.size), axis=0)
+        last = None if loop.sample_time is None else math.pi / loop.sample_time
+        return cls(omega, values[:, 0], values[:, 1], kp, kd, unstable_roots(loop), last)
+
+    def ratio(self, kp: float, kd: float) -> Complexes:
+        """(k,) the return ratio of this part with gains (kp, kd), all others closed: f without −1 + f at none of its own."""
+        return (kp * self.a + kd * self.b) / (1 - self.kp * self.a - self.kd * self.b)
+
+    @cached_property
+    def curve(self) -> tuple[Floats, Floats, Floats]:
+        """kp and kd (k,) at which f(jω) = 0, and the determinant of the two equations, whose sign says which side has more roots."""
+        determinant = self.a.real * self.b.imag - self.a.imag * self.b.real
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return self.kp - self.b.imag / determinant, self.kd + self.a.imag / determinant, determinant
+
+    @cached_property
+    def static(self) -> float:
+        """The kp at which a root is at s = 0: below it nothing is stable, as one root has left alone."""
+        rest = float(self.a[0].real)
+        return self.kp - 1 / rest if rest else -math.inf
+
+    def columns(self, kps: Floats) -> list[Floats]:
+        """For each kp (m,): the stable kd as open intervals (p, 2), sorted, the last one perhaps to ∞.
+
+        Raises GainroomError where the gains as they are fall over at rest: then the count says nothing of other gains.
+        """
+        if self.count % 2 or self.kp < self.static:
+            raise GainroomError("with these gains a joint falls over at rest, so there is no map of stable gains: raise kp")
+        place, kd, change = self._met(True, kps)
+        _, kp, moved = self._met(False, np.array([self.kd]))
+        found = []
+        for m, value in enumerate(kps.tolist()):
+            between = (kp > min(value, self.kp)) & (kp < max(value, self.kp))
+            here = self.count + (1 if value > self.kp else -1) * int(moved[between].sum())
+            mine = np.flatnonzero(place == m)
+            mine = mine[np.argsort(kd[mine])]
+            ends = np.concatenate([[-math.inf], kd[mine], [math.inf]])
+            below = here - int(change[mine][kd[mine] < self.kd].sum())
+            counts = below + np.append(0, np.cumsum(change[mine]))
+            free = (counts == 0) & (ends[1:] > ends[:-1]) & (value > self.static)
+            found.append(np.stack([ends[:-1], ends[1:]], axis=1)[free])
+        return found
+
+    def outlines(self, window: tuple[float, float]) -> tuple[Floats, ...]:
+        """Closed polylines (m, 2), columns kp and kd, around the stable gains within kp, kd ≥ 0 and twice `window`."""
+        low = max(0.0, self.static)
+        ends = low + (window[0] - low) * 0.5 * (1 - np.cos(np.linspace(0, math.pi, COLUMNS)))
+        kps = distinct(np.append(np.clip(ends, low + 1e-6 * window[0], None), self.kp + 1e-9 * window[0]))
+        kps = kps[kps <= 1.0001 * window[0]]
+        columns = [np.clip(one, 0.0, 2 * window[1]) for one in self.columns(kps)]
+        return traced(kps, [one[one[:, 1] > one[:, 0]] for one in columns])
+
+    def _met(self, upright: bool, values: Floats) -> tuple[Integers, Floats, Integers]:
+        """Where the curve meets lines kp = value, or kd = value: index into values, the other gain, change of the count as that grows."""
+        kp, kd, determinant = self.curve
+        along, other = (kp, kd) if upright else (kd, kp)
+        low, high = along[:-1], along[1:]
+        sound = np.isfinite(low) & np.isfinite(high) & (np.sign(determinant[1:]) == np.sign(determinant[:-1]))
+        meets = sound & ((low <= values[:, None]) != (high <= values[:, None]))
+        index, k = np.nonzero(meets)
+        share = (values[index] - low[k]) / (high[k] - low[k])
+        rising = np.sign(high[k] - low[k]) * np.sign(determinant[k])
+        change = (-2 * rising if upright else 2 * rising).astype(int)
+        found = other[k] + share * (other[k + 1] - other[k])
+        if self.last is None:
+            return index, found, change
+        # A root at z = −1: one line, on which f(−1) = 0; which way it moves is seen from the sample next to it.
+        a, b = float(self.a[-1].real), float(self.b[-1].real)
+        own, cross = (self.kp, self.kd) if upright else (self.kd, self.kp)
+        here, there = (a, b) if upright else (b, a)
+        if there == 0:
+            return index, found, change
+        delta = -(1 + (values - own) * here) / there
+        near_a, near_b = self.a[-2], self.b[-2]
+        near = (1 + (values - own) * near_a + delta * near_b) if upright else (1 + (values - own) * near_b + delta * near_a)
+        slope = near.imag / (math.pi * (1 - self.omega[-2] / self.last))
+        more = np.where(there / slope > 0, 1, -1)
+        return np.append(index, np.arange(len(values))), np.append(found, cross + delta), np.append(change, more)
+
+
+def _grid(loop: Loop) -> Floats:
+    """Frequencies from far below every corner to where gains of a picture do nothing; denser at resonances, and where the delay turns."""
+    assert loop.parts is not None
+    corners = np.abs(loop.corner_frequencies)
+    corners = corners[corners > 0]
+    delay = max(drive.delay for drive in loop.parts.drives)
+    slowest = min(float(corners.min(initial=math.inf)), 1 / delay if delay else math.inf, 1e3)
+    fastest = max(float(corners.max(initial=0.0)), 1 / delay if delay else 0.0, 1.0)
+    low, high = BELOW * slowest, max(4 * fastest, 8 * math.pi / delay if delay else 30 * fastest)
+    if loop.sample_time is not None:
+        high = math.pi / loop.sample_time
+    parts = [np.geomspace(low, high, round(PER_DECADE * math.log10(high / low)))]
+    for root in loop.corner_frequencies[loop.corner_frequencies.imag > 0]:
+        parts.append(root.imag + max(abs(root.real), 1e-4 * root.imag) * np.sinh(np.linspace(-5, 5, 15)))
+    if delay:
+        parts.append(np.arange(low, high, 0.3 / delay))
+    omega = distinct(np.concatenate(parts))
+    omega = omega[(omega >= low) & (omega <= high)]
+    return omega if loop.sample_time is None else distinct(np.concatenate([omega[omega < high * (1 - 1e-6)], [high * (1 - 1e-6), high]]))

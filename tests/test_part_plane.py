@@ -1,0 +1,116 @@
+"""The stable gains of one joint or task direction, others closed, against a count of the roots at random gains."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import gainroom as gr
+from gainroom.analysis.part_plane import PartPlane
+from gainroom.analysis.stability import is_stable
+from gainroom.cli.example import example_texts
+from gainroom.files.robot_yaml import parse_robot
+
+pytest.importorskip("pinocchio")
+TEXT = example_texts()["biped"]
+SAMPLED = TEXT.replace("  kd: 100.0 ", "  sample_rate_hz: 2000\n  kd: 100.0 ")
+SOFT = TEXT.replace("kp: 2000.0 ", "kp: 4000.0 ").replace("kd: 100.0 ", "kd: 420.0 ")
+
+
+def inside(columns: np.ndarray, kd: float) -> bool:
+    return bool(np.any((columns[:, 0] < kd) & (kd < columns[:, 1])))
+
+
+def nearest_end(columns: np.ndarray, kd: float) -> float:
+    ends = columns[np.isfinite(columns)]
+    return float(np.abs(ends - kd).min()) if len(ends) else np.inf
+
+
+@pytest.mark.parametrize(
+    ("text", "joint", "state"),
+    [
+        (TEXT, "left_knee", ("stand", "left")),
+        (SAMPLED, "left_ankle_pitch", ("stand", "double")),
+        (SOFT, "right_hip_roll", ("crouch", "flight")),
+        (SAMPLED, "right_knee", ("crouch", "left")),
+    ],
+)  # fmt: skip
+def test_random_gains_of_one_joint_are_stable_where_the_plane_says_so(text: str, joint: str, state: tuple[str, str]):
+    """The truth is the package's own certified count of the whole robot's roots, at gains that the plane has not seen."""
+    system = parse_robot(text, "biped.yaml")
+    model = system.source.linearize(*state)
+    k, size = model.joint_names.index(joint), model.size
+    own = system.controller(model)
+    kp, kd = (np.broadcast_to(np.asarray(gain, dtype=float), size).copy() for gain in (own.kp, own.kd))
+    unit, window = np.eye(size)[k], (12 * kp[k], 12 * kd[k])
+    plane = PartPlane.of(system.loop(model), unit, unit, kp[k], kd[k], window)
+    draw = np.random.default_rng(5)
+    stable = 0
+    for _ in range(60):
+        kp[k], kd[k] = draw.uniform(0.01, 1, 2) * window
+        truth = is_stable(system.loop(model, replace(own, kp=kp.copy(), kd=kd.copy())))
+        (columns,) = plane.columns(np.array([kp[k]]))
+        stable += truth
+        if nearest_end(columns, kd[k]) > 2e-3 * window[1]:  # closer, the picture's line is as wide
+            assert inside(columns, kd[k]) == truth, (kp[k], kd[k], columns)
+    assert 3 <= stable <= 57
+
+
+def test_one_direction_of_a_task():
+    text = (
+        TEXT.replace("space: joint", "space: task")
+        .replace("  kp: 2000.0 ", "  # ")
+        .replace("  kd: 100.0 ", "  # ")
+        .replace("  type: pd\n", "  type: pd\n")
+    )
+    system = parse_robot(text, "biped.yaml")
+    model = system.source.linearize("stand", "double")
+    tasks = system.source.tasks(model)
+    k = tasks.directions.index("com z")
+    window = (400 * tasks.kp[k], 100 * tasks.kd[k])
+    plane = PartPlane.of(system.loop(model), tasks.torque[:, k], tasks.jacobian[k], tasks.kp[k], tasks.kd[k], window)
+    draw, stable = np.random.default_rng(6), 0
+    for _ in range(40):
+        kp, kd = tasks.kp.copy(), tasks.kd.copy()
+        kp[k], kd[k] = draw.uniform(0.01, 1, 2) * window
+        truth = is_stable(system.loop(model, system.filtered(replace(tasks, kp=kp, kd=kd).controller())))
+        (columns,) = plane.columns(np.array([kp[k]]))
+        stable += truth
+        if nearest_end(columns, kd[k]) > 2e-3 * window[1]:
+            assert inside(columns, kd[k]) == truth, (kp[k], kd[k], columns)
+    assert 2 <= stable <= 38
+
+
+@pytest.mark.parametrize("sample_time", [None, 5e-4])
+def test_of_a_single_joint_it_is_the_exact_region(sample_time: float | None):
+    """n = 1: the exact region, which has another derivation of the counts, ends where the plane's columns end, to the picture's width."""
+    joint = gr.ElasticJoint(motor_inertia=1.0, link_inertia=16.0, stiffness=1e4, damping=1.0)
+    drive = gr.Drive(bandwidth=4000.0, damping_ratio=0.9, delay=2e-3)
+    loop = gr.build_loop(joint.plant(), drive, gr.PD(1e4, 300.0), sample_time=sample_time)
+    region = gr.pd_region(joint, drive, sample_time=sample_time)
+    window = (3e4, 900.0)
+    plane = PartPlane.of(loop, np.ones(1), np.ones(1), 1e4, 300.0, window)
+    kps = np.linspace(500.0, 2.9e4, 17)
+    for exact, found in zip(region.columns(kps), plane.columns(kps), strict=True):
+        assert found.shape == exact.shape
+        assert np.allclose(found, exact, atol=2e-3 * window[1])
+
+
+def test_the_return_ratio_with_others_closed():
+    """From the determinants: 1 + ℓ is det(I + L) over the same without the part's gains."""
+    system = parse_robot(TEXT, "biped.yaml")
+    model = system.source.linearize("stand", "left")
+    own = system.controller(model)
+    size = model.size
+    plane = PartPlane.of(system.loop(model), np.eye(size)[3], np.eye(size)[3], 2000.0, 100.0, (4000.0, 200.0))
+    kp, kd = np.full(size, 2000.0), np.full(size, 100.0)
+    places = np.linspace(5, len(plane.omega) - 5, 9).astype(int)
+    omega = plane.omega[places]
+
+    def determinant(p: float, d: float) -> np.ndarray:
+        kp[3], kd[3] = p, d
+        loop = system.loop(model, replace(own, kp=kp.copy(), kd=kd.copy()))
+        return np.linalg.det(np.eye(size) + loop.response(omega))
+
+    expected = determinant(3000.0, 140.0) / determinant(0.0, 0.0) - 1
+    assert np.allclose(plane.ratio(3000.0, 140.0)[places], expected, rtol=1e-6)
