@@ -1,0 +1,176 @@
+"""gainroom sweep: the gain limit in every posture."""
+
+import contextlib
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from .interrupts import Stopped, stop_signals
+from .options import AsJson, Report, Strict, command_line, report_stream
+from .output import closing, column_table, render, show
+from .progress import progress_bar
+
+if TYPE_CHECKING:
+    from ..studies.swept_margins import WorstStates
+    from ..sweep.plan import SweepPlan
+    from ..sweep.store import Store
+    from ..sweep.summary import SweepSummary, SweptPosture
+
+
+def sweep(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A robot.yaml; `gainroom example biped` prints one.", show_default=False)],
+    samples: Annotated[
+        int | None, typer.Option(help="So many postures, spread evenly within the joints' limits; 10 000 without any other choice.")
+    ] = None,
+    ranges: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--range", metavar="JOINT=LOW:HIGH", help="In place of a joint's limits [rad; m if prismatic]; name or pattern; repeats."
+        ),
+    ] = None,
+    grid: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="JOINT=LOW:HIGH:POINTS", help="A grid over these joints, the others as in --posture; name or pattern; repeats."
+        ),
+    ] = None,
+    trajectory: Annotated[
+        Path | None, typer.Option(metavar="LOG", help="The postures of a log: columns motor_position_NAME or link_position_NAME.")
+    ] = None,
+    posture: Annotated[str, typer.Option(metavar="NAME", help="Where joints stand that are not swept; the first without it.")] = "",
+    contact: Annotated[list[str] | None, typer.Option(metavar="NAME", help="A contact state; repeats; all without it.")] = None,
+    draws: Annotated[int, typer.Option(help="Also so many draws of the file's `uncertainty`.")] = 0,
+    seed: Annotated[int, typer.Option(help="Of samples and draws.")] = 0,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR.zarr", help="Keep the results there, as they come; a run that was stopped goes on with the same command."
+        ),
+    ] = None,
+    workers: Annotated[int | None, typer.Option(help="Processes; one per core without it.")] = None,
+    scheduler: Annotated[str | None, typer.Option(metavar="ADDRESS", help="Compute on the workers of this Dask scheduler.")] = None,
+    as_json: AsJson = False,
+    strict: Strict = False,
+    report: Report = None,
+) -> int:
+    """The gain limit in many postures, contact states and draws of what is uncertain; which posture is the worst, and how sure that is.
+
+    \b
+    Example:
+      gainroom sweep robot.yaml --samples 100000 --output sweep.zarr --report sweep.html
+
+    Exit status: 0 stable in every posture swept; 1 unstable or not known in one, with --strict also where a requirement is not met;
+    2 the file or the call is wrong.
+    """
+    from ..errors import GainroomError
+    from ..files.robot_yaml import load_robot_system
+    from ..files.sweep_options import SweepOptions, sweep_plan
+
+    if workers is not None and (workers < 1 or scheduler is not None):
+        raise GainroomError(f"--workers {workers} must be 1 or more, and not beside --scheduler")
+    system = load_robot_system(file)
+    options = SweepOptions(samples, grid or (), ranges or (), trajectory, contact or (), draws, seed, posture)
+    plan = sweep_plan(system, options)
+    with report_stream(report) as page, _store(output, plan) as store:
+        from ..studies.swept_margins import worst_states
+        from ..sweep.search import searched
+        from ..sweep.summary import summarized
+
+        _run(store, workers, scheduler or "", output)
+        found = summarized(plan, store.finished())
+        near, at_worst = searched(found), worst_states(found)
+        show(as_json, lambda: _facts(found, near, at_worst, output), lambda: _terminal(found, near, at_worst, output, report))
+        if page is not None:
+            from ..report.sweep import sweep_page
+
+            page.write(
+                sweep_page(
+                    found, near, at_worst, store, command_line("sweep", file, *_typed(options), ("--output", output), ("--report", report))
+                )
+            )
+    return 0 if found.stable and not (strict and (at_worst.unmet or not found.margin_held)) else 1
+
+
+@contextlib.contextmanager
+def _store(output: Path | None, plan: "SweepPlan") -> "Iterator[Store]":
+    """Where results go; without a name for the length of the call."""
+    from ..sweep.store import Store
+
+    if output is not None:
+        yield Store.of(output, plan)
+        return
+    from ..io.run_files import at_last
+
+    folder = tempfile.TemporaryDirectory(prefix="gainroom-")
+    with at_last(folder.cleanup):
+        yield Store.of(Path(folder.name) / "sweep.zarr", plan)
+
+
+def _run(store: "Store", workers: int | None, scheduler: str, output: Path | None) -> None:
+    """Raises Stopped where a signal asks for it, which says how far it came."""
+    from ..sweep.run import run
+
+    with stop_signals() as asked, progress_bar("sweep:") as progress:
+        done = run(store, workers, scheduler, progress, lambda: asked() > 0)
+        if done.finished < done.total:
+            kept = f"; {done.finished} of {done.total} limits are in {output}: the same command goes on" if output is not None else ""
+            raise Stopped(asked(), kept)
+
+
+def _typed(options: Any) -> "list[tuple[str, Any]]":
+    """As options of the command."""
+    once = [("--samples", options.samples), ("--trajectory", options.trajectory), ("--posture", options.posture or None)]
+    once += [("--draws", options.draws or None), ("--seed", options.seed or None)]
+    many = [("--range", options.ranges), ("--grid", options.grid), ("--contact", options.contacts)]
+    return [*once, *((flag, value) for flag, values in many for value in values)]
+
+
+def _facts(found: "SweepSummary", near: "SweptPosture | None", at_worst: "WorstStates", output: Path | None) -> dict[str, Any]:
+    """What --json prints."""
+    from .. import __version__
+    from ..report.columns import facts
+    from ..report.number_format import as_typed, model_kind
+    from ..report.robot_columns import state_columns
+    from ..report.sweep_text import columns, posture_facts, sentence, warnings
+    from ..system.requirements import to_db
+
+    plan = found.plan
+    sample_time = plan.system.control.sample_time
+    return {
+        "robot": plan.robot.name,
+        "gainroom": __version__,
+        "stable": found.stable,
+        "gain_margin_met": found.margin_held if found.margin > 1 else None,
+        "unmet": list(at_worst.unmet),
+        "sentence": sentence(found),
+        "model": model_kind(sample_time),
+        "sample_rate_hz": None if sample_time is None else 1 / sample_time,
+        "margin_db": as_typed(to_db(found.margin)) if found.margin > 1 else None,
+        "postures": plan.postures.kind,
+        "count": plan.postures.count,
+        "draws": len(plan.places) - 1,
+        "limits": found.count,
+        "unknown": found.unknown,
+        "uncertified": found.uncertified,
+        "worst": posture_facts(found, found.worst),
+        "searched": posture_facts(found, near),
+        "worst_states": [facts(state_columns(), state) for state in at_worst.states],
+        "scale": found.scale,
+        "rarer_than": found.rarer_than,
+        "contacts": [facts(columns(found), one) for one in found.contacts],
+        "output": None if output is None else str(output),
+        "warnings": warnings(found),
+    }
+
+
+def _terminal(found: "SweepSummary", near: "SweptPosture | None", at_worst: "WorstStates", output: Path | None, report: Path | None) -> str:
+    from ..report.sweep_text import advice, columns, looked_at, sentence, sureness, unmet_text, warnings
+
+    table = column_table("", columns(found), found.contacts, ("highest", "10 %"))
+    said = [text for text in (unmet_text(found, at_worst), advice(found, at_worst)) if text]
+    sure = [*sureness(found, near), *filter(None, [looked_at(found, at_worst)])]
+    files = {"Results": output, "Report": report}
+    return render(sentence(found), *said, table, *sure, *closing(files, warnings(found)))

@@ -1,0 +1,129 @@
+"""The postures, contact states and draws that a call of `gainroom sweep` asks for, from text."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import GainroomError, nearest
+from ..linear.arrays import Floats
+from ..robot.body import RigidBody
+from ..robot.name_patterns import compile_pattern
+from ..robot.robot import Robot
+from ..sweep.plan import SweepPlan, drawn
+from ..sweep.postures import Postures, followed, gridded, sampled
+from ..system.system import System
+
+POSITIONS = ("link_position", "motor_position")
+"""Channels of a log that are a posture, the better one first."""
+
+
+@dataclass(frozen=True)
+class SweepOptions:
+    """As typed.
+
+    samples      None: the default, where nothing else is asked for
+    grid         JOINT=LOW:HIGH:POINTS each, ranges JOINT=LOW:HIGH; JOINT is a name or a pattern
+    trajectory   a log with positions of joints
+    contacts     names; empty: all of the robot's
+    posture      where joints stand that are not swept; "": in the first
+    """
+
+    samples: int | None = None
+    grid: Sequence[str] = ()
+    ranges: Sequence[str] = ()
+    trajectory: Path | None = None
+    contacts: Sequence[str] = ()
+    draws: int = 0
+    seed: int = 0
+    posture: str = ""
+
+
+SAMPLES = 10_000
+
+
+def sweep_plan(system: System, options: SweepOptions) -> SweepPlan:
+    """Raises GainroomError for what contradicts itself, or the robot."""
+    robot = system.source
+    if not isinstance(robot, Robot):
+        raise GainroomError(f"{robot.name}: a sweep needs a robot: a robot.yaml, or a model")
+    robot.body.require_tree(f"{robot.name}: sweep")
+    ways = {"--samples": options.samples is not None, "--grid": bool(options.grid), "--trajectory": options.trajectory is not None}
+    asked = [name for name, given in ways.items() if given]
+    if len(asked) > 1:
+        raise GainroomError(f"{' and '.join(asked)}: only one of them can be given")
+    if options.ranges and (options.grid or options.trajectory is not None):
+        raise GainroomError(f"--range goes with --samples, not with {asked[0]}")
+    if options.seed < 0:
+        raise GainroomError(f"--seed {options.seed} must be >= 0")
+    contacts = tuple(dict.fromkeys(options.contacts)) or tuple(robot.contacts)
+    for name in contacts:
+        if name not in robot.contacts:
+            raise GainroomError(f"--contact: {name!r} is not one of this robot's{nearest(name, tuple(robot.contacts), 'contact')}")
+    postures = _postures(robot, options)
+    return SweepPlan(system, postures, contacts, drawn(system, options.draws, options.seed), options.seed)
+
+
+def _postures(robot: Robot, options: SweepOptions) -> Postures:
+    body, base = robot.body, standing(robot, options.posture)
+    if options.trajectory is not None:
+        return followed(body, base, logged_positions(options.trajectory), str(options.trajectory))
+    if options.grid:
+        axes = {name: (values[0], values[1], _points(values[2])) for name, values in _by_joint("--grid", options.grid, body, 3).items()}
+        return gridded(body, base, axes)
+    ranges = {name: (values[0], values[1]) for name, values in _by_joint("--range", options.ranges, body, 2).items()}
+    return sampled(body, base, SAMPLES if options.samples is None else options.samples, ranges, options.seed)
+
+
+def standing(robot: Robot, posture: str = "") -> Floats:
+    """(n,) joint positions of a posture by name, "" the first. Raises GainroomError for another name."""
+    if posture and posture not in robot.postures:
+        raise GainroomError(f"--posture: {posture!r} is not one of this robot's{nearest(posture, tuple(robot.postures), 'posture')}")
+    found = robot.postures[posture] if posture else next(iter(robot.postures.values()))
+    return robot.body.angles(robot.body.configuration(dict(found.angles)))
+
+
+def logged_positions(path: Path) -> dict[str, Floats]:
+    """By joint the positions (k,) in a log [rad; m if prismatic]. Raises GainroomError where there are none."""
+    from .logs import read_log
+
+    log = read_log(path)
+    found: dict[str, Floats] = {}
+    for joint, channels in log.joints.items():
+        for name in POSITIONS:
+            if name in channels and joint not in found:
+                found[joint] = np.asarray(channels[name], dtype=float)
+    if not found:
+        raise GainroomError(f"{path}: no positions of joints: columns such as motor_position_NAME or link_position_NAME")
+    return found
+
+
+def _by_joint(option: str, texts: Sequence[str], body: RigidBody, size: int) -> Mapping[str, list[float]]:
+    """The later one wins."""
+    found: dict[str, list[float]] = {}
+    expected = "JOINT=LOW:HIGH" + (":POINTS" if size == 3 else "")
+    for text in texts:
+        pattern, equals, rest = text.rpartition("=")
+        parts = rest.split(":")
+        try:
+            values = [float(part) for part in parts]
+        except ValueError:
+            values = []
+        if not equals or not pattern or len(values) != size or not all(map(math.isfinite, values)):
+            raise GainroomError(f"{option}: {text[:60]!r} must be {expected}, in rad (m if prismatic)")
+        if values[0] >= values[1]:
+            raise GainroomError(f"{option}: {text[:60]!r}: low must be below high")
+        matches = compile_pattern(pattern, option)
+        names = [name for name in body.joint_names if name == pattern or matches.fullmatch(name)]
+        if not names:
+            raise GainroomError(f"{option}: {pattern!r} matches no joint{nearest(pattern, body.joint_names, 'joint')}")
+        found |= dict.fromkeys(names, values)
+    return found
+
+
+def _points(value: float) -> int:
+    if value != int(value) or value < 2:
+        raise GainroomError(f"--grid: {value:g} points must be a whole number, 2 or more")
+    return int(value)

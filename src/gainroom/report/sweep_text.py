@@ -1,0 +1,206 @@
+"""A sweep in words and columns."""
+
+import math
+from typing import Any
+
+from ..errors import beside
+from ..studies.swept_margins import WorstStates, value_of
+from ..sweep.summary import CONFIDENCE, ContactSummary, SweepSummary, SweptPosture
+from ..system.requirements import REQUIREMENTS, to_db
+from .columns import Column
+from .margin_columns import margin_value, requirement
+from .number_format import digits, gain_factor, hertz
+
+THIN = "\u202f"
+
+
+def counted(number: int) -> str:
+    """With thin spaces."""
+    return f"{number:,}".replace(",", THIN)
+
+
+def sentence(found: SweepSummary) -> str:
+    """The verdict, the worst limit and where it is."""
+    plan, worst = found.plan, found.worst
+    states = f"{counted(plan.postures.count)} postures in {len(plan.contacts)} contact state{'s' * (len(plan.contacts) > 1)}"
+    states += f" with {len(plan.places) - 1} draws" if len(plan.places) > 1 else ""
+    if not found.complete:
+        states = f"{counted(found.count)} of {counted(plan.states)} limits"
+    if worst is None:
+        return f"No gain limit is known in any of {states}."
+    where = f", at {hertz(worst.frequency)}, mainly {joint_name(found, worst)}" if math.isfinite(worst.frequency) else ""
+    there = f" in {worst.name}, {plan.contacts[worst.contact]}"
+    unstable = sum(one.unstable for one in found.contacts)
+    if unstable:
+        share = digits(100 * unstable / found.count, "%", 3)
+        return f"Unstable in {share} of {states}: the lowest gain limit is {gain_factor(worst.gain, 3)} × these gains{where},{there}."
+    if math.isinf(worst.gain):
+        return f"No common factor on all gains makes it vibrate in any of {states}."
+    factor, level = (f"{worst.gain:.3g}", f"{to_db(worst.gain):.3g}")
+    asked = ""
+    if found.margin > 1:
+        factor, level = beside(worst.gain, found.margin), beside(to_db(worst.gain), to_db(found.margin))
+        asked = f"; {digits(to_db(found.margin), '', 3)} dB required"
+    verdict = "The gain margin holds" if found.margin_held and found.margin > 1 else "Stable" if found.stable else "Not known to be stable"
+    return f"{verdict} in {states}: vibration starts at {factor} × these gains ({level} dB{asked}){where},{there}."
+
+
+def joint_name(found: SweepSummary, one: SweptPosture) -> str:
+    """Of the joint that moves most; a dash where there is none."""
+    return found.plan.robot.joint_names[one.joint] if one.joint >= 0 else "–"
+
+
+def advice(found: SweepSummary, worst: WorstStates) -> str:
+    """What to do, in a sentence; "" where it is not known, and where another requirement stands against it."""
+    scale = found.scale
+    if not math.isfinite(scale):
+        return ""
+    if scale < 1:
+        return f"Use: all gains × {math.floor(1000 * scale) / 1000:.4g}; then the gain margin holds in every posture swept."
+    if found.margin > 1 and scale > 1 and not worst.unmet:
+        return f"With all gains × {math.floor(1000 * scale) / 1000:.4g} the gain margin still holds in every posture swept."
+    return ""
+
+
+def sureness(found: SweepSummary, searched: SweptPosture | None) -> list[str]:
+    """How sure the worst case is, in sentences."""
+    worst, said = found.worst, []
+    if worst is None:
+        return said
+    if math.isfinite(found.rarer_than):
+        share = digits(100 * found.rarer_than, "%", 2)
+        said.append(f"Less than {share} of further postures lie lower ({100 * CONFIDENCE:.0f} % confidence)")
+    if searched is not None:
+        lower = 1 - searched.gain / worst.gain
+        near = "nothing lower" if lower < 1e-6 else f"{digits(searched.gain, '', 4)} ×, {digits(100 * lower, '%', 2)} lower"
+        said.append(f"a local search from the worst finds {near}" if said else f"A local search from the worst finds {near}")
+    return ["; ".join(said) + "."] if said else []
+
+
+def unmet_text(found: SweepSummary, worst: WorstStates) -> str:
+    """Which other requirements fail in the worst postures; "" where none does."""
+    asked = found.plan.system.requirements
+    missed = [
+        f"{REQUIREMENTS[name].label} {margin_value(asked, name, value_of(name, state), False, 3)} in {state.title} "
+        f"({requirement(asked, name, 3)} required)"
+        for name, state in worst.unmet.items()
+        if name != "gain_margin"
+    ]
+    return f"Not met where gain limits are lowest: {'; '.join(missed)}." if missed else ""
+
+
+def looked_at(found: SweepSummary, worst: WorstStates) -> str:
+    """That the other requirements were not looked at everywhere; "" where there are none."""
+    others = [one.label for one, _ in found.plan.system.requirements.asked_for if one.name != "gain_margin"]
+    where = f"only in the worst posture of {'each contact state' if len(worst.states) > 1 else 'all'}"
+    return f"Looked at {where}: {', '.join(others)}." if others else ""
+
+
+def warnings(found: SweepSummary) -> list[str]:
+    """What takes something away from the verdict."""
+    said = []
+    if found.unknown:
+        said.append(
+            f"{counted(found.unknown)} limits are not known: no certified answer was found there; these postures count as not safe."
+        )
+    if found.uncertified:
+        said.append(f"{counted(found.uncertified)} limits are not certified: roots could not be counted on both sides.")
+    if not found.complete:
+        said.append("The sweep is not complete: the same command goes on.")
+    return said
+
+
+def columns(found: SweepSummary) -> list[Column]:
+    """Of a row ContactSummary."""
+
+    def worst(one: ContactSummary) -> SweptPosture | None:
+        return one.worst[0] if one.worst else None
+
+    def number(of: Any) -> Any:
+        return lambda one: None if worst(one) is None else of(worst(one))
+
+    return [
+        Column("contact", "contact", lambda one: one.name),
+        Column("lowest", "gain_limit", number(lambda at: at.gain), definition="the lowest gain limit"),
+        Column("10 %", "gain_limit_p10", lambda one: one.quantile(0.1), significant=3, definition="a tenth of postures lie below"),
+        Column("median", "gain_limit_median", lambda one: one.quantile(0.5), significant=3),
+        Column("highest", "gain_limit_highest", lambda one: one.quantile(1.0), significant=3),
+        Column("at", "limit_frequency_rad_s", number(lambda at: at.frequency), shown=lambda one: _hertz(worst(one))),
+        Column("mainly", "limiting_joint", number(lambda at: joint_name(found, at)), shown=lambda one: _mainly(found, worst(one))),
+        Column(
+            "posture", "posture", number(lambda at: at.number), shown=lambda one: "–" if worst(one) is None else str(one.worst[0].number)
+        ),
+        Column("", "count", lambda one: one.count),
+        Column("", "unknown", lambda one: one.unknown),
+        Column("", "uncertified", lambda one: one.uncertified),
+        Column("", "unstable", lambda one: one.unstable),
+        Column("", "below_margin", lambda one: one.short),
+    ]
+
+
+def _hertz(one: SweptPosture | None) -> str:
+    return "–" if one is None or not math.isfinite(one.frequency) else hertz(one.frequency)
+
+
+def _mainly(found: SweepSummary, one: SweptPosture | None) -> str:
+    return "–" if one is None else joint_name(found, one)
+
+
+def workspace_facts(found: SweepSummary) -> dict[str, Any]:
+    """A workspace in JSON, as a part of another command's answer."""
+    return {
+        "sentence": sentence(found),
+        "count": found.plan.postures.count,
+        "limits": found.count,
+        "stable": found.stable,
+        "gain_margin_met": found.margin_held,
+        "unstable_share": sum(one.unstable for one in found.contacts) / found.count,
+        "below_margin_share": sum(one.short for one in found.contacts) / found.count,
+        "unknown": found.unknown,
+        "uncertified": found.uncertified,
+        "rarer_than": found.rarer_than,
+        "worst": posture_facts(found, found.worst),
+    }
+
+
+def worse_note(found: SweepSummary, one: SweptPosture, known: float) -> str:
+    """That a posture nobody asked for is worse, and which."""
+    names = found.plan.robot.joint_names
+    low, high = found.plan.postures.low, found.plan.postures.high
+    angles = ", ".join(f"{name} {angle:.2f}" for name, angle, moves in zip(names, one.angles, high > low, strict=True) if moves)
+    contact = found.plan.contacts[one.contact]
+    return (
+        f"another posture is worse than the file's: gain limit {one.gain:.3g} in {contact} (file: {known:.3g}), with {angles}; "
+        "`gainroom sweep` looks at all of them"
+    )
+
+
+def checked_sentence(found: SweepSummary) -> str:
+    """What recommended gains keep in the postures of a sweep."""
+    worst, count = found.worst, found.count
+    if worst is None:
+        return "Recommended gains in the sweep's postures: no limit is known."
+    short = sum(one.short for one in found.contacts) + found.unknown + found.uncertified
+    share = f"{100 * (1 - short / count):.4g} %" if short else "all"
+    asked, lowest = digits(to_db(found.margin), "dB", 3), digits(to_db(worst.gain), "dB", 3)
+    return (
+        f"Recommended gains keep a gain margin of {asked} in {share} of {counted(count)} swept limits; the lowest is {lowest}, in "
+        f"{found.plan.contacts[worst.contact]}."
+    )
+
+
+def posture_facts(found: SweepSummary, one: SweptPosture | None) -> dict[str, Any] | None:
+    """A posture in JSON."""
+    if one is None:
+        return None
+    plan = found.plan
+    return {
+        "posture": one.number if one.number >= 0 else None,
+        "contact": plan.contacts[one.contact],
+        "draw": one.draw,
+        "gain_limit": one.gain,
+        "limit_frequency_rad_s": one.frequency,
+        "limiting_joint": joint_name(found, one),
+        "certified": one.certified,
+        "angles": dict(zip(plan.robot.joint_names, one.angles.tolist(), strict=True)),
+    }

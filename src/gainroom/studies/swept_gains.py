@@ -1,0 +1,54 @@
+"""Recommended gains over the postures of a sweep: found for its worst ones, checked in all, found anew where others are worse."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from ..robot.robot import Posture, Robot
+from ..sweep.summary import SweepSummary
+from ..sweep.workspace import checked_on, with_worst_of
+from ..system.controller import PD
+from ..system.system import System
+from .robot import RobotStudy, study_robot
+from .state import Progress
+
+ROUNDS = 4
+"""Of gains found and checked: what is worst depends on the gains."""
+
+
+def study_over(system: System, store: Path, progress: Progress | None = None) -> tuple[RobotStudy, SweepSummary | None]:
+    """The study with the worst postures of a sweep beside the file's, and what its gains to use keep in the swept postures.
+
+    None where there are no such gains, or they are not a PD's, joint by joint. Raises as study_robot and with_worst_of do.
+    """
+    system = with_worst_of(system, store)
+    for left in reversed(range(ROUNDS)):
+        study = study_robot(system, progress)
+        gains = _with_recommended(study)
+        if gains is None:
+            return study, None
+        found = checked_on(gains, store, progress)
+        if not left or not any(one.short for one in found.contacts):
+            return study, found
+        system = _with(system, found)
+    raise AssertionError("the last round returns")
+
+
+def _with_recommended(study: RobotStudy) -> System | None:
+    controller, to_use = study.system.control.controller, study.to_use
+    if to_use is None or not isinstance(controller, PD) or study.system.control.space != "joint":
+        return None
+    _, found = to_use
+    return study.system.with_controller(replace(controller, kp=np.nan_to_num(found.kp), kd=np.nan_to_num(found.kd)))
+
+
+def _with(system: System, found: SweepSummary) -> System:
+    """With the worst posture of each contact state that is short of its margin."""
+    robot: Robot = system.source  # type: ignore[assignment]
+    postures = dict(robot.postures)
+    for contact in found.contacts:
+        if contact.short:
+            angles = dict(zip(robot.joint_names, contact.worst[0].angles.tolist(), strict=True))
+            postures[f"swept {len(postures) + 1}"] = Posture(robot.body, angles)
+    return replace(system, source=replace(robot, postures=postures))

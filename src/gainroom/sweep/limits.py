@@ -1,0 +1,164 @@
+"""The gain limits of one robot on one set of contacts in many postures, each with its proof or certificate.
+
+Most robots need of a posture only W. Then the core proves one limit after the other (native/include/gainroom/posture_limits.hpp), each
+search begun from the crossings of the posture before; the first one from nothing. What is not proved there, and every posture of other
+robots, is asked of gain_limit.
+"""
+
+import math
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from ..analysis.gain_limit import gain_limit
+from ..analysis.modal_loop import APART, INEXACT, ModalLoop
+from ..analysis.proved_limit import posture_limits
+from ..errors import GainroomError
+from ..linear.arrays import Booleans, Floats, Integers
+from ..native import _core
+from ..robot.body import RigidBody, is_continuous, library
+from ..robot.linearize import linearize
+from ..robot.robot import Robot
+from ..system.assembly import current_loop
+from ..system.modes import ModeStacks, posture_modes
+from ..system.plant import OFF_MODES
+from ..system.system import System
+
+
+class Limits(NamedTuple):
+    """k postures, one after the other; a factor multiplies all gains.
+
+    gain        the loop is stable for every factor from `lower` up to it; inf: no limit; NaN: none is known
+    lower       0, but where lower factors are unstable
+    frequency   at which the loop vibrates at `gain` [rad/s]; NaN where there is none
+    joint       number of the joint that moves most in that vibration; −1 where there is none
+    certified   whether `gain` is proved, or roots have been counted on both sides of it
+    """
+
+    gain: Floats
+    lower: Floats
+    frequency: Floats
+    joint: Integers
+    certified: Booleans
+
+
+class StateLimits:
+    """Limits of a robot's system, control in joint or task space, in the contact state `contact`.
+
+    Raises GainroomError for a contact state that the robot does not have, and for closed loops and passive joints.
+    """
+
+    def __init__(self, system: System, contact: str):
+        robot = system.source
+        if not isinstance(robot, Robot):
+            raise GainroomError(f"{robot.name}: a sweep needs a robot: a robot.yaml, or a model")
+        robot.body.require_tree(f"{robot.name}: sweep")
+        if contact not in robot.contacts:
+            raise GainroomError(f"{robot.name}: contact {contact!r} is not one of {', '.join(robot.contacts)}")
+        self.system, self._robot, self._body, self._contacts = system, robot, robot.body, robot.contacts[contact]
+
+    def limits(self, angles: Floats) -> Limits:
+        """At joint positions `angles` (k, n) [rad; m if prismatic]. The same for the same `angles`, to the last bit."""
+        found = _unknown(len(angles))
+        postures = configurations(self._body, angles)
+        core = self._core
+        stacks = None if core is None else self._stacks(postures)
+        left = np.arange(len(angles))
+        if core is not None and stacks is not None:
+            usable = np.flatnonzero(stacks.inexact < OFF_MODES)
+            chosen = ModeStacks(*(np.ascontiguousarray(part[usable]) for part in stacks))
+            proved, answers = core.run(*chosen._replace(inexact=INEXACT * chosen.inexact))
+            proved = proved[:, 0] == 1
+            done, answers = usable[proved], answers[proved]
+            limited = np.isfinite(answers[:, 0])
+            found.gain[done], found.lower[done], found.certified[done] = answers[:, 0], 0.0, True
+            found.frequency[done] = np.where(limited, answers[:, 1], math.nan)
+            found.joint[done] = np.where(limited, answers[:, 2], -1)
+            left = np.setdiff1d(left, done)
+        for row in left.tolist():
+            self._ask(postures[row], row, found)
+        return found
+
+    @property
+    def quick(self) -> bool:
+        """Whether limits are proved in a row."""
+        return self._core is not None and posture_modes(np.eye(self._body.size)[None], *self._gearboxes) is not None
+
+    def _ask(self, q: Floats, row: int, found: Limits) -> None:
+        """One posture by gain_limit; what it cannot tell stays unknown."""
+        try:
+            model = linearize(self._body, self._robot.actuators, q, self._contacts, gravity=bool(self._robot.gravity))
+            limit = gain_limit(self.system.loop(model))
+        except GainroomError:
+            return
+        found.gain[row], found.lower[row], found.frequency[row] = limit.gain, limit.lower_gain, limit.frequency
+        counted = [limit.certificate, *([limit.lower_certificate] if limit.lower_gain > 0 else [])]
+        found.certified[row] = limit.gain == math.inf or all(one is not None and one.holds for one in counted)
+        if math.isfinite(limit.frequency):
+            found.joint[row] = int(np.argmax(np.abs(limit.mode)))
+
+    @cached_property
+    def _core(self) -> "_core.PostureLimits | None":
+        """None where postures do not differ by W alone, or no proof is known."""
+        robot, body = self._robot, self._body
+        if robot.gravity or body.springs or any(contact.stiffness is not None for contact in self._contacts):
+            return None
+        actuators = robot.actuators
+        if np.any(actuators.motor_viscous) or np.any(actuators.link_viscous) or self.system.control.controller is None:
+            return None
+        if self.system.control.kd_path is not None:
+            return None
+        q = body.configuration(dict(next(iter(robot.postures.values())).angles))
+        modal = ModalLoop.of(self.system.loop(linearize(body, actuators, q, self._contacts)))
+        return None if modal is None else posture_limits(modal)
+
+    @property
+    def _gearboxes(self) -> tuple[Floats, Floats, Floats]:
+        actuators = self._robot.actuators
+        return actuators.motor_inertia, actuators.stiffness, actuators.damping
+
+    def _stacks(self, postures: Floats) -> ModeStacks | None:
+        drive, step = self.system.drives[0], self.system.control.sample_time
+        inverse = self._inverse_inertias(postures)
+        none = np.isnan(inverse[:, 0, 0])
+        inverse[none] = np.eye(self._body.size)
+        stacks = posture_modes(inverse, *self._gearboxes)
+        if stacks is not None:
+            stacks = stacks._replace(inexact=np.where(none, math.inf, stacks.inexact))
+        if stacks is None or step is None or drive.is_ideal:
+            return stacks
+        # Behind a hold the two poles of the current loop have terms of their own (analysis/modal_loop.py, mode_functions).
+        fast = current_loop(drive).poles
+        near = np.abs(np.concatenate([stacks.poles, stacks.partners], axis=1)[:, :, None] - fast) < APART * np.abs(fast)
+        return stacks._replace(inexact=np.where(np.any(near, axis=(1, 2)), math.inf, stacks.inexact))
+
+    def _inverse_inertias(self, postures: Floats) -> Floats:
+        """W (k, n, n); NaN where the links have none."""
+        pin, model, size = library("pinocchio", "Pinocchio"), self._body.model, self._body.size
+        data, found = model.createData(), np.empty((len(postures), size, size))
+        held = [(self._body.frame_index(contact.frame), list(contact.rows)) for contact in self._contacts]
+        free = np.zeros((0, self._body.nv))
+        for row, q in enumerate(postures):
+            pin.crba(model, data, q, pin.Convention.WORLD)
+            rows = [pin.getFrameJacobian(model, data, frame, pin.LOCAL)[rows] for frame, rows in held]
+            try:
+                found[row] = _core.link_inverse_inertia(data.M, np.concatenate(rows) if rows else free, size)
+            except ValueError:  # no mass moves with some joint in this posture
+                found[row] = math.nan
+        return found
+
+
+def configurations(body: RigidBody, angles: Floats) -> Floats:
+    """(k, nq): joints at `angles` (k, n), a floating base at the identity."""
+    found = np.tile(body.neutral(), (len(angles), 1))
+    for joint, values in zip(body.joints, angles.T, strict=True):
+        columns = (np.cos(values), np.sin(values)) if is_continuous(joint) else (values,)
+        for at, column in enumerate(columns):
+            found[:, joint.idx_q + at] = column
+    return found
+
+
+def _unknown(count: int) -> Limits:
+    gain, lower, frequency = (np.full(count, math.nan) for _ in range(3))
+    return Limits(gain, lower, frequency, np.full(count, -1), np.zeros(count, dtype=bool))

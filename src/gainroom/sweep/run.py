@@ -1,0 +1,48 @@
+"""A sweep from what is finished to its end."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from .cluster import on_cluster
+from .local_pool import Stop, cores, in_processes, in_this_process
+from .store import Store
+
+Progress = Callable[[int, int, str], None]
+"""Called with (limits done, limits in all, what is done)."""
+
+
+@dataclass(frozen=True)
+class Done:
+    """How far a run has come: limits finished, of how many; `found` when it began."""
+
+    finished: int
+    total: int
+    found: int
+
+
+def run(
+    store: Store, workers: int | None = None, scheduler: str = "", progress: Progress | None = None, stop: Stop = lambda: False
+) -> Done:
+    """Compute and write what `store` does not have yet; less where `stop` says so.
+
+    workers     processes of this machine; None: one per core; 1: none but this one
+    scheduler   address of a Dask scheduler, whose workers compute instead
+
+    Raises GainroomError where results cannot be written, workers keep dying, or the scheduler does not answer: what is finished is kept.
+    """
+    plan = store.plan
+    tell = progress or (lambda done, total, what: None)
+    todo = [number for number in range(plan.tasks) if not store.has(plan.task(number))]
+    found = done = plan.states - sum(plan.task(number).size for number in todo)
+    tell(done, plan.states, "")
+    tasks = map(plan.task, todo)
+    count = min(workers or cores(), len(todo))
+    if scheduler:
+        results = on_cluster(plan, tasks, stop, scheduler)
+    else:
+        results = in_processes(plan, tasks, stop, count) if count > 1 else in_this_process(plan, tasks, stop)
+    for task, limits in results:
+        store.write(task, limits)
+        done += task.size
+        tell(done, plan.states, "")
+    return Done(done, plan.states, found)

@@ -1,0 +1,54 @@
+"""From the worst postures of a sweep downhill, to a worse one that the sweep may have missed."""
+
+import numpy as np
+
+from ..linear.arrays import Floats
+from .plan import SweepPlan
+from .summary import SweepSummary, SweptPosture
+
+STARTS = 3
+"""Postures of each contact state from which it goes on."""
+FIRST, LAST = 0.1, 1e-3
+"""Steps, relative to each joint's range."""
+MOST, FEW = 60, 6
+"""Steps from one start; where each limit is asked for by itself, which takes ten times as long."""
+
+
+def searched(summary: SweepSummary) -> SweptPosture | None:
+    """The lowest limit that steps along single joints lead to, within the sweep's box; None where there is no sweep to begin from.
+
+    A pattern search (Kolda, Lewis and Torczon, SIAM Review 45, 2003): every joint up and down, the lowest is the next start, and where
+    none is lower the step is halved. It finds a local minimum; of a grid and of samples alike.
+    """
+    plan = summary.plan
+    low, high = plan.postures.low, plan.postures.high
+    found = summary.worst
+    if found is None or not np.any(high > low):
+        return found
+    for contact in summary.contacts:
+        for start in contact.worst[:STARTS]:
+            reached = _downhill(plan, start, low, high)
+            if reached.gain < found.gain:
+                found = reached
+    return found
+
+
+def _downhill(plan: SweepPlan, start: SweptPosture, low: Floats, high: Floats) -> SweptPosture:
+    limits, best = plan.at(start.draw, start.contact), start
+    moving = np.flatnonzero(high > low)
+    step = FIRST
+    for _ in range(MOST if limits.quick else FEW):
+        trials = np.repeat(best.angles[None], 2 * len(moving), axis=0)
+        rows = np.arange(len(moving))
+        trials[rows, moving] += step * (high - low)[moving]
+        trials[rows + len(moving), moving] -= step * (high - low)[moving]
+        trials = np.clip(trials, low, high)
+        answers = limits.limits(trials)
+        row = int(np.argmin(np.where(np.isnan(answers.gain), np.inf, answers.gain)))
+        if answers.gain[row] < best.gain * (1 - 1e-9):
+            best = SweptPosture.of(answers, row, (-1, start.contact, start.draw), trials[row])
+        elif step > LAST:
+            step /= 2
+        else:
+            break
+    return best

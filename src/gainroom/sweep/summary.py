@@ -1,0 +1,210 @@
+"""What a sweep says: the worst postures, the spread of limits in every contact state, which joint limits where, and how sure that is.
+
+Read task by task, so that memory does not grow with the sweep: quantiles come from a histogram of ln gain, STEP wide.
+"""
+
+import heapq
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..linear.arrays import Floats, Integers
+from ..robot.robot import Posture, Robot
+from ..system.system import System
+from .limits import Limits
+from .plan import SweepPlan, Task
+
+WORST = 8
+"""Of each contact state that are remembered."""
+STEP = 1e-3
+LOWEST, HIGHEST = 1e-6, 1e6
+CONFIDENCE = 0.95
+
+
+@dataclass(frozen=True)
+class SweptPosture:
+    """One posture in one contact state with one draw, all by number, and its limit; `angles` (n,) [rad; m if prismatic]."""
+
+    number: int
+    contact: int
+    draw: int
+    gain: float
+    frequency: float
+    joint: int
+    certified: bool
+    angles: Floats
+
+    @classmethod
+    def of(cls, limits: Limits, row: int, numbers: tuple[int, int, int], angles: Floats) -> "SweptPosture":
+        """One row of limits; `numbers` of the posture, the contact state and the draw."""
+        gain, frequency, joint = float(limits.gain[row]), float(limits.frequency[row]), int(limits.joint[row])
+        return cls(*numbers, gain, frequency, joint, bool(limits.certified[row]), angles)
+
+    def system(self, plan: SweepPlan) -> System:
+        """The plan's system with this draw, and with this posture as its only one, by the name `posture N`."""
+        system = plan.system.at(plan.places[self.draw])
+        robot: Robot = system.source  # type: ignore[assignment]
+        angles = dict(zip(robot.joint_names, self.angles.tolist(), strict=True))
+        source = Robot(**{**vars(robot), "postures": {self.name: Posture(robot.body, angles)}})
+        return System(**{**vars(system), "source": source})
+
+    @property
+    def name(self) -> str:
+        """For tables; −1: a search's, not one of the sweep."""
+        return f"posture {self.number}" if self.number >= 0 else "search"
+
+
+@dataclass(frozen=True)
+class ContactSummary:
+    """A contact state in all postures and draws.
+
+    count        limits known to be finished; `unknown` of them have no gain, `uncertified` one that is not certified
+    unstable     with a gain of 1 or less, or a lower one above 1; `short` with less than the gain margin that is asked for
+    worst        the lowest, the first the lowest
+    edges, spread   (b + 1,), (b,) a histogram of gains
+    joints       (n,) how often each joint limits
+    """
+
+    name: str
+    count: int
+    unknown: int
+    uncertified: int
+    unstable: int
+    short: int
+    worst: tuple[SweptPosture, ...]
+    edges: Floats
+    spread: Integers
+    joints: Integers
+
+    def quantile(self, share: float) -> float:
+        """The gain below which `share` of those with a known one lie, to STEP; NaN where there are none."""
+        known = np.cumsum(self.spread)
+        if not len(known) or not known[-1]:
+            return math.nan
+        at = int(np.searchsorted(known, share * known[-1]))
+        return float(math.sqrt(self.edges[at] * self.edges[at + 1]))
+
+
+@dataclass(frozen=True)
+class SweepSummary:
+    """All of a sweep that is finished.
+
+    margin    the factor that the gain margin asks for; 1 where none is asked for
+    """
+
+    plan: SweepPlan
+    contacts: tuple[ContactSummary, ...]
+    margin: float
+
+    @property
+    def count(self) -> int:
+        """Limits finished."""
+        return sum(one.count for one in self.contacts)
+
+    @property
+    def complete(self) -> bool:
+        """Whether nothing is left to compute."""
+        return self.count == self.plan.states
+
+    @property
+    def worst(self) -> SweptPosture | None:
+        """The lowest limit of all; None where none is known."""
+        found = [one.worst[0] for one in self.contacts if one.worst]
+        return min(found, key=lambda one: (one.gain, one.draw, one.contact, one.number)) if found else None
+
+    @property
+    def unknown(self) -> int:
+        """Limits that could not be found."""
+        return sum(one.unknown for one in self.contacts)
+
+    @property
+    def uncertified(self) -> int:
+        """Limits without proof."""
+        return sum(one.uncertified for one in self.contacts)
+
+    @property
+    def stable(self) -> bool:
+        """In every posture that was looked at, known there."""
+        return not self.unknown and not any(one.unstable for one in self.contacts)
+
+    @property
+    def margin_held(self) -> bool:
+        """Stable, with the gain margin that is asked for, certified everywhere. Other margins are not looked at."""
+        return self.stable and not self.uncertified and not any(one.short for one in self.contacts)
+
+    @property
+    def scale(self) -> float:
+        """The factor on all gains with which the margin holds in every posture swept; NaN where a limit is not known."""
+        worst = self.worst
+        unsure = self.unknown or self.uncertified or worst is None
+        return math.nan if unsure or worst is None else worst.gain / self.margin
+
+    @property
+    def rarer_than(self) -> float:
+        """Of further postures of the same kind fewer than this share lie below the lowest, with CONFIDENCE; NaN of grids and trajectories.
+
+        Of n independent ones all would be above a quantile p with probability (1 − p)ⁿ.
+        """
+        if self.plan.postures.kind != "samples":
+            return math.nan
+        return 1 - (1 - CONFIDENCE) ** (1 / self.plan.postures.count)
+
+
+def summarized(plan: SweepPlan, finished: Iterable[tuple[Task, Limits]], margin: float | None = None) -> SweepSummary:
+    """The summary of finished tasks, in any order; `margin` in place of the gain margin that the system asks for."""
+    margin = margin or plan.system.requirements.gain_margin or 1.0
+    parts = [_Part(plan, index, margin) for index in range(len(plan.contacts))]
+    for task, limits in finished:
+        parts[task.contact].take(task, limits)
+    return SweepSummary(plan, tuple(part.summary() for part in parts), margin)
+
+
+class _Part:
+    """A contact state while it is read."""
+
+    def __init__(self, plan: SweepPlan, index: int, margin: float):
+        self._plan, self._index, self._margin = plan, index, margin
+        self._bins = math.ceil(math.log(HIGHEST / LOWEST) / STEP)
+        self._spread = np.zeros(self._bins, dtype=np.int64)
+        self._joints = np.zeros(plan.robot.body.size, dtype=np.int64)
+        self._counts = dict.fromkeys(("count", "unknown", "uncertified", "unstable", "short"), 0)
+        self._worst: list[tuple[float, int, int, SweptPosture]] = []
+
+    def take(self, task: Task, limits: Limits) -> None:
+        known = ~np.isnan(limits.gain)
+        gain = limits.gain[known]
+        counts = self._counts
+        counts["count"] += task.size
+        counts["unknown"] += int(np.count_nonzero(~known))
+        counts["uncertified"] += int(np.count_nonzero(known & ~limits.certified))
+        counts["unstable"] += int(np.count_nonzero((gain <= 1) | (limits.lower[known] >= 1)))
+        counts["short"] += int(np.count_nonzero(gain < self._margin))
+        places = np.floor(np.log(np.clip(gain, LOWEST, HIGHEST * (1 - 1e-9)) / LOWEST) / STEP).astype(np.int64)
+        self._spread += np.bincount(np.minimum(places, self._bins - 1), minlength=self._bins)
+        self._joints += np.bincount(limits.joint[limits.joint >= 0], minlength=len(self._joints))
+        self._remember(task, limits)
+
+    def _remember(self, task: Task, limits: Limits) -> None:
+        """The lowest, of equal ones the first."""
+        bound = -self._worst[0][0] if len(self._worst) == WORST else math.inf
+        candidates = np.flatnonzero(limits.gain <= bound)
+        candidates = candidates[np.argsort(limits.gain[candidates], kind="stable")[:WORST]]
+        angles = self._plan.postures.at(task.first, task.stop) if len(candidates) else None
+        for row in candidates.tolist():
+            assert angles is not None
+            one = SweptPosture.of(limits, row, (task.first + row, task.contact, task.draw), angles[row])
+            entry = (-one.gain, -one.draw, -one.number, one)
+            if len(self._worst) < WORST:
+                heapq.heappush(self._worst, entry)
+            elif entry > self._worst[0]:
+                heapq.heapreplace(self._worst, entry)
+
+    def summary(self) -> ContactSummary:
+        worst = sorted((one for *_, one in self._worst), key=lambda one: (one.gain, one.draw, one.number))
+        filled = np.flatnonzero(self._spread)
+        first, last = (int(filled[0]), int(filled[-1]) + 1) if len(filled) else (0, 0)
+        edges = LOWEST * np.exp(STEP * np.arange(first, last + 1))
+        name = self._plan.contacts[self._index]
+        return ContactSummary(name, **self._counts, worst=tuple(worst), edges=edges, spread=self._spread[first:last], joints=self._joints)

@@ -1,0 +1,121 @@
+"""A whole workspace in passing: postures that a command was not asked for, and gains checked in those of a sweep that is there."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import GainroomError
+from ..robot.robot import Posture, Robot
+from ..system.system import System
+from .limits import StateLimits
+from .local_pool import cores, in_processes, in_this_process
+from .plan import SweepPlan
+from .postures import Trajectory, sampled
+from .store import open_sweep
+from .summary import SweepSummary, SweptPosture, summarized
+
+GLANCE = 256
+"""Postures that are looked at in passing, in each contact state: a quarter of a second for a biped."""
+WORSE = 0.99
+"""Of the lowest limit that is known: what counts as a worse posture."""
+CHECKED = 20_000
+"""Postures of a sweep, evenly chosen, in which other gains are checked."""
+PART = 65536
+"""Postures that are read at a time."""
+Progress = Callable[[int, int, str], None]
+
+
+def over_workspace(system: System, samples: int, margin: float | None = None, progress: Progress | None = None) -> SweepSummary:
+    """Limits within the joints' limits in every contact state; `margin` in place of the gain margin that the system asks for.
+
+    Raises GainroomError as `sampled` does, and for closed loops.
+    """
+    robot = system.source
+    if not isinstance(robot, Robot):
+        raise GainroomError(f"{robot.name}: a workspace is a robot's")
+    base = robot.body.angles(robot.body.configuration(dict(next(iter(robot.postures.values())).angles)))
+    return summary_of(SweepPlan(system, sampled(robot.body, base, samples), tuple(robot.contacts)), margin, progress)
+
+
+def summary_of(plan: SweepPlan, margin: float | None = None, progress: Progress | None = None) -> SweepSummary:
+    """The summary of a plan that is computed without being kept."""
+    tasks = map(plan.task, range(plan.tasks))
+    count = min(cores(), plan.tasks)
+    results = in_processes(plan, tasks, lambda: False, count) if count > 2 else in_this_process(plan, tasks, lambda: False)
+    tell = progress or (lambda done, total, what: None)
+
+    def told() -> Iterator[Any]:
+        done = 0
+        for task, limits in results:
+            yield task, limits
+            done += task.size
+            tell(done, plan.states, "workspace")
+
+    return summarized(plan, told(), margin)
+
+
+def worse_posture(system: System, known: float) -> tuple[SweepSummary, SweptPosture] | None:
+    """A posture with a limit clearly below `known`, the lowest of those that were asked for; None where a glance finds none.
+
+    Only of robots whose limits are proved in a row, where it costs little.
+    """
+    robot = system.source
+    if not isinstance(robot, Robot) or robot.body.linkages or robot.body.passive or not np.isfinite(known):
+        return None
+    try:
+        if not all(StateLimits(system, contact).quick for contact in robot.contacts):
+            return None
+        found = over_workspace(system, GLANCE)
+    except GainroomError:  # a joint that slides without limits
+        return None
+    worst = found.worst
+    return None if worst is None or not worst.gain < WORSE * known else (found, worst)
+
+
+def with_worst_of(system: System, store: Path) -> System:
+    """The system with the worst postures of a sweep, one of each contact state, beside its own.
+
+    Raises GainroomError where the store is none, or of a robot with other joints or contact states.
+    """
+    robot: Robot = system.source  # type: ignore[assignment]
+    found, contacts = _stored(robot, store)
+    postures = dict(robot.postures)
+    for row in dict.fromkeys(_lowest(found, contact) for contact in range(len(contacts))):
+        values = dict(zip(robot.joint_names, found.angles[row].values.tolist(), strict=True))
+        postures[f"sweep {row}"] = Posture(robot.body, values)
+    return replace(system, source=replace(robot, postures=postures))
+
+
+def checked_on(system: System, store: Path, progress: Progress | None = None) -> SweepSummary:
+    """Limits of the system's gains in the postures of a sweep, at most CHECKED of them, evenly chosen."""
+    robot: Robot = system.source  # type: ignore[assignment]
+    found, contacts = _stored(robot, store)
+    count = found.sizes["posture"]
+    chosen = found.angles[np.unique(np.linspace(0, count - 1, min(count, CHECKED)).astype(int))].values
+    return summary_of(SweepPlan(system, Trajectory(chosen), contacts), progress=progress)
+
+
+def _lowest(found: Any, contact: int) -> int:
+    """The number of the posture with the lowest known limit in any draw, read in parts."""
+    best, at = np.inf, 0
+    for first in range(0, found.sizes["posture"], PART):
+        gain = found.gain[:, contact, first : first + PART].values
+        lowest = np.where(np.isnan(gain), np.inf, gain).min(axis=0)
+        if lowest.min() < best:
+            best, at = float(lowest.min()), first + int(np.argmin(lowest))
+    return at
+
+
+def _stored(robot: Robot, store: Path) -> tuple[Any, tuple[str, ...]]:
+    """The labelled arrays and contact states of a store that fits the robot."""
+    found = open_sweep(store)
+    if tuple(found.joint.values.tolist()) != robot.joint_names:
+        raise GainroomError(f"{store}: is a sweep of a robot with other joints")
+    contacts = tuple(str(name) for name in found.contact.values)
+    unknown = [name for name in contacts if name not in robot.contacts]
+    if unknown:
+        raise GainroomError(f"{store}: has contact state {unknown[0]!r}, which this robot does not")
+    return found, contacts
