@@ -1,0 +1,122 @@
+"""The interactive page as a hand meets it: from the pointer to the redraw, in headless Chromium, while the dot is dragged."""
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+from gainroom.cli.example import example_texts
+
+from .startup import G1
+from .table import Table
+
+MOVES = 120
+PACE = 1 / 30  # [s] between moves of the pointer
+QUIET = 10.0  # [s] over which processor time at rest is taken
+READY = "() => gainroom.opening && !gainroom.busy && !gainroom.waiting && document.querySelector('[data-area=stable]')"
+DONE = "() => gainroom.certified && !gainroom.busy"
+LATENCY = "() => gainroom.latency"
+
+
+def run(seed: int) -> Table:
+    """One row per file that is opened; `seed` is not used. Empty where there is no browser."""
+    table = Table("The interactive page: from pointer to redraw")
+    try:
+        from playwright.sync_api import sync_playwright
+    except ImportError:
+        return table
+    texts = example_texts()
+    with tempfile.TemporaryDirectory() as name, sync_playwright() as driver:
+        folder = Path(name)
+        browser = driver.chromium.launch(executable_path=_chromium(), args=["--no-sandbox"])
+        cases = [
+            ("Fig. 9's joint", texts["fig9"], 50.0, 120.0),
+            ("one joint of the 12-joint biped, all others closed", texts["biped"], 50.0, 120.0),
+            ("one joint of a 29-joint G1, all others closed", _g1(), 150.0, None),
+        ]
+        for title, text, median, tail in cases:
+            file = folder / f"case{len(table.rows)}.yaml"
+            file.write_text(text, "utf-8")
+            latency, idle = _dragged(browser, file)
+            table.rows.append(
+                {
+                    "file": title,
+                    "drags": len(latency),
+                    "median [ms]": round(float(np.median(latency)), 1),
+                    "at most [ms]": median,
+                    "p95 [ms]": round(float(np.percentile(latency, 95)), 1),
+                    "at most [ms] ": tail,
+                    "at rest [% of a core]": round(idle, 1),
+                    "at most [%]": 5.0,
+                }
+            )
+        browser.close()
+    table.notes.append(
+        f"{MOVES} moves of the pointer at {1 / PACE:.0f} Hz over the gain map, without a graphics card. From the pointer's event to the "
+        "frame in which the verdict of just these gains stands; a move that a later one overtakes has no frame of its own and is not "
+        "counted. At rest: the server's processor time while the page is open and nothing is touched."
+    )
+    return table
+
+
+def _chromium() -> str | None:
+    import shutil
+
+    return next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+
+
+def _dragged(browser, file: Path) -> tuple[list[float], float]:
+    """Latencies [ms], and the server's processor time at rest [%]."""
+    import json
+
+    command = [sys.executable, "-m", "gainroom", "app", str(file), "--no-browser", "--json"]
+    server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    assert server.stdout is not None
+    text = ""
+    while "}" not in text:
+        text += server.stdout.readline()
+    try:
+        page = browser.new_page(viewport={"width": 1400, "height": 1000})
+        page.goto(json.loads(text)["address"])
+        page.wait_for_function(READY, timeout=60_000)
+        page.wait_for_function(DONE, timeout=120_000)
+        box = page.locator("#map svg").bounding_box()
+        page.evaluate("() => { gainroom.latency.length = 0; }")
+        dot = page.locator("#dot").bounding_box()
+        page.mouse.move(dot["x"] + dot["width"] / 2, dot["y"] + dot["height"] / 2)
+        page.mouse.down()
+        for k in range(MOVES):
+            began, angle = time.perf_counter(), 2 * np.pi * k / 50
+            page.mouse.move(box["x"] + box["width"] * (0.45 + 0.2 * np.cos(angle)), box["y"] + box["height"] * (0.55 + 0.2 * np.sin(angle)))
+            time.sleep(max(0.0, PACE - (time.perf_counter() - began)))
+        page.wait_for_function("() => !gainroom.busy && !gainroom.waiting")
+        latency = page.evaluate(LATENCY)
+        page.mouse.up()
+        page.wait_for_function(DONE, timeout=120_000)
+        before = _used(server.pid)
+        time.sleep(QUIET)
+        idle = 100 * (_used(server.pid) - before) / QUIET
+        page.close()
+    finally:
+        server.kill()
+        server.wait()
+    return latency, idle
+
+
+def _used(process: int) -> float:
+    """Processor time [s] of a process."""
+    words = Path(f"/proc/{process}/stat").read_text("ascii").rpartition(")")[2].split()
+    return (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def _g1() -> str:
+    return (
+        f"model: {{package: example-robot-data, file: {G1.partition(':')[2]}, base: floating}}\n"
+        "joints: {default: {motor_inertia: 0.01, stiffness: 2000.0, damping: 1.0}}\n"
+        "drive: {bandwidth: 4000.0, delay_ms: 2.0}\ncontacts: {both: [left_ankle_roll_link, right_ankle_roll_link]}\n"
+        "control: {type: pd, space: joint, feedback: motor, kp: 40.0, kd: 2.0}\nlimits: {gain_margin_db: 6.0}\n"
+    )

@@ -1,0 +1,110 @@
+"""What the page works on, one joint or a robot: the protocol, and what both have."""
+
+import hashlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from ..errors import GainroomError
+from ..io.yaml_text import read_text
+from .messages import View
+
+Part = tuple[str, dict[str, Any]]
+"""A piece of an answer: its name and what it holds; strict() makes JSON of it."""
+Told = Callable[[int, int, str], None]
+"""Progress: done, in all, of what. It raises Cancelled where nobody waits any more."""
+
+
+class Cancelled(Exception):  # noqa: N818 - asked for, not an error
+    """Nobody waits for the answer."""
+
+
+@dataclass(frozen=True)
+class Opened:
+    """The file that the page is about: its text as it was read; `path` None: a shipped example, which cannot be saved."""
+
+    text: str
+    source: str
+    folder: Path
+    path: Path | None = None
+
+    def save(self, text: str, digest: str) -> None:
+        """Write `text` in its place.
+
+        Raises GainroomError where it cannot be written, has changed since it was read, or the difference that was seen is another one.
+        """
+        from ..io.atomic import replacement, writing
+
+        if self.path is None:
+            raise GainroomError(f"{self.source}: is a shipped example and cannot be saved; copy its text")
+        if digest_of(text) != digest:
+            raise GainroomError(f"{self.source}: not saved, as the gains have changed since the difference was shown")
+        if read_text(self.path) != self.text:
+            raise GainroomError(f"{self.source}: not saved, as the file has changed since it was opened; start gainroom app again")
+        with replacement(self.path) as temporary, writing(self.path):
+            temporary.write_text(text, "utf-8", newline="\n")
+
+    def difference(self, text: str) -> str:
+        """As `diff -u` has it."""
+        import difflib
+
+        lines = difflib.unified_diff(self.text.splitlines(), text.splitlines(), self.source, self.source, lineterm="")
+        return "".join(f"{line}\n" for line in lines)
+
+
+def digest_of(text: str) -> str:
+    """What tells one text from another."""
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+class Bench(Protocol):
+    """A file, opened, and its numbers at other gains. Only `opened` changes, when it is saved."""
+
+    opened: Opened
+
+    def opening(self) -> dict[str, Any]:
+        """What does not change while the page is open."""
+        ...
+
+    def quick(self, view: View, window: tuple[float, float] | None, known: str) -> Iterator[Part]:
+        """What follows a gesture, the quickest first; `known`: the map that the page has."""
+        ...
+
+    def curves(self, view: View, window: tuple[float, float] | None, known: str, final: bool) -> Iterator[Part]:
+        """What follows a gesture a little later; `final`: it has ended, so there is time for more."""
+        ...
+
+    def full(self, view: View, window: tuple[float, float] | None, told: Told) -> Iterator[Part]:
+        """What the command line would print for the same gains, certified as it is there."""
+        ...
+
+    def found(self, view: View, told: Told) -> Iterator[Part]:
+        """Recommended gains, where they take too long to be found with everything else."""
+        ...
+
+    def shaken(self, view: View, told: Told) -> Iterator[Part]:
+        """A simulated run."""
+        ...
+
+    def text(self, view: View) -> str:
+        """The file with the view's values."""
+        ...
+
+    def copied(self, view: View, form: str) -> str:
+        """The gains in one of messages.Form."""
+        ...
+
+    def mesh(self, place: int) -> bytes | None:
+        """A mesh of the robot's, packed; None where there is none."""
+        ...
+
+    def page(self, view: View) -> str:
+        """The command line's report of the view."""
+        ...
+
+
+def rounded(values: Any, significant: int = 5) -> list[float | None]:
+    """For a picture: fewer digits, a third of the bytes; None where there is no number."""
+    text = f"%.{significant}g"
+    return [float(text % value) if value - value == 0 else None for value in values]

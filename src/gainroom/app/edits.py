@@ -1,0 +1,42 @@
+"""What a view changes in a file's delay and sample rate; ranges are widened to hold a new value, as a file's must."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from ..errors import GainroomError
+from ..files.edited_text import Keys
+from .messages import View
+
+
+def timing(data: Mapping[str, Any], delay: float, view: View) -> dict[Keys, Any]:
+    """Of the `data` of a joint.yaml or robot.yaml, whose delay is `delay` [s].
+
+    Raises GainroomError for a delay in ticks without a rate.
+    """
+    changes: dict[Keys, Any] = {}
+    control, drive = data["control"], data["drive"]
+    old = drive.get("sample_rate_hz", control.get("sample_rate_hz"))
+    rate = control.get("sample_rate_hz") if view.sample_rate_hz is None else view.sample_rate_hz or None
+    if rate != control.get("sample_rate_hz"):
+        changes["control", "sample_rate_hz"] = rate
+        if "sample_rate_hz" in drive:
+            changes["drive", "sample_rate_hz"] = rate or old
+    ticks = rate or old
+    if "delay_ticks" in drive:
+        if not ticks:
+            raise GainroomError("sample rate: the file gives its delay in ticks, which need a rate")
+        wanted = 1e3 * delay if view.delay_ms is None else view.delay_ms
+        put(changes, data, ("drive", "delay_ticks"), drive["delay_ticks"], wanted * ticks / 1e3)
+    elif view.delay_ms is not None:
+        put(changes, data, ("drive", "delay_ms"), drive["delay_ms"], view.delay_ms)
+    return changes
+
+
+def put(changes: dict[Keys, Any], data: Mapping[str, Any], path: Keys, old: Any, value: float) -> None:
+    """A changed value, and its range where that does not hold it."""
+    if isinstance(old, int | float) and abs(value - old) <= 1e-12 * abs(old):
+        return
+    changes[path] = value
+    given = (data.get("uncertainty") or {}).get(path[-1])
+    if isinstance(given, list) and not given[0] <= value <= given[1]:
+        changes["uncertainty", path[-1]] = [min(given[0], value), max(given[1], value)]

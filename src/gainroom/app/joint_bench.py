@@ -1,0 +1,232 @@
+"""One joint on the page: a view is an edited joint.yaml, so its numbers are the command line's by construction."""
+
+import math
+import threading
+from collections import OrderedDict
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from ..errors import GainroomError
+from ..files.copied_gains import copied_gains
+from ..files.edited_text import Keys, edited
+from ..files.gain_formats.gain_record import Gain
+from ..files.joint_yaml import parse_joint, parse_simulation
+from ..io.yaml_text import parse_yaml
+from ..report.columns import facts
+from ..report.gains_to_use import joint_gains
+from ..report.joint import joint_page
+from ..report.joint_text import sentence, warnings
+from ..report.margin_columns import margin_columns, margins_text
+from ..report.number_format import own_gains, plane_names
+from ..report.verdict import joint_to_use, judged
+from ..studies.analysis import analyze
+from ..studies.joint import JointStudy, study_joint
+from ..system.system import System
+from ..system.uncertainty import Uncertainty
+from .bench import Opened, Part, Told
+from .edits import put, timing
+from .joint_curves import bode, limits, map_window, required_gains, stable_gains, step, sweep_span
+from .messages import View
+from .shaken import shaken
+
+REMEMBERED = 24
+"""Studies and recommendations."""
+SAME_IN_A_PLANE = ("recommended", "exact", "at_usual_rate", "uncertainty_cost")
+"""Of a JointStudy: what does not depend on where in their plane its gains are."""
+
+
+class JointBench:
+    """See Bench."""
+
+    def __init__(self, opened: Opened) -> None:
+        self.opened = opened
+        self._system = parse_joint(opened.text, opened.source)
+        self._data = parse_yaml(opened.text, opened.source)
+        study = _nominal(self._system)
+        self._span = sweep_span(study)
+        self._window = map_window(study)
+        self._studies: OrderedDict[str, JointStudy] = OrderedDict()  # by text
+        self._plants: OrderedDict[str, JointStudy] = OrderedDict()  # by _plant: with its recommendation
+        self._one_at_a_time = threading.Lock()
+
+    def opening(self) -> dict[str, Any]:
+        system = self._system
+        joint, control = system.source, system.control
+        controller, rate = control.controller, control.sample_time
+        free = [] if "delay_ticks" in self._data["drive"] else [0]
+        rates = sorted({*free, 500, 1000, 2000, 4000, 8000, 0 if rate is None else round(1 / rate, 6)})
+        return {
+            "kind": "joint",
+            "name": self.opened.source,
+            "saves": self.opened.path is not None,
+            "gains": [{"name": name, "value": value, "unit": unit} for name, value, unit in own_gains(controller)],
+            "axes": plane_names(controller),
+            "point": controller.plane_gains() if controller.has_plane else None,
+            "window": self._window,
+            "span_hz": [end / (2 * math.pi) for end in self._span],
+            "rates": [each for each in rates if each or free],
+            "view": {
+                "gains": {name: value for name, value, _ in own_gains(controller)},
+                "delay_ms": 1e3 * system.delay,
+                "stiffness": joint.stiffness if math.isfinite(joint.stiffness) else None,
+                "link_inertia": joint.link_inertia if math.isfinite(joint.link_inertia) else None,
+                "sample_rate_hz": 0 if rate is None else 1 / rate,
+            },
+            "needed": system.requirements.needed,
+            "uncertain": list(system.uncertainty.names),
+            "forms": ["yaml", "ros2_control", "mjcf"],
+        }
+
+    def text(self, view: View) -> str:
+        return edited(self.opened.text, self.opened.source, self._values(view))
+
+    def copied(self, view: View, form: str) -> str:
+        study = _nominal(self.system(view))
+        controller = study.system.control.controller
+        if form == "yaml":
+            return "".join(f"{line}\n" for line in joint_gains(controller))
+        if hasattr(controller, "kv"):
+            raise GainroomError(f"{form}: holds kp and kd in N·m/rad and N·m·s/rad, not the gains of a P/PI cascade; copy as yaml")
+        gain = Gain(**{name: value for name, value, _ in own_gains(controller)})
+        kept = margins_text(study.margins) if study.margins.stable else "UNSTABLE, do not run these"
+        kept = f"{Path(self.opened.source).stem}, {'nominal ' if study.margins.stable else ''}{kept}"
+        rate = study.system.control.sample_time
+        return copied_gains({"joint": gain}, form, kept, None if rate is None else 1 / rate)
+
+    def mesh(self, place: int) -> bytes | None:
+        return None
+
+    def page(self, view: View) -> str:
+        return joint_page(self._study(view), f"gainroom joint {self.opened.source}")
+
+    def system(self, view: View) -> System:
+        """As the command line would read the edited file."""
+        return parse_joint(self.text(view), self.opened.source)
+
+    def quick(self, view: View, window: tuple[float, float] | None, known: str) -> Iterator[Part]:
+        system = self.system(view)
+        study, plant = _nominal(system), self._plant(view)
+        uncertain = bool(system.uncertainty.names)
+        yield "verdict", _verdict(study, "nominal" if uncertain else "certified") | self._gains(study)
+        yield "bode", bode(study, self._span)
+        if plant != known:
+            yield "map", stable_gains(study, window or self._window) | {"plant": plant}
+
+    def curves(self, view: View, window: tuple[float, float] | None, known: str, final: bool) -> Iterator[Part]:
+        study, plant = _nominal(self.system(view)), self._plant(view)
+        if plant != known:
+            for part in required_gains(study, window or self._window):
+                yield "map", part | {"plant": plant}
+        if not known:
+            yield "before", step(_nominal(self._system))
+        yield "step", step(study)
+
+    def full(self, view: View, window: tuple[float, float] | None, told: Told) -> Iterator[Part]:
+        told(0, 2, "ranges")
+        system = self.system(view)
+        study = JointStudy(system, analyze(system).every)
+        vars(study).update(recommended=None, exact=None)
+        if system.uncertainty.names:
+            yield "verdict", _verdict(study, "certified") | self._gains(study)  # before recommended gains, which take longer
+        told(1, 2, "recommended gains")
+        study = self._study(view)
+        use = joint_to_use(study)
+        yield "verdict", _verdict(study, "certified") | self._gains(study)
+        best = study.recommended
+        yield "map", limits(study, window or self._window) | {"plant": self._plant(view)}
+        yield (
+            "use",
+            {
+                "heading": use.heading.replace("`", ""),
+                "lines": use.lines,
+                "remarks": [text.replace("`", "") for text in use.remarks],
+                "point": None if best is None else [best.kp, best.kd],
+                "gains": None if best is None else {k: float(v) for k, v in (line.split(": ") for line in joint_gains(best.controller))},
+                "rule": [study.rule.kp, study.rule.kd],
+                "warnings": warnings(study),
+            },
+        )
+
+    def found(self, view: View, told: Told) -> Iterator[Part]:
+        yield from self.full(view, None, told)
+
+    def shaken(self, view: View, told: Told) -> Iterator[Part]:
+        yield from shaken(parse_simulation(self.text(view), self.opened.source), told)
+
+    def _gains(self, study: JointStudy) -> dict[str, Any]:
+        controller = study.system.control.controller
+        point = controller.plane_gains() if controller.has_plane else None
+        return {"gains": {name: value for name, value, _ in own_gains(controller)}, "point": point}
+
+    def _study(self, view: View) -> JointStudy:
+        """study_joint of the view, remembered; the recommendation of a PD does not depend on its gains, and is looked up."""
+        text = self.text(view)
+        with self._one_at_a_time:
+            if text in self._studies:
+                self._studies.move_to_end(text)
+                return self._studies[text]
+            study, plant = self.system(view), self._plant(view)
+            if (other := self._plants.get(plant)) is not None:  # the recommendation does not depend on where in its plane the gains are
+                study = JointStudy(study, analyze(study).every)
+                vars(study).update({name: vars(other)[name] for name in SAME_IN_A_PLANE if name in vars(other)})
+            else:
+                study = self._plants[plant] = study_joint(study)
+                study.at_usual_rate  # noqa: B018 - computed now, so that it is remembered
+            self._studies[text] = study
+            for remembered in (self._studies, self._plants):
+                while len(remembered) > REMEMBERED:
+                    remembered.popitem(last=False)
+            return study
+
+    def _plant(self, view: View) -> str:
+        """What tells one map from another: all but the gains in the plane."""
+        controller = self._controller(view)
+        held = controller.from_plane(1.0, 1.0) if controller.has_plane else controller
+        return repr((view.delay_ms, view.stiffness, view.link_inertia, view.sample_rate_hz, held))
+
+    def _controller(self, view: View) -> Any:
+        """The file's own with the view's gains; a point of the plane goes before them."""
+        own = self._system.control.controller
+        strange = view.gains.keys() - set(own.gain_names())
+        if strange:
+            raise GainroomError(f"gains: {min(strange)} is not a gain of this controller, which has {', '.join(own.gain_names())}")
+        controller = replace(own, **view.gains)
+        return controller if view.point is None or not own.has_plane else controller.from_plane(*view.point)
+
+    def _values(self, view: View) -> Mapping[Keys, Any]:
+        """What the view changes in the file, by key."""
+        data, changes = self._data, timing(self._data, self._system.delay, view)
+        for name, value, _ in own_gains(self._controller(view)):
+            if data["control"].get(name) != value:
+                changes["control", name] = value
+        for key in ("stiffness", "link_inertia"):
+            if (value := getattr(view, key)) is not None:
+                put(changes, data, ("joint", key), data["joint"][key], value)
+        return changes
+
+
+def _nominal(system: System) -> JointStudy:
+    """At the file's own values alone, without a search for gains."""
+    exact = replace(system, uncertainty=Uncertainty())
+    study = JointStudy(exact, analyze(exact).every)
+    vars(study).update(recommended=None, exact=None)
+    return study
+
+
+def _verdict(study: JointStudy, basis: str) -> dict[str, Any]:
+    """What stands first, as terminal and report have it; `basis`: certified, or nominal where ranges have not been examined."""
+    best = joint_to_use(study).margins if study.recommended is not None else None
+    return {
+        "basis": basis,
+        "sentence": sentence(study),
+        "tone": "bad" if not study.stable_in_range else "warn" if study.unmet else "good",
+        "rows": [vars(row) for row in judged(study, best)],
+        "numbers": facts(margin_columns(), study.margins),
+        "worst": facts(margin_columns(), study.in_range.margins),
+        "stable": study.margins.stable,
+        "stable_in_range": study.stable_in_range,
+        "met": study.requirements_met,
+        "unmet": list(study.unmet),
+    }

@@ -1,0 +1,98 @@
+"""Curves of one joint for the page, from the functions that the report draws with."""
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from ..linear.arrays import Floats
+from ..report.bode import Case, frequency_span, response
+from ..report.gain_map import around, gain_points
+from ..report.map_edge import edge_frequencies
+from ..report.map_lines import View as Window
+from ..report.map_lines import opened, outlines, required_lines
+from ..simulation.step_response import step_response
+from ..studies.joint import JointStudy
+from .bench import rounded
+
+WIDER = 2.0
+"""The frequency axis beyond what the report of the file's own gains shows: gains move."""
+STEP_POINTS = 500
+
+
+def sweep_span(study: JointStudy) -> tuple[float, float]:
+    """[rad/s] of the frequency axis, which stays while gains move."""
+    low, high = frequency_span(study, [Case("", study.loop, study.margins)])
+    return low / WIDER, high if study.system.control.sample_time is not None else high * WIDER
+
+
+def map_window(study: JointStudy) -> tuple[float, float]:
+    """The gains (kp, kd) up to which the map is drawn."""
+    window = around(study, gain_points(study))
+    return window.kp, window.kd
+
+
+def bode(study: JointStudy, span: tuple[float, float]) -> dict[str, Any]:
+    """Magnitude, phase and the Nyquist plot of the open loop, with the crossings that decide; frequencies in Hz."""
+    low, high = span
+    if study.system.control.sample_time is not None:
+        high = math.pi / study.system.control.sample_time
+    omega, size, phase = response(study.loop, min(low, 0.1 * high), high)
+    value = study.loop.response(omega)
+    found = study.margins
+    return {
+        "hz": rounded((omega / (2 * math.pi)).tolist(), 6),
+        "size": rounded(size.tolist()),
+        "phase": rounded(phase.tolist()),
+        "re": rounded(value.real.tolist()),
+        "im": rounded(value.imag.tolist()),
+        "marks": [
+            {"name": name, "hz": omega / (2 * math.pi)}
+            for name, omega in (("gain", found.phase_crossover), ("phase", found.gain_crossover), ("Ms", found.peak_sensitivity_frequency))
+            if math.isfinite(omega)
+        ],
+    }
+
+
+def stable_gains(study: JointStudy, window: tuple[float, float]) -> dict[str, Any]:
+    """Outlines of the stable gains."""
+    return {"stable": [_line(outline) for outline in outlines(study.region, Window(*window, *window))], "window": window}
+
+
+def required_gains(study: JointStudy, window: tuple[float, float]) -> Iterator[dict[str, Any]]:
+    """Outlines of the gains that meet the requirements at the nominal values; then the frequencies along the edge of the stable ones."""
+    view = Window(*window, *window)
+    asked = study.system.requirements.asked
+    yield {"required": [_line(outline) for outline in outlines(study.required_region, view)] if asked else []}
+    pieces = [opened(outline) for outline in outlines(study.region, view)]
+    edge = [(piece, edge_frequencies(study.region, piece)) for piece in pieces]
+    yield {
+        "edge": [
+            {"line": _line(piece), "hz": rounded((omega / (2 * math.pi)).tolist())} for piece, omega in edge if np.isfinite(omega).any()
+        ],
+        "last": True,
+    }
+
+
+def limits(study: JointStudy, window: tuple[float, float]) -> dict[str, Any]:
+    """The line of each required margin."""
+    view = Window(*window, *window)
+    return {"lines": [{"text": text, "parts": [_line(part) for part in parts]} for text, parts in required_lines(study, view)]}
+
+
+def _line(points: Floats) -> list[list[float | None]]:
+    return [rounded(column.tolist(), 6) for column in points.T]
+
+
+def step(study: JointStudy) -> dict[str, Any]:
+    """The measured position after a step of its reference, and under 1 N m added to the command."""
+    found = step_response(study.loop)
+    pick = slice(None, None, max(1, len(found.time) // STEP_POINTS))
+    return {
+        "ms": rounded((1e3 * found.time[pick]).tolist()),
+        "reference": rounded(found.reference[pick].tolist()),
+        "disturbance": rounded((1e6 * found.disturbance[pick]).tolist()),
+        "growth": found.growth,
+        "hz": found.frequency / (2 * math.pi),
+    }

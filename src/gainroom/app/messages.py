@@ -1,0 +1,75 @@
+"""What the page may ask for, each message with its bounds: it comes from outside."""
+
+import json
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from ..errors import GainroomError
+from ..io.validation import Flag, Name, NotNegative, Positive, Section, number, validate
+
+LONGEST = 32_768
+"""Bytes of a message."""
+Key = Annotated[int, Field(strict=True, ge=0, le=2**53)]
+Rate = Annotated[float, number(least=0, most=1e6, unit="Hz")]
+Coordinate = Annotated[float, number(least=-1e6, most=1e6)]
+Form = Literal["yaml", "mjcf", "ros2_control"]
+
+
+class View(Section):
+    """What is looked at; what is None is as the file has it.
+
+    gains        of a joint by name, of a robot as name of joint → {kp, kd}
+    point        of the plane of the gain map, of the joint that it shows; it goes before gains
+    delay_ms     of the drives
+    stiffness    of the gearbox [N m/rad]; of a robot a factor on all of them
+    link_inertia of a joint [kg m²]
+    sample_rate_hz   0: continuous
+    posture, contact, joint   of a robot
+    angles       of a robot's joints that stand otherwise than in its posture [rad, m]
+    """
+
+    gains: dict[Name, NotNegative | dict[Literal["kp", "kd"], NotNegative]] = Field(default_factory=dict, max_length=200)
+    point: tuple[NotNegative, NotNegative] | None = None
+    delay_ms: NotNegative | None = None
+    stiffness: Positive | None = None
+    link_inertia: Positive | None = None
+    sample_rate_hz: Rate | None = None
+    posture: Name | None = None
+    contact: Name | None = None
+    joint: Name | None = None
+    angles: dict[Name, Coordinate] = Field(default_factory=dict, max_length=200)
+
+
+class Ask(Section):
+    """One message.
+
+    ask     look: numbers of a view; find: recommended gains; copy, save: gains as text; shake: a simulated run; page: the report; cancel:
+            end what goes on
+    key     comes back with every answer
+    final   look: not in the middle of a gesture, so everything that is certified is wanted
+    window  look: draw the map anew, up to these gains (kp, kd)
+    form    copy: of the text
+    digest  save: of the difference that was seen
+    """
+
+    ask: Literal["look", "find", "copy", "save", "shake", "page", "cancel"]
+    key: Key
+    view: View = Field(default_factory=View)
+    final: Flag = True
+    window: tuple[Positive, Positive] | None = None
+    form: Form = "yaml"
+    digest: Annotated[str, Field(strict=True, max_length=64)] = ""
+
+
+def read_message(text: str) -> Ask:
+    """A message as it came. Raises GainroomError, one line, for what is none."""
+    if len(text.encode("utf-8", "surrogatepass")) > LONGEST:
+        raise GainroomError(f"message: must be at most {LONGEST} bytes long")
+    try:
+        data = json.loads(text)
+    except (ValueError, RecursionError):
+        raise GainroomError("message: is no JSON") from None
+    if not isinstance(data, dict):
+        raise GainroomError("message: must be an object")
+    return validate(Ask, data, "message")

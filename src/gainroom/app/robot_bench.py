@@ -1,0 +1,346 @@
+"""A robot on the page: one joint or task direction is dragged, all others stay closed; the rest is what the command line prints."""
+
+import itertools
+import re
+import threading
+from collections import OrderedDict
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..analysis.part_plane import PartPlane
+from ..errors import GainroomError
+from ..files.copied_gains import copied_gains
+from ..files.edited_text import edited
+from ..files.gain_formats.gain_record import Gain
+from ..files.robot_yaml import parse_robot
+from ..io.yaml_text import parse_yaml
+from ..linear.arrays import Floats
+from ..report.columns import facts
+from ..report.gains_to_use import gain_lines
+from ..report.recommended_gains import recommended_facts
+from ..report.robot import robot_page
+from ..report.robot_columns import state_columns
+from ..report.robot_text import sentence, warnings
+from ..report.verdict import judged, robot_to_use
+from ..robot.robot import Posture
+from ..simulation.robot_simulation import RobotSimulation
+from ..studies.robot import RobotStudy, study_robot
+from ..studies.state import State, limit_of, state_of
+from ..system.system import System
+from .bench import Opened, Part, Told
+from .edits import timing
+from .messages import View
+from .robot_curves import Channel, bode, channel_plane, gain_map, heat, mode, quick_verdict, slowest_root, span_of, stand, window_for
+from .robot_shapes import described, pose, shapes_of
+from .shaken import shaken
+
+REMEMBERED = 16
+
+
+class RobotBench:
+    """See Bench."""
+
+    def __init__(self, opened: Opened) -> None:
+        self.opened = opened
+        self._system = parse_robot(opened.text, opened.source, opened.folder)
+        if not {"kp", "kd"} <= set(self._gains_of(self._system)):
+            raise GainroomError(f"{opened.source}: the page drags kp and kd; P/PI gains of robots are judged by gainroom robot")
+        self._data = parse_yaml(opened.text, opened.source)
+        self._systems: OrderedDict[str, System] = OrderedDict()
+        self._planes: OrderedDict[str, PartPlane] = OrderedDict()
+        self._found: OrderedDict[str, RobotStudy] = OrderedDict()
+        self._lock = threading.Lock()
+        self._model = self._system.source.linearize()
+        self._space = self._system.control.space
+        self.shapes = shapes_of(self._system.source.body)
+        tasks = self._tasks(self._system)
+        self._names = self._system.source.joint_names if tasks is None else tasks.directions
+
+    def opening(self) -> dict[str, Any]:
+        system, source = self._system, self._system.source
+        rate = system.control.sample_time
+        free = [] if "delay_ticks" in self._data["drive"] and "sample_rate_hz" not in self._data["drive"] else [0]
+        rates = sorted({*free, 500, 1000, 2000, 4000, 8000, 0 if rate is None else round(1 / rate, 6)})
+        posture, contact = source.states[0]
+        task = self._space == "task"
+        return {
+            "kind": "robot",
+            "name": self.opened.source,
+            "saves": self.opened.path is not None,
+            "space": self._space,
+            "channels": self._names,
+            "gains": [{"name": "kp", "unit": "1/s²" if task else "N·m/rad"}, {"name": "kd", "unit": "1/s" if task else "N·m·s/rad"}],
+            "axes": ["kp", "kd"],
+            "units": ["1/s²", "1/s"] if task else ["N·m/rad", "N·m·s/rad"],
+            "span_hz": span_of(system),
+            "rates": rates,
+            "postures": list(source.postures),
+            "contacts": list(source.contacts),
+            "joints": stand(source),
+            "shapes": described(self.shapes),
+            "view": {
+                "gains": self._all_gains(View()),
+                "delay_ms": 1e3 * system.delay,
+                "stiffness": 1.0 if np.isfinite(source.actuators.stiffness).any() else None,
+                "link_inertia": None,
+                "sample_rate_hz": 0 if rate is None else 1 / rate,
+                "posture": posture,
+                "contact": contact,
+                "joint": self._names[0],
+                "angles": {},
+            },
+            "needed": system.requirements.needed,
+            "uncertain": list(system.uncertainty.names),
+            "forms": ["yaml"] if task else ["yaml", "ros2_control", "mjcf"],
+        }
+
+    def text(self, view: View) -> str:
+        changes = timing(self._data, self._system.delay, view)
+        kp, kd = self._gains(view)
+        old_kp, old_kd = self._gains(View())
+        for key, values, old in (("kp", kp, old_kp), ("kd", kd, old_kd)):
+            if np.array_equal(values, old):
+                continue
+            if self._space == "joint":
+                same = bool(np.all(values == values[0]))
+                patterns = {re.escape(name): value for name, value in zip(self._names, values.tolist(), strict=True)}
+                changes["control", key] = float(values[0]) if same else patterns
+            else:
+                for place, rows in enumerate(self._rows()):
+                    if not np.array_equal(values[rows], old[rows]):
+                        changes["tasks", place, key] = values[rows].tolist()
+        if view.stiffness not in (None, 1.0):
+            stiffness = self._system.source.actuators.stiffness * view.stiffness
+            for name, value in zip(self._system.source.joint_names, np.asarray(stiffness).tolist(), strict=True):
+                if np.isfinite(value):
+                    changes["joints", re.escape(name), "stiffness"] = value
+        if view.angles:
+            posture = view.posture or self._system.source.states[0][0]
+            stance = self._system.source.postures[posture]
+            named = {re.escape(name): float(value) for name, value in {**stance.angles, **view.angles}.items()}
+            changes["postures", posture] = named
+        return edited(self.opened.text, self.opened.source, changes)
+
+    def system(self, view: View) -> System:
+        """The file's with the view's values; what gains do not change is read again only when it changes."""
+        base = View(delay_ms=view.delay_ms, sample_rate_hz=view.sample_rate_hz)
+        key = repr(base)
+        with self._lock:
+            if key not in self._systems:
+                self._systems[key] = parse_robot(self.text(base), self.opened.source, self.opened.folder)
+            system = self._systems[key]
+            while len(self._systems) > REMEMBERED:
+                self._systems.popitem(last=False)
+        if view.stiffness not in (None, 1.0):
+            factor = view.stiffness
+            system = system.with_values(stiffness=factor * system.source.actuators.stiffness)
+            if (span := system.uncertainty.stiffness) is not None:
+                system = replace(system, uncertainty=replace(system.uncertainty, stiffness=tuple(factor * np.asarray(end) for end in span)))
+        source = system.source
+        if view.angles:
+            source = replace(source, postures={**source.postures, self._state(view)[0]: self._stance(view)})
+        kp, kd = self._gains(view)
+        if self._space == "joint":
+            return replace(system.with_controller(replace(system.control.controller, kp=kp, kd=kd)), source=source)
+        stack = tuple(
+            replace(task, kp=tuple(kp[rows].tolist()), kd=tuple(kd[rows].tolist()))
+            for task, rows in zip(source.stack, self._rows(), strict=True)
+        )
+        return replace(system, source=replace(source, stack=stack))
+
+    def copied(self, view: View, form: str) -> str:
+        kp, kd = self._gains(view)
+        state = self.state(view)
+        if form == "yaml":
+            if self._space == "joint":
+                lines = [line for key, values in (("kp", kp), ("kd", kd)) for line in gain_lines(key, self._names, values)]
+                return "".join(f"{line}\n" for line in lines)
+            stack = self._system.source.stack
+            return "".join(
+                f"{task.name}: {{kp: {kp[rows].tolist()}, kd: {kd[rows].tolist()}}}\n"
+                for task, rows in zip(stack, self._rows(), strict=True)
+            )
+        limit = limit_of(state.loop)
+        kept = f"vibration starts at {limit.gain:.3g} × these gains in {state.title}" if limit.stable else "UNSTABLE, do not run these"
+        gains = {name: Gain(float(p), float(d)) for name, p, d in zip(self._names, kp, kd, strict=True)}
+        rate = state.system.control.sample_time
+        return copied_gains(gains, form, f"{Path(self.opened.source).stem}, {kept}", None if rate is None else 1 / rate)
+
+    def page(self, view: View) -> str:
+        return robot_page(self._studied(view, lambda *_: None), f"gainroom robot {self.opened.source}")
+
+    def state(self, view: View) -> State:
+        """The view's posture and contact state."""
+        return state_of(self.system(view), *self._state(view))
+
+    def quick(self, view: View, window: tuple[float, float] | None, known: str) -> Iterator[Part]:
+        state, channel = self.state(view), self._channel(view)
+        limit = limit_of(state.loop) if state.moves else None
+        own = {"gains": {channel.name: {"kp": channel.kp, "kd": channel.kd}}, "point": [channel.kp, channel.kd]}
+        key = self._plane_key(channel, view)
+        if limit is None or key not in self._planes:
+            yield "verdict", quick_verdict(state, limit, channel) | own
+        if limit is None:
+            return
+        plane = self._plane(state, channel, key, window)
+        yield "verdict", quick_verdict(state, limit, channel, plane) | own
+        yield "bode", bode(plane, channel)
+        if key != known:
+            yield "map", gain_map(plane, channel, window) | {"plant": key, "last": True}
+
+    def curves(self, view: View, window: tuple[float, float] | None, known: str, final: bool) -> Iterator[Part]:
+        state = self.state(view)
+        if not state.moves:
+            return
+        limit = limit_of(state.loop)
+        yield "mode", mode(state, limit) | pose(state.model, self.shapes, limit.mode if np.isfinite(limit.frequency) else None)
+        if final:
+            yield "root", slowest_root(state)
+
+    def mesh(self, place: int) -> bytes | None:
+        """A mesh among the shapes."""
+        shape = self.shapes[place] if 0 <= place < len(self.shapes) else None
+        return None if shape is None or shape.corners is None else shape.packed()
+
+    def full(self, view: View, window: tuple[float, float] | None, told: Told) -> Iterator[Part]:
+        told(0, 1, "this state")
+        state = self.state(view)
+        if state.moves:
+            one = RobotStudy(state.system, (state,))
+            yield "verdict", self._verdict(one, "state") | {"where": state.title}
+        study = self._studied(view, told)
+        yield "verdict", self._verdict(study, "certified")
+        yield "heat", heat(study)
+        use = robot_to_use(study)
+        gains = self._recommended(study)
+        yield (
+            "use",
+            {
+                "heading": use.heading.replace("`", ""),
+                "lines": use.lines,
+                "remarks": [text.replace("`", "") for text in use.remarks],
+                "gains": gains,
+                "find": study.system.requirements.asked != () and not study.recommended,
+                "warnings": warnings(study) if study.recommended else [],
+            },
+        )
+
+    def found(self, view: View, told: Told) -> Iterator[Part]:
+        study = study_robot(self.system(view), told)
+        with self._lock:
+            self._found[self._plant(view)] = study
+            while len(self._found) > REMEMBERED:
+                self._found.popitem(last=False)
+        yield from self.full(view, None, told)
+
+    def shaken(self, view: View, told: Told) -> Iterator[Part]:
+        system = self.system(view)
+        posture, contact = self._state(view)
+        yield from shaken(RobotSimulation.of(replace(system, scenario=replace(system.scenario, posture=posture, contact=contact))), told)
+
+    def _studied(self, view: View, told: Told) -> RobotStudy:
+        study = study_robot(self.system(view), told, recommend=False)
+        known = self._found.get(self._plant(view))
+        return study if known is None else replace(study, recommended=known.recommended)
+
+    def _plant(self, view: View) -> str:
+        return repr(
+            view.model_copy(update={"joint": None, "point": None, "posture": view.posture if view.angles else None, "contact": None})
+        )
+
+    def _recommended(self, study: RobotStudy) -> dict[str, Any] | None:
+        if study.to_use is None:
+            return None
+        gains, found = study.to_use
+        pairs = zip(gains.names, np.nan_to_num(found.kp).tolist(), np.nan_to_num(found.kd).tolist(), strict=True)
+        return {name: {"kp": float(f"{kp:.7g}"), "kd": float(f"{kd:.7g}")} for name, kp, kd in pairs}
+
+    def _verdict(self, study: RobotStudy, basis: str) -> dict[str, Any]:
+        best = robot_to_use(study).margins if study.recommended else None
+        return {
+            "basis": basis,
+            "sentence": sentence(study),
+            "tone": "bad" if not study.stable_in_range else "warn" if study.unmet else "good",
+            "rows": [vars(row) for row in judged(study, best)],
+            "states": [facts(state_columns(), state) for state in study.every],
+            "recommended": [recommended_facts(gains) for gains in study.recommended] or None,
+            "stable": study.stable,
+            "stable_in_range": study.stable_in_range,
+            "met": study.requirements_met,
+            "unmet": list(study.unmet),
+        }
+
+    def _state(self, view: View) -> tuple[str, str]:
+        posture, contact = self._system.source.states[0]
+        return view.posture or posture, view.contact or contact
+
+    def _stance(self, view: View) -> Posture:
+        name = self._state(view)[0]
+        if name not in self._system.source.postures:
+            raise GainroomError(f"posture {name[:60]!r} is not one of this robot's")
+        strange = view.angles.keys() - set(self._system.source.joint_names)
+        if strange:
+            raise GainroomError(f"angles: {min(strange)[:60]!r} is not a joint of this robot")
+        stance = self._system.source.postures[name]
+        return replace(stance, angles={**stance.angles, **view.angles})
+
+    def _tasks(self, system: System) -> Any:
+        return system.source.tasks(self._model, system.control.rotors) if self._space == "task" else None
+
+    def _rows(self) -> list[slice]:
+        """Of each task its directions."""
+        owners = self._tasks(self._system).owners
+        ends = np.searchsorted(owners, np.arange(len(self._system.source.stack) + 1)).tolist()
+        return [slice(start, end) for start, end in itertools.pairwise(ends)]
+
+    @staticmethod
+    def _gains_of(system: System) -> tuple[str, ...]:
+        if system.control.controller is not None:
+            return system.control.controller.gain_names()
+        return ("kv",) if any(task.ki is not None for task in system.source.stack) else ("kp", "kd")
+
+    def _gains(self, view: View) -> tuple[Floats, Floats]:
+        """kp and kd (m,) of the channels: the file's, then the view's, then the point."""
+        owner = self._system.control.controller if self._space == "joint" else self._tasks(self._system)
+        kp, kd = (np.broadcast_to(np.asarray(getattr(owner, name), dtype=float), len(self._names)).copy() for name in ("kp", "kd"))
+        for name, pair in view.gains.items():
+            if name not in self._names or not isinstance(pair, dict):
+                raise GainroomError(f"gains: {name[:60]!r} is not a joint or task direction of this robot with kp and kd")
+            k = self._names.index(name)
+            kp[k], kd[k] = pair.get("kp", kp[k]), pair.get("kd", kd[k])
+        if view.point is not None:
+            k = self._place(view)
+            kp[k], kd[k] = view.point
+        return kp, kd
+
+    def _all_gains(self, view: View) -> dict[str, dict[str, float]]:
+        kp, kd = self._gains(view)
+        return {name: {"kp": float(p), "kd": float(d)} for name, p, d in zip(self._names, kp, kd, strict=True)}
+
+    def _place(self, view: View) -> int:
+        if view.joint is not None and view.joint not in self._names:
+            raise GainroomError(f"joint {view.joint[:60]!r} is not one of this robot's")
+        return 0 if view.joint is None else self._names.index(view.joint)
+
+    def _channel(self, view: View) -> Channel:
+        k = self._place(view)
+        kp, kd = self._gains(view)
+        return Channel(self._names[k], k, float(kp[k]), float(kd[k]))
+
+    def _plane_key(self, channel: Channel, view: View) -> str:
+        """The plane of one channel does not depend on where in it the gains are."""
+        others = {name: pair for name, pair in view.gains.items() if name != channel.name}
+        return repr((view.model_copy(update={"point": None, "gains": others}), self._state(view), channel.name))
+
+    def _plane(self, state: State, channel: Channel, key: str, window: tuple[float, float] | None) -> PartPlane:
+        with self._lock:
+            if key not in self._planes or window is not None:
+                tasks = state.system.source.tasks(state.model, state.system.control.rotors) if self._space == "task" else None
+                self._planes[key] = channel_plane(state, channel, tasks, window or window_for(channel))
+                while len(self._planes) > REMEMBERED:
+                    self._planes.popitem(last=False)
+            return self._planes[key]

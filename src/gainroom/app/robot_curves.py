@@ -1,0 +1,191 @@
+"""What the page draws of a robot: one channel's plane and return ratio with all others closed, the mode, and the heat map."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..analysis.gain_limit import GainLimit
+from ..analysis.part_plane import PartPlane
+from ..analysis.stability import rightmost_roots
+from ..errors import frequency_text, listed
+from ..report.margin_columns import margin_value, requirement
+from ..report.robot_headroom import Factors, joint_factors, task_factors
+from ..robot.robot import Robot
+from ..studies.robot import RobotStudy
+from ..studies.state import State, limiting_joints
+from ..system.requirements import REQUIREMENTS, to_db
+from ..system.system import System
+from .bench import rounded
+
+BODE_POINTS = 500
+GUESS = 4.0
+"""Gains that the first window shows, as a multiple of a channel's own."""
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A joint, or a direction of a task, by its place among the names; its gains."""
+
+    name: str
+    place: int
+    kp: float
+    kd: float
+
+
+def stand(source: Robot) -> list[dict[str, Any]]:
+    """Of each joint its limits, and where it stands in each posture."""
+    body = source.body
+    angles = {name: stance.body.angles(stance.body.configuration(dict(stance.angles))) for name, stance in source.postures.items()}
+    return [
+        {
+            "name": name,
+            "low": max(float(body.lower[k]), -3.15),
+            "high": min(float(body.upper[k]), 3.15),
+            "unit": "m" if body.prismatic[k] else "rad",
+            "at": {posture: float(values[k]) for posture, values in angles.items()},
+        }
+        for k, name in enumerate(source.joint_names)
+    ]
+
+
+def span_of(system: System) -> tuple[float, float]:
+    """[Hz] of the frequency axis."""
+    step = system.control.sample_time
+    fastest = max(drive.bandwidth for drive in system.drives if not drive.is_ideal) if any(not d.is_ideal for d in system.drives) else 2e3
+    return 0.05, 0.5 / step if step is not None else fastest / math.pi
+
+
+def channel_plane(state: State, channel: Channel, tasks: Any, window: tuple[float, float]) -> PartPlane:
+    """Of one joint, or where there are `tasks` of one direction."""
+    k = channel.place
+    unit = np.eye(state.model.size)
+    left, right = (unit[k], unit[k]) if tasks is None else (tasks.torque[:, k], tasks.jacobian[k])
+    return PartPlane.of(state.loop, left, right, channel.kp, channel.kd, window)
+
+
+def window_for(channel: Channel) -> tuple[float, float]:
+    """Gains around the channel's own."""
+    return GUESS * max(channel.kp, 1e-3), GUESS * max(channel.kd, 1e-3)
+
+
+def gain_map(plane: PartPlane, channel: Channel, window: tuple[float, float] | None) -> dict[str, Any]:
+    """Outlines of the stable gains; without a `window` one that shows where they end."""
+    window = window or _fitted(plane, channel)
+    return {
+        "stable": [[rounded(column.tolist(), 6) for column in outline.T] for outline in plane.outlines(window)],
+        "required": [],
+        "edge": _edge(plane, window),
+        "lines": [],
+        "window": window,
+    }
+
+
+def _fitted(plane: PartPlane, channel: Channel) -> tuple[float, float]:
+    """Wide enough to show the upper end of kd."""
+    guess = window_for(channel)
+    columns = plane.columns(np.linspace(0.05, 1, 12) * guess[0])
+    tops = [one[-1, 1] for one in columns if len(one) and math.isfinite(one[-1, 1])]
+    return guess[0], max(1.15 * max(tops, default=guess[1]), 1.5 * channel.kd)
+
+
+def _edge(plane: PartPlane, window: tuple[float, float]) -> list[dict[str, Any]]:
+    """The curve on which roots stand on the boundary, within the window, with its frequencies."""
+    kp, kd, _ = plane.curve
+    inside = np.isfinite(kp) & np.isfinite(kd) & (kp >= 0) & (kp <= window[0]) & (kd >= 0) & (kd <= window[1])
+    pick = np.flatnonzero(inside)
+    pick = pick[:: max(1, len(pick) // 300)]
+    return [{"line": [rounded(kp[pick].tolist()), rounded(kd[pick].tolist())], "hz": rounded((plane.omega[pick] / (2 * math.pi)).tolist())}]
+
+
+def bode(plane: PartPlane, channel: Channel) -> dict[str, Any]:
+    """The return ratio of the channel with all other loops closed."""
+    value = plane.ratio(channel.kp, channel.kd)
+    sound = np.flatnonzero(np.isfinite(value) & (np.abs(value) > 0))
+    pick = sound[:: max(1, len(sound) // BODE_POINTS)]
+    phase = np.degrees(np.unwrap(np.angle(value[sound])))[:: max(1, len(sound) // BODE_POINTS)]
+    phase -= 360 * math.ceil((phase[0] - 1) / 360)
+    value = value[pick]
+    return {
+        "hz": rounded((plane.omega[pick] / (2 * math.pi)).tolist(), 6),
+        "size": rounded((20 * np.log10(np.abs(value))).tolist()),
+        "phase": rounded(phase.tolist()),
+        "re": rounded(value.real.tolist()),
+        "im": rounded(value.imag.tolist()),
+        "marks": [],
+    }
+
+
+def quick_verdict(state: State, limit: GainLimit | None, channel: Channel, plane: PartPlane | None = None) -> dict[str, Any]:
+    """Of one state, certified: stable or not, and where all gains together vibrate. Of the channel by itself, from samples: phase, Ms."""
+    if limit is None:
+        text = f"In {state.title} {state.reason}."
+        return {"basis": "quick", "sentence": text, "tone": "warn", "rows": [], "stable": None, "met": None}
+    at = f", at {frequency_text(limit.frequency)}" if math.isfinite(limit.frequency) else ""
+    most = limiting_joints(limit, state.model.joint_names)
+    mainly = f", mainly {listed(most[:3])}" if most else ""
+    if math.isnan(limit.gain):
+        text = f"{'Stable' if limit.stable else 'Unstable'} in {state.title}; the gain limit is not known."
+    elif limit.stable:
+        text = f"Stable in {state.title}. Vibration starts at {limit.gain:.3g} × all gains ({to_db(limit.gain):.3g} dB){at}{mainly}."
+        text = text if math.isfinite(limit.gain) else f"Stable in {state.title}. No common factor on all gains makes it vibrate."
+    else:
+        text = f"Unstable in {state.title}" + (f"{at}: stable below {limit.gain:.3g} × all gains{mainly}." if limit.gain > 0 else ".")
+    asked = state.system.requirements
+    rows = []
+    if limit.stable and math.isfinite(limit.gain):
+        met = asked.met("gain_margin", limit.gain)
+        rows.append(_row("gain_margin", "gain margin, all loops", margin_value(asked, "gain_margin", limit.gain, met, 3), asked, met))
+    if plane is not None and limit.stable:
+        value = plane.ratio(channel.kp, channel.kd)
+        circle = np.flatnonzero((np.abs(value[1:]) > 1) != (np.abs(value[:-1]) > 1))
+        phase = float(np.abs(np.angle(-value[circle])).min()) if len(circle) else math.inf
+        peak = float((1 / np.abs(1 + value)).max())
+        for name, found in (("phase_margin", phase), ("peak_sensitivity", peak)):
+            one = REQUIREMENTS[name]
+            rows.append(_row(name, f"{one.label}, {channel.name}", f"≈ {one.text(found)}", asked, None))
+    tone = "wait" if limit.stable else "bad"  # never "good" before every requirement has been judged in every state
+    tone = "warn" if limit.stable and asked.met("gain_margin", limit.gain) is False else tone
+    return {"basis": "quick", "sentence": text, "tone": tone, "rows": rows, "stable": limit.stable, "met": None}
+
+
+def _row(name: str, title: str, value: str, asked: Any, met: bool | None) -> dict[str, Any]:
+    return {"name": name, "title": title, "worst": value, "required": requirement(asked, name, 3), "met": met, "where": "", "to_use": ""}
+
+
+def mode(state: State, limit: GainLimit) -> dict[str, Any]:
+    """How the joints move in the vibration at the limit; no parts where there is none."""
+    known = math.isfinite(limit.frequency)
+    return {
+        "hz": limit.frequency / (2 * math.pi) if known else None,
+        "stable": limit.stable,
+        "gain": limit.gain,
+        "names": state.model.joint_names,
+        "mode_re": limit.mode.real if known else [],
+        "mode_im": limit.mode.imag if known else [],
+        "state": [state.posture, state.contact],
+    }
+
+
+def slowest_root(state: State) -> dict[str, Any]:
+    """The rightmost closed-loop root that swings, at these gains: growth [1/s] and frequency [Hz]."""
+    roots = rightmost_roots(state.loop, count=6).roots
+    swinging = roots[np.abs(roots.imag) > 1e-6 * np.abs(roots)]
+    if not len(swinging):
+        return {"growth": None, "hz": None}
+    return {"growth": float(swinging[0].real), "hz": float(abs(swinging[0].imag)) / (2 * math.pi)}
+
+
+def heat(study: RobotStudy) -> dict[str, Any]:
+    """Factors on all gains, and on each channel's with the others closed, in every state."""
+    factors: Factors | None = task_factors(study) if study.system.control.space == "task" else joint_factors(study)
+    if factors is None:
+        return {"states": [], "parts": [], "together": [], "closed": []}
+    return {
+        "states": [[state.posture, state.contact] for state in factors.states],
+        "parts": factors.parts,
+        "together": factors.together,
+        "stable": factors.stable,
+        "closed": factors.other_loops_closed,
+    }

@@ -1,0 +1,231 @@
+"""The robot's own shapes for the page, and how its parts move in a mode; meshes are sent as bare triangles, never as files."""
+
+import contextlib
+import math
+import struct
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from ..errors import GainroomError
+from ..linear.arrays import Complexes, Floats
+from ..robot.body import RigidBody, library
+from ..robot.contact import free_motion
+from ..robot.formats.xml_text import read_xml
+from ..robot.model import RobotModel
+from .bench import rounded
+
+MOST_BYTES = 30 << 20
+"""Of a mesh file."""
+MOST_CORNERS, MOST_SHAPES = 60_000, 400
+MESHES = (".stl", ".obj", ".dae")
+PACKAGE_DEPTH = 4
+"""Folders above the model among which a package is looked for."""
+SMALL = 1e-4
+"""Part of a mode by which the robot is moved for its derivative."""
+
+
+@dataclass(frozen=True)
+class Shape:
+    """One piece of a link.
+
+    frame   of the body that it is fixed to, and `place` (4, 4) in it
+    kind    box, sphere, cylinder, capsule or mesh; `size` its edges, radius, or radius and length along z [m]
+    corners, faces   of a mesh: (k, 3), (m, 3)
+    """
+
+    frame: str
+    kind: str
+    place: Floats
+    size: tuple[float, ...] = ()
+    corners: Floats | None = None
+    faces: Any = None
+
+    def packed(self) -> bytes:
+        """Counts, corners and faces, little-endian."""
+        assert self.corners is not None
+        head = struct.pack("<II", len(self.corners), len(self.faces))
+        return head + np.ascontiguousarray(self.corners, "<f4").tobytes() + np.ascontiguousarray(self.faces, "<u4").tobytes()
+
+
+def shapes_of(body: RigidBody) -> tuple[Shape, ...]:
+    """Of a URDF or MJCF; none where it has none, or they cannot be read: then the page draws its own."""
+    path = Path(body.source)
+    with contextlib.suppress(GainroomError, OSError, ValueError, RuntimeError):
+        root = read_xml(path)
+        found = _of_urdf(root, path) if root.tag == "robot" else _of_mjcf(root, path)
+        return tuple(shape for shape in found if shape.frame in body.frames)[:MOST_SHAPES]
+    return ()
+
+
+def _of_urdf(root: Element, path: Path) -> list[Shape]:
+    found, meshes = [], {}
+    for link in root.findall("link"):
+        for visual in link.findall("visual"):
+            geometry, origin = visual.find("geometry"), visual.find("origin")
+            if geometry is None or not len(geometry):
+                continue
+            form, place = geometry[0], _placed(origin)
+            if form.tag == "mesh":
+                scale = tuple(_numbers(form.get("scale", "1 1 1"), 3))
+                key = form.get("filename", ""), scale
+                if key not in meshes:
+                    meshes[key] = _mesh(path, *key)
+                if meshes[key] is not None:
+                    found.append(Shape(link.get("name", ""), "mesh", place, (), *meshes[key]))
+            elif form.tag == "box":
+                found.append(Shape(link.get("name", ""), "box", place, tuple(_numbers(form.get("size", ""), 3))))
+            elif form.tag == "sphere":
+                found.append(Shape(link.get("name", ""), "sphere", place, tuple(_numbers(form.get("radius", ""), 1))))
+            elif form.tag in ("cylinder", "capsule"):
+                found.append(
+                    Shape(
+                        link.get("name", ""), form.tag, place, (*_numbers(form.get("radius", ""), 1), *_numbers(form.get("length", ""), 1))
+                    )
+                )
+    return found
+
+
+def _numbers(text: str, count: int) -> list[float]:
+    values = [float(word) for word in text.split()]
+    if len(values) != count or not all(math.isfinite(value) and abs(value) < 1e3 for value in values):
+        raise ValueError(text)
+    return values
+
+
+def _placed(origin: Element | None) -> Floats:
+    """(4, 4) of an <origin>: fixed axes x, y, z."""
+    place = np.eye(4)
+    if origin is not None:
+        place[:3, 3] = _numbers(origin.get("xyz", "0 0 0"), 3)
+        roll, pitch, yaw = _numbers(origin.get("rpy", "0 0 0"), 3)
+        (ca, sa), (cb, sb), (cc, sc) = ((math.cos(each), math.sin(each)) for each in (yaw, pitch, roll))
+        place[:3, :3] = [
+            [ca * cb, ca * sb * sc - sa * cc, ca * sb * cc + sa * sc],
+            [sa * cb, sa * sb * sc + ca * cc, sa * sb * cc - ca * sc],
+            [-sb, cb * sc, cb * cc],
+        ]
+    return place
+
+
+def mesh_file(path: Path, name: str) -> Path | None:
+    """The file of a mesh that the model at `path` names: in the model's folder, or in the package around it, nowhere else; else None."""
+    home = path.parent.resolve()
+    if name.startswith("package://"):
+        package, _, inner = name.removeprefix("package://").partition("/")
+        roots = [folder for folder in [home, *home.parents][:PACKAGE_DEPTH] if folder.name == package and package not in ("", ".", "..")]
+    else:
+        inner, roots = name.removeprefix("file://"), [home]
+    for root in roots:
+        with contextlib.suppress(OSError, RuntimeError, ValueError):
+            target = (root / inner).resolve()
+            sound = target.is_relative_to(root) and target.suffix.lower() in MESHES and target.is_file()
+            if sound and target.stat().st_size <= MOST_BYTES:
+                return target
+    return None
+
+
+def _mesh(path: Path, name: str, scale: tuple[float, ...]) -> tuple[Floats, Any] | None:
+    """Corners and faces; None where there is no such file, or it is too large."""
+    file = mesh_file(path, name)
+    if file is None:
+        return None
+    with contextlib.suppress(ValueError, RuntimeError):
+        loaded = library("coal", "Pinocchio").MeshLoader().load(str(file), np.array(scale))
+        corners = np.asarray(loaded.vertices())
+        faces = np.array([[triangle[k] for k in range(3)] for triangle in (loaded.tri_indices(i) for i in range(loaded.num_tris))])
+        if 0 < len(corners) <= MOST_CORNERS and np.all(np.isfinite(corners)):
+            return corners, faces
+    return None
+
+
+def _of_mjcf(root: Element, path: Path) -> list[Shape]:
+    """As MuJoCo compiles it, where every file that it names lies in the model's folder."""
+    home = path.parent.resolve()
+    for element in root.iter():
+        for key in ("file", "meshdir", "texturedir", "assetdir", "content_type"):
+            name = element.get(key, "")
+            if name and not (home / name).resolve().is_relative_to(home):
+                return []
+        if element.tag in ("include", "plugin", "attach", "model"):
+            return []
+    model = library("mujoco", "MuJoCo").MjModel.from_xml_path(str(path))
+    pictures = [k for k in range(model.ngeom) if not model.geom_contype[k] and not model.geom_conaffinity[k]]
+    found = []
+    for k in pictures or range(model.ngeom):
+        if not model.geom_bodyid[k] or model.geom_group[k] > 2:
+            continue
+        body, place = model.body(int(model.geom_bodyid[k])).name, np.eye(4)
+        w, x, y, z = model.geom_quat[k]
+        place[:3, :3] = [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+        place[:3, 3] = model.geom_pos[k]
+        a, b, c = model.geom_size[k].tolist()
+        kind = {2: "sphere", 3: "capsule", 4: "sphere", 5: "cylinder", 6: "box", 7: "mesh"}.get(int(model.geom_type[k]))
+        if kind == "mesh":
+            mesh = int(model.geom_dataid[k])
+            corner, face = model.mesh_vertadr[mesh], model.mesh_faceadr[mesh]
+            corners = np.array(model.mesh_vert[corner : corner + model.mesh_vertnum[mesh]])
+            if len(corners) <= MOST_CORNERS:
+                found.append(Shape(body, kind, place, (), corners, np.array(model.mesh_face[face : face + model.mesh_facenum[mesh]])))
+        elif kind is not None:
+            size = {"sphere": (a,), "box": (2 * a, 2 * b, 2 * c)}.get(kind, (a, 2 * b))
+            found.append(Shape(body, kind, place, size))
+    return found
+
+
+def described(shapes: tuple[Shape, ...]) -> list[dict[str, Any]]:
+    """For the page: a mesh by its place in the list."""
+    return [
+        {"frame": shape.frame, "kind": shape.kind, "size": shape.size, "place": rounded(shape.place[:3].ravel().tolist(), 6)}
+        for shape in shapes
+    ]
+
+
+def pose(model: RobotModel, shapes: tuple[Shape, ...], mode: Complexes | None) -> dict[str, Any]:
+    """Where joints and frames are, and how each moves in the mode: position + Re(moves e^{jωt}), all else following on its contacts."""
+    body, q = model.body, model.q
+    frames = sorted({shape.frame for shape in shapes})
+    skeleton = body.skeleton(q)
+    rest = _snapshot(body, q, frames)
+    part: dict[str, Any] = {
+        "nodes": {"names": skeleton.names, "parents": skeleton.parents, "joints": skeleton.joints},
+        "frames": frames,
+        "drives": [_joint_of(body, frame) for frame in frames],
+        "rest": [rounded(each.ravel().tolist()) for each in rest],
+        "contacts": [
+            {"name": one.frame, "kind": one.kind, "at": rounded(place.tolist()), "axes": rounded(axes.ravel().tolist())}
+            for one in model.contacts
+            for axes, place in [body.frame_placement(q, one.frame)]
+        ],
+        "fixed": body.base == "fixed",
+    }
+    if mode is None:
+        return part
+    held = model.contact_jacobian[model.rigid] if len(model.contact_jacobian) else model.contact_jacobian
+    motion = free_motion(model.inertia, held)
+    follow = motion @ np.linalg.pinv(motion[body.nv - body.size :])
+    moves = {}
+    for name, values in (("re", mode.real), ("im", mode.imag)):
+        twist = follow @ values
+        moved = _snapshot(body, body.integrate(q, SMALL * twist), frames)
+        moves[name] = [rounded(((after - before) / SMALL).ravel().tolist()) for after, before in zip(moved, rest, strict=True)]
+    return part | moves
+
+
+def _joint_of(body: RigidBody, frame: str) -> int:
+    """The place of the joint that moves a frame; −1 for the base's, and where that joint is locked."""
+    name = body.model.names[body.model.frames[body.frame_index(frame)].parentJoint]
+    return body.joint_names.index(name) if name in body.joint_names else -1
+
+
+def _snapshot(body: RigidBody, q: Floats, frames: list[str]) -> list[Floats]:
+    """The skeleton's points (k, 3), then every frame (3, 4)."""
+    positions = body.skeleton(q).positions
+    return [positions, *(np.hstack([axes, place[:, None]]) for axes, place in body.frame_placements(q, frames))]

@@ -1,0 +1,116 @@
+"""The page's server: one process, its files read once, computing in threads of its own, nothing from or to any other machine."""
+
+import contextlib
+import secrets
+import socket
+import sys
+from collections.abc import Callable
+from importlib.resources import files
+
+import uvicorn
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import HTMLResponse, PlainTextResponse, Response
+from starlette.routing import Route, WebSocketRoute
+from starlette.websockets import WebSocket
+
+from ..errors import GainroomError
+from .access import LOOPBACK, App, Guard
+from .bench import Bench
+from .lanes import Lane
+from .messages import LONGEST
+from .session import Session
+
+STATIC = files("gainroom") / "app" / "static"
+TYPES = {"js": "text/javascript", "css": "text/css"}
+MOST_PAGES = 32
+"""Open at the same time."""
+PATIENCE = 1
+"""[s] that connections get to end by themselves."""
+
+
+def application(bench: Bench, port: int, token: str = "") -> App:
+    """The ASGI application."""
+    static = _static()
+    page = (STATIC / "index.html").read_text("utf-8")
+    lanes = {name: Lane(name) for name in ("quick", "curves", "full")}
+    open_pages: set[int] = set()
+
+    async def index(request: Request) -> Response:
+        return HTMLResponse(page)
+
+    async def file(request: Request) -> Response:
+        name = request.path_params["name"]
+        if name not in static:  # a name of a list, not a path: there is nothing to climb out of
+            return PlainTextResponse("not found\n", 404)
+        return Response(static[name], media_type=TYPES[name.rpartition(".")[2]])
+
+    async def mesh(request: Request) -> Response:
+        found = bench.mesh(request.path_params["place"])
+        return PlainTextResponse("not found\n", 404) if found is None else Response(found, media_type="application/octet-stream")
+
+    async def speak(socket: WebSocket) -> None:
+        if len(open_pages) >= MOST_PAGES:
+            await socket.close(1013, "too many pages are open")
+            return
+        open_pages.add(id(socket))
+        try:
+            await Session(socket, bench, lanes).run()
+        finally:
+            open_pages.discard(id(socket))
+
+    routes = [Route("/", index), Route("/static/{name:path}", file), Route("/mesh/{place:int}", mesh), WebSocketRoute("/ws", speak)]
+    return Guard(Starlette(routes=routes), port, token)
+
+
+def _static() -> dict[str, bytes]:
+    """The page's files by their path below static."""
+    found = {}
+    for folder in ("", "vendor/"):
+        for entry in (STATIC / folder if folder else STATIC).iterdir():
+            if entry.name.rpartition(".")[2] in TYPES:
+                found[folder + entry.name] = entry.read_bytes()
+    return found
+
+
+def listening(host: str, port: int) -> socket.socket:
+    """A socket on which nobody else listens; port 0: any. Raises GainroomError."""
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    try:
+        found = socket.socket(family, socket.SOCK_STREAM)
+        found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        found.bind((host.strip("[]"), port))
+    except (OSError, OverflowError, UnicodeError) as error:
+        raise GainroomError(f"--host {host} --port {port}: cannot be listened on: {error}") from error
+    found.listen(128)
+    return found
+
+
+def serve(bench: Bench, host: str, port: int, ready: Callable[[str], None]) -> None:
+    """Until a signal ends it. `ready` gets the page's address.
+
+    Raises GainroomError where the address cannot be listened on.
+    """
+    sys.setswitchinterval(1e-3)  # a search in the other thread must not hold up what follows the pointer
+    listener = listening(host, port)
+    port = listener.getsockname()[1]
+    here = host in LOOPBACK or host == "::1"
+    token = "" if here else secrets.token_urlsafe(24)
+    config = uvicorn.Config(
+        application(bench, port, token),
+        ws="wsproto",
+        ws_max_size=LONGEST,
+        ws_per_message_deflate=False,  # this machine alone: packing costs more than it saves
+        lifespan="off",
+        log_level="error",
+        access_log=False,
+        server_header=False,
+        date_header=False,
+        timeout_graceful_shutdown=PATIENCE,
+        limit_concurrency=256,
+    )
+    name = f"[{host}]" if ":" in host and not host.startswith("[") else host
+    server = uvicorn.Server(config)
+    with contextlib.closing(listener):
+        ready(f"http://{name}:{port}/" + (f"?token={token}" if token else ""))
+        server.run(sockets=[listener])

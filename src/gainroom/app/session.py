@@ -1,0 +1,140 @@
+"""One open page: what it asks goes to the lanes, what they find goes back in order."""
+
+import asyncio
+import contextlib
+import json
+import traceback
+from collections.abc import Iterator
+from typing import Any
+
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from ..errors import GainroomError
+from ..io.strict_json import strict
+from .bench import Bench, Cancelled, Part, digest_of
+from .lanes import Lane, Stale
+from .messages import Ask, read_message
+
+MOST_WAITING = 400
+"""Answers that a page has not taken yet: one that takes none is let go."""
+LANES = {"look": "quick", "copy": "text", "save": "text", "find": "search", "shake": "run", "page": "page"}
+
+
+class Session:
+    """See the module. `lanes`: "quick" and "curves" for what follows a gesture, "full" for everything else."""
+
+    def __init__(self, socket: WebSocket, bench: Bench, lanes: dict[str, Lane]) -> None:
+        self._socket, self._bench, self._lanes = socket, bench, lanes
+        self._loop = asyncio.get_running_loop()
+        self._answers: asyncio.Queue[str | None] = asyncio.Queue()
+        self._known = {"quick": "", "curves": ""}
+
+    async def run(self) -> None:
+        """Until the page is closed."""
+        await self._socket.accept()
+        sender = asyncio.create_task(self._send())
+        self._post("opening", 0, self._bench.opening())
+        try:
+            while True:
+                message = await self._socket.receive()
+                if message["type"] == "websocket.disconnect":
+                    break
+                try:
+                    if message.get("text") is None:
+                        raise GainroomError("message: must be text")
+                    self._take(read_message(message["text"]))
+                except GainroomError as error:
+                    self._post("refused", 0, {"message": str(error)})
+        except WebSocketDisconnect:
+            pass
+        finally:
+            for kind in (*LANES.values(), "curves", "full"):
+                self._lane(kind).drop((id(self), kind))
+            self._answers.put_nowait(None)
+            with contextlib.suppress(Exception):
+                await asyncio.wait_for(sender, 1)
+
+    async def _send(self) -> None:
+        while (text := await self._answers.get()) is not None:
+            await self._socket.send_text(text)
+
+    def _lane(self, kind: str) -> Lane:
+        return self._lanes["quick" if kind in ("quick", "text") else "curves" if kind == "curves" else "full"]
+
+    def _take(self, ask: Ask) -> None:
+        if ask.ask == "cancel":
+            for kind in ("search", "run"):
+                self._lane(kind).drop((id(self), kind))
+            self._post("ended", ask.key, {"message": "cancelled"})
+            return
+        kind = LANES[ask.ask]
+        if ask.ask == "look":
+            self._lane("full").drop((id(self), "full"))  # of gains that nobody looks at any more
+        self._lane(kind).put((id(self), kind), lambda stale: self._job(ask, kind, stale))
+        if ask.ask == "look":
+            self._lane("curves").put((id(self), "curves"), lambda stale: self._job(ask, "curves", stale))
+        if ask.ask == "look" and ask.final:
+            self._lane("full").put((id(self), "full"), lambda stale: self._job(ask, "full", stale))
+
+    def _job(self, ask: Ask, kind: str, stale: Stale) -> None:
+        """In a lane's thread."""
+        try:
+            for name, part in self._parts(ask, kind, stale):
+                if stale() and name != "opening":
+                    return
+                self._later(name, ask.key, part | {"lane": kind})
+            self._later("done", ask.key, {"lane": kind})
+        except Cancelled:
+            self._later("ended", ask.key, {"lane": kind})
+        except GainroomError as error:
+            self._later("refused", ask.key, {"lane": kind, "message": str(error)})
+        except Exception:  # noqa: BLE001 - a fault of the program: reported in full where it runs, and the page goes on
+            traceback.print_exc()
+            self._later("refused", ask.key, {"lane": kind, "message": "an internal error; see the terminal"})
+
+    def _parts(self, ask: Ask, kind: str, stale: Stale) -> Iterator[Part]:
+        def told(done: int, total: int, what: str) -> None:
+            if stale():
+                raise Cancelled
+            self._later("progress", ask.key, {"lane": kind, "done": done, "total": total, "what": what})
+
+        if kind in self._known:
+            asked = ask.view, ask.window, self._known[kind] if ask.window is None else ""
+            for name, part in self._bench.quick(*asked) if kind == "quick" else self._bench.curves(*asked, ask.final):
+                yield name, part
+                if name == "map":
+                    self._known[kind] = part["plant"] if kind == "quick" or part.get("last") else ""
+        elif kind == "full":
+            yield from self._bench.full(ask.view, ask.window, told)
+        elif ask.ask == "find":
+            yield from self._bench.found(ask.view, told)
+        elif ask.ask == "shake":
+            yield from self._bench.shaken(ask.view, told)
+        elif ask.ask == "page":
+            told(0, 1, "the report")
+            yield "page", {"text": self._bench.page(ask.view)}
+        elif ask.ask == "copy":
+            yield "copied", {"text": self._bench.copied(ask.view, ask.form), "form": ask.form}
+        else:
+            text = self._bench.text(ask.view)
+            if ask.digest:
+                self._bench.opened.save(text, ask.digest)
+            yield "saved" if ask.digest else "difference", {"text": self._bench.opened.difference(text), "digest": digest_of(text)}
+
+    def _later(self, name: str, key: int, part: dict[str, Any]) -> None:
+        text = _text(name, key, part)  # in this thread: the event loop has others to serve
+        with contextlib.suppress(RuntimeError):  # the loop has ended
+            self._loop.call_soon_threadsafe(self._put, text)
+
+    def _post(self, name: str, key: int, part: dict[str, Any]) -> None:
+        self._put(_text(name, key, part))
+
+    def _put(self, text: str) -> None:
+        if self._answers.qsize() > MOST_WAITING:
+            self._answers.put_nowait(None)
+            return
+        self._answers.put_nowait(text)
+
+
+def _text(name: str, key: int, part: dict[str, Any]) -> str:
+    return json.dumps(strict({"part": name, "key": key, **part}), allow_nan=False, separators=(",", ":"))

@@ -1,0 +1,43 @@
+"""A simulated run for the page: the study that `gainroom simulate` prints, and curves of it."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from ..report.simulation_text import sentence, warnings
+from ..simulation.simulation_spec import SimulationSpec
+from ..studies.simulation import simulate_study
+from .bench import Part, Told, rounded
+
+POINTS = 1500
+MOST_CHANNELS = 3
+
+
+def shaken(spec: SimulationSpec, told: Told) -> Iterator[Part]:
+    """The run at the spec's gains. `told` ends it by raising."""
+    told(0, spec.ticks, "")
+    outcome = simulate_study(spec, 1.0, progress=told)
+    run = outcome.run
+    pick = slice(None, None, max(1, len(run.time) // POINTS))
+    chosen = list(outcome.leading[:MOST_CHANNELS])
+    hardest = int(np.argmax(outcome.torque_peak))
+
+    def curve(name: str, values: Any, dashed: bool = False) -> dict[str, Any]:
+        return {"name": name, "values": rounded(values[pick].tolist()), "dashed": dashed}
+
+    motion = [curve(run.channels[k], run.measured[:, k]) for k in chosen]
+    motion += [curve(f"{run.channels[k]}, commanded", run.reference[:, k], True) for k in chosen]
+    yield (
+        "run",
+        {
+            "sentence": sentence(outcome),
+            "sound": outcome.sound,
+            "warnings": warnings(outcome),
+            "ms": rounded((1e3 * run.time[pick]).tolist()),
+            "motion": motion,
+            "unit": run.units[chosen[0]],
+            "torque": [curve(run.joint_names[hardest], run.actual_torque[:, hardest])],
+            "torque_unit": run.torque_units[hardest],
+        },
+    )

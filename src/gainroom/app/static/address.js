@@ -1,0 +1,34 @@
+// The view in the address: what differs from the file.
+// @ts-check
+
+/** @param {any} opening @returns {any} */
+export function fromAddress(opening) {
+  const view = structuredClone(opening.view), robot = opening.kind === "robot";
+  for (const [name, text] of new URLSearchParams(location.hash.slice(1))) {
+    const value = Number(text), known = text !== "" && Number.isFinite(value);
+    if (robot && name.startsWith("gain.")) {
+      const [kp, kd] = text.split(",").map(Number), joint = name.slice(5);
+      if (joint in view.gains && kp >= 0 && kd >= 0) view.gains[joint] = { kp, kd };
+    } else if (robot && name.startsWith("at.")) {
+      if (opening.joints.some((/** @type {any} */ joint) => joint.name === name.slice(3)) && known) view.angles[name.slice(3)] = value;
+    } else if (["posture", "contact", "joint"].includes(name)) {
+      const list = { posture: opening.postures, contact: opening.contacts, joint: opening.channels }[/** @type {"joint"} */ (name)];
+      if (robot && list.includes(text)) view[name] = text;
+    } else if (!robot && name in view.gains && known && value >= 0) view.gains[name] = value;
+    else if (typeof view[name] === "number" && known) view[name] = value;
+  }
+  return view;
+}
+
+/** @param {any} opening @param {any} view */
+export function toAddress(opening, view) {
+  const words = new URLSearchParams(), { gains, angles, ...others } = view;
+  for (const [name, value] of Object.entries(gains)) {
+    const own = opening.view.gains[name];
+    if (typeof value !== "object") words.set(name, String(value));
+    else if (/** @type {any} */ (value).kp !== own.kp || /** @type {any} */ (value).kd !== own.kd) words.set(`gain.${name}`, `${/** @type {any} */ (value).kp},${/** @type {any} */ (value).kd}`);
+  }
+  for (const [name, value] of Object.entries(angles || {})) words.set(`at.${name}`, String(value));
+  for (const [name, value] of Object.entries(others)) if (value !== null && typeof value !== "object") words.set(name, String(value));
+  history.replaceState(null, "", `${location.pathname}${location.search}#${words}`);
+}

@@ -1,0 +1,364 @@
+// The page: one view (what is asked for), one socket, and the pictures that follow. No number is computed here.
+// @ts-check
+import { GainMap, number } from "./gainmap.js";
+import { Bode, Nyquist, Step, Traces } from "./charts.js";
+import { States } from "./states.js";
+import { RobotView } from "./robot.js";
+import { copied, difference, download, forms, toast } from "./away.js";
+import { fromAddress, toAddress } from "./address.js";
+
+/** @param {string} id @returns {any} */
+const by = (id) => document.getElementById(id);
+const token = new URLSearchParams(location.search).get("token") || "";
+
+const page = {
+  /** @type {any} */ opening: null,
+  /** @type {any} */ view: {},
+  /** @type {any[]} */ past: [],
+  /** @type {any} */ found: null,
+  key: 0,
+  /** @type {any} */ waiting: null,
+  busy: false,
+  /** @type {Record<number, number>} */ asked: {},
+  /** @type {number[]} */ latency: [],
+  /** @type {WebSocket | null} */ socket: null,
+  dragging: false,
+  certified: false,
+  shaking: false,
+  final: true,
+};
+/** @type {any} */ (window).gainroom = page;
+
+/** @type {GainMap} */ let map;
+/** @type {Bode} */ let bode;
+/** @type {Nyquist} */ let nyquist;
+/** @type {Step} */ let step;
+/** @type {States | null} */ let states = null;
+/** @type {RobotView | null} */ let body = null;
+
+// ---- the server ------------------------------------------------------------------------------------------------------------------------
+
+function connect() {
+  const socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/ws${token ? `?token=${encodeURIComponent(token)}` : ""}`);
+  page.socket = socket;
+  socket.onmessage = (event) => take(JSON.parse(event.data));
+  socket.onclose = () => {
+    by("offline").hidden = false;
+    by("verdict").classList.add("quick");
+    by("basis").textContent = "Not current: the server does not answer.";
+    page.busy = false;
+    setTimeout(connect, 500);
+  };
+}
+
+/** @param {any} message */
+function send(message) {
+  if (page.socket && page.socket.readyState === WebSocket.OPEN) page.socket.send(JSON.stringify({ view: page.view, ...message, key: page.key }));
+}
+
+/** Ask for the view's numbers; one question at a time is under way, and only the latest waits. @param {boolean} final @param {any} [more] */
+function look(final, more) {
+  page.key += 1;
+  page.asked[page.key] = performance.now();
+  page.waiting = { ask: "look", final, ...more };
+  page.final = final;
+  if (final) page.dragging = false;
+  if (final) remember();
+  next();
+}
+
+function next() {
+  if (page.busy || !page.waiting || !page.socket || page.socket.readyState !== WebSocket.OPEN) return;
+  page.busy = true;
+  send(page.waiting);
+  page.waiting = null;
+}
+
+/** @param {any} part */
+function take(part) {
+  if (part.part === "opening") return open(part);
+  if (part.part === "done" || part.part === "refused") {
+    if (part.lane === "quick" || !part.lane) { page.busy = false; next(); }
+    if (part.lane === "full") progress(null);
+    if (part.lane === "run") idle();
+  }
+  if (part.part === "refused") return refused(part);
+  if (part.part === "copied") return copied(part);
+  if (part.part === "difference" || part.part === "saved") return difference(part, page.opening.name, send);
+  if (part.part === "ended") return idle();
+  if (part.part === "run") return ran(part);
+  if (part.part === "page") return download(part.text);
+  if (part.part === "progress") return progress(part);
+  if ((part.lane === "full" || part.lane === "search") && part.key !== page.key) return undefined; // of gains that nobody looks at any more
+  const show = /** @type {Record<string, (part: any) => void>} */ ({ verdict, heat: (each) => states && states.take(each), mode: (each) => body && body.take(each), root: (each) => body && body.takeRoot(each), bode: curves, map: areas, before: (each) => { step.before = each; }, step: (each) => step.take(each), use })[part.part];
+  if (show) show(part);
+  return undefined;
+}
+
+/** @param {any} part */
+function refused(part) {
+  if (["text", "run", "page", "search"].includes(part.lane)) return toast(part.message);
+  by("verdict").className = "bad";
+  by("sentence").textContent = part.message;
+  by("basis").textContent = "Nothing was computed for these values.";
+  by("rows").replaceChildren();
+  return undefined;
+}
+
+/** @param {any} part */
+function progress(part) {
+  if (part && part.lane === "run") by("shake").textContent = `Stop (${Math.round((100 * part.done) / Math.max(1, part.total))} %)`;
+  else if (part && part.lane === "search") by("snap").textContent = `Searching … ${Math.round((100 * part.done) / Math.max(1, part.total))} %`;
+  else if (!page.certified && part && part.key === page.key) by("basis").textContent = `Not certified yet: ${part.what} …`;
+}
+
+// ---- opening ---------------------------------------------------------------------------------------------------------------------------
+
+/** @param {any} opening */
+function open(opening) {
+  const first = !page.opening;
+  page.opening = opening;
+  page.busy = false;
+  by("offline").hidden = true;
+  document.title = `${opening.name} – gainroom`;
+  if (first) {
+    page.view = fromAddress(opening);
+    map = new GainMap(/** @type {HTMLElement} */ (document.querySelector("#map .plot")), (point, final) => { page.view.point = point; look(final); }, gesture);
+    map.names = opening.axes;
+    map.points.ghost = opening.point || null;
+    if (opening.units) map.units = opening.units;
+    bode = new Bode(/** @type {HTMLElement} */ (document.querySelector("#bode .plot")), opening.span_hz, opening.needed, cursor);
+    nyquist = new Nyquist(/** @type {HTMLElement} */ (document.querySelector("#side .plot")), opening.needed);
+    if (opening.kind !== "robot") step = new Step(/** @type {HTMLElement} */ (document.querySelector("#step .plot")));
+    controls(opening);
+    if (opening.kind === "robot") robot();
+    forms(opening, send);
+    by("save").hidden = !opening.saves;
+    const fit = document.createElement("button");
+    fit.textContent = "Fit";
+    fit.title = "Show these gains and the recommended ones";
+    fit.onclick = () => refit();
+    by("map").querySelector("figcaption").append(fit);
+  }
+  look(true, first ? (opening.window ? { window: opening.window } : {}) : { window: map.window });
+}
+
+function refit() {
+  const points = [map.points.dot, map.points.ghost, map.points.star].filter((each) => each !== null);
+  map.window = [0, 1].map((k) => 1.6 * Math.max(...points.map((/** @type {any} */ each) => each[k]), 1e-6));
+  look(true, { window: map.window });
+}
+
+const remember = () => toAddress(page.opening, page.view);
+
+function robot() {
+  states = new States(page, gesture, look);
+  const [side, last] = [by("side"), by("step")], captions = [side, last].map((figure) => figure.querySelector("figcaption"));
+  last.querySelector(".plot").replaceChildren(...side.querySelector(".plot").children);
+  captions[1].replaceChildren(...captions[0].childNodes);
+  captions[0].innerText = "Critical mode";
+  body = new RobotView(side.querySelector(".plot"), page.opening.shapes, token, () => page.dragging);
+  by("map").querySelector("small").textContent = "of the chosen joint in this state, all others closed; drag the dot";
+  by("bode").querySelector("small").textContent = "of the chosen joint, all others closed; sampled";
+}
+
+/** The gains that are dragged: a joint's own, or those of the robot's chosen joint. @returns {Record<string, number>} */
+const gainsNow = () => (page.opening.kind === "robot" ? page.view.gains[page.view.joint] : page.view.gains);
+
+/** @param {any} opening */
+function controls(opening) {
+  const place = by("controls");
+  const add = (/** @type {string} */ title, /** @type {HTMLElement} */ input) => {
+    const label = document.createElement("label"), output = document.createElement("output");
+    label.append(title, output, input);
+    place.append(label);
+    return output;
+  };
+  for (const gain of opening.gains) {
+    const input = document.createElement("input");
+    Object.assign(input, { type: "number", min: "0", step: "any", id: `gain-${gain.name}` });
+    add(`${gain.name} [${gain.unit || "–"}]`, input);
+    input.addEventListener("change", () => {
+      if (!(Number(input.value) >= 0) || input.value === "") return show();
+      gesture(true);
+      delete page.view.point;
+      gainsNow()[gain.name] = Number(input.value);
+      look(true);
+      return undefined;
+    });
+  }
+  const ranges = /** @type {[string, string, string, number, number][]} */ ([
+    ["delay_ms", "delay", "ms", 0, Math.max(10, 2.5 * opening.view.delay_ms)],
+    ["stiffness", "stiffness", opening.kind === "robot" ? "× the file's" : "N·m/rad", 0.1, 10],
+    ["link_inertia", "load", "kg·m²", 0.05, 20],
+  ]);
+  for (const [name, title, unit, low, high] of ranges) {
+    const own = opening.view[name];
+    if (own === null) continue;
+    const input = document.createElement("input"), even = name === "delay_ms"; // the others by factors
+    Object.assign(input, { type: "range", min: even ? low : Math.log10(low * own), max: even ? high : Math.log10(high * own), step: even ? 0.01 : 0.005, id: name });
+    const output = add(title, input);
+    const value = () => (even ? Number(input.value) : Number((10 ** Number(input.value)).toPrecision(4)));
+    input.addEventListener("input", () => { if (!page.dragging) gesture(true); page.view[name] = value(); show(); look(false); });
+    input.addEventListener("change", () => { gesture(false); page.view[name] = value(); look(true); });
+    input.dataset.unit = unit;
+    shown[name] = () => { const at = page.view[name]; input.value = String(even ? at : Math.log10(at)); output.textContent = `${number(at)} ${unit}`; input.setAttribute("aria-valuetext", output.textContent); };
+  }
+  const rates = document.createElement("select");
+  rates.id = "sample_rate_hz";
+  for (const rate of opening.rates) rates.add(new Option(rate ? `${number(rate)} Hz` : "continuous", String(rate)));
+  add("sample rate", rates);
+  rates.addEventListener("change", () => { gesture(true); page.view.sample_rate_hz = Number(rates.value); look(true); });
+  shown.rate = () => { rates.value = String(page.view.sample_rate_hz); };
+  show();
+}
+
+/** @type {Record<string, () => void>} */ const shown = {};
+
+function show() {
+  for (const each of Object.values(shown)) each();
+  if (states) states.show();
+  for (const [name, value] of Object.entries(gainsNow())) {
+    const input = by(`gain-${name}`);
+    if (input && document.activeElement !== input) input.value = String(Number(Number(value).toPrecision(7)));
+  }
+}
+
+/** A gesture begins: what was there before can be had back. @param {boolean} start */
+function gesture(start) {
+  page.dragging = start; // of a slider or the dot; look(true) ends it, too
+  if (!start) return;
+  const now = JSON.stringify(page.view);
+  if (page.past[page.past.length - 1] !== now) page.past.push(now);
+  if (page.past.length > 200) page.past.shift();
+  by("undo").disabled = false;
+}
+
+function undo() {
+  if (!page.past.length) return;
+  page.view = JSON.parse(page.past.pop());
+  by("undo").disabled = !page.past.length;
+  show();
+  look(true);
+}
+
+function snap() {
+  if (page.found && page.found.find) { send({ ask: "find" }); by("snap").disabled = true; return; }
+  if (!page.found || !page.found.gains) return;
+  gesture(true);
+  delete page.view.point;
+  page.view.gains = { ...page.view.gains, ...page.found.gains };
+  look(true);
+}
+
+// ---- answers ---------------------------------------------------------------------------------------------------------------------------
+
+/** @param {any} part */
+function verdict(part) {
+  const current = part.key === page.key;
+  if (part.lane === "quick" && current && part.gains) {
+    page.view.gains = { ...page.view.gains, ...part.gains };
+    delete page.view.point;
+    if (page.final) remember();
+    show();
+  }
+  if (part.point && !map.dragging) map.points.dot = part.point;
+  if (!map.dragging) map.drawDot();
+  page.certified = part.basis === "certified" && current;
+  by("verdict").className = `${part.tone}${page.certified ? "" : " quick"}`;
+  by("sentence").textContent = part.sentence;
+  const ranges = page.opening.uncertain.length > 0;
+  by("basis").textContent = {
+    certified: "Certified for this model." + (ranges ? " Worst of the stated ranges." : ""),
+    state: `Certified in ${part.where}${ranges ? " over the stated ranges" : ""}; the other states follow.`,
+    nominal: "Nominal values only; the stated ranges are not examined yet.",
+    quick: "This state only, at nominal values. Stability and gain limit are certified; what is marked ≈ is not.",
+  }[/** @type {"quick"} */ (current ? part.basis : "quick")];
+  by("rows").replaceChildren(...part.rows.map((/** @type {any} */ row) => {
+    const card = document.createElement("div"), value = document.createElement("b"), title = document.createElement("small"), below = document.createElement("small");
+    card.className = `row ${row.met === null ? "" : row.met ? "yes" : "no"}`;
+    card.dataset.name = row.name;
+    title.textContent = row.title + (part.basis === "certified" && page.opening.uncertain.length ? ", worst case" : "");
+    value.textContent = row.worst + (row.met === null ? "" : row.met ? " ✓" : " ✗");
+    below.textContent = [row.required, row.where ? `in ${row.where}` : "", row.to_use ? `★ ${row.to_use}` : ""].filter(Boolean).join(" · ");
+    card.append(title, value, below);
+    return card;
+  }));
+  const asked = page.asked[part.key];
+  if (asked !== undefined && part.lane === "quick") {
+    delete page.asked[part.key];
+    requestAnimationFrame(() => page.latency.push(performance.now() - asked));
+  }
+}
+
+/** @param {any} part */
+function curves(part) { bode.take(part); nyquist.take(part); }
+
+/** @param {any} part */
+function areas(part) {
+  if (part.window && JSON.stringify(part.window) !== JSON.stringify(map.window) && map.data.stable.length && !page.opening) return;
+  map.take(part);
+}
+
+/** @param {any} part */
+function use(part) {
+  page.found = part;
+  map.points.star = part.point || null;
+  map.points.rule = part.rule || null;
+  by("snap").textContent = part.find ? "★ Find gains (slow)" : "★ Use recommended";
+  map.draw();
+  by("snap").disabled = !part.gains && !part.find;
+  star();
+  const notes = by("notes");
+  notes.replaceChildren();
+  for (const text of [...(part.lines.length ? [`${part.heading} ${part.lines.join(", ")}`] : []), ...part.remarks, ...part.warnings]) {
+    const line = document.createElement("p");
+    line.textContent = text;
+    notes.append(line);
+  }
+}
+
+/** Of a robot's recommended gains those of the chosen joint. */
+function star() {
+  const own = page.opening.kind === "robot" && page.found && page.found.gains ? page.found.gains[page.view.joint] : null;
+  if (own) map.points.star = [own.kp, own.kd];
+  if (page.opening.kind === "robot") { const file = page.opening.view.gains[page.view.joint]; map.points.ghost = [file.kp, file.kd]; }
+  map.drawMarks();
+}
+
+/** One frequency on all pictures. @param {number | null} hz */
+function cursor(hz) { bode.setCursor(hz); nyquist.setCursor(hz); map.setCursor(hz); }
+
+// ---- a simulated run ------------------------------------------------------------------------------------------------------------------
+
+function shake() {
+  if (page.shaking) return send({ ask: "cancel" });
+  page.shaking = true;
+  by("shake").textContent = "Stop";
+  send({ ask: "shake" });
+  return undefined;
+}
+
+function idle() { page.shaking = false; by("shake").textContent = "Shake it"; }
+
+/** @param {any} part */
+function ran(part) {
+  const place = by("run");
+  place.hidden = false;
+  place.querySelector("small").textContent = page.opening.kind === "robot" ? "MuJoCo, nonlinear; the file's scenario in this state" : "tick by tick; the file's scenario";
+  place.querySelector(".said").textContent = part.sentence;
+  new Traces(place.querySelector(".plot")).take(part);
+  place.scrollIntoView({ behavior: "smooth", block: "nearest" });
+}
+
+by("snap").onclick = snap;
+by("undo").onclick = undo;
+by("shake").onclick = shake;
+by("page").onclick = () => { toast("Making the page …"); send({ ask: "page" }); };
+by("save").onclick = () => send({ ask: "save" });
+document.addEventListener("keydown", (event) => {
+  const typing = event.target instanceof HTMLInputElement && event.target.type === "number";
+  if ((event.ctrlKey || event.metaKey) && event.key === "z" && !typing) { event.preventDefault(); undo(); }
+  if (event.key === "s" && !event.ctrlKey && !event.metaKey && !typing && !by("dialog").open) snap();
+});
+connect();

@@ -1,0 +1,231 @@
+// The robot in its critical mode: its own shapes where it has some, slowed, growing or decaying as the root says.
+// @ts-check
+import * as T from "./vendor/three.js";
+import { number } from "./gainmap.js";
+
+const three = /** @type {any} */ (T);
+// ColorBrewer's YlOrBr, as in the report
+const SCALE = [[0, 0xfffbe6], [0.15, 0xfee391], [0.35, 0xfec44f], [0.55, 0xfe9929], [0.75, 0xcc4c02], [1, 0x662506]];
+const DRAWN = 0.09; // of the robot's size: the largest motion
+const PERIOD = 1.0; // [s] of the slowed vibration
+const LOOP = 4.0; // [s] after which growth or decay begins anew
+
+/** @param {number} part */
+function shade(part) {
+  const k = Math.max(1, SCALE.findIndex(([at]) => at >= part - 1e-9)), [low, from] = SCALE[k - 1], [high, to] = SCALE[k];
+  return new three.Color(from).lerp(new three.Color(to), (part - low) / (high - low));
+}
+
+export class RobotView {
+  /** @param {HTMLElement} place @param {any[]} shapes @param {string} token @param {() => boolean} busy */
+  constructor(place, shapes, token, busy) {
+    this.size = 1;
+    this.key = "";
+    this.place = place;
+    this.shapes = shapes;
+    this.token = token;
+    /** @type {any} */ this.part = null;
+    /** @type {any} */ this.root = null;
+    this.still = matchMedia("(prefers-reduced-motion: reduce)").matches;
+    this.note = Object.assign(document.createElement("p"), { className: "legend", id: "mode" });
+    const canvas = document.createElement("canvas");
+    canvas.setAttribute("role", "img");
+    canvas.setAttribute("aria-label", "The robot in its critical mode; drag to turn");
+    if (!document.createElement("canvas").getContext("webgl2")) {
+      this.note.textContent = "This browser shows no 3-D pictures (WebGL 2 is missing).";
+      place.append(this.note);
+      return;
+    }
+    place.append(canvas, this.note);
+    this.renderer = new three.WebGLRenderer({ canvas, antialias: true, alpha: true });
+    this.renderer.setPixelRatio(Math.min(2, devicePixelRatio));
+    this.scene = new three.Scene();
+    this.camera = new three.PerspectiveCamera(35, 1.4, 0.01, 100);
+    this.camera.up.set(0, 0, 1);
+    this.scene.add(new three.HemisphereLight(0xffffff, 0x888888, 2.2));
+    const sun = new three.DirectionalLight(0xffffff, 1.6);
+    sun.position.set(3, -2, 5);
+    this.scene.add(sun);
+    this.turn = new three.OrbitControls(this.camera, canvas);
+    this.turn.enableZoom = true;
+    this.group = new three.Group();
+    this.scene.add(this.group);
+    /** @type {any[]} */ this.links = [];
+    /** @type {any[]} */ this.joints = [];
+    /** @type {any[]} */ this.pieces = [];
+    this.placed = false;
+    this.wide = 0;
+    this.seen = true;
+    new IntersectionObserver((entries) => { this.seen = entries[0].isIntersecting; }).observe(canvas);
+    const pause = Object.assign(document.createElement("button"), { textContent: this.still ? "Move" : "Hold" });
+    pause.onclick = () => { this.still = !this.still; pause.textContent = this.still ? "Move" : "Hold"; };
+    /** @type {any} */ (place.parentElement).querySelector("figcaption").append(pause);
+    this.build();
+    let last = 0, cost = 0;
+    const frame = (/** @type {number} */ now) => {
+      if (this.seen && !document.hidden && now - last > Math.max(33, 6 * cost) && !(cost > 12 && busy())) {
+        last = now;
+        const began = performance.now();
+        this.draw(now / 1000);
+        cost = performance.now() - began; // without a graphics card the gains go first
+      }
+      requestAnimationFrame(frame);
+    };
+    requestAnimationFrame(frame);
+  }
+
+  build() {
+    this.shapes.forEach((shape, k) => {
+      const [a, b, c] = shape.size, forms = /** @type {Record<string, () => any>} */ ({
+        box: () => new three.BoxGeometry(a, b, c), sphere: () => new three.SphereGeometry(a, 20, 14),
+        cylinder: () => new three.CylinderGeometry(a, a, b, 24).rotateX(Math.PI / 2), capsule: () => new three.CapsuleGeometry(a, b, 8, 18).rotateX(Math.PI / 2),
+      });
+      const put = (/** @type {any} */ geometry) => {
+        const mesh = new three.Mesh(geometry, new three.MeshStandardMaterial({ color: 0xb9bec4, roughness: 0.8, metalness: 0.1 }));
+        mesh.matrixAutoUpdate = false;
+        mesh.userData = { frame: shape.frame, place: matrix(shape.place) };
+        this.group.add(mesh);
+        this.pieces.push(mesh);
+        this.paint();
+      };
+      if (shape.kind === "mesh") this.load(k).then(put);
+      else put(forms[shape.kind]());
+    });
+  }
+
+  /** Each link in the colour of the joint that moves it. */
+  paint() {
+    const { part } = this;
+    if (!part) return;
+    for (const piece of this.pieces) {
+      const joint = part.drives[part.frames.indexOf(piece.userData.frame)], size = part.re && joint >= 0 ? Math.hypot(part.mode_re[joint], part.mode_im[joint]) : 0;
+      piece.material.color.copy(size > 0.03 ? shade(Math.min(1, size)) : new three.Color(0xc4c8cc));
+    }
+  }
+
+  /** @param {number} k */
+  async load(k) {
+    const answer = await fetch(`/mesh/${k}${this.token ? `?token=${encodeURIComponent(this.token)}` : ""}`), bytes = await answer.arrayBuffer();
+    const [corners, faces] = new Uint32Array(bytes, 0, 2), geometry = new three.BufferGeometry();
+    geometry.setAttribute("position", new three.BufferAttribute(new Float32Array(bytes, 8, 3 * corners), 3));
+    geometry.setIndex(new three.BufferAttribute(new Uint32Array(bytes, 8 + 12 * corners, 3 * faces), 1));
+    geometry.computeVertexNormals();
+    return geometry;
+  }
+
+  /** @param {any} part */
+  take(part) {
+    this.part = part;
+    if (!this.renderer) return;
+    const points = part.rest[0], count = part.nodes.names.length;
+    const box = new three.Box3();
+    for (let k = 0; k < count; k++) box.expandByPoint(new three.Vector3(points[3 * k], points[3 * k + 1], points[3 * k + 2]));
+    const size = box.getSize(new three.Vector3()).length() || 1;
+    this.size = size;
+    this.paint();
+    const rest = new Map(part.frames.map((/** @type {string} */ name, /** @type {number} */ k) => [name, matrix(part.rest[k + 1])]));
+    if (!this.placed && (this.pieces.length || !this.shapes.length)) {
+      for (const piece of this.pieces) {
+        if (!rest.has(piece.userData.frame)) continue;
+        piece.matrix.multiplyMatrices(rest.get(piece.userData.frame), piece.userData.place);
+        piece.updateMatrixWorld(true);
+        box.expandByObject(piece);
+      }
+      const middle = box.getCenter(new three.Vector3());
+      this.turn.target.copy(middle);
+      this.camera.position.copy(middle).add(new three.Vector3(1.5, -1.3, 0.5).multiplyScalar(1.05 * box.getSize(new three.Vector3()).length()));
+      this.camera.near = 0.01 * size;
+      this.camera.far = 20 * size;
+      this.placed = true;
+    }
+    const key = part.rest[0].join();
+    if (key === this.key) return this.recolor();
+    this.key = key;
+    for (const old of [...this.links, ...this.joints, ...(this.feet || [])]) { this.group.remove(old); old.geometry.dispose(); old.material.dispose(); }
+    this.links = [];
+    this.joints = [];
+    for (let k = 0; k < count; k++) {
+      const joint = part.nodes.joints[k];
+      const ball = new three.Mesh(new three.SphereGeometry(size * (joint >= 0 ? 0.022 : 0.009), 18, 12), new three.MeshStandardMaterial({ color: 0x7d7d7d, roughness: 0.6 }));
+      this.joints.push(ball);
+      this.group.add(ball);
+      if (part.nodes.parents[k] < 0) continue;
+      const bone = new three.Mesh(new three.CylinderGeometry(1, 1, 1, 10).rotateX(Math.PI / 2), new three.MeshStandardMaterial({ color: 0x7d7d7d }));
+      bone.userData = { from: part.nodes.parents[k], to: k, radius: size * (this.shapes.length ? 0.004 : 0.011) };
+      this.links.push(bone);
+      this.group.add(bone);
+    }
+    this.feet = part.contacts.map((/** @type {any} */ contact) => {
+      const [long, across] = { flat: [0.16, 0.1], line: [0.02, 0.16], point: [0.04, 0.04] }[/** @type {"flat"} */ (contact.kind)];
+      const patch = new three.Mesh(new three.BoxGeometry(long * size, across * size, 0.006 * size), new three.MeshBasicMaterial({ color: 0x0072b2 })), a = contact.axes, p = contact.at;
+      patch.matrixAutoUpdate = false;
+      patch.matrix.set(a[0], a[1], a[2], p[0], a[3], a[4], a[5], p[1], a[6], a[7], a[8], p[2], 0, 0, 0, 1);
+      this.group.add(patch);
+      return patch;
+    });
+    return this.recolor();
+  }
+
+  /** The same posture in another mode. */
+  recolor() {
+    const { part, size } = this, count = part.nodes.names.length;
+    this.joints.forEach((ball, k) => {
+      const joint = part.nodes.joints[k];
+      if (joint >= 0) ball.material.color.copy(shade(part.re ? Math.min(1, Math.hypot(part.mode_re[joint], part.mode_im[joint])) : 0));
+    });
+    if (part.re) {
+      let most = 1e-12;
+      for (let k = 0; k < 3 * count; k++) most = Math.max(most, Math.hypot(part.re[0][k], part.im[0][k]));
+      this.scale = Math.min((DRAWN * size) / most, 0.35);
+    }
+    this.say();
+  }
+
+  /** @param {any} root */
+  takeRoot(root) { this.root = root; this.say(); }
+
+  say() {
+    const { part, root } = this;
+    if (!part) return;
+    if (!part.re) { this.note.textContent = "No vibration at any common factor on the gains."; return; }
+    const hz = part.hz, slow = hz * PERIOD;
+    const order = part.names.map((/** @type {string} */ name, /** @type {number} */ k) => [Math.hypot(part.mode_re[k], part.mode_im[k]), name]).sort((/** @type {any} */ a, /** @type {any} */ b) => b[0] - a[0]);
+    const most = order.filter((/** @type {any} */ each) => each[0] >= 0.3).slice(0, 4).map((/** @type {any} */ each) => `${each[1]} ${Math.round(100 * each[0])} %`);
+    const rate = root && root.growth !== null ? `${number(Math.abs(root.growth), 3)} 1/s, at ${number(root.hz, 3)} Hz` : "";
+    const now = rate ? (root.growth > 0 ? ` These gains: it grows, ${rate}.` : ` These gains: the slowest vibration decays at ${rate}.`) : "";
+    this.note.textContent = `Vibration at the gain limit, ${number(hz, 3)} Hz, shown ${number(slow, 2)} × slower. Colour: participation (${most.join(", ")}). Blue: contacts.${now}`;
+  }
+
+  /** @param {number} now */
+  draw(now) {
+    const wide = Math.max(260, this.place.clientWidth), high = Math.round(Math.min(440, 0.72 * wide));
+    if (wide !== this.wide) {
+      this.wide = wide;
+      this.renderer.setSize(wide, high);
+      this.camera.aspect = wide / high;
+      this.camera.updateProjectionMatrix();
+    }
+    const { part } = this;
+    if (!part) return;
+    const angle = (2 * Math.PI * now) / PERIOD, hz = part.hz || 1;
+    const rate = this.root && this.root.growth ? this.root.growth / (hz * PERIOD) : 0, time = now % LOOP;
+    const envelope = rate > 0 ? Math.exp(Math.min(rate, 1.2) * (time - LOOP)) : Math.exp(Math.max(rate, -1.2) * time);
+    const size = part.re && !this.still ? (this.scale || 0) * envelope : 0, c = size * Math.cos(angle), s = -size * Math.sin(angle);
+    const at = (/** @type {number} */ row, /** @type {number} */ k) => part.rest[row][k] + (size ? part.re[row][k] * c + part.im[row][k] * s : 0);
+    this.joints.forEach((ball, k) => ball.position.set(at(0, 3 * k), at(0, 3 * k + 1), at(0, 3 * k + 2)));
+    for (const bone of this.links) {
+      const from = this.joints[bone.userData.from].position, to = this.joints[bone.userData.to].position, length = from.distanceTo(to);
+      bone.visible = length > 1e-6;
+      bone.position.copy(from).add(to).multiplyScalar(0.5);
+      bone.scale.set(bone.userData.radius, bone.userData.radius, Math.max(length, 1e-6));
+      bone.lookAt(to);
+    }
+    const moved = new Map(part.frames.map((/** @type {string} */ name, /** @type {number} */ k) => [name, matrix(Array.from({ length: 12 }, (_, i) => at(k + 1, i)))]));
+    for (const piece of this.pieces) { const frame = moved.get(piece.userData.frame); piece.visible = Boolean(frame); if (frame) piece.matrix.multiplyMatrices(frame, piece.userData.place); }
+    this.turn.update();
+    this.renderer.render(this.scene, this.camera);
+  }
+}
+
+/** Of three rows. @param {number[]} m */
+function matrix(m) { return new three.Matrix4().set(m[0], m[1], m[2], m[3], m[4], m[5], m[6], m[7], m[8], m[9], m[10], m[11], 0, 0, 0, 1); }

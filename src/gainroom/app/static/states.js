@@ -1,0 +1,118 @@
+// A robot's states: joint × state heat map, posture and contact, joint, and where its joints stand.
+// @ts-check
+import { number } from "./gainmap.js";
+
+/** Vermilion to blue around white, as in the report. @param {number | null} factor */
+function shade(factor) {
+  if (factor === null) return "#eee";
+  const height = Math.max(-1, Math.min(1, Math.log10(factor)));
+  const from = [255, 255, 255], to = height < 0 ? [224, 122, 47] : [98, 169, 216];
+  return `rgb(${from.map((each, k) => Math.round(each + (to[k] - each) * Math.abs(height))).join(",")})`;
+}
+
+/** @param {string} text @param {string} id @param {string[]} values @param {(value: string) => void} chosen */
+function choice(text, id, values, chosen) {
+  const label = document.createElement("label"), select = document.createElement("select");
+  select.id = id;
+  for (const value of values) select.add(new Option(value, value));
+  select.addEventListener("change", () => chosen(select.value));
+  label.append(text, document.createElement("output"), select);
+  return { label, select };
+}
+
+export class States {
+  /** @param {any} page @param {(start: boolean) => void} gesture @param {(final: boolean) => void} look */
+  constructor(page, gesture, look) {
+    this.page = page;
+    this.gesture = gesture;
+    this.look = look;
+    const { opening } = page, place = /** @type {HTMLElement} */ (document.getElementById("controls"));
+    this.selects = /** @type {[string, any][]} */ ([]);
+    for (const [text, name, values] of /** @type {[string, string, string[]][]} */ ([[opening.space === "task" ? "direction" : "joint", "joint", opening.channels], ["contact", "contact", opening.contacts], ["posture", "posture", opening.postures]])) {
+      const { label, select } = choice(text, name, values, (value) => this.choose({ [name]: value }));
+      this.selects.push([name, select]);
+      place.prepend(label);
+    }
+    this.heat = /** @type {HTMLElement} */ (document.getElementById("states"));
+    this.heat.hidden = false;
+    this.table = document.createElement("div");
+    this.table.id = "heat";
+    this.sliders = this.stand(opening);
+    this.heat.append(this.table, this.sliders);
+    /** @type {any} */ this.part = null;
+    this.show();
+  }
+
+  /** @param {any} values */
+  choose(values) {
+    this.gesture(true);
+    Object.assign(this.page.view, values);
+    if ("posture" in values) this.page.view.angles = {};
+    delete this.page.view.point;
+    this.look(true);
+    this.show();
+  }
+
+  /** A slider for each joint. @param {any} opening */
+  stand(opening) {
+    const box = document.createElement("details"), head = document.createElement("summary"), grid = document.createElement("div"), back = document.createElement("button");
+    head.textContent = "Posture: where the joints stand";
+    grid.className = "grid";
+    back.textContent = "Back to the posture";
+    back.onclick = () => this.choose({ angles: {} });
+    /** @type {[any, HTMLInputElement, HTMLOutputElement][]} */ this.angles = [];
+    for (const joint of opening.joints) {
+      const label = document.createElement("label"), output = document.createElement("output"), input = document.createElement("input");
+      Object.assign(input, { type: "range", min: joint.low, max: joint.high, step: 0.01, id: `angle-${joint.name}` });
+      label.append(joint.name, output, input);
+      grid.append(label);
+      this.angles.push([joint, input, output]);
+      const put = (/** @type {boolean} */ final) => { this.page.view.angles = { ...this.page.view.angles, [joint.name]: Number(input.value) }; this.show(); this.look(final); };
+      input.addEventListener("input", () => { if (!this.page.dragging) this.gesture(true); put(false); });
+      input.addEventListener("change", () => { this.gesture(false); put(true); });
+    }
+    box.append(head, grid, back);
+    return box;
+  }
+
+  show() {
+    const { view } = this.page;
+    for (const [name, select] of this.selects) select.value = view[name];
+    for (const [joint, input, output] of this.angles || []) {
+      const value = view.angles[joint.name] ?? joint.at[view.posture];
+      input.value = String(value);
+      output.textContent = joint.unit === "m" ? `${number(value, 3)} m` : `${Math.round((180 / Math.PI) * value)}°`;
+      input.setAttribute("aria-valuetext", output.textContent);
+    }
+    for (const cell of this.table.querySelectorAll("button")) cell.setAttribute("aria-pressed", String(cell.dataset.state === JSON.stringify([view.posture, view.contact]) && cell.dataset.part === view.joint));
+  }
+
+  /** Joint × state: the factor on its gains until vibration, the other loops closed. @param {any} part */
+  take(part) {
+    this.part = part;
+    const title = document.createElement("p"), table = document.createElement("table"), head = table.createTHead().insertRow();
+    title.className = "legend";
+    title.textContent = "Factor on the gains until vibration: all together, then each with the others closed. Click a cell to look at it.";
+    head.append(document.createElement("th"));
+    for (const state of part.states) head.append(Object.assign(document.createElement("th"), { textContent: state.join(" / "), scope: "col" }));
+    const body = table.createTBody();
+    const row = (/** @type {string} */ name, /** @type {(number | null)[]} */ values, /** @type {string | null} */ joint) => {
+      const line = body.insertRow();
+      line.append(Object.assign(document.createElement("th"), { textContent: name, scope: "row" }));
+      values.forEach((value, k) => {
+        const cell = document.createElement("button");
+        cell.textContent = value === null ? (part.stable[k] ? "any" : "–") : number(value, 3);
+        cell.style.background = shade(value);
+        cell.dataset.state = JSON.stringify(part.states[k]);
+        if (joint) cell.dataset.part = joint;
+        cell.setAttribute("aria-label", `${name}, ${part.states[k].join(" / ")}: ${cell.textContent}`);
+        cell.onclick = () => this.choose({ posture: part.states[k][0], contact: part.states[k][1], ...(joint ? { joint } : {}) });
+        line.insertCell().append(cell);
+      });
+    };
+    row("all together", part.together, null);
+    part.parts.forEach((/** @type {string} */ name, /** @type {number} */ k) => row(name, part.closed.map((/** @type {any} */ state) => state[k]), name));
+    this.table.replaceChildren(title, table);
+    this.show();
+  }
+}

@@ -1,0 +1,127 @@
+"""A running `gainroom app` and a browser in front of it, for the tests of the page."""
+
+import contextlib
+import json
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from faults import environment, heard
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
+QUICK = "() => !gainroom.busy && !gainroom.waiting && gainroom.opening"
+"""True where what the page asked for last has been answered."""
+CERTIFIED = "() => gainroom.certified && !gainroom.busy && gainroom.found && gainroom.found.key === gainroom.key"
+"""True where everything has."""
+
+
+@dataclass
+class Served:
+    """A server in a process of its own."""
+
+    address: str
+    process: subprocess.Popen[str]
+    file: Path
+
+
+def serve(file: Path, port: int = 0) -> Served:
+    """`gainroom app FILE`, once it listens."""
+    command = [sys.executable, "-m", "gainroom", "app", str(file), "--no-browser", "--json", "--port", str(port)]
+    told = environment(PYTHONUNBUFFERED="1")
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=told, preexec_fn=heard)
+    assert process.stdout is not None
+    text = ""
+    while "}" not in text:
+        line = process.stdout.readline()
+        assert line, process.stderr.read() if process.stderr else ""
+        text += line
+    return Served(json.loads(text)["address"], process, file)
+
+
+@contextlib.contextmanager
+def serving(file: Path) -> Iterator[Served]:
+    """The same, ended behind the block."""
+    served = serve(file)
+    try:
+        yield served
+    finally:
+        served.process.kill()
+        served.process.wait()
+        for stream in (served.process.stdout, served.process.stderr):
+            assert stream is not None
+            stream.close()
+
+
+def browser_path() -> str | None:
+    """An installed Chromium."""
+    return next(filter(None, map(shutil.which, BROWSERS)), None)
+
+
+@contextlib.contextmanager
+def a_browser() -> Iterator[Any]:
+    """Headless Chromium; skips the test where none can be had."""
+    sync = pytest.importorskip("playwright.sync_api", reason="no browser: playwright is not installed")
+    path = browser_path()
+    with sync.sync_playwright() as driver:
+        try:
+            found = driver.chromium.launch(executable_path=path, args=["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader"])
+        except sync.Error as error:
+            pytest.skip(f"no browser: {str(error).splitlines()[0]}")
+        yield found
+        found.close()
+
+
+@dataclass
+class Tab:
+    """An open page, what it complained of, and what it asked for."""
+
+    page: Any
+    said: list[str] = field(default_factory=list)
+    asked: list[str] = field(default_factory=list)
+
+    def settle(self, what: str = QUICK) -> None:
+        """Until the answers are there."""
+        self.page.wait_for_function(what, timeout=30_000)
+
+    def text(self, selector: str) -> str:
+        return self.page.locator(selector).inner_text()
+
+    def view(self) -> dict[str, Any]:
+        return self.page.evaluate("() => structuredClone(gainroom.view)")
+
+    def drag(self, *steps: tuple[float, float]) -> None:
+        """The gain map's dot by the mouse, to places in the map's box, each a part of its width and height from the left and from below."""
+        self.page.locator("#map svg").scroll_into_view_if_needed()
+        box = self.page.locator("#map svg").bounding_box()
+        dot = self.page.locator("#dot").bounding_box()
+        mouse = self.page.mouse
+        mouse.move(dot["x"] + dot["width"] / 2, dot["y"] + dot["height"] / 2)
+        mouse.down()
+        for across, up in steps:
+            mouse.move(box["x"] + across * box["width"], box["y"] + (1 - up) * box["height"], steps=4)
+        mouse.up()
+
+
+def open_tab(browser: Any, address: str, width: int = 1400, height: int = 1000) -> Tab:
+    """A new page at `address` in a context of its own."""
+    context = browser.new_context(viewport={"width": width, "height": height})
+    context.grant_permissions(["clipboard-read", "clipboard-write"])
+    return tab_in(context, address)
+
+
+def tab_in(context: Any, address: str) -> Tab:
+    page = context.new_page()
+    tab = Tab(page)
+    page.on("console", lambda message: tab.said.append(f"{message.type}: {message.text}") if message.type in ("error", "warning") else None)
+    page.on("pageerror", lambda error: tab.said.append(str(error)))
+    page.on("request", lambda request: tab.asked.append(request.url))
+    page.on("websocket", lambda socket: tab.asked.append(socket.url))
+    page.goto(address)
+    tab.settle()
+    return tab

@@ -1,0 +1,195 @@
+"""A robot on the page: its numbers are the command line's, and a view is a file that says the same."""
+
+import contextlib
+import io
+import json
+import random
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from app_pages import CERTIFIED, Served, open_tab, serving
+from gainroom.app.bench import Opened
+from gainroom.app.messages import View
+from gainroom.app.robot_bench import RobotBench
+from gainroom.cli import main
+from gainroom.cli.example import example_texts
+from gainroom.errors import GainroomError
+from gainroom.files.robot_yaml import parse_robot
+from gainroom.io.strict_json import strict
+
+pytest.importorskip("pinocchio")
+pytest.importorskip("uvicorn", reason="the extra gainroom[app] is not installed")
+
+TEXT = example_texts()["biped"]
+TYPED = """model: {{package: gainroom, file: biped.urdf, base: floating}}
+joints: {{default: {{rotor_inertia: 1.0e-4, gear_ratio: 100, stiffness: 1.0e4, damping: 1.0}}}}
+drive: {{bandwidth: 4000.0, damping_ratio: 0.9, delay_ms: {delay!r}}}
+postures: {{stand: {{".*_hip_pitch": -0.3, ".*_knee": 0.6, ".*_ankle_pitch": -0.3}}}}
+contacts: {{left: [left_sole]}}
+control: {{type: pd, space: joint, feedback: motor, {gains}{rate}}}
+limits: {{}}
+"""
+
+
+def bench_of(text: str) -> RobotBench:
+    return RobotBench(Opened(text, "biped.yaml", Path()))
+
+
+def command(folder: Path, text: str) -> dict[str, Any]:
+    (folder / "robot.yaml").write_text(text, "utf-8")
+    out = io.StringIO()
+    with contextlib.redirect_stdout(out):
+        main(["robot", str(folder / "robot.yaml"), "--json"])
+    return json.loads(out.getvalue())
+
+
+def full(bench: RobotBench, view: View) -> list[tuple[str, dict[str, Any]]]:
+    return [(name, json.loads(json.dumps(strict(part)))) for name, part in bench.full(view, None, lambda *_: None)]
+
+
+def test_every_number_is_the_command_lines(tmp_path: Path):
+    """Gains, delay and rate at random; the file is typed anew. What is said while dragging agrees with it, too."""
+    bench = bench_of(TYPED.format(delay=2.0, gains="kp: 2000.0, kd: 100.0", rate=""))
+    names = bench.opening()["channels"]
+    draw = random.Random(8)
+    for _ in range(3):
+        gains = {name: {"kp": round(draw.uniform(500, 9000), 1), "kd": round(draw.uniform(20, 500), 2)} for name in names}
+        delay, rate = round(draw.uniform(0.5, 4), 2), draw.choice([0, 2000])
+        view = View.model_validate({"gains": gains, "delay_ms": delay, "sample_rate_hz": rate})
+        columns = ", ".join(f"{key}: {{{', '.join(f'{name}: {pair[key]!r}' for name, pair in gains.items())}}}" for key in ("kp", "kd"))
+        said = command(tmp_path, TYPED.format(delay=delay, gains=columns, rate=f", sample_rate_hz: {rate}" if rate else ""))
+        parts = full(bench, view)
+        verdict = [part for name, part in parts if name == "verdict"][-1]
+        assert verdict["states"] == said["states"]
+        assert verdict["sentence"] == said["sentence"]
+        assert verdict["stable"] == said["stable"]
+        heat = dict(parts)["heat"]
+        assert heat["together"] == [said["states"][0]["gain_limit"]]
+        assert heat["closed"][0] == [joint["limit_others_closed"] for joint in said["states"][0]["joints"]]
+        quick = dict([*bench.quick(view, None, ""), *bench.curves(view, None, "", False)])
+        assert quick["verdict"]["stable"] == said["stable"]
+        assert quick["verdict"]["tone"] != "good"
+        assert quick["mode"]["gain"] == pytest.approx(said["states"][0]["gain_limit"], rel=1e-9)
+
+
+VIEWS = (
+    {"gains": {"left_knee": {"kp": 3100.5, "kd": 120.25}}, "delay_ms": 3.0},
+    {"stiffness": 0.5, "posture": "crouch", "contact": "left", "sample_rate_hz": 2000},
+    {"angles": {"right_knee": 1.1, "left_hip_yaw": -0.2}, "point": (2500.0, 90.0), "joint": "left_hip_roll"},
+)
+
+
+@pytest.mark.parametrize("values", VIEWS)
+def test_the_edited_file_describes_what_is_shown(values: dict[str, Any]):
+    """Read back as the command line reads it, its loop is the shown one."""
+    bench, view = bench_of(TEXT), View.model_validate(values)
+    shown, read = bench.system(view), parse_robot(bench.text(view), "read.yaml")
+    posture, contact = view.posture or "stand", view.contact or "double"
+    omega = np.geomspace(1, 2000, 12)
+    mine, theirs = (system.loop(system.source.linearize(posture, contact)).response(omega) for system in (shown, read))
+    assert np.allclose(mine, theirs, rtol=1e-9, atol=1e-12)
+    before = bench.system(View())
+    assert not np.allclose(before.loop(before.source.linearize(posture, contact)).response(omega), mine, rtol=1e-3)
+
+
+def test_task_gains_are_edited_in_their_lists():
+    text = TEXT.replace("space: joint", "space: task").replace("  kp: 2000.0 ", "  # ").replace("  kd: 100.0 ", "  # ")
+    bench = bench_of(text)
+    view = View.model_validate({"gains": {"com z": {"kp": 210.0, "kd": 14.0}}})
+    read, shown = parse_robot(bench.text(view), "x"), bench.system(view)
+    assert read.source.stack[0].kp == pytest.approx((50, 90, 210))
+    omega = np.geomspace(1, 2000, 9)
+    loops = [system.loop(system.source.linearize("stand", "left")).response(omega) for system in (read, shown)]
+    assert np.allclose(*loops, rtol=1e-9, atol=1e-12)
+    parts = [*bench.quick(View(joint="com z"), None, ""), *bench.curves(View(joint="com z"), None, "", True)]
+    assert [name for name, _ in parts] == ["verdict", "verdict", "bode", "map", "mode", "root"]
+
+
+def test_an_untouched_view_leaves_the_file_as_it_is():
+    bench = bench_of(TEXT)
+    assert bench.text(View.model_validate(strict(bench.opening()["view"]))) == TEXT
+
+
+STRANGE = (
+    {"joint": "<script>"},
+    {"posture": "../x"},
+    {"angles": {"nobody": 1.0}},
+    {"gains": {"nobody": {"kp": 1.0}}},
+    {"contact": "moon"},
+    {"gains": {"left_knee": 3.0}},
+)
+
+
+@pytest.mark.parametrize("values", STRANGE)
+def test_names_that_the_robot_does_not_have_are_refused(values: dict[str, Any]):
+    bench = bench_of(TEXT)
+    with pytest.raises(GainroomError):
+        list(bench.quick(View.model_validate(values), None, ""))
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
+    file = tmp_path_factory.mktemp("app") / "robot.yaml"
+    file.write_text(
+        TYPED.format(delay=2.0, gains="kp: 2000.0, kd: 100.0", rate="").replace(
+            "{left: [left_sole]}", "{left: [left_sole], both: [left_sole, right_sole]}"
+        ),
+        "utf-8",
+    )
+    with serving(file) as found:
+        yield found
+
+
+def test_states_are_chosen_in_the_heat_map_and_joints_posed(browser: Any, served: Served):
+    tab = open_tab(browser, served.address)
+    tab.settle(CERTIFIED)
+    first = tab.text("#sentence")
+    tab.page.get_by_role("button", name="left_knee, stand / both").click()
+    tab.settle(CERTIFIED)
+    view = tab.view()
+    assert (view["joint"], view["contact"]) == ("left_knee", "both")
+    assert tab.page.locator("#joint").input_value() == "left_knee"
+    assert tab.page.locator("[data-area=stable]").count() == 1
+    assert tab.text("#sentence") == first  # of all states
+    tab.drag((0.6, 0.9))
+    tab.settle(CERTIFIED)
+    assert tab.view()["gains"]["left_knee"] != {"kp": 2000.0, "kd": 100.0}
+    assert tab.text("#sentence").startswith("Unstable")
+    tab.page.get_by_text("Posture: where").click()
+    tab.page.locator("#angle-right_knee").fill("1.3")
+    tab.settle(CERTIFIED)
+    assert tab.view()["angles"] == {"right_knee": 1.3}
+    other = browser.new_context().new_page()
+    other.goto(tab.page.url)
+    other.wait_for_function(CERTIFIED)
+    assert other.evaluate("() => gainroom.view") == tab.view()
+    for _ in range(3):
+        tab.page.get_by_role("button", name="Undo").click()
+    tab.settle(CERTIFIED)
+    assert tab.view()["angles"] == {}
+    assert not tab.said
+
+
+def test_names_out_of_a_file_stay_text(browser: Any, tmp_path: Path):
+    """A joint, posture and contact whose names would be script if they were ever put into markup."""
+    evil = "<img src=x onerror=window.broken=1>"
+    model = Path(__file__).parents[1] / "examples" / "robot.xml"
+    (tmp_path / "robot.xml").write_text(model.read_text("utf-8").replace('"knee"', f'"{evil.replace("<", "&lt;")}"'), "utf-8")
+    (tmp_path / "robot.yaml").write_text(
+        f"model: {{file: robot.xml}}\njoints: {{default: {{motor_inertia: 0.1, stiffness: 1.0e+4}}}}\n"
+        f"drive: {{bandwidth: 4000, delay_ms: 2}}\npostures: {{'{evil}': {{}}}}\n"
+        f"contacts: {{'{evil}': []}}\ncontrol: {{type: pd, space: joint, feedback: motor, kp: 50, kd: 3}}\nlimits: {{}}\n",
+        "utf-8",
+    )
+    with serving(tmp_path / "robot.yaml") as own:
+        tab = open_tab(browser, own.address)
+        tab.settle(CERTIFIED)
+        assert tab.page.evaluate("() => window.broken") is None
+        assert evil in tab.text("#states")
+        tab.page.locator("#joint").select_option(evil)
+        tab.settle(CERTIFIED)
+        assert not tab.said

@@ -1,0 +1,49 @@
+"""The page's own JavaScript: short, checked, and without ways for a name out of a file to become script."""
+
+import json
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+import gainroom
+
+STATIC = Path(gainroom.__path__[0]) / "app" / "static"
+OWN = sorted(STATIC.glob("*.js"))
+
+
+def test_it_is_short():
+    assert sum(len(path.read_text("utf-8").splitlines()) for path in OWN) < 1500
+    assert all(len(path.read_text("utf-8").splitlines()) <= 400 for path in OWN)
+
+
+@pytest.mark.parametrize("path", OWN, ids=lambda path: path.name)
+def test_text_never_becomes_markup_or_script(path: Path):
+    text = path.read_text("utf-8")
+    assert not re.search(
+        r"innerHTML|outerHTML|insertAdjacentHTML|document\.write|\beval\(|new Function|\.srcdoc|setAttribute\([\"']on", text
+    )
+    assert not re.search(r"https?://(?!www\.w3\.org/2000/svg)", text)
+    assert "// @ts-check" in text.splitlines()[1]
+    for imported in re.findall(r"from \"([^\"]+)\"", text):
+        assert (path.parent / imported).is_file()
+
+
+def test_vendored_files_say_what_they_are():
+    for name in ("uplot", "three"):
+        head = (STATIC / "vendor" / f"{name}.js").read_text("utf-8").splitlines()[1]
+        assert re.fullmatch(rf"// {name} \d+\.\d+\.\d+, MIT: see {name}\.LICENSE; made by scripts/vendor\.sh", head)
+        assert "MIT" in (STATIC / "vendor" / f"{name}.LICENSE").read_text("utf-8")
+
+
+def test_its_types_hold(tmp_path: Path):
+    checker = shutil.which("tsc")
+    if checker is None:
+        pytest.skip("no TypeScript compiler: npm install --global typescript")
+    options = {"checkJs": True, "allowJs": True, "noEmit": True, "strict": True, "target": "ES2022", "module": "ES2022", "types": []}
+    options |= {"moduleResolution": "bundler", "lib": ["ES2023", "DOM", "DOM.Iterable"]}
+    (tmp_path / "tsconfig.json").write_text(json.dumps({"compilerOptions": options, "files": [str(path) for path in OWN]}), "utf-8")
+    found = subprocess.run([checker, "-p", str(tmp_path)], capture_output=True, text=True, check=False)
+    assert found.returncode == 0, found.stdout

@@ -1,0 +1,423 @@
+"""The page's server: who may speak with it, what it takes, and that its numbers are the command line's."""
+
+import contextlib
+import io
+import json
+import random
+import socket
+import threading
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from app_pages import Served, serve, serving
+from gainroom.app.bench import Opened
+from gainroom.app.joint_bench import JointBench
+from gainroom.app.lanes import Lane
+from gainroom.app.messages import LONGEST, View, read_message
+from gainroom.cli import main
+from gainroom.errors import GainroomError
+from gainroom.files.edited_text import edited
+from gainroom.files.joint_yaml import parse_joint
+from gainroom.io.strict_json import strict
+from test_cli import EXAMPLES
+
+pytest.importorskip("uvicorn", reason="the extra gainroom[app] is not installed")
+client = pytest.importorskip("websockets.sync.client")
+exceptions = pytest.importorskip("websockets.exceptions")
+
+TYPED = """joint: {{rotor_inertia: 1.0e-4, gear_ratio: 100, link_inertia: {load!r}, stiffness: {stiffness!r}, damping: 1.0}}
+drive: {{bandwidth: 4000.0, damping_ratio: 0.9, delay_ms: {delay!r}}}
+control: {{type: pd, kp: {kp!r}, kd: {kd!r}, feedback: motor{rate}}}
+limits: {limits}
+"""
+USUAL = "{gain_margin_db: 6.0, phase_margin_deg: 30.0, peak_sensitivity: 2.0}"
+
+
+def bench_of(text: str, name: str = "joint.yaml") -> JointBench:
+    return JointBench(Opened(text, name, Path()))
+
+
+def answers(bench: JointBench, view: View) -> dict[str, dict[str, Any]]:
+    """The last of each part, as the page gets them."""
+    parts = [*bench.quick(view, None, ""), *bench.full(view, None, lambda *_: None)]
+    return json.loads(json.dumps(strict(dict(parts))))
+
+
+def command(folder: Path, text: str) -> dict[str, Any]:
+    (folder / "typed.yaml").write_text(text, "utf-8")
+    out = io.StringIO()
+    with contextlib.redirect_stdout(out):
+        main(["joint", str(folder / "typed.yaml"), "--json"])
+    return json.loads(out.getvalue())
+
+
+def random_views(count: int, seed: int) -> Iterator[tuple[View, dict[str, Any]]]:
+    """Views around Fig. 9's joint, stable and not, and what one would type for them."""
+    draw = random.Random(seed)
+    for _ in range(count):
+        kp, kd = round(10 ** draw.uniform(2.5, 4.6), 2), round(10 ** draw.uniform(1.2, 2.9), 3)
+        delay, stiffness = round(draw.uniform(0.2, 6.0), 3), round(10 ** draw.uniform(3.3, 4.7), 1)
+        load, rate = round(10 ** draw.uniform(-0.3, 2), 3), draw.choice([0, 1000, 2000])
+        view = View(gains={"kp": kp, "kd": kd}, delay_ms=delay, stiffness=stiffness, link_inertia=load, sample_rate_hz=rate)
+        sampled = f", sample_rate_hz: {rate}" if rate else ""
+        yield view, {"kp": kp, "kd": kd, "delay": delay, "stiffness": stiffness, "load": load, "rate": sampled}
+
+
+def typed(limits: str, **values: Any) -> str:
+    start = {"kp": 1e4, "kd": 300.0, "delay": 2.0, "stiffness": 1e4, "load": 16.0, "rate": ""}
+    return TYPED.format(limits=limits, **{**start, **values})
+
+
+NUMBERS = (
+    "gain_margin_db", "lower_gain_margin_db", "phase_margin_deg", "delay_margin_ms", "peak_sensitivity", "disk_margin",
+    "phase_crossover_rad_s", "gain_crossover_rad_s",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(("count", "limits"), [(200, "{}"), (4, USUAL)])
+def test_every_number_is_the_command_lines(tmp_path: Path, count: int, limits: str):
+    """The file is typed anew for the command line, so an edit that went wrong shows. Equal to the last bit: it is the same computation."""
+    bench = bench_of(typed(limits))
+    stable = 0
+    for view, values in random_views(count, 3):
+        said = command(tmp_path, typed(limits, **values))
+        parts = answers(bench, view) if limits == USUAL else json.loads(json.dumps(strict(dict([next(bench.quick(view, None, ""))]))))
+        verdict = parts["verdict"]
+        stable += said["stable"]
+        assert {name: verdict["numbers"][name] for name in NUMBERS} == {name: said[name] for name in NUMBERS}
+        assert {name: verdict["worst"][name] for name in NUMBERS} == {name: said["worst"][name] for name in NUMBERS}
+        assert verdict["sentence"] == said["sentence"]
+        assert (verdict["stable"], verdict["stable_in_range"], verdict["met"], verdict["unmet"]) == (
+            said["stable"], said["stable_in_range"], said["requirements_met"], said["unmet"],
+        )  # fmt: skip
+        best = said["recommended"]
+        assert limits != USUAL or parts["use"]["point"] == (None if best is None else [best["plane"]["kp"], best["plane"]["kd"]])
+    assert 0.2 * count < stable < 0.95 * count or count < 10
+
+
+def test_over_ranges_it_says_what_the_command_line_says(tmp_path: Path):
+    """Nominal while dragging, and marked so; then the worst case."""
+    text = EXAMPLES["fig9"] + "uncertainty: {stiffness: 20%, delay_ms: [2.0, 2.3]}\n"
+    bench, view = bench_of(text), View(gains={"kp": 9000.0, "kd": 250.0})
+    first = next(part for name, part in bench.quick(view, None, "") if name == "verdict")
+    assert first["basis"] == "nominal"
+    said = command(tmp_path, text.replace("kp: 1.0e4", "kp: 9000").replace("kd: 300.0", "kd: 250"))
+    verdict = answers(bench, view)["verdict"]
+    assert verdict["basis"] == "certified"
+    assert verdict["sentence"] == said["sentence"]
+    assert verdict["worst"]["phase_margin_deg"] == said["worst"]["phase_margin_deg"]
+
+
+def test_a_value_outside_its_range_widens_it():
+    """Never less than the file states: 4 ms (8 ticks) beside [4, 6] ticks is judged over [4, 8]."""
+    text = bench_of(EXAMPLES["talos-knee"]).text(View(delay_ms=4.0))
+    assert "delay_ticks: 8 " in text
+    assert "delay_ticks: [4, 8]" in text
+    low, high = parse_joint(text, "x").uncertainty.delay
+    assert (float(low), float(high)) == pytest.approx((2e-3, 4e-3))
+
+
+def test_other_rates_keep_the_delay_of_a_file_in_ticks():
+    system = parse_joint(bench_of(EXAMPLES["talos-knee"]).text(View(sample_rate_hz=4000.0)), "x")
+    assert system.delay == pytest.approx(2e-3)
+    assert system.control.sample_time == 1 / 4000
+
+
+@pytest.mark.parametrize("name", sorted(EXAMPLES))
+def test_an_untouched_view_leaves_the_file_as_it_is(name: str):
+    bench = bench_of(EXAMPLES[name])
+    assert bench.text(View.model_validate(bench.opening()["view"])) == EXAMPLES[name]
+
+
+def test_points_of_the_map_are_gains_of_every_controller():
+    """In the P/PI cascade's plane kp is kv·kp: the text's gains must lie at the point that was dragged to."""
+    text = TYPED.replace("type: pd, kp: {kp!r}, kd: {kd!r}", "type: ppi, kp: 33.0, kv: 300.0, ki: 500.0").format(
+        load=16.0, stiffness=1e4, delay=2.0, rate="", limits="{}"
+    )
+    bench = bench_of(text)
+    system = parse_joint(bench.text(View(point=(6000.0, 200.0))), "x")
+    controller = system.control.controller
+    assert (controller.kp * controller.kv, controller.kv) == pytest.approx((6000.0, 200.0))
+    assert controller.ki / controller.kv == pytest.approx(500 / 300)  # held
+
+
+def test_edited_text_changes_values_alone():
+    text = "a: {x: 1, y: [2, 3]}  # why\nb:\n  c: old   # kept\n  # behind\nd:\n  e: {f: 1}\n"
+    found = edited(
+        text, "t", {("a", "y"): [5.0, 6.5], ("b", "c"): 7.25, ("b", "new"): None, ("a", "z"): 1e-5, ("d", "e"): {"g h": 2.0}, ("k",): 3.0}
+    )
+    assert found == "a: {z: 1e-05, x: 1, y: [5, 6.5]}  # why\nb:\n  c: 7.25   # kept\n  new: null\n  # behind\nd:\n  e: {'g h': 2}\nk: 3\n"
+    with pytest.raises(GainroomError, match="must be a section"):
+        edited("a: 1\n", "t", {("a", "b"): 1.0})
+
+
+def test_copied_gains_are_read_back(tmp_path: Path):
+    from gainroom.files.gain_files import gains_of, parse_file
+
+    bench, view = bench_of(EXAMPLES["fig9"]), View(gains={"kp": 5000.0, "kd": 200.0})
+    found = gains_of(parse_file(bench.copied(view, "ros2_control"), Path("x.yaml")), ("joint",))
+    assert (float(found.kp[0]), float(found.kd[0])) == (5000.0, 200.0)
+    assert '<position joint="joint" kp="5000.0" kv="200.0"/>' in bench.copied(view, "mjcf")
+    assert "UNSTABLE" in bench.copied(View(gains={"kp": 5000.0, "kd": 900.0}), "mjcf")
+    assert bench.copied(view, "yaml") == "kp: 5000\nkd: 200\n"
+
+
+def test_saving_refuses_what_was_not_seen_and_what_changed_meanwhile(tmp_path: Path):
+    file = tmp_path / "joint.yaml"
+    file.write_text(EXAMPLES["fig9"], "utf-8")
+    opened = Opened(EXAMPLES["fig9"], str(file), tmp_path, file)
+    with pytest.raises(GainroomError, match="have changed since the difference"):
+        opened.save("joint: {}\n", "0" * 64)
+    file.write_text(EXAMPLES["testbed"], "utf-8")
+    from gainroom.app.bench import digest_of
+
+    with pytest.raises(GainroomError, match="has changed since it was opened"):
+        opened.save("joint: {}\n", digest_of("joint: {}\n"))
+    assert file.read_text("utf-8") == EXAMPLES["testbed"]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "", "[]", "null", "{", '{"ask": "look"}', '{"ask": "rm", "key": 1}', '{"ask": "look", "key": -1}', '{"ask": "look", "key": 1.5}',
+        '{"ask": "look", "key": 1, "view": {"delay_ms": NaN}}', '{"ask": "look", "key": 1, "view": {"delay_ms": -1}}',
+        '{"ask": "look", "key": 1, "view": {"gains": {"kp": "1"}}}', '{"ask": "look", "key": 1, "more": 1}',
+        '{"ask": "look", "key": 1, "view": {"delay_ms": 1e999}}', '{"ask": "copy", "key": 1, "form": "../../etc/passwd"}',
+        '{"ask": "look", "key": 1, "window": [0, 1]}', "[" * 20_000,
+        '{"ask": "look", "key": 1, "view": {"gains": ' + '{"a":' * 900 + "1" + "}" * 900 + "}}",
+        " " * (LONGEST + 1),
+    ],
+)  # fmt: skip
+def test_malformed_messages_are_refused_in_one_line(text: str):
+    with pytest.raises(GainroomError) as error:
+        read_message(text)
+    assert "\n" not in str(error.value)
+    assert len(str(error.value)) < 400
+
+
+def test_of_several_questions_the_latest_is_answered():
+    lane, started, go, done = Lane("test"), threading.Event(), threading.Event(), threading.Event()
+    found: list[str] = []
+
+    def first(stale: Any) -> None:
+        started.set()
+        go.wait(10)
+        found.append(f"first, stale: {stale()}")
+
+    lane.put("a", first)
+    assert started.wait(10)
+    lane.put("a", lambda stale: found.append("never"))
+    lane.put("a", lambda stale: found.append(f"last, stale: {stale()}"))
+    lane.put("b", lambda stale: done.set())
+    go.set()
+    assert done.wait(10)
+    assert found == ["first, stale: True", "last, stale: False"]
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
+    file = tmp_path_factory.mktemp("app") / "joint.yaml"
+    file.write_text(EXAMPLES["fig9"], "utf-8")
+    with serving(file) as found:
+        yield found
+
+
+def get(address: str, **headers: str) -> tuple[int, dict[str, str], str]:
+    try:
+        with urllib.request.urlopen(urllib.request.Request(address, headers=headers), timeout=10) as answer:
+            return answer.status, {key.lower(): value for key, value in answer.headers.items()}, answer.read().decode()
+    except urllib.error.HTTPError as error:
+        with error:
+            return error.code, {}, error.read().decode()
+
+
+def raw(served: Served, request: str) -> str:
+    """Bytes as no browser would send them."""
+    port = int(served.address.rstrip("/").rsplit(":", 1)[1])
+    with socket.create_connection(("127.0.0.1", port), 5) as line:
+        line.sendall(request.encode())
+        line.settimeout(5)
+        return line.recv(65536).decode("utf-8", "replace")
+
+
+def speak(served: Served, **options: Any) -> Any:
+    address = served.address.replace("http://", "ws://") + "ws"
+    return client.connect(address, origin=options.pop("origin", served.address.rstrip("/")), open_timeout=10, proxy=None, **options)
+
+
+def answers_still(served: Served) -> None:
+    with speak(served) as line:
+        assert json.loads(line.recv(10))["part"] == "opening"
+        line.send('{"ask": "look", "key": 7}')
+        assert json.loads(line.recv(10))["key"] == 7
+
+
+def test_the_page_has_a_strict_policy(served: Served):
+    status, headers, text = get(served.address)
+    assert status == 200
+    policy = headers["content-security-policy"]
+    assert "default-src 'none'" in policy
+    assert "unsafe" not in policy
+    assert "*" not in policy
+    assert 'src="http' not in text
+    assert 'href="http' not in text
+    assert headers["x-content-type-options"] == "nosniff"
+
+
+@pytest.mark.parametrize("host", ["evil.example", "evil.example:80", "127.0.0.1.evil.example", "localhost:1"])
+def test_a_foreign_host_is_refused(served: Served, host: str):
+    """A name that was made to point to this machine (DNS rebinding)."""
+    assert get(served.address, Host=host)[0] == 403
+    upgrade = "Connection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ=="
+    assert raw(served, f"GET /ws HTTP/1.1\r\nHost: {host}\r\nOrigin: http://{host}\r\n{upgrade}\r\n\r\n").split()[1] == "403"
+
+
+def test_a_foreign_origin_is_refused(served: Served):
+    for origin in ("http://evil.example", "null", "http://127.0.0.1:1", None):
+        with pytest.raises(exceptions.InvalidStatus, match="403"), speak(served, origin=origin):
+            pass
+    assert get(served.address, Origin="http://evil.example")[0] == 403
+
+
+CLIMBING = (
+    "/static/../server.py",
+    "/static/%2e%2e/server.py",
+    "/static/..%2fserver.py",
+    "/static//etc/passwd",
+    "/static/vendor/../../server.py",
+)
+
+
+@pytest.mark.parametrize("path", [*CLIMBING, "/etc/passwd"])
+def test_no_other_file_is_served(served: Served, path: str):
+    port = served.address.rstrip("/").rsplit(":", 1)[1]
+    answer = raw(served, f"GET {path} HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nConnection: close\r\n\r\n")
+    assert answer.split()[1] == "404"
+    assert "import" not in answer
+
+
+def test_what_is_too_long_or_no_message_does_no_harm(served: Served):
+    with speak(served) as line:
+        line.recv(10)
+        for text in ("no json", "[1]", '{"ask": "look", "key": 1, "view": {"gains": {"<script>": 1}}}'):
+            line.send(text)
+        line.send(b"\x00\xff")
+        told = (json.loads(line.recv(10))["part"] for _ in range(100))
+        found = list(islice((part for part in told if part != "progress"), 4))
+        assert found == ["refused"] * 4
+    with speak(served) as line:
+        line.recv(10)
+        line.send("x" * (LONGEST + 1000))
+        with pytest.raises(exceptions.ConnectionClosed):
+            line.recv(10)
+    assert raw(served, "GET / HTTP/1.1\r\nHost: a\r\nHost: b\r\n\r\n").split()[1] in ("400", "403")
+    assert raw(served, "\x00\x01\x02 nonsense\r\n\r\n").split()[1] == "400"
+    answers_still(served)
+
+
+def test_a_thousand_connections_leave_it_answering(served: Served):
+    port = int(served.address.rstrip("/").rsplit(":", 1)[1])
+    lines = []
+    for _ in range(1000):
+        with contextlib.suppress(OSError):
+            lines.append(socket.create_connection(("127.0.0.1", port), 2))
+    pages = []
+    for line in lines:
+        line.close()
+    with contextlib.ExitStack() as stack:
+        for _ in range(40):
+            with contextlib.suppress(exceptions.WebSocketException, OSError):
+                pages.append(stack.enter_context(speak(served)))
+        assert 1 <= len(pages) <= 32
+    answers_still(served)
+
+
+def test_elsewhere_than_here_it_takes_a_token(tmp_path: Path):
+    """Checked at the application, as a test should not listen on other interfaces."""
+    import asyncio
+
+    from gainroom.app.access import Guard
+
+    reached = []
+
+    async def inner(scope: Any, receive: Any, send: Any) -> None:
+        reached.append(scope["path"])
+
+    async def ask(path: str, query: str) -> None:
+        scope = {"type": "http", "path": path, "query_string": query.encode(), "headers": [(b"host", b"robot.local:80")]}
+        guard = Guard(inner, 80, "secret")
+
+        async def send(message: Any) -> None:
+            pass
+
+        await guard(scope, None, send)  # type: ignore[arg-type]
+
+    for path, query in (("/a", ""), ("/b", "token=wrong"), ("/c", "token=secret"), ("/d", "token=")):
+        asyncio.run(ask(path, query))
+    assert reached == ["/c"]
+
+
+def test_a_taken_port_is_one_line(served: Served, capfd: pytest.CaptureFixture[str]):
+    port = served.address.rstrip("/").rsplit(":", 1)[1]
+    assert main(["app", str(served.file), "--no-browser", "--port", port]) == 2
+    assert "cannot be listened on" in capfd.readouterr().err
+
+
+def test_ctrl_c_ends_it_cleanly_with_a_page_open(served: Served, tmp_path: Path):
+    import signal
+
+    own = serve(served.file)
+    with speak(own) as line:
+        line.recv(10)
+        line.send('{"ask": "look", "key": 1}')
+        own.process.send_signal(signal.SIGINT)
+        assert own.process.wait(20) == 130
+    _, error = own.process.communicate()
+    assert "Traceback" not in error
+
+
+def test_a_run_is_that_of_simulate_and_ends_where_it_is_cancelled():
+    from gainroom.app.bench import Cancelled
+    from gainroom.files.joint_yaml import parse_simulation
+    from gainroom.studies.simulation import simulate_study
+
+    bench = bench_of(EXAMPLES["testbed-simulated"])
+    told: list[int] = []
+    (name, part), *_ = bench.shaken(View(), lambda done, total, what: told.append(done))
+    outcome = simulate_study(parse_simulation(EXAMPLES["testbed-simulated"], "x.yaml"))
+    assert name == "run"
+    assert max(part["motion"][0]["values"]) == pytest.approx(float(outcome.run.measured.max()), rel=0.02)
+    assert len(told) > 1
+
+    def stop(done: int, total: int, what: str) -> None:
+        if done:
+            raise Cancelled
+
+    with pytest.raises(Cancelled):
+        list(bench.shaken(View(), stop))
+
+
+def test_the_report_of_a_view(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """`--export` with a view is the report of the file with those values."""
+    (tmp_path / "joint.yaml").write_text(EXAMPLES["fig9"], "utf-8")
+    (tmp_path / "typed.yaml").write_text(
+        EXAMPLES["fig9"].replace("kp: 1.0e4", "kp: 5000.0").replace("delay_ms: 2.0", "delay_ms: 3.0"), "utf-8"
+    )
+    view = "#kp=5000&kd=300&delay_ms=3"
+    assert main(["app", str(tmp_path / "joint.yaml"), "--export", str(tmp_path / "view.html"), "--view", view]) == 0
+    main(["joint", str(tmp_path / "typed.yaml"), "--report", str(tmp_path / "typed.html")])
+    capsys.readouterr()
+
+    def numbers(name: str) -> str:
+        text = (tmp_path / name).read_text("utf-8")
+        return text[: text.index("Command")].replace("typed.yaml", "joint.yaml")
+
+    assert numbers("view.html") == numbers("typed.html")
+    assert main(["app", str(tmp_path / "joint.yaml"), "--export", str(tmp_path / "view.html"), "--view", "kp=much"]) == 2
+    assert "must be a number" in capsys.readouterr().err

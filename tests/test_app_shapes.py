@@ -1,0 +1,110 @@
+"""The robot's shapes and its mode on the page: read from its own files and no others, moving as the contacts let it."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gainroom.app.bench import Opened
+from gainroom.app.messages import View
+from gainroom.app.robot_bench import RobotBench
+from gainroom.app.robot_shapes import mesh_file, shapes_of
+from gainroom.cli.example import example_texts
+from gainroom.robot.formats.model_files import load_model
+
+pytest.importorskip("pinocchio")
+
+TRIANGLE = """solid a
+facet normal 0 0 1
+outer loop
+vertex 0 0 0
+vertex 1 0 0
+vertex 0 2 0
+endloop
+endfacet
+endsolid a
+"""
+ROBOT = """<robot name="r"><link name="base">
+<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="hinge" type="revolute"><parent link="base"/><child link="arm"/><origin xyz="0 0 1"/><axis xyz="0 1 0"/>
+<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+<link name="arm"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
+<visual><origin xyz="0 0 0.5" rpy="0 0 1.5707963267948966"/><geometry><mesh filename="{mesh}" scale="2 2 2"/></geometry></visual>
+<visual><geometry><cylinder radius="0.1" length="0.7"/></geometry></visual></link></robot>
+"""
+
+
+def robot(folder: Path, mesh: str) -> Path:
+    (folder / "robot.urdf").write_text(ROBOT.replace("{mesh}", mesh), "utf-8")
+    return folder / "robot.urdf"
+
+
+def test_meshes_and_simple_shapes_of_a_urdf(tmp_path: Path):
+    (tmp_path / "part.stl").write_text(TRIANGLE, "utf-8")
+    mesh, cylinder = shapes_of(load_model(robot(tmp_path, "part.stl")))
+    assert (mesh.frame, mesh.kind, cylinder.kind, cylinder.size) == ("arm", "mesh", "cylinder", (0.1, 0.7))
+    assert mesh.corners is not None
+    placed = mesh.corners @ mesh.place[:3, :3].T + mesh.place[:3, 3]
+    # a quarter turn about z: (2, 0, 0) comes to (0, 2, 0), and (0, 4, 0) to (−4, 0, 0); half a metre up
+    assert sorted(map(tuple, np.round(placed, 9).tolist())) == [(-4.0, 0.0, 0.5), (0.0, 0.0, 0.5), (0.0, 2.0, 0.5)]
+    count, faces = np.frombuffer(mesh.packed()[:8], "<u4")
+    assert len(mesh.packed()) == 8 + 12 * count + 12 * faces
+
+
+OUTSIDE = (
+    "../secret.stl",
+    "/etc/passwd",
+    "link.stl",
+    "package://../secret.stl",
+    "package://up/../../secret.stl",
+    "file:///etc/passwd",
+    "part.txt",
+    "\0",
+    "a/../../secret.stl",
+)
+
+
+@pytest.mark.parametrize("name", OUTSIDE)
+def test_no_mesh_outside_the_models_folder_is_read(tmp_path: Path, name: str):
+    """By .., by absolute names, by links; nor what is no mesh."""
+    home = tmp_path / "up" / "model"
+    home.mkdir(parents=True)
+    (tmp_path / "secret.stl").write_text(TRIANGLE, "utf-8")
+    (home / "part.txt").write_text(TRIANGLE, "utf-8")
+    (home / "link.stl").symlink_to(tmp_path / "secret.stl")
+    assert mesh_file(home / "robot.urdf", name) is None
+
+
+def test_a_package_around_the_model_is_searched(tmp_path: Path):
+    (tmp_path / "pack" / "urdf").mkdir(parents=True)
+    (tmp_path / "pack" / "part.stl").write_text(TRIANGLE, "utf-8")
+    model = tmp_path / "pack" / "urdf" / "robot.urdf"
+    assert mesh_file(model, "package://pack/part.stl") == (tmp_path / "pack" / "part.stl").resolve()
+    assert mesh_file(model, "package://other/part.stl") is None
+
+
+def test_shapes_of_an_mjcf(tmp_path: Path):
+    pytest.importorskip("mujoco")
+    text = """<mujoco><worldbody><body name="arm"><joint name="j" axis="0 1 0"/><geom type="box" size="1 2 3" pos="0 0 1"/>
+<geom type="capsule" size="0.1 0.5" mass="0"/></body></worldbody></mujoco>"""
+    (tmp_path / "robot.xml").write_text(text, "utf-8")
+    box, capsule = shapes_of(load_model(tmp_path / "robot.xml"))
+    assert (box.frame, box.kind, box.size, box.place[2, 3]) == ("arm", "box", (2.0, 4.0, 6.0), 1.0)
+    assert (capsule.kind, capsule.size) == ("capsule", (0.1, 1.0))
+
+
+def test_the_mode_moves_the_joints_as_the_limit_says_and_no_contact():
+    """Feet that the contacts hold stand still; the knee's bone turns by the mode's part."""
+    bench = RobotBench(Opened(example_texts()["biped"], "biped.yaml", Path()))
+    view = View(contact="double")
+    part = dict(bench.curves(view, None, "", False))["mode"]
+    state = bench.state(view)
+    moved = {name: np.array(part["re"][k + 1]).reshape(3, 4) for k, name in enumerate(part["frames"])}
+    still, most = (max(np.abs(moved[name]).max() for name in names) for names in (("left_foot", "right_foot"), moved))
+    assert most > 0.05
+    assert still < 1e-3 * most  # differences over a ten-thousandth of the mode
+    assert {one["name"] for one in part["contacts"]} == {"left_sole", "right_sole"}
+    k = int(np.argmax(np.hypot(part["mode_re"], part["mode_im"])))
+    assert state.limiting_joints[0] == part["names"][k]
+    assert bench.mesh(0) is None
+    assert bench.mesh(10**6) is None
