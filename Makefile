@@ -6,6 +6,9 @@ STAMP := $(VENV)/.installed
 NATIVE := build/native/.built
 DEMO := build/demo
 
+# Every command that a test starts would compile the package anew.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: demo test tests docs bench lint format lock wheels clean
 
 demo: $(NATIVE)

@@ -17,6 +17,15 @@ def body():
     return biped()
 
 
+@pytest.fixture(scope="module")
+def browser():
+    """A browser without a window, for the tests of the interactive page."""
+    from app_pages import a_browser
+
+    with a_browser() as found:
+        yield found
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """The tutorial's robot takes longest: it comes first, so that no process is left with it alone at the end."""
     items.sort(key=lambda item: "tutorial_humanoid" not in item.nodeid)

@@ -262,7 +262,20 @@ def test_example(capsys: pytest.CaptureFixture[str]):
 
 def test_every_command_has_help_with_an_example(capsys: pytest.CaptureFixture[str]):
     commands = [info.name for info in app.registered_commands]
-    assert commands == ["joint", "robot", "audit", "export", "simulate", "verify", "log", "diagnose", "example", "reproduce"]
+    assert commands == [
+        "joint",
+        "robot",
+        "audit",
+        "sweep",
+        "export",
+        "simulate",
+        "verify",
+        "log",
+        "diagnose",
+        "app",
+        "example",
+        "reproduce",
+    ]
     groups = [["identify"], *(["identify", info.name] for info in identify.registered_commands)]
     for command in ([], *([name] for name in commands), *groups):
         assert main([*command, "--help"]) == 0

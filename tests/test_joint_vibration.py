@@ -140,7 +140,7 @@ def test_what_is_hidden_is_called_unstable_everywhere(tmp_path, capsys: pytest.C
     page = simulation_page(study, "gainroom simulate joint.yaml")
     assert '<body class="bad">' in page
     assert "UNSTABLE: do not run these gains" in page
-    assert "linear limit: " in page
+    assert "stable only below" in page
     path = tmp_path / "joint.yaml"
     path.write_text(text(HIDDEN), "utf-8")
     assert main(["simulate", str(path), "--gain", "6"]) == 1

@@ -275,7 +275,7 @@ def test_audit_keeps_loops(tmp_path, capsys):
     main(["audit", str(path), "--delay-ms", "2", "--stiffness", "5000", "--damping", "1", "--json"])
     found = json.loads(capsys.readouterr().out)
     assert [joint["name"] for joint in found["joints"]] == ["crank", "tool"]
-    assert any("closed" in text for text in found["warnings"])
+    assert any("closed" in text for text in found["assumptions"])
     body = load_model(path)
     inverse = projected(*in_mujoco(FOUR_BAR, body, body.configuration({})))
     plant = gr.Plant(inverse, np.array([0.01, 0.02]), np.full(2, 5000.0), np.ones(2))

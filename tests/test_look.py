@@ -191,3 +191,41 @@ def test_eigenvalues(size):
         pairs = np.abs(own[:, None] - right[None, :])
         assert pairs.min(axis=1).max() <= 1e-10 * np.abs(matrix).max() * size
         assert pairs.min(axis=0).max() <= 1e-10 * np.abs(matrix).max() * size
+
+
+@pytest.mark.parametrize("factor", [1.0, 0.3, 0.1])
+@pytest.mark.parametrize("draw", [limbs, chain])
+@pytest.mark.parametrize("number", range(6))
+def test_more_directions_than_motions(draw, number, factor):
+    """Every direction three times, each with a part of its gains: the loci that are 0 but for round-off change no margin, and cost nothing.
+
+    With softer gains all that crosses the axis where loci are followed may be round-off.
+    """
+    pair, along = machine_of(draw, number)
+    gains, size, found = scaled(along.gains, along.cascade, factor), pair.machine.size, []
+    parts, units = (0.31, 0.47, 0.22), (1.3, 0.21, 3.7)
+    torque = np.hstack([part / unit * along.torque for part, unit in zip(parts, units, strict=True)])
+    thrice = Directed(torque, np.vstack([unit * along.jacobian for unit in units]), np.tile(along.cascade, 3), np.tile(gains, 3))
+    for one, own in ((along, gains), (thrice, thrice.gains)):
+        seen = look(one.loop(pair), own, Reach(1.5, 0.5))
+        found.append((margins_seen(seen, size), seen.samples, seen.followed))
+    (once, samples, _), (again, more, followed) = found
+    assert followed
+    assert more < 3 * samples + 300
+    assert once.stable == again.stable
+    if once.stable:
+        assert again.peak_sensitivity == pytest.approx(once.peak_sensitivity, rel=1e-6)
+        for value, truth, reach in ((again.limit.gain, once.limit.gain, 1.5), (again.phase_margin, once.phase_margin, 0.5)):
+            assert value == pytest.approx(truth, rel=1e-6) if truth < reach else value >= reach
+
+
+def test_what_is_lost_has_no_margins():
+    """Whatever is asked of a look whose gains are no numbers: nothing is found, and nothing ends the process."""
+    pair, along = machine_of(limbs, 0)
+    lost = look(along.loop(pair), np.full_like(along.gains, math.nan), WHOLE)
+    assert not lost.followed
+    asked = [lost.crossings(along.gains, locus, axis, 10.0) for locus in (True, False) for axis in (True, False)]
+    asked += [lost.peaks(along.gains, 0.0, 1.0, 0.0), lost.ends(along.gains, True, 10.0)]
+    assert all(len(found) == 0 for found, _ in asked)
+    for _ in range(2):
+        assert np.isnan(lost.least()).all()

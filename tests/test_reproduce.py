@@ -146,6 +146,20 @@ def test_the_page_is_whole(result: Reproduction):
         assert all(html.escape(picture.title) in page for picture in figure.pictures)
 
 
+def test_the_page_names_what_disagrees_and_closes_the_rest(result: Reproduction):
+    """Of a section its count is that of its rows; those that disagree stand together, all of them."""
+    page = reproduction_page(result, "gainroom reproduce")
+    sections = dict(re.findall(r'<details class="section"><summary><h2>(.*?)</h2>(.*?)</details>', page, flags=re.DOTALL))
+    apart = re.findall(r"<tr><td>([^<]+)<div", sections["What disagrees, and why"])
+    assert apart == [row.id for row in result.rows if not row.agrees]
+    for figure in result.figures:
+        agree, count = sum(row.agrees for row in figure.rows), len(figure.rows)
+        if (text := sections.get(html.escape(figure.title))) is not None:
+            assert f"{agree} of {count} numbers agree" in text
+            assert text.count("<td") == 5 * count
+    assert len(sections) >= len(result.figures)
+
+
 @pytest.fixture
 def shown(result: Reproduction, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
     """What the command prints of `result`, which is computed once."""

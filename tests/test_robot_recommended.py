@@ -16,6 +16,7 @@ from gainroom.analysis.margins import joint_margins
 from gainroom.cli import main
 from gainroom.design.robot_gains import GainSet, RobotGains, recommend_robot
 from gainroom.files.robot_yaml import load_robot_system, parse_robot
+from gainroom.report.gains_to_use import typed
 from gainroom.report.robot_text import free_joints, warnings
 from gainroom.studies.robot import study_robot
 from gainroom.system.system import System
@@ -110,6 +111,17 @@ def test_none_can_be_raised(biped: tuple[System, RobotGains]):
     assert_none_can_be_raised(spec, found)
     assert found.binding == "stand, double"
     assert found.margin[found.softest] in spec.requirements.asked
+
+
+def test_what_is_typed_is_what_was_judged(biped: tuple[System, RobotGains]):
+    """Four digits would do here, and every set keeps what is required with exactly the gains that are printed."""
+    spec, gains = biped
+    for found in gains.per_contact.values():
+        assert found is not None
+        for gain in (found.kp, found.kd):
+            assert [float(typed(one)) for one in gain.tolist()] == gain.tolist()
+            assert [float(f"{one:.4g}") for one in gain.tolist()] == gain.tolist()
+        assert spec.requirements.met_by(found.margins)
 
 
 def test_legs_get_equal_gains(biped: tuple[System, RobotGains]):

@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -30,6 +31,7 @@ from gainroom.report.simulation_text import sentence
 from gainroom.simulation import vibration
 from gainroom.studies.simulation import Interrupted, simulate_study
 from mutations import RANDOMS, mutated_data
+from test_report import figures
 
 EXAMPLES = joint_examples()
 LINEAR, HARDWARE = EXAMPLES["testbed-sampled"], EXAMPLES["testbed-simulated"]
@@ -315,17 +317,50 @@ def test_an_interruption_says_how_far_it_came():
 
 @pytest.mark.parametrize(
     ("gain", "state", "says"),
-    [(1.0, "good", "No vibration"), (1.5, "bad", "DIVERGES"), (30.0, "bad", "DIVERGES"), (1.14, "bad", "VIBRATES")],
-    ids=["sound", "diverges", "diverges at once", "vibrates"],
+    [
+        (0.5, "good", "These gains may stay"),
+        (1.0, "warn", "of gain margin, 6 dB required"),
+        (1.5, "bad", "DIVERGES"),
+        (30.0, "bad", "DIVERGES"),
+        (1.14, "bad", "VIBRATES"),
+    ],
+    ids=["sound", "too little margin", "diverges", "diverges at once", "vibrates"],
 )
 def test_the_page_says_it_at_first_glance(gain: float, state: str, says: str):
     study = simulated(LINEAR + "scenario: {duration: 1.0}\n", gain)
     page = simulation_page(study, "gainroom simulate joint.yaml")
     assert f'<body class="{state}">' in page
     assert says in page
-    assert sentence(study) in page
+    assert f"<h1>{sentence(study)}</h1>" in page
+    assert page.index("Do this") < page.index('class="cards"') < page.index('class="plot"') < page.index("<details")
+    proposed = re.findall(r"--gain (\S+)</pre>", page)
+    if state == "good":
+        assert proposed == []
+    else:  # the loop scaled by it has twice (6 dB) of headroom; 1 % more of the gains has not
+        spec, needed = parse_simulation(LINEAR, ""), 10 ** (6 / 20)
+        assert gr.gain_limit(spec.loop(float(proposed[0]))).gain >= needed
+        assert gr.gain_limit(spec.loop(1.01 * float(proposed[0]))).gain < needed
     assert ("The last 12 periods: " in page) == (not study.sound)
     assert len(page) < 6e6
+
+
+@pytest.mark.parametrize(
+    "reference", ["{type: step, by: 0.05}", "{type: step, by: 0.05, start: 0.2, base: 0.3}", "{type: cubic, by: 0.05, duration: 0.2}"]
+)
+def test_what_is_drawn_as_commanded_is_the_position_and_the_error(reference: str):
+    """Curves of few enough ticks to be drawn whole: commanded − actual = error at each, also of a step in the first."""
+    study = simulated(LINEAR + f"scenario: {{duration: 0.5, reference: {reference}}}\n", 0.5)
+    (picture,) = figures(simulation_page(study, ""))
+    curves = {(one["name"], one["yaxis"]): np.array(one["y"]) for one in picture["data"]}
+    assert len(curves["motor", "y"]) == len(study.run.time)
+    assert curves["commanded", "y"] - curves["motor", "y"] == pytest.approx(curves["joint", "y2"], abs=2e-3)  # [mrad], of six digits each
+
+
+def test_the_inputs_of_a_scenario_have_units():
+    text = "scenario: {duration: 0.5, reference: {type: step, by: 0.05}, gravity: 5, torque_limit: 80, friction: {motor: {coulomb: 2}}}\n"
+    page = simulation_page(simulated(LINEAR + text), "")
+    for words in ("<dd>0.5 s</dd>", "type step, by 0.05 rad", "<dd>5 N·m</dd>", "<dd>80 N·m</dd>", "coulomb 2 N·m"):
+        assert words in page
 
 
 def test_a_thinned_curve_keeps_its_ends_and_its_envelope():

@@ -158,6 +158,19 @@ def test_terminal_and_page_say_what_json_says(leg: Path, tmp_path: Path, capsys:
     assert "--simulator mujoco --pd explicit --decimation 3" in text  # the command that makes the page again
 
 
+def test_a_page_of_gains_that_only_the_robot_holds_is_not_good(leg: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """Gearboxes are given, so that the robot's verdict has no condition; MuJoCo takes its own actuators implicitly, a program's not."""
+    page = tmp_path / "audit.html"
+    options = ["--delay-ms", "0.1", "--stiffness", "50000", "--damping", "20", "--report", str(page)]
+    for kind, holds in (("implicit", True), ("explicit", False)):
+        _, answer = told(capsys, leg, *options, "--pd", kind)
+        assert answer["safe"]
+        assert answer["simulator"]["stable"] == holds
+        own = page.read_text("utf-8")
+        assert f'<body class="{"good" if holds else "warn"}">' in own
+        assert ("unstable in the simulator" in own.partition("Do this")[0]) == (not holds)
+
+
 def test_stepping_of_a_file(tmp_path: Path):
     inner, outer = tmp_path / "options.xml", tmp_path / "scene.xml"
     inner.write_text('<mujocoinclude><option timestep="0.004"><flag eulerdamp="disable"/></option></mujocoinclude>', "utf-8")

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from html import unescape
 from pathlib import Path
 
 import pytest
@@ -9,9 +10,11 @@ import pytest
 from gainroom.cli import main
 from gainroom.cli.example import joint_examples
 from gainroom.files.joint_yaml import parse_joint
+from gainroom.report.verification import verification_page
 from gainroom.report.verification_text import percent, sentence
 from gainroom.studies import verification
 from gainroom.studies.verification import Case, Verification, growth_about, verify
+from test_report import figures, without_library
 
 SAMPLED = joint_examples()["testbed-sampled"]
 CASE_KEYS = {"what", "witness", "predicted_gain", "simulated_gain", "predicted_frequency_rad_s", "simulated_frequency_rad_s"}
@@ -119,6 +122,53 @@ def test_terminal_and_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     text = page.read_text("utf-8")
     assert '<body class="good">' in text
     assert "changes sign" in text
+
+
+ROBOT_CASES = (
+    Case("stand, double: joint space", "linear", 1.2, 1.2003, 300.0, 300.03),
+    Case("stand, double: joint space", "mujoco", 1.2, 1.19, 300.0, 303.0),
+    Case("stand, left: joint space", "linear", 0.5, 0.5, 250.0, 250.0),
+    Case("stand, left: joint space", "mujoco", 0.5, float("nan"), 250.0, float("nan")),
+    Case("stand, left: task space", "linear", float("inf"), float("inf"), float("nan"), float("nan")),
+)
+
+
+def test_every_case_is_in_the_picture():
+    """By hand: limits and differences of every case and witness, the bands of agreement, and what has no limit."""
+    page = verification_page(parse_joint(SAMPLED, ""), Verification(ROBOT_CASES, of_robot=True), "gainroom verify robot.yaml")
+    limits, differences = figures(page)
+    rows = ["stand, double<br>joint space", "stand, left<br>joint space", "stand, left<br>task space"]
+    assert limits["layout"]["yaxis"]["ticktext"] == differences["layout"]["yaxis"]["ticktext"] == rows
+    drawn = {trace["name"]: trace for trace in limits["data"]}
+    assert drawn["predicted"]["x"][:2] == [1.2, 0.5]
+    assert drawn["linear simulation"]["x"][:2] == [1.2003, 0.5]
+    assert drawn["MuJoCo"]["x"] == [1.19, None]
+    assert [len(drawn[name]["x"]) for name in ("predicted", "linear simulation", "MuJoCo")] == [3, 3, 2]
+    assert drawn["linear simulation"]["marker"]["color"] != drawn["MuJoCo"]["marker"]["color"]
+    assert drawn["linear simulation"]["marker"]["symbol"] != drawn["MuJoCo"]["marker"]["symbol"]
+    apart = {trace["name"]: trace["x"] for trace in differences["data"]}
+    assert apart["linear simulation, gain"] == pytest.approx([0.025, 0, 0])
+    assert apart["MuJoCo, gain"][0] == pytest.approx(-100 / 120, rel=1e-5)
+    assert apart["MuJoCo, frequency"][0] == pytest.approx(1.0)
+    assert [(shape["x0"], shape["x1"]) for shape in differences["layout"]["shapes"]] == [(-2, 2), (-0.1, 0.1)]
+    assert "MuJoCo: no limit found" in differences["layout"]["annotations"][0]["text"]
+
+
+@pytest.mark.parametrize("cases", [ROBOT_CASES, ROBOT_CASES[:2], ROBOT_CASES[:3], ROBOT_CASES[4:]])
+def test_the_page_says_what_json_says(cases: tuple[Case, ...]):
+    """Of gains that disagree, that have headroom, that are unstable, and that nothing makes vibrate; frequencies in Hz."""
+    result = Verification(cases, of_robot=True)
+    own = without_library(verification_page(parse_joint(SAMPLED, ""), result, "gainroom verify robot.yaml"))
+    text = unescape(own)
+    assert f"<h1>{sentence(result)}</h1>" in text
+    assert f'<body class="{"good" if result.agrees else "bad"}">' in own
+    assert ("do not rely on" in text) == (not result.agrees)
+    assert ("UNSTABLE" in text) == (cases == ROBOT_CASES[:3])
+    assert text.index("<h1>") < text.index('class="cards"') < text.index('class="plot"') < text.index("<details")
+    assert "rad/s" not in text
+    assert ("47.75" in text) == (cases[0].predicted_frequency == 300.0)  # 300 / 2π
+    for outside in ("@import", "url(", "https://", "http://"):
+        assert outside not in own
 
 
 def test_a_difference_has_digits_enough_to_tell_it_from_what_is_allowed():

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from .simulation import Friction, Scenario, Testbed, simulate
     from .studies.analysis import Analysis, State, analyze
     from .studies.joint import JointStudy, study_joint
+    from .sweep.store import open_sweep
     from .system.closed_loop import ClosedLoop, closed_loop
     from .system.controller import PD, PID, PPI, Compensator
     from .system.drive import Drive
@@ -60,6 +61,7 @@ _HOME = {
     "realtime.tracker": ("GainTracker", "TrackedLimit"),
     "realtime.scheduler": ("GainScheduler", "GainTable"),
     "realtime.posture_table": ("PostureTable", "Feature", "TableGains"),
+    "sweep.store": ("open_sweep",),
     "native": ("warmup",),
     "errors": ("GainroomError",),
 }
@@ -112,6 +114,7 @@ __all__ = [
     "load_robot",
     "loop_from",
     "margins",
+    "open_sweep",
     "pd_region",
     "recommend_pd",
     "rightmost_roots",

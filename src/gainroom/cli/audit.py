@@ -14,9 +14,12 @@ if TYPE_CHECKING:
     from ..files.audit_options import Audited, AuditOptions
     from ..studies.audit import Audit
     from ..studies.simulator_audit import SimulatorAudit
+    from ..sweep.summary import SweepSummary
 
 Number = float | None
 MARGIN_DB = 6.0
+DAMPING_RATIO = 0.05
+STIFFNESS = "By the stiffness of the gearboxes that are not known"
 FEW_JOINTS = 8
 """Shown without being asked for all: those with the least headroom."""
 
@@ -45,6 +48,18 @@ def audit(
     rate_hz: Annotated[Number, number_option("--rate-hz", "in Hz", "Of the controller [Hz]; without it, continuous time.")] = None,
     stiffness: Annotated[Number, number_option("--stiffness", "in N m/rad", "Of every gearbox [N m/rad]; without it, rigid.")] = None,
     damping: Annotated[Number, number_option("--damping", "in N m s/rad", "Of every gearbox [N m s/rad].")] = None,
+    damping_ratio: Annotated[
+        float,
+        number_option("--damping-ratio", "", "Of gearboxes whose stiffness is not given, for how stiff they must be; 0.05 is 5 %."),
+    ] = DAMPING_RATIO,
+    gearbox: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="[JOINT=]TYPE",
+            help="harmonic, planetary, cycloidal, belt: judge the worst of a typical range of stiffness and damping; direct: rigid. Of all "
+            "joints, or of those that match a pattern; may be repeated, the later wins.",
+        ),
+    ] = None,
     motor_inertia: Annotated[
         Number, number_option("--motor-inertia", "in kg m²", "Joint side [kg m²], where the gains' file names none.")
     ] = None,
@@ -70,6 +85,16 @@ def audit(
         ),
     ] = None,
     margin_db: Annotated[float, number_option("--margin-db", "in dB", "Gain margin that safe gains have [dB].")] = MARGIN_DB,
+    delay_margin_ms: Annotated[
+        Number,
+        number_option("--delay-margin-ms", "in milliseconds", "Extra delay that safe gains survive [ms]; without it, half of the delay."),
+    ] = None,
+    phase_margin_deg: Annotated[
+        Number, number_option("--phase-margin-deg", "in degrees", "Phase margin that safe gains have [°]; without it, it is not judged.")
+    ] = None,
+    peak_sensitivity: Annotated[
+        Number, number_option("--peak-sensitivity", "", "Peak sensitivity Ms of safe gains, at most; without it, it is not judged.")
+    ] = None,
     simulator: Annotated[
         str | None, typer.Option(metavar="mujoco", help="Also: are the gains stable in the simulator that trains a policy?")
     ] = None,
@@ -99,6 +124,9 @@ def audit(
     write_robot: Annotated[
         Path | None, typer.Option(metavar="ROBOT.yaml", help="Also write this robot as a robot.yaml, to go on from with gainroom robot.")
     ] = None,
+    workspace: Annotated[
+        int | None, typer.Option(metavar="POSTURES", help="Also: are the gains safe in so many postures within the joints' limits?")
+    ] = None,
     as_json: AsJson = False,
     verbose: Verbose = False,
     report: Report = None,
@@ -115,16 +143,18 @@ def audit(
 
     Exit status: 0 safe; 1 not safe, or unstable in the simulator; 2 a file or the call is wrong.
     """
-    from ..files.audit_options import AuditOptions, audited, margin_factor
+    from ..files.audit_options import AuditOptions, audited, delay_of_margin, further_requirements, margin_factor, share_of_critical
     from ..studies.audit import audit as run_audit
 
     options = AuditOptions(
         delay_ms, rate_hz, stiffness, damping, motor_inertia, bandwidth, base, tuple(contact or ()), tuple(posture or ()), joint_damping,
-        gains_run, drive_rate_hz, drive_delay_ms,
+        gains_run, drive_rate_hz, drive_delay_ms, share_of_critical(damping_ratio), tuple(gearbox or ()),
     )  # fmt: skip
     asked: dict[str, Any] = {"simulator": simulator, "timestep": timestep, "integrator": integrator, "pd": pd}
     asked |= {"decimation": decimation, "armature": armature}
     margin = margin_factor(margin_db)
+    extra, further = delay_of_margin(delay_margin_ms), further_requirements(phase_margin_deg, peak_sensitivity)
+    limits = {"--delay-margin-ms": delay_margin_ms, "--phase-margin-deg": phase_margin_deg, "--peak-sensitivity": peak_sensitivity}
     found = audited(model, gains, options)
     told = None
     if any(value is not None for value in asked.values()):
@@ -133,23 +163,39 @@ def audit(
         told = simulator_of(SimulatorOptions(**asked), model, gains is None, options.joint_damping == "controller")
     with report_stream(report, write_robot) as page, yaml_output(write_robot, "--write-robot", "robot.yaml") as robot:
         with progress_bar("audit:") as progress:
-            result = run_audit(found.system, margin, progress)
+            result = run_audit(found.system, margin, progress, options.damping_ratio, found.gearboxes, extra, further)
         simulated = None
         if told is not None:
             from ..studies.simulator_audit import audit_simulator
 
             simulated = audit_simulator(result, *told)
-        show(as_json, lambda: _facts(result, simulated), lambda: _terminal(result, simulated, report, verbose))
-        if robot is not None:
-            _write(robot, found, model, margin_db, _command(model, gains, options, {}, margin_db, None), write_robot)  # type: ignore[arg-type]
+        swept = None
+        if workspace is not None:
+            from ..sweep.workspace import over_workspace
+
+            with progress_bar("audit:") as progress:
+                swept = over_workspace(result.system, workspace, result.margin, progress)
+        show(as_json, lambda: _facts(result, simulated, swept), lambda: _terminal(result, simulated, swept, report, verbose))
+        if robot is not None and write_robot is not None:
+            _write(
+                robot,
+                result,
+                found,
+                model,
+                margin_db,
+                _command(model, gains, options, {}, {"--margin-db": margin_db, **limits}, None),
+                write_robot,
+            )
         if page is not None:
             from ..report.audit import audit_page
 
-            page.write(audit_page(result, _command(model, gains, options, asked, margin_db, report), simulated))
-    return 0 if result.safe and (simulated is None or simulated.limit.stable) else 1
+            page.write(audit_page(result, _command(model, gains, options, asked, {"--margin-db": margin_db, **limits}, report), simulated))
+    return 0 if result.safe and (simulated is None or simulated.limit.stable) and (swept is None or swept.margin_held) else 1
 
 
-def _command(model: str, gains: Path | None, options: "AuditOptions", asked: dict[str, Any], margin_db: float, report: Path | None) -> str:
+def _command(
+    model: str, gains: Path | None, options: "AuditOptions", asked: dict[str, Any], limits: dict[str, Any], report: Path | None
+) -> str:
     """The command that makes the same page."""
     return command_line(
         "audit",
@@ -159,6 +205,8 @@ def _command(model: str, gains: Path | None, options: "AuditOptions", asked: dic
         ("--rate-hz", options.rate_hz),
         ("--stiffness", options.stiffness),
         ("--damping", options.damping),
+        ("--damping-ratio", options.damping_ratio if options.damping_ratio != DAMPING_RATIO else None),
+        *(("--gearbox", text) for text in options.gearboxes),
         ("--motor-inertia", options.motor_inertia),
         ("--bandwidth", options.bandwidth),
         ("--base", options.base),
@@ -168,33 +216,39 @@ def _command(model: str, gains: Path | None, options: "AuditOptions", asked: dic
         ("--gains-run", options.gains_run),
         ("--drive-rate-hz", options.drive_rate_hz),
         ("--drive-delay-ms", options.drive_delay_ms),
-        ("--margin-db", margin_db if margin_db != MARGIN_DB else None),
+        *((name, value if (name, value) != ("--margin-db", MARGIN_DB) else None) for name, value in limits.items()),
         *((f"--{name}", value) for name, value in asked.items()),
         ("--report", report),
     )
 
 
-def _write(robot: Path, found: "Audited", model: str, margin_db: float, command: str, target: Path) -> None:
+def _write(robot: Path, result: "Audit", found: "Audited", model: str, margin_db: float, command: str, target: Path) -> None:
     """The robot.yaml, into the new file `robot` that takes the place of `target`."""
     from .. import __version__
-    from ..files.audited_robot import audited_robot_text
+    from ..files.audited_robot import audited_robot_text, with_gearboxes
     from ..io.atomic import writing
 
-    text = audited_robot_text(found.sections, model, margin_db, command, __version__, target)
+    sections = found.sections if result.over is None else with_gearboxes(found.sections, result.system.source, result.over.range.types)
+    text = audited_robot_text(sections, model, margin_db, command, __version__, target)
     with writing(target):
         robot.write_text(text, "utf-8", newline="\n")
 
 
-def _facts(result: "Audit", simulated: "SimulatorAudit | None") -> dict[str, Any]:
+def _facts(result: "Audit", simulated: "SimulatorAudit | None", swept: "SweepSummary | None") -> dict[str, Any]:
     """What --json prints."""
     from .. import __version__
     from ..report.columns import facts
+    from ..report.gearbox_range import gearbox_assumptions, range_facts
+    from ..report.needed_stiffness import needed_facts
     from ..report.number_format import path_facts
     from ..report.robot_columns import AUDITED_JOINT, audited_states
     from ..report.robot_text import audit_scale, audit_sentence, audit_warnings
 
     columns = audited_states(result.enough_in)
-    from ..system.requirements import to_db  # loads numpy
+    from ..system.requirements import REQUIREMENTS, to_db  # loads numpy
+
+    further = {name: REQUIREMENTS[name] for name in ("phase_margin", "peak_sensitivity")}
+    needed = result.further.needed
 
     sample_time, paths = result.system.control.sample_time, result.tightest.margins.paths
     return {
@@ -203,7 +257,12 @@ def _facts(result: "Audit", simulated: "SimulatorAudit | None") -> dict[str, Any
         "safe": result.safe,
         "sentence": audit_sentence(result),
         "requirements_met": result.safe,
-        "unmet": [] if result.safe else ["gain_margin"],
+        "unmet": list(result.missed),
+        "required": {
+            "gain_margin_db": as_typed(to_db(result.margin)),
+            "delay_margin_ms": 1e3 * result.delay_margin,
+            **{one.key: None if name not in needed else as_typed(one.in_unit(needed[name])) for name, one in further.items()},
+        },
         "scale": audit_scale(result),
         "model": model_kind(sample_time),
         "sample_rate_hz": None if sample_time is None else 1 / sample_time,
@@ -215,6 +274,8 @@ def _facts(result: "Audit", simulated: "SimulatorAudit | None") -> dict[str, Any
         "gain_limit": result.tightest.limit.gain,
         "limit_frequency_rad_s": result.tightest.limit.frequency,
         "delay_limit_ms": 1e3 * result.delay_limit,
+        "delay_margin_ms": 1e3 * result.least_extra_delay,
+        **{one.key: one.in_unit(one.value(result.worst[name].margins)) for name, one in further.items()},
         "path_gain_limits": None if paths is None else {"kp": [paths.lower_others, paths.others], "kd": [paths.lower_kd, paths.kd]},
         "limiting_joints": list(result.limiting_joints),
         "posture": result.angles,
@@ -222,23 +283,31 @@ def _facts(result: "Audit", simulated: "SimulatorAudit | None") -> dict[str, Any
         "joints": [facts(AUDITED_JOINT, joint) for joint in result.joints],
         "states": [facts(columns, state) for state in result.states + result.immobile],
         "simulator": None if simulated is None else _simulator_facts(simulated),
-        "assumptions": list(result.system.assumptions),
+        "workspace": None if swept is None else _workspace_facts(swept),
+        "needed_stiffness": needed_facts(result),
+        "gearbox_range": range_facts(result),
+        "assumptions": [*result.system.assumptions, *gearbox_assumptions(result)],
         "warnings": list(audit_warnings(result)),
     }
 
 
-def _terminal(result: "Audit", simulated: "SimulatorAudit | None", report: Path | None, verbose: bool) -> str:
+def _terminal(result: "Audit", simulated: "SimulatorAudit | None", swept: "SweepSummary | None", report: Path | None, verbose: bool) -> str:
     """`verbose`: also every contact state and joint, and all that is assumed."""
     from ..report.columns import definitions
+    from ..report.gearbox_range import gearbox_assumptions
+    from ..report.needed_stiffness import CAPTION, look_columns, shown_looks
     from ..report.robot_columns import AUDITED_JOINT, asked, audited_states, joint_caption
-    from ..report.robot_text import audit_advice, audit_sentence, audit_warnings
+    from ..report.robot_text import audit_advice, audit_sentence, audit_warnings, unjudged
     from ..report.verdict import MOST_WARNINGS
 
     control = result.system.control
     title = f"All joints together ({model_text(control.sample_time, control.kd_path)})"
     columns = audited_states(result.enough_in)
     said, assumed = _simulator_text(simulated)
-    assumed, warned = result.system.assumptions + assumed, audit_warnings(result)
+    said += _workspace_text(swept)
+    assumed, warned = result.system.assumptions + gearbox_assumptions(result) + assumed, audit_warnings(result)
+    needed = result.needed
+    stiffness = [] if needed is None else ["", column_table(STIFFNESS, look_columns(result, needed), shown_looks(needed)), CAPTION]
     if not verbose:
         left = len(result.joints) - FEW_JOINTS
         more = f"{len(assumed)} assumptions" + (f", {left} more joints" if left > 0 else "")
@@ -249,6 +318,7 @@ def _terminal(result: "Audit", simulated: "SimulatorAudit | None", report: Path 
             column_table("", [one for one in AUDITED_JOINT if one.key != "motor_inertia"], result.by_headroom[:FEW_JOINTS], ("one loop",)),
             f"alone, one loop: the factor until vibration; safe: {asked(result)} or more.",
             *closing({"Report": report}, few(warned, MOST_WARNINGS)),
+            *filter(None, [unjudged(result)]),
             f"Posture: {result.states[0].posture}; {result.system.source.body.base} base; {_gains_run(result)} (--gains-run)",
             f"{more}: --verbose.",
         )
@@ -262,6 +332,8 @@ def _terminal(result: "Audit", simulated: "SimulatorAudit | None", report: Path 
         "",
         column_table("Joint by joint, in the worst state", AUDITED_JOINT, result.joints),
         joint_caption(result),
+        *stiffness,
+        *filter(None, [unjudged(result)]),
         f"Posture: {result.states[0].posture}; {result.system.source.body.base} base",
         *closing({"Report": report}, warned, assumed),
     )
@@ -277,6 +349,21 @@ def _simulator_facts(simulated: "SimulatorAudit") -> dict[str, Any]:
     from ..report.simulator_text import simulator_facts
 
     return simulator_facts(simulated)
+
+
+def _workspace_facts(swept: "SweepSummary") -> dict[str, Any]:
+    from ..report.sweep_text import workspace_facts
+
+    return workspace_facts(swept)
+
+
+def _workspace_text(swept: "SweepSummary | None") -> list[str]:
+    """Its paragraph; loaded only where it is asked for."""
+    if swept is None:
+        return []
+    from ..report.sweep_text import sentence, sureness, warnings
+
+    return ["", " ".join(["Workspace:", sentence(swept), *sureness(swept, None)]), *warnings(swept)]
 
 
 def _simulator_text(simulated: "SimulatorAudit | None") -> tuple[list[str], tuple[str, ...]]:

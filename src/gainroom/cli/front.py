@@ -4,6 +4,7 @@ from typing import Annotated
 
 import typer
 
+from .app import app as page
 from .audit import audit
 from .diagnose import diagnose
 from .example import example
@@ -14,6 +15,7 @@ from .log import log
 from .reproduce import reproduce
 from .robot import robot
 from .simulate import simulate
+from .sweep import sweep
 from .verify import verify
 
 app = typer.Typer(
@@ -26,12 +28,14 @@ app = typer.Typer(
 app.command(name="joint", short_help="One joint: stable or not, margins, largest gains, recommended gains.")(joint)
 app.command(name="robot", short_help="A whole robot: limits with all joints closed, by posture and contact state.")(robot)
 app.command(name="audit", short_help="Are the gains that a robot already has safe?")(audit)
+app.command(name="sweep", short_help="A whole robot in every posture: the worst one, and how sure that is.")(sweep)
 app.command(name="export", short_help="Gains into the files of simulators and controllers, as a difference first.")(export)
 app.command(name="simulate", short_help="Simulate a joint's or a robot's scenario: tracking, vibration, traces.")(simulate)
 app.command(name="verify", short_help="The predicted limit against simulation.")(verify)
 app.command(name="log", short_help="What a log holds, and what can be identified from it.")(log)
 app.add_typer(identify, short_help="From a log to a joint: delay, elasticity, gains.")
 app.command(name="diagnose", short_help="What vibrates a joint, from a recording, and which gain to change.")(diagnose)
+app.command(name="app", short_help="A page on which gains are dragged, and everything follows.")(page)
 app.command(name="example", short_help="Print a ready file to start from.")(example)
 app.command(name="reproduce", short_help="The paper's figures, computed and compared.")(reproduce)
 

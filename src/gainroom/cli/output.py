@@ -1,7 +1,6 @@
 """What every command prints with: strict JSON, numbers for people, tables, one-line messages."""
 
 import json
-import math
 import os
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -9,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import printable
+from ..io.strict_json import strict
 from .streams import give_up
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ def emit(text: str) -> None:
 
 def emit_json(value: Mapping[str, Any]) -> None:
     """One strict JSON object: what is not finite (infinite margin, margin of an unstable loop) becomes null."""
-    emit(json.dumps(_strict(value), indent=2, allow_nan=False) + "\n")
+    emit(json.dumps(strict(value), indent=2, allow_nan=False) + "\n")
 
 
 def show(as_json: bool, facts: Callable[[], Mapping[str, Any]], text: Callable[[], str]) -> None:
@@ -50,16 +50,6 @@ def show(as_json: bool, facts: Callable[[], Mapping[str, Any]], text: Callable[[
         emit_json(facts())
     else:
         emit(text())
-
-
-def _strict(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {str(key): _strict(item) for key, item in value.items()}
-    if hasattr(value, "tolist"):  # numpy scalars and arrays
-        value = value.tolist()
-    if isinstance(value, list | tuple):
-        return [_strict(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def columns_wide() -> int:
@@ -118,14 +108,20 @@ def column_table(title: str, columns: Sequence["Column"], rows: Iterable[Any], d
 
 def verdict_parts(study: Any, to_use: Any) -> list[Any]:
     """What stands first: every requirement at its worst, gains to use, and what is said of them."""
-    from rich.text import Text
-
     from ..report.verdict import judged, judged_columns
 
-    parts = [column_table("", judged_columns(study), judged(study, to_use.margins), drops=("at", "nominal", "to use", "required"))]
+    rows, drops = judged(study, to_use.margins), ("at", "nominal", "to use", "required")
+    parts: list[Any] = [column_table("", judged_columns(study), rows, drops=drops)]
     if to_use.lines:
-        parts += [to_use.heading, *(Text(printable("  " + line), no_wrap=True) for line in to_use.lines), *to_use.remarks]
+        parts += [to_use.heading, *_typed(to_use.lines), *to_use.remarks, *_typed(to_use.at_usual_rate)]
     return parts
+
+
+def _typed(lines: Iterable[str]) -> list[Any]:
+    """Lines to type, which are not broken."""
+    from rich.text import Text
+
+    return [Text(printable("  " + line), no_wrap=True) for line in lines]
 
 
 def few(warnings: Sequence[str], most: int) -> list[str]:

@@ -14,7 +14,8 @@ from .progress import progress_bar
 if TYPE_CHECKING:
     from ..design.robot_gains import RobotGains
     from ..studies.robot import RobotStudy
-    from ..studies.state import State
+    from ..studies.state import Progress, State
+    from ..system.system import System
 
 
 def robot(
@@ -22,6 +23,9 @@ def robot(
         Path,
         typer.Argument(metavar="FILE", help="A robot.yaml; `gainroom example biped` prints one.", show_default=False),
     ],
+    sweep: Annotated[
+        Path | None, typer.Option(metavar="DIR.zarr", help="A sweep's results: its worst postures count too, and gains are checked in all.")
+    ] = None,
     as_json: AsJson = False,
     verbose: Verbose = False,
     strict: Strict = False,
@@ -44,16 +48,36 @@ def robot(
 
         return two_paths(system, as_json, report, strict)
     with report_stream(report) as page:
-        from ..studies.robot import study_robot
-
         with progress_bar("robot:") as progress:
-            study = study_robot(system, progress)
-        show(as_json, lambda: _facts(study), lambda: _terminal(study, report, verbose))
+            study, elsewhere = _studied(system, sweep, progress)
+        show(as_json, lambda: _facts(study) | elsewhere[0], lambda: _terminal(study, report, verbose, elsewhere[1]))
         if page is not None:
             from ..report.robot import robot_page
 
-            page.write(robot_page(study, command_line("robot", file, ("--report", report))))
+            page.write(robot_page(study, command_line("robot", file, ("--sweep", sweep), ("--report", report))))
     return 0 if study.stable_in_range and not (strict and study.requirements_met is False) else 1
+
+
+def _studied(system: "System", sweep: Path | None, progress: "Progress") -> "tuple[RobotStudy, tuple[dict[str, Any], list[str]]]":
+    """The study; and of postures that the file does not name keys of --json, and what is said."""
+    from ..report.sweep_text import checked_sentence, posture_facts, workspace_facts, worse_note
+
+    if sweep is not None:
+        from ..studies.swept_gains import study_over
+
+        study, found = study_over(system, sweep, progress)
+        if found is None:
+            return study, ({"swept": None}, ["There are no recommended gains that could be checked in the sweep's postures."])
+        return study, ({"swept": workspace_facts(found)}, [checked_sentence(found)])
+    from ..studies.robot import study_robot
+    from ..sweep.workspace import worse_posture
+
+    study = study_robot(system, progress)
+    known = study.tightest.limit.gain
+    worse = worse_posture(system, known)
+    if worse is None:
+        return study, ({"worse_posture": None}, [])
+    return study, ({"worse_posture": posture_facts(*worse)}, [f"Note: {worse_note(*worse, known)}."])
 
 
 def _facts(study: "RobotStudy") -> dict[str, Any]:
@@ -89,13 +113,13 @@ def _facts(study: "RobotStudy") -> dict[str, Any]:
     }
 
 
-def _terminal(study: "RobotStudy", report: Path | None, verbose: bool) -> str:
+def _terminal(study: "RobotStudy", report: Path | None, verbose: bool, elsewhere: list[str]) -> str:
     """`verbose`: also every state, joint and task, and all recommended gains."""
     from ..report.robot_text import notes, sentence, warnings
     from ..report.verdict import MOST_WARNINGS, robot_to_use
 
     said, assumed = warnings(study), study.system.assumptions
-    parts = [sentence(study), *verdict_parts(study, robot_to_use(study))]
+    parts = [sentence(study), *verdict_parts(study, robot_to_use(study)), *elsewhere]
     if verbose:
         return render(*parts, "", *_all_there_is(study), *closing({"Report": report}, said, assumed, notes(study)))
     return render(*parts, *closing({"Report": report}, few(said, MOST_WARNINGS)), "By state, joint and task: --verbose, or --report.")

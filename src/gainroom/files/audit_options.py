@@ -18,13 +18,14 @@ from ..errors import GainroomError, first_of_many, named, nearest
 from ..io.validation import checked, number, validate
 from ..io.yaml_text import shown
 from ..linear.arrays import Floats
-from ..robot.assemble import DAMPING_NOTE
+from ..robot.assemble import ASSUMED, DAMPING_NOTE
 from ..robot.body import Base, RigidBody
 from ..robot.contact import ContactKind
 from ..robot.formats.model_files import includes, keyframes, load_model
 from ..robot.formats.model_names import locate
+from ..robot.gearbox_types import GearboxRange, gearbox_range
 from ..robot.name_patterns import DEFAULT, select
-from ..system.requirements import from_db
+from ..system.requirements import REQUIREMENTS, Requirements, from_db
 from ..system.system import System
 from .absurd_values import examined
 from .file_types import kind_of_file, wrong_kind
@@ -70,6 +71,8 @@ class AuditOptions:
     gains_run       "host" or None: both gains see the whole delay; "drive": neither does, it is that of set-points; "split": kp does, kd
                     runs on the drive
     drive_rate_hz, drive_delay_ms   of the loop that runs on the drive, from measurement to torque
+    damping_ratio   of gearboxes whose stiffness is not known, where it is asked how stiff they must be
+    gearboxes       TYPE, or JOINT=TYPE (a name or pattern): later ones win (robot/gearbox_types.py)
     """
 
     delay_ms: float
@@ -85,6 +88,8 @@ class AuditOptions:
     gains_run: str | None = None
     drive_rate_hz: float | None = None
     drive_delay_ms: float | None = None
+    damping_ratio: float = 0.05
+    gearboxes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         self._require_drive()
@@ -94,6 +99,10 @@ class AuditOptions:
             raise GainroomError(f"--joint-damping {self.joint_damping}: must be {' or '.join(JOINT_DAMPING)}")
         if self.damping is not None and not self.is_elastic:
             raise GainroomError(f"--damping {self.damping:g}: is of elastic gearboxes; give --stiffness too")
+        if self.gearboxes and self.stiffness is not None:
+            raise GainroomError("--gearbox: a range of stiffness for a type; with --stiffness it is known: give one of the two")
+        if self.gearboxes and self.gains_run == "split":
+            raise GainroomError("--gearbox: ranges are not known with --gains-run split; give --stiffness and --damping")
 
     def _require_drive(self) -> None:
         """Raise GainroomError where a loop on the drive is described by half, or described and not there."""
@@ -172,16 +181,41 @@ def margin_factor(decibels: float) -> float:
     return from_db(checked("--margin-db", decibels, number(least=0, most=100)))
 
 
+def delay_of_margin(milliseconds: float | None) -> float | None:
+    """A delay margin in ms as it is typed, in s. Raises GainroomError."""
+    return None if milliseconds is None else 1e-3 * checked("--delay-margin-ms", milliseconds, number(least=0, most=1000))
+
+
+def further_requirements(phase_margin_deg: float | None, peak_sensitivity: float | None) -> Requirements:
+    """What is required besides, as it is typed. Raises GainroomError, which names the option."""
+    typed, values = {"phase_margin": phase_margin_deg, "peak_sensitivity": peak_sensitivity}, {}
+    for name, value in typed.items():
+        one = REQUIREMENTS[name]
+        if value is not None:
+            option = f"--{one.key.replace('_', '-')}"
+            if not one.in_unit(one.low) < value <= one.most:
+                raise GainroomError(f"{option} {value:g}: must be > {one.in_unit(one.low):g} and <= {one.most:g}")
+            values[name] = one.in_si(value)
+    return Requirements(**values)
+
+
+def share_of_critical(ratio: float) -> float:
+    """A damping ratio as it is typed. Raises GainroomError."""
+    return checked("--damping-ratio", ratio, number(least=1e-3, most=1))
+
+
 @dataclass(frozen=True)
 class Audited:
     """What an audit looks at.
 
     system     the robot with the gains it has
     sections   the robot.yaml that says the same, without requirements; the model's file as it was found
+    gearboxes  the ranges of those that were given by type; None: none was
     """
 
     system: System
     sections: Mapping[str, Any]
+    gearboxes: GearboxRange | None = None
 
 
 def audit_spec(model: str, gains: Path | None, options: AuditOptions) -> System:
@@ -222,10 +256,20 @@ def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
     with named(str(source)):
         spec = examined(spec)
     told += [f"--posture {name}: the keyframe of {scene}" for name in options.posture if (scene := _scene_with(name, path))]
-    elastic = bool(np.isfinite(spec.source.actuators.stiffness).any())
-    assumptions = (*options.paths(), *spec.assumptions, *told, *_assumptions(spec.source.body, file.joints.locked, options, elastic))
-    warnings = [text.replace("move it inside", "move it inside with --posture") for text in spec.warnings]
-    return Audited(replace(spec, assumptions=assumptions, warnings=(*found.notes, *_damping_asked(warnings, options))), sections)
+    motors, ranges = spec.source.actuators, None
+    if options.gearboxes:
+        ranges = gearbox_range(options.gearboxes, spec.source.joint_names, motors.stiffness, motors.motor_inertia, "--gearbox")
+    elastic = bool(np.isfinite(motors.stiffness).any()) or ranges is not None
+    taken = [text for text in spec.warnings if text.startswith(ASSUMED)]
+    assumptions = (
+        *options.paths(),
+        *spec.assumptions,
+        *taken,
+        *told,
+        *_assumptions(spec.source.body, file.joints.locked, options, elastic),
+    )
+    warnings = [text.replace("move it inside", "move it inside with --posture") for text in spec.warnings if text not in taken]
+    return Audited(replace(spec, assumptions=assumptions, warnings=(*found.notes, *_damping_asked(warnings, options))), sections, ranges)
 
 
 def _padded(column: Floats, size: int) -> Floats:

@@ -2,15 +2,27 @@
 
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from ..errors import GainroomError
+from ..robot.robot import Robot
 from ..system.requirements import Requirements
 from .robot_yaml import parse_robot
+
+
+def with_gearboxes(sections: Mapping[str, Any], robot: Robot, types: Sequence[str]) -> dict[str, Any]:
+    """The sections with the gearboxes of `robot` where a range was given for them: `types` (n,), "" for others."""
+    joints = dict(sections["joints"])
+    for name, kind, stiffness, damping in zip(
+        robot.joint_names, types, robot.actuators.stiffness.tolist(), robot.actuators.damping.tolist(), strict=True
+    ):
+        if kind:
+            joints[name] = {**joints.get(name, {}), "stiffness": stiffness, "damping": damping}
+    return {**sections, "joints": joints}
 
 
 class _Dumper(yaml.SafeDumper):

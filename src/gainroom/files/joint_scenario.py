@@ -262,7 +262,7 @@ class ScenarioSection(Section):
         for side, friction in data.pop("friction", {}).items():
             data[f"friction.{side}"] = friction
         words = {name: value if isinstance(value, dict) else {"": value} for name, value in data.items()}
-        return {name: ", ".join(f"{key} {_typed(value)}".strip() for key, value in each.items()) for name, each in words.items()}
+        return {name: ", ".join(_with_unit(name, key, value) for key, value in each.items()) for name, each in words.items()}
 
     def _hardware(self) -> dict[str, Any]:
         """The hardware effects beyond the linear loop."""
@@ -277,6 +277,24 @@ class ScenarioSection(Section):
             if section is not None:
                 found[f"{side}_friction"] = section.friction()
         return found
+
+
+UNITS = {
+    **dict.fromkeys(("duration", "start"), "s"),
+    **dict.fromkeys(("base", "by", "amplitude", "noise", "hanging_at", "motor_resolution", "link_resolution"), "rad"),
+    **dict.fromkeys(("first", "last", "frequencies", "stribeck_velocity"), "rad/s"),
+    **dict.fromkeys(("first_hz", "last_hz", "frequencies_hz"), "Hz"),
+    **dict.fromkeys(("torque", "gravity", "torque_limit", "coulomb", "static"), "N·m"),
+    **dict.fromkeys(("viscous", "bristle_damping"), "N·m·s/rad"),
+    "bristle_stiffness": "N·m/rad",
+    "jitter_ms": "ms",
+}
+"""Of the scenario's keys, as people read them."""
+
+
+def _with_unit(name: str, key: str, value: Any) -> str:
+    """`key` and value of the section `name`; of a section that is one value the key is ""."""
+    return " ".join(filter(None, [key, _typed(value), UNITS.get(key or name, "")]))
 
 
 def _torque_of(path: Path, tick: float) -> Floats:

@@ -1,9 +1,11 @@
 """The reproduction as a page: the answer, the pictures in the paper's form, and every number beside the paper's."""
 
 import datetime
+from collections.abc import Sequence
 from html import escape
 
 from .. import __version__
+from ..report.number_format import hertz
 from ..report.page import Card, Html, Lead, Section, block, details, facts, page, table
 from . import Reproduced, Reproduction, joints
 from .drawing import drawn
@@ -26,16 +28,19 @@ CARDS = {  # the paper's main numbers
 
 def reproduction_page(result: Reproduction, command: str) -> str:
     """A self-contained HTML page. `command` is the command that makes it."""
-    first, *others = sorted(map(_section, result.figures), key=lambda section: not section.title.startswith(FIRST))
+    first, *others = sorted(result.figures, key=lambda figure: not figure.title.startswith(FIRST))
+    apart = [row for row in result.rows if not row.agrees]
     return page(
         "Jung et al., Humanoids 2017, reproduced",
         _lead(result),
         [_card(CARDS[row.id], row) for row in result.rows if row.id in CARDS],
         [
-            first,
+            Section(first.title, [*map(drawn, first.pictures), details(_agreeing(first), _table(first.rows))]),
             Section("What the paper concludes, checked", [facts(claims(result.rows))]),
-            *others,
-            Section("Inputs and assumptions", [_inputs(), block(command)]),
+            *([Section("What disagrees, and why", [_table(apart)], f"{len(apart)} of {len(result.rows)} numbers")] if apart else []),
+            *(Section(figure.title, [*map(drawn, figure.pictures), _table(figure.rows)], _agreeing(figure)) for figure in others),
+            Section("Inputs and assumptions", [_inputs()], "and whether the paper prints them"),
+            Section("Command", [block(command)], "that makes this page"),
         ],
         (SOURCE, f"gainroom {__version__}, {datetime.date.today():%d %B %Y}."),
     )
@@ -50,20 +55,15 @@ def _lead(result: Reproduction) -> Lead:
 
 def _card(label: str, row: Row) -> Card:
     paper = f"the paper: {row.printed}" if row.printed else "24 gains, posture inferred"
+    paper += f"; {hertz(float(row.computed))}" if row.unit == "rad/s" else ""
     return Card(label, value_text(row.computed), row.unit, paper, None if row.agrees else False)
 
 
-def _section(figure: Reproduced) -> Section:
-    """Pictures, rows that disagree, and the others folded."""
-    apart = [row for row in figure.rows if not row.agrees]
-    others = [row for row in figure.rows if row.agrees]
-    parts = [*map(drawn, figure.pictures), *([_table(apart)] if apart else [])]
-    if others:
-        parts.append(details(f"{len(others)} of {len(figure.rows)} numbers agree", _table(others)))
-    return Section(figure.title, parts)
+def _agreeing(figure: Reproduced) -> str:
+    return f"{sum(row.agrees for row in figure.rows)} of {len(figure.rows)} numbers agree"
 
 
-def _table(rows: list[Row]) -> Html:
+def _table(rows: Sequence[Row]) -> Html:
     caption = "" if counts(rows)[1] == len(rows) else BRACKETS
     return table(COLUMNS, [(_named(row), *cells(row)[1:]) for row in rows], caption, {"yes": "met", "no": "unmet"})
 

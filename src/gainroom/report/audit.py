@@ -1,4 +1,4 @@
-"""The page of an audit: verdict, numbers, the vibration at the limit, headroom by joint, and how it was computed."""
+"""The page of an audit: verdict, gains to use, numbers, what fails, the vibration, and closed below all tables and how it was computed."""
 
 import math
 from typing import TYPE_CHECKING
@@ -6,19 +6,26 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import listed
+from ..linear.arrays import Booleans
 from ..studies.audit import Audit
-from ..system.requirements import Requirements, to_db
-from .columns import definitions, tabulated
+from ..system.requirements import REQUIREMENTS, Requirements, enough, to_db
+from .audit_headroom import PATHS, deciding, headroom, headroom_rows
+from .columns import definitions, tabulated, yes
+from .gains_to_use import gain_file
+from .gearbox_range import gearbox_assumptions
+from .margin_columns import requirement
+from .needed_stiffness import needed_table, rounded_up
 from .number_format import digits, hertz, model_kind
-from .page import Card, Html, Lead, Section, beside, block, facts, page, paragraph, table
+from .page import Card, Html, Lead, Section, advice, beside, block, coded, facts, page, paragraph, table
 from .page_parts import ON_TOP, assumed_and_warned, assumptions, footer, limit_proofs, margin_card, unstable_card
 from .robot_columns import AUDITED_JOINT, asked, audited_states, joint_caption
 from .robot_coupling import coupling
 from .robot_drawing import hero, small
 from .robot_headroom import Factors, heat_map
 from .robot_skeleton import common_view
-from .robot_tables import MARKS, inputs
-from .robot_text import audit_sentence, audit_warnings
+from .robot_tables import MARKS, inputs, span
+from .robot_text import audit_scale, audit_sentence, audit_warnings
+from .robot_units import joint_units
 
 if TYPE_CHECKING:
     from ..studies.simulator_audit import SimulatorAudit
@@ -30,59 +37,145 @@ def audit_page(result: Audit, command: str, simulated: "SimulatorAudit | None" =
     command     that makes it
     simulated   the simulator's answer
     """
-    system, factors = result.system, _factors(result)
+    system, factors, count = result.system, _factors(result), len(result.joints)
+    assumed = (*system.assumptions, *gearbox_assumptions(result))
     sample_time, further = system.control.sample_time, audit_warnings(result)[ON_TOP:]
     taken = assumptions(f"Linear about posture {result.tightest.posture}", sample_time, "; contacts neither slip nor lift")
     sections = [
-        Section("Vibration at the limit", _vibrations(result)),
-        Section("Gain headroom", [heat_map(factors, "joint"), _state_table(result)]),
-        Section("Joint by joint", [_joint_table(result)]),
+        *_reasons(result),
         *([] if simulated is None else [Section("In the simulator", _simulator(simulated))]),
-        Section("Cost of coupling", [beside(*coupling(factors, "joint"))]),
-        Section("Inputs and assumptions", [inputs(system), taken, *assumed_and_warned(system.assumptions, further)]),
-        Section("Certification", [_certificate(result)]),
-        Section("Command", [block(command)]),
+        Section("Joint by joint", [_joint_table(result)], f"{count} joints with their gains and factors"),
+        Section(
+            "State by state",
+            [_state_table(result), heat_map(factors, "joint")],
+            f"each joint in {listed([state.contact for state in result.every])}",
+        ),
+        *([Section("Vibration by state", _vibrations(result), "each at its own gain limit")] if len(result.states) > 1 else []),
+        Section("Cost of coupling", [beside(*coupling(factors, "joint"))], "each joint alone, and with all others closed"),
+        Section(
+            "Inputs and assumptions",
+            [inputs(system), taken, *assumed_and_warned(assumed, further)],
+            f"what was read, and {len(assumed)} assumptions",
+        ),
+        Section("Certification", [_certificate(result)], "how each number was checked"),
+        Section("Command", [block(command)], "that makes this page"),
     ]
-    title = f"gainroom audit: gains of {len(result.joints)} joints, {model_kind(sample_time)} model"
-    return page(title, _lead(result), _cards(result), sections, footer())
+    title = f"gainroom audit: gains of {count} joints, {model_kind(sample_time)} model"
+    return page(title, _lead(result, simulated), _cards(result), sections, footer())
 
 
-def _lead(result: Audit) -> Lead:
-    warnings = audit_warnings(result)[:ON_TOP]
+def _reasons(result: Audit) -> list[Section]:
+    """What is open: the picture of what fails, what the verdict rests on, and the motion."""
+    besides = [REQUIREMENTS[name].title if name in REQUIREMENTS else name.replace("_", " ") for name in result.missed]
+    title = f"Gain {_deciding(result)}" if result.safe else f"What fails: gain {_deciding(result)}"
+    if not result.safe and "gain_margin" not in result.missed:
+        title = f"What fails: {listed(besides)}; gain {_deciding(result)}"
+    return [
+        Section(title, [headroom(result)]),
+        *([] if result.needed is None else [Section("Safe if the gearboxes are stiff enough", [needed_table(result, result.needed)])]),
+        Section("The motion of the vibration", [hero(result.tightest, len(result.states) == 1)]),
+    ]
+
+
+def _deciding(result: Audit) -> str:
+    """The row with the least headroom, in its state."""
+    row = deciding(result, headroom_rows(result))
+    state = result.states[int(np.nanargmin(row.factors))] if math.isfinite(row.least) else result.tightest
+    where = f" in {state.contact}" if len(result.states) > 1 else ""
+    return f"headroom {digits(row.least, '×', 3)}, {row.title}{where}"
+
+
+def _lead(result: Audit, simulated: "SimulatorAudit | None") -> Lead:
+    said, do, sentence = list(audit_warnings(result)[:ON_TOP]), _advice(result), audit_sentence(result)
+    lost = simulated is not None and not simulated.limit.stable
+    if lost:
+        said.insert(0, "these gains are unstable in the simulator: see below")
+    if not result.stable:
+        return Lead(sentence, "bad", "UNSTABLE: do not run these gains", said, do)
+    return Lead(sentence, "good" if result.safe and not lost and not _assumed_rigid(result).any() else "warn", "", said, do)
+
+
+def _assumed_rigid(result: Audit) -> Booleans:
+    """(n,) the gearboxes whose stiffness was not given: a safe verdict is conditional on them."""
+    return np.isinf(result.system.source.actuators.stiffness)
+
+
+def _advice(result: Audit) -> Html:
+    """What to do: gains that are safe, with the margins of these and of those, or how to find some."""
+    actuators = result.system.source.actuators
     if result.safe:
-        return Lead(audit_sentence(result), "good", "", warnings)
-    if not result.tightest.limit.stable:
-        return Lead(audit_sentence(result), "bad", "NOT SAFE, UNSTABLE: do not run these gains", warnings)
-    return Lead(
-        audit_sentence(result),
-        "warn",
-        f"NOT SAFE: stable, but with less than {digits(to_db(result.margin), 'dB', 3)} of gain margin",
-        warnings,
-    )
+        if not _assumed_rigid(result).any():
+            return advice("These gains may stay.", "")
+        return advice(
+            coded("These gains may stay if the gearboxes are stiff enough. Audit again with their `--stiffness` and `--damping`."), ""
+        )
+    scale = audit_scale(result)
+    if scale is None:
+        bare = result.tightest.limit.gain == 0 and np.any(actuators.damping[np.isfinite(actuators.stiffness)] == 0)
+        search = (
+            "No factor on all gains makes them safe, or none is known. Audit with `--write-robot robot.yaml`: `gainroom robot robot.yaml` "
+        )
+        text = "Measure the gearboxes' damping and audit again with `--damping`." if bare else f"{search}searches gains joint by joint."
+        return advice(coded(text), "")
+    names = ("kp", "kd", "ki") if any(joint.ki for joint in result.joints) else ("kp", "kd")
+    columns = {name: [scale * getattr(joint, name) for joint in result.joints] for name in names}
+    lines = gain_file(result.system.source.joint_names, columns)
+    required = requirement(Requirements(gain_margin=result.margin), "gain_margin", 3)
+    rows = [
+        (name, digits(to_db(least), "dB", 3), required, yes(enough(least, result.margin)), digits(to_db(least / scale), "dB", 3))
+        for name, least in (
+            ("gain margin, all joints together", result.tightest.limit.gain),
+            ("least gain margin of a joint by itself", min(joint.gain_limit for joint in result.joints)),
+        )
+    ]
+    beside_it = table(("", "these gains", "required", "met", "to use"), rows, marks=MARKS, sorts=False)
+    units = joint_units(result.system.source.body)
+    return advice(f"Use instead, {digits(scale)} × all gains (kp {units['kp']}, kd {units['kd']}):", "\n".join(lines), beside_it)
 
 
 def _cards(result: Audit) -> list[Card]:
-    """Three or four numbers, each the worst of all states."""
+    """Five numbers, each the worst of all states."""
     worst, asked = result.tightest, Requirements(gain_margin=result.margin)
-    limit, joints = worst.limit, result.limiting_joints
-    at = f"{hertz(limit.frequency)}, {worst.title}" if math.isfinite(limit.frequency) else worst.title
-    first = unstable_card(asked, limit, f", {worst.title}", worst.title)
-    if limit.stable:
+    limit = worst.limit
+    at = f"{hertz(limit.frequency)}, {worst.contact}" if math.isfinite(limit.frequency) else worst.contact
+    first, paths = unstable_card(asked, limit, f", {worst.contact}", worst.contact), worst.margins.paths
+    if limit.stable and paths is not None and paths.headroom < limit.gain:
+        first = margin_card(asked, "gain_margin", paths.headroom, f"{PATHS}, up or down, {worst.contact}")
+    elif limit.stable:
         first = margin_card(asked, "gain_margin", limit.gain, f"all gains together, {at}")
-    unsafe = [joint.name for joint in result.joints if not joint.safe]
-    vibrates = Card("vibration at", digits(limit.frequency / (2 * math.pi), "", 3), "Hz", note=f"mainly {listed(joints)}")
+    delay = Card(
+        "vibrates from a delay of",
+        digits(1e3 * result.delay_limit, "", 3),
+        "ms" if math.isfinite(result.delay_limit) else "",
+        f"≥ {digits(1e3 * (result.system.delay + result.delay_margin), 'ms', 3)}, its delay {digits(1e3 * result.system.delay, 'ms', 3)}",
+        None if math.isnan(result.least_extra_delay) else result.stable and enough(result.least_extra_delay, result.delay_margin),
+    )
+    joints = [joint.name for joint in result.by_headroom if not joint.safe]
+    states = [state.contact for state in result.states if not result.enough_in(state)]
+    judged = listed([state.contact for state in result.states])
     return [
         first,
-        Card(
-            "vibrates from a delay of",
-            digits(1e3 * result.delay_limit, "", 3),
-            "ms" if math.isfinite(result.delay_limit) else "",
-            f"> {digits(1e3 * result.system.delay, 'ms', 3)}, its delay",
-            None if math.isnan(result.delay_limit) else result.delay_limit > result.system.delay,
-        ),
-        Card("unsafe joints", str(len(unsafe)), f"of {len(result.joints)}", "none", not unsafe, listed(unsafe)),
-        *([vibrates] if joints else []),
+        delay,
+        Card("unsafe joints", str(len(joints)), f"of {len(result.joints)}", "none", not joints, listed(joints)),
+        Card("unsafe states", str(len(states)), f"of {len(result.states)}", "none", not states, f"judged: {judged}"),
+        _gearboxes(result),
     ]
+
+
+def _gearboxes(result: Audit) -> Card:
+    """What the verdict takes them for, or needs of them."""
+    actuators, rigid = result.system.source.actuators, _assumed_rigid(result)
+    units, count = joint_units(result.system.source.body), int(np.count_nonzero(rigid))
+    revolute = units["kp"].partition(";")[0]
+    if result.needed is not None and result.needed.least is not None:
+        least = np.where(result.needed.unknown, result.needed.least.stiffness, 0.0)
+        name = result.joints[int(np.argmax(least))].name
+        return Card("gearboxes must have", digits(rounded_up(float(least.max()))), revolute, "not known", note=f"{name}, the stiffest")
+    if rigid.all():
+        return Card("gearboxes", "rigid", "", "assumed", note="optimistic: --stiffness and --damping say otherwise")
+    value, known = span(actuators.stiffness[~rigid]), "as given" if result.over is None else "the worst of the range"
+    others = f"; {count} rigid" if count else ""
+    return Card("gearbox stiffness", value, revolute, known, note=f"damping {span(actuators.damping[~rigid], units['kd'])}{others}")
 
 
 def _factors(result: Audit) -> Factors:
@@ -96,11 +189,8 @@ def _factors(result: Audit) -> Factors:
 
 
 def _vibrations(result: Audit) -> list[Html]:
-    parts = [hero(result.tightest, len(result.states) == 1)]
-    if len(result.states) > 1:
-        view = common_view(result.states)
-        parts.append(beside(*(small(state, state.limit, view, 0) for state in result.states)))
-    return parts
+    view = common_view(result.states)
+    return [beside(*(small(state, state.limit, view, 0) for state in result.states))]
 
 
 def _state_table(result: Audit) -> Html:

@@ -48,6 +48,7 @@ def stacked(
     height: int,
     notes: Sequence[style.Annotation] = (),
     most: int = MOST_POINTS,
+    shapes: Sequence[dict[str, Any]] = (),
 ) -> Html:
     """Panels under each other over one time axis, `height` [px] in all, each under its own legend; `most` points per curve."""
     traces, legends, axes = [], {}, {}
@@ -56,7 +57,8 @@ def stacked(
         axes[f"yaxis{number}"] = style.axis(f"{panel.title} [{panel.unit}]")
         for curve in panel.curves:
             keep = thinned(curve.values, most)
-            look = {"dash": curve.dash, "width": 1.8, "name": style.shown(curve.name), "hoverinfo": "x+y+name"}
+            hover = f"%{{x:.4g}} s: %{{y:.4g}} {panel.unit}<extra>{style.shown(curve.name)}</extra>"
+            look = {"dash": curve.dash, "width": 1.8, "name": style.shown(curve.name), "hoverinfo": "all", "hovertemplate": hover}
             place = {"yaxis": f"y{number}", "legend": f"legend{number}", "showlegend": curve.named}
             traces.append(style.line(time[keep], curve.values[keep], curve.color, **look, **place))
     wide, phone = (_domains(panels, height - MARGINS["t"] - MARGINS["b"], width) for width in (WIDE, PHONE))
@@ -71,6 +73,7 @@ def stacked(
         **axes,
         **legends,
         annotations=list(notes),
+        shapes=list(shapes),
         showlegend=True,
         margin=MARGINS,
     )

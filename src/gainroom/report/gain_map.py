@@ -34,7 +34,7 @@ class GainPoint:
 def gain_map(study: JointStudy) -> Html:
     """The map as a figure with its caption."""
     spots = gain_points(study)
-    view = _view(study, spots)
+    view = around(study, spots)
     stable = outlines(study.region, view)
     traces, notes = _stable_area(stable, view)
     if study.required_region.required.asked:
@@ -70,7 +70,7 @@ def gain_points(study: JointStudy) -> list[GainPoint]:
     return found
 
 
-def _view(study: JointStudy, spots: list[GainPoint]) -> View:
+def around(study: JointStudy, spots: list[GainPoint]) -> View:
     """Around the gains of interest, no wider than the stable region."""
     outline = np.vstack(study.region.boundary) if study.region.boundary else np.zeros((1, 2))
     widest = max(float(outline[:, 0].max()), 1e-12)

@@ -2,15 +2,17 @@
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..analysis.margin_record import Margins
-from ..design.robot_gains import GainSet, RobotGains
 from ..system.requirements import Requirements
 from .margin_columns import margin_value
 from .number_format import own_gains
+
+if TYPE_CHECKING:
+    from ..design.robot_gains import GainSet, RobotGains
 
 MOST_COLUMNS = 78
 """Of a line that a terminal shows whole."""
@@ -27,15 +29,24 @@ def joint_gains(controller: Any) -> list[str]:
     return [f"{name}: {typed(value)}" for name, value, _ in own_gains(controller)]
 
 
-def robot_gains(found: GainSet, gains: RobotGains) -> list[str]:
+def robot_gains(found: "GainSet", gains: "RobotGains") -> list[str]:
     """Lines of `control` in a robot.yaml, by patterns where joints are alike; of task gains lines of `tasks`."""
     columns = {"kp": found.kp, "kd": found.kd} if found.ki is None else {"kp": found.kp, "kv": found.kd, "ki": found.ki}
     if gains.space == "joint":
-        return [line for name, values in columns.items() for line in _mapping(name, gains.names, values)]
+        return [line for name, values in columns.items() for line in gain_lines(name, gains.names, values)]
     return _of_tasks(gains.names, columns)
 
 
-def _mapping(key: str, names: Sequence[str], values: Any) -> list[str]:
+def gain_file(names: Sequence[str], columns: Mapping[str, Any]) -> list[str]:
+    """Lines of a file of gains: joint or pattern → {kp, kd}."""
+    groups: dict[str, list[str]] = {}
+    for name, *values in zip(names, *columns.values(), strict=True):
+        text = ", ".join(f"{key}: {typed(value)}" for key, value in zip(columns, values, strict=True))
+        groups.setdefault(f"{{{text}}}", []).append(name)
+    return [f"{_quoted(pattern)}: {text}" for text, group in groups.items() for pattern in patterns(group, names)]
+
+
+def gain_lines(key: str, names: Sequence[str], values: Any) -> list[str]:
     """key: {name: value, …} in YAML, on lines of MOST_COLUMNS."""
     groups: dict[str, list[str]] = {}
     for name, value in zip(names, np.nan_to_num(values).tolist(), strict=True):
@@ -47,14 +58,30 @@ def _mapping(key: str, names: Sequence[str], values: Any) -> list[str]:
 
 
 def patterns(group: Sequence[str], names: Iterable[str]) -> list[str]:
-    """One pattern that matches these names alone, where they end alike from a separator on and no other does; else the names."""
-    end = group[0]
-    while not all(name.endswith(end) for name in group):
-        end = end[1:]
-    while end and end[0].isalnum():
-        end = end[1:]
-    matched = {name for name in names if name.endswith(end)}
-    return [f".*{re.escape(end)}"] if len(group) > 1 and end and matched == set(group) else [re.escape(name) for name in group]
+    """Few patterns that together match these of the `names` alone, none of them twice; a name that shares no part stands for itself."""
+    left, every, found = list(group), list(names), []
+    if len(left) > 1 and set(left) == set(every):
+        return [".*"]
+    while left:
+        chosen = max(_shared_parts(left[0]), key=lambda part: _covered(part, left, every))
+        best = _covered(chosen, left, every)[0]
+        found.append(chosen if best > 1 else re.escape(left[0]))
+        left = [name for name in left if not re.fullmatch(found[-1], name)]
+    return found
+
+
+def _shared_parts(name: str) -> list[str]:
+    """Patterns of the words that follow each other in `name`, separators and all."""
+    cuts = [0, *(found.start() for found in re.finditer(r"[^A-Za-z0-9]+", name)), len(name)]
+    ends = [0, *(found.end() for found in re.finditer(r"[^A-Za-z0-9]+", name)), len(name)]
+    places = [(a, b) for a in cuts[:-1] for b in ends[1:] if a < b]
+    return [f"{'.*' * (a > 0)}{re.escape(name[a:b])}{'.*' * (b < len(name))}" for a, b in places]
+
+
+def _covered(pattern: str, wanted: Sequence[str], every: Sequence[str]) -> tuple[int, int]:
+    """How many names it matches, none but `wanted` ones; of as many the pattern with the fewest open ends is the better one."""
+    matched = [name for name in every if re.fullmatch(pattern, name)]
+    return (len(matched) if set(matched) <= set(wanted) else 0), -pattern.count(".*")
 
 
 def _quoted(name: str) -> str:

@@ -6,8 +6,8 @@ import numpy as np
 
 from ..design.joint_gains import COST_ACCURACY, Recommendation
 from ..design.uncertainty_cost import KnownExactly
-from ..errors import apart, case_text, frequency_text
-from ..studies.analysis import Analysis
+from ..errors import apart, case_text, frequency_text, listed
+from ..studies.analysis import USUAL_RATE, Analysis
 from ..studies.joint import JointStudy
 from ..system.plausibility import unusual_values
 from ..system.requirements import REQUIREMENTS, title_of, to_db
@@ -20,6 +20,17 @@ CONTINUOUS = (
     "them; set control.sample_rate_hz for the sampled answer"
 )
 """A warning, for a joint and for a robot."""
+
+
+def lost_at_usual_rate(study: Analysis) -> list[str]:
+    """A warning where continuous time calls gains stable that a usual loop would not hold."""
+    state = study.unstable_at_usual_rate
+    if state is None:
+        return []
+    where = f" (in {state.title})" if len(study.states) > 1 else ""
+    return [f"in a loop at {USUAL_RATE / 1e3:g} kHz the present gains would be unstable{where}: give control.sample_rate_hz"]
+
+
 EXACT = "stiffness, damping and delay are taken as exact; give uncertainty: for gains that hold over a range"
 RULE = "10 Hz rule: kp = J ω², kd = 2 ζ J ω with ω = 2π·10 rad/s, ζ = 2, J the motor inertia."
 
@@ -35,7 +46,8 @@ def sentence(study: JointStudy) -> str:
         if math.isinf(limit.gain):
             return f"{text} No common factor on these gains makes the modelled joint vibrate."
         if study.system.uncertainty.names:
-            return f"{text} Vibration starts at {worst.gain:.3g} × these gains in the worst case, nominally at {limit.gain:.3g} ×{at}."
+            nominal = f"nominally at {limit.gain:.3g} ×{at}"
+            return f"{text} Vibration starts at {worst.gain:.3g} × these gains in the worst case; {nominal}."
         return f"{text} Vibration starts at {limit.gain:.3g} × these gains ({to_db(limit.gain):.3g} dB){at}."
     if limit.gain > 0 and math.isfinite(limit.gain):
         return (
@@ -62,16 +74,17 @@ COUNTS = ("no", "one", "two", "three")
 
 def failing(study: Analysis) -> str:
     """The unmet requirements of a stable system: ", but one requirement fails: phase margin 26.1° (≥ 30°)"; empty where there is none."""
-    parts, unknown = [], 0
+    parts, unknown, several = [], 0, len(study.states) > 1
+    shared = f" in {next(iter(study.unmet.values())).title}" if several and len({id(state) for state in study.unmet.values()}) == 1 else ""
     for name, state in study.unmet.items():
         one, needed = REQUIREMENTS[name], study.system.requirements.needed[name]
         value = study.least(state, name)
         unknown += math.isnan(value)
         shown = one.text(value, 3 if math.isnan(value) else apart(one.in_unit(value), one.in_unit(needed), 3))
         title = one.heading if one.named(state.margins) == one.title else one.named(state.margins)
-        where = f" in {state.title}" if len(study.states) > 1 else ""
-        parts.append(f"{title} {shown}{where} ({one.sign} {one.text(needed)})")
-    worst = " in the worst case" if study.system.uncertainty.names else ""
+        where = f" in {state.title}" if several and not shared else ""
+        parts.append(f"{title} {shown} ({one.sign} {one.text(needed)}){where}")
+    worst = f" in the worst case of uncertain {listed(_titles(study))}" if study.system.uncertainty.names else ""
     if not parts:
         least = tightest(study)
         proved = "" if study.requirements_met else " examined"
@@ -80,7 +93,11 @@ def failing(study: Analysis) -> str:
     count += " requirements" if len(parts) > 1 else " requirement"
     count += " cannot be judged" if unknown else " fail" if len(parts) > 1 else " fails"
     count += "" if unknown in (0, len(parts)) else ", or fail"
-    return f", but {count}{worst}: {', '.join(parts)}"
+    return f", but {count}{shared}{worst}: {('; ' if several and not shared else ', ').join(parts)}"
+
+
+def _titles(study: Analysis) -> list[str]:
+    return [name.replace("_", " ") for name in study.system.uncertainty.names]
 
 
 def tightest(study: Analysis) -> str:
@@ -90,7 +107,7 @@ def tightest(study: Analysis) -> str:
         return ""
     one, state = REQUIREMENTS[name], study.worst[name]
     where = f" in {state.title}" if len(study.states) > 1 else ""
-    return f"{one.heading} {one.text(study.least(state, name))}{where} ({one.sign} {one.text(asked.needed[name])})"
+    return f"{one.heading} {one.text(study.least(state, name))} ({one.sign} {one.text(asked.needed[name])}){where}"
 
 
 def _cause(gain: float, without: dict[str, float]) -> str:
@@ -167,6 +184,7 @@ def warnings(study: JointStudy) -> tuple[str, ...]:
     said = []
     if not found.certified:
         said.append("a crossing or peak could not be certified: treat these margins as estimates and report the input")
+    said += lost_at_usual_rate(study)
     said += unusual_values(system)
     if _drifts(system):
         cause = "kp is 0" if "kp" in control.controller.gain_names() else "the controller gives no torque against a constant error"
@@ -180,9 +198,9 @@ def warnings(study: JointStudy) -> tuple[str, ...]:
             "link-side feedback on an undamped elastic joint: its resonance decays only by the lag of delay and drive, and not without "
             "lag: measure damping, or close the loop on the motor side"
         )
-    if math.isinf(study.max_kp):
+    if study.recommended is None and math.isinf(study.max_kp):
         said.append("nothing in this model limits kp: no gains are recommended; give the drive's delay and bandwidth")
-    elif system.requirements.asked and study.recommended is None:
+    elif study.recommended is None and system.requirements.asked:
         said.append(_no_gains(system))
     return tuple(said)
 
@@ -198,7 +216,7 @@ def notes(study: JointStudy) -> tuple[str, ...]:
         said.append(f"these gains are unstable within the uncertainty ranges, at {case_text(study.unstable_at)}: {instead}")
     if study.rate_is_missing and study.at_usual_rate is not None:
         said.append(CONTINUOUS)
-    if study.max_kd is None:
+    if not system.control.controller.has_plane:
         said.append("the gain map, the largest gains and the recommendation are for a plain PD, as this controller has no kp–kd plane")
     return (*said, *([] if system.uncertainty.names else [EXACT]))
 

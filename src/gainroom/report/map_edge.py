@@ -19,7 +19,7 @@ def vibration_edge(
 ) -> tuple[list[style.Trace], list[style.Annotation]]:
     """The boundary of stability, coloured by the frequency at which the joint vibrates there."""
     pieces = [opened(outline) for outline in stable]
-    found = [_frequencies(region, piece) for piece in pieces]
+    found = [edge_frequencies(region, piece) for piece in pieces]
     known = np.concatenate([np.zeros(0), *found])
     known = known[np.isfinite(known)]
     if not len(known):
@@ -40,7 +40,7 @@ def vibration_edge(
     return drawn, _frequency_labels([one for one in candidates if math.isfinite(one[2])], view, taken)
 
 
-def _frequencies(region: PDRegion, piece: Floats) -> Floats:
+def edge_frequencies(region: PDRegion, piece: Floats) -> Floats:
     """ω of the closed-loop root on the imaginary axis at each point of the boundary; NaN where there is no point."""
     omega = np.full(len(piece), math.nan)
     index = np.flatnonzero(np.isfinite(piece[:, 1]))

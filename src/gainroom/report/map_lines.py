@@ -84,6 +84,12 @@ def contours(study: JointStudy, view: View, taken: list[style.Annotation]) -> tu
     return traces, notes
 
 
+def required_lines(study: JointStudy, view: View) -> list[tuple[str, list[Floats]]]:
+    """The line of each required margin, by its label."""
+    asked = [(level, text) for level, text, _, _, required in _levels(study.system.requirements) if required]
+    return [(text, [opened(outline) for outline in outlines(replace(study.region, required=level), view)]) for level, text in asked]
+
+
 def _levels(asked: Requirements) -> list[tuple[Requirements, str, str, str, bool]]:
     """Contours to draw: (one requirement, label, colour, dash, whether it is the one asked for), each usual level and a stricter one."""
     result = []

@@ -34,6 +34,25 @@
   addEventListener("beforeprint", () => drawn().forEach((box) => Plotly.relayout(box, { width: Math.min(box.clientWidth, PAPER) })));
   addEventListener("afterprint", () => drawn().forEach((box) => Plotly.relayout(box, { width: null, autosize: true })));
 
+  for (const box of document.querySelectorAll(".pairs")) {
+    const { titles, middles, maps } = JSON.parse(box.querySelector("script.maps").textContent);
+    const [across, up] = box.querySelectorAll("select"), plot = box.querySelector(".plot"), held = plot.nextElementSibling;
+    const show = () => {
+      const x = Number(across.value), y = Number(up.value);
+      const map = x < y ? maps[`${x},${y}`] : maps[`${y},${x}`];
+      if (!map) return;
+      const spec = JSON.parse(held.textContent);
+      const z = x < y ? map[0].map((_, k) => map.map((row) => row[k])) : map;
+      Object.assign(spec.data[0], { x: middles[x], y: middles[y], z });
+      spec.layout.xaxis.title.text = titles[x];
+      spec.layout.yaxis.title.text = titles[y];
+      held.textContent = JSON.stringify(spec);
+      draw(plot, plot.clientWidth);
+    };
+    across.addEventListener("change", show);
+    up.addEventListener("change", show);
+  }
+
   for (const button of document.querySelectorAll(".copied button"))
     button.addEventListener("click", () =>
       navigator.clipboard?.writeText(button.previousElementSibling.textContent).then(() => (button.textContent = "Copied")),

@@ -7,6 +7,7 @@ Plain strings are escaped wherever they enter; only Html, made here, passes as i
 
 import json
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
@@ -145,8 +146,18 @@ def details(summary: str, *parts: str) -> Html:
 
 def advice(heading: str, text: str, *parts: str) -> Html:
     """What to do: a heading, lines to copy, and parts under them."""
-    copied = f'<div class="copied"><pre>{escape(text)}</pre><button type="button">Copy</button></div>' if text else ""
-    return Html(f'<section class="advice"><h2>Do this</h2><p>{_inline(heading)}</p>{copied}{"".join(map(_flow, parts))}</section>')
+    lines = copied(text.splitlines()) if text else ""
+    return Html(f'<section class="advice"><h2>Do this</h2>{_flow(heading)}{lines}{"".join(map(_flow, parts))}</section>')
+
+
+def copied(lines: Sequence[str]) -> Html:
+    """Lines to copy."""
+    return Html(f'<div class="copied"><pre>{escape(chr(10).join(lines))}</pre><button type="button">Copy</button></div>')
+
+
+def coded(text: str) -> Html:
+    """A paragraph in which `…` is typed."""
+    return paragraph(Html(re.sub(r"`([^`]*)`", r"<code>\1</code>", _inline(text))))
 
 
 def beside(*parts: str) -> Html:

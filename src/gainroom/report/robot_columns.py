@@ -237,6 +237,7 @@ AUDITED_JOINT = [
     Column("motor inertia", "motor_inertia", lambda row: row.motor_inertia, definition="on the joint side"),
     Column("alone", "gain_limit", lambda row: row.gain_limit, definition=ALONE.definition),
     CLOSED,
+    Column("K needed", "", lambda row: row.needed_stiffness, definition="the stiffness that its gearbox must have", significant=3),
 ]
 """A joint of an audit, in its worst state."""
 

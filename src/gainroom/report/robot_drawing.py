@@ -89,16 +89,21 @@ def _short(limit: GainLimit) -> str:
 
 def _title(state: State, alone: bool) -> str:
     """The hero's."""
-    limit, where = state.limit, "The robot" if alone else f"The tightest state, {state.title}:"
+    found = _found(state.limit)
+    return f"{found[0].upper()}{found[1:]}" if alone else f"The tightest state, {state.title}: {found}"
+
+
+def _found(limit: GainLimit) -> str:
+    """At which factor vibration starts, and at which frequency."""
     if math.isnan(limit.gain):
-        return f"{where} {'stable' if limit.stable else 'UNSTABLE'}; gain limit not known"
+        return f"{'stable' if limit.stable else 'UNSTABLE'}; gain limit not known"
     if not math.isfinite(limit.frequency):
-        return f"{where} no vibration at any factor" if limit.stable else f"{where} UNSTABLE at any lower gain"
+        return "no vibration at any factor" if limit.stable else "UNSTABLE at any lower gain"
     at = f"at {hertz(limit.frequency)} ({digits(limit.frequency, 'rad/s', 3)})"
     factor = digits(limit.gain, "", 3)
     if limit.stable:
-        return f"{where} vibration starts at {factor}\u00a0× these gains, {at}"
-    return f"{where} UNSTABLE; stable below {factor}\u00a0× these gains, where vibration starts {at}"
+        return f"vibration starts at {factor}\u00a0× these gains, {at}"
+    return f"UNSTABLE; stable below {factor}\u00a0× these gains, where vibration starts {at}"
 
 
 def _hero_caption(state: State) -> str:

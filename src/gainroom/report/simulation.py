@@ -1,18 +1,29 @@
-"""The page of a simulation of a joint or a robot: verdict, numbers, curves over time, the vibration, tables, assumptions."""
+"""The page of a simulation of a joint or a robot: verdict, what to do, numbers, what fails, the whole run; the rest closed below."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
 from ..errors import listed
 from ..studies.simulation import Outcome
-from .number_format import digits, gain_factor, hertz, milli, motion_unit
+from .number_format import digits, hertz, milli, motion_unit, settling
 from .page import Card, Html, Lead, Section, beside, block, facts, page, paragraph, table
-from .page_parts import footer
-from .simulation_figures import channels, close_up, drawn_channels, in_time
+from .page_parts import footer, margin_card, unstable_card
+from .simulation_advice import advice_box
+from .simulation_figures import channel, channels, close_up, drawn_channels, in_time, links_over_time
 from .simulation_inputs import KINDS, inputs
-from .simulation_text import TRACKING, floor_of, not_counted, overshoots, sentence, tracking_cells, unsettled, warnings
+from .simulation_text import (
+    TRACKING,
+    farthest_off,
+    floor_of,
+    margin_met,
+    not_counted,
+    overshoots,
+    sentence,
+    tracking_cells,
+    unsettled,
+    warnings,
+)
 
 SHOWN_AS_ZERO = 1e-3
 """[N·m], and a participation factor: less is shown as 0."""
@@ -20,58 +31,109 @@ SHOWN_AS_ZERO = 1e-3
 
 def simulation_page(outcome: Outcome, command: str) -> str:
     """The report of a run as one HTML page; `command` is the command that makes it."""
-    kind, size = KINDS[outcome.spec.kind], len(outcome.run.joint_names)
-    sections = [Section("In time", [in_time(outcome)])]
-    if outcome.vibrates:
-        sections.append(Section("The vibration", [close_up(outcome)]))
-    sections += [
-        *kind.sections(outcome),
-        Section("Channel by channel", _by_channel(outcome)),
-        Section("Joints", [_joints(outcome)]),
-        Section("Inputs and assumptions", [facts(inputs(outcome)), paragraph(kind.assumptions(outcome))]),
-        Section("Command", [block(command)]),
+    kind, size, names = KINDS[outcome.spec.kind], len(outcome.run.joint_names), len(outcome.run.channels)
+    fell = outcome.run.ending == "fell"
+    sections = [
+        *_first(outcome),
+        *(Section(one.title, one.parts, "" if fell else "drawn over each other") for one in kind.sections(outcome)),
+        Section("Channel by channel", _by_channel(outcome), f"{names} channel{'s' * (names > 1)}: error, overshoot and settling time"),
+        Section("Joints", [_joints(outcome)], "torques, deflections and ranges"),
+        Section(
+            "Inputs and assumptions", [facts(inputs(outcome)), paragraph(kind.assumptions(outcome))], "what was read, and what is left out"
+        ),
+        Section("Command", [block(command)], "that makes this page"),
     ]
     what = "one joint" if size == 1 else f"a robot of {size} joints"
     return page(f"gainroom simulate: {what}, {kind.title}", _lead(outcome), _cards(outcome), sections, footer())
 
 
+def _first(outcome: Outcome) -> list[Section]:
+    """The picture of what fails, and the whole run."""
+    run, whole, worst = outcome.run, in_time(outcome), farthest_off(outcome)
+    if outcome.vibrates:
+        assert outcome.oscillation is not None
+        what = f"What fails: vibration at {hertz(outcome.oscillation.found.frequency)}"
+        return [Section(what, [close_up(outcome)]), Section("In time", [whole])]
+    if not outcome.completed:
+        return [Section("What fails: the robot falls" if run.ending == "fell" else "What fails: it diverges", [whole])]
+    if worst is None:
+        return [Section("In time", [whole])]
+    what = f"What fails: {run.channels[worst]} does not settle within 2 % of its move"
+    if len(run.channels) == 1:
+        return [Section(what, [whole])]
+    return [Section(what, [channel(outcome, worst, links_over_time(outcome))]), Section("In time", [whole])]
+
+
 def _lead(outcome: Outcome) -> Lead:
-    """The verdict with its sentence and warnings."""
+    """The verdict with its sentence, warnings and advice."""
+    do = advice_box(outcome)
     if outcome.sound:
-        return Lead(sentence(outcome), "warn" if unsettled(outcome) else "good", "", warnings(outcome))
+        doubt = unsettled(outcome) or margin_met(outcome) is False
+        return Lead(sentence(outcome), "warn" if doubt else "good", "", warnings(outcome), do)
     verdict = {"fell": "FELL", "diverged": "DIVERGES"}.get(outcome.run.ending, "VIBRATES" if outcome.vibrates else "UNSTABLE")
     what = "this on the robot" if outcome.run.ending == "fell" else "these gains"
-    return Lead(sentence(outcome), "bad", f"{verdict}: do not run {what}", warnings(outcome))
+    return Lead(sentence(outcome), "bad", f"{verdict}: do not run {what}", warnings(outcome), do)
 
 
 def _cards(outcome: Outcome) -> list[Card]:
-    run, found, first, hardest = outcome.run, outcome.tracking, outcome.leading[0], int(np.argmax(outcome.torque_peak))
-    floor = floor_of(outcome)
+    """Four or five numbers."""
+    run, found, hardest = outcome.run, outcome.tracking, int(np.argmax(outcome.torque_peak))
+    first, last, floor = outcome.leading[0], outcome.worst_at_end, floor_of(outcome)
+    peak = _digits(float(outcome.torque_peak[hardest]), 3)
     torque = Card(
         "torque peak",
-        _digits(float(outcome.torque_peak[hardest]), 3),
+        peak,
         run.torque_units[hardest],
-        note=f"{run.joint_names[hardest]}{_beyond(outcome)}",
+        note="; ".join(filter(None, [_named(outcome, run.joint_names[hardest]), _beyond(outcome)])),
     )
-    others = [torque, _vibration_card(outcome), *_slip_card(outcome)]
+    cards = [_vibration_card(outcome), *_margin_card(outcome)]
     if not outcome.completed:
         what = "falls after" if run.ending == "fell" else "diverges after"
         off = Card("largest error", *_distance(float(found.peak[first]), run.units[first]), note=run.channels[first])
-        return [Card(what, digits(outcome.duration, "", 3), "s", "never", met=False), off, *others]
-    last, roughest = outcome.worst_at_end, max(outcome.leading, key=lambda k: float(found.rms[k]))
-    errors = [
-        Card(f"{name} error", *_distance(abs(float(values[k])), run.units[k], floor), note=f"{over}, {run.channels[k]}")
-        for name, values, k, over in (
-            ("largest", found.peak, first, "over the whole run"),
-            ("RMS", found.rms, roughest, "over the whole run"),
-            ("steady-state", found.steady_state, last, "mean of the last tenth"),
-        )
-        if not math.isnan(values[k])
-    ]
-    if len(others) > 2:  # five cards at most
-        rough = " ".join(_distance(float(found.rms[first]), run.units[first], floor))
-        errors = [replace(errors[0], note=f"{run.channels[first]}; RMS {rough}"), *errors[2:]]
-    return [*errors, *others]
+        return [Card(what, digits(outcome.duration, "", 3), "s", "never", met=False), *cards, off, torque]
+    notes = [_named(outcome, run.channels[first]), "" if math.isnan(found.steady_state[last]) else _at_end(outcome, last)]
+    peak = _distance(float(found.peak[first]), run.units[first], floor)
+    error = Card("largest error", *peak, note="; ".join(filter(None, notes)))
+    return [*cards, *_settling_card(outcome), error, *(_slip_card(outcome) or [torque])]
+
+
+def _at_end(outcome: Outcome, channel: int) -> str:
+    """The steady-state error that is the largest."""
+    value = " ".join(_distance(abs(float(outcome.tracking.steady_state[channel])), outcome.run.units[channel], floor_of(outcome)))
+    return ", ".join(filter(None, [f"steady-state error {value}", _named(outcome, outcome.run.channels[channel])]))
+
+
+def _named(outcome: Outcome, name: str) -> str:
+    """A channel or joint, where there are several."""
+    return name if len(outcome.run.joint_names) > 1 else ""
+
+
+def _margin_card(outcome: Outcome) -> list[Card]:
+    """What the linear loop has."""
+    limit, asked = outcome.limit, outcome.spec.system.requirements
+    if limit is None:
+        return []
+    if not limit.stable:
+        return [unstable_card(asked, limit, "", "it")]
+    at = f", {hertz(limit.frequency)}" if math.isfinite(limit.frequency) else ""
+    here = " in this state" if outcome.spec.kind == "mujoco" else ""
+    return [margin_card(asked, "gain_margin", limit.gain, f"linear loop{here}{at}")]
+
+
+def _settling_card(outcome: Outcome) -> list[Card]:
+    """Of the channels that were asked to move the one that settles last."""
+    times, over = outcome.tracking.settling_time, outcome.tracking.overshoot
+    if np.isnan(times).all():
+        return []
+    missed, most = unsettled(outcome), int(np.nanargmax(over))
+    worst = farthest_off(outcome)
+    last = int(np.nanargmax(times)) if worst is None else worst
+    value, _, unit = settling(float(times[last])).partition(" ")
+    names = outcome.run.channels
+    notes = [_named(outcome, names[last]) + (f" and {len(missed) - 1} more" if len(missed) > 1 else "")]
+    if over[most] > 0:
+        notes.append(", ".join(filter(None, [f"overshoot {digits(100 * float(over[most]), '%', 3)}", _named(outcome, names[most])])))
+    return [Card("settles in", value, unit, "within 2 % of the move", not missed, "; ".join(filter(None, notes)))]
 
 
 def _distance(value: float, unit: str, floor: float = 1e-9) -> tuple[str, str]:
@@ -82,18 +144,16 @@ def _distance(value: float, unit: str, floor: float = 1e-9) -> tuple[str, str]:
 
 def _beyond(outcome: Outcome) -> str:
     """A note where the actual torque passes its limit."""
-    return "; above the limit: the current loop overshoots the demand" if overshoots(outcome) else ""
+    return "above the limit: the current loop overshoots the demand" if overshoots(outcome) else ""
 
 
 def _vibration_card(outcome: Outcome) -> Card:
-    """The simulated vibration, beside what the linear loop predicts."""
-    found, limit = outcome.vibration, outcome.limit
+    """The simulated vibration."""
+    found = outcome.vibration
     seen = ("none", "") if found is None else (digits(found.frequency / (2 * math.pi), "", 3), "Hz")
-    notes = [not_counted(outcome)] if found is not None and not outcome.vibrates else []
-    if limit is not None and 0 < limit.gain < math.inf:
-        notes.append(f"linear limit: {gain_factor(limit.gain, 3)} × these gains, {hertz(limit.frequency)}")
+    note = not_counted(outcome) if found is not None and not outcome.vibrates else ""
     asked = "none sustained" if outcome.stable else "none sustained, stable loop"
-    return Card("vibration", *seen, requirement=asked, met=outcome.stable and not outcome.vibrates, note="; ".join(notes))
+    return Card("vibration", *seen, requirement=asked, met=outcome.stable and not outcome.vibrates, note=note)
 
 
 def _slip_card(outcome: Outcome) -> list[Card]:
@@ -141,7 +201,7 @@ def _joints(outcome: Outcome) -> Html:
     run, found = outcome.run, outcome.oscillation
     deflection = np.abs(run.motor_position - run.link_position).max(axis=0)
     torques = {"torque peak [N·m]": outcome.torque_peak, "torque RMS [N·m]": outcome.torque_rms}
-    caption = f"Torque: actual, of the motor on the joint side{_beyond(outcome)}"
+    caption = "; ".join(filter(None, ["Torque: actual, of the motor on the joint side", _beyond(outcome)]))
     if run.joint_torque is not None:
         torques["gearbox peak [N·m]"] = np.abs(run.joint_torque).max(axis=0)
         caption += "; gearbox: the torque in its spring, – for rigid gearboxes"

@@ -2,13 +2,16 @@
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from ..analysis.gain_limit import GainLimit
 from ..linear.arrays import Floats
+from ..simulation import Run
 from ..simulation.robot_run import RobotRun
 from ..simulation.robot_simulation import RobotSimulation
+from ..simulation.tracking import SETTLED
 from ..studies.oscillation import MUJOCO
 from ..studies.simulation import Outcome
 from . import style
@@ -58,15 +61,16 @@ def in_time(outcome: Outcome) -> Html:
         ]
     else:
         move = [Curve(run.channels[k], scale * _change(run.measured[rows, k]), color) for (color, _), k in looks]
-    move += [Curve("commanded", scale * _change(run.reference[rows, k]), color, "dot", k == chosen[-1]) for (color, _), k in looks]
+    move += [Curve("commanded", scale * _commanded(outcome, k)[rows], color, "dot", k == chosen[-1]) for (color, _), k in looks]
     error = [Curve(run.channels[k], 1e3 * np.round(run.error[rows, k], ROUNDED), color, named=False) for (color, _), k in looks]
     hardest = np.argsort(-np.abs(run.actual_torque[rows]).max(axis=0), kind="stable")[:MOST_TOGETHER].tolist()
-    moving = outcome.spec.moves_until > 0
+    moving = outcome.spec.moves_until > 0 or not np.isnan(outcome.tracking.settling_time).all()  # a step at once has moved by then
     panels = [
         Panel("position" if moving else "drift", "rad" if scale == 1 else f"m{unit}", move, 0.42),
         Panel("error", f"m{unit}", error, 0.27),
-        Panel("torque", "N·m", _torques(outcome, rows, hardest), 0.31),
+        Panel("torque", " or ".join(dict.fromkeys(run.torque_units[k] for k in hardest)), _torques(outcome, rows, hardest), 0.31),
     ]
+    band = _settled_band(outcome, chosen[0]) if len(chosen) == 1 else []
     notes = [_vibration_note(outcome)] if outcome.vibrates else []
     if run.ending == "fell":
         place = {"xref": "x domain", "yref": "y domain", "xanchor": "right", "yanchor": "top"}
@@ -76,10 +80,25 @@ def in_time(outcome: Outcome) -> Html:
     caption = (
         f"{what}; all curves start at 0. The {run.feedback} side is fed back. Error: commanded minus actual position there. Torque at "
         "the ticks, of the joints with the largest. "
+        + (BAND if band else "")
         + (f"Cut at {digits(run.time[end - 1], 's', 3)}, beyond the range of the figure. " if end < len(run.time) else "")
         + _conclusion(outcome)
     )
-    return stacked(run.time[rows], panels, "Commanded and actual, tracking error, torque", caption, 680, notes, 2 * LARGE_POINTS)
+    return stacked(run.time[rows], panels, "Commanded and actual, tracking error, torque", caption, 640, notes, 2 * LARGE_POINTS, band)
+
+
+BAND = "Green: within 2 % of the move, where it is settled. "
+
+
+def _settled_band(outcome: Outcome, channel: int) -> list[dict[str, Any]]:
+    """Around an error of 0, in the second panel; none where no move is judged."""
+    if math.isnan(outcome.tracking.settling_time[channel]):
+        return []
+    wide = (
+        1e3 * SETTLED * abs(float(outcome.run.reference[-1, channel] - outcome.run.reference[0, channel] + outcome.run.error[0, channel]))
+    )
+    band = style.stretch(0, 1, style.GREEN, 0.2) | {"xref": "x domain", "yref": "y2", "y0": -wide, "y1": wide}
+    return [band] if wide > 0 else []
 
 
 def _both_sides(outcome: Outcome) -> tuple[tuple[str, ...], tuple[Floats, ...]]:
@@ -93,6 +112,12 @@ def _torques(outcome: Outcome, rows: slice, joints: list[int]) -> list[Curve]:
         Curve(run.joint_names[k], np.round(run.actual_torque[rows, k], ROUNDED), *look) for look, k in zip(TORQUES, joints, strict=False)
     ]
     return curves if len(run.joint_names) > 1 else [Curve("target torque", run.target_torque[rows, 0], *TORQUES[1]), *curves]
+
+
+def _commanded(outcome: Outcome, channel: int) -> Floats:
+    """Relative to where the run starts, as a step at once is not in the reference's own change."""
+    run = outcome.run
+    return np.round(run.reference[:, channel] - run.reference[0, channel] + run.error[0, channel], ROUNDED)
 
 
 def _change(values: Floats) -> Floats:
@@ -121,7 +146,7 @@ def _conclusion(outcome: Outcome) -> str:
     if outcome.run.diverged:
         return "These gains must not be run."
     if outcome.oscillation is not None and outcome.vibrates:
-        how = "It vibrates while it moves; see below" if outcome.oscillation.moving else "The vibration does not decay"
+        how = "It vibrates while it moves, as above" if outcome.oscillation.moving else "The vibration does not decay"
         return f"{how}: lower all gains together, or shorten the delay."
     if outcome.hidden:
         return "These gains are unstable, whatever hides it here: lower all of them together, or shorten the delay."
@@ -163,26 +188,32 @@ def drawn_channels(outcome: Outcome) -> list[int]:
 
 
 def channels(outcome: Outcome) -> list[Html]:
-    """One figure per channel: commanded, measured and true position, and the error."""
-    run, end = outcome.run, _shown(outcome)
-    looks = run.rows(slice(0, end, max(1, end // MOST_LINK_TICKS)))
-    time, floor = run.time[:end], floor_of(outcome)
+    """One figure per channel."""
+    links = links_over_time(outcome)
+    return [channel(outcome, k, links, 330, SMALL_POINTS) for k in drawn_channels(outcome)]
 
-    def picture(k: int) -> Html:
-        scale, unit, found = _scale(outcome, k), run.units[k], outcome.tracking
-        true = np.interp(time, looks.time, looks.actual[:, k])
-        curves = (
-            Curve("links", scale * _change(true), style.VERMILION, "dash"),
-            Curve("encoders", scale * _change(run.measured[:end, k]), style.BLUE),
-            Curve("commanded", scale * _change(run.reference[:end, k]), style.BLACK, "dot"),
-        )
-        error = [Curve("error", 1e3 * np.round(run.error[:end, k], ROUNDED), style.BLUE, named=False)]
-        panels = [Panel("position", "rad" if scale == 1 else f"m{unit}", curves, 0.6), Panel("error", f"m{unit}", error, 0.4)]
-        steady = "" if math.isnan(found.steady_state[k]) else f", steady-state error {milli(float(found.steady_state[k]), floor)} m{unit}"
-        words = f"Largest error {milli(float(found.peak[k]), floor)} m{unit}{steady}."
-        return stacked(time, panels, run.channels[k], words, 330, most=SMALL_POINTS)
 
-    return [picture(k) for k in drawn_channels(outcome)]
+def links_over_time(outcome: Outcome) -> Run:
+    """The run at the few ticks at which the true positions of the links are computed."""
+    end = _shown(outcome)
+    return outcome.run.rows(slice(0, end, max(1, end // MOST_LINK_TICKS)))
+
+
+def channel(outcome: Outcome, k: int, looks: Run, height: int = 460, most: int = 2 * LARGE_POINTS) -> Html:
+    """Commanded, measured and true position of one channel, and its error with the band where it is settled; `looks`: links_over_time."""
+    run, end, floor, found = outcome.run, _shown(outcome), floor_of(outcome), outcome.tracking
+    time, scale, unit = run.time[:end], _scale(outcome, k), run.units[k]
+    curves = (
+        Curve("links", scale * _change(np.interp(time, looks.time, looks.actual[:, k])), style.VERMILION, "dash"),
+        Curve("encoders", scale * _change(run.measured[:end, k]), style.BLUE),
+        Curve("commanded", scale * _commanded(outcome, k)[:end], style.BLACK, "dot"),
+    )
+    error = [Curve("error", 1e3 * np.round(run.error[:end, k], ROUNDED), style.BLUE, named=False)]
+    panels = [Panel("position", "rad" if scale == 1 else f"m{unit}", curves, 0.6), Panel("error", f"m{unit}", error, 0.4)]
+    band = _settled_band(outcome, k)
+    steady = "" if math.isnan(found.steady_state[k]) else f", steady-state error {milli(float(found.steady_state[k]), floor)} m{unit}"
+    words = f"Largest error {milli(float(found.peak[k]), floor)} m{unit}{steady}. {BAND if band else ''}".strip()
+    return stacked(time, panels, run.channels[k], words, height, most=most, shapes=band)
 
 
 def pose(outcome: Outcome, spec: RobotSimulation, run: RobotRun) -> Html:

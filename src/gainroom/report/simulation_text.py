@@ -2,11 +2,14 @@
 
 import math
 
+import numpy as np
+
 from ..analysis.gain_limit import GainLimit
 from ..errors import beside, frequency_text, listed, printable
 from ..simulation.simulation_spec import SimulationSpec
 from ..studies.oscillation import EXACT, MUJOCO
 from ..studies.simulation import Outcome
+from .margin_columns import margin_value, requirement
 from .number_format import digits, frequency, gain_factor, milli, motion, settling
 
 SMALLEST_ERROR = 1e-6
@@ -52,7 +55,25 @@ def sentence(outcome: Outcome) -> str:
         text = f"Unstable: {_excess(outcome.limit)}. This run shows no sustained vibration: {_hiding(outcome)}"
     else:
         text = f"No vibration{_unsettled(outcome)}. {_errors(outcome)}"
-    return f"{text}. {prediction(outcome.limit)}."
+    return f"{text}. {prediction(outcome.limit)}{_short_of_margin(outcome)}."
+
+
+def margin_met(outcome: Outcome) -> bool | None:
+    """Whether the linear loop has the gain margin that the file requires; None where none is required, or known."""
+    limit = outcome.limit
+    if limit is None or math.isnan(limit.gain):
+        return None
+    return outcome.spec.system.requirements.met("gain_margin", limit.gain if limit.stable else 0.0)
+
+
+def _short_of_margin(outcome: Outcome) -> str:
+    """A stable loop's gain margin beside the required one, where it is too small."""
+    if not outcome.sound or margin_met(outcome) is not False:
+        return ""
+    assert outcome.limit is not None
+    asked = outcome.spec.system.requirements
+    value = margin_value(asked, "gain_margin", outcome.limit.gain, False, 3)
+    return f": {value} of gain margin, {requirement(asked, 'gain_margin', 3).removeprefix('≥ ')} required"
 
 
 def unsettled(outcome: Outcome) -> list[int]:
@@ -60,6 +81,14 @@ def unsettled(outcome: Outcome) -> list[int]:
     times, immovable = outcome.tracking.settling_time.tolist(), set(getattr(outcome.spec, "immovable", ()))
     late = [k for k, time in enumerate(times) if math.isinf(time) and outcome.run.channels[k] not in immovable]
     return late if outcome.completed else []
+
+
+def farthest_off(outcome: Outcome) -> int | None:
+    """Of those the one whose error at the end is the largest part of its move; None where all settle."""
+    run, found = outcome.run, outcome.tracking
+    move = np.abs(run.reference[-1] - run.reference[0] + run.error[0])
+    left = np.where(np.isnan(found.steady_state), found.peak, np.abs(found.steady_state))
+    return max(unsettled(outcome), key=lambda k: float(left[k] / move[k]), default=None)
 
 
 def _unsettled(outcome: Outcome) -> str:

@@ -1,80 +1,81 @@
-"""The page of a verification: predicted and simulated limit, and the growth rate about the limit."""
+"""The page of a verification: whether simulation and prediction agree, every case in a picture, and closed below table and method."""
 
 import math
-from html import escape
-from typing import Any
 
-import numpy as np
-
-from ..studies.verification import Verification, growth_about
+from ..errors import listed
+from ..studies.verification import Case, Verification
 from ..system.system import System
-from . import style
 from .columns import tabulated
-from .number_format import digits, frequency, model_text
-from .page import Card, Html, Lead, Section, block, figure, page, table
+from .number_format import digits, hertz, model_text
+from .page import Card, Html, Lead, Section, advice, block, coded, page, table
 from .page_parts import assumptions, footer
-from .verification_text import CASE, left_out, percent, sentence
+from .verification_figures import agreement, growth
+from .verification_text import CASE, WITNESSES, left_out, percent, sentence, size
 
 
 def verification_page(system: System, result: Verification, command: str) -> str:
     """The report as one HTML page; `command` is the command that makes it."""
-    limit = result.cases[0].predicted_gain
-    sample_time, sections = system.control.sample_time, []
-    what, model = "a robot", "Robot linearised about each posture, all loops closed"
+    limit, wrong = result.cases[0].predicted_gain, [case for case in result.cases if not case.agrees]
+    sample_time, what, model = system.control.sample_time, "a robot", "Robot linearised about each posture, all loops closed"
     if not result.of_robot:
         what, model = "one joint", "Linear two-mass joint"
-    if not result.of_robot and 0 < limit < math.inf:
-        sections.append(Section("Growth about the limit", [_growth(system, limit)]))
-    notes = ["Left out: " + warning for warning in result.warnings]
-    sections += [
-        Section("Predicted and simulated", [_table(result)]),
-        Section("Assumptions", [assumptions(model, sample_time), _method(result), *map(escape, notes)]),
-        Section("Command", [block(command)]),
+    count = len(result.cases)
+    sections = [
+        Section(f"What disagrees: {len(wrong)} of {count} cases" if wrong else "Predicted and simulated", [agreement(result.cases)]),
+        *([Section("Growth about the limit", [growth(system, limit)])] if not result.of_robot and 0 < limit < math.inf else []),
+        Section("Case by case", [_table(result)], f"{count} case{'s' * (count > 1)} with gains and frequencies"),
+        Section(
+            "Assumptions",
+            [assumptions(model, sample_time), _method(result), *(f"Left out: {warning}" for warning in result.warnings)],
+            "the model, and how the limits are simulated",
+        ),
+        Section("Command", [block(command)], "that makes this page"),
     ]
-    headline = "" if result.agrees else "Simulation and prediction disagree"
-    lead = Lead(sentence(result), "good" if result.agrees else "bad", headline)
+    said = [f"left out: {warning}" for warning in result.warnings]
+    lead = Lead(sentence(result), "good", "", said, _advice(result)) if result.agrees else _disagreement(result, said)
     return page(f"gainroom verify: {what}, {model_text(sample_time)}", lead, _cards(result), sections, footer())
 
 
+def _disagreement(result: Verification, said: list[str]) -> Lead:
+    return Lead(sentence(result), "bad", "Simulation and prediction disagree: do not rely on the predicted limit", said)
+
+
+def _advice(result: Verification) -> Html:
+    """That agreement is no margin: what the limit means for these gains."""
+    least = _least(result)
+    if not least.predicted_gain < math.inf:
+        return advice("The prediction may be relied on: no factor on these gains makes it vibrate.", "")
+    if least.predicted_gain < 1:
+        return advice("The predicted limit may be relied on, and these gains are beyond it: they are UNSTABLE. Lower them.", "")
+    what = "robot" if result.of_robot else "joint"
+    text = f"The predicted limit may be relied on. It is no margin: `gainroom {what}` says how far to stay below, and recommends gains."
+    return advice(coded(text), "")
+
+
+def _least(result: Verification) -> Case:
+    """The case with the lowest predicted limit; first one in which it is not known."""
+    return min(result.cases, key=lambda case: -math.inf if math.isnan(case.predicted_gain) else case.predicted_gain)
+
+
 def _cards(result: Verification) -> list[Card]:
-    cards = []
-    for case in result.cases[:2]:
-        allowed = f"within {digits(100 * case.tolerance)} % of {digits(case.predicted_gain, '', 5)}"
-        cards.append(Card("simulated limit", digits(case.simulated_gain, "", 5), "× these gains", allowed, case.agrees, case.what))
-        note = f"predicted {frequency(case.predicted_frequency)}"
-        cards.append(Card("simulated frequency", digits(case.simulated_frequency, "", 5), "rad/s", note=note))
-        cards.append(Card("difference", percent(case.gain_difference, case.tolerance), note="in gain"))
-    return cards
-
-
-def _growth(system: System, limit: float) -> Html:
-    """Growth rate over gain: the rightmost root's as a line, that of simulated runs as dots."""
-    found = growth_about(system.loop())
-    seen = np.isfinite(found.simulated)
-    hover: dict[str, Any] = {"hovertemplate": "× %{x:.4g}: %{y:.4g} 1/s", "hoverinfo": "all"}
-    traces = [
-        style.line(found.gain, found.predicted, style.BLUE, name="predicted: rightmost root", showlegend=True, **hover),
-        style.markers(
-            found.gain[seen], found.simulated[seen], "circle", style.VERMILION, 10, name="simulated: one run each", showlegend=True, **hover
-        ),
-    ]
-    zero = {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": 0, "y1": 0, "line": {"color": style.INK, "width": 1}}
-    layout = style.layout(
-        xaxis=style.axis("factor on all gains [–]"),
-        yaxis=style.axis("growth rate of the vibration [1/s]"),
-        shapes=[zero, style.upright(limit, style.SOFT, "dot", 1.5)],
-        annotations=[
-            style.label(limit, 0.02, f"predicted limit {digits(limit, '', 5)}", yref="paper", yanchor="bottom", xanchor="left", xshift=4)
-        ],
-        showlegend=True,
-        legend=style.switches(1.02),
-        margin={"l": 78, "r": 24, "t": 40, "b": 52},
+    cases, right, least = result.cases, sum(case.agrees for case in result.cases), _least(result)
+    wrong = listed([f"{case.what} ({case.witness})" for case in cases if not case.agrees])
+    cards = [Card("cases that agree", str(right), f"of {len(cases)}", "all", result.agrees, f"not: {wrong}" if wrong else "")]
+    for witness, name in WITNESSES.items():
+        own = [case for case in cases if case.witness == witness]
+        if own:
+            worst = max(own, key=lambda case: max(size(case.gain_difference), size(case.frequency_difference)))
+            gain = size(worst.gain_difference) >= size(worst.frequency_difference)
+            difference = worst.gain_difference if gain else worst.frequency_difference
+            value, _, unit = percent(difference, worst.tolerance).rpartition(" ")
+            note = f"of the {'gain' if gain else 'frequency'}, {worst.what}"
+            allowed = f"≤ {digits(100 * worst.tolerance)} %"
+            cards.append(Card(f"largest difference, {name}", value or "none found", unit * bool(value), allowed, worst.agrees, note))
+    at = f"{hertz(least.predicted_frequency)}, " if math.isfinite(least.predicted_frequency) else ""
+    limit = Card(
+        "vibration starts at", digits(least.predicted_gain, "", 4), "×", "> 1: stable", least.predicted_gain > 1, f"{at}{least.what}"
     )
-    caption = (
-        "Below zero the impulse response decays, above zero it grows. The line is computed from the loop's roots, the dots from simulated "
-        "runs; both cross zero at the limit."
-    )
-    return figure({"data": traces, "layout": layout}, "Vibration starts where its growth rate changes sign", caption, 440, style.NARROW)
+    return [*cards, limit]
 
 
 def _table(result: Verification) -> Html:

@@ -12,19 +12,22 @@ def sentence(result: Verification) -> str:
     """The answer in one or two sentences."""
     cases, what = result.cases, "the robot" if result.of_robot else "the joint"
     wrong = sorted((case for case in cases if not case.agrees), key=lambda case: -_furthest(case) / case.tolerance)
-    worst = max(cases, key=lambda case: (_size(case.gain_difference), 0 < case.predicted_gain < math.inf))
     if wrong:
         names = "; ".join(f"{case.what} ({case.witness}): {_differences(case)}" for case in wrong[:3])
         names += "; and others" if len(wrong) > 3 else ""
         return f"Simulation and prediction disagree in {len(wrong)} of {len(cases)} cases. {names}. {_where_to_look(cases, wrong)}."
-    if not 0 < worst.predicted_gain < math.inf:
-        reason = f"{what} does not vibrate at any factor on these gains" if worst.predicted_gain else "no lower gains are stable"
+    least, worst = min(cases, key=lambda case: case.predicted_gain), max(size(case.gain_difference) for case in cases)
+    several = len({case.what for case in cases}) > 1
+    where = f" in {least.what}" if several else ""
+    if not 0 < least.predicted_gain < math.inf:
+        reason = (
+            f"no lower gains are stable{where}" if least.predicted_gain == 0 else f"{what} does not vibrate at any factor on these gains"
+        )
         return f"Simulation and prediction agree: {reason}."
+    difference = f"the largest difference in {len(cases)} cases is" if len(cases) > 1 else "a difference of"
     return (
-        f"Simulation and prediction agree: vibration starts at {worst.simulated_gain:.5g} × these gains in simulation, predicted "
-        f"{worst.predicted_gain:.5g} ×, a difference of {percent(worst.gain_difference)}"
-        + (f" in the worst of {len(cases)} cases" if len(cases) > 1 else "")
-        + f". Both {left_out(result)}."
+        f"Simulation and prediction agree: vibration starts at {least.simulated_gain:.5g} × these gains in simulation{where}, predicted "
+        f"{least.predicted_gain:.5g} ×{';' if len(cases) > 1 else ','} {difference} {percent(worst)}. Both {left_out(result)}."
     )
 
 
@@ -36,7 +39,7 @@ def left_out(result: Verification) -> str:
 
 def _furthest(case: Case) -> float:
     """The larger of both differences."""
-    return max(_size(case.gain_difference), _size(case.frequency_difference))
+    return max(size(case.gain_difference), size(case.frequency_difference))
 
 
 def _differences(case: Case) -> str:
@@ -66,11 +69,14 @@ def percent(difference: float, tolerance: float = 0.0) -> str:
     return f"{100 * abs(difference):.{apart(abs(difference), tolerance, 2)}g} %"
 
 
-def _compared(quantity: str, key: str, unit: str, significant: int) -> list[Column]:
-    """A quantity predicted and simulated, and its relative difference."""
+def _compared(quantity: str, key: str, unit: str, significant: int, scale: float = 1.0) -> list[Column]:
+    """A quantity predicted and simulated, and its relative difference; `scale` times what JSON holds is shown."""
 
     def column(how: str) -> Column:
-        return Column(f"{how}{unit}", f"{how}_{key}", lambda case: getattr(case, f"{how}_{quantity}"), significant=significant)
+        def value(case: Case) -> float:
+            return getattr(case, f"{how}_{quantity}")
+
+        return Column(f"{how}{unit}", f"{how}_{key}", value, shown=lambda case: digits(scale * value(case), significant=significant))
 
     def difference(case: Case) -> float:
         return getattr(case, f"{quantity}_difference")
@@ -83,9 +89,11 @@ def _agrees(quantity: str) -> Column:
     return Column("agrees", "", lambda case: yes(abs(getattr(case, f"{quantity}_difference")) <= case.tolerance))
 
 
+WITNESSES = {"linear": "linear simulation", "mujoco": "MuJoCo"}
+"""By Case.witness."""
 NAMED = [Column("case", "what", lambda case: case.what), Column("method", "witness", lambda case: case.witness)]
 GAIN = _compared("gain", "gain", "", 6)
-FREQUENCY = _compared("frequency", "frequency_rad_s", " [rad/s]", 5)
+FREQUENCY = _compared("frequency", "frequency_rad_s", " [Hz]", 5, 0.5 / math.pi)
 ALLOWED = Column("allowed", "tolerance", lambda case: case.tolerance, shown=lambda case: f"{digits(100 * case.tolerance)} %")
 CASE = [*NAMED, *GAIN, *FREQUENCY, ALLOWED, Column("agrees", "agrees", lambda case: case.agrees, shown=lambda case: yes(case.agrees))]
 """A case of a verification."""
@@ -93,5 +101,6 @@ GAIN_TABLE, FREQUENCY_TABLE = [*NAMED, *GAIN, ALLOWED, _agrees("gain")], [*NAMED
 """The same by quantity."""
 
 
-def _size(value: float) -> float:
+def size(value: float) -> float:
+    """Of a difference; infinite where there is none to compare."""
     return math.inf if math.isnan(value) else abs(value)

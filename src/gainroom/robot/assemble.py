@@ -32,7 +32,14 @@ RESERVED = "universe"
 """Pinocchio's own name for what does not move."""
 DAMPING_NOTE = "the joints' own damping in the model file is not counted"
 FRICTION_NOTE = "the joints' own dry friction in the model file is not counted [N m]"
+FOLLOWERS_NOTE = "held, as they follow others, so that the joints that lead them move less inertia"
+LOOPS_NOTE = "closed loops are kept closed"
+PASSIVE_NOTE = "passive joints, without a motor"
+RUBBED_NOTE = "damping of passive joints without a spring does not count"
+INERTIA_NOTE = "no solid has the inertia of the links on these joints, taken as given"
 SPRING_NOTE = "the joints' own springs in the model file count as stiffness beside the gearbox, without the load they carry [N m/rad]"
+ASSUMED = (FOLLOWERS_NOTE, LOOPS_NOTE, PASSIVE_NOTE, RUBBED_NOTE, INERTIA_NOTE, FRICTION_NOTE, SPRING_NOTE)
+"""How notes begin that say what a model was taken for, where nothing is missing or left to decide."""
 
 
 @dataclass(frozen=True)
@@ -229,21 +236,19 @@ def _notes(
     notes = []
     followers = [f"{name!r} {why}, at {positions.get(name, 0.0):g}" for name, why in description.held.items() if name in held]
     if followers:
-        notes.append(f"held, as they follow others, so that the joints that lead them move less inertia: {first_of_many(followers)}")
+        notes.append(f"{FOLLOWERS_NOTE}: {first_of_many(followers)}")
     loops = [one.name for one in description.linkages if isinstance(one, JoinedFrames) and _counts(one, model, held, idle)]
     if loops:
         motors = "" if description.actuated is not None or idle else "; a motor is on each of their joints that is not listed as passive"
-        notes.append(f"closed loops are kept closed: {first_of_many(loops)}{motors}")
+        notes.append(f"{LOOPS_NOTE}: {first_of_many(loops)}{motors}")
     if idle:
-        notes.append(f"passive joints, without a motor: {first_of_many(idle)}")
+        notes.append(f"{PASSIVE_NOTE}: {first_of_many(idle)}")
         rubbed = [name for name in idle if name in _one_dof(model) and _damping(model, name) > 0 and not description.springs.get(name)]
         if rubbed:
-            notes.append(f"damping of passive joints without a spring does not count: {first_of_many(rubbed)}")
+            notes.append(f"{RUBBED_NOTE}: {first_of_many(rubbed)}")
     unphysical = [model.names[index] for index in range(1, model.njoints) if not _is_physical(model.inertias[index])]
     if unphysical:
-        notes.append(
-            f"no solid has the inertia of the links on these joints, taken as given: {first_of_many([repr(name) for name in unphysical])}"
-        )
+        notes.append(f"{INERTIA_NOTE}: {first_of_many([repr(name) for name in unphysical])}")
     own = {name: _damping(model, name) for name in _one_dof(model) if name not in (*held, *idle)}
     damped = [f"{name} {damping:.4g}" for name, damping in own.items() if damping > 0]
     if damped:

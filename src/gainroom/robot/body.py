@@ -6,7 +6,7 @@ own axes, as Pinocchio has it (Featherstone, Rigid Body Dynamics Algorithms, 200
 
 import importlib
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Literal
@@ -240,6 +240,11 @@ class RigidBody:
         """(R (3, 3), p (3,)): axes and origin of a frame in world axes [m]. Raises GainroomError for an unknown frame."""
         placement = self._placed(q).oMf[self._frame(frame)]
         return placement.rotation.copy(), placement.translation.copy()
+
+    def frame_placements(self, q: ArrayLike, frames: Iterable[str]) -> list[tuple[Floats, Floats]]:
+        """frame_placement of several frames of one posture."""
+        data = self._placed(q)
+        return [(data.oMf[index].rotation.copy(), data.oMf[index].translation.copy()) for index in map(self._frame, frames)]
 
     def frame_jacobian(self, q: ArrayLike, frame: str) -> Floats:
         """(6, N) from velocity to the frame's: linear, of its origin, then angular; both in the frame's own axes.

@@ -47,13 +47,11 @@ def scenario_effects(scenario: RobotScenario) -> tuple[str, ...]:
 class RobotSimulation(SimulationSpec):
     """A robot and its scenario.
 
-    system    the whole file
     setup   the robot as the scenario has it
     model   its linear plant there, with the scenario's viscous friction
     displacement   (m,) of each channel [rad, m]
     """
 
-    system: System
     setup: RobotSetup
     model: RobotModel
     displacement: Floats

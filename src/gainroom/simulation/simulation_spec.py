@@ -37,6 +37,7 @@ PORTION = 0.25
 class SimulationSpec:
     """What is needed to simulate and judge one run; of a joint here, of a robot in robot_simulation.py. SI units.
 
+    system           the whole file
     kind             "linear", "testbed" or "mujoco"
     duration, sample_time   [s]
     joint_names      (n,)
@@ -53,6 +54,7 @@ class SimulationSpec:
     warnings         what a user should check before simulating
     """
 
+    system: System
     kind: str
     duration: float
     sample_time: float
@@ -148,7 +150,6 @@ class JointSimulation(SimulationSpec):
     identified  Coulomb friction of motor and link that was identified [N m]; it is not simulated
     """
 
-    system: System
     scenario: Scenario
     hardware: Mapping[str, Any]
     described: Mapping[str, str]

@@ -5,9 +5,10 @@ adds.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
+from ..analysis.stability import is_stable
 from ..errors import GainroomError
 from ..system.requirements import REQUIREMENTS
 from ..system.system import System
@@ -109,6 +110,18 @@ class Analysis:
     def rate_is_missing(self) -> bool:
         """Continuous time, and a delay as only a sampled loop has one."""
         return self.system.control.sample_time is None and self.system.delay > 0
+
+    @cached_property
+    def unstable_at_usual_rate(self) -> State | None:
+        """A state in which gains that are stable in continuous time are unstable at USUAL_RATE; None: there is none, or a rate is given."""
+        if not (self.rate_is_missing and self.stable):
+            return None
+        sampled = replace(self.system, control=replace(self.system.control, sample_time=1 / USUAL_RATE))
+        states = (State(sampled, state.posture, state.contact, state.model) for state in self.states)
+        try:
+            return next((state for state in states if not is_stable(state.loop)), None)
+        except GainroomError:  # a controller that is made for continuous time alone
+            return None
 
     @property
     def decisive(self) -> str:

@@ -259,12 +259,6 @@ def _numbers(values: Mapping[str, Any]) -> dict[str, float]:
     return {name: float(value) for name, value in values.items()}
 
 
-COMPUTED = ("in_range", "region", "required_region", "max_kp", "max_kd", "recommended", "exact", "rule", "others")
-
-
 def study_joint(system: System) -> JointStudy:
-    """Everything about one joint."""
-    study = JointStudy(system, analyze(system).every)
-    for name in COMPUTED:
-        getattr(study, name)
-    return study
+    """One joint, analysed; regions, largest gains and gains to use are worked out when they are asked for."""
+    return JointStudy(system, analyze(system).every)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..analysis.coupled_margins import delay_margin
 from ..analysis.gain_limit import gain_limit
 from ..analysis.loci import Sweep
 from ..analysis.margin_record import GainLimit, Margins, worst_of
@@ -217,8 +218,8 @@ class State:
             return self._delay_limit_of_others
         if self.margins.stable:
             return self.system.delay + self.margins.delay_margin
-        without = margins_of(self.system.with_values(delay=0.0).loop(self.model, self.controller))
-        return without.delay_margin if without.stable else 0.0
+        without = extra_delay(self.system.with_values(delay=0.0).loop(self.model, self.controller))
+        return 0.0 if math.isnan(without) else without
 
     @property
     def _delay_limit_of_others(self) -> float:
@@ -306,6 +307,14 @@ def margins_of(loop: Loop) -> Margins:
         return joint_margins(loop) if loop.size > 1 else replace(margins(loop), limit=gain_limit(loop))
     except GainroomError as error:
         return Margins.unknown(_verdict(loop, error))
+
+
+def extra_delay(loop: Loop) -> float:
+    """The delay margin [s], inf where no extra delay makes the loops vibrate; NaN for unstable ones, and where it is not known."""
+    try:
+        return delay_margin(loop) if loop.size > 1 else margins_of(loop).delay_margin
+    except GainroomError:
+        return math.nan
 
 
 def limit_of(loop: Loop) -> GainLimit:

@@ -1,0 +1,144 @@
+"""What fails in an audit, or is tightest: the factors on the gains of every joint, state by state, beside the factor that is required."""
+
+import math
+import re
+from dataclasses import dataclass
+from html import escape
+
+import numpy as np
+
+from ..linear.arrays import Floats
+from ..studies.audit import Audit
+from ..system.requirements import to_db
+from . import style
+from .number_format import digits
+from .page import Html, figure
+from .robot_headroom import TOGETHER
+
+MOST_ROWS = 12
+"""In the picture: the tightest; the heat map has all joints."""
+ALIKE = 5e-3
+"""Relative: joints of both sides whose least factors differ by less share a row."""
+PATHS = "kp or kd by itself"
+WHOLE = (TOGETHER, PATHS)
+"""Names of the rows that are no joint's."""
+WIDEST = 30.0
+"""Ratio of the factors on the axis; what lies beyond is drawn at its end."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """Factors by state (k,), of joints that share a row the least; NaN where there is none. `sides`: what their names begin with."""
+
+    name: str
+    sides: tuple[str, ...]
+    factors: Floats
+
+    @property
+    def title(self) -> str:
+        """The names of its joints, in a sentence."""
+        return ", ".join(f"{side}{self.name}" for side in self.sides) or self.name
+
+    @property
+    def least(self) -> float:
+        """Over the states."""
+        return float(np.min(self.factors, initial=math.inf, where=~np.isnan(self.factors)))
+
+
+def headroom_rows(result: Audit) -> list[Row]:
+    """All gains together, single paths where kd has its own, and every joint alone, the one with the least headroom first."""
+    rows = [Row(TOGETHER, (), np.array([state.limit.gain for state in result.states]))]
+    paths = [state.margins.paths for state in result.states]
+    if any(path is not None for path in paths):
+        rows.append(Row(PATHS, (), np.array([math.nan if path is None else path.headroom for path in paths])))
+    alone = np.array([state.single_joint_limits for state in result.states])
+    joints: list[Row] = []
+    for name, factors in zip(result.system.source.joint_names, alone.T, strict=True):
+        side, _, rest = re.sub(r"([^A-Za-z0-9]+)", r"\0\1", name, count=1).partition("\0")
+        own = Row(rest, (side,), factors) if rest else Row(name, (), factors)
+        twin = next(
+            (k for k, row in enumerate(joints) if own.sides and row.name == rest and math.isclose(row.least, own.least, rel_tol=ALIKE)),
+            None,
+        )
+        if twin is None:
+            joints.append(own)
+        else:
+            joints[twin] = Row(rest, (*joints[twin].sides, side), np.fmin(joints[twin].factors, factors))
+    single = [Row(row.title, (), row.factors) if len(row.sides) == 1 else row for row in joints]
+    return rows + sorted(single, key=lambda row: row.least)
+
+
+def deciding(result: Audit, rows: list[Row]) -> Row:
+    """Of `rows` the one that the verdict is about: of all joints together, unless they have the margin and one by itself has not."""
+    whole = [row for row in rows if row.name in WHOLE]
+    enough = all(map(result.enough_gain_in, result.states))
+    return min(rows if enough and "gain_margin" in result.missed else whole, key=lambda row: row.least)
+
+
+def headroom(result: Audit) -> Html:
+    """Of all gains together and of each of the tightest joints a mark per state: the worst filled, the deciding one a star."""
+    every = headroom_rows(result)
+    rows = every[:MOST_ROWS]
+    decides = deciding(result, every)
+    known = [value for row in rows for value in row.factors.tolist() if math.isfinite(value) and value > 0]
+    low, high = min([1.0, *known]), max([result.margin, *known])
+    left, right = 0.75 * low, max(1.7 * min(high, WIDEST * low), 7.6 * low)  # more than a decade: ticks at 1, 2 and 5
+    edge = (right / left) ** 0.02
+    traces = []
+    for place, row in enumerate(rows):
+        worst = int(np.nanargmin(row.factors)) if not np.isnan(row.factors).all() else -1
+        for k, value in enumerate(row.factors.tolist()):
+            if math.isnan(value) or (k != worst and value < row.least * (1 + ALIKE)):
+                continue  # under the worst one's mark
+            color = style.BLUE if value >= result.margin else style.VERMILION
+            symbol, size = ("star", 20) if row is decides and k == worst else ("circle", 12) if k == worst else ("circle-open", 9)
+            told = f"{escape(row.title)}<br>{escape(result.states[k].contact)}<br>{digits(value, '×')} ({_level(value)})"
+            beside = "left" if value > left * (right / left) ** 0.9 else "right"
+            text = {"mode": "markers+text", "text": [f" {digits(value, '×', 3)} "], "textposition": f"middle {beside}"}
+            mark = style.markers([min(max(value, left * edge), right / edge)], [place], symbol, color, size)
+            traces.append(mark | {"hoverinfo": "text", "hovertext": [told], "cliponaxis": False} | (text if k == worst else {}))
+    names = [f"<b>{row.name}</b>" if row.name == TOGETHER else _label(row) for row in rows]
+    words = {"yref": "paper", "yanchor": "bottom", "bgcolor": "rgba(0,0,0,0)"}
+    picture = style.layout(
+        xaxis=style.log_axis("factor on the gains at which vibration starts [×]", left, right, fixedrange=True),
+        yaxis=style.axis("", tickvals=list(range(len(rows))), ticktext=names, range=[len(rows) - 0.4, -0.6], fixedrange=True, ticks=""),
+        shapes=[
+            style.stretch(left, result.margin, style.UNSTABLE_GROUND, 1.0),
+            style.upright(1.0, style.INK, "dot", 1.4),
+            style.upright(result.margin, style.VERMILION, "solid", 2),
+        ],
+        annotations=[
+            style.label(0.0, 1, "these gains", style.SOFT, **words, xanchor="right" if result.margin < 1.5 else "center", name="wide"),
+            style.label(math.log10(result.margin), 1, f"required {digits(result.margin, '×', 3)}", style.VERMILION, **words),
+        ],
+        margin={"l": 20, "r": 24, "t": 30, "b": 48},
+    )
+    narrow = {"margin.l": 8, "margin.r": 8, "xaxis.title.text": "factor [×]"}
+    return figure(
+        {"data": traces, "layout": picture}, _title(result), _caption(result, len(every) - len(rows)), 32 * len(rows) + 96, narrow
+    )
+
+
+def _level(value: float) -> str:
+    return digits(to_db(value), "dB", 3) if value > 0 else "stable at no factor"
+
+
+def _label(row: Row) -> str:
+    """One line, and a smaller one with the sides."""
+    below = f'<br><span style="font-size:11px;color:{style.SOFT}">{escape(", ".join(row.sides), quote=False)}</span>' if row.sides else ""
+    return escape(row.name.lstrip("_- ") if row.sides else row.name, quote=False) + below
+
+
+def _title(result: Audit) -> str:
+    return f"Factor on the gains at which vibration starts, {'of each joint by itself and ' if len(result.joints) > 1 else ''}all together"
+
+
+def _caption(result: Audit, hidden: int) -> str:
+    paths = any(state.margins.paths is not None for state in result.states)
+    words = "Factors on kp or kd by itself count up and down: at 10 × also a tenth. " if paths else ""
+    words += (
+        "Star: what the verdict names. Dotted: these gains, which vibrate left of it. Left of the other line the headroom is too small."
+    )
+    if len(result.states) > 1:
+        words += " Filled: the worst state; open: the others."
+    return words + (f" {hidden} more rows with no less headroom are not drawn; the tables below have all joints." if hidden > 0 else "")

@@ -1,0 +1,130 @@
+"""What a safe audit rests on where the stiffness of gearboxes is not known: how stiff they must be, in words and as a table."""
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .columns import Column, facts, tabulated, yes
+from .number_format import digits, hertz
+from .page import Html, table
+from .robot_units import joint_units
+
+if TYPE_CHECKING:
+    from ..studies.audit import Audit
+    from ..studies.needed_stiffness import NeededStiffness
+
+
+def rounded_up(value: float, significant: int = 3) -> float:
+    """To so many digits, never down: what is read off it is enough."""
+    if not (math.isfinite(value) and value > 0):
+        return value
+    unit = 10.0 ** (math.floor(math.log10(value)) - significant + 1)
+    return float(f"{unit * math.ceil(value / unit * (1 - 1e-12)):.{significant}g}")
+
+
+def if_stiff(result: "Audit") -> str:
+    """The condition of a safe verdict, and what softer gearboxes do; "" where every stiffness is known."""
+    rigid = np.isinf(result.system.source.actuators.stiffness)
+    count = int(np.count_nonzero(rigid))
+    if not count:
+        return "."
+    which = "the" if count == len(rigid) else f"{count} of {len(rigid)}"
+    needed = result.needed
+    if needed is None:
+        known = np.any(result.system.source.actuators.motor_inertia[rigid] > 0)
+        why = "--stiffness, --damping" if known else "how stiff they must be takes their motors' inertia: --motor-inertia"
+        return f" if {which} gearboxes are rigid ({why})."
+    ratio = f"{100 * needed.damping_ratio:.3g} % of critical damping"
+    if needed.least is None:
+        return f" only if {which} gearboxes are rigid: with {ratio} no stiffness that was looked at is enough (--stiffness, --damping)."
+    softer = [look.gain_limit for look in needed.looks if not look.safe]
+    worst = f" Some softer ones vibrate from {min(softer):.3g} × these gains on." if softer and not math.isnan(min(softer)) else ""
+    least = f"{_least(result, needed)}, with {ratio} or more (B ≥ {2 * needed.damping_ratio:.3g} √(K J))"
+    return f" if {which} gearboxes are stiff enough: {least}.{worst}"
+
+
+def _least(result: "Audit", needed: "NeededStiffness") -> str:
+    assert needed.least is not None
+    stiffness = np.where(needed.unknown, needed.least.stiffness, math.nan)
+    low, high = int(np.nanargmin(stiffness)), int(np.nanargmax(stiffness))
+    first, last = (digits(rounded_up(float(stiffness[k])), "") for k in (low, high))
+    names, unit = result.system.source.joint_names, joint_units(result.system.source.body)["kp"]
+    if first == last:
+        return f"K ≥ {last} {unit}"
+    return f"K ≥ {first} ({names[low]}) to {last} {unit} ({names[high]})"
+
+
+def how_it_was_found(needed: "NeededStiffness | None") -> tuple[str, ...]:
+    """What was looked at, and what was not: for the assumptions."""
+    if needed is None:
+        return ()
+    text = (
+        f"gearboxes of unknown stiffness have one resonance Ω, outputs held (K = J Ω², B = 2 ζ J Ω, J the motor's inertia), and a damping "
+        f"ratio ζ of {needed.damping_ratio:.3g} (--damping-ratio), so stiffer ones more damping; looked at {len(needed.looks)} Ω"
+    )
+    if needed.mixed:
+        text += f" and {needed.mixed} mixes of stiffer, more damped ones"
+    return (
+        f"{text}, each with a certified limit; between them nothing is proved, and the delay margin was judged at what is needed alone",
+    )
+
+
+def _stiffness(look: Any, needed: "NeededStiffness") -> str:
+    found = look.stiffness[needed.unknown]
+    first, last = digits(float(found.min()), "", 3), digits(float(found.max()), "", 3)
+    return last if first == last else f"{first} to {last}"
+
+
+def look_columns(result: "Audit", needed: "NeededStiffness") -> list[Column]:
+    """One stiffness of the unknown gearboxes, of the softest and the stiffest joint."""
+    return [
+        Column("resonance", "resonance_rad_s", lambda look: look.resonance, shown=lambda look: hertz(look.resonance)),
+        Column("", "stiffness_low", lambda look: float(look.stiffness[needed.unknown].min())),
+        Column("", "stiffness_high", lambda look: float(look.stiffness[needed.unknown].max())),
+        Column(f"K [{joint_units(result.system.source.body)['kp']}]", "", lambda look: None, shown=lambda look: _stiffness(look, needed)),
+        Column("limit", "gain_limit", lambda look: look.gain_limit),
+        Column("safe", "safe", lambda look: look.safe, shown=lambda look: yes(look.safe)),
+    ]
+
+
+SHOWN_STEP = 1.25
+"""Of Ω: a table leaves out looks that are nearer to the one before, but for those at the edge of what is safe."""
+
+
+def shown_looks(needed: "NeededStiffness") -> list[Any]:
+    """Those that a table shows."""
+    looks, shown = needed.looks, []
+    for k, look in enumerate(looks):
+        edge = any(0 <= n < len(looks) and looks[n].safe != look.safe for n in (k - 1, k + 1))
+        if edge or not shown or look.resonance < shown[-1].resonance / SHOWN_STEP or k == len(looks) - 1:
+            shown.append(look)
+    return shown
+
+
+def needed_facts(result: "Audit") -> dict[str, Any] | None:
+    """In JSON."""
+    needed = result.needed
+    if needed is None:
+        return None
+    names, least = result.system.source.joint_names, needed.least
+    joints = [] if least is None else [
+        {"name": name, "stiffness": float(least.stiffness[k]), "damping": float(least.damping[k])}
+        for k, name in enumerate(names)
+        if needed.unknown[k]
+    ]  # fmt: skip
+    return {
+        "damping_ratio": needed.damping_ratio,
+        "resonance_rad_s": None if least is None else least.resonance,
+        "joints": joints,
+        "looks": [facts(look_columns(result, needed), look) for look in needed.looks],
+        "mixed_looks": needed.mixed,
+    }
+
+
+CAPTION = "resonance: of every motor on its gearbox, output held; limit: the factor on all gains, or on one joint's alone, until vibration."
+
+
+def needed_table(result: "Audit", needed: "NeededStiffness") -> Html:
+    """The gain limit by stiffness, on a page."""
+    return table(*tabulated(look_columns(result, needed), shown_looks(needed)), CAPTION, {"yes": "met", "no": "unmet"})

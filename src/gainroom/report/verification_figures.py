@@ -1,0 +1,139 @@
+"""Figures of a verification: every case's predicted and simulated limit with their differences, and the growth rate about one limit."""
+
+import math
+from collections.abc import Sequence
+from html import escape
+from typing import Any
+
+import numpy as np
+
+from ..studies.verification import TOLERANCES, Case, growth_about
+from ..system.system import System
+from . import style
+from .number_format import digits, hertz
+from .page import Html, beside, figure
+from .verification_text import WITNESSES, percent
+
+MARKS = {"linear": ("circle", style.BLUE, 11, -0.18), "mujoco": ("diamond", style.ORANGE, 11, 0.18)}
+"""By witness: symbol, colour, size, and the place in its case's row."""
+SHADES = {"mujoco": 0.12, "linear": 0.3}
+"""Of the bands of agreement, the wider one first."""
+WIDEST = 100.0
+"""[%] of a difference that is drawn where it is; beyond, at the end."""
+
+
+def agreement(cases: Sequence[Case]) -> Html:
+    """Row by row the limits, predicted and simulated, and beside them the differences in gain and frequency with what is allowed."""
+    return beside(_limits(cases), _differences(cases))
+
+
+def _limits(cases: Sequence[Case]) -> Html:
+    """What is simulated, over what is predicted; limits of 0 and none at the ends."""
+    rows, values = _rows(cases), [value for case in cases for value in (case.predicted_gain, case.simulated_gain)]
+    known = [1.0, *(value for value in values if math.isfinite(value) and value > 0)]
+    left, right = min(known) / 1.6, max(1.6 * max(known), 6.3 * min(known))  # a decade at least: ticks at 1, 2 and 5
+    edge = (right / left) ** 0.02
+
+    def marks(some: Sequence[Case], how: str, shift: float, *look: Any, name: str) -> style.Trace:
+        gains = [getattr(case, f"{how}_gain") for case in some]
+        at = [hertz(getattr(case, f"{how}_frequency")) for case in some]
+        told = [
+            f"{escape(case.what)}<br>{name}: {digits(gain, '×', 6)}<br>{omega}" for case, gain, omega in zip(some, gains, at, strict=True)
+        ]
+        places = np.clip(gains, left * edge, right / edge), [rows.index(case.what) + shift for case in some]
+        return style.markers(*places, *look, name=name, showlegend=True, hoverinfo="text", hovertext=told)
+
+    first = [next(case for case in cases if case.what == row) for row in rows]
+    traces = [marks(first, "predicted", 0.0, "line-ns-open", style.BLACK, 36, name="predicted")]
+    for witness, some in _by_witness(cases):
+        symbol, color, size, shift = MARKS[witness]
+        traces.append(marks(some, "simulated", shift, symbol, color, size, name=WITNESSES[witness]))
+    axis = style.log_axis("factor on all gains [×]", left, right, fixedrange=True)
+    start = style.upright(1.0, style.INK, "dot", 1.4)
+    caption = "Where vibration starts. The dotted line is these gains: a limit left of it means that they are unstable."
+    return _picture(traces, axis, rows, [start], [], "Limit, predicted and simulated", caption)
+
+
+def _differences(cases: Sequence[Case]) -> Html:
+    """Gains filled, frequencies open, in percent of the prediction."""
+    rows, every = _rows(cases), [value for case in cases for value in (case.gain_difference, case.frequency_difference)]
+    allowed = {witness: 100 * TOLERANCES[witness] for witness in SHADES if any(case.witness == witness for case in cases)}
+    reach = 1.25 * min(WIDEST, max(*allowed.values(), *(100 * abs(value) for value in every if math.isfinite(value))))
+    traces = []
+    for witness, some in _by_witness(cases):
+        symbol, color, size, shift = MARKS[witness]
+        for what, look, wide in (("gain", symbol, size), ("frequency", f"{symbol}-open", size + 5)):
+            values = [getattr(case, f"{what}_difference") for case in some]
+            told = [
+                f"{escape(case.what)}<br>{WITNESSES[witness]}, {what}: {percent(value, case.tolerance)}"
+                for case, value in zip(some, values, strict=True)
+            ]
+            places = np.clip(100 * np.array(values), -0.97 * reach, 0.97 * reach), [rows.index(case.what) + shift for case in some]
+            named = {"name": f"{WITNESSES[witness]}, {what}", "hoverinfo": "text", "hovertext": told}
+            traces.append(style.markers(*places, look, color, wide, **named))
+    axis = style.axis("difference from the prediction [%]", range=[-reach, reach], fixedrange=True)
+    bands = [style.stretch(-width, width, style.GREEN, SHADES[witness]) for witness, width in allowed.items()]
+    bounds = ", ".join(f"{WITNESSES[witness]} within {digits(width)} %" for witness, width in reversed(allowed.items()))
+    caption = f"Filled: gain; open: frequency. Green is agreement: {bounds}."
+    lost = [_not_found(case, rows) for case in cases if math.isnan(case.gain_difference)]
+    return _picture(traces, axis, rows, bands, lost, "Simulated minus predicted", caption)
+
+
+def _rows(cases: Sequence[Case]) -> list[str]:
+    return list(dict.fromkeys(case.what for case in cases))
+
+
+def _by_witness(cases: Sequence[Case]) -> list[tuple[str, list[Case]]]:
+    found = [(witness, [case for case in cases if case.witness == witness]) for witness in MARKS]
+    return [(witness, some) for witness, some in found if some]
+
+
+def _picture(traces: list, axis: dict, rows: Sequence[str], shapes: list, notes: list, title: str, caption: str) -> Html:
+    """A row per case, named on two lines: the state and the space."""
+    names = [escape(row, quote=False).replace(": ", "<br>") for row in rows]
+    layout = style.layout(
+        xaxis=axis,
+        yaxis=style.axis("", range=[len(rows) - 0.5, -0.5], tickvals=list(range(len(rows))), ticktext=names, ticks="", fixedrange=True),
+        shapes=shapes,
+        annotations=notes,
+        showlegend=any(trace.get("showlegend") for trace in traces),
+        legend=style.switches(1.0, yref="container", yanchor="top"),
+        margin={"l": 20, "r": 12, "t": 40, "b": 48},
+    )
+    return figure({"data": traces, "layout": layout}, title, caption, 46 * len(rows) + 104, {"margin.l": 8})
+
+
+def _not_found(case: Case, rows: Sequence[str]) -> style.Annotation:
+    words = f"<b>{WITNESSES[case.witness]}: no limit found</b>"
+    return style.label(0, rows.index(case.what) + MARKS[case.witness][3], words, style.VERMILION)
+
+
+def growth(system: System, limit: float) -> Html:
+    """Growth rate over gain: the rightmost root's as a line, that of simulated runs as dots."""
+    found = growth_about(system.loop())
+    seen = np.isfinite(found.simulated)
+    hover: dict[str, Any] = {"hovertemplate": "%{x:.4g} ×: %{y:.4g} 1/s", "hoverinfo": "all"}
+    traces = [
+        style.line(found.gain, found.predicted, style.BLACK, name="predicted: rightmost root", showlegend=True, **hover),
+        style.markers(
+            found.gain[seen], found.simulated[seen], "circle", style.BLUE, 10, name="simulated: one run each", showlegend=True, **hover
+        ),
+    ]
+    zero = {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": 0, "y1": 0, "line": {"color": style.INK, "width": 1}}
+    layout = style.layout(
+        xaxis=style.axis("factor on all gains [×]"),
+        yaxis=style.axis("growth rate of the vibration [1/s]"),
+        shapes=[zero, style.upright(limit, style.SOFT, "dot", 1.5)],
+        annotations=[
+            style.label(limit, 0.02, f"predicted limit {digits(limit, '×', 5)}", yref="paper", yanchor="bottom", xanchor="left", xshift=4)
+        ],
+        showlegend=True,
+        legend=style.switches(1.02),
+        margin={"l": 78, "r": 24, "t": 40, "b": 52},
+    )
+    caption = (
+        "Below zero the impulse response decays, above zero it grows. The line is computed from the loop's roots, the dots from simulated "
+        "runs; both cross zero at the limit."
+    )
+    narrow = style.NARROW | {"margin.t": 64, "yaxis.title.text": "growth rate [1/s]"}
+    return figure({"data": traces, "layout": layout}, "Vibration starts where its growth rate changes sign", caption, 400, narrow)

@@ -1,0 +1,95 @@
+"""Gearboxes by type: where the stiffness and damping of a joint usually lie when nobody has measured them.
+
+Both are told as motors feel them, so that one range serves small and large joints: the resonance Ω = √(K/J) of the motor, J its inertia
+on the joint side, on its gearbox with the output held; and the damping ratio ζ = B/(2 √(K J)).
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import GainroomError, nearest
+from ..linear.arrays import Floats
+from .name_patterns import select
+
+
+@dataclass(frozen=True)
+class GearboxType:
+    """A range, both ends.
+
+    resonance      [rad/s]
+    damping_ratio  of critical
+    source         of these numbers, in a few words
+    """
+
+    name: str
+    resonance: tuple[float, float]
+    damping_ratio: tuple[float, float]
+    source: str
+
+
+GUESS = "an engineering guess, without a source"
+TYPES: dict[str, GearboxType] = {
+    one.name: one
+    for one in (
+        # K/J: TALOS legs 10000 N·m/rad, at the hips 4000 in series, on 0.88 to 4.05 kg m²; HyQ 8077 on 0.572; WALK-MAN 31e3 on 0.548 (data
+        # sheet), 75e3 on 1.10 (identified). ζ: HyQ 0.007, TALOS' knee 0.05, WALK-MAN 0.057, the joint of Jung et al. 0.005.
+        GearboxType("harmonic", (40.0, 270.0), (0.005, 0.06), "published joints of TALOS, HyQ and WALK-MAN, ratios near 100"),
+        GearboxType("planetary", (100.0, 1600.0), (0.01, 0.1), GUESS),
+        GearboxType("cycloidal", (150.0, 1000.0), (0.01, 0.1), GUESS),
+        GearboxType("belt", (60.0, 400.0), (0.01, 0.1), GUESS),
+    )
+}
+"""By the name that --gearbox takes."""
+DIRECT = "direct"
+"""The name for joints without a gearbox, which are rigid."""
+
+
+@dataclass(frozen=True)
+class GearboxRange:
+    """Between which Ω [rad/s] and ζ each joint's gearbox lies; (n,) each, NaN where it is known or there is none.
+
+    types   (n,) by name, "" where it is known or there is none
+    """
+
+    softest: Floats
+    stiffest: Floats
+    least_damped: Floats
+    most_damped: Floats
+    types: tuple[str, ...]
+
+
+def gearbox_range(typed: Sequence[str], joint_names: Sequence[str], stiffness: Floats, motor_inertia: Floats, option: str) -> GearboxRange:
+    """What TYPE and PATTERN=TYPE say of joints, the later winning; a joint with a finite stiffness (n,) keeps that.
+
+    motor_inertia (n,) [kg m²]
+
+    Raises GainroomError, which names the `option`, for an unknown type, a pattern that matches nothing and a motor without inertia.
+    """
+    types = [""] * len(joint_names)
+    for text in typed:
+        pattern, _, name = text.rpartition("=")
+        if name not in (*TYPES, DIRECT):
+            raise GainroomError(f"{option} {text}: {name!r} is no type of gearbox{nearest(name, (*TYPES, DIRECT), 'type')}")
+        for k in select(pattern, joint_names, f"{option} {text}") if pattern else range(len(joint_names)):
+            types[k] = "" if name == DIRECT or math.isfinite(stiffness[k]) else name
+    bare = [name for name, kind, inertia in zip(joint_names, types, motor_inertia.tolist(), strict=True) if kind and inertia <= 0]
+    if bare:
+        raise GainroomError(f"{option}: the gearbox of joint {bare[0]!r} needs its motor's inertia: give --motor-inertia")
+    ends = [(*TYPES[kind].resonance, *TYPES[kind].damping_ratio) if kind else (math.nan,) * 4 for kind in types]
+    return GearboxRange(*np.array(ends).reshape(-1, 4).T, types=tuple(types))
+
+
+def sources(types: Mapping[str, None]) -> list[str]:
+    """Each type with its range and where that is from, for people."""
+    found = []
+    for one in map(TYPES.__getitem__, types):
+        low, high = (f"{omega / (2 * math.pi):.0f}" for omega in one.resonance)
+        least, most = (f"{100 * ratio:g}" for ratio in one.damping_ratio)
+        found.append(
+            f"{one.name} gearboxes: motors resonate at {low} to {high} Hz with the output held, damped by {least} to {most} % of critical "
+            f"({one.source})"
+        )
+    return found

@@ -1,0 +1,130 @@
+"""Gain limits of a robot with other gearboxes: how they are looked at where stiffness and damping are not known.
+
+A gearbox is told by the resonance Ω of its motor with the output held, and by its damping ratio ζ:
+
+    K = J Ω²,   B = 2 ζ J Ω        J motor inertia
+
+A resonance of height k_d μ²/B, μ = J_L/(J_m + J_L), does harm where delay has turned its phase: so neither more stiffness nor more of it
+with the same B need be safer. Looks along Ω are taken in steps that turn that phase by a sixth of a turn at most, and, where the limit
+dips, at its lowest point. Each look is a certified gain limit; between looks nothing is proved.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..analysis.proved_limit import proved_limit
+from ..design.starting_gains import joints_that_move
+from ..linear.arrays import Booleans, Floats
+from ..system.loop import Loop
+from ..system.requirements import enough
+from ..system.system import System
+from .state import State, limit_of
+
+FAR_BELOW = 0.01
+"""Of gains that are not stable themselves: there the proof of their limit begins, if it can."""
+
+
+@dataclass(frozen=True)
+class Steps:
+    """Where gearboxes are looked at."""
+
+    turn: float = math.pi / 3  # [rad] of the resonance's phase, by the delay, from one look to the next
+    factor: float = 1.3  # of Ω, at most
+    most: float = 40.0  # Ω by the step from one to the next
+    near: float = 1.5  # times what is required: a dip of the limit below that is followed to its lowest point
+    dips: int = 3  # looks at most
+    settled: float = 2e-3  # of the limit
+    mixed: int = 6  # looks at gearboxes that differ
+
+
+STEPS = Steps()
+
+
+@dataclass(frozen=True)
+class Gearboxes:
+    """The gearboxes that are varied, once.
+
+    resonance    Ω [rad/s] where all have the same; else NaN
+    stiffness, damping   (n,) of all joints [N m/rad], [N m s/rad]; inf and 0 where a joint stays rigid
+    gain_limit   the factor on all gains, or on one joint's alone, at which vibration starts, in the worst state; NaN: not known
+    safe         it is at least what is required
+    """
+
+    resonance: float
+    stiffness: Floats
+    damping: Floats
+    gain_limit: float
+    safe: bool
+
+
+class Looks:
+    """Looks at the gearboxes of some joints of a system, in all its states.
+
+    varied   (n,) joints with a motor's inertia
+    margin   the required factor
+    """
+
+    def __init__(self, system: System, states: Sequence[State], margin: float, varied: Booleans) -> None:
+        self.system, self.states, self.margin, self.varied = system, states, margin, varied
+        self.inertia: Floats = system.source.quantities["motor_inertia"]
+
+    @property
+    def coupled(self) -> Floats:
+        """(2, n) 1/μ = 1 + J W_ii: the least and the largest, over the states."""
+        loads = [np.diagonal(state.model.link_inverse_inertia) for state in self.states]
+        return 1 + self.inertia * np.array([np.min(loads, axis=0), np.max(loads, axis=0)])
+
+    def step(self, omega: float, near: float) -> float:
+        """From `omega` to the next softer look: at resonances of joints `near` times theirs; inf where no delay turns their phase."""
+        lag = max(drive.delay + 2 * drive.damping_ratio / drive.bandwidth for drive in self.system.drives)
+        lag += self.system.control.sample_time or 0.0
+        fine = max(STEPS.turn / (lag * near), omega / STEPS.most) if lag * near > 0 else math.inf
+        return min(fine, omega * (1 - 1 / STEPS.factor))
+
+    def at(self, omega: Floats | float, ratio: Floats | float) -> Gearboxes:
+        """Every varied gearbox at Ω and a damping ratio, each a number for all or (n,)."""
+        joints = self.system.source.quantities
+        stiffness = np.where(self.varied, self.inertia * np.square(omega), joints["stiffness"])
+        damping = np.where(self.varied, 2 * np.asarray(ratio) * self.inertia * omega, joints["damping"])
+        least = float(np.min([first_factor(state) for state in self.states_with(stiffness, damping)]))
+        return Gearboxes(float(omega) if np.ndim(omega) == 0 else math.nan, stiffness, damping, least, enough(least, self.margin))
+
+    def states_with(self, stiffness: Floats, damping: Floats) -> list[State]:
+        """All states with these gearboxes, (n,) each."""
+        system = self.system.with_values(stiffness=stiffness, damping=damping)
+        models = [replace(state.model, stiffness=stiffness, damping=damping) for state in self.states]
+        return [State(system, state.posture, state.contact, model) for state, model in zip(self.states, models, strict=True)]
+
+
+def lowest_point(x: Sequence[float], limits: Sequence[float]) -> float | None:
+    """Of a parabola through three limits (logarithms), the middle one the least; None where it has none."""
+    places, values = np.asarray(x) - x[1], np.log(limits)
+    bend, slope, _ = np.polyfit(places, values, 2)
+    return float(x[1] - slope / (2 * bend)) if bend > 0 else None
+
+
+def first_factor(state: State) -> float:
+    """The smallest factor on all gains, or on those of one joint alone, at which a state vibrates; NaN where it is not known.
+
+    Joints alone are joints that do not feel each other: W is diagonal then, and one proof holds for all of them.
+    """
+    alone = state.model.link_inverse_inertia
+    joints = replace(state.model, link_inverse_inertia=np.diag(np.diagonal(alone)))
+    if np.all(joints_that_move(state.model, state.system.control.feedback)):
+        apart = _factor(state.system.loop(joints, state.controller))
+    else:
+        limits = state.single_joint_limits
+        apart = float(np.min(limits[~np.isnan(limits)], initial=math.inf))
+    return min(_factor(state.loop), apart)
+
+
+def _factor(loop: Loop) -> float:
+    """The proof begins at rest and ends at the first crossing, so that of a part of unstable gains is theirs."""
+    for part in (1.0, FAR_BELOW):
+        if (proved := proved_limit(loop.scaled(part))) is not None:
+            return part * proved.gain
+    limit = limit_of(loop)
+    return limit.gain if limit.stable or math.isnan(limit.gain) else min(limit.gain, 1.0)

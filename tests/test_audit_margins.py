@@ -1,0 +1,126 @@
+"""What safe gains have besides their gain margin: against one joint's loop in closed form, and by what the margins mean."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+import gainroom as gr
+from gainroom.cli import main
+from test_needed_stiffness import continuous_limit
+
+LEG = str(Path(__file__).parents[1] / "examples" / "robot.xml")
+MODEL = """<mujoco><worldbody><body><joint name="j" axis="0 0 1"/>
+<inertial pos="0 0 0" mass="1" diaginertia="{load} {load} {load}"/></body></worldbody></mujoco>"""
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+
+
+def asked(capsys: pytest.CaptureFixture[str], *options: str, model: str = LEG) -> tuple[int, dict]:
+    status = main(["audit", model, *options, "--json"])
+    return status, json.loads(capsys.readouterr().out)
+
+
+def closed_form(joint: gr.ElasticJoint, kp: float, kd: float, delay: float) -> tuple[float, float, float]:
+    """Phase margin [rad], delay margin [s] and Ms of a stable loop, from where |L| = 1 on a dense grid."""
+    J, load = joint.motor_inertia, joint.link_inertia
+
+    def loop(omega: np.ndarray) -> np.ndarray:
+        s = 1j * omega
+        spring = 1 / (joint.stiffness + joint.damping * s)
+        return (kp + kd * s) * np.exp(-s * delay) * (load * s**2 * spring + 1) / (s**2 * (J * load * s**2 * spring + J + load))
+
+    omega = np.geomspace(1e-2, 1e5, 400_001)
+    size = np.log(np.abs(loop(omega)))
+    k = np.flatnonzero(np.diff(np.sign(size)) != 0)
+    crossings = omega[k] + (omega[k + 1] - omega[k]) * size[k] / (size[k] - size[k + 1])
+    phase = np.angle(-loop(crossings))
+    peak = 1 / np.abs(1 + loop(omega)).min()
+    return float(np.abs(phase).min()), float(np.min((phase % (2 * math.pi)) / crossings)), float(peak)
+
+
+def test_safe_is_both_margins_of_a_population(capsys: pytest.CaptureFixture[str]):
+    """One joint on an elastic gearbox; the audit's verdict by the formulas. None lies within 1 % of an edge."""
+    random, kinds = np.random.default_rng(2), {"safe": 0, "delay alone": 0, "gain": 0}
+    while sum(kinds.values()) < 12 or min(kinds.values()) < 3:
+        inertia, load, delay = 10 ** random.uniform(-2, 0), 10 ** random.uniform(-1, 1), 1e-3 * random.uniform(0.5, 5)
+        resonance, ratio = 10 ** random.uniform(1.7, 3), 10 ** random.uniform(-2, -0.7)
+        kd = inertia * 10 ** random.uniform(0.5, 2)
+        kp = kd * 10 ** random.uniform(0, 1.3)
+        joint = gr.ElasticJoint(inertia, inertia * load, inertia * resonance**2, 2 * ratio * inertia * resonance)
+        limit = continuous_limit(joint, kp, kd, delay)
+        phase, extra, peak = closed_form(joint, kp, kd, delay)
+        if abs(limit / 2 - 1) < 0.01 or abs(extra / (0.5 * delay) - 1) < 0.01:
+            continue
+        kind = "gain" if limit < 2 else "safe" if extra >= 0.5 * delay else "delay alone"
+        if kinds[kind] >= 10:
+            continue
+        kinds[kind] += 1
+        Path("one.xml").write_text(MODEL.format(load=joint.link_inertia), "utf-8")
+        gains = {"kp": kp, "kd": kd, "motor_inertia": inertia, "stiffness": joint.stiffness, "damping": joint.damping}
+        Path("gains.yaml").write_text(yaml.safe_dump({"j": {name: float(value) for name, value in gains.items()}}), "utf-8")
+        status, told = asked(capsys, "--delay-ms", repr(1e3 * delay), "--gains", "gains.yaml", model="one.xml")
+        assert told["safe"] is (kind == "safe") is (status == 0), (kind, told["sentence"])
+        assert told["unmet"] == {"safe": [], "delay alone": ["delay_margin"], "gain": ["gain_margin"]}[kind]
+        assert told["required"]["delay_margin_ms"] == pytest.approx(0.5e3 * delay)
+        if limit > 1:
+            assert told["delay_margin_ms"] == pytest.approx(1e3 * extra, rel=1e-3)
+            assert told["phase_margin_deg"] == pytest.approx(math.degrees(phase), rel=1e-2, abs=0.01)
+            assert told["peak_sensitivity"] == pytest.approx(peak, rel=1e-3)
+        if kind == "delay alone":
+            assert told["sentence"].startswith("Not safe: delay margin ")
+            assert [joint["safe"] for joint in told["joints"]] == [False]
+
+
+@pytest.mark.parametrize("rate", [(), ("--rate-hz", "2000")])
+def test_the_delay_margin_is_the_delay_that_is_survived(capsys: pytest.CaptureFixture[str], rate: tuple[str, ...]):
+    _, told = asked(capsys, "--delay-ms", "0.5", *rate)
+    extra = told["delay_margin_ms"]
+    for share, stable in ((0.99, True), (1.01, False)):
+        _, later = asked(capsys, "--delay-ms", str(0.5 + share * extra), *rate)
+        assert later["stable"] is stable
+        status, again = asked(capsys, "--delay-ms", "0.5", *rate, "--delay-margin-ms", str(share * extra))
+        assert (again["safe"], status) == (stable, 0 if stable else 1)
+        assert again["unmet"] == ([] if stable else ["delay_margin"])
+
+
+@pytest.mark.parametrize(("name", "key"), [("phase_margin", "phase_margin_deg"), ("peak_sensitivity", "peak_sensitivity")])
+def test_other_margins_are_judged_where_they_are_asked_for(capsys: pytest.CaptureFixture[str], name: str, key: str):
+    _, told = asked(capsys, "--delay-ms", "0.5")
+    assert told["required"][key] is None
+    option, way = f"--{key.replace('_', '-')}", -1 if name == "peak_sensitivity" else 1
+    for share, met in ((1 - 0.01 * way, True), (1 + 0.01 * way, False)):
+        status, again = asked(capsys, "--delay-ms", "0.5", option, str(share * told[key]))
+        assert (again["safe"], status, again["unmet"]) == (met, 0 if met else 1, [] if met else [name])
+        assert again["required"][key] == pytest.approx(share * told[key])
+        assert [joint["name"] for joint in again["joints"] if not joint["safe"]] != [] or met
+
+
+def test_the_factor_to_use_has_every_margin(capsys: pytest.CaptureFixture[str]):
+    """Typed with that factor gains are safe, and with 1 % more they are not."""
+    options = ("--delay-ms", "0.5", "--rate-hz", "2000", "--delay-margin-ms", "3")
+    _, told = asked(capsys, *options)
+    assert told["unmet"] == ["delay_margin"]
+    for factor, safe in ((told["scale"], True), (1.01 * told["scale"], False)):
+        gains = {
+            joint["name"]: {"kp": factor * joint["kp"], "kd": factor * joint["kd"], "motor_inertia": joint["motor_inertia"]}
+            for joint in told["joints"]
+        }
+        Path("gains.yaml").write_text(yaml.safe_dump(gains), "utf-8")
+        assert asked(capsys, *options, "--gains", "gains.yaml")[1]["safe"] is safe
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [("--delay-margin-ms", "-1"), ("--phase-margin-deg", "0"), ("--phase-margin-deg", "150"), ("--peak-sensitivity", "1")],
+)
+def test_what_cannot_be_asked_for_is_refused(capsys: pytest.CaptureFixture[str], option: str, value: str):
+    assert main(["audit", LEG, "--delay-ms", "1", option, value]) == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert option in line
