@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..analysis.first_crossing import SEARCH
 from ..analysis.gain_limit import gain_limit
 from ..analysis.modal_loop import APART, INEXACT, ModalLoop
 from ..analysis.proved_limit import posture_limits
@@ -29,9 +30,10 @@ from ..system.system import System
 class Limits(NamedTuple):
     """k postures, one after the other; a factor multiplies all gains.
 
-    gain        the loop is stable for every factor from `lower` up to it; inf: no limit; NaN: none is known
-    lower       0, but where lower factors are unstable
-    frequency   at which the loop vibrates at `gain` [rad/s]; NaN where there is none
+    gain        the loop is stable for every factor from `lower` up to it; inf: no limit; NaN: none is known. Certified: how far the proof
+                goes, SEARCH.nudge below the crossing that was found, so that no other one that is as near can lie below it
+    lower       0, but where lower factors are unstable; certified: likewise above its crossing
+    frequency   at which the loop vibrates just above `gain` [rad/s]; NaN where there is none
     joint       number of the joint that moves most in that vibration; −1 where there is none
     certified   whether `gain` is proved, or roots have been counted on both sides of it
     """
@@ -78,6 +80,8 @@ class StateLimits:
             left = np.setdiff1d(left, done)
         for row in left.tolist():
             self._ask(postures[row], row, found)
+        found.gain[found.certified] *= 1 - SEARCH.nudge
+        found.lower[found.certified] *= 1 + SEARCH.nudge
         return found
 
     @property

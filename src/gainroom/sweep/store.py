@@ -28,9 +28,10 @@ from .plan import SweepPlan, Task
 if TYPE_CHECKING:
     import xarray
 
-FORMAT = "gainroom sweep 1"
+FORMAT = "gainroom sweep 2"
+NAME = FORMAT.rstrip("0123456789")
 RESULTS = {
-    "gain": ("float64", "1", "largest factor on all gains below which the loop is stable"),
+    "gain": ("float64", "1", "largest factor on all gains up to which the loop is proved stable"),
     "lower_gain": ("float64", "1", "the loop is stable from this factor on; 0: from the lowest"),
     "frequency": ("float64", "rad/s", "at which the loop vibrates at that factor"),
     "limiting_joint": ("int16", "1", "number of the joint that moves most in that vibration; -1: none"),
@@ -123,13 +124,14 @@ def open_sweep(path: Path | str) -> "xarray.Dataset":
 
 def attributes(path: Path) -> dict[str, Any]:
     """What a store says of itself. Raises GainroomError where it is none."""
-    try:
-        found = json.loads((path / "zarr.json").read_text("utf-8"))["attributes"]
-        if found["format"] == FORMAT:
-            return found
-    except (OSError, ValueError, KeyError, TypeError):
-        pass
-    raise GainroomError(f"{path}: is not the store of a sweep, and stays as it is")
+    found = {}
+    with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
+        found = dict(json.loads((path / "zarr.json").read_text("utf-8"))["attributes"])
+    kept = str(found.get("format"))
+    if kept == FORMAT:
+        return found
+    what = "the store of a sweep by another version of gainroom" if kept.startswith(NAME) else "not the store of a sweep"
+    raise GainroomError(f"{path}: is {what}, and stays as it is")
 
 
 def require_same(path: Path, plan: SweepPlan) -> None:
