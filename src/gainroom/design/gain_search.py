@@ -218,11 +218,14 @@ class _Search:
                 why[j] = "", -1
                 continue
             for power in (0.0, 1.0):
-                found = stiffer(gains, j, RAISE, power, self._cascade)
-                broken = self._first_broken(found, order, blind)
+                exact = stiffer(gains, j, RAISE, power, self._cascade)
+                broken = self._quickly_broken(exact, order, blind)
+                for found in (rounded(exact), exact) if broken is None else ():
+                    broken = self._broken(found, order)
+                    if broken is None:
+                        gains, why = found, {}
+                        break
                 if broken is None:
-                    short = rounded(found)
-                    gains, why = found if self._first_broken(short, order, blind) else short, {}
                     break
                 why.setdefault(j, broken)
                 order.remove(broken[1])
@@ -230,15 +233,20 @@ class _Search:
         names, places = zip(*(why.get(j, ("", -1)) for j in range(gains.shape[1])), strict=True)
         return Raised(gains, tuple(case.all_margins(gains) for case in cases), True, names, places)
 
-    def _first_broken(self, gains: Gains, order: Sequence[int], blind: Sequence[int]) -> tuple[str, int] | None:
-        """What is broken first, and the case; None where nothing is. What is quickly seen comes first, but in `blind` cases."""
-        quick = [k for k in order if k not in blind]
-        for look, where in ((Case.breaks, quick), (lambda case, gains: case.required.missed(case.margins(gains)), order)):
-            for k in where:
-                name = look(self._cases[k], gains)
-                self._progress()
-                if name:
-                    return name, k
+    def _quickly_broken(self, gains: Gains, order: Sequence[int], blind: Sequence[int]) -> tuple[str, int] | None:
+        """What is seen to be broken without a look, and the case; None where nothing is."""
+        return self._first(lambda case: case.breaks(gains), [k for k in order if k not in blind])
+
+    def _broken(self, gains: Gains, order: Sequence[int]) -> tuple[str, int] | None:
+        """The first that is broken, and the case; None where nothing is."""
+        return self._first(lambda case: case.required.missed(case.margins(gains)), order)
+
+    def _first(self, missed: Callable[[Case], str], order: Sequence[int]) -> tuple[str, int] | None:
+        for k in order:
+            name = missed(self._cases[k])
+            self._progress()
+            if name:
+                return name, k
         return None
 
 

@@ -52,6 +52,12 @@ class Case:
     _whole: dict[bytes, Margins] = field(default_factory=dict, repr=False, compare=False)
     _last: list[tuple[bytes, "_core.Look"]] = field(default_factory=list, repr=False, compare=False)
 
+    @property
+    def joints(self) -> bool:
+        """Whether its directions are the joints."""
+        eye = np.eye(len(self.torque))
+        return np.array_equal(self.torque, eye) and np.array_equal(self.jacobian, eye)
+
     @cached_property
     def _directed(self) -> "_core.DirectedLoop":
         return directed_loop(self.loop(np.ones((3, len(self.cascade)))), self.torque, self.jacobian, self.cascade)

@@ -10,8 +10,8 @@ weight, it is left out, and what it does at the gains found so is reported besid
 
 import itertools
 import math
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,10 +21,12 @@ from ..linear.arrays import Booleans, Floats, Integers
 from ..system.requirements import REQUIREMENTS, Requirements
 from ..system.system import StateCase, System
 from .gain_search import Raised, raised_gains, stiffness
+from .gain_sets import GainSet, RobotGains
 from .judged_cases import case_of, joint_case, task_case
 from .margin_slopes import Case, Gains
+from .mirror import EXACT, mirror_of
 from .side_by_side import Job, side_by_side
-from .starting_gains import Beginning, joints_alone, joints_that_move, link_inertia, tasks_alike
+from .starting_gains import Beginning, JointsAlone, joints_alone, joints_that_move, link_inertia, tasks_alike
 
 if TYPE_CHECKING:
     from ..robot.model import RobotModel
@@ -48,101 +50,35 @@ EVERYWHERE = ""
 
 
 @dataclass(frozen=True)
-class GainSet:
-    """Gains for one contact state, or for all of them (contact "").
-
-    kp, kd    joint space: (n,) [N m/rad], [N m s/rad]; task space: (m,) K'p [1/s²], K'v [1/s]; NaN where nothing can move that joint or
-              direction in any state of the set: its gains would do nothing
-    ki        (m,) where a task is P/PI [1/s²]; None otherwise
-    margins   every margin in the case in which it is smallest
-    compliance  (m,) weight × inertia / stiffness, whose sum is made small [s²]; NaN where nothing can move
-    binding   posture, contact state and place in the uncertainty that keep the softest joint or direction from more, as text
-    cases     number of cases in which the requirements were checked
-    margin    (m,) what breaks if that joint or direction is raised by 5 %: the name of a requirement, "stability", or "" where nothing does
-    case      (m,) and where, as text
-    softest   the joint or direction that `binding` speaks of, by its place
-    without_weight  True where the weight of a robot that stands was left out, as with it no gains to begin with were found
-    nearest   what came nearest with the weight, as text; "" where it counted
-    topples   the states in which the weight makes these gains unstable
-    """
-
-    contact: str
-    kp: Floats
-    kd: Floats
-    ki: Floats | None
-    margins: Margins
-    binding: str
-    cases: int
-    compliance: Floats
-    margin: tuple[str, ...] = ()
-    case: tuple[str, ...] = ()
-    softest: int = 0
-    without_weight: bool = False
-    nearest: str = ""
-    topples: tuple[str, ...] = ()
-
-    @property
-    def moves(self) -> bool:
-        """False where nothing moves in any state of the set, so that there are no gains to report."""
-        return self.cases > 0
-
-
-@dataclass(frozen=True)
-class RobotGains:
-    """Recommended gains of one space ("joint" or "task").
-
-    names        of the joints or of the task directions
-    per_contact  one set per contact state, None where none was found that meets the requirements
-    everywhere   the one set that is safe in all; None where there is none
-    inertia      (n,) J_m + 1/W_ii in the first state: kp / inertia and kd / inertia are the gains in 1/s² and 1/s; None in task space
-    nearest      by contact state ("" for all), where no set was found: what came nearest, as text
-    unweighed    states in which the weight of a robot that stands is left out, as the contacts leave its base free to move
-    """
-
-    space: str
-    names: tuple[str, ...]
-    per_contact: dict[str, GainSet | None]
-    everywhere: GainSet | None
-    inertia: Floats | None
-    nearest: dict[str, str] = field(default_factory=dict)
-    unweighed: tuple[str, ...] = ()
-
-    @property
-    def cost(self) -> dict[str, float]:
-        """By contact state: how many times stiffer its own set is than the one that is safe everywhere, by what both make small; or NaN."""
-        return {
-            name: math.nan if own is None or self.everywhere is None else _ratio(own, self.everywhere)
-            for name, own in self.per_contact.items()
-        }
-
-
-def _ratio(own: GainSet, safe: GainSet) -> float:
-    """The quotient of the sums of their compliances, over what both move."""
-    both = np.isfinite(own.compliance) & np.isfinite(safe.compliance)
-    return float(safe.compliance[both].sum() / own.compliance[both].sum()) if both.any() else math.nan
-
-
-@dataclass(frozen=True)
 class _State:
     """One case of the uncertainty with its loops: `with_weight`, and `without` it (the same where none counts).
 
     moves, load   (m,) which directions can move, and what tells alike ones from others: a joint's inertia, a task direction's place
     """
 
-    contact: str
+    state: StateCase
     with_weight: Case
     without: Case
     weighed: bool
     moves: Booleans
     load: Floats
 
+    @property
+    def contact(self) -> str:
+        return self.state.contact
+
 
 def recommend_robot(
-    system: System, space: str = "joint", progress: Callable[[], None] = lambda: None, start: RobotGains | None = None
+    system: System,
+    space: str = "joint",
+    progress: Callable[[], None] = lambda: None,
+    start: RobotGains | None = None,
+    alone: JointsAlone | None = None,
 ) -> RobotGains:
     """Gains for the joints, or for the file's tasks (space "task").
 
     start   gains to begin with, such as those found for fewer states: the search is a local one
+    alone   what is known of joints by themselves, and is added to
 
     Raises GainroomError where nothing is required, and in task space without tasks.
     """
@@ -152,7 +88,7 @@ def recommend_robot(
     states = [replace(state, system=replace(state.system, requirements=required.tightened(RESERVE))) for state in states]
     found = [_joint_state(state) if space == "joint" else _task_state(state) for state in states]
     moved = [state.model for state, one in zip(states, found, strict=True) if one.moves.any()] or [first]
-    beginning = joints_alone(system, first, np.min([link_inertia(model) for model in moved], axis=0))
+    beginning = joints_alone(system, first, np.min([link_inertia(model) for model in moved], axis=0), alone)
     if space == "joint":
         names, inertia = system.source.joint_names, first.motor_inertia + link_inertia(first)
     else:
@@ -165,17 +101,28 @@ def recommend_robot(
     whole: dict[str, GainSet | None] = {}
     own = {contact: [state for state in found if state.contact == contact] for contact in system.source.contacts}
 
-    def alone(contact: str) -> Job[GainSet | None]:
-        first = known.get(contact) or safe
-        return lambda told: _set(contact, own[contact], required, beginning, told, nearest, first)
+    def alike(contacts: Sequence[str]) -> Job[list[GainSet | None]]:
+        """The first is searched for; what mirrors it has the same gains in another order."""
+
+        def job(told: Callable[[], None]) -> list[GainSet | None]:
+            sets: list[GainSet | None] = []
+            for contact in contacts:
+                found = _mirror_image(sets[0], own[contacts[0]], own[contact], required) if sets else None
+                start = known.get(contact) or safe
+                sets.append(found or _set(contact, own[contact], required, beginning, told, nearest, start))
+            return sets
+
+        return job
 
     for contact in [contact for contact, states in own.items() if len(states) == len(found)]:
         whole[contact] = safe and replace(safe, contact=contact)
         if EVERYWHERE in nearest:
             nearest[contact] = nearest[EVERYWHERE]
     some = [contact for contact in own if contact not in whole]
-    sets = whole | dict(zip(some, side_by_side([alone(contact) for contact in some], progress), strict=True))
-    per_contact = {contact: sets[contact] for contact in own}
+    groups = _mirrored(some, own, beginning)
+    for contacts, sets in zip(groups, side_by_side([alike(contacts) for contacts in groups], progress), strict=True):
+        whole.update(zip(contacts, sets, strict=True))
+    per_contact = {contact: whole[contact] for contact in own}
     return RobotGains(space, tuple(names), per_contact, safe, inertia, nearest, _unweighed(system, space, states))
 
 
@@ -256,6 +203,57 @@ def _set(
         without,
         near if without else "",
         tuple(topples),
+    )
+
+
+def _mirrored(contacts: Sequence[str], states: Mapping[str, Sequence[_State]], beginning: Beginning) -> list[list[str]]:
+    """The contact states in groups that mirror each other, as far as joints, directions and what their gains are measured by are alike."""
+    groups: list[list[str]] = []
+    for contact in contacts:
+        for group in groups:
+            order = _order(states[group[0]], states[contact])
+            if order is not None and all(
+                np.allclose(each[..., order], each, rtol=EXACT, atol=0.0) for each in (beginning.gains, beginning.unit)
+            ):
+                group.append(contact)
+                break
+        else:
+            groups.append([contact])
+    return groups
+
+
+def _order(states: Sequence[_State], others: Sequence[_State]) -> Integers | None:
+    """(m,) by direction of `others` that of `states`, where they mirror them: tasks' are themselves."""
+    order = mirror_of([(one.state, one.with_weight) for one in states], [(one.state, one.with_weight) for one in others])
+    size = len(states[0].moves)
+    return order if order is None or states[0].with_weight.joints else np.arange(size)
+
+
+def _mirror_image(found: GainSet | None, states: Sequence[_State], others: Sequence[_State], required: Requirements) -> GainSet | None:
+    """A set for `others` from that of the `states` which they mirror; None where there is none, or it does not keep what is required."""
+    order = _order(states, others)
+    if found is None or not found.moves or found.without_weight or order is None:
+        return None
+    kp, kd, ki = found.kp[order], found.kd[order], None if found.ki is None else found.ki[order]
+    gains = np.nan_to_num(np.array([kp, kd, np.zeros(len(order)) if ki is None else ki]))
+    margins = [one.with_weight.all_margins(gains) for one in others]
+    if not all(required.met_by(one) for one in margins):
+        return None
+    titles = {one.with_weight.title: other.with_weight.title for one, other in zip(states, others, strict=True)}
+    where = tuple(titles.get(found.case[j], "") for j in order)
+    softest = int(np.flatnonzero(order == found.softest)[0])
+    return replace(
+        found,
+        contact=others[0].contact,
+        kp=kp,
+        kd=kd,
+        ki=ki,
+        margins=worst_of(margins),
+        binding=where[softest],
+        compliance=found.compliance[order],
+        margin=tuple(found.margin[j] for j in order),
+        case=where,
+        softest=softest,
     )
 
 
@@ -363,4 +361,4 @@ def _both(state: StateCase, case: Callable[["RobotModel"], Case], moves: Boolean
     """With the weight, where it counts, and without."""
     weighed = state.model.gravity_stiffness is not None and bool(np.any(state.model.gravity_stiffness))
     whole = case(state.model)
-    return _State(state.contact, whole, case(replace(state.model, gravity_stiffness=None)) if weighed else whole, weighed, moves, load)
+    return _State(state, whole, case(replace(state.model, gravity_stiffness=None)) if weighed else whole, weighed, moves, load)

@@ -1,6 +1,9 @@
 """Gains with which the search for a robot's recommended gains begins: those of each joint alone, and of tasks at its rates."""
 
+import threading
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -58,12 +61,27 @@ def link_inertia(model: "RobotModel") -> Floats:
     return np.minimum(1 / np.maximum(own, 1 / heaviest), heaviest)
 
 
-def joints_alone(system: System, model: "RobotModel", lightest: Floats) -> Beginning:
-    """What each joint alone is recommended, with its lightest load and its longest delay."""
+class JointsAlone:
+    """Recommended kp and kd of single joints that are known already; may be asked from several threads."""
+
+    def __init__(self) -> None:
+        self._known: dict[tuple, tuple[float, float]] = {}
+        self._lock = threading.Lock()
+
+    def of(self, key: tuple, found: Callable[[], tuple[float, float]]) -> tuple[float, float]:
+        """Those of `key`, computed by `found` where they are not known."""
+        with self._lock:
+            if key not in self._known:
+                self._known[key] = found()
+            return self._known[key]
+
+
+def joints_alone(system: System, model: "RobotModel", lightest: Floats, known: JointsAlone | None = None) -> Beginning:
+    """What each joint alone is recommended, with its lightest load and its longest delay; `known`: of the same system."""
     size = model.size
     latest = [drive.delay for drive in system.drives] if system.uncertainty.delay is None else system.uncertainty.delay[1].tolist()
     heaviest = float(lightest.max())
-    known: dict[tuple, tuple[float, float]] = {}
+    known = known or JointsAlone()
     gains, unit = np.zeros((3, size)), np.zeros(size)
     for k in range(size):
         link = float(f"{lightest[k] / heaviest:.3g}") * heaviest  # legs that differ by round-off are one joint
@@ -72,9 +90,7 @@ def joints_alone(system: System, model: "RobotModel", lightest: Floats) -> Begin
         parts: dict[str, Any] = {name: float(getattr(model, name)[k]) / unit[k] for name in _JOINT}
         joint, drive = ElasticJoint(link_inertia=link / unit[k], **parts), replace(system.drives[k], delay=latest[k])
         key = (*parts.values(), joint.link_inertia, drive)
-        if key not in known:
-            known[key] = _alone(system, joint, drive)
-        gains[:2, k] = unit[k] * np.array(known[key])
+        gains[:2, k] = unit[k] * np.array(known.of(key, partial(_alone, system, joint, drive)))
     data = [*(np.asarray(getattr(model, name), dtype=float) for name in _JOINT), np.array(latest)]
     data += [np.array([getattr(drive, name) for drive in system.drives]) for name in ("bandwidth", "damping_ratio")]
     if system.control.weight is not None:

@@ -5,12 +5,14 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from ..analysis.margin_record import GainLimit, Margins
 from ..design.robot_gains import GainSet, RobotGains, margins_at_rate, recommend_robot
 from ..design.side_by_side import Job, side_by_side
+from ..design.starting_gains import JointsAlone
 from ..errors import computable
 from ..system.requirements import REQUIREMENTS
 from ..system.system import System
@@ -89,27 +91,36 @@ class RobotStudy(Analysis):
 
 def study_robot(system: System, progress: Progress | None = None, recommend: bool = True) -> RobotStudy:
     """Everything about one robot; `recommend`: with recommended gains, which takes longest. Raises as analyze does."""
-    found = analyze(system, progress, NUMBERS)
     tell = progress or (lambda done, total, what: None)
-    recommended = _recommended(system, tell) if recommend and system.requirements.asked else ()
-    return RobotStudy(system, found.every, recommended)
+    jobs = _recommended(system, tell) if recommend and system.requirements.asked else []
+
+    def analysis(told: Callable[[], None]) -> Analysis:
+        def report(done: int, total: int, what: str) -> None:
+            told()
+            tell(done, total, what)
+
+        return analyze(system, report, NUMBERS)
+
+    every: list[Job[Any]] = [analysis, *jobs]
+    found, *recommended = side_by_side(every, lambda: None)
+    return RobotStudy(system, found.every, tuple(recommended))
 
 
-def _recommended(system: System, tell: Progress) -> tuple[RobotGains, ...]:
+def _recommended(system: System, tell: Progress) -> list[Job[RobotGains]]:
     """Recommended gains in joint space and, where there are tasks, in task space."""
     spaces = ("joint", "task") if system.source.stack else ("joint",)
     expected = EXPECTED_LOOKS * len(system.source.states) * 2 ** len(system.uncertainty.names) * len(spaces)
-    looked = itertools.count()
-
-    def count() -> None:
-        tell(min(next(looked), expected), expected, "gains")
+    looked, alone = itertools.count(), JointsAlone()
 
     def of(space: str) -> Job[RobotGains]:
         def job(told: Callable[[], None]) -> RobotGains:
+            def count() -> None:
+                told()
+                tell(min(next(looked), expected), expected, "gains")
+
             with computable(f"{system.source.name}: recommended gains, {space} space"):
-                return recommend_robot(system, space, told)
+                return recommend_robot(system, space, count, alone=alone)
 
         return job
 
-    count()
-    return tuple(side_by_side([of(space) for space in spaces], count))
+    return [of(space) for space in spaces]

@@ -1,0 +1,110 @@
+"""States of a machine that mirror each other, as a biped's on its left and on its right foot: the same loops, with joints in another order.
+
+W' = Q W Qᵀ with Q a permutation of the joints with signs, likewise what gravity adds; motors, gearboxes and drives in that order. Gains
+then do in one state what they do, in that order, in the other.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..linear.arrays import Floats, Integers
+from ..system.plant import Plant
+from ..system.system import StateCase
+from .margin_slopes import Case
+
+EXACT = 1e-9
+"""Of a matrix whose diagonal is 1: entries that differ by less are round-off."""
+COUPLED = 1e-6
+"""Of that: entries that tell which joints turn the other way."""
+PARTS = ("motor_inertia", "stiffness", "damping", "motor_viscous", "link_viscous")
+
+
+def mirror_of(states: Sequence[tuple[StateCase, Case]], others: Sequence[tuple[StateCase, Case]]) -> Integers | None:
+    """(n,) by joint of `others` that of `states`, state by state, whose loops are the same; None where there is no such order.
+
+    Where the directions of a case are those of tasks, each has to be itself in the other case.
+    """
+    if len(states) != len(others) or any(one.model.compliance is not None for one, _ in (*states, *others)):
+        return None
+    order = _order([one.model for one, _ in states], [one.model for one, _ in others])
+    if order is None:
+        return None
+    pairs = list(zip(states, others, strict=True))
+    forms = [(one.model, other.model) for (one, _), (other, _) in pairs]
+    turned = _turned([(_scaled(a)[np.ix_(order, order)], _scaled(b)) for a, b in forms])
+    for ((one, case), (other, twin)), (a, b) in zip(pairs, forms, strict=True):
+        if any(one.system.drives[j] != other.system.drives[k] for k, j in enumerate(order.tolist())):
+            return None
+        if not all(np.allclose(getattr(a, name)[order], getattr(b, name), rtol=EXACT, atol=0.0) for name in PARTS):
+            return None
+        if not _same(_scaled(a)[np.ix_(order, order)] * np.outer(turned, turned), _scaled(b)):
+            return None
+        weight, other_weight = (
+            np.zeros((len(order), len(order))) if each is None else each for each in (a.gravity_stiffness, b.gravity_stiffness)
+        )
+        if not _same(weight[np.ix_(order, order)] * np.outer(turned, turned), other_weight):
+            return None
+        if not _tasks_alike(case, twin, order, turned):
+            return None
+    return order
+
+
+def _scaled(model: Plant) -> Floats:
+    """W in units in which its diagonal is 1."""
+    own = np.sqrt(np.maximum(np.diagonal(model.link_inverse_inertia), 1e-300))
+    return model.link_inverse_inertia / np.outer(own, own)
+
+
+def _weight(model: Plant) -> Floats:
+    return np.zeros((model.size, model.size)) if model.gravity_stiffness is None else model.gravity_stiffness
+
+
+def _same(one: Floats, other: Floats) -> bool:
+    return bool(np.abs(one - other).max() <= EXACT * max(np.abs(one).max(), np.abs(other).max()))
+
+
+def _order(models: Sequence[Plant], others: Sequence[Plant]) -> Integers | None:
+    """By joint of the others the one whose own data and coupling are the same in all states."""
+
+    def marks(each: Sequence[Plant]) -> Floats:
+        rows = [getattr(model, name) for model in each for name in PARTS]
+        rows += [np.diagonal(model.link_inverse_inertia) for model in each]
+        rows += [(_scaled(model) ** 2).sum(axis=1) for model in each]
+        return np.array(rows).T
+
+    free, found = marks(models), []
+    for mark in marks(others):
+        alike = [j for j in range(len(free)) if j not in found and np.allclose(free[j], mark, rtol=1e-6, atol=0.0)]
+        if not alike:
+            return None
+        found.append(alike[0])
+    return np.array(found)
+
+
+def _turned(forms: Sequence[tuple[Floats, Floats]]) -> Floats:
+    """(n,) ±1: −1 for joints that turn the other way, from the signs of what couples them."""
+    size = len(forms[0][0])
+    turned, open_ = np.zeros(size), []
+    for first in range(size):
+        if turned[first]:
+            continue
+        turned[first], open_ = 1.0, [first]
+        while open_:
+            i = open_.pop()
+            for one, other in forms:
+                for j in np.flatnonzero((np.abs(one[i]) > COUPLED) & (turned == 0)).tolist():
+                    turned[j] = turned[i] * (1.0 if one[i, j] * other[i, j] > 0 else -1.0)
+                    open_.append(j)
+    return turned
+
+
+def _tasks_alike(case: Case, twin: Case, order: Integers, turned: Floats) -> bool:
+    """Whether each direction of a task sees and moves the same joints, whichever way."""
+    if case.torque.shape != twin.torque.shape or not np.array_equal(case.cascade, twin.cascade):
+        return False
+    if case.joints:
+        return twin.joints
+    seen, moved = case.jacobian[:, order] * turned, case.torque[order] * turned[:, None]
+    ways = np.sign((seen * twin.jacobian).sum(axis=1))
+    return _same(seen * ways[:, None], twin.jacobian) and _same(moved * ways, twin.torque)
