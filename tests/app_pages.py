@@ -30,9 +30,9 @@ class Served:
     file: Path
 
 
-def serve(file: Path, port: int = 0) -> Served:
-    """`gainroom app FILE`, once it listens."""
-    command = [sys.executable, "-m", "gainroom", "app", str(file), "--no-browser", "--json", "--port", str(port)]
+def serve(file: Path, *options: str, port: int = 0) -> Served:
+    """`gainroom app FILE`, once it listens; `options` are further words."""
+    command = [sys.executable, "-m", "gainroom", "app", str(file), *options, "--no-browser", "--json", "--port", str(port)]
     told = environment(PYTHONUNBUFFERED="1")
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=told, preexec_fn=heard)
     assert process.stdout is not None
@@ -45,9 +45,9 @@ def serve(file: Path, port: int = 0) -> Served:
 
 
 @contextlib.contextmanager
-def serving(file: Path) -> Iterator[Served]:
+def serving(file: Path, *options: str) -> Iterator[Served]:
     """The same, ended behind the block."""
-    served = serve(file)
+    served = serve(file, *options)
     try:
         yield served
     finally:

@@ -22,12 +22,16 @@ class Cancelled(Exception):  # noqa: N818 - asked for, not an error
 
 @dataclass(frozen=True)
 class Opened:
-    """The file that the page is about: its text as it was read; `path` None: a shipped example, which cannot be saved."""
+    """The file that the page is about: its text as it was read; `path` None: a shipped example or a model, to which nothing is saved.
+
+    command  that opened it, where it is no file of its own
+    """
 
     text: str
     source: str
     folder: Path
     path: Path | None = None
+    command: str = ""
 
     def save(self, text: str, digest: str) -> None:
         """Write `text` in its place.
@@ -37,7 +41,7 @@ class Opened:
         from ..io.atomic import replacement, writing
 
         if self.path is None:
-            raise GainroomError(f"{self.source}: is a shipped example and cannot be saved; copy its text")
+            raise GainroomError(f"{self.source}: no gains are saved to an example or a model: copy them, or start with --write-robot")
         if digest_of(text) != digest:
             raise GainroomError(f"{self.source}: not saved, as the gains have changed since the difference was shown")
         if read_text(self.path) != self.text:

@@ -34,7 +34,20 @@ from ..system.system import System
 from .bench import Opened, Part, Told
 from .edits import timing
 from .messages import View
-from .robot_curves import Channel, bode, channel_plane, gain_map, heat, mode, quick_verdict, slowest_root, span_of, stand, window_for
+from .robot_curves import (
+    Channel,
+    bode,
+    channel_plane,
+    gain_map,
+    heat,
+    keyframe_angles,
+    mode,
+    quick_verdict,
+    slowest_root,
+    span_of,
+    stand,
+    window_for,
+)
 from .robot_shapes import described, pose, shapes_of
 from .shaken import shaken
 
@@ -79,6 +92,7 @@ class RobotBench:
             "span_hz": span_of(system),
             "rates": rates,
             "postures": list(source.postures),
+            "keyframes": keyframe_angles(source),
             "contacts": list(source.contacts),
             "joints": stand(source),
             "shapes": described(self.shapes),
@@ -171,7 +185,7 @@ class RobotBench:
         return copied_gains(gains, form, f"{Path(self.opened.source).stem}, {kept}", None if rate is None else 1 / rate)
 
     def page(self, view: View) -> str:
-        return robot_page(self._studied(view, lambda *_: None), f"gainroom robot {self.opened.source}")
+        return robot_page(self._studied(view, lambda *_: None), self.opened.command or f"gainroom robot {self.opened.source}")
 
     def state(self, view: View) -> State:
         """The view's posture and contact state."""

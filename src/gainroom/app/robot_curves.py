@@ -1,7 +1,9 @@
 """What the page draws of a robot: one channel's plane and return ratio with all others closed, the mode, and the heat map."""
 
+import contextlib
 import math
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,7 +11,8 @@ import numpy as np
 from ..analysis.gain_limit import GainLimit
 from ..analysis.part_plane import PartPlane
 from ..analysis.stability import rightmost_roots
-from ..errors import frequency_text, listed
+from ..errors import GainroomError, frequency_text, listed
+from ..files.audit_options import all_keyframes
 from ..report.margin_columns import margin_value, requirement
 from ..report.robot_headroom import Factors, joint_factors, task_factors
 from ..robot.robot import Robot
@@ -48,6 +51,14 @@ def stand(source: Robot) -> list[dict[str, Any]]:
         }
         for k, name in enumerate(source.joint_names)
     ]
+
+
+def keyframe_angles(source: Robot) -> dict[str, dict[str, float]]:
+    """Of an MJCF's keyframes, by joint; none where they cannot be read."""
+    with contextlib.suppress(GainroomError):
+        frames = all_keyframes(Path(source.body.source))
+        return {name: {joint: angles[joint] for joint in source.joint_names if joint in angles} for name, angles in frames.items()}
+    return {}
 
 
 def span_of(system: System) -> tuple[float, float]:

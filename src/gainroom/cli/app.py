@@ -1,15 +1,20 @@
 """gainroom app: the interactive page."""
 
+import contextlib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .options import AsJson, kind_of, report_stream
+from . import model_options as given
+from .model_options import MARGIN_DB, Number, audit_command, audited_text
+from .options import AsJson, kind_of, number_option, report_stream, yaml_output
 from .output import emit, emit_json
 
 if TYPE_CHECKING:
     from ..app.bench import Bench
+    from ..files.audit_options import AuditOptions
 
 DEFAULT = "testbed"
 MISSING = "the page needs a web server: pip install 'gainroom[app]'"
@@ -17,8 +22,12 @@ MISSING = "the page needs a web server: pip install 'gainroom[app]'"
 
 def app(
     file: Annotated[
-        Path | None,
-        typer.Argument(metavar="FILE", help="A joint.yaml or robot.yaml; without it, an example.", show_default=False),
+        str | None,
+        typer.Argument(
+            metavar="FILE",
+            help="A joint.yaml or robot.yaml; a model (URDF, MJCF) with --delay-ms and audit's other options; without it, an example.",
+            show_default=False,
+        ),
     ] = None,
     host: Annotated[str, typer.Option(metavar="NAME", help="Where it listens; elsewhere than on this machine the address has a token.")] = (
         "127.0.0.1"
@@ -27,6 +36,28 @@ def app(
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page.")] = True,
     export: Annotated[Path | None, typer.Option("--export", metavar="OUT.html", help="Write the report of a view and end.")] = None,
     view: Annotated[str, typer.Option(metavar="TEXT", help="For --export: what stands behind the # of the page's address.")] = "",
+    delay_ms: Annotated[
+        Number,
+        number_option("--delay-ms", "in milliseconds", "Of a model, as of audit: from the host to motor torque [ms]; see --gains-run."),
+    ] = None,
+    gains: given.Gains = None,
+    rate_hz: given.RateHz = None,
+    stiffness: given.Stiffness = None,
+    damping: given.Damping = None,
+    gearbox: given.Gearbox = None,
+    motor_inertia: given.MotorInertia = None,
+    bandwidth: given.Bandwidth = None,
+    base: given.Base = None,
+    contact: given.Contact = None,
+    posture: given.Posture = None,
+    joint_damping: given.JointDamping = None,
+    margin_db: given.MarginDb = MARGIN_DB,
+    gains_run: given.GainsRun = None,
+    drive_rate_hz: given.DriveRateHz = None,
+    drive_delay_ms: given.DriveDelayMs = None,
+    write_robot: Annotated[
+        Path | None, typer.Option(metavar="ROBOT.yaml", help="Of a model: write the robot there first; the page then saves to it.")
+    ] = None,
     as_json: AsJson = False,
 ) -> int:
     """A page on which gains are dragged; verdict, gain map, Bode plot and step follow. It stays on this machine.
@@ -34,14 +65,35 @@ def app(
     \b
     Example:
       gainroom app joint.yaml
+      gainroom app robot.xml --delay-ms 2 --gains gains.yaml
 
     Exit status: 0 done; 2 the file or the call is wrong; 130 ended by Ctrl-C.
     """
+    from ..files.audit_options import AuditOptions
+
+    options = None
+    if delay_ms is not None:
+        contacts, postures = tuple(contact or ()), tuple(posture or ())
+        options = AuditOptions(
+            delay_ms, rate_hz, stiffness, damping, motor_inertia, bandwidth, base, contacts, postures, joint_damping, gains_run,
+            drive_rate_hz, drive_delay_ms, gearboxes=tuple(gearbox or ()),
+        )  # fmt: skip
+    else:
+        typed = {
+            "--gains": gains, "--rate-hz": rate_hz, "--stiffness": stiffness, "--damping": damping, "--gearbox": gearbox, "--base": base,
+            "--motor-inertia": motor_inertia, "--bandwidth": bandwidth, "--contact": contact, "--posture": posture,
+            "--joint-damping": joint_damping, "--gains-run": gains_run, "--drive-rate-hz": drive_rate_hz,
+            "--drive-delay-ms": drive_delay_ms, "--write-robot": write_robot,
+        }  # fmt: skip
+        _refuse_without_model([name for name, value in typed.items() if value not in (None, [])])
+
+    def opened() -> "contextlib.AbstractContextManager[Bench]":
+        return contextlib.nullcontext(_bench(file)) if options is None else _audited(file, gains, options, margin_db, write_robot)
+
     if export is not None:
         from ..app.address import view_of
 
-        with report_stream(export) as page:
-            bench = _bench(file)
+        with report_stream(export, write_robot) as page, opened() as bench:
             assert page is not None
             page.write(bench.page(view_of(view)))
         return 0
@@ -54,8 +106,6 @@ def app(
         raise GainroomError(MISSING) from None
     from ..app.server import serve
 
-    bench = _bench(file)
-
     def ready(address: str) -> None:
         if as_json:
             emit_json({"address": address, "file": bench.opened.source, "kind": bench.opening()["kind"]})
@@ -66,19 +116,71 @@ def app(
 
             webbrowser.open(address)
 
+    with opened() as bench:
+        pass  # what is written stands before the page is served
     serve(bench, host, port, ready)
     return 0
 
 
-def _bench(file: Path | None) -> "Bench":
+def _refuse_without_model(options: list[str]) -> None:
+    """Raise GainroomError for audit's options without --delay-ms, which every model needs."""
+    if options:
+        from ..errors import GainroomError
+
+        raise GainroomError(
+            f"{options[0]}: is of a model, a URDF or MJCF, and needs --delay-ms: how long from the host to motor torque [ms]"
+        )
+
+
+@contextlib.contextmanager
+def _audited(file: str | None, gains: Path | None, options: "AuditOptions", margin_db: float, target: Path | None) -> "Iterator[Bench]":
+    """The robot.yaml that `gainroom audit MODEL --write-robot` writes, opened; it is written to `target` when the block ends well."""
+    from ..app.bench import Opened
+    from ..app.robot_bench import RobotBench
+    from ..errors import GainroomError
+    from ..files.audit_options import audited, margin_factor
+    from ..io.atomic import writing
+
+    if file is None:
+        raise GainroomError(f"--delay-ms {options.delay_ms:g}: is of a model; name a URDF or MJCF before it")
+    if options.gains_run == "split":
+        raise GainroomError("--gains-run split: the page has one rate and delay for all gains; gainroom audit judges two")
+    margin = margin_factor(margin_db)
+    found = audited(file, gains, options)
+    result = None
+    if found.gearboxes is not None:
+        from ..studies.audit import audit
+        from .progress import progress_bar
+
+        with progress_bar("app:") as progress:
+            result = audit(found.system, margin, progress, options.damping_ratio, found.gearboxes)
+    command = audit_command(file, gains, options, {}, {"--margin-db": margin_db}, None)
+    place = Path(f"{Path(file).stem}.yaml") if target is None else target
+    text = audited_text(found, result, file, margin_db, command, place)
+    with yaml_output(target, "--write-robot", "robot.yaml") as robot:
+        source = file if target is None else str(target)
+        yield RobotBench(Opened(text, source, place.parent, target, command.replace(" audit ", " app ", 1)))
+        if robot is not None and target is not None:
+            with writing(target):
+                robot.write_text(text, "utf-8", newline="\n")
+
+
+def _bench(name: str | None) -> "Bench":
     """The file, opened."""
     from ..app.bench import Opened
     from ..app.joint_bench import JointBench
+    from ..errors import GainroomError
+    from ..files.file_types import kind_of_file
     from ..io.yaml_text import read_text
     from .example import example_texts
 
-    if file is None:
+    if name is None:
         return JointBench(Opened(example_texts()[DEFAULT], f"{DEFAULT}.yaml", Path()))
+    file = Path(name)
+    if kind_of_file(file) == "model":
+        raise GainroomError(
+            f"{name}: is a robot's model; its delay is needed, too: gainroom app {name} --delay-ms 2, and --gains for its gains"
+        )
     opened = Opened(read_text(file), str(file), file.parent, file)
     if kind_of(file) == "robot":
         from ..app.robot_bench import RobotBench

@@ -6,19 +6,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..report.number_format import as_typed, model_kind, model_text
-from .options import AsJson, Report, Verbose, command_line, number_option, report_stream, yaml_output
+from . import model_options as given
+from .model_options import DAMPING_RATIO, MARGIN_DB, Number, audit_command, audited_text
+from .options import AsJson, Report, Verbose, number_option, report_stream, yaml_output
 from .output import closing, column_table, few, render, show
 from .progress import progress_bar
 
 if TYPE_CHECKING:
-    from ..files.audit_options import Audited, AuditOptions
     from ..studies.audit import Audit
     from ..studies.simulator_audit import SimulatorAudit
     from ..sweep.summary import SweepSummary
 
-Number = float | None
-MARGIN_DB = 6.0
-DAMPING_RATIO = 0.05
 STIFFNESS = "By the stiffness of the gearboxes that are not known"
 FEW_JOINTS = 8
 """Shown without being asked for all: those with the least headroom."""
@@ -37,54 +35,19 @@ def audit(
         float,
         number_option("--delay-ms", "in milliseconds", "From the host to motor torque [ms]; see --gains-run.", show_default=False),
     ],
-    gains: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Gains: plain or ros2_control YAML, a Python file of mjlab or Isaac Lab (FILE.py:NAME), Kp and Kd arrays, a policy's "
-            "ONNX, moteus, MJCF; without it, the MJCF's own actuators.",
-        ),
-    ] = None,
-    rate_hz: Annotated[Number, number_option("--rate-hz", "in Hz", "Of the controller [Hz]; without it, continuous time.")] = None,
-    stiffness: Annotated[Number, number_option("--stiffness", "in N m/rad", "Of every gearbox [N m/rad]; without it, rigid.")] = None,
-    damping: Annotated[Number, number_option("--damping", "in N m s/rad", "Of every gearbox [N m s/rad].")] = None,
-    damping_ratio: Annotated[
-        float,
-        number_option("--damping-ratio", "", "Of gearboxes whose stiffness is not given, for how stiff they must be; 0.05 is 5 %."),
-    ] = DAMPING_RATIO,
-    gearbox: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="[JOINT=]TYPE",
-            help="harmonic, planetary, cycloidal, belt: judge the worst of a typical range of stiffness and damping; direct: rigid. Of all "
-            "joints, or of those that match a pattern; may be repeated, the later wins.",
-        ),
-    ] = None,
-    motor_inertia: Annotated[
-        Number, number_option("--motor-inertia", "in kg m²", "Joint side [kg m²], where the gains' file names none.")
-    ] = None,
-    bandwidth: Annotated[Number, number_option("--bandwidth", "in rad/s", "Of the current loops [rad/s]; without it, ideal.")] = None,
-    base: Annotated[str | None, typer.Option(help="fixed or floating; without it, as the MJCF has it. fixed locks a free joint.")] = None,
-    contact: Annotated[
-        list[str] | None,
-        typer.Option(metavar="FRAME[:TYPE]", help="A frame on the ground, flat; FRAME:line, FRAME:point; may be repeated."),
-    ] = None,
-    posture: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="JOINT=ANGLE",
-            help="Position of a joint, or of all that match a pattern [rad; m if prismatic]; or the name of an MJCF's keyframe. May be "
-            "repeated, the later wins; default 0.",
-        ),
-    ] = None,
-    joint_damping: Annotated[
-        str | None,
-        typer.Option(
-            metavar="WHAT",
-            help="What the model's own joint damping is: controller (a part of kd) or friction; without it, it does not count.",
-        ),
-    ] = None,
-    margin_db: Annotated[float, number_option("--margin-db", "in dB", "Gain margin that safe gains have [dB].")] = MARGIN_DB,
+    gains: given.Gains = None,
+    rate_hz: given.RateHz = None,
+    stiffness: given.Stiffness = None,
+    damping: given.Damping = None,
+    damping_ratio: given.DampingRatio = DAMPING_RATIO,
+    gearbox: given.Gearbox = None,
+    motor_inertia: given.MotorInertia = None,
+    bandwidth: given.Bandwidth = None,
+    base: given.Base = None,
+    contact: given.Contact = None,
+    posture: given.Posture = None,
+    joint_damping: given.JointDamping = None,
+    margin_db: given.MarginDb = MARGIN_DB,
     delay_margin_ms: Annotated[
         Number,
         number_option("--delay-margin-ms", "in milliseconds", "Extra delay that safe gains survive [ms]; without it, half of the delay."),
@@ -109,18 +72,9 @@ def audit(
     ] = None,
     decimation: Annotated[int | None, typer.Option(metavar="STEPS", help="For which an explicit torque is held; 1 by default.")] = None,
     armature: Annotated[str | None, typer.Option(metavar="OF", help="Of the simulator's joints: file, or motor, its inertia.")] = None,
-    gains_run: Annotated[
-        str | None,
-        typer.Option(
-            metavar="WHERE",
-            help="host: kp and kd see all of --delay-ms, as is assumed without it; drive: it only delays set-points; split: kd runs on the "
-            "drive, kp on the host.",
-        ),
-    ] = None,
-    drive_rate_hz: Annotated[Number, number_option("--drive-rate-hz", "in Hz", "Of gains that run on the drive [Hz].")] = None,
-    drive_delay_ms: Annotated[
-        Number, number_option("--drive-delay-ms", "in milliseconds", "Of their own loop, measurement to torque [ms].")
-    ] = None,
+    gains_run: given.GainsRun = None,
+    drive_rate_hz: given.DriveRateHz = None,
+    drive_delay_ms: given.DriveDelayMs = None,
     write_robot: Annotated[
         Path | None, typer.Option(metavar="ROBOT.yaml", help="Also write this robot as a robot.yaml, to go on from with gainroom robot.")
     ] = None,
@@ -177,61 +131,19 @@ def audit(
                 swept = over_workspace(result.system, workspace, result.margin, progress)
         show(as_json, lambda: _facts(result, simulated, swept), lambda: _terminal(result, simulated, swept, report, verbose))
         if robot is not None and write_robot is not None:
-            _write(
-                robot,
-                result,
-                found,
-                model,
-                margin_db,
-                _command(model, gains, options, {}, {"--margin-db": margin_db, **limits}, None),
-                write_robot,
-            )
+            from ..io.atomic import writing
+
+            typed = audit_command(model, gains, options, {}, {"--margin-db": margin_db, **limits}, None)
+            text = audited_text(found, result, model, margin_db, typed, write_robot)
+            with writing(write_robot):
+                robot.write_text(text, "utf-8", newline="\n")
         if page is not None:
             from ..report.audit import audit_page
 
-            page.write(audit_page(result, _command(model, gains, options, asked, {"--margin-db": margin_db, **limits}, report), simulated))
+            page.write(
+                audit_page(result, audit_command(model, gains, options, asked, {"--margin-db": margin_db, **limits}, report), simulated)
+            )
     return 0 if result.safe and (simulated is None or simulated.limit.stable) and (swept is None or swept.margin_held) else 1
-
-
-def _command(
-    model: str, gains: Path | None, options: "AuditOptions", asked: dict[str, Any], limits: dict[str, Any], report: Path | None
-) -> str:
-    """The command that makes the same page."""
-    return command_line(
-        "audit",
-        model,
-        ("--delay-ms", options.delay_ms),
-        ("--gains", gains),
-        ("--rate-hz", options.rate_hz),
-        ("--stiffness", options.stiffness),
-        ("--damping", options.damping),
-        ("--damping-ratio", options.damping_ratio if options.damping_ratio != DAMPING_RATIO else None),
-        *(("--gearbox", text) for text in options.gearboxes),
-        ("--motor-inertia", options.motor_inertia),
-        ("--bandwidth", options.bandwidth),
-        ("--base", options.base),
-        *(("--contact", frame) for frame in options.contacts),
-        *(("--posture", text) for text in options.posture),
-        ("--joint-damping", options.joint_damping),
-        ("--gains-run", options.gains_run),
-        ("--drive-rate-hz", options.drive_rate_hz),
-        ("--drive-delay-ms", options.drive_delay_ms),
-        *((name, value if (name, value) != ("--margin-db", MARGIN_DB) else None) for name, value in limits.items()),
-        *((f"--{name}", value) for name, value in asked.items()),
-        ("--report", report),
-    )
-
-
-def _write(robot: Path, result: "Audit", found: "Audited", model: str, margin_db: float, command: str, target: Path) -> None:
-    """The robot.yaml, into the new file `robot` that takes the place of `target`."""
-    from .. import __version__
-    from ..files.audited_robot import audited_robot_text, with_gearboxes
-    from ..io.atomic import writing
-
-    sections = found.sections if result.over is None else with_gearboxes(found.sections, result.system.source, result.over.range.types)
-    text = audited_robot_text(sections, model, margin_db, command, __version__, target)
-    with writing(target):
-        robot.write_text(text, "utf-8", newline="\n")
 
 
 def _facts(result: "Audit", simulated: "SimulatorAudit | None", swept: "SweepSummary | None") -> dict[str, Any]:

@@ -327,13 +327,30 @@ def _angles(typed: Sequence[str], path: Path, joint_names: Sequence[str]) -> dic
     return angles
 
 
+def all_keyframes(path: Path) -> Mapping[str, Mapping[str, float]]:
+    """Of an MJCF and of the scenes beside it: by name the angles of joints, the model's own first."""
+    found: dict[str, Mapping[str, float]] = dict(keyframes(path))
+    for scene in _scenes(path):
+        with contextlib.suppress(GainroomError):
+            found = {**keyframes(scene), **found}
+    return found
+
+
+def _scenes(path: Path) -> Iterator[Path]:
+    """The files beside an MJCF that include it."""
+    for scene in sorted(path.parent.glob("*scene*.xml"))[:MOST_SCENES]:
+        with contextlib.suppress(GainroomError):  # another robot's scene may be anything
+            if includes(scene, path):
+                yield scene
+
+
 def _scene_with(name: str, path: Path) -> Path | None:
     """The file beside an MJCF that includes it and has this keyframe, where the model itself has not: its scene."""
     if "=" in name or name in keyframes(path):
         return None
-    for scene in sorted(path.parent.glob("*scene*.xml"))[:MOST_SCENES]:
-        with contextlib.suppress(GainroomError):  # another robot's scene may be anything
-            if includes(scene, path) and name in keyframes(scene):
+    for scene in _scenes(path):
+        with contextlib.suppress(GainroomError):
+            if name in keyframes(scene):
                 return scene
     return None
 

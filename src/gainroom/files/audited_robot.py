@@ -49,7 +49,7 @@ def audited_robot_text(sections: Mapping[str, Any], model: str, margin_db: float
     body = yaml.dump(data, Dumper=_Dumper, sort_keys=False, default_flow_style=None, allow_unicode=True, width=120)
     text = f"# Written by gainroom {version}: {' '.join(command.split())}\n{body}"
     try:
-        parse_robot(text, str(target), target.parent)
+        parse_robot(text, str(target), target.parent, two_paths=True)
     except GainroomError as error:
         raise GainroomError(f"the robot.yaml that would be written cannot be read: {error}") from error
     return text

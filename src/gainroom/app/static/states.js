@@ -10,12 +10,15 @@ function shade(factor) {
   return `rgb(${from.map((each, k) => Math.round(each + (to[k] - each) * Math.abs(height))).join(",")})`;
 }
 
+/** @param {Record<string, number>} one @param {Record<string, number>} other */
+const same = (one, other) => Object.keys(one).length === Object.keys(other).length && Object.keys(one).every((name) => one[name] === other[name]);
+
 /** @param {string} text @param {string} id @param {string[]} values @param {(value: string) => void} chosen */
 function choice(text, id, values, chosen) {
   const label = document.createElement("label"), select = document.createElement("select");
   select.id = id;
   for (const value of values) select.add(new Option(value, value));
-  select.addEventListener("change", () => chosen(select.value));
+  select.onchange = () => chosen(select.value);
   label.append(text, document.createElement("output"), select);
   return { label, select };
 }
@@ -31,6 +34,7 @@ export class States {
     for (const [text, name, values] of /** @type {[string, string, string[]][]} */ ([[opening.space === "task" ? "direction" : "joint", "joint", opening.channels], ["contact", "contact", opening.contacts], ["posture", "posture", opening.postures]])) {
       const { label, select } = choice(text, name, values, (value) => this.choose({ [name]: value }));
       this.selects.push([name, select]);
+      if (name === "posture") this.presets(select, opening.keyframes);
       place.prepend(label);
     }
     this.heat = /** @type {HTMLElement} */ (document.getElementById("states"));
@@ -43,11 +47,23 @@ export class States {
     this.show();
   }
 
+  /** The model's own keyframes stand below the postures: angles in place of the chosen one's. @param {any} select @param {any} frames */
+  presets(select, frames) {
+    const group = document.createElement("optgroup");
+    group.label = "keyframes of the model";
+    for (const [name, angles] of Object.entries(frames)) group.append(Object.assign(new Option(name, `keyframe ${name}`), { angles }));
+    if (group.children.length) select.append(group);
+    select.onchange = () => {
+      const { angles } = select.selectedOptions[0];
+      this.choose(angles ? { angles: { ...angles } } : { posture: select.value });
+    };
+  }
+
   /** @param {any} values */
   choose(values) {
     this.gesture(true);
     Object.assign(this.page.view, values);
-    if ("posture" in values) this.page.view.angles = {};
+    if ("posture" in values && !values.angles) this.page.view.angles = {};
     delete this.page.view.point;
     this.look(true);
     this.show();
@@ -77,7 +93,10 @@ export class States {
 
   show() {
     const { view } = this.page;
-    for (const [name, select] of this.selects) select.value = view[name];
+    for (const [name, select] of this.selects) {
+      const frame = name === "posture" && [...select.options].find((each) => each.angles && same(each.angles, view.angles));
+      select.value = frame ? frame.value : view[name];
+    }
     for (const [joint, input, output] of this.angles || []) {
       const value = view.angles[joint.name] ?? joint.at[view.posture];
       input.value = String(value);

@@ -1,0 +1,98 @@
+"""`gainroom app MODEL`: the page opens on the robot that `gainroom audit MODEL --write-robot` writes, with its numbers."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from app_pages import CERTIFIED, open_tab, serving
+from gainroom.app.bench import Opened
+from gainroom.app.messages import View
+from gainroom.app.robot_bench import RobotBench
+from gainroom.cli import main
+
+pytest.importorskip("pinocchio")
+pytest.importorskip("mujoco")
+pytest.importorskip("uvicorn", reason="the extra gainroom[app] is not installed")
+
+LEG = """<mujoco model="leg"><compiler angle="radian"/><worldbody>
+<body name="thigh" pos="0 0 1"><joint name="hip" axis="0 1 0" range="-1.8 0.8" armature="0.025"/>
+<geom type="capsule" fromto="0 0 0 0 0 -0.4" size="0.05" mass="4"/>
+<body name="shank" pos="0 0 -0.4"><joint name="knee" axis="0 1 0" range="0 2.3" armature="0.025"/>
+<geom type="capsule" fromto="0 0 0 0 0 -0.4" size="0.04" mass="3"/></body></body></worldbody>
+<actuator><position name="hip" joint="hip" kp="98.7" kv="6.28"/><position name="knee" joint="knee" kp="98.7" kv="6.28"/></actuator>
+<keyframe><key name="squat" qpos="-0.6 1.2"/></keyframe></mujoco>"""
+SCENE = """<mujoco><include file="leg.xml"/><keyframe><key name="kneel" qpos="-0.2 2.0"/></keyframe></mujoco>"""
+OPTIONS = ("--delay-ms", "4", "--stiffness", "2000", "--damping", "2", "--rate-hz", "1000")
+
+
+@pytest.fixture
+def leg(tmp_path: Path) -> Path:
+    (tmp_path / "leg.xml").write_text(LEG, "utf-8")
+    (tmp_path / "scene.xml").write_text(SCENE, "utf-8")
+    return tmp_path / "leg.xml"
+
+
+def said(capsys: pytest.CaptureFixture[str], *words: str) -> dict[str, Any]:
+    main([*words, "--json"])
+    return json.loads(capsys.readouterr().out)
+
+
+def bench_at(path: Path) -> RobotBench:
+    return RobotBench(Opened(path.read_text("utf-8"), str(path), path.parent, path))
+
+
+def test_it_opens_the_robot_that_audit_writes(leg: Path, capsys):
+    """The same file, byte for byte; what the page then certifies is what audit says of the same call."""
+    written, opened = leg.parent / "written.yaml", leg.parent / "opened.yaml"
+    audited = said(capsys, "audit", str(leg), *OPTIONS, "--posture", "squat", "--write-robot", str(written))
+    call = ["app", str(leg), *OPTIONS, "--posture", "squat", "--write-robot", str(opened), "--export", str(leg.parent / "page.html")]
+    assert main(call) == 0
+    assert opened.read_text("utf-8") == written.read_text("utf-8")
+    shown = [part for name, part in bench_at(opened).full(View(), None, lambda *_: None) if name == "verdict"][-1]
+    assert [state["gain_limit"] for state in shown["states"]] == [state["gain_limit"] for state in audited["states"]]
+    assert "gainroom app" in (leg.parent / "page.html").read_text("utf-8")
+
+
+def test_keyframes_of_the_model_and_of_its_scene_are_presets(leg: Path):
+    main(["app", str(leg), *OPTIONS, "--write-robot", str(leg.parent / "r.yaml"), "--export", str(leg.parent / "page.html")])
+    frames = bench_at(leg.parent / "r.yaml").opening()["keyframes"]
+    assert frames == {"squat": {"hip": -0.6, "knee": 1.2}, "kneel": {"hip": -0.2, "knee": 2.0}}
+
+
+def test_a_keyframe_is_taken_in_the_browser(browser: Any, leg: Path):
+    with serving(leg, *OPTIONS) as own:
+        tab = open_tab(browser, own.address)
+        tab.settle(CERTIFIED)
+        assert tab.page.locator("#save").is_hidden()  # a model holds no such gains
+        tab.page.locator("#posture").select_option(label="squat")
+        tab.settle(CERTIFIED)
+        assert tab.view()["angles"] == {"hip": -0.6, "knee": 1.2}
+        assert tab.page.locator("#posture").input_value() == "keyframe squat"
+        tab.page.locator("#posture").select_option("zero")
+        tab.settle(CERTIFIED)
+        assert tab.view()["angles"] == {}
+        assert not tab.said
+
+
+REFUSED = (
+    (("leg.xml",), "leg.xml: is a robot's model; its delay is needed, too: gainroom app leg.xml --delay-ms 2"),
+    (("--delay-ms", "2"), "--delay-ms 2: is of a model; name a URDF or MJCF before it"),
+    (("leg.xml", "--stiffness", "0"), "--stiffness: is of a model, a URDF or MJCF, and needs --delay-ms"),
+    (("leg.xml", "--delay-ms", "2", "--write-robot", "leg.xml"), "leg.xml: the robot.yaml would overwrite the input"),
+    (("robot.yaml", "--delay-ms", "2"), "robot.yaml: must be a URDF or MJCF; it describes a whole robot: gainroom robot robot.yaml"),
+    (
+        ("leg.xml", "--delay-ms", "4", "--rate-hz", "500", "--gains-run", "split", "--drive-rate-hz", "20000", "--drive-delay-ms", "0.05"),
+        "--gains-run split: the page has one rate and delay for all gains; gainroom audit judges two",
+    ),
+)
+
+
+@pytest.mark.parametrize(("words", "message"), REFUSED)
+def test_calls_that_mean_nothing_are_refused(words: tuple[str, ...], message: str, leg: Path, capsys, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(leg.parent)
+    Path("robot.yaml").write_text("model: {file: leg.xml}\n", "utf-8")
+    assert main(["app", *words, "--no-browser", "--export", "page.html"]) == 2
+    assert message in " ".join(capsys.readouterr().err.split())
+    assert not Path("page.html").exists()
