@@ -109,6 +109,25 @@ def test_task_gains_are_edited_in_their_lists():
     assert [name for name, _ in parts] == ["verdict", "verdict", "bode", "map", "mode", "root"]
 
 
+def test_the_step_of_a_joint_is_that_of_its_transfer_function():
+    """The truth: the running sum of the inverse Fourier transform of T = L (I + L)⁻¹, read at this joint; 16 s, in which all decays."""
+    bench, step = bench_of(TEXT), 1 / 1000
+    view = View.model_validate({"sample_rate_hz": 1000, "contact": "double", "joint": "left_knee", "gains": {"left_knee": {"kp": 3000.0}}})
+    parts = dict(bench.curves(view, None, "", True))
+    state, count = bench.state(view), 1 << 14
+    omega = 2 * np.pi * np.fft.rfftfreq(count, step)
+    omega[0] = 1e-3  # at rest the loop is infinite, and T there 1
+    loop = state.loop.response(omega)
+    k = state.model.joint_names.index("left_knee")
+    transfer = np.linalg.solve(np.eye(loop.shape[1]) + loop, loop)[:, k, k]
+    truth = np.cumsum(np.fft.irfft(transfer, count))
+    ticks = np.rint(np.array(parts["step"]["ms"]) / (1e3 * step)).astype(int)
+    assert len(ticks) > 30
+    assert np.allclose(parts["step"]["reference"], truth[ticks], atol=2e-3)  # what is left after 16 s, folded back
+    assert not np.allclose(parts["before"]["reference"], truth[ticks], atol=2e-2)
+    assert "sample rate" in dict(bench.curves(View(), None, "", True))["step"]["note"]
+
+
 def test_an_untouched_view_leaves_the_file_as_it_is():
     bench = bench_of(TEXT)
     assert bench.text(View.model_validate(strict(bench.opening()["view"]))) == TEXT

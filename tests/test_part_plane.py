@@ -7,9 +7,11 @@ import pytest
 
 import gainroom as gr
 from gainroom.analysis.part_plane import PartPlane
+from gainroom.analysis.part_requirements import required_columns
 from gainroom.analysis.stability import is_stable
 from gainroom.cli.example import example_texts
 from gainroom.files.robot_yaml import parse_robot
+from gainroom.system.requirements import Requirements
 
 pytest.importorskip("pinocchio")
 TEXT = example_texts()["biped"]
@@ -114,3 +116,46 @@ def test_the_return_ratio_with_others_closed():
 
     expected = determinant(3000.0, 140.0) / determinant(0.0, 0.0) - 1
     assert np.allclose(plane.ratio(3000.0, 140.0)[places], expected, rtol=1e-6)
+
+
+USUAL = Requirements(gain_margin=2.0, phase_margin=np.radians(30), peak_sensitivity=2.0)
+
+
+OWN = [(TEXT, "left_knee", USUAL.only(name)) for name in USUAL.asked] + [(SAMPLED, "left_ankle_pitch", USUAL)]
+
+
+@pytest.mark.parametrize(("text", "joint", "asked"), OWN, ids=lambda each: "+".join(getattr(each, "asked", ())) or None)
+def test_random_gains_of_one_joint_keep_its_own_margins_where_the_plane_says_so(text: str, joint: str, asked: Requirements):
+    """The truth: 1 + L = det(I + L_all) / det(I + L_all without this joint's gains), on a dense grid, read by the margins' definitions."""
+    system = parse_robot(text, "biped.yaml")
+    model = system.source.linearize("stand", "left")
+    k, size = model.joint_names.index(joint), model.size
+    own = system.controller(model)
+    kp, kd = (np.broadcast_to(np.asarray(gain, dtype=float), size).copy() for gain in (own.kp, own.kd))
+    unit, window = np.eye(size)[k], (8 * kp[k], 12 * kd[k])
+    plane = PartPlane.of(system.loop(model), unit, unit, kp[k], kd[k], window)
+    omega = np.geomspace(0.1, np.pi * 1999 if "sample_rate" in text else 2e4, 4000)
+    draw, kept = np.random.default_rng(6), 0
+
+    def determinant(p: float, d: float) -> np.ndarray:
+        kp[k], kd[k] = p, d
+        return np.linalg.det(np.eye(size) + system.loop(model, replace(own, kp=kp.copy(), kd=kd.copy())).response(omega))
+
+    without = determinant(0.0, 0.0)
+    for p, d in draw.uniform(0.02, 1, (10, 2)) * window:
+        value = determinant(p, d) / without - 1
+        stable = is_stable(system.loop(model, replace(own, kp=kp.copy(), kd=kd.copy())))
+        axis = np.flatnonzero((value.imag[1:] > 0) != (value.imag[:-1] > 0))
+        crossed = -value.real[axis][value.real[axis] < 0]
+        circle = np.flatnonzero((np.abs(value[1:]) > 1) != (np.abs(value[:-1]) > 1))
+        truths = {
+            "gain_margin": not np.any((crossed > 0.5) & (crossed < 2)),
+            "phase_margin": not np.any(np.abs(np.angle(-value[circle])) < np.radians(30)),
+            "peak_sensitivity": float((1 / np.abs(1 + value)).max()) < 2,
+        }
+        truth = stable and all(truths[name] for name in asked.asked)
+        (columns,) = required_columns(plane, asked, np.array([p]))
+        kept += truth
+        if nearest_end(columns, d) > 0.02 * window[1]:  # closer, between two samples of the picture
+            assert inside(columns, d) == truth, (p, d, columns, truths)
+    assert 1 <= kept <= 9

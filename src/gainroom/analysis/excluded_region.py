@@ -41,7 +41,7 @@ class Lines:
     def excluded(self, shape: ExcludedSet) -> list[Floats]:
         """The kd that `shape` excludes on each line: disjoint sorted intervals (p, 2); everything: (−inf, inf)."""
         column, low, high = (np.concatenate(parts) for parts in zip(*shape.on(self), strict=True))
-        return _union(column.astype(int), np.minimum(low, high), np.maximum(low, high), len(self.kps))
+        return union_of(column.astype(int), np.minimum(low, high), np.maximum(low, high), len(self.kps))
 
     @cached_property
     def responses(self) -> tuple[Complexes, Complexes]:
@@ -206,7 +206,7 @@ class Lines:
         return pieces
 
 
-def _union(column: Integers, low: Floats, high: Floats, count: int) -> list[Floats]:
+def union_of(column: Integers, low: Floats, high: Floats, count: int) -> list[Floats]:
     """Disjoint sorted intervals per column."""
     order = np.lexsort((low, column))
     column, low, high = column[order], low[order], high[order]

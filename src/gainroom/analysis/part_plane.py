@@ -8,6 +8,7 @@ Sampled, not certified: a picture of where gains can go. What is said of gains i
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -122,14 +123,17 @@ class PartPlane:
             found.append(np.stack([ends[:-1], ends[1:]], axis=1)[free])
         return found
 
-    def outlines(self, window: tuple[float, float]) -> tuple[Floats, ...]:
-        """Closed polylines (m, 2), columns kp and kd, around the stable gains within kp, kd ≥ 0 and twice `window`."""
+    def outlines(self, window: tuple[float, float], columns: Callable[[Floats], list[Floats]] | None = None) -> tuple[Floats, ...]:
+        """Closed polylines (m, 2), columns kp and kd, within kp, kd ≥ 0 and twice `window`.
+
+        columns   (kps) → intervals of kd that are surrounded; None: the stable ones
+        """
         low = max(0.0, self.static)
         ends = low + (window[0] - low) * 0.5 * (1 - np.cos(np.linspace(0, math.pi, COLUMNS)))
         kps = distinct(np.append(np.clip(ends, low + 1e-6 * window[0], None), self.kp + 1e-9 * window[0]))
         kps = kps[kps <= 1.0001 * window[0]]
-        columns = [np.clip(one, 0.0, 2 * window[1]) for one in self.columns(kps)]
-        return traced(kps, [one[one[:, 1] > one[:, 0]] for one in columns])
+        found = [np.clip(one, 0.0, 2 * window[1]) for one in (columns or self.columns)(kps)]
+        return traced(kps, [one[one[:, 1] > one[:, 0]] for one in found])
 
     def _met(self, upright: bool, values: Floats) -> tuple[Integers, Floats, Integers]:
         """Where the curve meets lines kp = value, or kd = value: index into values, the other gain, change of the count as that grows."""

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
+import numpy as np
+
 from ..errors import GainroomError
 from ..io.yaml_text import read_text
 from .messages import View
@@ -110,5 +112,12 @@ class Bench(Protocol):
 
 def rounded(values: Any, significant: int = 5) -> list[float | None]:
     """For a picture: fewer digits, a third of the bytes; None where there is no number."""
-    text = f"%.{significant}g"
-    return [float(text % value) if value - value == 0 else None for value in values]
+    exact = np.asarray(values, dtype=float).ravel()
+    sound = np.isfinite(exact)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        place = np.clip(significant - 1 - np.floor(np.log10(np.abs(exact))), -290, 290)
+        scale = 10.0 ** np.abs(np.where(np.isfinite(place), place, 0))
+        # A whole number by a power of ten, so that what is written has no more digits
+        short = np.where(place > 0, np.rint(exact * scale) / scale, np.rint(exact / scale) * scale)
+    found = np.where(exact == 0, 0.0, short).tolist()
+    return found if sound.all() else [value if good else None for value, good in zip(found, sound.tolist(), strict=True)]

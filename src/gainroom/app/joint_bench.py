@@ -49,6 +49,7 @@ class JointBench:
         self._window = map_window(study)
         self._studies: OrderedDict[str, JointStudy] = OrderedDict()  # by text
         self._plants: OrderedDict[str, JointStudy] = OrderedDict()  # by _plant: with its recommendation
+        self._others: dict[str, System] = {}  # by what is no gain
         self._one_at_a_time = threading.Lock()
 
     def opening(self) -> dict[str, Any]:
@@ -105,8 +106,18 @@ class JointBench:
         """As the command line would read the edited file."""
         return parse_joint(self.text(view), self.opened.source)
 
+    def _followed(self, view: View) -> System:
+        """The same while gains are dragged: a file is edited and read again only where something else changes."""
+        key = repr(view.model_copy(update={"gains": {}, "point": None}))
+        system = self._others.get(key)
+        if system is None:
+            system = self._others[key] = self.system(view)
+            while len(self._others) > REMEMBERED:
+                self._others.pop(next(iter(self._others)), None)
+        return system.with_controller(self._controller(view))
+
     def quick(self, view: View, window: tuple[float, float] | None, known: str) -> Iterator[Part]:
-        system = self.system(view)
+        system = self._followed(view)
         study, plant = _nominal(system), self._plant(view)
         uncertain = bool(system.uncertainty.names)
         yield "verdict", _verdict(study, "nominal" if uncertain else "certified") | self._gains(study)
@@ -115,7 +126,7 @@ class JointBench:
             yield "map", stable_gains(study, window or self._window) | {"plant": plant}
 
     def curves(self, view: View, window: tuple[float, float] | None, known: str, final: bool) -> Iterator[Part]:
-        study, plant = _nominal(self.system(view)), self._plant(view)
+        study, plant = _nominal(self._followed(view)), self._plant(view)
         if plant != known:
             for part in required_gains(study, window or self._window):
                 yield "map", part | {"plant": plant}

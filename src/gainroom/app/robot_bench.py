@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from ..analysis.margin_record import GainLimit
 from ..analysis.part_plane import PartPlane
-from ..errors import GainroomError
+from ..errors import GainroomError, computable
 from ..files.copied_gains import copied_gains
 from ..files.edited_text import edited
 from ..files.gain_formats.gain_record import Gain
@@ -26,10 +27,11 @@ from ..report.robot import robot_page
 from ..report.robot_columns import state_columns
 from ..report.robot_text import sentence, warnings
 from ..report.verdict import judged, robot_to_use
+from ..robot.model import RobotModel
 from ..robot.robot import Posture
 from ..simulation.robot_simulation import RobotSimulation
 from ..studies.robot import RobotStudy, study_robot
-from ..studies.state import State, limit_of, state_of
+from ..studies.state import State, limit_of
 from ..system.system import System
 from .bench import Opened, Part, Told
 from .edits import timing
@@ -43,15 +45,25 @@ from .robot_curves import (
     keyframe_angles,
     mode,
     quick_verdict,
+    settling,
     slowest_root,
     span_of,
     stand,
+    step,
     window_for,
 )
 from .robot_shapes import described, pose, shapes_of
 from .shaken import shaken
 
 REMEMBERED = 16
+
+
+def _remember(known: OrderedDict[str, Any], key: str, value: Any) -> None:
+    """And forget the oldest."""
+    known[key] = value
+    known.move_to_end(key)
+    while len(known) > REMEMBERED:
+        known.popitem(last=False)
 
 
 class RobotBench:
@@ -66,7 +78,9 @@ class RobotBench:
         self._systems: OrderedDict[str, System] = OrderedDict()
         self._planes: OrderedDict[str, PartPlane] = OrderedDict()
         self._found: OrderedDict[str, RobotStudy] = OrderedDict()
-        self._lock = threading.Lock()
+        self._models: OrderedDict[str, RobotModel] = OrderedDict()
+        self._limits: OrderedDict[str, tuple[State, GainLimit | None]] = OrderedDict()
+        self._lock, self._limiting = threading.Lock(), threading.Lock()
         self._model = self._system.source.linearize()
         self._space = self._system.control.space
         self.shapes = shapes_of(self._system.source.body)
@@ -145,10 +159,8 @@ class RobotBench:
         key = repr(base)
         with self._lock:
             if key not in self._systems:
-                self._systems[key] = parse_robot(self.text(base), self.opened.source, self.opened.folder)
+                _remember(self._systems, key, parse_robot(self.text(base), self.opened.source, self.opened.folder))
             system = self._systems[key]
-            while len(self._systems) > REMEMBERED:
-                self._systems.popitem(last=False)
         if view.stiffness not in (None, 1.0):
             factor = view.stiffness
             system = system.with_values(stiffness=factor * system.source.actuators.stiffness)
@@ -188,12 +200,31 @@ class RobotBench:
         return robot_page(self._studied(view, lambda *_: None), self.opened.command or f"gainroom robot {self.opened.source}")
 
     def state(self, view: View) -> State:
-        """The view's posture and contact state."""
-        return state_of(self.system(view), *self._state(view))
+        """The view's posture and contact state; the robot in it is remembered, as gains and delay do not change it."""
+        system, place = self.system(view), self._state(view)
+        key = repr((view.stiffness, view.angles, place))
+        with self._lock:
+            model = self._models.get(key)
+        if model is None:
+            model = system.source.linearize(*place)
+        state = State(system, *place, model)
+        with computable(f"{system.source.name}: posture {place[0]!r}, contact {place[1]!r}"):
+            state.moves  # noqa: B018 - refused here where nothing of it can be computed
+        with self._lock:
+            _remember(self._models, key, model)
+        return state
+
+    def _limited(self, view: View) -> tuple[State, GainLimit | None]:
+        """The state and its gain limit, None where no gain acts on a motion; what verdict and mode both need is computed once."""
+        key = repr(view)
+        with self._limiting:
+            if key not in self._limits:
+                state = self.state(view)
+                _remember(self._limits, key, (state, limit_of(state.loop) if state.moves else None))
+            return self._limits[key]
 
     def quick(self, view: View, window: tuple[float, float] | None, known: str) -> Iterator[Part]:
-        state, channel = self.state(view), self._channel(view)
-        limit = limit_of(state.loop) if state.moves else None
+        (state, limit), channel = self._limited(view), self._channel(view)
         own = {"gains": {channel.name: {"kp": channel.kp, "kd": channel.kd}}, "point": [channel.kp, channel.kd]}
         key = self._plane_key(channel, view)
         if limit is None or key not in self._planes:
@@ -204,14 +235,19 @@ class RobotBench:
         yield "verdict", quick_verdict(state, limit, channel, plane) | own
         yield "bode", bode(plane, channel)
         if key != known:
-            yield "map", gain_map(plane, channel, window) | {"plant": key, "last": True}
+            yield "map", gain_map(plane, channel, window, state.system.requirements) | {"plant": key, "last": True}
 
     def curves(self, view: View, window: tuple[float, float] | None, known: str, final: bool) -> Iterator[Part]:
-        state = self.state(view)
-        if not state.moves:
+        state, limit = self._limited(view)
+        if limit is None:
             return
-        limit = limit_of(state.loop)
         yield "mode", mode(state, limit) | pose(state.model, self.shapes, limit.mode if np.isfinite(limit.frequency) else None)
+        if final and self._space == "joint":
+            channel = self._channel(view)
+            duration = settling(self._plane(state, channel, self._plane_key(channel, view), None), channel)
+            file = view.model_copy(update={"gains": {}, "point": None, "delay_ms": None, "stiffness": None})
+            yield "before", step(self.state(file), channel.place, duration)
+            yield "step", step(state, channel.place, duration)
         if final:
             yield "root", slowest_root(state)
 
@@ -354,7 +390,5 @@ class RobotBench:
         with self._lock:
             if key not in self._planes or window is not None:
                 tasks = state.system.source.tasks(state.model, state.system.control.rotors) if self._space == "task" else None
-                self._planes[key] = channel_plane(state, channel, tasks, window or window_for(channel))
-                while len(self._planes) > REMEMBERED:
-                    self._planes.popitem(last=False)
+                _remember(self._planes, key, channel_plane(state, channel, tasks, window or window_for(channel)))
             return self._planes[key]

@@ -10,19 +10,27 @@ import numpy as np
 
 from ..analysis.gain_limit import GainLimit
 from ..analysis.part_plane import PartPlane
+from ..analysis.part_requirements import required_columns, unread
 from ..analysis.stability import rightmost_roots
 from ..errors import GainroomError, frequency_text, listed
 from ..files.audit_options import all_keyframes
+from ..linear.arrays import Floats
 from ..report.margin_columns import margin_value, requirement
 from ..report.robot_headroom import Factors, joint_factors, task_factors
 from ..robot.robot import Robot
+from ..simulation.run import simulate
+from ..simulation.scenario import Scenario
+from ..simulation.trajectories import Step
 from ..studies.robot import RobotStudy
 from ..studies.state import State, limiting_joints
-from ..system.requirements import REQUIREMENTS, to_db
+from ..system.requirements import REQUIREMENTS, Requirements, to_db
 from ..system.system import System
 from .bench import rounded
 
 BODE_POINTS = 500
+SHOWN_TURNS = 12.0  # of 1/ω at the channel's lowest gain crossover: how long a step is shown
+TICKS = 40, 4000
+GROWN = 30.0  # steps
 GUESS = 4.0
 """Gains that the first window shows, as a multiple of a channel's own."""
 
@@ -81,12 +89,21 @@ def window_for(channel: Channel) -> tuple[float, float]:
     return GUESS * max(channel.kp, 1e-3), GUESS * max(channel.kd, 1e-3)
 
 
-def gain_map(plane: PartPlane, channel: Channel, window: tuple[float, float] | None) -> dict[str, Any]:
-    """Outlines of the stable gains; without a `window` one that shows where they end."""
+def gain_map(plane: PartPlane, channel: Channel, window: tuple[float, float] | None, asked: Requirements) -> dict[str, Any]:
+    """Outlines of the stable gains, and of those with which the channel's own loop keeps what is asked for.
+
+    Without a `window` one that shows where the stable ones end.
+    """
     window = window or _fitted(plane, channel)
+
+    def required(kps: Floats) -> list[Floats]:
+        return required_columns(plane, asked, kps)
+
+    kept = plane.outlines(window, required) if asked.asked else ()
     return {
-        "stable": [[rounded(column.tolist(), 6) for column in outline.T] for outline in plane.outlines(window)],
-        "required": [],
+        "stable": [[rounded(column, 6) for column in outline.T] for outline in plane.outlines(window)],
+        "required": [[rounded(column, 6) for column in outline.T] for outline in kept],
+        "unread": list(unread(asked)),
         "edge": _edge(plane, window),
         "lines": [],
         "window": window,
@@ -186,6 +203,39 @@ def slowest_root(state: State) -> dict[str, Any]:
     if not len(swinging):
         return {"growth": None, "hz": None}
     return {"growth": float(swinging[0].real), "hz": float(abs(swinging[0].imag)) / (2 * math.pi)}
+
+
+def settling(plane: PartPlane, channel: Channel) -> float:
+    """[s] for which a step of the channel is shown."""
+    value = np.abs(plane.ratio(channel.kp, channel.kd))
+    below = np.flatnonzero((value[1:] <= 1) & (value[:-1] > 1))
+    return SHOWN_TURNS / float(plane.omega[below[0]] if len(below) else plane.omega[0])
+
+
+def step(state: State, place: int, duration: float) -> dict[str, Any]:
+    """Joint `place` after a step of its reference and under 1 N m, every other loop closed: exact, tick by tick.
+
+    It is cut where it has grown beyond GROWN steps; without a sample rate there is a note instead.
+    """
+    loop = state.loop
+    if loop.sample_time is None:
+        return {"note": "Choose a sample rate: the step of a robot's joint is computed tick by tick."}
+    unit = np.eye(state.model.size)[place]
+    ticks = int(np.clip(duration / loop.sample_time, *TICKS))
+    runs = [
+        simulate(loop, Scenario(Step(unit), ticks * loop.sample_time, reference_velocity=True, limit=math.inf)),
+        simulate(loop, Scenario(0.0, ticks * loop.sample_time, feedforward=unit, limit=math.inf)),
+    ]
+    reference, disturbance = (run.measured[:, place] for run in runs)
+    large = np.flatnonzero(~(np.abs(reference) < GROWN))
+    pick = slice(None, int(large[0]) if len(large) else None, max(1, ticks // 500))
+    return {
+        "ms": rounded(1e3 * runs[0].time[pick]),
+        "reference": rounded(reference[pick]),
+        "disturbance": rounded(1e6 * disturbance[pick]),
+        "growth": None,
+        "hz": None,
+    }
 
 
 def heat(study: RobotStudy) -> dict[str, Any]:

@@ -137,4 +137,8 @@ class Session:
 
 
 def _text(name: str, key: int, part: dict[str, Any]) -> str:
-    return json.dumps(strict({"part": name, "key": key, **part}), allow_nan=False, separators=(",", ":"))
+    whole = {"part": name, "key": key, **part}
+    try:
+        return json.dumps(whole, allow_nan=False, separators=(",", ":"), default=strict)
+    except ValueError:  # a number that is none
+        return json.dumps(strict(whole), allow_nan=False, separators=(",", ":"))

@@ -1,6 +1,8 @@
 """gainroom app: the interactive page."""
 
 import contextlib
+import os
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -69,6 +71,8 @@ def app(
 
     Exit status: 0 done; 2 the file or the call is wrong; 130 ended by Ctrl-C.
     """
+    if "numpy" not in sys.modules:  # small matrices in several threads of our own: more threads for each only wait for one another
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from ..files.audit_options import AuditOptions
 
     options = None

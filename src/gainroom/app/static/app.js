@@ -90,7 +90,7 @@ function take(part) {
   if (part.part === "page") return download(part.text);
   if (part.part === "progress") return progress(part);
   if ((part.lane === "full" || part.lane === "search") && part.key !== page.key) return undefined; // of gains that nobody looks at any more
-  const show = /** @type {Record<string, (part: any) => void>} */ ({ verdict, heat: (each) => states && states.take(each), mode: (each) => body && body.take(each), root: (each) => body && body.takeRoot(each), bode: curves, map: areas, before: (each) => { step.before = each; }, step: (each) => step.take(each), use })[part.part];
+  const show = /** @type {Record<string, (part: any) => void>} */ ({ verdict, heat: (each) => states && states.take(each), mode: (each) => body && body.take(each), root: (each) => body && body.takeRoot(each), bode: curves, map: areas, before: (each) => step.takeBefore(each), step: (each) => step.take(each), use })[part.part];
   if (show) show(part);
   return undefined;
 }
@@ -154,11 +154,18 @@ const remember = () => toAddress(page.opening, page.view);
 function robot() {
   states = new States(page, gesture, look);
   const [side, last] = [by("side"), by("step")], captions = [side, last].map((figure) => figure.querySelector("figcaption"));
+  const more = /** @type {HTMLElement} */ (last.cloneNode(true));
+  more.id = "joint-step";
+  more.querySelector("small").textContent = "of the chosen joint, all others closed, after the dot is let go; dashed: the file's gains";
+  last.after(more);
+  step = new Step(/** @type {HTMLElement} */ (more.querySelector(".plot")));
+  more.hidden = page.opening.space === "task";
   last.querySelector(".plot").replaceChildren(...side.querySelector(".plot").children);
   captions[1].replaceChildren(...captions[0].childNodes);
   captions[0].innerText = "Critical mode";
   body = new RobotView(side.querySelector(".plot"), page.opening.shapes, token, () => page.dragging);
   by("map").querySelector("small").textContent = "of the chosen joint in this state, all others closed; drag the dot";
+  map.blue = "this joint's own loop keeps the required margins (sampled; the verdict judges all loops and states)";
   by("bode").querySelector("small").textContent = "of the chosen joint, all others closed; sampled";
 }
 

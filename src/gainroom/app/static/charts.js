@@ -157,8 +157,12 @@ export class Step {
     place.append(this.note);
   }
 
+  /** Of the file's gains. @param {any} part */
+  takeBefore(part) { this.before = part.note ? null : part; }
+
   /** @param {any} part */
   take(part) {
+    if (part.note) { this.note.textContent = part.note; return; }
     const end = part.ms[part.ms.length - 1], old = this.before || part;
     for (const [chart, key] of /** @type {[any, string][]} */ ([[this.reference, "reference"], [this.disturbance, "disturbance"]])) {
       const count = old.ms.findIndex((/** @type {number} */ t) => t > end), shown = count < 0 ? old.ms.length : count;

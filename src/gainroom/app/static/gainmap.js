@@ -21,11 +21,13 @@ export function ticks(low, high, count) {
   return found;
 }
 
+const GROUPED = new Intl.NumberFormat("en-US", { maximumFractionDigits: 6 });
+
 /** @param {number} value @param {number} [digits] */
 export function number(value, digits = 4) {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";
   const text = Number(value.toPrecision(digits));
-  return Math.abs(text) >= 1e6 || (text !== 0 && Math.abs(text) < 1e-3) ? text.toExponential() : text.toLocaleString("en-US", { maximumFractionDigits: 6, useGrouping: true }).replaceAll(",", "\u202f");
+  return Math.abs(text) >= 1e6 || (text !== 0 && Math.abs(text) < 1e-3) ? text.toExponential() : GROUPED.format(text).replaceAll(",", "\u202f");
 }
 
 export class GainMap {
@@ -43,6 +45,7 @@ export class GainMap {
     this.height = 0;
     this.names = ["kp", "kd"];
     this.units = ["N·m/rad", "N·m·s/rad"];
+    this.blue = "every requirement met at the nominal values";
     /** @type {any} */ this.data = { stable: [], required: [], edge: [], lines: [] };
     /** @type {Record<string, number[] | null>} */ this.points = { dot: null, ghost: null, star: null, rule: null };
     /** @type {number | null} */ this.cursor = null;
@@ -179,7 +182,7 @@ export class GainMap {
     svg("text", { transform: `translate(13 ${FRAME.top + inner.height / 2}) rotate(-90)`, "text-anchor": "middle" }, axes).textContent = `${this.names[1]} [${this.units[1]}]`;
     svg("text", { x: width - FRAME.right - 8, y: FRAME.top + 18, "text-anchor": "end", class: "soft" }, labels).textContent = "unstable";
     const inside = this.data.lines.map((/** @type {any} */ line, /** @type {number} */ k) => ({ text: line.text, color: colors[k % 4], dash: ["——", "– –", "···", "–·–"][k % 4] }));
-    this.legend.replaceChildren("Hatched: unstable. ", this.data.required.length ? "Blue: every requirement met at the nominal values. " : "", "● now, ○ file", this.points.star ? ", ★ recommended" : "", this.points.rule ? ", × 10 Hz rule. " : ". ");
+    this.legend.replaceChildren("Hatched: unstable. ", this.data.required.length ? `Blue: ${this.blue}. ` : "", "● now, ○ file", this.points.star ? ", ★ recommended" : "", this.points.rule ? ", × 10 Hz rule. " : ". ");
     for (const one of inside) {
       const mark = document.createElement("span");
       mark.textContent = ` ${one.dash} ${one.text} `;

@@ -61,13 +61,11 @@ export class RobotView {
     pause.onclick = () => { this.still = !this.still; pause.textContent = this.still ? "Move" : "Hold"; };
     /** @type {any} */ (place.parentElement).querySelector("figcaption").append(pause);
     this.build();
-    let last = 0, cost = 0;
+    let last = 0;
     const frame = (/** @type {number} */ now) => {
-      if (this.seen && !document.hidden && now - last > Math.max(33, 6 * cost) && !(cost > 12 && busy())) {
+      if (this.seen && !document.hidden && now - last > 33 && !busy()) { // while gains are dragged they go first
         last = now;
-        const began = performance.now();
         this.draw(now / 1000);
-        cost = performance.now() - began; // without a graphics card the gains go first
       }
       requestAnimationFrame(frame);
     };

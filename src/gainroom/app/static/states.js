@@ -44,6 +44,7 @@ export class States {
     this.sliders = this.stand(opening);
     this.heat.append(this.table, this.sliders);
     /** @type {any} */ this.part = null;
+    this.shown = "";
     this.show();
   }
 
@@ -92,7 +93,9 @@ export class States {
   }
 
   show() {
-    const { view } = this.page;
+    const { view } = this.page, now = JSON.stringify([view.posture, view.contact, view.joint, view.angles]);
+    if (now === this.shown) return; // gains are dragged, nothing here follows
+    this.shown = now;
     for (const [name, select] of this.selects) {
       const frame = name === "posture" && [...select.options].find((each) => each.angles && same(each.angles, view.angles));
       select.value = frame ? frame.value : view[name];
@@ -132,6 +135,7 @@ export class States {
     row("all together", part.together, null);
     part.parts.forEach((/** @type {string} */ name, /** @type {number} */ k) => row(name, part.closed.map((/** @type {any} */ state) => state[k]), name));
     this.table.replaceChildren(title, table);
+    this.shown = "";
     this.show();
   }
 }

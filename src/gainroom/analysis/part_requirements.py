@@ -1,0 +1,96 @@
+"""The gains (kp, kd) of one part of a controller with which its own loop, all others closed, keeps the required margins.
+
+That loop is L = kp A + kd B, so what a requirement excludes is found on lines kp = const as for one joint (excluded_region.py), here from
+the samples of a PartPlane: a picture, not certified. A gain margin is that of stability at scaled gains.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..linear.arrays import Complexes, Floats, Integers
+from ..system.excluded_sets import Branch, Segment, on_circle
+from ..system.requirements import Requirements
+from .excluded_region import union_of
+from .part_plane import PartPlane
+
+FINER = 6  # times the samples of the plane, straight between them
+SCALES = 9  # factors at which stability is looked at for a gain margin
+
+Piece = tuple[Integers, Floats, Floats]
+
+
+@dataclass(frozen=True)
+class SampledLines:
+    """Lines kp = const, kps (m,), in the plane of a loop that is known at samples: A and B (k,)."""
+
+    a: Complexes
+    b: Complexes
+    kps: Floats
+
+    def swept(self, branches: Sequence[Branch], ends: Sequence[complex]) -> list[Piece]:
+        """The kd for which L is on the curve, from sample to sample."""
+        found = []
+        for branch in branches:
+            kd, inside = branch(self.kps[:, None], self.a[None], self.b[None])
+            column, k = np.nonzero(inside[:, 1:] & inside[:, :-1])
+            found.append((column, kd[column, k], kd[column, k + 1]))
+        return found
+
+    def at_ends(self, low: float, high: float) -> list[Piece]:
+        """Nothing: only a segment asks for it."""
+        return []
+
+    def shadow(self, center: float, radius: float) -> list[Piece]:
+        """The kd for which |L − center| < radius."""
+        sides = [on_circle(self.kps[:, None], self.a[None], self.b[None], -center, radius, sign) for sign in (-1.0, 1.0)]
+        column, k = np.nonzero(sides[0][1])
+        return [(column, sides[0][0][column, k], sides[1][0][column, k])]
+
+
+def required_columns(plane: PartPlane, requirements: Requirements, kps: Floats) -> list[Floats]:
+    """For each kp (m,): the kd that keep every margin asked for, as open intervals (p, 2), sorted.
+
+    Raises GainroomError as PartPlane.columns.
+    """
+    left = plane.columns(kps)
+    lines = SampledLines(*_own_loop(plane), kps)
+    for one, needed in requirements.asked_for:
+        shape = one.excluded(needed)
+        if isinstance(shape, Segment):
+            for factor in np.geomspace(1 / shape.factor, shape.factor, SCALES).tolist():
+                left = [_both(mine, other / factor) for mine, other in zip(left, plane.columns(kps * factor), strict=True)]
+        elif shape is not None:
+            column, low, high = (np.concatenate(parts) for parts in zip(*shape.on(lines), strict=True))
+            barred = union_of(column.astype(int), np.minimum(low, high), np.maximum(low, high), len(kps))
+            left = [_both(mine, _rest(out)) for mine, out in zip(left, barred, strict=True)]
+    return left
+
+
+def unread(requirements: Requirements) -> tuple[str, ...]:
+    """The names of those that are asked for and are not of one loop's own."""
+    return tuple(one.name for one, needed in requirements.asked_for if one.excluded(needed) is None)
+
+
+def _own_loop(plane: PartPlane) -> tuple[Complexes, Complexes]:
+    """A and B at the plane's samples and between them."""
+    closed = 1 - plane.kp * plane.a - plane.kd * plane.b
+    place = np.arange((len(plane.omega) - 1) * FINER + 1) / FINER
+    known: Any = np.arange(len(plane.omega))
+    return np.interp(place, known, plane.a / closed), np.interp(place, known, plane.b / closed)
+
+
+def _rest(out: Floats) -> Floats:
+    """What disjoint sorted intervals leave."""
+    ends = np.concatenate([[-math.inf], out.ravel(), [math.inf]]).reshape(-1, 2)
+    return ends[ends[:, 1] > ends[:, 0]]
+
+
+def _both(one: Floats, other: Floats) -> Floats:
+    """Where two sets of sorted intervals overlap."""
+    low, high = np.maximum(one[:, None, 0], other[None, :, 0]).ravel(), np.minimum(one[:, None, 1], other[None, :, 1]).ravel()
+    found = np.stack([low, high], axis=1)[high > low]
+    return found[np.argsort(found[:, 0])]
