@@ -5,12 +5,14 @@ The gains on velocity (power 1 of V) are computed every `fast` ticks and act `fa
 the physics between two ticks is one matrix exponential; and the matrix is what a period makes of every unit state.
 """
 
+from collections import deque
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import lcm
 
 import numpy as np
 from scipy.linalg import expm
+from scipy.optimize import brentq
 
 from .machine import Machine, actuated, law
 
@@ -54,33 +56,32 @@ class TwoRates:
         sizes = [states, *(len(one.a) for _, _, one in loops), n, n, *(late * n for _, late, _ in loops)]
         total = sum(sizes)
         edges = np.cumsum([0, *sizes])
-        x, *rest = (np.eye(total, dtype=complex)[low:high] for low, high in pairwise(edges))
-        memory, held, lines = rest[:2], rest[2:4], rest[4:]
+        kind = complex if any(np.iscomplexobj(gain) for gain in self.machine.gains.values()) else float
+        x, *rest = (np.eye(total, dtype=kind)[low:high] for low, high in pairwise(edges))
+        memory, held = rest[:2], rest[2:4]
+        lines = [deque(line.reshape(len(line) // n, n, total)) for line in rest[4:]]  # oldest first
         for k in range(self.period):
-            arriving = np.zeros((n, total), dtype=complex)
+            arriving = np.zeros((n, total), dtype=kind)
             for i, (every, _, one) in enumerate(loops):
                 if k % every == 0:
                     measured = np.vstack([plant.c[:n] @ x] * 2)
                     held[i] = -(one.c @ memory[i] + one.d @ measured)
                     memory[i] = one.a @ memory[i] + one.b @ measured
-                line = np.vstack([lines[i], held[i]])  # oldest first
-                arriving, lines[i] = arriving + line[:n], line[n:]
+                lines[i].append(held[i])
+                arriving = arriving + lines[i].popleft()
             x = move @ x + push @ arriving
-        return np.vstack([x, *memory, *held, *lines])
+        return np.vstack([x, *memory, *held, *lines[0], *lines[1]])
 
     def radius(self) -> float:
         """Largest |eigenvalue|."""
         return float(np.abs(np.linalg.eigvals(self.matrix())).max())
 
 
-def first_loss(radius, low: float, high: float, steps: int = 60, halvings: int = 45) -> float:
-    """The first t on a grid from `low` (where radius(t) < 1) to `high` at which radius(t) > 1, then halved; inf where there is none."""
+def first_loss(radius, low: float, high: float, steps: int = 60) -> float:
+    """The first t on a grid from `low` (where radius(t) < 1) to `high` at which radius(t) > 1, then where it is 1; inf where none is."""
     grid = np.linspace(low, high, steps + 1)
     assert radius(grid[0]) < 1
     for stable, lost in pairwise(grid):
         if radius(lost) > 1:
-            for _ in range(halvings):
-                middle = 0.5 * (stable + lost)
-                stable, lost = (middle, lost) if radius(middle) < 1 else (stable, middle)
-            return 0.5 * (stable + lost)
+            return brentq(lambda t: radius(t) - 1, stable, lost, xtol=1e-14)
     return np.inf

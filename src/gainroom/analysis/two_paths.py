@@ -58,10 +58,10 @@ class TwoPaths:
 
     def values(self, others: object = 1.0, kd: object = 1.0, later: tuple[float, float] = (0.0, 0.0)) -> Complexes:
         """Eigenvalues of Φ, 0 in the place of those that rest on the circle whatever the gains: a joint without kp drifts."""
-        matrix = (PeriodMap(self.loop, later) if any(later) else self.map).matrix(others, kd)
+        matrix = (self.map.later(*later) if any(later) else self.map).matrix(others, kd)
         if not np.all(np.isfinite(matrix)):
             raise GainroomError("loop: its numbers are too large to compute with")
-        found = np.linalg.eigvals(matrix).astype(complex)
+        found = np.linalg.eigvals(_that_act(matrix)).astype(complex)
         for one, off in [(1.0, RESTING)] * self._drifting + [(one, 10 * STILL) for one in self._still]:
             at = int(np.argmin(np.abs(found - one)))
             if abs(found[at] - one) < off:
@@ -116,7 +116,7 @@ class TwoPaths:
         if phase is not None:
             omega, _ = self.map.vibration(_turned(phase.at), _turned(phase.at))
             sign, at = math.copysign(1.0, omega), abs(omega)
-        delayed = math.nan if more is None else abs(PeriodMap(self.loop, (more.at, more.at)).vibration()[0])
+        delayed = math.nan if more is None else abs(self.map.later(more.at, more.at).vibration()[0])
         held = [
             limit.certified,
             paths.certified,
@@ -225,23 +225,29 @@ def first_lost(values: Spectrum, start: float, stop: float, exp: bool = False) -
 
     values   (m,) eigenvalues at t, or at e^t where `exp`
 
-    Steps are so short, down to FINEST, that the path of an eigenvalue from inside the circle to inside cannot bulge beyond it.
+    Steps are so short, down to FINEST, that the path of an eigenvalue from inside the circle to inside cannot bulge beyond it; where
+    one is not, it is halved, and what is known of its end serves the second half.
     """
     way, size = math.copysign(1.0, stop - start), math.exp if exp else float
+    known = {start: values(size(start))}
 
     def at(t: float) -> Complexes:
-        return values(size(t))
+        if t not in known:
+            known[t] = values(size(t))
+        return known[t]
 
-    here, there, step = start, at(start), FIRST
+    here, step, ahead = start, FIRST, list[float]()  # nearest last
     while way * here < way * stop:
-        ahead = here + way * min(step, way * (stop - here))
-        found = at(ahead)
-        if step > FINEST and (_outside(found) or _may_pass(there, found)):
-            step = max(FINEST, step / 2)
-            continue
-        if _outside(found):
-            return _between(at, here, ahead, way, size, values)
-        here, there, step = ahead, found, min(WIDEST, 2 * step)
+        if not ahead:
+            ahead.append(here + way * min(step, way * (stop - here)))
+        there, gone = ahead[-1], _outside(at(ahead[-1])) > 0
+        step = abs(there - here)
+        if step > FINEST and (gone or _may_pass(at(here), at(there))):
+            ahead.append((here + there) / 2)
+        elif gone:
+            return _between(at, here, there, way, size, values)
+        else:
+            here, step = ahead.pop(), min(WIDEST, 2 * step)
     return None
 
 
@@ -264,6 +270,13 @@ def _may_pass(before: Complexes, after: Complexes) -> bool:
     rows, columns = linear_sum_assignment(away)
     left: Floats = 1 - np.maximum(np.abs(first[rows]), np.abs(second[columns]))
     return bool(np.any(BULGE * away[rows, columns] > left))
+
+
+def _that_act(matrix: Complexes) -> Complexes:
+    """`matrix` without states that nothing of the next period depends on, whose eigenvalues are 0: torques that have done their work."""
+    while not (act := matrix.any(axis=0)).all():
+        matrix = matrix[np.ix_(act, act)]
+    return matrix
 
 
 def _outside(values: Complexes) -> int:

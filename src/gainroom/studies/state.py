@@ -233,7 +233,8 @@ class State:
         terms = self.controller.terms()
         kp, kd = ([own_gain(terms.get(powers, 0.0), k, size) for k in range(size)] for powers in ((0, 0), (1, 0)))
         nothing = np.full(size, math.nan)
-        one_loop = margins.one_loop if size > 1 or not margins.stable else joint_margins(self.loop).one_loop
+        complete = size > 1 or self.loop.kd_path is not None or not margins.stable
+        one_loop = margins.one_loop if complete else joint_margins(self.loop).one_loop
         with np.errstate(divide="ignore"):
             load = 1 / np.diagonal(_at_least_zero(model.link_inverse_inertia, model.link_inverse_inertia))
         columns = {
@@ -304,7 +305,9 @@ def moves(loop: Loop) -> bool:
 def margins_of(loop: Loop) -> Margins:
     """joint_margins (of one joint without its largest gains, the phase margin signed); the verdict alone where loci cannot be followed."""
     try:
-        return joint_margins(loop) if loop.size > 1 else replace(margins(loop), limit=gain_limit(loop))
+        if loop.size > 1:
+            return joint_margins(loop)
+        return margins(loop) if loop.kd_path is not None else replace(margins(loop), limit=gain_limit(loop))
     except GainroomError as error:
         return Margins.unknown(_verdict(loop, error))
 
