@@ -73,7 +73,7 @@ def _session(content: str, folder: str) -> str:
 def _output(command: str, folder: str) -> str:
     """What a shell prints for `command`, standard error included; any exit status."""
     environment = {**os.environ, "NO_COLOR": "1", "COLUMNS": "80", "PYTHONPATH": str(ROOT / "src")}
-    environment |= {"PYTHONIOENCODING": "utf-8", "EXAMPLES": str(ROOT / "examples")}
+    environment |= {"LC_ALL": "C.UTF-8", "PYTHONIOENCODING": "utf-8", "EXAMPLES": str(ROOT / "examples")}
     script = f'gainroom() {{ "{sys.executable}" -m gainroom "$@"; }}\n{command} 2>&1'
     done = subprocess.run(["sh", "-c", script], cwd=folder, env=environment, capture_output=True, encoding="utf-8")
     return done.stdout

@@ -17,6 +17,8 @@ from faults import environment, heard
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 QUICK = "() => !gainroom.busy && !gainroom.waiting && gainroom.opening"
 """True where what the page asked for last has been answered."""
+PATIENCE = 300.0
+"""[s] within which anything answers, on a loaded machine, too; none of it is waited for where the answer comes."""
 CERTIFIED = "() => gainroom.certified && !gainroom.busy && gainroom.found && gainroom.found.key === gainroom.key"
 """True where everything has."""
 
@@ -70,7 +72,8 @@ def a_browser() -> Iterator[Any]:
     path = browser_path()
     with sync.sync_playwright() as driver:
         try:
-            found = driver.chromium.launch(executable_path=path, args=["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader"])
+            options = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader"]
+            found = driver.chromium.launch(executable_path=path, timeout=1000 * PATIENCE, args=options)
         except sync.Error as error:
             pytest.skip(f"no browser: {str(error).splitlines()[0]}")
         yield found
@@ -87,7 +90,7 @@ class Tab:
 
     def settle(self, what: str = QUICK) -> None:
         """Until the answers are there."""
-        self.page.wait_for_function(what, timeout=30_000)
+        self.page.wait_for_function(what, timeout=1000 * PATIENCE)
 
     def text(self, selector: str) -> str:
         return self.page.locator(selector).inner_text()
@@ -112,6 +115,7 @@ def open_tab(browser: Any, address: str, width: int = 1400, height: int = 1000) 
     """A new page at `address` in a context of its own."""
     context = browser.new_context(viewport={"width": width, "height": height})
     context.grant_permissions(["clipboard-read", "clipboard-write"])
+    context.set_default_timeout(1000 * PATIENCE)
     return tab_in(context, address)
 
 

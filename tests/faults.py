@@ -1,7 +1,10 @@
 """Processes that are killed, and what is left of them: shared by the tests of faults."""
 
+import contextlib
 import os
+import random
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -57,6 +60,18 @@ def environment(**more: str) -> dict[str, str]:
 def heard() -> None:
     """In a new process: no signal is ignored, though the tests may run in the background, where a shell has Ctrl-C ignored."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+def lasting_port() -> int:
+    """A port that is free and stays so until it is listened on, again, too: the system gives its like to nobody who does not ask for it."""
+    try:
+        lowest = int(Path("/proc/sys/net/ipv4/ip_local_port_range").read_text().split()[0])
+    except (OSError, ValueError):
+        lowest = 49152  # of those that are given away, as IANA has it
+    while True:
+        with socket.socket() as trial, contextlib.suppress(OSError):
+            trial.bind(("127.0.0.1", port := random.SystemRandom().randrange(10_000, lowest)))
+            return port
 
 
 def gainroom(folder: Path, *arguments: str, **more: object) -> subprocess.CompletedProcess[str]:

@@ -17,7 +17,6 @@ from gainroom.identification.record import Record
 from gainroom.simulation import Friction, Run, Scenario, Testbed, simulate
 
 SEED = int(os.environ.get("GAINROOM_SEED", "20171117"))
-POPULATION = "'population' not in config.getoption('markexpr')"
 
 
 @dataclass(frozen=True)

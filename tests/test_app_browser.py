@@ -9,7 +9,8 @@ from typing import Any
 
 import pytest
 
-from app_pages import CERTIFIED, Served, Tab, open_tab, serve, serving, tab_in
+from app_pages import CERTIFIED, PATIENCE, Served, Tab, open_tab, serve, serving, tab_in
+from faults import lasting_port
 from gainroom.cli import main
 from test_cli import EXAMPLES
 
@@ -160,14 +161,14 @@ def test_saving_shows_the_difference_first(browser: Any, tmp_path: Path):
 def test_a_server_that_comes_back_finds_the_page_as_it_was(browser: Any, tmp_path: Path):
     file = tmp_path / "joint.yaml"
     file.write_text(EXAMPLES["fig9"], "utf-8")
-    first = serve(file)
-    port = int(first.address.rstrip("/").rsplit(":", 1)[1])
+    port = lasting_port()
+    first = serve(file, port)
     tab = open_tab(browser, first.address)
     tab.drag((0.4, 0.3))
     tab.settle(CERTIFIED)
     before, view = tab.text("#sentence"), tab.view()
     first.process.send_signal(signal.SIGINT)
-    assert first.process.wait(20) == 130
+    assert first.process.wait(PATIENCE) == 130
     assert "Traceback" not in (first.process.stderr.read() if first.process.stderr else "")
     tab.page.locator("#offline").wait_for(state="visible")
     assert "Not current" in tab.text("#basis")

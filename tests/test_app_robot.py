@@ -182,10 +182,9 @@ def test_states_are_chosen_in_the_heat_map_and_joints_posed(browser: Any, served
     tab.page.locator("#angle-right_knee").fill("1.3")
     tab.settle(CERTIFIED)
     assert tab.view()["angles"] == {"right_knee": 1.3}
-    other = browser.new_context().new_page()
-    other.goto(tab.page.url)
-    other.wait_for_function(CERTIFIED)
-    assert other.evaluate("() => gainroom.view") == tab.view()
+    other = open_tab(browser, tab.page.url)
+    other.settle(CERTIFIED)
+    assert other.view() == tab.view()
     for _ in range(3):
         tab.page.get_by_role("button", name="Undo").click()
     tab.settle(CERTIFIED)

@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 
-from app_pages import Served, serve, serving
+from app_pages import PATIENCE, Served, serve, serving
 from gainroom.app.bench import Opened
 from gainroom.app.joint_bench import JointBench
 from gainroom.app.lanes import Lane
@@ -207,16 +207,16 @@ def test_of_several_questions_the_latest_is_answered():
 
     def first(stale: Any) -> None:
         started.set()
-        go.wait(10)
+        go.wait(PATIENCE)
         found.append(f"first, stale: {stale()}")
 
     lane.put("a", first)
-    assert started.wait(10)
+    assert started.wait(PATIENCE)
     lane.put("a", lambda stale: found.append("never"))
     lane.put("a", lambda stale: found.append(f"last, stale: {stale()}"))
     lane.put("b", lambda stale: done.set())
     go.set()
-    assert done.wait(10)
+    assert done.wait(PATIENCE)
     assert found == ["first, stale: True", "last, stale: False"]
 
 
@@ -230,7 +230,7 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
 
 def get(address: str, **headers: str) -> tuple[int, dict[str, str], str]:
     try:
-        with urllib.request.urlopen(urllib.request.Request(address, headers=headers), timeout=10) as answer:
+        with urllib.request.urlopen(urllib.request.Request(address, headers=headers), timeout=PATIENCE) as answer:
             return answer.status, {key.lower(): value for key, value in answer.headers.items()}, answer.read().decode()
     except urllib.error.HTTPError as error:
         with error:
@@ -240,22 +240,22 @@ def get(address: str, **headers: str) -> tuple[int, dict[str, str], str]:
 def raw(served: Served, request: str) -> str:
     """Bytes as no browser would send them."""
     port = int(served.address.rstrip("/").rsplit(":", 1)[1])
-    with socket.create_connection(("127.0.0.1", port), 5) as line:
+    with socket.create_connection(("127.0.0.1", port), PATIENCE) as line:
         line.sendall(request.encode())
-        line.settimeout(5)
+        line.settimeout(PATIENCE)
         return line.recv(65536).decode("utf-8", "replace")
 
 
 def speak(served: Served, **options: Any) -> Any:
     address = served.address.replace("http://", "ws://") + "ws"
-    return client.connect(address, origin=options.pop("origin", served.address.rstrip("/")), open_timeout=10, proxy=None, **options)
+    return client.connect(address, origin=options.pop("origin", served.address.rstrip("/")), open_timeout=PATIENCE, proxy=None, **options)
 
 
 def answers_still(served: Served) -> None:
     with speak(served) as line:
-        assert json.loads(line.recv(10))["part"] == "opening"
+        assert json.loads(line.recv(PATIENCE))["part"] == "opening"
         line.send('{"ask": "look", "key": 7}')
-        assert json.loads(line.recv(10))["key"] == 7
+        assert any(json.loads(line.recv(PATIENCE)).get("key") == 7 for _ in range(100))
 
 
 def test_the_page_has_a_strict_policy(served: Served):
@@ -304,18 +304,18 @@ def test_no_other_file_is_served(served: Served, path: str):
 
 def test_what_is_too_long_or_no_message_does_no_harm(served: Served):
     with speak(served) as line:
-        line.recv(10)
+        line.recv(PATIENCE)
         for text in ("no json", "[1]", '{"ask": "look", "key": 1, "view": {"gains": {"<script>": 1}}}'):
             line.send(text)
         line.send(b"\x00\xff")
-        told = (json.loads(line.recv(10))["part"] for _ in range(100))
+        told = (json.loads(line.recv(PATIENCE))["part"] for _ in range(100))
         found = list(islice((part for part in told if part != "progress"), 4))
         assert found == ["refused"] * 4
     with speak(served) as line:
-        line.recv(10)
+        line.recv(PATIENCE)
         line.send("x" * (LONGEST + 1000))
         with pytest.raises(exceptions.ConnectionClosed):
-            line.recv(10)
+            line.recv(PATIENCE)
     assert raw(served, "GET / HTTP/1.1\r\nHost: a\r\nHost: b\r\n\r\n").split()[1] in ("400", "403")
     assert raw(served, "\x00\x01\x02 nonsense\r\n\r\n").split()[1] == "400"
     answers_still(served)
@@ -374,10 +374,10 @@ def test_ctrl_c_ends_it_cleanly_with_a_page_open(served: Served, tmp_path: Path)
 
     own = serve(served.file)
     with speak(own) as line:
-        line.recv(10)
+        line.recv(PATIENCE)
         line.send('{"ask": "look", "key": 1}')
         own.process.send_signal(signal.SIGINT)
-        assert own.process.wait(20) == 130
+        assert own.process.wait(PATIENCE) == 130
     _, error = own.process.communicate()
     assert "Traceback" not in error
 

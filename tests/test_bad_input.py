@@ -211,7 +211,6 @@ def test_mutated_files_run_to_an_answer_or_a_line(random: Random, tmp_path: Path
 
 @pytest.mark.population
 @pytest.mark.timeout(0)
-@pytest.mark.skipif("'population' not in config.getoption('markexpr')", reason="runs with -m population")
 @settings(max_examples=3000, deadline=None, suppress_health_check=list(HealthCheck))
 @given(random=RANDOMS)
 def test_many_mutated_files_run_to_an_answer_or_a_line(random: Random, tmp_path: Path, capsys: pytest.CaptureFixture[str]):

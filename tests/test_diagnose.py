@@ -15,7 +15,6 @@ from gainroom.cli import main
 from gainroom.identification.oscillation_search import find_oscillation
 from gainroom.identification.record import Record
 from gainroom.studies.diagnosis import diagnose
-from identified import POPULATION
 from recordings import CAUSES, MAKERS, Recording, recording
 
 TICK = 1e-3
@@ -114,7 +113,6 @@ def test_a_quiet_recording(index: int):
 
 @pytest.mark.population
 @pytest.mark.timeout(3600)
-@pytest.mark.skipif(POPULATION, reason="population")
 def test_causes_of_a_population():
     """Of 100 recordings of one cause each at least 95 are told; of 50 quiet ones none vibrates. Without a model hardly any is wrong."""
     right, wrong, blind = Counter(), [], Counter()

@@ -71,7 +71,6 @@ def test_share(number: int):
 
 
 @pytest.mark.population
-@pytest.mark.skipif("'population' not in config.getoption('markexpr')", reason="runs with -m population")
 def test_population():
     open_ones = [number for number in range(SHARE, WHOLE) if not look_at(number)]
     print(f"\nseed {SEED}: {WHOLE - SHARE} looked at, not certified: {open_ones}")

@@ -22,8 +22,6 @@ control: {type: pd, kp: 3000.0, kd: 300.0, feedback: motor, sample_rate_hz: 500,
 SPLIT = ("--rate-hz", "500", "--gains-run", "split", "--drive-rate-hz", "20000", "--drive-delay-ms", "0.05")
 ON_DRIVE = ("--gains-run", "drive", "--drive-rate-hz", "20000", "--drive-delay-ms", "0.05")
 
-LONG = pytest.mark.skipif("'population' not in config.getoption('markexpr')", reason="runs with -m population")
-
 
 def test_the_paths_of_a_joint_arrive_in_si():
     system = parse_joint(JOINT, "knee.yaml", two_paths=True)
@@ -159,7 +157,6 @@ def test_a_split_audit_is_that_of_the_loop(told, tmp_path: Path):
 
 
 @pytest.mark.population
-@LONG
 def test_a_kp_near_its_limit_is_not_safe_though_both_gains_together_may_rise(told):
     """Scaled together the gains may rise 18 times: kd carries kp. Alone kp may not rise by half."""
     (near, status), (low, _) = (told("--delay-ms", "4", *SPLIT, kp=kp) for kp in (18000.0, 6000.0))
@@ -262,7 +259,6 @@ def test_a_joint_of_two_paths_that_is_unstable(tmp_path: Path, capsys: pytest.Ca
 
 
 @pytest.mark.population
-@LONG
 def test_a_robot_of_two_paths_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     text = ROBOT.replace("sample_rate_hz: 2000", "sample_rate_hz: 500").replace(
         "kd: 30.0}", "kd: 30.0, kd_path: {delay_ms: 0.1, sample_rate_hz: 10000}}"

@@ -233,7 +233,6 @@ def test_what_is_not_carried_is_refused(biped, words: str):
 
 
 @pytest.mark.population
-@pytest.mark.skipif("'population' not in config.getoption('markexpr')", reason="runs with -m population")
 @pytest.mark.parametrize("seed", range(20))
 def test_population_of_walks(biped, seed: int, capsys: pytest.CaptureFixture[str]):
     share, worst = walked(biped, seed)

@@ -177,7 +177,6 @@ def test_a_share_of_the_damaged_logs(name: str, tmp_path: Path):
 
 
 @pytest.mark.population
-@pytest.mark.skipif("'population' not in config.getoption('markexpr')", reason="runs with -m population")
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("name", NAMES)
 def test_all_damaged_logs(name: str, tmp_path: Path):

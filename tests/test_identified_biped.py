@@ -11,7 +11,7 @@ from gainroom.files.robot_yaml import parse_robot
 from gainroom.simulation.robot_simulation import RobotSimulation
 from gainroom.studies.simulation import simulate_study
 from gainroom.system.system import System
-from identified import POPULATION, SEED
+from identified import SEED
 from identified_biped import KINDS, ROBOT, bench, drawn, robot_of
 from independent.quick_margins import quick_margins
 
@@ -51,7 +51,6 @@ def test_share_of_the_draws(tmp_path):
 
 
 @pytest.mark.population
-@pytest.mark.skipif(POPULATION, reason="runs with -m population")
 @pytest.mark.timeout(3600)
 def test_200_draws_from_within_the_intervals(tmp_path, capsys):
     """Six kinds; half of the draws at ends of all intervals, each kind by itself."""
@@ -73,7 +72,6 @@ def test_200_draws_from_within_the_intervals(tmp_path, capsys):
 
 
 @pytest.mark.population
-@pytest.mark.skipif(POPULATION, reason="runs with -m population")
 @pytest.mark.timeout(3600)
 def test_joints_that_differ_among_themselves_miss_little():
     """Inertias known to 20 %, every joint at an end of its own; the cases of the search have all joints at the same end."""

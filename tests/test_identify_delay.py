@@ -14,7 +14,7 @@ from gainroom.identification.delay import identify_delay
 from gainroom.identification.record import Record
 from gainroom.identification.setpoint_delay import identify_setpoint_delay
 from gainroom.simulation import Scenario, Testbed, simulate
-from identified import POPULATION, Case, coverage_bounds, delay_case, holds, joint_case, setpoint_case, soft_loop
+from identified import Case, coverage_bounds, delay_case, holds, joint_case, setpoint_case, soft_loop
 from independent.chain import Chain, multisine, record
 from refusals import assert_refused
 
@@ -323,7 +323,6 @@ def test_share_of_the_population():
 
 
 @pytest.mark.population
-@pytest.mark.skipif(POPULATION, reason="runs with -m population")
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize(("make", "least_told"), [(delay_case, 0.95), (joint_case, 0.85)])
 def test_whole_population(make, least_told, capsys):

@@ -10,7 +10,7 @@ from gainroom.identification.gains import factors, identify_gains
 from gainroom.identification.record import Record
 from gainroom.identification.stiffness import identify_stiffness
 from gainroom.simulation import Friction, Scenario, Testbed, simulate
-from identified import POPULATION, coverage_bounds, gains_case, holds, joint_case
+from identified import coverage_bounds, gains_case, holds, joint_case
 from refusals import assert_refused
 
 WHOLE, SHARE, TICK = 100, 8, 1e-3
@@ -81,7 +81,6 @@ def test_share_of_the_population():
 
 
 @pytest.mark.population
-@pytest.mark.skipif(POPULATION, reason="runs with -m population")
 @pytest.mark.timeout(3600)
 def test_whole_population(capsys):
     """Within 2 % on 100 logs; both gains 2π off are named every time."""

@@ -13,7 +13,7 @@ from gainroom.identification.motion import motion_of
 from gainroom.identification.prediction import Noise, Signals, prediction_errors, stationary
 from gainroom.identification.record import Record
 from gainroom.simulation import Friction, Run, Scenario, Testbed, simulate
-from identified import POPULATION, Case, coverage_bounds, holds, joint_case, multisine, soft_loop
+from identified import Case, coverage_bounds, holds, joint_case, multisine, soft_loop
 from independent.chain import Chain, record
 from independent.chain import multisine as chain_multisine
 from refusals import assert_refused
@@ -313,7 +313,6 @@ def test_share_of_the_population():
 
 
 @pytest.mark.population
-@pytest.mark.skipif(POPULATION, reason="runs with -m population")
 @pytest.mark.timeout(7200)
 def test_whole_population(capsys):
     """Inertias within 3 %, stiffness and resonance within 2 %, intervals that hold in 90 to 99 of 100 cases."""

@@ -18,7 +18,6 @@ from gainroom.identification.excitation import excitation
 from gainroom.identification.expected import delay_error, virtual_log
 from gainroom.identification.plan import Bounds, Plan, plan_excitation
 from gainroom.simulation import simulate
-from identified import POPULATION
 from independent.chain import Chain, record
 from refusals import assert_refused
 
@@ -139,7 +138,6 @@ def test_share_of_the_promised_accuracy(plan):
 
 
 @pytest.mark.population
-@pytest.mark.skipif(POPULATION, reason="runs with -m population")
 @pytest.mark.timeout(1800)
 def test_the_promised_accuracy_is_that_of_estimates(plan, capsys):
     """The errors' root mean square is the promised standard error within a factor of 1.5.

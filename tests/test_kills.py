@@ -100,7 +100,6 @@ def test_share_of_the_kills(tmp_path: Path):
 
 @pytest.mark.population
 @pytest.mark.timeout(0)
-@pytest.mark.skipif("'population' not in config.getoption('markexpr')", reason="runs with -m population")
 def test_whole_population_of_kills(tmp_path: Path):
     assert_nothing_lost(range(WHOLE), tuple(COMMANDS), tmp_path)
 
@@ -135,7 +134,6 @@ def at_event(folder: Path, name: str, count: int, number: int) -> tuple[bool, li
 
 @pytest.mark.population
 @pytest.mark.timeout(0)
-@pytest.mark.skipif("'population' not in config.getoption('markexpr')", reason="runs with -m population")
 @pytest.mark.parametrize("name", ["joint", "simulate csv", "simulate parquet", "simulate mcap"])
 @pytest.mark.parametrize("number", SIGNALS)
 def test_every_file_operation_can_be_the_last(tmp_path: Path, name: str, number: int):
@@ -192,7 +190,6 @@ def test_eight_threads_get_what_one_gets():
 
 @pytest.mark.population
 @pytest.mark.timeout(0)
-@pytest.mark.skipif("'population' not in config.getoption('markexpr')", reason="runs with -m population")
 def test_two_processes_fill_an_empty_cache(tmp_path: Path):
     """Both compile, both write: both answer as with a full cache, and so does the next one."""
     for name in ("one", "two"):

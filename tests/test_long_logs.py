@@ -15,7 +15,7 @@ from gainroom.identification.excited_part import MostExcited, most_excited
 from gainroom.identification.joint import identify_joint
 from gainroom.identification.record import Record
 from gainroom.simulation import Friction, Scenario, Testbed, simulate
-from identified import POPULATION, holds, multisine, soft_loop
+from identified import holds, multisine, soft_loop
 
 TICK, JOINT, DRIVE = 5e-4, gr.ElasticJoint(0.2, 0.8, 1e4, 2.0), gr.Drive(3000.0, 0.8, 2.3 * 5e-4)
 TORQUES = ("target_torque", "actual_torque", "motor_position")
@@ -130,7 +130,6 @@ def test_a_long_log_says_which_part_was_used(tmp_path):
 
 
 @pytest.mark.population
-@pytest.mark.skipif(POPULATION, reason="runs with -m population")
 @pytest.mark.timeout(1800)
 def test_an_hour_streams_through_a_gibibyte(tmp_path, capsys):
     """1 h at 2 kHz, 7.2 million rows, one minute of motion."""
@@ -142,7 +141,6 @@ def test_an_hour_streams_through_a_gibibyte(tmp_path, capsys):
 
 
 @pytest.mark.population
-@pytest.mark.skipif(POPULATION, reason="runs with -m population")
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("link", [False, True])
 def test_a_minute_is_identified_in_five_seconds(link, capsys):

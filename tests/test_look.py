@@ -121,7 +121,6 @@ def test_share(draw, number):
 
 
 @pytest.mark.population
-@pytest.mark.skipif("'population' not in config.getoption('markexpr')", reason="runs with -m population")
 @pytest.mark.parametrize("batch", range(BATCHES))
 @pytest.mark.parametrize("draw", [limbs, chain])
 def test_population(draw, batch):

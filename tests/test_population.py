@@ -163,7 +163,6 @@ def test_share_of_the_population(kind, start):
 
 
 @pytest.mark.population
-@pytest.mark.skipif("'population' not in config.getoption('markexpr')", reason="runs with -m population")
 @pytest.mark.parametrize(("kind", "start"), [(kind, start) for kind, whole in WHOLE.items() for start in range(0, whole, BATCH)])
 def test_whole_population(kind, start):
     assert_confirmed(kind, range(start, min(start + BATCH, WHOLE[kind])))
@@ -192,7 +191,6 @@ def test_the_draws_are_of_every_kind():
 
 
 @pytest.mark.population
-@pytest.mark.skipif("'population' not in config.getoption('markexpr')", reason="runs with -m population")
 def test_tell_the_counts(capsys):
     """Last: what was looked at in this process."""
     with capsys.disabled():

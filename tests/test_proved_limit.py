@@ -154,7 +154,6 @@ def test_limits_of_near_equal_limbs(number):
 
 
 @pytest.mark.population
-@pytest.mark.skipif("'population' not in config.getoption('markexpr')", reason="runs with -m population")
 def test_limits_of_the_population():
     """9 of 10 stable loops are proved, at least; the rest is left to the loci. None is wrong."""
     known = [assert_limit(number) for number in range(POPULATION)]

@@ -116,7 +116,6 @@ def test_share_of_the_population(start):
 
 
 @pytest.mark.population
-@pytest.mark.skipif("'population' not in config.getoption('markexpr')", reason="runs with -m population")
 @pytest.mark.parametrize("start", range(0, WHOLE, BATCH))
 def test_whole_population(start):
     wrong = {index: found for index in range(start, start + BATCH) if (found := disagreements(index))}

@@ -132,7 +132,6 @@ def test_share_of_the_robots(number):
 
 
 @pytest.mark.population
-@pytest.mark.skipif("'population' not in config.getoption('markexpr')", reason="runs with -m population")
 @pytest.mark.parametrize("batch", range(20))
 def test_limits_are_confirmed_by_an_independent_count(batch):
     for number in range(batch, COUNT, 20):

@@ -184,7 +184,6 @@ def test_without_weight_where_it_cannot_be_kept():
 
 
 @pytest.mark.population
-@pytest.mark.skipif("'population' not in config.getoption('markexpr')", reason="runs with -m population")
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("text", [TALOS, G1, QUADRUPED], ids=["TALOS", "G1", "Go2"])
 def test_larger_robots(text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
@@ -201,7 +200,6 @@ def test_larger_robots(text: str, tmp_path: Path, capsys: pytest.CaptureFixture[
 
 
 @pytest.mark.population
-@pytest.mark.skipif("'population' not in config.getoption('markexpr')", reason="runs with -m population")
 def test_none_can_be_raised_where_one_set_holds_in_several_states():
     spec = parse_robot(BIPED.replace("[left_sole, right_sole]}", "[left_sole, right_sole], flight: []}"), "robot")
     assert_none_can_be_raised(spec, safe(recommend_robot(spec)))

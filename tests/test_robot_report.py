@@ -183,7 +183,7 @@ def test_the_page_is_short_before_anything_is_opened(page, tmp_path, width, most
     (tmp_path / "frame.html").write_text(frame, "utf-8")  # a window has a least width
     call = ["chromium", "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", f"--user-data-dir={tmp_path / 'profile'}"]
     call += ["--virtual-time-budget=8000", "--window-size=1500,1000", "--hide-scrollbars", "--dump-dom"]
-    done = subprocess.run([*call, (tmp_path / "frame.html").as_uri()], capture_output=True, timeout=60, check=True)
+    done = subprocess.run([*call, (tmp_path / "frame.html").as_uri()], capture_output=True, check=True)
     shown = done.stdout.decode()
     title = re.search(r"<title>(\d+) (\d+)</title>", shown)
     assert title is not None

@@ -145,9 +145,6 @@ def agree(chosen: Case, folder: Path, **how) -> float:
     return found.gain
 
 
-LONG = [pytest.mark.population, pytest.mark.skipif("'population' not in config.getoption('markexpr')", reason="runs with -m population")]
-
-
 @pytest.mark.parametrize("name", NAMES)
 def test_explicit_gains_are_stable_up_to_where_mujoco_says(name: str, tmp_path: Path):
     assert math.isfinite(agree(case(name), tmp_path, integrator="Euler", pd="explicit"))
@@ -164,7 +161,7 @@ def test_mujocos_own_actuators_are_stable_up_to_where_it_says(name: str, tmp_pat
     assert math.isfinite(agree(lightly_damped(name), tmp_path, integrator="implicitfast", pd="implicit"))
 
 
-@pytest.mark.parametrize("name", ["arm", pytest.param("walker, one foot", marks=LONG)])
+@pytest.mark.parametrize("name", ["arm", pytest.param("walker, one foot", marks=pytest.mark.population)])
 @pytest.mark.parametrize(
     ("integrator", "pd", "decimation"),
     [

@@ -150,7 +150,6 @@ def test_killed_at_random_moments(undisturbed, tmp_path):
 
 
 @pytest.mark.population
-@pytest.mark.skipif("'population' not in config.getoption('markexpr')", reason="runs with -m population")
 def test_killed_at_many_random_moments(undisturbed, tmp_path):
     assert_killed(undisturbed, tmp_path, 40)
 
@@ -162,12 +161,11 @@ def assert_killed(undisturbed, tmp_path, moments: int) -> None:
         path = tmp_path / f"sweep{moment}.zarr"
         command = [sys.executable, str(RUNS), str(file), str(path), str(POSTURES), "2"]
         process = subprocess.Popen(command, env=environment(), start_new_session=True, stderr=subprocess.DEVNULL)
-        deadline = time.monotonic() + 60
-        while not path.exists() and time.monotonic() < deadline:
-            time.sleep(0.01)
+        while process.poll() is None and not path.exists():
+            time.sleep(0.01)  # however long that takes
         time.sleep(float(rng.uniform(0, 2.5)))
         process.send_signal((signal.SIGKILL, signal.SIGTERM, signal.SIGINT)[moment % 3])
-        process.wait(60)
+        process.wait()
         kept = contents(path)
         assert kept.items() <= expected.items()
         ran(small_plan(file, POSTURES), path, workers=1)

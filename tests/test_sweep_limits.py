@@ -76,7 +76,6 @@ def test_limits_of_near_equal_limbs(number):
 
 
 @pytest.mark.population
-@pytest.mark.skipif("'population' not in config.getoption('markexpr')", reason="runs with -m population")
 def test_limits_of_the_population():
     """No limit is wrong, and nine of ten that can be proved one by one are proved in a row."""
     proved, asked = np.sum([assert_limits(number) for number in range(POPULATION)], axis=0)

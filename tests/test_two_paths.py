@@ -17,8 +17,6 @@ from machines import between, limbs
 BUS, DRIVE = 2e-3, 5e-5  # [s] kp at 500 Hz, kd at 20 kHz
 NUDGE = 1e-6
 
-LONG = [pytest.mark.population, pytest.mark.skipif("'population' not in config.getoption('markexpr')", reason="runs with -m population")]
-
 
 def one_joint(
     kp=3000.0, kd=300.0, ki=0.0, motor=1.0, link=16.0, stiffness=1e4, damping=1.0, bandwidth=4000.0, side="motor", low_pass=None, notch=None
@@ -132,7 +130,7 @@ def test_there_are_stable_and_unstable_ones_in_the_population():
     assert 6 <= sum(stable) <= len(stable) - 3
 
 
-@pytest.mark.parametrize("number", [3, pytest.param(7, marks=LONG)])
+@pytest.mark.parametrize("number", [3, pytest.param(7, marks=pytest.mark.population)])
 def test_several_coupled_joints(number: int):
     machine = limbs(1, number).machine
     two = TwoRates(machine, 1e-4, 20, 25, 1, 2)

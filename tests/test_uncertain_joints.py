@@ -53,7 +53,6 @@ def test_share_of_the_population():
 
 
 @pytest.mark.population
-@pytest.mark.skipif("'population' not in config.getoption('markexpr')", reason="runs with -m population")
 @pytest.mark.parametrize("start", range(0, WHOLE, BATCH))
 def test_whole_population(start):
     assert_kept(range(start, min(start + BATCH, WHOLE)))

@@ -8,14 +8,12 @@ import pytest
 import gainroom as gr
 from gainroom.identification.joint import identify_joint
 from gainroom.identification.record import Record
-from identified import POPULATION
 from independent.chain import Chain, multisine, record
 from refusals import assert_refused
 
 TICK, COUNT = 1e-3, 8000
 TWO = Chain(np.array([0.2, 0.8]), np.array([1e4]), np.array([2.0]), 1.0, 0.2, bandwidth=2000.0, resolution=7.7e-6)
 THREE = replace(TWO, inertia=np.array([0.2, 0.3, 0.5]), stiffness=np.array([1e4, 6e3]), damping=np.array([2.0, 2.0]))
-whole = [pytest.mark.population, pytest.mark.skipif(POPULATION, reason="runs with -m population")]
 
 
 @dataclass(frozen=True)
@@ -90,8 +88,7 @@ def test_a_position_that_is_read_every_other_tick_is_seen(two):
     assert not identify_joint(log(wrong)).adequate
 
 
-@whole[0]
-@whole[1]
+@pytest.mark.population
 @pytest.mark.parametrize(
     "chain",
     [
@@ -123,8 +120,8 @@ TIME = np.arange(COUNT) * TICK
     [
         pytest.param(2 * np.sin(np.pi * TIME), 0.4, ["record a multisine or chirp"], id="slow"),
         pytest.param(0.03 * broad(), 0.0, ["larger torque"], id="below friction"),
-        pytest.param(10 * np.sin(40 * np.pi * TIME), 0.4, ["record a multisine or chirp"], id="one sine", marks=whole),
-        pytest.param(0 * TIME, 0.0, ["larger torque"], id="at rest", marks=whole),
+        pytest.param(10 * np.sin(40 * np.pi * TIME), 0.4, ["record a multisine or chirp"], id="one sine", marks=pytest.mark.population),
+        pytest.param(0 * TIME, 0.0, ["larger torque"], id="at rest", marks=pytest.mark.population),
     ],
 )
 def test_too_little_excitation_is_refused(torque, slow, words):
