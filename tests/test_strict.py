@@ -2,12 +2,16 @@
 
 import json
 import re
+from functools import cache
 from pathlib import Path
 
 import pytest
 import yaml
 
 from gainroom.cli import main
+from gainroom.files.joint_yaml import load_joint
+from gainroom.studies import joint as studies_of_joints
+from gainroom.studies.joint import JointStudy, study_joint
 from robot_files import ROBOT, write_arm
 
 EXAMPLES = Path(__import__("gainroom").__path__[0]) / "files" / "examples"
@@ -20,8 +24,17 @@ def narrow(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("COLUMNS", str(COLUMNS))
 
 
+@cache
+def studied(path: str) -> JointStudy:
+    return study_joint(load_joint(Path(path)))
+
+
 def answer(capsys: pytest.CaptureFixture[str], *call: str) -> tuple[int, str]:
-    status = main(list(call))
+    """Status and output of a command; an example, which no test changes, is studied once for all that is said of it."""
+    with pytest.MonkeyPatch.context() as patch:
+        if call[0] == "joint" and Path(call[1]).parent == EXAMPLES:
+            patch.setattr(studies_of_joints, "study_joint", lambda system: studied(call[1]))
+        status = main(list(call))
     return status, capsys.readouterr().out
 
 
