@@ -3,6 +3,7 @@
 A Ball holds, for n boxes, the disc (mid, rad) of everything that a quantity can be in each, and by parameter the disc of everything
 that its slope can be, times half the box's width. Sums, products and inverses of discs contain every sum, product and inverse of their
 members (Gargantini and Henrici 1972). Where a disc that is inverted contains 0 the result is not finite, which the caller looks for.
+A number has the radius 0.0, a float; what is made of numbers alone is one, and nothing is computed for its radius.
 """
 
 from dataclasses import dataclass, field
@@ -13,12 +14,21 @@ import numpy as np
 from ..linear.arrays import Floats
 
 Disc = tuple[Any, Any]
-"""(mid, rad), (n,) each, or (m, n)."""
+"""(mid, rad), (n,) each, or (m, n); rad 0.0: numbers."""
+
+
+def is_number(rad: Any) -> bool:
+    """Whether a disc with this radius is one number for each box."""
+    return isinstance(rad, float) and rad == 0.0
 
 
 def times(first: Disc, second: Disc) -> Disc:
     """Disc of all products."""
     (a, reach_a), (b, reach_b) = first, second
+    if is_number(reach_b):
+        return a * b, 0.0 if is_number(reach_a) else reach_a * np.abs(b)
+    if is_number(reach_a):
+        return a * b, np.abs(a) * reach_b
     return a * b, np.abs(a) * reach_b + reach_a * (np.abs(b) + reach_b)
 
 
@@ -32,7 +42,7 @@ def inverse(disc: Disc) -> Disc:
     mid, rad = disc
     least_square = np.abs(mid) ** 2 - rad**2
     least_square = np.where(least_square > 0, least_square, np.nan)
-    return np.conj(mid) / least_square, rad / least_square
+    return np.conj(mid) / least_square, 0.0 if is_number(rad) else rad / least_square
 
 
 def turned(disc: Disc) -> Disc:
@@ -52,7 +62,7 @@ class Ball:
     def parameter(cls, index: int, low: Floats, high: Floats) -> "Ball":
         """Parameter number `index`, between `low` and `high` (n,)."""
         mid, half = 0.5 * (low + high), 0.5 * (high - low)
-        return cls((mid, half), {index: (half, np.zeros_like(half))})
+        return cls((mid, half), {index: (half, 0.0)})
 
     def __mul__(self, other: "Ball | complex | Floats") -> "Ball":
         if not isinstance(other, Ball):
@@ -88,7 +98,7 @@ class Ball:
         """√x of a real x > 0."""
         mid, rad = self.disc
         low, high = np.sqrt(np.maximum(mid - rad, 0.0)), np.sqrt(mid + rad)
-        value = (0.5 * (low + high), 0.5 * (high - low))
+        value = (0.5 * (low + high), 0.0 if is_number(rad) else 0.5 * (high - low))
         change = times((0.5, 0.0), inverse(value))
         return Ball(value, {i: times(change, slope) for i, slope in self.slopes.items()})
 
@@ -123,4 +133,4 @@ def gathered(first: dict[int, Disc], second: dict[int, Disc]) -> dict[int, Disc]
 
 def constant(value: float, count: int) -> Ball:
     """A quantity that is the same in all `count` boxes."""
-    return Ball((np.full(count, value, dtype=float), np.zeros(count)))
+    return Ball((np.full(count, value, dtype=float), 0.0))

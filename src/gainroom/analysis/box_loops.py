@@ -23,7 +23,7 @@ from ..system.assembly import Feedback, current_loop
 from ..system.drive import Drive
 from ..system.plant import ElasticJoint
 from ..system.uncertainty import Uncertainty
-from ._balls import Ball, Disc, constant, gathered, inverse, plus, times, turned
+from ._balls import Ball, Disc, constant, gathered, inverse, is_number, plus, times, turned
 
 FEWEST_ALIASES, MOST_ALIASES = 3, 24
 TURN = 2 * math.pi
@@ -142,13 +142,14 @@ class BoxLoop:
     def at(self, low: Floats, high: Floats, scaled: bool) -> Sectors:
         """Sectors of boxes `low` to `high` (n, p); column 0: ω [rad/s], or ν where `scaled`."""
         with np.errstate(all="ignore"):  # what is not finite stays undecided
-            middle = 0.5 * (low + high)
-            return self._sectors(self._parts(low, high, scaled), self._parts(middle, middle, scaled))
+            boxes = [Ball.parameter(i, low[:, i], high[:, i]) for i in range(low.shape[1])]
+            return self._sectors(self._parts(boxes, scaled), self._parts([Ball((box.disc[0], 0.0)) for box in boxes], scaled))
 
-    def _parts(self, low: Floats, high: Floats, scaled: bool) -> "_Parts":
-        values = {name: constant(value, len(low)) for name, value in self.nominal.items()}
-        values |= {name: Ball.parameter(1 + i, low[:, 1 + i], high[:, 1 + i]) for i, name in enumerate(self.names)}
-        frequency = Ball.parameter(0, low[:, 0], high[:, 0])
+    def _parts(self, boxes: list[Ball], scaled: bool) -> "_Parts":
+        """Of the frequency and the parameters in `names`: what they can be in boxes with their slopes, or numbers."""
+        frequency, *ranges = boxes
+        values = {name: constant(value, len(frequency.disc[0])) for name, value in self.nominal.items()}
+        values |= dict(zip(self.names, ranges, strict=True))
         if self.rigid:
             omega, square = frequency, None
         else:
@@ -209,10 +210,10 @@ class BoxLoop:
             value = times(value, inverse((1j * omega.disc[0] - pole, omega.disc[1])))
         value = times(times(value, (self.currents.gain, 0.0)), times(base.disc, inverse(omega.disc)))
         lag = values["delay"].disc
-        middle, reach = times(value, turned((-k * rate * lag[0], np.abs(k) * rate * lag[1])))
-        total = middle.sum(axis=0), reach.sum(axis=0)
+        middle, reach = times(value, turned((-k * rate * lag[0], 0.0 if is_number(lag[1]) else np.abs(k) * rate * lag[1])))
         if not add_rest:
-            return total
+            return middle.sum(axis=0), 0.0
+        total = middle.sum(axis=0), reach.sum(axis=0)
         first = (self.aliases + 0.5) * rate  # beyond, |P C|/ω falls at least as 1/ω³
         rest = 2 * self.roll_off(first) / first * (1 + (self.aliases + 0.5) / 2)
         return total[0], total[1] + rest * parts.omega.sizes()[1]
@@ -270,7 +271,7 @@ class BoxLoop:
 
     def _inverse_currents(self, omega: Ball) -> Disc:
         """Disc of 1/C."""
-        value: Disc = (np.full(len(omega.disc[0]), 1 / self.currents.gain, dtype=complex), np.zeros(len(omega.disc[0])))
+        value: Disc = (np.full(len(omega.disc[0]), 1 / self.currents.gain, dtype=complex), 0.0)
         for pole in self.currents.poles:
             value = times(value, (1j * omega.disc[0] - pole, omega.disc[1]))
         return value
@@ -279,8 +280,8 @@ class BoxLoop:
         """What the parameters do not touch: current loop, controller and hold."""
         mid, rad = omega.disc
         flat = np.ones(len(mid))
-        steep: Disc = (0j * flat, 0 * flat)
-        point, moving = (1j * mid, rad), (1j * flat, 0 * flat)
+        steep: Disc = (0j * flat, 0.0)
+        point, moving = (1j * mid, rad), (1j * flat, 0.0)
         along = point, moving
         hold = flat, flat
         if self.sample_time is not None:
@@ -327,7 +328,7 @@ class _Moved:
 def _quotient(above: list[Ball], below: list[Ball]) -> Disc:
     """Disc of a ratio of products."""
     shape = np.broadcast_shapes(*(np.shape(factor.disc[0]) for factor in above + below))
-    value: Disc = (np.ones(shape, complex), np.zeros(shape))
+    value: Disc = (np.ones(shape, complex), 0.0)
     for factor in above:
         value = times(value, factor.disc)
     for factor in below:
