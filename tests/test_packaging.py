@@ -5,6 +5,7 @@ import os
 import re
 import subprocess
 import sys
+import tarfile
 import tomllib
 import zipfile
 from importlib.metadata import metadata
@@ -37,6 +38,19 @@ def test_the_wheel_alone_runs_the_demo(tmp_path: Path):
     facts = json.loads(run(gainroom, "joint", "testbed.yaml", "--json", "--report", "testbed.html", cwd=tmp_path))
     assert facts["stable"] is True
     assert (tmp_path / "testbed.html").stat().st_size > 10_000
+
+
+def test_the_source_distribution_holds_sources_alone(tmp_path: Path):
+    """Built where a virtual environment, a core and other builds may lie about."""
+    run(sys.executable, "-c", "import sys, scikit_build_core.build as b; b.build_sdist(sys.argv[1])", tmp_path, cwd=ROOT)
+    (archive,) = tmp_path.glob("*.tar.gz")
+    with tarfile.open(archive) as packed:
+        names = {name.partition("/")[2] for name in packed.getnames()}
+    tops = {name.partition("/")[0] for name in names}
+    assert {"src", "tests", "docs", "scripts", "pyproject.toml", "CMakeLists.txt", "LICENSE"} <= tops
+    assert not tops & {".venv", "build", "dist", ".git", ".ci"}
+    assert "src/gainroom/native/include/gainroom/scan.hpp" in names
+    assert not [name for name in names if name.endswith((".so", ".pyd", ".pyc"))]
 
 
 def test_the_lock_pins_every_dependency_and_names_no_host():
