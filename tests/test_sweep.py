@@ -21,7 +21,7 @@ from gainroom.cli import main
 from gainroom.files.robot_yaml import load_robot_system
 from gainroom.sweep import cluster
 from gainroom.sweep import plan as plans
-from gainroom.sweep.limits import StateLimits
+from gainroom.sweep.limits import Limits, StateLimits
 from gainroom.sweep.plan import SweepPlan, drawn
 from gainroom.sweep.postures import Grid, Samples, Trajectory
 from gainroom.sweep.search import searched
@@ -217,6 +217,23 @@ def test_the_summary_is_that_of_all_numbers(arm, tmp_path):
     assert found.scale == pytest.approx(gain.min() / found.margin)
     assert found.margin == pytest.approx(10 ** (6 / 20))
     assert found.rarer_than == pytest.approx(1 - 0.05 ** (1 / 200))
+
+
+def test_gains_that_may_not_be_lowered_either_have_no_margin(arm):
+    """A gain margin of 6 dB allows half of the gains: a robot that falls below 0.6 of them has 4.4 dB."""
+    plan = small_plan(arm, 3)
+    limits = Limits(
+        np.array([10.0, 9.0, 8.0]), np.array([0.6, 0.0, 0.4]), np.ones(3), np.zeros(3, dtype=int), np.array([True, True, False])
+    )
+    found = summarized(plan, [(plan.task(0), limits)], margin=2.0)
+    (one,) = found.contacts
+    assert found.stable
+    assert not found.margin_held
+    assert (one.short, one.uncertified, one.unsafe, one.lower) == (1, 1, 2, 0.6)
+    sure = summarized(plan, [(plan.task(0), limits._replace(certified=np.ones(3, dtype=bool)))], margin=2.0)
+    assert sure.scale == 8.0 / 2.0  # at four times these gains the lower end is at 0.15 of them
+    narrow = limits._replace(gain=np.array([2.2, 9.0, 8.0]), certified=np.ones(3, dtype=bool))
+    assert math.isnan(summarized(plan, [(plan.task(0), narrow)], margin=2.0).scale)  # 1.1 × would be 5.3 dB above the lower end
 
 
 def test_the_search_ends_no_higher_and_in_the_box(arm, tmp_path):

@@ -107,5 +107,72 @@ def test_what_else_fails_in_the_worst_postures_is_said(tmp_path, capsys):
     assert found["unmet"]
     assert main([*call, "--strict"]) == 1
     said = " ".join(capsys.readouterr().out.split())
-    assert "Not met where gain limits are lowest: phase margin" in said
+    assert "Not met: phase margin" in said
     assert "Safe" not in said
+
+
+def test_the_audit_s_page_shows_the_workspace(tmp_path, capsys):
+    """What JSON says of it, with the factor that is safe in all of it, and the command that asks for it."""
+    gains, page = tmp_path / "gains.yaml", tmp_path / "audit.html"
+    gains.write_text("default: {kp: 8000, kd: 600, motor_inertia: 1.0}\n")
+    call = ["audit", str(BIPED), "--delay-ms", "2", "--gains", str(gains), "--base", "fixed", "--workspace", "100", "--json"]
+    assert main([*call, "--report", str(page)]) == 1
+    found = json.loads(capsys.readouterr().out)["workspace"]
+    html = page.read_text("utf-8")
+    assert "The workspace: 100 postures" in html
+    assert "--workspace 100" in html
+    assert f"{100 * found['safe_share']:.4g} % of 100 limits are safe" in html.replace("none of", "0 % of")
+    assert found["scale"] == pytest.approx(found["worst"]["gain_limit"] / 10 ** (6 / 20), rel=1e-12)
+    assert f"All gains × {np.floor(1000 * found['scale']) / 1000:.4g} keep the gain margin in every posture swept" in html
+    assert "How limits spread over the workspace" in html
+    assert "The worst posture, " in html
+
+
+def test_the_robot_s_page_shows_what_recommended_gains_keep_in_a_sweep(tmp_path, capsys):
+    file, store, page = write_arm(tmp_path, STRETCHED), tmp_path / "sweep.zarr", tmp_path / "robot.html"
+    assert main(["sweep", str(file), "--samples", "100", "--output", str(store), "--json"]) == 0
+    capsys.readouterr()
+    assert main(["robot", str(file), "--sweep", str(store), "--report", str(page)]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    html = page.read_text("utf-8")
+    sentence = said[said.index("Recommended gains keep") :].partition("; the lowest")[0]
+    assert sentence in html
+    assert "Recommended gains in 100 swept postures" in html
+
+
+def others(system, angles, contact):
+    """Phase margin and Ms of a robot's loops at joint positions (n,), all margins worked out."""
+    robot = system.source
+    q = configurations(robot.body, np.array([angles]))[0]
+    found = gr.joint_margins(system.loop(linearize(robot.body, robot.actuators, q, robot.contacts[contact])))
+    return {"phase_margin": (np.degrees(found.common_phase_margin), np.degrees(found.one_loop_phase_margin)), "peak_sensitivity": found}
+
+
+def test_other_requirements_are_judged_in_a_sample_and_that_is_said(tmp_path, capsys):
+    """The worst that is found is no better than in any of 12 postures of a sweep of 12, each worked out by itself."""
+    biped = tmp_path / "biped.yaml"
+    biped.write_text((files("gainroom") / "files" / "examples" / "biped.yaml").read_text())
+    store = tmp_path / "sweep.zarr"
+    call = ["sweep", str(biped), "--samples", "12", "--contact", "left", "--output", str(store)]
+    assert main([*call, "--json"]) == 0
+    judged = json.loads(capsys.readouterr().out)["judged"]
+    assert judged["everywhere"] is True
+    assert judged["count"] == 12
+    system = load_robot_system(biped)
+    every = [others(system, angles, "left") for angles in gr.open_sweep(store).angles.values]
+    phases = [min(one["phase_margin"]) for one in every]
+    peaks = [one["peak_sensitivity"].peak_sensitivity for one in every]
+    rows = {row["name"]: row for row in judged["requirements"]}
+    assert rows["phase_margin"]["worst"] == pytest.approx(min(phases), rel=1e-9)
+    assert rows["phase_margin"]["missed"] == sum(one < 30 for one in phases) > 0
+    assert rows["peak_sensitivity"]["worst"] == pytest.approx(max(peaks), rel=1e-2)
+    assert rows["peak_sensitivity"]["missed"] == sum(one > 2 for one in peaks)
+    assert main([*call, "--margins", "2", "--json"]) == 0
+    fewer = json.loads(capsys.readouterr().out)["judged"]
+    assert (fewer["lowest"], fewer["random"], fewer["everywhere"]) == (2, 2, False)
+    assert 2 <= fewer["count"] <= 4
+    assert {row["name"]: row["worst"] for row in fewer["requirements"]}["phase_margin"] >= min(phases) * (1 - 1e-9)
+    assert main([*call, "--margins", "2"]) == 0
+    assert "Judged in a sample, not everywhere: phase margin, peak sensitivity Ms" in " ".join(capsys.readouterr().out.split())
+    assert main([*call, "--margins", "-1"]) == 2
+    assert "--margins -1 must be from 0 to" in capsys.readouterr().err

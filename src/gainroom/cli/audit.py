@@ -140,9 +140,8 @@ def audit(
         if page is not None:
             from ..report.audit import audit_page
 
-            page.write(
-                audit_page(result, audit_command(model, gains, options, asked, {"--margin-db": margin_db, **limits}, report), simulated)
-            )
+            again = {"--margin-db": margin_db, **limits, "--workspace": workspace}
+            page.write(audit_page(result, audit_command(model, gains, options, asked, again, report), simulated, swept))
     return 0 if result.safe and (simulated is None or simulated.limit.stable) and (swept is None or swept.margin_held) else 1
 
 
@@ -273,9 +272,10 @@ def _workspace_text(swept: "SweepSummary | None") -> list[str]:
     """Its paragraph; loaded only where it is asked for."""
     if swept is None:
         return []
-    from ..report.sweep_text import sentence, sureness, warnings
+    from ..report.sweep_text import sentence, sureness, warnings, workspace_advice
 
-    return ["", " ".join(["Workspace:", sentence(swept), *sureness(swept, None)]), *warnings(swept)]
+    judged = "Judged there: the gain margin alone."
+    return ["", " ".join(["Workspace:", sentence(swept), *sureness(swept, None), *warnings(swept), workspace_advice(swept), judged])]
 
 
 def _simulator_text(simulated: "SimulatorAudit | None") -> tuple[list[str], tuple[str, ...]]:

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from ..design.robot_gains import RobotGains
     from ..studies.robot import RobotStudy
     from ..studies.state import Progress, State
+    from ..sweep.summary import SweepSummary
     from ..system.system import System
 
 
@@ -49,17 +50,21 @@ def robot(
         return two_paths(system, as_json, report, strict)
     with report_stream(report) as page:
         with progress_bar("robot:") as progress:
-            study, elsewhere = _studied(system, sweep, progress)
+            study, swept, elsewhere = _studied(system, sweep, progress)
         show(as_json, lambda: _facts(study) | elsewhere[0], lambda: _terminal(study, report, verbose, elsewhere[1]))
         if page is not None:
             from ..report.robot import robot_page
 
-            page.write(robot_page(study, command_line("robot", file, ("--sweep", sweep), ("--report", report))))
+            page.write(robot_page(study, command_line("robot", file, ("--sweep", sweep), ("--report", report)), swept, elsewhere[1]))
     return 0 if study.stable_in_range and not (strict and study.requirements_met is False) else 1
 
 
-def _studied(system: "System", sweep: Path | None, progress: "Progress") -> "tuple[RobotStudy, tuple[dict[str, Any], list[str]]]":
-    """The study; and of postures that the file does not name keys of --json, and what is said."""
+Elsewhere = tuple[dict[str, Any], list[str]]
+"""Of postures that the file does not name: keys of --json, and what is said."""
+
+
+def _studied(system: "System", sweep: Path | None, progress: "Progress") -> "tuple[RobotStudy, SweepSummary | None, Elsewhere]":
+    """The study, what recommended gains keep in a sweep's postures, and both in other words."""
     from ..report.sweep_text import checked_sentence, posture_facts, workspace_facts, worse_note
 
     if sweep is not None:
@@ -67,8 +72,8 @@ def _studied(system: "System", sweep: Path | None, progress: "Progress") -> "tup
 
         study, found = study_over(system, sweep, progress)
         if found is None:
-            return study, ({"swept": None}, ["There are no recommended gains that could be checked in the sweep's postures."])
-        return study, ({"swept": workspace_facts(found)}, [checked_sentence(found)])
+            return study, None, ({"swept": None}, ["There are no recommended gains that could be checked in the sweep's postures."])
+        return study, found, ({"swept": workspace_facts(found)}, [checked_sentence(found)])
     from ..studies.robot import study_robot
     from ..sweep.workspace import worse_posture
 
@@ -76,8 +81,8 @@ def _studied(system: "System", sweep: Path | None, progress: "Progress") -> "tup
     known = study.tightest.limit.gain
     worse = worse_posture(system, known)
     if worse is None:
-        return study, ({"worse_posture": None}, [])
-    return study, ({"worse_posture": posture_facts(*worse)}, [f"Note: {worse_note(*worse, known)}."])
+        return study, None, ({"worse_posture": None}, [])
+    return study, None, ({"worse_posture": posture_facts(*worse)}, [f"Note: {worse_note(*worse, known)}."])
 
 
 def _facts(study: "RobotStudy") -> dict[str, Any]:

@@ -20,6 +20,10 @@ if TYPE_CHECKING:
     from ..sweep.summary import SweepSummary, SweptPosture
 
 
+MOST_MARGINS = 10_000
+"""Postures of each contact state: a quarter of an hour for a biped."""
+
+
 def sweep(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A robot.yaml; `gainroom example biped` prints one.", show_default=False)],
     samples: Annotated[
@@ -44,6 +48,14 @@ def sweep(
     contact: Annotated[list[str] | None, typer.Option(metavar="NAME", help="A contact state; repeats; all without it.")] = None,
     draws: Annotated[int, typer.Option(help="Also so many draws of the file's `uncertainty`.")] = 0,
     seed: Annotated[int, typer.Option(help="Of samples and draws.")] = 0,
+    margins: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            help="Judge the file's other requirements, too, in the N postures with the lowest gain limits and in N random ones of each "
+            "contact state; 50 without it, 5 where a limit takes long; 0: in the lowest alone.",
+        ),
+    ] = None,
     output: Annotated[
         Path | None,
         typer.Option(
@@ -69,26 +81,33 @@ def sweep(
     from ..files.robot_yaml import load_robot_system
     from ..files.sweep_options import SweepOptions, sweep_plan
 
+    if margins is not None and not 0 <= margins <= MOST_MARGINS:
+        raise GainroomError(f"--margins {margins} must be from 0 to {MOST_MARGINS}")
     if workers is not None and (workers < 1 or scheduler is not None):
         raise GainroomError(f"--workers {workers} must be 1 or more, and not beside --scheduler")
     system = load_robot_system(file)
     options = SweepOptions(samples, grid or (), ranges or (), trajectory, contact or (), draws, seed, posture)
     plan = sweep_plan(system, options)
     with report_stream(report) as page, _store(output, plan) as store:
-        from ..studies.swept_margins import worst_states
+        from ..studies.swept_margins import JUDGED, worst_states
         from ..sweep.search import searched
         from ..sweep.summary import summarized
 
         _run(store, workers, scheduler or "", output)
-        found = summarized(plan, store.finished())
-        near, at_worst = searched(found), worst_states(found)
+        found = summarized(plan, store.finished(), remembered=max(JUDGED, margins or 0))
+        with progress_bar("sweep:") as progress:
+            near, at_worst = searched(found), worst_states(found, margins, progress)
         show(as_json, lambda: _facts(found, near, at_worst, output), lambda: _terminal(found, near, at_worst, output, report))
         if page is not None:
             from ..report.sweep import sweep_page
 
             page.write(
                 sweep_page(
-                    found, near, at_worst, store, command_line("sweep", file, *_typed(options), ("--output", output), ("--report", report))
+                    found,
+                    near,
+                    at_worst,
+                    store,
+                    command_line("sweep", file, *_typed(options, margins), ("--output", output), ("--report", report)),
                 )
             )
     return 0 if found.stable and not (strict and (at_worst.unmet or not found.margin_held)) else 1
@@ -120,10 +139,10 @@ def _run(store: "Store", workers: int | None, scheduler: str, output: Path | Non
             raise Stopped(asked(), kept)
 
 
-def _typed(options: Any) -> "list[tuple[str, Any]]":
+def _typed(options: Any, margins: int | None) -> "list[tuple[str, Any]]":
     """As options of the command."""
     once = [("--samples", options.samples), ("--trajectory", options.trajectory), ("--posture", options.posture or None)]
-    once += [("--draws", options.draws or None), ("--seed", options.seed or None)]
+    once += [("--draws", options.draws or None), ("--seed", options.seed or None), ("--margins", margins)]
     many = [("--range", options.ranges), ("--grid", options.grid), ("--contact", options.contacts)]
     return [*once, *((flag, value) for flag, values in many for value in values)]
 
@@ -134,7 +153,7 @@ def _facts(found: "SweepSummary", near: "SweptPosture | None", at_worst: "WorstS
     from ..report.columns import facts
     from ..report.number_format import as_typed, model_kind
     from ..report.robot_columns import state_columns
-    from ..report.sweep_text import columns, posture_facts, sentence, warnings
+    from ..report.sweep_text import columns, judged_facts, posture_facts, sentence, warnings
     from ..system.requirements import to_db
 
     plan = found.plan
@@ -144,7 +163,7 @@ def _facts(found: "SweepSummary", near: "SweptPosture | None", at_worst: "WorstS
         "gainroom": __version__,
         "stable": found.stable,
         "gain_margin_met": found.margin_held if found.margin > 1 else None,
-        "unmet": list(at_worst.unmet),
+        "unmet": [*(["gain_margin"] if found.margin > 1 and not found.margin_held else []), *at_worst.unmet],
         "sentence": sentence(found),
         "model": model_kind(sample_time),
         "sample_rate_hz": None if sample_time is None else 1 / sample_time,
@@ -158,6 +177,7 @@ def _facts(found: "SweepSummary", near: "SweptPosture | None", at_worst: "WorstS
         "worst": posture_facts(found, found.worst),
         "searched": posture_facts(found, near),
         "worst_states": [facts(state_columns(), state) for state in at_worst.states],
+        "judged": judged_facts(found, at_worst),
         "scale": found.scale,
         "rarer_than": found.rarer_than,
         "contacts": [facts(columns(found), one) for one in found.contacts],

@@ -26,16 +26,23 @@ from .robot_skeleton import common_view
 from .robot_tables import MARKS, inputs, span
 from .robot_text import audit_scale, audit_sentence, audit_warnings
 from .robot_units import joint_units
+from .sweep_text import counted, safe_share, workspace_advice
+from .workspace import workspace_card, workspace_section
+
+UNSAFE_STATES = 3
+"""The place of that card."""
 
 if TYPE_CHECKING:
     from ..studies.simulator_audit import SimulatorAudit
+    from ..sweep.summary import SweepSummary
 
 
-def audit_page(result: Audit, command: str, simulated: "SimulatorAudit | None" = None) -> str:
+def audit_page(result: Audit, command: str, simulated: "SimulatorAudit | None" = None, swept: "SweepSummary | None" = None) -> str:
     """The report of an audit as one HTML page.
 
     command     that makes it
     simulated   the simulator's answer
+    swept       the whole workspace
     """
     system, factors, count = result.system, _factors(result), len(result.joints)
     assumed = (*system.assumptions, *gearbox_assumptions(result))
@@ -43,6 +50,7 @@ def audit_page(result: Audit, command: str, simulated: "SimulatorAudit | None" =
     taken = assumptions(f"Linear about posture {result.tightest.posture}", sample_time, "; contacts neither slip nor lift")
     sections = [
         *_reasons(result),
+        *([] if swept is None else [workspace_section(swept, f"The workspace: {counted(swept.plan.postures.count)} postures")]),
         *([] if simulated is None else [Section("In the simulator", _simulator(simulated))]),
         Section("Joint by joint", [_joint_table(result)], f"{count} joints with their gains and factors"),
         Section(
@@ -61,7 +69,10 @@ def audit_page(result: Audit, command: str, simulated: "SimulatorAudit | None" =
         Section("Command", [block(command)], "that makes this page"),
     ]
     title = f"gainroom audit: gains of {count} joints, {model_kind(sample_time)} model"
-    return page(title, _lead(result, simulated), _cards(result), sections, footer())
+    cards = _cards(result)
+    if swept is not None:  # a workspace says more than whether one state is safe
+        cards[UNSAFE_STATES : UNSAFE_STATES + (len(result.states) == 1)] = [workspace_card(swept)]
+    return page(title, _lead(result, simulated, swept), cards, sections, footer())
 
 
 def _reasons(result: Audit) -> list[Section]:
@@ -85,14 +96,19 @@ def _deciding(result: Audit) -> str:
     return f"headroom {digits(row.least, '×', 3)}, {row.title}{where}"
 
 
-def _lead(result: Audit, simulated: "SimulatorAudit | None") -> Lead:
+def _lead(result: Audit, simulated: "SimulatorAudit | None", swept: "SweepSummary | None") -> Lead:
     said, do, sentence = list(audit_warnings(result)[:ON_TOP]), _advice(result), audit_sentence(result)
     lost = simulated is not None and not simulated.limit.stable
     if lost:
         said.insert(0, "these gains are unstable in the simulator: see below")
+    short = swept is not None and not swept.margin_held
+    if swept is not None and short:
+        said.insert(0, f"in the workspace {safe_share(swept)} of {counted(swept.count)} limits are safe. {workspace_advice(swept)}")
+        if result.safe:
+            sentence, do = f"In this posture: {sentence}", advice(workspace_advice(swept), "")
     if not result.stable:
         return Lead(sentence, "bad", "UNSTABLE: do not run these gains", said, do)
-    return Lead(sentence, "good" if result.safe and not lost and not _assumed_rigid(result).any() else "warn", "", said, do)
+    return Lead(sentence, "good" if result.safe and not (lost or short) and not _assumed_rigid(result).any() else "warn", "", said, do)
 
 
 def _assumed_rigid(result: Audit) -> Booleans:

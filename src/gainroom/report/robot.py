@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from ..errors import listed
 from ..studies.robot import RobotStudy
 from ..studies.state import State, by_headroom, task_headroom, unknown_first
+from ..sweep.summary import SweepSummary
 from ..system.requirements import REQUIREMENTS, Requirement
 from .number_format import digits, hertz, model_kind
 from .page import Card, Html, Lead, Section, beside, block, facts, page, paragraph
@@ -19,15 +20,22 @@ from .robot_skeleton import common_view
 from .robot_tables import folded, gain_tables, inputs, joint_table, state_table, task_table
 from .robot_text import notes, sentence, warnings
 from .robot_units import judged
+from .sweep_text import checked_sentence, counted
 from .verdict import advice_box, robot_to_use
+from .workspace import workspace_section
 
 FEW = 4
 """States of which each has a picture; of more, the tightest posture of each contact state has one."""
 MOST_PICTURES = 8
 
 
-def robot_page(study: RobotStudy, command: str) -> str:
-    """The report of a study as one HTML page; `command` is the command that makes it."""
+def robot_page(study: RobotStudy, command: str, swept: SweepSummary | None = None, elsewhere: Sequence[str] = ()) -> str:
+    """The report of a study as one HTML page.
+
+    command     that makes it
+    swept       what the recommended gains keep in the postures of a sweep
+    elsewhere   of postures that the file does not name
+    """
     shown, sample_time = _shown(study), study.system.control.sample_time
     told = [*warnings(study)[ON_TOP:], *notes(study)]
     taken = assumptions("Linear about each posture", sample_time, "; contacts neither slip nor lift")
@@ -35,6 +43,7 @@ def robot_page(study: RobotStudy, command: str) -> str:
     sections = [
         Section(_deciding_title(study), [_deciding(study)]),
         Section("Gain headroom", _headroom(study)),
+        *([] if swept is None else [_swept(swept)]),
         Section("Vibration by contact state", _vibrations(study, shown), f"{len(shown)} states, each at its own gain limit"),
         Section("State by state", [state_table(study), *remedies(study)], f"{len(study.states)} states with all their margins"),
         Section("Why: the characteristic loci", [_loci_words(), loci_of], "where the eigenvalues of the coupled loops come near −1"),
@@ -51,7 +60,11 @@ def robot_page(study: RobotStudy, command: str) -> str:
         Section("Command", [block(command)], "that makes this page"),
     ]
     title = f"gainroom robot: gains of {study.system.source.body.size} joints, {model_kind(sample_time)} model"
-    return page(title, _lead(study), _cards(study), sections, footer())
+    return page(title, _lead(study, elsewhere), _cards(study), sections, footer())
+
+
+def _swept(found: SweepSummary) -> Section:
+    return workspace_section(found, f"Recommended gains in {counted(found.plan.postures.count)} swept postures", checked_sentence(found))
 
 
 def _shown(study: RobotStudy) -> list[State]:
@@ -166,8 +179,8 @@ def _joints(study: RobotStudy) -> list[Html]:
     return parts
 
 
-def _lead(study: RobotStudy) -> Lead:
-    answer, first, do = sentence(study), warnings(study)[:ON_TOP], advice_box(study, robot_to_use(study))
+def _lead(study: RobotStudy, elsewhere: Sequence[str]) -> Lead:
+    answer, first, do = sentence(study), [*elsewhere, *warnings(study)[:ON_TOP]], advice_box(study, robot_to_use(study))
     unstable = [state.title for state in study.states if not state.limit.stable]
     if unstable:
         count, states = len(unstable), len(study.states)

@@ -23,11 +23,9 @@ from .robot_drawing import hero, small
 from .robot_skeleton import common_view
 from .robot_tables import MARKS, machine
 from .sweep_text import advice as use
-from .sweep_text import columns, counted, joint_name, looked_at, sentence, sureness, unmet_text, warnings
+from .sweep_text import columns, counted, joint_name, judged_columns, looked_at, sentence, sureness, unmet_text, warnings
+from .workspace import CURVES, FEW
 
-CURVES = ((style.BLUE, "solid"), (style.VERMILION, "dash"), (style.GREEN, "dot"), (style.PURPLE, "dashdot"), (style.SKY, "longdash"))
-FEW = 6
-"""Contact states in the picture of spreads and among the drawings."""
 SCALE = [[0, "#08306b"], [0.5, "#6baed6"], [1, "#f7fbff"]]
 """ColorBrewer's Blues (Brewer 2013), the lowest darkest."""
 
@@ -42,7 +40,12 @@ def sweep_page(found: SweepSummary, near: SweptPosture | None, at_worst: WorstSt
         *([Section("Over two joints", [_map(found, maps)])] if maps.lowest else []),
         Section("What a schedule would gain", [_schedule(found)]),
         Section("Which joint limits", [_limiting(found)]),
-        *([Section("Margins in the worst postures", [_margins(states), looked_at(found, at_worst)])] if states else []),
+        *([Section("Other requirements", [_judged(found, at_worst)])] if at_worst.judged else []),
+        *(
+            [Section("Margins in the worst postures", [_margins(states)], "all of them, one posture of each contact state")]
+            if states
+            else []
+        ),
         Section("How sure the worst case is", [facts(_sure(found, near))]),
         Section(
             "Inputs and assumptions",
@@ -193,6 +196,11 @@ def _limiting(found: SweepSummary) -> Html:
     ]
     caption = "Share of postures [%] in whose vibration at the limit the joint moves most; of joints that move alike, the first."
     return table(("joint", *(one.name for one in found.contacts)), rows, caption)
+
+
+def _judged(found: SweepSummary, at_worst: WorstStates) -> Html:
+    caption = f"{looked_at(found, at_worst)} Worst found and missed: among these; at random: how many of those chosen so miss it."
+    return table(*tabulated(judged_columns(found, at_worst), at_worst.judged), caption, MARKS)
 
 
 def _margins(states: list[State]) -> Html:

@@ -4,10 +4,10 @@ import math
 from typing import Any
 
 from ..errors import beside
-from ..studies.swept_margins import WorstStates, value_of
+from ..studies.swept_margins import Judged, WorstStates
 from ..sweep.summary import CONFIDENCE, ContactSummary, SweepSummary, SweptPosture
-from ..system.requirements import REQUIREMENTS, to_db
-from .columns import Column
+from ..system.requirements import to_db
+from .columns import Column, facts
 from .margin_columns import margin_value, requirement
 from .number_format import digits, gain_factor, hertz
 
@@ -72,28 +72,82 @@ def sureness(found: SweepSummary, searched: SweptPosture | None) -> list[str]:
         said.append(f"Less than {share} of further postures lie lower ({100 * CONFIDENCE:.0f} % confidence)")
     if searched is not None:
         lower = 1 - searched.gain / worst.gain
-        near = "nothing lower" if lower < 1e-6 else f"{digits(searched.gain, '', 4)} ×, {digits(100 * lower, '%', 2)} lower"
+        near = (
+            "nothing lower"
+            if lower < 1e-6
+            else "nothing lower by 0.01 %"
+            if lower < 1e-4
+            else f"{digits(searched.gain, '', 4)} ×, {digits(100 * lower, '%', 2)} lower"
+        )
         said.append(f"a local search from the worst finds {near}" if said else f"A local search from the worst finds {near}")
     return ["; ".join(said) + "."] if said else []
 
 
 def unmet_text(found: SweepSummary, worst: WorstStates) -> str:
-    """Which other requirements fail in the worst postures; "" where none does."""
-    asked = found.plan.system.requirements
-    missed = [
-        f"{REQUIREMENTS[name].label} {margin_value(asked, name, value_of(name, state), False, 3)} in {state.title} "
-        f"({requirement(asked, name, 3)} required)"
-        for name, state in worst.unmet.items()
-        if name != "gain_margin"
-    ]
-    return f"Not met where gain limits are lowest: {'; '.join(missed)}." if missed else ""
+    """Which other requirements fail in the sample of postures that were judged; "" where none does."""
+    missed = [_missed(found, worst, one) for one in worst.unmet.values() if not math.isnan(one.value)]
+    return f"Not met: {'; '.join(missed)}." if missed else ""
+
+
+def _missed(found: SweepSummary, worst: WorstStates, one: Judged) -> str:
+    """The worst that was found of one requirement, where, and how often it is missed."""
+    asked, name = found.plan.system.requirements, one.requirement.name
+    worst_value = margin_value(asked, name, one.value, False, 3)
+    often = f"; missed in {share_missed(worst, one)}" if worst.random_count else ""
+    return f"{one.requirement.label} {worst_value} in {one.state.title} ({requirement(asked, name, 3)} required{often})"
+
+
+def share_missed(worst: WorstStates, one: Judged) -> str:
+    """How many of the postures that were chosen at random miss a requirement."""
+    if worst.everywhere:
+        return f"{counted(one.missed)} of {counted(worst.count)}"
+    return f"{one.random_missed} of {worst.random_count} random ones"
 
 
 def looked_at(found: SweepSummary, worst: WorstStates) -> str:
-    """That the other requirements were not looked at everywhere; "" where there are none."""
-    others = [one.label for one, _ in found.plan.system.requirements.asked_for if one.name != "gain_margin"]
-    where = f"only in the worst posture of {'each contact state' if len(worst.states) > 1 else 'all'}"
-    return f"Looked at {where}: {', '.join(others)}." if others else ""
+    """Where the other requirements were judged; "" where there are none."""
+    others = ", ".join(one.requirement.label for one in worst.judged)
+    if not others or worst.everywhere:
+        return f"Judged in every posture, too: {others}." if others else ""
+    random = f" and {worst.random} random" if worst.random else ""
+    plural = "postures" if worst.lowest + worst.random > 1 else "posture"
+    each = "of each contact state" if len(found.plan.contacts) > 1 else "of all"
+    where = f"in the {worst.lowest} lowest{random} {plural} {each} ({counted(worst.count)} in all)"
+    return f"Judged in a sample, not everywhere: {others}, {where}."
+
+
+def judged_columns(found: SweepSummary, worst: WorstStates) -> list[Column]:
+    """Of a row Judged."""
+    asked = found.plan.system.requirements
+    return [
+        Column("requirement", "name", lambda one: one.requirement.name, shown=lambda one: one.requirement.label),
+        Column("worst found", "worst", lambda one: one.requirement.in_unit(one.value),
+               shown=lambda one: margin_value(asked, one.requirement.name, one.value, False, 3)),
+        Column("required", "required", lambda one: one.requirement.in_unit(one.needed),
+               shown=lambda one: requirement(asked, one.requirement.name, 3)),
+        Column("met", "met", lambda one: one.met, shown=lambda one: "yes" if one.met else "no"),
+        Column("in", "state", lambda one: one.state.title),
+        Column("missed", "missed", lambda one: one.missed, shown=lambda one: f"{one.missed} of {worst.count}"),
+        Column("at random", "random_missed", lambda one: one.random_missed, shown=lambda one: share_missed(worst, one)),
+    ]  # fmt: skip
+
+
+def judged_facts(found: SweepSummary, worst: WorstStates) -> dict[str, Any]:
+    """The sample in which other requirements were judged, in JSON."""
+    columns = judged_columns(found, worst)
+    return {
+        "lowest": worst.lowest,
+        "random": worst.random,
+        "count": worst.count,
+        "random_count": worst.random_count,
+        "everywhere": worst.everywhere,
+        "requirements": [facts(columns, one) | {"angles": _angles(found, one.state)} for one in worst.judged],
+    }
+
+
+def _angles(found: SweepSummary, state: Any) -> dict[str, float]:
+    robot = state.system.source
+    return dict(robot.postures[state.posture].angles)
 
 
 def warnings(found: SweepSummary) -> list[str]:
@@ -105,6 +159,11 @@ def warnings(found: SweepSummary) -> list[str]:
         )
     if found.uncertified:
         said.append(f"{counted(found.uncertified)} limits are not certified: roots could not be counted on both sides.")
+    if found.lower > 0:
+        needed = f"; {digits(to_db(found.margin), 'dB', 3)} required" if found.margin > 1 else ""
+        said.append(
+            f"Lower gains are unstable, too: somewhere below {found.lower:.3g} × these ({digits(-to_db(found.lower), 'dB', 3)}{needed})."
+        )
     if not found.complete:
         said.append("The sweep is not complete: the same command goes on.")
     return said
@@ -135,6 +194,7 @@ def columns(found: SweepSummary) -> list[Column]:
         Column("", "uncertified", lambda one: one.uncertified),
         Column("", "unstable", lambda one: one.unstable),
         Column("", "below_margin", lambda one: one.short),
+        Column("", "lower_gain_highest", lambda one: one.lower),
     ]
 
 
@@ -146,6 +206,23 @@ def _mainly(found: SweepSummary, one: SweptPosture | None) -> str:
     return "–" if one is None else joint_name(found, one)
 
 
+def safe_share(found: SweepSummary) -> str:
+    """How many limits keep the margin, are known and certified; never rounded up to all."""
+    unsafe = sum(one.unsafe for one in found.contacts)
+    share = 100 * (1 - unsafe / max(found.count, 1))
+    return "all" if not unsafe else "none" if unsafe == found.count else f"{min(share, 99.99):.4g} %"
+
+
+def workspace_advice(found: SweepSummary) -> str:
+    """Which common factor keeps the gain margin in the whole workspace; "" where these gains do."""
+    if found.margin_held:
+        return ""
+    scale = found.scale
+    if not math.isfinite(scale):
+        return "No common factor is known to keep the gain margin in every posture swept."
+    return f"All gains × {math.floor(1000 * scale) / 1000:.4g} keep the gain margin in every posture swept."
+
+
 def workspace_facts(found: SweepSummary) -> dict[str, Any]:
     """A workspace in JSON, as a part of another command's answer."""
     return {
@@ -154,11 +231,13 @@ def workspace_facts(found: SweepSummary) -> dict[str, Any]:
         "limits": found.count,
         "stable": found.stable,
         "gain_margin_met": found.margin_held,
+        "safe_share": 1 - sum(one.unsafe for one in found.contacts) / found.count,
         "unstable_share": sum(one.unstable for one in found.contacts) / found.count,
         "below_margin_share": sum(one.short for one in found.contacts) / found.count,
         "unknown": found.unknown,
         "uncertified": found.uncertified,
         "rarer_than": found.rarer_than,
+        "scale": found.scale,
         "worst": posture_facts(found, found.worst),
     }
 
@@ -180,12 +259,10 @@ def checked_sentence(found: SweepSummary) -> str:
     worst, count = found.worst, found.count
     if worst is None:
         return "Recommended gains in the sweep's postures: no limit is known."
-    short = sum(one.short for one in found.contacts) + found.unknown + found.uncertified
-    share = f"{100 * (1 - short / count):.4g} %" if short else "all"
     asked, lowest = digits(to_db(found.margin), "dB", 3), digits(to_db(worst.gain), "dB", 3)
     return (
-        f"Recommended gains keep a gain margin of {asked} in {share} of {counted(count)} swept limits; the lowest is {lowest}, in "
-        f"{found.plan.contacts[worst.contact]}."
+        f"Recommended gains keep a gain margin of {asked} in {safe_share(found)} of {counted(count)} swept limits; the lowest is "
+        f"{lowest}, in {found.plan.contacts[worst.contact]}."
     )
 
 

@@ -1,45 +1,155 @@
-"""All margins where a sweep found the lowest gain limits: a sweep looks at the gain limit alone, and other requirements may fail first."""
+"""All requirements in postures of a sweep, which looks at the gain limit alone: where that is lowest, and in a random share of them.
 
-from dataclasses import dataclass, field
+Of each contact state the posture with the lowest limit has all its margins, as `gainroom robot` has them. The others are looked at as
+corners of an uncertainty are (design/judged_cases.py), in a tenth of the time; what is worst there is worked out again in full.
+"""
 
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..analysis.margin_record import Margins
+from ..design.judged_cases import judged_margins
 from ..errors import GainroomError
-from ..sweep.summary import SweepSummary
-from ..system.requirements import REQUIREMENTS
-from .state import State, state_of
+from ..sweep.plan import SweepPlan
+from ..sweep.summary import SweepSummary, SweptPosture
+from ..system.requirements import Requirement
+from ..system.system import StateCase
+from .state import State, moves, state_of
 
 MOST = 6
-"""Contact states, those with the lowest limits."""
+"""Contact states of which the worst posture has all margins: those with the lowest limits."""
+JUDGED, FEW = 50, 5
+"""The lowest, and as many at random, of each contact state; of robots whose limits are asked for one by one."""
+Progress = Callable[[int, int, str], None]
+
+
+@dataclass(frozen=True)
+class Judged:
+    """One requirement in the sample: its worst `state`, with all margins, and in how many postures it is missed.
+
+    random_missed   of those that were chosen at random
+    """
+
+    requirement: Requirement
+    needed: float
+    state: State
+    missed: int
+    random_missed: int
+
+    @property
+    def value(self) -> float:
+        """The worst that was found [SI]."""
+        return self.requirement.value(self.state.margins)
+
+    @property
+    def met(self) -> bool:
+        """In all postures of the sample."""
+        return not self.missed and self.requirement.met(self.needed, self.value)
 
 
 @dataclass(frozen=True)
 class WorstStates:
-    """The worst posture of each contact state, the lowest limit first, with its draw's values.
+    """The worst posture of each contact state, the lowest limit first, with its draw's values; and the sample.
 
-    unmet   requirements that are missed there, by name, each with the state that misses it most
+    lowest, random   postures of each contact state that were chosen so
+    count, random_count   judged in all, and of those chosen at random; everywhere: that is all there are
+    judged           requirements besides the gain margin
     """
 
     states: tuple[State, ...] = ()
-    unmet: dict[str, State] = field(default_factory=dict)
+    lowest: int = 0
+    random: int = 0
+    count: int = 0
+    random_count: int = 0
+    everywhere: bool = False
+    judged: tuple[Judged, ...] = ()
+
+    @property
+    def unmet(self) -> dict[str, Judged]:
+        """Requirements that are missed in the sample, by name."""
+        return {one.requirement.name: one for one in self.judged if not one.met}
 
 
-def worst_states(found: SweepSummary) -> WorstStates:
-    """Those that can be linearised."""
+def worst_states(found: SweepSummary, each: int | None = None, progress: Progress | None = None) -> WorstStates:
+    """The sample: `each` lowest and as many random postures of each contact state; None: as many as suit the robot; 0: the lowest one.
+
+    Reproducible: the seed is the sweep's.
+    """
+    plan = found.plan
     ordered = sorted((one.worst[0] for one in found.contacts if one.worst), key=lambda one: one.gain)
-    states = []
-    for one in ordered[:MOST]:
+    states = tuple(state for one in ordered[:MOST] if (state := _in_full(one, plan)) is not None)
+    others = tuple((one, needed) for one, needed in plan.system.requirements.asked_for if one.name != "gain_margin")
+    if not others or not states:
+        return WorstStates(states)
+    if each is None:
+        each = JUDGED if all(plan.at(0, contact).quick for contact in range(len(plan.contacts))) else FEW
+    sample = _Sample(found, each)
+    looked = list(_looked_at(sample, progress or (lambda done, total, what: None)))
+    judged = []
+    for requirement, needed in others:
+        short = [(requirement.shortfall(needed, requirement.value(margins)), one) for one, margins in looked]
+        missed = [one for one, margins in looked if not requirement.met(needed, requirement.value(margins))]
+        known = [*states, *([] if not short else filter(None, [_in_full(max(short, key=lambda pair: pair[0])[1], plan)]))]
+        worst = max(known, key=lambda state, one=requirement, least=needed: one.shortfall(least, one.value(state.margins)))
+        judged.append(Judged(requirement, needed, worst, len(missed), sum(one.key in sample.random for one in missed)))
+    random_count = sum(one.key in sample.random for one, _ in looked)
+    every = len(looked) == plan.states
+    lowest = max(len(contact.worst[: max(each, 1)]) for contact in found.contacts)
+    return WorstStates(states, lowest, min(each, plan.postures.count), len(looked), random_count, every, tuple(judged))
+
+
+@dataclass(frozen=True)
+class _Sample:
+    """The lowest and random postures of each contact state."""
+
+    found: SweepSummary
+    each: int
+
+    @cached_property
+    def random(self) -> dict[tuple[int, int, int], SweptPosture]:
+        """By contact state, draw and number: the same postures in every contact state."""
+        plan = self.found.plan
+        count = plan.postures.count
+        rng = np.random.default_rng([plan.seed, 14])
+        numbers = np.sort(rng.choice(count, min(self.each, count), replace=False))
+        draws = rng.integers(len(plan.places), size=len(numbers))
+        angles = [plan.postures.at(number, number + 1)[0] for number in numbers.tolist()]
+        chosen = [
+            SweptPosture(number, contact, draw, np.nan, np.nan, -1, False, one)
+            for contact in range(len(plan.contacts))
+            for number, draw, one in zip(numbers.tolist(), draws.tolist(), angles, strict=True)
+        ]
+        return {one.key: one for one in chosen}
+
+    @property
+    def all(self) -> list[SweptPosture]:
+        """Each once."""
+        tail = {one.key: one for contact in self.found.contacts for one in contact.worst[: max(self.each, 1)]}
+        return list({**self.random, **tail}.values())
+
+
+def _looked_at(sample: _Sample, progress: Progress) -> Iterator[tuple[SweptPosture, Margins]]:
+    """What requirements bound, in every posture that moves and can be linearised: the others count as not known, or need nothing."""
+    plan, every = sample.found.plan, sample.all
+    for done, one in enumerate(every):
+        progress(done, len(every), "margins")
+        contact = plan.contacts[one.contact]
+        system = one.system(plan)
         try:
-            states.append(state_of(one.system(found.plan), one.name, found.plan.contacts[one.contact], ("margins",)))
+            model = system.source.linearize(one.name, contact)
+            if moves(system.loop(model)):
+                yield one, judged_margins(StateCase(one.name, contact, "", system, model))
         except GainroomError:
             continue
-    unmet: dict[str, State] = {}
-    for requirement, needed in found.plan.system.requirements.asked_for:
-        missing = [state for state in states if not requirement.met(needed, requirement.value(state.margins))]
-        if missing:
-            name = requirement.name
-            unmet[name] = max(missing, key=lambda state, one=requirement, least=needed: one.shortfall(least, one.value(state.margins)))
-    return WorstStates(tuple(states), unmet)
+    progress(len(every), len(every), "margins")
 
 
-def value_of(name: str, state: State) -> float:
-    """What the requirement `name` bounds, in a state."""
-    return REQUIREMENTS[name].value(state.margins)
+def _in_full(one: SweptPosture, plan: SweepPlan) -> State | None:
+    """With all margins; None where it cannot be linearised."""
+    try:
+        return state_of(one.system(plan), one.name, plan.contacts[one.contact], ("margins",))
+    except GainroomError:
+        return None

@@ -17,7 +17,7 @@ from .limits import Limits
 from .plan import SweepPlan, Task
 
 WORST = 8
-"""Of each contact state that are remembered."""
+"""Of each contact state that are remembered, where no more are asked for."""
 STEP = 1e-3
 LOWEST, HIGHEST = 1e-6, 1e6
 CONFIDENCE = 0.95
@@ -42,6 +42,11 @@ class SweptPosture:
         gain, frequency, joint = float(limits.gain[row]), float(limits.frequency[row]), int(limits.joint[row])
         return cls(*numbers, gain, frequency, joint, bool(limits.certified[row]), angles)
 
+    @property
+    def key(self) -> tuple[int, int, int]:
+        """Contact state, draw and posture, by number."""
+        return self.contact, self.draw, self.number
+
     def system(self, plan: SweepPlan) -> System:
         """The plan's system with this draw, and with this posture as its only one, by the name `posture N`."""
         system = plan.system.at(plan.places[self.draw])
@@ -61,7 +66,9 @@ class ContactSummary:
     """A contact state in all postures and draws.
 
     count        limits known to be finished; `unknown` of them have no gain, `uncertified` one that is not certified
-    unstable     with a gain of 1 or less, or a lower one above 1; `short` with less than the gain margin that is asked for
+    unstable     with a gain of 1 or less, or a lower one above 1; `short` with less than the gain margin that is asked for, up or down
+    unsafe       without that margin, a certificate, or a known limit
+    lower        the highest factor below which gains that are stable become unstable when lowered; 0: none
     worst        the lowest, the first the lowest
     edges, spread   (b + 1,), (b,) a histogram of gains
     joints       (n,) how often each joint limits
@@ -73,6 +80,8 @@ class ContactSummary:
     uncertified: int
     unstable: int
     short: int
+    unsafe: int
+    lower: float
     worst: tuple[SweptPosture, ...]
     edges: Floats
     spread: Integers
@@ -139,7 +148,13 @@ class SweepSummary:
         """The factor on all gains with which the margin holds in every posture swept; NaN where a limit is not known."""
         worst = self.worst
         unsure = self.unknown or self.uncertified or worst is None
-        return math.nan if unsure or worst is None else worst.gain / self.margin
+        scale = math.nan if unsure or worst is None else worst.gain / self.margin
+        return math.nan if scale < self.lower * self.margin else scale
+
+    @property
+    def lower(self) -> float:
+        """The highest factor below which lowered gains become unstable somewhere; 0: none."""
+        return max((one.lower for one in self.contacts), default=0.0)
 
     @property
     def rarer_than(self) -> float:
@@ -152,10 +167,16 @@ class SweepSummary:
         return 1 - (1 - CONFIDENCE) ** (1 / self.plan.postures.count)
 
 
-def summarized(plan: SweepPlan, finished: Iterable[tuple[Task, Limits]], margin: float | None = None) -> SweepSummary:
-    """The summary of finished tasks, in any order; `margin` in place of the gain margin that the system asks for."""
+def summarized(
+    plan: SweepPlan, finished: Iterable[tuple[Task, Limits]], margin: float | None = None, remembered: int = WORST
+) -> SweepSummary:
+    """The summary of finished tasks, in any order.
+
+    margin       in place of the gain margin that the system asks for
+    remembered   how many of the worst postures of each contact state
+    """
     margin = margin or plan.system.requirements.gain_margin or 1.0
-    parts = [_Part(plan, index, margin) for index in range(len(plan.contacts))]
+    parts = [_Part(plan, index, margin, remembered) for index in range(len(plan.contacts))]
     for task, limits in finished:
         parts[task.contact].take(task, limits)
     return SweepSummary(plan, tuple(part.summary() for part in parts), margin)
@@ -164,12 +185,13 @@ def summarized(plan: SweepPlan, finished: Iterable[tuple[Task, Limits]], margin:
 class _Part:
     """A contact state while it is read."""
 
-    def __init__(self, plan: SweepPlan, index: int, margin: float):
-        self._plan, self._index, self._margin = plan, index, margin
+    def __init__(self, plan: SweepPlan, index: int, margin: float, remembered: int):
+        self._plan, self._index, self._margin, self._most = plan, index, margin, remembered
         self._bins = math.ceil(math.log(HIGHEST / LOWEST) / STEP)
         self._spread = np.zeros(self._bins, dtype=np.int64)
         self._joints = np.zeros(plan.robot.body.size, dtype=np.int64)
-        self._counts = dict.fromkeys(("count", "unknown", "uncertified", "unstable", "short"), 0)
+        self._counts = dict.fromkeys(("count", "unknown", "uncertified", "unstable", "short", "unsafe"), 0)
+        self._lower = 0.0
         self._worst: list[tuple[float, int, int, SweptPosture]] = []
 
     def take(self, task: Task, limits: Limits) -> None:
@@ -179,8 +201,13 @@ class _Part:
         counts["count"] += task.size
         counts["unknown"] += int(np.count_nonzero(~known))
         counts["uncertified"] += int(np.count_nonzero(known & ~limits.certified))
-        counts["unstable"] += int(np.count_nonzero((gain <= 1) | (limits.lower[known] >= 1)))
-        counts["short"] += int(np.count_nonzero(gain < self._margin))
+        lower = limits.lower[known]
+        unstable = (gain <= 1) | (lower >= 1)
+        short = (gain < self._margin) | (lower * self._margin > 1)
+        counts["unstable"] += int(np.count_nonzero(unstable))
+        counts["short"] += int(np.count_nonzero(short))
+        counts["unsafe"] += int(np.count_nonzero(~known)) + int(np.count_nonzero(unstable | short | ~limits.certified[known]))
+        self._lower = float(np.max(lower[~unstable], initial=self._lower))
         places = np.floor(np.log(np.clip(gain, LOWEST, HIGHEST * (1 - 1e-9)) / LOWEST) / STEP).astype(np.int64)
         self._spread += np.bincount(np.minimum(places, self._bins - 1), minlength=self._bins)
         self._joints += np.bincount(limits.joint[limits.joint >= 0], minlength=len(self._joints))
@@ -188,15 +215,15 @@ class _Part:
 
     def _remember(self, task: Task, limits: Limits) -> None:
         """The lowest, of equal ones the first."""
-        bound = -self._worst[0][0] if len(self._worst) == WORST else math.inf
+        bound = -self._worst[0][0] if len(self._worst) == self._most else math.inf
         candidates = np.flatnonzero(limits.gain <= bound)
-        candidates = candidates[np.argsort(limits.gain[candidates], kind="stable")[:WORST]]
+        candidates = candidates[np.argsort(limits.gain[candidates], kind="stable")[: self._most]]
         angles = self._plan.postures.at(task.first, task.stop) if len(candidates) else None
         for row in candidates.tolist():
             assert angles is not None
             one = SweptPosture.of(limits, row, (task.first + row, task.contact, task.draw), angles[row])
             entry = (-one.gain, -one.draw, -one.number, one)
-            if len(self._worst) < WORST:
+            if len(self._worst) < self._most:
                 heapq.heappush(self._worst, entry)
             elif entry > self._worst[0]:
                 heapq.heapreplace(self._worst, entry)
@@ -207,4 +234,6 @@ class _Part:
         first, last = (int(filled[0]), int(filled[-1]) + 1) if len(filled) else (0, 0)
         edges = LOWEST * np.exp(STEP * np.arange(first, last + 1))
         name = self._plan.contacts[self._index]
-        return ContactSummary(name, **self._counts, worst=tuple(worst), edges=edges, spread=self._spread[first:last], joints=self._joints)
+        return ContactSummary(
+            name, **self._counts, lower=self._lower, worst=tuple(worst), edges=edges, spread=self._spread[first:last], joints=self._joints
+        )

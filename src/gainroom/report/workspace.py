@@ -1,0 +1,110 @@
+"""A workspace on the page of another command: verdict, share of postures that is safe, spread of limits, the worst posture drawn."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from ..studies.swept_margins import worst_states
+from ..sweep.summary import ContactSummary, SweepSummary
+from ..system.requirements import Requirements, to_db
+from . import style
+from .columns import tabulated
+from .number_format import digits
+from .page import Card, Html, Section, facts, figure, paragraph, table
+from .page_parts import margin_card
+from .robot_drawing import hero
+from .sweep_text import columns, counted, joint_name, safe_share, sentence, sureness, warnings
+
+CURVES = ((style.BLUE, "solid"), (style.VERMILION, "dash"), (style.GREEN, "dot"), (style.PURPLE, "dashdot"), (style.SKY, "longdash"))
+FEW = 6
+"""Contact states in a picture."""
+BARS = 40
+"""Of a histogram, over all contact states."""
+FAR = 3.0
+"""Times the margin that is asked for: limits that all lie further up have a picture without it."""
+
+
+def workspace_section(found: SweepSummary, title: str, said: str = "") -> Section:
+    """Everything about it in one section; `said`: the verdict, where it is not that of a sweep."""
+    worst = found.worst
+    states = worst_states(found, 0).states if worst is not None else ()
+    parts: list[Html] = [paragraph(" ".join([said or sentence(found), *sureness(found, None), *warnings(found)]))]
+    if worst is not None:
+        parts.append(facts(_numbers(found)))
+    if any(len(one.spread) for one in found.contacts):
+        parts.append(histogram(found))
+    parts.append(table(*tabulated(columns(found), found.contacts)))
+    if states:
+        first = states[0]
+        parts.append(hero(first, False, first.limit, f"The worst posture, {first.contact}: {_limit(found)}"))
+    return Section(title, parts)
+
+
+def workspace_card(found: SweepSummary) -> Card:
+    """The lowest gain margin of the workspace, beside what is required."""
+    worst, asked = found.worst, Requirements(gain_margin=found.margin if found.margin > 1 else None)
+    note = f"{safe_share(found)} of {counted(found.count)} limits are safe"
+    if worst is None:
+        return Card("gain margin, workspace", "–", "", "", False, note)
+    return margin_card(asked, "gain_margin", worst.gain, note, label="gain margin, workspace")
+
+
+def _numbers(found: SweepSummary) -> list[tuple[str, str]]:
+    worst = found.worst
+    assert worst is not None
+    names = found.plan.robot.joint_names
+    low, high = found.plan.postures.low, found.plan.postures.high
+    units = ["m" if slides else "rad" for slides in found.plan.robot.prismatic]
+    moving = zip(names, worst.angles, units, high > low, strict=True)
+    angles = ", ".join(f"{name} {angle:.3f} {unit}" for name, angle, unit, moves in moving if moves)
+    margin = f"gain margin of {digits(to_db(found.margin), 'dB', 3)}" if found.margin > 1 else "stable"
+    return [
+        (f"postures with {margin}", f"{safe_share(found)} of {counted(found.count)} limits"),
+        ("worst posture", f"{angles}; mainly {joint_name(found, worst)}"),
+        ("judged here", "the gain margin alone: other requirements may fail in other postures"),
+    ]
+
+
+def _limit(found: SweepSummary) -> str:
+    worst = found.worst
+    assert worst is not None
+    if not math.isfinite(worst.gain):
+        return "no vibration at any factor"
+    return f"gain limit {digits(worst.gain, '×', 3)}" + (f", mainly {joint_name(found, worst)}" if worst.joint >= 0 else "")
+
+
+def histogram(found: SweepSummary) -> Html:
+    """The share of postures by gain limit, one line for each contact state."""
+    shown = [one for one in found.contacts if len(one.spread)][:FEW]
+    low, high = min(one.edges[0] for one in shown), max(one.edges[-1] for one in shown)
+    edges = np.geomspace(low, max(high, low * 1.01), BARS + 1)
+    traces: list[dict[str, Any]] = []
+    for one, (color, dash) in zip(shown, CURVES * 2, strict=False):
+        shares = 100 * _binned(one, edges) / one.spread.sum()
+        name = style.shown(one.name)
+        x, y = np.append(edges, edges[-1]), np.concatenate([[0], shares, [0]])
+        traces.append(
+            style.line(x, y, color, dash=dash, name=name, hoverinfo="x+y+name") | {"line": {"shape": "vh", "color": color, "dash": dash}}
+        )
+    near = found.margin > 1 and low < FAR * found.margin
+    if near:
+        low = min(low, found.margin) / 1.02
+    layout = style.layout(
+        xaxis=style.axis("gain limit [× these gains]"),
+        yaxis=style.axis("postures [%]", rangemode="tozero"),
+        showlegend=len(traces) > 1,
+        legend=style.switches(1.02),
+        shapes=[style.upright(found.margin, style.INK, "dot")] if near else [],
+        margin={"l": 72, "r": 24, "t": 48 if len(traces) > 1 else 16, "b": 52},
+    )
+    dotted = f" Dotted: the gain margin of {digits(to_db(found.margin), 'dB', 3)} that is asked for." if near else ""
+    caption = f"Of all postures of a contact state, how many have this limit.{dotted}"
+    return figure({"data": traces, "layout": layout}, "How limits spread over the workspace", caption, 320, style.NARROW)
+
+
+def _binned(one: ContactSummary, edges: np.ndarray) -> np.ndarray:
+    """The summary's narrow bins counted in wider ones."""
+    middles = np.sqrt(one.edges[1:] * one.edges[:-1])
+    places = np.clip(np.searchsorted(edges, middles, side="right") - 1, 0, len(edges) - 2)
+    return np.bincount(places, one.spread, len(edges) - 1)
