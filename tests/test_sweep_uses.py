@@ -1,7 +1,10 @@
 """What other commands do with a workspace: audit looks at all of it, robot names worse postures and takes a sweep's."""
 
 import json
+import re
+import shlex
 from importlib.resources import files
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -176,3 +179,26 @@ def test_other_requirements_are_judged_in_a_sample_and_that_is_said(tmp_path, ca
     assert "Judged in a sample, not everywhere: phase margin, peak sensitivity Ms" in " ".join(capsys.readouterr().out.split())
     assert main([*call, "--margins", "-1"]) == 2
     assert "--margins -1 must be from 0 to" in capsys.readouterr().err
+
+
+def test_the_gallery_s_numbers_are_those_of_the_command(tmp_path, capsys):
+    """One robot's file as the page has it, typed anew: table rows, delay by delay, are what `gainroom sweep` prints."""
+    page = (Path(__file__).parents[1] / "docs" / "gallery_sweeps.md").read_text("utf-8")
+    section = page[page.index("## Franka Panda") :]
+    text = re.search(r"```yaml\n(.*?)```", section, re.S)
+    command = re.search(r"`gainroom (sweep robot.yaml [^`]*)`", section)
+    table = [[cell.strip() for cell in line.strip("|").split("|")] for line in section.splitlines() if line.startswith(("| 2 |", "| 4 |"))]
+    assert text is not None
+    assert command is not None
+    assert len(table) >= 2
+    file = tmp_path / "robot.yaml"
+    for delay, row in zip(("2", "4"), table, strict=False):
+        file.write_text(text[1].replace("delay_ms: 2.0", f"delay_ms: {delay}.0"))
+        main([*shlex.split(command[1].replace("robot.yaml", str(file))), "--workers", "1", "--json"])
+        (one,) = json.loads(capsys.readouterr().out)["contacts"]
+        assert row[:2] == [delay, one["contact"]]
+        assert float(row[2]) == pytest.approx(20 * np.log10(one["gain_limit"]), abs=0.051)  # a digit behind the point
+        assert float(row[3]) == pytest.approx(20 * np.log10(one["gain_limit_median"]), abs=0.051)
+        assert float(row[4]) == pytest.approx(100 * one["below_margin"] / one["count"], abs=0.051)
+        assert float(row[5]) == pytest.approx(100 * one["unstable"] / one["count"], abs=0.051)
+        assert row[7] == one["limiting_joint"]

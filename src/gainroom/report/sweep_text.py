@@ -22,7 +22,8 @@ def counted(number: int) -> str:
 def sentence(found: SweepSummary) -> str:
     """The verdict, the worst limit and where it is."""
     plan, worst = found.plan, found.worst
-    states = f"{counted(plan.postures.count)} postures in {len(plan.contacts)} contact state{'s' * (len(plan.contacts) > 1)}"
+    many, contacts = plan.postures.count, len(plan.contacts)
+    states = f"{counted(many)} posture{'s' * (many > 1)} in {contacts} contact state{'s' * (contacts > 1)}"
     states += f" with {len(plan.places) - 1} draws" if len(plan.places) > 1 else ""
     if not found.complete:
         states = f"{counted(found.count)} of {counted(plan.states)} limits"
