@@ -202,3 +202,16 @@ def test_the_gallery_s_numbers_are_those_of_the_command(tmp_path, capsys):
         assert float(row[4]) == pytest.approx(100 * one["below_margin"] / one["count"], abs=0.051)
         assert float(row[5]) == pytest.approx(100 * one["unstable"] / one["count"], abs=0.051)
         assert row[7] == one["limiting_joint"]
+
+
+def test_where_contacts_hold_every_joint_nothing_can_vibrate(tmp_path, capsys):
+    """A planar arm whose hand is held in place and orientation has no motion left: rigid gearboxes pass that on to every motor."""
+    rigid = QUICK.replace(", stiffness: 8000.0, damping: 4.0", "") + "contacts: {free: [], held: [lower]}\n"
+    file = write_arm(tmp_path, rigid)
+    assert main(["sweep", str(file), "--samples", "12", "--contact", "held", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["unknown"] == found["uncertified"] == 0
+    assert found["contacts"][0]["gain_limit"] is None
+    assert found["sentence"].startswith("No common factor on all gains makes it vibrate")
+    assert main(["sweep", str(file), "--samples", "12", "--contact", "free", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["contacts"][0]["gain_limit"] > 1

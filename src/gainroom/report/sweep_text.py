@@ -112,8 +112,8 @@ def looked_at(found: SweepSummary, worst: WorstStates) -> str:
         return f"Judged in every posture, too: {others}." if others else ""
     random = f" and {worst.random} random" if worst.random else ""
     plural = "postures" if worst.lowest + worst.random > 1 else "posture"
-    each = "of each contact state" if len(found.plan.contacts) > 1 else "of all"
-    where = f"in the {worst.lowest} lowest{random} {plural} {each} ({counted(worst.count)} in all)"
+    each = f" of each contact state ({counted(worst.count)} in all)" if len(found.plan.contacts) > 1 else ""
+    where = f"in the {worst.lowest} lowest{random} {plural}{each}"
     return f"Judged in a sample, not everywhere: {others}, {where}."
 
 

@@ -148,8 +148,9 @@ def _looked_at(sample: _Sample, progress: Progress) -> Iterator[tuple[SweptPostu
 
 
 def _in_full(one: SweptPosture, plan: SweepPlan) -> State | None:
-    """With all margins; None where it cannot be linearised."""
+    """With all margins; None where it cannot be linearised, or nothing moves."""
     try:
-        return state_of(one.system(plan), one.name, plan.contacts[one.contact], ("margins",))
+        state = state_of(one.system(plan), one.name, plan.contacts[one.contact], ("margins",))
     except GainroomError:
         return None
+    return state if state.moves else None

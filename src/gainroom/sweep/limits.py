@@ -26,6 +26,9 @@ from ..system.modes import ModeStacks, posture_modes
 from ..system.plant import OFF_MODES
 from ..system.system import System
 
+SOMEWHERE = 1j * np.array([0.7, 1.3, 2.1])
+"""s [rad/s] at one of which motors that move at all do."""
+
 
 class Limits(NamedTuple):
     """k postures, one after the other; a factor multiplies all gains.
@@ -90,10 +93,14 @@ class StateLimits:
         return self._core is not None and posture_modes(np.eye(self._body.size)[None], *self._gearboxes) is not None
 
     def _ask(self, q: Floats, row: int, found: Limits) -> None:
-        """One posture by gain_limit; what it cannot tell stays unknown."""
+        """One posture by gain_limit; what it cannot tell stays unknown. Where contacts hold every motor nothing can vibrate."""
         try:
             model = linearize(self._body, self._robot.actuators, q, self._contacts, gravity=bool(self._robot.gravity))
-            limit = gain_limit(self.system.loop(model))
+            loop = self.system.loop(model)
+            if loop.parts is not None and not np.any(loop.parts.plant.response(SOMEWHERE, "motor")):
+                found.gain[row], found.lower[row], found.certified[row] = math.inf, 0.0, True
+                return
+            limit = gain_limit(loop)
         except GainroomError:
             return
         found.gain[row], found.lower[row], found.frequency[row] = limit.gain, limit.lower_gain, limit.frequency

@@ -40,8 +40,10 @@ class Modes:
 def modes_of(mass: Floats, damping: Floats, stiffness: Floats, position: Floats) -> Modes | None:
     """Of M η̈ + D η̇ + K η = Fᵀ τ, moved by and measured at F η = `position` η (n, m); symmetric, M > 0.
 
-    None where a motion without a spring is damped, and where a mode has two poles that are as good as one.
+    None where nothing moves (m = 0), where a motion without a spring is damped, and where a mode has two poles that are as good as one.
     """
+    if not len(mass):
+        return None
     squares, vectors = undamped(mass, stiffness)
     free = np.abs(squares) <= AT_REST * np.abs(squares).max()
     moved = position @ vectors
