@@ -3,6 +3,7 @@
 import os
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 # Small matrices and parallel tests: threads inside the linear algebra only get in each other's way. Set before numpy loads.
 for variable in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
@@ -12,6 +13,18 @@ for variable in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
 os.environ |= {"COLUMNS": "80", "TZ": "UTC"}
 for variable in ("FORCE_COLOR", "NO_COLOR", "PY_COLORS", "GITHUB_ACTIONS", "TTY_COMPATIBLE"):
     os.environ.pop(variable, None)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Hypothesis draws the same examples every time, others with `-m population`; none fails because it took long."""
+    settings.register_profile(
+        "share", derandomize=not wants_populations(config), deadline=None, suppress_health_check=[HealthCheck.too_slow]
+    )
+    settings.load_profile("share")
+
+
+def wants_populations(config: pytest.Config) -> bool:
+    return "population" in config.getoption("markexpr")
 
 
 @pytest.fixture(scope="session")
@@ -40,7 +53,7 @@ LONG = (
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Populations run where `-m` names them; long tests first."""
-    if "population" not in config.getoption("markexpr"):
+    if not wants_populations(config):
         for item in items:
             if item.get_closest_marker("population"):
                 item.add_marker(pytest.mark.skip(reason="runs with -m population"))
