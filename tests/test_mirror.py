@@ -6,12 +6,14 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
+from gainroom.analysis.stability import unstable_roots
 from gainroom.design.gain_sets import GainSet
 from gainroom.design.judged_cases import case_of
 from gainroom.design.mirror import mirror_of
-from gainroom.design.robot_gains import recommend_robot
+from gainroom.design.robot_gains import _joint_state, _mirror_image, recommend_robot
 from gainroom.files.robot_yaml import parse_robot
 from gainroom.system.drive import Drive
+from gainroom.system.requirements import Requirements
 from gainroom.system.system import StateCase, System
 
 OMEGA = np.array([3.0, 40.0, 300.0])
@@ -67,3 +69,23 @@ def test_mirrored_states_get_the_same_gains_in_the_other_order(biped: System):
     own = case.all_margins(np.nan_to_num(np.array([right.kp, right.kd, np.zeros(6)])))
     assert biped.requirements.met_by(own)
     assert own.gain_margin == pytest.approx(right.margins.gain_margin, rel=1e-9)
+
+
+def test_an_image_without_the_weight_says_where_it_topples(biped: System):
+    """Gains too soft to hold the weight: what topples is counted in the state of the image, and what came nearest speaks of it."""
+    left, right = ([_joint_state(case) for case in biped.cases(weight=True) if case.contact == contact] for contact in ("left", "right"))
+    kp, kd, none = np.linspace(150.0, 250.0, 12), np.linspace(40.0, 60.0, 12), ("",) * 12
+    soft = np.array([kp, kd, np.zeros(12)])
+    assert unstable_roots(left[0].with_weight.loop(soft)) > 0
+    margins = left[0].without.all_margins(soft)
+    near = "gain margin 2 dB of 6 dB in stand, left"
+    stand = ("stand, left",)
+    found = GainSet("left", kp, kd, None, margins, "stand, left", 1, 1 / kp, none, 12 * stand, 3, True, near, stand)
+    image = _mirror_image(found, left, right, Requirements(gain_margin=1.05))
+    assert image is not None
+    assert image.without_weight
+    assert image.nearest == "gain margin 2 dB of 6 dB in stand, right"
+    assert image.topples == ("stand, right",)
+    assert unstable_roots(right[0].with_weight.loop(np.array([image.kp, image.kd, np.zeros(12)]))) > 0
+    assert image.softest == 9
+    np.testing.assert_array_equal(image.kp, [*kp[6:], *kp[:6]])

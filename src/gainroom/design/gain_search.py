@@ -35,6 +35,7 @@ PRICES = ((10.0, 1e-3), (50.0, 3e-3), (250.0, 2e-2))
 """What a requirement missed by 1 costs, against ln of what is made small, and how much more than asked for is kept: first as much as may
 be lost where gains are rounded. Where that does not hold, more: two loci that meet part again like a square root, which has no tangent.
 """
+HOPELESS = 0.03  # what is missed by more at one price is not met at a higher one, either
 PULL = 0.02  # of every change of a gain: without it what nothing depends on would be anywhere
 STEPS = 150
 SLOW, LITTLE = 10, 2e-3  # so many steps that together made ln of what is made small no smaller than that end it, too
@@ -149,7 +150,7 @@ class _Search:
         found = []
         for price, reserve in prices:
             found.append(self._descended_at(gains, cases, price, reserve))
-            if found[-1][1] <= 0:
+            if found[-1][1] <= 0 or found[-1][1] > HOPELESS:
                 break
         return min(found, key=lambda each: each[1])
 

@@ -232,12 +232,13 @@ def _order(states: Sequence[_State], others: Sequence[_State]) -> Integers | Non
 def _mirror_image(found: GainSet | None, states: Sequence[_State], others: Sequence[_State], required: Requirements) -> GainSet | None:
     """A set for `others` from that of the `states` which they mirror; None where there is none, or it does not keep what is required."""
     order = _order(states, others)
-    if found is None or not found.moves or found.without_weight or order is None:
+    if found is None or not found.moves or order is None:
         return None
     kp, kd, ki = found.kp[order], found.kd[order], None if found.ki is None else found.ki[order]
     gains = np.nan_to_num(np.array([kp, kd, np.zeros(len(order)) if ki is None else ki]))
-    margins = [one.with_weight.all_margins(gains) for one in others]
-    if not all(required.met_by(one) for one in margins):
+    margins = [(one.without if found.without_weight else one.with_weight).all_margins(gains) for one in others]
+    topples = [one.with_weight.title for one in others if found.without_weight and not one.with_weight.margins(gains).stable]
+    if not all(required.met_by(one) for one in margins) or len(topples) != len(found.topples):
         return None
     titles = {one.with_weight.title: other.with_weight.title for one, other in zip(states, others, strict=True)}
     where = tuple(titles.get(found.case[j], "") for j in order)
@@ -254,7 +255,15 @@ def _mirror_image(found: GainSet | None, states: Sequence[_State], others: Seque
         margin=tuple(found.margin[j] for j in order),
         case=where,
         softest=softest,
+        nearest=_told_of(found.nearest, titles),
+        topples=tuple(topples),
     )
+
+
+def _told_of(nearest: str, titles: Mapping[str, str]) -> str:
+    """What `_nearest` says, of the states that mirror those it speaks of."""
+    shortage, between, title = nearest.rpartition(" in ")
+    return shortage + between + titles.get(title, title)
 
 
 def _rounded(found: Raised, cases: Sequence[Case], required: Requirements) -> tuple[Gains, Sequence[Margins]]:

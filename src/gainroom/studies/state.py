@@ -261,7 +261,7 @@ class State:
         loop = system.loop(model, system.filtered(tasks.controller()))
         limit = limit_of(loop) if acting else GainLimit.unknown(model.size)
         shares = [replace(tasks, torque=tasks.torque * np.eye(count)[k]) for k in acting]
-        parts = [system.loop(model, system.filtered(share.controller())) for share in shares]
+        parts = [loop.regained(system.filtered(share.controller())) for share in shares]
         alone, closed = np.full(count, math.nan), np.full(count, math.nan)
         alone[acting] = [limit_of(part).gain for part in parts]
         if limit.stable and loop.kd_path is None:

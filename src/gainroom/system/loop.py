@@ -215,6 +215,8 @@ class Loop:
             return build_loop(self.parts.plant, self.parts.drives, controller, self.parts.feedback, self.sample_time, self.kd_path)
         found = replace(self, parts=replace(self.parts, controller=controller))
         vars(found)["corner_frequencies"] = self.corner_frequencies  # of plant, drives and filters
+        if self.sample_time is not None and self.kd_path is None:
+            vars(found)["held"] = self.held
         return found
 
     def delayed(self, extra: float) -> "Loop":
