@@ -145,14 +145,16 @@ class JointBench:
         study = self._study(view)
         use = joint_to_use(study)
         yield "verdict", _verdict(study, "certified") | self._gains(study)
-        best = study.recommended
+        best, remarks = study.recommended, list(use.remarks)
+        if use.at_usual_rate:
+            remarks[-1] += f" {', '.join(use.at_usual_rate)}"
         yield "map", limits(study, window or self._window) | {"plant": self._plant(view)}
         yield (
             "use",
             {
                 "heading": use.heading.replace("`", ""),
                 "lines": use.lines,
-                "remarks": [text.replace("`", "") for text in use.remarks],
+                "remarks": [text.replace("`", "") for text in remarks],
                 "point": None if best is None else [best.kp, best.kd],
                 "gains": None if best is None else {k: float(v) for k, v in (line.split(": ") for line in joint_gains(best.controller))},
                 "rule": [study.rule.kp, study.rule.kd],

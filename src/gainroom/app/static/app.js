@@ -143,9 +143,10 @@ function open(opening) {
   look(true, first ? (opening.window ? { window: opening.window } : {}) : { window: map.window });
 }
 
-function refit() {
-  const points = [map.points.dot, map.points.ghost, map.points.star].filter((each) => each !== null);
-  map.window = [0, 1].map((k) => 1.6 * Math.max(...points.map((/** @type {any} */ each) => each[k]), 1e-6));
+/** @param {number} [wide] */
+function refit(wide = 1.6) {
+  const points = [map.points.dot, map.points.star || map.points.ghost].filter((each) => each !== null);
+  map.window = [0, 1].map((k) => wide * Math.max(...points.map((/** @type {any} */ each) => each[k]), 1e-6));
   look(true, { window: map.window });
 }
 
@@ -255,7 +256,11 @@ function snap() {
   gesture(true);
   delete page.view.point;
   page.view.gains = { ...page.view.gains, ...page.found.gains };
-  look(true);
+  const star = map.points.star;
+  if (star && (star.some((value, k) => value > map.window[k]) || star.every((value, k) => value < 0.15 * map.window[k]))) {
+    Object.assign(map.points, { dot: star }); // too far off, or too small to be seen
+    refit(3);
+  } else look(true);
 }
 
 // ---- answers ---------------------------------------------------------------------------------------------------------------------------

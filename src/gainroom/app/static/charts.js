@@ -5,6 +5,9 @@ import { number } from "./gainmap.js";
 
 const AXIS = { stroke: "#444", grid: { stroke: "#eee" }, ticks: { stroke: "#bbb" }, font: "12px system-ui" };
 
+/** Numbers of an axis, as everywhere on the page. @param {any} _ @param {number[]} splits */
+const plain = (_, splits) => splits.map((value) => number(value));
+
 /** @param {HTMLElement} place @param {any} options @param {any} data */
 function plot(place, options, data) {
   const made = new (/** @type {any} */ (uPlot))({ width: Math.max(260, place.clientWidth), cursor: { y: false, drag: { x: false, y: false }, points: { show: false } }, legend: { show: false }, ...options }, data, place);
@@ -147,13 +150,17 @@ export class Step {
     this.note = document.createElement("p");
     this.note.className = "legend";
     const lines = [{}, { stroke: "#999", width: 2, dash: [6, 5], points: { show: false } }, { stroke: "#000", width: 2.4, points: { show: false } }];
-    const axes = (/** @type {string} */ label) => [{ ...AXIS, size: 26 }, { ...AXIS, label, labelSize: 18, labelFont: "12px system-ui", size: 54 }];
-    this.reference = plot(place, { height: 190, series: lines, axes: axes("position / step [–]"), scales: { x: { time: false } } }, [[0, 1], [null, null], [null, null]]);
+    const axes = (/** @type {string} */ label) => [{ ...AXIS, size: 32, label: "time [ms]", labelSize: 18, labelFont: "12px system-ui", values: plain }, { ...AXIS, label, labelSize: 18, labelFont: "12px system-ui", size: 62, values: plain }];
+    const [first, second] = [document.createElement("div"), document.createElement("div")];
+    this.place = place;
+    place.classList.add("pair");
+    place.append(first, second);
+    this.reference = plot(first, { height: 190, series: lines, axes: axes("position / step [–]"), scales: { x: { time: false } } }, [[0, 1], [null, null], [null, null]]);
     const title = document.createElement("p");
     title.className = "legend";
-    title.textContent = "Position under 1 N·m added to the torque command; time in ms";
-    place.append(title);
-    this.disturbance = plot(place, { height: 170, series: lines.map((line) => ({ ...line })), axes: axes("position [µrad]"), scales: { x: { time: false } } }, [[0, 1], [null, null], [null, null]]);
+    title.textContent = "Position under 1 N·m added to the torque command";
+    second.append(title);
+    this.disturbance = plot(second, { height: 170, series: lines.map((line) => ({ ...line })), axes: axes("position [µrad]"), scales: { x: { time: false } } }, [[0, 1], [null, null], [null, null]]);
     place.append(this.note);
   }
 
@@ -162,6 +169,7 @@ export class Step {
 
   /** @param {any} part */
   take(part) {
+    this.place.classList.toggle("empty", Boolean(part.note));
     if (part.note) { this.note.textContent = part.note; return; }
     const end = part.ms[part.ms.length - 1], old = this.before || part;
     for (const [chart, key] of /** @type {[any, string][]} */ ([[this.reference, "reference"], [this.disturbance, "disturbance"]])) {
@@ -183,11 +191,11 @@ export class Traces {
     for (const [curves, label] of /** @type {[any[], string][]} */ ([[part.motion, `position [${part.unit}]`], [part.torque, `torque of ${part.torque[0].name} [${part.torque_unit}]`]])) {
       const half = curves.length > 1 ? curves.length / 2 : 1;
       const series = [{}, ...curves.map((curve, k) => ({ label: curve.name, stroke: colors[k % half % 3], width: curve.dashed ? 1.2 : 2, dash: curve.dashed ? [5, 5] : undefined, points: { show: false } }))];
-      plot(this.place, { height: 200, series, scales: { x: { time: false } }, axes: [{ ...AXIS, size: 30 }, { ...AXIS, label, labelSize: 18, labelFont: "12px system-ui", size: 64 }] }, [part.ms, ...curves.map((curve) => curve.values)]);
+      plot(this.place, { height: 200, series, scales: { x: { time: false } }, axes: [{ ...AXIS, size: 32, label: "time [ms]", labelSize: 18, labelFont: "12px system-ui", values: plain }, { ...AXIS, label, labelSize: 18, labelFont: "12px system-ui", size: 64, values: plain }] }, [part.ms, ...curves.map((curve) => curve.values)]);
     }
     const names = document.createElement("p");
     names.className = "legend";
-    names.textContent = `${part.motion.filter((/** @type {any} */ each) => !each.dashed).map((/** @type {any} */ each) => each.name).join(", ")}; dashed: commanded. Time in ms.`;
+    names.textContent = `${part.motion.filter((/** @type {any} */ each) => !each.dashed).map((/** @type {any} */ each) => each.name).join(", ")}; dashed: commanded.`;
     this.place.append(names);
   }
 }

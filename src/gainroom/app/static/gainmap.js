@@ -2,7 +2,7 @@
 // @ts-check
 
 const NS = "http://www.w3.org/2000/svg";
-const FRAME = { left: 64, right: 14, top: 10, bottom: 44 };
+const FRAME = { left: 64, right: 24, top: 10, bottom: 44 };
 
 /** @param {string} tag @param {Record<string, string | number>} attributes @param {Element} [parent] @returns {SVGElement} */
 export function svg(tag, attributes, parent) {
@@ -182,7 +182,7 @@ export class GainMap {
     svg("text", { transform: `translate(13 ${FRAME.top + inner.height / 2}) rotate(-90)`, "text-anchor": "middle" }, axes).textContent = `${this.names[1]} [${this.units[1]}]`;
     svg("text", { x: width - FRAME.right - 8, y: FRAME.top + 18, "text-anchor": "end", class: "soft" }, labels).textContent = "unstable";
     const inside = this.data.lines.map((/** @type {any} */ line, /** @type {number} */ k) => ({ text: line.text, color: colors[k % 4], dash: ["——", "– –", "···", "–·–"][k % 4] }));
-    this.legend.replaceChildren("Hatched: unstable. ", this.data.required.length ? `Blue: ${this.blue}. ` : "", "● now, ○ file", this.points.star ? ", ★ recommended" : "", this.points.rule ? ", × 10 Hz rule. " : ". ");
+    this.legend.replaceChildren("Hatched: unstable. ", this.data.required.length ? `Blue: ${this.blue}. ` : "", "● now, ○ file", this.points.star ? ", ★ recommended" : "", this.points.rule ? ", × rule of thumb (10 Hz). " : ". ");
     for (const one of inside) {
       const mark = document.createElement("span");
       mark.textContent = ` ${one.dash} ${one.text} `;

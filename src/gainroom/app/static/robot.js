@@ -131,7 +131,7 @@ export class RobotView {
       }
       const middle = box.getCenter(new three.Vector3());
       this.turn.target.copy(middle);
-      this.camera.position.copy(middle).add(new three.Vector3(1.5, -1.3, 0.5).multiplyScalar(1.05 * box.getSize(new three.Vector3()).length()));
+      this.camera.position.copy(middle).add(new three.Vector3(1.5, -1.3, 0.5).multiplyScalar(0.85 * box.getSize(new three.Vector3()).length()));
       this.camera.near = 0.01 * size;
       this.camera.far = 20 * size;
       this.placed = true;
