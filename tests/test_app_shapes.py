@@ -1,6 +1,7 @@
 """The robot's shapes and its mode on the page: read from its own files and no others, moving as the contacts let it."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -108,3 +109,48 @@ def test_the_mode_moves_the_joints_as_the_limit_says_and_no_contact():
     assert state.limiting_joints[0] == part["names"][k]
     assert bench.mesh(0) is None
     assert bench.mesh(10**6) is None
+
+
+PARTS = '<mujoco><asset><mesh name="m" file="part.obj"/></asset></mujoco>'
+WHOLE = """<mujoco><compiler meshdir="assets"/><include file="{0}"/><worldbody><body name="arm"><inertial pos="0 0 0" mass="1"
+diaginertia="1 1 1"/><joint name="j" axis="0 1 0"/><geom type="mesh" mesh="m"/></body></worldbody></mujoco>"""
+OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+
+
+def shapes_with(home: Path, included: str):
+    (home / "robot.xml").write_text(WHOLE.format(included), "utf-8")
+    return shapes_of(SimpleNamespace(source=str(home / "robot.xml"), frames=("arm",)))  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def home(tmp_path: Path) -> Path:
+    """A model's folder with a mesh that an included file names; the same mesh and file outside of it."""
+    pytest.importorskip("mujoco")
+    home = tmp_path / "up" / "model"
+    (home / "assets").mkdir(parents=True)
+    for folder in (home, tmp_path / "up"):
+        (folder / "parts.xml").write_text(PARTS, "utf-8")
+    (tmp_path / "up" / "part.obj").write_text(OBJ, "utf-8")
+    (home / "assets" / "part.obj").write_text(OBJ, "utf-8")
+    return home
+
+
+def test_meshes_of_included_files_are_shown(home: Path):
+    (home / "more.xml").write_text('<mujoco><include file="parts.xml"/></mujoco>', "utf-8")
+    for included in ("parts.xml", "more.xml"):
+        (mesh,) = shapes_with(home, included)
+        assert (mesh.kind, len(mesh.corners)) == ("mesh", 4)
+
+
+def test_nothing_outside_the_folder_is_shown_of_included_files(home: Path):
+    """By .., by an absolute name, by a link that is included, by a link in the folder of meshes; nor where files include each other."""
+    assert shapes_with(home, "../parts.xml") == ()
+    assert shapes_with(home, str(home.parent / "parts.xml")) == ()
+    (home / "link.xml").symlink_to(home.parent / "parts.xml")
+    assert shapes_with(home, "link.xml") == ()
+    (home / "round.xml").write_text('<mujoco><include file="round.xml"/></mujoco>', "utf-8")
+    assert shapes_with(home, "round.xml") == ()
+    assert shapes_with(home, "parts.xml")
+    (home / "assets" / "part.obj").unlink()
+    (home / "assets" / "part.obj").symlink_to(home.parent / "part.obj")
+    assert shapes_with(home, "parts.xml") == ()

@@ -21,6 +21,8 @@ from .bench import rounded
 MOST_BYTES = 30 << 20
 """Of a mesh file."""
 MOST_CORNERS, MOST_SHAPES = 60_000, 400
+MOST_FILES = 50
+"""That an MJCF includes."""
 MESHES = (".stl", ".obj", ".dae")
 PACKAGE_DEPTH = 4
 """Folders above the model among which a package is looked for."""
@@ -142,16 +144,33 @@ def _mesh(path: Path, name: str, scale: tuple[float, ...]) -> tuple[Floats, Any]
     return None
 
 
+def _is_all_inside(root: Element, path: Path) -> bool:
+    """Whether every file that an MJCF names, and those that it includes, lies in the model's folder, links followed.
+
+    Raises GainroomError where an included file cannot be read.
+    """
+    home, known, waiting = path.parent.resolve(), {path.resolve()}, [root]
+    folders, names = {""}, set[str]()
+    while waiting:
+        for element in waiting.pop().iter():
+            if element.tag in ("plugin", "attach", "model"):
+                return False
+            folders |= {element.get(key, "") for key in ("meshdir", "texturedir", "assetdir")}
+            names |= {text for key, text in element.attrib.items() if key.startswith("file") or key == "content_type"}
+            if element.tag == "include":
+                further = (home / element.get("file", "")).resolve()
+                if not further.is_relative_to(home) or len(known) > MOST_FILES:
+                    return False
+                if further not in known:
+                    known.add(further)
+                    waiting.append(read_xml(further))
+    return all((home / folder / name).resolve().is_relative_to(home) for folder in folders for name in {"", *names})
+
+
 def _of_mjcf(root: Element, path: Path) -> list[Shape]:
     """As MuJoCo compiles it, where every file that it names lies in the model's folder."""
-    home = path.parent.resolve()
-    for element in root.iter():
-        for key in ("file", "meshdir", "texturedir", "assetdir", "content_type"):
-            name = element.get(key, "")
-            if name and not (home / name).resolve().is_relative_to(home):
-                return []
-        if element.tag in ("include", "plugin", "attach", "model"):
-            return []
+    if not _is_all_inside(root, path):
+        return []
     model = library("mujoco", "MuJoCo").MjModel.from_xml_path(str(path))
     pictures = [k for k in range(model.ngeom) if not model.geom_contype[k] and not model.geom_conaffinity[k]]
     found = []
