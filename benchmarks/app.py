@@ -1,8 +1,6 @@
 """The interactive page as a hand meets it: from the pointer to the redraw, in headless Chromium, while the dot is dragged."""
 
 import os
-import subprocess
-import sys
 import tempfile
 import time
 from pathlib import Path
@@ -11,13 +9,14 @@ import numpy as np
 
 from gainroom.cli.example import example_texts
 
+from .served import ANSWERED, browser_path, serving
 from .startup import G1
 from .table import Table
 
 MOVES = 120
 PACE = 1 / 30  # [s] between moves of the pointer
 QUIET = 10.0  # [s] over which processor time at rest is taken
-READY = "() => gainroom.opening && !gainroom.busy && !gainroom.waiting && document.querySelector('[data-area=stable]')"
+READY = f"{ANSWERED} && document.querySelector('[data-area=stable]')"
 DONE = "() => gainroom.certified && !gainroom.busy"
 LATENCY = "() => gainroom.latency"
 
@@ -32,7 +31,7 @@ def run(seed: int) -> Table:
     texts = example_texts()
     with tempfile.TemporaryDirectory() as name, sync_playwright() as driver:
         folder = Path(name)
-        browser = driver.chromium.launch(executable_path=_chromium(), args=["--no-sandbox"])
+        browser = driver.chromium.launch(executable_path=browser_path(), args=["--no-sandbox"])
         cases = [
             ("Fig. 9's joint", texts["fig9"], 50.0, 120.0),
             ("one joint of the 12-joint biped, all others closed", texts["biped"], 50.0, 120.0),
@@ -63,25 +62,11 @@ def run(seed: int) -> Table:
     return table
 
 
-def _chromium() -> str | None:
-    import shutil
-
-    return next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-
-
 def _dragged(browser, file: Path) -> tuple[list[float], float]:
     """Latencies [ms], and the server's processor time at rest [%]."""
-    import json
-
-    command = [sys.executable, "-m", "gainroom", "app", str(file), "--no-browser", "--json"]
-    server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-    assert server.stdout is not None
-    text = ""
-    while "}" not in text:
-        text += server.stdout.readline()
-    try:
+    with serving(file) as served:
         page = browser.new_page(viewport={"width": 1400, "height": 1000})
-        page.goto(json.loads(text)["address"])
+        page.goto(served.address)
         page.wait_for_function(READY, timeout=60_000)
         page.wait_for_function(DONE, timeout=120_000)
         box = page.locator("#map svg").bounding_box()
@@ -93,17 +78,14 @@ def _dragged(browser, file: Path) -> tuple[list[float], float]:
             began, angle = time.perf_counter(), 2 * np.pi * k / 50
             page.mouse.move(box["x"] + box["width"] * (0.45 + 0.2 * np.cos(angle)), box["y"] + box["height"] * (0.55 + 0.2 * np.sin(angle)))
             time.sleep(max(0.0, PACE - (time.perf_counter() - began)))
-        page.wait_for_function("() => !gainroom.busy && !gainroom.waiting")
+        page.wait_for_function(ANSWERED)
         latency = page.evaluate(LATENCY)
         page.mouse.up()
         page.wait_for_function(DONE, timeout=120_000)
-        before = _used(server.pid)
+        before = _used(served.process.pid)
         time.sleep(QUIET)
-        idle = 100 * (_used(server.pid) - before) / QUIET
+        idle = 100 * (_used(served.process.pid) - before) / QUIET
         page.close()
-    finally:
-        server.kill()
-        server.wait()
     return latency, idle
 
 

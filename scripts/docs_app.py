@@ -2,9 +2,6 @@
 
 import io
 import itertools
-import json
-import shutil
-import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -16,10 +13,12 @@ from playwright.sync_api import Page, sync_playwright
 
 from gainroom.cli.example import example_texts
 
-TARGET = Path(__file__).resolve().parents[1] / "docs" / "images" / "app.webp"
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))
+from benchmarks.served import ANSWERED, CERTIFIED, browser_path, serving  # noqa: E402 - beside this folder, not installed
+
+TARGET = ROOT / "docs" / "images" / "app.webp"
 SIZE, SHOWN = {"width": 1240, "height": 800}, (930, 600)
-ANSWERED = "() => gainroom.opening && !gainroom.busy && !gainroom.waiting"
-CERTIFIED = "() => gainroom.certified && !gainroom.busy && gainroom.found && gainroom.found.key === gainroom.key"
 PATH = [(0.45, 0.42), (0.42, 0.6), (0.4, 0.78), (0.38, 0.92), (0.4, 0.7), (0.3, 0.42), (0.24, 0.33)]
 """Of the dot, across and up, as parts of the map."""
 
@@ -29,22 +28,12 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "joint.yaml"
         file.write_text(example_texts()["fig9"], "utf-8")
-        command = [sys.executable, "-m", "gainroom", "app", str(file), "--no-browser", "--json"]
-        server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-        assert server.stdout is not None
-        text = ""
-        while "}" not in text:
-            text += server.stdout.readline()
-        try:
-            with sync_playwright() as driver:
-                browser = driver.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
-                page = browser.new_page(viewport=SIZE)
-                page.goto(json.loads(text)["address"])
-                frames = [Image.open(io.BytesIO(picture)).resize(SHOWN, Image.Resampling.LANCZOS) for picture in _acted(page)]
-                browser.close()
-        finally:
-            server.kill()
-            server.wait()
+        with serving(file) as served, sync_playwright() as driver:
+            browser = driver.chromium.launch(executable_path=browser_path(), args=["--no-sandbox"])
+            page = browser.new_page(viewport=SIZE)
+            page.goto(served.address)
+            frames = [Image.open(io.BytesIO(picture)).resize(SHOWN, Image.Resampling.LANCZOS) for picture in _acted(page)]
+            browser.close()
     times = [1200, *[160] * (len(frames) - 2), 2500]
     frames[0].save(TARGET, save_all=True, append_images=frames[1:], duration=times, loop=0, quality=70, method=6)
     print(f"{TARGET}: {TARGET.stat().st_size / 1e3:.0f} kB, {len(frames)} frames")

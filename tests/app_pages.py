@@ -1,10 +1,7 @@
 """A running `gainroom app` and a browser in front of it, for the tests of the page."""
 
 import contextlib
-import json
-import shutil
 import subprocess
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,57 +9,27 @@ from typing import Any
 
 import pytest
 
+from benchmarks import served
+from benchmarks.served import Served, browser_path
 from faults import environment, heard
 
-BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
-QUICK = "() => !gainroom.busy && !gainroom.waiting && gainroom.opening"
-"""True where what the page asked for last has been answered."""
 PATIENCE = 300.0
 """[s] within which anything answers, on a loaded machine, too; none of it is waited for where the answer comes."""
-CERTIFIED = "() => gainroom.certified && !gainroom.busy && gainroom.found && gainroom.found.key === gainroom.key"
-"""True where everything has."""
-
-
-@dataclass
-class Served:
-    """A server in a process of its own."""
-
-    address: str
-    process: subprocess.Popen[str]
-    file: Path
+QUICK, CERTIFIED = served.ANSWERED, served.CERTIFIED
 
 
 def serve(file: Path, *options: str, port: int = 0) -> Served:
     """`gainroom app FILE`, once it listens; `options` are further words."""
-    command = [sys.executable, "-m", "gainroom", "app", str(file), *options, "--no-browser", "--json", "--port", str(port)]
-    told = environment(PYTHONUNBUFFERED="1")
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=told, preexec_fn=heard)
-    assert process.stdout is not None
-    text = ""
-    while "}" not in text:
-        line = process.stdout.readline()
-        assert line, process.stderr.read() if process.stderr else ""
-        text += line
-    return Served(json.loads(text)["address"], process, file)
+    return served.serve(file, *options, port=port, **_alone())
 
 
-@contextlib.contextmanager
-def serving(file: Path, *options: str) -> Iterator[Served]:
+def serving(file: Path, *options: str) -> contextlib.AbstractContextManager[Served]:
     """The same, ended behind the block."""
-    served = serve(file, *options)
-    try:
-        yield served
-    finally:
-        served.process.kill()
-        served.process.wait()
-        for stream in (served.process.stdout, served.process.stderr):
-            assert stream is not None
-            stream.close()
+    return served.serving(file, *options, **_alone())
 
 
-def browser_path() -> str | None:
-    """An installed Chromium."""
-    return next(filter(None, map(shutil.which, BROWSERS)), None)
+def _alone() -> dict[str, Any]:
+    return {"stderr": subprocess.PIPE, "env": environment(PYTHONUNBUFFERED="1"), "preexec_fn": heard}
 
 
 @contextlib.contextmanager

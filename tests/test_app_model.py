@@ -1,10 +1,12 @@
 """`gainroom app MODEL`: the page opens on the robot that `gainroom audit MODEL --write-robot` writes, with its numbers."""
 
+import io
 import json
 from pathlib import Path
 from typing import Any
 
 import pytest
+from PIL import Image
 
 from app_pages import CERTIFIED, open_tab, serving
 from gainroom.app.bench import Opened
@@ -96,3 +98,44 @@ def test_calls_that_mean_nothing_are_refused(words: tuple[str, ...], message: st
     assert main(["app", *words, "--no-browser", "--export", "page.html"]) == 2
     assert message in " ".join(capsys.readouterr().err.split())
     assert not Path("page.html").exists()
+
+
+def test_gains_are_found_and_the_view_exported(browser: Any, leg: Path):
+    """What a search finds meets every requirement, and the page that is taken away says so without a server."""
+    with serving(leg, *OPTIONS) as own:
+        tab = open_tab(browser, own.address)
+        tab.settle(CERTIFIED)
+        assert tab.text("#sentence").startswith("Unstable")
+        tab.page.get_by_role("button", name="Find gains").click()
+        tab.page.get_by_role("button", name="Use recommended").wait_for()
+        tab.page.locator("[data-mark=star]").wait_for()
+        tab.page.get_by_role("button", name="Use recommended").click()
+        tab.settle(CERTIFIED)
+        assert "every requirement is met" in tab.text("#sentence")
+        with tab.page.expect_download() as waiting:
+            tab.page.get_by_role("button", name="Export page").click()
+        taken = browser.new_context(offline=True).new_page()
+        taken.goto(f"file://{waiting.value.path()}")
+        assert tab.text("#sentence") in " ".join(taken.locator("body").inner_text().split())
+        assert not tab.said
+
+
+def colours(canvas: Any) -> int:
+    return len(Image.open(io.BytesIO(canvas.screenshot())).convert("RGB").getcolors(1 << 24))
+
+
+def test_the_robot_is_drawn_and_can_be_held(browser: Any, leg: Path):
+    with serving(leg, *OPTIONS) as own:
+        tab = open_tab(browser, own.address)
+        tab.settle(CERTIFIED)
+        tab.page.get_by_text("Vibration at the gain limit").wait_for()
+        canvas = tab.page.locator("#side canvas")
+        drawn = "() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => done(true))))"
+        for _ in range(1000):
+            if colours(canvas) > 20:  # shaded limbs on an empty ground
+                break
+            tab.page.wait_for_function(drawn)
+        assert colours(canvas) > 20
+        tab.page.get_by_role("button", name="Hold").click()
+        tab.page.get_by_role("button", name="Move").wait_for()
+        assert not tab.said

@@ -1,0 +1,58 @@
+"""A running `gainroom app` for whoever drives a browser: the benchmark, the documentation's picture and the tests."""
+
+import contextlib
+import json
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
+ANSWERED = "() => gainroom.opening && !gainroom.busy && !gainroom.waiting"
+"""True where what the page asked for last has been answered."""
+CERTIFIED = "() => gainroom.certified && !gainroom.busy && gainroom.found && gainroom.found.key === gainroom.key"
+"""True where everything has."""
+
+
+@dataclass
+class Served:
+    """A server in a process of its own."""
+
+    address: str
+    process: subprocess.Popen[str]
+    file: Path
+
+
+def serve(file: Path, *options: str, port: int = 0, **more: Any) -> Served:
+    """`gainroom app FILE`, once it listens; `options` are further words, `more` is subprocess.Popen's."""
+    command = [sys.executable, "-m", "gainroom", "app", str(file), *options, "--no-browser", "--json", "--port", str(port)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, **more)
+    assert process.stdout is not None
+    text = ""
+    while "}" not in text:
+        line = process.stdout.readline()
+        assert line, process.stderr.read() if process.stderr else "gainroom app ended"
+        text += line
+    return Served(json.loads(text)["address"], process, file)
+
+
+@contextlib.contextmanager
+def serving(file: Path, *options: str, **more: Any) -> Iterator[Served]:
+    """The same, ended behind the block."""
+    served = serve(file, *options, **more)
+    try:
+        yield served
+    finally:
+        served.process.kill()
+        served.process.wait()
+        for stream in (served.process.stdout, served.process.stderr):
+            if stream is not None:
+                stream.close()
+
+
+def browser_path() -> str | None:
+    """An installed Chromium."""
+    return next(filter(None, map(shutil.which, BROWSERS)), None)
