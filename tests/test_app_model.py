@@ -139,3 +139,22 @@ def test_the_robot_is_drawn_and_can_be_held(browser: Any, leg: Path):
         tab.page.get_by_role("button", name="Hold").click()
         tab.page.get_by_role("button", name="Move").wait_for()
         assert not tab.said
+
+
+def test_a_run_is_played_on_the_robot_and_can_be_stopped(browser: Any, leg: Path):
+    with serving(leg, *OPTIONS) as own:
+        tab = open_tab(browser, own.address)
+        tab.page.locator("#delay_ms").fill("1")
+        tab.settle(CERTIFIED)
+        tab.page.get_by_role("button", name="Shake it").click()
+        tab.page.get_by_role("button", name="Stop").click()
+        tab.page.get_by_role("button", name="Shake it").wait_for()
+        tab.page.get_by_role("button", name="Hold").click()  # a run then stands at its first moment
+        tab.page.get_by_role("button", name="Shake it").click()
+        slider = tab.page.locator("#film")
+        slider.wait_for()
+        slider.fill("20")
+        tab.page.wait_for_function("() => Number.parseFloat(document.querySelector('.film output').textContent) > 0")
+        tab.page.get_by_role("button", name="Critical mode").click()
+        slider.wait_for(state="detached")
+        assert not tab.said

@@ -128,6 +128,22 @@ def test_the_step_of_a_joint_is_that_of_its_transfer_function():
     assert "sample rate" in dict(bench.curves(View(), None, "", True))["step"]["note"]
 
 
+def test_the_pictures_of_a_run_are_its_postures():
+    """Of a robot that a step moves: the skeleton of the first picture is the posture's, and bones keep their length."""
+    text = TYPED.format(delay=1.0, gains="kp: 2000.0, kd: 100.0", rate=", sample_rate_hz: 1000")
+    bench = bench_of(text)
+    parts = dict(bench.shaken(View(), lambda *_: None))
+    poses = np.array([pose[0] for pose in parts["film"]["poses"]]).reshape(len(parts["film"]["ms"]), -1, 3)
+    rest = dict(bench.curves(View(), None, "", False))["mode"]
+    start = np.reshape(rest["rest"][0], (-1, 3))
+    assert np.allclose(poses[0], start, atol=2e-2)  # sunk into its contacts by its weight
+    parents = np.array(rest["nodes"]["parents"])
+    bones = np.flatnonzero(parents >= 0)
+    length = np.linalg.norm(poses[:, bones] - poses[:, parents[bones]], axis=2)
+    assert np.allclose(length, length[0], atol=1e-3)  # four digits each
+    assert parts["film"]["ms"][-1] == pytest.approx(parts["run"]["ms"][-1], abs=20)
+
+
 def test_an_untouched_view_leaves_the_file_as_it_is():
     bench = bench_of(TEXT)
     assert bench.text(View.model_validate(strict(bench.opening()["view"]))) == TEXT

@@ -52,7 +52,7 @@ from .robot_curves import (
     step,
     window_for,
 )
-from .robot_shapes import described, pose, shapes_of
+from .robot_shapes import described, film, pose, shapes_of
 from .shaken import shaken
 
 REMEMBERED = 16
@@ -290,7 +290,8 @@ class RobotBench:
     def shaken(self, view: View, told: Told) -> Iterator[Part]:
         system = self.system(view)
         posture, contact = self._state(view)
-        yield from shaken(RobotSimulation.of(replace(system, scenario=replace(system.scenario, posture=posture, contact=contact))), told)
+        spec = RobotSimulation.of(replace(system, scenario=replace(system.scenario, posture=posture, contact=contact)))
+        yield from shaken(spec, told, lambda run: film(run, self.shapes))
 
     def _studied(self, view: View, told: Told) -> RobotStudy:
         study = study_robot(self.system(view), told, recommend=False)

@@ -16,6 +16,7 @@ from ..robot.body import RigidBody, library
 from ..robot.contact import free_motion
 from ..robot.formats.xml_text import read_xml
 from ..robot.model import RobotModel
+from ..simulation.robot_run import RobotRun
 from .bench import rounded
 
 MOST_BYTES = 30 << 20
@@ -26,6 +27,8 @@ MOST_FILES = 50
 MESHES = (".stl", ".obj", ".dae")
 PACKAGE_DEPTH = 4
 """Folders above the model among which a package is looked for."""
+PICTURES = 150
+"""Of a run."""
 SMALL = 1e-4
 """Part of a mode by which the robot is moved for its derivative."""
 
@@ -236,6 +239,16 @@ def pose(model: RobotModel, shapes: tuple[Shape, ...], mode: Complexes | None) -
         moved = _snapshot(body, body.integrate(q, SMALL * twist), frames)
         moves[name] = [rounded(((after - before) / SMALL).ravel().tolist()) for after, before in zip(moved, rest, strict=True)]
     return part | moves
+
+
+def film(run: RobotRun, shapes: tuple[Shape, ...]) -> dict[str, Any]:
+    """Where joints and frames are, as `rest` of a pose, at PICTURES moments of a run."""
+    frames = sorted({shape.frame for shape in shapes})
+    rows = np.unique(np.linspace(0, len(run.time) - 1, PICTURES).astype(int)).tolist()
+    return {
+        "ms": rounded(1e3 * run.time[rows]),
+        "poses": [[rounded(each, 4) for each in _snapshot(run.setup.body, run.posture(row), frames)] for row in rows],
+    }
 
 
 def _joint_of(body: RigidBody, frame: str) -> int:

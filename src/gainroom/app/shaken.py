@@ -1,6 +1,6 @@
 """A simulated run for the page: the study that `gainroom simulate` prints, and curves of it."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -14,8 +14,8 @@ POINTS = 1500
 MOST_CHANNELS = 3
 
 
-def shaken(spec: SimulationSpec, told: Told) -> Iterator[Part]:
-    """The run at the spec's gains. `told` ends it by raising."""
+def shaken(spec: SimulationSpec, told: Told, film: Callable[[Any], dict[str, Any]] | None = None) -> Iterator[Part]:
+    """The run at the spec's gains, and what `film` makes of it. `told` ends it by raising."""
     told(0, spec.ticks, "")
     outcome = simulate_study(spec, 1.0, progress=told)
     run = outcome.run
@@ -41,3 +41,5 @@ def shaken(spec: SimulationSpec, told: Told) -> Iterator[Part]:
             "torque_unit": run.torque_units[hardest],
         },
     )
+    if film is not None:
+        yield "film", film(run)

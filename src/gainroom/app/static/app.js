@@ -87,6 +87,7 @@ function take(part) {
   if (part.part === "difference" || part.part === "saved") return difference(part, page.opening.name, send);
   if (part.part === "ended") return idle();
   if (part.part === "run") return ran(part);
+  if (part.part === "film") return body && body.play(part);
   if (part.part === "page") return download(part.text);
   if (part.part === "progress") return progress(part);
   if ((part.lane === "full" || part.lane === "search") && part.key !== page.key) return undefined; // of gains that nobody looks at any more

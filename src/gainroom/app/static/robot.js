@@ -26,6 +26,8 @@ export class RobotView {
     this.token = token;
     /** @type {any} */ this.part = null;
     /** @type {any} */ this.root = null;
+    /** @type {any} */ this.film = null;
+    /** @type {any} */ this.bar = null;
     this.still = matchMedia("(prefers-reduced-motion: reduce)").matches;
     this.note = Object.assign(document.createElement("p"), { className: "legend", id: "mode" });
     const canvas = document.createElement("canvas");
@@ -115,6 +117,7 @@ export class RobotView {
   take(part) {
     this.part = part;
     if (!this.renderer) return;
+    this.endFilm(); // it was of other values
     const points = part.rest[0], count = part.nodes.names.length;
     const box = new three.Box3();
     for (let k = 0; k < count; k++) box.expandByPoint(new three.Vector3(points[3 * k], points[3 * k + 1], points[3 * k + 2]));
@@ -194,6 +197,38 @@ export class RobotView {
     this.note.textContent = `Vibration at the gain limit, ${number(hz, 3)} Hz, shown ${number(slow, 2)} × slower. Colour: participation (${most.join(", ")}). Blue: contacts.${now}`;
   }
 
+  /** A simulated run on the drawing, with a scrubber; the critical mode comes back at a press. @param {any} film */
+  play(film) {
+    if (!this.renderer) return;
+    this.endFilm();
+    const bar = Object.assign(document.createElement("p"), { className: "film" }), slider = document.createElement("input"), time = document.createElement("output"), back = document.createElement("button");
+    Object.assign(slider, { type: "range", min: "0", max: String(film.ms.length - 1), value: "0", id: "film" });
+    slider.setAttribute("aria-label", "Moment of the simulated run");
+    slider.addEventListener("input", () => { this.film.runs = false; });
+    Object.assign(back, { textContent: "Critical mode", onclick: () => this.endFilm() });
+    bar.append("Simulated run ", slider, time, back);
+    this.note.before(bar);
+    this.bar = bar;
+    this.film = { ...film, slider, time, runs: !this.still, began: performance.now() / 1000 };
+  }
+
+  endFilm() {
+    if (this.bar) this.bar.remove();
+    this.film = this.bar = null;
+  }
+
+  /** The moment of the run that is shown. @param {number} now @returns {any} */
+  moment(now) {
+    const { film } = this, last = film.ms.length - 1;
+    if (film.runs) {
+      const at = ((now - film.began) * 1000) % (film.ms[last] + 500), next = film.ms.findIndex((/** @type {number} */ each) => each >= at);
+      film.slider.value = String(next < 0 ? last : next);
+    }
+    const k = Number(film.slider.value);
+    film.time.textContent = `${number(film.ms[k] / 1000, 3)} s`;
+    return film.poses[k];
+  }
+
   /** @param {number} now */
   draw(now) {
     const wide = Math.max(260, this.place.clientWidth), high = Math.round(Math.min(440, 0.72 * wide));
@@ -209,7 +244,8 @@ export class RobotView {
     const rate = this.root && this.root.growth ? this.root.growth / (hz * PERIOD) : 0, time = now % LOOP;
     const envelope = rate > 0 ? Math.exp(Math.min(rate, 1.2) * (time - LOOP)) : Math.exp(Math.max(rate, -1.2) * time);
     const size = part.re && !this.still ? (this.scale || 0) * envelope : 0, c = size * Math.cos(angle), s = -size * Math.sin(angle);
-    const at = (/** @type {number} */ row, /** @type {number} */ k) => part.rest[row][k] + (size ? part.re[row][k] * c + part.im[row][k] * s : 0);
+    const pose = this.film ? this.moment(now) : null;
+    const at = (/** @type {number} */ row, /** @type {number} */ k) => pose ? pose[row][k] : part.rest[row][k] + (size ? part.re[row][k] * c + part.im[row][k] * s : 0);
     this.joints.forEach((ball, k) => ball.position.set(at(0, 3 * k), at(0, 3 * k + 1), at(0, 3 * k + 2)));
     for (const bone of this.links) {
       const from = this.joints[bone.userData.from].position, to = this.joints[bone.userData.to].position, length = from.distanceTo(to);
