@@ -13,7 +13,7 @@ from pytest import approx
 import gainroom as gr
 from gainroom.cli import main
 from gainroom.files.audit_options import AuditOptions, audit_spec
-from gainroom.report.robot_text import audit_warnings
+from gainroom.report.audit_text import audit_warnings
 from gainroom.studies.audit import Audit, audit
 from refusals import assert_refused
 
@@ -89,7 +89,9 @@ def test_postures_matter_and_are_told(leg: Path, tmp_path: Path, capsys: pytest.
 def test_beyond_limits_is_a_warning(leg: Path):
     assert not [text for text in audit_warnings(audited(leg, "home")) if "limits" in text]
     (found,) = [text for text in audit_warnings(audited(leg, "folded")) if "limits" in text]
-    assert found == "posture 'folded': joint 'knee' at 2.5 is outside its limits 0 to 2; move it inside with --posture, or check the model"
+    assert (
+        found == "posture 'folded': joint 'knee' at 2.5 is outside its limits 0 to 2 rad; move it inside with --posture, or check the model"
+    )
 
 
 def test_damping_of_the_model_is_said_to_be_left_out(leg: Path):

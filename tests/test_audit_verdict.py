@@ -1,7 +1,9 @@
 """What audit says first: the joint, how far to lower the gains, and what a safe verdict rests on; within 25 lines of 80 columns."""
 
+import html
 import json
 import math
+import re
 from pathlib import Path
 
 import pytest
@@ -29,7 +31,14 @@ def test_the_first_lines_name_joint_and_remedy(capsys: pytest.CaptureFixture[str
     assert len(out.splitlines()) <= 25
     assert max(map(len, out.splitlines())) <= 80
     assert "ankle" in " ".join(out.splitlines()[:3])
-    assert "Use: all gains × " in out
+    told = json.loads(audited(capsys, *options, "--json")[1])
+    words = " ".join(out.split())
+    assert f"Do this: Multiply all gains by {told['scale']:.4g} (" in words
+    assert "×" not in words.partition("Do this: ")[0]  # no limit before the factor to use, which a reader would take for it
+    shown = out[out.index("\n joint ") :].split("\n")
+    for column in ("alone", "one loop"):
+        assert (f"{column}: " in out) == (f" {column}" in shown[1])
+    assert "kp [N·m/rad], kd [N·m·s/rad]" in words
     _, whole = audited(capsys, *options, "--verbose")
     assert "Assumed: " in whole
     assert "Assumed: " not in out
@@ -52,11 +61,30 @@ def test_scaled_gains_are_safe_and_hardly_more_is_not(tmp_path: Path, capsys: py
         assert math.isclose(again["joints"][0]["kp"], factor * told["joints"][0]["kp"], rel_tol=1e-12)
 
 
+@pytest.mark.parametrize("delay", ["2", "4"])
+def test_gains_on_the_page_have_four_digits_and_are_safe(tmp_path: Path, capsys: pytest.CaptureFixture[str], delay: str):
+    """Read off the page, and audited again."""
+    page = tmp_path / "audit.html"
+    told = json.loads(audited(capsys, "--delay-ms", delay, "--json", "--report", str(page))[1])
+    lines = html.unescape(re.findall('<div class="copied"><pre>(.*?)</pre>', page.read_text("utf-8"), re.DOTALL)[0])
+    typed = yaml.safe_load(lines)
+    values = [value for gains in typed.values() for value in gains.values()]
+    assert all(value == float(f"{value:.4g}") for value in values)
+    inertia = {joint["name"]: joint["motor_inertia"] for joint in told["joints"]}
+    gains = {
+        name: {**next(found for pattern, found in typed.items() if re.fullmatch(pattern, name)), "motor_inertia": value}
+        for name, value in inertia.items()
+    }
+    path = tmp_path / "gains.yaml"
+    path.write_text(yaml.safe_dump({"gains": gains}), "utf-8")
+    assert json.loads(audited(capsys, "--delay-ms", delay, "--gains", str(path), "--json")[1])["safe"] is True
+
+
 def test_safe_rests_on_stiff_gearboxes(capsys: pytest.CaptureFixture[str]):
     """The headline says so, and says nothing of it where a stiffness is given."""
     status, out = audited(capsys, "--delay-ms", "0.5")
     assert status == 0
     assert out.startswith("Safe if the gearboxes are stiff enough: K ≥ ")
-    assert "Use: " not in out
+    assert "Do this: Look up what your gearboxes have, and audit again with --stiffness" in " ".join(out.split())
     status, out = audited(capsys, "--delay-ms", "0.5", "--stiffness", "20000", "--damping", "20")
-    assert (status, out.startswith("Safe. ")) == (0, True)
+    assert (status, out.startswith("Safe.\nDo this: These gains may stay.\n")) == (0, True)

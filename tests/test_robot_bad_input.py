@@ -197,7 +197,7 @@ def test_a_posture_beyond_the_limits_is_a_warning(folder: Path, capsys: pytest.C
     call = ["audit", str(model), "--gains", str(folder / "gains.yaml"), "--delay-ms", "2", "--motor-inertia", "0.5"]
     assert main(call) == 0
     told = " ".join(capsys.readouterr().out.split())
-    assert "Warning: posture 'zero': joint 'hip' at 0 is outside its limits 0.1 to 3, joint 'knee' at 0" in told
+    assert "Warning: posture 'zero': joint 'hip' at 0 is outside its limits 0.1 to 3 rad, joint 'knee' at 0" in told
 
 
 def test_absurd_numbers_that_are_allowed_have_an_answer(folder: Path, capsys: pytest.CaptureFixture[str]):

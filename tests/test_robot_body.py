@@ -150,7 +150,7 @@ def test_angles_and_limits(planar: RigidBody):
     np.testing.assert_array_equal(planar.lower, [-np.inf, -1])
     np.testing.assert_array_equal(planar.upper, [np.inf, 2])
     assert planar.beyond_limits(planar.neutral()) == ()
-    assert planar.beyond_limits(q) == ("joint 'elbow' at 2.5 is outside its limits -1 to 2",)
+    assert planar.beyond_limits(q) == ("joint 'elbow' at 2.5 is outside its limits -1 to 2 rad",)
     moved = planar.integrate(q, [0.05, -0.5])
     np.testing.assert_allclose(planar.angles(moved), [3.05, 2.0], rtol=1e-14)
 

@@ -109,7 +109,7 @@ def test_none_can_be_raised(biped: tuple[System, RobotGains]):
     found = safe(gains)
     assert not found.without_weight
     assert_none_can_be_raised(spec, found)
-    assert found.binding == "stand, double"
+    assert found.binding == "stand/double"
     assert found.margin[found.softest] in spec.requirements.asked
 
 
@@ -221,7 +221,7 @@ def test_one_name_one_number(tmp_path: Path, capsys: pytest.CaptureFixture[str],
     assert common != pytest.approx(single, rel=0.01)  # else nothing is told apart
     degrees = [f"{common:.3g}°", f"{single:.3g}°"]
     assert [cell for cell in row if cell.endswith("°")] == degrees
-    cells = page[page.index("<td>bent, free</td>") :].split("</tr>")[0]
+    cells = page[page.index("<td>bent/free</td>") :].split("</tr>")[0]
     assert [cell for cell in cells.replace("</td>", "<td>").split("<td>") if cell.endswith("°")] == degrees
     least = min(common, single)
     assert state["kept"]["phase_margin_deg"] == pytest.approx(least, rel=1e-12)

@@ -19,8 +19,9 @@ from gainroom.cli import main
 from gainroom.design.robot_gains import recommend_robot
 from gainroom.files.audit_options import AuditOptions, audit_spec
 from gainroom.files.robot_yaml import parse_robot
+from gainroom.report.audit_text import audit_sentence, audit_warnings
 from gainroom.report.robot import robot_page
-from gainroom.report.robot_text import audit_sentence, audit_warnings, sentence, warnings
+from gainroom.report.robot_text import sentence, warnings
 from gainroom.studies.audit import Audit, audit
 from gainroom.studies.robot import RobotStudy, study_robot
 from gainroom.studies.state import limiting_joints, state_of
@@ -89,7 +90,7 @@ def without(folder: Path) -> RobotStudy:
 
 def test_a_state_in_which_nothing_moves_is_apart(leg: RobotStudy, without: RobotStudy):
     (state,), (alone,), (still,) = leg.states, without.states, leg.immobile
-    assert (still.title, still.reason) == ("bent, flight", "the tasks act on no motion")
+    assert (still.title, still.reason) == ("bent/flight", "the tasks act on no motion")
     assert (state.limit.gain, state.limit.frequency, state.margins.disk_margin) == (
         alone.limit.gain,
         alone.limit.frequency,
@@ -98,8 +99,8 @@ def test_a_state_in_which_nothing_moves_is_apart(leg: RobotStudy, without: Robot
     assert state.joints == alone.joints
     assert leg.stable == without.stable
     assert not without.immobile
-    assert sentence(leg).endswith("In bent, flight the tasks act on no motion.")
-    (warning,) = [text for text in warnings(leg) if "bent, flight" in text]
+    assert sentence(leg).endswith("In bent/flight the tasks act on no motion.")
+    (warning,) = [text for text in warnings(leg) if "bent/flight" in text]
     for word in ("no verdict and no limit", "posture task"):
         assert word in warning
 
@@ -164,9 +165,9 @@ def test_terminal_and_page_say_it_in_words(folder: Path, tmp_path: Path, capsys:
         "Nothing moves in contact flight",
     ):
         assert text in words
-    assert re.search(r"bent, flight( –)+ nothing moves", words)
+    assert re.search(r"bent/flight( –)+ nothing moves", words)
     page = report.read_text("utf-8")
-    for text in ("<td>bent, flight</td><td>–</td>", "nothing moves there: gains have no effect", "no loop is closed"):
+    for text in ("<td>bent/flight</td><td>–</td>", "nothing moves there: gains have no effect", "no loop is closed"):
         assert text in page
 
 
@@ -175,7 +176,7 @@ def test_joint_control_with_idle_tasks(folder: Path):
     study = studied(folder, LEG.replace(LEG.splitlines()[5], JOINTS))
     assert not study.immobile
     assert [state.tasks is not None and state.tasks.moves for state in study.states] == [False, True]
-    assert "The tasks act on no motion in bent, flight" in robot_page(study, "again")
+    assert "The tasks act on no motion in bent/flight" in robot_page(study, "again")
 
 
 def test_contacts_that_hold_every_joint(folder: Path):

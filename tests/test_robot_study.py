@@ -16,7 +16,8 @@ from gainroom.cli import main
 from gainroom.design.robot_gains import recommend_robot
 from gainroom.files.audit_options import AuditOptions, audit_spec, margin_factor
 from gainroom.files.robot_yaml import parse_robot
-from gainroom.report.robot_text import audit_sentence, notes, sentence, warnings
+from gainroom.report.audit_text import audit_sentence
+from gainroom.report.robot_text import notes, sentence, warnings
 from gainroom.studies.audit import audit
 from gainroom.studies.robot import RobotStudy, study_robot
 from gainroom.system.system import System
@@ -150,7 +151,7 @@ def test_control_in_task_space_is_the_tasks_limit(folder: Path, study: RobotStud
 def test_progress_counts_states(spec: System):
     said: list[tuple[int, int, str]] = []
     study_robot(spec, lambda done, total, what: said.append((done, total, what)), recommend=False)
-    assert said == [(0, 1, "state bent, free"), (1, 1, "")]
+    assert said == [(0, 1, "state bent/free"), (1, 1, "")]
 
 
 def test_sentence_and_status(folder: Path, study: RobotStudy, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
@@ -176,7 +177,7 @@ def test_unstable_tasks_are_told_first(folder: Path, study: RobotStudy):
     assert lost.stable
     assert sentence(lost).startswith("Stable, ")
     assert "tasks, closed in place of the joints' gains, are UNSTABLE; scale them below 0.5 ×." in sentence(lost)
-    assert warnings(lost)[0] == "bent, free: the tasks' gains are unstable; scale them below 0.5 ×"
+    assert warnings(lost)[0] == "bent/free: the tasks' gains are unstable; scale them below 0.5 ×"
 
 
 def test_motions_that_drift_are_told(folder: Path, study: RobotStudy):
@@ -184,7 +185,7 @@ def test_motions_that_drift_are_told(folder: Path, study: RobotStudy):
     assert not any("drift" in text for text in notes(study))
     text = ROBOT.replace("type: position, frame: tip, kp: [200, 200, 200]", "type: com, kp: [200, 0, 0]")
     (found,) = [text for text in notes(study_robot(parse_robot(text, "f", folder), recommend=False)) if "drift" in text]
-    assert found.startswith("In bent, free the tasks leave 1 of 2 joint motions uncontrolled")
+    assert found.startswith("In bent/free the tasks leave 1 of 2 joint motions uncontrolled")
     assert "posture task" in found
 
 
@@ -224,7 +225,7 @@ def test_robot_terminal(terminal: tuple[str, str]):
     assert err == ""
     assert "\x1b" not in out
     assert max(map(len, out.splitlines())) <= 80
-    for word in ("hip", "knee", "tip x", "bent, free", "Hz", "kp max", "kd max", "part", "Required: gain margin ≥ 6 dB"):
+    for word in ("hip", "knee", "tip x", "bent/free", "Hz", "kp max", "kd max", "part", "Required: gain margin ≥ 6 dB"):
         assert word in out
 
 
@@ -233,7 +234,7 @@ def test_terminal_has_no_column_without_a_number(folder: Path, tmp_path: Path, t
     (tmp_path / "robot.yaml").write_text(ROBOT.replace("kd: [20, 20, 20]", "kv: 20, ki: 5"), "utf-8")
     for (out, _), column in ((terminal, False), (answered("robot", str(tmp_path / "robot.yaml"), "--verbose"), True)):
         lines = out.splitlines()
-        (head,) = [lines[k + 2].split() for k, line in enumerate(lines) if line.startswith("Tasks, bent, free")]
+        (head,) = [lines[k + 2].split() for k, line in enumerate(lines) if line.startswith("Tasks, bent/free")]
         assert ("ki" in head) == column
 
 

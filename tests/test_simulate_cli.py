@@ -318,13 +318,14 @@ def test_an_interruption_says_how_far_it_came():
 @pytest.mark.parametrize(
     ("gain", "state", "says"),
     [
-        (0.5, "good", "These gains may stay"),
-        (1.0, "warn", "of gain margin, 6 dB required"),
+        (0.25, "good", "These gains may stay"),
+        (0.5, "warn", "Too little margin: phase margin "),
+        (1.0, "warn", "Too little margin: gain margin "),
         (1.5, "bad", "DIVERGES"),
         (30.0, "bad", "DIVERGES"),
         (1.14, "bad", "VIBRATES"),
     ],
-    ids=["sound", "too little margin", "diverges", "diverges at once", "vibrates"],
+    ids=["sound", "too little phase margin", "too little gain margin", "diverges", "diverges at once", "vibrates"],
 )
 def test_the_page_says_it_at_first_glance(gain: float, state: str, says: str):
     study = simulated(LINEAR + "scenario: {duration: 1.0}\n", gain)
@@ -336,10 +337,12 @@ def test_the_page_says_it_at_first_glance(gain: float, state: str, says: str):
     proposed = re.findall(r"--gain (\S+)</pre>", page)
     if state == "good":
         assert proposed == []
-    else:  # the loop scaled by it has twice (6 dB) of headroom; 1 % more of the gains has not
-        spec, needed = parse_simulation(LINEAR, ""), 10 ** (6 / 20)
-        assert gr.gain_limit(spec.loop(float(proposed[0]))).gain >= needed
-        assert gr.gain_limit(spec.loop(1.01 * float(proposed[0]))).gain < needed
+    else:  # the loop scaled by it has all margins that the file asks for
+        found = gr.margins(parse_simulation(LINEAR, "").loop(float(proposed[0])))
+        assert found.stable
+        assert found.gain_margin >= 10 ** (6 / 20)
+        assert found.phase_margin >= math.radians(30)
+        assert found.peak_sensitivity <= 2
     assert ("The last 12 periods: " in page) == (not study.sound)
     assert len(page) < 6e6
 
@@ -378,7 +381,8 @@ def test_terminal(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     assert main(["simulate", str(write(tmp_path, LINEAR)), "--report", str(page), "--log", str(log)]) == 0
     out, err = capsys.readouterr()
     assert err == ""
-    assert out.startswith("No vibration. ")
+    assert out.startswith("Too little margin: gain margin 0.916 dB (≥ 6 dB), ")
+    assert ". No vibration in this run. " in out.replace("\n", " ")
     assert max(map(len, out.splitlines())) <= max(100, len(f"Report: {page}"))
     assert f"Log: {log}\n" in out
     assert page.exists()

@@ -1,12 +1,15 @@
 """gainroom verify: the limit found in time is the predicted one, and where it is not the exit status says so."""
 
 import json
+import re
 from dataclasses import replace
 from html import unescape
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+import gainroom as gr
 from gainroom.cli import main
 from gainroom.cli.example import joint_examples
 from gainroom.files.joint_yaml import parse_joint
@@ -16,7 +19,8 @@ from gainroom.studies import verification
 from gainroom.studies.verification import Case, Verification, growth_about, verify
 from test_report import figures, without_library
 
-SAMPLED = joint_examples()["testbed-sampled"]
+EXAMPLES = joint_examples()
+SAMPLED = EXAMPLES["testbed-sampled"]
 CASE_KEYS = {"what", "witness", "predicted_gain", "simulated_gain", "predicted_frequency_rad_s", "simulated_frequency_rad_s"}
 GAINS = "kp: 1600.0                  # [N m/rad]\n  kd: 70.0                    # [N m s/rad]"
 
@@ -118,18 +122,55 @@ def test_terminal_and_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     path.write_text(SAMPLED, "utf-8")
     assert main(["verify", str(path), "--report", str(page)]) == 0
     out = capsys.readouterr().out
-    assert out.startswith("Simulation and prediction agree")
+    assert "Simulation and prediction agree" in out
     text = page.read_text("utf-8")
-    assert '<body class="good">' in text
     assert "changes sign" in text
 
 
+def test_simulate_and_verify_judge_one_limit_alike(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """Its 0.92 dB beside the required 6 dB is not met on either page, and comes first in either terminal, which says what to do, too."""
+    path, page = tmp_path / "joint.yaml", tmp_path / "page.html"
+    path.write_text(SAMPLED, "utf-8")
+    level = f"{20 * np.log10(gr.gain_limit(parse_joint(SAMPLED, '').loop()).gain):.3g} dB"
+    for command, label in (("simulate", "gain margin"), ("verify", "vibration starts at")):
+        assert main([command, str(path), "--report", str(page)]) == 0
+        out, own = " ".join(capsys.readouterr().out.split()), unescape(without_library(page.read_text("utf-8")))
+        assert out.startswith(f"Too little margin: gain margin {level} (≥ 6 dB)")
+        assert '<body class="warn">' in own
+        cards = re.findall(r'<div class="card (\w+)"><p class="label">(.*?)</p>', own)
+        assert cards[0] == ("unmet", label)
+        told = out.partition("Do this: ")[2]
+        said = own.partition("<h2>Do this</h2>")[2].partition("</section>")[0]
+        first = " ".join(re.sub("<[^>]*>", "", said.partition("</p>")[0]).split())
+        assert first
+        assert told.startswith(first)
+    enough = SAMPLED.replace("gain_margin_db: 6.0", "gain_margin_db: 0.9")
+    assert enough != SAMPLED
+    path.write_text(enough, "utf-8")
+    assert main(["verify", str(path)]) == 0
+    assert capsys.readouterr().out.startswith("Simulation and prediction agree")
+
+
+def test_a_run_is_one_case_of_the_ranges():
+    """The knee's nominal 6.44 dB are enough and its worst case is not: a page that judges the nominal one alone does not call it met."""
+    knee = EXAMPLES["talos-knee"]
+    result = verify(parse_joint(knee, ""))
+    assert result.least.enough is True
+    own = unescape(without_library(verification_page(parse_joint(knee, ""), result, "")))
+    card = own.partition("vibration starts at</p>")[2].partition("</div>")[0]
+    assert "at nominal values" in card
+    assert "met" not in card
+    certain = knee.partition("uncertainty:")[0]
+    own = unescape(without_library(verification_page(parse_joint(certain, ""), verify(parse_joint(certain, "")), "")))
+    assert "✓ met" in own.partition("vibration starts at</p>")[2].partition("</div>")[0]
+
+
 ROBOT_CASES = (
-    Case("stand, double: joint space", "linear", 1.2, 1.2003, 300.0, 300.03),
-    Case("stand, double: joint space", "mujoco", 1.2, 1.19, 300.0, 303.0),
-    Case("stand, left: joint space", "linear", 0.5, 0.5, 250.0, 250.0),
-    Case("stand, left: joint space", "mujoco", 0.5, float("nan"), 250.0, float("nan")),
-    Case("stand, left: task space", "linear", float("inf"), float("inf"), float("nan"), float("nan")),
+    Case("stand/double: joint space", "linear", 1.2, 1.2003, 300.0, 300.03),
+    Case("stand/double: joint space", "mujoco", 1.2, 1.19, 300.0, 303.0),
+    Case("stand/left: joint space", "linear", 0.5, 0.5, 250.0, 250.0),
+    Case("stand/left: joint space", "mujoco", 0.5, float("nan"), 250.0, float("nan")),
+    Case("stand/left: task space", "linear", float("inf"), float("inf"), float("nan"), float("nan")),
 )
 
 
@@ -137,7 +178,7 @@ def test_every_case_is_in_the_picture():
     """By hand: limits and differences of every case and witness, the bands of agreement, and what has no limit."""
     page = verification_page(parse_joint(SAMPLED, ""), Verification(ROBOT_CASES, of_robot=True), "gainroom verify robot.yaml")
     limits, differences = figures(page)
-    rows = ["stand, double<br>joint space", "stand, left<br>joint space", "stand, left<br>task space"]
+    rows = ["stand/double<br>joint space", "stand/left<br>joint space", "stand/left<br>task space"]
     assert limits["layout"]["yaxis"]["ticktext"] == differences["layout"]["yaxis"]["ticktext"] == rows
     drawn = {trace["name"]: trace for trace in limits["data"]}
     assert drawn["predicted"]["x"][:2] == [1.2, 0.5]

@@ -1,5 +1,6 @@
 """gainroom audit: whether the gains that a robot already has are safe."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -9,7 +10,7 @@ from ..report.number_format import as_typed, model_kind, model_text
 from . import model_options as given
 from .model_options import DAMPING_RATIO, MARGIN_DB, Number, audit_command, audited_text
 from .options import AsJson, Report, Verbose, number_option, report_stream, yaml_output
-from .output import closing, column_table, few, render, show
+from .output import closing, column_table, do_this, few, render, show
 from .progress import progress_bar
 
 if TYPE_CHECKING:
@@ -148,12 +149,12 @@ def audit(
 def _facts(result: "Audit", simulated: "SimulatorAudit | None", swept: "SweepSummary | None") -> dict[str, Any]:
     """What --json prints."""
     from .. import __version__
+    from ..report.audit_text import audit_scale, audit_sentence, audit_warnings
     from ..report.columns import facts
     from ..report.gearbox_range import gearbox_assumptions, range_facts
     from ..report.needed_stiffness import needed_facts
     from ..report.number_format import path_facts
     from ..report.robot_columns import AUDITED_JOINT, audited_states
-    from ..report.robot_text import audit_scale, audit_sentence, audit_warnings
 
     columns = audited_states(result.enough_in)
     from ..system.requirements import REQUIREMENTS, to_db  # loads numpy
@@ -204,11 +205,11 @@ def _facts(result: "Audit", simulated: "SimulatorAudit | None", swept: "SweepSum
 
 def _terminal(result: "Audit", simulated: "SimulatorAudit | None", swept: "SweepSummary | None", report: Path | None, verbose: bool) -> str:
     """`verbose`: also every contact state and joint, and all that is assumed."""
+    from ..report.audit_text import audit_warnings, reason, unjudged, verdict, what_to_do
     from ..report.columns import definitions
     from ..report.gearbox_range import gearbox_assumptions
     from ..report.needed_stiffness import CAPTION, look_columns, shown_looks
-    from ..report.robot_columns import AUDITED_JOINT, asked, audited_states, joint_caption
-    from ..report.robot_text import audit_advice, audit_sentence, audit_warnings, unjudged
+    from ..report.robot_columns import audited_joints, audited_states, joint_caption, legend
     from ..report.verdict import MOST_WARNINGS
 
     control = result.system.control
@@ -217,31 +218,32 @@ def _terminal(result: "Audit", simulated: "SimulatorAudit | None", swept: "Sweep
     said, assumed = _simulator_text(simulated)
     said += _workspace_text(swept)
     assumed, warned = result.system.assumptions + gearbox_assumptions(result) + assumed, audit_warnings(result)
-    needed = result.needed
+    needed, do = result.needed, what_to_do(result)
+    answer = [verdict(result), *do_this(replace(do, lines=())), reason(result)]
     stiffness = [] if needed is None else ["", column_table(STIFFNESS, look_columns(result, needed), shown_looks(needed)), CAPTION]
     if not verbose:
         left = len(result.joints) - FEW_JOINTS
         more = f"{len(assumed)} assumptions" + (f", {left} more joints" if left > 0 else "")
+        columns = [one for one in audited_joints(result) if one.key != "motor_inertia"]
+        joints = column_table("", columns, result.by_headroom[:FEW_JOINTS], ("one loop",))
         return render(
-            audit_sentence(result),
-            *audit_advice(result),
+            *answer,
             *said,
-            column_table("", [one for one in AUDITED_JOINT if one.key != "motor_inertia"], result.by_headroom[:FEW_JOINTS], ("one loop",)),
-            f"alone, one loop: the factor until vibration; safe: {asked(result)} or more.",
+            joints,
+            legend(result, [str(column.header) for column in joints.columns]),
             *closing({"Report": report}, few(warned, MOST_WARNINGS)),
             *filter(None, [unjudged(result)]),
             f"Posture: {result.states[0].posture}; {result.system.source.body.base} base; {_gains_run(result)} (--gains-run)",
             f"{more}: --verbose.",
         )
     return render(
-        audit_sentence(result),
-        *audit_advice(result),
+        *answer,
         *said,
         "",
         column_table(title, columns, result.states + result.immobile),
         definitions(columns),
         "",
-        column_table("Joint by joint, in the worst state", AUDITED_JOINT, result.joints),
+        column_table("Joint by joint, in the worst state", audited_joints(result), result.joints),
         joint_caption(result),
         *stiffness,
         *filter(None, [unjudged(result)]),

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from ..report.columns import Column
+    from ..report.what_to_do import Advice
 
 WIDTH = 80
 """Columns, where no terminal says otherwise."""
@@ -115,6 +116,14 @@ def verdict_parts(study: Any, to_use: Any) -> list[Any]:
     if to_use.lines:
         parts += [to_use.heading, *_typed(to_use.lines), *to_use.remarks, *_typed(to_use.at_usual_rate)]
     return parts
+
+
+def do_this(found: "Advice | None") -> list[Any]:
+    """What to do; nothing where there is none."""
+    if found is None:
+        return []
+    plain = [text.replace("`", "") for text in (found.heading, *found.remarks)]
+    return [f"Do this: {plain[0]}", *_typed(found.lines), *plain[1:]]
 
 
 def _typed(lines: Iterable[str]) -> list[Any]:

@@ -11,7 +11,7 @@ import typer
 from ..report.number_format import digits
 from .interrupts import Stopped, stop_signals
 from .options import AsJson, Report, Verbose, command_line, kind_of, number_option, refuse_inputs, report_stream
-from .output import closing, few, render, show, table
+from .output import closing, do_this, few, render, show, table
 from .progress import progress_bar
 
 if TYPE_CHECKING:
@@ -153,6 +153,7 @@ def _facts(outcome: "Outcome", log: Path | None) -> dict[str, Any]:
 
 def _terminal(outcome: "Outcome", report: Path | None, log: Path | None, verbose: bool) -> str:
     """`verbose`: also torques, and the vibration beside the linear loop's."""
+    from ..report.simulation_advice import what_to_do
     from ..report.simulation_text import TRACKING, limit_text, sentence, tracking_cells, vibration_text, warnings
 
     run = outcome.run
@@ -165,6 +166,8 @@ def _terminal(outcome: "Outcome", report: Path | None, log: Path | None, verbose
     rate = digits(1 / run.sample_time, "Hz")
     parts: list[Any] = [
         sentence(outcome),
+        *do_this(what_to_do(outcome)),
+        "",
         table(
             f"Tracking, {run.feedback} side ({outcome.spec.kind}, {rate})",
             ("", *TRACKING),

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from .options import AsJson, Report, command_line, kind_of, report_stream
-from .output import closing, column_table, render, show
+from .output import closing, column_table, do_this, render, show
 from .progress import progress_bar
 
 if TYPE_CHECKING:
@@ -76,10 +76,11 @@ def _facts(result: "Verification") -> dict[str, Any]:
 
 
 def _terminal(result: "Verification", report: Path | None) -> str:
-    from ..report.verification_text import FREQUENCY_TABLE, GAIN_TABLE, sentence
+    from ..report.verification_text import FREQUENCY_TABLE, GAIN_TABLE, sentence, what_to_do
 
     return render(
         sentence(result),
+        *do_this(what_to_do(result)),
         "",
         column_table("Factor on all gains at which vibration starts", GAIN_TABLE, result.cases, ("allowed", "difference")),
         column_table("Its frequency", FREQUENCY_TABLE, result.cases, ("allowed", "difference", "method")),

@@ -284,7 +284,7 @@ class _Search:
         largest = self.largest(self.requirements.asked, self.active, low, high, accuracy=0.001)
         if math.isinf(largest) and high >= self.active[0].ladder[-1]:
             return None  # nothing in the model limits kp
-        kp = _rounded_down(min(high, largest))
+        kp = rounded_down(min(high, largest))
         if not kp > 0:
             return None
         for _ in range(4):  # the first search is as good as its grid; this one is exact
@@ -355,13 +355,13 @@ def _common(first: Floats, second: Floats) -> Floats:
 
 def _and_below(kp: float) -> Floats:
     """`kp` > 0 rounded down to three significant digits, and the seven next lower numbers of as many digits."""
-    found = [_rounded_down(kp)]
+    found = [rounded_down(kp)]
     while len(found) < 8:
-        found.append(_rounded_down(found[-1] * (1 - 1e-5)))  # the next one down
+        found.append(rounded_down(found[-1] * (1 - 1e-5)))  # the next one down
     return np.array(found)
 
 
-def _rounded_down(value: float) -> float:
+def rounded_down(value: float) -> float:
     """`value` > 0 to three significant digits, never up."""
     if not (value > 0 and math.isfinite(value)):
         return value if value == math.inf else math.nan

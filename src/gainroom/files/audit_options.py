@@ -58,6 +58,8 @@ JOINT_DAMPING = ("controller", "friction")
 GAINS_RUN = ("host", "drive", "split")
 MOST_SCENES = 20
 """Files beside a model that are looked at for a keyframe."""
+SLIGHT_DAMPING = 0.01
+"""Of kd: the joints' own damping, where it is less, is told among what is assumed."""
 ANGLE = number(least=-1e4, most=1e4)
 DESCRIPTIONS = (".yaml", ".yml", ".json")
 
@@ -261,10 +263,12 @@ def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
         ranges = gearbox_range(options.gearboxes, spec.source.joint_names, motors.stiffness, motors.motor_inertia, "--gearbox")
     elastic = bool(np.isfinite(motors.stiffness).any()) or ranges is not None
     taken = [text for text in spec.warnings if text.startswith(ASSUMED)]
+    slight = _slight_damping(body, found, options)
+    taken += [text for text in spec.warnings if slight and text.startswith(DAMPING_NOTE)]
     assumptions = (
         *options.paths(),
         *spec.assumptions,
-        *taken,
+        *(slight if text.startswith(DAMPING_NOTE) else text for text in taken),
         *told,
         *_assumptions(spec.source.body, file.joints.locked, options, elastic),
     )
@@ -277,6 +281,15 @@ def _padded(column: Floats, size: int) -> Floats:
     return np.concatenate([column, np.zeros(size - len(column))])
 
 
+def _slight_damping(body: RigidBody, found: JointGains, options: AuditOptions) -> str:
+    """What is said of the joints' own damping where it is too little beside kd to decide anything; "" where it is not, or was asked for."""
+    own = _padded(body.damping, len(found.kd))
+    ratio = float(np.max(own / np.maximum(found.kd, 1e-300), initial=0.0, where=found.given))
+    if options.joint_damping is not None or not ratio < SLIGHT_DAMPING:
+        return ""
+    return f"{DAMPING_NOTE}, at most {100 * ratio:.2g} % of kd: --joint-damping says what it is"
+
+
 def _damping_asked(warnings: Sequence[str], options: AuditOptions) -> list[str]:
     """What is said of the joints' own damping: asked for where nothing was said, told where it counts."""
     meant = {
@@ -286,7 +299,7 @@ def _damping_asked(warnings: Sequence[str], options: AuditOptions) -> list[str]:
     }[options.joint_damping]
     found = []
     for text in warnings:
-        values = text.rpartition(": ")[2]
+        values = f"{text.rpartition(': ')[2]} [N·m·s/rad]"
         found.append(f"{meant}: {values}" if text.startswith(DAMPING_NOTE) else text)
     return found
 

@@ -10,23 +10,23 @@ from ..linear.arrays import Booleans
 from ..studies.audit import Audit
 from ..system.requirements import REQUIREMENTS, Requirements, enough, to_db
 from .audit_headroom import PATHS, deciding, headroom, headroom_rows
+from .audit_text import audit_scale, audit_sentence, audit_warnings, reason, verdict, what_to_do
 from .columns import definitions, tabulated, yes
-from .gains_to_use import gain_file
 from .gearbox_range import gearbox_assumptions
 from .margin_columns import requirement
 from .needed_stiffness import needed_table, rounded_up
 from .number_format import digits, hertz, model_kind
-from .page import Card, Html, Lead, Section, advice, beside, block, coded, facts, page, paragraph, table
+from .page import Card, Html, Lead, Section, beside, block, facts, page, paragraph, table
 from .page_parts import ON_TOP, assumed_and_warned, assumptions, footer, limit_proofs, margin_card, unstable_card
-from .robot_columns import AUDITED_JOINT, asked, audited_states, joint_caption
+from .robot_columns import asked, audited_joints, audited_states, joint_caption
 from .robot_coupling import coupling
 from .robot_drawing import hero, small
 from .robot_headroom import Factors, heat_map
 from .robot_skeleton import common_view
 from .robot_tables import MARKS, inputs, span
-from .robot_text import audit_scale, audit_sentence, audit_warnings
 from .robot_units import joint_units
 from .sweep_text import counted, safe_share, workspace_advice
+from .what_to_do import Advice, advice_box
 from .workspace import workspace_card, workspace_section
 
 UNSAFE_STATES = 3
@@ -97,7 +97,9 @@ def _deciding(result: Audit) -> str:
 
 
 def _lead(result: Audit, simulated: "SimulatorAudit | None", swept: "SweepSummary | None") -> Lead:
-    said, do, sentence = list(audit_warnings(result)[:ON_TOP]), _advice(result), audit_sentence(result)
+    said, do, sentence = list(audit_warnings(result)[:ON_TOP]), _do_this(result), verdict(result)
+    if audit_scale(result) is None:
+        sentence = audit_sentence(result)
     lost = simulated is not None and not simulated.limit.stable
     if lost:
         said.insert(0, "these gains are unstable in the simulator: see below")
@@ -105,7 +107,7 @@ def _lead(result: Audit, simulated: "SimulatorAudit | None", swept: "SweepSummar
     if swept is not None and short:
         said.insert(0, f"in the workspace {safe_share(swept)} of {counted(swept.count)} limits are safe. {workspace_advice(swept)}")
         if result.safe:
-            sentence, do = f"In this posture: {sentence}", advice(workspace_advice(swept), "")
+            sentence, do = f"In this posture: {sentence}", advice_box(Advice(workspace_advice(swept)))
     if not result.stable:
         return Lead(sentence, "bad", "UNSTABLE: do not run these gains", said, do)
     return Lead(sentence, "good" if result.safe and not (lost or short) and not _assumed_rigid(result).any() else "warn", "", said, do)
@@ -116,26 +118,11 @@ def _assumed_rigid(result: Audit) -> Booleans:
     return np.isinf(result.system.source.actuators.stiffness)
 
 
-def _advice(result: Audit) -> Html:
-    """What to do: gains that are safe, with the margins of these and of those, or how to find some."""
-    actuators = result.system.source.actuators
-    if result.safe:
-        if not _assumed_rigid(result).any():
-            return advice("These gains may stay.", "")
-        return advice(
-            coded("These gains may stay if the gearboxes are stiff enough. Audit again with their `--stiffness` and `--damping`."), ""
-        )
-    scale = audit_scale(result)
+def _do_this(result: Audit) -> Html | str:
+    """What to do, with the margins of these gains and of those to use."""
+    found, scale = what_to_do(result), audit_scale(result)
     if scale is None:
-        bare = result.tightest.limit.gain == 0 and np.any(actuators.damping[np.isfinite(actuators.stiffness)] == 0)
-        search = (
-            "No factor on all gains makes them safe, or none is known. Audit with `--write-robot robot.yaml`: `gainroom robot robot.yaml` "
-        )
-        text = "Measure the gearboxes' damping and audit again with `--damping`." if bare else f"{search}searches gains joint by joint."
-        return advice(coded(text), "")
-    names = ("kp", "kd", "ki") if any(joint.ki for joint in result.joints) else ("kp", "kd")
-    columns = {name: [scale * getattr(joint, name) for joint in result.joints] for name in names}
-    lines = gain_file(result.system.source.joint_names, columns)
+        return advice_box(found)
     required = requirement(Requirements(gain_margin=result.margin), "gain_margin", 3)
     rows = [
         (name, digits(to_db(least), "dB", 3), required, yes(enough(least, result.margin)), digits(to_db(least / scale), "dB", 3))
@@ -144,9 +131,9 @@ def _advice(result: Audit) -> Html:
             ("least gain margin of a joint by itself", min(joint.gain_limit for joint in result.joints)),
         )
     ]
-    beside_it = table(("", "these gains", "required", "met", "to use"), rows, marks=MARKS, sorts=False)
     units = joint_units(result.system.source.body)
-    return advice(f"Use instead, {digits(scale)} × all gains (kp {units['kp']}, kd {units['kd']}):", "\n".join(lines), beside_it)
+    beside_it = table(("", "these gains", "required", "met", "to use"), rows, f"kp {units['kp']}, kd {units['kd']}", MARKS, sorts=False)
+    return advice_box(found, beside_it, paragraph(reason(result)))
 
 
 def _cards(result: Audit) -> list[Card]:
@@ -172,8 +159,8 @@ def _cards(result: Audit) -> list[Card]:
     return [
         first,
         delay,
-        Card("unsafe joints", str(len(joints)), f"of {len(result.joints)}", "none", not joints, listed(joints)),
-        Card("unsafe states", str(len(states)), f"of {len(result.states)}", "none", not states, f"judged: {judged}"),
+        Card("unsafe joints", str(len(joints)), f"of {len(result.joints)}", "0 required", not joints, listed(joints)),
+        Card("unsafe states", str(len(states)), f"of {len(result.states)}", "0 required", not states, f"judged: {judged}"),
         _gearboxes(result),
     ]
 
@@ -215,7 +202,7 @@ def _state_table(result: Audit) -> Html:
 
 
 def _joint_table(result: Audit) -> Html:
-    return table(*tabulated(AUDITED_JOINT, result.joints), joint_caption(result), MARKS)
+    return table(*tabulated(audited_joints(result), result.joints), joint_caption(result), MARKS)
 
 
 def _simulator(result: "SimulatorAudit") -> list[Html]:

@@ -1,7 +1,7 @@
 """The margins of a loop as columns, beside what is required of them."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ..analysis.margin_record import Margins
@@ -113,6 +113,14 @@ def requirement(asked: Requirements, name: str, significant: int = 4) -> str:
     """A required margin by the requirement's name: "≥ 6 dB"; empty where nothing is required."""
     one, needed = REQUIREMENTS[name], asked.needed.get(name)
     return "" if needed is None else f"{one.sign} {digits(one.in_unit(needed), one.unit, significant)}"
+
+
+def short_text(asked: Requirements, values: Mapping[str, float]) -> str:
+    """Margins that are too small, each beside what is required: "gain margin 0.916 dB (≥ 6 dB), Ms 14.4 (≤ 2)"."""
+    return ", ".join(
+        f"{REQUIREMENTS[name].heading} {margin_value(asked, name, value, False, 3)} ({requirement(asked, name, 3)})"
+        for name, value in values.items()
+    )
 
 
 def judged_rows(margins: Margins, worst: Margins, required: Requirements) -> list[tuple[str, ...]]:

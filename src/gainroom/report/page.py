@@ -29,8 +29,8 @@ class Html(str):
 class Lead:
     """The answer: one sentence, and how it must look. `state` "bad" puts a banner with `headline` before everything else.
 
-    warnings   one line each, shown under the sentence
-    advice     what to do, before the cards
+    advice     what to do, right under the sentence
+    warnings   one line each, after it
     """
 
     sentence: str
@@ -183,7 +183,7 @@ def _section(section: Section) -> str:
 def _lead(lead: Lead) -> str:
     banner = f'<p class="banner" role="alert">{escape(lead.headline)}</p>' if lead.headline else ""
     warnings = "".join(f'<p class="warning"><b>Warning</b> {escape(text)}</p>' for text in lead.warnings)
-    return f"{banner}<h1>{escape(lead.sentence)}</h1>{warnings}{lead.advice}"
+    return f"{banner}<h1>{escape(lead.sentence)}</h1>{lead.advice}{warnings}"
 
 
 def _cards(cards: Sequence[Card]) -> str:

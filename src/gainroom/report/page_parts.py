@@ -17,7 +17,7 @@ from .margin_columns import margin_value, requirement
 from .number_format import digits, quantity
 from .page import Card, Html, facts, paragraph
 
-ON_TOP = 4
+ON_TOP = 2
 """Warnings shown first; the others are listed with the assumptions."""
 
 

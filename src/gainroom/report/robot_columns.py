@@ -1,7 +1,7 @@
 """States, joints and tasks of a robot as columns, and those of an audit."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import TYPE_CHECKING, Any
 
 from ..errors import listed
@@ -237,17 +237,45 @@ AUDITED_JOINT = [
     Column("motor inertia", "motor_inertia", lambda row: row.motor_inertia, definition="on the joint side"),
     Column("alone", "gain_limit", lambda row: row.gain_limit, definition=ALONE.definition),
     CLOSED,
-    Column("K needed", "", lambda row: row.needed_stiffness, definition="the stiffness that its gearbox must have", significant=3),
+    Column(
+        "K needed",
+        "",
+        lambda row: row.needed_stiffness,
+        definition="the stiffness of every gearbox with which the gains are safe",
+        significant=3,
+    ),
 ]
 """A joint of an audit, in its worst state."""
+
+
+def audited_joints(result: "Audit") -> list[Column]:
+    """AUDITED_JOINT, without a stiffness that is the same for all: the verdict says it."""
+    needed = {joint.needed_stiffness for joint in result.joints if not math.isnan(joint.needed_stiffness)}
+    return [one for one in AUDITED_JOINT if one.title != "K needed" or len(needed) > 1]
+
+
+def legend(result: "Audit", shown: Collection[str]) -> str:
+    """What the columns with these titles are, in a line or two."""
+    units = joint_units(result.system.source.body)
+    parts = {
+        "kp": f"kp [{units['kp']}]",
+        "kd": f"kd [{units['kd']}]",
+        "ki": f"ki [{units['ki']}]",
+        "alone": "alone: factor on a joint's gains until vibration, the others free",
+        "one loop": "one loop: the others closed",
+        "K needed": f"K needed [{units['kp']}]: of every gearbox",
+    }
+    named = [text for title, text in parts.items() if title in shown]
+    return f"{', '.join(named[:2])}; {'; '.join(named[2:])}. safe: {asked(result)} or more."
 
 
 def joint_caption(result: "Audit") -> str:
     """What the columns of AUDITED_JOINT are, with their units."""
     units = joint_units(result.system.source.body)
+    units_told = f"kp [{units['kp']}], kd [{units['kd']}], ki [{units['ki']}], motor inertia [{units['load']}].{units['prismatic']}"
     return (
-        f"In the worst state. {definitions(AUDITED_JOINT)} kp [{units['kp']}], kd [{units['kd']}], ki [{units['ki']}], motor inertia "
-        f"[{units['load']}].{units['prismatic']} Safe: {asked(result)} or more alone, and no part in the vibration of a state with less."
+        f"In the worst state. {definitions(audited_joints(result))} {units_told} Safe: {asked(result)} or more alone, and no part in the "
+        "vibration of a state with less."
     )
 
 

@@ -15,6 +15,7 @@ from .robot_skeleton import View, common_view, drawn, labels, participation_text
 # ColorBrewer's YlOrBr (Brewer 2013): light to dark in grey too, and to all eyes
 PARTICIPATION = [[0, "#fffbe6"], [0.15, "#fee391"], [0.35, "#fec44f"], [0.55, "#fe9929"], [0.75, "#cc4c02"], [1, "#662506"]]
 MOST_BARS, FEW_BARS = 14, 6  # beside the drawing, and on a phone
+LEAST_BAR = 0.005  # participation factor: less reads as 0 %
 WIDTH = 1028  # [px] of a picture on a wide screen
 
 
@@ -58,6 +59,8 @@ def hero(state: State, alone: bool, motion: GainLimit | None = None, title: str 
         "coloraxis.showscale": False,
         "yaxis2.range": [FEW_BARS - 0.4, -0.6],
     }
+    hidden = state.model.size - len(names)
+    caption += f" Not listed: {hidden} joint{'s' * (hidden > 1)} with less." if hidden else ""
     return figure({"data": [*traces, bars], "layout": picture}, title, caption, height, narrow)
 
 
@@ -143,7 +146,7 @@ def drawing_layout(limit: GainLimit, notes: list[style.Annotation], view: View, 
 def _bars(model: RobotModel, limit: GainLimit) -> tuple[style.Trace, list[str]]:
     """The joints with the largest participation factors, the largest on top."""
     parts, mode = np.abs(limit.mode), limit.mode
-    chosen = strongest_first(mode)[:MOST_BARS]
+    chosen = [k for k in strongest_first(mode)[:MOST_BARS] if parts[k] >= LEAST_BAR]
     values = parts[chosen].tolist()
     bars = {
         "type": "bar",

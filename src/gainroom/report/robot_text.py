@@ -6,18 +6,12 @@ from collections.abc import Iterable
 import numpy as np
 
 from ..analysis.gain_limit import GainLimit
-from ..analysis.margin_record import PathMargins
-from ..errors import beside, frequency_text, listed
-from ..studies.audit import Audit
+from ..errors import frequency_text, listed
 from ..studies.robot import RobotStudy
-from ..studies.state import HELD, State, task_headroom
+from ..studies.state import State, task_headroom
 from ..system.controller import gain_matrix
-from ..system.requirements import REQUIREMENTS, to_db
 from ..system.system import System
-from .gearbox_range import over_range, worst_gearboxes
 from .joint_text import CONTINUOUS, NOT_EVERYWHERE, failing, lost_at_usual_rate
-from .needed_stiffness import if_stiff
-from .number_format import digits
 from .recommended_gains_text import weight_warnings
 
 SLIGHT = 0.05
@@ -208,134 +202,3 @@ def _at_most(limit: GainLimit | None) -> str:
     if limit is None or math.isnan(limit.gain):
         return "; their gain limit is not known"
     return f"; scale them below {limit.gain:.3g} ×" if limit.gain > 0 else "; no lower gains in the same ratio are stable"
-
-
-def audit_sentence(result: Audit) -> str:
-    """Verdict, gain limit and delay limit beside what is required and given."""
-    worst, count = result.tightest, sum(not joint.safe for joint in result.joints)
-    limit, given = worst.limit, f"{1e3 * result.system.delay:.3g} ms"
-    over, where = over_range(result), worst_gearboxes(result)
-    delay = "The delay limit is not known."
-    if math.isfinite(result.delay_limit):
-        delay = f"With these gains vibration starts at {1e3 * result.delay_limit:.3g} ms of delay (given: {given})."
-        delay = "These gains are unstable without delay, too." if result.delay_limit == 0 else delay
-    elif math.isinf(result.delay_limit):
-        delay = "No delay makes these gains vibrate."
-    mainly = f" in {worst.contact}" if len(result.states) > 1 else ""  # an audit has one posture
-    mainly += f", mainly {listed(result.limiting_joints, most=2)}" if result.limiting_joints else ""
-    if not limit.stable:
-        remedy = f"Scale all gains below {limit.gain:.3g} ×." if limit.gain > 0 else _no_lower_gains(result)
-        remedy = "Whether lower gains are stable is not known." if math.isnan(limit.gain) else remedy
-        lost = f"{over}.{where} Unstable" if over else ": unstable"
-        return f"Not safe{lost} with {given} of delay{mainly}. {remedy} {delay} {_count(count, result)}"
-    unknown = [state.contact for state in result.states if math.isnan(state.limit.gain)]
-    if unknown:
-        return f"Not safe{over}: stable, but the gain limit in {listed(unknown)} is not known. {_count(count, result)}"
-    at = f", at {limit.frequency / (2 * math.pi):.3g} Hz" if math.isfinite(limit.frequency) else ""
-    factors, levels = (limit.gain, result.margin), (to_db(limit.gain), to_db(result.margin))
-    enough = result.enough_gain_in(worst)
-    factor, level = (f"{pair[0]:.3g}" if enough else beside(*pair) for pair in (factors, levels))
-    start = f"Vibration starts at {factor} × these gains ({level} dB){at}{mainly}"
-    start = "No common factor on all gains makes it vibrate" if math.isinf(limit.gain) else start
-    if worst.margins.paths is not None and worst.margins.paths.headroom < limit.gain:
-        start = _weakest_path(worst.margins.paths)
-    if result.safe:
-        return f"Safe{over}{if_stiff(result)}{where} {start}. {delay}"
-    if short := missed_besides(result):
-        return f"Not safe{over}: {short}.{where} {start}. {delay} {_count(count, result)}"
-    required = f"{result.margin:.3g} × ({to_db(result.margin):.2g} dB) required"
-    short = f"{required}, and a joint by itself has less" if enough else required
-    return f"Not safe{over}.{where} {start}; {short}. {delay} {_count(count, result)}"
-
-
-def missed_besides(result: Audit) -> str:
-    """What gains with enough gain margin have too little of, each beside what is required; "" where that is nothing."""
-    if "gain_margin" in result.missed:
-        return ""
-    parts = []
-    if "delay_margin" in result.missed:
-        extra, needed = 1e3 * result.least_extra_delay, 1e3 * result.delay_margin
-        parts.append(
-            "the delay margin is not known" if math.isnan(extra) else f"delay margin {beside(extra, needed)} ms (≥ {needed:.3g} ms)"
-        )
-    for name, state in result.worst.items():
-        if name in result.missed and name != "gain_margin":
-            one, needed = REQUIREMENTS[name], result.further.needed[name]
-            omega = one.frequency(state.margins)
-            at = f" at {frequency_text(omega)}" if math.isfinite(omega) else ""
-            parts.append(f"{one.label} {one.text(one.value(state.margins))} ({one.sign} {one.text(needed)}){at}")
-    return listed(parts)
-
-
-def unjudged(result: Audit) -> str:
-    """The least phase margin and the peak sensitivity where nothing is required of them; "" where all is, or they are not known."""
-    parts, options = [], []
-    for name, option in (("phase_margin", "--phase-margin-deg"), ("peak_sensitivity", "--peak-sensitivity")):
-        one, state = REQUIREMENTS[name], result.worst[name]
-        value = one.value(state.margins)
-        if result.further.needed.get(name) is None and math.isfinite(value):
-            omega = one.frequency(state.margins)
-            parts.append(f"{one.label} {one.text(value)}" + (f" at {frequency_text(omega)}" if math.isfinite(omega) else ""))
-            options.append(option)
-    return f"Not required: {', '.join(parts)} ({', '.join(options)})." if parts else ""
-
-
-def audit_scale(result: Audit) -> float | None:
-    """The factor on all gains that makes unsafe ones safe, rounded down; None where none is known, and for safe gains."""
-    scale = result.scale
-    return None if result.safe or math.isnan(scale) else math.floor(1000 * scale) / 1000 if scale > 0.01 else scale
-
-
-def audit_advice(result: Audit) -> list[str]:
-    """What to do, in a sentence; nothing where gains are safe, or no remedy is known."""
-    scale, joints = audit_scale(result), result.by_headroom
-    if scale is None and not (result.safe or math.isnan(result.gain_scale)):
-        return [f"No common factor gives all margins: × {result.gain_scale:.3g} the gain margin alone. Lower kp more than kd."]
-    if scale is None:
-        return []
-    first = joints[0]
-    gains = f"{first.name} kp {scale * first.kp:.4g}, kd {scale * first.kd:.4g}"
-    time = " in continuous time" if result.system.control.sample_time is None else ""
-    return [f"Use: all gains × {scale:.4g} ({gains}); then the margin holds{time}."]
-
-
-def _no_lower_gains(result: Audit) -> str:
-    """Why no lower gains help where gearboxes have no damping, and a first guess: a twentieth of the critical damping."""
-    actuators = result.system.source.actuators
-    bare = np.isfinite(actuators.stiffness) & (actuators.damping == 0)
-    if not np.any(bare):
-        return "No lower gains in the same ratio are stable."
-    guess = 2 * SLIGHT * np.sqrt(np.median(actuators.stiffness[bare] * actuators.motor_inertia[bare]))
-    return (
-        "With gearbox damping at 0 no lower gains in the same ratio are stable. Measure the damping; "
-        f"--damping {guess:.1g} ({100 * SLIGHT:.0f} % of critical) is a first guess."
-    )
-
-
-def _weakest_path(paths: PathMargins) -> str:
-    """At which factor on kp alone, or on kd alone, vibration starts."""
-    factors = {"kp": (paths.others, paths.lower_others), "kd": (paths.kd, paths.lower_kd)}
-    name, (upper, lower) = min(factors.items(), key=lambda one: min(one[1][0], 1 / one[1][1] if one[1][1] > 0 else math.inf))
-    if lower * upper > 1:
-        return f"Vibration starts where {name} alone falls to {lower:.3g} × ({to_db(lower):.3g} dB)"
-    return f"Vibration starts at {upper:.3g} × {name} alone ({to_db(upper):.3g} dB)"
-
-
-def _count(unsafe: int, result: Audit) -> str:
-    return f"{unsafe} of {len(result.joints)} joints {'is' if unsafe == 1 else 'are'} not safe."
-
-
-def audit_warnings(result: Audit) -> tuple[str, ...]:
-    """Warnings of an audit, each with its remedy."""
-    system = result.system
-    warnings = list(system.warnings)
-    if system.control.sample_time is None:
-        extra = result.least_extra_delay
-        lost = f", so that below about {digits(1 / extra, 'Hz', 2)} the present gains vibrate" if 0 < extra < math.inf else ""
-        warnings.append(
-            f"continuous model: hold and velocity difference of a real controller cost about one more tick{lost}; give --rate-hz"
-        )
-    if result.immobile:
-        contacts = listed([state.contact for state in result.immobile])
-        warnings.append(f"{contacts}: {HELD} in this contact state, so there is no verdict; check the contacts")
-    return (*warnings, *free_joints(system), *unconfirmed(result.states))

@@ -1,22 +1,23 @@
 """The page of a simulation of a joint or a robot: verdict, what to do, numbers, what fails, the whole run; the rest closed below."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from ..errors import listed
 from ..studies.simulation import Outcome
+from ..system.requirements import REQUIREMENTS
 from .number_format import digits, hertz, milli, motion_unit, settling
 from .page import Card, Html, Lead, Section, beside, block, facts, page, paragraph, table
 from .page_parts import footer, margin_card, unstable_card
-from .simulation_advice import advice_box
+from .simulation_advice import what_to_do
 from .simulation_figures import channel, channels, close_up, drawn_channels, in_time, links_over_time
 from .simulation_inputs import KINDS, inputs
 from .simulation_text import (
     TRACKING,
     farthest_off,
     floor_of,
-    margin_met,
     not_counted,
     overshoots,
     sentence,
@@ -24,6 +25,7 @@ from .simulation_text import (
     unsettled,
     warnings,
 )
+from .what_to_do import advice_box
 
 SHOWN_AS_ZERO = 1e-3
 """[N·m], and a participation factor: less is shown as 0."""
@@ -66,9 +68,9 @@ def _first(outcome: Outcome) -> list[Section]:
 
 def _lead(outcome: Outcome) -> Lead:
     """The verdict with its sentence, warnings and advice."""
-    do = advice_box(outcome)
+    do = advice_box(what_to_do(outcome))
     if outcome.sound:
-        doubt = unsettled(outcome) or margin_met(outcome) is False
+        doubt = unsettled(outcome) or outcome.missed
         return Lead(sentence(outcome), "warn" if doubt else "good", "", warnings(outcome), do)
     verdict = {"fell": "FELL", "diverged": "DIVERGES"}.get(outcome.run.ending, "VIBRATES" if outcome.vibrates else "UNSTABLE")
     what = "this on the robot" if outcome.run.ending == "fell" else "these gains"
@@ -86,7 +88,7 @@ def _cards(outcome: Outcome) -> list[Card]:
         run.torque_units[hardest],
         note="; ".join(filter(None, [_named(outcome, run.joint_names[hardest]), _beyond(outcome)])),
     )
-    cards = [_vibration_card(outcome), *_margin_card(outcome)]
+    cards = sorted([_vibration_card(outcome), *_margin_cards(outcome)], key=lambda card: card.met is not False)
     if not outcome.completed:
         what = "falls after" if run.ending == "fell" else "diverges after"
         off = Card("largest error", *_distance(float(found.peak[first]), run.units[first]), note=run.channels[first])
@@ -108,16 +110,21 @@ def _named(outcome: Outcome, name: str) -> str:
     return name if len(outcome.run.joint_names) > 1 else ""
 
 
-def _margin_card(outcome: Outcome) -> list[Card]:
-    """What the linear loop has."""
+def _margin_cards(outcome: Outcome) -> list[Card]:
+    """What the linear loop has: its gain margin, and what else is missed."""
     limit, asked = outcome.limit, outcome.spec.system.requirements
-    if limit is None:
+    if limit is None or outcome.margins is None:
         return []
     if not limit.stable:
         return [unstable_card(asked, limit, "", "it")]
-    at = f", {hertz(limit.frequency)}" if math.isfinite(limit.frequency) else ""
-    here = " in this state" if outcome.spec.kind == "mujoco" else ""
-    return [margin_card(asked, "gain_margin", limit.gain, f"linear loop{here}{at}")]
+    where = f"linear loop{' in this state' if outcome.spec.kind == 'mujoco' else ''}"
+    where += ", nominal" if outcome.spec.system.uncertainty.names else ""
+    cards = []
+    for name in dict.fromkeys(("gain_margin", *outcome.missed)):
+        omega = REQUIREMENTS[name].frequency(outcome.margins)
+        at = f"{where}, {hertz(omega)}" if math.isfinite(omega) else where
+        cards.append(replace(margin_card(asked, name, REQUIREMENTS[name].value(outcome.margins), at), met=outcome.met(name)))
+    return cards
 
 
 def _settling_card(outcome: Outcome) -> list[Card]:

@@ -2,56 +2,43 @@
 
 import math
 
+from ..errors import listed
 from ..simulation.tracking import SETTLED
-from ..studies.simulation import Outcome
+from ..studies.simulation import USUAL, Outcome
 from ..system.requirements import REQUIREMENTS
-from .margin_columns import requirement
-from .page import Html, advice, coded
-from .simulation_text import farthest_off, margin_met
-from .simulation_text import unsettled as not_settled
-
-USUAL = REQUIREMENTS["gain_margin"].usual or 2.0
-"""The gain margin that gains to try have where the file requires none."""
+from .simulation_text import farthest_off, unsettled
+from .what_to_do import Advice
 
 
-def advice_box(outcome: Outcome) -> Html | str:
-    """The box; "" where the warnings say it all."""
+def what_to_do(outcome: Outcome) -> Advice | None:
+    """None where the warnings say it all."""
     more = f"`gainroom {'joint' if outcome.spec.kind != 'mujoco' else 'robot'}`"
-    if not outcome.stable or margin_met(outcome) is False:
+    if not outcome.stable or outcome.missed:
         return _lower(outcome, more)
     if outcome.run.ending == "fell":
-        return advice("Make the move smaller or slower, and simulate again: it is not the gains.", "")
+        return Advice("Make the move smaller or slower, and simulate again: it is not the gains.")
     if not outcome.sound:
-        return ""
-    if not_settled(outcome):
-        return advice(coded(_tracking(outcome, more)), "")
-    return advice(coded(f"These gains may stay, as far as this run shows. {more} judges all their margins."), "")
+        return None
+    if unsettled(outcome):
+        return Advice(_tracking(outcome, more))
+    if outcome.spec.system.uncertainty.names:
+        return Advice(f"This run is at the file's nominal values. Whether these gains may stay in its ranges, {more} says.")
+    return Advice(f"These gains may stay, as far as this run shows. {more} judges all their margins.")
 
 
-def _lower(outcome: Outcome, more: str) -> Html:
-    """The factor with which the same run has the margin."""
-    limit, asked = outcome.limit, outcome.spec.system.requirements
-    assert limit is not None
-    factor = gain_to_try(outcome)
+def _lower(outcome: Outcome, more: str) -> Advice:
+    """The factor with which the same run has every margin."""
+    factor = outcome.gain_to_try
     if math.isnan(factor):
-        return advice(coded(f"No lower gains in the same ratio are known to be stable. {more} recommends gains."), "")
-    margin = requirement(asked, "gain_margin", 3).removeprefix("≥ ") or "6 dB"
-    here, every = (" in this state", " in every state") if outcome.spec.kind == "mujoco" else ("", "")
-    heading = f"Lower all gains together. This factor on the file's gains has {margin} of gain margin{here}; simulate it:"
-    return advice(heading, f"--gain {factor:g}", coded(f"{more} recommends gains that meet every requirement{every}."))
-
-
-def gain_to_try(outcome: Outcome) -> float:
-    """The factor on the file's gains, rounded down, at which the linear loop has the required gain margin; NaN where none is known."""
-    limit = outcome.limit
-    if limit is None or not 0 < limit.gain < math.inf:
-        return math.nan
-    margin = outcome.spec.system.requirements.needed.get("gain_margin", USUAL)
-    factor = outcome.gain * limit.gain / margin
-    if factor <= outcome.gain * limit.lower_gain * margin:
-        return math.nan
-    step = 10.0 ** (math.floor(math.log10(factor)) - 2)
-    return float(f"{step * math.floor(factor / step * (1 + 1e-12)):.3g}")
+        return Advice(f"Take other gains: no common factor is known that gives these every margin. {more} recommends some.")
+    needed = outcome.spec.system.requirements.needed or {"gain_margin": USUAL}
+    margins = listed([f"{(one := REQUIREMENTS[name]).heading} {one.sign} {one.text(value)}" for name, value in needed.items()])
+    where = (" in this state" if outcome.spec.kind == "mujoco" else "") + (
+        ", at nominal values" if outcome.spec.system.uncertainty.names else ""
+    )
+    heading = f"Lower all gains together. With this factor on the file's gains the linear loop has {margins}{where}; simulate it:"
+    every = " in every state" if outcome.spec.kind == "mujoco" else ""
+    return Advice(heading, [f"--gain {factor:g}"], [f"{more} recommends gains that meet every requirement{every}."])
 
 
 def _tracking(outcome: Outcome, more: str) -> str:

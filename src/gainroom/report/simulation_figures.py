@@ -61,7 +61,11 @@ def in_time(outcome: Outcome) -> Html:
         ]
     else:
         move = [Curve(run.channels[k], scale * _change(run.measured[rows, k]), color) for (color, _), k in looks]
-    move += [Curve("commanded", scale * _commanded(outcome, k)[rows], color, "dot", k == chosen[-1]) for (color, _), k in looks]
+    dots = [style.BLACK] if len(looks) == 1 else [color for (color, _), _ in looks]  # of several its own, to be told apart
+    move += [
+        Curve("commanded", scale * _commanded(outcome, k)[rows], color, "dot", k == chosen[-1])
+        for color, (_, k) in zip(dots, looks, strict=True)
+    ]
     error = [Curve(run.channels[k], 1e3 * np.round(run.error[rows, k], ROUNDED), color, named=False) for (color, _), k in looks]
     hardest = np.argsort(-np.abs(run.actual_torque[rows]).max(axis=0), kind="stable")[:MOST_TOGETHER].tolist()
     moving = outcome.spec.moves_until > 0 or not np.isnan(outcome.tracking.settling_time).all()  # a step at once has moved by then

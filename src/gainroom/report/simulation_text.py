@@ -9,7 +9,8 @@ from ..errors import beside, frequency_text, listed, printable
 from ..simulation.simulation_spec import SimulationSpec
 from ..studies.oscillation import EXACT, MUJOCO
 from ..studies.simulation import Outcome
-from .margin_columns import margin_value, requirement
+from ..system.requirements import REQUIREMENTS
+from .margin_columns import short_text
 from .number_format import digits, frequency, gain_factor, milli, motion, settling
 
 SMALLEST_ERROR = 1e-6
@@ -54,26 +55,19 @@ def sentence(outcome: Outcome) -> str:
     elif outcome.hidden:
         text = f"Unstable: {_excess(outcome.limit)}. This run shows no sustained vibration: {_hiding(outcome)}"
     else:
-        text = f"No vibration{_unsettled(outcome)}. {_errors(outcome)}"
-    return f"{text}. {prediction(outcome.limit)}{_short_of_margin(outcome)}."
-
-
-def margin_met(outcome: Outcome) -> bool | None:
-    """Whether the linear loop has the gain margin that the file requires; None where none is required, or known."""
-    limit = outcome.limit
-    if limit is None or math.isnan(limit.gain):
-        return None
-    return outcome.spec.system.requirements.met("gain_margin", limit.gain if limit.stable else 0.0)
+        short, late = _short_of_margin(outcome), _unsettled(outcome)
+        text = f"{short}No vibration{' in this run' if short and not late else ''}{late}. {_errors(outcome)}"
+    return f"{text}. {prediction(outcome.limit)}."
 
 
 def _short_of_margin(outcome: Outcome) -> str:
-    """A stable loop's gain margin beside the required one, where it is too small."""
-    if not outcome.sound or margin_met(outcome) is not False:
+    """What a stable loop has too little of, before all else; "" where that is nothing."""
+    if not outcome.sound or not outcome.missed:
         return ""
-    assert outcome.limit is not None
-    asked = outcome.spec.system.requirements
-    value = margin_value(asked, "gain_margin", outcome.limit.gain, False, 3)
-    return f": {value} of gain margin, {requirement(asked, 'gain_margin', 3).removeprefix('≥ ')} required"
+    assert outcome.margins is not None
+    values = {name: REQUIREMENTS[name].value(outcome.margins) for name in outcome.missed}
+    nominally = ", at nominal values" if outcome.spec.system.uncertainty.names else ""
+    return f"Too little margin: {short_text(outcome.spec.system.requirements, values)}{nominally}. "
 
 
 def unsettled(outcome: Outcome) -> list[int]:

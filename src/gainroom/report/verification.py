@@ -3,14 +3,17 @@
 import math
 
 from ..errors import listed
-from ..studies.verification import Case, Verification
+from ..studies.verification import Verification
+from ..system.requirements import Requirements
 from ..system.system import System
 from .columns import tabulated
+from .margin_columns import requirement
 from .number_format import digits, hertz, model_text
-from .page import Card, Html, Lead, Section, advice, block, coded, page, table
+from .page import Card, Html, Lead, Section, block, page, table
 from .page_parts import assumptions, footer
 from .verification_figures import agreement, growth
-from .verification_text import CASE, WITNESSES, left_out, percent, sentence, size
+from .verification_text import CASE, WITNESSES, at_nominal, left_out, percent, sentence, size, what_to_do
+from .what_to_do import advice_box
 
 
 def verification_page(system: System, result: Verification, command: str) -> str:
@@ -32,7 +35,8 @@ def verification_page(system: System, result: Verification, command: str) -> str
         Section("Command", [block(command)], "that makes this page"),
     ]
     said = [f"left out: {warning}" for warning in result.warnings]
-    lead = Lead(sentence(result), "good", "", said, _advice(result)) if result.agrees else _disagreement(result, said)
+    state = "warn" if result.least.enough is False else "good"
+    lead = Lead(sentence(result), state, "", said, advice_box(what_to_do(result))) if result.agrees else _disagreement(result, said)
     return page(f"gainroom verify: {what}, {model_text(sample_time)}", lead, _cards(result), sections, footer())
 
 
@@ -40,25 +44,8 @@ def _disagreement(result: Verification, said: list[str]) -> Lead:
     return Lead(sentence(result), "bad", "Simulation and prediction disagree: do not rely on the predicted limit", said)
 
 
-def _advice(result: Verification) -> Html:
-    """That agreement is no margin: what the limit means for these gains."""
-    least = _least(result)
-    if not least.predicted_gain < math.inf:
-        return advice("The prediction may be relied on: no factor on these gains makes it vibrate.", "")
-    if least.predicted_gain < 1:
-        return advice("The predicted limit may be relied on, and these gains are beyond it: they are UNSTABLE. Lower them.", "")
-    what = "robot" if result.of_robot else "joint"
-    text = f"The predicted limit may be relied on. It is no margin: `gainroom {what}` says how far to stay below, and recommends gains."
-    return advice(coded(text), "")
-
-
-def _least(result: Verification) -> Case:
-    """The case with the lowest predicted limit; first one in which it is not known."""
-    return min(result.cases, key=lambda case: -math.inf if math.isnan(case.predicted_gain) else case.predicted_gain)
-
-
 def _cards(result: Verification) -> list[Card]:
-    cases, right, least = result.cases, sum(case.agrees for case in result.cases), _least(result)
+    cases, right = result.cases, sum(case.agrees for case in result.cases)
     wrong = listed([f"{case.what} ({case.witness})" for case in cases if not case.agrees])
     cards = [Card("cases that agree", str(right), f"of {len(cases)}", "all", result.agrees, f"not: {wrong}" if wrong else "")]
     for witness, name in WITNESSES.items():
@@ -71,11 +58,19 @@ def _cards(result: Verification) -> list[Card]:
             note = f"of the {'gain' if gain else 'frequency'}, {worst.what}"
             allowed = f"≤ {digits(100 * worst.tolerance)} %"
             cards.append(Card(f"largest difference, {name}", value or "none found", unit * bool(value), allowed, worst.agrees, note))
+    return sorted([*cards, _limit(result)], key=lambda card: card.met is not False)
+
+
+def _limit(result: Verification) -> Card:
+    """The lowest limit, beside the gain margin that is required: what simulate judges it by, too."""
+    least, required = result.least, result.least.required
     at = f"{hertz(least.predicted_frequency)}, " if math.isfinite(least.predicted_frequency) else ""
-    limit = Card(
-        "vibration starts at", digits(least.predicted_gain, "", 4), "×", "> 1: stable", least.predicted_gain > 1, f"{at}{least.what}"
-    )
-    return [*cards, limit]
+    asked = Requirements() if required is None else Requirements(gain_margin=required)
+    wanted = "> 1: stable" if required is None else f"≥ {digits(required, '×', 3)}: gain margin {requirement(asked, 'gain_margin', 3)}"
+    met = least.predicted_gain > 1 if required is None else least.enough
+    if met and result.uncertain:  # one case of the file's ranges
+        met = None
+    return Card("vibration starts at", digits(least.predicted_gain, "", 4), "×", wanted, met, f"{at}{least.what}{at_nominal(result)}")
 
 
 def _table(result: Verification) -> Html:

@@ -16,6 +16,8 @@ from .verification_text import WITNESSES, percent
 
 MARKS = {"linear": ("circle", style.BLUE, 11, -0.18), "mujoco": ("diamond", style.ORANGE, 11, 0.18)}
 """By witness: symbol, colour, size, and the place in its case's row."""
+APART = 0.22
+"""Of a row, between the differences of gain and frequency, of which one would hide the other."""
 SHADES = {"mujoco": 0.12, "linear": 0.3}
 """Of the bands of agreement, the wider one first."""
 WIDEST = 100.0
@@ -62,19 +64,19 @@ def _differences(cases: Sequence[Case]) -> Html:
     traces = []
     for witness, some in _by_witness(cases):
         symbol, color, size, shift = MARKS[witness]
-        for what, look, wide in (("gain", symbol, size), ("frequency", f"{symbol}-open", size + 5)):
+        for what, look, place in (("gain", symbol, shift - APART / 2), ("frequency", f"{symbol}-open", shift + APART / 2)):
             values = [getattr(case, f"{what}_difference") for case in some]
             told = [
                 f"{escape(case.what)}<br>{WITNESSES[witness]}, {what}: {percent(value, case.tolerance)}"
                 for case, value in zip(some, values, strict=True)
             ]
-            places = np.clip(100 * np.array(values), -0.97 * reach, 0.97 * reach), [rows.index(case.what) + shift for case in some]
+            places = np.clip(100 * np.array(values), -0.97 * reach, 0.97 * reach), [rows.index(case.what) + place for case in some]
             named = {"name": f"{WITNESSES[witness]}, {what}", "hoverinfo": "text", "hovertext": told}
-            traces.append(style.markers(*places, look, color, wide, **named))
+            traces.append(style.markers(*places, look, color, size, **named))
     axis = style.axis("difference from the prediction [%]", range=[-reach, reach], fixedrange=True)
     bands = [style.stretch(-width, width, style.GREEN, SHADES[witness]) for witness, width in allowed.items()]
     bounds = ", ".join(f"{WITNESSES[witness]} within {digits(width)} %" for witness, width in reversed(allowed.items()))
-    caption = f"Filled: gain; open: frequency. Green is agreement: {bounds}."
+    caption = f"Filled: gain; open, below it: frequency. Green is agreement: {bounds}."
     lost = [_not_found(case, rows) for case in cases if math.isnan(case.gain_difference)]
     return _picture(traces, axis, rows, bands, lost, "Simulated minus predicted", caption)
 
@@ -100,7 +102,7 @@ def _picture(traces: list, axis: dict, rows: Sequence[str], shapes: list, notes:
         legend=style.switches(1.0, yref="container", yanchor="top"),
         margin={"l": 20, "r": 12, "t": 40, "b": 48},
     )
-    return figure({"data": traces, "layout": layout}, title, caption, 46 * len(rows) + 104, {"margin.l": 8})
+    return figure({"data": traces, "layout": layout}, title, caption, 64 * len(rows) + 104, {"margin.l": 8})
 
 
 def _not_found(case: Case, rows: Sequence[str]) -> style.Annotation:

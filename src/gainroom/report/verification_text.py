@@ -2,14 +2,50 @@
 
 import math
 
+from ..design.joint_gains import rounded_down
 from ..errors import apart, listed
 from ..studies.verification import Case, Verification
+from ..system.requirements import REQUIREMENTS, Requirements
 from .columns import Column, yes
+from .margin_columns import short_text
 from .number_format import digits
+from .what_to_do import Advice
 
 
 def sentence(result: Verification) -> str:
-    """The answer in one or two sentences."""
+    """The answer in one or two sentences: a limit too near for the required gain margin comes first."""
+    least = result.least
+    if not result.agrees or least.enough is not False or not least.predicted_gain > 1:
+        return _compared_text(result)
+    asked = Requirements(gain_margin=least.required)
+    return f"Too little margin: {short_text(asked, {'gain_margin': least.predicted_gain})}{at_nominal(result)}. {_compared_text(result)}"
+
+
+def at_nominal(result: Verification) -> str:
+    """Of which values a limit is, where the file has ranges; else nothing."""
+    return ", at nominal values" if result.uncertain else ""
+
+
+def what_to_do(result: Verification) -> Advice | None:
+    """That agreement is no margin: what the limit means for these gains. None where simulation and prediction disagree."""
+    if not result.agrees:
+        return None
+    least, more = result.least, f"`gainroom {'robot' if result.of_robot else 'joint'}`"
+    if not least.predicted_gain < math.inf:
+        return Advice("The prediction may be relied on: no factor on these gains makes it vibrate.")
+    if not least.predicted_gain > 1:
+        return Advice(f"These gains are UNSTABLE, beyond a limit that may be relied on. Use what {more} recommends.")
+    if least.enough is False and least.required is not None:
+        required, factor = REQUIREMENTS["gain_margin"].text(least.required), rounded_down(least.predicted_gain / least.required)
+        return Advice(
+            f"Use what {more} recommends: it meets every requirement. For {required} of gain margin alone take {factor:g} × all gains."
+        )
+    ranges = ", in the file's ranges too," if result.uncertain else ""
+    return Advice(f"The limit may be relied on. It is one margin of several: {more} judges all of them{ranges} and recommends gains.")
+
+
+def _compared_text(result: Verification) -> str:
+    """Whether simulation and prediction agree."""
     cases, what = result.cases, "the robot" if result.of_robot else "the joint"
     wrong = sorted((case for case in cases if not case.agrees), key=lambda case: -_furthest(case) / case.tolerance)
     if wrong:

@@ -204,8 +204,8 @@ class RigidBody:
     def beyond_limits(self, q: ArrayLike) -> tuple[str, ...]:
         """One warning for each joint that stands outside its limits in posture `q`."""
         return tuple(
-            f"joint {name!r} at {angle:.4g} is outside its limits {low:.4g} to {high:.4g}"
-            for name, angle, low, high in zip(self.joint_names, self.angles(q), self.lower, self.upper, strict=True)
+            f"joint {name!r} at {angle:.4g} is outside its limits {low:.4g} to {high:.4g} {'m' if is_prismatic(joint) else 'rad'}"
+            for name, joint, angle, low, high in zip(self.joint_names, self.joints, self.angles(q), self.lower, self.upper, strict=True)
             if not low - 1e-9 <= angle <= high + 1e-9  # limits are written with few digits
         )
 

@@ -142,7 +142,7 @@ def analyze(system: System, progress: Progress | None = None, numbers: tuple[str
     report = progress or (lambda done, total, what: None)
     names, found = system.source.states, []
     for index, (posture, contact) in enumerate(names):
-        report(index, len(names), f"state {posture}, {contact}")
+        report(index, len(names), f"state {posture}/{contact}")
         found.append(state_of(system, posture, contact, numbers))
     report(len(names), len(names), "")
     if not any(state.moves for state in found):

@@ -5,11 +5,13 @@ a robot that does not have it as a whole.
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
+from ..linear.arrays import Floats
 from ..robot.gearbox_types import GearboxRange
 from ..system.loop import Loop
 from ..system.requirements import Requirements, enough
@@ -179,6 +181,20 @@ class Audit(Analysis):
             found = margins_of(loop)
             return enough(found.delay_margin, self.delay_margin) and self.further.met_by(found)
         return self.delay_margin == 0 or enough(extra_delay(loop), self.delay_margin)
+
+    @cached_property
+    def extra_delay_to_use(self) -> float:
+        """[s] until the gains to use vibrate, over all states; NaN where none are known, or the present ones are safe."""
+        if self.safe or math.isnan(self.scale):
+            return math.nan
+        return float(np.min([extra_delay(state.loop.scaled(self.scale)) for state in self.states]))
+
+    def holds(self, gains: Mapping[str, Floats]) -> bool:
+        """Whether other gains of the same joints, (n,) each, are safe: audited like these, with the same gearboxes."""
+        control = self.system.control
+        assert control.controller is not None
+        system = replace(self.system, control=replace(control, controller=replace(control.controller, **gains)))
+        return replace(self, system=system, every=analyze(system, None, NUMBERS).every, needed=None, over=None).safe
 
     @property
     def delay_limit(self) -> float:

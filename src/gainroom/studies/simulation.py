@@ -1,5 +1,6 @@
 """A scenario simulated and judged: tracking, vibration, divergence or fall, and the linear loop's prediction."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -7,19 +8,27 @@ from functools import cached_property
 import numpy as np
 
 from ..analysis.gain_limit import GainLimit
+from ..analysis.margin_record import Margins
+from ..design.joint_gains import rounded_down
 from ..errors import GainroomError
 from ..linear.arrays import Floats
 from ..simulation.oscillation import Vibration
 from ..simulation.run_record import Run, joined
 from ..simulation.simulation_spec import TORQUE_LIMIT, SimulationSpec
 from ..simulation.tracking import Tracking, track
+from ..system.requirements import REQUIREMENTS
 from .oscillation import Oscillation, judge, torque_ripple_of
-from .state import limit_of, moves
+from .state import margins_of, moves
 
 RIPPLE = 0.1
 """Of a joint's torque peak: torque ripple above the reference's frequencies that is reported, RMS."""
 MOST_SLIP_LOOKS = 2000
 """Ticks at most at which the slip of the feet is computed, which takes longer than simulating them."""
+
+USUAL = REQUIREMENTS["gain_margin"].usual or 2.0
+"""The gain margin that gains to try have where the file requires none."""
+LOWER = (1.0, 0.9, 0.7, 0.5, 0.3, 0.1, 0.03)
+"""Of the gains that have the gain margin: where those are looked for that have what else is required."""
 
 Progress = Callable[[int, int, str], None]
 """Called with (steps done, steps in all, what comes next)."""
@@ -46,8 +55,8 @@ class Outcome:
     oscillation     a sustained or growing vibration, else one that decays; None where there is none
     noise_motion    motion of a joint due to noise and encoder steps where no vibration is sustained, RMS [rad]
     torque_ripple   (n,) RMS of the actual torque above the reference's frequencies [N m]; zeros where the reference is not smooth
-    limit           what the linear sampled loop predicts, the scenario's viscous friction included, as a factor on the gains of the run;
-                    None where the gains act on no motion
+    margins         of the linear sampled loop at the gains of the run, the scenario's viscous friction included, at nominal values; None
+                    where the gains act on no motion
     """
 
     spec: SimulationSpec
@@ -61,7 +70,41 @@ class Outcome:
     oscillation: Oscillation | None
     noise_motion: float
     torque_ripple: Floats
-    limit: GainLimit | None
+    margins: Margins | None
+
+    @property
+    def limit(self) -> GainLimit | None:
+        """Of the common factor on the gains of the run; None where they act on no motion."""
+        return None if self.margins is None else self.margins.limit
+
+    @property
+    def missed(self) -> tuple[str, ...]:
+        """The names of the file's requirements that the linear loop does not meet at nominal values; of an unstable one all."""
+        asked, found = self.spec.system.requirements, self.margins
+        if found is None:
+            return ()
+        values = {one.name: one.value(found) for one, _ in asked.asked_for}
+        return tuple(name for name, value in values.items() if not found.stable or (not math.isnan(value) and not asked.met(name, value)))
+
+    def met(self, name: str) -> bool | None:
+        """Whether a requirement is met; None: nothing is required, it is not known, or the file has ranges, of which a run is one case."""
+        if name in self.missed:
+            return False
+        if self.margins is None or self.spec.system.uncertainty.names:
+            return None
+        return self.spec.system.requirements.met(name, REQUIREMENTS[name].value(self.margins)) or None
+
+    @cached_property
+    def gain_to_try(self) -> float:
+        """The factor on the file's gains, rounded down, at which the linear loop has every margin that is required; NaN: none is known."""
+        limit, asked = self.limit, self.spec.system.requirements
+        if limit is None or not 0 < limit.gain < math.inf:
+            return math.nan
+        margin = asked.needed.get("gain_margin", USUAL)
+        highest, lowest = self.gain * limit.gain / margin, self.gain * limit.lower_gain * margin
+        tried = (rounded_down(share * highest) for share in LOWER if share * highest > lowest)
+        others = [name for name in asked.asked if name != "gain_margin"]
+        return next((gain for gain in tried if not others or asked.met_by(margins_of(self.spec.loop(gain)))), math.nan)
 
     @property
     def completed(self) -> bool:
@@ -155,8 +198,8 @@ def simulate_study(
     if not len(run.time):
         raise GainroomError("the first torques are not finite: the gains are too large to compute with")
     loop = spec.loop(gain)
-    limit = limit_of(loop) if moves(loop) else None
-    oscillation, noise_motion = judge(spec, gain, run, limit)
+    margins = margins_of(loop) if moves(loop) else None
+    oscillation, noise_motion = judge(spec, gain, run, None if margins is None else margins.limit)
     torque, nothing = run.actual_torque, np.zeros(len(run.joint_names))
     return Outcome(
         spec,
@@ -170,7 +213,7 @@ def simulate_study(
         oscillation,
         noise_motion,
         nothing if spec.is_exact else torque_ripple_of(run, spec.moves_until),
-        limit,
+        margins,
     )
 
 

@@ -134,7 +134,7 @@ class State:
     @property
     def title(self) -> str:
         """For tables and messages."""
-        return f"{self.posture}, {self.contact}"
+        return f"{self.posture}/{self.contact}"
 
     @cached_property
     def controller(self) -> Controller:

@@ -21,6 +21,7 @@ from ..simulation.robot_run import RobotStepper
 from ..simulation.robot_setup import robot_setup
 from ..simulation.robot_simulation import require_sampled
 from ..system.loop import Loop
+from ..system.requirements import enough
 from ..system.system import System
 from .simulation import Progress
 from .state import moves
@@ -40,6 +41,7 @@ class Case:
 
     what       as text
     witness    "linear" or "mujoco"
+    required   the gain margin that the file requires of the present gains, a factor; None: nothing is required of what is closed here
     """
 
     what: str
@@ -49,6 +51,14 @@ class Case:
     predicted_frequency: float
     simulated_frequency: float
     runs: int = 0
+    required: float | None = None
+
+    @property
+    def enough(self) -> bool | None:
+        """Whether the predicted limit has the required gain margin; None where none is required, or it is not known."""
+        if self.required is None or math.isnan(self.predicted_gain):
+            return None
+        return self.predicted_gain > 1 and enough(self.predicted_gain, self.required)
 
     @property
     def tolerance(self) -> float:
@@ -87,11 +97,19 @@ class Verification:
     """What was left out, and why."""
     effects: tuple[str, ...] = ()
     """Of the file's scenario, which neither prediction nor simulation has."""
+    uncertain: bool = False
+    """The file has ranges: all cases are at its nominal values."""
 
     @property
     def agrees(self) -> bool:
         """Every case does."""
         return all(case.agrees for case in self.cases)
+
+    @property
+    def least(self) -> Case:
+        """The case with the lowest predicted limit, unknown ones first; of what the file's requirements are about, if there are any."""
+        judged = [case for case in self.cases if case.required is not None] or self.cases
+        return min(judged, key=lambda case: -math.inf if math.isnan(case.predicted_gain) else case.predicted_gain)
 
 
 def verify(system: System, progress: Progress = lambda done, total, what: None, effects: Sequence[str] = ()) -> Verification:
@@ -102,17 +120,20 @@ def verify(system: System, progress: Progress = lambda done, total, what: None, 
     """
     require_sampled(system)
     warnings: list[str] = []
-    jobs = [job for space in spaces(system) for job in _jobs(space, warnings)]
+    asked = system.requirements.needed.get("gain_margin")
+    jobs = [
+        (job, asked if space.control.space == system.control.space else None) for space in spaces(system) for job in _jobs(space, warnings)
+    ]
     if not jobs:
         raise GainroomError(
             f"{system.source.name}: the gains act on no motion in any posture and contact state, so there is nothing to verify"
         )
     cases = []
-    for index, (name, make) in enumerate(jobs):
+    for index, ((name, make), required) in enumerate(jobs):
         progress(index, len(jobs), name)
-        cases.append(make())
+        cases.append(replace(make(), required=required))
     progress(len(jobs), len(jobs), "")
-    return Verification(tuple(cases), system.source.body is not None, tuple(warnings), tuple(effects))
+    return Verification(tuple(cases), system.source.body is not None, tuple(warnings), tuple(effects), bool(system.uncertainty.names))
 
 
 def spaces(system: System) -> Iterator[System]:
@@ -127,7 +148,7 @@ def spaces(system: System) -> Iterator[System]:
 def _jobs(system: System, warnings: list[str]) -> Iterator[Job]:
     """The cases of one space; what is left out goes to `warnings`."""
     for posture, contact, loop in _states(system):
-        name = f"{posture}, {contact}: {system.control.space} space" if posture else "one joint"
+        name = f"{posture}/{contact}: {system.control.space} space" if posture else "one joint"
         yield name, lambda name=name, loop=loop: linear_case(name, loop)
         if system.source.body is None:
             continue

@@ -202,7 +202,7 @@ class StateCase:
     @property
     def title(self) -> str:
         """For messages."""
-        return f"{self.posture}, {self.contact}" + (f" ({self.place})" if self.place else "")
+        return f"{self.posture}/{self.contact}" + (f" ({self.place})" if self.place else "")
 
 
 def _place_text(uncertainty: Uncertainty, corner: Place) -> str:

@@ -1,0 +1,222 @@
+"""The result of an audit in sentences: the verdict, what to do, why, and warnings with remedies."""
+
+import math
+
+import numpy as np
+
+from ..analysis.margin_record import PathMargins
+from ..errors import beside, frequency_text, listed
+from ..linear.arrays import Floats
+from ..studies.audit import Audit
+from ..studies.state import HELD
+from ..system.requirements import REQUIREMENTS, Requirements, to_db
+from .gains_to_use import gain_file
+from .gearbox_range import over_range, worst_gearboxes
+from .margin_columns import short_text
+from .needed_stiffness import if_stiff
+from .number_format import digits
+from .robot_text import free_joints, unconfirmed
+from .what_to_do import Advice
+
+SLIGHT = 0.05
+"""Damping ratio of a motor on its spring proposed as a first guess where none is given."""
+MOST_DIGITS = 7
+"""Of a gain that is typed."""
+
+
+def audit_sentence(result: Audit) -> str:
+    """Verdict and reason, in one text."""
+    return f"{verdict(result)} {reason(result)}"
+
+
+def verdict(result: Audit) -> str:
+    """Whether the gains are safe, and what fails first, where, and in which joints. No number in it is one to use."""
+    over, worst, count = over_range(result), result.tightest, sum(not joint.safe for joint in result.joints)
+    if not worst.limit.stable:
+        return f"Not safe{over}: unstable with {_given(result)} of delay{_mainly(result)}. {_count(count, result)}"
+    unknown = [state.contact for state in result.states if math.isnan(state.limit.gain)]
+    if unknown:
+        return f"Not safe{over}: stable, but the gain limit in {listed(unknown)} is not known. {_count(count, result)}"
+    if result.safe:
+        return f"Safe{over}{if_stiff(result)}"
+    short = missed_besides(result) or f"{_short_of_gain(result)}"
+    return f"Not safe{over}: {short}. {_count(count, result)}"
+
+
+def _short_of_gain(result: Audit) -> str:
+    """The gain margin that is too small: of all gains together, of one path, or of a joint by itself."""
+    worst, asked = result.tightest, Requirements(gain_margin=result.margin)
+    paths, at = worst.margins.paths, ""
+    value, whose = worst.limit.gain, ""
+    if math.isfinite(worst.limit.frequency):
+        at = f" at {frequency_text(worst.limit.frequency)}"
+    if paths is not None and paths.headroom < value:
+        value, whose, at = paths.headroom, " of kp or kd by itself,", ""
+    elif result.enough_gain_in(worst):
+        first = result.by_headroom[0]
+        return f"{short_text(asked, {'gain_margin': first.gain_limit})} of {first.name} by itself"
+    return f"{short_text(asked, {'gain_margin': value})}{whose}{at}{_mainly(result)}"
+
+
+def _given(result: Audit) -> str:
+    return f"{1e3 * result.system.delay:.3g} ms"
+
+
+def _mainly(result: Audit) -> str:
+    """Where, and in which joints: an audit has one posture."""
+    where = f" in {result.tightest.contact}" if len(result.states) > 1 else ""
+    return where + (f", mainly {listed(result.limiting_joints, most=2)}" if result.limiting_joints else "")
+
+
+def reason(result: Audit) -> str:
+    """At which factor and at which delay these gains vibrate: limits, which leave no margin."""
+    worst, where = result.tightest, worst_gearboxes(result)
+    limit, delay = worst.limit, "The delay limit is not known."
+    if math.isfinite(result.delay_limit):
+        delay = f"With these gains vibration starts at {1e3 * result.delay_limit:.3g} ms of delay (given: {_given(result)})."
+        delay = "These gains are unstable without delay, too." if result.delay_limit == 0 else delay
+    elif math.isinf(result.delay_limit):
+        delay = "No delay makes these gains vibrate."
+    if not limit.stable:
+        lost = (
+            f"The present ones stop vibrating only below {limit.gain:.3g} ×, where no margin is left."
+            if limit.gain > 0
+            else _no_lower_gains(result)
+        )
+        lost = "Whether lower gains are stable is not known." if math.isnan(limit.gain) else lost
+        return f"{where} {lost} {delay}".strip()
+    if any(math.isnan(state.limit.gain) for state in result.states):
+        return f"{where} {delay}".strip()
+    at = f", at {limit.frequency / (2 * math.pi):.3g} Hz" if math.isfinite(limit.frequency) else ""
+    about = f"{at}{_mainly(result)}" if result.safe or missed_besides(result) else ""
+    factors, levels = (limit.gain, result.margin), (to_db(limit.gain), to_db(result.margin))
+    factor, level = (f"{pair[0]:.3g}" if result.enough_gain_in(worst) else beside(*pair) for pair in (factors, levels))
+    start = f"Vibration starts at {factor} × these gains ({level} dB){about}"
+    start = "No common factor on all gains makes it vibrate" if math.isinf(limit.gain) else start
+    if worst.margins.paths is not None and worst.margins.paths.headroom < limit.gain:
+        start = _weakest_path(worst.margins.paths)
+    return f"{where} {start}. {delay}".strip()
+
+
+def what_to_do(result: Audit) -> Advice:
+    """Gains that are safe, or how to find some; of safe ones on what that rests. Its lines are all gains to use."""
+    actuators = result.system.source.actuators
+    if result.safe:
+        if not np.isinf(actuators.stiffness).any():
+            return Advice("These gains may stay.")
+        known = "Look up what your gearboxes have" if result.needed is not None else "Give what is known of your gearboxes"
+        return Advice(
+            f"{known}, and audit again with `--stiffness` and `--damping`, or `--gearbox`: on softer ones these gains may not stay."
+        )
+    scale = audit_scale(result)
+    if scale is not None:
+        first = result.by_headroom[0]
+        of_first = f"{first.name} kp {scale * first.kp:.4g}, kd {scale * first.kd:.4g}"
+        time = " in continuous time" if result.system.control.sample_time is None else ""
+        return Advice(f"Multiply all gains by {scale:.4g} ({of_first}); then every required margin is there{time}.", lines(result, scale))
+    if result.tightest.limit.gain == 0 and np.any(actuators.damping[np.isfinite(actuators.stiffness)] == 0):
+        return Advice("Measure the gearboxes' damping, and audit again with `--damping`.")
+    start = ""
+    if not math.isnan(result.gain_scale):
+        start = f"No common factor gives all margins: × {result.gain_scale:.3g} the gain margin alone. Lower kp more than kd. "
+    return Advice(f"{start}Audit with `--write-robot robot.yaml`: `gainroom robot robot.yaml` then searches gains joint by joint.")
+
+
+def lines(result: Audit, scale: float) -> list[str]:
+    """All gains times `scale` with four digits, or with as many more as leave them safe."""
+    names = ("kp", "kd", "ki") if any(joint.ki for joint in result.joints) else ("kp", "kd")
+    exact = {name: np.array([scale * getattr(joint, name) for joint in result.joints]) for name in names}
+
+    def rounded(count: int) -> dict[str, Floats]:
+        return {name: np.array([float(f"{value:.{count}g}") for value in values.tolist()]) for name, values in exact.items()}
+
+    fewest = next((count for count in range(4, MOST_DIGITS) if result.holds(rounded(count))), MOST_DIGITS)
+    return gain_file(result.system.source.joint_names, rounded(fewest))
+
+
+def missed_besides(result: Audit) -> str:
+    """What gains with enough gain margin have too little of, each beside what is required; "" where that is nothing."""
+    if "gain_margin" in result.missed:
+        return ""
+    parts = []
+    if "delay_margin" in result.missed:
+        extra, needed = 1e3 * result.least_extra_delay, 1e3 * result.delay_margin
+        parts.append(
+            "the delay margin is not known" if math.isnan(extra) else f"delay margin {beside(extra, needed)} ms (≥ {needed:.3g} ms)"
+        )
+    for name, state in result.worst.items():
+        if name in result.missed and name != "gain_margin":
+            one, needed = REQUIREMENTS[name], result.further.needed[name]
+            omega = one.frequency(state.margins)
+            at = f" at {frequency_text(omega)}" if math.isfinite(omega) else ""
+            parts.append(f"{one.label} {one.text(one.value(state.margins))} ({one.sign} {one.text(needed)}){at}")
+    return listed(parts)
+
+
+def unjudged(result: Audit) -> str:
+    """The least phase margin and the peak sensitivity where nothing is required of them; "" where all is, or they are not known."""
+    parts, options = [], []
+    for name, option in (("phase_margin", "--phase-margin-deg"), ("peak_sensitivity", "--peak-sensitivity")):
+        one, state = REQUIREMENTS[name], result.worst[name]
+        value = one.value(state.margins)
+        if result.further.needed.get(name) is None and math.isfinite(value):
+            omega = one.frequency(state.margins)
+            parts.append(f"{one.label} {one.text(value)}" + (f" at {frequency_text(omega)}" if math.isfinite(omega) else ""))
+            options.append(option)
+    return f"Not required: {', '.join(parts)} ({', '.join(options)})." if parts else ""
+
+
+def audit_scale(result: Audit) -> float | None:
+    """The factor on all gains that makes unsafe ones safe, rounded down; None where none is known, and for safe gains."""
+    scale = result.scale
+    return None if result.safe or math.isnan(scale) else math.floor(1000 * scale) / 1000 if scale > 0.01 else scale
+
+
+def _no_lower_gains(result: Audit) -> str:
+    """Why no lower gains help where gearboxes have no damping, and a first guess: a twentieth of the critical damping."""
+    actuators = result.system.source.actuators
+    bare = np.isfinite(actuators.stiffness) & (actuators.damping == 0)
+    if not np.any(bare):
+        return "No lower gains in the same ratio are stable."
+    guess = 2 * SLIGHT * np.sqrt(np.median(actuators.stiffness[bare] * actuators.motor_inertia[bare]))
+    return (
+        "With gearbox damping at 0 no lower gains in the same ratio are stable. Measure the damping; "
+        f"--damping {guess:.1g} ({100 * SLIGHT:.0f} % of critical) is a first guess."
+    )
+
+
+def _weakest_path(paths: PathMargins) -> str:
+    """At which factor on kp alone, or on kd alone, vibration starts."""
+    factors = {"kp": (paths.others, paths.lower_others), "kd": (paths.kd, paths.lower_kd)}
+    name, (upper, lower) = min(factors.items(), key=lambda one: min(one[1][0], 1 / one[1][1] if one[1][1] > 0 else math.inf))
+    if lower * upper > 1:
+        return f"Vibration starts where {name} alone falls to {lower:.3g} × ({to_db(lower):.3g} dB)"
+    return f"Vibration starts at {upper:.3g} × {name} alone ({to_db(upper):.3g} dB)"
+
+
+def _count(unsafe: int, result: Audit) -> str:
+    return f"{unsafe} of {len(result.joints)} joints {'is' if unsafe == 1 else 'are'} not safe."
+
+
+def audit_warnings(result: Audit) -> tuple[str, ...]:
+    """Warnings of an audit, each with its remedy: what decides first, then how the files were understood."""
+    system, found = result.system, []
+    if system.control.sample_time is None:
+        found.append(
+            f"continuous model: hold and velocity difference of a real controller cost about one more tick{_lost(result)}; give --rate-hz"
+        )
+    if result.immobile:
+        contacts = listed([state.contact for state in result.immobile])
+        found.append(f"{contacts}: {HELD} in this contact state, so there is no verdict; check the contacts")
+    return (*found, *free_joints(system), *unconfirmed(result.states), *system.warnings)
+
+
+def _lost(result: Audit) -> str:
+    """Below which rates one tick of delay is too much: for the present gains, and for those to use."""
+    extra, advised = result.least_extra_delay, result.extra_delay_to_use
+    lost = [f"below about {digits(1 / extra, 'Hz', 3)} the present gains vibrate"] if 0 < extra < math.inf else []
+    lost += [f"below about {digits(1 / advised, 'Hz', 3)} those to use"] if 0 < advised < math.inf else []
+    if not lost:
+        return ""
+    text = ", so that " + ", ".join(lost)
+    return text if 0 < extra < math.inf else f"{text} vibrate"
