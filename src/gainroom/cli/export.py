@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from ..files.gain_export import Export
 
 KEYS = ("kp", "kd", "ki", "motor_inertia")
-TO = "yaml, ros2_control, mjcf, mjlab, isaaclab or arrays"
+TO = "yaml, ros2_control, mjcf, mjlab, isaaclab, legged_gym or arrays"
 
 
 def export(

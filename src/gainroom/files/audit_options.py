@@ -154,7 +154,7 @@ class AuditOptions:
             "drive": {"bandwidth": math.inf},
             "control": {"type": "pid" if "ki" in columns else "pd", "feedback": "motor"}
             | {name: {names[k]: float(column[k]) for k in given} for name, column in columns.items()},
-            "postures": {first_of_many(self.posture) or "zero": _angles(self.posture, Path(file), names)},
+            "postures": {first_of_many(self.posture) or "zero": _angles(self.posture, Path(file), names, gains.postures)},
             "contacts": {"flight" if body.base == "floating" else "free": []}
             | ({"contact": [_contact(text) for text in self.contacts]} if self.contacts else {}),
         }
@@ -247,6 +247,12 @@ def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
             told.append(f"the controller runs at {found.rate_hz:g} Hz, as {source} has it: --rate-hz says another")
         if options.joint_damping == "controller":
             found = replace(found, kd=found.kd + np.where(found.given, _padded(body.damping, len(found.kd)), 0.0))
+        if not options.posture and len(found.postures) == 1:
+            (name,) = found.postures
+            options = replace(options, posture=(name,))
+            told.append(f"the posture is {name} of {source}: --posture says another")
+        elif not options.posture and found.postures:
+            told.append(f"{source} holds postures, none of which is taken: --posture {first_of_many(tuple(found.postures))}")
         if options.gains_run == "split" and options.rate_hz is None:
             raise GainroomError("--gains-run split: needs --rate-hz, at which kp runs on the host")
         sections = options.sections(str(path), body, found)
@@ -257,7 +263,11 @@ def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
         spec = robot_spec(file, str(path), path, known=body)
     with named(str(source)):
         spec = examined(spec)
-    told += [f"--posture {name}: the keyframe of {scene}" for name in options.posture if (scene := _scene_with(name, path))]
+    told += [
+        f"--posture {name}: the keyframe of {scene}"
+        for name in options.posture
+        if name not in found.postures and (scene := _scene_with(name, path))
+    ]
     motors, ranges = spec.source.actuators, None
     if options.gearboxes:
         ranges = gearbox_range(options.gearboxes, spec.source.joint_names, motors.stiffness, motors.motor_inertia, "--gearbox")
@@ -322,12 +332,15 @@ def _options_named(options: AuditOptions) -> Iterator[None]:
         raise GainroomError(text) from error
 
 
-def _angles(typed: Sequence[str], path: Path, joint_names: Sequence[str]) -> dict[str, float]:
-    """Angles by joint name, of those that are named. Raises GainroomError that names the option."""
+def _angles(typed: Sequence[str], path: Path, joint_names: Sequence[str], postures: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
+    """Angles by joint name, of those that are named; `postures`: of the gains' file. Raises GainroomError that names the option."""
     angles: dict[str, float] = {}
     for text in typed:
         owner = f"--posture {shown(text)}"
         pattern, sign, number_typed = text.rpartition("=")
+        if text in postures:
+            angles |= postures[text]
+            continue
         if not sign:
             angles |= _keyframe(text, owner, path)
             continue

@@ -9,7 +9,7 @@ from ..errors import GainroomError, first_of_many, printable
 from ..io.yaml_text import read_text, shown
 from ..robot.formats.model_files import load_model
 from .gain_files import gains_of, parse_file
-from .gain_formats.export_text import arrays_text, isaac_lab_text, mjlab_text, plain_text, ros2_control_text
+from .gain_formats.export_text import arrays_text, isaac_lab_text, legged_gym_text, mjlab_text, plain_text, ros2_control_text
 from .gain_formats.gain_record import Gain, GainFile
 from .gain_formats.mjcf_export import mjcf_text
 from .gain_formats.ros2_control_export import ros2_control_onto
@@ -42,6 +42,7 @@ FORMS = {
     "mjcf": Form(".xml", None, True),
     "mjlab": Form(".py", mjlab_text, keeps=("motor_inertia", "effort_limit")),
     "isaaclab": Form(".py", isaac_lab_text, keeps=("motor_inertia", "effort_limit")),
+    "legged_gym": Form(".py", legged_gym_text),
     "arrays": Form(".yaml", arrays_text),
 }
 

@@ -5,7 +5,7 @@ Files are read as data, within bounds; nothing in them is run. What is in no kno
 
 import difflib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -47,6 +47,7 @@ class JointGains:
 
     actuators   of each joint what the file names of motor_inertia, stiffness, damping and link_viscous
     rate_hz     of the controller, where the file names it
+    postures    that the file names: by name, angles by joint
     """
 
     kp: Floats
@@ -55,6 +56,7 @@ class JointGains:
     actuators: tuple[Mapping[str, float], ...]
     notes: tuple[str, ...] = ()
     rate_hz: float | None = None
+    postures: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     @property
     def given(self) -> Booleans:
@@ -139,7 +141,13 @@ def gains_of(file: GainFile, joint_names: Sequence[str]) -> JointGains:
                 column[k] = getattr(matches[-1], name)
             for match in matches:
                 actuators[k] |= {key: value for key in ACTUATOR if (value := getattr(match, key)) is not None}
-    found = JointGains(**columns, actuators=tuple(actuators), notes=file.notes_for(joint_names), rate_hz=file.origin.sample_rate_hz)
+    found = JointGains(
+        **columns,
+        actuators=tuple(actuators),
+        notes=file.notes_for(joint_names),
+        rate_hz=file.origin.sample_rate_hz,
+        postures=file.postures_for(joint_names),
+    )
     if not np.any(found.given):
         raise GainroomError(f"{file.source}: all gains are zero")
     return found

@@ -5,9 +5,10 @@ A configuration is a call, or a class, with names of joints (`target_names_expr`
 """
 
 import ast
+import contextlib
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 from ...errors import GainroomError, first_of_many, nearest
@@ -16,13 +17,15 @@ from ...io.yaml_text import shown
 from ...robot.name_patterns import select_all
 from .gain_arrays import ArrayNames, is_gain_array, read_arrays
 from .gain_record import NOT_NEGATIVE, Gain, GainFile
-from .python_records import Record, Unknown, parts
+from .legged_gym import legged_gym_robots, read_legged_gym
+from .python_records import Record, Unknown, is_number, parts
 from .python_values import SET_UP, PythonValues, read_python
 
 TARGETS = ("target_names_expr", "joint_names_expr", "actuated_names_expr")
 EFFORT_LIMITS = ("effort_limit", "actuator_effort_limit", "joint_effort_limit", "effort_limit_sim")
 GROUPS = ("actuators", "articulation", "base_cfg")
-GUARDED = (*TARGETS, *EFFORT_LIMITS, *GROUPS, "stiffness", "damping", "armature")
+POSTURE = "joint_pos"
+GUARDED = (*TARGETS, *EFFORT_LIMITS, *GROUPS, "stiffness", "damping", "armature", POSTURE, "default_joint_angles")
 """What must not be changed where it is not followed."""
 WITHOUT_GAINS = {
     "ActuatorNetMLPCfg": "a network",
@@ -56,9 +59,22 @@ class Group:
 
 @dataclass(frozen=True)
 class GroupedGains(GainFile):
-    """Gains by groups of joints, each joint in one of them."""
+    """Gains by groups of joints, each joint in one of them.
+
+    postures   by name, angles by pattern, of the file's initial states
+    """
 
     groups: tuple[Group, ...] = ()
+    postures: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+    def postures_for(self, joint_names: Sequence[str]) -> Mapping[str, Mapping[str, float]]:
+        found = {}
+        for title, angles in self.postures.items():
+            with contextlib.suppress(GainroomError):  # of another robot, or of more joints than the model has
+                places = select_all(angles, joint_names, f"{self.source}: {title}")
+                pairs = zip(places, angles.values(), strict=True)
+                found[title] = {joint_names[k]: angle for matched, angle in pairs for k in matched}
+        return found
 
     @property
     def own_names(self) -> tuple[str, ...]:
@@ -107,6 +123,8 @@ def read_actuator_configs(text: str, source: str, chosen: str = "") -> GainFile:
     """
     values = read_python(text, source, GUARDED)
     robots = _robots(values)
+    if not robots and (classes := legged_gym_robots(values)):
+        return read_legged_gym(classes, source, chosen, values.notes)
     if not robots and any(is_gain_array(name) and isinstance(value, list | tuple) for name, value in values.names.items()):
         arrays = {name: value for name, value in values.names.items() if isinstance(value, list | tuple)}
         return read_arrays(arrays, ArrayNames.of(arrays, {}), source, values.lines)
@@ -126,7 +144,22 @@ def read_actuator_configs(text: str, source: str, chosen: str = "") -> GainFile:
         raise GainroomError(f"{source}: {name}: {notes[0].removeprefix(source + ': ') if notes else 'has no actuators'}")
     imported = any(isinstance(value, Unknown) and "mjlab" in value.why for value in values.names.values())
     form = "mjlab" if imported else "Isaac Lab"
-    return GroupedGains(source, form, {}, groups=tuple(groups), notes=tuple(notes))
+    return GroupedGains(source, form, {}, groups=tuple(groups), notes=tuple(notes), postures=_postures(values, made))
+
+
+def _postures(values: PythonValues, robot: Iterable[Any]) -> dict[str, Mapping[str, float]]:
+    """The initial states of the parts of a `robot`, else of the file, by the name that holds each: those whose angles are all numbers."""
+    named = {name: each for name, each in values.names.items() if _is_posture(each)}
+    titles = {id(each): name for name, each in named.items()}
+    found = {titles.get(id(each), "init_state"): each for each in robot if _is_posture(each)} or named
+    return {name: dict(each.fields[POSTURE]) for name, each in found.items()}
+
+
+def _is_posture(value: Any) -> bool:
+    angles = value.fields.get(POSTURE) if isinstance(value, Record) and not value.is_class else None
+    if not isinstance(angles, dict) or not angles:
+        return False
+    return all(isinstance(name, str) and is_number(angle) for name, angle in angles.items())
 
 
 def _is_actuator(record: Record) -> bool:

@@ -82,6 +82,18 @@ def isaac_lab_text(gains: Mapping[str, Gain], header: Sequence[str], rate: float
     return f"{commented(header)}from isaaclab.actuators import ImplicitActuatorCfg\n\nACTUATORS = {{\n{''.join(entries)}}}\n"
 
 
+def legged_gym_text(gains: Mapping[str, Gain], header: Sequence[str], rate: float | None) -> str:
+    """A class with a class `control`; the shortest names first, as of the keys in a joint's name the last one counts there."""
+    base, names = "LeggedRobotCfg", sorted(gains, key=len)
+    columns = {"stiffness": {name: gains[name].kp for name in names}, "damping": {name: gains[name].kd for name in names}}
+    fields = []
+    for key, found in columns.items():
+        entries = "".join(f"            {json.dumps(name)}: {number_text(value)},\n" for name, value in found.items())
+        fields.append(f"        {key} = {{\n{entries}        }}\n")
+    start = f"{commented(header)}from legged_gym.envs.base.legged_robot_config import {base}\n\n\nclass GainsCfg({base}):\n"
+    return f"{start}    class control({base}.control):\n{''.join(fields)}"
+
+
 def _alike(gains: Mapping[str, Gain]) -> list[tuple[Gain, list[str]]]:
     groups: dict[Gain, list[str]] = {}
     for name, gain in gains.items():

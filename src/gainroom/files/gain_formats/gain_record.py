@@ -101,6 +101,10 @@ class GainFile:
         """For each joint of a model its gains, the last one first in rank. Raises GainroomError for what the model does not have."""
         return assign(self.gains, joint_names, f"{self.source}: gains")
 
+    def postures_for(self, joint_names: Sequence[str]) -> Mapping[str, Mapping[str, float]]:
+        """Postures that the file names, by name: angles of joints of a model [rad; m if prismatic]."""
+        return {}
+
     def notes_for(self, joint_names: Sequence[str]) -> tuple[str, ...]:
         """What is to be said of these gains on this model."""
         return self.notes

@@ -1,0 +1,111 @@
+"""Gains of legged_gym, and of what descends from it (unitree_rl_gym): classes in classes, read as text (python_values).
+
+`class control` has `stiffness` and `damping` by a part of the joints' names: a joint has the gains of the last key that stands in its name,
+and none where no key does. `class init_state` has `default_joint_angles`, the posture about which a policy acts.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from ...errors import GainroomError, first_of_many, nearest
+from ...io.validation import checked, number
+from ...io.yaml_text import shown
+from .gain_record import NOT_NEGATIVE, Gain, GainFile
+from .python_records import Record, Unknown
+from .python_values import PythonValues
+
+ANGLE = number(least=-1e4, most=1e4)
+POSITION = "P"
+
+
+@dataclass(frozen=True)
+class LeggedGymGains(GainFile):
+    """Gains by parts of joints' names, the key of `gains`, of which the last in the file's order counts; `angles` by joint."""
+
+    angles: Mapping[str, float]
+
+    @property
+    def own_names(self) -> tuple[str, ...]:
+        """The joints of the default posture, which names all."""
+        return tuple(self.angles)
+
+    def matched(self, joint_names: Sequence[str]) -> list[list[Gain]]:
+        for key in self.gains:
+            if not any(key in name for name in joint_names):
+                raise GainroomError(
+                    f"{self.source}: control: {shown(key)} is in no joint's name{nearest(key, tuple(joint_names), 'joint')}"
+                )
+        return [[gain for key, gain in self.gains.items() if key in name][-1:] for name in joint_names]
+
+    def postures_for(self, joint_names: Sequence[str]) -> Mapping[str, Mapping[str, float]]:
+        found = {name: angle for name, angle in self.angles.items() if name in joint_names}
+        return {"default_joint_angles": found} if found else {}
+
+
+def legged_gym_robots(values: PythonValues) -> dict[str, Record]:
+    """By name the classes whose `control` has gains of its own; of those that hold the same gains the first."""
+    found: dict[str, Record] = {}
+    for name, value in values.names.items():
+        if isinstance(value, Record) and value.is_class:
+            control = value.fields.get("control")
+            named = isinstance(control, Record) and control.is_class and {"stiffness", "damping"} & control.fields.keys()
+            if named and not any(_same(value, other) for other in found.values()):
+                found[name] = value
+    return found
+
+
+def _same(one: Record, other: Record) -> bool:
+    """Whether two classes have the same gains and angles, as where one inherits from the other."""
+    return all(_section(one, name).get(key) == _section(other, name).get(key) for name, key in _READ)
+
+
+_READ = (("control", "stiffness"), ("control", "damping"), ("control", "control_type"), ("init_state", "default_joint_angles"))
+
+
+def _section(record: Record, name: str) -> Mapping[str, Any]:
+    found = record.fields.get(name)
+    return found.fields if isinstance(found, Record) else {}
+
+
+def read_legged_gym(robots: Mapping[str, Record], source: str, chosen: str, notes: Sequence[str]) -> LeggedGymGains:
+    """The gains of one of legged_gym_robots. Raises GainroomError, one line that names file, line and key."""
+    if chosen and chosen not in robots:
+        raise GainroomError(f"{source}: {shown(chosen)} holds no gains{nearest(chosen, tuple(robots), 'class')}")
+    if not chosen and len(robots) > 1:
+        call = f"{source}:{next(iter(robots))}"
+        raise GainroomError(f"{source}: holds the gains of {len(robots)} robots; name one, {call} ({first_of_many(tuple(robots))})")
+    record = robots[chosen or next(iter(robots))]
+    control, notes = _section(record, "control"), list(notes)
+    owner = f"{source}: line {record.fields['control'].line}: {record.name}.control"
+    kind = control.get("control_type", POSITION)
+    if kind != POSITION:
+        raise GainroomError(
+            f"{owner}: control_type {kind if isinstance(kind, Unknown) else shown(kind)} must be 'P', a position controller"
+        )
+    stiffness, damping = (_numbers(control.get(key), f"{owner}: {key}", NOT_NEGATIVE) for key in ("stiffness", "damping"))
+    missing = [key for key in stiffness if key not in damping]
+    if missing:
+        raise GainroomError(f"{owner}: damping: names no {shown(missing[0])}, which stiffness has")
+    if control.get("use_actuator_network") is True:
+        notes.append(f"{owner}: a network stands for the motors in training; these gains are what it was trained with at most")
+    angles = _section(record, "init_state").get("default_joint_angles")
+    where = f"{source}: {record.name}.init_state: default_joint_angles"
+    found = {} if angles is None or isinstance(angles, Unknown) else _numbers(angles, where, ANGLE)
+    gains = {key: Gain(stiffness[key], damping[key]) for key in stiffness}
+    return LeggedGymGains(source, "legged_gym", gains, notes=tuple(notes), angles=found)
+
+
+def _numbers(value: Any, owner: str, check: Any) -> dict[str, float]:
+    """Numbers by text."""
+    if isinstance(value, Unknown):
+        raise GainroomError(f"{owner}: {value}")
+    if not isinstance(value, dict) or not value:
+        told = "is missing: the class that it comes from is in another file" if value is None else f"{shown(value)} is no mapping"
+        raise GainroomError(f"{owner}: {told}; write a number by part of the joints' names")
+    for key, each in value.items():
+        if not isinstance(key, str) or not key:
+            raise GainroomError(f"{owner}: {shown(key)} must be a part of joints' names")
+        if isinstance(each, Unknown | Record):
+            raise GainroomError(f"{owner}.{shown(key)}: {each if isinstance(each, Unknown) else 'is a call, and no function is run'}")
+    return {key: checked(f"{owner}.{shown(key)}", each, check) for key, each in value.items()}
