@@ -1,6 +1,7 @@
 """gainroom simulate of a whole robot: it follows its scenario, leaves what friction allows, falls and runs away where it must."""
 
 import json
+import re
 from importlib import resources
 from pathlib import Path
 
@@ -33,7 +34,7 @@ def test_joint_space_with_a_log(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert travelled[1] == pytest.approx(0.1, abs=2e-3)  # weight is compensated as it changes: what is left is next to nothing
     assert abs(travelled[0]) < 2e-3
     assert main(["simulate", str(tmp_path / "robot.yaml")]) == 0
-    assert capsys.readouterr().out.startswith("No vibration. Largest tracking error ")
+    assert re.search(r"No vibration( in this run)?\. Largest tracking error ", " ".join(capsys.readouterr().out.split()))
 
 
 def test_task_space_moves_the_task(tmp_path: Path, capsys: pytest.CaptureFixture[str]):

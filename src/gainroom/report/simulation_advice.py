@@ -1,6 +1,7 @@
 """What to do after a simulated run: lower gains where it vibrates or has too little margin, else what helps its tracking."""
 
 import math
+from dataclasses import replace
 
 from ..errors import listed
 from ..simulation.tracking import SETTLED
@@ -14,7 +15,8 @@ def what_to_do(outcome: Outcome) -> Advice | None:
     """None where the warnings say it all."""
     more = f"`gainroom {'joint' if outcome.spec.kind != 'mujoco' else 'robot'}`"
     if not outcome.stable or outcome.missed:
-        return _lower(outcome, more)
+        found, late = _lower(outcome, more), outcome.stable and unsettled(outcome)
+        return replace(found, remarks=[*found.remarks, _tracking(outcome, more)]) if late else found
     if outcome.run.ending == "fell":
         return Advice("Make the move smaller or slower, and simulate again: it is not the gains.")
     if not outcome.sound:
