@@ -26,7 +26,7 @@ class Served:
     file: Path
 
 
-def serve(file: Path, *options: str, port: int = 0, **more: Any) -> Served:
+def serve(file: Path, port: int = 0, *options: str, **more: Any) -> Served:
     """`gainroom app FILE`, once it listens; `options` are further words, `more` is subprocess.Popen's."""
     command = [sys.executable, "-m", "gainroom", "app", str(file), *options, "--no-browser", "--json", "--port", str(port)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, **more)
@@ -42,7 +42,7 @@ def serve(file: Path, *options: str, port: int = 0, **more: Any) -> Served:
 @contextlib.contextmanager
 def serving(file: Path, *options: str, **more: Any) -> Iterator[Served]:
     """The same, ended behind the block."""
-    served = serve(file, *options, **more)
+    served = serve(file, 0, *options, **more)
     try:
         yield served
     finally:

@@ -16,11 +16,13 @@ from faults import environment, heard
 PATIENCE = 300.0
 """[s] within which anything answers, on a loaded machine, too; none of it is waited for where the answer comes."""
 QUICK, CERTIFIED = served.ANSWERED, served.CERTIFIED
+PATIENCE = 300.0
+"""[s] within which anything answers, on a loaded machine, too; none of it is waited for where the answer comes."""
 
 
-def serve(file: Path, *options: str, port: int = 0) -> Served:
+def serve(file: Path, port: int = 0, *options: str) -> Served:
     """`gainroom app FILE`, once it listens; `options` are further words."""
-    return served.serve(file, *options, port=port, **_alone())
+    return served.serve(file, port, *options, **_alone())
 
 
 def serving(file: Path, *options: str) -> contextlib.AbstractContextManager[Served]:

@@ -172,7 +172,7 @@ def test_a_server_that_comes_back_finds_the_page_as_it_was(browser: Any, tmp_pat
     assert "Traceback" not in (first.process.stderr.read() if first.process.stderr else "")
     tab.page.locator("#offline").wait_for(state="visible")
     assert "Not current" in tab.text("#basis")
-    second = serve(file, port=port)
+    second = serve(file, port)
     try:
         tab.page.locator("#offline").wait_for(state="hidden")
         tab.settle(CERTIFIED)
