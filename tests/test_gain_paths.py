@@ -268,7 +268,7 @@ def test_a_robot_of_two_paths_is_reported(tmp_path: Path, capsys: pytest.Capture
     system = load_robot_system(path, two_paths=True)
     assert facts["gain_limit"] == gr.gain_limit(system.loop()).gain
     assert facts["stable"] == (status == 0)
-    assert [state["state"] for state in facts["states"]] == [f"{posture}, {contact}" for posture, contact in system.source.states]
+    assert [state["state"] for state in facts["states"]] == [f"{posture}/{contact}" for posture, contact in system.source.states]
     assert main(["robot", str(path)]) == status
     assert "kp alone" in " ".join(capsys.readouterr().out.split())
 

@@ -82,7 +82,7 @@ def safe(gains: RobotGains) -> GainSet:
 
 def loops(spec: System, kp: np.ndarray, kd: np.ndarray, weight: bool) -> dict[str, gr.Loop]:
     """Built from the file anew."""
-    states = [(spec.source.linearize(posture, contact, weight=weight), f"{posture}, {contact}") for posture, contact in spec.source.states]
+    states = [(spec.source.linearize(posture, contact, weight=weight), f"{posture}/{contact}") for posture, contact in spec.source.states]
     return {title: gr.build_loop(model, spec.drives, gr.PD(kp, kd), "motor", spec.control.sample_time) for model, title in states}
 
 
@@ -178,8 +178,8 @@ def test_without_weight_where_it_cannot_be_kept():
     found = safe(gains)
     assert found.without_weight
     assert found.nearest
-    assert found.topples == ("stand, all",)
-    assert not quick_margins(loops(spec, found.kp, found.kd, True)["stand, all"]).stable
+    assert found.topples == ("stand/all",)
+    assert not quick_margins(loops(spec, found.kp, found.kd, True)["stand/all"]).stable
     assert_none_can_be_raised(spec, found)
 
 

@@ -112,7 +112,7 @@ def test_a_sound_run_at_first_glance(sound: Outcome, sound_page: str):
     assert sound.margins is not None
     assert sound.margins.least_phase_margin < math.radians(30)
     assert sound.margins.peak_sensitivity > 2
-    assert labels == ["phase margin", "Ms", "vibration", "gain margin", "settles in", "largest error", "slip of the feet"]
+    assert labels == ["phase margin", "peak sensitivity Ms", "vibration", "gain margin", "settles in", "largest error", "slip of the feet"]
     assert re.match(r"Too little margin: phase margin \S+ \(≥ 30°\), Ms \S+ \(≤ 2\)\. No vibration, but ", sentence(sound))
     assert escape(sentence(sound)) in sound_page
 

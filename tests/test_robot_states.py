@@ -120,7 +120,7 @@ def test_gains_are_told_only_where_they_move_something(leg: RobotStudy, without:
     assert alone is not None
     assert_array_equal(everywhere.kp, alone.kp)
     assert np.isnan(everywhere.kp).tolist() == [False, True, False]  # the leg moves in the plane of x and z
-    assert everywhere.binding == "bent, stand"
+    assert everywhere.binding == "bent/stand"
     assert everywhere.cases == 1
 
 
@@ -182,7 +182,7 @@ def test_joint_control_with_idle_tasks(folder: Path):
 def test_contacts_that_hold_every_joint(folder: Path):
     study = studied(folder, HELD, recommend=True)
     assert ([state.contact for state in study.states], [state.contact for state in study.immobile]) == (["free"], ["held"])
-    assert sentence(study).endswith("In bent, held no joint that has gains can move.")
+    assert sentence(study).endswith("In bent/held no joint that has gains can move.")
     (gains,) = study.recommended
     assert {name: one is not None and one.moves for name, one in gains.per_contact.items()} == {"free": True, "held": False}
     assert gains.everywhere is not None
@@ -221,7 +221,7 @@ def test_the_verdict_holds_for_the_stated_ranges(folder: Path, capsys: pytest.Ca
         assert (told["unstable_at"] is None) == stable
         assert ("not everywhere in the uncertainty ranges" in told["sentence"]) != stable
     page = robot_page(studied(folder, path.read_text("utf-8")), "gainroom robot uncertain.yaml")
-    assert "UNSTABLE within the uncertainty ranges, in bent, " in page
+    assert "UNSTABLE within the uncertainty ranges, in bent/" in page
 
 
 def test_gains_that_keep_all_that_is_required_are_not_called_too_stiff(folder: Path):
@@ -318,7 +318,7 @@ def test_what_is_not_known_is_said(folder: Path, monkeypatch: pytest.MonkeyPatch
         assert state.limit.stable == (word == "Stable") == (text == alone)
         assert math.isnan(state.limit.gain)
         assert sentence(study).startswith(word)
-        assert sentence(study).endswith("In bent, stand only the verdict is known, not the gain limit.")
+        assert sentence(study).endswith("In bent/stand only the verdict is known, not the gain limit.")
         assert any("counted from the roots" in warning for warning in warnings(study))
         page = robot_page(study, "again")
         assert not re.search(r">nan\b|\bnan<|>∞ ×", page[page.index("<body") :])
