@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ...errors import GainroomError, first_of_many, nearest
-from ...io.validation import checked, number
+from ...io.validation import checked, dotted, number
 from ...io.yaml_text import shown
 from .gain_record import NOT_NEGATIVE, Gain, GainFile
 from .python_records import Record, Unknown
@@ -107,5 +107,5 @@ def _numbers(value: Any, owner: str, check: Any) -> dict[str, float]:
         if not isinstance(key, str) or not key:
             raise GainroomError(f"{owner}: {shown(key)} must be a part of joints' names")
         if isinstance(each, Unknown | Record):
-            raise GainroomError(f"{owner}.{shown(key)}: {each if isinstance(each, Unknown) else 'is a call, and no function is run'}")
-    return {key: checked(f"{owner}.{shown(key)}", each, check) for key, each in value.items()}
+            raise GainroomError(f"{owner}.{dotted(key)}: {each if isinstance(each, Unknown) else 'is a call, and no function is run'}")
+    return {key: checked(f"{owner}.{dotted(key)}", each, check) for key, each in value.items()}
