@@ -102,7 +102,7 @@ def _lead(result: Audit, simulated: "SimulatorAudit | None", swept: "SweepSummar
         sentence = audit_sentence(result)
     lost = simulated is not None and not simulated.limit.stable
     if lost:
-        said.insert(0, "these gains are unstable in the simulator: see below")
+        sentence = f"{sentence} These gains are unstable in the simulator: see below."
     short = swept is not None and not swept.margin_held
     if swept is not None and short:
         said.insert(0, f"in the workspace {safe_share(swept)} of {counted(swept.count)} limits are safe. {workspace_advice(swept)}")
