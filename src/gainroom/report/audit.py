@@ -105,9 +105,11 @@ def _lead(result: Audit, simulated: "SimulatorAudit | None", swept: "SweepSummar
         sentence = f"{sentence} These gains are unstable in the simulator: see below."
     short = swept is not None and not swept.margin_held
     if swept is not None and short:
-        said.insert(0, f"in the workspace {safe_share(swept)} of {counted(swept.count)} limits are safe. {workspace_advice(swept)}")
+        sentence = f"In this posture: {sentence} In the workspace {safe_share(swept)} of {counted(swept.count)} limits are safe."
         if result.safe:
-            sentence, do = f"In this posture: {sentence}", advice_box(Advice(workspace_advice(swept)))
+            do = advice_box(Advice(workspace_advice(swept)))
+        else:
+            said.insert(0, workspace_advice(swept))
     if not result.stable:
         return Lead(sentence, "bad", "UNSTABLE: do not run these gains", said, do)
     return Lead(sentence, "good" if result.safe and not (lost or short) and not _assumed_rigid(result).any() else "warn", "", said, do)
