@@ -63,8 +63,8 @@ def test_mirrored_states_get_the_same_gains_in_the_other_order(biped: System):
     assert isinstance(left, GainSet)
     assert isinstance(right, GainSet)
     np.testing.assert_array_equal(left.kp, right.kp)
-    assert {one.partition(", ")[2] for one in right.case if one} == {"right"}
-    assert {one.partition(", ")[2] for one in left.case if one} == {"left"}
+    assert {one.partition("/")[2] for one in right.case if one} == {"right"}
+    assert {one.partition("/")[2] for one in left.case if one} == {"left"}
     ((_, case),) = states(biped, "right", "task")
     own = case.all_margins(np.nan_to_num(np.array([right.kp, right.kd, np.zeros(6)])))
     assert biped.requirements.met_by(own)
@@ -78,14 +78,14 @@ def test_an_image_without_the_weight_says_where_it_topples(biped: System):
     soft = np.array([kp, kd, np.zeros(12)])
     assert unstable_roots(left[0].with_weight.loop(soft)) > 0
     margins = left[0].without.all_margins(soft)
-    near = "gain margin 2 dB of 6 dB in stand, left"
-    stand = ("stand, left",)
-    found = GainSet("left", kp, kd, None, margins, "stand, left", 1, 1 / kp, none, 12 * stand, 3, True, near, stand)
+    near = "gain margin 2 dB of 6 dB in stand/left"
+    stand = ("stand/left",)
+    found = GainSet("left", kp, kd, None, margins, "stand/left", 1, 1 / kp, none, 12 * stand, 3, True, near, stand)
     image = _mirror_image(found, left, right, Requirements(gain_margin=1.05))
     assert image is not None
     assert image.without_weight
-    assert image.nearest == "gain margin 2 dB of 6 dB in stand, right"
-    assert image.topples == ("stand, right",)
+    assert image.nearest == "gain margin 2 dB of 6 dB in stand/right"
+    assert image.topples == ("stand/right",)
     assert unstable_roots(right[0].with_weight.loop(np.array([image.kp, image.kd, np.zeros(12)]))) > 0
     assert image.softest == 9
     np.testing.assert_array_equal(image.kp, [*kp[6:], *kp[:6]])

@@ -215,7 +215,7 @@ def test_one_name_one_number(tmp_path: Path, capsys: pytest.CaptureFixture[str],
     words = capsys.readouterr().out
     main(["robot", str(path), "--json"])
     (state,) = json.loads(capsys.readouterr().out)["states"]
-    (row,) = (line.split() for line in words.splitlines() if line.lstrip().startswith("bent,") and line.count("°") == 2)
+    (row,) = (line.split() for line in words.splitlines() if line.lstrip().startswith("bent/") and line.count("°") == 2)
     page = report.read_text("utf-8")
     common, single = state["phase_margin_deg"], state["single_loop_phase_margin_deg"]
     assert common != pytest.approx(single, rel=0.01)  # else nothing is told apart

@@ -121,7 +121,7 @@ def test_terminal_and_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     path, page = tmp_path / "joint.yaml", tmp_path / "verify.html"
     path.write_text(SAMPLED, "utf-8")
     assert main(["verify", str(path), "--report", str(page)]) == 0
-    out = capsys.readouterr().out
+    out = " ".join(capsys.readouterr().out.split())
     assert "Simulation and prediction agree" in out
     text = page.read_text("utf-8")
     assert "changes sign" in text

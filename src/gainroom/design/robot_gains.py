@@ -255,12 +255,12 @@ def _mirror_image(found: GainSet | None, states: Sequence[_State], others: Seque
         margin=tuple(found.margin[j] for j in order),
         case=where,
         softest=softest,
-        nearest=_told_of(found.nearest, titles),
+        nearest=_of_mirrored(found.nearest, titles),
         topples=tuple(topples),
     )
 
 
-def _told_of(nearest: str, titles: Mapping[str, str]) -> str:
+def _of_mirrored(nearest: str, titles: Mapping[str, str]) -> str:
     """What `_nearest` says, of the states that mirror those it speaks of."""
     shortage, between, title = nearest.rpartition(" in ")
     return shortage + between + titles.get(title, title)
