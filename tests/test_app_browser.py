@@ -56,6 +56,17 @@ def test_it_opens_with_the_verdict_of_the_command_line(tab: Tab, capsys, tmp_pat
     assert tab.page.locator("[data-area=required]").count() == 1
 
 
+def test_a_quick_verdict_behind_the_certified_one_changes_no_word(tab: Tab):
+    """They come from two threads: on a busy machine the quick one may be the slower."""
+    tab.settle(CERTIFIED)
+    said = tab.text("#sentence"), tab.text("#basis")
+    late = {"part": "verdict", "lane": "quick", "basis": "quick", "tone": "warn", "sentence": "late", "rows": []}
+    take = "(part) => gainroom.socket.onmessage({ data: JSON.stringify({ ...part, key: gainroom.key }) })"
+    tab.page.evaluate(take, late)
+    assert (tab.text("#sentence"), tab.text("#basis")) == said
+    assert tab.page.evaluate(CERTIFIED)
+
+
 def test_dragged_gains_are_judged_as_the_command_line_judges_them(tab: Tab, capsys, tmp_path: Path):
     tab.drag((0.6, 0.3), (0.45, 0.8))
     tab.settle(CERTIFIED)

@@ -24,6 +24,7 @@ const page = {
   /** @type {WebSocket | null} */ socket: null,
   dragging: false,
   certified: false,
+  judged: 0, // the question whose full answer has come
   shaking: false,
   final: true,
 };
@@ -277,6 +278,17 @@ function verdict(part) {
   }
   if (part.point && !map.dragging) map.points.dot = part.point;
   if (!map.dragging) map.drawDot();
+  if (part.lane !== "quick") page.judged = part.key;
+  if (part.lane !== "quick" || part.key !== page.judged) sentences(part, current); // a quick answer may come behind the full one
+  const asked = page.asked[part.key];
+  if (asked !== undefined && part.lane === "quick") {
+    delete page.asked[part.key];
+    requestAnimationFrame(() => page.latency.push(performance.now() - asked));
+  }
+}
+
+/** The verdict as text. @param {any} part @param {boolean} current */
+function sentences(part, current) {
   page.certified = part.basis === "certified" && current;
   by("verdict").className = `${part.tone}${page.certified ? "" : " quick"}`;
   by("sentence").textContent = part.sentence;
@@ -297,11 +309,6 @@ function verdict(part) {
     card.append(title, value, below);
     return card;
   }));
-  const asked = page.asked[part.key];
-  if (asked !== undefined && part.lane === "quick") {
-    delete page.asked[part.key];
-    requestAnimationFrame(() => page.latency.push(performance.now() - asked));
-  }
 }
 
 /** @param {any} part */
