@@ -13,7 +13,7 @@ from ..analysis.part_plane import PartPlane
 from ..analysis.part_requirements import required_columns, unread
 from ..analysis.stability import rightmost_roots
 from ..errors import GainroomError, frequency_text, listed
-from ..files.audit_options import all_keyframes
+from ..files.model_keyframes import model_keyframes
 from ..linear.arrays import Floats
 from ..report.margin_columns import margin_value, requirement
 from ..report.robot_headroom import Factors, joint_factors, task_factors
@@ -64,8 +64,8 @@ def stand(source: Robot) -> list[dict[str, Any]]:
 def keyframe_angles(source: Robot) -> dict[str, dict[str, float]]:
     """Of an MJCF's keyframes, by joint; none where they cannot be read."""
     with contextlib.suppress(GainroomError):
-        frames = all_keyframes(Path(source.body.source))
-        return {name: {joint: angles[joint] for joint in source.joint_names if joint in angles} for name, angles in frames.items()}
+        frames = model_keyframes(Path(source.body.source))
+        return {name: {joint: one.angles[joint] for joint in source.joint_names if joint in one.angles} for name, one in frames.items()}
     return {}
 
 

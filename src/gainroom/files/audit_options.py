@@ -21,7 +21,7 @@ from ..linear.arrays import Floats
 from ..robot.assemble import ASSUMED, DAMPING_NOTE
 from ..robot.body import Base, RigidBody
 from ..robot.contact import ContactKind
-from ..robot.formats.model_files import includes, keyframes, load_model
+from ..robot.formats.model_files import load_model
 from ..robot.formats.model_names import locate
 from ..robot.gearbox_types import GearboxRange, gearbox_range
 from ..robot.name_patterns import DEFAULT, select
@@ -30,6 +30,7 @@ from ..system.system import System
 from .absurd_values import examined
 from .file_types import kind_of_file, wrong_kind
 from .gain_files import JointGains, gains_of, read_gains
+from .model_keyframes import model_keyframes
 from .robot_sections import RobotFile
 from .robot_yaml import base_of, robot_spec
 from .system_sections import refuse_long_delay
@@ -56,10 +57,8 @@ PATHS = {
 """Where they stand instead, by --gains-run."""
 JOINT_DAMPING = ("controller", "friction")
 GAINS_RUN = ("host", "drive", "split")
-MOST_SCENES = 20
-"""Files beside a model that are looked at for a keyframe."""
 SLIGHT_DAMPING = 0.01
-"""Of kd: the joints' own damping, where it is less, is told among what is assumed."""
+"""Of kd: the joints' own damping, where it is less, is reported among what is assumed."""
 ANGLE = number(least=-1e4, most=1e4)
 DESCRIPTIONS = (".yaml", ".yml", ".json")
 
@@ -266,7 +265,7 @@ def audited(model: str, gains: Path | None, options: AuditOptions) -> Audited:
     told += [
         f"--posture {name}: the keyframe of {scene}"
         for name in options.posture
-        if name not in found.postures and (scene := _scene_with(name, path))
+        if "=" not in name and name not in found.postures and (scene := model_keyframes(path)[name].file) != path
     ]
     motors, ranges = spec.source.actuators, None
     if options.gearboxes:
@@ -342,7 +341,10 @@ def _angles(typed: Sequence[str], path: Path, joint_names: Sequence[str], postur
             angles |= postures[text]
             continue
         if not sign:
-            angles |= _keyframe(text, owner, path)
+            known = model_keyframes(path)
+            if text not in known:
+                raise GainroomError(f"{owner}: must be JOINT=ANGLE, or a keyframe of an MJCF{nearest(text, tuple(known), 'keyframe')}")
+            angles |= known[text].angles
             continue
         try:
             value = float(number_typed)
@@ -351,41 +353,6 @@ def _angles(typed: Sequence[str], path: Path, joint_names: Sequence[str], postur
         angle = checked(owner, value, ANGLE)
         angles |= dict.fromkeys((joint_names[k] for k in select(pattern, joint_names, owner)), angle)
     return angles
-
-
-def all_keyframes(path: Path) -> Mapping[str, Mapping[str, float]]:
-    """Of an MJCF and of the scenes beside it: by name the angles of joints, the model's own first."""
-    found: dict[str, Mapping[str, float]] = dict(keyframes(path))
-    for scene in _scenes(path):
-        with contextlib.suppress(GainroomError):
-            found = {**keyframes(scene), **found}
-    return found
-
-
-def _scenes(path: Path) -> Iterator[Path]:
-    """The files beside an MJCF that include it."""
-    for scene in sorted(path.parent.glob("*scene*.xml"))[:MOST_SCENES]:
-        with contextlib.suppress(GainroomError):  # another robot's scene may be anything
-            if includes(scene, path):
-                yield scene
-
-
-def _scene_with(name: str, path: Path) -> Path | None:
-    """The file beside an MJCF that includes it and has this keyframe, where the model itself has not: its scene."""
-    if "=" in name or name in keyframes(path):
-        return None
-    for scene in _scenes(path):
-        with contextlib.suppress(GainroomError):
-            if name in keyframes(scene):
-                return scene
-    return None
-
-
-def _keyframe(name: str, owner: str, path: Path) -> Mapping[str, float]:
-    known = keyframes(_scene_with(name, path) or path)
-    if name not in known:
-        raise GainroomError(f"{owner}: must be JOINT=ANGLE, or a keyframe of an MJCF{nearest(name, tuple(known), 'keyframe')}")
-    return known[name]
 
 
 def _require_model(path: Path) -> None:

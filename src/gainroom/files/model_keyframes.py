@@ -1,0 +1,30 @@
+"""Keyframes of an MJCF, and of the scenes beside it: public models keep them in the scene that includes the robot."""
+
+import contextlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+from ..errors import GainroomError
+from ..robot.formats.model_files import includes, keyframes
+
+MOST_SCENES = 20
+"""Files beside a model that are looked at for a keyframe."""
+
+
+class Keyframe(NamedTuple):
+    """The file that has it, and the angles of joints by name [rad; m if prismatic]."""
+
+    file: Path
+    angles: Mapping[str, float]
+
+
+def model_keyframes(path: Path) -> dict[str, Keyframe]:
+    """By name, the model's own first; of a URDF none. Raises GainroomError where the model's cannot be read."""
+    found = {name: Keyframe(path, angles) for name, angles in keyframes(path).items()}
+    for scene in sorted(path.parent.glob("*scene*.xml"))[:MOST_SCENES]:
+        with contextlib.suppress(GainroomError):  # another robot's scene may be anything
+            if includes(scene, path):
+                for name, angles in keyframes(scene).items():
+                    found.setdefault(name, Keyframe(scene, angles))
+    return found
