@@ -82,6 +82,7 @@ REFUSED = (
     (("leg.xml",), "leg.xml: is a robot's model; its delay is needed, too: gainroom app leg.xml --delay-ms 2"),
     (("--delay-ms", "2"), "--delay-ms 2: is of a model; name a URDF or MJCF before it"),
     (("leg.xml", "--stiffness", "0"), "--stiffness: is of a model, a URDF or MJCF, and needs --delay-ms"),
+    (("joint.yaml", "--margin-db", "6"), "--margin-db: is of a model, a URDF or MJCF, and needs --delay-ms"),
     (("leg.xml", "--delay-ms", "2", "--write-robot", "leg.xml"), "leg.xml: the robot.yaml would overwrite the input"),
     (("robot.yaml", "--delay-ms", "2"), "robot.yaml: must be a URDF or MJCF; it describes a whole robot: gainroom robot robot.yaml"),
     (

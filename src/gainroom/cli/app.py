@@ -1,8 +1,6 @@
 """gainroom app: the interactive page."""
 
 import contextlib
-import os
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -19,10 +17,13 @@ if TYPE_CHECKING:
     from ..files.audit_options import AuditOptions
 
 DEFAULT = "testbed"
+OWN = ("file", "host", "port", "browser", "export", "view", "as_json")
+"""Parameters that need no model."""
 MISSING = "the page needs a web server: pip install 'gainroom[app]'"
 
 
 def app(
+    context: typer.Context,
     file: Annotated[
         str | None,
         typer.Argument(
@@ -71,8 +72,6 @@ def app(
 
     Exit status: 0 done; 2 the file or the call is wrong; 130 ended by Ctrl-C.
     """
-    if "numpy" not in sys.modules:  # small matrices in several threads of our own: more threads for each only wait for one another
-        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from ..files.audit_options import AuditOptions
 
     options = None
@@ -83,13 +82,7 @@ def app(
             drive_rate_hz, drive_delay_ms, gearboxes=tuple(gearbox or ()),
         )  # fmt: skip
     else:
-        typed = {
-            "--gains": gains, "--rate-hz": rate_hz, "--stiffness": stiffness, "--damping": damping, "--gearbox": gearbox, "--base": base,
-            "--motor-inertia": motor_inertia, "--bandwidth": bandwidth, "--contact": contact, "--posture": posture,
-            "--joint-damping": joint_damping, "--gains-run": gains_run, "--drive-rate-hz": drive_rate_hz,
-            "--drive-delay-ms": drive_delay_ms, "--write-robot": write_robot,
-        }  # fmt: skip
-        _refuse_without_model([name for name, value in typed.items() if value not in (None, [])])
+        _refuse_without_model(context)
 
     def opened() -> "contextlib.AbstractContextManager[Bench]":
         return contextlib.nullcontext(_bench(file)) if options is None else _audited(file, gains, options, margin_db, write_robot)
@@ -126,14 +119,15 @@ def app(
     return 0
 
 
-def _refuse_without_model(options: list[str]) -> None:
+def _refuse_without_model(context: typer.Context) -> None:
     """Raise GainroomError for audit's options without --delay-ms, which every model needs."""
-    if options:
-        from ..errors import GainroomError
+    for name in context.params:
+        source = context.get_parameter_source(name)
+        if name not in OWN and source is not None and source.name == "COMMANDLINE":
+            from ..errors import GainroomError
 
-        raise GainroomError(
-            f"{options[0]}: is of a model, a URDF or MJCF, and needs --delay-ms: how long from the host to motor torque [ms]"
-        )
+            needed = "is of a model, a URDF or MJCF, and needs --delay-ms: how long from the host to motor torque [ms]"
+            raise GainroomError(f"--{name.replace('_', '-')}: {needed}")
 
 
 @contextlib.contextmanager
