@@ -94,6 +94,30 @@ def test_audit_looks_at_the_whole_workspace(tmp_path, capsys, factor):
     assert "Workspace:" in capsys.readouterr().out
 
 
+def test_an_audit_judges_what_else_is_asked_for_in_a_sample_of_the_workspace(tmp_path, capsys):
+    """The phase margin that it names is that of the posture which it names; 5° more than that is missed there, and decides."""
+    gains = tmp_path / "gains.yaml"
+    gains.write_text("default: {kp: 8000, kd: 300, motor_inertia: 1.0, stiffness: 10000, damping: 20}\n")
+    call = ["audit", str(BIPED), "--delay-ms", "2", "--gains", str(gains), "--base", "fixed", "--workspace", "60"]
+    assert main([*call, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)["workspace"]
+    assert found["unmet"] == []
+    worst = {one["name"]: one for one in found["judged"]["requirements"]}["phase_margin"]
+    robot = tmp_path / "robot.yaml"
+    main([*call, "--write-robot", str(robot), "--json"])
+    capsys.readouterr()
+    system = load_robot_system(robot)
+    q = configurations(system.source.body, np.array([list(worst["angles"].values())]))[0]
+    margins = gr.joint_margins(system.loop(linearize(system.source.body, system.source.actuators, q)))
+    assert worst["worst"] == pytest.approx(np.degrees(margins.phase_margin), rel=1e-9)
+    assert main([*call, "--json", "--phase-margin-deg", str(worst["worst"] + 5)]) == 1
+    found = json.loads(capsys.readouterr().out)["workspace"]
+    assert found["unmet"] == ["phase_margin"]
+    assert found["safe"] is False
+    assert main([*call, "--phase-margin-deg", str(worst["worst"] + 5)]) == 1
+    assert "Not met: phase margin" in " ".join(capsys.readouterr().out.split()).partition("Workspace:")[2]
+
+
 def test_what_else_fails_in_the_worst_postures_is_said(tmp_path, capsys):
     """The biped's gain margin holds everywhere; its phase margin does not, where gain limits are lowest. --strict minds."""
     biped = tmp_path / "biped.yaml"
@@ -215,3 +239,22 @@ def test_where_contacts_hold_every_joint_nothing_can_vibrate(tmp_path, capsys):
     assert found["sentence"].startswith("No common factor on all gains makes it vibrate")
     assert main(["sweep", str(file), "--samples", "12", "--contact", "free", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["contacts"][0]["gain_limit"] > 1
+
+
+def test_gains_that_no_factor_makes_stable_are_said_to_be_so(tmp_path, capsys):
+    """Undamped gearboxes behind 6 ms: the roots at their resonance lie to the right of the axis however low the gains are."""
+    undamped = QUICK.replace("damping: 4.0", "damping: 0.0").replace("delay_ms: 2.0", "delay_ms: 6.0")
+    file, page = write_arm(tmp_path, undamped), tmp_path / "page.html"
+    system = load_robot_system(file)
+    for factor in (1.0, 0.1, 1e-3):
+        weak = system.with_controller(gr.PD(400.0 * factor, 30.0 * factor))
+        assert not gr.is_stable(weak.loop(system.source.linearize("bent", "free")))
+    assert main(["sweep", str(file), "--samples", "4", "--workers", "1", "--margins", "0", "--report", str(page)]) == 1
+    text = " ".join(capsys.readouterr().out.split())
+    assert "no common factor on these gains is stable" in text
+    assert "Use:" not in text
+    assert "no common factor on these gains is stable" in page.read_text("utf-8")
+    assert main(["sweep", str(file), "--samples", "4", "--workers", "1", "--margins", "0", "--json"]) == 1
+    found = json.loads(capsys.readouterr().out)
+    assert found["scale"] is None
+    assert found["worst"]["gain_limit"] == found["contacts"][0]["gain_limit_highest"] == 0

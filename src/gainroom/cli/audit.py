@@ -15,8 +15,8 @@ from .progress import progress_bar
 
 if TYPE_CHECKING:
     from ..studies.audit import Audit
+    from ..studies.audited_workspace import AuditedWorkspace
     from ..studies.simulator_audit import SimulatorAudit
-    from ..sweep.summary import SweepSummary
 
 STIFFNESS = "By the stiffness of the gearboxes that are not known"
 FEW_JOINTS = 8
@@ -126,10 +126,10 @@ def audit(
             simulated = audit_simulator(result, *told)
         swept = None
         if workspace is not None:
-            from ..sweep.workspace import over_workspace
+            from ..studies.audited_workspace import audited_workspace
 
             with progress_bar("audit:") as progress:
-                swept = over_workspace(result.system, workspace, result.margin, progress)
+                swept = audited_workspace(result, workspace, progress)
         show(as_json, lambda: _facts(result, simulated, swept), lambda: _terminal(result, simulated, swept, report, verbose))
         if robot is not None and write_robot is not None:
             from ..io.atomic import writing
@@ -143,10 +143,10 @@ def audit(
 
             again = {"--margin-db": margin_db, **limits, "--workspace": workspace}
             page.write(audit_page(result, audit_command(model, gains, options, asked, again, report), simulated, swept))
-    return 0 if result.safe and (simulated is None or simulated.limit.stable) and (swept is None or swept.margin_held) else 1
+    return 0 if result.safe and (simulated is None or simulated.limit.stable) and (swept is None or swept.safe) else 1
 
 
-def _facts(result: "Audit", simulated: "SimulatorAudit | None", swept: "SweepSummary | None") -> dict[str, Any]:
+def _facts(result: "Audit", simulated: "SimulatorAudit | None", swept: "AuditedWorkspace | None") -> dict[str, Any]:
     """What --json prints."""
     from .. import __version__
     from ..report.audit_text import audit_scale, audit_sentence, audit_warnings
@@ -203,7 +203,9 @@ def _facts(result: "Audit", simulated: "SimulatorAudit | None", swept: "SweepSum
     }
 
 
-def _terminal(result: "Audit", simulated: "SimulatorAudit | None", swept: "SweepSummary | None", report: Path | None, verbose: bool) -> str:
+def _terminal(
+    result: "Audit", simulated: "SimulatorAudit | None", swept: "AuditedWorkspace | None", report: Path | None, verbose: bool
+) -> str:
     """`verbose`: also every contact state and joint, and all that is assumed."""
     from ..report.audit_text import audit_warnings, reason, unjudged, verdict, what_to_do
     from ..report.columns import definitions
@@ -264,20 +266,19 @@ def _simulator_facts(simulated: "SimulatorAudit") -> dict[str, Any]:
     return simulator_facts(simulated)
 
 
-def _workspace_facts(swept: "SweepSummary") -> dict[str, Any]:
-    from ..report.sweep_text import workspace_facts
+def _workspace_facts(swept: "AuditedWorkspace") -> dict[str, Any]:
+    from ..report.workspace_text import audited_facts
 
-    return workspace_facts(swept)
+    return audited_facts(swept)
 
 
-def _workspace_text(swept: "SweepSummary | None") -> list[str]:
+def _workspace_text(swept: "AuditedWorkspace | None") -> list[str]:
     """Its paragraph; loaded only where it is asked for."""
     if swept is None:
         return []
-    from ..report.sweep_text import sentence, sureness, warnings, workspace_advice
+    from ..report.workspace_text import workspace_text
 
-    judged = "Judged there: the gain margin alone."
-    return ["", " ".join(["Workspace:", sentence(swept), *sureness(swept, None), *warnings(swept), workspace_advice(swept), judged])]
+    return ["", workspace_text(swept)]
 
 
 def _simulator_text(simulated: "SimulatorAudit | None") -> tuple[list[str], tuple[str, ...]]:

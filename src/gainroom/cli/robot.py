@@ -65,7 +65,8 @@ Elsewhere = tuple[dict[str, Any], list[str]]
 
 def _studied(system: "System", sweep: Path | None, progress: "Progress") -> "tuple[RobotStudy, SweepSummary | None, Elsewhere]":
     """The study, what recommended gains keep in a sweep's postures, and both in other words."""
-    from ..report.sweep_text import checked_sentence, posture_facts, workspace_facts, worse_note
+    from ..report.sweep_text import checked_sentence, posture_facts, worse_note
+    from ..report.workspace_text import workspace_facts
 
     if sweep is not None:
         from ..studies.swept_gains import study_over

@@ -25,19 +25,20 @@ from .robot_headroom import Factors, heat_map
 from .robot_skeleton import common_view
 from .robot_tables import MARKS, inputs, span
 from .robot_units import joint_units
-from .sweep_text import counted, safe_share, workspace_advice
+from .sweep_text import counted, safe_share
 from .what_to_do import Advice, advice_box
 from .workspace import workspace_card, workspace_section
+from .workspace_text import unmet_there, workspace_advice
 
 UNSAFE_STATES = 3
 """The place of that card."""
 
 if TYPE_CHECKING:
+    from ..studies.audited_workspace import AuditedWorkspace
     from ..studies.simulator_audit import SimulatorAudit
-    from ..sweep.summary import SweepSummary
 
 
-def audit_page(result: Audit, command: str, simulated: "SimulatorAudit | None" = None, swept: "SweepSummary | None" = None) -> str:
+def audit_page(result: Audit, command: str, simulated: "SimulatorAudit | None" = None, swept: "AuditedWorkspace | None" = None) -> str:
     """The report of an audit as one HTML page.
 
     command     that makes it
@@ -50,7 +51,7 @@ def audit_page(result: Audit, command: str, simulated: "SimulatorAudit | None" =
     taken = assumptions(f"Linear about posture {result.tightest.posture}", sample_time, "; contacts neither slip nor lift")
     sections = [
         *_reasons(result),
-        *([] if swept is None else [workspace_section(swept, f"The workspace: {counted(swept.plan.postures.count)} postures")]),
+        *([] if swept is None else [_workspace(swept)]),
         *([] if simulated is None else [Section("In the simulator", _simulator(simulated))]),
         Section("Joint by joint", [_joint_table(result)], f"{count} joints with their gains and factors"),
         Section(
@@ -71,7 +72,7 @@ def audit_page(result: Audit, command: str, simulated: "SimulatorAudit | None" =
     title = f"gainroom audit: gains of {count} joints, {model_kind(sample_time)} model"
     cards = _cards(result)
     if swept is not None:  # a workspace says more than whether one state is safe
-        cards[UNSAFE_STATES : UNSAFE_STATES + (len(result.states) == 1)] = [workspace_card(swept)]
+        cards[UNSAFE_STATES : UNSAFE_STATES + (len(result.states) == 1)] = [workspace_card(swept.found)]
     return page(title, _lead(result, simulated, swept), cards, sections, footer())
 
 
@@ -88,6 +89,10 @@ def _reasons(result: Audit) -> list[Section]:
     ]
 
 
+def _workspace(swept: "AuditedWorkspace") -> Section:
+    return workspace_section(swept.found, f"The workspace: {counted(swept.found.plan.postures.count)} postures", audited=swept)
+
+
 def _deciding(result: Audit) -> str:
     """The row with the least headroom, in its state."""
     row = deciding(result, headroom_rows(result))
@@ -96,20 +101,22 @@ def _deciding(result: Audit) -> str:
     return f"headroom {digits(row.least, '×', 3)}, {row.title}{where}"
 
 
-def _lead(result: Audit, simulated: "SimulatorAudit | None", swept: "SweepSummary | None") -> Lead:
+def _lead(result: Audit, simulated: "SimulatorAudit | None", swept: "AuditedWorkspace | None") -> Lead:
     said, do, sentence = list(audit_warnings(result)[:ON_TOP]), _do_this(result), verdict(result)
     if audit_scale(result) is None:
         sentence = audit_sentence(result)
     lost = simulated is not None and not simulated.limit.stable
     if lost:
         sentence = f"{sentence} These gains are unstable in the simulator: see below."
-    short = swept is not None and not swept.margin_held
+    short = swept is not None and not swept.safe
     if swept is not None and short:
-        sentence = f"In this posture: {sentence} In the workspace {safe_share(swept)} of {counted(swept.count)} limits are safe."
+        found = swept.found
+        sentence = f"In this posture: {sentence} In the workspace {safe_share(found)} of {counted(found.count)} limits are safe."
+        advice = " ".join(filter(None, (workspace_advice(found), unmet_there(swept))))
         if result.safe:
-            do = advice_box(Advice(workspace_advice(swept)))
+            do = advice_box(Advice(advice))
         else:
-            said.insert(0, workspace_advice(swept))
+            said.insert(0, advice)
     if not result.stable:
         return Lead(sentence, "bad", "UNSTABLE: do not run these gains", said, do)
     return Lead(sentence, "good" if result.safe and not (lost or short) and not _assumed_rigid(result).any() else "warn", "", said, do)

@@ -23,8 +23,8 @@ from .robot_drawing import hero, small
 from .robot_skeleton import common_view
 from .robot_tables import MARKS, machine
 from .sweep_text import advice as use
-from .sweep_text import columns, counted, joint_name, judged_columns, looked_at, sentence, sureness, unmet_text, warnings
-from .workspace import CURVES, FEW
+from .sweep_text import columns, counted, joint_name, sentence, sureness, unmet_text, warnings
+from .workspace import CURVES, FEW, judged_table
 
 SCALE = [[0, "#08306b"], [0.5, "#6baed6"], [1, "#f7fbff"]]
 """ColorBrewer's Blues (Brewer 2013), the lowest darkest."""
@@ -40,7 +40,7 @@ def sweep_page(found: SweepSummary, near: SweptPosture | None, at_worst: WorstSt
         *([Section("Over two joints", [_map(found, maps)])] if maps.lowest else []),
         Section("What a schedule would gain", [_schedule(found)]),
         Section("Which joint limits", [_limiting(found)]),
-        *([Section("Other requirements", [_judged(found, at_worst)])] if at_worst.judged else []),
+        *([Section("Other requirements", [judged_table(found, at_worst)])] if at_worst.judged else []),
         *(
             [Section("Margins in the worst postures", [_margins(states)], "all of them, one posture of each contact state")]
             if states
@@ -53,7 +53,7 @@ def sweep_page(found: SweepSummary, near: SweptPosture | None, at_worst: WorstSt
                 facts(_inputs(found)),
                 assumptions("Linear about every posture", plan.system.control.sample_time, "; contacts neither slip nor lift"),
             ],
-            "robot, postures, what is taken for granted",
+            "robot, postures, what is assumed",
         ),
         Section("Command", [block(command)], "that makes this page"),
     ]
@@ -175,16 +175,13 @@ def _schedule(found: SweepSummary) -> Html:
         if not one.worst or worst is None:
             continue
         own, middle = one.worst[0].gain, one.quantile(0.5)
-        rows.append((one.name, *(digits(value / found.margin, "", 3) for value in (worst.gain, own, middle)), _more(middle / worst.gain)))
+        more = f"{100 * (middle / worst.gain - 1):.3g} %" if worst.gain > 0 and middle < math.inf else "–"
+        rows.append((one.name, *(digits(value / found.margin, "", 3) for value in (worst.gain, own, middle)), more))
     caption = (
         "Factors on these gains with which the gain margin holds. One set: everywhere; by contact: one for each contact state; by posture: "
         "what a schedule that knows the posture allows in half of the postures, and how much more that is than one set."
     )
     return table(("contact", "one set", "by contact", "by posture (median)", "more"), rows, caption)
-
-
-def _more(ratio: float) -> str:
-    return "–" if not math.isfinite(ratio) else f"{100 * (ratio - 1):.3g} %"
 
 
 def _limiting(found: SweepSummary) -> Html:
@@ -198,11 +195,6 @@ def _limiting(found: SweepSummary) -> Html:
     return table(("joint", *(one.name for one in found.contacts)), rows, caption)
 
 
-def _judged(found: SweepSummary, at_worst: WorstStates) -> Html:
-    caption = f"{looked_at(found, at_worst)} Worst found and missed: among these; at random: how many of those chosen so miss it."
-    return table(*tabulated(judged_columns(found, at_worst), at_worst.judged), caption, MARKS)
-
-
 def _margins(states: list[State]) -> Html:
     shown = state_columns()
     return table(*tabulated(shown, states), f"{definitions(shown)} Nominal values.", MARKS)
@@ -210,7 +202,7 @@ def _margins(states: list[State]) -> Html:
 
 def _sure(found: SweepSummary, near: SweptPosture | None) -> list[tuple[str, str]]:
     plan = found.plan
-    pairs = [("in words", text) for text in sureness(found, near)]
+    pairs = [("coverage", text) for text in sureness(found, near)]
     kinds = {
         "samples": "Sobol's sequence within the limits of every joint: no gap, and no direction preferred",
         "grid": "every combination of a grid; nothing is known between its points",

@@ -34,6 +34,8 @@ def sentence(found: SweepSummary) -> str:
     unstable = sum(one.unstable for one in found.contacts)
     if unstable:
         share = digits(100 * unstable / found.count, "%", 3)
+        if not worst.gain > 0:
+            return f"Unstable in {share} of {states}: no common factor on these gains is stable{there}."
         return f"Unstable in {share} of {states}: the lowest gain limit is {gain_factor(worst.gain, 3)} × these gains{where},{there}."
     if math.isinf(worst.gain):
         return f"No common factor on all gains makes it vibrate in any of {states}."
@@ -71,7 +73,7 @@ def sureness(found: SweepSummary, searched: SweptPosture | None) -> list[str]:
     if math.isfinite(found.rarer_than):
         share = digits(100 * found.rarer_than, "%", 2)
         said.append(f"Less than {share} of further postures lie lower ({100 * CONFIDENCE:.0f} % confidence)")
-    if searched is not None:
+    if searched is not None and worst.gain > 0:
         lower = 1 - searched.gain / worst.gain
         near = (
             "nothing lower"
@@ -212,35 +214,6 @@ def safe_share(found: SweepSummary) -> str:
     unsafe = sum(one.unsafe for one in found.contacts)
     share = 100 * (1 - unsafe / max(found.count, 1))
     return "all" if not unsafe else "none" if unsafe == found.count else f"{min(share, 99.99):.4g} %"
-
-
-def workspace_advice(found: SweepSummary) -> str:
-    """Which common factor keeps the gain margin in the whole workspace; "" where these gains do."""
-    if found.margin_held:
-        return ""
-    scale = found.scale
-    if not math.isfinite(scale):
-        return "No common factor is known to keep the gain margin in every posture swept."
-    return f"All gains × {math.floor(1000 * scale) / 1000:.4g} keep the gain margin in every posture swept."
-
-
-def workspace_facts(found: SweepSummary) -> dict[str, Any]:
-    """A workspace in JSON, as a part of another command's answer."""
-    return {
-        "sentence": sentence(found),
-        "count": found.plan.postures.count,
-        "limits": found.count,
-        "stable": found.stable,
-        "gain_margin_met": found.margin_held,
-        "safe_share": 1 - sum(one.unsafe for one in found.contacts) / found.count,
-        "unstable_share": sum(one.unstable for one in found.contacts) / found.count,
-        "below_margin_share": sum(one.short for one in found.contacts) / found.count,
-        "unknown": found.unknown,
-        "uncertified": found.uncertified,
-        "rarer_than": found.rarer_than,
-        "scale": found.scale,
-        "worst": posture_facts(found, found.worst),
-    }
 
 
 def worse_note(found: SweepSummary, one: SweptPosture, known: float) -> str:

@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from ..studies.swept_margins import worst_states
+from ..studies.audited_workspace import AuditedWorkspace
+from ..studies.swept_margins import WorstStates, worst_states
 from ..sweep.summary import ContactSummary, SweepSummary
 from ..system.requirements import Requirements, to_db
 from . import style
@@ -14,7 +15,8 @@ from .number_format import digits
 from .page import Card, Html, Section, facts, figure, paragraph, table
 from .page_parts import margin_card
 from .robot_drawing import hero
-from .sweep_text import columns, counted, joint_name, safe_share, sentence, sureness, warnings
+from .robot_tables import MARKS
+from .sweep_text import columns, counted, joint_name, judged_columns, looked_at, safe_share, sentence, sureness, warnings
 
 CURVES = ((style.BLUE, "solid"), (style.VERMILION, "dash"), (style.GREEN, "dot"), (style.PURPLE, "dashdot"), (style.SKY, "longdash"))
 FEW = 6
@@ -25,13 +27,16 @@ FAR = 3.0
 """Times the margin that is asked for: limits that all lie further up have a picture without it."""
 
 
-def workspace_section(found: SweepSummary, title: str, said: str = "") -> Section:
-    """Everything about it in one section; `said`: the verdict, where it is not that of a sweep."""
+def workspace_section(found: SweepSummary, title: str, said: str = "", audited: AuditedWorkspace | None = None) -> Section:
+    """Everything about it in one section; `said`: the verdict, where it is not that of a sweep; `audited`: what else was judged there."""
     worst = found.worst
-    states = worst_states(found, 0).states if worst is not None else ()
+    states = () if worst is None else worst_states(found, 0).states if audited is None else audited.sample.states
     parts: list[Html] = [paragraph(" ".join([said or sentence(found), *sureness(found, None), *warnings(found)]))]
     if worst is not None:
         parts.append(facts(_numbers(found)))
+    if audited is not None and audited.sample.judged:
+        note = "" if audited.required else " Nothing of this is required of these gains: it is what is usual."
+        parts.append(judged_table(found, audited.sample, note))
     if any(len(one.spread) for one in found.contacts):
         parts.append(histogram(found))
     parts.append(table(*tabulated(columns(found), found.contacts)))
@@ -50,6 +55,12 @@ def workspace_card(found: SweepSummary) -> Card:
     return margin_card(asked, "gain_margin", worst.gain, note, label="gain margin, workspace")
 
 
+def judged_table(found: SweepSummary, sample: WorstStates, note: str = "") -> Html:
+    """Requirements besides the gain margin, with the worst that a sample of postures has."""
+    caption = f"{looked_at(found, sample)} Worst found and missed: among these; at random: how many of those chosen so miss it.{note}"
+    return table(*tabulated(judged_columns(found, sample), sample.judged), caption, MARKS)
+
+
 def _numbers(found: SweepSummary) -> list[tuple[str, str]]:
     worst = found.worst
     assert worst is not None
@@ -62,7 +73,7 @@ def _numbers(found: SweepSummary) -> list[tuple[str, str]]:
     return [
         (f"postures with {margin}", f"{safe_share(found)} of {counted(found.count)} limits"),
         ("worst posture", f"{angles}; mainly {joint_name(found, worst)}"),
-        ("judged here", "the gain margin alone: other requirements may fail in other postures"),
+        ("judged everywhere", "the gain margin alone: other requirements may fail in other postures"),
     ]
 
 

@@ -17,13 +17,14 @@ MOST, FEW = 60, 6
 def searched(summary: SweepSummary) -> SweptPosture | None:
     """The lowest limit that steps along single joints lead to, within the sweep's box; None where there is no sweep to begin from.
 
+    Where no common factor on the gains is stable in some posture, nothing lower is looked for.
     A pattern search (Kolda, Lewis and Torczon, SIAM Review 45, 2003): every joint up and down, the lowest is the next start, and where
     none is lower the step is halved. It finds a local minimum; of a grid and of samples alike.
     """
     plan = summary.plan
     low, high = plan.postures.low, plan.postures.high
     found = summary.worst
-    if found is None or not np.any(high > low):
+    if found is None or not found.gain > 0 or not np.any(high > low):
         return found
     for contact in summary.contacts:
         for start in contact.worst[:STARTS]:

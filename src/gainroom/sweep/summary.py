@@ -65,7 +65,7 @@ class SweptPosture:
 class ContactSummary:
     """A contact state in all postures and draws.
 
-    count        limits known to be finished; `unknown` of them have no gain, `uncertified` one that is not certified
+    count        limits known to be finished; `unknown` of them have no gain, `uncertified` one above 0 that is not certified
     unstable     with a gain of 1 or less, or a lower one above 1; `short` with less than the gain margin that is asked for, up or down
     unsafe       without that margin, a certificate, or a known limit
     lower        the highest factor below which gains that are stable become unstable when lowered; 0: none
@@ -88,12 +88,12 @@ class ContactSummary:
     joints: Integers
 
     def quantile(self, share: float) -> float:
-        """The gain below which `share` of those with a known one lie, to STEP; NaN where there are none."""
+        """The gain below which `share` of those with a known one lie, to STEP, 0 up to LOWEST; NaN where there are none."""
         known = np.cumsum(self.spread)
         if not len(known) or not known[-1]:
             return math.nan
         at = int(np.searchsorted(known, share * known[-1]))
-        return float(math.sqrt(self.edges[at] * self.edges[at + 1]))
+        return 0.0 if self.edges[at] <= LOWEST else float(math.sqrt(self.edges[at] * self.edges[at + 1]))
 
 
 @dataclass(frozen=True)
@@ -145,11 +145,11 @@ class SweepSummary:
 
     @property
     def scale(self) -> float:
-        """The factor on all gains with which the margin holds in every posture swept; NaN where a limit is not known."""
+        """The factor on all gains with which the margin holds in every posture swept; NaN where a limit is not known, or no factor does."""
         worst = self.worst
         unsure = self.unknown or self.uncertified or worst is None
         scale = math.nan if unsure or worst is None else worst.gain / self.margin
-        return math.nan if scale < self.lower * self.margin else scale
+        return scale if scale > 0 and scale >= self.lower * self.margin else math.nan
 
     @property
     def lower(self) -> float:
@@ -200,7 +200,7 @@ class _Part:
         counts = self._counts
         counts["count"] += task.size
         counts["unknown"] += int(np.count_nonzero(~known))
-        counts["uncertified"] += int(np.count_nonzero(known & ~limits.certified))
+        counts["uncertified"] += int(np.count_nonzero(~limits.certified[known] & (gain > 0)))
         lower = limits.lower[known]
         unstable = (gain <= 1) | (lower >= 1)
         short = (gain < self._margin) | (lower * self._margin > 1)
