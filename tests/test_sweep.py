@@ -365,19 +365,6 @@ def test_the_command_prints_and_keeps_its_results(arm, tmp_path, capsys):
     assert "vibration starts at" in capsys.readouterr().out
 
 
-def test_a_trajectory_is_swept_posture_by_posture(arm, tmp_path, capsys):
-    log = tmp_path / "walk.csv"
-    elbow = 0.1 + 0.5 * np.sin(0.1 * np.arange(60))
-    rows = "\n".join(f"{0.001 * k},{angle!r}" for k, angle in enumerate(elbow.tolist()))
-    log.write_text(f"time,motor_position_elbow\n{rows}\n")
-    store = tmp_path / "sweep.zarr"
-    assert main(["sweep", str(arm), "--trajectory", str(log), "--output", str(store), "--json"]) == 0
-    angles = open_sweep(store).angles.values
-    assert np.allclose(angles[:, 1], elbow, atol=1e-12)
-    assert np.all(angles[:, 0] == 0.4)  # shoulder, in the file's posture
-    assert json.loads(capsys.readouterr().out)["postures"] == "trajectory"
-
-
 def test_unstable_gains_are_status_1(arm, tmp_path, capsys):
     text = arm.read_text().replace("kp: 400.0, kd: 30.0", "kp: 4000.0, kd: 300.0")
     arm.write_text(text)

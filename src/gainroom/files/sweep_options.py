@@ -4,10 +4,11 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..errors import GainroomError, nearest
+from ..errors import GainroomError, first_of_many, nearest
 from ..linear.arrays import Floats
 from ..robot.body import RigidBody
 from ..robot.name_patterns import compile_pattern
@@ -15,6 +16,9 @@ from ..robot.robot import Robot
 from ..sweep.plan import SweepPlan, drawn
 from ..sweep.postures import Postures, followed, gridded, sampled
 from ..system.system import System
+
+if TYPE_CHECKING:
+    from .logs import Log
 
 POSITIONS = ("link_position", "motor_position")
 """Channels of a log that are a posture, the better one first."""
@@ -62,14 +66,33 @@ def sweep_plan(system: System, options: SweepOptions) -> SweepPlan:
     for name in contacts:
         if name not in robot.contacts:
             raise GainroomError(f"--contact: {name!r} is not one of this robot's{nearest(name, tuple(robot.contacts), 'contact')}")
-    postures = _postures(robot, options)
-    return SweepPlan(system, postures, contacts, drawn(system, options.draws, options.seed), options.seed)
+    notes: tuple[str, ...] = ()
+    if options.trajectory is not None:
+        postures, notes = _logged(robot, options.trajectory, options.posture)
+    else:
+        postures = _postures(robot, options)
+    return SweepPlan(system, postures, contacts, drawn(system, options.draws, options.seed), options.seed, notes=notes)
+
+
+def _logged(robot: Robot, path: Path, posture: str) -> tuple[Postures, tuple[str, ...]]:
+    """The postures of a log, and what of it was left out or is not in it."""
+    from .logs import read_log
+
+    body, log, notes = robot.body, read_log(path), []
+    columns = _positions(log, path)
+    found = followed(body, standing(robot, posture), columns, str(path))
+    if log.quality.cut:
+        cut = f"{log.quality.cut} of {log.quality.rows} rows are left out"
+        notes.append(f"{path}: {cut}: a number is missing or not finite, or their time does not rise")
+    missing = [name for name in body.joint_names if name not in columns]
+    if missing:
+        where = posture or next(iter(robot.postures))
+        notes.append(f"{path}: no positions of {first_of_many(missing)}; there as in posture {where}")
+    return found, tuple(notes)
 
 
 def _postures(robot: Robot, options: SweepOptions) -> Postures:
     body, base = robot.body, standing(robot, options.posture)
-    if options.trajectory is not None:
-        return followed(body, base, logged_positions(options.trajectory), str(options.trajectory))
     if options.grid:
         axes = {name: (values[0], values[1], _points(values[2])) for name, values in _by_joint("--grid", options.grid, body, 3).items()}
         return gridded(body, base, axes)
@@ -85,11 +108,8 @@ def standing(robot: Robot, posture: str = "") -> Floats:
     return robot.body.angles(robot.body.configuration(dict(found.angles)))
 
 
-def logged_positions(path: Path) -> dict[str, Floats]:
+def _positions(log: "Log", path: Path) -> dict[str, Floats]:
     """By joint the positions (k,) in a log [rad; m if prismatic]. Raises GainroomError where there are none."""
-    from .logs import read_log
-
-    log = read_log(path)
     found: dict[str, Floats] = {}
     for joint, channels in log.joints.items():
         for name in POSITIONS:

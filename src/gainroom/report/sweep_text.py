@@ -155,7 +155,7 @@ def _angles(found: SweepSummary, state: Any) -> dict[str, float]:
 
 def warnings(found: SweepSummary) -> list[str]:
     """What takes something away from the verdict."""
-    said = []
+    said = list(found.plan.notes)
     if found.unknown:
         said.append(
             f"{counted(found.unknown)} limits are not known: no certified answer was found there; these postures count as not safe."

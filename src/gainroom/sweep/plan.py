@@ -45,6 +45,7 @@ class SweepPlan:
 
     places   where in the system's uncertainty: NOMINAL first, then the draws
     chunk    postures of a task, but for the last; 0: as suits their number
+    notes    on where the postures come from: what of a log was left out
     """
 
     system: System
@@ -53,6 +54,7 @@ class SweepPlan:
     places: tuple[Place, ...] = (NOMINAL,)
     seed: int = 0
     chunk: int = 0
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.chunk:
