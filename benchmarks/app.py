@@ -15,6 +15,7 @@ from .table import Table
 
 MOVES = 120
 PACE = 1 / 30  # [s] between moves of the pointer
+SETTLED = 5.0  # [s] after which recommended gains and the finest curves are computed, too
 QUIET = 10.0  # [s] over which processor time at rest is taken
 READY = f"{ANSWERED} && document.querySelector('[data-area=stable]')"
 DONE = "() => gainroom.certified && !gainroom.busy"
@@ -57,7 +58,7 @@ def run(seed: int) -> Table:
     table.notes.append(
         f"{MOVES} moves of the pointer at {1 / PACE:.0f} Hz over the gain map, without a graphics card. From the pointer's event to the "
         "frame in which the verdict of just these gains stands; a move that a later one overtakes has no frame of its own and is not "
-        "counted. At rest: the server's processor time while the page is open and nothing is touched."
+        f"counted. At rest: the server's processor time while the page is open, from {SETTLED:g} s after the gains were let go."
     )
     return table
 
@@ -82,6 +83,7 @@ def _dragged(browser, file: Path) -> tuple[list[float], float]:
         latency = page.evaluate(LATENCY)
         page.mouse.up()
         page.wait_for_function(DONE, timeout=120_000)
+        time.sleep(SETTLED)
         before = _used(served.process.pid)
         time.sleep(QUIET)
         idle = 100 * (_used(served.process.pid) - before) / QUIET

@@ -1,7 +1,8 @@
 """Writes docs/gallery_sweeps.md and its pictures: public robots with public gains, swept over their joint ranges.
 
-Robots are those of the package example-robot-data; every number on the page is one that `gainroom sweep` prints for the file
-beside it. `python scripts/docs_sweeps.py NAME …` only looks at some of the robots, and writes nothing.
+Robots are those of the package example-robot-data, and one of robot_descriptions, which must be installed; every number on the
+page is one that `gainroom sweep` prints for the file beside it. `python scripts/docs_sweeps.py NAME …` only looks at some of the
+robots, and writes nothing.
 """
 
 import math
@@ -30,15 +31,18 @@ DELAYS = (2.0, 4.0)
 COLORS = {2.0: "#0072B2", 4.0: "#D55E00"}
 BINS = 60
 GITHUB = "https://github.com"
+DATA = "example-robot-data"
 Gains = dict[str, tuple[float, float, float]]
 
 
 @dataclass(frozen=True)
 class Case:
-    """A robot of example-robot-data; gains by joint pattern: kp [N m/rad], kd [N m s/rad], motor inertia at the joint [kg m²].
+    """A robot; gains by joint pattern: kp [N m/rad], kd [N m s/rad], motor inertia at the joint [kg m²].
 
-    ranges   in place of the model's joint limits, where these say nothing
-    source   where gains and inertias are from, as Markdown
+    file        of example-robot-data, or a name of robot_descriptions
+    source      where gains and inertias are from, as Markdown
+    ranges      in place of the model's joint limits, where these say nothing
+    gearbox     stiffness [N m/rad] and damping [N m s/rad] of every joint; None: rigid
     """
 
     title: str
@@ -50,12 +54,15 @@ class Case:
     source: str
     ranges: tuple[str, ...] = ()
     locked: tuple[str, ...] = ()
+    gearbox: tuple[float, float] | None = None
 
     def text(self, delay: float) -> str:
         """Its robot.yaml, with `delay` in ms."""
+        gearbox = {} if self.gearbox is None else {"default": dict(zip(("stiffness", "damping"), self.gearbox, strict=True))}
         data = {
-            "model": {"package": "example-robot-data", "file": self.file, "base": self.base},
+            "model": {**({"package": DATA} if "/" in self.file else {}), "file": self.file, "base": self.base},
             "joints": {
+                **gearbox,
                 **{pattern: {"motor_inertia": float(f"{inertia:.6g}")} for pattern, (_, _, inertia) in self.gains.items()},
                 "locked": [*self.locked],
             },
@@ -148,6 +155,43 @@ CASES = {
         "gains, rotor inertia and gear ratio of robot_properties_bolt's "
         f"[config.py]({GITHUB}/open-dynamic-robot-initiative/robot_properties_bolt/blob/master/src/robot_properties_bolt/config.py)",
         ranges=(".*=-3.14159:3.14159",),
+    ),
+    "berkeley": Case(
+        "Berkeley Humanoid",
+        "biped, 12 joints",
+        "berkeley_humanoid_description",
+        "floating",
+        {"double": ["LL_FOOT", "LR_FOOT"], "left": ["LL_FOOT"], "flight": []},
+        {
+            ".*_H(R|AA)": (10.0, 1.5, 9**2 * 6.9e-5),
+            ".*_HFE": (15.0, 1.5, 9**2 * 9.4e-5),
+            ".*_KFE": (15.0, 1.5, 9**2 * 1.5e-4),
+            ".*_FFE": (1.0, 0.1, 9**2 * 6.9e-5),
+            ".*_FAA": (1.0, 0.1, 9**2 * 6.1e-6),
+        },
+        f"the model of [robot_descriptions](https://pypi.org/project/robot_descriptions/); gains and armature of its authors' "
+        f"[berkeley_humanoid.py]({GITHUB}/HybridRobotics/isaac_berkeley_humanoid/blob/main/exts/berkeley_humanoid/berkeley_humanoid/"
+        "assets/berkeley_humanoid.py)",
+    ),
+    "talos": Case(
+        "PAL TALOS",
+        "the legs of a humanoid, 12 joints, with elastic gearboxes",
+        "talos_data/robots/talos_reduced.urdf",
+        "floating",
+        {"double": ["left_sole_link", "right_sole_link"], "left": ["left_sole_link"], "flight": []},
+        {
+            "leg_.*_1_joint": (5000.0, 20.0, 1.94),
+            "leg_.*_2_joint": (5000.0, 20.0, 2.11),
+            "leg_.*_[35]_joint": (5000.0, 20.0, 2.07),
+            "leg_.*_4_joint": (5000.0, 20.0, 4.05),
+            "leg_.*_6_joint": (5000.0, 20.0, 0.88),
+        },
+        "kp and kd (without ki) of the simulated robot's "
+        f"[joint_pos_ctrl_gains_sim.py]({GITHUB}/stack-of-tasks/talos-torque-control/blob/master/python/dynamic_graph/sot/torque_control/"
+        f"talos/joint_pos_ctrl_gains_sim.py); rotors, gear ratios and the nominal stiffness of 10 kN·m/rad of [talos_robot]({GITHUB}/"
+        "pal-robotics/talos_robot). The damping of the gearboxes is not public: 20 N·m·s/rad is assumed",
+        locked=("torso_.*", "arm_.*", "head_.*", "gripper_.*"),
+        gearbox=(1e4, 20.0),
     ),
 }
 
@@ -250,8 +294,9 @@ def spread(axes: Any, found: dict[float, Swept]) -> None:
 
 HEAD = f"""# Public robots, every posture
 
-What public gains leave over the whole workspace: robots of the package
-[example-robot-data](https://pypi.org/project/example-robot-data/) with gains that are public, swept by
+What public gains leave over the whole workspace: robots of the packages
+[example-robot-data](https://pypi.org/project/example-robot-data/) and
+[robot_descriptions](https://pypi.org/project/robot_descriptions/) with gains that are public, swept by
 `gainroom sweep` ([sweep.md](sweep.md)) in {SAMPLES} postures, spread evenly over the joints' ranges, in each contact
 state. Written by [scripts/docs_sweeps.py](../scripts/docs_sweeps.py), which has every gain and its source.
 
@@ -260,7 +305,8 @@ What is assumed, the same for all robots:
 - Delay from measurement to motor torque of {DELAYS[0]:g} and {DELAYS[1]:g} ms, kp and kd both behind it, and control at
   {RATE / 1000:g} kHz with the velocity from a backward difference. Unitree's motors run kp and kd on their own drives,
   with far less delay: these numbers are of the same gains run on a computer across a bus.
-- Gearboxes are rigid, and current loops infinitely fast: both optimistic. Elastic gearboxes leave less.
+- Gearboxes are rigid, but those of TALOS, whose stiffness is public; current loops are infinitely fast. Both are
+  optimistic: elastic gearboxes leave less.
 - No friction, no gravity stiffness; feet neither slip nor lift. Whether links collide and whether the robot could stand
   like that is not looked at.
 - Only the gain margin: the factor on all gains at which the robot starts to vibrate, in dB. Every limit is certified.
