@@ -80,9 +80,10 @@ class Tab:
         mouse.up()
 
 
-def open_tab(browser: Any, address: str, width: int = 1400, height: int = 1000) -> Tab:
-    """A new page at `address` in a context of its own."""
-    context = browser.new_context(viewport={"width": width, "height": height})
+def open_tab(browser: Any, address: str, width: int = 1400, height: int = 1000, moving: bool = False) -> Tab:
+    """A new page at `address` in a context of its own; `moving`: the robot does, which without a graphics card takes a core."""
+    motion = "no-preference" if moving else "reduce"
+    context = browser.new_context(viewport={"width": width, "height": height}, reduced_motion=motion)
     context.grant_permissions(["clipboard-read", "clipboard-write"])
     context.set_default_timeout(1000 * PATIENCE)
     return tab_in(context, address)

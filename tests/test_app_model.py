@@ -127,7 +127,7 @@ def colours(canvas: Any) -> int:
 
 def test_the_robot_is_drawn_and_can_be_held(browser: Any, leg: Path):
     with serving(leg, *OPTIONS) as own:
-        tab = open_tab(browser, own.address)
+        tab = open_tab(browser, own.address, moving=True)
         tab.settle(CERTIFIED)
         tab.page.get_by_text("Vibration at the gain limit").wait_for()
         canvas = tab.page.locator("#side canvas")
@@ -144,7 +144,7 @@ def test_the_robot_is_drawn_and_can_be_held(browser: Any, leg: Path):
 
 def test_a_run_is_played_on_the_robot_and_can_be_stopped(browser: Any, leg: Path):
     with serving(leg, *OPTIONS) as own:
-        tab = open_tab(browser, own.address)
+        tab = open_tab(browser, own.address, moving=True)
         tab.page.locator("#delay_ms").fill("1")
         tab.settle(CERTIFIED)
         tab.page.get_by_role("button", name="Shake it").click()

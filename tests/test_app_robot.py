@@ -76,6 +76,14 @@ def test_every_number_is_the_command_lines(tmp_path: Path):
         assert quick["mode"]["gain"] == pytest.approx(said["states"][0]["gain_limit"], rel=1e-9)
 
 
+def test_the_page_opens_on_the_joint_that_vibrates_first(tmp_path: Path):
+    """In the file's first state; what `gainroom robot` calls its limiting joint."""
+    said = command(tmp_path, TEXT)["states"][0]
+    view = bench_of(TEXT).opening()["view"]
+    assert (view["posture"], view["contact"]) == (said["posture"], said["contact"])
+    assert view["joint"] == said["limiting_joints"][0]
+
+
 VIEWS = (
     {"gains": {"left_knee": {"kp": 3100.5, "kd": 120.25}}, "delay_ms": 3.0},
     {"stiffness": 0.5, "posture": "crouch", "contact": "left", "sample_rate_hz": 2000},

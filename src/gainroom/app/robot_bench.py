@@ -118,13 +118,21 @@ class RobotBench:
                 "sample_rate_hz": 0 if rate is None else 1 / rate,
                 "posture": posture,
                 "contact": contact,
-                "joint": self._names[0],
+                "joint": self._names[0 if task else self._leading()],
                 "angles": {},
             },
             "needed": system.requirements.needed,
             "uncertain": list(system.uncertainty.names),
             "forms": ["yaml"] if task else ["yaml", "ros2_control", "mjcf"],
         }
+
+    def _leading(self) -> int:
+        """The joint that moves most in the vibration of the first state: the page opens on it."""
+        try:
+            _, limit = self._limited(View())
+        except GainroomError:  # said where the state is shown
+            return 0
+        return int(np.argmax(np.abs(limit.mode))) if limit is not None and np.isfinite(limit.frequency) else 0
 
     def text(self, view: View) -> str:
         changes = timing(self._data, self._system.delay, view)
@@ -267,24 +275,20 @@ class RobotBench:
         yield "heat", heat(study)
         use = robot_to_use(study)
         gains = self._recommended(study)
-        yield (
-            "use",
-            {
-                "heading": use.heading.replace("`", ""),
-                "lines": use.lines,
-                "remarks": [text.replace("`", "") for text in use.remarks],
-                "gains": gains,
-                "find": study.system.requirements.asked != () and not study.recommended,
-                "warnings": warnings(study) if study.recommended else [],
-            },
-        )
+        part = {
+            "heading": use.heading.replace("`", ""),
+            "lines": use.lines,
+            "remarks": [text.replace("`", "") for text in use.remarks],
+            "gains": gains,
+            "find": study.system.requirements.asked != () and not study.recommended,
+            "warnings": warnings(study) if study.recommended else [],
+        }
+        yield "use", part
 
     def found(self, view: View, told: Told) -> Iterator[Part]:
         study = study_robot(self.system(view), told)
         with self._lock:
-            self._found[self._plant(view)] = study
-            while len(self._found) > REMEMBERED:
-                self._found.popitem(last=False)
+            _remember(self._found, self._plant(view), study)
         yield from self.full(view, None, told)
 
     def shaken(self, view: View, told: Told) -> Iterator[Part]:

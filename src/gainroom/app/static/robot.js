@@ -50,6 +50,8 @@ export class RobotView {
     this.scene.add(sun);
     this.turn = new three.OrbitControls(this.camera, canvas);
     this.turn.enableZoom = true;
+    this.turned = false; // since it was drawn
+    this.turn.addEventListener("change", () => { this.turned = true; });
     this.group = new three.Group();
     this.scene.add(this.group);
     /** @type {any[]} */ this.links = [];
@@ -65,8 +67,10 @@ export class RobotView {
     this.build();
     let last = 0;
     const frame = (/** @type {number} */ now) => {
-      if (this.seen && !document.hidden && now - last > 33 && !busy()) { // while gains are dragged they go first
+      const moving = this.turned || (this.film ? this.film.runs : Boolean(this.part && this.part.re) && !this.still);
+      if (this.seen && !document.hidden && now - last > (moving ? 33 : 250) && !busy()) { // while gains are dragged they go first
         last = now;
+        this.turned = false;
         this.draw(now / 1000);
       }
       requestAnimationFrame(frame);
@@ -204,7 +208,7 @@ export class RobotView {
     const bar = Object.assign(document.createElement("p"), { className: "film" }), slider = document.createElement("input"), time = document.createElement("output"), back = document.createElement("button");
     Object.assign(slider, { type: "range", min: "0", max: String(film.ms.length - 1), value: "0", id: "film" });
     slider.setAttribute("aria-label", "Moment of the simulated run");
-    slider.addEventListener("input", () => { this.film.runs = false; });
+    slider.addEventListener("input", () => { this.film.runs = false; this.turned = true; });
     Object.assign(back, { textContent: "Critical mode", onclick: () => this.endFilm() });
     bar.append("Simulated run ", slider, time, back);
     this.note.before(bar);
