@@ -91,7 +91,10 @@ def test_results_are_labelled_and_are_those_of_gain_limit(arm, tmp_path):
     plan = small_plan(arm, 70, places=drawn(system, 3))
     ran(plan, tmp_path / "sweep.zarr", workers=1)
     found = open_sweep(tmp_path / "sweep.zarr")
-    assert dict(found.sizes) == {"draw": 4, "contact": 1, "posture": 70, "joint": 2}
+    assert list(found.sizes.items()) == [("draw", 4), ("contact", 1), ("posture", 70), ("joint", 2)]
+    assert list(found.data_vars) == [
+        "gain", "lower_gain", "frequency", "limiting_joint", "certified", "angles", "draw_delay", "draw_stiffness",
+    ]  # fmt: skip
     assert found.frequency.attrs["units"] == "rad/s"
     assert found.joint.values.tolist() == ["shoulder", "elbow"]
     assert found.attrs["gainroom"] == gr.__version__

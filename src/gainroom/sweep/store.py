@@ -113,13 +113,19 @@ class Store:
 def open_sweep(path: Path | str) -> "xarray.Dataset":
     """The results of `gainroom sweep --output PATH` as labelled arrays (draw, contact, posture), loaded when they are asked for.
 
+    Arrays and dimensions come in the order above, whatever order the disk lists files in.
+
     Raises GainroomError where there are none, and without the extra `sweep`.
     """
     path = Path(path)
     attributes(path)
     xarray = library("xarray")
     with _telling(path):
-        return xarray.open_zarr(path, consolidated=False)
+        found = xarray.open_zarr(path, consolidated=False)
+        first = [name for name in (*RESULTS, "angles") if name in found]
+        names = (*first, *sorted(set(found.data_vars) - set(first)))
+        labels = {name: found.variables[name] for name in sorted(found.coords)}
+        return xarray.Dataset({name: found.variables[name] for name in names}, labels, found.attrs)
 
 
 def attributes(path: Path) -> dict[str, Any]:
