@@ -28,7 +28,10 @@ def asked(capsys: pytest.CaptureFixture[str], *options: str, model: str = LEG) -
 
 
 def closed_form(joint: gr.ElasticJoint, kp: float, kd: float, delay: float) -> tuple[float, float, float]:
-    """Phase margin [rad], delay margin [s] and Ms of a stable loop, from where |L| = 1 on a dense grid."""
+    """Phase margin [rad], delay margin [s] and Ms of a stable loop, from where |L| = 1 on a dense grid.
+
+    Its steps of 1.6e-4 are a 60th of the sharpest resonance's half width, 1 % of its frequency: a parabola's top is met to 3e-5.
+    """
     J, load = joint.motor_inertia, joint.link_inertia
 
     def loop(omega: np.ndarray) -> np.ndarray:
@@ -36,12 +39,13 @@ def closed_form(joint: gr.ElasticJoint, kp: float, kd: float, delay: float) -> t
         spring = 1 / (joint.stiffness + joint.damping * s)
         return (kp + kd * s) * np.exp(-s * delay) * (load * s**2 * spring + 1) / (s**2 * (J * load * s**2 * spring + J + load))
 
-    omega = np.geomspace(1e-2, 1e5, 400_001)
-    size = np.log(np.abs(loop(omega)))
+    omega = np.geomspace(1e-2, 1e5, 100_001)
+    response = loop(omega)
+    size = np.log(np.abs(response))
     k = np.flatnonzero(np.diff(np.sign(size)) != 0)
     crossings = omega[k] + (omega[k + 1] - omega[k]) * size[k] / (size[k] - size[k + 1])
     phase = np.angle(-loop(crossings))
-    peak = 1 / np.abs(1 + loop(omega)).min()
+    peak = 1 / np.abs(1 + response).min()
     return float(np.abs(phase).min()), float(np.min((phase % (2 * math.pi)) / crossings)), float(peak)
 
 
