@@ -16,7 +16,7 @@ from gainroom.native import include_dir
 from test_crossings import KINDS
 
 SOURCES = Path(__file__).with_name("native")
-STRICT = ["-std=c++17", "-O1", "-ffp-contract=off", "-Wall", "-Wextra", "-Wpedantic", "-Werror"]
+STRICT = ["-std=c++17", "-Og", "-ffp-contract=off", "-Wall", "-Wextra", "-Wpedantic", "-Werror"]
 SANITIZED = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
 
 

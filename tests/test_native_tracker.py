@@ -12,7 +12,7 @@ import gainroom as gr
 from gainroom.native import _core, include_dir
 
 TESTS = Path(__file__).parent
-STRICT = ["-std=c++17", "-O1", "-ffp-contract=off", "-Wall", "-Wextra", "-Wpedantic", "-Werror"]
+STRICT = ["-std=c++17", "-Og", "-ffp-contract=off", "-Wall", "-Wextra", "-Wpedantic", "-Werror"]
 SANITIZED = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
 PERIOD = 5e-4
 
