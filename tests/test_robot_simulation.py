@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gainroom.analysis.margins import joint_margins
 from gainroom.cli import main
 from gainroom.files.logs import read_log
 from gainroom.files.robot_yaml import load_robot_system
 from gainroom.simulation.robot_simulation import RobotSimulation
-from gainroom.studies.simulation import simulate_study
+from gainroom.studies.simulation import LOWER, simulate_study
 from robot_files import ROBOT, SOLO, write_arm, written
 
 JOINT = ROBOT + "scenario: {duration: 1.0, move: {joint: elbow, by: 0.1, duration: 0.5}}\n"
@@ -180,3 +181,33 @@ def test_a_sole_of_a_point_is_refused(tmp_path: Path, capsys: pytest.CaptureFixt
     path = written(tmp_path, SOLO.replace("friction: 0.3}", "friction: 0.3, soles: {FL_FOOT: {length: 0.1}}}"))
     assert main(["simulate", str(path)]) == 2
     assert "scenario.ground.soles: 'FL_FOOT' is a point contact, which has no sole" in capsys.readouterr().err
+
+
+HELD = "{type: pd, feedback: motor, sample_rate_hz: 2000, kp: 400.0, kd: 30.0}"
+HELD_OTHERWISE = {
+    "joints": HELD,
+    "tasks": "{type: pd, space: task, feedback: motor, sample_rate_hz: 2000}",
+    "filter": HELD.replace("}", ", velocity_filter: {bandwidth: 900.0}}"),
+    "cascade": "{type: ppi, feedback: motor, sample_rate_hz: 2000, kp: 9.0, kv: 30.0, ki: 60.0}",
+}
+STRICT = """\
+limits: {gain_margin_db: 9, phase_margin_deg: 50, peak_sensitivity: 1.6}
+scenario: {duration: 0.05, friction: {viscous: 2.0}}
+"""
+
+
+@pytest.mark.parametrize("control", HELD_OTHERWISE.values(), ids=HELD_OTHERWISE)
+def test_margins_of_gains_to_try_are_those_of_the_loop(tmp_path: Path, control: str):
+    """Seen quickly, with every factor; and what is proposed is the largest of the factors looked at that is proved to have them all."""
+    text = ROBOT.replace(HELD, control) + STRICT
+    outcome = simulate_study(RobotSimulation.of(load_robot_system(write_arm(tmp_path, text))))
+    spec, asked = outcome.spec, outcome.spec.system.requirements
+    for factor in (0.2, 0.7, 1.0):
+        seen, whole = spec.seen_margins(factor), joint_margins(spec.loop(factor))
+        assert seen is not None
+        assert asked.shortfalls(seen) == pytest.approx(asked.shortfalls(whole), abs=1e-3)  # peaks of both lie where samples told them to
+    assert outcome.limit is not None
+    found, highest = outcome.gain_to_try, outcome.limit.gain / 10 ** (9 / 20)
+    tried = [share * highest for share in LOWER if not share * highest < 1.1 * found]  # found is rounded down
+    assert not any(asked.met_by(joint_margins(spec.loop(factor))) for factor in tried)
+    assert not found > 0 or asked.met_by(joint_margins(spec.loop(found)))

@@ -6,6 +6,8 @@ from functools import cached_property
 
 import numpy as np
 
+from ..analysis.margin_record import Margins
+from ..design.judged_cases import judged_margins
 from ..errors import GainroomError, named
 from ..linear.arrays import Floats
 from ..robot.ground import Footing, footings
@@ -13,7 +15,7 @@ from ..robot.model import RobotModel
 from ..robot.name_patterns import select
 from ..robot.robot import RobotScenario
 from ..system.loop import Loop
-from ..system.system import System
+from ..system.system import StateCase, System
 from .robot_run import stream_robot
 from .robot_setup import RobotSetup, channel_units, hold, robot_setup
 from .run_record import LOGGED, REFERENCE_SIGNAL, Run
@@ -105,6 +107,12 @@ class RobotSimulation(SimulationSpec):
     def loop(self, gain: float = 1.0) -> Loop:
         """With fixed contacts."""
         return self.system.loop(self.model).scaled(gain)
+
+    def seen_margins(self, gain: float) -> Margins | None:
+        if self.model.size == 1:
+            return None
+        scenario = self.system.scenario
+        return judged_margins(StateCase(scenario.posture, scenario.contact, "", self.system, self.model), gain)
 
     def at_rest(self, run: Run) -> slice:
         """Of a run that ended early, its second half."""

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..analysis.margin_record import Margins
 from ..errors import GainroomError
 from ..linear.state_space import split_delay
 from ..system.loop import Loop
@@ -114,6 +115,10 @@ class SimulationSpec:
     def loop(self, gain: float = 1.0) -> Loop:
         """The sampled linear loop with all gains times `gain`, the scenario's viscous friction part of it."""
         raise NotImplementedError
+
+    def seen_margins(self, gain: float) -> Margins | None:
+        """The margins that are required of that loop, as the core looks at them in milliseconds; None: all of them take no longer."""
+        return None
 
     def at_rest(self, run: Run) -> slice:
         """The rows after the last change of reference or disturbance."""

@@ -29,6 +29,8 @@ USUAL = REQUIREMENTS["gain_margin"].usual or 2.0
 """The gain margin that gains to try have where the file requires none."""
 LOWER = (1.0, 0.9, 0.7, 0.5, 0.3, 0.1, 0.03)
 """Of the gains that have the gain margin: where those are looked for that have what else is required."""
+PLAINLY = 1e-2
+"""A shortfall, in ln of a gain or a sensitivity or as part of a phase: ten times that by which a look's peak may be off."""
 
 Progress = Callable[[int, int, str], None]
 """Called with (steps done, steps in all, what comes next)."""
@@ -104,7 +106,14 @@ class Outcome:
         highest, lowest = self.gain * limit.gain / margin, self.gain * limit.lower_gain * margin
         tried = (rounded_down(share * highest) for share in LOWER if share * highest > lowest)
         others = [name for name in asked.asked if name != "gain_margin"]
-        return next((gain for gain in tried if not others or asked.met_by(margins_of(self.spec.loop(gain)))), math.nan)
+        return next((gain for gain in tried if not others or self._meets_all(gain)), math.nan)
+
+    def _meets_all(self, gain: float) -> bool:
+        """Whether the linear loop with this factor on the file's gains has what is required; what plainly misses it is only looked at."""
+        asked, seen = self.spec.system.requirements, self.spec.seen_margins(gain)
+        if seen is not None and seen.stable and PLAINLY < asked.shortfall(seen) < math.inf:
+            return False
+        return asked.met_by(margins_of(self.spec.loop(gain)))
 
     @property
     def completed(self) -> bool:
