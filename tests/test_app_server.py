@@ -74,7 +74,7 @@ NUMBERS = (
 )  # fmt: skip
 
 
-@pytest.mark.parametrize(("count", "limits"), [(200, "{}"), (4, USUAL)])
+@pytest.mark.parametrize(("count", "limits"), [(50, "{}"), pytest.param(200, "{}", marks=pytest.mark.population), (4, USUAL)])
 def test_every_number_is_the_command_lines(tmp_path: Path, count: int, limits: str):
     """The file is typed anew for the command line, so an edit that went wrong shows. Equal to the last bit: it is the same computation."""
     bench = bench_of(typed(limits))
