@@ -203,7 +203,7 @@ def runs_to_an_answer_or_a_line(random: Random, tmp_path: Path, capsys: pytest.C
 
 
 @pytest.mark.slow
-@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
 @given(random=RANDOMS)
 def test_mutated_files_run_to_an_answer_or_a_line(random: Random, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     runs_to_an_answer_or_a_line(random, tmp_path, capsys)
