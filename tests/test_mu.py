@@ -8,6 +8,7 @@ from scipy.optimize import minimize
 
 from draws import complex_normal
 from gainroom.analysis._mu import balanced, improved, largest, scaled, structured_singular_value
+from gainroom.native import _core
 
 
 @pytest.mark.parametrize("size", [2, 3])
@@ -50,6 +51,34 @@ def test_slycot_finds_the_same_upper_bound(size):
         assert 0.9 * found.upper < found.lower <= found.upper  # how good the power iteration is; no theorem
 
 
+@pytest.mark.parametrize("size", [4, 5, 7])
+def test_both_bounds_against_general_optimizers(size):
+    """From above: no D that a descent by differences finds is better. From below: no phases that a climb finds pass the bound."""
+    rng = np.random.default_rng([6, size])
+    for _ in range(3):
+        matrix = complex_normal(rng, size, size) * np.exp(rng.normal(size=(size, 1)))
+        found = structured_singular_value(matrix)
+        assert largest(scaled(matrix[None], found.scaling[None]))[0] == pytest.approx(found.upper, rel=1e-12)
+
+        def norm(x: np.ndarray, power: float, matrix: np.ndarray = matrix) -> float:
+            values = np.linalg.svd(scaled(matrix[None], np.append(0.0, x)[None])[0], compute_uv=False)
+            return np.log(values[0]) + np.log(np.sum((values / values[0]) ** power)) / power
+
+        x = np.zeros(size - 1)
+        for power in (8.0, 64.0, 512.0, 4096.0):
+            x = minimize(norm, x, args=(power,), method="BFGS").x
+        other = largest(scaled(matrix[None], np.append(0.0, x)[None]))[0]
+        assert found.upper <= other * (1 + 2e-7)  # the tolerance of ours
+        assert found.upper == pytest.approx(other, rel=3e-3)  # log(n)/4096, and differences that no longer tell where the descent goes
+
+        def radius(phases: np.ndarray, matrix: np.ndarray = matrix) -> float:
+            return np.abs(np.linalg.eigvals(matrix * np.exp(1j * np.append(0.0, phases)))).max()
+
+        climbs = [-minimize(lambda p: -radius(p), start, method="BFGS").fun for start in rng.uniform(-pi, pi, (8, size - 1))]
+        assert max(climbs) <= found.upper * (1 + 1e-9)
+        assert found.lower >= max(climbs) * (1 - 1e-2)  # how good the power iteration is; no theorem
+
+
 @pytest.mark.parametrize("size", [2, 5, 12, 32])
 def test_closed_forms(size):
     """Diagonal: the largest entry. u vᴴ: Σ|u_i v_i|. Unitary: 1. Upper triangular: the largest of the diagonal (D sends the rest to 0)."""
@@ -89,6 +118,24 @@ def test_symmetries(size):
     for other in same:
         assert structured_singular_value(other).upper == pytest.approx(mu, rel=5e-7)  # both within TOLERANCE of the least
     assert structured_singular_value(1e-7j * matrix).upper == pytest.approx(1e-7 * mu, rel=5e-7)
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: _core.balanced(np.ones((2, 3, 4), dtype=complex)),
+        lambda: _core.balanced(np.ones((2, 0, 0), dtype=complex)),
+        lambda: _core.improved(np.ones((2, 3, 3), dtype=complex), np.zeros((1, 3)), 1e-7),
+        lambda: _core.from_below(np.ones((2, 3), dtype=complex), 1.0),
+        lambda: _core.disk_peak(np.arange(3.0), np.ones((2, 2, 2), dtype=complex), lambda _: np.eye(2, dtype=complex)),
+        lambda: _core.disk_peak(np.arange(3.0), np.ones((3, 2, 2), dtype=complex), lambda _: np.eye(3, dtype=complex)),
+        lambda: _core.DiskModes(np.ones(2, dtype=complex), *[np.ones((1, 3), dtype=complex)] * 2, np.ones(3), np.ones(3), 0.0),
+        lambda: _core.DiskModes(np.ones(1, dtype=complex), *[np.ones((1, 3), dtype=complex)] * 2, np.ones(2), np.ones(3), 0.0),
+    ],
+)
+def test_shapes_that_do_not_fit(call):
+    with pytest.raises(ValueError, match=r"must be|do not fit"):
+        call()
 
 
 def test_many_at_once_are_as_good_as_one_by_one():

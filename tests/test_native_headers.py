@@ -59,6 +59,12 @@ def test_looks_at_random_and_hostile_coupled_loops_end(tmp_path: Path):
     assert int(ordinary) > 60
 
 
+def test_disk_margins_of_random_and_hostile_modes_end(tmp_path: Path):
+    """1 to 8 loops; none that is not finite is called bounded, all ordinary ones are."""
+    ordinary, _ = output(compiled("disks", tmp_path)).split()
+    assert int(ordinary) == 24
+
+
 @pytest.fixture(scope="module")
 def delays(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return compiled("delays", tmp_path_factory.mktemp("native"))

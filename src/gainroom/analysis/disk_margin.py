@@ -5,29 +5,28 @@ max|δ_i| = α = 2 / max_ω μ(S − T), μ the structured singular value for n 
 n = 1 this is min 2|1 + L|/|1 − L|. μ is bounded from above by σ_max of D (S − T) D⁻¹ and from below by δ that do lose the loops (_mu.py).
 
 The highest σ_max is found by sampling and polishing. Then intervals of ω are divided until on each of them, for some D, it provably stays
-within TOLERANCE of that (_disk_modes.py).
+within TOLERANCE of that. The core does both (disk_peak.hpp, disk_modes.hpp).
 """
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..errors import GainroomError
-from ..linear.arrays import Complexes, Floats, Integers, distinct
+from ..linear.arrays import Complexes, Floats, distinct
+from ..native import _core
 from ..system.loop import Loop
-from ._disk_modes import AGREEMENT, Expansion, Modes, expanded, opened_at_torques
-from ._mu import balanced, from_below, improved, largest, scaled
+from ._disk_modes import opened_at_torques
+from ._mu import balanced, from_below, largest, scaled
 from .stability import scan_loop
 
-TOLERANCE = 1e-3  # a peak between the sampled frequencies may be higher than the one reported by this share of it
+TOLERANCE = _core.DISK_TOLERANCE  # a peak between the sampled frequencies may be higher than the one reported by this share of it
 SCALAR_TOLERANCE = 1 / 0.99 - 1  # the same of the scan of one loop (crossings.py)
-SAMPLES, CHECKS = 100, 12  # of S − T: from which the search for the peak starts; at which the modes are checked
+SAMPLES, CHECKS = 60, 12  # of S − T: from which the search for the peak starts; at which the modes are checked
 DROWNED = 1e13  # condition number of I + L from which its inverse is round-off: where it matters it is above 1e14, else below 1e11
-MOST_TRIED, MOST_POLISHED = 48, 4  # samples whose D is improved, local peaks that are climbed
-RUNGS = 60  # intervals that the certificate starts from
-INTERVALS_AT_ONCE, MOST_INTERVALS = 128, 5_000  # bounds of memory and of time
+MOST_INTERVALS = 5_000  # bound of time
 LARGEST_RISE, LEAST_DISTANCE = (
     0.05,
     1e-6,
@@ -86,12 +85,11 @@ def disk_margin(loop: Loop) -> MultiLoopDisk:
         raise np.linalg.LinAlgError("the slowest motions are lost in round-off")
     if not opened.agrees(modes, omega[SAMPLES // CHECKS :: SAMPLES // CHECKS]):
         return disk_margin_of(opened.response, omega[1:])
-    peak = _peak_from(modes.matrices, omega, (0.0, modes.last))
-    if not modes.sample_time and peak.height < 1:
-        peak = _Peak(1.0, math.inf, np.zeros(loop.size))  # L → 0: S − T → I
-    peak, bound = _bounded(modes, peak, omega[1])
-    at_peak = np.eye(loop.size, dtype=complex) if math.isinf(peak.omega) else modes.matrices(np.array([peak.omega]))[0]
-    return _result(at_peak, peak, max(bound / peak.height - 1, 0.0))
+    (height, place, x), bound = modes.core.search(omega, MOST_INTERVALS)
+    if not len(x):
+        raise np.linalg.LinAlgError("S − T is not finite")
+    at_peak = np.eye(loop.size, dtype=complex) if math.isinf(place) else modes.matrices(np.array([place]))[0]
+    return _result(at_peak, height, place, x[:, 0], max(bound / height - 1, 0.0))
 
 
 def _drowned(matrix: Complexes) -> bool:
@@ -125,8 +123,8 @@ def disk_margin_of(response: Response, omega: Floats) -> MultiLoopDisk:
         if not rough.any() or len(points) > MOST_INTERVALS:
             break
         points = np.sort(np.append(points, 0.5 * (points[1:] + points[:-1])[rough]))
-    peak = _peak_from(matrices, points, (float(points[0]), float(points[-1])))
-    return _result(matrices(np.array([peak.omega]))[0], peak, math.inf)
+    height, place, x = _core.disk_peak(points, values, lambda one: matrices(np.array([one]))[0])
+    return _result(matrices(np.array([place]))[0], height, place, x[:, 0], math.inf)
 
 
 def _of_one(loop: Loop) -> MultiLoopDisk:
@@ -139,116 +137,14 @@ def _of_one(loop: Loop) -> MultiLoopDisk:
     return MultiLoopDisk(margin, margin / (1 + gap), least, omega, np.ones(1), factor, scan.certified, gap)
 
 
-def _result(matrix: Complexes, peak: "_Peak", gap: float) -> MultiLoopDisk:
-    """The record, from S − T (n, n) at the peak and from how much higher σ_max may be elsewhere."""
-    lower, phases = from_below(scaled(matrix[None], peak.x[None])[0])
+def _result(matrix: Complexes, height: float, omega: float, x: Floats, gap: float) -> MultiLoopDisk:
+    """The record, from S − T (n, n) at the peak, where D = e^x makes σ_max `height`, and from how much higher σ_max may be elsewhere."""
+    lower, phases = from_below(scaled(matrix[None], x[None])[0], height)
     radius = 2 / lower if lower > 0 else math.inf
     with np.errstate(divide="ignore", invalid="ignore"):
         # M diag(q) has an eigenvalue β with |β| = `lower`, so δ = 2 q/β makes det(I − M diag(δ)/2) vanish
         values = np.linalg.eigvals(matrix * phases)
         delta = 2 * phases / values[np.argmax(np.abs(values))]
         factors = (2 + delta) / (2 - delta)
-    margin, proved = min(2 / peak.height, 2.0), min(2 / (peak.height * (1 + gap)), 2.0)
-    return MultiLoopDisk(margin, proved, max(radius, margin), peak.omega, np.exp(peak.x), factors, gap <= TOLERANCE * (1 + 1e-9), gap)
-
-
-@dataclass(frozen=True)
-class _Peak:
-    """The least σ_max(D (S − T) D⁻¹) over D = e^x, x (n,), at ω [rad/s]."""
-
-    height: float
-    omega: float
-    x: Floats
-
-
-def _peak_from(matrices: Response, omega: Floats, ends: tuple[float, float]) -> _Peak:
-    """The highest peak that samples at `omega` (k,), rising, lead to."""
-    values = matrices(omega)
-    x = balanced(values)
-    heights = largest(scaled(values, x))
-    top = np.argsort(-heights)[:MOST_TRIED]
-    top = top[heights[top] > 0.9 * heights[top[0]]]
-    x[top], heights[top] = improved(values[top], x[top], TOLERANCE)
-    around = np.concatenate([[0.0], heights, [0.0]])
-    local = np.flatnonzero((heights >= around[:-2]) & (heights >= around[2:]) & (heights > 0.97 * heights.max()))
-    local = local[np.argsort(-heights[local])][:MOST_POLISHED]
-    step = 0.5 * np.gradient(omega)
-    found = [_polished(matrices, _Peak(float(heights[k]), float(omega[k]), x[k]), float(step[k]), ends) for k in local]
-    return max(found, key=lambda peak: peak.height)
-
-
-def _polished(matrices: Response, start: _Peak, step: float, ends: tuple[float, float]) -> _Peak:
-    """The local peak next to `start`, by parabolas through three points that draw together."""
-    best, omega = replace(start, height=0.0), start.omega
-    for _ in range(25):
-        points = np.clip(omega + step * np.array([-1.0, 0.0, 1.0]), *ends)
-        x, heights = improved(matrices(points), np.repeat(best.x[None], 3, axis=0), 0.1 * AGREEMENT)
-        highest = int(np.argmax(heights))
-        if heights[highest] > best.height:
-            best = _Peak(float(heights[highest]), float(points[highest]), x[highest])
-        if best.height - heights.min() <= AGREEMENT * best.height:
-            break
-        if highest != 1 and ends[0] < points[highest] < ends[1]:
-            omega, step = float(points[highest]), 1.5 * step
-            continue
-        fall, bend = float(heights[0] - heights[2]), float(heights[0] - 2 * heights[1] + heights[2])
-        omega = best.omega + (0.5 * step * fall / bend if highest == 1 and bend < 0 else 0.0)
-        step /= 8
-    return best
-
-
-def _bounded(modes: Modes, peak: _Peak, lowest: float) -> tuple[_Peak, float]:
-    """The peak, higher if a higher one turned up, and a bound of σ_max, each time with some D, over all frequencies."""
-    bound = peak.height if modes.sample_time else max(peak.height, 1 + TOLERANCE)
-    end = modes.last if modes.sample_time else modes.end(bound)
-    if math.isinf(end):
-        return peak, math.inf
-    edges = np.append(0.0, np.geomspace(min(lowest, 0.5 * end), end, RUNGS))
-    low, high, x = edges[:-1], edges[1:], np.full((RUNGS, len(modes.delays)), np.nan)
-    count = 0
-    while len(low) and count < MOST_INTERVALS:
-        now, later = slice(-INTERVALS_AT_ONCE, None), slice(0, -INTERVALS_AT_ONCE)
-        expansion = expanded(modes, low[now], high[now])
-        peak, mine, rest, x_now = _judged(modes, expansion, peak, x[now])
-        count += len(mine)
-        allowed = peak.height * (1 + TOLERANCE)
-        bound = max(bound, float(mine[mine <= allowed].max(initial=0.0)))
-        left = np.flatnonzero(mine > allowed)
-        parts = _parts(mine[left], rest[left], allowed)
-        owner = np.repeat(left, parts)
-        place = np.arange(len(owner)) - np.repeat(np.cumsum(parts) - parts, parts)
-        width = 2 * expansion.half[owner] / np.repeat(parts, parts)
-        begin = low[now][owner] + place * width
-        low, high = np.append(low[later], begin), np.append(high[later], begin + width)
-        x = np.concatenate([x[later], x_now[owner]])
-    return peak, math.inf if len(low) else bound
-
-
-def _judged(modes: Modes, expansion: Expansion, peak: _Peak, x: Floats) -> tuple[_Peak, Floats, Floats, Floats]:
-    """The peak, the bounds of σ_max on the intervals and their remainders (k,), and the scalings x (k, n) behind them.
-
-    Rows of x that are not known come as NaN. Only where the bound fails for want of a good D is D improved.
-    """
-    fresh = np.isnan(x[:, 0])
-    x = x.copy()
-    x[fresh] = balanced(expansion.matrices[0][fresh])
-    allowed = peak.height * (1 + TOLERANCE)
-    bound, rest = expansion.bounds(np.arange(len(x)), x, allowed)
-    again = np.flatnonzero((bound > allowed) & (rest < 0.3 * allowed))
-    if len(again):
-        x[again], heights = improved(expansion.matrices[0][again], x[again], 0.01 * TOLERANCE)
-        best = int(np.argmax(heights))
-        if heights[best] > peak.height * (1 + 0.03 * TOLERANCE):
-            where = again[best]
-            start = _Peak(float(heights[best]), float(expansion.middle[where]), x[where])
-            peak = max(peak, _polished(modes.matrices, start, float(expansion.half[where]), (0.0, modes.last)), key=lambda one: one.height)
-        bound[again], rest[again] = expansion.bounds(again, x[again], 0.0)
-    return peak, bound, rest, x
-
-
-def _parts(bound: Floats, rest: Floats, allowed: float) -> Integers:
-    """Into how many an interval is divided: the remainder falls with the cube of the width."""
-    known = np.isfinite(rest)
-    rest = np.where(known, rest, 0.0)
-    slack = np.maximum(allowed - np.where(known, bound, 0.0) + rest, 0.02 * allowed)
-    return np.clip(np.where(known, np.ceil(np.cbrt(2 * rest / slack)), 4), 2, 5).astype(int)
+    margin, proved = min(2 / height, 2.0), min(2 / (height * (1 + gap)), 2.0)
+    return MultiLoopDisk(margin, proved, max(radius, margin), omega, np.exp(x), factors, gap <= TOLERANCE * (1 + 1e-9), gap)

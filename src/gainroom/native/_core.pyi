@@ -4,10 +4,13 @@ Arrays that are read are copied unless they are contiguous and of doubles (integ
 Shapes that do not fit raise ValueError. What the functions compute is said in include/gainroom/*.hpp.
 """
 
+from collections.abc import Callable
+
 from ..linear.arrays import Booleans, Complexes, Floats, Integers
 
 FLOOR: float
 LOWEST_FLOOR: float
+DISK_TOLERANCE: float
 
 def scan(
     zeros: Complexes, poles: Complexes, gain: float, delay: float, sample_time: float, with_peaks: bool
@@ -272,3 +275,35 @@ class Look:
     def crossings(self, gains: Floats, locus: bool, axis: bool, reach: float) -> tuple[Floats, Floats]: ...
     def peaks(self, gains: Floats, least: float, slope: float, offset: float) -> tuple[Floats, Floats]: ...
     def ends(self, gains: Floats, locus: bool, reach: float) -> tuple[Floats, Floats]: ...
+
+def balanced(matrices: Complexes) -> Floats:
+    """x (k, n) of matrices (k, n, n), as structured_value.hpp."""
+
+def improved(matrices: Complexes, start: Floats, tolerance: float) -> tuple[Floats, Floats]:
+    """x (k, n) and σ_max (k, 1) of matrices (k, n, n), from `start` (k, n)."""
+
+def from_below(matrix: Complexes, enough: float) -> tuple[float, Complexes]:
+    """The largest |eigenvalue| found of M diag(q), and q (n, 1); the search ends at `enough`."""
+
+def disk_peak(omega: Floats, samples: Complexes, response: Callable[[float], Complexes]) -> tuple[float, float, Floats]:
+    """As disk_peak.hpp, from samples (k, n, n) of S − T at omega (k,), rising: σ_max, its ω, and x (n, 1)."""
+
+class DiskModes:
+    """As disk_modes.hpp: poles (m,), into (m, n), out (m, n), delays and share (n,), step [s]."""
+
+    def __init__(self, poles: Complexes, into: Complexes, out: Complexes, delays: Floats, share: Floats, step: float) -> None: ...
+    def matrices(self, omega: Floats) -> Complexes:
+        """X Y⁻¹ (k, n²) at omega (k,)."""
+
+    def distances(self, low: Floats, high: Floats) -> Floats:
+        """(k, m) the least |v − p| for ω in [low, high] (k,)."""
+
+    def bounds(self, low: Floats, high: Floats, x: Floats, enough: float) -> tuple[Complexes, Floats]:
+        """Of intervals (k,) with x (k, n): M0, M1, M2 (k, 3 n²); what σ_max stays below, and the remainder (k, 2)."""
+
+    def end(self, height: float) -> float: ...
+    def search(self, omega: Floats, most: int) -> tuple[tuple[float, float, Floats], float]:
+        """The peak (σ_max, ω, x (n, 1); none: x (0, 1)) from samples at omega (k,), rising from 0, and a bound of σ_max over all ω.
+
+        The bound is infinite where `most` intervals are not enough for it.
+        """

@@ -9,6 +9,7 @@ void bind_identification(nb::module_& m);
 void bind_coupled(nb::module_& m);
 void bind_tracker(nb::module_& m);
 void bind_look(nb::module_& m);
+void bind_disk(nb::module_& m);
 
 NB_MODULE(_core, m) {
     m.doc() = "gainroom's C++ core; see src/gainroom/native/include/gainroom.";
@@ -18,4 +19,5 @@ NB_MODULE(_core, m) {
     bind_coupled(m);
     bind_tracker(m);
     bind_look(m);
+    bind_disk(m);
 }
