@@ -36,6 +36,7 @@ FLAGS = ("", "posture", "contact", "too few constraints")
 PREPARED = 3
 """Every so many ticks another contact state is made ready for a switch."""
 UNIT_QUATERNION = 1e-3
+DOUBLE = np.dtype(float)
 
 
 class TrackedLimit(NamedTuple):
@@ -98,7 +99,7 @@ class GainTracker:
         """(2, n) kp and kd that the limits are factors on."""
         body = robot.body
         self._pin, self._model, self._data = library("pinocchio", "Pinocchio"), body.model, body.model.createData()
-        self._nq, self._floating = body.nq, body.base == "floating"
+        self._shape, self._floating = (body.nq,), body.base == "floating"
         self._world, self._local = self._pin.Convention.WORLD, self._pin.ReferenceFrame.LOCAL
         self._share = 1.0 / ((system.requirements if limits is None else limits).gain_margin or 1.0)
         held = [robot.contacts[name] for name in names]
@@ -120,15 +121,17 @@ class GainTracker:
         state = self._states.get(contact)
         if state is None:
             return self._flagged(3 if contact in self._loose else 2)
-        if not (isinstance(q, np.ndarray) and q.dtype == np.float64 and q.shape == (self._nq,)):
+        if not (type(q) is np.ndarray and q.dtype is DOUBLE and q.shape == self._shape):
             try:
                 q = np.array(q, dtype=float)
             except (TypeError, ValueError):
                 return self._flagged(1)
-            if q.shape != (self._nq,):
+            if q.shape != self._shape:
                 return self._flagged(1)
-        if self._floating and not abs(q[3] * q[3] + q[4] * q[4] + q[5] * q[5] + q[6] * q[6] - 1.0) < UNIT_QUATERNION:
-            return self._flagged(1)
+        if self._floating:
+            x, y, z, w = q[3:7].tolist()
+            if not abs(x * x + y * y + z * z + w * w - 1.0) < UNIT_QUATERNION:
+                return self._flagged(1)
         self._pin.crba(self._model, self._data, q, self._world)
         found = self._core.update(self._data.M, self._jacobians(state), state.number)
         self._ticks += 1

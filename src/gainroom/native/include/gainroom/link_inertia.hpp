@@ -1,7 +1,9 @@
 // What n joints feel of the links that they move, in one posture on rigid contacts: W = S (A⁻¹ − A⁻¹Jᵀ(J A⁻¹Jᵀ)⁺J A⁻¹) Sᵀ.
 //
 // A (N, N) is the mass matrix of all velocities, of which the joints are the last n, and J (c, N) holds the contact directions, of any
-// rank. With A = L Lᵀ, Y = L⁻¹Sᵀ and Q an orthonormal basis of the columns of L⁻¹Jᵀ, W = YᵀY − (QᵀY)ᵀ(QᵀY). Inner loops run along rows.
+// rank. With A = RᵀR, Y = R⁻ᵀSᵀ and Q an orthonormal basis of the columns of R⁻ᵀJᵀ, W = YᵀY − (QᵀY)ᵀ(QᵀY). R is lower triangular, so
+// that limbs are eliminated before the base: their rows stay as sparse as the tree is (Featherstone 2005), and zeros are passed over.
+// Inner loops run along rows.
 #pragma once
 
 #include <cmath>
@@ -30,8 +32,8 @@ inline void subtract(double* from, double factor, const double* what, std::size_
 class LinkInertia {
 public:
     LinkInertia(std::size_t velocities, std::size_t joints, std::size_t rows)
-        : velocities_(velocities), joints_(joints), most_(rows), root_(velocities * velocities), pivots_(velocities), reach_(velocities * joints),
-          held_(rows * velocities), taken_(rows * joints), free_(joints * joints) {}
+        : velocities_(velocities), joints_(joints), most_(rows), root_(velocities * velocities), pivots_(velocities),
+          reach_(velocities * joints), held_(rows * velocities), shares_(rows), taken_(rows * joints), free_(joints * joints) {}
 
     std::size_t velocities() const { return velocities_; }
     std::size_t joints() const { return joints_; }
@@ -44,15 +46,17 @@ public:
         known_ = count <= most_ && factor(mass);
         if (!known_) return false;
         for (std::size_t k = 0; k < size * joints_; k++) reach_[k] = 0.0;
-        for (std::size_t k = base; k < size; k++) {  // row k of Y: joints up to k − base
-            double* row = &reach_[k * joints_];
-            const std::size_t width = k - base + 1;
-            row[width - 1] = 1.0;
-            for (std::size_t j = 0; j < width; j++) row[j] *= pivots_[k];
-            for (std::size_t i = k + 1; i < size; i++) subtract(&reach_[i * joints_], root_[k * size + i], row, width);
-        }
+        for (std::size_t k = base; k < size; k++) reach_[k * joints_ + k - base] = 1.0;
         for (double& entry : free_) entry = 0.0;
-        for (std::size_t k = base; k < size; k++) add_square(free_.data(), &reach_[k * joints_], k - base + 1, -1.0);
+        for (std::size_t k = size; k-- > 0;) {  // row k of Y: joints from `first` on
+            const std::size_t first = k > base ? k - base : 0;
+            double* row = &reach_[k * joints_];
+            for (std::size_t j = first; j < joints_; j++) row[j] *= pivots_[k];
+            for (std::size_t i = 0; i < k; i++)
+                if (const double factor = root_[k * size + i]; factor != 0.0)
+                    subtract(&reach_[i * joints_ + first], factor, row + first, joints_ - first);
+            add_square(free_.data(), row, first, -1.0);
+        }
         return hold(rows, count, inverse);
     }
 
@@ -63,10 +67,13 @@ public:
         for (std::size_t r = 0; r < rank; r++) {
             double* row = &taken_[r * joints_];
             for (std::size_t j = 0; j < joints_; j++) row[j] = 0.0;
-            for (std::size_t k = base; k < size; k++) subtract(row, -held_[r * size + k], &reach_[k * joints_], k - base + 1);
+            for (std::size_t k = 0; k < size; k++) {
+                const std::size_t first = k > base ? k - base : 0;
+                subtract(row + first, -held_[r * size + k], &reach_[k * joints_ + first], joints_ - first);
+            }
         }
         for (std::size_t k = 0; k < joints_ * joints_; k++) inverse[k] = free_[k];
-        for (std::size_t r = 0; r < rank; r++) add_square(inverse, &taken_[r * joints_], joints_, 1.0);
+        for (std::size_t r = 0; r < rank; r++) add_square(inverse, &taken_[r * joints_], 0, 1.0);
         double sum = 0.0;
         for (std::size_t i = 0; i < joints_; i++)
             for (std::size_t j = 0; j <= i; j++) {
@@ -77,32 +84,33 @@ public:
     }
 
 private:
-    // Lᵀ row by row, from the upper triangle.
+    // R row by row, from the upper triangle.
     bool factor(const double* mass) {
         const std::size_t size = velocities_;
         for (std::size_t i = 0; i < size; i++)
-            for (std::size_t j = i; j < size; j++) root_[i * size + j] = mass[i * size + j];
-        for (std::size_t k = 0; k < size; k++) {
+            for (std::size_t j = i; j < size; j++) root_[j * size + i] = mass[i * size + j];
+        for (std::size_t k = size; k-- > 0;) {
             double* row = &root_[k * size];
             if (!(row[k] > 1e-15 * mass[k * size + k])) return false;
             row[k] = std::sqrt(row[k]);
             const double pivot = pivots_[k] = 1.0 / row[k];
-            for (std::size_t j = k + 1; j < size; j++) row[j] *= pivot;
-            for (std::size_t i = k + 1; i < size; i++) subtract(&root_[i * size + i], row[i], row + i, size - i);
+            for (std::size_t j = 0; j < k; j++) row[j] *= pivot;
+            for (std::size_t i = 0; i < k; i++)
+                if (row[i] != 0.0) subtract(&root_[i * size], row[i], row, i + 1);
         }
         return true;
     }
 
-    // Columns of L⁻¹Jᵀ as rows of held_, orthonormal (Gram and Schmidt, twice); how many are left.
+    // Columns of R⁻ᵀJᵀ as rows of held_, orthonormal (Gram and Schmidt, twice); how many are left.
     std::size_t orthonormal(const double* rows, std::size_t count) {
         const std::size_t size = velocities_;
         double largest = 0.0;
         for (std::size_t r = 0; r < count; r++) {
             double* row = &held_[r * size];
             for (std::size_t k = 0; k < size; k++) row[k] = rows[r * size + k];
-            for (std::size_t k = 0; k < size; k++) {
+            for (std::size_t k = size; k-- > 0;) {
                 row[k] *= pivots_[k];
-                subtract(row + k + 1, row[k], &root_[k * size + k + 1], size - k - 1);
+                if (row[k] != 0.0) subtract(row, row[k], &root_[k * size], k);
             }
             largest = std::fmax(largest, std::sqrt(scalar_product(row, row, size)));
         }
@@ -124,18 +132,26 @@ private:
     }
 
     // Takes the first `rank` rows of held_ out of `row`; its size then.
-    double project(double* row, std::size_t rank) const {
+    double project(double* row, std::size_t rank) {
         const std::size_t size = velocities_;
-        for (std::size_t m = 0; m < rank; m++) subtract(row, scalar_product(row, &held_[m * size], size), &held_[m * size], size);
+        for (std::size_t m = 0; m < rank; m++) shares_[m] = scalar_product(row, &held_[m * size], size);  // none waits for another
+        std::size_t m = 0;
+        for (; m + 2 <= rank; m += 2) {
+            const double *one = &held_[m * size], *two = one + size, p = shares_[m], q = shares_[m + 1];
+            for (std::size_t k = 0; k < size; k++) row[k] -= p * one[k] + q * two[k];
+        }
+        if (m < rank) subtract(row, shares_[m], &held_[m * size], size);
         return std::sqrt(scalar_product(row, row, size));
     }
 
-    void add_square(double* inverse, const double* row, std::size_t width, double sign) const {
-        for (std::size_t i = 0; i < width; i++) subtract(inverse + i * joints_, sign * row[i], row, i + 1);
+    // The lower triangle of sign · row rowᵀ is taken from `inverse`; the row begins at `first`.
+    void add_square(double* inverse, const double* row, std::size_t first, double sign) const {
+        for (std::size_t i = first; i < joints_; i++)
+            if (row[i] != 0.0) subtract(inverse + i * joints_ + first, sign * row[i], row + first, i + 1 - first);
     }
 
     std::size_t velocities_, joints_, most_;
-    std::vector<double> root_, pivots_, reach_, held_, taken_, free_;  // free_: W without contacts, its lower triangle
+    std::vector<double> root_, pivots_, reach_, held_, shares_, taken_, free_;  // free_: W without contacts, its lower triangle
     bool known_ = false;
 };
 

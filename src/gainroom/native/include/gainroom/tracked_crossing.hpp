@@ -39,7 +39,7 @@ public:
     // only be `rough`, true as soon as its mode is within that, and gain and frequency within the square.
     bool follow(const double* w, TrackedCrossing& crossing, int steps, double& work, bool rough = false) {
         double last = 1.0, step_size = 1.0;
-        crossing.converged = false;
+        crossing.converged = current_ = false;
         for (int k = 0; k < steps; k++) {
             const double residual = balance(w, crossing, step_size);
             work += kBalance;
@@ -112,6 +112,8 @@ private:
     static constexpr std::size_t kKept = 4;
     static constexpr double kBalance = 0.3, kFactor = 0.7;  // work
     static constexpr double kResidual = 1e-7, kRough = 1e-3, kSmall = 1e-5, kOld = 1e-5;
+    static constexpr double kExact = 1e-6;   // of ω and g: a step so small changes β as its slope says; what is left is of its square
+    static constexpr double kBeside = 1e-7;  // of g, beside the root, where nothing is singular
 
     struct Factors {
         SymmetricFactor factor;
@@ -124,20 +126,33 @@ private:
         return nullptr;
     }
 
-    // In place of those that have not been used for the longest.
-    Factors& fresh(const double* w, double omega, double gain) {
-        Factors* oldest = &factors_[0];
+    // Those that have not been used for the longest.
+    Factors& oldest() {
+        Factors* found = &factors_[0];
         for (Factors& one : factors_)
-            if (one.used < oldest->used) oldest = &one;
+            if (one.used < found->used) found = &one;
+        return *found;
+    }
+
+    Factors& fresh(const double* w, double omega, double gain) {
+        Factors& found = oldest();
         laws_.at(omega, gain, values_.data());
-        oldest->factor.factor(w, values_.data());
-        oldest->of = 0;
-        return *oldest;
+        current_ = false;
+        return factored(w, found);
+    }
+
+    Factors& factored(const double* w, Factors& found) {
+        found.factor.factor(w, values_.data());
+        found.of = 0;
+        return found;
     }
 
     Factors& refactored(const double* w, TrackedCrossing& crossing) {
         if (Factors* own = factors_of(crossing)) own->used = 0;
-        Factors& found = fresh(w, crossing.omega, crossing.gain * (1.0 + 1e-7));  // beside the root, where nothing is singular
+        if (!near_) laws_.at(crossing.omega, crossing.gain, values_.data());
+        for (JointValue& value : values_) value.beta += kBeside * crossing.gain * value.beta_gain;
+        Factors& found = factored(w, oldest());
+        for (JointValue& value : values_) value.beta -= kBeside * crossing.gain * value.beta_gain;
         crossing.factored = found.of = ++uses_;
         return found;
     }
@@ -155,8 +170,10 @@ private:
         }
         for (std::size_t i = 0; i < n; i++) moved_[i] = Complex(re[i], im[i]);
         for (std::size_t i = 0; i < n; i++) inertia += times(moved_[i], x[i]);
+        near_ = false;
         for (int k = 0; k < 4; k++) {
-            laws_.at(crossing.omega, crossing.gain, values_.data());
+            if (!current_) laws_.at(crossing.omega, crossing.gain, values_.data());
+            current_ = false;
             Complex f = inertia, slope = 0.0, by_gain = 0.0;
             for (std::size_t i = 0; i < n; i++) {
                 const Complex square = times(x[i], x[i]);
@@ -179,6 +196,8 @@ private:
             if (k == 0) step_size = size;
             if (size < kSmall) {  // what the next step would change is of its square
                 for (std::size_t i = 0; i < n; i++) values_[i].beta += d_omega * values_[i].beta_omega + d_gain * values_[i].beta_gain;
+                near_ = true;
+                current_ = size < kExact;
                 break;
             }
         }
@@ -212,6 +231,7 @@ private:
     std::vector<Complex> moved_, extra_;
     std::vector<double> parts_;
     std::vector<Factors> factors_;  // of the few crossings that are followed often: all of them would not stay in the cache
+    bool near_ = false, current_ = false;  // whether values_ are those of where the crossing is, nearly and within kExact
     std::uint64_t uses_ = 0;
     std::uint64_t seed_ = 1;
 };
