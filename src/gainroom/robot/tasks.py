@@ -30,7 +30,7 @@ from numpy.typing import ArrayLike
 from ..errors import GainroomError, first_of_many, nearest, require_finite
 from ..linear.arrays import Booleans, Floats, Integers
 from ..system.controller import PD, PPI, Controller
-from .contact import free_motion
+from .contact import free_motion, left_free, unit_motion
 from .model import Stance
 
 TaskKind = Literal["com", "position", "orientation", "posture"]
@@ -261,14 +261,13 @@ class TaskMotion(NamedTuple):
 
 def task_motion(model: Stance, tasks: Sequence[Task], rotors: bool = False) -> TaskMotion:
     """Of a stack that `tasks_of` has taken."""
-    inertia = _modelled_inertia(model, rotors)
-    motion = free_motion(inertia, model.contact_jacobian)
+    alone = unit_motion(_modelled_inertia(model, rotors))
+    motion = left_free(alone, model.contact_jacobian)
     joints = model.selection @ motion  # M = S R', with W' = M Mᵀ
     inverse = np.linalg.pinv(joints, rcond=MOVABLE)
     follow = motion @ inverse
     jacobians = [task.jacobian(model) for task in tasks]
     rows = [jacobian @ follow for jacobian in jacobians]
-    alone = free_motion(inertia, np.zeros((0, len(inertia))))
     scales = [float(np.linalg.svd(jacobian @ alone, compute_uv=False)[0]) for jacobian in jacobians]
     force, warnings = _stack(tasks, [row @ joints for row in rows], scales)
     return TaskMotion(rows, inverse.T @ force, follow, warnings)

@@ -37,12 +37,14 @@ class TorqueLine:
         ticks, fractions = split_delay([drive.delay for drive in drives], sample_time)
         self._step = sample_time / substeps
         # One product for all: torques, their rates τ̇/ω_c, the commands of this tick and those before → torques and rates at the next
-        # tick, ∫τ dt over the parts of this one, commands that have arrived; each (n,).
+        # tick, ∫τ dt over the parts of this one over the step, commands that have arrived; each (n,).
         self._map = np.zeros((substeps + 4, size, int(ticks.max()) + 4, size))
         for joint, (drive, late, part) in enumerate(zip(drives, ticks, fractions, strict=True)):
             # states, the command before and the command now, as seen behind the delay
             self._map[:-1, joint, [0, 1, 3 + late, 2 + late], joint] = _tick_map(drive, sample_time, substeps, part)
             self._map[-1, joint, 2 + late + (part > 0), joint] = 1.0
+        self._map[2:-1] /= self._step
+        self._limited = bool(np.isfinite(self._limit).any())
         self._rows, self._size = len(self._map), size
         self._map = self._map.reshape(self._rows * size, -1)
         self.rest(0.0)
@@ -52,19 +54,19 @@ class TorqueLine:
         start = np.broadcast_to(require_finite("simulation", "torque", torque), (self._size,))
         self._signals = np.tile(start, self._map.shape[1] // self._size)
         self._signals[self._size : 2 * self._size] = 0.0
-        self._over = start * self._step / 2  # ∫τ over the half step before this tick
+        self._over = start / 2  # ∫τ over the half step before this tick, over the step
         self.demand = start.copy()
 
     def tick(self, command: Floats) -> Floats:
         """Mean torques (substeps, n) [N m] around the steps of the tick that begins now, on a new `command` (n,)."""
         size, signals = self._size, self._signals
         signals[3 * size :] = signals[2 * size : -size]
-        signals[2 * size : 3 * size] = np.minimum(np.maximum(command, -self._limit), self._limit)
+        signals[2 * size : 3 * size] = np.minimum(np.maximum(command, -self._limit), self._limit) if self._limited else command
         out = (self._map @ signals).reshape(self._rows, size)
         signals[:size], signals[size : 2 * size] = out[0], out[1]
         out[2] += self._over
         self._over, self.demand = out[-2], out[-1]
-        return out[2:-2] / self._step
+        return out[2:-2]
 
     @property
     def torque(self) -> Floats:
