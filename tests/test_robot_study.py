@@ -15,11 +15,12 @@ import gainroom as gr
 from gainroom.cli import main
 from gainroom.design.robot_gains import recommend_robot
 from gainroom.files.audit_options import AuditOptions, audit_spec, margin_factor
-from gainroom.files.robot_yaml import parse_robot
+from gainroom.files.robot_yaml import load_robot_system, parse_robot
 from gainroom.report.audit_text import audit_sentence
 from gainroom.report.robot_text import notes, sentence, warnings
 from gainroom.studies.audit import audit
 from gainroom.studies.robot import RobotStudy, study_robot
+from gainroom.studies.state import State
 from gainroom.system.system import System
 from refusals import assert_refused
 from robot_truths import hinge, link, write_robot
@@ -133,6 +134,18 @@ def test_every_task_direction_too(spec: System, study: RobotStudy):
         ends = (found.tasks.scaled(f"tip {row.direction}", row.limit_others_closed * (1 + sign * NEAR)) for sign in (-1, 1))
         assert crosses(*(spec.loop(state.model, tasks.controller()) for tasks in ends))
     assert any("tip" in text for text in notes(study))
+
+
+@pytest.mark.parametrize("state", [("crouch", "left"), ("crouch", "right")])
+def test_motions_that_no_task_holds_hide_no_direction_s_limit(state: tuple[str, str]):
+    """On one leg six motions of the biped drift as 1/s², which the tasks' gains must not be compared with: roots tell where limits are."""
+    system = load_robot_system(Path(gr.__path__[0]) / "files" / "examples" / "biped.yaml")
+    study = State(system, *state, system.source.linearize(*state)).tasks
+    assert study is not None
+    for row in study.rows:
+        ends = (study.tasks.scaled(f"{row.name} {row.direction}", row.limit_others_closed * (1 + sign * NEAR)) for sign in (-1, 1))
+        model = system.source.linearize(*state)
+        assert [gr.is_stable(system.loop(model, tasks.controller())) for tasks in ends] == [True, False]
 
 
 def test_control_in_task_space_is_the_tasks_limit(folder: Path, study: RobotStudy):

@@ -161,13 +161,14 @@ def sensitivity(loop: Loop, returned: Complexes) -> Complexes:
     """(I + L)⁻¹ (k, n, n) for L = `returned`, from what the gains see alone: what no gain closes would drown it in round-off."""
     seen = loop.seen
     if seen.shape[1] == loop.size:
-        return _inverse(np.eye(loop.size) + returned)
+        return inverted(np.eye(loop.size) + returned)
     unseen = np.eye(loop.size) - seen @ seen.T
-    back = _inverse(np.eye(seen.shape[1]) + seen.T @ returned @ seen)
+    back = inverted(np.eye(seen.shape[1]) + seen.T @ returned @ seen)
     return unseen + (seen - unseen @ returned @ seen) @ back @ seen.T
 
 
-def _inverse(matrices: Complexes) -> Complexes:
+def inverted(matrices: Complexes) -> Complexes:
+    """Of matrices (k, n, n)."""
     try:
         return np.linalg.inv(matrices)
     except np.linalg.LinAlgError:  # integrators have drowned the rest in round-off, which shows: nothing settles there

@@ -1,16 +1,18 @@
 """How far one part of a controller can be scaled while the rest stays closed: one direction of a task, one joint of a matrix of gains.
 
 With D = D_0 + g D_k and L_k = P C D_k of rank one, det(I + L + (g − 1) L_k) = det(I + L) (1 + (g − 1) tr((I + L)⁻¹ L_k)), so the limit
-lies where that trace first meets the negative real axis.
+lies where that trace first meets the negative real axis. All D act on the combinations Vᵀ q of positions alone, V orthonormal: the trace is
+that of (I + Vᵀ L V)⁻¹ Vᵀ L_k V. The other motions drift as 1/s², and would leave as much round-off in it as the gains move.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from ..linear.arrays import Complexes, Floats
-from ..system.loop import Loop
-from .coupled_margins import distances, sensitivity
+from ..system.controller import gain_matrix
+from ..system.loop import NO_GAIN, Loop
+from .coupled_margins import distances, inverted
 from .loci import Sweep
 
 
@@ -24,13 +26,22 @@ def part_limits(loop: Loop, parts: Sequence[Loop]) -> Floats:
     controllers = [part.parts.controller for part in parts if part.parts is not None]
     assert loop.parts is not None
     own, sweep = loop.parts.controller, Sweep(loop)
+    seen = _row_space(gain_matrix("gain", gain, loop.size) for one in (own, *controllers) for gain in one.terms().values())
 
     def traces(omega: Floats) -> Complexes:
         s = sweep.boundary.points(omega)
         v = loop.variable(s)
         actuated = loop.actuated_at(s)
-        law, *laws = (one.matrix(s, v, loop.size, loop.sample_time) for one in (own, *controllers))
-        sensitive = sensitivity(loop, loop.gain * actuated @ law) @ actuated
-        return np.stack([np.einsum("kij,kji->k", sensitive, one) for one in laws], axis=1)
+        reached = seen.T @ actuated
+        core, *cores = (reached @ (one.matrix(s, v, loop.size, loop.sample_time) @ seen) for one in (own, *controllers))
+        inverse = inverted(np.eye(seen.shape[1]) + loop.gain * core)
+        return np.stack([np.einsum("kij,kji->k", inverse, one) for one in cores], axis=1)
 
     return 1 + distances(sweep, traces)[0]
+
+
+def _row_space(gains: Iterable[Floats]) -> Floats:
+    """V (n, r), orthonormal: the combinations of positions that gain matrices (n, n) act on."""
+    rows = [gain / size for gain in gains if (size := np.abs(gain).max())]
+    _, sizes, right = np.linalg.svd(np.vstack(rows), full_matrices=False)
+    return right[: np.count_nonzero(sizes > NO_GAIN * sizes[0])].T
