@@ -33,7 +33,7 @@ public:
         change_.resize(2 * m_);
         loop_.law(point_, gains, law_.data(), change_.data());
         if (locus_) return follow(guess, value);
-        matrix_.resize(m_, m_);
+        matrix_.shape(m_, m_);
         for (std::size_t i = 0; i < m_; i++)
             for (std::size_t j = 0; j < m_; j++) matrix_.set(i, j, times(point_.seen[i * m_ + j], law_[j]) + (i == j ? 1.0 : 0.0));
         LogDeterminant determinant;
@@ -108,7 +108,7 @@ private:
         for (int round = 0; round < 8; round++) {
             Complex shift = value;
             for (int attempt = 0;; attempt++) {
-                matrix_.resize(m_, m_);
+                matrix_.shape(m_, m_);
                 for (std::size_t i = 0; i < m_; i++)
                     for (std::size_t j = 0; j < m_; j++) matrix_.set(i, j, loop_matrix_[i * m_ + j] - (i == j ? shift : Complex(0.0)));
                 LogDeterminant determinant;

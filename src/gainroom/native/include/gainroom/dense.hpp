@@ -22,6 +22,13 @@ struct Dense {
         re.assign(r * c, 0.0);
         im.assign(r * c, 0.0);
     }
+    // The same, for what sets every entry.
+    void shape(std::size_t r, std::size_t c) {
+        rows = r;
+        columns = c;
+        re.resize(r * c);
+        im.resize(r * c);
+    }
     Complex at(std::size_t r, std::size_t c) const { return {re[r * columns + c], im[r * columns + c]}; }
     void set(std::size_t r, std::size_t c, Complex value) {
         re[r * columns + c] = value.real();
@@ -84,7 +91,7 @@ private:
 };
 
 // A (n, n) → A⁻¹ in its place, by Gauss and Jordan with exchanges of rows; false where it is singular.
-inline bool invert(Dense& a, std::vector<std::size_t>& exchanged, LogDeterminant& determinant) {
+GAINROOM_WIDE inline bool invert(Dense& a, std::vector<std::size_t>& exchanged, LogDeterminant& determinant) {
     const std::size_t n = a.rows;
     exchanged.resize(n);
     for (std::size_t k = 0; k < n; k++) {
@@ -113,7 +120,7 @@ inline bool invert(Dense& a, std::vector<std::size_t>& exchanged, LogDeterminant
 }
 
 // [A | B] (n, n + c) → B becomes A⁻¹B, by elimination with exchanges of rows; false where A is singular. `hessenberg`: A has that form.
-inline bool solve(Dense& system, bool hessenberg = false) {
+GAINROOM_WIDE inline bool solve(Dense& system, bool hessenberg = false) {
     const std::size_t n = system.rows;
     for (std::size_t k = 0; k < n; k++) {
         const std::size_t end = hessenberg ? std::min(n, k + 2) : n;
@@ -142,9 +149,21 @@ inline bool solve(Dense& system, bool hessenberg = false) {
     return true;
 }
 
-// |A⁸|_F^(1/8) ≥ every |eigenvalue| of A (n, n), which is destroyed.
-inline double radius_bound(Dense& a, Dense& square) {
-    for (int power = 0; power < 3; power++) {
+// Whether |B²|_F ≥ |tr B²|/√n is at least least⁸, B = A⁴.
+inline bool surely_reaches(const Dense& b, double least) {
+    Complex trace = 0.0;
+    for (std::size_t i = 0; i < b.rows; i++)
+        for (std::size_t j = 0; j < b.rows; j++) trace += times(b.at(i, j), b.at(j, i));
+    return std::norm(trace) > 1.001 * static_cast<double>(b.rows) * std::pow(least, 16);
+}
+
+// Whether |A⁸|_F^(1/8), which no |eigenvalue| of A (n, n) is above, is at least `least`; A is destroyed. Each power's bound is lower than the last.
+GAINROOM_WIDE inline bool radius_reaches(Dense& a, Dense& square, double least) {
+    for (int power = 0;; power++) {
+        double size = 0.0;
+        for (std::size_t k = 0; k < a.re.size(); k++) size += a.re[k] * a.re[k] + a.im[k] * a.im[k];
+        if (!(std::pow(size, 0.5 / (1 << power)) >= least)) return false;
+        if (power == 3 || (power == 2 && surely_reaches(a, least))) return true;
         square.resize(a.rows, a.rows);
         for (std::size_t i = 0; i < a.rows; i++)
             for (std::size_t k = 0; k < a.rows; k++) {
@@ -158,9 +177,6 @@ inline double radius_bound(Dense& a, Dense& square) {
             }
         std::swap(a, square);
     }
-    double size = 0.0;
-    for (std::size_t k = 0; k < a.re.size(); k++) size += a.re[k] * a.re[k] + a.im[k] * a.im[k];
-    return std::pow(size, 0.0625);
 }
 
 }  // namespace gainroom

@@ -73,7 +73,7 @@ private:
     }
 
     // H − shift = L R with exchanges of rows, then R L + shift.
-    void eliminate(std::size_t low, std::size_t high, Complex shift) {
+    GAINROOM_WIDE void eliminate(std::size_t low, std::size_t high, Complex shift) {
         factor_.resize(n_);
         exchanged_.assign(n_, 0);
         for (std::size_t k = low; k < high; k++) entry(k, k) -= shift;
@@ -100,7 +100,7 @@ private:
     Complex& entry(std::size_t r, std::size_t c) { return a_[r * n_ + c]; }
     static double size(Complex a) { return std::fabs(a.real()) + std::fabs(a.imag()); }
 
-    void reduce() {
+    GAINROOM_WIDE void reduce() {
         for (std::size_t m = 1; m + 1 < n_; m++) {
             std::size_t row = m;
             for (std::size_t r = m + 1; r < n_; r++)

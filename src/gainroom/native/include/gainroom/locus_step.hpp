@@ -18,6 +18,7 @@ struct Loci {
 
     bool known() const { return !values.empty(); }
     void describe() {
+        for (auto* one : {&sizes, &angles, &returned}) one->reserve(values.size());
         for (const Complex& value : values) {
             sizes.push_back(std::log(std::max(std::abs(value), 1e-150)));
             angles.push_back(std::arg(value));
@@ -47,6 +48,9 @@ inline bool passes(Complex start, Complex end) {
     return std::norm(1.0 + nearest_to_minus_one(start, end)) < 0.1 * std::norm(end - start) &&
            std::fabs(turn_between(1.0 + start, 1.0 + end)) > 0.8;
 }
+
+// Whether factor λ is so small that no step from it to another such one comes near −1, or turns 1 + factor λ past the negative real axis.
+inline bool stays_small(Complex factor, Complex locus) { return std::norm(factor) * std::norm(locus) < 0.25; }
 
 // Which locus of `high` continues each of `low`: the nearest in ln of size and direction, or where two claim the same the nearest as a whole.
 inline std::vector<std::size_t> paired(const Loci& low, const Loci& high) {

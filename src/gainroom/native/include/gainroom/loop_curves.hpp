@@ -46,15 +46,25 @@ public:
         std::vector<CurveStep> found;
         if (!samples_.ok()) return found;  // of what is lost the samples are not in order, nor their loci paired
         const auto& all = samples_.samples();
+        std::vector<Complex> ratios, ratios_after;  // of the loops, at both ends of an interval
+        const auto fill = [this](std::vector<Complex>& to, const LoopSample& at) {
+            to.resize(n_);
+            for (std::size_t i = 0; i < n_; i++) to[i] = return_ratio(at.sensitivity[i]);
+        };
         for (std::size_t k = 0; k + 1 < all.size(); k++) {
             const LoopSample &low = *all[k], &high = *all[k + 1];
             if (locus && !samples_.near(low, high)) continue;
+            if (!locus) {
+                if (k == 0) fill(ratios_after, low);
+                ratios.swap(ratios_after);
+                fill(ratios_after, high);
+            }
             double noise = 0.0;  // of loci: more directions than motions leave some at 0, where round-off moves them about
             if (locus)
                 for (const Complex& value : low.loci.values) noise = std::max(noise, kNoise * kNoise * std::norm(value));
             for (std::size_t i = 0; i < (locus ? m_ : n_); i++) {
-                const Complex start = locus ? low.loci.values[i] : return_ratio(low.sensitivity[i]);
-                const Complex end = locus ? high.loci.values[low.pairs[i]] : return_ratio(high.sensitivity[i]);
+                const Complex start = locus ? low.loci.values[i] : ratios[i];
+                const Complex end = locus ? high.loci.values[low.pairs[i]] : ratios_after[i];
                 if (std::norm(start) < noise) continue;
                 CurveStep step{locus, i, low.omega(), high.omega(), 0.0, start, 0.0};
                 if (axis) {
@@ -64,8 +74,8 @@ public:
                     step.place = low.omega() + share * (high.omega() - low.omega());
                     if (!(step.value.real() < 0)) continue;
                 } else {
+                    if ((std::norm(start) > 1) == (std::norm(end) > 1)) continue;
                     const double first = log_size(start), second = log_size(end);
-                    if ((first > 0) == (second > 0)) continue;
                     const double share = first / (first - second);
                     step.value = -std::polar(1.0, std::arg(-start) + share * turn_between(start, end));
                     step.place = low.omega() * std::pow(high.omega() / low.omega(), share);
@@ -120,11 +130,12 @@ public:
         std::vector<MovingMargin> found;
         if (!samples_.ok()) return found;
         const auto& all = samples_.samples();
-        const auto size = [&](std::size_t k, std::size_t i) { return std::abs(slope * all[k]->sensitivity[i] + offset); };
+        const auto own = [&](std::size_t k, std::size_t i) { return slope * all[k]->sensitivity[i] + offset; };
         for (std::size_t k = 1; k + 1 < all.size(); k++)
             for (std::size_t i = 0; i < n_; i++) {
-                double height[3] = {size(k - 1, i), size(k, i), size(k + 1, i)};
-                if (!(height[1] >= height[0] && height[1] >= height[2] && height[1] > least)) continue;
+                const double square = std::norm(own(k, i));
+                if (!(square > least * least && square >= std::norm(own(k - 1, i)) && square >= std::norm(own(k + 1, i)))) continue;
+                double height[3] = {std::abs(own(k - 1, i)), std::abs(own(k, i)), std::abs(own(k + 1, i))};
                 double place[3] = {all[k - 1]->omega(), all[k]->omega(), all[k + 1]->omega()};
                 at_.begin(false, i);
                 Complex value;
@@ -149,11 +160,11 @@ public:
                 peak.found = true;
                 if (moves) {
                     if (!at_.evaluate(place[1], gains, 0.0, value)) continue;
-                    const Complex own = slope * at_.sensitivity() + offset;
-                    peak.margin = std::abs(own);
+                    const Complex there = slope * at_.sensitivity() + offset;
+                    peak.margin = std::abs(there);
                     at_.grow_sensitivity();
                     peak.moves.resize(2 * m_);
-                    for (std::size_t q = 0; q < 2 * m_; q++) peak.moves[q] = (over(slope * at_.growth()[q], own)).real();
+                    for (std::size_t q = 0; q < 2 * m_; q++) peak.moves[q] = (over(slope * at_.growth()[q], there)).real();
                 }
                 found.push_back(peak);
             }
@@ -187,10 +198,12 @@ public:
     // The largest |slope S_ii + offset|, and where.
     MovingMargin peak(double slope, double offset) {
         MovingMargin top;
+        double most = 0.0;
         for (const auto& sample : samples_.samples())
             for (const Complex& value : sample->sensitivity)
-                if (std::abs(slope * value + offset) > top.margin) {
-                    top.margin = std::abs(slope * value + offset);
+                if (const double square = std::norm(slope * value + offset); square > most) {
+                    most = square;
+                    top.margin = std::sqrt(square);
                     top.omega = sample->omega();
                 }
         for (const MovingMargin& one : peaks(samples_.gains(), (1 - kClose) * top.margin, slope, offset, false))

@@ -2,7 +2,7 @@
 // to sample as finely as they need; and the number of unstable roots.
 //
 // With M = (I + L)⁻¹ − I/2 the eigenvalues λ of L and μ of M belong together by 2μ = (1 − λ)/(1 + λ). A λ in [−g, −1/g], or on the unit
-// circle within φ of −1, has |μ| ≥ `nearness`, and |μ| ≤ |M⁸|_F^(1/8): where that is smaller no eigenvalue is computed.
+// circle within φ of −1, has |μ| ≥ `wanted`, and |μ| ≤ |M⁸|_F^(1/8): where that is smaller no eigenvalue is computed.
 #pragma once
 
 #include <algorithm>
@@ -17,21 +17,9 @@
 #include "directed_loop.hpp"
 #include "eigenvalues.hpp"
 #include "locus_step.hpp"
+#include "loop_sample.hpp"
 
 namespace gainroom {
-
-struct LoopSample {
-    std::shared_ptr<const LoopPoint> point;
-    std::vector<Complex> law, inverse, sensitivity;  // d (m), (I + L)⁻¹ (m, m), S_ii (n)
-    Loci loci;                                       // (m), or not known
-    Complex log_determinant;
-    double nearness = 0.0;             // bound of |μ|
-    const LoopSample* next = nullptr;  // with which this interval was found fine enough
-    std::vector<std::size_t> pairs;            // of the loci there with those of `next`
-    double turned = 0.0;               // by arg det(I + L) over it
-
-    double omega() const { return point->omega; }
-};
 
 enum class LookState { followed, lost, singular };
 
@@ -71,8 +59,10 @@ public:
     // Roots that cross the boundary on the way from this loop to one with L times `factor` (a gain, or e^{−jφ}), as far as loci are known.
     int crossed(Complex factor) {
         refine([&](const LoopSample& low, const LoopSample& high) {
-            for (std::size_t i = 0; i < m_; i++)
-                if (passes(times(factor, low.loci.values[i]), times(factor, high.loci.values[low.pairs[i]]))) return true;
+            for (std::size_t i = 0; i < m_; i++) {
+                const Complex before = low.loci.values[i], after = high.loci.values[low.pairs[i]];
+                if (!(stays_small(factor, before) && stays_small(factor, after)) && passes(times(factor, before), times(factor, after))) return true;
+            }
             return false;
         });
         if (!ok()) return 0;
@@ -82,6 +72,7 @@ public:
             if (!near(low, high)) continue;
             for (std::size_t i = 0; i < m_; i++) {
                 const Complex before = low.loci.values[i], after = high.loci.values[low.pairs[i]];
+                if (stays_small(factor, before) && stays_small(factor, after) && stays_small(1.0, before) && stays_small(1.0, after)) continue;
                 turned += 2 * kPi * (wraps(1.0 + times(factor, before), 1.0 + times(factor, after)) - wraps(1.0 + before, 1.0 + after));
             }
             const bool first = k == 0 || !near(*samples_[k - 1], low), end = k + 2 == samples_.size() || !near(high, *samples_[k + 2]);
@@ -92,7 +83,7 @@ public:
     }
 
     // Whether loci are known between two samples that are neighbours.
-    bool near(const LoopSample& low, const LoopSample& high) const { return std::max(low.nearness, high.nearness) >= wanted_; }
+    bool near(const LoopSample& low, const LoopSample& high) const { return low.near || high.near; }
 
     // Eigenvalues of L at a sample, or next to ω = 0.
     bool loci(LoopSample& sample) {
@@ -121,7 +112,7 @@ public:
         found->point = point;
         found->law.resize(m_);
         loop_.law(*point, gains_, found->law.data());
-        dense_.resize(m_, m_);
+        dense_.shape(m_, m_);
         for (std::size_t i = 0; i < m_; i++)
             for (std::size_t j = 0; j < m_; j++)
                 dense_.set(i, j, times(point->seen[i * m_ + j], found->law[j]) + (i == j ? 1.0 : 0.0));
@@ -135,7 +126,7 @@ public:
         for (std::size_t k = 0; k < m_ * m_; k++) found->inverse[k] = Complex(dense_.re[k], dense_.im[k]);
         found->sensitivity.resize(n);
         for (std::size_t i = 0; i < n; i++) found->sensitivity[i] = loop_.joints() ? found->inverse[i * m_ + i] : own_sensitivity(*found, i);
-        found->nearness = nearness(*found);
+        found->near = !(wanted_ > 0) || reaches(*found);
         return found;
     }
 
@@ -174,17 +165,17 @@ private:
         return sum;
     }
 
-    // |M⁸|_F^(1/8), in the coordinates in which P Δ is symmetric where directions are joints.
-    double nearness(const LoopSample& sample) {
+    // Whether |M⁸|_F^(1/8) does, in the coordinates in which P Δ is symmetric where directions are joints.
+    bool reaches(const LoopSample& sample) {
         scale_.resize(m_);
         for (std::size_t i = 0; i < m_; i++) scale_[i] = std::sqrt(std::abs(sample.law[i]));
-        dense_.resize(m_, m_);
+        dense_.shape(m_, m_);
         for (std::size_t i = 0; i < m_; i++)
             for (std::size_t j = 0; j < m_; j++) {
                 const double ratio = scale_[j] > 0 && scale_[i] > 0 ? scale_[i] / scale_[j] : 1.0;
                 dense_.set(i, j, ratio * (sample.inverse[i * m_ + j] - (i == j ? 0.5 : 0.0)));
             }
-        return radius_bound(dense_, square_);
+        return radius_reaches(dense_, square_, wanted_);
     }
 
     void add(double omega) {
@@ -193,8 +184,12 @@ private:
         if (found != nullptr) samples_.push_back(std::move(found));
     }
 
-    void sort() {
-        std::sort(samples_.begin(), samples_.end(), [](const auto& a, const auto& b) { return a->omega() < b->omega(); });
+    // The first `sorted` are so already.
+    void sort(std::size_t sorted = 0) {
+        const auto lower = [](const auto& a, const auto& b) { return a->omega() < b->omega(); };
+        const auto fresh = samples_.begin() + static_cast<std::ptrdiff_t>(sorted);
+        std::sort(fresh, samples_.end(), lower);
+        std::inplace_merge(samples_.begin(), fresh, samples_.end(), lower);
         const auto same = [](const auto& a, const auto& b) { return a->omega() == b->omega(); };
         samples_.erase(std::unique(samples_.begin(), samples_.end(), same), samples_.end());
     }
@@ -294,8 +289,9 @@ private:
                 if (rough) middles.push_back(high.omega() > 4 * low.omega() ? std::sqrt(low.omega() * high.omega()) : 0.5 * (low.omega() + high.omega()));
             }
             if (middles.empty() || !ok()) return;
+            const std::size_t sorted = samples_.size();
             for (double omega : middles) add(omega);
-            sort();
+            sort(sorted);
             if (samples_.size() > std::max(kMost, 30 * kMost / (m_ * m_))) state_ = LookState::lost;
         }
     }

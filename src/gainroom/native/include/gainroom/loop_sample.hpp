@@ -1,0 +1,26 @@
+// What is known of a coupled loop at one frequency.
+#pragma once
+
+#include <cstddef>
+#include <memory>
+#include <vector>
+
+#include "directed_loop.hpp"
+#include "locus_step.hpp"
+
+namespace gainroom {
+
+struct LoopSample {
+    std::shared_ptr<const LoopPoint> point;
+    std::vector<Complex> law, inverse, sensitivity;  // d (m), (I + L)⁻¹ (m, m), S_ii (n)
+    Loci loci;                                       // (m), or not known
+    Complex log_determinant;
+    bool near = false;                 // some |μ| may be as large as is wanted
+    const LoopSample* next = nullptr;  // with which this interval was found fine enough
+    std::vector<std::size_t> pairs;            // of the loci there with those of `next`
+    double turned = 0.0;               // by arg det(I + L) over it
+
+    double omega() const { return point->omega; }
+};
+
+}  // namespace gainroom
