@@ -9,6 +9,7 @@ import scipy.signal
 
 import gainroom as gr
 from draws import Setup, draw_plant, draw_setup
+from machines import chain, limbs
 from refusals import assert_refused
 
 TICK = 5e-4
@@ -266,3 +267,34 @@ def test_shown_on_one_line():
 )
 def test_errors(make, words):
     assert_refused(make, words)
+
+
+@pytest.mark.parametrize("draw", [limbs, chain])
+def test_about_the_axis_modes_give_the_same_response(draw):
+    """Against W and K themselves, and in sampled time against the state space behind the hold."""
+    seen = set()
+    for number in range(16):
+        loop = draw(7, number).loop
+        if loop._modes is None:
+            continue
+        assert loop.parts is not None
+        omega = frequencies(loop, np.random.default_rng(number))
+        s = 1j * omega
+        if loop.sample_time is None:
+            lag = s[:, None] / np.array([drive.bandwidth for drive in loop.parts.drives])
+            damping = np.array([drive.damping_ratio for drive in loop.parts.drives])
+            late = np.exp(-s[:, None] * [drive.delay for drive in loop.parts.drives])
+            expected = loop.parts.plant.response(s, "motor") * (late / (lag**2 + 2 * damping * lag + 1))[:, None, :]
+        else:
+            expected = loop.held.at(loop.variable(s)) * np.exp(-s[:, None, None] * loop.ticks * loop.sample_time)
+        off = np.abs(loop.actuated_at(s) - expected).max(axis=(1, 2)) / np.abs(expected).max(axis=(1, 2))
+        assert off.max() < 1e-9
+        seen.add(loop.sample_time is None)
+    assert seen == {True, False}
+
+
+def test_off_the_axis_modes_are_refused():
+    modes = next(modes for number in range(16) if (modes := limbs(7, number).loop._modes) is not None)
+    for s in (1.0 + 1j, -1j, 0j):
+        with pytest.raises(ValueError, match="about jω"):
+            modes.mobility(np.array([s]))

@@ -9,9 +9,9 @@ from ..linear.arrays import Booleans, Floats
 from ..native import _core
 from ..system.filters import integrator
 from ..system.loop import Loop
+from ..system.mode_functions import mode_functions
 from .loci import first_grid
 from .margin_record import GainLimit, Margins, OneLoop
-from .modal_loop import mode_functions
 from .stability_boundary import LOCI, Boundary
 
 AT_REST = 1e-6

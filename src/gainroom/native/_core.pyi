@@ -69,6 +69,9 @@ class ModalLoop:
     def responses(self, omega: Floats) -> tuple[Complexes, Complexes]:
         """f₀ and f_k (k, 1 + m), and d (k, n), at omega (k,)."""
 
+    def mobility(self, s: Complexes) -> Complexes:
+        """P (k, n²) at s (k,), |Re s| < 1e-6 Im s; sampled: behind hold, current loop and the fraction of a tick."""
+
     def bends(self, omega: Floats) -> tuple[Floats, Floats]:
         """What interpolation from each ω to the next may miss at most of `responses`: (k − 1, 1 + m), (k − 1, n)."""
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..analysis.first_crossing import SEARCH
 from ..analysis.gain_limit import gain_limit
-from ..analysis.modal_loop import APART, INEXACT, ModalLoop
+from ..analysis.modal_loop import ModalLoop
 from ..analysis.proved_limit import posture_limits
 from ..errors import GainroomError
 from ..linear.arrays import Booleans, Floats, Integers
@@ -22,6 +22,7 @@ from ..robot.body import RigidBody, is_continuous, library
 from ..robot.linearize import linearize
 from ..robot.robot import Robot
 from ..system.assembly import current_loop
+from ..system.mode_functions import APART, INEXACT
 from ..system.modes import ModeStacks, posture_modes
 from ..system.plant import OFF_MODES
 from ..system.system import System
@@ -139,7 +140,7 @@ class StateLimits:
             stacks = stacks._replace(inexact=np.where(none, math.inf, stacks.inexact))
         if stacks is None or step is None or drive.is_ideal:
             return stacks
-        # Behind a hold the two poles of the current loop have terms of their own (analysis/modal_loop.py, mode_functions).
+        # Behind a hold the two poles of the current loop have terms of their own (system/mode_functions.py).
         fast = current_loop(drive).poles
         near = np.abs(np.concatenate([stacks.poles, stacks.partners], axis=1)[:, :, None] - fast) < APART * np.abs(fast)
         return stacks._replace(inexact=np.where(np.any(near, axis=(1, 2)), math.inf, stacks.inexact))

@@ -17,13 +17,17 @@ from ..linear.arrays import Booleans, Complexes, Floats, Integers
 from ..linear.lti import factored_from, is_lti, sample_time_of
 from ..linear.state_space import StateSpace, hold, realize, split_delay
 from ..linear.transfer_function import Factored, ratio
+from ..native import _core
 from .assembly import Feedback, Parts, controller_state
 from .controller import Compensator, Controller, gain_matrix
 from .drive import Drive
 from .gain_path import GainPath, samples_in_common
 from .measured_response import measured_signals, measured_state, sampled_scalar, unsampled_scalar
+from .mode_functions import mode_functions
 from .plant import ElasticJoint, Plant
 
+EXACT_MODES = 1e-12  # relative: a sum over modes that is off by no more has all digits that polishing and counting need
+ABOUT_AXIS = 1e-7  # |Re s| of Im s up to which sums over modes serve
 NO_GAIN = 1e-11  # of the largest gain: less is what round-off leaves of none, and spoils eigenvectors
 
 
@@ -164,13 +168,32 @@ class Loop:
     def _actuated_at(self, s: Complexes, v: Complexes) -> Complexes:
         """P C e^{−sT} (k, n, n) of several joints."""
         assert self.parts is not None
+        quick = self._modes is not None and np.all(np.abs(s.real) < ABOUT_AXIS * s.imag)
         if self.sample_time is not None:
+            if quick:
+                return self._mobility(s) * np.exp(-s[:, None, None] * (self.ticks * self.sample_time))
             return self.held.at(v) * np.exp(-s[:, None, None] * (self.ticks * self.sample_time))
         bandwidth = np.array([drive.bandwidth for drive in self.parts.drives])
         damping = np.array([drive.damping_ratio for drive in self.parts.drives])
         lag = s[:, None] / bandwidth  # 0 where the current loop is ideal
         currents = 1 / (lag * lag + 2 * damping * lag + 1)  # eq. (3)
-        return self.parts.plant.response(s, self.parts.feedback) * (currents * np.exp(-s[:, None] * self._delays))[:, None, :]
+        mobility = self._mobility(s) if quick else self.parts.plant.response(s, self.parts.feedback)
+        return mobility * (currents * np.exp(-s[:, None] * self._delays))[:, None, :]
+
+    @cached_property
+    def _modes(self) -> "_core.ModalLoop | None":
+        """None where there are none, their sum is not exact enough, or a pole is on the axis: not even one that nothing feels."""
+        assert self.parts is not None
+        known = self.parts.plant.modes
+        if known is None or known.inexact > EXACT_MODES:
+            return None
+        poles = np.concatenate([known.poles, known.partners])
+        return None if np.any(np.abs(np.real(poles)) <= ABOUT_AXIS * np.abs(poles)) else mode_functions(self.parts)
+
+    def _mobility(self, s: Complexes) -> Complexes:
+        """Torque → position (k, n, n) at s (k,) about jω by the modes; sampled: with hold, current loop and the fraction of a tick."""
+        assert self._modes is not None
+        return self._modes.mobility(s).reshape(len(s), self.size, self.size)
 
     def round_off(self, omega: Floats) -> Floats:
         """(k,) how far, relative to its size, `actuated_at` may be off at jω: most where a sampled mechanism drifts."""
@@ -215,6 +238,7 @@ class Loop:
             return build_loop(self.parts.plant, self.parts.drives, controller, self.parts.feedback, self.sample_time, self.kd_path)
         found = replace(self, parts=replace(self.parts, controller=controller))
         vars(found)["corner_frequencies"] = self.corner_frequencies  # of plant, drives and filters
+        vars(found)["_modes"] = self._modes
         if self.sample_time is not None and self.kd_path is None:
             vars(found)["held"] = self.held
         return found

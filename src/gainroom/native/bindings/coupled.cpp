@@ -63,6 +63,18 @@ static nb::tuple responses(const gainroom::ModalLoop& loop, Vector omega) {
     return nb::make_tuple(owned(functions.data(), omega.size(), loop.modes + 1), owned(laws.data(), omega.size(), loop.size));
 }
 
+static nb::object mobility(const gainroom::ModalLoop& loop, ComplexVector s) {
+    const std::size_t entries = loop.size * loop.size;
+    for (std::size_t r = 0; r < s.size(); r++)
+        if (!gainroom::ModalLoop::serves(s.data()[r])) throw nb::value_error("every s must be about jω, ω > 0");
+    std::vector<Complex> found(s.size() * entries), functions(loop.modes);
+    {
+        nb::gil_scoped_release release;
+        for (std::size_t r = 0; r < s.size(); r++) loop.mobility(s.data()[r], functions.data(), &found[r * entries]);
+    }
+    return owned(found.data(), s.size(), entries);
+}
+
 // What interpolation between each two ω of `omega` may miss at most: f₀ and f_k (k − 1, 1 + m), d (k − 1, n).
 static nb::tuple bends(const gainroom::ModalLoop& loop, Vector omega) {
     const std::size_t cells = omega.size() > 0 ? omega.size() - 1 : 0;
@@ -150,6 +162,7 @@ void bind_coupled(nb::module_& m) {
              nb::arg("fraction"), nb::arg("step"), nb::arg("inexact"))
         .def("set_laws", &set_laws, nb::arg("zeros"), nb::arg("poles"), nb::arg("counts"), nb::arg("gains"), nb::arg("delays"))
         .def("responses", &responses, nb::arg("omega"))
+        .def("mobility", &mobility, nb::arg("s"))
         .def("bends", &bends, nb::arg("omega"))
         .def("limit", &limit, nb::arg("grid"), nb::arg("highest"), nb::arg("nudge"), nb::arg("floor"), nb::arg("passive"))
         .def("searched", &searched, nb::arg("low"), nb::arg("high"), nb::arg("gain"), nb::arg("passive"))

@@ -46,8 +46,12 @@ struct Actuated {
 
     // out (n, n); false where s is a pole.
     bool at(Complex s, Workspace& work, Complex* out) const {
-        if (modes && std::fabs(s.real()) < kTilt * s.imag()) by_modes(s, work, out);
-        else if (!(step > 0 ? held(variable(s, step), work, out) : plant(s, work, out))) return false;
+        if (modes && ModalLoop::serves(s)) {
+            work.functions.resize(modes->modes);
+            modes->mobility(s, work.functions.data(), out);
+        } else if (!(step > 0 ? held(variable(s, step), work, out) : plant(s, work, out))) {
+            return false;
+        }
         for (std::size_t j = 0; j < size; j++) {
             const Complex factor = times(lag(j, s), std::exp(-s * delay[j]));
             for (std::size_t i = 0; i < size; i++) out[i * size + j] = times(out[i * size + j], factor);
@@ -60,27 +64,6 @@ private:
         if (step > 0) return 1.0;
         const Complex x = s / bandwidth[j];  // 0 where the current loop is ideal
         return over(1.0, times(x, x) + 2 * damping_ratio[j] * x + 1.0);
-    }
-
-    static constexpr double kTilt = 1e-6;
-
-    void by_modes(Complex s, Workspace& work, Complex* out) const {
-        const double omega = s.imag();
-        Complex rigid;
-        work.functions.resize(modes->modes);
-        modes->functions(omega, rigid, work.functions.data(), s.real() / omega);
-        const double scale = 1 / Cell::weight(omega, step);
-        for (std::size_t k = 0; k < size * size; k++) out[k] = scale * modes->rigid[k] * rigid;
-        for (std::size_t m = 0; m < modes->modes; m++) {
-            const Complex* shape = &modes->shapes[m * size];
-            const Complex factor = scale * work.functions[m];
-            for (std::size_t i = 0; i < size; i++) {
-                const Complex own = times(factor, shape[i]);
-                for (std::size_t j = i; j < size; j++) out[i * size + j] += times(own, shape[j]);
-            }
-        }
-        for (std::size_t i = 0; i < size; i++)
-            for (std::size_t j = 0; j < i; j++) out[i * size + j] = out[j * size + i];
     }
 
     bool held(Complex v, Workspace& work, Complex* out) const {

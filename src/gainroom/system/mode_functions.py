@@ -1,0 +1,31 @@
+"""The response of a loop's motors in the core, as a sum over the modes of its plant (native/include/gainroom/modal_loop.hpp)."""
+
+import numpy as np
+
+from ..linear.state_space import split_delay
+from ..native import _core
+from .assembly import Parts, current_loop
+
+APART = 1e-3  # of a current loop's pole: its two, or one of the plant's, that are closer count as one, whose response is another
+INEXACT = 4.0  # times what a sum over modes was seen to be off by
+
+
+def mode_functions(parts: Parts) -> "_core.ModalLoop | None":
+    """The functions of frequency of a plant's modes, without laws: sampled, behind hold, current loop and the fraction of a tick of delay.
+
+    None where modes or these functions are not known: encoders on the links, friction to ground, different drives of a sampled loop, equal
+    poles.
+    """
+    modes, drives, step = parts.plant.modes, parts.drives, parts.sample_time
+    if modes is None or parts.feedback != "motor":
+        return None
+    current, fraction, first = (0.0, 0.0), 0.0, drives[0]
+    if step is not None:
+        if any(drive != first for drive in drives) or (not first.is_ideal and abs(first.damping_ratio**2 - 1) < APART):
+            return None
+        fraction = float(split_delay(np.array([first.delay]), step)[1][0])
+        if not first.is_ideal:
+            current, fast = (first.bandwidth, first.damping_ratio), current_loop(first).poles
+            if np.any(np.abs(np.concatenate([modes.poles, modes.partners])[:, None] - fast) < APART * np.abs(fast)):
+                return None
+    return _core.ModalLoop(modes.rigid, modes.shapes, modes.poles, modes.partners, *current, fraction, step or 0.0, INEXACT * modes.inexact)
