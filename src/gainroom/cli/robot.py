@@ -1,5 +1,6 @@
 """gainroom robot: the whole robot, by posture and contact state."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -75,12 +76,21 @@ def _studied(system: "System", sweep: Path | None, progress: "Progress") -> "tup
         if found is None:
             return study, None, ({"swept": None}, ["There are no recommended gains that could be checked in the sweep's postures."])
         return study, found, ({"swept": workspace_facts(found)}, [checked_sentence(found)])
+    from ..design.side_by_side import Job, side_by_side
     from ..studies.robot import study_robot
-    from ..sweep.workspace import worse_posture
+    from ..sweep.workspace import glance, worse_posture
 
-    study = study_robot(system, progress)
+    def studied(told: Callable[[], None]) -> "RobotStudy":
+        def report(done: int, total: int, what: str) -> None:
+            told()
+            progress(done, total, what)
+
+        return study_robot(system, report)
+
+    jobs: list[Job[Any]] = [studied, lambda told: glance(system)]
+    study, seen = side_by_side(jobs, lambda: None)
     known = study.tightest.limit.gain
-    worse = worse_posture(system, known)
+    worse = worse_posture(seen, known)
     if worse is None:
         return study, None, ({"worse_posture": None}, [])
     return study, None, ({"worse_posture": posture_facts(*worse)}, [f"Note: {worse_note(*worse, known)}."])

@@ -28,8 +28,12 @@ PART = 65536
 Progress = Callable[[int, int, str], None]
 
 
-def over_workspace(system: System, samples: int, margin: float | None = None, progress: Progress | None = None) -> SweepSummary:
+def over_workspace(
+    system: System, samples: int, margin: float | None = None, progress: Progress | None = None, workers: int | None = None
+) -> SweepSummary:
     """Limits within the joints' limits in every contact state; `margin` in place of the gain margin that the system asks for.
+
+    workers   processes; None: as many as there are cores
 
     Raises GainroomError as `sampled` does, and for closed loops.
     """
@@ -37,13 +41,13 @@ def over_workspace(system: System, samples: int, margin: float | None = None, pr
     if not isinstance(robot, Robot):
         raise GainroomError(f"{robot.name}: a workspace is a robot's")
     base = robot.body.angles(robot.body.configuration(dict(next(iter(robot.postures.values())).angles)))
-    return summary_of(SweepPlan(system, sampled(robot.body, base, samples), tuple(robot.contacts)), margin, progress)
+    return summary_of(SweepPlan(system, sampled(robot.body, base, samples), tuple(robot.contacts)), margin, progress, workers)
 
 
-def summary_of(plan: SweepPlan, margin: float | None = None, progress: Progress | None = None) -> SweepSummary:
+def summary_of(plan: SweepPlan, margin: float | None = None, progress: Progress | None = None, workers: int | None = None) -> SweepSummary:
     """The summary of a plan that is computed without being kept."""
     tasks = map(plan.task, range(plan.tasks))
-    count = min(cores(), plan.tasks)
+    count = min(cores() if workers is None else workers, plan.tasks)
     results = in_processes(plan, tasks, lambda: False, count) if count > 2 else in_this_process(plan, tasks, lambda: False)
     tell = progress or (lambda done, total, what: None)
 
@@ -57,22 +61,23 @@ def summary_of(plan: SweepPlan, margin: float | None = None, progress: Progress 
     return summarized(plan, told(), margin)
 
 
-def worse_posture(system: System, known: float) -> tuple[SweepSummary, SweptPosture] | None:
-    """A posture with a limit clearly below `known`, the lowest of those that were asked for; None where a glance finds none.
-
-    Only of robots whose limits are proved in a row, where it costs little.
-    """
+def glance(system: System) -> SweepSummary | None:
+    """Limits in a few postures that were not asked for; None of robots whose limits are not proved in a row, where it would cost much."""
     robot = system.source
-    if not isinstance(robot, Robot) or robot.body.linkages or robot.body.passive or not np.isfinite(known):
+    if not isinstance(robot, Robot) or robot.body.linkages or robot.body.passive:
         return None
     try:
         if not all(StateLimits(system, contact).quick for contact in robot.contacts):
             return None
-        found = over_workspace(system, GLANCE)
+        return over_workspace(system, GLANCE, workers=1)
     except GainroomError:  # a joint that slides without limits
         return None
-    worst = found.worst
-    return None if worst is None or not worst.gain < WORSE * known else (found, worst)
+
+
+def worse_posture(found: SweepSummary | None, known: float) -> tuple[SweepSummary, SweptPosture] | None:
+    """A posture of a glance with a limit clearly below `known`, the lowest of those that were asked for; None where it has none."""
+    worst = None if found is None or not np.isfinite(known) else found.worst
+    return None if worst is None or found is None or not worst.gain < WORSE * known else (found, worst)
 
 
 def with_worst_of(system: System, store: Path) -> System:

@@ -1,0 +1,39 @@
+"""Searches side by side: what they give, what they raise, and threads as they were before."""
+
+import sys
+from collections.abc import Callable
+
+import pytest
+
+from gainroom.design.side_by_side import HANDOVER, Job, side_by_side
+
+Told = Callable[[], None]
+
+
+def intervals(told: Told) -> list[float]:
+    """How quickly threads take turns here, and after jobs within this one."""
+    return [sys.getswitchinterval(), *side_by_side([lambda told: sys.getswitchinterval()] * 2, told), sys.getswitchinterval()]
+
+
+def test_threads_take_turns_quickly_only_meanwhile(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("os.sched_getaffinity", lambda process: {0, 1}, raising=False)
+    before = sys.getswitchinterval()
+    for found in side_by_side([intervals, intervals], lambda: None):
+        assert found == pytest.approx([HANDOVER] * 4)
+    assert sys.getswitchinterval() == before
+
+
+def test_what_the_first_that_fails_raises_ends_the_others():
+    def endless(told: Told) -> None:
+        while True:
+            told()
+
+    def fails(told: Told) -> None:
+        raise ZeroDivisionError
+
+    before = sys.getswitchinterval()
+    jobs: list[Job[None]] = [fails, endless]
+    with pytest.raises(ZeroDivisionError):
+        side_by_side(jobs, lambda: None)
+    assert sys.getswitchinterval() == before
+    assert side_by_side([lambda told, k=k: k for k in range(5)], lambda: None) == list(range(5))
