@@ -66,7 +66,9 @@ def sweep_page(found: SweepSummary, near: SweptPosture | None, at_worst: WorstSt
         "warn": "NOT SAFE EVERYWHERE: a requirement is not met in some postures",
         "bad": "NOT SAFE: unstable, or not known, in some postures",
     }
-    lead = Lead(sentence(found), state, headline[state], [*filter(None, [missed]), *warnings(found)], do_this)
+    # What fails leads; where the gain margin does not hold either, that does.
+    verdict = f"{missed} {sentence(found)}" if found.margin_held else f"{sentence(found)} {missed}"
+    lead = Lead(verdict.strip(), state, headline[state], warnings(found), do_this)
     kind = model_kind(plan.system.control.sample_time)
     return page(f"gainroom sweep: {counted(plan.postures.count)} postures, {kind} model", lead, _cards(found, near), sections, footer())
 
