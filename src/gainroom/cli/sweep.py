@@ -187,10 +187,10 @@ def _facts(found: "SweepSummary", near: "SweptPosture | None", at_worst: "WorstS
 
 
 def _terminal(found: "SweepSummary", near: "SweptPosture | None", at_worst: "WorstStates", output: Path | None, report: Path | None) -> str:
-    from ..report.sweep_text import advice, columns, looked_at, sentence, sureness, unmet_text, warnings
+    from ..report.sweep_text import advice, columns, looked_at, sureness, verdict, warnings
 
     table = column_table("", columns(found), found.contacts, ("highest", "10 %"))
-    said = [text for text in (unmet_text(found, at_worst), advice(found, at_worst)) if text]
+    said = [*verdict(found, at_worst), *filter(None, [advice(found, at_worst)])]
     sure = [*sureness(found, near), *filter(None, [looked_at(found, at_worst)])]
     files = {"Results": output, "Report": report}
-    return render(sentence(found), *said, table, *sure, *closing(files, warnings(found)))
+    return render(*said, table, *sure, *closing(files, warnings(found)))

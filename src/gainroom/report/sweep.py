@@ -23,7 +23,7 @@ from .robot_drawing import hero, small
 from .robot_skeleton import common_view
 from .robot_tables import MARKS, machine
 from .sweep_text import advice as use
-from .sweep_text import columns, counted, joint_name, sentence, sureness, unmet_text, warnings
+from .sweep_text import columns, counted, joint_name, sureness, verdict, warnings
 from .workspace import CURVES, FEW, judged_table
 
 SCALE = [[0, "#08306b"], [0.5, "#6baed6"], [1, "#f7fbff"]]
@@ -59,16 +59,13 @@ def sweep_page(found: SweepSummary, near: SweptPosture | None, at_worst: WorstSt
     ]
     said = use(found, at_worst)
     do_this = advice(said, "") if said and worst is not None and found.scale < 1 else ""
-    missed = unmet_text(found, at_worst)
     state = "bad" if not found.stable else "good" if found.margin_held and not at_worst.unmet else "warn"
     headline = {
         "good": "",
         "warn": "NOT SAFE EVERYWHERE: a requirement is not met in some postures",
         "bad": "NOT SAFE: unstable, or not known, in some postures",
     }
-    # What fails leads; where the gain margin does not hold either, that does.
-    verdict = f"{missed} {sentence(found)}" if found.margin_held else f"{sentence(found)} {missed}"
-    lead = Lead(verdict.strip(), state, headline[state], warnings(found), do_this)
+    lead = Lead(" ".join(verdict(found, at_worst)), state, headline[state], warnings(found), do_this)
     kind = model_kind(plan.system.control.sample_time)
     return page(f"gainroom sweep: {counted(plan.postures.count)} postures, {kind} model", lead, _cards(found, near), sections, footer())
 

@@ -86,18 +86,26 @@ def sureness(found: SweepSummary, searched: SweptPosture | None) -> list[str]:
     return ["; ".join(said) + "."] if said else []
 
 
-def unmet_text(found: SweepSummary, worst: WorstStates) -> str:
-    """Which other requirements fail in the sample of postures that were judged; "" where none does."""
-    missed = [_missed(found, worst, one) for one in worst.unmet.values() if not math.isnan(one.value)]
-    return f"Not met: {'; '.join(missed)}." if missed else ""
+def verdict(found: SweepSummary, worst: WorstStates) -> list[str]:
+    """What fails first: other requirements where the gain margin holds."""
+    missed = unmet_text(found, worst)
+    said = [missed, sentence(found)] if found.margin_held else [sentence(found), missed]
+    return [text for text in said if text]
 
 
-def _missed(found: SweepSummary, worst: WorstStates, one: Judged) -> str:
+def unmet_text(found: SweepSummary, worst: WorstStates, required: bool = True) -> str:
+    """Which other requirements fail in the sample of postures that were judged; "" where none does. Not `required`: they are usual."""
+    missed = [_missed(found, worst, one, "required" if required else "usual") for one in worst.unmet.values() if not math.isnan(one.value)]
+    heading = "Not met" if required else "Not required, and short of what is usual there"
+    return f"{heading}: {'; '.join(missed)}." if missed else ""
+
+
+def _missed(found: SweepSummary, worst: WorstStates, one: Judged, bound: str) -> str:
     """The worst that was found of one requirement, where, and how often it is missed."""
     asked, name = found.plan.system.requirements, one.requirement.name
     worst_value = margin_value(asked, name, one.value, False, 3)
     often = f"; missed in {share_missed(worst, one)}" if worst.random_count else ""
-    return f"{one.requirement.label} {worst_value} in {one.state.title} ({requirement(asked, name, 3)} required{often})"
+    return f"{one.requirement.label} {worst_value} in {one.state.title} ({requirement(asked, name, 3)} {bound}{often})"
 
 
 def share_missed(worst: WorstStates, one: Judged) -> str:

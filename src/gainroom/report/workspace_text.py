@@ -17,10 +17,7 @@ def workspace_text(swept: AuditedWorkspace) -> str:
 
 def unmet_there(swept: AuditedWorkspace) -> str:
     """What fails in the sample, besides the gain margin; "" where nothing does."""
-    text = unmet_text(swept.found, swept.sample)
-    if swept.required or not text:
-        return text
-    return text.replace("Not met: ", "Not required, and short of what is usual there: ").replace(" required", " usual")
+    return unmet_text(swept.found, swept.sample, swept.required)
 
 
 def judged_there(swept: AuditedWorkspace) -> str:
