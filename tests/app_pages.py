@@ -16,8 +16,6 @@ from faults import environment, heard
 PATIENCE = 300.0
 """[s] within which anything answers, on a loaded machine, too; none of it is waited for where the answer comes."""
 QUICK, CERTIFIED = served.ANSWERED, served.CERTIFIED
-PATIENCE = 300.0
-"""[s] within which anything answers, on a loaded machine, too; none of it is waited for where the answer comes."""
 
 
 def serve(file: Path, port: int = 0, *options: str) -> Served:

@@ -44,6 +44,18 @@ def browser():
         yield found
 
 
+@pytest.fixture(scope="module")
+def served(tmp_path_factory):
+    """The page of the paper's Fig. 9, at work."""
+    from app_pages import serving
+    from test_cli import EXAMPLES
+
+    file = tmp_path_factory.mktemp("app") / "fig9.yaml"
+    file.write_text(EXAMPLES["fig9"], "utf-8")
+    with serving(file) as found:
+        yield found
+
+
 LONG = (
     "tutorial_humanoid", "delay.md", "tutorial_policy", "tutorial_joint", "the_wheel_alone", "native_headers", "test_share", "sweep.md",
     "split_audit", "of_a_population", "talos-knee", "app_browser", "app_robot", "written_robot_is_the_audited", "simulator.md",

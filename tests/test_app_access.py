@@ -5,29 +5,19 @@ import json
 import socket
 import urllib.error
 import urllib.request
-from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from app_pages import PATIENCE, Served, serve, serving
+from app_pages import PATIENCE, Served, serve
 from gainroom.app.messages import LONGEST
 from gainroom.cli import main
-from test_cli import EXAMPLES
 
 pytest.importorskip("uvicorn", reason="the extra gainroom[app] is not installed")
 client = pytest.importorskip("websockets.sync.client")
 exceptions = pytest.importorskip("websockets.exceptions")
-
-
-@pytest.fixture(scope="module")
-def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
-    file = tmp_path_factory.mktemp("app") / "joint.yaml"
-    file.write_text(EXAMPLES["fig9"], "utf-8")
-    with serving(file) as found:
-        yield found
 
 
 def get(address: str, **headers: str) -> tuple[int, dict[str, str], str]:

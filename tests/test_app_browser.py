@@ -17,14 +17,6 @@ from test_cli import EXAMPLES
 pytest.importorskip("uvicorn", reason="the extra gainroom[app] is not installed")
 
 
-@pytest.fixture(scope="module")
-def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
-    file = tmp_path_factory.mktemp("app") / "fig9.yaml"
-    file.write_text(EXAMPLES["fig9"], "utf-8")
-    with serving(file) as found:
-        yield found
-
-
 @pytest.fixture
 def tab(browser: Any, served: Served) -> Iterator[Tab]:
     found = open_tab(browser, served.address)
