@@ -35,7 +35,7 @@ PRICES = ((10.0, 1e-3), (50.0, 3e-3), (250.0, 2e-2))
 """What a requirement missed by 1 costs, against ln of what is made small, and how much more than asked for is kept: first as much as may
 be lost where gains are rounded. Where that does not hold, more: two loci that meet part again like a square root, which has no tangent.
 """
-HOPELESS = 0.03  # what is missed by more at one price is not met at a higher one, either
+HOPELESS = 0.03  # what is missed by more at one price was met at a higher one in no robot that was tried: seen, not proved
 PULL = 0.02  # of every change of a gain: without it what nothing depends on would be anywhere
 STEPS = 150
 SLOW, LITTLE = 10, 2e-3  # so many steps that together made ln of what is made small no smaller than that end it, too

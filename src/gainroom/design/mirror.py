@@ -40,10 +40,7 @@ def mirror_of(states: Sequence[tuple[StateCase, Case]], others: Sequence[tuple[S
             return None
         if not _same(_scaled(a)[np.ix_(order, order)] * np.outer(turned, turned), _scaled(b)):
             return None
-        weight, other_weight = (
-            np.zeros((len(order), len(order))) if each is None else each for each in (a.gravity_stiffness, b.gravity_stiffness)
-        )
-        if not _same(weight[np.ix_(order, order)] * np.outer(turned, turned), other_weight):
+        if not _same(_weight(a)[np.ix_(order, order)] * np.outer(turned, turned), _weight(b)):
             return None
         if not _tasks_alike(case, twin, order, turned):
             return None
@@ -57,6 +54,7 @@ def _scaled(model: Plant) -> Floats:
 
 
 def _weight(model: Plant) -> Floats:
+    """The gravity stiffness; zeros where there is none."""
     return np.zeros((model.size, model.size)) if model.gravity_stiffness is None else model.gravity_stiffness
 
 

@@ -39,7 +39,7 @@ def verdict(result: Audit) -> str:
         return f"Not safe{over}: stable, but the gain limit in {listed(unknown)} is not known. {_count(count, result)}"
     if result.safe:
         return f"Safe{over}{if_stiff(result)}"
-    short = missed_besides(result) or f"{_short_of_gain(result)}"
+    short = missed_besides(result) or _short_of_gain(result)
     return f"Not safe{over}: {short}. {_count(count, result)}"
 
 

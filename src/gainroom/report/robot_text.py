@@ -14,8 +14,6 @@ from ..system.system import System
 from .joint_text import CONTINUOUS, NOT_EVERYWHERE, failing, lost_at_usual_rate
 from .recommended_gains_text import weight_warnings
 
-SLIGHT = 0.05
-"""Damping ratio of a motor on its spring proposed as a first guess where none is given."""
 EXACT_ROBOT = "stiffness, damping, inertia and delay are taken as exact; give uncertainty: for gains that hold over a range"
 COUPLED = 0.95
 """Coupling is reported where the limit is below this part of the tightest joint's own."""
