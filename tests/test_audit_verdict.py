@@ -33,7 +33,9 @@ def test_the_first_lines_name_joint_and_remedy(capsys: pytest.CaptureFixture[str
     assert "ankle" in " ".join(out.splitlines()[:3])
     told = json.loads(audited(capsys, *options, "--json")[1])
     words = " ".join(out.split())
-    assert f"Do this: Multiply all gains by {told['scale']:.4g} (" in words
+    use = told["to_use"]
+    whose = {1: "the gains of ankle", 4: "all gains"}.get(len(use["scaled"]), f"the gains of {len(use['scaled'])} joints")
+    assert f"Do this: Multiply {whose} by {use['factor']:.4g} (" in words
     assert "×" not in words.partition("Do this: ")[0]  # no limit before the factor to use, which a reader would take for it
     shown = out[out.index("\n joint ") :].split("\n")
     for column in ("alone", "one loop"):
@@ -78,6 +80,44 @@ def test_gains_on_the_page_have_four_digits_and_are_safe(tmp_path: Path, capsys:
     path = tmp_path / "gains.yaml"
     path.write_text(yaml.safe_dump({"gains": gains}), "utf-8")
     assert json.loads(audited(capsys, "--delay-ms", delay, "--gains", str(path), "--json")[1])["safe"] is True
+
+
+@pytest.mark.parametrize("delay", ["2", "4"])
+def test_only_joints_that_need_it_are_lowered(tmp_path: Path, capsys: pytest.CaptureFixture[str], delay: str):
+    """All others keep their gains; the set is safe, and with half a percent more on the lowered joints it is not."""
+    told = json.loads(audited(capsys, "--delay-ms", delay, "--json")[1])
+    use, present = told["to_use"], {joint["name"]: joint for joint in told["joints"]}
+    assert 0 < len(use["scaled"]) < len(present)
+    assert {name for name, joint in present.items() if not joint["safe"]} <= set(use["scaled"])
+    for joint in use["joints"]:
+        factor = use["factor"] if joint["name"] in use["scaled"] else 1.0
+        assert joint["kp"] == pytest.approx(factor * present[joint["name"]]["kp"], rel=5e-4)  # typed with four digits
+    for more, safe in ((1.0, True), (1.005, False)):  # the factor is rounded down to three digits: 0.3 % of the least here, 0.33
+        gains = {
+            joint["name"]: {
+                "motor_inertia": present[joint["name"]]["motor_inertia"],
+                **{key: joint[key] * (more if joint["name"] in use["scaled"] else 1.0) for key in ("kp", "kd")},
+            }
+            for joint in use["joints"]
+        }
+        path = tmp_path / "gains.yaml"
+        path.write_text(yaml.safe_dump({"gains": gains}), "utf-8")
+        assert json.loads(audited(capsys, "--delay-ms", delay, "--gains", str(path), "--json")[1])["safe"] is safe
+
+
+def test_safe_gains_that_hardly_damp_say_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """kd of a fiftieth: far from any gain limit, and ringing. With the requirement the same gains are not safe."""
+    path = tmp_path / "gains.yaml"
+    path.write_text("gains: {'.*': {kp: 20, kd: 0.05, motor_inertia: 0.02}}\n", "utf-8")
+    options = ("--delay-ms", "0.1", "--delay-margin-ms", "0.1", "--stiffness", "20000", "--damping", "20", "--gains", str(path))
+    told = json.loads(audited(capsys, *options, "--json")[1])
+    assert told["safe"] is True
+    assert told["peak_sensitivity"] > 5
+    status, out = audited(capsys, *options)
+    words = " ".join(out.split())
+    assert (status, words.startswith("Safe. But the gains hardly damp the motion at ")) == (0, True)
+    assert f"Ms {told['peak_sensitivity']:.3g}, where 2 is usual" in words
+    assert audited(capsys, *options, "--peak-sensitivity", "2")[0] == 1
 
 
 def test_safe_rests_on_stiff_gearboxes(capsys: pytest.CaptureFixture[str]):

@@ -1,5 +1,6 @@
 """gainroom audit: whether the gains that a robot already has are safe."""
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -176,6 +177,7 @@ def _facts(result: "Audit", simulated: "SimulatorAudit | None", swept: "AuditedW
             **{one.key: None if name not in needed else as_typed(one.in_unit(needed[name])) for name, one in further.items()},
         },
         "scale": audit_scale(result),
+        "to_use": _to_use_facts(result),
         "model": model_kind(sample_time),
         "sample_rate_hz": None if sample_time is None else 1 / sample_time,
         "delay_ms": 1e3 * max(drive.delay for drive in result.system.drives),
@@ -201,6 +203,16 @@ def _facts(result: "Audit", simulated: "SimulatorAudit | None", swept: "AuditedW
         "assumptions": [*result.system.assumptions, *gearbox_assumptions(result)],
         "warnings": list(audit_warnings(result)),
     }
+
+
+def _to_use_facts(result: "Audit") -> dict[str, Any] | None:
+    """The factor, the joints whose gains it is on, and every joint's gains as typed; None for safe gains, and where none are known."""
+    found = result.to_use
+    if found is None:
+        return None
+    names = result.system.source.joint_names
+    gains = [{"name": name, **{key: float(values[k]) for key, values in found.gains.items()}} for k, name in enumerate(names)]
+    return {"factor": found.factor, "scaled": list(found.joints), "joints": gains}
 
 
 def _terminal(
@@ -235,7 +247,8 @@ def _terminal(
             legend(result, [str(column.header) for column in joints.columns]),
             *closing({"Report": report}, few(warned, MOST_WARNINGS)),
             *filter(None, [unjudged(result)]),
-            f"Posture: {result.states[0].posture}; {result.system.source.body.base} base; {_gains_run(result)} (--gains-run)",
+            f"Posture: {result.states[0].posture}; {result.system.source.body.base} base{_rigid(result)}; "
+            f"{_gains_run(result)} (--gains-run)",
             f"{more}: --verbose.",
         )
     return render(
@@ -252,6 +265,14 @@ def _terminal(
         f"Posture: {result.states[0].posture}; {result.system.source.body.base} base",
         *closing({"Report": report}, warned, assumed),
     )
+
+
+def _rigid(result: "Audit") -> str:
+    """That gearboxes are assumed to be rigid, where some are."""
+    stiffness = result.system.source.actuators.stiffness.tolist()
+    count = sum(map(math.isinf, stiffness))
+    which = "" if count == len(stiffness) else f"{count} of {len(stiffness)} "
+    return f"; {which}gearboxes assumed rigid (--stiffness, --damping)" if count else ""
 
 
 def _gains_run(result: "Audit") -> str:

@@ -111,7 +111,7 @@ def verdict_parts(study: Any, to_use: Any) -> list[Any]:
     """What stands first: every requirement at its worst, gains to use, and what is said of them."""
     from ..report.verdict import judged, judged_columns
 
-    rows, drops = judged(study, to_use.margins), ("at", "nominal", "to use", "required")
+    rows, drops = judged(study, to_use.margins), ("at", "nominal", "to use", "to use, worst", "required")
     parts: list[Any] = [column_table("", judged_columns(study), rows, drops=drops)]
     if to_use.lines:
         parts += [to_use.heading, *_typed(to_use.lines), *to_use.remarks, *_typed(to_use.at_usual_rate)]

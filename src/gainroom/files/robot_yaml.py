@@ -192,6 +192,7 @@ def _control(file: RobotFile, body: RigidBody, sample_time: float | None) -> Con
         weight=_per_joint("control.weight", {DEFAULT: 1.0, **(section.weight or {})}, body) if in_joints else None,
         kd_path=section.gain_path(),
         command_delay=1e-3 * file.drive.command_delay_ms,
+        sampling_in_delay=file.drive.delay_includes_sampling,
     )
 
 

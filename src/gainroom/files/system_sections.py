@@ -86,6 +86,7 @@ class DriveSection(Section):
     delay_ms: DelayMs | None = None
     delay_ticks: DelayTicks | None = None
     sample_rate_hz: SampleRate | None = None
+    delay_includes_sampling: bool = Field(False, description="true: the delay contains the loop's hold and velocity difference")
     command_delay_ms: DelayMs = 0.0
 
     @model_validator(mode="after")
@@ -332,6 +333,11 @@ class SystemFile(Section, Generic[Control, Ranges]):
         """Of the controller [s]; None: continuous. Raises GainroomError as `tick`, and for a filter above half the sample rate."""
         if self.control.sample_rate_hz is None:
             return None
+        if self.drive.delay_includes_sampling:
+            raise GainroomError(
+                "drive.delay_includes_sampling: must be false with control.sample_rate_hz: a sampled loop adds its own hold and velocity "
+                "difference to the delay, so that they would count twice"
+            )
         tick = self.tick()
         assert tick is not None
         self.control.require_filters_below(math.pi / tick)

@@ -8,14 +8,14 @@ import numpy as np
 from ..errors import listed
 from ..linear.arrays import Booleans
 from ..studies.audit import Audit
-from ..system.requirements import REQUIREMENTS, Requirements, enough, to_db
+from ..system.requirements import REQUIREMENTS, Requirements, enough
 from .audit_headroom import PATHS, deciding, headroom, headroom_rows
-from .audit_text import audit_scale, audit_sentence, audit_warnings, reason, verdict, what_to_do
-from .columns import definitions, tabulated, yes
+from .audit_margins import audited_margins, margins_of_audit
+from .audit_text import audit_sentence, audit_warnings, hardly_damped, reason, verdict, what_to_do
+from .columns import definitions, tabulated
 from .gearbox_range import gearbox_assumptions
-from .margin_columns import requirement
 from .needed_stiffness import needed_table, rounded_up
-from .number_format import digits, hertz, model_kind
+from .number_format import digits, hertz, model_kind, span
 from .page import Card, Html, Lead, Section, beside, block, facts, page, paragraph, table
 from .page_parts import ON_TOP, assumed_and_warned, assumptions, footer, limit_proofs, margin_card, unstable_card
 from .robot_columns import asked, audited_joints, audited_states, joint_caption
@@ -23,7 +23,7 @@ from .robot_coupling import coupling
 from .robot_drawing import hero, small
 from .robot_headroom import Factors, heat_map
 from .robot_skeleton import common_view
-from .robot_tables import MARKS, inputs, span
+from .robot_tables import MARKS, inputs
 from .robot_units import joint_units
 from .sweep_text import counted, safe_share
 from .what_to_do import Advice, advice_box
@@ -48,7 +48,7 @@ def audit_page(result: Audit, command: str, simulated: "SimulatorAudit | None" =
     system, factors, count = result.system, _factors(result), len(result.joints)
     assumed = (*system.assumptions, *gearbox_assumptions(result))
     sample_time, further = system.control.sample_time, audit_warnings(result)[ON_TOP:]
-    taken = assumptions(f"Linear about posture {result.tightest.posture}", sample_time, "; contacts neither slip nor lift")
+    taken = assumptions(f"Linear about posture {result.tightest.posture}", system.control, "; contacts neither slip nor lift")
     sections = [
         *_reasons(result),
         *([] if swept is None else [_workspace(swept)]),
@@ -103,7 +103,7 @@ def _deciding(result: Audit) -> str:
 
 def _lead(result: Audit, simulated: "SimulatorAudit | None", swept: "AuditedWorkspace | None") -> Lead:
     said, do, sentence = list(audit_warnings(result)[:ON_TOP]), _do_this(result), verdict(result)
-    if audit_scale(result) is None:
+    if result.to_use is None:
         sentence = audit_sentence(result)
     lost = simulated is not None and not simulated.limit.stable
     if lost:
@@ -119,7 +119,13 @@ def _lead(result: Audit, simulated: "SimulatorAudit | None", swept: "AuditedWork
             said.insert(0, advice)
     if not result.stable:
         return Lead(sentence, "bad", "UNSTABLE: do not run these gains", said, do)
-    return Lead(sentence, "good" if result.safe and not (lost or short) and not _assumed_rigid(result).any() else "warn", "", said, do)
+    return Lead(
+        sentence,
+        "good" if result.safe and not (lost or short or hardly_damped(result)) and not _assumed_rigid(result).any() else "warn",
+        "",
+        said,
+        do,
+    )
 
 
 def _assumed_rigid(result: Audit) -> Booleans:
@@ -129,20 +135,13 @@ def _assumed_rigid(result: Audit) -> Booleans:
 
 def _do_this(result: Audit) -> Html | str:
     """What to do, with the margins of these gains and of those to use."""
-    found, scale = what_to_do(result), audit_scale(result)
-    if scale is None:
+    found = what_to_do(result)
+    if not result.stable and result.to_use is None:
         return advice_box(found)
-    required = requirement(Requirements(gain_margin=result.margin), "gain_margin", 3)
-    rows = [
-        (name, digits(to_db(least), "dB", 3), required, yes(enough(least, result.margin)), digits(to_db(least / scale), "dB", 3))
-        for name, least in (
-            ("gain margin, all joints together", result.tightest.limit.gain),
-            ("least gain margin of a joint by itself", min(joint.gain_limit for joint in result.joints)),
-        )
-    ]
     units = joint_units(result.system.source.body)
-    beside_it = table(("", "these gains", "required", "met", "to use"), rows, f"kp {units['kp']}, kd {units['kd']}", MARKS, sorts=False)
-    return advice_box(found, beside_it, paragraph(reason(result)))
+    caption = "" if result.to_use is None else f"kp {units['kp']}, kd {units['kd']}"
+    beside_it = table(*tabulated(audited_margins(result), margins_of_audit(result)), caption, MARKS, sorts=False)
+    return advice_box(found, beside_it, *([] if result.to_use is None else [paragraph(reason(result))]))
 
 
 def _cards(result: Audit) -> list[Card]:

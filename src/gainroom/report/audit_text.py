@@ -6,13 +6,13 @@ import numpy as np
 
 from ..analysis.margin_record import PathMargins
 from ..errors import beside, frequency_text, listed
-from ..linear.arrays import Floats
-from ..studies.audit import Audit
+from ..studies.audit import Audit, GainsToUse
 from ..studies.state import HELD
 from ..system.requirements import REQUIREMENTS, Requirements, to_db
 from .gains_to_use import gain_file
 from .gearbox_range import over_range, worst_gearboxes
-from .margin_columns import short_text
+from .joint_text import BARE
+from .margin_columns import requirement, short_text
 from .needed_stiffness import if_stiff
 from .number_format import digits
 from .robot_text import free_joints, unconfirmed
@@ -20,8 +20,6 @@ from .what_to_do import Advice
 
 SLIGHT = 0.05
 """Damping ratio of a motor on its spring proposed as a first guess where none is given."""
-MOST_DIGITS = 7
-"""Of a gain that is typed."""
 
 
 def audit_sentence(result: Audit) -> str:
@@ -38,9 +36,19 @@ def verdict(result: Audit) -> str:
     if unknown:
         return f"Not safe{over}: stable, but the gain limit in {listed(unknown)} is not known. {_count(count, result)}"
     if result.safe:
-        return f"Safe{over}{if_stiff(result)}"
+        return f"Safe{over}{if_stiff(result)}{hardly_damped(result)}"
     short = missed_besides(result) or _short_of_gain(result)
     return f"Not safe{over}: {short}. {_count(count, result)}"
+
+
+def hardly_damped(result: Audit) -> str:
+    """That gains with all that is required leave little damping, where nothing is required of it; "" where they do not."""
+    one, state = REQUIREMENTS["peak_sensitivity"], result.worst["peak_sensitivity"]
+    value, omega = one.value(state.margins), one.frequency(state.margins)
+    if one.name in result.further.needed or not value > BARE:
+        return ""
+    at = f" at {frequency_text(omega)}" if math.isfinite(omega) else ""
+    return f" But the gains hardly damp the motion{at}: Ms {one.text(value)}, where 2 is usual (require it with --peak-sensitivity 2)."
 
 
 def _short_of_gain(result: Audit) -> str:
@@ -108,12 +116,9 @@ def what_to_do(result: Audit) -> Advice:
         return Advice(
             f"{known}, and audit again with `--stiffness` and `--damping`, or `--gearbox`: on softer ones these gains may not stay."
         )
-    scale = audit_scale(result)
-    if scale is not None:
-        first = result.by_headroom[0]
-        of_first = f"{first.name} kp {scale * first.kp:.4g}, kd {scale * first.kd:.4g}"
-        time = " in continuous time" if result.system.control.sample_time is None else ""
-        return Advice(f"Multiply all gains by {scale:.4g} ({of_first}); then every required margin is there{time}.", lines(result, scale))
+    found = result.to_use
+    if found is not None:
+        return Advice(f"{_multiply(result, found)}; then {_required(result)}.", gain_file(result.system.source.joint_names, found.gains))
     if result.tightest.limit.gain == 0 and np.any(actuators.damping[np.isfinite(actuators.stiffness)] == 0):
         return Advice("Measure the gearboxes' damping, and audit again with `--damping`.")
     start = ""
@@ -122,16 +127,27 @@ def what_to_do(result: Audit) -> Advice:
     return Advice(f"{start}Audit with `--write-robot robot.yaml`: `gainroom robot robot.yaml` then searches gains joint by joint.")
 
 
-def lines(result: Audit, scale: float) -> list[str]:
-    """All gains times `scale` with four digits, or with as many more as leave them safe."""
-    names = ("kp", "kd", "ki") if any(joint.ki for joint in result.joints) else ("kp", "kd")
-    exact = {name: np.array([scale * getattr(joint, name) for joint in result.joints]) for name in names}
+def _multiply(result: Audit, found: GainsToUse) -> str:
+    """Which gains by which factor, with the values of the joint that has the least headroom."""
+    names = result.system.source.joint_names
+    first = next(joint.name for joint in result.by_headroom if joint.name in found.joints)
+    of_first = ", ".join(f"{name} {values[names.index(first)]:.4g}" for name, values in found.gains.items() if name != "ki")
+    count, left = len(found.joints), len(names) - len(found.joints)
+    if not left:
+        return f"Multiply all gains by {found.factor:.4g} ({first} {of_first})"
+    if count == 1:
+        return f"Multiply the gains of {first} by {found.factor:.4g} ({of_first}) and leave the others"
+    return f"Multiply the gains of {count} joints by {found.factor:.4g} ({first} {of_first}) and leave the other {left}"
 
-    def rounded(count: int) -> dict[str, Floats]:
-        return {name: np.array([float(f"{value:.{count}g}") for value in values.tolist()]) for name, values in exact.items()}
 
-    fewest = next((count for count in range(4, MOST_DIGITS) if result.holds(rounded(count))), MOST_DIGITS)
-    return gain_file(result.system.source.joint_names, rounded(fewest))
+def _required(result: Audit) -> str:
+    """What gains to use have, as a clause: "gain margin ≥ 6 dB and delay margin ≥ 1 ms hold in continuous time"."""
+    asked = Requirements(gain_margin=result.margin)
+    parts = [f"gain margin {requirement(asked, 'gain_margin', 3)}"]
+    parts += [f"delay margin ≥ {digits(1e3 * result.delay_margin, 'ms', 3)}"] if result.delay_margin > 0 else []
+    parts += [f"{one.heading} {requirement(result.further, one.name, 3)}" for one, _ in result.further.asked_for]
+    time = " in continuous time" if result.system.control.sample_time is None else ""
+    return f"{listed(parts)} {'hold' if len(parts) > 1 else 'holds'}{time}"
 
 
 def missed_besides(result: Audit) -> str:

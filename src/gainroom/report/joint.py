@@ -10,7 +10,7 @@ from .bode import bode, cases
 from .columns import Column
 from .gain_map import gain_map
 from .joint_tables import case_table, crossing_table, inputs, margin_table, uncertainty_table
-from .joint_text import cause, notes, recommended_text, sentence, uncertainty_cost_text, warnings
+from .joint_text import cause, notes, recommended_text, sentence, severity, uncertainty_cost_text, warnings
 from .margin_columns import bounded_columns
 from .number_format import digits, frequency, hertz, model_kind, typed_gains
 from .nyquist import nyquist
@@ -39,7 +39,7 @@ def joint_page(study: JointStudy, command: str) -> str:
         Section("All crossings of this file's loop", [crossing_table(found)], f"{len(found.phase_crossings) + len(found.gain_crossings)}"),
         Section(
             "Inputs and assumptions",
-            [inputs(study), assumptions("Linear two-mass joint", study.system.control.sample_time), *map(paragraph, notes(study))],
+            [inputs(study), assumptions("Linear two-mass joint", study.system.control), *map(paragraph, notes(study))],
             "what was read, and what it leaves out",
         ),
         Section("Certification", [_certificate(study)], "how each number was checked"),
@@ -56,7 +56,7 @@ def _lead(study: JointStudy) -> Lead:
     if study.unstable_at:
         where = case_text(study.unstable_at)
         return Lead(sentence(study), "bad", f"UNSTABLE within the uncertainty ranges, at {where}: do not run these gains", said, do)
-    return Lead(sentence(study), "warn" if study.unmet else "good", "", said, do)
+    return Lead(sentence(study), severity(study), "", said, do)
 
 
 def _cards(study: JointStudy) -> list[Card]:

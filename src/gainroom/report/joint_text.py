@@ -1,6 +1,7 @@
 """The results for one joint in sentences, for terminal and page."""
 
 import math
+from typing import Literal
 
 import numpy as np
 
@@ -8,12 +9,14 @@ from ..design.joint_gains import COST_ACCURACY, Recommendation
 from ..design.uncertainty_cost import KnownExactly
 from ..errors import apart, case_text, frequency_text, listed
 from ..studies.analysis import USUAL_RATE, Analysis
+from ..studies.deciding_joints import joints_that_miss
 from ..studies.joint import JointStudy
 from ..system.plausibility import unusual_values
 from ..system.requirements import REQUIREMENTS, title_of, to_db
 from ..system.system import System
 from .number_format import digits, own_gains, plane_names, quantity
 
+AT_USUAL = f"{USUAL_RATE / 1e3:g} kHz"
 NOT_EVERYWHERE = "Stable nominally, but not everywhere in the uncertainty ranges"
 CONTINUOUS = (
     "continuous model: a real controller's hold and velocity difference cost about one more tick of delay, unless the delay contains "
@@ -28,7 +31,10 @@ def lost_at_usual_rate(study: Analysis) -> list[str]:
     if state is None:
         return []
     where = f" (in {state.title})" if len(study.states) > 1 else ""
-    return [f"in a loop at {USUAL_RATE / 1e3:g} kHz the present gains would be unstable{where}: give control.sample_rate_hz"]
+    return [
+        f"in a loop at {AT_USUAL} the present gains would be unstable{where}: give control.sample_rate_hz, or "
+        "drive.delay_includes_sampling where the delay contains hold and velocity difference"
+    ]
 
 
 EXACT = "stiffness, damping and delay are taken as exact; give uncertainty: for gains that hold over a range"
@@ -42,7 +48,7 @@ def sentence(study: JointStudy) -> str:
     limit, worst = study.limit, study.in_range.margins.limit
     at = f", at {frequency_text(limit.frequency)}"
     if study.margins.stable:
-        text = f"Stable{failing(study)}."
+        text = f"{stable_text(study)}{failing(study)}."
         if math.isinf(limit.gain):
             return f"{text} No common factor on these gains makes the modelled joint vibrate."
         if study.system.uncertainty.names:
@@ -69,6 +75,30 @@ def cause(study: JointStudy) -> str:
     return _cause(study.limit.gain, study.without).strip() if 0 < study.limit.gain < math.inf else ""
 
 
+BARE = 5.0
+"""Ms above which a loop that misses a requirement is barely stable: up to it at least 1.9 dB and 11.5° are left."""
+
+
+def stable_text(study: Analysis, where: str = "") -> str:
+    """How a verdict on a stable system starts: "Stable", "Barely stable", and that a usual sampled loop would not be; `where`: states."""
+    start = "Barely stable" if barely_stable(study) else "Stable"
+    lost = study.unstable_at_usual_rate
+    if lost is None:
+        return start + where
+    there = f" in {lost.title}" if len(study.states) > 1 else ""
+    return f"{start} in continuous time{where}, but unstable in a loop at {AT_USUAL}{there}"
+
+
+def barely_stable(study: Analysis) -> bool:
+    """Whether a requirement fails and the worst Ms is above BARE."""
+    return bool(study.unmet) and study.least(study.worst["peak_sensitivity"], "peak_sensitivity") > BARE
+
+
+def severity(study: Analysis) -> Literal["good", "warn", "bare"]:
+    """How the verdict on a stable system looks on a page."""
+    return "bare" if barely_stable(study) or study.unstable_at_usual_rate is not None else "warn" if study.unmet else "good"
+
+
 COUNTS = ("no", "one", "two", "three")
 
 
@@ -85,15 +115,19 @@ def failing(study: Analysis) -> str:
         where = f" in {state.title}" if several and not shared else ""
         parts.append(f"{title} {shown} ({one.sign} {one.text(needed)}){where}")
     worst = f" in the worst case of uncertain {listed(_titles(study))}" if study.system.uncertainty.names else ""
+    if parts and len(study.system.source.joint_names) > 1:
+        worst += f", mainly at {listed(joints_that_miss(study.worst[study.decisive], study.decisive), most=2)}"
     if not parts:
         least = tightest(study)
         proved = "" if study.requirements_met else " examined"
-        return f", and every requirement is met{worst}{proved if worst else ''}; the tightest is {least}" if least else ""
+        joined = ", and" if study.unstable_at_usual_rate is None else "; there"
+        return f"{joined} every requirement is met{worst}{proved if worst else ''}; the tightest is {least}" if least else ""
     count = COUNTS[len(parts)] if len(parts) < len(COUNTS) else str(len(parts))
     count += " requirements" if len(parts) > 1 else " requirement"
     count += " cannot be judged" if unknown else " fail" if len(parts) > 1 else " fails"
     count += "" if unknown in (0, len(parts)) else ", or fail"
-    return f", but {count}{shared}{worst}: {('; ' if several and not shared else ', ').join(parts)}"
+    joined = ", but" if study.unstable_at_usual_rate is None else ";"
+    return f"{joined} {count}{shared}{worst}: {('; ' if several and not shared else ', ').join(parts)}"
 
 
 def _titles(study: Analysis) -> list[str]:

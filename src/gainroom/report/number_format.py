@@ -1,6 +1,7 @@
 """Numbers as a person reads them: three to four significant digits, thin spaces between thousands, always a unit."""
 
 import math
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 from ..errors import QUANTITIES, apart
@@ -118,3 +119,12 @@ def typed_gains(controller: Any) -> str:
 
 
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def span(values: Iterable[float], unit: str = "") -> str:
+    """One value where all are the same, else from the least to the largest."""
+    found = [float(value) for value in values]
+    if not found:
+        return "none"
+    low, high = min(found), max(found)
+    return digits(low, unit) if low == high else f"{digits(low)} to {digits(high, unit)}"

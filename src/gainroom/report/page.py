@@ -34,7 +34,7 @@ class Lead:
     """
 
     sentence: str
-    state: Literal["good", "warn", "bad"] = "good"
+    state: Literal["good", "warn", "bare", "bad"] = "good"
     headline: str = ""
     warnings: Sequence[str] = ()
     advice: str = ""

@@ -12,7 +12,7 @@ from ..analysis.gain_limit import GainLimit
 from ..errors import listed
 from ..studies.state import State
 from ..system.requirements import REQUIREMENTS, Requirements
-from ..system.system import System
+from ..system.system import Control, System
 from .margin_columns import margin_value, requirement
 from .number_format import digits, quantity
 from .page import Card, Html, facts, paragraph
@@ -70,13 +70,15 @@ def limit_proofs(states: Sequence[State], immobile: Sequence[State]) -> list[tup
     return pairs
 
 
-def assumptions(model: str, sample_time: float | None, further: str = "") -> str:
+def assumptions(model: str, control: Control, further: str = "") -> str:
     """The assumptions of a model; `model` begins the sentence, `further` ends it."""
     text = (
         f"{model}, small motions: no friction other than viscous, no torque limit, no backlash, no quantisation{further}. The delay is "
         "exact, never approximated by a rational function."
     )
-    if sample_time is None:
+    if control.sampling_in_delay:
+        text += " The model is continuous: hold and velocity difference of the loop are part of the delay (drive.delay_includes_sampling)."
+    elif control.sample_time is None:
         text += " The model is continuous; a sampled controller is worse by about one more tick of delay."
     return text
 

@@ -8,6 +8,7 @@ from ..studies.robot import RobotStudy
 from ..studies.state import State, by_headroom, task_headroom, unknown_first
 from ..sweep.summary import SweepSummary
 from ..system.requirements import REQUIREMENTS, Requirement
+from .joint_text import severity
 from .number_format import digits, hertz, model_kind
 from .page import Card, Html, Lead, Section, beside, block, facts, page, paragraph
 from .page_parts import ON_TOP, assumed_and_warned, assumptions, footer, limit_proofs, margin_card, unstable_card
@@ -38,7 +39,7 @@ def robot_page(study: RobotStudy, command: str, swept: SweepSummary | None = Non
     """
     shown, sample_time = _shown(study), study.system.control.sample_time
     told = [*warnings(study)[ON_TOP:], *notes(study)]
-    taken = assumptions("Linear about each posture", sample_time, "; contacts neither slip nor lift")
+    taken = assumptions("Linear about each posture", study.system.control, "; contacts neither slip nor lift")
     loci_of = beside(*(loci(state, loci_window(shown)) for state in shown))
     sections = [
         Section(_deciding_title(study), [_deciding(study)]),
@@ -191,7 +192,7 @@ def _lead(study: RobotStudy, elsewhere: Sequence[str]) -> Lead:
         where = f"UNSTABLE within the uncertainty ranges, in {study.unstable_case}: do not run these gains"
         return Lead(answer, "bad", where, first, do)
     lost = study.unstable_tasks
-    return Lead(answer, "warn" if lost or study.unmet else "good", "", first, do)
+    return Lead(answer, "warn" if lost and not study.unmet else severity(study), "", first, do)
 
 
 def _cards(study: RobotStudy) -> list[Card]:

@@ -248,10 +248,21 @@ AUDITED_JOINT = [
 """A joint of an audit, in its worst state."""
 
 
+USE = "kp and kd times this factor"
+
+
 def audited_joints(result: "Audit") -> list[Column]:
-    """AUDITED_JOINT, without a stiffness that is the same for all: the verdict says it."""
+    """AUDITED_JOINT, without a stiffness that is the same for all, which the verdict says; with the factor on gains where that differs."""
+    use = result.to_use
     needed = {joint.needed_stiffness for joint in result.joints if not math.isnan(joint.needed_stiffness)}
-    return [one for one in AUDITED_JOINT if one.title != "K needed" or len(needed) > 1]
+    columns = [one for one in AUDITED_JOINT if one.title != "K needed" or len(needed) > 1]
+    if use is not None and len(use.joints) < len(result.joints):
+
+        def factor(row: Any) -> str:
+            return f"× {use.factor:.4g}" if row.name in use.joints else "× 1"
+
+        columns.insert(4, Column("use", "", lambda row: None, shown=factor, definition=USE))
+    return columns
 
 
 def legend(result: "Audit", shown: Collection[str]) -> str:
@@ -261,12 +272,13 @@ def legend(result: "Audit", shown: Collection[str]) -> str:
         "kp": f"kp [{units['kp']}]",
         "kd": f"kd [{units['kd']}]",
         "ki": f"ki [{units['ki']}]",
+        "use": f"use: {USE}",
         "alone": "alone: factor on a joint's gains until vibration, the others free",
         "one loop": "one loop: the others closed",
         "K needed": f"K needed [{units['kp']}]: of every gearbox",
     }
-    named = [text for title, text in parts.items() if title in shown]
-    return f"{', '.join(named[:2])}; {'; '.join(named[2:])}. safe: {asked(result)} or more."
+    gains = ", ".join(parts.pop(title) for title in ("kp", "kd", "ki") if title in shown)
+    return f"{gains}; {'; '.join(text for title, text in parts.items() if title in shown)}. safe: {asked(result)} or more."
 
 
 def joint_caption(result: "Audit") -> str:

@@ -14,7 +14,7 @@ from ..studies.robot import RobotStudy
 from ..studies.state import State, TaskStudy
 from ..system.system import System
 from .columns import Column, definitions, tabulated
-from .number_format import digits, hertz
+from .number_format import digits, hertz, span
 from .page import Html, facts, paragraph, table
 from .page_parts import filters, uncertainty_text
 from .recommended_gains import Row, gain_columns, rows, set_columns
@@ -154,15 +154,6 @@ def machine(system: System) -> list[tuple[str, str]]:
         ("control", _control(system)),
         ("encoders", f"{system.control.feedback} side of the gearboxes"),
     ]
-
-
-def span(values, unit: str = "") -> str:
-    """One value where all are the same, else from the least to the largest."""
-    values = np.asarray(values, dtype=float)
-    if not len(values):
-        return "none"
-    low, high = float(values.min()), float(values.max())
-    return digits(low, unit) if low == high else f"{digits(low)} to {digits(high, unit)}"
 
 
 def _control(system: System) -> str:

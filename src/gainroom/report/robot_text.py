@@ -11,7 +11,7 @@ from ..studies.robot import RobotStudy
 from ..studies.state import State, task_headroom
 from ..system.controller import gain_matrix
 from ..system.system import System
-from .joint_text import CONTINUOUS, NOT_EVERYWHERE, failing, lost_at_usual_rate
+from .joint_text import CONTINUOUS, NOT_EVERYWHERE, failing, lost_at_usual_rate, stable_text
 from .recommended_gains_text import weight_warnings
 
 EXACT_ROBOT = "stiffness, damping, inertia and delay are taken as exact; give uncertainty: for gains that hold over a range"
@@ -62,7 +62,7 @@ def _verdict(study: RobotStudy) -> str:
     unstable = sum(not state.limit.stable for state in study.states)
     at, joints = frequency_text(limit.frequency), listed(worst.limiting_joints)
     if not unstable:
-        start = f"Stable{every}{failing(study)}."
+        start = f"{stable_text(study, every)}{failing(study)}."
         if study.without_limit and not math.isfinite(limit.gain):
             return start
         if math.isinf(limit.gain):

@@ -11,7 +11,7 @@ from ..system.requirements import REQUIREMENTS
 from .number_format import digits, hertz, milli, motion_unit, settling
 from .page import Card, Html, Lead, Section, beside, block, facts, page, paragraph, table
 from .page_parts import footer, margin_card, unstable_card
-from .simulation_advice import what_to_do
+from .simulation_advice import CALL, what_to_do
 from .simulation_figures import channel, channels, close_up, drawn_channels, in_time, links_over_time
 from .simulation_inputs import KINDS, inputs
 from .simulation_text import (
@@ -31,8 +31,8 @@ SHOWN_AS_ZERO = 1e-3
 """[N·m], and a participation factor: less is shown as 0."""
 
 
-def simulation_page(outcome: Outcome, command: str) -> str:
-    """The report of a run as one HTML page; `command` is the command that makes it."""
+def simulation_page(outcome: Outcome, command: str, call: str = CALL) -> str:
+    """The report of a run as one HTML page; `command` is the command that makes it, `call` the one that simulates the file's own gains."""
     kind, size, names = KINDS[outcome.spec.kind], len(outcome.run.joint_names), len(outcome.run.channels)
     fell = outcome.run.ending == "fell"
     sections = [
@@ -46,7 +46,7 @@ def simulation_page(outcome: Outcome, command: str) -> str:
         Section("Command", [block(command)], "that makes this page"),
     ]
     what = "one joint" if size == 1 else f"a robot of {size} joints"
-    return page(f"gainroom simulate: {what}, {kind.title}", _lead(outcome), _cards(outcome), sections, footer())
+    return page(f"gainroom simulate: {what}, {kind.title}", _lead(outcome, call), _cards(outcome), sections, footer())
 
 
 def _first(outcome: Outcome) -> list[Section]:
@@ -66,9 +66,9 @@ def _first(outcome: Outcome) -> list[Section]:
     return [Section(what, [channel(outcome, worst, links_over_time(outcome))]), Section("In time", [whole])]
 
 
-def _lead(outcome: Outcome) -> Lead:
+def _lead(outcome: Outcome, call: str) -> Lead:
     """The verdict with its sentence, warnings and advice."""
-    do = advice_box(what_to_do(outcome))
+    do = advice_box(what_to_do(outcome, call))
     if outcome.sound:
         doubt = unsettled(outcome) or outcome.missed
         return Lead(sentence(outcome), "warn" if doubt else "good", "", warnings(outcome), do)

@@ -3,19 +3,23 @@
 import math
 from dataclasses import replace
 
-from ..errors import listed
+import numpy as np
+
+from ..errors import listed, printable
 from ..simulation.tracking import SETTLED
 from ..studies.simulation import USUAL, Outcome
 from ..system.requirements import REQUIREMENTS
-from .simulation_text import farthest_off, unsettled
+from .simulation_text import unsettled
 from .what_to_do import Advice
 
+CALL = "gainroom simulate FILE"
 
-def what_to_do(outcome: Outcome) -> Advice | None:
-    """None where the warnings say it all."""
+
+def what_to_do(outcome: Outcome, call: str = CALL) -> Advice | None:
+    """None where the warnings say it all. `call`: the command that simulates the file's own gains."""
     more = f"`gainroom {'joint' if outcome.spec.kind != 'mujoco' else 'robot'}`"
     if not outcome.stable or outcome.missed:
-        found, late = _lower(outcome, more), outcome.stable and unsettled(outcome)
+        found, late = _lower(outcome, more, call), outcome.stable and unsettled(outcome)
         return replace(found, remarks=[*found.remarks, _tracking(outcome, more)]) if late else found
     if outcome.run.ending == "fell":
         return Advice("Make the move smaller or slower, and simulate again: it is not the gains.")
@@ -28,11 +32,11 @@ def what_to_do(outcome: Outcome) -> Advice | None:
     return Advice(f"These gains may stay, as far as this run shows. {more} judges all their margins.")
 
 
-def _lower(outcome: Outcome, more: str) -> Advice:
+def _lower(outcome: Outcome, more: str, call: str) -> Advice:
     """The factor with which the same run has every margin."""
     factor = outcome.gain_to_try
     if math.isnan(factor):
-        return Advice(f"Take other gains: no common factor is known that gives these every margin. {more} recommends some.")
+        return Advice(f"Take the gains that {more} recommends: no common factor is known that gives these every margin.")
     needed = outcome.spec.system.requirements.needed or {"gain_margin": USUAL}
     margins = listed([f"{(one := REQUIREMENTS[name]).heading} {one.sign} {one.text(value)}" for name, value in needed.items()])
     where = (" in this state" if outcome.spec.kind == "mujoco" else "") + (
@@ -40,17 +44,16 @@ def _lower(outcome: Outcome, more: str) -> Advice:
     )
     heading = f"Lower all gains together. With this factor on the file's gains the linear loop has {margins}{where}; simulate it:"
     every = " in every state" if outcome.spec.kind == "mujoco" else ""
-    return Advice(heading, [f"--gain {factor:g}"], [f"{more} recommends gains that meet every requirement{every}."])
+    return Advice(heading, [f"{call} --gain {factor:g}"], [f"{more} recommends gains that meet every requirement{every}."])
 
 
 def _tracking(outcome: Outcome, more: str) -> str:
-    """What helps the channel that is farthest off: gains where an error is left, damping or time where none is."""
-    k = farthest_off(outcome)
-    assert k is not None
-    found, run = outcome.tracking, outcome.run
-    name = run.channels[k] if len(run.channels) > 1 else ""
-    band = SETTLED * abs(float(run.reference[-1, k] - run.reference[0, k] + run.error[0, k]))
-    if not abs(float(found.steady_state[k])) > band:
-        return f"Let {name or 'it'} come to rest: lengthen `scenario.duration`, slow the move, or raise kd as far as {more} allows."
-    where = f" in {name}" if name else ""
+    """What helps the channels that do not settle: gains where an error is left, damping or time where none is."""
+    found, run, late = outcome.tracking, outcome.run, unsettled(outcome)
+    bands = SETTLED * np.abs(run.reference[-1] - run.reference[0] + run.error[0])
+    left = [k for k in late if abs(float(found.steady_state[k])) > bands[k]]
+    names = listed([printable(run.channels[k]) for k in left or late]) if len(run.channels) > 1 else ""
+    if not left:
+        return f"Let {names or 'it'} come to rest: lengthen `scenario.duration`, slow the move, or raise kd as far as {more} allows."
+    where = f" in {names}" if names else ""
     return f"An error is left{where}: raise kp as far as {more} allows, add integral action, or compensate the load that holds it off."

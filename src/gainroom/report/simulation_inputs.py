@@ -12,10 +12,10 @@ from ..simulation.robot_simulation import RobotSimulation
 from ..simulation.simulation_spec import JointSimulation
 from ..studies.simulation import Outcome
 from . import joint_tables
-from .number_format import digits, milli, typed_gains
+from .number_format import digits, milli, span, typed_gains
 from .page import Section
 from .page_parts import filters
-from .robot_tables import angles_text, contacts_text, machine, span
+from .robot_tables import angles_text, contacts_text, machine
 from .simulation_figures import pose
 
 Pair = tuple[str, str]

@@ -51,7 +51,7 @@ def sweep_page(found: SweepSummary, near: SweptPosture | None, at_worst: WorstSt
             "Inputs and assumptions",
             [
                 facts(_inputs(found)),
-                assumptions("Linear about every posture", plan.system.control.sample_time, "; contacts neither slip nor lift"),
+                assumptions("Linear about every posture", plan.system.control, "; contacts neither slip nor lift"),
             ],
             "robot, postures, what is assumed",
         ),

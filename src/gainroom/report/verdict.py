@@ -5,18 +5,22 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from ..analysis.margin_record import Margins
 from ..studies.analysis import USUAL_RATE, Analysis
 from ..studies.joint import JointStudy
 from ..system.requirements import REQUIREMENTS, Requirements
 from .columns import Column, tabulated, yes
 from .gains_to_use import joint_gains, kept, robot_gains
+from .joint_text import AT_USUAL
 from .margin_columns import margin_value, requirement
-from .number_format import digits, hertz, own_gains
+from .number_format import digits, hertz, own_gains, span
 from .page import advice, coded, copied, table
 from .robot_units import joint_units
 
 if TYPE_CHECKING:  # what a robot's study needs is not loaded for a joint's
+    from ..design.robot_gains import GainSet, RobotGains
     from ..studies.robot import RobotStudy
 
 MOST_WARNINGS = 3
@@ -28,7 +32,7 @@ class Judged:
     """A margin: at the worst of states and uncertainty, nominally in that state, and with the gains to use; SI, None where there is none.
 
     name    of the requirement, or "delay_margin"
-    omega   where it is, nominally [rad/s]
+    omega   where it is, at the worst [rad/s]
     where   state and case of the worst, as text
     """
 
@@ -47,7 +51,7 @@ def judged(study: Analysis, to_use: Margins | None) -> list[Judged]:
     """Every requirement, asked for or not, and the delay margin. `to_use`: the worst margins of the recommended gains."""
     asked, rows = study.system.requirements, []
     for name, state in study.worst.items():
-        one, least = REQUIREMENTS[name], study.least(state, name)
+        one, least, worst = REQUIREMENTS[name], study.least(state, name), study.worst_in(state).margins
         nominal, after = one.value(state.margins), None if to_use is None else one.value(to_use)
         met = asked.met(name, least) if study.stable_in_range else None if asked.met(name, least) is None else False
         value = "unstable" if not study.stable_in_range else margin_value(asked, name, least, met, 3)
@@ -62,7 +66,7 @@ def judged(study: Analysis, to_use: Margins | None) -> list[Judged]:
                 requirement(asked, name, 3),
                 met,
                 "" if after is None else margin_value(asked, name, after, asked.met(name, after), 3),
-                one.frequency(state.margins),
+                one.frequency(worst if study.stable_in_range else state.margins),
                 where,
             )
         )
@@ -77,9 +81,9 @@ def _delay(study: Analysis, to_use: Margins | None) -> Judged:
 
     state = min(study.states, key=lambda state: -math.inf if math.isnan(state.margins.delay_margin) else state.margins.delay_margin)
     after = "" if to_use is None else "–" if math.isnan(to_use.delay_margin) else text(to_use.delay_margin)
-    worst, nominal = study.worst_in(state).margins.delay_margin, state.margins
-    where = state.title if len(study.states) > 1 else ""
-    return Judged("delay_margin", "delay margin", text(worst), text(nominal.delay_margin), "", None, after, nominal.delay_crossover, where)
+    worst, where = study.worst_in(state).margins, state.title if len(study.states) > 1 else ""
+    nominal = text(state.margins.delay_margin)
+    return Judged("delay_margin", "delay margin", text(worst.delay_margin), nominal, "", None, after, worst.delay_crossover, where)
 
 
 def judged_columns(study: Analysis) -> list[Column]:
@@ -93,7 +97,7 @@ def judged_columns(study: Analysis) -> list[Column]:
         Column("met", "", lambda row: "" if row.met is None else yes(row.met)),
         Column("at", "", lambda row: hertz(row.omega) if math.isfinite(row.omega) else ""),
         *([Column("in", "", lambda row: row.where)] if several else []),
-        Column("to use", "", lambda row: row.to_use),
+        Column("to use, worst" if uncertain else "to use", "", lambda row: row.to_use),
     ]
 
 
@@ -116,17 +120,20 @@ NOTHING = ToUse("", (), (), None)
 
 def joint_to_use(study: JointStudy) -> ToUse:
     """Recommended gains, and where the file has no rate what they keep at the usual one, and what is recommended there."""
-    best, usual = study.recommended, study.at_usual_rate
+    best, usual, asked = study.recommended, study.at_usual_rate, study.system.requirements
     if best is None:
         return NOTHING
-    remarks, there = [] if best.proved else ["Searched over the uncertainty, not proved."], []
+    remarks, there, present = [] if best.proved else ["Searched over the uncertainty, not proved."], [], study.system.control.controller
     if usual is not None:
-        met, again = usual.requirements_met is not False, usual.recommended
-        if not met and again is not None:
-            there = [SAMPLED, *joint_gains(again.controller)]
-        remarks.append(f"{_at_rate(usual.in_range.margins, study.system.requirements, met)} {FOR_THE_RATE if there else STATE_RATE}")
-    lines = _beside(best.controller, study.system.control.controller)
-    return ToUse(_heading(study, "control"), lines, remarks, best.worst, there)
+        again = usual.recommended if usual.requirements_met is False else None
+        if again is not None:
+            there = [SAMPLED, *_beside(again.controller, present)]
+        last = STATE_RATE
+        if again is not None:
+            last = f"For a loop at {AT_USUAL}, with {kept(again.worst, asked)} there, use under `control`:"
+        remarks.append(f"{_at_rate(usual.in_range.margins, asked)} {last}")
+    heading = _heading(study, "control", continuous=bool(there))
+    return ToUse(heading, _beside(best.controller, present), remarks, best.worst, there)
 
 
 def _beside(controller: Any, present: Any) -> list[str]:
@@ -146,29 +153,41 @@ def robot_to_use(study: "RobotStudy") -> ToUse:
     remarks, usual, asked = [], study.at_usual_rate, study.system.requirements
     if found.without_weight:
         remarks.append("Found without the robot's weight: see the warning.")
+    missed = usual is not None and not asked.met_by(usual)
     if usual is not None:
-        met = asked.met_by(usual)
-        remarks.append(f"{_at_rate(usual, asked, met)} {STATE_RATE}{'' if met else SEARCHED_THERE}")
-    joints, units = gains.space == "joint" and found.ki is None, joint_units(study.system.source.body)
-    heading = _heading(study, "control" if gains.space == "joint" else "tasks", f" ({units['kp']}, {units['kd']})" if joints else "")
-    return ToUse(heading, robot_gains(found, gains), remarks, found.margins)
+        again = " Then run this again: it searches gains for that rate." if missed else ""
+        remarks.append(f"{_at_rate(usual, asked)} {STATE_RATE}{again}")
+    place = "control" if gains.space == "joint" else "tasks"
+    return ToUse(_heading(study, place, _now(study, gains, found), missed), robot_gains(found, gains), remarks, found.margins)
+
+
+def _now(study: "RobotStudy", gains: "RobotGains", found: "GainSet") -> str:
+    """Units of the gains, and what they are now: " (N·m/rad, N·m·s/rad; now kp 2 000, kd 100)"; "" in task space and of P/PI."""
+    if gains.space != "joint" or found.ki is not None:
+        return ""
+    units, present = joint_units(study.system.source.body), study.system.control.controller
+    now = ", ".join(f"{name} {span(np.atleast_1d(getattr(present, name)))}" for name in ("kp", "kd") if hasattr(present, name))
+    return f" ({units['kp']}, {units['kd']}{f'; now {now}' if now else ''})"
 
 
 SAMPLED = f"sample_rate_hz: {USUAL_RATE:.0f}"
 STATE_RATE = f"State the loop's rate under `control`, such as `{SAMPLED}`."
-SEARCHED_THERE = " Gains are then searched for that rate."
-FOR_THE_RATE = f"If the loop runs at {USUAL_RATE / 1e3:g} kHz, use there, under `control`:"
 
 
-def _at_rate(margins: Margins, asked: Requirements, met: bool) -> str:
-    start = f"That is for continuous time, as the file has no rate. At {USUAL_RATE / 1e3:g} kHz these gains would keep"
-    return f"{start} {kept(margins, asked)}: {'met' if met else 'not met'}."
+def _at_rate(margins: Margins, asked: Requirements) -> str:
+    """What gains for continuous time keep in the usual loop."""
+    start = f"The file has no rate. At {AT_USUAL} these gains would"
+    if not margins.stable:
+        return f"{start} be unstable."
+    return f"{start} keep {kept(margins, asked)}: {'met' if asked.met_by(margins) else 'not met'}."
 
 
-def _heading(study: Analysis, place: str, units: str = "") -> str:
+def _heading(study: Analysis, place: str, units: str = "", continuous: bool = False) -> str:
+    """`continuous`: the gains are for continuous time alone, which is said before they are read."""
     if study.requirements_met is False:
-        return f"Use instead, under `{place}`{units}:"
-    return f"The present gains may stay. The stiffest that meet the requirements, under `{place}`{units}:"
+        return f"{'In continuous time use' if continuous else 'Use'} instead, under `{place}`{units}:"
+    time = " in continuous time" if continuous else ""
+    return f"The present gains may stay. The stiffest that meet the requirements{time}, under `{place}`{units}:"
 
 
 def advice_box(study: "JointStudy | RobotStudy", found: ToUse) -> str:

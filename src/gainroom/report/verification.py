@@ -29,7 +29,7 @@ def verification_page(system: System, result: Verification, command: str) -> str
         Section("Case by case", [_table(result)], f"{count} case{'s' * (count > 1)} with gains and frequencies"),
         Section(
             "Assumptions",
-            [assumptions(model, sample_time), _method(result), *(f"Left out: {warning}" for warning in result.warnings)],
+            [assumptions(model, system.control), _method(result), *(f"Left out: {warning}" for warning in result.warnings)],
             "the model, and how the limits are simulated",
         ),
         Section("Command", [block(command)], "that makes this page"),

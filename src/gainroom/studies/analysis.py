@@ -108,8 +108,9 @@ class Analysis:
 
     @property
     def rate_is_missing(self) -> bool:
-        """Continuous time, and a delay as only a sampled loop has one."""
-        return self.system.control.sample_time is None and self.system.delay > 0
+        """Continuous time, and a delay as only a sampled loop has one, without what sampling adds to it."""
+        control = self.system.control
+        return control.sample_time is None and self.system.delay > 0 and not control.sampling_in_delay
 
     @cached_property
     def unstable_at_usual_rate(self) -> State | None:

@@ -5,26 +5,33 @@ a robot that does not have it as a whole.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
-from ..linear.arrays import Floats
+from ..analysis.stability import is_stable
+from ..linear.arrays import Booleans, Floats
 from ..robot.gearbox_types import GearboxRange
 from ..system.loop import Loop
 from ..system.requirements import Requirements, enough
 from ..system.system import System
 from .analysis import Analysis, analyze
+from .deciding_joints import joints_that_miss
 from .gearbox_range import RangeOfGearboxes, look_over
 from .needed_stiffness import NeededStiffness, needed_stiffness
-from .state import STRONG, Progress, State, by_headroom, extra_delay, margins_of, state_of
+from .state import Progress, State, by_headroom, extra_delay, limit_of, limiting_joints, margins_of, state_of
 
 MARGIN = 2.0
 """The required factor on all gains by default: 6 dB."""
 EXTRA_DELAY = 0.5
 """Of the loop's delay: by so much it may be longer than was said, by default."""
+MOST_DIGITS = 7
+"""Of a gain that is typed."""
+GROWTHS = 5
+"""Times that joints are added to those whose gains are lowered."""
 LOWER = (0.9, 0.7, 0.5, 0.3, 0.1, 0.03)
 """Of gains that have the gain margin and too little else: where lower ones are looked at."""
 NUMBERS = ("margins", "single_joint_limits", "delay_limit")
@@ -112,7 +119,7 @@ class Audit(Analysis):
 
         return min(self.states, key=left)
 
-    @property
+    @cached_property
     def joints(self) -> tuple[AuditedJoint, ...]:
         """Joint by joint, each in its worst state."""
         system = self.system
@@ -154,26 +161,45 @@ class Audit(Analysis):
         limits = [min(state.limit.gain, *np.nan_to_num(state.single_joint_limits, nan=math.inf).tolist()) for state in self.states]
         scale, lowest = min(limits) / self.margin, max(state.limit.lower_gain for state in self.states)
         known = 0 < scale < math.inf and lowest * self.margin < scale
-        return scale if known and all(state.margins.paths is None for state in self.states) else math.nan
+        return scale if known and not self.has_two_paths else math.nan
+
+    @property
+    def has_two_paths(self) -> bool:
+        """Whether kd has a path of its own."""
+        return any(state.margins.paths is not None for state in self.states)
 
     @cached_property
     def scale(self) -> float:
         """The factor on all gains that makes them safe: gain_scale, or less where all else that is required is there; NaN: none found."""
         scale, lowest = min(self.gain_scale, 1.0), max(state.limit.lower_gain for state in self.states)
-        if math.isnan(self.gain_scale) or self.has_rest_at(scale):
-            return self.gain_scale if math.isnan(self.gain_scale) else scale
-        held = next(
-            (share * scale for share in LOWER if lowest * self.margin < share * scale and self.has_rest_at(share * scale)), math.nan
-        )
-        lost = scale
-        while lost > 1.004 * held:
-            middle = math.sqrt(held * lost)
-            held, lost = (middle, lost) if self.has_rest_at(middle) else (held, middle)
-        return held
+        if math.isnan(self.gain_scale):
+            return math.nan
+        every = np.ones(len(self.system.source.joint_names), dtype=bool)
+        return largest_factor(lambda factor: lowest * self.margin < factor and self.has_rest_at(every, factor), scale)
 
-    def has_rest_at(self, factor: float) -> bool:
-        """Whether with all gains times `factor` all that is required but the gain margin is there, in every state."""
-        return all(self.has_rest(state.loop.scaled(factor)) for state in self.states)
+    def loops_at(self, lowered: Booleans, factor: float) -> Iterator[Loop]:
+        """Every state's loop with the gains of the joints `lowered` (n,) times `factor`."""
+        if lowered.all():
+            yield from (state.loop.scaled(factor) for state in self.states)
+        else:
+            factors = np.where(lowered, factor, 1.0)
+            changed = replace(self.controller, **{name: factors * getattr(self.controller, name) for name in self.gain_names})
+            yield from (state.loop.regained(changed) for state in self.states)
+
+    @property
+    def controller(self) -> Any:
+        """Of all joints: an audit is of gains in joint space."""
+        assert self.system.control.controller is not None
+        return self.system.control.controller
+
+    @property
+    def gain_names(self) -> tuple[str, ...]:
+        """kp, kd, and ki where some joint has it."""
+        return ("kp", "kd", "ki") if any(joint.ki for joint in self.joints) else ("kp", "kd")
+
+    def has_rest_at(self, lowered: Booleans, factor: float) -> bool:
+        """Whether so all that is required but the gain margin is there, in every state."""
+        return all(map(self.has_rest, self.loops_at(lowered, factor)))
 
     def has_rest(self, loop: Loop) -> bool:
         """Whether a loop has what is required besides the gain margin."""
@@ -183,18 +209,20 @@ class Audit(Analysis):
         return self.delay_margin == 0 or enough(extra_delay(loop), self.delay_margin)
 
     @cached_property
+    def to_use(self) -> "GainsToUse | None":
+        """Gains to use in place of unsafe ones; None where none are known, and for safe gains."""
+        return None if self.safe else gains_to_use(self)
+
+    @property
     def extra_delay_to_use(self) -> float:
         """[s] until the gains to use vibrate, over all states; NaN where none are known, or the present ones are safe."""
-        if self.safe or math.isnan(self.scale):
-            return math.nan
-        return float(np.min([extra_delay(state.loop.scaled(self.scale)) for state in self.states]))
+        return math.nan if self.to_use is None else self.to_use.audited.least_extra_delay
 
-    def holds(self, gains: Mapping[str, Floats]) -> bool:
-        """Whether other gains of the same joints, (n,) each, are safe: audited like these, with the same gearboxes."""
-        control = self.system.control
-        assert control.controller is not None
-        system = replace(self.system, control=replace(control, controller=replace(control.controller, **gains)))
-        return replace(self, system=system, every=analyze(system, None, NUMBERS).every, needed=None, over=None).safe
+    def of_gains(self, gains: Mapping[str, Floats]) -> "Audit":
+        """Other gains of the same joints, (n,) each, audited like these, with the same gearboxes."""
+        control = replace(self.system.control, controller=replace(self.controller, **gains))
+        system = replace(self.system, control=control)
+        return replace(self, system=system, every=analyze(system, None, NUMBERS).every, needed=None, over=None)
 
     @property
     def delay_limit(self) -> float:
@@ -211,6 +239,82 @@ class Audit(Analysis):
         """Position of every joint of the model, locked ones too [rad; m for a prismatic joint]."""
         posture = self.system.source.postures[self.tightest.posture]
         return {name: posture.angles.get(name, 0.0) for name in posture.body.joint_names} | dict(posture.body.locked)
+
+
+@dataclass(frozen=True)
+class GainsToUse:
+    """Gains in place of unsafe ones, certified as they are typed.
+
+    factor   on the gains of `joints`; all others stay
+    gains    (n,) by name, rounded to the digits that are typed
+    audited  their audit: safe
+    """
+
+    factor: float
+    joints: tuple[str, ...]
+    gains: Mapping[str, Floats]
+    audited: Audit
+
+
+def gains_to_use(result: Audit) -> GainsToUse | None:
+    """Some joints' gains lowered by one factor, and where that does not do all gains; None where neither is known to be safe.
+
+    The factor has three digits, the gains four or as many more as leave them safe.
+    """
+    names = result.system.source.joint_names
+    every = np.ones(len(names), dtype=bool)
+    some, factor_on_some = _some_lowered(result)
+    for lowered, factor in ((some, factor_on_some), (every, result.scale)):
+        factor = math.floor(1000 * factor) / 1000 if factor > 0.01 else factor
+        if not factor > 0:
+            continue
+        exact = {name: np.array([getattr(joint, name) for joint in result.joints]) for name in result.gain_names}
+        for count in range(4, MOST_DIGITS + 1):
+            typed = {
+                name: np.array([float(f"{value:.{count}g}") for value in (np.where(lowered, factor, 1.0) * values).tolist()])
+                for name, values in exact.items()
+            }
+            audited = result.of_gains(typed)
+            if audited.safe:
+                return GainsToUse(factor, tuple(name for name, low in zip(names, lowered, strict=True) if low), typed, audited)
+            if lowered is some:  # its factor was found, not proved: more digits would not mend it
+                break
+    return None
+
+
+def _some_lowered(result: Audit) -> tuple[Booleans, float]:
+    """Joints (n,), unsafe ones and where they do not suffice those that vibrate then, and the largest factor found on their gains alone.
+
+    The factor is NaN where none was found, where all joints are unsafe, and where kd has a path of its own.
+    """
+    names, lowered = result.system.source.joint_names, np.array([not joint.safe for joint in result.joints])
+    most = min(1.0, min((joint.gain_limit for joint in result.joints if not joint.safe), default=math.nan) / result.margin)
+    if not most > 0 or result.has_two_paths:
+        return lowered, math.nan
+
+    def holds(factor: float) -> bool:
+        loops = list(result.loops_at(lowered, factor))
+        return all(is_stable(loop) and is_stable(loop.scaled(result.margin)) for loop in loops) and all(map(result.has_rest, loops))
+
+    for _ in range(GROWTHS):
+        limits = map(limit_of, result.loops_at(lowered, most))
+        short = {name for limit in limits if not enough(limit.gain, result.margin) for name in limiting_joints(limit, names)}
+        if not short - {name for name, low in zip(names, lowered, strict=True) if low}:
+            break
+        lowered = lowered | np.isin(names, list(short))
+    return lowered, math.nan if lowered.all() else largest_factor(holds, most)
+
+
+def largest_factor(holds: Callable[[float], bool], most: float) -> float:
+    """The largest factor up to `most` at which a test holds, within 0.1 %, where it holds below: at LOWER of it; NaN: nowhere there."""
+    if not most > 0 or holds(most):
+        return most
+    held = next((share * most for share in LOWER if holds(share * most)), math.nan)
+    lost = most
+    while lost > 1.001 * held:
+        middle = math.sqrt(held * lost)
+        held, lost = (middle, lost) if holds(middle) else (held, middle)
+    return held
 
 
 def audit(
@@ -240,24 +344,3 @@ def audit(
     if damping_ratio is None or not found.safe:
         return found
     return replace(found, needed=needed_stiffness(system, found.states, margin, damping_ratio, progress, found.has_rest))
-
-
-def joints_that_miss(state: State, name: str) -> tuple[str, ...]:
-    """The joints that move where a state misses a requirement: in its vibration at the gain limit, or where it is lost to delay or phase.
-
-    Peak sensitivity: the joint whose loop has it.
-    """
-    names, found = state.model.joint_names, state.margins
-    if name == "gain_margin" or state.loop.kd_path is not None:
-        return state.limiting_joints
-    if name == "phase_margin" and found.one_loop_phase_margin < found.common_phase_margin:
-        return (names[int(np.argmin(found.one_loop.phase_margin))],)
-    omega = {"delay_margin": found.delay_crossover, "phase_margin": found.gain_crossover}.get(name, found.peak_sensitivity_frequency)
-    if not (math.isfinite(omega) and omega > 0):
-        return state.limiting_joints
-    response = state.loop.response(np.array([omega])).reshape(len(names), len(names))
-    if name == "peak_sensitivity":
-        return (names[int(np.argmax(np.abs(np.diagonal(np.linalg.inv(np.eye(len(names)) + response)))))],)
-    values, vectors = np.linalg.eig(response)
-    parts = np.abs(vectors[:, int(np.argmin(np.abs(np.abs(values) - 1)))])
-    return tuple(names[k] for k in np.argsort(-parts, kind="stable") if parts[k] >= STRONG * parts.max())

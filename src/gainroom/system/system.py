@@ -73,6 +73,7 @@ class Control:
     weight      (n,) how much each joint's stiffness counts when gains are recommended
     kd_path     where kd closes when not with the other gains; None: with them
     command_delay   [s] of set-points on their way to the controller: it delays the motion, and no margin depends on it
+    sampling_in_delay   the drives' delay contains hold and velocity difference of the loop: continuous time is the loop that runs
     """
 
     space: str
@@ -85,6 +86,7 @@ class Control:
     weight: Floats | None = None
     kd_path: GainPath | None = None
     command_delay: float = 0.0
+    sampling_in_delay: bool = False
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,28 @@
+"""The joints that decide a margin of a state."""
+
+import math
+
+import numpy as np
+
+from .state import STRONG, State
+
+
+def joints_that_miss(state: State, name: str) -> tuple[str, ...]:
+    """The joints that move where a state misses a requirement: in its vibration at the gain limit, or where it is lost to delay or phase.
+
+    Peak sensitivity: the joint whose loop has it.
+    """
+    names, found = state.model.joint_names, state.margins
+    if name == "gain_margin" or state.loop.kd_path is not None:
+        return state.limiting_joints
+    if name == "phase_margin" and found.one_loop_phase_margin < found.common_phase_margin:
+        return (names[int(np.argmin(found.one_loop.phase_margin))],)
+    omega = {"delay_margin": found.delay_crossover, "phase_margin": found.gain_crossover}.get(name, found.peak_sensitivity_frequency)
+    if not (math.isfinite(omega) and omega > 0):
+        return state.limiting_joints
+    response = state.loop.response(np.array([omega])).reshape(len(names), len(names))
+    if name == "peak_sensitivity":
+        return (names[int(np.argmax(np.abs(np.diagonal(np.linalg.inv(np.eye(len(names)) + response)))))],)
+    values, vectors = np.linalg.eig(response)
+    parts = np.abs(vectors[:, int(np.argmin(np.abs(np.abs(values) - 1)))])
+    return tuple(names[k] for k in np.argsort(-parts, kind="stable") if parts[k] >= STRONG * parts.max())
