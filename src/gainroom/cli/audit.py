@@ -258,7 +258,7 @@ def _terminal(
         column_table(title, columns, result.states + result.immobile),
         definitions(columns),
         "",
-        column_table("Joint by joint, in the worst state", audited_joints(result), result.joints),
+        column_table("Joint by joint, in the worst state", audited_joints(result), result.joints, ("motor inertia", "one loop")),
         joint_caption(result),
         *stiffness,
         *filter(None, [unjudged(result)]),

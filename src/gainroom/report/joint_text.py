@@ -104,7 +104,8 @@ COUNTS = ("no", "one", "two", "three")
 
 def failing(study: Analysis) -> str:
     """The unmet requirements of a stable system: ", but one requirement fails: phase margin 26.1° (≥ 30°)"; empty where there is none."""
-    parts, unknown, several = [], 0, len(study.states) > 1
+    parts, unknown, several, joints = [], 0, len(study.states) > 1, _joints(study)
+    alike = len(set(joints.values())) == 1
     shared = f" in {next(iter(study.unmet.values())).title}" if several and len({id(state) for state in study.unmet.values()}) == 1 else ""
     for name, state in study.unmet.items():
         one, needed = REQUIREMENTS[name], study.system.requirements.needed[name]
@@ -113,10 +114,10 @@ def failing(study: Analysis) -> str:
         shown = one.text(value, 3 if math.isnan(value) else apart(one.in_unit(value), one.in_unit(needed), 3))
         title = one.heading if one.named(state.margins) == one.title else one.named(state.margins)
         where = f" in {state.title}" if several and not shared else ""
+        where += f" at {joints[name][0]}" if joints and not alike else ""
         parts.append(f"{title} {shown} ({one.sign} {one.text(needed)}){where}")
     worst = f" in the worst case of uncertain {listed(_titles(study))}" if study.system.uncertainty.names else ""
-    if parts and len(study.system.source.joint_names) > 1:
-        worst += f", mainly at {listed(joints_that_miss(study.worst[study.decisive], study.decisive), most=2)}"
+    worst += f", mainly at {listed(next(iter(joints.values())), most=2)}" if alike else ""
     if not parts:
         least = tightest(study)
         proved = "" if study.requirements_met else " examined"
@@ -128,6 +129,13 @@ def failing(study: Analysis) -> str:
     count += "" if unknown in (0, len(parts)) else ", or fail"
     joined = ", but" if study.unstable_at_usual_rate is None else ";"
     return f"{joined} {count}{shared}{worst}: {('; ' if several and not shared else ', ').join(parts)}"
+
+
+def _joints(study: Analysis) -> dict[str, tuple[str, ...]]:
+    """The joints that miss each unmet requirement in its worst state; of one joint none."""
+    if len(study.system.source.joint_names) == 1:
+        return {}
+    return {name: joints_that_miss(state, name) for name, state in study.unmet.items()}
 
 
 def _titles(study: Analysis) -> list[str]:
