@@ -255,6 +255,21 @@ def line(capsys: pytest.CaptureFixture[str], *call: str) -> str:
     return err
 
 
+def test_an_unsafe_audit_is_exported_as_the_gains_to_use(folder: Path, capsys: pytest.CaptureFixture[str]):
+    """And those are safe when they are audited again, in place of the model's, which are not."""
+    question = ("--delay-ms", "4", "--rate-hz", "1000", "--margin-db", "12")
+    first = told(capsys, "audit", "robot.xml", "--gains", "gains.yaml", *question)
+    assert first["safe"] is False
+    Path("answer.json").write_text(json.dumps(first), "utf-8")
+    made = told(capsys, "export", "answer.json", "--to", "yaml", "--output", "use.yaml", "--write")
+    assert {one["name"]: (one["kp"], one["kd"]) for one in made["joints"]} == {
+        one["name"]: (one["kp"], one["kd"]) for one in first["to_use"]["joints"]
+    }
+    assert "gain margin ≥ 12 dB, delay margin ≥ 2 ms" in Path("use.yaml").read_text("utf-8")
+    assert told(capsys, "audit", "robot.xml", "--gains", "use.yaml", *question)["safe"] is True
+    assert told(capsys, "audit", "robot.xml", "--gains", "answer.json", *question)["safe"] is False  # what was audited, again
+
+
 def test_an_audits_answer_is_read(folder: Path, capsys: pytest.CaptureFixture[str]):
     question = ("audit", "robot.xml", "--delay-ms", "2", "--rate-hz", "1000")
     first = told(capsys, *question, "--gains", "gains.yaml")

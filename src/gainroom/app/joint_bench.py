@@ -146,8 +146,8 @@ class JointBench:
         use = joint_to_use(study)
         yield "verdict", _verdict(study, "certified") | self._gains(study)
         best, remarks = study.recommended, list(use.remarks)
-        if use.at_usual_rate:
-            remarks[-1] += f" {', '.join(use.at_usual_rate)}"
+        if use.first is not None:
+            remarks.append(f"{use.first[0]} {', '.join(use.first[1])}")
         yield "map", limits(study, window or self._window) | {"plant": self._plant(view)}
         yield (
             "use",

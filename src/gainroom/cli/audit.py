@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ..studies.simulator_audit import SimulatorAudit
 
 STIFFNESS = "By the stiffness of the gearboxes that are not known"
-FEW_JOINTS = 8
+FEW_JOINTS = 5
 """Shown without being asked for all: those with the least headroom."""
 
 
@@ -236,20 +236,22 @@ def _terminal(
     answer = [verdict(result), *do_this(replace(do, lines=())), reason(result)]
     stiffness = [] if needed is None else ["", column_table(STIFFNESS, look_columns(result, needed), shown_looks(needed)), CAPTION]
     if not verbose:
-        left = len(result.joints) - FEW_JOINTS
-        more = f"{len(assumed)} assumptions" + (f", {left} more joints" if left > 0 else "")
+        left = result.by_headroom[FEW_JOINTS:]
+        unsafe = sum(not joint.safe for joint in left)
+        others = [f"{len(left)} more joints{f', {unsafe} of them unsafe' if unsafe else ''}: --verbose."] if left else []
         columns = [one for one in audited_joints(result) if one.key != "motor_inertia"]
         joints = column_table("", columns, result.by_headroom[:FEW_JOINTS], ("one loop",))
         return render(
             *answer,
             *said,
             joints,
+            *others,
             legend(result, [str(column.header) for column in joints.columns]),
             *closing({"Report": report}, few(warned, MOST_WARNINGS)),
             *filter(None, [unjudged(result)]),
             f"Posture: {result.states[0].posture}; {result.system.source.body.base} base{_rigid(result)}; "
             f"{_gains_run(result)} (--gains-run)",
-            f"{more}: --verbose.",
+            f"{len(assumed)} assumptions: --verbose.",
         )
     return render(
         *answer,

@@ -20,7 +20,7 @@ def export(
         Path,
         typer.Argument(
             metavar="GAINS",
-            help="What `gainroom robot --json` or `audit --json` wrote, or gains as `audit --gains` reads them.",
+            help="What `gainroom robot --json` or `audit --json` wrote (unsafe gains: those to use instead), or gains that `audit` reads.",
             show_default=False,
         ),
     ],
@@ -51,7 +51,7 @@ def export(
     from ..files.gain_files import read_gains
     from ..robot.formats.model_names import locate
 
-    file = read_gains(gains, contact)
+    file = read_gains(gains, contact, to_use=True)
     made = export_gains(file, to, onto, None if model is None else locate(model), __version__, datetime.date.today())
     target = output or onto
     if write and target is None:

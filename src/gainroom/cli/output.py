@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import printable
 from ..io.strict_json import strict
+from ..report.number_format import THIN
 from .streams import give_up
 
 if TYPE_CHECKING:
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
 WIDTH = 80
 """Columns, where no terminal says otherwise."""
 WIDEST = 100
+UNBROKEN = "\ue000"
+"""Stands for THIN while lines are broken: rich would break a number there."""
 """Columns, at most."""
 NARROWEST = 40
 """Columns, at least: on fewer a table says nothing, and a terminal that does not know its width may say 0 or 1."""
@@ -111,10 +114,11 @@ def verdict_parts(study: Any, to_use: Any) -> list[Any]:
     """What stands first: every requirement at its worst, gains to use, and what is said of them."""
     from ..report.verdict import judged, judged_columns
 
-    rows, drops = judged(study, to_use.margins), ("at", "nominal", "to use", "to use, worst", "required")
+    rows, drops = judged(study, to_use.margins), ("at", "nominal", "to use", "required")
     parts: list[Any] = [column_table("", judged_columns(study), rows, drops=drops)]
     if to_use.lines:
-        parts += [to_use.heading, *_typed(to_use.lines), *to_use.remarks, *_typed(to_use.at_usual_rate)]
+        first, lines = to_use.first or ("", ())
+        parts += [*filter(None, [first]), *_typed(lines), to_use.heading, *_typed(to_use.lines), *to_use.remarks]
     return parts
 
 
@@ -170,6 +174,6 @@ def render(*parts: Any, wide: bool = False) -> str:
         emoji=False,
     )
     for part in parts:
-        part = "\n".join(map(printable, part.split("\n"))) if isinstance(part, str) else part
+        part = "\n".join(map(printable, part.split("\n"))).replace(THIN, UNBROKEN) if isinstance(part, str) else part
         console.print(part, soft_wrap=bool(getattr(part, "no_wrap", False)))
-    return "\n".join(line.rstrip() for line in buffer.getvalue().splitlines()) + "\n"
+    return "\n".join(line.rstrip() for line in buffer.getvalue().replace(UNBROKEN, THIN).splitlines()) + "\n"

@@ -69,10 +69,11 @@ class JointGains:
         return np.array([each.get("motor_inertia", np.nan) for each in self.actuators])
 
 
-def read_gains(path: Path, contact: str = "") -> GainFile:
+def read_gains(path: Path, contact: str = "", to_use: bool = False) -> GainFile:
     """The gains in a file: its ending says which language it is in, its content which form. FILE.py:NAME is one robot of several in a file.
 
     contact   of the sets that gainroom robot recommends the one for this contact state, not the one that is safe in all
+    to_use    of what gainroom audit wrote of unsafe gains those to use in their place, not those that were audited
 
     Raises GainroomError, one line that names the file, the key or the line, the value and what is allowed.
     """
@@ -85,10 +86,10 @@ def read_gains(path: Path, contact: str = "") -> GainFile:
     if ending in XML:
         return parse_file("", path)
     most, what = (ANSWER_BYTES, "an answer of gainroom's") if ending == ".json" else (MAX_BYTES, "a configuration file")
-    return parse_file(bounded_text(path, most, what), path, contact)
+    return parse_file(bounded_text(path, most, what), path, contact, to_use)
 
 
-def parse_file(text: str, path: Path, contact: str = "") -> GainFile:
+def parse_file(text: str, path: Path, contact: str = "", to_use: bool = False) -> GainFile:
     """As read_gains, for the text of a file that messages call `path`; "" of an MJCF: it is read from there."""
     ending = path.suffix.lower()
     if ending in XML:
@@ -97,7 +98,7 @@ def parse_file(text: str, path: Path, contact: str = "") -> GainFile:
         return read_actuator_configs(text, str(path))
     answer = answer_in(text)
     if answer is not None:
-        return read_answer(answer, str(path), contact)
+        return read_answer(answer, str(path), contact, to_use)
     if contact:
         raise GainroomError(f"{path}: is no answer of gainroom robot --json; --contact chooses among the sets of one")
     if is_dump(text):

@@ -119,13 +119,8 @@ def _lead(result: Audit, simulated: "SimulatorAudit | None", swept: "AuditedWork
             said.insert(0, advice)
     if not result.stable:
         return Lead(sentence, "bad", "UNSTABLE: do not run these gains", said, do)
-    return Lead(
-        sentence,
-        "good" if result.safe and not (lost or short or hardly_damped(result)) and not _assumed_rigid(result).any() else "warn",
-        "",
-        said,
-        do,
-    )
+    doubt = lost or short or bool(hardly_damped(result)) or bool(_assumed_rigid(result).any())
+    return Lead(sentence, "bare" if not result.safe else "warn" if doubt else "good", "", said, do)
 
 
 def _assumed_rigid(result: Audit) -> Booleans:

@@ -54,8 +54,9 @@ def margins_of_audit(result: Audit) -> list[AuditedMargin]:
 
 def audited_margins(result: Audit) -> list[Column]:
     """Of AuditedMargin: of the present gains, and of those to use where there are some."""
+    step = result.system.control.sample_time
     columns = [
-        Column("", "", lambda row: row.title),
+        Column("in continuous time" if step is None else f"at {digits(1e-3 / step, 'kHz', 4)}", "", lambda row: row.title),
         Column("these gains", "", lambda row: digits(row.value(result), row.unit, 3)),
         Column("required", "", lambda row: row.required),
         Column("met", "", lambda row: "" if row.met(result) is None else yes(row.met(result))),

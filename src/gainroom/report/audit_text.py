@@ -7,7 +7,7 @@ import numpy as np
 from ..analysis.margin_record import PathMargins
 from ..errors import beside, frequency_text, listed
 from ..studies.audit import Audit, GainsToUse
-from ..studies.state import HELD
+from ..studies.state import HELD, extra_delay
 from ..system.requirements import REQUIREMENTS, Requirements, to_db
 from .gains_to_use import gain_file
 from .gearbox_range import over_range, worst_gearboxes
@@ -36,19 +36,24 @@ def verdict(result: Audit) -> str:
     if unknown:
         return f"Not safe{over}: stable, but the gain limit in {listed(unknown)} is not known. {_count(count, result)}"
     if result.safe:
-        return f"Safe{over}{if_stiff(result)}{hardly_damped(result)}"
+        return f"Safe{in_continuous_time(result)}{over}{if_stiff(result)}{hardly_damped(result)}"
     short = missed_besides(result) or _short_of_gain(result)
     return f"Not safe{over}: {short}. {_count(count, result)}"
 
 
-def hardly_damped(result: Audit) -> str:
+def in_continuous_time(result: Audit) -> str:
+    """That the answer is for continuous time; "" where the loop's rate is known."""
+    return " in continuous time" if result.system.control.sample_time is None else ""
+
+
+def hardly_damped(result: Audit, whose: str = "the gains") -> str:
     """That gains with all that is required leave little damping, where nothing is required of it; "" where they do not."""
     one, state = REQUIREMENTS["peak_sensitivity"], result.worst["peak_sensitivity"]
     value, omega = one.value(state.margins), one.frequency(state.margins)
     if one.name in result.further.needed or not value > BARE:
         return ""
     at = f" at {frequency_text(omega)}" if math.isfinite(omega) else ""
-    return f" But the gains hardly damp the motion{at}: Ms {one.text(value)}, where 2 is usual (require it with --peak-sensitivity 2)."
+    return f" But {whose} hardly damp the motion{at}: Ms {one.text(value)}, where 2 is usual (require it with --peak-sensitivity 2)."
 
 
 def _short_of_gain(result: Audit) -> str:
@@ -72,7 +77,9 @@ def _given(result: Audit) -> str:
 
 def _mainly(result: Audit) -> str:
     """Where, and in which joints: an audit has one posture."""
-    where = f" in {result.tightest.contact}" if len(result.states) > 1 else ""
+    short = sum(not result.enough_in(state) for state in result.states)
+    every = f" in {'both' if short == 2 else f'all {short}'} states, worst" if short == len(result.states) else ""
+    where = f"{every} in {result.tightest.contact}" if len(result.states) > 1 else ""
     return where + (f", mainly {listed(result.limiting_joints, most=2)}" if result.limiting_joints else "")
 
 
@@ -118,7 +125,9 @@ def what_to_do(result: Audit) -> Advice:
         )
     found = result.to_use
     if found is not None:
-        return Advice(f"{_multiply(result, found)}; then {_required(result)}.", gain_file(result.system.source.joint_names, found.gains))
+        rate = " A rate costs margin: give `--rate-hz`." if result.system.control.sample_time is None else ""
+        text = f"{_multiply(result, found)}; then {_required(result)}.{rate}{hardly_damped(found.audited, 'they')}"
+        return Advice(text, gain_file(result.system.source.joint_names, found.gains))
     if result.tightest.limit.gain == 0 and np.any(actuators.damping[np.isfinite(actuators.stiffness)] == 0):
         return Advice("Measure the gearboxes' damping, and audit again with `--damping`.")
     start = ""
@@ -146,8 +155,7 @@ def _required(result: Audit) -> str:
     parts = [f"gain margin {requirement(asked, 'gain_margin', 3)}"]
     parts += [f"delay margin ≥ {digits(1e3 * result.delay_margin, 'ms', 3)}"] if result.delay_margin > 0 else []
     parts += [f"{one.heading} {requirement(result.further, one.name, 3)}" for one, _ in result.further.asked_for]
-    time = " in continuous time" if result.system.control.sample_time is None else ""
-    return f"{listed(parts)} {'hold' if len(parts) > 1 else 'holds'}{time}"
+    return f"{listed(parts)} {'hold' if len(parts) > 1 else 'holds'}{in_continuous_time(result)}"
 
 
 def missed_besides(result: Audit) -> str:
@@ -177,9 +185,11 @@ def unjudged(result: Audit) -> str:
         value = one.value(state.margins)
         if result.further.needed.get(name) is None and math.isfinite(value):
             omega = one.frequency(state.margins)
-            parts.append(f"{one.label} {one.text(value)}" + (f" at {frequency_text(omega)}" if math.isfinite(omega) else ""))
+            after = None if result.to_use is None else one.value(result.to_use.audited.worst[name].margins)
+            then = f" (to use: {one.text(after)})" if after is not None and math.isfinite(after) else ""
+            parts.append(f"{one.heading} {one.text(value)}" + (f" at {frequency_text(omega)}" if math.isfinite(omega) else "") + then)
             options.append(option)
-    return f"Not required: {', '.join(parts)} ({', '.join(options)})." if parts else ""
+    return f"Not required: {', '.join(parts)}; {', '.join(options)}." if parts else ""
 
 
 def audit_scale(result: Audit) -> float | None:
@@ -218,9 +228,7 @@ def audit_warnings(result: Audit) -> tuple[str, ...]:
     """Warnings of an audit, each with its remedy: what decides first, then how the files were understood."""
     system, found = result.system, []
     if system.control.sample_time is None:
-        found.append(
-            f"continuous model: hold and velocity difference of a real controller cost about one more tick{_lost(result)}; give --rate-hz"
-        )
+        found.append(f"continuous model: hold and velocity difference of a loop cost about one tick{_lost(result)}; give --rate-hz")
     if result.immobile:
         contacts = listed([state.contact for state in result.immobile])
         found.append(f"{contacts}: {HELD} in this contact state, so there is no verdict; check the contacts")
@@ -228,11 +236,13 @@ def audit_warnings(result: Audit) -> tuple[str, ...]:
 
 
 def _lost(result: Audit) -> str:
-    """Below which rates one tick of delay is too much: for the present gains, and for those to use."""
-    extra, advised = result.least_extra_delay, result.extra_delay_to_use
-    lost = [f"below about {digits(1 / extra, 'Hz', 3)} the present gains vibrate"] if 0 < extra < math.inf else []
-    lost += [f"below about {digits(1 / advised, 'Hz', 3)} those to use"] if 0 < advised < math.inf else []
-    if not lost:
+    """At which rates one tick of delay leaves safe gains their gain margin, and at which it makes them, or those to use, vibrate."""
+    found, whose = (result, "these gains") if result.to_use is None else (result.to_use.audited, "the gains to use")
+    extra = found.least_extra_delay
+    if not 0 < extra < math.inf:
         return ""
-    text = ", so that " + ", ".join(lost)
-    return text if 0 < extra < math.inf else f"{text} vibrate"
+    parts = [f"vibrate below about {digits(1 / extra, 'Hz', 3)}"]
+    kept = min(extra_delay(state.loop.scaled(result.margin)) for state in result.states) if result.safe else 0.0
+    if 0 < kept < math.inf:
+        parts.insert(0, f"have their gain margin from about {digits(1 / kept, 'Hz', 3)} on")
+    return f", so that {whose} {' and '.join(parts)}"

@@ -52,8 +52,9 @@ def sentence(study: JointStudy) -> str:
         if math.isinf(limit.gain):
             return f"{text} No common factor on these gains makes the modelled joint vibrate."
         if study.system.uncertainty.names:
+            there = f", at {frequency_text(worst.frequency)}" if math.isfinite(worst.frequency) else ""
             nominal = f"nominally at {limit.gain:.3g} ×{at}"
-            return f"{text} Vibration starts at {worst.gain:.3g} × these gains in the worst case; {nominal}."
+            return f"{text} Vibration starts at {worst.gain:.3g} × these gains in the worst case{there}; {nominal}."
         return f"{text} Vibration starts at {limit.gain:.3g} × these gains ({to_db(limit.gain):.3g} dB){at}."
     if limit.gain > 0 and math.isfinite(limit.gain):
         return (

@@ -40,7 +40,7 @@ def if_stiff(result: "Audit") -> str:
         return f" only if {which} gearboxes are rigid: with {ratio} no stiffness that was looked at is enough (--stiffness, --damping)."
     softer = [look.gain_limit for look in needed.looks if not look.safe]
     worst = f" Some softer ones vibrate from {min(softer):.3g} × these gains on." if softer and not math.isnan(min(softer)) else ""
-    least = f"{_least(result, needed)}, with {ratio} or more (B ≥ {2 * needed.damping_ratio:.3g} √(K J))"
+    least = f"{_least(result, needed)}, with {ratio} or more (B ≥ {2 * needed.damping_ratio:.3g} √(K J), J the motor's inertia)"
     return f" if {which} gearboxes are stiff enough: {least}.{worst}"
 
 
@@ -52,7 +52,7 @@ def _least(result: "Audit", needed: "NeededStiffness") -> str:
     names, unit = result.system.source.joint_names, joint_units(result.system.source.body)["kp"]
     if first == last:
         return f"K ≥ {last} {unit}"
-    return f"K ≥ {first} ({names[low]}) to {last} {unit} ({names[high]})"
+    return f"K ≥ {last} {unit} ({names[high]}; {first} is enough for {names[low]})"
 
 
 def how_it_was_found(needed: "NeededStiffness | None") -> tuple[str, ...]:

@@ -50,8 +50,8 @@ def milli(value: float, floor: float = 1e-9) -> str:
 
 
 def settling(time: float) -> str:
-    """A settling time [s]; inf: never, NaN: nothing to settle."""
-    return "never" if math.isinf(time) else digits(time, "s", 3)
+    """A settling time [s]; inf: not in the run, NaN: nothing to settle."""
+    return "not in this run" if math.isinf(time) else digits(time, "s", 3)
 
 
 def gain_factor(gain: float, significant: int = 4) -> str:

@@ -8,7 +8,8 @@ import numpy as np
 from ..errors import listed
 from ..studies.simulation import Outcome
 from ..system.requirements import REQUIREMENTS
-from .number_format import digits, hertz, milli, motion_unit, settling
+from .joint_text import BARE
+from .number_format import digits, hertz, milli, motion_unit
 from .page import Card, Html, Lead, Section, beside, block, facts, page, paragraph, table
 from .page_parts import footer, margin_card, unstable_card
 from .simulation_advice import CALL, what_to_do
@@ -71,7 +72,8 @@ def _lead(outcome: Outcome, call: str) -> Lead:
     do = advice_box(what_to_do(outcome, call))
     if outcome.sound:
         doubt = unsettled(outcome) or outcome.missed
-        return Lead(sentence(outcome), "warn" if doubt else "good", "", warnings(outcome), do)
+        bare = "peak_sensitivity" in outcome.missed and outcome.margins is not None and outcome.margins.peak_sensitivity > BARE
+        return Lead(sentence(outcome), "bare" if bare else "warn" if doubt else "good", "", warnings(outcome), do)
     verdict = {"fell": "FELL", "diverged": "DIVERGES"}.get(outcome.run.ending, "VIBRATES" if outcome.vibrates else "UNSTABLE")
     what = "this on the robot" if outcome.run.ending == "fell" else "these gains"
     return Lead(sentence(outcome), "bad", f"{verdict}: do not run {what}", warnings(outcome), do)
@@ -135,12 +137,14 @@ def _settling_card(outcome: Outcome) -> list[Card]:
     missed, most = unsettled(outcome), int(np.nanargmax(over))
     worst = farthest_off(outcome)
     last = int(np.nanargmax(times)) if worst is None else worst
-    value, _, unit = settling(float(times[last])).partition(" ")
+    value, unit = ("not", "in this run") if math.isinf(times[last]) else (digits(float(times[last]), "", 3), "s")
     names = outcome.run.channels
     notes = [_named(outcome, names[last]) + (f" and {len(missed) - 1} more" if len(missed) > 1 else "")]
     if over[most] > 0:
         notes.append(", ".join(filter(None, [f"overshoot {digits(100 * float(over[most]), '%', 3)}", _named(outcome, names[most])])))
-    return [Card("settles in", value, unit, "within 2 % of the move", not missed, "; ".join(filter(None, notes)))]
+    return [
+        Card("settles in" if unit == "s" else "settles", value, unit, "within 2 % of the move", not missed, "; ".join(filter(None, notes)))
+    ]
 
 
 def _distance(value: float, unit: str, floor: float = 1e-9) -> tuple[str, str]:

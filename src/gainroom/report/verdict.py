@@ -16,7 +16,7 @@ from .gains_to_use import joint_gains, kept, robot_gains
 from .joint_text import AT_USUAL
 from .margin_columns import margin_value, requirement
 from .number_format import digits, hertz, own_gains, span
-from .page import advice, coded, copied, table
+from .page import Html, advice, coded, copied, table
 from .robot_units import joint_units
 
 if TYPE_CHECKING:  # what a robot's study needs is not loaded for a joint's
@@ -97,7 +97,7 @@ def judged_columns(study: Analysis) -> list[Column]:
         Column("met", "", lambda row: "" if row.met is None else yes(row.met)),
         Column("at", "", lambda row: hertz(row.omega) if math.isfinite(row.omega) else ""),
         *([Column("in", "", lambda row: row.where)] if several else []),
-        Column("to use, worst" if uncertain else "to use", "", lambda row: row.to_use),
+        Column("to use", "", lambda row: row.to_use),
     ]
 
 
@@ -105,14 +105,14 @@ def judged_columns(study: Analysis) -> list[Column]:
 class ToUse:
     """Gains to use: a heading, lines that can be typed into the file, and sentences about them; no lines where there are none.
 
-    at_usual_rate   lines for USUAL_RATE, where the file has no rate and `lines` would miss a requirement there; the last remark is theirs
+    first    what to do before that, where the file has no rate and `lines` would miss a requirement at USUAL_RATE: a heading and its lines
     """
 
     heading: str
     lines: Sequence[str]
     remarks: Sequence[str]
     margins: Margins | None
-    at_usual_rate: Sequence[str] = ()
+    first: tuple[str, Sequence[str]] | None = None
 
 
 NOTHING = ToUse("", (), (), None)
@@ -123,17 +123,17 @@ def joint_to_use(study: JointStudy) -> ToUse:
     best, usual, asked = study.recommended, study.at_usual_rate, study.system.requirements
     if best is None:
         return NOTHING
-    remarks, there, present = [] if best.proved else ["Searched over the uncertainty, not proved."], [], study.system.control.controller
+    present, first = study.system.control.controller, None
+    remarks = [] if best.proved else ["Searched over the uncertainty, not proved."]
     if usual is not None:
         again = usual.recommended if usual.requirements_met is False else None
         if again is not None:
-            there = [SAMPLED, *_beside(again.controller, present)]
-        last = STATE_RATE
-        if again is not None:
-            last = f"For a loop at {AT_USUAL}, with {kept(again.worst, asked)} there, use under `control`:"
-        remarks.append(f"{_at_rate(usual.in_range.margins, asked)} {last}")
-    heading = _heading(study, "control", continuous=bool(there))
-    return ToUse(heading, _beside(best.controller, present), remarks, best.worst, there)
+            keep = f"The file has no rate. For a loop at {AT_USUAL} use, with {kept(again.worst, asked)} there, under `control`:"
+            first = keep, [SAMPLED, *_beside(again.controller, present)]
+        remarks.append(_at_rate(usual.in_range.margins, asked, "" if first else STATE_RATE))
+    elif study.system.control.sampling_in_delay:
+        remarks.append("The delay contains hold and velocity difference, as the file says: these gains are for the sampled loop, too.")
+    return ToUse(_heading(study, "control", continuous=bool(first)), _beside(best.controller, present), remarks, best.worst, first)
 
 
 def _beside(controller: Any, present: Any) -> list[str]:
@@ -153,39 +153,41 @@ def robot_to_use(study: "RobotStudy") -> ToUse:
     remarks, usual, asked = [], study.at_usual_rate, study.system.requirements
     if found.without_weight:
         remarks.append("Found without the robot's weight: see the warning.")
-    missed = usual is not None and not asked.met_by(usual)
+    first = None
+    if usual is not None and not asked.met_by(usual):
+        first = "The file has no rate. State the loop's rate and run this again, as gains are searched for it; under `control`:", [SAMPLED]
     if usual is not None:
-        again = " Then run this again: it searches gains for that rate." if missed else ""
-        remarks.append(f"{_at_rate(usual, asked)} {STATE_RATE}{again}")
+        remarks.append(_at_rate(usual, asked, "" if first else STATE_RATE))
+    if study.raised:
+        remarks.append(f"Some rise by more than {study.tightest.limit.gain:.3g} ×: that limit is for all gains by one factor.")
     place = "control" if gains.space == "joint" else "tasks"
-    return ToUse(_heading(study, place, _now(study, gains, found), missed), robot_gains(found, gains), remarks, found.margins)
+    return ToUse(_heading(study, place, _now(study, gains, found), bool(first)), robot_gains(found, gains), remarks, found.margins, first)
 
 
 def _now(study: "RobotStudy", gains: "RobotGains", found: "GainSet") -> str:
-    """Units of the gains, and what they are now: " (N·m/rad, N·m·s/rad; now kp 2 000, kd 100)"; "" in task space and of P/PI."""
+    """What the gains are now, with their units: " (now kp 2 000 N·m/rad, kd 100 N·m·s/rad)"; "" in task space and of P/PI."""
     if gains.space != "joint" or found.ki is not None:
         return ""
     units, present = joint_units(study.system.source.body), study.system.control.controller
-    now = ", ".join(f"{name} {span(np.atleast_1d(getattr(present, name)))}" for name in ("kp", "kd") if hasattr(present, name))
-    return f" ({units['kp']}, {units['kd']}{f'; now {now}' if now else ''})"
+    if not hasattr(present, "kp"):
+        return f" ({units['kp']}, {units['kd']})"
+    return f" (now {', '.join(f'{name} {span(np.atleast_1d(getattr(present, name)), units[name])}' for name in ('kp', 'kd'))})"
 
 
 SAMPLED = f"sample_rate_hz: {USUAL_RATE:.0f}"
 STATE_RATE = f"State the loop's rate under `control`, such as `{SAMPLED}`."
 
 
-def _at_rate(margins: Margins, asked: Requirements) -> str:
-    """What gains for continuous time keep in the usual loop."""
-    start = f"The file has no rate. At {AT_USUAL} these gains would"
-    if not margins.stable:
-        return f"{start} be unstable."
-    return f"{start} keep {kept(margins, asked)}: {'met' if asked.met_by(margins) else 'not met'}."
+def _at_rate(margins: Margins, asked: Requirements, then: str) -> str:
+    """What gains for continuous time keep in the usual loop; `then` follows."""
+    keep = f"keep {kept(margins, asked)}: {'met' if asked.met_by(margins) else 'not met'}" if margins.stable else "be unstable"
+    return f"At {AT_USUAL} these gains would {keep}. {then}".rstrip()
 
 
 def _heading(study: Analysis, place: str, units: str = "", continuous: bool = False) -> str:
     """`continuous`: the gains are for continuous time alone, which is said before they are read."""
     if study.requirements_met is False:
-        return f"{'In continuous time use' if continuous else 'Use'} instead, under `{place}`{units}:"
+        return f"{'In continuous time' if continuous else 'Use instead'}, under `{place}`{units}:"
     time = " in continuous time" if continuous else ""
     return f"The present gains may stay. The stiffest that meet the requirements{time}, under `{place}`{units}:"
 
@@ -197,5 +199,5 @@ def advice_box(study: "JointStudy | RobotStudy", found: ToUse) -> str:
     columns = [column for column in judged_columns(study) if column.title not in ("at", "in")]
     marks = {"yes": "met", "no": "unmet"}
     beside = table(*tabulated(columns, judged(study, found.margins)), marks=marks, sorts=False)
-    there = [copied(found.at_usual_rate)] if found.at_usual_rate else []
-    return advice(coded(found.heading), "\n".join(found.lines), *map(coded, found.remarks), *there, beside)
+    heading = Html("" if found.first is None else coded(found.first[0]) + copied(found.first[1])) + coded(found.heading)
+    return advice(Html(heading), "\n".join(found.lines), *map(coded, found.remarks), beside)

@@ -50,6 +50,16 @@ class RobotStudy(Analysis):
                 return gains, gains.everywhere
         return None
 
+    @property
+    def raised(self) -> bool:
+        """Whether a recommended gain is above the limit of all gains by one factor times what it is now."""
+        limit, control = self.tightest.limit, self.system.control
+        if self.to_use is None or control.space != "joint" or not math.isfinite(limit.gain):
+            return False
+        found = self.to_use[1]
+        pairs = ((found.kp, getattr(control.controller, "kp", None)), (found.kd, getattr(control.controller, "kd", None)))
+        return any(now is not None and bool(np.any(gain > limit.gain * now)) for gain, now in pairs)
+
     @cached_property
     def at_usual_rate(self) -> Margins | None:
         """What those keep at USUAL_RATE; None where the file has a rate, or there are none."""

@@ -1,4 +1,4 @@
-"""What `gainroom robot --json` and `gainroom audit --json` wrote: recommended gains, or those that were audited."""
+"""What `gainroom robot --json` and `gainroom audit --json` wrote: gains that are recommended, audited, or to be used instead."""
 
 import json
 from collections.abc import Mapping
@@ -17,6 +17,12 @@ MARGINS = {
     "phase_margin_deg": "phase margin {:.3g}°",
     "peak_sensitivity": "peak sensitivity {:.3g}",
 }
+REQUIRED = {
+    "gain_margin_db": "gain margin ≥ {:.3g} dB",
+    "delay_margin_ms": "delay margin ≥ {:.3g} ms",
+    "phase_margin_deg": "phase margin ≥ {:.3g}°",
+    "peak_sensitivity": "peak sensitivity ≤ {:.3g}",
+}
 OF_ROBOT = {"states", "recommended", "unstable_at"}
 OF_AUDIT = {"states", "joints", "delay_limit_ms"}
 """Keys by which an answer is known."""
@@ -34,8 +40,10 @@ def answer_in(text: str) -> dict[str, Any] | None:
     return data if is_ours else None
 
 
-def read_answer(data: Mapping[str, Any], source: str, contact: str = "") -> GainFile:
+def read_answer(data: Mapping[str, Any], source: str, contact: str = "", to_use: bool = False) -> GainFile:
     """The gains in an answer; of several recommended sets the one for `contact`, else the one that is safe everywhere.
+
+    to_use   of an audit whose gains are not safe those to use in their place, where it has some
 
     Raises GainroomError.
     """
@@ -49,6 +57,12 @@ def read_answer(data: Mapping[str, Any], source: str, contact: str = "") -> Gain
         gains = {name: _gain(entry, f"{source}: joints.{shown(name)}") for name, entry in _named(data, "joints", source).items()}
         limit = data.get("gain_limit")
         margins = f"vibration starts at {limit:.3g} × these gains" if isinstance(limit, int | float) else ""
+        instead = data.get("to_use") if to_use else None
+        if isinstance(instead, dict):
+            for name, entry in _named(instead, "joints", f"{source}: to_use").items():
+                inertia = gains[name].motor_inertia if name in gains else None
+                gains[name] = _gain({**entry, "motor_inertia": inertia}, f"{source}: to_use.joints.{shown(name)}")
+            margins = f"safe by the audit of {_required_text(data)}, in place of unsafe gains"
         form = "gainroom audit --json"
     actuators = _named(data, "actuators", source) if "actuators" in data else {}
     delays = [checked(f"{source}: actuators.{shown(name)}.delay_ms", each.get("delay_ms"), NUMBER) for name, each in actuators.items()]
@@ -60,6 +74,14 @@ def read_answer(data: Mapping[str, Any], source: str, contact: str = "") -> Gain
         gains[name] = gain
     origin = Origin(str(data.get("robot") or ""), max(delays, default=None), with_rate, margins, str(data.get("gainroom") or ""))
     return GainFile(source, form, gains, origin=origin)
+
+
+def _required_text(data: Mapping[str, Any]) -> str:
+    """What an audit required, as text."""
+    required = data.get("required")
+    found = required if isinstance(required, dict) else {}
+    parts = [text.format(found[key]) for key, text in REQUIRED.items() if isinstance(found.get(key), int | float)]
+    return ", ".join(parts) or "its requirements"
 
 
 def _recommended(data: Mapping[str, Any], source: str, contact: str) -> tuple[dict[str, Gain], str]:
@@ -94,7 +116,7 @@ def _recommended(data: Mapping[str, Any], source: str, contact: str) -> tuple[di
 
 def _named(data: Mapping[str, Any], key: str, source: str) -> dict[str, dict[str, Any]]:
     """A list of sections with a name each, by name."""
-    entries = data[key]
+    entries = data.get(key)
     if not isinstance(entries, list) or not all(isinstance(each, dict) and isinstance(each.get("name"), str) for each in entries):
         raise GainroomError(f"{source}: {key}: must be a list of sections with a name each")
     return {each["name"]: each for each in entries}
