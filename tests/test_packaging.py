@@ -27,7 +27,7 @@ def run(*command: str | Path, cwd: Path) -> str:
 @pytest.mark.slow
 @pytest.mark.parametrize("options", [["--no-isolation"], pytest.param([], marks=pytest.mark.population, id="in an empty environment")])
 def test_the_wheel_alone_runs_the_demo(tmp_path: Path, options: list[str]):
-    """Built with this environment's tools, and what of the core build/ has compiled; or with nothing but what pyproject.toml asks for."""
+    """Built with this environment's tools and the core that build/ holds compiled; or with nothing but what pyproject.toml asks for."""
     run(sys.executable, "-m", "build", "--wheel", *options, "--outdir", tmp_path, ROOT, cwd=tmp_path)
     (wheel,) = tmp_path.glob("*.whl")
     names = zipfile.ZipFile(wheel).namelist()
