@@ -68,5 +68,6 @@ def test_the_lock_pins_every_dependency_and_names_no_host():
 
 def test_the_lock_serves_every_python_that_the_project_does():
     lines = (ROOT / "requirements-dev.lock").read_text("utf-8").splitlines()
-    needed = {line: metadata(line.partition("==")[0])["Requires-Python"] for line in lines}
+    # .get: a library that some test loads may have put its own metadata in the place of Python's.
+    needed = {line: metadata(line.partition("==")[0]).get("Requires-Python") for line in lines}
     assert {line: need for line, need in needed.items() if need and "3.11.0" not in SpecifierSet(need)} == {}
