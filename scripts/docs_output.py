@@ -11,7 +11,9 @@ Blocks are run in order, in an empty folder of their own per file:
 - a block after <!-- file: NAME --> is not run, but written to NAME; <!-- run: COMMAND --> is a command that readers do not see.
 """
 
+import atexit
 import contextlib
+import functools
 import io
 import os
 import re
@@ -19,9 +21,11 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
+WARM = ROOT / "scripts" / "warm_gainroom.py"
 IMAGES = ROOT / "docs" / "images"
 BLOCK = re.compile(
     r"^<!-- file: (?P<file>\S+) -->\n+```\w*\n(?P<text>.*?)^```\n"
@@ -36,8 +40,11 @@ def documents() -> list[Path]:
     return [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 
 
-def renewed(text: str, images: Path | None = None) -> str:
-    """`text` with its outputs as they are now; pictures that it shows and makes are put into `images`."""
+def renewed(text: str, images: Path | None = None, fresh: bool = False) -> str:
+    """`text` with its outputs as they are now; pictures that it shows and makes are put into `images`.
+
+    fresh   every command starts from nothing, as a reader's does; else from a process that has imported the package
+    """
     namespace: dict[str, object] = {}
     with tempfile.TemporaryDirectory() as folder:
 
@@ -45,9 +52,9 @@ def renewed(text: str, images: Path | None = None) -> str:
             if match["file"]:
                 (Path(folder) / match["file"]).write_text(match["text"], "utf-8")
             elif match["command"]:
-                _output(match["command"], folder)
+                _output(match["command"], folder, fresh)
             elif match["kind"] == "console":
-                return f"```console\n{_session(match['content'], folder)}```\n"
+                return f"```console\n{_session(match['content'], folder, fresh)}```\n"
             else:
                 output = _printed(match["content"], namespace, folder)
                 if match["printed"] is not None:
@@ -61,22 +68,37 @@ def renewed(text: str, images: Path | None = None) -> str:
     return result
 
 
-def _session(content: str, folder: str) -> str:
+def _session(content: str, folder: str, fresh: bool) -> str:
     """A terminal session played again: the commands, each with its output."""
     result = ""
     for line in content.splitlines():
         if line.startswith("$ "):
-            result += f"{line}\n{_output(line[2:], folder)}"
+            result += f"{line}\n{_output(line[2:], folder, fresh)}"
     return result
 
 
-def _output(command: str, folder: str) -> str:
+def _output(command: str, folder: str, fresh: bool) -> str:
     """What a shell prints for `command`, standard error included; any exit status."""
     environment = {**os.environ, "NO_COLOR": "1", "COLUMNS": "80", "PYTHONPATH": str(ROOT / "src")}
     environment |= {"LC_ALL": "C.UTF-8", "PYTHONIOENCODING": "utf-8", "EXAMPLES": str(ROOT / "examples")}
-    script = f'gainroom() {{ "{sys.executable}" -m gainroom "$@"; }}\n{command} 2>&1'
+    called = "-m gainroom" if fresh else f'-I -S "{WARM}" call "{_warm()}"'
+    script = f'gainroom() {{ "{sys.executable}" {called} "$@"; }}\n{command} 2>&1'
     done = subprocess.run(["sh", "-c", script], cwd=folder, env=environment, capture_output=True, encoding="utf-8")
     return done.stdout
+
+
+@functools.cache
+def _warm() -> Path:
+    """The socket of a process that has imported the package; it ends with this one."""
+    folder = tempfile.mkdtemp()
+    atexit.register(shutil.rmtree, folder)
+    path = Path(folder) / "socket"
+    environment = {**os.environ, "PYTHONPATH": str(ROOT / "src"), "PYTHONIOENCODING": "utf-8"}
+    process = subprocess.Popen([sys.executable, WARM, "serve", path], env=environment, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL)
+    while not path.exists():
+        assert process.poll() is None, "the process for the documentation's commands does not start"
+        time.sleep(0.01)
+    return path
 
 
 def _printed(code: str, namespace: dict[str, object], folder: str) -> str:

@@ -24,6 +24,10 @@ if [ -z "$CXX" ] && ! command -v c++ >/dev/null 2>&1; then
     CXX=$PWD/$build/c++
     export CXX
 fi
-cmake -S . -B "$build" -DPython_EXECUTABLE="$python" -DCMAKE_LIBRARY_OUTPUT_DIRECTORY="$PWD/src/gainroom/native" >"$build/log" 2>&1 ||
-    fail "cmake does not find what it needs"
-cmake --build "$build" --parallel 2 >"$build/log" 2>&1 || fail "the compiler stops"
+# As part of a wheel, whose own build directory in build/ the next wheel finds compiled.
+CMAKE_BUILD_PARALLEL_LEVEL=2 "$python" -c "import scikit_build_core.build as b; b.build_wheel('$build')" >"$build/log" 2>&1 ||
+    fail "the compiler stops"
+rm -f src/gainroom/native/_core*.so
+"$python" -m zipfile -e "$build"/*.whl "$build/wheel"
+mv "$build"/wheel/gainroom/native/_core*.so src/gainroom/native/
+rm -rf "$build"/*.whl "$build/wheel"

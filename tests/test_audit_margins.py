@@ -59,11 +59,13 @@ def test_safe_is_both_margins_of_a_population(capsys: pytest.CaptureFixture[str]
         kp = kd * 10 ** random.uniform(0, 1.3)
         joint = gr.ElasticJoint(inertia, inertia * load, inertia * resonance**2, 2 * ratio * inertia * resonance)
         limit = continuous_limit(joint, kp, kd, delay)
+        if limit < 2 and kinds["gain"] == 6:
+            continue
         phase, extra, peak = closed_form(joint, kp, kd, delay)
         if abs(limit / 2 - 1) < 0.01 or abs(extra / (0.5 * delay) - 1) < 0.01:
             continue
         kind = "gain" if limit < 2 else "safe" if extra >= 0.5 * delay else "delay alone"
-        if kinds[kind] >= 10:
+        if kinds[kind] >= 6:
             continue
         kinds[kind] += 1
         Path("one.xml").write_text(MODEL.format(load=joint.link_inertia), "utf-8")

@@ -18,7 +18,7 @@ from independent.chain import Chain, record
 from independent.chain import multisine as chain_multisine
 from refusals import assert_refused
 
-TICK, COUNT = 1e-3, 12_000
+TICK, COUNT = 1e-3, 8_000
 WHOLE, SHARE = 200, 2
 ACCURACY = {"motor_inertia": 0.03, "link_inertia": 0.03, "stiffness": 0.02, "resonance": 0.02}
 
@@ -85,7 +85,7 @@ def test_the_stationary_filter_is_scipy_s():
 
 
 def test_an_independent_simulation_gives_its_joint_back(one_encoder):
-    """With friction on both sides and an encoder; 12 s in closed loop. The intervals hold and are within the accuracy wanted."""
+    """With friction on both sides and an encoder; 8 s in closed loop. The intervals hold and are within the accuracy wanted."""
     found = one_encoder
     assert found.model == "two-mass with friction"
     assert found.adequate
@@ -102,7 +102,7 @@ def test_an_independent_simulation_gives_its_joint_back(one_encoder):
 
 
 def test_the_fitted_response_goes_through_the_measured_one(one_encoder):
-    """At the excited frequencies, beyond friction's reach, within what averages of twelve spectra scatter."""
+    """At the excited frequencies, beyond friction's reach, within what averages of eight spectra scatter."""
     found = one_encoder
     used = found.measured.excited & (found.measured.coherence > 0.98) & (found.measured.omega > 2 * math.pi * 10)
     ratio = found.measured.response[used] / found.response(found.measured.omega[used])
@@ -201,16 +201,20 @@ def test_a_search_that_goes_astray_begins_again():
         assert holds(found.parameters[name], case.truth[name]), name
 
 
-@pytest.fixture(scope="module")
-def with_link() -> Record:
+def with_both_encoders(count: int) -> Record:
     """The same with an encoder on the link, too."""
     joint, drive = gr.ElasticJoint(0.2, 0.8, 1e4, 1.0), gr.Drive(2500.0, 0.8, 2.3 * TICK)
-    time = np.arange(COUNT) * TICK
+    time = np.arange(count) * TICK
     torque = 20.0 * multisine(np.random.default_rng(3), time, np.geomspace(5, 80, 50))
     loop = gr.build_loop(joint, drive, gr.PD(1000.0, 40.0), sample_time=TICK)
     bed = Testbed(loop, motor_friction=Friction(1.0, 1.5, 0.05), motor_resolution=7.67e-6)
     run = simulate(bed, Scenario(0.3 * np.sin(1.5 * time)[:, None], time[-1], feedforward=torque[:, None], noise=1e-6))
     return Record(run.time, motor_side(run).channels | {"link_position": run.link_position[:, 0]}, TICK)
+
+
+@pytest.fixture(scope="module")
+def with_link() -> Record:
+    return with_both_encoders(COUNT)
 
 
 @pytest.fixture(scope="module")
@@ -238,10 +242,11 @@ def test_a_link_encoder_of_another_sign_or_unit_is_named(with_link, right, facto
 
 
 @pytest.mark.parametrize(("every", "words"), [(8, ["columns"]), (12, ["above half the tick rate", "columns"])])
-def test_a_log_without_most_of_its_rows_is_refused(with_link, every, words):
+def test_a_log_without_most_of_its_rows_is_refused(every, words):
     """Its controller changes its command in between: what fits has a resonance above half the tick rate, or motion before its torque."""
-    channels = {name: with_link.channels[name][::every] for name in ("target_torque", "motor_position", "link_position")}
-    assert_refused(lambda: identify_joint(Record(with_link.time[::every], channels, every * TICK)), words)
+    log = with_both_encoders(12_000)  # 1,000 rows are left
+    channels = {name: log.channels[name][::every] for name in ("target_torque", "motor_position", "link_position")}
+    assert_refused(lambda: identify_joint(Record(log.time[::every], channels, every * TICK)), words)
 
 
 def test_torques_of_the_wrong_sign_are_refused():

@@ -27,7 +27,7 @@ def run(*command: str | Path, cwd: Path) -> str:
 @pytest.mark.slow
 @pytest.mark.parametrize("options", [["--no-isolation"], pytest.param([], marks=pytest.mark.population, id="in an empty environment")])
 def test_the_wheel_alone_runs_the_demo(tmp_path: Path, options: list[str]):
-    """Built with this environment's tools, and what of the core build/ has compiled; or with nothing but what pyproject.toml asks for."""
+    """Built with this environment's tools and the core that build/ holds compiled; or with nothing but what pyproject.toml asks for."""
     run(sys.executable, "-m", "build", "--wheel", *options, "--outdir", tmp_path, ROOT, cwd=tmp_path)
     (wheel,) = tmp_path.glob("*.whl")
     names = zipfile.ZipFile(wheel).namelist()
@@ -68,5 +68,6 @@ def test_the_lock_pins_every_dependency_and_names_no_host():
 
 def test_the_lock_serves_every_python_that_the_project_does():
     lines = (ROOT / "requirements-dev.lock").read_text("utf-8").splitlines()
-    needed = {line: metadata(line.partition("==")[0])["Requires-Python"] for line in lines}
+    # .get: a library that some test loads may have put its own metadata in the place of Python's.
+    needed = {line: metadata(line.partition("==")[0]).get("Requires-Python") for line in lines}
     assert {line: need for line, need in needed.items() if need and "3.11.0" not in SpecifierSet(need)} == {}

@@ -12,6 +12,7 @@ from math import inf, isinf, pi, sqrt
 import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
+from scipy.stats import qmc
 
 import gainroom as gr
 from gainroom.analysis.box_loops import BoxLoop
@@ -24,6 +25,16 @@ from uncertain_joints import MET, Uncertain, draw_uncertain, worst_found
 
 SEED = int(os.environ.get("GAINROOM_SEED", "1"))
 WHOLE, SHARE, BATCH = 260, 4, 20
+
+
+def test_the_places_inside_are_scipy_s_halton_sequence():
+    """The same digits, for one quantity to all five."""
+    ranges = dict.fromkeys(gr.Uncertainty.__dataclass_fields__, (1.0, 2.0))
+    while ranges:
+        found = gr.Uncertainty(**ranges).inside(40)
+        assert found[0] == (0.5,) * len(ranges)
+        assert np.array_equal(found[1:], qmc.Halton(len(ranges), scramble=False).random(41)[1:])
+        ranges.popitem()
 
 
 def draw(number: int, seed: int = SEED) -> tuple[Uncertain, np.random.Generator]:

@@ -45,7 +45,7 @@ def _run(arguments: Sequence[str] | None) -> int:
     import typer
 
     from ..io.run_files import forget_read
-    from .front import app
+    from .front import command
 
     show_everything()
     forget_read()
@@ -53,7 +53,7 @@ def _run(arguments: Sequence[str] | None) -> int:
         with warnings.catch_warnings():
             # numpy's remarks about overflow say nothing to a user; what is not finite in a result is shown as such
             warnings.simplefilter("ignore", RuntimeWarning)
-            status = app(arguments, prog_name="gainroom", standalone_mode=False) or 0
+            status = command()(arguments, prog_name="gainroom", standalone_mode=False) or 0
         if status == 128 + signal.SIGINT:  # what typer makes of a KeyboardInterrupt
             say(INTERRUPTED)
         return status

@@ -1,8 +1,11 @@
 """What `gainroom` takes: its commands, one file each, and the front door without one."""
 
+from collections.abc import Callable
+from functools import cache
 from typing import Annotated
 
 import typer
+from typer.main import get_command
 
 from .app import app as page
 from .audit import audit
@@ -62,3 +65,9 @@ def _front(
     if context.invoked_subcommand is None:
         typer.echo(context.get_help())
         raise typer.Exit(2)
+
+
+@cache
+def command() -> Callable[..., int | None]:
+    """All of it, made once: every option is looked at, which takes longer than a short command."""
+    return get_command(app)

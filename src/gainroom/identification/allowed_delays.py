@@ -91,9 +91,9 @@ def spread_over(allowed: list[Allowed], which: int, late: float) -> tuple[float,
     costs = np.concatenate([each.costs for each in allowed])
     weights = np.concatenate([each.widths for each in allowed]) * np.exp(-0.5 * (costs - costs.min()))
     weights = weights / weights.sum()
-    from scipy.stats import norm
+    from scipy.special import ndtr
 
     line = np.linspace(values.min() - 4 * late, values.max() + 4 * late, FINE)
-    total = norm.cdf((line[:, None] - values) / late) @ weights
+    total = ndtr((line[:, None] - values) / late) @ weights
     tail = (1 - CONFIDENCE) / 2
     return float(weights @ values), float(np.interp(tail, total, line)), float(np.interp(1 - tail, total, line))

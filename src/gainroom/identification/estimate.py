@@ -50,10 +50,10 @@ def log_interval(value: float, standard_error: float, freedom: float = math.inf)
 
 def quantile(freedom: float) -> float:
     """Of Student's t, two-sided, at CONFIDENCE."""
-    from scipy.stats import norm, t
+    from scipy.special import ndtri, stdtrit  # scipy.stats, which calls these, takes half a second to load
 
     tail = (1 + CONFIDENCE) / 2
-    return float(norm.ppf(tail) if math.isinf(freedom) else t.ppf(tail, max(freedom, 1.0)))
+    return float(ndtri(tail) if math.isinf(freedom) else stdtrit(max(freedom, 1.0), tail))
 
 
 def covariance(influence: Floats, clusters: Integers | None = None) -> Floats:

@@ -78,10 +78,18 @@ class Uncertainty:
 
     def inside(self, count: int) -> list[Place]:
         """The centre, and `count` places of a Halton sequence, which fill the rest evenly."""
-        from scipy.stats import qmc  # takes half a second, and most joints have no uncertainty
+        bases = (2, 3, 5, 7, 11)[: len(self.names)]
+        return [(0.5,) * len(bases), *(tuple(radical_inverse(k, base) for base in bases) for k in range(1, count + 1))]
 
-        size = len(self.names)
-        return [(0.5,) * size, *map(tuple, qmc.Halton(size, scramble=False).random(count + 1)[1:].tolist())]
+
+def radical_inverse(index: int, base: int) -> float:
+    """The digits of `index` in `base` behind the point, mirrored; scipy.stats has it too, and takes half a second to load."""
+    found, scale = 0.0, 1.0 / base
+    while index:
+        index, digit = divmod(index, base)
+        found += digit * scale
+        scale /= base
+    return found
 
 
 def between(low: Floats | float, high: Floats | float, share: float) -> Floats:
