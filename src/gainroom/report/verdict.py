@@ -149,9 +149,11 @@ def robot_to_use(study: "RobotStudy") -> ToUse:
     if usual is not None:
         met = asked.met_by(usual)
         remarks.append(f"{_at_rate(usual, asked, met)} {STATE_RATE}{'' if met else SEARCHED_THERE}")
-    joints, units = gains.space == "joint" and found.ki is None, joint_units(study.system.source.body)
-    heading = _heading(study, "control" if gains.space == "joint" else "tasks", f" ({units['kp']}, {units['kd']})" if joints else "")
-    return ToUse(heading, robot_gains(found, gains), remarks, found.margins)
+    own, joints = study.controllers_to_use, gains.space == "joint"
+    units = joint_units(study.system.source.body)
+    named = [units.get(name, unit) if own[0].damping_name == "kd" else unit for name, _, unit in own_gains(own[0])]
+    heading = _heading(study, "control" if joints else "tasks", f" ({', '.join(named)})" if joints else "")
+    return ToUse(heading, robot_gains(gains.names, own, gains.space), remarks, found.margins)
 
 
 SAMPLED = f"sample_rate_hz: {USUAL_RATE:.0f}"
