@@ -184,7 +184,9 @@ def test_the_pictures_of_a_run_are_its_postures():
     text = TYPED.format(delay=1.0, gains="kp: 2000.0, kd: 100.0", rate=", sample_rate_hz: 1000")
     bench = bench_of(text)
     parts = dict(bench.shaken(View(), lambda *_: None))
-    poses = np.array([pose[0] for pose in parts["film"]["poses"]]).reshape(len(parts["film"]["ms"]), -1, 3)
+    film = parts["film"]
+    poses = (np.array(film["start"][0]) + np.array([moved[0] for moved in film["moved"]])).reshape(len(film["ms"]), -1, 3)
+    assert not np.any(film["moved"][0][0])
     rest = dict(bench.curves(View(), None, "", False))["mode"]
     start = np.reshape(rest["rest"][0], (-1, 3))
     assert np.allclose(poses[0], start, atol=2e-2)  # sunk into its contacts by its weight

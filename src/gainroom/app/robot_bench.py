@@ -37,6 +37,8 @@ from .edits import gain_of, timing
 from .messages import View
 from .robot_curves import (
     bode,
+    every_state,
+    fitted,
     gain_map,
     heat,
     keyframe_angles,
@@ -53,7 +55,7 @@ from .robot_curves import (
 from .robot_shapes import described, film, pose, shapes_of
 from .shaken import shaken
 
-REMEMBERED = 16
+REMEMBERED = 24
 
 
 def _remember(known: OrderedDict[str, Any], key: str, value: Any) -> None:
@@ -173,9 +175,12 @@ class RobotBench:
         return robot_page(self._studied(view, lambda *_: None), self.opened.command or f"gainroom robot {self.opened.source}")
 
     def state(self, view: View) -> State:
-        """The view's posture and contact state; the robot in it is remembered, as gains and delay do not change it."""
-        system, place = self.system(view), self._state(view)
-        key = repr((view.stiffness, view.angles, place))
+        """The view's posture and contact state."""
+        return self._at(self.system(view), view, self._state(view))
+
+    def _at(self, system: System, view: View, place: tuple[str, str]) -> State:
+        """A state of the view's system; the robot in it is remembered, as gains and delay do not change it."""
+        key = repr((view.stiffness, view.angles if place[0] == self._state(view)[0] else {}, place))
         with self._lock:
             model = self._models.get(key)
         if model is None:
@@ -215,9 +220,15 @@ class RobotBench:
         if limit is None:
             return
         yield "mode", mode(state, limit) | pose(state.model, self.shapes, limit.mode if np.isfinite(limit.frequency) else None)
+        channel = self._channels.channel(view)
+        key = self._plane_key(channel, view)
+        if key != known and len(state.system.source.states) > 1:
+            plane = self._plane(state, channel, key, window)
+            states = (self._at(state.system, view, place) for place in state.system.source.states)
+            for part in every_state(states, channel, window or fitted(plane, channel), final):
+                yield "map", part | {"plant": key, "last": final}
         if final:
-            channel = self._channels.channel(view)
-            duration = settling(self._plane(state, channel, self._plane_key(channel, view), None), channel)
+            duration = settling(self._plane(state, channel, key, None), channel)
             file = view.model_copy(update={"gains": {}, "point": None, "delay_ms": None, "stiffness": None})
             yield "before", step(self.state(file), self._channels.channel(file), duration)
             yield "step", step(state, channel, duration)

@@ -2,11 +2,13 @@
 
 import contextlib
 import math
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ..analysis.every_loop import EveryLoop
 from ..analysis.gain_limit import GainLimit
 from ..analysis.part_plane import PartPlane
 from ..analysis.part_requirements import required_columns, unread
@@ -26,7 +28,7 @@ from ..system.system import System
 from .bench import rounded
 from .channels import Channel
 
-BODE_POINTS = 500
+BODE_POINTS = 1200
 SHOWN_TURNS = 12.0  # of 1/ω at the channel's lowest gain crossover: how long a step is shown
 GROWN = 30.0  # steps
 GUESS = 4.0
@@ -84,7 +86,7 @@ def gain_map(plane: PartPlane, channel: Channel, window: tuple[float, float] | N
 
     Without a `window` one that shows where the stable ones end.
     """
-    window = window or _fitted(plane, channel)
+    window = window or fitted(plane, channel)
 
     def required(kps: Floats) -> list[Floats]:
         return required_columns(plane, asked, kps)
@@ -97,10 +99,24 @@ def gain_map(plane: PartPlane, channel: Channel, window: tuple[float, float] | N
         "edge": _edge(plane, window),
         "lines": [],
         "window": window,
+        "channel": channel.name,
     }
 
 
-def _fitted(plane: PartPlane, channel: Channel) -> tuple[float, float]:
+def every_state(states: Iterable[State], channel: Channel, window: tuple[float, float], more: bool) -> Iterator[dict[str, Any]]:
+    """Outlines of the gains that are stable in every state, and with `more` of those that keep what is asked for there."""
+    try:
+        moving = [state for state in states if state.moves]
+        together = EveryLoop([(state.loop, part_of(state, channel)) for state in moving], window)
+        yield {"every": [[rounded(column, 6) for column in outline.T] for outline in together.stable()], "safe": [], "missing": ""}
+        asked = moving[0].system.requirements
+        if more and asked.asked:
+            yield {"safe": [[rounded(column, 6) for column in outline.T] for outline in together.required(asked)]}
+    except GainroomError as error:
+        yield {"every": [], "safe": [], "missing": str(error)}
+
+
+def fitted(plane: PartPlane, channel: Channel) -> tuple[float, float]:
     """Wide enough to show the upper end of kd."""
     guess = window_for(channel)
     columns = plane.columns(np.linspace(0.05, 1, 12) * guess[0])

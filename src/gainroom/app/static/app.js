@@ -171,7 +171,7 @@ function robot() {
   captions[0].innerText = "Critical mode";
   body = new RobotView(side.querySelector(".plot"), page.opening.shapes, token, () => page.dragging);
   by("map").querySelector("small").textContent = `of the chosen ${what} in this state, all others closed; drag the dot`;
-  map.blue = `this ${what}'s own loop keeps the required margins (sampled; the verdict judges all loops and states)`;
+  map.blue = `this ${what}'s own loop keeps the required margins in this state (sampled)`;
   by("bode").querySelector("small").textContent = `of the chosen ${what}, all others closed; sampled`;
 }
 
