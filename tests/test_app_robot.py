@@ -128,7 +128,7 @@ def test_task_gains_are_edited_in_their_lists():
     loops = [system.loop(system.source.linearize("stand", "left")).response(omega) for system in (read, shown)]
     assert np.allclose(*loops, rtol=1e-9, atol=1e-12)
     parts = [*bench.quick(View(joint="com z"), None, ""), *bench.curves(View(joint="com z"), None, "", True)]
-    assert [name for name, _ in parts] == ["verdict", "verdict", "bode", "map", "mode", "before", "step", "root"]
+    assert [name for name, _ in parts] == ["verdict", "verdict", "bode", "map", "mode", "map", "map", "before", "step", "root"]
 
 
 def laplace_inverse(value_at: Any, time: float) -> float:
@@ -177,6 +177,25 @@ def test_a_step_is_the_inverse_transform_of_the_closed_loop(text: str, name: str
         assert shown["reference"][k] == pytest.approx(truth, abs=2e-3)  # the series' tail, and the halved step's own error
     before = dict(bench.curves(view.model_copy(update={"gains": {name: {"kp": 2.0}}}), None, "", True))
     assert before["before"]["reference"] != before["step"]["reference"]
+
+
+def test_recommended_gains_of_a_cascade_are_gains_that_it_has():
+    """They are found as PD; typed into a P/PI file as kp = kp/kd, kv = kd, ki = 0 they are the same loop."""
+    laws = {}
+    for law, (gains, _) in LAWS.items():
+        text = TYPED.replace("type: pd", f"type: {law}").replace("limits: {{}}", "limits: {{gain_margin_db: 6.0, phase_margin_deg: 30.0}}")
+        bench = bench_of(text.format(delay=2.0, gains=gains, rate=""))
+        laws[law] = bench, dict(bench.found(View(), lambda *_: None))["use"]
+    (bench, use), (other, pd) = laws["ppi"], laws["pd"]
+    assert set(use["gains"]["left_knee"]) == {"kp", "kv", "ki"}
+    view = View.model_validate({"gains": use["gains"]})
+    read = parse_robot(bench.text(view), "read.yaml")
+    shown, model = bench.state(view).loop, read.source.linearize()
+    omega = np.geomspace(1, 2000, 12)
+    assert np.allclose(read.loop(model).response(omega), shown.response(omega), rtol=1e-9)
+    meant = other.state(View.model_validate({"gains": pd["gains"]})).loop
+    assert np.allclose(meant.response(omega), shown.response(omega), rtol=1e-5, atol=1e-9)  # seven digits of each gain
+    assert [line.split(":")[0] for line in use["lines"] if not line.startswith(" ")] == ["kp", "kv", "ki"]
 
 
 def test_the_pictures_of_a_run_are_its_postures():

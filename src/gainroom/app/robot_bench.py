@@ -231,7 +231,8 @@ class RobotBench:
             duration = settling(self._plane(state, channel, key, None), channel)
             file = view.model_copy(update={"gains": {}, "point": None, "delay_ms": None, "stiffness": None})
             yield "before", step(self.state(file), self._channels.channel(file), duration)
-            yield "step", step(state, channel, duration)
+            added, unit = self._channels.disturbance(state.system, channel.place)
+            yield "step", step(state, channel, duration) | {"added": added, "unit": unit}
         if final:
             yield "root", slowest_root(state)
 

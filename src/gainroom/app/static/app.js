@@ -317,7 +317,7 @@ function ran(part) {
   place.querySelector("small").textContent = page.opening.kind === "robot" ? "MuJoCo, nonlinear; the file's scenario in this state" : "tick by tick; the file's scenario";
   place.querySelector(".said").textContent = part.sentence;
   new Traces(place.querySelector(".plot")).take(part);
-  place.scrollIntoView({ behavior: "smooth", block: "nearest" });
+  (body && body.renderer ? by("side") : place).scrollIntoView({ behavior: "smooth", block: "nearest" }); // a robot's run is played on its drawing
 }
 
 by("snap").onclick = snap;
