@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from app_pages import CERTIFIED, Served, open_tab, serving
+from gainroom.app.address import view_of
 from gainroom.app.bench import Opened
 from gainroom.app.channels import Channels
 from gainroom.app.messages import View
@@ -219,6 +220,14 @@ def test_the_pictures_of_a_run_are_its_postures():
 def test_an_untouched_view_leaves_the_file_as_it_is():
     bench = bench_of(TEXT)
     assert bench.text(View.model_validate(strict(bench.opening()["view"]))) == TEXT
+
+
+def test_gains_in_an_address():
+    """By name, and kp,kd as addresses of earlier versions have them."""
+    view = view_of("#gain.left_knee=kp:9,kv:30,ki:60&gain.right_knee=2000,90&at.left_knee=0.5")
+    assert view.gains == {"left_knee": {"kp": 9.0, "kv": 30.0, "ki": 60.0}, "right_knee": {"kp": 2000.0, "kd": 90.0}}
+    with pytest.raises(GainroomError, match="must be a number"):
+        view_of("gain.left_knee=kp:much")
 
 
 STRANGE = (
