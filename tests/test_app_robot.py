@@ -309,3 +309,52 @@ def test_names_out_of_a_file_stay_text(browser: Any, tmp_path: Path):
         tab.page.locator("#joint").select_option(evil)
         tab.settle(CERTIFIED)
         assert not tab.said
+
+
+def test_a_cascade_is_dragged_undone_copied_and_saved(browser: Any, tmp_path: Path):
+    file, text = tmp_path / "robot.yaml", TYPED.replace("type: pd", "type: ppi").replace("[left_sole]}", "[left_sole], flight: []}")
+    file.write_text(text.format(delay=2.0, gains=LAWS["ppi"][0], rate=""), "utf-8")
+    with serving(file) as own:
+        tab = open_tab(browser, own.address)
+        tab.page.locator("#joint").select_option("right_knee")
+        tab.settle(CERTIFIED)
+        tab.page.locator("[data-area=every]").first.wait_for()  # two states
+        tab.drag((0.4, 0.3))
+        tab.settle(CERTIFIED)
+        gains = tab.view()["gains"]["right_knee"]
+        assert gains["ki"] / gains["kv"] == pytest.approx(0.2, rel=1e-6)  # held, to seven digits
+        assert float(tab.page.locator("#gain-kv").input_value()) == gains["kv"]
+        tab.page.locator("#gain-ki").fill("30")
+        tab.page.locator("#gain-ki").press("Tab")
+        tab.settle(CERTIFIED)
+        assert tab.view()["gains"]["right_knee"] == {**gains, "ki": 30.0}
+        tab.page.get_by_role("button", name="Copy gains").click()
+        assert tab.page.locator("#forms button").all_inner_texts() == ["YAML"]
+        tab.page.get_by_role("button", name="YAML").click()
+        tab.page.get_by_text("Copied").wait_for()
+        assert "right_knee: 30" in tab.page.evaluate("navigator.clipboard.readText()")
+        other = open_tab(browser, tab.page.url)
+        other.settle(CERTIFIED)
+        assert other.view() == tab.view()
+        tab.page.get_by_role("button", name="Undo").click()
+        tab.settle(CERTIFIED)
+        assert tab.view()["gains"]["right_knee"] == gains
+        tab.page.get_by_role("button", name="Save").click()
+        tab.page.locator("#dialog[open]").wait_for()
+        tab.page.locator("#confirm").click()
+        tab.page.get_by_text("Saved").wait_for()
+        assert not tab.said
+    k = parse_robot(file.read_text("utf-8"), "read.yaml").source.joint_names.index("right_knee")
+    saved = parse_robot(file.read_text("utf-8"), "read.yaml").control.controller
+    assert {name: float(np.broadcast_to(getattr(saved, name), 12)[k]) for name in ("kp", "kv", "ki")} == gains
+
+
+def test_the_step_of_a_task_direction_has_its_unit(browser: Any, tmp_path: Path):
+    (tmp_path / "robot.yaml").write_text(CASCADES, "utf-8")
+    with serving(tmp_path / "robot.yaml") as own:
+        tab = open_tab(browser, own.address)
+        for name, unit in (("com z", "1 m/s²"), ("pelvis x", "1 rad/s²")):
+            tab.page.locator("#joint").select_option(name)
+            tab.page.get_by_text(f"Position under {unit} added to the commanded acceleration").wait_for()
+        assert [field.get_attribute("id") for field in tab.page.locator("#gains input").all()] == ["gain-kp", "gain-kd"]  # of a PD task
+        assert not tab.said
