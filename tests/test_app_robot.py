@@ -129,7 +129,7 @@ def test_task_gains_are_edited_in_their_lists():
     loops = [system.loop(system.source.linearize("stand", "left")).response(omega) for system in (read, shown)]
     assert np.allclose(*loops, rtol=1e-9, atol=1e-12)
     parts = [*bench.quick(View(joint="com z"), None, ""), *bench.curves(View(joint="com z"), None, "", True)]
-    assert [name for name, _ in parts] == ["verdict", "verdict", "bode", "map", "mode", "map", "map", "before", "step", "root"]
+    assert [name for name, _ in parts] == ["verdict", "verdict", "bode", "map", "mode", "before", "step", "map", "map", "map", "root"]
 
 
 def laplace_inverse(value_at: Any, time: float) -> float:

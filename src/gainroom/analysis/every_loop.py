@@ -2,10 +2,11 @@
 
 What is stable in every loop is where the stable gains of all overlap (part_plane.py). In each of them the part's own loop keeps the
 required margins (part_requirements.py), and where a gain margin is required all gains together do: any common factor within it leaves the
-loop stable, which is looked at for FACTORS of them. The margins of the other parts, one at a time, are not in it. Sampled, not certified.
+loop stable, which is looked at for FACTORS of them. With `others` the sensitivities of the other parts' loops are bounded, too
+(other_loops.py); phase in those, or in all at once, is not looked at. Sampled, not certified.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, reduce
 
@@ -15,7 +16,8 @@ from ..linear.arrays import Floats
 from ..system.excluded_sets import Segment
 from ..system.loop import Loop
 from ..system.loop_part import LoopPart
-from ..system.requirements import Requirements
+from ..system.requirements import Requirements, SensitivityBound
+from .other_loops import OtherLoops
 from .part_plane import PartPlane
 from .part_requirements import overlap, required_columns
 
@@ -38,15 +40,21 @@ class EveryLoop:
         """Outlines of the gains that are stable in every loop, as PartPlane.outlines. Raises GainroomError as PartPlane.columns."""
         return self._outlines(lambda kps: [plane.columns(kps) for plane in self.planes])
 
-    def required(self, asked: Requirements) -> tuple[Floats, ...]:
-        """The same of those that also keep what is asked for."""
+    def required(self, asked: Requirements, others: bool = False) -> tuple[Floats, ...]:
+        """The same of those that also keep what is asked for; `others`: in the loops of all other parts, too, as far as it bounds |S|."""
         margin = [one.excluded(needed) for one, needed in asked.asked_for]
         widest = max((shape.factor for shape in margin if isinstance(shape, Segment)), default=1.0)
         factors = [factor for factor in np.geomspace(1 / widest, widest, FACTORS + 1).tolist() if abs(factor - 1) > 1e-9]
         scaled = [PartPlane.of(loop.scaled(factor), part, self.window) for loop, part in self.loops for factor in factors]
-        return self._outlines(
-            lambda kps: [*(required_columns(plane, asked, kps) for plane in self.planes), *(plane.columns(kps) for plane in scaled)]
-        )
+        bounds = [(one, needed) for one, needed in asked.asked_for if isinstance(one, SensitivityBound)]
+        each = [OtherLoops(loop, part, plane) for (loop, part), plane in zip(self.loops, self.planes, strict=True) if others and bounds]
+
+        def every(kps: Floats) -> Iterator[list[Floats]]:
+            yield from (required_columns(plane, asked, kps) for plane in self.planes)
+            yield from (plane.columns(kps) for plane in scaled)
+            yield from (other.columns(one, needed, kps) for other in each for one, needed in bounds)
+
+        return self._outlines(every)
 
     def _outlines(self, every: Callable[[Floats], Iterable[list[Floats]]]) -> tuple[Floats, ...]:
         def columns(kps: Floats) -> list[Floats]:

@@ -66,7 +66,7 @@ def required_columns(plane: PartPlane, requirements: Requirements, kps: Floats) 
         elif shape is not None:
             column, low, high = (np.concatenate(parts) for parts in zip(*shape.on(lines), strict=True))
             barred = union_of(column.astype(int), np.minimum(low, high), np.maximum(low, high), len(kps))
-            left = [overlap(mine, _rest(out)) for mine, out in zip(left, barred, strict=True)]
+            left = [overlap(mine, rest(out)) for mine, out in zip(left, barred, strict=True)]
     return left
 
 
@@ -83,7 +83,7 @@ def _own_loop(plane: PartPlane) -> tuple[Complexes, Complexes]:
     return np.interp(place, known, plane.a / closed), np.interp(place, known, plane.b / closed)
 
 
-def _rest(out: Floats) -> Floats:
+def rest(out: Floats) -> Floats:
     """What disjoint sorted intervals leave."""
     ends = np.concatenate([[-math.inf], out.ravel(), [math.inf]]).reshape(-1, 2)
     return ends[ends[:, 1] > ends[:, 0]]

@@ -96,7 +96,8 @@ class Channels:
             if strange := given.keys() - set(own[k].gain_names()):
                 raise GainroomError(f"gains: {name[:60]!r} has {', '.join(own[k].gain_names())}, not {min(strange)}")
             values: dict[str, Any] = {**given}
-            own[k] = replace(own[k], **values)
+            if any(getattr(own[k], gain) != value for gain, value in values.items()):  # most are the file's, at every move of the pointer
+                own[k] = replace(own[k], **values)
         if view.point is not None:
             k = self.place(view)
             own[k] = at_point(own[k], view.point)

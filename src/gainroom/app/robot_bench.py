@@ -222,17 +222,17 @@ class RobotBench:
         yield "mode", mode(state, limit) | pose(state.model, self.shapes, limit.mode if np.isfinite(limit.frequency) else None)
         channel = self._channels.channel(view)
         key = self._plane_key(channel, view)
-        if key != known and len(state.system.source.states) > 1:
-            plane = self._plane(state, channel, key, window)
-            states = (self._at(state.system, view, place) for place in state.system.source.states)
-            for part in every_state(states, channel, window or fitted(plane, channel), final):
-                yield "map", part | {"plant": key, "last": final}
         if final:
             duration = settling(self._plane(state, channel, key, None), channel)
             file = view.model_copy(update={"gains": {}, "point": None, "delay_ms": None, "stiffness": None})
             yield "before", step(self.state(file), self._channels.channel(file), duration)
             added, unit = self._channels.disturbance(state.system, channel.place)
             yield "step", step(state, channel, duration) | {"added": added, "unit": unit}
+        if key != known and len(state.system.source.states) > 1:
+            plane = self._plane(state, channel, key, window)
+            states = (self._at(state.system, view, place) for place in state.system.source.states)
+            for part in every_state(states, channel, window or fitted(plane, channel), final):
+                yield "map", part | {"plant": key, "last": final}
         if final:
             yield "root", slowest_root(state)
 

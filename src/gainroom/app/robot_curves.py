@@ -23,7 +23,7 @@ from ..simulation.step_response import step_response
 from ..studies.robot import RobotStudy
 from ..studies.state import State, limiting_joints
 from ..system.loop_part import LoopPart
-from ..system.requirements import REQUIREMENTS, Requirements, to_db
+from ..system.requirements import REQUIREMENTS, Requirements, SensitivityBound, to_db
 from ..system.system import System
 from .bench import rounded
 from .channels import Channel
@@ -93,8 +93,8 @@ def gain_map(plane: PartPlane, channel: Channel, window: tuple[float, float] | N
 
     kept = plane.outlines(window, required) if asked.asked else ()
     return {
-        "stable": [[rounded(column, 6) for column in outline.T] for outline in plane.outlines(window)],
-        "required": [[rounded(column, 6) for column in outline.T] for outline in kept],
+        "stable": _lines(plane.outlines(window)),
+        "required": _lines(kept),
         "unread": list(unread(asked)),
         "edge": _edge(plane, window),
         "lines": [],
@@ -108,12 +108,18 @@ def every_state(states: Iterable[State], channel: Channel, window: tuple[float, 
     try:
         moving = [state for state in states if state.moves]
         together = EveryLoop([(state.loop, part_of(state, channel)) for state in moving], window)
-        yield {"every": [[rounded(column, 6) for column in outline.T] for outline in together.stable()], "safe": [], "missing": ""}
+        yield {"every": _lines(together.stable()), "safe": [], "whole": None, "missing": ""}
         asked = moving[0].system.requirements
         if more and asked.asked:
-            yield {"safe": [[rounded(column, 6) for column in outline.T] for outline in together.required(asked)]}
+            yield {"safe": _lines(together.required(asked))}
+        if more and any(isinstance(one, SensitivityBound) for one, _ in asked.asked_for):
+            yield {"whole": _lines(together.required(asked, others=True))}
     except GainroomError as error:
-        yield {"every": [], "safe": [], "missing": str(error)}
+        yield {"every": [], "safe": [], "whole": None, "missing": str(error)}
+
+
+def _lines(outlines: Iterable[Floats]) -> list[list[list[float | None]]]:
+    return [[rounded(column, 6) for column in outline.T] for outline in outlines]
 
 
 def fitted(plane: PartPlane, channel: Channel) -> tuple[float, float]:

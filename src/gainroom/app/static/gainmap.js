@@ -135,9 +135,9 @@ export class GainMap {
 
   /** @param {any} part */
   take(part) {
-    Object.assign(this.data, Object.fromEntries(["stable", "required", "edge", "lines", "every", "safe", "missing"].filter((name) => part[name] !== undefined).map((name) => [name, part[name]])));
+    Object.assign(this.data, Object.fromEntries(["stable", "required", "edge", "lines", "every", "safe", "whole", "missing"].filter((name) => part[name] !== undefined).map((name) => [name, part[name]])));
     if (part.window) this.window = part.window;
-    if (part.stable && this.data.channel !== part.channel) Object.assign(this.data, { every: [], safe: [], channel: part.channel });
+    if (part.stable && this.data.channel !== part.channel) Object.assign(this.data, { every: [], safe: [], whole: null, channel: part.channel });
     this.late = Boolean(part.stable); // what holds in every state comes after what holds in this one
     this.draw();
   }
@@ -169,6 +169,7 @@ export class GainMap {
     for (const outline of this.data.stable) svg("path", { d: this.path(outline, true), fill: "#fffdf3", stroke: "#1a1a1a", "stroke-width": 2, "data-area": "stable" }, areas);
     for (const outline of this.data.required) svg("path", { d: this.path(outline, true), fill: "#56b4e9", "fill-opacity": 0.4, "data-area": "required" }, areas);
     for (const outline of this.data.safe || []) svg("path", { d: this.path(outline, true), fill: "#009e73", "fill-opacity": this.late ? 0.15 : 0.45, "data-area": "safe" }, areas);
+    for (const outline of this.data.whole || []) svg("path", { d: this.path(outline, true), fill: "#006b4e", "fill-opacity": this.late ? 0.15 : 0.6, "data-area": "whole" }, areas);
     for (const outline of this.data.every || []) svg("path", { d: this.path(outline, true), fill: "none", stroke: "#1a1a1a", "stroke-width": 1.6, "stroke-dasharray": "7 5", "stroke-opacity": this.late ? 0.3 : 1, "data-area": "every" }, areas);
     const colors = ["#009e73", "#0072b2", "#cc79a7", "#d55e00"], dashes = ["none", "7 4", "2 4", "7 3 2 3"];
     this.data.lines.forEach((/** @type {any} */ line, /** @type {number} */ k) => {
@@ -200,11 +201,12 @@ export class GainMap {
 
   /** What is said of all states of a robot. */
   everywhere() {
-    const { every, safe, missing } = this.data;
+    const { every, safe, whole, missing } = this.data;
     if (missing) return `All states: ${missing}. `;
     if (!every) return "";
     const none = every.length ? "Dashed: stable in every state. " : "Nowhere here is it stable in every state. ";
-    return none + (safe && safe.length ? `Green: ${this.green}. ` : "");
+    const others = !whole ? "" : whole.length ? "Dark green: Ms of every other loop, too. " : "With these gains alone, Ms of every other loop is not brought to what is required. ";
+    return none + (safe && safe.length ? `Green: ${this.green}. ` : "") + others;
   }
 
   drawMarks() {
