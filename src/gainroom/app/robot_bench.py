@@ -282,9 +282,10 @@ class RobotBench:
         return study if known is None else replace(study, recommended=known.recommended)
 
     def _plant(self, view: View) -> str:
-        return repr(
-            view.model_copy(update={"joint": None, "point": None, "posture": view.posture if view.angles else None, "contact": None})
-        )
+        """What recommended gains depend on: not on the file's, but for the proportions of P/PI tasks."""
+        gains = view.gains if self._channels.of_tasks else {}
+        place = view.posture if view.angles else None
+        return repr(view.model_copy(update={"joint": None, "point": None, "posture": place, "contact": None, "gains": gains}))
 
     def _verdict(self, study: RobotStudy, basis: str) -> dict[str, Any]:
         best = robot_to_use(study).margins if study.recommended else None
