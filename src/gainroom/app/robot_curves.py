@@ -28,7 +28,7 @@ from ..system.system import System
 from .bench import rounded
 from .channels import Channel
 
-BODE_POINTS = 1200
+BODE_POINTS = 500
 SHOWN_TURNS = 12.0  # of 1/ω at the channel's lowest gain crossover: how long a step is shown
 GROWN = 30.0  # steps
 GUESS = 4.0
