@@ -156,6 +156,10 @@ def test_a_run_is_played_on_the_robot_and_can_be_stopped(browser: Any, leg: Path
         slider.wait_for()
         slider.fill("20")
         tab.page.wait_for_function("() => Number.parseFloat(document.querySelector('.film output').textContent) > 0")
+        larger = tab.page.get_by_role("button", name="Motion drawn")
+        if larger.count():  # the run is small enough
+            larger.click()
+            assert larger.inner_text() == "Motion drawn as it is"
         tab.page.get_by_role("button", name="Critical mode").click()
         slider.wait_for(state="detached")
         assert not tab.said

@@ -105,8 +105,9 @@ def test_the_mode_moves_the_joints_as_the_limit_says_and_no_contact():
     assert most > 0.05
     assert still < 1e-3 * most  # differences over a ten-thousandth of the mode
     assert {one["name"] for one in part["contacts"]} == {"left_sole", "right_sole"}
-    k = int(np.argmax(np.hypot(part["mode_re"], part["mode_im"])))
-    assert state.limiting_joints[0] == part["names"][k]
+    sizes = np.hypot(part["mode_re"], part["mode_im"])
+    first = sizes[part["names"].index(state.limiting_joints[0])]
+    assert first == pytest.approx(sizes.max(), rel=1e-5)  # both knees move alike but for round-off
     assert bench.mesh(0) is None
     assert bench.mesh(10**6) is None
 

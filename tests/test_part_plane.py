@@ -1,6 +1,7 @@
 """The stable gains of one joint or task direction, others closed, against a count of the roots at random gains."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,8 +10,13 @@ import gainroom as gr
 from gainroom.analysis.part_plane import PartPlane
 from gainroom.analysis.part_requirements import required_columns
 from gainroom.analysis.stability import is_stable
+from gainroom.app.channels import Channels
+from gainroom.app.messages import View
+from gainroom.app.robot_curves import part_of
 from gainroom.cli.example import example_texts
 from gainroom.files.robot_yaml import parse_robot
+from gainroom.studies.state import State
+from gainroom.system.loop_part import LoopPart
 from gainroom.system.requirements import Requirements
 
 pytest.importorskip("pinocchio")
@@ -45,7 +51,7 @@ def test_random_gains_of_one_joint_are_stable_where_the_plane_says_so(text: str,
     own = system.controller(model)
     kp, kd = (np.broadcast_to(np.asarray(gain, dtype=float), size).copy() for gain in (own.kp, own.kd))
     unit, window = np.eye(size)[k], (12 * kp[k], 12 * kd[k])
-    plane = PartPlane.of(system.loop(model), unit, unit, kp[k], kd[k], window)
+    plane = PartPlane.of(system.loop(model), LoopPart(unit, unit, own.on_joint(k, size)), window)
     draw = np.random.default_rng(5)
     stable = 0
     for _ in range(60):
@@ -70,7 +76,7 @@ def test_one_direction_of_a_task():
     tasks = system.source.tasks(model)
     k = tasks.directions.index("com z")
     window = (400 * tasks.kp[k], 100 * tasks.kd[k])
-    plane = PartPlane.of(system.loop(model), tasks.torque[:, k], tasks.jacobian[k], tasks.kp[k], tasks.kd[k], window)
+    plane = PartPlane.of(system.loop(model), LoopPart(tasks.torque[:, k], tasks.jacobian[k], tasks.of_direction(k)), window)
     draw, stable = np.random.default_rng(6), 0
     for _ in range(40):
         kp, kd = tasks.kp.copy(), tasks.kd.copy()
@@ -83,6 +89,44 @@ def test_one_direction_of_a_task():
     assert 2 <= stable <= 38
 
 
+CASCADE = TEXT.replace("type: pd", "type: ppi").replace("  kp: 2000.0 ", "  kp: 20.0 ").replace("  kd: 100.0 ", "  ki: 20.0\n  kv: 100.0 ")
+TASKS = (
+    TEXT.replace("type: pd", "type: ppi")
+    .replace("space: joint", "space: task")
+    .replace("  kp: 2000.0 ", "  # ")
+    .replace("  kd: 100.0 ", "  # ")
+)
+TASKS = TASKS.replace("kp: [50, 90, 200], kd: [1, 5, 15]", "kp: [10, 10, 14], kv: [6, 8, 15], ki: [3, 4, 5]")
+
+
+@pytest.mark.parametrize(
+    ("text", "name", "widest", "rate"),
+    [(CASCADE, "left_knee", 12, None), (CASCADE, "right_hip_roll", 12, 2000), (TASKS, "com z", 150, None), (TASKS, "pelvis x", 150, 1000)],
+)
+def test_the_gains_of_cascades(text: str, name: str, widest: int, rate: int | None):
+    """P/PI of a joint, of a task direction, and PD beside P/PI: kv·kp and kv at random, ki/kv held, against a count of all roots."""
+    system = parse_robot(text.replace("feedback: motor", f"feedback: motor\n  sample_rate_hz: {rate}") if rate else text, "biped.yaml")
+    channels = Channels(system)
+    model = system.source.linearize("stand", "double")
+    channel = channels.channel(View(joint=name))
+    window = (widest * channel.point[0], widest * channel.point[1])
+    state = State(system, "stand", "double", model)
+    plane = PartPlane.of(state.loop, part_of(state, channel), window)
+    draw, stable = np.random.default_rng(7), 0
+    for kp, kd in (draw.uniform(0.02, 1, (30, 2)) * window).tolist():
+        moved = channels.applied(system, View(joint=name, point=(kp, kd)))
+        own: Any = channels.channel(View(joint=name, point=(kp, kd))).own
+        file: Any = channel.own
+        if hasattr(own, "kv"):
+            assert (own.kp * own.kv, own.kv, own.ki * file.kv) == pytest.approx((kp, kd, file.ki * kd), rel=1e-6)  # 7 digits
+        truth = is_stable(moved.loop(model))
+        (columns,) = plane.columns(np.array([kp]))
+        stable += truth
+        if nearest_end(columns, kd) > 2e-3 * window[1]:
+            assert inside(columns, kd) == truth, (kp, kd, columns)
+    assert 2 <= stable <= 28
+
+
 @pytest.mark.parametrize("sample_time", [None, 5e-4])
 def test_of_a_single_joint_it_is_the_exact_region(sample_time: float | None):
     """n = 1: the exact region, which has another derivation of the counts, ends where the plane's columns end, to the picture's width."""
@@ -91,7 +135,7 @@ def test_of_a_single_joint_it_is_the_exact_region(sample_time: float | None):
     loop = gr.build_loop(joint.plant(), drive, gr.PD(1e4, 300.0), sample_time=sample_time)
     region = gr.pd_region(joint, drive, sample_time=sample_time)
     window = (3e4, 900.0)
-    plane = PartPlane.of(loop, np.ones(1), np.ones(1), 1e4, 300.0, window)
+    plane = PartPlane.of(loop, LoopPart.of_joint(loop, 0), window)
     kps = np.linspace(500.0, 2.9e4, 17)
     for exact, found in zip(region.columns(kps), plane.columns(kps), strict=True):
         assert found.shape == exact.shape
@@ -104,7 +148,7 @@ def test_the_return_ratio_with_others_closed():
     model = system.source.linearize("stand", "left")
     own = system.controller(model)
     size = model.size
-    plane = PartPlane.of(system.loop(model), np.eye(size)[3], np.eye(size)[3], 2000.0, 100.0, (4000.0, 200.0))
+    plane = PartPlane.of(system.loop(model), LoopPart(np.eye(size)[3], np.eye(size)[3], gr.PD(2000.0, 100.0)), (4000.0, 200.0))
     kp, kd = np.full(size, 2000.0), np.full(size, 100.0)
     places = np.linspace(5, len(plane.omega) - 5, 9).astype(int)
     omega = plane.omega[places]
@@ -133,7 +177,7 @@ def test_random_gains_of_one_joint_keep_its_own_margins_where_the_plane_says_so(
     own = system.controller(model)
     kp, kd = (np.broadcast_to(np.asarray(gain, dtype=float), size).copy() for gain in (own.kp, own.kd))
     unit, window = np.eye(size)[k], (8 * kp[k], 12 * kd[k])
-    plane = PartPlane.of(system.loop(model), unit, unit, kp[k], kd[k], window)
+    plane = PartPlane.of(system.loop(model), LoopPart(unit, unit, own.on_joint(k, size)), window)
     omega = np.geomspace(0.1, np.pi * 1999 if "sample_rate" in text else 2e4, 4000)
     draw, kept = np.random.default_rng(6), 0
 

@@ -1,5 +1,7 @@
 """The stable gains (kp, kd) of one part of a controller, one joint or one direction of a task, all other gains as they are.
 
+Of a P/PI cascade kp is kv·kp and kd is kv, with ki/kv held: its plane (system/controller.py), as for one joint.
+
 With D = D_0 + δ_p D_a + δ_d D_b, D_a and D_b of rank one with the same directions, det(I + L) is multiplied by f = 1 + δ_p a + δ_d b, with
 a = tr((I + L)⁻¹ P C D_a) and b likewise. f(jω) = 0 are two real equations linear in the gains, one point per ω (D-decomposition; Neimark
 1949; Ackermann 2002, ch. 4); the roots of the gains as they are have been counted, and every crossing changes that count by two.
@@ -17,6 +19,7 @@ import numpy as np
 from ..errors import GainroomError
 from ..linear.arrays import Complexes, Floats, Integers, distinct
 from ..system.loop import Loop
+from ..system.loop_part import LoopPart
 from .coupled_margins import sensitivity
 from .gain_region import traced
 from .stability import unstable_roots
@@ -48,16 +51,14 @@ class PartPlane:
     last: float | None
 
     @classmethod
-    def of(cls, loop: Loop, left: Floats, right: Floats, kp: float, kd: float, window: tuple[float, float]) -> "PartPlane":
-        """Of the part left (n,) right (n,)ᵀ of a loop's controller, resolved for gains up to `window`.
+    def of(cls, loop: Loop, part: LoopPart, window: tuple[float, float]) -> "PartPlane":
+        """Of a part of a loop's controller, resolved for gains up to `window`.
 
-        Raises GainroomError for a controller without kp and kd.
+        Raises GainroomError for a part without a kp–kd plane, and where the ratio that is held there divides by 0.
         """
         assert loop.parts is not None
-        units = loop.parts.controller.units()
-        if "kp" not in units or "kd" not in units:
-            raise GainroomError(f"{type(loop.parts.controller).__name__}: has no kp and kd of one joint alone")
-        controller = loop.parts.controller
+        controller, left, right, own = loop.parts.controller, part.left, part.right, part.own
+        kp, kd = own.plane_gains()
 
         def at(omega: Floats) -> Complexes:
             s = 1j * omega
@@ -65,7 +66,7 @@ class PartPlane:
             actuated = loop.gain * loop.actuated_at(s)
             returned = controller.after(actuated, s, v, loop.sample_time)
             through = ((right @ sensitivity(loop, returned))[:, None] @ actuated @ left)[:, 0]
-            return np.stack([through * units[name].matrix(s, v, 1, loop.sample_time)[:, 0, 0] for name in ("kp", "kd")], axis=1)
+            return through[:, None] * own.plane_at(s, v, loop.sample_time)
 
         omega = _grid(loop)
         values = in_blocks(at, omega, loop.size)

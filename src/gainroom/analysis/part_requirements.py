@@ -62,11 +62,11 @@ def required_columns(plane: PartPlane, requirements: Requirements, kps: Floats) 
         shape = one.excluded(needed)
         if isinstance(shape, Segment):
             for factor in np.geomspace(1 / shape.factor, shape.factor, SCALES).tolist():
-                left = [_both(mine, other / factor) for mine, other in zip(left, plane.columns(kps * factor), strict=True)]
+                left = [overlap(mine, other / factor) for mine, other in zip(left, plane.columns(kps * factor), strict=True)]
         elif shape is not None:
             column, low, high = (np.concatenate(parts) for parts in zip(*shape.on(lines), strict=True))
             barred = union_of(column.astype(int), np.minimum(low, high), np.maximum(low, high), len(kps))
-            left = [_both(mine, _rest(out)) for mine, out in zip(left, barred, strict=True)]
+            left = [overlap(mine, rest(out)) for mine, out in zip(left, barred, strict=True)]
     return left
 
 
@@ -83,13 +83,13 @@ def _own_loop(plane: PartPlane) -> tuple[Complexes, Complexes]:
     return np.interp(place, known, plane.a / closed), np.interp(place, known, plane.b / closed)
 
 
-def _rest(out: Floats) -> Floats:
+def rest(out: Floats) -> Floats:
     """What disjoint sorted intervals leave."""
     ends = np.concatenate([[-math.inf], out.ravel(), [math.inf]]).reshape(-1, 2)
     return ends[ends[:, 1] > ends[:, 0]]
 
 
-def _both(one: Floats, other: Floats) -> Floats:
+def overlap(one: Floats, other: Floats) -> Floats:
     """Where two sets of sorted intervals overlap."""
     low, high = np.maximum(one[:, None, 0], other[None, :, 0]).ravel(), np.minimum(one[:, None, 1], other[None, :, 1]).ravel()
     found = np.stack([low, high], axis=1)[high > low]

@@ -12,7 +12,7 @@ NAMES = ("posture", "contact", "joint")
 
 
 def view_of(text: str) -> View:
-    """The view of "kp=1000&kd=30&delay_ms=3"; of a robot gains are gain.NAME=KP,KD and angles at.NAME=VALUE.
+    """The view of "kp=1000&kd=30&delay_ms=3"; of a robot gains are gain.NAME=KP,KD (or kp:9,kv:30,ki:60) and angles at.NAME=VALUE.
 
     Raises GainroomError for what is no view.
     """
@@ -22,7 +22,8 @@ def view_of(text: str) -> View:
         if name in NAMES:
             values[name] = value
         elif name.startswith("gain."):
-            gains[name.removeprefix("gain.")] = dict(zip(("kp", "kd"), map(_number, value.split(",")), strict=False))
+            parts = [part.rpartition(":") for part in value.split(",")]
+            gains[name.removeprefix("gain.")] = {key or ["kp", "kd"][k > 0]: _number(each) for k, (key, _, each) in enumerate(parts)}
         elif name.startswith("at."):
             values["angles"][name.removeprefix("at.")] = _number(value)
         elif name in NUMBERS:

@@ -1,10 +1,15 @@
-"""What a view changes in a file's delay and sample rate; ranges are widened to hold a new value, as a file's must."""
+"""What a view changes in a file's delay and sample rate, where ranges are widened to hold a new value; and gains for other files."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from ..errors import GainroomError
 from ..files.edited_text import Keys
+from ..files.gain_formats.gain_record import Gain
+from ..report.gains_to_use import typed
+from ..report.number_format import own_gains
+from ..system.controller import Controller
 from .messages import View
 
 
@@ -40,3 +45,17 @@ def put(changes: dict[Keys, Any], data: Mapping[str, Any], path: Keys, old: Any,
     given = (data.get("uncertainty") or {}).get(path[-1])
     if isinstance(given, list) and not given[0] <= value <= given[1]:
         changes["uncertainty", path[-1]] = [min(given[0], value), max(given[1], value)]
+
+
+def gain_of(own: Controller, form: str) -> Gain:
+    """The gains of one joint as other formats hold them. Raises GainroomError for a P/PI cascade, which none does."""
+    if own.damping_name != "kd":
+        raise GainroomError(f"{form}: holds kp and kd in N·m/rad and N·m·s/rad, not the gains of a P/PI cascade; copy as yaml")
+    return Gain(**{name: value for name, value, _ in own_gains(own)})
+
+
+def at_point(own: Controller, point: tuple[float, float]) -> Controller:
+    """The controller at a point of its gain map, its gains in digits that can be typed."""
+    there = own.from_plane(*point)
+    rounded: dict[str, Any] = {name: float(typed(value)) for name, value, _ in own_gains(there)}
+    return replace(there, **rounded)

@@ -11,7 +11,6 @@ from typing import Any
 from ..errors import GainroomError
 from ..files.copied_gains import copied_gains
 from ..files.edited_text import Keys, edited
-from ..files.gain_formats.gain_record import Gain
 from ..files.joint_yaml import parse_joint, parse_simulation
 from ..io.yaml_text import parse_yaml
 from ..report.columns import facts
@@ -26,7 +25,7 @@ from ..studies.joint import JointStudy, study_joint
 from ..system.system import System
 from ..system.uncertainty import Uncertainty
 from .bench import Opened, Part, Told
-from .edits import put, timing
+from .edits import at_point, gain_of, put, timing
 from .joint_curves import bode, limits, map_window, required_gains, stable_gains, step, sweep_span
 from .messages import View
 from .shaken import shaken
@@ -77,7 +76,7 @@ class JointBench:
             },
             "needed": system.requirements.needed,
             "uncertain": list(system.uncertainty.names),
-            "forms": ["yaml", "ros2_control", "mjcf"],
+            "forms": ["yaml"] if controller.damping_name != "kd" else ["yaml", "ros2_control", "mjcf"],
         }
 
     def text(self, view: View) -> str:
@@ -88,9 +87,7 @@ class JointBench:
         controller = study.system.control.controller
         if form == "yaml":
             return "".join(f"{line}\n" for line in joint_gains(controller))
-        if hasattr(controller, "kv"):
-            raise GainroomError(f"{form}: holds kp and kd in N·m/rad and N·m·s/rad, not the gains of a P/PI cascade; copy as yaml")
-        gain = Gain(**{name: value for name, value, _ in own_gains(controller)})
+        gain = gain_of(controller, form)
         kept = margins_text(study.margins) if study.margins.stable else "UNSTABLE, do not run these"
         kept = f"{Path(self.opened.source).stem}, {'nominal ' if study.margins.stable else ''}{kept}"
         rate = study.system.control.sample_time
@@ -206,7 +203,7 @@ class JointBench:
         if strange:
             raise GainroomError(f"gains: {min(strange)} is not a gain of this controller, which has {', '.join(own.gain_names())}")
         controller = replace(own, **view.gains)
-        return controller if view.point is None or not own.has_plane else controller.from_plane(*view.point)
+        return controller if view.point is None or not own.has_plane else at_point(controller, view.point)
 
     def _values(self, view: View) -> Mapping[Keys, Any]:
         """What the view changes in the file, by key."""

@@ -19,7 +19,7 @@ Form = Literal["yaml", "mjcf", "ros2_control"]
 class View(Section):
     """What is looked at; what is None is as the file has it.
 
-    gains        of a joint by name, of a robot as name of joint → {kp, kd}
+    gains        of a joint by name, of a robot as name of joint → {kp, kd}, or what its controller has
     point        of the plane of the gain map, of the joint that it shows; it goes before gains
     delay_ms     of the drives
     stiffness    of the gearbox [N m/rad]; of a robot a factor on all of them
@@ -29,7 +29,7 @@ class View(Section):
     angles       of a robot's joints that stand otherwise than in its posture [rad, m]
     """
 
-    gains: dict[Name, NotNegative | dict[Literal["kp", "kd"], NotNegative]] = Field(default_factory=dict, max_length=200)
+    gains: dict[Name, NotNegative | dict[Literal["kp", "kd", "kv", "ki"], NotNegative]] = Field(default_factory=dict, max_length=200)
     point: tuple[NotNegative, NotNegative] | None = None
     delay_ms: NotNegative | None = None
     stiffness: Positive | None = None

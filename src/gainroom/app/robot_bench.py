@@ -1,6 +1,5 @@
 """A robot on the page: one joint or task direction is dragged, all others stay closed; the rest is what the command line prints."""
 
-import itertools
 import re
 import threading
 from collections import OrderedDict
@@ -16,12 +15,11 @@ from ..analysis.part_plane import PartPlane
 from ..errors import GainroomError, computable
 from ..files.copied_gains import copied_gains
 from ..files.edited_text import edited
-from ..files.gain_formats.gain_record import Gain
 from ..files.robot_yaml import parse_robot
 from ..io.yaml_text import parse_yaml
-from ..linear.arrays import Floats
 from ..report.columns import facts
-from ..report.gains_to_use import gain_lines
+from ..report.gains_to_use import typed
+from ..report.number_format import own_gains
 from ..report.recommended_gains import recommended_facts
 from ..report.robot import robot_page
 from ..report.robot_columns import state_columns
@@ -31,19 +29,21 @@ from ..robot.model import RobotModel
 from ..robot.robot import Posture
 from ..simulation.robot_simulation import RobotSimulation
 from ..studies.robot import RobotStudy, study_robot
-from ..studies.state import State, limit_of
+from ..studies.state import State, limit_of, strongest_first
 from ..system.system import System
 from .bench import Opened, Part, Told
-from .edits import timing
+from .channels import Channel, Channels
+from .edits import gain_of, timing
 from .messages import View
 from .robot_curves import (
-    Channel,
     bode,
-    channel_plane,
+    every_state,
+    fitted,
     gain_map,
     heat,
     keyframe_angles,
     mode,
+    part_of,
     quick_verdict,
     settling,
     slowest_root,
@@ -55,7 +55,7 @@ from .robot_curves import (
 from .robot_shapes import described, film, pose, shapes_of
 from .shaken import shaken
 
-REMEMBERED = 16
+REMEMBERED = 24
 
 
 def _remember(known: OrderedDict[str, Any], key: str, value: Any) -> None:
@@ -72,8 +72,6 @@ class RobotBench:
     def __init__(self, opened: Opened) -> None:
         self.opened = opened
         self._system = parse_robot(opened.text, opened.source, opened.folder)
-        if not {"kp", "kd"} <= set(self._gains_of(self._system)):
-            raise GainroomError(f"{opened.source}: the page drags kp and kd; P/PI gains of robots are judged by gainroom robot")
         self._data = parse_yaml(opened.text, opened.source)
         self._systems: OrderedDict[str, System] = OrderedDict()
         self._planes: OrderedDict[str, PartPlane] = OrderedDict()
@@ -81,11 +79,8 @@ class RobotBench:
         self._models: OrderedDict[str, RobotModel] = OrderedDict()
         self._limits: OrderedDict[str, tuple[State, GainLimit | None]] = OrderedDict()
         self._lock, self._limiting = threading.Lock(), threading.Lock()
-        self._model = self._system.source.linearize()
-        self._space = self._system.control.space
+        self._channels = Channels(self._system)
         self.shapes = shapes_of(self._system.source.body)
-        tasks = self._tasks(self._system)
-        self._names = self._system.source.joint_names if tasks is None else tasks.directions
 
     def opening(self) -> dict[str, Any]:
         system, source = self._system, self._system.source
@@ -93,16 +88,14 @@ class RobotBench:
         free = [] if "delay_ticks" in self._data["drive"] and "sample_rate_hz" not in self._data["drive"] else [0]
         rates = sorted({*free, 500, 1000, 2000, 4000, 8000, 0 if rate is None else round(1 / rate, 6)})
         posture, contact = source.states[0]
-        task = self._space == "task"
+        task = self._channels.of_tasks
+        cascade = any(own.damping_name != "kd" for own in self._channels.gains(View()))
         return {
             "kind": "robot",
+            **self._channels.described(),
             "name": self.opened.source,
             "saves": self.opened.path is not None,
-            "space": self._space,
-            "channels": self._names,
-            "gains": [{"name": "kp", "unit": "1/s²" if task else "N·m/rad"}, {"name": "kd", "unit": "1/s" if task else "N·m·s/rad"}],
-            "axes": ["kp", "kd"],
-            "units": ["1/s²", "1/s"] if task else ["N·m/rad", "N·m·s/rad"],
+            "space": system.control.space,
             "span_hz": span_of(system),
             "rates": rates,
             "postures": list(source.postures),
@@ -111,19 +104,19 @@ class RobotBench:
             "joints": stand(source),
             "shapes": described(self.shapes),
             "view": {
-                "gains": self._all_gains(View()),
+                "gains": self._channels.named(self._channels.gains(View())),
                 "delay_ms": 1e3 * system.delay,
                 "stiffness": 1.0 if np.isfinite(source.actuators.stiffness).any() else None,
                 "link_inertia": None,
                 "sample_rate_hz": 0 if rate is None else 1 / rate,
                 "posture": posture,
                 "contact": contact,
-                "joint": self._names[0 if task else self._leading()],
+                "joint": self._channels.names[0 if task else self._leading()],
                 "angles": {},
             },
             "needed": system.requirements.needed,
             "uncertain": list(system.uncertainty.names),
-            "forms": ["yaml"] if task else ["yaml", "ros2_control", "mjcf"],
+            "forms": ["yaml"] if task or cascade else ["yaml", "ros2_control", "mjcf"],
         }
 
     def _leading(self) -> int:
@@ -132,23 +125,10 @@ class RobotBench:
             _, limit = self._limited(View())
         except GainroomError:  # said where the state is shown
             return 0
-        return int(np.argmax(np.abs(limit.mode))) if limit is not None and np.isfinite(limit.frequency) else 0
+        return int(strongest_first(limit.mode)[0]) if limit is not None and np.isfinite(limit.frequency) else 0
 
     def text(self, view: View) -> str:
-        changes = timing(self._data, self._system.delay, view)
-        kp, kd = self._gains(view)
-        old_kp, old_kd = self._gains(View())
-        for key, values, old in (("kp", kp, old_kp), ("kd", kd, old_kd)):
-            if np.array_equal(values, old):
-                continue
-            if self._space == "joint":
-                same = bool(np.all(values == values[0]))
-                patterns = {re.escape(name): value for name, value in zip(self._names, values.tolist(), strict=True)}
-                changes["control", key] = float(values[0]) if same else patterns
-            else:
-                for place, rows in enumerate(self._rows()):
-                    if not np.array_equal(values[rows], old[rows]):
-                        changes["tasks", place, key] = values[rows].tolist()
+        changes = timing(self._data, self._system.delay, view) | self._channels.changes(view)
         if view.stiffness not in (None, 1.0):
             stiffness = self._system.source.actuators.stiffness * view.stiffness
             for name, value in zip(self._system.source.joint_names, np.asarray(stiffness).tolist(), strict=True):
@@ -177,30 +157,17 @@ class RobotBench:
         source = system.source
         if view.angles:
             source = replace(source, postures={**source.postures, self._state(view)[0]: self._stance(view)})
-        kp, kd = self._gains(view)
-        if self._space == "joint":
-            return replace(system.with_controller(replace(system.control.controller, kp=kp, kd=kd)), source=source)
-        stack = tuple(
-            replace(task, kp=tuple(kp[rows].tolist()), kd=tuple(kd[rows].tolist()))
-            for task, rows in zip(source.stack, self._rows(), strict=True)
-        )
-        return replace(system, source=replace(source, stack=stack))
+        return self._channels.applied(replace(system, source=source), view)
 
     def copied(self, view: View, form: str) -> str:
-        kp, kd = self._gains(view)
-        state = self.state(view)
         if form == "yaml":
-            if self._space == "joint":
-                lines = [line for key, values in (("kp", kp), ("kd", kd)) for line in gain_lines(key, self._names, values)]
-                return "".join(f"{line}\n" for line in lines)
-            stack = self._system.source.stack
-            return "".join(
-                f"{task.name}: {{kp: {kp[rows].tolist()}, kd: {kd[rows].tolist()}}}\n"
-                for task, rows in zip(stack, self._rows(), strict=True)
-            )
+            return self._channels.lines(view)
+        channels, state = self._channels, self.state(view)
+        if channels.of_tasks:
+            raise GainroomError(f"{form}: holds gains of joints, not of tasks; copy as yaml")
         limit = limit_of(state.loop)
         kept = f"vibration starts at {limit.gain:.3g} × these gains in {state.title}" if limit.stable else "UNSTABLE, do not run these"
-        gains = {name: Gain(float(p), float(d)) for name, p, d in zip(self._names, kp, kd, strict=True)}
+        gains = {name: gain_of(own, form) for name, own in zip(channels.names, channels.gains(view), strict=True)}
         rate = state.system.control.sample_time
         return copied_gains(gains, form, f"{Path(self.opened.source).stem}, {kept}", None if rate is None else 1 / rate)
 
@@ -208,9 +175,12 @@ class RobotBench:
         return robot_page(self._studied(view, lambda *_: None), self.opened.command or f"gainroom robot {self.opened.source}")
 
     def state(self, view: View) -> State:
-        """The view's posture and contact state; the robot in it is remembered, as gains and delay do not change it."""
-        system, place = self.system(view), self._state(view)
-        key = repr((view.stiffness, view.angles, place))
+        """The view's posture and contact state."""
+        return self._at(self.system(view), view, self._state(view))
+
+    def _at(self, system: System, view: View, place: tuple[str, str]) -> State:
+        """A state of the view's system; the robot in it is remembered, as gains and delay do not change it."""
+        key = repr((view.stiffness, view.angles if place[0] == self._state(view)[0] else {}, place))
         with self._lock:
             model = self._models.get(key)
         if model is None:
@@ -232,8 +202,8 @@ class RobotBench:
             return self._limits[key]
 
     def quick(self, view: View, window: tuple[float, float] | None, known: str) -> Iterator[Part]:
-        (state, limit), channel = self._limited(view), self._channel(view)
-        own = {"gains": {channel.name: {"kp": channel.kp, "kd": channel.kd}}, "point": [channel.kp, channel.kd]}
+        (state, limit), channel = self._limited(view), self._channels.channel(view)
+        own = {"gains": {channel.name: {name: value for name, value, _ in own_gains(channel.own)}}, "point": channel.point}
         key = self._plane_key(channel, view)
         if limit is None or key not in self._planes:
             yield "verdict", quick_verdict(state, limit, channel) | own
@@ -250,12 +220,19 @@ class RobotBench:
         if limit is None:
             return
         yield "mode", mode(state, limit) | pose(state.model, self.shapes, limit.mode if np.isfinite(limit.frequency) else None)
-        if final and self._space == "joint":
-            channel = self._channel(view)
-            duration = settling(self._plane(state, channel, self._plane_key(channel, view), None), channel)
+        channel = self._channels.channel(view)
+        key = self._plane_key(channel, view)
+        if final:
+            duration = settling(self._plane(state, channel, key, None), channel)
             file = view.model_copy(update={"gains": {}, "point": None, "delay_ms": None, "stiffness": None})
-            yield "before", step(self.state(file), channel.place, duration)
-            yield "step", step(state, channel.place, duration)
+            yield "before", step(self.state(file), self._channels.channel(file), duration)
+            added, unit = self._channels.disturbance(state.system, channel.place)
+            yield "step", step(state, channel, duration) | {"added": added, "unit": unit}
+        if key != known and len(state.system.source.states) > 1:
+            plane = self._plane(state, channel, key, window)
+            states = (self._at(state.system, view, place) for place in state.system.source.states)
+            for part in every_state(states, channel, window or fitted(plane, channel), final):
+                yield "map", part | {"plant": key, "last": final}
         if final:
             yield "root", slowest_root(state)
 
@@ -274,12 +251,14 @@ class RobotBench:
         yield "verdict", self._verdict(study, "certified")
         yield "heat", heat(study)
         use = robot_to_use(study)
-        gains = self._recommended(study)
+        own = study.controllers_to_use if study.to_use is not None else ()
         part = {
             "heading": use.heading.replace("`", ""),
             "lines": use.lines,
             "remarks": [text.replace("`", "") for text in use.remarks],
-            "gains": gains,
+            "gains": {name: {gain: float(typed(v)) for gain, v in each.items()} for name, each in self._channels.named(own).items()}
+            or None,
+            "points": self._channels.points(own),
             "find": study.system.requirements.asked != () and not study.recommended,
             "warnings": warnings(study) if study.recommended else [],
         }
@@ -303,16 +282,10 @@ class RobotBench:
         return study if known is None else replace(study, recommended=known.recommended)
 
     def _plant(self, view: View) -> str:
-        return repr(
-            view.model_copy(update={"joint": None, "point": None, "posture": view.posture if view.angles else None, "contact": None})
-        )
-
-    def _recommended(self, study: RobotStudy) -> dict[str, Any] | None:
-        if study.to_use is None:
-            return None
-        gains, found = study.to_use
-        pairs = zip(gains.names, np.nan_to_num(found.kp).tolist(), np.nan_to_num(found.kd).tolist(), strict=True)
-        return {name: {"kp": float(f"{kp:.7g}"), "kd": float(f"{kd:.7g}")} for name, kp, kd in pairs}
+        """What recommended gains depend on: not on the file's, but for the proportions of P/PI tasks."""
+        gains = view.gains if self._channels.of_tasks else {}
+        place = view.posture if view.angles else None
+        return repr(view.model_copy(update={"joint": None, "point": None, "posture": place, "contact": None, "gains": gains}))
 
     def _verdict(self, study: RobotStudy, basis: str) -> dict[str, Any]:
         best = robot_to_use(study).margins if study.recommended else None
@@ -343,57 +316,13 @@ class RobotBench:
         stance = self._system.source.postures[name]
         return replace(stance, angles={**stance.angles, **view.angles})
 
-    def _tasks(self, system: System) -> Any:
-        return system.source.tasks(self._model, system.control.rotors) if self._space == "task" else None
-
-    def _rows(self) -> list[slice]:
-        """Of each task its directions."""
-        owners = self._tasks(self._system).owners
-        ends = np.searchsorted(owners, np.arange(len(self._system.source.stack) + 1)).tolist()
-        return [slice(start, end) for start, end in itertools.pairwise(ends)]
-
-    @staticmethod
-    def _gains_of(system: System) -> tuple[str, ...]:
-        if system.control.controller is not None:
-            return system.control.controller.gain_names()
-        return ("kv",) if any(task.ki is not None for task in system.source.stack) else ("kp", "kd")
-
-    def _gains(self, view: View) -> tuple[Floats, Floats]:
-        """kp and kd (m,) of the channels: the file's, then the view's, then the point."""
-        owner = self._system.control.controller if self._space == "joint" else self._tasks(self._system)
-        kp, kd = (np.broadcast_to(np.asarray(getattr(owner, name), dtype=float), len(self._names)).copy() for name in ("kp", "kd"))
-        for name, pair in view.gains.items():
-            if name not in self._names or not isinstance(pair, dict):
-                raise GainroomError(f"gains: {name[:60]!r} is not a joint or task direction of this robot with kp and kd")
-            k = self._names.index(name)
-            kp[k], kd[k] = pair.get("kp", kp[k]), pair.get("kd", kd[k])
-        if view.point is not None:
-            k = self._place(view)
-            kp[k], kd[k] = view.point
-        return kp, kd
-
-    def _all_gains(self, view: View) -> dict[str, dict[str, float]]:
-        kp, kd = self._gains(view)
-        return {name: {"kp": float(p), "kd": float(d)} for name, p, d in zip(self._names, kp, kd, strict=True)}
-
-    def _place(self, view: View) -> int:
-        if view.joint is not None and view.joint not in self._names:
-            raise GainroomError(f"joint {view.joint[:60]!r} is not one of this robot's")
-        return 0 if view.joint is None else self._names.index(view.joint)
-
-    def _channel(self, view: View) -> Channel:
-        k = self._place(view)
-        kp, kd = self._gains(view)
-        return Channel(self._names[k], k, float(kp[k]), float(kd[k]))
-
     def _plane_key(self, channel: Channel, view: View) -> str:
         """The plane of one channel does not depend on where in it the gains are."""
         others = {name: pair for name, pair in view.gains.items() if name != channel.name}
-        return repr((view.model_copy(update={"point": None, "gains": others}), self._state(view), channel.name))
+        return repr((view.model_copy(update={"point": None, "gains": others}), self._state(view), channel.name, channel.held))
 
     def _plane(self, state: State, channel: Channel, key: str, window: tuple[float, float] | None) -> PartPlane:
         with self._lock:
             if key not in self._planes or window is not None:
-                tasks = state.system.source.tasks(state.model, state.system.control.rotors) if self._space == "task" else None
-                _remember(self._planes, key, channel_plane(state, channel, tasks, window or window_for(channel)))
+                _remember(self._planes, key, PartPlane.of(state.loop, part_of(state, channel), window or window_for(channel)))
             return self._planes[key]

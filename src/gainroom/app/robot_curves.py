@@ -2,12 +2,13 @@
 
 import contextlib
 import math
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ..analysis.every_loop import EveryLoop
 from ..analysis.gain_limit import GainLimit
 from ..analysis.part_plane import PartPlane
 from ..analysis.part_requirements import required_columns, unread
@@ -18,31 +19,20 @@ from ..linear.arrays import Floats
 from ..report.margin_columns import margin_value, requirement
 from ..report.robot_headroom import Factors, joint_factors, task_factors
 from ..robot.robot import Robot
-from ..simulation.run import simulate
-from ..simulation.scenario import Scenario
-from ..simulation.trajectories import Step
+from ..simulation.step_response import step_response
 from ..studies.robot import RobotStudy
 from ..studies.state import State, limiting_joints
-from ..system.requirements import REQUIREMENTS, Requirements, to_db
+from ..system.loop_part import LoopPart
+from ..system.requirements import REQUIREMENTS, Requirements, SensitivityBound, to_db
 from ..system.system import System
 from .bench import rounded
+from .channels import Channel
 
 BODE_POINTS = 500
 SHOWN_TURNS = 12.0  # of 1/ω at the channel's lowest gain crossover: how long a step is shown
-TICKS = 40, 4000
 GROWN = 30.0  # steps
 GUESS = 4.0
 """Gains that the first window shows, as a multiple of a channel's own."""
-
-
-@dataclass(frozen=True)
-class Channel:
-    """A joint, or a direction of a task, by its place among the names; its gains."""
-
-    name: str
-    place: int
-    kp: float
-    kd: float
 
 
 def stand(source: Robot) -> list[dict[str, Any]]:
@@ -76,17 +66,19 @@ def span_of(system: System) -> tuple[float, float]:
     return 0.05, 0.5 / step if step is not None else fastest / math.pi
 
 
-def channel_plane(state: State, channel: Channel, tasks: Any, window: tuple[float, float]) -> PartPlane:
-    """Of one joint, or where there are `tasks` of one direction."""
-    k = channel.place
-    unit = np.eye(state.model.size)
-    left, right = (unit[k], unit[k]) if tasks is None else (tasks.torque[:, k], tasks.jacobian[k])
-    return PartPlane.of(state.loop, left, right, channel.kp, channel.kd, window)
+def part_of(state: State, channel: Channel) -> LoopPart:
+    """What the channel is of the state's controller."""
+    system, k = state.system, channel.place
+    if system.control.space == "joint":
+        return LoopPart.of_joint(state.loop, k)
+    tasks = system.source.tasks(state.model, system.control.rotors)
+    return LoopPart(tasks.torque[:, k], tasks.jacobian[k], channel.own)
 
 
 def window_for(channel: Channel) -> tuple[float, float]:
     """Gains around the channel's own."""
-    return GUESS * max(channel.kp, 1e-3), GUESS * max(channel.kd, 1e-3)
+    kp, kd = channel.point
+    return GUESS * max(kp, 1e-3), GUESS * max(kd, 1e-3)
 
 
 def gain_map(plane: PartPlane, channel: Channel, window: tuple[float, float] | None, asked: Requirements) -> dict[str, Any]:
@@ -94,28 +86,48 @@ def gain_map(plane: PartPlane, channel: Channel, window: tuple[float, float] | N
 
     Without a `window` one that shows where the stable ones end.
     """
-    window = window or _fitted(plane, channel)
+    window = window or fitted(plane, channel)
 
     def required(kps: Floats) -> list[Floats]:
         return required_columns(plane, asked, kps)
 
     kept = plane.outlines(window, required) if asked.asked else ()
     return {
-        "stable": [[rounded(column, 6) for column in outline.T] for outline in plane.outlines(window)],
-        "required": [[rounded(column, 6) for column in outline.T] for outline in kept],
+        "stable": _lines(plane.outlines(window)),
+        "required": _lines(kept),
         "unread": list(unread(asked)),
         "edge": _edge(plane, window),
         "lines": [],
         "window": window,
+        "channel": channel.name,
     }
 
 
-def _fitted(plane: PartPlane, channel: Channel) -> tuple[float, float]:
+def every_state(states: Iterable[State], channel: Channel, window: tuple[float, float], more: bool) -> Iterator[dict[str, Any]]:
+    """Outlines of the gains that are stable in every state, and with `more` of those that keep what is asked for there."""
+    try:
+        moving = [state for state in states if state.moves]
+        together = EveryLoop([(state.loop, part_of(state, channel)) for state in moving], window)
+        yield {"every": _lines(together.stable()), "safe": [], "whole": None, "missing": ""}
+        asked = moving[0].system.requirements
+        if more and asked.asked:
+            yield {"safe": _lines(together.required(asked))}
+        if more and any(isinstance(one, SensitivityBound) for one, _ in asked.asked_for):
+            yield {"whole": _lines(together.required(asked, others=True))}
+    except GainroomError as error:
+        yield {"every": [], "safe": [], "whole": None, "missing": str(error)}
+
+
+def _lines(outlines: Iterable[Floats]) -> list[list[list[float | None]]]:
+    return [[rounded(column, 6) for column in outline.T] for outline in outlines]
+
+
+def fitted(plane: PartPlane, channel: Channel) -> tuple[float, float]:
     """Wide enough to show the upper end of kd."""
     guess = window_for(channel)
     columns = plane.columns(np.linspace(0.05, 1, 12) * guess[0])
     tops = [one[-1, 1] for one in columns if len(one) and math.isfinite(one[-1, 1])]
-    return guess[0], max(1.15 * max(tops, default=guess[1]), 1.5 * channel.kd)
+    return guess[0], max(1.15 * max(tops, default=guess[1]), 1.5 * channel.point[1])
 
 
 def _edge(plane: PartPlane, window: tuple[float, float]) -> list[dict[str, Any]]:
@@ -129,7 +141,7 @@ def _edge(plane: PartPlane, window: tuple[float, float]) -> list[dict[str, Any]]
 
 def bode(plane: PartPlane, channel: Channel) -> dict[str, Any]:
     """The return ratio of the channel with all other loops closed."""
-    value = plane.ratio(channel.kp, channel.kd)
+    value = plane.ratio(*channel.point)
     sound = np.flatnonzero(np.isfinite(value) & (np.abs(value) > 0))
     pick = sound[:: max(1, len(sound) // BODE_POINTS)]
     phase = np.degrees(np.unwrap(np.angle(value[sound])))[:: max(1, len(sound) // BODE_POINTS)]
@@ -166,7 +178,7 @@ def quick_verdict(state: State, limit: GainLimit | None, channel: Channel, plane
         met = asked.met("gain_margin", limit.gain)
         rows.append(_row("gain_margin", "gain margin, all loops", margin_value(asked, "gain_margin", limit.gain, met, 3), asked, met))
     if plane is not None and limit.stable:
-        value = plane.ratio(channel.kp, channel.kd)
+        value = plane.ratio(*channel.point)
         circle = np.flatnonzero((np.abs(value[1:]) > 1) != (np.abs(value[:-1]) > 1))
         phase = float(np.abs(np.angle(-value[circle])).min()) if len(circle) else math.inf
         peak = float((1 / np.abs(1 + value)).max())
@@ -207,32 +219,24 @@ def slowest_root(state: State) -> dict[str, Any]:
 
 def settling(plane: PartPlane, channel: Channel) -> float:
     """[s] for which a step of the channel is shown."""
-    value = np.abs(plane.ratio(channel.kp, channel.kd))
+    value = np.abs(plane.ratio(*channel.point))
     below = np.flatnonzero((value[1:] <= 1) & (value[:-1] > 1))
     return SHOWN_TURNS / float(plane.omega[below[0]] if len(below) else plane.omega[0])
 
 
-def step(state: State, place: int, duration: float) -> dict[str, Any]:
-    """Joint `place` after a step of its reference and under 1 N m, every other loop closed: exact, tick by tick.
-
-    It is cut where it has grown beyond GROWN steps; without a sample rate there is a note instead.
-    """
-    loop = state.loop
-    if loop.sample_time is None:
-        return {"note": "Choose a sample rate: the step of a robot's joint is computed tick by tick."}
-    unit = np.eye(state.model.size)[place]
-    ticks = int(np.clip(duration / loop.sample_time, *TICKS))
-    runs = [
-        simulate(loop, Scenario(Step(unit), ticks * loop.sample_time, reference_velocity=True, limit=math.inf)),
-        simulate(loop, Scenario(0.0, ticks * loop.sample_time, feedforward=unit, limit=math.inf)),
-    ]
-    reference, disturbance = (run.measured[:, place] for run in runs)
+def step(state: State, channel: Channel, duration: float) -> dict[str, Any]:
+    """The channel after a step of its reference and under a unit of its output, every other loop closed; cut beyond GROWN steps."""
+    try:
+        found = step_response(state.loop, duration, part_of(state, channel))
+    except GainroomError as error:
+        return {"note": str(error)}
+    reference = found.reference
     large = np.flatnonzero(~(np.abs(reference) < GROWN))
-    pick = slice(None, int(large[0]) if len(large) else None, max(1, ticks // 500))
+    pick = slice(None, int(large[0]) if len(large) else None, max(1, len(reference) // 500))
     return {
-        "ms": rounded(1e3 * runs[0].time[pick]),
+        "ms": rounded(1e3 * found.time[pick]),
         "reference": rounded(reference[pick]),
-        "disturbance": rounded(1e6 * disturbance[pick]),
+        "disturbance": rounded(1e6 * found.disturbance[pick]),
         "growth": None,
         "hz": None,
     }

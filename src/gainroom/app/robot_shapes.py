@@ -242,13 +242,15 @@ def pose(model: RobotModel, shapes: tuple[Shape, ...], mode: Complexes | None) -
 
 
 def film(run: RobotRun, shapes: tuple[Shape, ...]) -> dict[str, Any]:
-    """Where joints and frames are, as `rest` of a pose, at PICTURES moments of a run."""
+    """Where joints and frames are at the start of a run, as `rest` of a pose, and by how much they have moved at PICTURES moments of it.
+
+    Apart, so that small motions keep their digits and can be drawn larger than they are.
+    """
     frames = sorted({shape.frame for shape in shapes})
     rows = np.unique(np.linspace(0, len(run.time) - 1, PICTURES).astype(int)).tolist()
-    return {
-        "ms": rounded(1e3 * run.time[rows]),
-        "poses": [[rounded(each, 4) for each in _snapshot(run.setup.body, run.posture(row), frames)] for row in rows],
-    }
+    start, *later = [_snapshot(run.setup.body, run.posture(row), frames) for row in rows]
+    moved = [[rounded(there - here, 4) for there, here in zip(each, start, strict=True)] for each in (start, *later)]
+    return {"ms": rounded(1e3 * run.time[rows]), "start": [rounded(each, 6) for each in start], "moved": moved}
 
 
 def _joint_of(body: RigidBody, frame: str) -> int:

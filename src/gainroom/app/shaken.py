@@ -26,8 +26,9 @@ def shaken(spec: SimulationSpec, told: Told, film: Callable[[Any], dict[str, Any
     def curve(name: str, values: Any, dashed: bool = False) -> dict[str, Any]:
         return {"name": name, "values": rounded(values[pick].tolist()), "dashed": dashed}
 
-    motion = [curve(run.channels[k], run.measured[:, k]) for k in chosen]
-    motion += [curve(f"{run.channels[k]}, commanded", run.reference[:, k], True) for k in chosen]
+    start = run.measured[0]  # a robot's joints stand anywhere: beside their angles small motions would not be seen
+    motion = [curve(run.channels[k], run.measured[:, k] - start[k]) for k in chosen]
+    motion += [curve(f"{run.channels[k]}, commanded", run.reference[:, k] - start[k], True) for k in chosen]
     yield (
         "run",
         {

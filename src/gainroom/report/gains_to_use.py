@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -10,9 +10,6 @@ from ..analysis.margin_record import Margins
 from ..system.requirements import Requirements
 from .margin_columns import margin_value
 from .number_format import own_gains
-
-if TYPE_CHECKING:
-    from ..design.robot_gains import GainSet, RobotGains
 
 MOST_COLUMNS = 78
 """Of a line that a terminal shows whole."""
@@ -29,12 +26,15 @@ def joint_gains(controller: Any) -> list[str]:
     return [f"{name}: {typed(value)}" for name, value, _ in own_gains(controller)]
 
 
-def robot_gains(found: "GainSet", gains: "RobotGains") -> list[str]:
-    """Lines of `control` in a robot.yaml, by patterns where joints are alike; of task gains lines of `tasks`."""
-    columns = {"kp": found.kp, "kd": found.kd} if found.ki is None else {"kp": found.kp, "kv": found.kd, "ki": found.ki}
-    if gains.space == "joint":
-        return [line for name, values in columns.items() for line in gain_lines(name, gains.names, values)]
-    return _of_tasks(gains.names, columns)
+def robot_gains(names: Sequence[str], own: Sequence[Any], space: str) -> list[str]:
+    """Lines of `control` in a robot.yaml, by patterns where joints are alike; of task gains lines of `tasks`.
+
+    own   the gains of each of `names`, joints or task directions, as a controller of its own
+    """
+    if space == "joint":
+        keys = own[0].gain_names()
+        return [line for key in keys for line in gain_lines(key, names, [float(getattr(one, key)) for one in own])]
+    return _of_tasks(names, own)
 
 
 def gain_file(names: Sequence[str], columns: Mapping[str, Any]) -> list[str]:
@@ -100,15 +100,15 @@ def _wrapped(start: str, items: Sequence[str]) -> list[str]:
     return lines
 
 
-def _of_tasks(names: Sequence[str], columns: Mapping[str, Any]) -> list[str]:
-    """Of each task its lists; a direction that cannot move has 0."""
-    owners: dict[str, list[int]] = {}
-    for k, name in enumerate(names):
-        owners.setdefault(name.rsplit(" ", 1)[0], []).append(k)
+def _of_tasks(names: Sequence[str], own: Sequence[Any]) -> list[str]:
+    """Of each task its lists."""
+    owners: dict[str, list[Any]] = {}
+    for name, one in zip(names, own, strict=True):
+        owners.setdefault(name.rsplit(" ", 1)[0], []).append(one)
     lines = []
-    for owner, places in owners.items():
-        lists = [f"{key}: [{', '.join(map(typed, np.nan_to_num(values[places]).tolist()))}]" for key, values in columns.items()]
-        lines.append(f"{owner}: {', '.join(lists)}")
+    for owner, each in owners.items():
+        lists = [f"{key}: [{', '.join(typed(getattr(one, key)) for one in each)}]" for key in each[0].gain_names()]
+        lines.append(f"{owner}: {{{', '.join(lists)}}}")
     return lines
 
 

@@ -100,11 +100,13 @@ def path_facts(kd_path: "GainPath | None") -> dict[str, float] | None:
     return None if kd_path is None else {"delay_ms": 1e3 * kd_path.delay, "sample_rate_hz": 1 / kd_path.sample_time}
 
 
-def own_gains(controller: Any) -> list[tuple[str, float, str]]:
-    """(name, value, unit) of a controller's own gains, in the order of its signature."""
+def own_gains(controller: Any, of_task: bool = False) -> list[tuple[str, float, str]]:
+    """(name, value, unit) of a controller's own gains, in the order of its signature; `of_task`: of one direction of a task."""
     units = {"kp": "N·m/rad", "kd": "N·m·s/rad", "ki": "N·m/(rad·s)", "kv": "N·m·s/rad"}
+    if of_task:
+        units = {"kp": "1/s²", "kd": "1/s", "kv": "1/s"}
     if hasattr(controller, "kv"):  # the P/PI cascade: kp turns position into velocity
-        units |= {"kp": "1/s", "ki": "N·m/rad"}
+        units |= {"kp": "1/s", "ki": "1/s²" if of_task else "N·m/rad"}
     return [(name, float(getattr(controller, name)), units.get(name, "")) for name in controller.gain_names()]
 
 

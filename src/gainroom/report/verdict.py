@@ -20,7 +20,6 @@ from .page import Html, advice, coded, copied, table
 from .robot_units import joint_units
 
 if TYPE_CHECKING:  # what a robot's study needs is not loaded for a joint's
-    from ..design.robot_gains import GainSet, RobotGains
     from ..studies.robot import RobotStudy
 
 MOST_WARNINGS = 3
@@ -160,18 +159,19 @@ def robot_to_use(study: "RobotStudy") -> ToUse:
         remarks.append(_at_rate(usual, asked, "" if first else STATE_RATE))
     if study.raised:
         remarks.append(f"Some rise by more than {study.tightest.limit.gain:.3g} ×: that limit is for all gains by one factor.")
-    place = "control" if gains.space == "joint" else "tasks"
-    return ToUse(_heading(study, place, _now(study, gains, found), bool(first)), robot_gains(found, gains), remarks, found.margins, first)
+    own, joints = study.controllers_to_use, gains.space == "joint"
+    heading = _heading(study, "control" if joints else "tasks", _now(study, own[0]) if joints else "", bool(first))
+    return ToUse(heading, robot_gains(gains.names, own, gains.space), remarks, found.margins, first)
 
 
-def _now(study: "RobotStudy", gains: "RobotGains", found: "GainSet") -> str:
-    """What the gains are now, with their units: " (now kp 2 000 N·m/rad, kd 100 N·m·s/rad)"; "" in task space and of P/PI."""
-    if gains.space != "joint" or found.ki is not None:
-        return ""
+def _now(study: "RobotStudy", recommended: Any) -> str:
+    """What the joints' gains are now, with their units: " (now kp 2 000 N·m/rad, kd 100 N·m·s/rad)"; the units alone of another law."""
     units, present = joint_units(study.system.source.body), study.system.control.controller
-    if not hasattr(present, "kp"):
-        return f" ({units['kp']}, {units['kd']})"
-    return f" (now {', '.join(f'{name} {span(np.atleast_1d(getattr(present, name)), units[name])}' for name in ('kp', 'kd'))})"
+    parts = []
+    for name, _, unit in own_gains(recommended):
+        unit = units.get(name, unit) if recommended.damping_name == "kd" else unit
+        parts.append(f"{name} {span(np.atleast_1d(getattr(present, name)), unit)}" if type(present) is type(recommended) else unit)
+    return f" ({'now ' if type(present) is type(recommended) else ''}{', '.join(parts)})"
 
 
 SAMPLED = f"sample_rate_hz: {USUAL_RATE:.0f}"

@@ -83,6 +83,11 @@ class Task:
         """(m,) what it has gains for: x, y and z, or every joint."""
         return tuple(joint_names) if self.kind == "posture" else ("x", "y", "z")
 
+    def regained(self, own: Sequence[PD | PPI]) -> "Task":
+        """The same with the gains of a controller per direction, as Tasks.of_direction gives them."""
+        columns = {name: tuple(float(getattr(one, name)) for one in own) for name in own[0].gain_names()}
+        return replace(self, kp=columns["kp"], kd=columns[own[0].damping_name], ki=columns.get("ki"))
+
     def jacobian(self, model: Stance) -> Floats:
         """J (m, N), in world axes."""
         if self.kind == "posture":
@@ -203,6 +208,11 @@ class Tasks:
                 raise GainroomError(f"task direction {direction!r}: kd must not be 0 in a stack with P/PI tasks")
         outer = self.kp / np.where(self.cascade | (self.kd == 0), 1.0, self.kd)
         return TaskPPI(kp=outer, kv=self.kd, ki=self.ki, torque=self.torque, jacobian=self.jacobian)
+
+    def of_direction(self, k: int) -> PD | PPI:
+        """The gains of direction `k` by itself, as a controller of one joint: error along it → acceleration asked for."""
+        kp, kd, ki = (float(gain[k]) for gain in (self.kp, self.kd, self.ki))
+        return PPI(kp, kd, ki) if self.cascade[k] else PD(kp, kd)
 
     def _given(self, name: str, gain: ArrayLike | None) -> Floats:
         if gain is not None:

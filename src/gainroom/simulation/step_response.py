@@ -1,7 +1,9 @@
-"""The closed loop in time, scalar loops only.
+"""The closed loop in time: one joint, or one part of a coupled loop, one joint or task direction with all others closed.
 
 With a unit step w added at the torque command, the loop L obeys  z = L (w − z): z is the measured position after a unit step of
 the reference (L/(1+L), eq. (4) of Jung et al. 2017), and the position under that step of torque is P C e^{−sT} (w − z).
+Of a part l c rᵀ of n joints' controller (system/loop_part.py) w is l, and c rᵀ (position) is ℓ/(1 + ℓ) after a step, with ℓ the part's
+return ratio, all others closed: (I + G D)⁻¹ with D = D_0 + l c rᵀ, by the matrix determinant lemma.
 
 Sampled: the exact discrete state space, stepped. Continuous without delay: exact (matrix exponential; the input is constant). Continuous
 with delay: method of steps. One delay is a whole number of steps, each step integrates the plant exactly with the delayed command
@@ -16,12 +18,12 @@ import numpy as np
 from ..analysis.stability import rightmost_roots
 from ..errors import GainroomError
 from ..linear.arrays import Complexes, Floats
-from ..linear.state_space import StateSpace, realize
+from ..linear.state_space import StateSpace
 from ..native import _core
+from ..system.assembly import controller_state
 from ..system.loop import Loop
-from .run import simulate
-from .scenario import Scenario
-from .trajectories import Step
+from ..system.loop_part import LoopPart
+from ..system.measured_response import measured_signals
 
 SETTLE = 4.0  # time constants of the slowest root that are shown
 GROW = 3.4  # growth times of the fastest root of an unstable loop: a factor of 30
@@ -40,7 +42,7 @@ class StepResponse:
     reference    (k,) measured position for a unit step of its reference
     disturbance  (k,) measured position for 1 N m added to the torque command [rad]
     change       largest change of `reference` by the last halving of the step, relative to its largest value; 0 where stepping is exact
-    growth, frequency   real and imaginary part of the rightmost root [1/s], [rad/s]
+    growth, frequency   real and imaginary part of the rightmost root [1/s], [rad/s]; NaN of a part, whose loop has many
     """
 
     time: Floats
@@ -51,33 +53,51 @@ class StepResponse:
     frequency: float
 
 
-def step_response(loop: Loop, end: float | None = None) -> StepResponse:
-    """Both step responses up to `end` [s] (None: until settled, or until the vibration has grown thirtyfold).
+def step_response(loop: Loop, end: float | None = None, part: LoopPart | None = None) -> StepResponse:
+    """Both step responses up to `end` [s] (None, of one joint: until settled, or until the vibration has grown thirtyfold).
 
-    Raises GainroomError for loops that were not built from a joint, and for several joints.
+    part   of a loop of several joints, with an `end`; its disturbance is 1 of its output (a joint's: 1 N m), read as it reads positions
+
+    Raises GainroomError for loops that were not built with build_loop, for several joints without a part, and for different delays in
+    continuous time.
     """
-    if loop.scalar is None or loop.open_loop is None or loop.actuated is None or loop.delays is None:
-        raise GainroomError("step_response needs a loop of one joint built with build_loop")
-    roots = rightmost_roots(loop, count=8).roots
+    if loop.parts is None or (part is None and loop.size > 1):
+        raise GainroomError("step_response needs a loop of one joint built with build_loop, or a part of one of several")
+    system = _responding(loop, part or LoopPart.of_joint(loop, 0))
+    entry = np.ones(1) if part is None else part.left
+    roots = rightmost_roots(loop, count=8).roots if part is None else np.full(4, complex(math.nan, math.nan))
     end = _horizon(roots) if end is None else end
     growth, frequency = float(roots[0].real), float(abs(roots[0].imag))
-    if loop.sample_time is not None:
-        step, count = loop.sample_time, min(math.ceil(end / loop.sample_time), MOST_STEPS)
-        return StepResponse(step * np.arange(count + 1), *_sampled(loop, step, count), 0.0, growth, frequency)
-    delay = float(loop.delays[0])
-    if delay == 0:
-        return StepResponse(
-            np.linspace(0, end, UNDELAYED_POINTS + 1), *_undelayed(loop, end / UNDELAYED_POINTS, UNDELAYED_POINTS), 0.0, growth, frequency
-        )
-    late = max(8, math.ceil(delay * float(np.abs(roots[:4]).max()) / LARGEST_TURN))
+    fastest = float(np.abs(roots[:4]).max()) if part is None else 0.0
+    delays = np.array([drive.delay for drive in loop.parts.drives])
+    if loop.sample_time is not None or not delays.any():
+        step = end / UNDELAYED_POINTS if loop.sample_time is None else loop.sample_time
+        count = UNDELAYED_POINTS if loop.sample_time is None else min(math.ceil(end / step), MOST_STEPS)
+        return StepResponse(step * np.arange(count + 1), *_undelayed(system, entry, step, count, loop.sample_time), 0.0, growth, frequency)
+    delay = float(delays[0])
+    if np.any(delays != delay):
+        raise GainroomError("step_response: joints with different delays are stepped at a sample time alone")
+    late = max(8, math.ceil(delay * fastest / LARGEST_TURN))
     steps = min(math.ceil(end / delay), MOST_STEPS // late + 1) * late
-    reference, disturbance = _delayed(loop, delay / late, late, steps)
+    reference, disturbance = _delayed(system, entry, delay / late, late, steps)
     while True:
         coarse, late, steps = reference, 2 * late, 2 * steps
-        reference, disturbance = _delayed(loop, delay / late, late, steps)
+        reference, disturbance = _delayed(system, entry, delay / late, late, steps)
         change = float(np.abs(reference[::2] - coarse).max() / np.abs(reference).max())
         if change < CONVERGED or late > MOST_STEPS_PER_DELAY:
             return StepResponse(delay / late * np.arange(steps + 1), reference, disturbance, change, growth, frequency)
+
+
+def _responding(loop: Loop, part: LoopPart) -> StateSpace:
+    """Torque commands (n), continuous ones without delay → all of the controller's output (n), that of the part (1), what it reads (1)."""
+    assert loop.parts is not None
+    step, nothing = loop.sample_time, np.zeros_like(part.right)
+    both = StateSpace.gain(np.array([[*part.right, *nothing], [*nothing, *part.right]]))
+    read = StateSpace.gain(np.array([[*part.right, *nothing]]))
+    every, own = controller_state(loop.parts.controller, loop.size, step), controller_state(part.own, 1, step) @ both
+    scale = StateSpace.gain(np.diag([*np.full(loop.size + 1, loop.gain), 1.0]))
+    split = StateSpace.gain(np.vstack([np.eye(2 * loop.size)] * 3))
+    return scale @ every.beside(own).beside(read) @ split @ measured_signals(loop.parts)
 
 
 def _horizon(roots: Complexes) -> float:
@@ -90,29 +110,22 @@ def _horizon(roots: Complexes) -> float:
     return min(SETTLE / max(-growth, 1e-9 * fastest), 2000 * 2 * math.pi / fastest)
 
 
-def _sampled(loop: Loop, step: float, count: int) -> tuple[Floats, Floats]:
-    """`count` ticks of the exact discrete loop: (z, position), (count + 1,) each."""
-    reference = simulate(loop, Scenario(Step(1.0), count * step, reference_velocity=True, limit=math.inf))
-    disturbance = simulate(loop, Scenario(0.0, count * step, feedforward=1.0, limit=math.inf))
-    return reference.measured[:, 0], disturbance.measured[:, 0]
-
-
-def _delayed(loop: Loop, step: float, late: int, count: int) -> tuple[Floats, Floats]:
+def _delayed(system: StateSpace, entry: Floats, step: float, late: int, count: int) -> tuple[Floats, Floats]:
     """`count` steps of a continuous loop whose delay is `late` of them: (z, position), (count + 1,) each."""
-    system, before, after = _joined(loop, step)
-    states, sent, rows = np.zeros((late + 1, len(system.a))), np.zeros(late), []
-    direct, transposed = system.d.sum(axis=1), system.a.T.copy()
+    inputs, (transition, before, after) = len(entry), _held(system, step)
+    states, sent, rows = np.zeros((late + 1, len(transition))), np.zeros((late, inputs)), []
+    transposed, nothing = transition.T.copy(), np.zeros((1, inputs))
     for turn in range(count // late + 1):  # in one delay the commands are those that were sent in the one before
-        forcing = np.outer(sent, before) + np.outer(np.append(sent[1:], 0.0), after)
+        forcing = sent @ before.T + np.vstack([sent[1:], nothing]) @ after.T
         states[0] = states[-1]
         _recur(transposed, forcing, states)
-        rows.append(states[:-1] @ system.c.T + np.outer(sent, direct))
+        rows.append(states[:-1] @ system.c.T + sent @ system.d.T)
         # The point that follows the last one is this delay's own first command, known only when its outputs are.
-        # In the first delay it is the unit step itself, which does not ramp up inside the interval before it.
-        sent = 1.0 - rows[-1][:, 0]
-        states[-1] += after * (sent[0] if turn else 0.0)
+        # In the first delay it is the step itself, which does not ramp up inside the interval before it.
+        sent = entry - rows[-1][:, :inputs]
+        states[-1] += after @ (sent[0] if turn else nothing[0])
     table = np.vstack(rows)[: count + 1]
-    return table[:, 0], table[:, 1]
+    return table[:, inputs], table[:, inputs + 1]
 
 
 def _recur(transposed: Floats, forcing: Floats, states: Floats) -> None:
@@ -120,39 +133,29 @@ def _recur(transposed: Floats, forcing: Floats, states: Floats) -> None:
     states[_core.recur(transposed, forcing, states, math.inf) + 1 :] = np.nan
 
 
-def _undelayed(loop: Loop, step: float, count: int) -> tuple[Floats, Floats]:
-    """Closed in continuous time, then sampled exactly: with constant input nothing is approximated. (z, position) as above."""
+def _undelayed(system: StateSpace, entry: Floats, step: float, count: int, sample_time: float | None) -> tuple[Floats, Floats]:
+    """Closed, sampled or in continuous time and then sampled: with a constant input nothing is approximated. (z, position) as above."""
     from scipy.linalg import expm
 
-    assert loop.open_loop is not None
-    assert loop.actuated is not None
-    part, plant = loop.open_loop, realize(loop.actuated)
-    c, d = loop.gain * part.c[0], loop.gain * part.d[0, 0]
-    # u = (1 − c x)/(1 + d) drives loop and plant alike; the constant 1 is the last state
-    states, moving = len(part.a), len(plant.a)
-    row = np.concatenate([-c, np.zeros(moving), [1.0]]) / (1 + d)
-    total = np.zeros((states + moving + 1,) * 2)
-    total[:states, :states] = part.a
-    total[states:-1, states:-1] = plant.a
-    total[:-1] += np.vstack([part.b, plant.b]) @ row[None]
-    transition = expm(total * step)
+    inputs = len(entry)
+    # u = (I + D)⁻¹ (w − C x); the constant 1 is the last state
+    row = np.linalg.solve(np.eye(inputs) + system.d[:inputs], np.column_stack([-system.c[:inputs], entry]))
+    total = np.vstack([np.column_stack([system.a, np.zeros(len(system.a))]) + system.b @ row, np.zeros(len(system.a) + 1)])
+    transition = expm(total * step) if sample_time is None else np.eye(len(total)) + step * total
     table = np.zeros((count + 1, len(total)))
     table[0, -1] = 1.0
-    _recur(transition.T, np.zeros((count, len(total))), table)
-    return 1.0 - table @ row, table[:, states:-1] @ plant.c[0]
+    _recur(transition.T.copy(), np.zeros((count, len(total))), table)
+    output = table[:, :-1] @ system.c[inputs:].T + table @ row.T @ system.d[inputs:].T
+    return output[:, 0], output[:, 1]
 
 
-def _joined(loop: Loop, step: float) -> tuple[StateSpace, Floats, Floats]:
-    """Loop (command → z) and plant (command → position) side by side, both fed the same: x⁺ = a x + before u + after u⁺, y = c x + d u.
+def _held(system: StateSpace, step: float) -> tuple[Floats, Floats, Floats]:
+    """x⁺ = a x + b u + b' u⁺: one step of a continuous system whose inputs are straight in between.
 
-    One step of a continuous system whose inputs are straight in between (first-order hold; Franklin, Powell and Workman, sec. 6.3).
+    First-order hold; Franklin, Powell and Workman, sec. 6.3.
     """
     from scipy.linalg import expm
 
-    assert loop.open_loop is not None
-    assert loop.actuated is not None
-    part = loop.open_loop
-    system = StateSpace(part.a, part.b, loop.gain * part.c, loop.gain * part.d).beside(realize(loop.actuated))
     states, inputs = system.b.shape
     total = np.zeros((states + 2 * inputs,) * 2)
     total[:states, :states] = step * system.a
@@ -160,5 +163,4 @@ def _joined(loop: Loop, step: float) -> tuple[StateSpace, Floats, Floats]:
     total[states : states + inputs, states + inputs :] = np.eye(inputs)
     over = expm(total)
     after = over[:states, states + inputs :]
-    before = over[:states, states : states + inputs] - after
-    return StateSpace(over[:states, :states], before, system.c, system.d), before.sum(axis=1), after.sum(axis=1)
+    return over[:states, :states], over[:states, states : states + inputs] - after, after

@@ -14,6 +14,7 @@ from ..design.robot_gains import GainSet, RobotGains, margins_at_rate, recommend
 from ..design.side_by_side import Job, side_by_side
 from ..design.starting_gains import JointsAlone
 from ..errors import computable
+from ..system.controller import Controller
 from ..system.requirements import REQUIREMENTS
 from ..system.system import System
 from .analysis import USUAL_RATE, Analysis, analyze
@@ -59,6 +60,20 @@ class RobotStudy(Analysis):
         found = self.to_use[1]
         pairs = ((found.kp, getattr(control.controller, "kp", None)), (found.kd, getattr(control.controller, "kd", None)))
         return any(now is not None and bool(np.any(gain > limit.gain * now)) for gain, now in pairs)
+
+    @cached_property
+    def controllers_to_use(self) -> tuple[Controller, ...]:
+        """Those gains, of each joint or task direction as a controller of its own, of the kind that the file has; 0 where nothing moves."""
+        assert self.to_use is not None
+        gains, found = self.to_use
+        kp, kd = np.nan_to_num(found.kp), np.nan_to_num(found.kd)
+        control, source = self.system.control, self.system.source
+        if gains.space == "joint":
+            own = [control.controller.on_joint(k, len(kp)) for k in range(len(kp))]
+            return tuple(one.of_pd(float(p), float(d)) for one, p, d in zip(own, kp, kd, strict=True))
+        tasks = source.tasks(self.states[0].model, control.rotors)
+        tasks = replace(tasks, kp=kp, kd=kd, ki=np.zeros(len(kp)) if found.ki is None else np.nan_to_num(found.ki))
+        return tuple(tasks.of_direction(k) for k in range(len(kp)))
 
     @cached_property
     def at_usual_rate(self) -> Margins | None:

@@ -199,6 +199,10 @@ class Controller:
         """What kp and kd each multiply when this controller's gains move in the kp–kd plane, its other ratios held."""
         raise GainroomError(f"{type(self).__name__} has no kp–kd plane")
 
+    def plane_at(self, s: Complexes, v: Complexes, sample_time: float | None) -> Complexes:
+        """The same two (k, 2) at the points of `matrix`, with notches and filters."""
+        return np.stack([self._sum(terms, (), s, v, sample_time) for terms in self.plane()], axis=1)
+
     def plane_gains(self) -> tuple[float, float]:
         """This controller's point in that plane."""
         raise GainroomError(f"{type(self).__name__} has no kp–kd plane")
@@ -206,6 +210,10 @@ class Controller:
     def from_plane(self, kp: float, kd: float) -> "Controller":
         """The controller at a point of that plane."""
         raise GainroomError(f"{type(self).__name__} has no kp–kd plane")
+
+    def of_pd(self, kp: float, kd: float) -> "Controller":
+        """The controller of this kind whose loop is that of PD gains: no integral."""
+        return replace(self, **dict.fromkeys({"ki"} & set(self.gain_names()), 0.0)).from_plane(kp, kd)
 
     def in_plane(self, kp: float, kd: float, sample_time: float | None) -> Factored:
         """D at one point of the plane."""

@@ -7,8 +7,11 @@ export function fromAddress(opening) {
   for (const [name, text] of new URLSearchParams(location.hash.slice(1))) {
     const value = Number(text), known = text !== "" && Number.isFinite(value);
     if (robot && name.startsWith("gain.")) {
-      const [kp, kd] = text.split(",").map(Number), joint = name.slice(5);
-      if (joint in view.gains && kp >= 0 && kd >= 0) view.gains[joint] = { kp, kd };
+      const joint = name.slice(5), own = view.gains[joint] || {};
+      for (const [k, part] of text.split(",").entries()) {
+        const [each, gain] = part.split(":").reverse(), key = gain || ["kp", "kd"][k];
+        if (key in own && Number(each) >= 0) own[key] = Number(each);
+      }
     } else if (robot && name.startsWith("at.")) {
       if (opening.joints.some((/** @type {any} */ joint) => joint.name === name.slice(3)) && known) view.angles[name.slice(3)] = value;
     } else if (["posture", "contact", "joint"].includes(name)) {
@@ -26,7 +29,7 @@ export function toAddress(opening, view) {
   for (const [name, value] of Object.entries(gains)) {
     const own = opening.view.gains[name];
     if (typeof value !== "object") words.set(name, String(value));
-    else if (/** @type {any} */ (value).kp !== own.kp || /** @type {any} */ (value).kd !== own.kd) words.set(`gain.${name}`, `${/** @type {any} */ (value).kp},${/** @type {any} */ (value).kd}`);
+    else if (JSON.stringify(value) !== JSON.stringify(own)) words.set(`gain.${name}`, Object.entries(/** @type {any} */ (value)).map((pair) => pair.join(":")).join());
   }
   for (const [name, value] of Object.entries(angles || {})) words.set(`at.${name}`, String(value));
   for (const [name, value] of Object.entries(others)) if (value !== null && typeof value !== "object") words.set(name, String(value));

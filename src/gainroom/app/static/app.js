@@ -2,6 +2,7 @@
 // @ts-check
 import { GainMap, number } from "./gainmap.js";
 import { Bode, Nyquist, Step, Traces } from "./charts.js";
+import { Controls } from "./controls.js";
 import { States } from "./states.js";
 import { RobotView } from "./robot.js";
 import { copied, difference, download, forms, toast } from "./away.js";
@@ -36,6 +37,7 @@ const page = {
 /** @type {Step} */ let step;
 /** @type {States | null} */ let states = null;
 /** @type {RobotView | null} */ let body = null;
+/** @type {any} */ let inputs = null;
 
 // ---- the server ------------------------------------------------------------------------------------------------------------------------
 
@@ -126,13 +128,14 @@ function open(opening) {
   if (first) {
     page.view = fromAddress(opening);
     map = new GainMap(/** @type {HTMLElement} */ (document.querySelector("#map .plot")), (point, final) => { page.view.point = point; look(final); }, gesture);
-    map.names = opening.axes;
+    if (opening.kind !== "robot") map.names = opening.axes;
     map.points.ghost = opening.point || null;
     if (opening.units) map.units = opening.units;
     bode = new Bode(/** @type {HTMLElement} */ (document.querySelector("#bode .plot")), opening.span_hz, opening.needed, cursor);
     nyquist = new Nyquist(/** @type {HTMLElement} */ (document.querySelector("#side .plot")), opening.needed);
     if (opening.kind !== "robot") step = new Step(/** @type {HTMLElement} */ (document.querySelector("#step .plot")));
-    controls(opening);
+    inputs = new Controls(page, { gesture, look, show });
+    show();
     if (opening.kind === "robot") robot();
     forms(opening, send);
     by("save").hidden = !opening.saves;
@@ -156,82 +159,26 @@ const remember = () => toAddress(page.opening, page.view);
 
 function robot() {
   states = new States(page, gesture, look);
+  const what = page.opening.space === "task" ? "direction" : "joint";
   const [side, last] = [by("side"), by("step")], captions = [side, last].map((figure) => figure.querySelector("figcaption"));
   const more = /** @type {HTMLElement} */ (last.cloneNode(true));
   more.id = "joint-step";
-  more.querySelector("small").textContent = "of the chosen joint, all others closed, after the dot is let go; dashed: the file's gains";
+  /** @type {HTMLElement} */ (more.querySelector("small")).textContent = `of the chosen ${what}, all others closed, after the dot is let go; dashed: the file's gains`;
   last.after(more);
   step = new Step(/** @type {HTMLElement} */ (more.querySelector(".plot")));
-  more.hidden = page.opening.space === "task";
   last.querySelector(".plot").replaceChildren(...side.querySelector(".plot").children);
   captions[1].replaceChildren(...captions[0].childNodes);
   captions[0].innerText = "Critical mode";
   body = new RobotView(side.querySelector(".plot"), page.opening.shapes, token, () => page.dragging);
-  by("map").querySelector("small").textContent = "of the chosen joint in this state, all others closed; drag the dot";
-  map.blue = "this joint's own loop keeps the required margins (sampled; the verdict judges all loops and states)";
-  by("bode").querySelector("small").textContent = "of the chosen joint, all others closed; sampled";
+  by("map").querySelector("small").textContent = `of the chosen ${what} in this state, all others closed; drag the dot`;
+  map.blue = `this ${what}'s own loop keeps the required margins in this state (sampled)`;
+  by("bode").querySelector("small").textContent = `of the chosen ${what}, all others closed; sampled`;
 }
-
-/** The gains that are dragged: a joint's own, or those of the robot's chosen joint. @returns {Record<string, number>} */
-const gainsNow = () => (page.opening.kind === "robot" ? page.view.gains[page.view.joint] : page.view.gains);
-
-/** @param {any} opening */
-function controls(opening) {
-  const place = by("controls");
-  const add = (/** @type {string} */ title, /** @type {HTMLElement} */ input) => {
-    const label = document.createElement("label"), output = document.createElement("output");
-    label.append(title, output, input);
-    place.append(label);
-    return output;
-  };
-  for (const gain of opening.gains) {
-    const input = document.createElement("input");
-    Object.assign(input, { type: "number", min: "0", step: "any", id: `gain-${gain.name}` });
-    add(`${gain.name} [${gain.unit || "–"}]`, input);
-    input.addEventListener("change", () => {
-      if (!(Number(input.value) >= 0) || input.value === "") return show();
-      gesture(true);
-      delete page.view.point;
-      gainsNow()[gain.name] = Number(input.value);
-      look(true);
-      return undefined;
-    });
-  }
-  const ranges = /** @type {[string, string, string, number, number][]} */ ([
-    ["delay_ms", "delay", "ms", 0, Math.max(10, 2.5 * opening.view.delay_ms)],
-    ["stiffness", "stiffness", opening.kind === "robot" ? "× the file's" : "N·m/rad", 0.1, 10],
-    ["link_inertia", "load", "kg·m²", 0.05, 20],
-  ]);
-  for (const [name, title, unit, low, high] of ranges) {
-    const own = opening.view[name];
-    if (own === null) continue;
-    const input = document.createElement("input"), even = name === "delay_ms"; // the others by factors
-    Object.assign(input, { type: "range", min: even ? low : Math.log10(low * own), max: even ? high : Math.log10(high * own), step: even ? 0.01 : 0.005, id: name });
-    const output = add(title, input);
-    const value = () => (even ? Number(input.value) : Number((10 ** Number(input.value)).toPrecision(4)));
-    input.addEventListener("input", () => { if (!page.dragging) gesture(true); page.view[name] = value(); show(); look(false); });
-    input.addEventListener("change", () => { gesture(false); page.view[name] = value(); look(true); });
-    input.dataset.unit = unit;
-    shown[name] = () => { const at = page.view[name]; input.value = String(even ? at : Math.log10(at)); output.textContent = `${number(at)} ${unit}`; input.setAttribute("aria-valuetext", output.textContent); };
-  }
-  const rates = document.createElement("select");
-  rates.id = "sample_rate_hz";
-  for (const rate of opening.rates) rates.add(new Option(rate ? `${number(rate)} Hz` : "continuous", String(rate)));
-  add("sample rate", rates);
-  rates.addEventListener("change", () => { gesture(true); page.view.sample_rate_hz = Number(rates.value); look(true); });
-  shown.rate = () => { rates.value = String(page.view.sample_rate_hz); };
-  show();
-}
-
-/** @type {Record<string, () => void>} */ const shown = {};
 
 function show() {
-  for (const each of Object.values(shown)) each();
+  inputs.show();
   if (states) states.show();
-  for (const [name, value] of Object.entries(gainsNow())) {
-    const input = by(`gain-${name}`);
-    if (input && document.activeElement !== input) input.value = String(Number(Number(value).toPrecision(7)));
-  }
+  star();
 }
 
 /** A gesture begins: what was there before can be had back. @param {boolean} start */
@@ -340,9 +287,11 @@ function use(part) {
 
 /** Of a robot's recommended gains those of the chosen joint. */
 function star() {
-  const own = page.opening.kind === "robot" && page.found && page.found.gains ? page.found.gains[page.view.joint] : null;
-  if (own) map.points.star = [own.kp, own.kd];
-  if (page.opening.kind === "robot") { const file = page.opening.view.gains[page.view.joint]; map.points.ghost = [file.kp, file.kd]; }
+  if (page.opening.kind === "robot") {
+    map.points.star = (page.found && page.found.points[page.view.joint]) || null;
+    map.points.ghost = page.opening.points[page.view.joint];
+    map.names = page.opening.axes[page.view.joint];
+  }
   map.drawMarks();
 }
 
@@ -368,7 +317,7 @@ function ran(part) {
   place.querySelector("small").textContent = page.opening.kind === "robot" ? "MuJoCo, nonlinear; the file's scenario in this state" : "tick by tick; the file's scenario";
   place.querySelector(".said").textContent = part.sentence;
   new Traces(place.querySelector(".plot")).take(part);
-  place.scrollIntoView({ behavior: "smooth", block: "nearest" });
+  (body && body.renderer ? by("side") : place).scrollIntoView({ behavior: "smooth", block: "nearest" }); // a robot's run is played on its drawing
 }
 
 by("snap").onclick = snap;

@@ -26,8 +26,8 @@ function shade(u, scale, bands, color) {
   u.ctx.restore();
 }
 
-/** @param {any} u @param {number | null} hz @param {string} color @param {string} [text] */
-function upright(u, hz, color, text) {
+/** @param {any} u @param {number | null} hz @param {string} color @param {string} [text] @param {number} [row] */
+function upright(u, hz, color, text, row = 0) {
   if (!hz || hz < u.scales.x.min || hz > u.scales.x.max) return;
   const x = u.valToPos(hz, "x", true), { ctx, bbox } = u;
   ctx.save();
@@ -41,7 +41,7 @@ function upright(u, hz, color, text) {
   if (text) {
     ctx.font = `${12 * devicePixelRatio}px system-ui`;
     ctx.textAlign = x > bbox.left + 0.7 * bbox.width ? "right" : "left";
-    ctx.fillText(text, x + (ctx.textAlign === "left" ? 4 : -4) * devicePixelRatio, bbox.top + 14 * devicePixelRatio);
+    ctx.fillText(text, x + (ctx.textAlign === "left" ? 4 : -4) * devicePixelRatio, bbox.top + 14 * (row + 1) * devicePixelRatio);
   }
   ctx.restore();
 }
@@ -55,7 +55,7 @@ export class Bode {
     const x = { distr: 3, range: () => /** @type {[number, number]} */ (span) };
     const sync = (/** @type {any} */ u) => { if (u.cursor.event) cursor(u.cursor.left >= 0 ? u.posToVal(u.cursor.left, "x") : null); };
     const lines = (/** @type {any} */ u) => {
-      for (const mark of this.marks) upright(u, mark.hz, mark.color, u === this.size ? mark.text : "");
+      this.marks.forEach((mark, k) => upright(u, mark.hz, mark.color, u === this.size ? mark.text : "", k)); // not on top of each other
       upright(u, this.hz, "#e69f00", u === this.size && this.hz ? `${number(this.hz, 3)} Hz` : "");
     };
     const series = [{}, { stroke: "#000", width: 2, points: { show: false } }];
@@ -158,9 +158,11 @@ export class Step {
     this.reference = plot(first, { height: 190, series: lines, axes: axes("position / step [–]"), scales: { x: { time: false } } }, [[0, 1], [null, null], [null, null]]);
     const title = document.createElement("p");
     title.className = "legend";
-    title.textContent = "Position under 1 N·m added to the torque command";
     second.append(title);
-    this.disturbance = plot(second, { height: 170, series: lines.map((line) => ({ ...line })), axes: axes("position [µrad]"), scales: { x: { time: false } } }, [[0, 1], [null, null], [null, null]]);
+    this.added = title;
+    this.unit = "µrad";
+    const [time, moved] = axes("");
+    this.disturbance = plot(second, { height: 170, series: lines.map((line) => ({ ...line })), axes: [time, { ...moved, label: () => `position [${this.unit}]` }], scales: { x: { time: false } } }, [[0, 1], [null, null], [null, null]]);
     place.append(this.note);
   }
 
@@ -171,6 +173,8 @@ export class Step {
   take(part) {
     this.place.classList.toggle("empty", Boolean(part.note));
     if (part.note) { this.note.textContent = part.note; return; }
+    this.added.textContent = `Position under ${part.added || "1 N·m added to the torque command"}`;
+    this.unit = part.unit || "µrad";
     const end = part.ms[part.ms.length - 1], old = this.before || part;
     for (const [chart, key] of /** @type {[any, string][]} */ ([[this.reference, "reference"], [this.disturbance, "disturbance"]])) {
       const count = old.ms.findIndex((/** @type {number} */ t) => t > end), shown = count < 0 ? old.ms.length : count;
@@ -188,7 +192,7 @@ export class Traces {
   take(part) {
     this.place.replaceChildren();
     const colors = ["#0072b2", "#d55e00", "#009e73"];
-    for (const [curves, label] of /** @type {[any[], string][]} */ ([[part.motion, `position [${part.unit}]`], [part.torque, `torque of ${part.torque[0].name} [${part.torque_unit}]`]])) {
+    for (const [curves, label] of /** @type {[any[], string][]} */ ([[part.motion, `moved since the start [${part.unit}]`], [part.torque, `torque of ${part.torque[0].name} [${part.torque_unit}]`]])) {
       const half = curves.length > 1 ? curves.length / 2 : 1;
       const series = [{}, ...curves.map((curve, k) => ({ label: curve.name, stroke: colors[k % half % 3], width: curve.dashed ? 1.2 : 2, dash: curve.dashed ? [5, 5] : undefined, points: { show: false } }))];
       plot(this.place, { height: 200, series, scales: { x: { time: false } }, axes: [{ ...AXIS, size: 32, label: "time [ms]", labelSize: 18, labelFont: "12px system-ui", values: plain }, { ...AXIS, label, labelSize: 18, labelFont: "12px system-ui", size: 64, values: plain }] }, [part.ms, ...curves.map((curve) => curve.values)]);

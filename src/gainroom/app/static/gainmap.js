@@ -45,6 +45,8 @@ export class GainMap {
     this.height = 0;
     this.names = ["kp", "kd"];
     this.units = ["N·m/rad", "N·m·s/rad"];
+    this.green = "in every state this loop keeps the required margins and all gains together the gain margin (sampled; the verdict judges every loop)";
+    this.late = false;
     this.blue = "every requirement met at the nominal values";
     /** @type {any} */ this.data = { stable: [], required: [], edge: [], lines: [] };
     /** @type {Record<string, number[] | null>} */ this.points = { dot: null, ghost: null, star: null, rule: null };
@@ -133,8 +135,10 @@ export class GainMap {
 
   /** @param {any} part */
   take(part) {
-    Object.assign(this.data, Object.fromEntries(["stable", "required", "edge", "lines", "met"].filter((name) => part[name]).map((name) => [name, part[name]])));
+    Object.assign(this.data, Object.fromEntries(["stable", "required", "edge", "lines", "every", "safe", "whole", "missing"].filter((name) => part[name] !== undefined).map((name) => [name, part[name]])));
     if (part.window) this.window = part.window;
+    if (part.stable && this.data.channel !== part.channel) Object.assign(this.data, { every: [], safe: [], whole: null, channel: part.channel });
+    this.late = Boolean(part.stable); // what holds in every state comes after what holds in this one
     this.draw();
   }
 
@@ -164,7 +168,9 @@ export class GainMap {
     areas.setAttribute("clip-path", "url(#frame)");
     for (const outline of this.data.stable) svg("path", { d: this.path(outline, true), fill: "#fffdf3", stroke: "#1a1a1a", "stroke-width": 2, "data-area": "stable" }, areas);
     for (const outline of this.data.required) svg("path", { d: this.path(outline, true), fill: "#56b4e9", "fill-opacity": 0.4, "data-area": "required" }, areas);
-    for (const [x, y, met] of this.data.met || []) svg("circle", { cx: this.x(x), cy: this.y(y), r: met ? 4 : 2, fill: met ? "#56b4e9" : "#bbb" }, areas);
+    for (const outline of this.data.safe || []) svg("path", { d: this.path(outline, true), fill: "#009e73", "fill-opacity": this.late ? 0.15 : 0.45, "data-area": "safe" }, areas);
+    for (const outline of this.data.whole || []) svg("path", { d: this.path(outline, true), fill: "#006b4e", "fill-opacity": this.late ? 0.15 : 0.6, "data-area": "whole" }, areas);
+    for (const outline of this.data.every || []) svg("path", { d: this.path(outline, true), fill: "none", stroke: "#1a1a1a", "stroke-width": 1.6, "stroke-dasharray": "7 5", "stroke-opacity": this.late ? 0.3 : 1, "data-area": "every" }, areas);
     const colors = ["#009e73", "#0072b2", "#cc79a7", "#d55e00"], dashes = ["none", "7 4", "2 4", "7 3 2 3"];
     this.data.lines.forEach((/** @type {any} */ line, /** @type {number} */ k) => {
       for (const part of line.parts) svg("path", { d: this.path(part), fill: "none", stroke: colors[k % 4], "stroke-width": 2, "stroke-dasharray": dashes[k % 4] }, areas);
@@ -182,7 +188,7 @@ export class GainMap {
     svg("text", { transform: `translate(13 ${FRAME.top + inner.height / 2}) rotate(-90)`, "text-anchor": "middle" }, axes).textContent = `${this.names[1]} [${this.units[1]}]`;
     svg("text", { x: width - FRAME.right - 8, y: FRAME.top + 18, "text-anchor": "end", class: "soft" }, labels).textContent = "unstable";
     const inside = this.data.lines.map((/** @type {any} */ line, /** @type {number} */ k) => ({ text: line.text, color: colors[k % 4], dash: ["——", "– –", "···", "–·–"][k % 4] }));
-    this.legend.replaceChildren("Hatched: unstable. ", this.data.required.length ? `Blue: ${this.blue}. ` : "", "● now, ○ file", this.points.star ? ", ★ recommended" : "", this.points.rule ? ", × rule of thumb (10 Hz). " : ". ");
+    this.legend.replaceChildren("Hatched: unstable. ", this.data.required.length ? `Blue: ${this.blue}. ` : "", this.everywhere(), "● now, ○ file", this.points.star ? ", ★ recommended" : "", this.points.rule ? ", × rule of thumb (10 Hz). " : ". ");
     for (const one of inside) {
       const mark = document.createElement("span");
       mark.textContent = ` ${one.dash} ${one.text} `;
@@ -191,6 +197,16 @@ export class GainMap {
     }
     this.drawMarks();
     this.drawDot();
+  }
+
+  /** What is said of all states of a robot. */
+  everywhere() {
+    const { every, safe, whole, missing } = this.data;
+    if (missing) return `All states: ${missing}. `;
+    if (!every) return "";
+    const none = every.length ? "Dashed: stable in every state. " : "Nowhere here is it stable in every state. ";
+    const others = !whole ? "" : whole.length ? "Dark green: Ms of every other loop, too. " : "With these gains alone, Ms of every other loop is not brought to what is required. ";
+    return none + (safe && safe.length ? `Green: ${this.green}. ` : "") + others;
   }
 
   drawMarks() {

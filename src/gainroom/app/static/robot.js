@@ -210,10 +210,16 @@ export class RobotView {
     slider.setAttribute("aria-label", "Moment of the simulated run");
     slider.addEventListener("input", () => { this.film.runs = false; this.turned = true; });
     Object.assign(back, { textContent: "Critical mode", onclick: () => this.endFilm() });
-    bar.append("Simulated run ", slider, time, back);
+    let most = 1e-9;
+    for (const [points] of film.moved) for (const each of points) most = Math.max(most, Math.abs(each));
+    const large = [100, 50, 20, 10, 5, 2, 1].find((each) => each * most <= DRAWN * this.size) || 1, size = document.createElement("button");
+    const say = () => { size.textContent = this.film.larger > 1 ? `Motion drawn ${this.film.larger} × as large` : "Motion drawn as it is"; };
+    size.onclick = () => { this.film.larger = this.film.larger > 1 ? 1 : large; this.turned = true; say(); };
+    bar.append("Simulated run ", slider, time, ...(large > 1 ? [size] : []), back);
     this.note.before(bar);
     this.bar = bar;
-    this.film = { ...film, slider, time, runs: !this.still, began: performance.now() / 1000 };
+    this.film = { ...film, slider, time, larger: large, runs: !this.still, began: performance.now() / 1000 };
+    say();
   }
 
   endFilm() {
@@ -230,7 +236,7 @@ export class RobotView {
     }
     const k = Number(film.slider.value);
     film.time.textContent = `${number(film.ms[k] / 1000, 3)} s`;
-    return film.poses[k];
+    return (/** @type {number} */ row, /** @type {number} */ i) => film.start[row][i] + film.larger * film.moved[k][row][i];
   }
 
   /** @param {number} now */
@@ -249,7 +255,7 @@ export class RobotView {
     const envelope = rate > 0 ? Math.exp(Math.min(rate, 1.2) * (time - LOOP)) : Math.exp(Math.max(rate, -1.2) * time);
     const size = part.re && !this.still ? (this.scale || 0) * envelope : 0, c = size * Math.cos(angle), s = -size * Math.sin(angle);
     const pose = this.film ? this.moment(now) : null;
-    const at = (/** @type {number} */ row, /** @type {number} */ k) => pose ? pose[row][k] : part.rest[row][k] + (size ? part.re[row][k] * c + part.im[row][k] * s : 0);
+    const at = (/** @type {number} */ row, /** @type {number} */ k) => pose ? pose(row, k) : part.rest[row][k] + (size ? part.re[row][k] * c + part.im[row][k] * s : 0);
     this.joints.forEach((ball, k) => ball.position.set(at(0, 3 * k), at(0, 3 * k + 1), at(0, 3 * k + 2)));
     for (const bone of this.links) {
       const from = this.joints[bone.userData.from].position, to = this.joints[bone.userData.to].position, length = from.distanceTo(to);

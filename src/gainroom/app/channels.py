@@ -1,0 +1,148 @@
+"""What is dragged of a robot: its joints, or the directions of its tasks, each with a controller of its own, as a view has them."""
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..errors import GainroomError
+from ..files.edited_text import Keys
+from ..report.gains_to_use import patterns, robot_gains
+from ..report.number_format import own_gains, plane_names
+from ..system.controller import Controller
+from ..system.system import System
+from .edits import at_point
+from .messages import View
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A joint, or a direction of a task, by its place among the names; `own`: its gains, as a controller of one joint."""
+
+    name: str
+    place: int
+    own: Controller
+
+    @property
+    def point(self) -> tuple[float, float]:
+        """Of the gain map."""
+        return self.own.plane_gains()
+
+    @property
+    def held(self) -> Controller:
+        """What stays the same all over its map."""
+        return self.own.from_plane(1.0, 1.0)
+
+
+class Channels:
+    """Of one file."""
+
+    def __init__(self, system: System) -> None:
+        control, source = system.control, system.source
+        self.of_tasks = control.space == "task"
+        self._units = ("1/s²", "1/s") if self.of_tasks else ("N·m/rad", "N·m·s/rad")
+        if self.of_tasks:
+            tasks = source.tasks(source.linearize(), control.rotors)
+            ends = np.searchsorted(tasks.owners, np.arange(len(source.stack) + 1)).tolist()
+            self.names: tuple[str, ...] = tasks.directions
+            self._rows = [slice(start, end) for start, end in itertools.pairwise(ends)]
+            self._file: tuple[Controller, ...] = tuple(system.filtered(tasks.of_direction(k)) for k in range(len(self.names)))
+        else:
+            self.names, self._rows = source.joint_names, []
+            self._file = tuple(control.controller.on_joint(k, len(self.names)) for k in range(len(self.names)))
+
+    def described(self) -> dict[str, Any]:
+        """For the page, of each channel: names and units of its gains, of its map's axes, and where the file's gains are on it."""
+        each = list(zip(self.names, self._file, strict=True))
+        return {
+            "channels": self.names,
+            "gains": {name: [{"name": gain, "unit": unit} for gain, _, unit in own_gains(own, self.of_tasks)] for name, own in each},
+            "axes": {name: plane_names(own) for name, own in each},
+            "units": self._units,
+            "points": self.points(self._file),
+        }
+
+    def disturbance(self, system: System, k: int) -> tuple[str, str]:
+        """What is added for the second step, and the unit of a millionth of what it moves."""
+        if not self.of_tasks:
+            return ("1 N added to the force command", "µm") if system.source.prismatic[k] else ("1 N·m added to the torque command", "µrad")
+        task = system.source.stack[next(place for place, rows in enumerate(self._rows) if rows.start <= k < rows.stop)]
+        unit = "m" if task.kind in ("com", "position") else "rad"
+        return f"1 {unit}/s² added to the commanded acceleration", f"µ{unit}"
+
+    def points(self, own: Sequence[Controller]) -> dict[str, tuple[float, float]]:
+        """On the map of each channel; none of none."""
+        return {name: one.plane_gains() for name, one in zip(self.names, own, strict=False)}
+
+    def named(self, own: Sequence[Controller]) -> dict[str, dict[str, float]]:
+        """Gains by channel and name; none of none."""
+        return {name: {gain: float(value) for gain, value, _ in own_gains(one)} for name, one in zip(self.names, own, strict=False)}
+
+    def place(self, view: View) -> int:
+        """Of the view's channel. Raises GainroomError for none of this robot's."""
+        if view.joint is not None and view.joint not in self.names:
+            raise GainroomError(f"joint {view.joint[:60]!r} is not one of this robot's")
+        return 0 if view.joint is None else self.names.index(view.joint)
+
+    def gains(self, view: View) -> tuple[Controller, ...]:
+        """Of every channel: the file's, then the view's, then the point."""
+        own = list(self._file)
+        for name, given in view.gains.items():
+            if name not in self.names or not isinstance(given, Mapping):
+                raise GainroomError(f"gains: {name[:60]!r} is not a joint or task direction of this robot with gains by name")
+            k = self.names.index(name)
+            if strange := given.keys() - set(own[k].gain_names()):
+                raise GainroomError(f"gains: {name[:60]!r} has {', '.join(own[k].gain_names())}, not {min(strange)}")
+            values: dict[str, Any] = {**given}
+            if any(getattr(own[k], gain) != value for gain, value in values.items()):  # most are the file's, at every move of the pointer
+                own[k] = replace(own[k], **values)
+        if view.point is not None:
+            k = self.place(view)
+            own[k] = at_point(own[k], view.point)
+        return tuple(own)
+
+    def channel(self, view: View) -> Channel:
+        """The one that is dragged."""
+        k = self.place(view)
+        return Channel(self.names[k], k, self.gains(view)[k])
+
+    def applied(self, system: System, view: View) -> System:
+        """The system with the view's gains."""
+        own, source = self.gains(view), system.source
+        if not self.of_tasks:
+            return system.with_controller(replace(system.control.controller, **_columns(own)))
+        stack = tuple(task.regained(own[rows]) for task, rows in zip(source.stack, self._rows, strict=True))
+        return replace(system, source=replace(source, stack=stack))
+
+    def changes(self, view: View) -> dict[Keys, Any]:
+        """What the view's gains change in the file."""
+        own, found = self.gains(view), {}
+        if not self.of_tasks:
+            for key, values in _changed(own, self._file):
+                groups: dict[float, list[str]] = {}
+                for name, value in zip(self.names, values.tolist(), strict=True):
+                    groups.setdefault(value, []).append(name)
+                by_pattern = {pattern: value for value, group in groups.items() for pattern in patterns(group, self.names)}
+                found["control", key] = by_pattern if len(groups) > 1 else float(values[0])
+            return found
+        for place, rows in enumerate(self._rows):
+            for key, values in _changed(own[rows], self._file[rows]):
+                found["tasks", place, key] = values.tolist()
+        return found
+
+    def lines(self, view: View) -> str:
+        """The view's gains as they are typed into the file."""
+        space = "task" if self.of_tasks else "joint"
+        return "".join(f"{line}\n" for line in robot_gains(self.names, self.gains(view), space))
+
+
+def _columns(own: Sequence[Controller]) -> dict[str, Any]:
+    """Each gain of all of them (m,)."""
+    return {name: np.array([float(getattr(one, name)) for one in own]) for name in own[0].gain_names()}
+
+
+def _changed(own: Sequence[Controller], old: Sequence[Controller]) -> list[tuple[str, Any]]:
+    before = _columns(old)
+    return [(key, values) for key, values in _columns(own).items() if not np.array_equal(values, before[key])]

@@ -1,0 +1,31 @@
+"""One part of a loop's controller: of one joint, or of one direction of a task, all others as they are."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import GainroomError
+from ..linear.arrays import Floats
+from .controller import Controller
+from .loop import Loop
+
+
+@dataclass(frozen=True)
+class LoopPart:
+    """left (n,) `own` right (n,)ᵀ of the controller of n joints.
+
+    left    torques that its output makes; right: what it acts on, as a combination of the measured positions
+    own     its gains, as a controller of one joint
+    """
+
+    left: Floats
+    right: Floats
+    own: Controller
+
+    @classmethod
+    def of_joint(cls, loop: Loop, k: int) -> "LoopPart":
+        """Joint `k`, of gains on the diagonal. Raises GainroomError for a loop without parts."""
+        if loop.parts is None:
+            raise GainroomError("a part of a loop needs one built with build_loop")
+        unit = np.eye(loop.size)[k]
+        return cls(unit, unit, loop.parts.controller.on_joint(k, loop.size) if loop.size > 1 else loop.parts.controller)

@@ -1,0 +1,90 @@
+"""The gains of one joint that are good in all of a robot's states, against counts of the roots at random gains."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from matplotlib.path import Path as Outline
+
+from gainroom.analysis.every_loop import EveryLoop
+from gainroom.analysis.stability import is_stable
+from gainroom.cli.example import example_texts
+from gainroom.files.robot_yaml import parse_robot
+from gainroom.system.loop_part import LoopPart
+from gainroom.system.requirements import Requirements
+
+pytest.importorskip("pinocchio")
+TEXT = example_texts()["biped"]
+MARGIN = 2.0
+SAMPLED = TEXT.replace("kd: 100.0 ", "sample_rate_hz: 1000\n  kd: 100.0 ")
+CASCADE = TEXT.replace("type: pd", "type: ppi").replace("kp: 2000.0 ", "kp: 20.0 ").replace("kd: 100.0 ", "ki: 20.0\n  kv: 100.0 ")
+CASES = [
+    (TEXT, "left_knee", (9000.0, 900.0)),
+    (SAMPLED, "right_ankle_pitch", (9000.0, 700.0)),
+    (CASCADE, "left_hip_roll", (9000.0, 900.0)),
+]
+
+
+def holds(outlines: tuple[np.ndarray, ...], point: tuple[float, float], window: tuple[float, float]) -> list[bool]:
+    """Whether the point, and points 1 % of the picture around it, lie within: near an edge not all agree."""
+    places = [np.array(point) + 0.01 * np.array(window) * np.array(step) for step in ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1))]
+    return [sum(Outline(outline).contains_point(place) for outline in outlines) % 2 == 1 for place in places]
+
+
+@pytest.mark.parametrize(("text", "joint", "window"), CASES)
+def test_random_gains_are_good_in_every_state_where_the_outlines_say_so(text: str, joint: str, window: tuple[float, float]):
+    """Stable: the certified count in all states. Margin: counts at factors, not all seen by the picture, on all gains, and on these."""
+    system = parse_robot(text, "biped.yaml")
+    models = [system.source.linearize(*place) for place in system.source.states]
+    k, size = system.source.joint_names.index(joint), models[0].size
+    loops = [system.loop(model) for model in models]
+    together = EveryLoop([(loop, LoopPart.of_joint(loop, k)) for loop in loops], window)
+    stable, safe = together.stable(), together.required(Requirements(gain_margin=MARGIN))
+    own = system.control.controller
+    draw, counts, looked = np.random.default_rng(4), [0, 0], 0
+
+    def good(kp: float, kd: float, common: float, mine: float) -> bool:
+        moved = own.on_joint(k, size).from_plane(kp, kd).scaled(mine)
+        gains = {name: np.broadcast_to(getattr(own, name), size).astype(float) for name in own.gain_names()}
+        for name in gains:
+            gains[name][k] = getattr(moved, name)
+        return all(is_stable(system.loop(model, replace(own, **gains)).scaled(common)) for model in models)
+
+    for kp, kd in (draw.uniform(0.03, 1, (25, 2)) * window).tolist():
+        here, kept = holds(stable, (kp, kd), window), holds(safe, (kp, kd), window)
+        if len(set(here)) == 1:  # else nearer to an edge than the picture is exact
+            assert here[0] == good(kp, kd, 1.0, 1.0), (kp, kd)
+            counts[0] += here[0]
+            looked += 1
+        if len(set(kept)) == 1:
+            ends = (0.505, 0.7, 1.0, 1.5, 1.98)
+            truth = all(good(kp, kd, factor, 1.0) and good(kp, kd, 1.0, factor) for factor in ends)
+            assert kept[0] == truth, (kp, kd)
+            counts[1] += kept[0]
+    assert looked > 15
+    assert 2 <= counts[1] <= counts[0] < looked
+
+
+@pytest.mark.parametrize(("text", "joint", "window"), CASES[:2])
+def test_the_sensitivity_of_every_loop_in_every_state(text: str, joint: str, window: tuple[float, float]):
+    """The truth: |((I + L)⁻¹)_jj| of all joints on a dense grid, of loops that are built with the random gains themselves."""
+    system = parse_robot(text, "biped.yaml")
+    models = [system.source.linearize(*place) for place in system.source.states]
+    k, size = system.source.joint_names.index(joint), models[0].size
+    together = EveryLoop([(loop, LoopPart.of_joint(loop, k)) for loop in map(system.loop, models)], window)
+    needed = 5.0  # of the file's gains it is 3.9
+    found = together.required(Requirements(peak_sensitivity=needed), others=True)
+    omega = np.geomspace(0.3, 3100.0 if "sample_rate" in text else 6000.0, 4000)
+    own = system.control.controller
+    draw, counts = np.random.default_rng(9), [0, 0]
+    for kp, kd in (draw.uniform(0.02, 1, (14, 2)) * window).tolist():
+        here = holds(found, (kp, kd), window)
+        gains = {name: np.broadcast_to(getattr(own, name), size).astype(float) for name in own.gain_names()}
+        gains["kp"][k], gains["kd"][k] = kp, kd
+        loops = [system.loop(model, replace(own, **gains)) for model in models]
+        peaks = [np.abs(np.diagonal(np.linalg.inv(np.eye(size) + loop.response(omega)), axis1=1, axis2=2)).max() for loop in loops]
+        truth = all(is_stable(loop) for loop in loops) and max(peaks) < needed
+        if len(set(here)) == 1:
+            assert here[0] == truth, (kp, kd, max(peaks))
+            counts[int(truth)] += 1
+    assert min(counts) >= 2
