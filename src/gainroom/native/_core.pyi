@@ -335,3 +335,14 @@ class TaskValues:
 
     def __init__(self, tree: RigidTree, tasks: Floats, start: Floats) -> None: ...
     def read(self, q: Floats) -> Floats: ...
+
+def pseudo_inverse(matrix: Floats, share: float) -> Floats:
+    """A⁺ (n, m) of A (m, n), as row_space.hpp."""
+
+def task_motion(
+    inertia: Floats, held: Floats, tasks: Floats, sizes: list[int], joints: int, redundant: float, movable: float
+) -> tuple[Floats, Floats, list[int], int]:
+    """Y (N, n), X (n, m), directions of each task that can be moved, and motions that contacts leave, as task_motion.hpp.
+
+    ValueError where a number is not finite, or the inertia not positive definite.
+    """

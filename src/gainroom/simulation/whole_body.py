@@ -25,7 +25,7 @@ from ..errors import GainroomError, require_count, require_finite
 from ..linear.arrays import Floats
 from ..native import _core
 from ..robot.body import RigidBody
-from ..robot.contact import Contact, contact_jacobian
+from ..robot.contact import REDUNDANT, Contact, contact_jacobian
 from ..robot.rigid_tree import rigid_tree, tree_frame
 from ..robot.tasks import Task, TaskKind, TaskPPI, Tasks, following, task_motion, tasks_of
 from ..system.controller import PD, PPI
@@ -78,7 +78,7 @@ class PostureEstimate:
 
     def renew(self, stance: BodyStance, follow: Floats) -> None:
         """Take Y = `follow` (N, n) and the contact Jacobian from now on."""
-        back = np.linalg.pinv(stance.contact_jacobian, rcond=1e-9)
+        back = _core.pseudo_inverse(stance.contact_jacobian, REDUNDANT)
         self._running.renew(back - follow @ back[self._base :], None if self._held else follow[: self._base])
 
     def update(self, positions: Floats) -> Floats:

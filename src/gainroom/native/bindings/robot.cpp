@@ -1,13 +1,16 @@
 #include <nanobind/stl/optional.h>
+#include <nanobind/stl/vector.h>
 
 #include <cmath>
 
 #include "arrays.hpp"
 #include "gainroom/posture_estimate.hpp"
+#include "gainroom/task_motion.hpp"
 
 using gainroom::Frame;
 using gainroom::Pose;
 using gainroom::PostureEstimate;
+using gainroom::Real;
 using gainroom::RigidTree;
 using gainroom::TaskValues;
 using gainroom::Triple;
@@ -38,7 +41,8 @@ static RigidTree tree(bool floating, const Vector& root, const Matrix& joints, c
     for (std::size_t k = 0; k < count; k++) {
         const double* row = joints.data() + k * (kPlace + 5);
         const std::size_t kind = index(row[kPlace + 4], 3, "a joint's kind is 0, 1 or 2");
-        tree_joints.push_back({index(row[0], k + 1, "a joint's parent comes before it"), pose(row + 1), triple(row + kPlace + 1), kind == 1, kind == 2});
+        const std::size_t parent = index(row[0], k + 1, "a joint's parent comes before it");
+        tree_joints.push_back({parent, pose(row + 1), triple(row + kPlace + 1), kind == 1, kind == 2});
     }
     for (std::size_t k = 0; k <= count; k++) links.push_back({masses(k, 0), triple(masses.data() + 4 * k + 1)});
     return {floating, pose(root.data()), std::move(tree_joints), std::move(links), triple(gravity.data())};
@@ -100,6 +104,35 @@ static nb::object task_values(TaskValues& self, const Vector& q) {
     return vector(found);
 }
 
+static Real real(const Matrix& array) {
+    for (std::size_t k = 0; k < array.size(); k++) require(std::isfinite(array.data()[k]), "matrices are finite");
+    return {array.shape(0), array.shape(1), array.data()};
+}
+
+static nb::object owned(const Real& matrix) { return owned(matrix.entries.data(), matrix.rows, matrix.columns); }
+
+static Real root(const Matrix& inertia, const Matrix& held) {
+    const std::size_t size = inertia.shape(0);
+    require(inertia.shape(1) == size && held.shape(1) == size, "inertia and held have the shapes (N, N), (c, N)");
+    Real inverse(size, size);
+    require(gainroom::inverse_root(real(inertia), inverse), "the inertia is not positive definite");
+    return inverse;
+}
+
+static nb::object pseudo_inverse(const Matrix& matrix, double share) {
+    return owned(transposed(gainroom::RowSpace(real(matrix), share).inverse_turned()));
+}
+
+static nb::tuple task_motion(const Matrix& inertia, const Matrix& held, const Matrix& tasks, const std::vector<std::size_t>& sizes,
+                             std::size_t joints, double redundant, double movable) {
+    std::size_t total = 0;
+    for (const std::size_t size : sizes) total += size;
+    require(tasks.shape(0) == total && tasks.shape(1) == inertia.shape(0), "tasks have the shape (m, N), sizes add up to m");
+    require(joints <= inertia.shape(0), "there are at most N joints");
+    const auto found = gainroom::task_motion(root(inertia, held), real(held), real(tasks), sizes, joints, redundant, movable);
+    return nb::make_tuple(owned(found.follow), owned(found.torque), found.ranks, found.motions);
+}
+
 void bind_robot(nb::module_& m) {
     nb::class_<RigidTree>(m, "RigidTree")
         .def(nb::new_(&tree), nb::arg("floating"), nb::arg("root"), nb::arg("joints"), nb::arg("masses"), nb::arg("gravity"))
@@ -111,4 +144,7 @@ void bind_robot(nb::module_& m) {
     nb::class_<TaskValues>(m, "TaskValues")
         .def(nb::new_(&values), nb::arg("tree"), nb::arg("tasks"), nb::arg("start"))
         .def("read", &task_values, nb::arg("q"));
+    m.def("pseudo_inverse", &pseudo_inverse, nb::arg("matrix"), nb::arg("share"));
+    m.def("task_motion", &task_motion, nb::arg("inertia"), nb::arg("held"), nb::arg("tasks"), nb::arg("sizes"), nb::arg("joints"),
+          nb::arg("redundant"), nb::arg("movable"));
 }
