@@ -336,6 +336,9 @@ class TaskValues:
     def __init__(self, tree: RigidTree, tasks: Floats, start: Floats) -> None: ...
     def read(self, q: Floats) -> Floats: ...
 
+def exponential(matrix: Floats) -> Floats:
+    """e^A (n, n), as in motion.hpp."""
+
 def pseudo_inverse(matrix: Floats, share: float) -> Floats:
     """A⁺ (n, m) of A (m, n), as row_space.hpp."""
 

@@ -122,8 +122,6 @@ def _recur(transposed: Floats, forcing: Floats, states: Floats) -> None:
 
 def _undelayed(loop: Loop, step: float, count: int) -> tuple[Floats, Floats]:
     """Closed in continuous time, then sampled exactly: with constant input nothing is approximated. (z, position) as above."""
-    from scipy.linalg import expm
-
     assert loop.open_loop is not None
     assert loop.actuated is not None
     part, plant = loop.open_loop, realize(loop.actuated)
@@ -135,7 +133,7 @@ def _undelayed(loop: Loop, step: float, count: int) -> tuple[Floats, Floats]:
     total[:states, :states] = part.a
     total[states:-1, states:-1] = plant.a
     total[:-1] += np.vstack([part.b, plant.b]) @ row[None]
-    transition = expm(total * step)
+    transition = _core.exponential(total * step)
     table = np.zeros((count + 1, len(total)))
     table[0, -1] = 1.0
     _recur(transition.T, np.zeros((count, len(total))), table)
@@ -147,8 +145,6 @@ def _joined(loop: Loop, step: float) -> tuple[StateSpace, Floats, Floats]:
 
     One step of a continuous system whose inputs are straight in between (first-order hold; Franklin, Powell and Workman, sec. 6.3).
     """
-    from scipy.linalg import expm
-
     assert loop.open_loop is not None
     assert loop.actuated is not None
     part = loop.open_loop
@@ -158,7 +154,7 @@ def _joined(loop: Loop, step: float) -> tuple[StateSpace, Floats, Floats]:
     total[:states, :states] = step * system.a
     total[:states, states : states + inputs] = step * system.b
     total[states : states + inputs, states + inputs :] = np.eye(inputs)
-    over = expm(total)
+    over = _core.exponential(total)
     after = over[:states, states + inputs :]
     before = over[:states, states : states + inputs] - after
     return StateSpace(over[:states, :states], before, system.c, system.d), before.sum(axis=1), after.sum(axis=1)
