@@ -162,3 +162,9 @@ def test_hostile_loops_end(program: Path):
         given = np.array([loop.gain, loop.delay, *loop.poles.real, *loop.poles.imag])
         if not np.all(np.isfinite(given)):
             assert numbers[0] == 0.0, loop
+
+
+def test_trees_and_matrices_of_any_rank_end(tmp_path: Path):
+    """Joints of every kind, quaternions of any size, masses of 0; pseudo-inverses of any rank solve A A⁺ A = A."""
+    ordinary, wrong = output(compiled("trees", tmp_path)).split()
+    assert (int(ordinary) > 1000, int(wrong)) == (True, 0)

@@ -274,3 +274,30 @@ def test_assignments_of_costs_that_are_none_are_refused():
     for cost in (np.zeros((2, 3)), np.array([[0.0, np.nan], [1.0, 2.0]]), np.array([[0.0, np.inf], [1.0, 2.0]])):
         with pytest.raises(ValueError, match="cost must be"):
             _core.assigned(cost)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_pseudo_inverses_are_numpys(seed):
+    """Of any rank: by singular values there, by reflections here."""
+    draw = np.random.default_rng(seed)
+    rows, columns, rank = draw.integers(1, 10, 3)
+    matrix = draw.normal(size=(rows, rank)) @ draw.normal(size=(rank, columns))
+    wanted = np.linalg.pinv(matrix, rcond=1e-9)
+    # both lose digits where the smallest singular value that counts is small, and here it is above 1e-3
+    assert np.allclose(_core.pseudo_inverse(matrix, 1e-9), wanted, rtol=0, atol=1e-10 * np.abs(wanted).max())
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_exponentials_in_units_that_differ(seed):
+    """e^{S A S⁻¹} = S e^A S⁻¹, entry by entry; e^A of small A by its series."""
+    draw = np.random.default_rng(seed)
+    size = int(draw.integers(1, 12))
+    small = draw.normal(size=(size, size)) / size
+    units = 2.0 ** draw.integers(-20, 20, size)  # powers of two: no digit of A is lost
+    wanted, term = np.eye(size), np.eye(size)
+    for k in range(1, 40):
+        term = term @ small / k
+        wanted = wanted + term
+    found = _core.exponential(small * units[:, None] / units)
+    assert np.allclose(found * units / units[:, None], wanted, rtol=0, atol=1e-13 * np.abs(wanted).max())
+    assert np.isnan(_core.exponential(np.full((2, 2), np.nan))).all()

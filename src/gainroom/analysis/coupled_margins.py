@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..linear.apart import inverses
 from ..linear.arrays import Booleans, Complexes, Floats, Integers, distinct
 from ..system.controller import gain_matrix
 from ..system.loop import Loop
@@ -170,7 +171,7 @@ def sensitivity(loop: Loop, returned: Complexes) -> Complexes:
 def inverted(matrices: Complexes) -> Complexes:
     """Of matrices (k, n, n)."""
     try:
-        return np.linalg.inv(matrices)
+        return inverses(matrices)
     except np.linalg.LinAlgError:  # integrators have drowned the rest in round-off, which shows: nothing settles there
         return np.linalg.pinv(matrices)
 

@@ -19,6 +19,7 @@ from functools import cached_property
 import numpy as np
 
 from ..errors import GainroomError
+from ..linear.apart import eigenvalues
 from ..linear.arrays import Booleans, Complexes, Floats, Integers, distinct
 from ..native import _core
 from ..system.loop import Loop
@@ -212,10 +213,10 @@ class Sweep:
             raise GainroomError("loop: the return ratio is not finite on the stability boundary")
         self.largest = max(self.largest, float(bound.max()))
         if not self._for_limit:
-            return np.linalg.eigvals(matrices)
+            return eigenvalues(matrices)
         values = np.zeros(matrices.shape[:2], dtype=complex)
         matters = bound * self.highest >= 0.5  # of the others none comes near −1/highest
-        values[matters] = np.linalg.eigvals(matrices[matters])
+        values[matters] = eigenvalues(matrices[matters])
         return values
 
     def _reach_ends(self) -> None:

@@ -38,7 +38,7 @@ class Resolution:
     lowest: float = 1e-12  # of the highest frequency
     closest: float = 1e-10  # relative distance of samples at which refinement stops
     most: int = 12_000  # samples of large matrices; of small ones more, up to as many entries
-    at_once: int = 2_000_000  # entries of all matrices that are held at a time
+    at_once: int = 40000
     compared: int = 500_000  # distances between eigenvalues that are held at a time
 
 

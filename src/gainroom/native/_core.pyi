@@ -310,3 +310,42 @@ class DiskModes:
 
         The bound is infinite where `most` intervals are not enough for it.
         """
+
+class RigidTree:
+    """As in rigid_tree.hpp. A pose is a rotation's rows, then the origin (12,).
+
+    joints   (n, 17): parent link, place (12) on it, axis (3), kind: 0 a hinge, 1 prismatic, 2 continuous
+    masses   (n + 1, 4): mass and centre of the base and of each joint's link
+    """
+
+    def __init__(self, floating: bool, root: Floats, joints: Floats, masses: Floats, gravity: Floats) -> None: ...
+    def weight(self, q: Floats) -> Floats:
+        """g (N,) at posture q (nq,)."""
+
+class PostureEstimate:
+    """As in posture_estimate.hpp: frames (c, 13) on a link, in a pose; held (c, 6) not 0 where a direction is held."""
+
+    def __init__(self, tree: RigidTree, frames: Floats, held: Floats, start: Floats) -> None: ...
+    def renew(self, back: Floats, counted: Floats | None) -> None: ...
+    def update(self, joints: Floats) -> Floats:
+        """The posture (nq,) of the encoders' joints (n,)."""
+
+class TaskValues:
+    """As in posture_estimate.hpp: tasks (k, 14): 0 centre of mass, 1 posture, 2 position, 3 orientation; then its frame (13)."""
+
+    def __init__(self, tree: RigidTree, tasks: Floats, start: Floats) -> None: ...
+    def read(self, q: Floats) -> Floats: ...
+
+def exponential(matrix: Floats) -> Floats:
+    """e^A (n, n), as in motion.hpp."""
+
+def pseudo_inverse(matrix: Floats, share: float) -> Floats:
+    """A⁺ (n, m) of A (m, n), as row_space.hpp."""
+
+def task_motion(
+    inertia: Floats, held: Floats, tasks: Floats, sizes: list[int], joints: int, redundant: float, movable: float
+) -> tuple[Floats, Floats, list[int], int]:
+    """Y (N, n), X (n, m), directions of each task that can be moved, and motions that contacts leave, as task_motion.hpp.
+
+    ValueError where a number is not finite, or the inertia not positive definite.
+    """

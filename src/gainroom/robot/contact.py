@@ -142,16 +142,7 @@ def free_motion(inertia: Floats, held: Floats) -> Floats:
     With A = L Lᵀ and X = L⁻¹ J_cᵀ, P = L⁻ᵀ (I − X X⁺) L⁻¹: R is L⁻ᵀ times an orthonormal basis of what X does not reach, so nothing is
     subtracted and P comes out symmetric and ≥ 0.
     """
-    return left_free(unit_motion(inertia), held)
-
-
-def unit_motion(inertia: Floats) -> Floats:
-    """L⁻ᵀ (N, N) of an inertia A = L Lᵀ: all motions, where nothing is held, its columns of unit kinetic energy."""
-    return np.linalg.inv(np.linalg.cholesky(inertia)).T
-
-
-def left_free(unit: Floats, held: Floats) -> Floats:
-    """free_motion from the `unit_motion` L⁻ᵀ (N, N)."""
+    unit = np.linalg.inv(np.linalg.cholesky(inertia)).T
     if not len(held):
         return unit
     reached, sizes, _ = np.linalg.svd((held @ unit).T)

@@ -29,8 +29,9 @@ from numpy.typing import ArrayLike
 
 from ..errors import GainroomError, first_of_many, nearest, require_finite
 from ..linear.arrays import Booleans, Floats, Integers
+from ..native import _core
 from ..system.controller import PD, PPI, Controller
-from .contact import free_motion, left_free, unit_motion
+from .contact import REDUNDANT, free_motion
 from .model import Stance
 
 TaskKind = Literal["com", "position", "orientation", "posture"]
@@ -271,16 +272,13 @@ class TaskMotion(NamedTuple):
 
 def task_motion(model: Stance, tasks: Sequence[Task], rotors: bool = False) -> TaskMotion:
     """Of a stack that `tasks_of` has taken."""
-    alone = unit_motion(_modelled_inertia(model, rotors))
-    motion = left_free(alone, model.contact_jacobian)
-    joints = model.selection @ motion  # M = S R', with W' = M Mᵀ
-    inverse = np.linalg.pinv(joints, rcond=MOVABLE)
-    follow = motion @ inverse
     jacobians = [task.jacobian(model) for task in tasks]
-    rows = [jacobian @ follow for jacobian in jacobians]
-    scales = [float(np.linalg.svd(jacobian @ alone, compute_uv=False)[0]) for jacobian in jacobians]
-    force, warnings = _stack(tasks, [row @ joints for row in rows], scales)
-    return TaskMotion(rows, inverse.T @ force, follow, warnings)
+    sizes, joints = [len(jacobian) for jacobian in jacobians], len(model.selection)
+    inertia = _modelled_inertia(model, rotors)
+    follow, torque, ranks, motions = _core.task_motion(
+        inertia, model.contact_jacobian, np.vstack(jacobians), sizes, joints, REDUNDANT, MOVABLE
+    )
+    return TaskMotion([jacobian @ follow for jacobian in jacobians], torque, follow, _immovable(tasks, sizes, ranks, motions))
 
 
 def following(model: Stance) -> Floats:
@@ -289,7 +287,7 @@ def following(model: Stance) -> Floats:
     Its transpose takes forces on everything to the smallest joint torques that do the same.
     """
     motion = free_motion(model.inertia, model.contact_jacobian)
-    return motion @ np.linalg.pinv(model.selection @ motion, rcond=MOVABLE)
+    return motion @ _core.pseudo_inverse(model.selection @ motion, MOVABLE)
 
 
 def _modelled_inertia(model: Stance, rotors: bool) -> Floats:
@@ -299,35 +297,23 @@ def _modelled_inertia(model: Stance, rotors: bool) -> Floats:
     return model.inertia + model.selection.T @ np.diag(model.motor_inertia) @ model.selection
 
 
-def _stack(tasks: Sequence[Task], rows: Sequence[Floats], scales: Sequence[float]) -> tuple[Floats, tuple[str, ...]]:
-    """Accelerations asked for → Mᵀ Γ, (r, m), by strict priority, and what cannot be moved.
+def _immovable(tasks: Sequence[Task], sizes: Sequence[int], ranks: Sequence[int], motions: int) -> tuple[str, ...]:
+    """A warning for each task that the joints cannot move in all its directions.
 
-    rows     Eᵀ M of each task (W' = M Mᵀ). Seen so, W' is the identity: tasks above are plain orthogonal directions, and Ê Λ̂ is a
-             pseudo-inverse
-    scales   how far each task can be moved at all, were nothing in contact
+    sizes, ranks   how many each has, and how many can be moved
+    motions        of the joints here; where they are enough for all directions so far, and yet some are missing, the posture is singular
     """
-    total, width = sum(len(row) for row in rows), rows[0].shape[1]
-    taken = np.zeros((width, 0))  # orthonormal: what tasks above use
-    force = np.zeros((width, total))
-    warnings = []
-    start = 0
-    for task, row, scale in zip(tasks, rows, scales, strict=True):
-        outer, sizes, inner = np.linalg.svd(row - (row @ taken) @ taken.T, full_matrices=False)
-        rank = int(np.count_nonzero(sizes > MOVABLE * scale))
-        reach = inner[:rank].T
-        asked = np.eye(total)[start : start + len(row)]
-        force = force + reach @ ((outer[:, :rank] / sizes[:rank]).T @ (asked - row @ force))
-        taken = np.hstack([taken, reach])
-        start += len(row)
-        if rank < len(row) and (task.kind != "posture" or not rank):  # a posture fills what others leave
-            beside = " beside the tasks above it" if start > len(row) else ""
+    warnings, start = [], 0
+    for task, size, rank in zip(tasks, sizes, ranks, strict=True):
+        start += size
+        if rank < size and (task.kind != "posture" or not rank):  # a posture fills what others leave
+            beside = " beside the tasks above it" if start > size else ""
             warnings.append(
-                f"task {task.name!r}: the joints can move {rank} of its {len(row)} directions in this posture and contact{beside}; "
+                f"task {task.name!r}: the joints can move {rank} of its {size} directions in this posture and contact{beside}; "
                 f"its gains {'act on those alone' if rank else 'do nothing there'}"
-                # width: motions that the joints have here; enough of them for all directions so far, and yet some are missing
-                f"{'; the joints are enough for more, so the posture may be singular: try another' if rank and start <= width else ''}"
+                f"{'; the joints are enough for more, so the posture may be singular: try another' if rank and start <= motions else ''}"
             )
-    return force, tuple(warnings)
+    return tuple(warnings)
 
 
 def _gains(name: str, tasks: Sequence[Task], sizes: Sequence[int]) -> Floats:

@@ -135,13 +135,11 @@ def _recur(transposed: Floats, forcing: Floats, states: Floats) -> None:
 
 def _undelayed(system: StateSpace, entry: Floats, step: float, count: int, sample_time: float | None) -> tuple[Floats, Floats]:
     """Closed, sampled or in continuous time and then sampled: with a constant input nothing is approximated. (z, position) as above."""
-    from scipy.linalg import expm
-
     inputs = len(entry)
     # u = (I + D)⁻¹ (w − C x); the constant 1 is the last state
     row = np.linalg.solve(np.eye(inputs) + system.d[:inputs], np.column_stack([-system.c[:inputs], entry]))
     total = np.vstack([np.column_stack([system.a, np.zeros(len(system.a))]) + system.b @ row, np.zeros(len(system.a) + 1)])
-    transition = expm(total * step) if sample_time is None else np.eye(len(total)) + step * total
+    transition = _core.exponential(total * step) if sample_time is None else np.eye(len(total)) + step * total
     table = np.zeros((count + 1, len(total)))
     table[0, -1] = 1.0
     _recur(transition.T.copy(), np.zeros((count, len(total))), table)
@@ -154,13 +152,11 @@ def _held(system: StateSpace, step: float) -> tuple[Floats, Floats, Floats]:
 
     First-order hold; Franklin, Powell and Workman, sec. 6.3.
     """
-    from scipy.linalg import expm
-
     states, inputs = system.b.shape
     total = np.zeros((states + 2 * inputs,) * 2)
     total[:states, :states] = step * system.a
     total[:states, states : states + inputs] = step * system.b
     total[states : states + inputs, states + inputs :] = np.eye(inputs)
-    over = expm(total)
+    over = _core.exponential(total)
     after = over[:states, states + inputs :]
     return over[:states, :states], over[:states, states : states + inputs] - after, after

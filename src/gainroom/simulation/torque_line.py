@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from ..errors import GainroomError, require_count, require_finite, require_positive
 from ..linear.arrays import Floats
 from ..linear.state_space import split_delay
+from ..native import _core
 from ..system.drive import Drive
 
 
@@ -97,8 +98,6 @@ def _tick_map(drive: Drive, sample_time: float, substeps: int, fraction: float) 
 
 def _held(drive: Drive, duration: float) -> tuple[Floats, Floats]:
     """What a command held for `duration` does: (2, 3) to the next state and (3,) to ∫τ dt, from state and command."""
-    from scipy.linalg import expm
-
     if drive.is_ideal:
         return np.array([[0.0, 0, 1], [0, 0, 0]]), np.array([0.0, 0, duration])
     w, damping = drive.bandwidth, drive.damping_ratio
@@ -106,5 +105,5 @@ def _held(drive: Drive, duration: float) -> tuple[Floats, Floats]:
     rates[0, 1] = w
     rates[1, :3] = -w, -2 * damping * w, w
     rates[3, 0] = 1.0
-    whole = expm(rates * duration)
+    whole = _core.exponential(rates * duration)
     return whole[:2, :3], whole[3, :3]

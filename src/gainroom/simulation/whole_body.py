@@ -23,15 +23,19 @@ from numpy.typing import ArrayLike
 
 from ..errors import GainroomError, require_count, require_finite
 from ..linear.arrays import Floats
-from ..robot.body import RigidBody, is_continuous, library, put_position
-from ..robot.contact import Contact, contact_jacobian
-from ..robot.tasks import Task, TaskPPI, Tasks, following, task_motion, tasks_of
+from ..native import _core
+from ..robot.body import RigidBody
+from ..robot.contact import REDUNDANT, Contact, contact_jacobian
+from ..robot.rigid_tree import rigid_tree, tree_frame
+from ..robot.tasks import Task, TaskKind, TaskPPI, Tasks, following, task_motion, tasks_of
 from ..system.controller import PD, PPI
 from ..system.system import Control
 from .sampled_control import SampledControl
 
 FIRST_NEWTON_STEPS = 4
 """Newton steps at the first tick, when gearboxes that carry weight are already wound up."""
+READINGS: tuple[TaskKind, ...] = ("com", "posture", "position", "orientation")
+"""In the order of the core's numbers."""
 
 
 @dataclass(frozen=True)
@@ -64,60 +68,23 @@ class PostureEstimate:
     """
 
     def __init__(self, body: RigidBody, contacts: Sequence[Contact], start: ArrayLike):
-        self._pin: Any = library("pinocchio", "Pinocchio")
-        self._body, self._model, self._data = body, body.model, body.model.createData()
-        self._joints = body.joints
-        self._plain = None if any(is_continuous(joint) for joint in self._joints) else slice(body.nq - body.size, body.nq)
-        self._base = body.nv - body.size
         self.q = require_finite(body.source, "posture", start).copy()
-        self._positions = body.angles(self.q)
+        self._base = body.nv - body.size
         base = contact_jacobian(body, self.q, contacts)[:, : self._base]
         self._held = self._base == 0 or (len(base) > 0 and np.linalg.matrix_rank(base, tol=1e-6) == self._base)
-        self._goals = []
-        for contact in contacts:
-            rotation, place = body.frame_placement(self.q, contact.frame)
-            goal = self._pin.SE3(rotation, place)
-            self._goals.append((body.model.getFrameId(contact.frame), goal, None if len(contact.rows) == 6 else list(contact.rows)))
+        frames = np.array([tree_frame(body, contact.frame) for contact in contacts]).reshape(-1, 13)
+        rows = np.array([np.isin(np.arange(6), contact.rows) for contact in contacts], dtype=float).reshape(-1, 6)
+        self._running = _core.PostureEstimate(rigid_tree(body), frames, rows, self.q)
 
     def renew(self, stance: BodyStance, follow: Floats) -> None:
         """Take Y = `follow` (N, n) and the contact Jacobian from now on."""
-        jacobian = stance.contact_jacobian
-        back = np.linalg.pinv(jacobian, rcond=1e-9)
-        self._back = back - follow @ back[self._base :]
-        self._counted = None if self._held else follow[: self._base]
+        back = _core.pseudo_inverse(stance.contact_jacobian, REDUNDANT)
+        self._running.renew(back - follow @ back[self._base :], None if self._held else follow[: self._base])
 
     def update(self, positions: Floats) -> Floats:
         """The posture (nq,) that the encoders' `positions` (n,) show."""
-        pin, model = self._pin, self._model
-        if self._counted is None:
-            q = self.q.copy()
-        else:
-            moved = np.zeros(model.nv)
-            moved[: self._base] = self._counted @ (positions - self._positions)
-            q = pin.integrate(model, self.q, moved)
-        self._positions = positions
-        if self._plain is not None:
-            q[self._plain] = positions
-        else:
-            for joint, position in zip(self._joints, positions, strict=True):
-                put_position(q, joint, position)
-        if self._goals:
-            q = pin.integrate(model, q, self._back @ self._away(q))
-        self.q = q
-        return q
-
-    def _away(self, q: Floats) -> Floats:
-        """How far each contact frame is from its place, along the directions it is held in, in its own axes."""
-        pin, model, data = self._pin, self._model, self._data
-        pin.forwardKinematics(model, data, q)
-        parts = []
-        for frame, goal, rows in self._goals:
-            left = pin.updateFramePlacement(model, data, frame).actInv(goal)
-            if rows is None:
-                parts.append(pin.log6(left).vector)
-            else:  # free directions may have turned far
-                parts.append(np.concatenate([left.translation, pin.log3(left.rotation)])[rows])
-        return np.concatenate(parts)
+        self.q = self._running.update(positions)
+        return self.q
 
 
 class WholeBodyControl:
@@ -156,7 +123,7 @@ class WholeBodyControl:
         self._gravity, self._gain = gravity, gain
         self._refresh, self._age = require_count("simulation", "refresh", refresh, 1), 0
         self._estimate = PostureEstimate(body, contacts, start)
-        self._pin, self._data = library("pinocchio", "Pinocchio"), body.model.createData()
+        self._tree = rigid_tree(body)
         stance = self._stance()
         self._tasks: Tasks | None = tasks_of(stance, self._stack, control.rotors) if self._stack else None
         self._renew()
@@ -170,7 +137,7 @@ class WholeBodyControl:
         """(n,) what holds the weight in the posture last seen [N m]; zeros where gravity is not compensated."""
         if not self._gravity:
             return np.zeros(self._body.size)
-        return self._pin.computeGeneralizedGravity(self._body.model, self._data, self._estimate.q) @ self._follow
+        return self._tree.weight(self._estimate.q) @ self._follow
 
     def tick(self, positions: Floats, offset: Floats) -> tuple[Floats, Floats, Floats]:
         """Torques (n,) on the encoders' `positions` (n,), then reference and measured values (m,).
@@ -219,25 +186,6 @@ class WholeBodyControl:
 
 def values_of(body: RigidBody, stack: Sequence[Task], start: Floats) -> Callable[[Floats], Floats]:
     """From a posture (nq,) to the tasks' values (m,); orientations as rotation vectors from posture `start`, in world axes."""
-    pin: Any = library("pinocchio", "Pinocchio")
-    model, data = body.model, body.model.createData()
-
-    def reader(task: Task) -> Callable[[Floats], Floats]:
-        if task.kind == "com":
-            return lambda q: data.com[0]
-        if task.kind == "posture":
-            return body.angles
-        assert task.frame is not None
-        frame = model.getFrameId(task.frame)
-        if task.kind == "position":
-            return lambda q: pin.updateFramePlacement(model, data, frame).translation
-        first = body.frame_placement(start, task.frame)[0].T
-        return lambda q: pin.log3(pin.updateFramePlacement(model, data, frame).rotation @ first)
-
-    readers = [reader(task) for task in stack]
-
-    def values(q: Floats) -> Floats:
-        pin.centerOfMass(model, data, q)  # places the joints, too
-        return np.concatenate([read(q) for read in readers])
-
-    return values
+    frames = [np.zeros(13) if task.frame is None else tree_frame(body, task.frame) for task in stack]
+    tasks = np.array([[READINGS.index(task.kind), *frame] for task, frame in zip(stack, frames, strict=True)]).reshape(-1, 14)
+    return _core.TaskValues(rigid_tree(body), tasks, start).read

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..linear.apart import eigensystem
 from ..linear.arrays import Complexes, Floats
 
 AT_REST = 1e-9  # of the largest squared natural frequency: smaller ones are motions without a spring
@@ -112,7 +113,7 @@ def undamped(mass: Floats, stiffness: Floats) -> tuple[Floats, Floats]:
     """ω² (m,), rising, and v (m, m) with K v = ω² M v, vᵀMv = 1, for M > 0 and the symmetric part of K."""
     root = np.linalg.cholesky(mass)
     half = np.linalg.solve(root, (stiffness + stiffness.T) / 2)
-    squares, vectors = np.linalg.eigh(np.linalg.solve(root, half.T))
+    squares, vectors = eigensystem(np.linalg.solve(root, half.T))
     return squares, np.linalg.solve(root.T, vectors)
 
 

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import GainroomError, first_of_many, require_finite, require_positive
+from ..linear.apart import eigensystem
 from ..linear.arrays import Booleans, Complexes, Floats, distinct
 from .modes import Modes, modes_of, undamped
 
@@ -378,7 +379,7 @@ def _modes(mass: Floats, damping: Floats, stiffness: Floats) -> Complexes:
 
 def _factor(inverse_inertia: Floats) -> Floats:
     """R (n, r) of full column rank r with W = R Rᵀ."""
-    values, vectors = np.linalg.eigh(inverse_inertia)
+    values, vectors = eigensystem(inverse_inertia)
     # Round-off of a contact projection leaves eigenvalues of about 1e-16 of the largest; true ones are far above 1e-12 of it.
     keep = values > 1e-12 * max(values[-1], 0.0)
     return vectors[:, keep] * np.sqrt(values[keep])

@@ -10,6 +10,7 @@ void bind_coupled(nb::module_& m);
 void bind_tracker(nb::module_& m);
 void bind_look(nb::module_& m);
 void bind_disk(nb::module_& m);
+void bind_robot(nb::module_& m);
 
 NB_MODULE(_core, m) {
     m.doc() = "gainroom's C++ core; see src/gainroom/native/include/gainroom.";
@@ -20,4 +21,5 @@ NB_MODULE(_core, m) {
     bind_tracker(m);
     bind_look(m);
     bind_disk(m);
+    bind_robot(m);
 }

@@ -104,6 +104,14 @@ static void substep(const Body& body, const Hardware& hardware, const Array<doub
                       work.data());
 }
 
+static nb::object exponential(const Matrix& matrix) {
+    const std::size_t size = matrix.shape(0);
+    require(matrix.shape(1) == size, "matrix has the shape (n, n)");
+    std::vector<double> found(size * size), work(3 * size * size + size);
+    gainroom::exponential(matrix.data(), size, found.data(), work.data());
+    return owned(found.data(), size, size);
+}
+
 static std::size_t recur(const Matrix& transposed, const Matrix& forcing, const Array<double, 2>& states, double limit) {
     const std::size_t size = transposed.shape(0), steps = forcing.shape(0);
     require(transposed.shape(1) == size && forcing.shape(1) == size, "transposed and forcing have the shapes (m, m) and (k, m)");
@@ -129,5 +137,6 @@ void bind_simulation(nb::module_& m) {
         .def("advance", &advance, nb::arg("given"), nb::arg("whole"), nb::arg("fraction"));
     m.def("substep", &substep, nb::arg("body"), nb::arg("hardware"), nb::arg("state").noconvert(), nb::arg("bent").noconvert(),
           nb::arg("width"), nb::arg("torques"));
+    m.def("exponential", &exponential, nb::arg("matrix"));
     m.def("recur", &recur, nb::arg("transposed"), nb::arg("forcing"), nb::arg("states").noconvert(), nb::arg("limit"));
 }

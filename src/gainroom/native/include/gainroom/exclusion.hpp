@@ -231,7 +231,8 @@ class Exclusion {
     // Σ_i row_i T_ij
     Complex mixed_row(const Complex* row, std::size_t j) const {
         Complex value = 0.0;
-        for (std::size_t i = 0; i < n_; i++) value += times(row[i], mixing_[i * n_ + j]);
+        for (std::size_t i = 0; i < n_; i++)
+            if (row[i] != 0.0) value += times(row[i], mixing_[i * n_ + j]);
         return value;
     }
 
@@ -255,6 +256,7 @@ class Exclusion {
         for (std::size_t k = 0; k < n_; k++)
             for (std::size_t i = 0; i < n_; i++) {
                 const Complex left = times(node.law[k], mixing_[k * n_ + i]);
+                if (left == 0.0) continue;
                 for (std::size_t j = i; j < n_; j++) {
                     const Complex value = times(left, mixing_[k * n_ + j]);
                     node.law_real[i * stride_ + j] += value.real();
@@ -347,7 +349,8 @@ class Exclusion {
             }
             const double inverse = 1 / std::sqrt(row[k]);
             for (std::size_t j = k + 1; j < n_; j++) row[j] *= inverse;
-            for (std::size_t i = k + 1; i < n_; i++) add(-row[i], row, &trial_[i * stride_], i, n_);
+            for (std::size_t i = k + 1; i < n_; i++)
+                if (row[i] != 0) add(-row[i], row, &trial_[i * stride_], i, n_);
             row[k] = inverse;  // of the pivot
         }
         return true;

@@ -141,6 +141,7 @@ class ModalLoop {
             const Complex factor = scale * room[m];
             for (std::size_t i = 0; i < size; i++) {
                 const Complex own = times(factor, shape[i]);
+                if (own == 0.0) continue;  // another limb's, where those do not feel each other
                 for (std::size_t j = i; j < size; j++) out[i * size + j] += times(own, shape[j]);
             }
         }

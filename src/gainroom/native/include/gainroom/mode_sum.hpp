@@ -82,10 +82,13 @@ class ModeSum {
             d_[t] = times({0.0, 1.0}, f - other);
         }
         for (std::size_t i = 0; i < size; i++) {
+            moving_.clear();
             for (std::size_t t = 0; t < terms_; t++) {
                 const double a = a_[t * stride + i], b = b_[t * stride + i];
-                p_[t] = s_[t] * a + d_[t] * b;
-                q_[t] = d_[t] * a - s_[t] * b;
+                if (a == 0 && b == 0) continue;  // modes of other limbs, where those do not feel each other
+                p_[moving_.size()] = s_[t] * a + d_[t] * b;
+                q_[moving_.size()] = d_[t] * a - s_[t] * b;
+                moving_.push_back(t);
             }
             for (std::size_t first = i / kBlock * kBlock; first < stride; first += kBlock) {
                 double re[kBlock], im[kBlock];
@@ -122,6 +125,7 @@ class ModeSum {
                 double sum[kBlock] = {};
                 for (std::size_t l = 0; l < large; l++) {
                     const double *a = &a_[large_[l] * stride], *b = &b_[large_[l] * stride];
+                    if (a[i] == 0 && b[i] == 0) continue;
                     const double p = bend(large_[l]) * a[i], q = bend(large_[l]) * b[i];
                     for (std::size_t j = 0; j < kBlock; j++) sum[j] += p * a[first + j] + q * b[first + j];
                 }
@@ -146,6 +150,7 @@ class ModeSum {
     std::vector<double> a_, b_, share_, largest_share_;  // φ = a + jb (terms, stride); row sums of |φ φᵀ|
     std::vector<double> bends_;
     std::vector<Complex> functions_, s_, d_, p_, q_;
+    std::vector<std::size_t> moving_;         // terms of a row that are not 0
     std::vector<std::size_t> first_, large_;  // f's of each term: this one, and the next where it has a twin
     std::vector<bool> twin_;
     std::size_t terms_ = 0;
@@ -177,6 +182,7 @@ class ModeSum {
     void finish(bool complex) {
         real_ = !complex && loop_.pairs();
         large_.resize(terms_);
+        moving_.reserve(terms_);
         largest_share_.assign(terms_, 0.0);
         rigid_spread_.assign(size, 0.0);
         for (std::size_t i = 0; i < size; i++)
@@ -195,8 +201,8 @@ class ModeSum {
     }
 
     void add_real(std::size_t first, double* __restrict re, double* __restrict im) const {
-        for (std::size_t t = 0; t < terms_; t++) {
-            const double* a = &a_[t * stride + first];
+        for (std::size_t t = 0; t < moving_.size(); t++) {
+            const double* a = &a_[moving_[t] * stride + first];
             const double x = p_[t].real(), y = p_[t].imag();
             for (std::size_t j = 0; j < kBlock; j++) {
                 re[j] += x * a[j];
@@ -206,8 +212,8 @@ class ModeSum {
     }
 
     void add_all(std::size_t first, double* __restrict re, double* __restrict im) const {
-        for (std::size_t t = 0; t < terms_; t++) {
-            const double *a = &a_[t * stride + first], *b = &b_[t * stride + first];
+        for (std::size_t t = 0; t < moving_.size(); t++) {
+            const double *a = &a_[moving_[t] * stride + first], *b = &b_[moving_[t] * stride + first];
             const double x = p_[t].real(), y = p_[t].imag(), u = q_[t].real(), v = q_[t].imag();
             for (std::size_t j = 0; j < kBlock; j++) {
                 re[j] += x * a[j] + u * b[j];

@@ -92,6 +92,38 @@ inline void propagator(const double* system, std::size_t size, double width, dou
     }
 }
 
+// Fills `result` (n, n) with e^matrix. Units that differ by orders of magnitude would cost as many squarings, and digits: rows and columns
+// are brought to one size first, by powers of two (Osborne 1960; Parlett and Reinsch 1969). `work` holds 3n² + n numbers.
+inline void exponential(const double* matrix, std::size_t size, double* result, double* work) {
+    double *balanced = work + 2 * size * size, *units = balanced + size * size;
+    std::copy(matrix, matrix + size * size, balanced);
+    std::fill(units, units + size, 1.0);
+    bool moved = true;
+    for (int sweep = 0; moved && sweep < 50; sweep++) {
+        moved = false;
+        for (std::size_t i = 0; i < size; i++) {
+            double row = 0.0, column = 0.0;
+            for (std::size_t j = 0; j < size; j++) {
+                if (j == i) continue;
+                row += std::fabs(balanced[i * size + j]);
+                column += std::fabs(balanced[j * size + i]);
+            }
+            if (!(row > 0) || !(column > 0) || !std::isfinite(row + column)) continue;
+            const double factor = std::ldexp(1.0, std::ilogb(std::sqrt(row / column)));
+            if (!(column * factor + row / factor < 0.95 * (row + column))) continue;
+            moved = true;
+            units[i] *= factor;
+            for (std::size_t j = 0; j < size; j++) {
+                balanced[i * size + j] /= factor;
+                balanced[j * size + i] *= factor;
+            }
+        }
+    }
+    propagator(balanced, size, 1.0, result, work);
+    for (std::size_t i = 0; i < size; i++)
+        for (std::size_t j = 0; j < size; j++) result[i * size + j] *= units[i] / units[j];
+}
+
 // What friction and gravity do during a substep.
 struct Reaction {
     std::array<double, kSides> torque{};          // of friction [N m]

@@ -1,0 +1,53 @@
+"""Matrices that fall apart: limbs on a fixed base do not feel each other, and what is asked of a matrix is asked of its small blocks."""
+
+import numpy as np
+
+from .arrays import Booleans, Complexes, Floats, Integers
+
+
+def parts_of(coupled: Booleans) -> list[Integers]:
+    """Rows of a square pattern (n, n) in groups between which nothing couples: (g, s) those of every size s, each rising."""
+    label = np.arange(len(coupled))
+    both = coupled | coupled.T | np.eye(len(coupled), dtype=bool)
+    while not np.array_equal(least := np.where(both, label, len(label)).min(axis=1, initial=len(label)), label):
+        label = least
+    parts = [np.flatnonzero(label == one) for one in np.unique(label)]
+    return [np.array([part for part in parts if len(part) == size]) for size in sorted({len(part) for part in parts})]
+
+
+def blocks(matrices: Floats | Complexes, parts: Integers) -> Floats | Complexes:
+    """Of matrices (..., n, n), those of parts (g, s): (..., g, s, s)."""
+    return matrices[..., parts[:, :, None], parts[:, None, :]]
+
+
+def eigenvalues(matrices: Complexes) -> Complexes:
+    """Of matrices (k, n, n), block by block (k, n)."""
+    count = len(matrices)
+    found = [np.linalg.eigvals(blocks(matrices, parts)).reshape(count, parts.size) for parts in _parts(matrices)]
+    return np.concatenate([np.zeros((count, 0), dtype=complex), *found], axis=1)
+
+
+def inverses(matrices: Complexes) -> Complexes:
+    """Of matrices (k, n, n), block by block. Raises numpy.linalg.LinAlgError for singular ones."""
+    found = np.zeros_like(matrices)
+    for parts in _parts(matrices):
+        found[:, parts[:, :, None], parts[:, None, :]] = np.linalg.inv(blocks(matrices, parts))
+    return found
+
+
+def eigensystem(matrix: Floats) -> tuple[Floats, Floats]:
+    """Eigenvalues (n,), rising, and orthonormal vectors (n, n) of a symmetric one, each of a single block."""
+    values, vectors, start = np.zeros(len(matrix)), np.zeros(matrix.shape), 0
+    for parts in parts_of(matrix != 0):
+        own, turned = np.linalg.eigh(blocks(matrix, parts))
+        places = start + np.arange(parts.size).reshape(parts.shape)
+        values[places] = own
+        vectors[parts[:, :, None], places[:, None, :]] = turned
+        start += parts.size
+    order = np.argsort(values, kind="stable")
+    return values[order], vectors[:, order]
+
+
+def _parts(matrices: Complexes) -> list[Integers]:
+    """Of all matrices (k, n, n) together."""
+    return parts_of(np.any(matrices != 0, axis=0))

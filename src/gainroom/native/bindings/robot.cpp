@@ -1,0 +1,150 @@
+#include <nanobind/stl/optional.h>
+#include <nanobind/stl/vector.h>
+
+#include <cmath>
+
+#include "arrays.hpp"
+#include "gainroom/posture_estimate.hpp"
+#include "gainroom/task_motion.hpp"
+
+using gainroom::Frame;
+using gainroom::Pose;
+using gainroom::PostureEstimate;
+using gainroom::Real;
+using gainroom::RigidTree;
+using gainroom::TaskValues;
+using gainroom::Triple;
+
+static constexpr std::size_t kPlace = 12;  // a rotation row by row, then the origin
+
+static Triple triple(const double* from) { return {from[0], from[1], from[2]}; }
+static Pose pose(const double* from) { return {{triple(from), triple(from + 3), triple(from + 6)}, triple(from + 9)}; }
+
+static nb::object vector(const std::vector<double>& values) {
+    double* copy = new double[values.size() + 1];
+    std::copy(values.begin(), values.end(), copy);
+    nb::capsule owner(copy, [](void* pointer) noexcept { delete[] static_cast<double*>(pointer); });
+    return nb::cast(nb::ndarray<nb::numpy, double, nb::ndim<1>>(copy, {values.size()}, owner));
+}
+
+static std::size_t index(double number, std::size_t below, const char* message) {
+    require(number >= 0 && number < double(below) && number == std::floor(number), message);
+    return std::size_t(number);
+}
+
+static RigidTree tree(bool floating, const Vector& root, const Matrix& joints, const Matrix& masses, const Vector& gravity) {
+    const std::size_t count = joints.shape(0);
+    require(joints.shape(1) == kPlace + 5 && has_shape(masses, count + 1, 4), "joints and masses have the shapes (n, 17) and (n + 1, 4)");
+    require(root.shape(0) == kPlace && gravity.shape(0) == 3, "root and gravity have the shapes (12,) and (3,)");
+    std::vector<gainroom::TreeJoint> tree_joints;
+    std::vector<gainroom::Mass> links;
+    for (std::size_t k = 0; k < count; k++) {
+        const double* row = joints.data() + k * (kPlace + 5);
+        const std::size_t kind = index(row[kPlace + 4], 3, "a joint's kind is 0, 1 or 2");
+        const std::size_t parent = index(row[0], k + 1, "a joint's parent comes before it");
+        tree_joints.push_back({parent, pose(row + 1), triple(row + kPlace + 1), kind == 1, kind == 2});
+    }
+    for (std::size_t k = 0; k <= count; k++) links.push_back({masses(k, 0), triple(masses.data() + 4 * k + 1)});
+    return {floating, pose(root.data()), std::move(tree_joints), std::move(links), triple(gravity.data())};
+}
+
+static const double* posture(const RigidTree& tree, const Vector& q) {
+    require(q.shape(0) == tree.positions(), "a posture has the shape (nq,)");
+    return q.data();
+}
+
+static std::vector<double> weight(RigidTree& tree, const Vector& q) {
+    std::vector<double> found(tree.velocities());
+    tree.place(posture(tree, q));
+    tree.weight(found.data());
+    return found;
+}
+
+static Frame frame(const RigidTree& tree, const double* row) {
+    return {index(row[0], tree.joints() + 1, "a frame's link is one of the tree"), pose(row + 1)};
+}
+
+static PostureEstimate estimate(const RigidTree& tree, const Matrix& frames, const Matrix& held, const Vector& start) {
+    const std::size_t count = frames.shape(0);
+    require(frames.shape(1) == kPlace + 1 && has_shape(held, count, gainroom::kTwist), "frames and held have the shapes (c, 13), (c, 6)");
+    std::vector<gainroom::HeldFrame> contacts;
+    for (std::size_t k = 0; k < count; k++) {
+        contacts.push_back({frame(tree, frames.data() + k * (kPlace + 1)), {}});
+        for (std::size_t i = 0; i < gainroom::kTwist; i++) contacts.back().held[i] = held(k, i) != 0.0;
+    }
+    return {tree, std::move(contacts), posture(tree, start)};
+}
+
+static void renew(PostureEstimate& self, const Matrix& back, const std::optional<Matrix>& counted) {
+    const std::size_t velocities = self.tree().velocities(), base = self.tree().base_velocities();
+    require(has_shape(back, velocities, self.rows()), "back has the shape (N, c)");
+    require(!counted || has_shape(*counted, base, self.tree().joints()), "counted has the shape (6, n) of a floating base");
+    self.renew(back.data(), counted ? counted->data() : nullptr);
+}
+
+static nb::object update(PostureEstimate& self, const Vector& joints) {
+    require(joints.shape(0) == self.tree().joints(), "joints have the shape (n,)");
+    self.update(joints.data());
+    return vector(self.posture());
+}
+
+static TaskValues values(const RigidTree& tree, const Matrix& tasks, const Vector& start) {
+    require(tasks.shape(1) == kPlace + 2, "tasks have the shape (k, 14)");
+    std::vector<gainroom::TaskReading> readings;
+    for (std::size_t k = 0; k < tasks.shape(0); k++) {
+        const double* row = tasks.data() + k * (kPlace + 2);
+        readings.push_back({gainroom::Reading(index(row[0], 4, "a task's kind is 0 to 3")), frame(tree, row + 1)});
+    }
+    return {tree, std::move(readings), posture(tree, start)};
+}
+
+static nb::object task_values(TaskValues& self, const Vector& q) {
+    std::vector<double> found(self.size());
+    self.read(posture(self.tree(), q), found.data());
+    return vector(found);
+}
+
+static Real real(const Matrix& array) {
+    for (std::size_t k = 0; k < array.size(); k++) require(std::isfinite(array.data()[k]), "matrices are finite");
+    return {array.shape(0), array.shape(1), array.data()};
+}
+
+static nb::object owned(const Real& matrix) { return owned(matrix.entries.data(), matrix.rows, matrix.columns); }
+
+static Real root(const Matrix& inertia, const Matrix& held) {
+    const std::size_t size = inertia.shape(0);
+    require(inertia.shape(1) == size && held.shape(1) == size, "inertia and held have the shapes (N, N), (c, N)");
+    Real inverse(size, size);
+    require(gainroom::inverse_root(real(inertia), inverse), "the inertia is not positive definite");
+    return inverse;
+}
+
+static nb::object pseudo_inverse(const Matrix& matrix, double share) {
+    return owned(transposed(gainroom::RowSpace(real(matrix), share).inverse_turned()));
+}
+
+static nb::tuple task_motion(const Matrix& inertia, const Matrix& held, const Matrix& tasks, const std::vector<std::size_t>& sizes,
+                             std::size_t joints, double redundant, double movable) {
+    std::size_t total = 0;
+    for (const std::size_t size : sizes) total += size;
+    require(tasks.shape(0) == total && tasks.shape(1) == inertia.shape(0), "tasks have the shape (m, N), sizes add up to m");
+    require(joints <= inertia.shape(0), "there are at most N joints");
+    const auto found = gainroom::task_motion(root(inertia, held), real(held), real(tasks), sizes, joints, redundant, movable);
+    return nb::make_tuple(owned(found.follow), owned(found.torque), found.ranks, found.motions);
+}
+
+void bind_robot(nb::module_& m) {
+    nb::class_<RigidTree>(m, "RigidTree")
+        .def(nb::new_(&tree), nb::arg("floating"), nb::arg("root"), nb::arg("joints"), nb::arg("masses"), nb::arg("gravity"))
+        .def("weight", [](RigidTree& self, const Vector& q) { return vector(weight(self, q)); }, nb::arg("q"));
+    nb::class_<PostureEstimate>(m, "PostureEstimate")
+        .def(nb::new_(&estimate), nb::arg("tree"), nb::arg("frames"), nb::arg("held"), nb::arg("start"))
+        .def("renew", &renew, nb::arg("back"), nb::arg("counted").none())
+        .def("update", &update, nb::arg("joints"));
+    nb::class_<TaskValues>(m, "TaskValues")
+        .def(nb::new_(&values), nb::arg("tree"), nb::arg("tasks"), nb::arg("start"))
+        .def("read", &task_values, nb::arg("q"));
+    m.def("pseudo_inverse", &pseudo_inverse, nb::arg("matrix"), nb::arg("share"));
+    m.def("task_motion", &task_motion, nb::arg("inertia"), nb::arg("held"), nb::arg("tasks"), nb::arg("sizes"), nb::arg("joints"),
+          nb::arg("redundant"), nb::arg("movable"));
+}

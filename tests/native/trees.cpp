@@ -1,0 +1,94 @@
+// Random trees of links, postures, contacts and tasks on them, and matrices of any rank; among them NaN, infinite, zero and huge numbers.
+#include <cstdio>
+#include <limits>
+#include <random>
+
+#include "gainroom/posture_estimate.hpp"
+#include "gainroom/task_motion.hpp"
+
+using namespace gainroom;
+
+static std::mt19937 generator(20);
+
+static double drawn(bool hostile) {
+    using Limits = std::numeric_limits<double>;
+    static const double odd[] = {0.0, -0.0, 1e300, -1e-300, Limits::infinity(), Limits::quiet_NaN()};
+    if (hostile && generator() % 20 == 0) return odd[generator() % 6];
+    return std::normal_distribution<double>()(generator);
+}
+
+static Triple triple(bool hostile) { return {drawn(hostile), drawn(hostile), drawn(hostile)}; }
+
+static Pose pose(bool hostile) {
+    const Turned turned = exponential(triple(hostile), triple(hostile));
+    return {rotation(turned.rotation), turned.origin};
+}
+
+static Real matrix(std::size_t rows, std::size_t columns, bool hostile) {
+    Real found(rows, columns);
+    for (double& entry : found.entries) entry = drawn(hostile);
+    return found;
+}
+
+// The residual of a Newton step on a tree of up to 12 joints.
+static bool tree(bool hostile) {
+    const std::size_t count = generator() % 13;
+    std::vector<TreeJoint> joints;
+    std::vector<Mass> masses{{1.0, triple(hostile)}};
+    for (std::size_t k = 0; k < count; k++) {
+        const std::size_t kind = generator() % 3;
+        joints.push_back({generator() % (k + 1), pose(hostile), {0, 0, 1}, kind == 1, kind == 2});
+        masses.push_back({std::fabs(drawn(hostile)), triple(hostile)});
+    }
+    RigidTree body(generator() % 2 == 0, pose(hostile), joints, masses, {0, 0, -9.81});
+    std::vector<double> q(body.positions()), angles(count), v(body.velocities()), back, counted(6 * count), g(body.velocities());
+    for (double& one : q) one = drawn(hostile);
+    for (double& one : v) one = drawn(hostile);
+    const std::array<bool, kTwist> all{true, true, true, true, true, true}, point{true, true, true, false, false, false};
+    PostureEstimate estimate(body, {{{generator() % (count + 1), pose(hostile)}, all}, {{0, pose(hostile)}, point}}, q.data());
+    back.assign(estimate.rows() * body.velocities(), drawn(hostile));
+    estimate.renew(back.data(), generator() % 2 == 0 && body.base_velocities() ? counted.data() : nullptr);
+    body.get(q.data(), angles.data());
+    for (int tick = 0; tick < 5; tick++) estimate.update(angles.data());
+    const Frame frame{count, pose(hostile)};
+    TaskValues values(body, {{Reading::center, frame}, {Reading::posture, frame}, {Reading::orientation, frame}}, q.data());
+    std::vector<double> found(values.size());
+    values.read(estimate.posture().data(), found.data());
+    body.place(q.data());
+    body.weight(g.data());
+    double sum = 0.0;
+    for (const double one : found) sum += one;
+    return std::isfinite(sum);
+}
+
+// A A⁺ A = A for matrices of any rank.
+static bool inverse(bool hostile) {
+    const std::size_t rows = generator() % 9, columns = generator() % 9, rank = generator() % 9;
+    const Real a = product(matrix(rows, rank, hostile), matrix(rank, columns, hostile));
+    const RowSpace space(a, 1e-9);
+    const Real again = product(product_turned(a, space.inverse_turned()), a);
+    double worst = 0.0, most = 0.0;
+    for (std::size_t k = 0; k < a.entries.size(); k++) {
+        worst = std::fmax(worst, std::fabs(again.entries[k] - a.entries[k]));
+        most = std::fmax(most, std::fabs(a.entries[k]));
+    }
+    return hostile || (space.rank() == std::min({rows, columns, rank}) && worst <= 1e-9 * most);
+}
+
+static void tasks(bool hostile) {
+    const std::size_t size = 1 + generator() % 12, joints = generator() % (size + 1), held = generator() % 9, first = generator() % 4;
+    const Real root = matrix(size, size, hostile), mass = product_turned(root, root);
+    Real inverse(size, size);
+    if (!inverse_root(mass, inverse)) return;
+    task_motion(inverse, matrix(held, size, hostile), matrix(first + 3, size, hostile), {first, 3}, joints, 1e-9, 1e-6);
+}
+
+int main() {
+    int ordinary = 0, wrong = 0;
+    for (int k = 0; k < 2000; k++) {
+        ordinary += tree(k % 2 == 0);
+        wrong += !inverse(k % 2 == 0);
+        tasks(k % 2 == 0);
+    }
+    std::printf("%d %d\n", ordinary, wrong);
+}
