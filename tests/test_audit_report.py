@@ -97,7 +97,7 @@ def test_a_safe_robots_page(folder: Path, capsys: pytest.CaptureFixture[str]):
     ("options", "kind", "banner"),
     [
         (["--delay-ms", "20"], "bad", "UNSTABLE: do not run these gains"),
-        (["--delay-ms", "2", "--margin-db", "40"], "warn", ""),
+        (["--delay-ms", "2", "--margin-db", "40"], "bare", ""),
     ],
 )
 def test_what_is_not_safe_says_so_first(folder: Path, capsys: pytest.CaptureFixture[str], options: list[str], kind: str, banner: str):
@@ -212,7 +212,7 @@ def test_a_verdict_on_rigid_gearboxes_is_no_plain_safe(folder: Path, capsys: pyt
     text = html.unescape(without_library(report.read_text("utf-8")))
     assert '<body class="warn">' in text
     assert f"<h1>{told['sentence']}</h1>" in text
-    assert told["sentence"].startswith("Safe if the gearboxes are stiff enough")
+    assert told["sentence"].startswith("Safe in continuous time if the gearboxes are stiff enough")
     assert "audit again with <code>--stiffness</code>" in text[text.index("Do this") : text.index('class="cards"')]
     assert "gearboxes must have" in text
     assert text.index("Safe if the gearboxes are stiff enough</h2>") < text.index("<details")

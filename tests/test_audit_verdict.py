@@ -115,7 +115,7 @@ def test_safe_gains_that_hardly_damp_say_so(tmp_path: Path, capsys: pytest.Captu
     assert told["peak_sensitivity"] > 5
     status, out = audited(capsys, *options)
     words = " ".join(out.split())
-    assert (status, words.startswith("Safe. But the gains hardly damp the motion at ")) == (0, True)
+    assert (status, words.startswith("Safe in continuous time. But the gains hardly damp the motion at ")) == (0, True)
     assert f"Ms {told['peak_sensitivity']:.3g}, where 2 is usual" in words
     assert audited(capsys, *options, "--peak-sensitivity", "2")[0] == 1
 
@@ -124,7 +124,7 @@ def test_safe_rests_on_stiff_gearboxes(capsys: pytest.CaptureFixture[str]):
     """The headline says so, and says nothing of it where a stiffness is given."""
     status, out = audited(capsys, "--delay-ms", "0.5")
     assert status == 0
-    assert out.startswith("Safe if the gearboxes are stiff enough: K ≥ ")
+    assert out.startswith("Safe in continuous time if the gearboxes are stiff enough: K ≥ ")
     assert "Do this: Look up what your gearboxes have, and audit again with --stiffness" in " ".join(out.split())
     status, out = audited(capsys, "--delay-ms", "0.5", "--stiffness", "20000", "--damping", "20")
-    assert (status, out.startswith("Safe.\nDo this: These gains may stay.\n")) == (0, True)
+    assert (status, out.startswith("Safe in continuous time.\nDo this: These gains may stay.\n")) == (0, True)

@@ -257,7 +257,7 @@ def line(capsys: pytest.CaptureFixture[str], *call: str) -> str:
 
 def test_an_unsafe_audit_is_exported_as_the_gains_to_use(folder: Path, capsys: pytest.CaptureFixture[str]):
     """And those are safe when they are audited again, in place of the model's, which are not."""
-    question = ("--delay-ms", "4", "--rate-hz", "1000", "--margin-db", "12")
+    question = ("--delay-ms", "4", "--rate-hz", "1000", "--margin-db", "40")
     first = told(capsys, "audit", "robot.xml", "--gains", "gains.yaml", *question)
     assert first["safe"] is False
     Path("answer.json").write_text(json.dumps(first), "utf-8")
@@ -265,7 +265,7 @@ def test_an_unsafe_audit_is_exported_as_the_gains_to_use(folder: Path, capsys: p
     assert {one["name"]: (one["kp"], one["kd"]) for one in made["joints"]} == {
         one["name"]: (one["kp"], one["kd"]) for one in first["to_use"]["joints"]
     }
-    assert "gain margin ≥ 12 dB, delay margin ≥ 2 ms" in Path("use.yaml").read_text("utf-8")
+    assert "gain margin ≥ 40 dB, delay margin ≥ 2 ms" in Path("use.yaml").read_text("utf-8")
     assert told(capsys, "audit", "robot.xml", "--gains", "use.yaml", *question)["safe"] is True
     assert told(capsys, "audit", "robot.xml", "--gains", "answer.json", *question)["safe"] is False  # what was audited, again
 

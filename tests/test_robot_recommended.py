@@ -5,6 +5,7 @@ The biped runs every time; TALOS, G1 and a quadruped with `pytest -m population`
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -122,6 +123,18 @@ def test_what_is_typed_is_what_was_judged(biped: tuple[System, RobotGains]):
             assert [float(typed(one)) for one in gain.tolist()] == gain.tolist()
             assert [float(f"{one:.4g}") for one in gain.tolist()] == gain.tolist()
         assert spec.requirements.met_by(found.margins)
+
+
+def test_gains_typed_back_meet_what_is_judged_then():
+    """The file says nothing of gravity, so that its own gains are judged without the weight, while recommended ones stand under it."""
+    spec = parse_robot(BIPED.replace("double: [left_sole, right_sole]", "left: [left_sole], flight: []"), "biped")
+    found = safe(recommend_robot(spec))
+    control = replace(spec.control, controller=gr.PD(kp=found.kp, kd=found.kd))
+    for posture, contact in spec.source.states:
+        for weight in (False, True):
+            model = spec.source.linearize(posture, contact, weight=weight)
+            margins = joint_margins(replace(spec, control=control).loop(model, control.controller))
+            assert spec.requirements.met_by(margins), (contact, weight)
 
 
 def test_legs_get_equal_gains(biped: tuple[System, RobotGains]):

@@ -107,12 +107,12 @@ def test_a_sound_run_at_first_glance(sound: Outcome, sound_page: str):
         if abs(error) > 0.02 * abs(move) > 0
     ]
     assert late
-    assert (state, banner) == ("warn", "")
-    assert all(name in sentence(sound).partition(" not settle within 2 %")[0] for name in late)
     assert sound.margins is not None
+    assert (state, banner) == ("bare" if sound.margins.peak_sensitivity > 5 else "warn", "")
+    assert all(name in sentence(sound).partition(" not settle within 2 %")[0] for name in late)
     assert sound.margins.least_phase_margin < math.radians(30)
     assert sound.margins.peak_sensitivity > 2
-    assert labels == ["phase margin", "peak sensitivity Ms", "vibration", "gain margin", "settles in", "largest error", "slip of the feet"]
+    assert labels == ["phase margin", "peak sensitivity Ms", "vibration", "gain margin", "settles", "largest error", "slip of the feet"]
     assert re.match(r"Too little margin: phase margin \S+ \(≥ 30°\), Ms \S+ \(≤ 2\)\. No vibration, but ", sentence(sound))
     assert escape(sentence(sound)) in sound_page
 
@@ -164,7 +164,7 @@ def test_what_fails_comes_first(sound: Outcome, sound_page: str):
     assert np.abs(drawn(hero, "error")["y2"][1]).max() == pytest.approx(1e3 * np.abs(run.error[:, worst]).max(), rel=1e-5)
     (band,) = hero["layout"]["shapes"]
     assert (band["yref"], band["y0"], band["y1"]) == ("y2", pytest.approx(-20 * move[worst]), pytest.approx(20 * move[worst]))
-    (advised,) = re.findall(r"An error is left in (.*?): raise kp", body)
+    (advised,) = re.findall(r"An error is left in (.*?): where those gains leave one, too,", body)
     assert name in advised
     left_over = [run.channels[k] for k in range(3) if left[k] > 0.02 * move[k] and np.isinf(sound.tracking.settling_time[k])]
     assert re.split(", | and ", advised) == left_over

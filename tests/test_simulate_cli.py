@@ -320,7 +320,7 @@ def test_an_interruption_says_how_far_it_came():
     [
         (0.25, "good", "These gains may stay"),
         (0.5, "warn", "Too little margin: phase margin "),
-        (1.0, "warn", "Too little margin: gain margin "),
+        (1.0, "bare", "Too little margin: gain margin "),
         (1.5, "bad", "DIVERGES"),
         (30.0, "bad", "DIVERGES"),
         (1.14, "bad", "VIBRATES"),

@@ -4,8 +4,9 @@ The search (gain_search.py) begins with a part of what each joint alone is recom
 the longest delay; task directions begin alike. The gains that a file has play no part, but for a P/PI task's, whose proportions are kept.
 
 Where contacts hold a floating base, its weight counts for gains of joints, unless the file says otherwise: they are all that holds the
-robot up. (Tasks know the robot, and compensate the weight as it changes.) Where no gains are found that meet the requirements with the
-weight, it is left out, and what it does at the gains found so is reported beside them.
+robot up. They then also meet what is required without it, as a file's own gains are judged. (Tasks know the robot, and compensate the
+weight as it changes.) Where no gains are found that meet the requirements with the weight, it is left out, and what it does at the gains
+found so is reported beside them.
 """
 
 import itertools
@@ -173,6 +174,8 @@ def _set(
     cases = [state.with_weight for state in acting]
     found = _searched(acting, cases, beginning, weighed, free, progress, safe)
     without = weighed and not found.holds
+    if found.holds:
+        cases, found = _held_without_weight(acting, cases, found, beginning, free, progress)
     near = "" if found.holds else _nearest(cases, found)
     if without:
         cases = [state.without for state in acting]
@@ -297,6 +300,23 @@ def _searched(
             best = found
     first = beginning.at(SHARES[0], (WEIGHED if weighed else SOFT)[0])
     return best or Raised(first, tuple(case.all_margins(first) for case in cases), False)
+
+
+def _held_without_weight(
+    states: Sequence[_State], cases: Sequence[Case], found: Raised, beginning: Beginning, free: Integers, progress: Callable[[], None]
+) -> tuple[Sequence[Case], Raised]:
+    """Gains found with the weight, searched on where they miss a requirement without it: so the file's own gains are judged.
+
+    The cases that they then meet, too, are added. Where none are found so, those with the weight alone stay.
+    """
+    light = [state.without for state in states if state.weighed]
+    short = [case for case in light if not case.required.met_by(case.all_margins(found.gains))]
+    if not short or not all(case.known(found.gains) for case in short):
+        return cases, found
+    loads = np.sort([state.load for state in states], axis=0)
+    both = [*cases, *short]
+    again = raised_gains(both, found.gains, beginning.unit, _alike([*beginning.data, *loads], free), beginning.most, progress)
+    return (both, again) if again.holds else (cases, found)
 
 
 def _starts(

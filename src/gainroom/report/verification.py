@@ -7,6 +7,7 @@ from ..studies.verification import Verification
 from ..system.requirements import Requirements
 from ..system.system import System
 from .columns import tabulated
+from .joint_text import BARE
 from .margin_columns import requirement
 from .number_format import digits, hertz, model_text
 from .page import Card, Html, Lead, Section, block, page, table
@@ -35,7 +36,8 @@ def verification_page(system: System, result: Verification, command: str) -> str
         Section("Command", [block(command)], "that makes this page"),
     ]
     said = [f"left out: {warning}" for warning in result.warnings]
-    state = "warn" if result.least.enough is False else "good"
+    short, bare = result.least.enough is False, BARE / (BARE - 1)  # the least Ms of a gain margin g is g/(g − 1)
+    state = "bare" if short and result.least.predicted_gain < bare else "warn" if short else "good"
     lead = Lead(sentence(result), state, "", said, advice_box(what_to_do(result))) if result.agrees else _disagreement(result, said)
     return page(f"gainroom verify: {what}, {model_text(sample_time)}", lead, _cards(result), sections, footer())
 
