@@ -212,7 +212,7 @@ def test_a_verdict_on_rigid_gearboxes_is_no_plain_safe(folder: Path, capsys: pyt
     text = html.unescape(without_library(report.read_text("utf-8")))
     assert '<body class="warn">' in text
     assert f"<h1>{told['sentence']}</h1>" in text
-    assert told["sentence"].startswith("Safe in continuous time if the gearboxes are stiff enough")
+    assert told["sentence"].startswith("Safe in continuous time (a loop slower than about ")
     assert "audit again with <code>--stiffness</code>" in text[text.index("Do this") : text.index('class="cards"')]
     assert "gearboxes must have" in text
     assert text.index("Safe if the gearboxes are stiff enough</h2>") < text.index("<details")

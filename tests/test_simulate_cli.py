@@ -383,6 +383,8 @@ def test_terminal(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     assert err == ""
     assert out.startswith("Too little margin: gain margin 0.916 dB (≥ 6 dB), ")
     assert ". No vibration in this run. " in out.replace("\n", " ")
-    assert max(map(len, out.splitlines())) <= max(100, len(f"Report: {page}"))
+    (command,) = [line for line in out.splitlines() if " --gain " in line]  # to be copied, and so on one line, as paths are
+    assert command.startswith(f"  gainroom simulate {tmp_path}")
+    assert max(len(line) for line in out.splitlines() if line != command) <= max(100, len(f"Report: {page}"))
     assert f"Log: {log}\n" in out
     assert page.exists()

@@ -127,7 +127,7 @@ def test_what_the_recommended_gains_keep_at_the_usual_rate(tmp_path: Path, capsy
     assert (usual["requirements_met"], usual["unmet"]) == (False, same["unmet"])
     words = " ".join(out.split())
     kept = f"gain margin {same['gain_margin_db']:.3g} dB, phase margin {same['phase_margin_deg']:.3g}°"
-    assert f"At 2 kHz these gains would keep {kept}" in words
+    assert f"At 2 kHz those that follow would keep {kept}" in words
     assert "sample_rate_hz: 2000" in words
     assert same["at_usual_rate"] is None
     assert "At 2 kHz" not in answer(capsys, "joint", str(tmp_path / "joint.yaml"))[1]

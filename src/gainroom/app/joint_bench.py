@@ -66,7 +66,7 @@ class JointBench:
             "point": controller.plane_gains() if controller.has_plane else None,
             "window": self._window,
             "span_hz": [end / (2 * math.pi) for end in self._span],
-            "rates": [each for each in rates if each or free],
+            "rates": [0] if system.control.sampling_in_delay else [each for each in rates if each or free],
             "view": {
                 "gains": {name: value for name, value, _ in own_gains(controller)},
                 "delay_ms": 1e3 * system.delay,

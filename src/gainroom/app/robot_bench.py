@@ -97,7 +97,7 @@ class RobotBench:
             "saves": self.opened.path is not None,
             "space": system.control.space,
             "span_hz": span_of(system),
-            "rates": rates,
+            "rates": [0] if system.control.sampling_in_delay else rates,
             "postures": list(source.postures),
             "keyframes": keyframe_angles(source),
             "contacts": list(source.contacts),

@@ -289,9 +289,7 @@ def _searched(
     safe: GainSet | None,
 ) -> Raised:
     """The gains that are reached from the first beginning from which any are that meet the requirements; else those that came nearest."""
-    loads = np.sort([state.load for state in states], axis=0)  # legs that take turns are alike
-    groups = _alike([*beginning.data, *loads], free)
-    best = None
+    groups, best = _groups(states, beginning, free), None
     for start in itertools.islice(_starts(cases, beginning, weighed, progress, safe), TRIED):
         found = raised_gains(cases, start, beginning.unit, groups, beginning.most, progress)
         if found.holds:
@@ -305,7 +303,7 @@ def _searched(
 def _held_without_weight(
     states: Sequence[_State], cases: Sequence[Case], found: Raised, beginning: Beginning, free: Integers, progress: Callable[[], None]
 ) -> tuple[Sequence[Case], Raised]:
-    """Gains found with the weight, searched on where they miss a requirement without it: so the file's own gains are judged.
+    """Gains found with the weight, searched on where they miss a requirement without it, as the file's own are judged.
 
     The cases that they then meet, too, are added. Where none are found so, those with the weight alone stay.
     """
@@ -313,9 +311,8 @@ def _held_without_weight(
     short = [case for case in light if not case.required.met_by(case.all_margins(found.gains))]
     if not short or not all(case.known(found.gains) for case in short):
         return cases, found
-    loads = np.sort([state.load for state in states], axis=0)
     both = [*cases, *short]
-    again = raised_gains(both, found.gains, beginning.unit, _alike([*beginning.data, *loads], free), beginning.most, progress)
+    again = raised_gains(both, found.gains, beginning.unit, _groups(states, beginning, free), beginning.most, progress)
     return (both, again) if again.holds else (cases, found)
 
 
@@ -333,6 +330,11 @@ def _starts(
         progress()
         if stable:
             yield gains
+
+
+def _groups(states: Sequence[_State], beginning: Beginning, free: Integers) -> list[list[int]]:
+    """Directions that are raised together: legs that take turns are alike."""
+    return _alike([*beginning.data, *np.sort([state.load for state in states], axis=0)], free)
 
 
 def _alike(data: Sequence[Floats], free: Integers) -> list[list[int]]:

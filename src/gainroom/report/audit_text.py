@@ -7,7 +7,7 @@ import numpy as np
 from ..analysis.margin_record import PathMargins
 from ..errors import beside, frequency_text, listed
 from ..studies.audit import Audit, GainsToUse
-from ..studies.state import HELD, extra_delay
+from ..studies.state import HELD
 from ..system.requirements import REQUIREMENTS, Requirements, to_db
 from .gains_to_use import gain_file
 from .gearbox_range import over_range, worst_gearboxes
@@ -36,7 +36,7 @@ def verdict(result: Audit) -> str:
     if unknown:
         return f"Not safe{over}: stable, but the gain limit in {listed(unknown)} is not known. {_count(count, result)}"
     if result.safe:
-        return f"Safe{in_continuous_time(result)}{over}{if_stiff(result)}{hardly_damped(result)}"
+        return f"Safe{in_continuous_time(result)}{_slowest(result)}{over}{if_stiff(result)}{hardly_damped(result)}"
     short = missed_besides(result) or _short_of_gain(result)
     return f"Not safe{over}: {short}. {_count(count, result)}"
 
@@ -46,6 +46,13 @@ def in_continuous_time(result: Audit) -> str:
     return " in continuous time" if result.system.control.sample_time is None else ""
 
 
+def _slowest(result: Audit) -> str:
+    """The rate below which safe gains have less than the required gain margin, estimated, where the loop's rate is not known."""
+    kept = math.nan if result.system.control.sample_time is not None else result.delay_with_margin
+    rate = f"a loop slower than about {digits(1 / kept, 'Hz', 3)}" if 0 < kept < math.inf else ""
+    return f" ({rate} leaves less than {to_db(result.margin):.3g} dB)" if rate else ""
+
+
 def hardly_damped(result: Audit, whose: str = "the gains") -> str:
     """That gains with all that is required leave little damping, where nothing is required of it; "" where they do not."""
     one, state = REQUIREMENTS["peak_sensitivity"], result.worst["peak_sensitivity"]
@@ -53,7 +60,7 @@ def hardly_damped(result: Audit, whose: str = "the gains") -> str:
     if one.name in result.further.needed or not value > BARE:
         return ""
     at = f" at {frequency_text(omega)}" if math.isfinite(omega) else ""
-    return f" But {whose} hardly damp the motion{at}: Ms {one.text(value)}, where 2 is usual (require it with --peak-sensitivity 2)."
+    return f" But {whose} hardly damp the motion{at}: Ms {one.text(value)}, where 2 is usual; audit with --peak-sensitivity 2 before use."
 
 
 def _short_of_gain(result: Audit) -> str:
@@ -117,11 +124,12 @@ def what_to_do(result: Audit) -> Advice:
     """Gains that are safe, or how to find some; of safe ones on what that rests. Its lines are all gains to use."""
     actuators = result.system.source.actuators
     if result.safe:
+        rate = "" if result.system.control.sample_time is not None else "Give the loop's rate with `--rate-hz`. "
         if not np.isinf(actuators.stiffness).any():
-            return Advice("These gains may stay.")
+            return Advice(f"{rate or 'These gains may stay.'}".rstrip())
         known = "Look up what your gearboxes have" if result.needed is not None else "Give what is known of your gearboxes"
         return Advice(
-            f"{known}, and audit again with `--stiffness` and `--damping`, or `--gearbox`: on softer ones these gains may not stay."
+            f"{rate}{known}, and audit again with `--stiffness` and `--damping`, or `--gearbox`: on softer ones these gains may not stay."
         )
     found = result.to_use
     if found is not None:
@@ -228,7 +236,7 @@ def audit_warnings(result: Audit) -> tuple[str, ...]:
     """Warnings of an audit, each with its remedy: what decides first, then how the files were understood."""
     system, found = result.system, []
     if system.control.sample_time is None:
-        found.append(f"continuous model: hold and velocity difference of a loop cost about one tick{_lost(result)}; give --rate-hz")
+        found.append(f"continuous model: {_lost(result)}; give --rate-hz")
     if result.immobile:
         contacts = listed([state.contact for state in result.immobile])
         found.append(f"{contacts}: {HELD} in this contact state, so there is no verdict; check the contacts")
@@ -236,13 +244,9 @@ def audit_warnings(result: Audit) -> tuple[str, ...]:
 
 
 def _lost(result: Audit) -> str:
-    """At which rates one tick of delay leaves safe gains their gain margin, and at which it makes them, or those to use, vibrate."""
+    """At which rate one tick of delay makes safe gains, or those to use in place of others, vibrate."""
     found, whose = (result, "these gains") if result.to_use is None else (result.to_use.audited, "the gains to use")
     extra = found.least_extra_delay
     if not 0 < extra < math.inf:
-        return ""
-    parts = [f"vibrate below about {digits(1 / extra, 'Hz', 3)}"]
-    kept = min(extra_delay(state.loop.scaled(result.margin)) for state in result.states) if result.safe else 0.0
-    if 0 < kept < math.inf:
-        parts.insert(0, f"have their gain margin from about {digits(1 / kept, 'Hz', 3)} on")
-    return f", so that {whose} {' and '.join(parts)}"
+        return "hold and velocity difference of a loop cost about one tick"
+    return f"a loop slower than about {digits(1 / extra, 'Hz', 3)}, which costs a tick, makes {whose} vibrate"

@@ -69,9 +69,9 @@ def _cards(study: JointStudy) -> list[Card]:
     if "delay_margin" not in REQUIREMENTS:
         least = found if worst is None else worst
         label = "delay margin" if worst is None else "delay margin, worst case"
-        nominal = "" if worst is None else f"nominal {digits(1e3 * found.delay_margin, 'ms', 3)}, "
+        nominal = "" if worst is None else f", nominal {digits(1e3 * found.delay_margin, 'ms', 3)}"
         delay = digits(1e3 * least.delay_margin, "", 3)
-        cards.append(Card(label, delay, "ms" if found.stable else "", note=nominal + _at(found.delay_crossover)))
+        cards.append(Card(label, delay, "ms" if found.stable else "", note=_at(least.delay_crossover) + nominal))
     return cards
 
 
@@ -82,8 +82,9 @@ def _margin_card(column: Column, found: Margins, worst: Margins | None, asked: R
     nominal = getattr(found, one.name, one.value(found))
     if worst is None:
         return margin_card(asked, one.name, nominal, note, one.value(found))
+    note = "" if column.at is None or not found.stable else _at(column.at(worst))
     within = f"nominal {one.text(nominal)}" if found.stable else ""
-    return margin_card(asked, one.name, one.value(worst), ", ".join(filter(None, [within, note])), label=f"{one.label}, worst case")
+    return margin_card(asked, one.name, one.value(worst), ", ".join(filter(None, [note, within])), label=f"{one.label}, worst case")
 
 
 def _at(omega: float) -> str:

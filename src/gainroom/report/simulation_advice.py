@@ -57,5 +57,5 @@ def _tracking(outcome: Outcome, more: str) -> str:
         return f"Let {names or 'it'} come to rest: lengthen `scenario.duration`, slow the move, or raise kd as far as {more} allows."
     where = f" in {names}" if names else ""
     if outcome.missed:
-        return f"An error is left{where}: where those gains leave one, too, add integral action, or compensate the load that holds it off."
+        return f"An error is left{where}: where those gains leave one, too, compensate the load that holds it off."
     return f"An error is left{where}: raise kp as far as {more} allows, add integral action, or compensate the load that holds it off."

@@ -129,10 +129,12 @@ def joint_to_use(study: JointStudy) -> ToUse:
         if again is not None:
             keep = f"The file has no rate. For a loop at {AT_USUAL} use, with {kept(again.worst, asked)} there, under `control`:"
             first = keep, [SAMPLED, *_beside(again.controller, present)]
-        remarks.append(_at_rate(usual.in_range.margins, asked, "" if first else STATE_RATE))
+        else:
+            remarks.append(_at_rate(usual.in_range.margins, asked, STATE_RATE))
     elif study.system.control.sampling_in_delay:
         remarks.append("The delay contains hold and velocity difference, as the file says: these gains are for the sampled loop, too.")
-    return ToUse(_heading(study, "control", continuous=bool(first)), _beside(best.controller, present), remarks, best.worst, first)
+    missed = "" if first is None or usual is None else _at_rate(usual.in_range.margins, asked, "", "those that follow")
+    return ToUse(_heading(study, "control", "", missed), _beside(best.controller, present), remarks, best.worst, first)
 
 
 def _beside(controller: Any, present: Any) -> list[str]:
@@ -152,15 +154,16 @@ def robot_to_use(study: "RobotStudy") -> ToUse:
     remarks, usual, asked = [], study.at_usual_rate, study.system.requirements
     if found.without_weight:
         remarks.append("Found without the robot's weight: see the warning.")
-    first = None
+    first, missed = None, ""
     if usual is not None and not asked.met_by(usual):
-        first = "The file has no rate. State the loop's rate and run this again, as gains are searched for it; under `control`:", [SAMPLED]
-    if usual is not None:
-        remarks.append(_at_rate(usual, asked, "" if first else STATE_RATE))
+        start = "The file has no rate. State the loop's rate and run this again, as gains are searched for it; under `control`:"
+        first, missed = (start, [f"{SAMPLED}  # or your loop's"]), _at_rate(usual, asked, "", "those that follow")
+    elif usual is not None:
+        remarks.append(_at_rate(usual, asked, STATE_RATE))
     if study.raised:
         remarks.append(f"Some rise by more than {study.tightest.limit.gain:.3g} ×: that limit is for all gains by one factor.")
     own, joints = study.controllers_to_use, gains.space == "joint"
-    heading = _heading(study, "control" if joints else "tasks", _now(study, own[0]) if joints else "", bool(first))
+    heading = _heading(study, "control" if joints else "tasks", _now(study, own[0]) if joints else "", missed)
     return ToUse(heading, robot_gains(gains.names, own, gains.space), remarks, found.margins, first)
 
 
@@ -178,18 +181,18 @@ SAMPLED = f"sample_rate_hz: {USUAL_RATE:.0f}"
 STATE_RATE = f"State the loop's rate under `control`, such as `{SAMPLED}`."
 
 
-def _at_rate(margins: Margins, asked: Requirements, then: str) -> str:
+def _at_rate(margins: Margins, asked: Requirements, then: str, which: str = "these gains") -> str:
     """What gains for continuous time keep in the usual loop; `then` follows."""
     keep = f"keep {kept(margins, asked)}: {'met' if asked.met_by(margins) else 'not met'}" if margins.stable else "be unstable"
-    return f"At {AT_USUAL} these gains would {keep}. {then}".rstrip()
+    return f"At {AT_USUAL} {which} would {keep}. {then}".rstrip()
 
 
-def _heading(study: Analysis, place: str, units: str = "", continuous: bool = False) -> str:
-    """`continuous`: the gains are for continuous time alone, which is said before they are read."""
+def _heading(study: Analysis, place: str, units: str = "", missed: str = "") -> str:
+    """`missed`: why the gains are for continuous time alone, which is said before they are read."""
+    time = " in continuous time alone" if missed else ""
     if study.requirements_met is False:
-        return f"{'In continuous time' if continuous else 'Use instead'}, under `{place}`{units}:"
-    time = " in continuous time" if continuous else ""
-    return f"The present gains may stay. The stiffest that meet the requirements{time}, under `{place}`{units}:"
+        return f"{f'{missed} For continuous time alone' if missed else 'Use instead'}, under `{place}`{units}:"
+    return f"{missed} The present gains may stay{time}. The stiffest that meet the requirements{time}, under `{place}`{units}:".lstrip()
 
 
 def advice_box(study: "JointStudy | RobotStudy", found: ToUse) -> str:

@@ -38,8 +38,8 @@ def what_to_do(result: Verification) -> Advice | None:
     if least.enough is False and least.required is not None:
         required, factor = REQUIREMENTS["gain_margin"].text(least.required), rounded_down(least.predicted_gain / least.required)
         return Advice(
-            f"Use what {more} recommends: it meets every requirement. All gains × {factor:g} have {required} of gain margin; other "
-            "requirements are not judged here."
+            f"Use what {more} recommends: it meets every requirement. × {factor:g} is enough for {required} of gain "
+            "margin alone: phase margin and Ms are not judged here."
         )
     ranges = ", in the file's ranges too," if result.uncertain else ""
     return Advice(f"The limit may be relied on. It is one margin of several: {more} judges all of them{ranges} and recommends gains.")

@@ -214,9 +214,9 @@ class Audit(Analysis):
         return None if self.safe else gains_to_use(self)
 
     @property
-    def extra_delay_to_use(self) -> float:
-        """[s] until the gains to use vibrate, over all states; NaN where none are known, or the present ones are safe."""
-        return math.nan if self.to_use is None else self.to_use.audited.least_extra_delay
+    def delay_with_margin(self) -> float:
+        """[s] of extra delay that leaves the required gain margin, over all states; NaN where it is not known, or is not there at all."""
+        return float(np.min([extra_delay(state.loop.scaled(self.margin)) for state in self.states]))
 
     def of_gains(self, gains: Mapping[str, Floats]) -> "Audit":
         """Other gains of the same joints, (n,) each, audited like these, with the same gearboxes."""
