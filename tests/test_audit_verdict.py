@@ -131,9 +131,7 @@ def test_safe_rests_on_stiff_gearboxes(capsys: pytest.CaptureFixture[str]):
     known = ("--delay-ms", "0.5", "--stiffness", "20000", "--damping", "20")
     status, out = audited(capsys, *known)
     words = " ".join(out.split())
-    rate = re.match(
-        r"Safe in continuous time \(a loop slower than about ([\d ]+) Hz leaves less than 6 dB\)\. Do this: Give the", words
-    )
+    rate = re.match(r"Safe in continuous time \(a loop slower than about ([\d ]+) Hz leaves less than 6 dB\)\. Do this: Give the", words)
     assert (status, rate is not None) == (0, True)
     assert rate is not None
     slowest = float(re.sub(r"\s", "", rate[1]))  # an estimate: one tick of delay; with the rate itself the audit is exact

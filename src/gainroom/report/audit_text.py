@@ -133,7 +133,7 @@ def what_to_do(result: Audit) -> Advice:
         )
     found = result.to_use
     if found is not None:
-        rate = " A rate costs margin: give `--rate-hz`." if result.system.control.sample_time is None else ""
+        rate = " Any rate leaves less: audit with `--rate-hz` before use." if result.system.control.sample_time is None else ""
         text = f"{_multiply(result, found)}; then {_required(result)}.{rate}{hardly_damped(found.audited, 'they')}"
         return Advice(text, gain_file(result.system.source.joint_names, found.gains))
     if result.tightest.limit.gain == 0 and np.any(actuators.damping[np.isfinite(actuators.stiffness)] == 0):

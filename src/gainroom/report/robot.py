@@ -202,7 +202,7 @@ def _cards(study: RobotStudy) -> list[Card]:
     limit = state.task_limit
     if limit is not None and study.system.control.space == "joint":
         note = f"{hertz(limit.frequency)}, {state.title}" if math.isfinite(limit.frequency) else state.title
-        cards.append(Card("gain limit of the tasks", digits(limit.gain, "", 3), "×", "stable: ≥ 1", limit.stable, note))
+        cards.append(Card("limit of task gains, closed instead", digits(limit.gain, "", 3), "×", "stable: ≥ 1", limit.stable, note))
     elif study.stable:
         state = min(study.states, key=lambda state: unknown_first(state.margins.disk_margin))
         proved = "" if state.margins.disk_certified else ", not certified"
