@@ -191,12 +191,12 @@ def test_eight_threads_get_what_one_gets():
 @pytest.mark.population
 @pytest.mark.timeout(0)
 def test_two_processes_fill_an_empty_cache(tmp_path: Path):
-    """Both compile, both write: both answer as with a full cache, and so does the next one."""
+    """Of bytecode. Both compile, both write: both answer as with a full cache, and so does the next one."""
     for name in ("one", "two"):
         (tmp_path / name).mkdir()
         furnish(tmp_path / name, old=False)
     call = [sys.executable, "-m", "gainroom", "simulate", "played.yaml", "--json"]
-    fresh = environment(NUMBA_CACHE_DIR=str(tmp_path / "cache"))
+    fresh = environment(PYTHONPYCACHEPREFIX=str(tmp_path / "cache"))
 
     def both() -> Iterator[subprocess.Popen[str]]:
         for name in ("one", "two"):

@@ -1,6 +1,5 @@
 """gainroom audit: whether the gains that a robot already has are safe."""
 
-import math
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -271,9 +270,9 @@ def _terminal(
 
 def _rigid(result: "Audit") -> str:
     """That gearboxes are assumed to be rigid, where some are."""
-    stiffness = result.system.source.actuators.stiffness.tolist()
-    count = sum(map(math.isinf, stiffness))
-    which = "" if count == len(stiffness) else f"{count} of {len(stiffness)} "
+    rigid = result.assumed_rigid.tolist()
+    count = sum(rigid)
+    which = "" if all(rigid) else f"{count} of {len(rigid)} "
     return f"; {which}gearboxes assumed rigid (--stiffness, --damping)" if count else ""
 
 

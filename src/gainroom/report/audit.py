@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import listed
-from ..linear.arrays import Booleans
 from ..studies.audit import Audit
 from ..system.requirements import REQUIREMENTS, Requirements, enough
 from .audit_headroom import PATHS, deciding, headroom, headroom_rows
@@ -119,13 +118,8 @@ def _lead(result: Audit, simulated: "SimulatorAudit | None", swept: "AuditedWork
             said.insert(0, advice)
     if not result.stable:
         return Lead(sentence, "bad", "UNSTABLE: do not run these gains", said, do)
-    doubt = lost or short or bool(hardly_damped(result)) or bool(_assumed_rigid(result).any())
+    doubt = lost or short or bool(hardly_damped(result)) or bool(result.assumed_rigid.any())
     return Lead(sentence, "bare" if not result.safe else "warn" if doubt else "good", "", said, do)
-
-
-def _assumed_rigid(result: Audit) -> Booleans:
-    """(n,) the gearboxes whose stiffness was not given: a safe verdict is conditional on them."""
-    return np.isinf(result.system.source.actuators.stiffness)
 
 
 def _do_this(result: Audit) -> Html | str:
@@ -170,7 +164,7 @@ def _cards(result: Audit) -> list[Card]:
 
 def _gearboxes(result: Audit) -> Card:
     """What the verdict takes them for, or needs of them."""
-    actuators, rigid = result.system.source.actuators, _assumed_rigid(result)
+    actuators, rigid = result.system.source.actuators, result.assumed_rigid
     units, count = joint_units(result.system.source.body), int(np.count_nonzero(rigid))
     revolute = units["kp"].partition(";")[0]
     if result.needed is not None and result.needed.least is not None:

@@ -6,6 +6,7 @@ import numpy as np
 
 from ..analysis.margin_record import PathMargins
 from ..errors import beside, frequency_text, listed
+from ..studies.analysis import typed_factor
 from ..studies.audit import Audit, GainsToUse
 from ..studies.state import HELD
 from ..system.requirements import REQUIREMENTS, Requirements, to_db
@@ -125,7 +126,7 @@ def what_to_do(result: Audit) -> Advice:
     actuators = result.system.source.actuators
     if result.safe:
         rate = "" if result.system.control.sample_time is not None else "Give the loop's rate with `--rate-hz`. "
-        if not np.isinf(actuators.stiffness).any():
+        if not result.assumed_rigid.any():
             return Advice(f"{rate or 'These gains may stay.'}".rstrip())
         known = "Look up what your gearboxes have" if result.needed is not None else "Give what is known of your gearboxes"
         return Advice(
@@ -134,7 +135,8 @@ def what_to_do(result: Audit) -> Advice:
     found = result.to_use
     if found is not None:
         rate = " Any rate leaves less: audit with `--rate-hz` before use." if result.system.control.sample_time is None else ""
-        text = f"{_multiply(result, found)}; then {_required(result)}.{rate}{hardly_damped(found.audited, 'they')}"
+        again = " Audit them over the range again, where other gearboxes may be the worst." if result.over is not None else ""
+        text = f"{_multiply(result, found)}; then {_required(result)}.{rate}{again}{hardly_damped(found.audited, 'they')}"
         return Advice(text, gain_file(result.system.source.joint_names, found.gains))
     if result.tightest.limit.gain == 0 and np.any(actuators.damping[np.isfinite(actuators.stiffness)] == 0):
         return Advice("Measure the gearboxes' damping, and audit again with `--damping`.")
@@ -203,7 +205,7 @@ def unjudged(result: Audit) -> str:
 def audit_scale(result: Audit) -> float | None:
     """The factor on all gains that makes unsafe ones safe, rounded down; None where none is known, and for safe gains."""
     scale = result.scale
-    return None if result.safe or math.isnan(scale) else math.floor(1000 * scale) / 1000 if scale > 0.01 else scale
+    return None if result.safe or math.isnan(scale) else typed_factor(scale)
 
 
 def _no_lower_gains(result: Audit) -> str:

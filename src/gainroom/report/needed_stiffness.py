@@ -25,7 +25,7 @@ def rounded_up(value: float, significant: int = 3) -> float:
 
 def if_stiff(result: "Audit") -> str:
     """The condition of a safe verdict, and what softer gearboxes do; "" where every stiffness is known."""
-    rigid = np.isinf(result.system.source.actuators.stiffness)
+    rigid = result.assumed_rigid
     count = int(np.count_nonzero(rigid))
     if not count:
         return "."

@@ -4,6 +4,7 @@ import math
 from typing import Any
 
 from ..errors import beside
+from ..studies.analysis import typed_factor
 from ..studies.swept_margins import Judged, WorstStates
 from ..sweep.summary import CONFIDENCE, ContactSummary, SweepSummary, SweptPosture
 from ..system.requirements import to_db
@@ -59,9 +60,9 @@ def advice(found: SweepSummary, worst: WorstStates) -> str:
     if not math.isfinite(scale):
         return ""
     if scale < 1:
-        return f"Use: all gains × {math.floor(1000 * scale) / 1000:.4g}; then the gain margin holds in every posture swept."
+        return f"Use: all gains × {typed_factor(scale):.4g}; then the gain margin holds in every posture swept."
     if found.margin > 1 and scale > 1 and not worst.unmet:
-        return f"With all gains × {math.floor(1000 * scale) / 1000:.4g} the gain margin still holds in every posture swept."
+        return f"With all gains × {typed_factor(scale):.4g} the gain margin still holds in every posture swept."
     return ""
 
 

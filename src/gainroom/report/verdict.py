@@ -122,18 +122,18 @@ def joint_to_use(study: JointStudy) -> ToUse:
     best, usual, asked = study.recommended, study.at_usual_rate, study.system.requirements
     if best is None:
         return NOTHING
-    present, first = study.system.control.controller, None
+    present, first, missed = study.system.control.controller, None, ""
     remarks = [] if best.proved else ["Searched over the uncertainty, not proved."]
     if usual is not None:
         again = usual.recommended if usual.requirements_met is False else None
         if again is not None:
             keep = f"The file has no rate. For a loop at {AT_USUAL} use, with {kept(again.worst, asked)} there, under `control`:"
             first = keep, [SAMPLED, *_beside(again.controller, present)]
+            missed = _at_rate(usual.in_range.margins, asked, "", "those that follow")
         else:
             remarks.append(_at_rate(usual.in_range.margins, asked, STATE_RATE))
     elif study.system.control.sampling_in_delay:
         remarks.append("The delay contains hold and velocity difference, as the file says: these gains are for the sampled loop, too.")
-    missed = "" if first is None or usual is None else _at_rate(usual.in_range.margins, asked, "", "those that follow")
     return ToUse(_heading(study, "control", "", missed), _beside(best.controller, present), remarks, best.worst, first)
 
 

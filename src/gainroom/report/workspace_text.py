@@ -3,6 +3,7 @@
 import math
 from typing import Any
 
+from ..studies.analysis import typed_factor
 from ..studies.audited_workspace import AuditedWorkspace
 from ..sweep.summary import SweepSummary
 from .sweep_text import judged_facts, looked_at, posture_facts, sentence, sureness, unmet_text, warnings
@@ -42,7 +43,7 @@ def workspace_advice(found: SweepSummary) -> str:
     scale = found.scale
     if not math.isfinite(scale):
         return "No common factor is known to keep the gain margin in every posture swept."
-    return f"All gains × {math.floor(1000 * scale) / 1000:.4g} keep the gain margin in every posture swept."
+    return f"All gains × {typed_factor(scale):.4g} keep the gain margin in every posture swept."
 
 
 def workspace_facts(found: SweepSummary) -> dict[str, Any]:

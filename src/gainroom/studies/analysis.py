@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from ..analysis.stability import is_stable
+from ..design.joint_gains import rounded_down
 from ..errors import GainroomError
 from ..system.requirements import REQUIREMENTS
 from ..system.system import System
@@ -130,6 +131,11 @@ class Analysis:
         asked = self.system.requirements.asked_for if self.stable_in_range else ()
         short = {one.name: one.shortfall(needed, self.least(self.worst[one.name], one.name)) for one, needed in asked}
         return max(short, key=short.__getitem__, default="")
+
+
+def typed_factor(factor: float) -> float:
+    """A factor on gains as it is typed: three decimals, three digits where it is small, never rounded up; NaN where none is known."""
+    return math.floor(1000 * factor) / 1000 if factor > 0.01 else rounded_down(factor)
 
 
 def analyze(system: System, progress: Progress | None = None, numbers: tuple[str, ...] = ("margins",)) -> Analysis:

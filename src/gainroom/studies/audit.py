@@ -18,7 +18,7 @@ from ..robot.gearbox_types import GearboxRange
 from ..system.loop import Loop
 from ..system.requirements import Requirements, enough
 from ..system.system import System
-from .analysis import Analysis, analyze
+from .analysis import Analysis, analyze, typed_factor
 from .deciding_joints import joints_that_miss
 from .gearbox_range import RangeOfGearboxes, look_over
 from .needed_stiffness import NeededStiffness, needed_stiffness
@@ -214,12 +214,17 @@ class Audit(Analysis):
         return None if self.safe else gains_to_use(self)
 
     @property
+    def assumed_rigid(self) -> Booleans:
+        """(n,) the gearboxes whose stiffness was not given: a safe verdict is conditional on them."""
+        return np.isinf(self.system.source.actuators.stiffness)
+
+    @cached_property
     def delay_with_margin(self) -> float:
         """[s] of extra delay that leaves the required gain margin, over all states; NaN where it is not known, or is not there at all."""
         return float(np.min([extra_delay(state.loop.scaled(self.margin)) for state in self.states]))
 
     def of_gains(self, gains: Mapping[str, Floats]) -> "Audit":
-        """Other gains of the same joints, (n,) each, audited like these, with the same gearboxes."""
+        """Other gains of the same joints, (n,) each, audited like these, with the same gearboxes: of a range the worst of now."""
         control = replace(self.system.control, controller=replace(self.controller, **gains))
         system = replace(self.system, control=control)
         return replace(self, system=system, every=analyze(system, None, NUMBERS).every, needed=None, over=None)
@@ -265,7 +270,7 @@ def gains_to_use(result: Audit) -> GainsToUse | None:
     every = np.ones(len(names), dtype=bool)
     some, factor_on_some = _some_lowered(result)
     for lowered, factor in ((some, factor_on_some), (every, result.scale)):
-        factor = math.floor(1000 * factor) / 1000 if factor > 0.01 else factor
+        factor = typed_factor(factor)
         if not factor > 0:
             continue
         exact = {name: np.array([getattr(joint, name) for joint in result.joints]) for name in result.gain_names}

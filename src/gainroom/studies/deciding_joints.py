@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from ..linear.arrays import Complexes
 from .state import STRONG, State
 
 
@@ -22,7 +23,13 @@ def joints_that_miss(state: State, name: str) -> tuple[str, ...]:
         return state.limiting_joints
     response = state.loop.response(np.array([omega])).reshape(len(names), len(names))
     if name == "peak_sensitivity":
-        return (names[int(np.argmax(np.abs(np.diagonal(np.linalg.inv(np.eye(len(names)) + response)))))],)
+        return (names[most_sensitive(response)[1]],)
     values, vectors = np.linalg.eig(response)
     parts = np.abs(vectors[:, int(np.argmin(np.abs(np.abs(values) - 1)))])
     return tuple(names[k] for k in np.argsort(-parts, kind="stable") if parts[k] >= STRONG * parts.max())
+
+
+def most_sensitive(response: Complexes) -> tuple[Complexes, int]:
+    """S = (I + L)⁻¹ of a response L (n, n), and the loop whose sensitivity |S_ii| is the largest."""
+    found = np.linalg.inv(np.eye(len(response)) + response)
+    return found, int(np.argmax(np.abs(np.diagonal(found))))

@@ -18,6 +18,7 @@ from ..system.controller import Controller
 from ..system.requirements import REQUIREMENTS
 from ..system.system import System
 from .analysis import USUAL_RATE, Analysis, analyze
+from .deciding_joints import most_sensitive
 from .state import Progress, State
 
 EXPECTED_LOOKS = 250
@@ -101,8 +102,7 @@ class RobotStudy(Analysis):
             values, vectors = np.linalg.eig(response)
             mode, joint = vectors[:, int(np.argmin(np.abs(values + 1)))], ""
         else:
-            sensitivity = np.linalg.inv(np.eye(len(response)) + response)
-            k = int(np.argmax(np.abs(np.diagonal(sensitivity))))
+            sensitivity, k = most_sensitive(response)
             mode, joint = sensitivity[:, k], state.model.joint_names[k]
         return Motion(state, replace(found.limit, frequency=omega, mode=mode / mode[np.argmax(np.abs(mode))]), joint)
 
