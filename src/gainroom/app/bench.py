@@ -1,7 +1,7 @@
 """What the page works on, one joint or a robot: the protocol, and what both have."""
 
 import hashlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -10,6 +10,7 @@ import numpy as np
 
 from ..errors import GainroomError
 from ..io.yaml_text import read_text
+from ..report.verdict import ToUse
 from .messages import View
 
 Part = tuple[str, dict[str, Any]]
@@ -108,6 +109,13 @@ class Bench(Protocol):
     def page(self, view: View) -> str:
         """The command line's report of the view."""
         ...
+
+
+def advised(use: ToUse, warnings: Iterable[str]) -> dict[str, Any]:
+    """Gains to use as the page shows them: sentences in the order in which they are read, each with the lines that it speaks of."""
+    first = [] if use.first is None else [use.first]
+    notes = [*first, (use.heading, use.lines), *((text, ()) for text in (*use.remarks, *warnings))]
+    return {"lines": use.lines, "notes": [{"text": text.replace("`", ""), "lines": lines} for text, lines in notes if text]}
 
 
 def rounded(values: Any, significant: int = 5) -> list[float | None]:

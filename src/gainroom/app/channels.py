@@ -64,13 +64,14 @@ class Channels:
             "points": self.points(self._file),
         }
 
-    def disturbance(self, system: System, k: int) -> tuple[str, str]:
-        """What is added for the second step, and the unit of a millionth of what it moves."""
+    def disturbance(self, system: System, k: int) -> tuple[str, str, float]:
+        """What is added for the second step, the unit in which it is shown how far that moves, and how many of it are one m or rad."""
         if not self.of_tasks:
-            return ("1 N added to the force command", "µm") if system.source.prismatic[k] else ("1 N·m added to the torque command", "µrad")
+            load, unit = ("1 N added to the force command", "µm") if system.source.prismatic[k] else ("1 N·m added to the torque command", "µrad")
+            return load, unit, 1e6
         task = system.source.stack[next(place for place, rows in enumerate(self._rows) if rows.start <= k < rows.stop)]
         unit = "m" if task.kind in ("com", "position") else "rad"
-        return f"1 {unit}/s² added to the commanded acceleration", f"µ{unit}"
+        return f"1 {unit}/s² added to the commanded acceleration", f"m{unit}", 1e3
 
     def points(self, own: Sequence[Controller]) -> dict[str, tuple[float, float]]:
         """On the map of each channel; none of none."""

@@ -24,7 +24,7 @@ from ..studies.analysis import analyze
 from ..studies.joint import JointStudy, study_joint
 from ..system.system import System
 from ..system.uncertainty import Uncertainty
-from .bench import Opened, Part, Told
+from .bench import Opened, Part, Told, advised
 from .edits import at_point, gain_of, put, timing
 from .joint_curves import bode, limits, map_window, required_gains, stable_gains, step, sweep_span
 from .messages import View
@@ -142,20 +142,15 @@ class JointBench:
         study = self._study(view)
         use = joint_to_use(study)
         yield "verdict", _verdict(study, "certified") | self._gains(study)
-        best, remarks = study.recommended, list(use.remarks)
-        if use.first is not None:
-            remarks.append(f"{use.first[0]} {', '.join(use.first[1])}")
+        best = study.recommended
         yield "map", limits(study, window or self._window) | {"plant": self._plant(view)}
         yield (
             "use",
             {
-                "heading": use.heading.replace("`", ""),
-                "lines": use.lines,
-                "remarks": [text.replace("`", "") for text in remarks],
+                **advised(use, warnings(study)),
                 "point": None if best is None else [best.kp, best.kd],
                 "gains": None if best is None else {k: float(v) for k, v in (line.split(": ") for line in joint_gains(best.controller))},
                 "rule": [study.rule.kp, study.rule.kd],
-                "warnings": warnings(study),
             },
         )
 

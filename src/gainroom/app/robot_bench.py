@@ -31,7 +31,7 @@ from ..simulation.robot_simulation import RobotSimulation
 from ..studies.robot import RobotStudy, study_robot
 from ..studies.state import State, limit_of, strongest_first
 from ..system.system import System
-from .bench import Opened, Part, Told
+from .bench import Opened, Part, Told, advised
 from .channels import Channel, Channels
 from .edits import gain_of, timing
 from .messages import View
@@ -225,9 +225,9 @@ class RobotBench:
         if final:
             duration = settling(self._plane(state, channel, key, None), channel)
             file = view.model_copy(update={"gains": {}, "point": None, "delay_ms": None, "stiffness": None})
-            yield "before", step(self.state(file), self._channels.channel(file), duration)
-            added, unit = self._channels.disturbance(state.system, channel.place)
-            yield "step", step(state, channel, duration) | {"added": added, "unit": unit}
+            added, unit, scale = self._channels.disturbance(state.system, channel.place)
+            yield "before", step(self.state(file), self._channels.channel(file), duration, scale)
+            yield "step", step(state, channel, duration, scale) | {"added": added, "unit": unit}
         if key != known and len(state.system.source.states) > 1:
             plane = self._plane(state, channel, key, window)
             states = (self._at(state.system, view, place) for place in state.system.source.states)
@@ -253,14 +253,11 @@ class RobotBench:
         use = robot_to_use(study)
         own = study.controllers_to_use if study.to_use is not None else ()
         part = {
-            "heading": use.heading.replace("`", ""),
-            "lines": use.lines,
-            "remarks": [text.replace("`", "") for text in use.remarks],
+            **advised(use, warnings(study) if study.recommended else []),
             "gains": {name: {gain: float(typed(v)) for gain, v in each.items()} for name, each in self._channels.named(own).items()}
             or None,
             "points": self._channels.points(own),
             "find": study.system.requirements.asked != () and not study.recommended,
-            "warnings": warnings(study) if study.recommended else [],
         }
         yield "use", part
 

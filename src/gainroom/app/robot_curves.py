@@ -15,7 +15,7 @@ from ..analysis.part_requirements import required_columns, unread
 from ..analysis.stability import rightmost_roots
 from ..errors import GainroomError, frequency_text, listed
 from ..files.model_keyframes import model_keyframes
-from ..linear.arrays import Floats
+from ..linear.arrays import Complexes, Floats, Integers
 from ..report.margin_columns import margin_value, requirement
 from ..report.robot_headroom import Factors, joint_factors, task_factors
 from ..robot.robot import Robot
@@ -29,6 +29,8 @@ from .bench import rounded
 from .channels import Channel
 
 BODE_POINTS = 500
+NYQUIST_SHOWN = 5.0  # |L| up to which it is in the Nyquist plot
+SIZES_SHOWN = 12.0  # ln |L| from top to bottom of the Bode plot: 100 dB
 SHOWN_TURNS = 12.0  # of 1/ω at the channel's lowest gain crossover: how long a step is shown
 GROWN = 30.0  # steps
 GUESS = 4.0
@@ -142,19 +144,29 @@ def _edge(plane: PartPlane, window: tuple[float, float]) -> list[dict[str, Any]]
 def bode(plane: PartPlane, channel: Channel) -> dict[str, Any]:
     """The return ratio of the channel with all other loops closed."""
     value = plane.ratio(*channel.point)
-    sound = np.flatnonzero(np.isfinite(value) & (np.abs(value) > 0))
-    pick = sound[:: max(1, len(sound) // BODE_POINTS)]
-    phase = np.degrees(np.unwrap(np.angle(value[sound])))[:: max(1, len(sound) // BODE_POINTS)]
+    sound = np.isfinite(value) & (np.abs(value) > 0)
+    omega, value = plane.omega[sound], value[sound]
+    phase = np.degrees(np.unwrap(np.angle(value)))
     phase -= 360 * math.ceil((phase[0] - 1) / 360)
-    value = value[pick]
+    pick = _drawn(omega, value)
+    omega, value, phase = omega[pick], value[pick], phase[pick]
     return {
-        "hz": rounded((plane.omega[pick] / (2 * math.pi)).tolist(), 6),
+        "hz": rounded((omega / (2 * math.pi)).tolist(), 6),
         "size": rounded((20 * np.log10(np.abs(value))).tolist()),
         "phase": rounded(phase.tolist()),
         "re": rounded(value.real.tolist()),
         "im": rounded(value.imag.tolist()),
         "marks": [],
     }
+
+
+def _drawn(omega: Floats, value: Complexes) -> Integers:
+    """About BODE_POINTS of the samples, evenly along the curves: of the Bode plot by frequency and size, of the Nyquist plot by length."""
+    low, high = np.log(omega[[0, -1]])
+    turn = np.where(np.minimum(np.abs(value[1:]), np.abs(value[:-1])) < NYQUIST_SHOWN, np.abs(np.diff(value)), 0.0)
+    length = np.diff(np.log(omega)) / (high - low) + np.abs(np.diff(np.log(np.abs(value)))) / SIZES_SHOWN + turn / NYQUIST_SHOWN
+    along = np.append(0.0, np.cumsum(length))
+    return np.unique(np.searchsorted(along, np.linspace(0, along[-1], BODE_POINTS)))
 
 
 def quick_verdict(state: State, limit: GainLimit | None, channel: Channel, plane: PartPlane | None = None) -> dict[str, Any]:
@@ -224,8 +236,11 @@ def settling(plane: PartPlane, channel: Channel) -> float:
     return SHOWN_TURNS / float(plane.omega[below[0]] if len(below) else plane.omega[0])
 
 
-def step(state: State, channel: Channel, duration: float) -> dict[str, Any]:
-    """The channel after a step of its reference and under a unit of its output, every other loop closed; cut beyond GROWN steps."""
+def step(state: State, channel: Channel, duration: float, scale: float) -> dict[str, Any]:
+    """The channel after a step of its reference and under a unit of its output, every other loop closed; cut beyond GROWN steps.
+
+    scale   of what is shown of the second
+    """
     try:
         found = step_response(state.loop, duration, part_of(state, channel))
     except GainroomError as error:
@@ -236,7 +251,7 @@ def step(state: State, channel: Channel, duration: float) -> dict[str, Any]:
     return {
         "ms": rounded(1e3 * found.time[pick]),
         "reference": rounded(reference[pick]),
-        "disturbance": rounded(1e6 * found.disturbance[pick]),
+        "disturbance": rounded(scale * found.disturbance[pick]),
         "growth": None,
         "hz": None,
     }

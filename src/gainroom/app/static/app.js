@@ -278,10 +278,9 @@ function use(part) {
   star();
   const notes = by("notes");
   notes.replaceChildren();
-  for (const text of [...(part.lines.length ? [`${part.heading} ${part.lines.join(", ")}`] : []), ...part.remarks, ...part.warnings]) {
-    const line = document.createElement("p");
-    line.textContent = text;
-    notes.append(line);
+  for (const { text, lines } of part.notes) {
+    notes.append(Object.assign(document.createElement("p"), { textContent: text }));
+    if (lines.length) notes.append(Object.assign(document.createElement("pre"), { textContent: lines.join("\n") }));
   }
 }
 

@@ -7,6 +7,7 @@ const AXIS = { stroke: "#444", grid: { stroke: "#eee" }, ticks: { stroke: "#bbb"
 
 /** Numbers of an axis, as everywhere on the page. @param {any} _ @param {number[]} splits */
 const plain = (_, splits) => splits.map((value) => number(value));
+const UPRIGHT = { ...AXIS, values: plain };
 
 /** @param {HTMLElement} place @param {any} options @param {any} data */
 function plot(place, options, data) {
@@ -41,7 +42,10 @@ function upright(u, hz, color, text, row = 0) {
   if (text) {
     ctx.font = `${12 * devicePixelRatio}px system-ui`;
     ctx.textAlign = x > bbox.left + 0.7 * bbox.width ? "right" : "left";
-    ctx.fillText(text, x + (ctx.textAlign === "left" ? 4 : -4) * devicePixelRatio, bbox.top + 14 * (row + 1) * devicePixelRatio);
+    const at = /** @type {[string, number, number]} */ ([text, x + (ctx.textAlign === "left" ? 4 : -4) * devicePixelRatio, bbox.top + 14 * (row + 1) * devicePixelRatio]);
+    Object.assign(ctx, { strokeStyle: "rgba(255,255,255,.85)", lineWidth: 4 * devicePixelRatio });
+    ctx.strokeText(...at); // a curve behind it leaves it legible
+    ctx.fillText(...at);
   }
   ctx.restore();
 }
@@ -63,13 +67,13 @@ export class Bode {
     const xAxis = { ...AXIS, values: decades };
     this.size = plot(place, {
       height: 200, series, scales: { x, y: { range: (/** @type {any} */ _, /** @type {number} */ low, /** @type {number} */ high) => [Math.max(low - 3, -60), Math.max(high + 6, db + 6)] } },
-      axes: [{ ...xAxis, size: 32 }, { ...AXIS, label: "|L| [dB]", labelSize: 18, labelFont: "12px system-ui", size: 50 }],
+      axes: [{ ...xAxis, size: 32 }, { ...UPRIGHT, label: "|L| [dB]", labelSize: 18, labelFont: "12px system-ui", size: 50 }],
       hooks: { drawAxes: [(/** @type {any} */ u) => shade(u, "y", [[-db, db]], "rgba(213,94,0,.10)")], draw: [lines], setCursor: [sync] },
     }, [span, [null, null]]);
     this.phase = plot(place, {
       height: 200, series: [{}, { stroke: "#000", width: 2, points: { show: false } }],
       scales: { x, y: { range: (/** @type {any} */ _, /** @type {number} */ low, /** @type {number} */ high) => [Math.max(low - 10, -560), Math.max(high + 15, -120)] } },
-      axes: [{ ...xAxis, size: 32, label: "frequency [Hz]", labelSize: 18, labelFont: "12px system-ui" }, { ...AXIS, label: "arg L [°]", labelSize: 18, labelFont: "12px system-ui", size: 50, incrs: [15, 30, 45, 90, 180] }],
+      axes: [{ ...xAxis, size: 32, label: "frequency [Hz]", labelSize: 18, labelFont: "12px system-ui" }, { ...UPRIGHT, label: "arg L [°]", labelSize: 18, labelFont: "12px system-ui", size: 50, incrs: [15, 30, 45, 90, 180] }],
       hooks: { drawAxes: [(/** @type {any} */ u) => shade(u, "y", [-180, -540, 180].map((at) => [at - angle, at + angle]), "rgba(0,114,178,.12)")], draw: [lines], setCursor: [sync] },
     }, [span, [null, null]]);
   }
@@ -77,7 +81,7 @@ export class Bode {
   /** @param {any} part */
   take(part) {
     const colors = { gain: "#d55e00", phase: "#0072b2", Ms: "#009e73" }, words = { gain: "gain margin", phase: "phase margin", Ms: "Ms" };
-    this.marks = part.marks.map((/** @type {any} */ mark) => ({ hz: mark.hz, color: colors[/** @type {"gain"} */ (mark.name)], text: mark.name === "Ms" ? "" : words[/** @type {"gain"} */ (mark.name)] }));
+    this.marks = part.marks.map((/** @type {any} */ mark) => ({ hz: mark.hz, color: colors[/** @type {"gain"} */ (mark.name)], text: words[/** @type {"gain"} */ (mark.name)] }));
     this.size.setData([part.hz, part.size]);
     this.phase.setData([part.hz, part.phase]);
   }

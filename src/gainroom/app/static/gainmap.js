@@ -27,7 +27,8 @@ const GROUPED = new Intl.NumberFormat("en-US", { maximumFractionDigits: 6 });
 export function number(value, digits = 4) {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";
   const text = Number(value.toPrecision(digits));
-  return Math.abs(text) >= 1e6 || (text !== 0 && Math.abs(text) < 1e-3) ? text.toExponential() : GROUPED.format(text).replaceAll(",", "\u202f");
+  const typed = Math.abs(text) >= 1e6 || (text !== 0 && Math.abs(text) < 1e-3) ? text.toExponential() : GROUPED.format(text).replaceAll(",", "\u202f");
+  return typed.replace(/^-/, "\u2212");
 }
 
 export class GainMap {
@@ -96,6 +97,7 @@ export class GainMap {
   /** @param {PointerEvent} event */
   down(event) {
     if (event.button !== 0 || !this.points.dot) return;
+    if (event.pointerType === "touch" && !this.dot.contains(/** @type {Node} */ (event.target))) return; // a finger there scrolls the page
     this.dragging = true;
     this.root.setPointerCapture(event.pointerId);
     this.dot.focus({ preventScroll: true });

@@ -138,6 +138,9 @@ export class RobotView {
       }
       const middle = box.getCenter(new three.Vector3());
       this.turn.target.copy(middle);
+      const axes = new three.AxesHelper(0.2 * size);
+      axes.position.copy(box.min);
+      this.scene.add(axes);
       this.camera.position.copy(middle).add(new three.Vector3(1.5, -1.3, 0.5).multiplyScalar(0.85 * box.getSize(new three.Vector3()).length()));
       this.camera.near = 0.01 * size;
       this.camera.far = 20 * size;
@@ -162,7 +165,7 @@ export class RobotView {
     }
     this.feet = part.contacts.map((/** @type {any} */ contact) => {
       const [long, across] = { flat: [0.16, 0.1], line: [0.02, 0.16], point: [0.04, 0.04] }[/** @type {"flat"} */ (contact.kind)];
-      const patch = new three.Mesh(new three.BoxGeometry(long * size, across * size, 0.006 * size), new three.MeshBasicMaterial({ color: 0x0072b2 })), a = contact.axes, p = contact.at;
+      const patch = new three.Mesh(new three.BoxGeometry(long * size, across * size, 0.006 * size), new three.MeshBasicMaterial({ color: 0x0072b2, transparent: true, opacity: 0.55, depthTest: false })), a = contact.axes, p = contact.at;
       patch.matrixAutoUpdate = false;
       patch.matrix.set(a[0], a[1], a[2], p[0], a[3], a[4], a[5], p[1], a[6], a[7], a[8], p[2], 0, 0, 0, 1);
       this.group.add(patch);
@@ -198,7 +201,7 @@ export class RobotView {
     const most = order.filter((/** @type {any} */ each) => each[0] >= 0.3).slice(0, 4).map((/** @type {any} */ each) => `${each[1]} ${Math.round(100 * each[0])} %`);
     const rate = root && root.growth !== null ? `${number(Math.abs(root.growth), 3)} 1/s, at ${number(root.hz, 3)} Hz` : "";
     const now = rate ? (root.growth > 0 ? ` These gains: it grows, ${rate}.` : ` These gains: the slowest vibration decays at ${rate}.`) : "";
-    this.note.textContent = `Vibration at the gain limit, ${number(hz, 3)} Hz, shown ${number(slow, 2)} × slower. Colour: participation (${most.join(", ")}). Blue: contacts.${now}`;
+    this.note.textContent = `Vibration at the gain limit, ${number(hz, 3)} Hz, shown ${number(slow, 2)} × slower. Colour: participation (${most.join(", ")}). ${part.contacts.length ? "Blue: contacts. " : ""}Axes: x red, y green, z blue.${now}`;
   }
 
   /** A simulated run on the drawing, with a scrubber; the critical mode comes back at a press. @param {any} film */

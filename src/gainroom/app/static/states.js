@@ -114,7 +114,7 @@ export class States {
     this.part = part;
     const title = document.createElement("p"), table = document.createElement("table"), head = table.createTHead().insertRow();
     title.className = "legend";
-    title.textContent = "Factor on the gains until vibration: all together, then each with the others closed. Click a cell to look at it.";
+    title.textContent = `Factor on the gains until vibration: all together, then each with the others closed. ${part.closed.flat().includes(null) ? "any: no factor makes it vibrate. " : ""}Click a cell to look at it.`;
     head.append(document.createElement("th"));
     for (const state of part.states) head.append(Object.assign(document.createElement("th"), { textContent: state.join(" / "), scope: "col" }));
     const body = table.createTBody();
