@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from app_pages import CERTIFIED, Served, open_tab, serving
+from gainroom.analysis.stability import is_stable
 from gainroom.app.address import view_of
 from gainroom.app.bench import Opened
 from gainroom.app.channels import Channels
@@ -24,6 +25,7 @@ from gainroom.cli.example import example_texts
 from gainroom.errors import GainroomError
 from gainroom.files.robot_yaml import parse_robot
 from gainroom.io.strict_json import strict
+from test_every_loop import keeps
 
 pytest.importorskip("pinocchio")
 pytest.importorskip("uvicorn", reason="the extra gainroom[app] is not installed")
@@ -197,6 +199,59 @@ def test_recommended_gains_of_a_cascade_are_gains_that_it_has():
     meant = other.state(View.model_validate({"gains": pd["gains"]})).loop
     assert np.allclose(meant.response(omega), shown.response(omega), rtol=1e-5, atol=1e-9)  # seven digits of each gain
     assert [line.split(":")[0] for line in use["lines"] if not line.startswith(" ")] == ["kp", "kv", "ki"]
+
+
+def of_tasks(com: str) -> str:
+    """A file of tasks, on one foot and on both."""
+    text = TYPED.format(delay=1.5, gains="", rate="").replace("space: joint", "space: task").replace("type: pd", f"type: {com[:3].strip()}")
+    text = text.replace("{left: [left_sole]}", "{left: [left_sole], both: [left_sole, right_sole]}")
+    tasks = f"[{{name: com, type: com, {com[3:]}}}, {{name: pelvis, type: orientation, frame: pelvis, kp: 100, kd: 20}}]"
+    return text.replace("limits: {}", f"tasks: {tasks}\nlimits: {{gain_margin_db: 6.0, phase_margin_deg: 25.0, peak_sensitivity: 2.5}}")
+
+
+@pytest.mark.parametrize(
+    "com", ["pd kp: [50, 90, 200], kd: [5, 8, 15]", "ppikp: [10, 10, 14], kv: [6, 8, 15], ki: [3, 4, 5]"], ids=["pd", "ppi"]
+)
+def test_recommended_gains_of_tasks_stay_the_recommended_ones(com: str):
+    """Once they are taken they are found, starred and good, which Nyquist's criterion on a dense grid says, too, of every state."""
+    bench = bench_of(of_tasks(com))
+    first = dict(bench.found(View(), lambda *_: None))["use"]
+    taken = View.model_validate({"gains": first["gains"]})
+    parts = bench.full(taken, None, lambda *_: None)
+    verdict, use = (last for name, last in dict(parts).items() if name in ("verdict", "use"))
+    assert (use["points"], use["find"]) == (first["points"], False)
+    assert use["star"] == "meets every requirement in every state; limits certified"
+    assert verdict["met"] is True
+    assert verdict["uncertified"] == []
+    system = bench.system(taken)
+    omega, angle = np.geomspace(0.02, 6000, 5000), np.radians(25.0) * (1 - 1e-6)
+    factors = np.append(np.exp(1j * np.linspace(-angle, angle, 12)), np.geomspace(0.502, 1.99, 12))  # within 6 dB
+    for place in system.source.states:
+        loop = system.loop(system.source.linearize(*place))
+        response = loop.response(omega)
+        single = np.diagonal(np.linalg.inv(np.eye(loop.size) + response), axis1=1, axis2=2)
+        assert is_stable(loop)
+        assert keeps(np.linalg.eigvals(response), factors), place
+        assert all(keeps(1 / single[:, [j]] - 1, factors) for j in range(loop.size)), place
+        assert np.abs(single).max() < 2.5 * (1 + 1e-6)
+
+
+def test_recommended_gains_of_tasks_are_found_and_taken(browser: Any, tmp_path: Path):
+    (tmp_path / "robot.yaml").write_text(of_tasks("pd kp: [50, 90, 200], kd: [5, 8, 15]"), "utf-8")
+    with serving(tmp_path / "robot.yaml") as own:
+        tab = open_tab(browser, own.address)
+        tab.settle(CERTIFIED)
+        tab.page.get_by_role("button", name="Find gains").click()
+        tab.page.get_by_role("button", name="Use recommended").click()
+        tab.settle(CERTIFIED)
+        assert "every requirement is met" in tab.text("#sentence")
+        assert "root counts" in tab.text("#basis")
+        tab.page.get_by_text("★ recommended (meets every requirement in every state; limits certified)").wait_for()
+        assert tab.page.get_by_role("button", name="Use recommended").is_enabled()
+        tab.page.get_by_role("button", name="Undo").click()
+        tab.settle(CERTIFIED)
+        assert tab.view()["gains"]["com x"] == {"kp": 50.0, "kd": 5.0}
+        assert not tab.said
 
 
 def test_the_pictures_of_a_run_are_its_postures():

@@ -144,7 +144,10 @@ def one_loop_margins(sweep: Sweep) -> OneLoop:
         own = np.einsum("kij,kji->ki", sensitive, actuated)
         alone = [own * unit.matrix(s, v, 1, sample_time)[:, 0] for unit in units.values()]
         closed = 1 - np.diagonal(sensitive, axis1=1, axis2=2)
-        closed = np.where(np.abs(closed) > 1e-3, closed, np.einsum("kij,kji->ki", sensitive, returned))
+        # The product keeps the digits of a small T_ii, but where its terms, as large as integrators make them, cancel to it
+        spread = np.einsum("kij,kji->ki", np.abs(sensitive), np.abs(returned))
+        product = np.einsum("kij,kji->ki", sensitive, returned)
+        closed = np.where((np.abs(closed) > 1e-3) | (spread > 1), closed, product)
         return np.hstack([closed, -closed, *alone])
 
     farthest = np.repeat([math.inf, 1 - CURVES.least_factor, *(math.inf for _ in units)], size)

@@ -2,8 +2,8 @@
 
 What is stable in every loop is where the stable gains of all overlap (part_plane.py). In each of them the part's own loop keeps the
 required margins (part_requirements.py), and where a gain margin is required all gains together do: any common factor within it leaves the
-loop stable, which is looked at for FACTORS of them. With `others` the sensitivities of the other parts' loops are bounded, too
-(other_loops.py); phase in those, or in all at once, is not looked at. Sampled, not certified.
+loop stable, which is looked at for FACTORS of them. With `others` every other loop keeps them, too (other_loops.py), and all loops
+together any common phase (common_phase_plane.py): then everything that is asked for has been looked at. Sampled, not certified.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -13,10 +13,11 @@ from functools import cached_property, reduce
 import numpy as np
 
 from ..linear.arrays import Floats
-from ..system.excluded_sets import Segment
+from ..system.excluded_sets import Arc, Segment
 from ..system.loop import Loop
 from ..system.loop_part import LoopPart
-from ..system.requirements import Requirements, SensitivityBound
+from ..system.requirements import Requirements
+from .common_phase_plane import CommonPhase
 from .other_loops import OtherLoops
 from .part_plane import PartPlane
 from .part_requirements import overlap, required_columns
@@ -41,18 +42,21 @@ class EveryLoop:
         return self._outlines(lambda kps: [plane.columns(kps) for plane in self.planes])
 
     def required(self, asked: Requirements, others: bool = False) -> tuple[Floats, ...]:
-        """The same of those that also keep what is asked for; `others`: in the loops of all other parts, too, as far as it bounds |S|."""
+        """The same of those that also keep what is asked for; `others`: in the loops of all other parts, and of all together, too."""
         margin = [one.excluded(needed) for one, needed in asked.asked_for]
+        angle = max((shape.angle for shape in margin if isinstance(shape, Arc)), default=0.0)
         widest = max((shape.factor for shape in margin if isinstance(shape, Segment)), default=1.0)
         factors = [factor for factor in np.geomspace(1 / widest, widest, FACTORS + 1).tolist() if abs(factor - 1) > 1e-9]
         scaled = [PartPlane.of(loop.scaled(factor), part, self.window) for loop, part in self.loops for factor in factors]
-        bounds = [(one, needed) for one, needed in asked.asked_for if isinstance(one, SensitivityBound)]
-        each = [OtherLoops(loop, part, plane) for (loop, part), plane in zip(self.loops, self.planes, strict=True) if others and bounds]
+        seen = [(*each, plane) for each, plane in zip(self.loops, self.planes, strict=True) if others and asked.asked]
+        singly = [OtherLoops(*each, self.window) for each in seen]
+        turned = [CommonPhase(*each, angle, self.window) for each in seen if angle]
 
         def every(kps: Floats) -> Iterator[list[Floats]]:
             yield from (required_columns(plane, asked, kps) for plane in self.planes)
             yield from (plane.columns(kps) for plane in scaled)
-            yield from (other.columns(one, needed, kps) for other in each for one, needed in bounds)
+            yield from (other.columns(one, needed, kps) for other in singly for one, needed in asked.asked_for)
+            yield from (phase.columns(kps) for phase in turned)
 
         return self._outlines(every)
 

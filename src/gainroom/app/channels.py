@@ -67,7 +67,9 @@ class Channels:
     def disturbance(self, system: System, k: int) -> tuple[str, str, float]:
         """What is added for the second step, the unit in which it is shown how far that moves, and how many of it are one m or rad."""
         if not self.of_tasks:
-            load, unit = ("1 N added to the force command", "µm") if system.source.prismatic[k] else ("1 N·m added to the torque command", "µrad")
+            load, unit = (
+                ("1 N added to the force command", "µm") if system.source.prismatic[k] else ("1 N·m added to the torque command", "µrad")
+            )
             return load, unit, 1e6
         task = system.source.stack[next(place for place, rows in enumerate(self._rows) if rows.start <= k < rows.stop)]
         unit = "m" if task.kind in ("com", "position") else "rad"

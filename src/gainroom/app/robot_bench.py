@@ -12,7 +12,7 @@ import numpy as np
 
 from ..analysis.margin_record import GainLimit
 from ..analysis.part_plane import PartPlane
-from ..errors import GainroomError, computable
+from ..errors import GainroomError, computable, listed
 from ..files.copied_gains import copied_gains
 from ..files.edited_text import edited
 from ..files.robot_yaml import parse_robot
@@ -78,6 +78,7 @@ class RobotBench:
         self._found: OrderedDict[str, RobotStudy] = OrderedDict()
         self._models: OrderedDict[str, RobotModel] = OrderedDict()
         self._limits: OrderedDict[str, tuple[State, GainLimit | None]] = OrderedDict()
+        self._stars: OrderedDict[str, str] = OrderedDict()
         self._lock, self._limiting = threading.Lock(), threading.Lock()
         self._channels = Channels(self._system)
         self.shapes = shapes_of(self._system.source.body)
@@ -252,10 +253,11 @@ class RobotBench:
         yield "heat", heat(study)
         use = robot_to_use(study)
         own = study.controllers_to_use if study.to_use is not None else ()
+        gains = self._to_use(study)
         part = {
             **advised(use, warnings(study) if study.recommended else []),
-            "gains": {name: {gain: float(typed(v)) for gain, v in each.items()} for name, each in self._channels.named(own).items()}
-            or None,
+            "gains": gains or None,
+            "star": self._starred(view, gains, told) if gains else "",
             "points": self._channels.points(own),
             "find": study.system.requirements.asked != () and not study.recommended,
         }
@@ -263,8 +265,10 @@ class RobotBench:
 
     def found(self, view: View, told: Told) -> Iterator[Part]:
         study = study_robot(self.system(view), told)
+        there = view.model_copy(update={"gains": self._to_use(study), "point": None})
         with self._lock:
-            _remember(self._found, self._plant(view), study)
+            for each in (view, there):  # P/PI gains as they are typed have proportions of their own
+                _remember(self._found, self._plant(each), study)
         yield from self.full(view, None, told)
 
     def shaken(self, view: View, told: Told) -> Iterator[Part]:
@@ -280,9 +284,9 @@ class RobotBench:
 
     def _plant(self, view: View) -> str:
         """What recommended gains depend on: not on the file's, but for the proportions of P/PI tasks."""
-        gains = view.gains if self._channels.of_tasks else {}
+        held = [one.from_plane(1.0, 1.0) for one in self._channels.gains(view)] if self._channels.of_tasks else []
         place = view.posture if view.angles else None
-        return repr(view.model_copy(update={"joint": None, "point": None, "posture": place, "contact": None, "gains": gains}))
+        return repr((view.model_copy(update={"joint": None, "point": None, "posture": place, "contact": None, "gains": {}}), held))
 
     def _verdict(self, study: RobotStudy, basis: str) -> dict[str, Any]:
         best = robot_to_use(study).margins if study.recommended else None
@@ -297,7 +301,24 @@ class RobotBench:
             "stable_in_range": study.stable_in_range,
             "met": study.requirements_met,
             "unmet": list(study.unmet),
+            "uncertified": [state.title for state in study.states if not state.margins.certified],
         }
+
+    def _to_use(self, study: RobotStudy) -> dict[str, dict[str, float]]:
+        """Recommended gains by channel, as they are typed; none of none."""
+        own = self._channels.named(study.controllers_to_use if study.to_use is not None else ())
+        return {name: {gain: float(typed(value)) for gain, value in each.items()} for name, each in own.items()}
+
+    def _starred(self, view: View, gains: dict[str, dict[str, float]], told: Told) -> str:
+        """What is certified of recommended gains as they are typed, by a study of their own: their search does not hold it."""
+        there = view.model_copy(update={"gains": gains, "point": None, "joint": None, "contact": None})
+        key = repr(there)
+        if key not in self._stars:
+            found = study_robot(self.system(there), told, recommend=False)
+            open_in = [state.title for state in found.states if not state.margins.certified]
+            kept = "meets every requirement in every state" if found.requirements_met else "does not meet every requirement"
+            _remember(self._stars, key, f"{kept}; {f'not certified in {listed(open_in)}' if open_in else 'limits certified'}")
+        return self._stars[key]
 
     def _state(self, view: View) -> tuple[str, str]:
         posture, contact = self._system.source.states[0]

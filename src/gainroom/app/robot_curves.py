@@ -23,7 +23,7 @@ from ..simulation.step_response import step_response
 from ..studies.robot import RobotStudy
 from ..studies.state import State, limiting_joints
 from ..system.loop_part import LoopPart
-from ..system.requirements import REQUIREMENTS, Requirements, SensitivityBound, to_db
+from ..system.requirements import REQUIREMENTS, Requirements, to_db
 from ..system.system import System
 from .bench import rounded
 from .channels import Channel
@@ -114,7 +114,6 @@ def every_state(states: Iterable[State], channel: Channel, window: tuple[float, 
         asked = moving[0].system.requirements
         if more and asked.asked:
             yield {"safe": _lines(together.required(asked))}
-        if more and any(isinstance(one, SensitivityBound) for one, _ in asked.asked_for):
             yield {"whole": _lines(together.required(asked, others=True))}
     except GainroomError as error:
         yield {"every": [], "safe": [], "whole": None, "missing": str(error)}

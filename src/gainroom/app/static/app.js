@@ -234,14 +234,22 @@ function verdict(part) {
   }
 }
 
+/** What "certified" covers: of several loops one loop's phase and Ms are read from samples. @param {any} part */
+function certified(part) {
+  if (!part.states) return "Certified for this model.";
+  if (part.uncertified.length) return `Not certified in ${part.uncertified.join(", ")}: roots could not be counted on both sides there.`;
+  return "Certified in every state by root counts: stability, gain, phase and delay margins. Sampled: phase of one loop, Ms.";
+}
+
 /** The verdict as text. @param {any} part @param {boolean} current */
 function sentences(part, current) {
   page.certified = part.basis === "certified" && current;
   by("verdict").className = `${part.tone}${page.certified ? "" : " quick"}`;
   by("sentence").textContent = part.sentence;
-  const ranges = page.opening.uncertain.length > 0;
+  const ranges = page.opening.uncertain.length > 0, met = page.certified && part.met === true && !(part.uncertified || []).length;
+  if (met !== map.met) { map.met = met; map.draw(); }
   by("basis").textContent = {
-    certified: "Certified for this model." + (ranges ? " Worst of the stated ranges." : ""),
+    certified: certified(part) + (ranges ? " Worst of the stated ranges." : ""),
     state: `Certified in ${part.where}${ranges ? " over the stated ranges" : ""}; the other states follow.`,
     nominal: "Nominal values only; the stated ranges are not examined yet.",
     quick: "This state only, at nominal values. Stability and gain limit are certified; what is marked ≈ is not.",
@@ -252,7 +260,7 @@ function sentences(part, current) {
     card.dataset.name = row.name;
     title.textContent = row.title + (part.basis === "certified" && page.opening.uncertain.length ? ", worst case" : "");
     value.textContent = row.worst + (row.met === null ? "" : row.met ? " ✓" : " ✗");
-    below.textContent = [row.required, row.where ? `in ${row.where}` : "", row.to_use ? `★ ${row.to_use}` : ""].filter(Boolean).join(" · ");
+    below.textContent = [row.required, row.where ? `in ${row.where}` : "", row.to_use && row.to_use !== "–" ? `★ ${row.to_use}` : ""].filter(Boolean).join(" · ");
     card.append(title, value, below);
     return card;
   }));
@@ -272,6 +280,7 @@ function use(part) {
   page.found = part;
   map.points.star = part.point || null;
   map.points.rule = part.rule || null;
+  map.star = part.star || "";
   by("snap").textContent = part.find ? "★ Find gains (slow)" : "★ Use recommended";
   map.draw();
   by("snap").disabled = !part.gains && !part.find;

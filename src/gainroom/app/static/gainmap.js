@@ -46,8 +46,9 @@ export class GainMap {
     this.height = 0;
     this.names = ["kp", "kd"];
     this.units = ["N·m/rad", "N·m·s/rad"];
-    this.green = "in every state this loop keeps the required margins and all gains together the gain margin (sampled; the verdict judges every loop)";
-    this.late = false;
+    this.green = "in every state this loop keeps the required margins and all gains together the gain margin (nominal values, sampled)";
+    this.late = this.met = false; // met: of the gains now everything is, by the full verdict
+    this.star = ""; // what is certified of the recommended ones
     this.blue = "every requirement met at the nominal values";
     /** @type {any} */ this.data = { stable: [], required: [], edge: [], lines: [] };
     /** @type {Record<string, number[] | null>} */ this.points = { dot: null, ghost: null, star: null, rule: null };
@@ -190,7 +191,7 @@ export class GainMap {
     svg("text", { transform: `translate(13 ${FRAME.top + inner.height / 2}) rotate(-90)`, "text-anchor": "middle" }, axes).textContent = `${this.names[1]} [${this.units[1]}]`;
     svg("text", { x: width - FRAME.right - 8, y: FRAME.top + 18, "text-anchor": "end", class: "soft" }, labels).textContent = "unstable";
     const inside = this.data.lines.map((/** @type {any} */ line, /** @type {number} */ k) => ({ text: line.text, color: colors[k % 4], dash: ["——", "– –", "···", "–·–"][k % 4] }));
-    this.legend.replaceChildren("Hatched: unstable. ", this.data.required.length ? `Blue: ${this.blue}. ` : "", this.everywhere(), "● now, ○ file", this.points.star ? ", ★ recommended" : "", this.points.rule ? ", × rule of thumb (10 Hz). " : ". ");
+    this.legend.replaceChildren("Hatched: unstable. ", this.data.required.length ? `Blue: ${this.blue}. ` : "", this.everywhere(), "● now, ○ file", this.points.star ? `, ★ recommended${this.star && ` (${this.star})`}` : "", this.points.rule ? ", × rule of thumb (10 Hz). " : ". ");
     for (const one of inside) {
       const mark = document.createElement("span");
       mark.textContent = ` ${one.dash} ${one.text} `;
@@ -207,7 +208,8 @@ export class GainMap {
     if (missing) return `All states: ${missing}. `;
     if (!every) return "";
     const none = every.length ? "Dashed: stable in every state. " : "Nowhere here is it stable in every state. ";
-    const others = !whole ? "" : whole.length ? "Dark green: Ms of every other loop, too. " : "With these gains alone, Ms of every other loop is not brought to what is required. ";
+    const fine = this.met ? "The gains now meet every requirement in every state, as the verdict says" : "";
+    const others = !whole ? "" : whole.length ? `Dark green: every requirement in every state, of every loop and of all together (nominal values, sampled). ${fine && `${fine}. `}` : fine ? `${fine}; around them the map finds no room. ` : "No gains of this loop alone meet every requirement in every state (sampled). ";
     return none + (safe && safe.length ? `Green: ${this.green}. ` : "") + others;
   }
 
