@@ -147,7 +147,16 @@ TASKS = TEXT.replace("space: joint", "space: task").replace("  kp: 2000.0 ", "  
 CASCADES = TASKS.replace("type: pd", "type: ppi").replace(
     "kp: [50, 90, 200], kd: [1, 5, 15]", "kp: [10, 10, 14], kv: [6, 8, 15], ki: [3, 4, 5]"
 )
-STEPS = [(TEXT, "left_knee", 0), (TEXT, "left_knee", 1000), (TASKS, "com z", 0), (CASCADES, "com z", 0), (CASCADES, "pelvis x", 2000)]
+SLOW_ANKLES = TEXT.replace("drive:\n", '  ".*_ankle_.*": {delay_ms: 3.1}\ndrive:\n')
+STEPS = [
+    (TEXT, "left_knee", 0),
+    (SLOW_ANKLES, "left_knee", 0),
+    (SLOW_ANKLES, "left_ankle_pitch", 0),
+    (TEXT, "left_knee", 1000),
+    (TASKS, "com z", 0),
+    (CASCADES, "com z", 0),
+    (CASCADES, "pelvis x", 2000),
+]
 
 
 @pytest.mark.parametrize(("text", "name", "rate"), STEPS)

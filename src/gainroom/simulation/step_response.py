@@ -6,8 +6,9 @@ Of a part l c rᵀ of n joints' controller (system/loop_part.py) w is l, and c r
 return ratio, all others closed: (I + G D)⁻¹ with D = D_0 + l c rᵀ, by the matrix determinant lemma.
 
 Sampled: the exact discrete state space, stepped. Continuous without delay: exact (matrix exponential; the input is constant). Continuous
-with delay: method of steps. One delay is a whole number of steps, each step integrates the plant exactly with the delayed command
-taken as straight between two points. The error falls with the square of the step, which is halved until the result converges.
+with delay: method of steps. The least delay is a whole number of steps, others may be any; each step integrates the plant exactly with
+the delayed commands taken as straight between two points. The error falls with the square of the step, which is halved until the result
+converges.
 """
 
 import math
@@ -17,7 +18,7 @@ import numpy as np
 
 from ..analysis.stability import rightmost_roots
 from ..errors import GainroomError
-from ..linear.arrays import Complexes, Floats
+from ..linear.arrays import Complexes, Floats, Integers
 from ..linear.state_space import StateSpace
 from ..native import _core
 from ..system.assembly import controller_state
@@ -58,8 +59,7 @@ def step_response(loop: Loop, end: float | None = None, part: LoopPart | None = 
 
     part   of a loop of several joints, with an `end`; its disturbance is 1 of its output (a joint's: 1 N m), read as it reads positions
 
-    Raises GainroomError for loops that were not built with build_loop, for several joints without a part, and for different delays in
-    continuous time.
+    Raises GainroomError for loops that were not built with build_loop, and for several joints without a part.
     """
     if loop.parts is None or (part is None and loop.size > 1):
         raise GainroomError("step_response needs a loop of one joint built with build_loop, or a part of one of several")
@@ -74,15 +74,13 @@ def step_response(loop: Loop, end: float | None = None, part: LoopPart | None = 
         step = end / UNDELAYED_POINTS if loop.sample_time is None else loop.sample_time
         count = UNDELAYED_POINTS if loop.sample_time is None else min(math.ceil(end / step), MOST_STEPS)
         return StepResponse(step * np.arange(count + 1), *_undelayed(system, entry, step, count, loop.sample_time), 0.0, growth, frequency)
-    delay = float(delays[0])
-    if np.any(delays != delay):
-        raise GainroomError("step_response: joints with different delays are stepped at a sample time alone")
+    delay = float(delays[delays > 0].min())
     late = max(8, math.ceil(delay * fastest / LARGEST_TURN))
     steps = min(math.ceil(end / delay), MOST_STEPS // late + 1) * late
-    reference, disturbance = _delayed(system, entry, delay / late, late, steps)
+    reference, disturbance = _delayed(system, entry, delays, delay / late, steps)
     while True:
         coarse, late, steps = reference, 2 * late, 2 * steps
-        reference, disturbance = _delayed(system, entry, delay / late, late, steps)
+        reference, disturbance = _delayed(system, entry, delays, delay / late, steps)
         change = float(np.abs(reference[::2] - coarse).max() / np.abs(reference).max())
         if change < CONVERGED or late > MOST_STEPS_PER_DELAY:
             return StepResponse(delay / late * np.arange(steps + 1), reference, disturbance, change, growth, frequency)
@@ -110,22 +108,42 @@ def _horizon(roots: Complexes) -> float:
     return min(SETTLE / max(-growth, 1e-9 * fastest), 2000 * 2 * math.pi / fastest)
 
 
-def _delayed(system: StateSpace, entry: Floats, step: float, late: int, count: int) -> tuple[Floats, Floats]:
-    """`count` steps of a continuous loop whose delay is `late` of them: (z, position), (count + 1,) each."""
-    inputs, (transition, before, after) = len(entry), _held(system, step)
-    states, sent, rows = np.zeros((late + 1, len(transition))), np.zeros((late, inputs)), []
-    transposed, nothing = transition.T.copy(), np.zeros((1, inputs))
-    for turn in range(count // late + 1):  # in one delay the commands are those that were sent in the one before
-        forcing = sent @ before.T + np.vstack([sent[1:], nothing]) @ after.T
-        states[0] = states[-1]
-        _recur(transposed, forcing, states)
-        rows.append(states[:-1] @ system.c.T + sent @ system.d.T)
-        # The point that follows the last one is this delay's own first command, known only when its outputs are.
-        # In the first delay it is the step itself, which does not ramp up inside the interval before it.
-        sent = entry - rows[-1][:, :inputs]
-        states[-1] += after @ (sent[0] if turn else nothing[0])
-    table = np.vstack(rows)[: count + 1]
-    return table[:, inputs], table[:, inputs + 1]
+def _delayed(system: StateSpace, entry: Floats, delays: Floats, step: float, count: int) -> tuple[Floats, Floats]:
+    """`count` steps of a continuous loop with `delays` (n), none but 0 shorter than a step: (z, position), (count + 1,) each.
+
+    A delayed command is the unit step, which is integrated from where it arrives, less the delayed outputs, continuous and straight
+    between two points. Commands without delay close their loops inside the plant.
+    """
+    inputs = len(entry)
+    late = np.flatnonzero(delays > 0)
+    outputs, at_once = system.c[:inputs], np.flatnonzero(delays == 0)
+    assert not system.d.any(), "torque moves neither position nor velocity at once"
+    closed = system.a - system.b[:, at_once] @ outputs[at_once]
+    b = np.column_stack([system.b[:, late], system.b[:, at_once] @ entry[at_once]])  # the last input is 1 from the start
+    transition, before, after = _held(closed, b, step)
+    whole = np.floor(delays[late] / step + 1e-9).astype(int)
+    part = np.clip(delays[late] / step - whole, 0.0, 1.0)
+    forcing = np.tile((before + after)[:, -1], (count, 1))
+    for k, joint in enumerate(late.tolist()):
+        _, first, then = _held(closed, b[:, [k]], (1 - part[k]) * step)
+        forcing[whole[k] : whole[k] + 1] += (first + then)[:, 0] * entry[joint]
+        forcing[whole[k] + 1 :] += (before + after)[:, k] * entry[joint]
+    states, sent = np.zeros((count + 1, len(closed))), np.zeros((count + 1, len(late)))
+    transposed, block = transition.T.copy(), int(whole.min())
+    for start in range(0, count, block):  # in the least delay every command is made of outputs that are known
+        end = min(start + block, count)
+        rows = np.arange(start, end + 1)[:, None] - whole
+        arriving = -(1 - part) * _earlier(sent, rows) - part * _earlier(sent, rows - 1)
+        known = forcing[start:end] + arriving[:-1] @ before[:, :-1].T + arriving[1:] @ after[:, :-1].T
+        _recur(transposed, known, states[start : end + 1])
+        sent[start : end + 1] = states[start : end + 1] @ outputs[late].T
+    table = states @ system.c[inputs:].T
+    return table[:, 0], table[:, 1]
+
+
+def _earlier(sent: Floats, rows: Integers) -> Floats:
+    """Each column of `sent` at its own rows; 0 before the first."""
+    return np.where(rows >= 0, sent[np.maximum(rows, 0), np.arange(sent.shape[1])], 0.0)
 
 
 def _recur(transposed: Floats, forcing: Floats, states: Floats) -> None:
@@ -147,15 +165,15 @@ def _undelayed(system: StateSpace, entry: Floats, step: float, count: int, sampl
     return output[:, 0], output[:, 1]
 
 
-def _held(system: StateSpace, step: float) -> tuple[Floats, Floats, Floats]:
-    """x⁺ = a x + b u + b' u⁺: one step of a continuous system whose inputs are straight in between.
+def _held(a: Floats, b: Floats, step: float) -> tuple[Floats, Floats, Floats]:
+    """x⁺ = p x + q u + r u⁺: one step of ẋ = a x + b u whose inputs are straight in between.
 
     First-order hold; Franklin, Powell and Workman, sec. 6.3.
     """
-    states, inputs = system.b.shape
+    states, inputs = b.shape
     total = np.zeros((states + 2 * inputs,) * 2)
-    total[:states, :states] = step * system.a
-    total[:states, states : states + inputs] = step * system.b
+    total[:states, :states] = step * a
+    total[:states, states : states + inputs] = step * b
     total[states : states + inputs, states + inputs :] = np.eye(inputs)
     over = _core.exponential(total)
     after = over[:states, states + inputs :]
