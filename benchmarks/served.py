@@ -23,12 +23,13 @@ class Served:
 
     address: str
     process: subprocess.Popen[str]
-    file: Path
+    file: Path | None
 
 
-def serve(file: Path, port: int = 0, *options: str, **more: Any) -> Served:
-    """`gainroom app FILE`, once it listens; `options` are further words, `more` is subprocess.Popen's."""
-    command = [sys.executable, "-m", "gainroom", "app", str(file), *options, "--no-browser", "--json", "--port", str(port)]
+def serve(file: Path | None, port: int = 0, *options: str, **more: Any) -> Served:
+    """`gainroom app FILE`, or without one, once it listens; `options` are further words, `more` is subprocess.Popen's."""
+    named = [] if file is None else [str(file)]
+    command = [sys.executable, "-m", "gainroom", "app", *named, *options, "--no-browser", "--json", "--port", str(port)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, **more)
     assert process.stdout is not None
     text = ""
@@ -40,7 +41,7 @@ def serve(file: Path, port: int = 0, *options: str, **more: Any) -> Served:
 
 
 @contextlib.contextmanager
-def serving(file: Path, *options: str, **more: Any) -> Iterator[Served]:
+def serving(file: Path | None, *options: str, **more: Any) -> Iterator[Served]:
     """The same, ended behind the block."""
     served = serve(file, 0, *options, **more)
     try:

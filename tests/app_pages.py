@@ -18,12 +18,12 @@ PATIENCE = 300.0
 QUICK, CERTIFIED = served.ANSWERED, served.CERTIFIED
 
 
-def serve(file: Path, port: int = 0, *options: str) -> Served:
-    """`gainroom app FILE`, once it listens; `options` are further words."""
+def serve(file: Path | None, port: int = 0, *options: str) -> Served:
+    """`gainroom app FILE`, or without one, once it listens; `options` are further words."""
     return served.serve(file, port, *options, **_alone())
 
 
-def serving(file: Path, *options: str) -> contextlib.AbstractContextManager[Served]:
+def serving(file: Path | None, *options: str) -> contextlib.AbstractContextManager[Served]:
     """The same, ended behind the block."""
     return served.serving(file, *options, **_alone())
 

@@ -1,15 +1,17 @@
 """The page's server: one process, its files read once, computing in threads of its own, nothing from or to any other machine."""
 
+import asyncio
 import contextlib
 import secrets
 import socket
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from importlib.resources import files
+from types import MappingProxyType
 
 import uvicorn
 from starlette.applications import Starlette
-from starlette.requests import Request
+from starlette.requests import HTTPConnection, Request
 from starlette.responses import HTMLResponse, PlainTextResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket
@@ -23,20 +25,30 @@ from .session import Session
 
 STATIC = files("gainroom") / "app" / "static"
 TYPES = {"js": "text/javascript", "css": "text/css"}
+Examples = Mapping[str, Callable[[], Bench]]
+"""Opened when they are asked for."""
+NONE: Examples = MappingProxyType({})
 MOST_PAGES = 32
 """Open at the same time."""
 PATIENCE = 1
 """[s] that connections get to end by themselves."""
 
 
-def application(bench: Bench, port: int, token: str = "") -> App:
-    """The ASGI application."""
+def application(bench: Bench, port: int, token: str = "", examples: Examples = NONE) -> App:
+    """The ASGI application; `examples`: what a page is about in place of `bench`, by the name behind ?example=."""
+    benches = {"": lambda: bench, **examples}
+
+    def asked(given: HTTPConnection) -> str:
+        return given.query_params.get("example", "")
+
     static = _static()
     page = (STATIC / "index.html").read_text("utf-8")
     lanes = {name: Lane(name) for name in ("quick", "curves", "full")}
     open_pages: set[int] = set()
 
     async def index(request: Request) -> Response:
+        if asked(request) not in benches:
+            return PlainTextResponse(f"no such example; there are: {', '.join(examples) or 'none'}\n", 404)
         return HTMLResponse(page)
 
     async def file(request: Request) -> Response:
@@ -46,16 +58,17 @@ def application(bench: Bench, port: int, token: str = "") -> App:
         return Response(static[name], media_type=TYPES[name.rpartition(".")[2]])
 
     async def mesh(request: Request) -> Response:
-        found = bench.mesh(request.path_params["place"])
+        opener = benches.get(asked(request))
+        found = None if opener is None else (await asyncio.to_thread(opener)).mesh(request.path_params["place"])
         return PlainTextResponse("not found\n", 404) if found is None else Response(found, media_type="application/octet-stream")
 
     async def speak(socket: WebSocket) -> None:
-        if len(open_pages) >= MOST_PAGES:
-            await socket.close(1013, "too many pages are open")
+        if len(open_pages) >= MOST_PAGES or asked(socket) not in benches:
+            await socket.close(1013, "too many pages are open, or no such example")
             return
         open_pages.add(id(socket))
         try:
-            await Session(socket, bench, lanes).run()
+            await Session(socket, await asyncio.to_thread(benches[asked(socket)]), lanes, list(examples)).run()
         finally:
             open_pages.discard(id(socket))
 
@@ -86,8 +99,8 @@ def listening(host: str, port: int) -> socket.socket:
     return found
 
 
-def serve(bench: Bench, host: str, port: int, ready: Callable[[str], None]) -> None:
-    """Until a signal ends it. `ready` gets the page's address.
+def serve(bench: Bench, host: str, port: int, ready: Callable[[str], None], examples: Examples = NONE) -> None:
+    """Until a signal ends it. `ready` gets the page's address; `examples` as of application.
 
     Raises GainroomError where the address cannot be listened on.
     """
@@ -97,7 +110,7 @@ def serve(bench: Bench, host: str, port: int, ready: Callable[[str], None]) -> N
     here = host in LOOPBACK or host == "::1"
     token = "" if here else secrets.token_urlsafe(24)
     config = uvicorn.Config(
-        application(bench, port, token),
+        application(bench, port, token, examples),
         ws="wsproto",
         ws_max_size=LONGEST,
         ws_per_message_deflate=False,  # this machine alone: packing costs more than it saves

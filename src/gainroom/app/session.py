@@ -4,7 +4,7 @@ import asyncio
 import contextlib
 import json
 import traceback
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
@@ -21,9 +21,10 @@ LANES = {"look": "quick", "copy": "text", "save": "text", "find": "search", "sha
 
 
 class Session:
-    """See the module. `lanes`: "quick" and "curves" for what follows a gesture, "full" for everything else."""
+    """See the module. `lanes`: "quick" and "curves" for what follows a gesture, "full" for everything else; `examples`: their names."""
 
-    def __init__(self, socket: WebSocket, bench: Bench, lanes: dict[str, Lane]) -> None:
+    def __init__(self, socket: WebSocket, bench: Bench, lanes: dict[str, Lane], examples: Sequence[str] = ()) -> None:
+        self._examples = list(examples)
         self._socket, self._bench, self._lanes = socket, bench, lanes
         self._loop = asyncio.get_running_loop()
         self._answers: asyncio.Queue[str | None] = asyncio.Queue()
@@ -33,7 +34,7 @@ class Session:
         """Until the page is closed."""
         await self._socket.accept()
         sender = asyncio.create_task(self._send())
-        self._post("opening", 0, self._bench.opening())
+        self._post("opening", 0, self._bench.opening() | {"examples": self._examples})
         try:
             while True:
                 message = await self._socket.receive()

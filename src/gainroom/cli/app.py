@@ -1,7 +1,8 @@
 """gainroom app: the interactive page."""
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,7 +14,7 @@ from .options import AsJson, kind_of, number_option, report_stream, yaml_output
 from .output import emit, emit_json
 
 if TYPE_CHECKING:
-    from ..app.bench import Bench
+    from ..app.bench import Bench, Opened
     from ..files.audit_options import AuditOptions
 
 DEFAULT = "testbed"
@@ -28,7 +29,7 @@ def app(
         str | None,
         typer.Argument(
             metavar="FILE",
-            help="A joint.yaml or robot.yaml; a model (URDF, MJCF) with --delay-ms and audit's other options; without it, an example.",
+            help="A joint.yaml or robot.yaml; a model (URDF, MJCF) with --delay-ms and audit's other options; else shipped examples.",
             show_default=False,
         ),
     ] = None,
@@ -115,7 +116,7 @@ def app(
 
     with opened() as bench:
         pass  # what is written stands before the page is served
-    serve(bench, host, port, ready)
+    serve(bench, host, port, ready, examples() if file is None else {})
     return 0
 
 
@@ -163,25 +164,44 @@ def _audited(file: str | None, gains: Path | None, options: "AuditOptions", marg
                 robot.write_text(text, "utf-8", newline="\n")
 
 
-def _bench(name: str | None) -> "Bench":
-    """The file, opened."""
+def examples() -> "dict[str, Callable[[], Bench]]":
+    """The shipped files, opened once when they are asked for; robots where the library that reads them is installed."""
+    from importlib.util import find_spec
+
     from ..app.bench import Opened
-    from ..app.joint_bench import JointBench
+    from .example import example_texts, joint_examples
+
+    joints = joint_examples()
+    texts = joints if find_spec("pinocchio") is None else example_texts()
+
+    def opener(name: str) -> "Callable[[], Bench]":
+        return cache(lambda: _bench_of(Opened(texts[name], f"{name}.yaml", Path()), "joint" if name in joints else "robot"))
+
+    return {name: opener(name) for name in texts}
+
+
+def _bench(name: str | None) -> "Bench":
+    """The file, or the first example, opened."""
+    from ..app.bench import Opened
     from ..errors import GainroomError
     from ..files.file_types import kind_of_file
     from ..io.yaml_text import read_text
-    from .example import example_texts
 
     if name is None:
-        return JointBench(Opened(example_texts()[DEFAULT], f"{DEFAULT}.yaml", Path()))
+        return examples()[DEFAULT]()
     file = Path(name)
     if kind_of_file(file) == "model":
         raise GainroomError(
             f"{name}: is a robot's model; its delay is needed, too: gainroom app {name} --delay-ms 2, and --gains for its gains"
         )
-    opened = Opened(read_text(file), str(file), file.parent, file)
-    if kind_of(file) == "robot":
+    return _bench_of(Opened(read_text(file), str(file), file.parent, file), kind_of(file))
+
+
+def _bench_of(opened: "Opened", kind: str) -> "Bench":
+    if kind == "robot":
         from ..app.robot_bench import RobotBench
 
         return RobotBench(opened)
+    from ..app.joint_bench import JointBench
+
     return JointBench(opened)

@@ -10,7 +10,6 @@ import { fromAddress, toAddress } from "./address.js";
 
 /** @param {string} id @returns {any} */
 const by = (id) => document.getElementById(id);
-const token = new URLSearchParams(location.search).get("token") || "";
 
 const page = {
   /** @type {any} */ opening: null,
@@ -42,7 +41,7 @@ const page = {
 // ---- the server ------------------------------------------------------------------------------------------------------------------------
 
 function connect() {
-  const socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/ws${token ? `?token=${encodeURIComponent(token)}` : ""}`);
+  const socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/ws${location.search}`);
   page.socket = socket;
   socket.onmessage = (event) => take(JSON.parse(event.data));
   socket.onclose = () => {
@@ -137,6 +136,7 @@ function open(opening) {
     inputs = new Controls(page, { gesture, look, show });
     show();
     if (opening.kind === "robot") robot();
+    if (opening.examples.length) examples(opening);
     forms(opening, send);
     by("save").hidden = !opening.saves;
     const fit = document.createElement("button");
@@ -146,6 +146,16 @@ function open(opening) {
     by("map").querySelector("figcaption").append(fit);
   }
   look(true, first ? (opening.window ? { window: opening.window } : {}) : { window: map.window });
+}
+
+/** Another of the shipped files. @param {any} opening */
+function examples(opening) {
+  const label = document.createElement("label"), select = document.createElement("select"), query = new URLSearchParams(location.search);
+  select.id = "example";
+  for (const name of opening.examples) select.add(new Option(name, name, false, `${name}.yaml` === opening.name));
+  select.onchange = () => { query.set("example", select.value); location.assign(`?${query}`); };
+  label.append("example", document.createElement("span"), select);
+  by("controls").prepend(label);
 }
 
 /** @param {number} [wide] */
@@ -169,7 +179,7 @@ function robot() {
   last.querySelector(".plot").replaceChildren(...side.querySelector(".plot").children);
   captions[1].replaceChildren(...captions[0].childNodes);
   captions[0].innerText = "Critical mode";
-  body = new RobotView(side.querySelector(".plot"), page.opening.shapes, token, () => page.dragging);
+  body = new RobotView(side.querySelector(".plot"), page.opening.shapes, () => page.dragging);
   by("map").querySelector("small").textContent = `of the chosen ${what} in this state, all others closed; drag the dot`;
   map.blue = `this ${what}'s own loop keeps the required margins in this state (sampled)`;
   by("bode").querySelector("small").textContent = `of the chosen ${what}, all others closed; sampled`;
@@ -249,7 +259,7 @@ function sentences(part, current) {
   const ranges = page.opening.uncertain.length > 0, met = page.certified && part.met === true && !(part.uncertified || []).length;
   if (met !== map.met) { map.met = met; map.draw(); }
   by("basis").textContent = {
-    certified: certified(part) + (ranges ? " Worst of the stated ranges." : ""),
+    certified: certified(part) + (page.view.sample_rate_hz === 0 && page.opening.rates.length > 1 ? " Continuous time: choose your loop's sample rate." : "") + (ranges ? " Worst of the stated ranges." : ""),
     state: `Certified in ${part.where}${ranges ? " over the stated ranges" : ""}; the other states follow.`,
     nominal: "Nominal values only; the stated ranges are not examined yet.",
     quick: "This state only, at nominal values. Stability and gain limit are certified; what is marked ≈ is not.",
@@ -282,9 +292,9 @@ function use(part) {
   map.points.rule = part.rule || null;
   map.star = part.star || "";
   by("snap").textContent = part.find ? "★ Find gains (slow)" : "★ Use recommended";
-  map.draw();
   by("snap").disabled = !part.gains && !part.find;
   star();
+  map.draw();
   const notes = by("notes");
   notes.replaceChildren();
   for (const { text, lines } of part.notes) {

@@ -1,6 +1,7 @@
 // What is analysed: the gains as numbers, and sliders for what is not a gain.
 // @ts-check
 import { number } from "./gainmap.js";
+import { toast } from "./away.js";
 
 export class Controls {
   /** @param {any} page @param {{ gesture: (start: boolean) => void, look: (final: boolean) => void, show: () => void }} does */
@@ -9,6 +10,7 @@ export class Controls {
     this.does = does;
     this.place = /** @type {HTMLElement} */ (document.getElementById("controls"));
     /** @type {(() => void)[]} */ this.shown = [];
+    /** @type {(() => void)[]} */ this.ofGains = [];
     this.fields = Object.assign(document.createElement("span"), { id: "gains" });
     this.place.append(this.fields);
     const { opening } = page, robot = opening.kind === "robot";
@@ -23,11 +25,7 @@ export class Controls {
 
   show() {
     this.inputs();
-    for (const each of this.shown) each();
-    for (const [name, value] of Object.entries(this.gains)) {
-      const input = /** @type {HTMLInputElement | null} */ (document.getElementById(`gain-${name}`));
-      if (input && document.activeElement !== input) input.value = String(Number(Number(value).toPrecision(7)));
-    }
+    for (const each of [...this.shown, ...this.ofGains]) each();
   }
 
   /** An input for each gain; those of one joint or direction may be others than those of the next. */
@@ -35,27 +33,35 @@ export class Controls {
     const { opening, view } = this.page, own = opening.kind === "robot" ? opening.gains[view.joint] : opening.gains, key = JSON.stringify(own);
     if (this.fields.dataset.of === key) return;
     this.fields.dataset.of = key;
-    this.fields.replaceChildren(...own.map((/** @type {any} */ gain) => {
+    this.fields.replaceChildren();
+    this.ofGains = own.map((/** @type {any} */ gain) => {
       const label = document.createElement("label"), input = document.createElement("input");
-      Object.assign(input, { type: "number", min: "0", step: "any", id: `gain-${gain.name}` });
       label.append(`${gain.name} [${gain.unit || "–"}]`, input);
-      input.addEventListener("change", () => {
-        if (!(Number(input.value) >= 0) || input.value === "") return this.does.show();
-        this.does.gesture(true);
-        delete this.page.view.point;
-        this.gains[gain.name] = Number(input.value);
-        return this.does.look(true);
-      });
-      return label;
-    }));
+      this.fields.append(label);
+      return this.typed(input, `gain-${gain.name}`, gain.name, true, () => this.gains[gain.name], (value) => { delete this.page.view.point; this.gains[gain.name] = value; });
+    });
   }
 
-  /** @param {string} title @param {HTMLElement} input */
-  add(title, input) {
-    const label = document.createElement("label"), output = document.createElement("output");
-    label.append(title, output, input);
+  /** A number that is typed; what is none, or too small, is put back. @param {HTMLInputElement} input @param {string} id @param {string} title @param {boolean} zero @param {() => number} now @param {(value: number) => void} put */
+  typed(input, id, title, zero, now, put) {
+    Object.assign(input, { type: "number", min: "0", step: "any", id });
+    const show = () => { input.value = String(Number(Number(now()).toPrecision(7))); };
+    input.addEventListener("change", () => {
+      const value = input.value === "" ? NaN : Number(input.value);
+      if (!(zero ? value >= 0 : value > 0)) { toast(`${title}: a number ${zero ? "from" : "above"} 0`); show(); return; }
+      this.does.gesture(true);
+      put(value);
+      this.does.show();
+      this.does.look(true);
+    });
+    return () => { if (document.activeElement !== input) show(); };
+  }
+
+  /** @param {string} title @param {HTMLElement} beside @param {HTMLElement} input */
+  add(title, beside, input) {
+    const label = document.createElement("label");
+    label.append(title, beside, input);
     this.place.append(label);
-    return output;
   }
 
   /** Even steps for the delay, factors for the others. @param {string} name @param {string} title @param {string} unit @param {number} low @param {number} high */
@@ -64,15 +70,18 @@ export class Controls {
     if (own === null) return;
     const input = document.createElement("input"), even = name === "delay_ms";
     Object.assign(input, { type: "range", min: even ? low : Math.log10(low * own), max: even ? high : Math.log10(high * own), step: even ? 0.01 : 0.005, id: name });
-    const output = this.add(title, input);
+    const typed = document.createElement("input"), [least, most] = [Number(input.min), Number(input.max)];
+    input.setAttribute("aria-label", title);
+    this.add(`${title} [${unit}]`, typed, input);
+    this.shown.push(this.typed(typed, `${name}-typed`, title, even, () => page.view[name], (value) => { page.view[name] = value; }));
     const value = () => (even ? Number(input.value) : Number((10 ** Number(input.value)).toPrecision(4)));
     input.addEventListener("input", () => { if (!page.dragging) does.gesture(true); page.view[name] = value(); does.show(); does.look(false); });
     input.addEventListener("change", () => { does.gesture(false); page.view[name] = value(); does.look(true); });
     this.shown.push(() => {
-      const at = page.view[name];
-      input.value = String(even ? at : Math.log10(at));
-      output.textContent = `${number(at)} ${unit}`;
-      input.setAttribute("aria-valuetext", output.textContent);
+      const at = page.view[name], place = even ? at : Math.log10(at);
+      if (!page.dragging) Object.assign(input, { min: Math.min(least, place), max: Math.max(most, place) }); // what is typed may lie further out
+      input.value = String(place);
+      input.setAttribute("aria-valuetext", `${number(at)} ${unit}`);
     });
   }
 
@@ -80,7 +89,7 @@ export class Controls {
     const { page, does } = this, rates = document.createElement("select");
     rates.id = "sample_rate_hz";
     for (const rate of page.opening.rates) rates.add(new Option(rate ? `${number(rate)} Hz` : "continuous", String(rate)));
-    this.add("sample rate", rates);
+    this.add("sample rate", document.createElement("span"), rates);
     rates.addEventListener("change", () => { does.gesture(true); page.view.sample_rate_hz = Number(rates.value); does.look(true); });
     this.shown.push(() => { rates.value = String(page.view.sample_rate_hz); });
   }

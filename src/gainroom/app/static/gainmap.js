@@ -191,7 +191,7 @@ export class GainMap {
     svg("text", { transform: `translate(13 ${FRAME.top + inner.height / 2}) rotate(-90)`, "text-anchor": "middle" }, axes).textContent = `${this.names[1]} [${this.units[1]}]`;
     svg("text", { x: width - FRAME.right - 8, y: FRAME.top + 18, "text-anchor": "end", class: "soft" }, labels).textContent = "unstable";
     const inside = this.data.lines.map((/** @type {any} */ line, /** @type {number} */ k) => ({ text: line.text, color: colors[k % 4], dash: ["——", "– –", "···", "–·–"][k % 4] }));
-    this.legend.replaceChildren("Hatched: unstable. ", this.data.required.length ? `Blue: ${this.blue}. ` : "", this.everywhere(), "● now, ○ file", this.points.star ? `, ★ recommended${this.star && ` (${this.star})`}` : "", this.points.rule ? ", × rule of thumb (10 Hz). " : ". ");
+    this.legend.replaceChildren("Hatched: unstable. ", this.data.required.length ? `Blue: ${this.blue}. ` : "", this.everywhere(), "● now, ○ file", this.points.star ? `, ★ recommended: the stiffest${this.star && ` (${this.star})`}` : "", this.points.rule ? ", × rule of thumb (10 Hz). " : ". ");
     for (const one of inside) {
       const mark = document.createElement("span");
       mark.textContent = ` ${one.dash} ${one.text} `;
@@ -207,6 +207,7 @@ export class GainMap {
     const { every, safe, whole, missing } = this.data;
     if (missing) return `All states: ${missing}. `;
     if (!every) return "";
+    if (this.late) return "Pale and dashed: all states, as they were; they follow. ";
     const none = every.length ? "Dashed: stable in every state. " : "Nowhere here is it stable in every state. ";
     const fine = this.met ? "The gains now meet every requirement in every state, as the verdict says" : "";
     const others = !whole ? "" : whole.length ? `Dark green: every requirement in every state, of every loop and of all together (nominal values, sampled). ${fine && `${fine}. `}` : fine ? `${fine}; around them the map finds no room. ` : "No gains of this loop alone meet every requirement in every state (sampled). ";

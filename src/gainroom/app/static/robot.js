@@ -17,13 +17,12 @@ function shade(part) {
 }
 
 export class RobotView {
-  /** @param {HTMLElement} place @param {any[]} shapes @param {string} token @param {() => boolean} busy */
-  constructor(place, shapes, token, busy) {
+  /** @param {HTMLElement} place @param {any[]} shapes @param {() => boolean} busy */
+  constructor(place, shapes, busy) {
     this.size = 1;
     this.key = "";
     this.place = place;
     this.shapes = shapes;
-    this.token = token;
     /** @type {any} */ this.part = null;
     /** @type {any} */ this.root = null;
     /** @type {any} */ this.film = null;
@@ -109,7 +108,7 @@ export class RobotView {
 
   /** @param {number} k */
   async load(k) {
-    const answer = await fetch(`/mesh/${k}${this.token ? `?token=${encodeURIComponent(this.token)}` : ""}`), bytes = await answer.arrayBuffer();
+    const answer = await fetch(`/mesh/${k}${location.search}`), bytes = await answer.arrayBuffer();
     const [corners, faces] = new Uint32Array(bytes, 0, 2), geometry = new three.BufferGeometry();
     geometry.setAttribute("position", new three.BufferAttribute(new Float32Array(bytes, 8, 3 * corners), 3));
     geometry.setIndex(new three.BufferAttribute(new Uint32Array(bytes, 8 + 12 * corners, 3 * faces), 1));
