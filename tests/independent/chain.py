@@ -36,8 +36,8 @@ class Chain:
         velocity, torque, rate = x[count : 2 * count], x[-2], x[-1]
         force = [0.0] * count
         for k in range(count - 1):
-            stretch = x[k] - x[k + 1]
-            spring = self.stiffness[k] * stretch + self.hardening * stretch * stretch * stretch + self.damping[k] * (velocity[k] - velocity[k + 1])
+            stretch, rates = x[k] - x[k + 1], velocity[k] - velocity[k + 1]
+            spring = self.stiffness[k] * stretch + self.hardening * stretch * stretch * stretch + self.damping[k] * rates
             force[k] -= spring
             force[k + 1] += spring
         force[0] += torque - self.coulomb * math.tanh(velocity[0] / self.softness)
