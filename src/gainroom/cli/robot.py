@@ -21,10 +21,7 @@ if TYPE_CHECKING:
 
 
 def robot(
-    file: Annotated[
-        Path,
-        typer.Argument(metavar="FILE", help="A robot.yaml; `gainroom example biped` prints one.", show_default=False),
-    ],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A robot.yaml; `gainroom example biped` prints one.", show_default=False)],
     sweep: Annotated[
         Path | None, typer.Option(metavar="DIR.zarr", help="A sweep's results: its worst postures count too, and gains are checked in all.")
     ] = None,
