@@ -4,6 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 NATIVE := build/native/.built
+TYPES := build/.types
 DEMO := build/demo
 
 # Every command that a test starts would compile the package anew.
@@ -25,10 +26,15 @@ test: $(NATIVE)
 tests: $(NATIVE)
 	$(BIN)/pytest -n 2 --dist worksteal -q
 
-lint: $(STAMP)
+lint: $(STAMP) $(TYPES)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+
+# Half a minute, and nothing new to say of sources that have passed.
+$(TYPES): $(STAMP) pyproject.toml $(shell find src -name '*.py' -o -name '*.pyi')
 	$(BIN)/pyright
+	@mkdir -p $(@D)
+	@touch $@
 
 # All of it every time, as pages that have not changed would not warn again.
 docs: $(NATIVE)

@@ -1,5 +1,6 @@
 """What every test runs with, and the robot that several of them look at."""
 
+import gc
 import os
 
 import pytest
@@ -54,6 +55,12 @@ def served(tmp_path_factory):
     file.write_text(EXAMPLES["fig9"], "utf-8")
     with serving(file) as found:
         yield found
+
+
+def pytest_collection_finish() -> None:
+    """Thousands of collected tests stay as they are: Python need not look through them for garbage again and again."""
+    gc.collect()
+    gc.freeze()
 
 
 LONG = (

@@ -5,8 +5,14 @@ from math import inf, pi, sqrt
 from typing import Any
 
 import numpy as np
+import pytest
 
 import gainroom as gr
+
+
+def seeds(share: int, whole: int) -> list[Any]:
+    """For `parametrize`: the first `share` every time, the rest of `whole` with -m population."""
+    return [*range(share), *(pytest.param(seed, marks=pytest.mark.population) for seed in range(share, whole))]
 
 
 @dataclass(frozen=True)

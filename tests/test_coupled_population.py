@@ -21,7 +21,7 @@ from machines import Pair, chain, limbs
 
 SEED = int(os.environ.get("GAINROOM_SEED", "2017"))
 LIMBS, CHAINS, BATCHES = 1000, 2000, 20
-SHARE = 14  # of each, in every run
+SHARE = 8  # of each, in every run
 INSIDE = 1e-5  # relative distance from a limit at which roots are counted: ten times the certificate's own
 TOPPLING = 0.03  # likewise from limits at rest, where the root that passes is slower than counts tell from 0 any nearer
 LONGEST = 10.0  # [s] of processor time for all margins of a loop: longer ones are counted and printed

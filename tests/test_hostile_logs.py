@@ -9,8 +9,6 @@ import shutil
 import signal
 import sqlite3
 import struct
-import subprocess
-import sys
 import traceback
 import zipfile
 import zlib
@@ -25,6 +23,7 @@ import numpy as np
 import pytest
 
 import gainroom as gr
+from bounded_reading import in_bounds
 from gainroom.files.logs import read_log
 from gainroom.files.logs.table import MOST_PIECE
 from log_files import WRITERS, Truth, damaged_file, torch_pickle, write_bag, write_torch
@@ -195,23 +194,6 @@ def test_a_file_that_ends_too_early(name: str, tmp_path: Path):
         assert what in ("answer", "refusal"), text
         if what == "answer" and suffix in ("csv", "mcap"):
             assert not read_log(path).complete
-
-
-def in_bounds(path: Path) -> str:
-    """What reading says in a process of its own that may take MOST_MEMORY beside the libraries; it must be a refusal."""
-    program = (
-        "import resource, sys; from pathlib import Path\n"
-        "import h5py, pyarrow.parquet, mcap.stream_reader, zstandard, lz4.frame, numpy, gainroom\n"
-        "from gainroom.files.logs import read_log\n"
-        "base = int(open('/proc/self/statm').read().split()[0]) * resource.getpagesize()\n"
-        f"resource.setrlimit(resource.RLIMIT_AS, (base + {MOST_MEMORY}, base + {MOST_MEMORY}))\n"
-        f"resource.setrlimit(resource.RLIMIT_CPU, ({int(MOST_SECONDS)}, {int(MOST_SECONDS)}))\n"
-        "try: print('answer', read_log(Path(sys.argv[1])).time.shape)\n"
-        "except gainroom.GainroomError as error: print(error)\n"
-    )
-    done = subprocess.run([sys.executable, "-c", program, str(path)], check=False, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr[-1000:]
-    return done.stdout.strip()
 
 
 @cache
@@ -392,7 +374,7 @@ def test_bombs(name: str, tmp_path: Path):
     """Files that unpack to more than there is, or announce it."""
     write, words = BOMBS[name]
     write(tmp_path / name)
-    said = in_bounds(tmp_path / name)
+    said = in_bounds(tmp_path / name, MOST_MEMORY, int(MOST_SECONDS))
     assert said.startswith(str(tmp_path / name)), said
     assert not [word for word in words if word not in said], said
 
@@ -482,7 +464,9 @@ def test_a_hostile_database(change: str, tmp_path: Path):
     (file,) = (tmp_path / "bag").glob("*.db3")
     with sqlite3.connect(file) as database:
         database.executescript(change)
-    assert in_bounds(file).startswith((str(file), "answer (7"))  # one message of 80 that is too long costs nothing
+    assert in_bounds(file, MOST_MEMORY, int(MOST_SECONDS)).startswith(
+        (str(file), "answer (7")
+    )  # one message of 80 that is too long costs nothing
 
 
 def test_things_that_are_no_files(tmp_path: Path):

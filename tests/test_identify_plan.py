@@ -24,7 +24,7 @@ from refusals import assert_refused
 TICK = 1e-3
 JOINT, DRIVE, HELD = gr.ElasticJoint(0.2, 0.8, 1e4, 2.0), gr.Drive(2000.0, 0.9, 3 * TICK), gr.PD(40.0, 9.0)
 SYSTEM = gr.System.of_joint(JOINT, DRIVE, HELD, sample_time=TICK)
-WHOLE, SHARE = 24, 3
+WHOLE, SHARE = 24, 2
 PROMISED = ("motor_inertia", "link_inertia", "stiffness", "delay")
 FILE = """
 joint: {motor_inertia: 0.2, link_inertia: 0.8, stiffness: 1.0e4, damping: 2.0}
@@ -133,7 +133,7 @@ def errors(plan: Plan, seed: int) -> list[float]:
 
 
 def test_share_of_the_promised_accuracy(plan):
-    """No error beyond 4 promised standard errors: of 12 normal ones that happens once in 1300 times."""
+    """No error beyond 4 promised standard errors: of 8 normal ones that happens once in 2000 times."""
     assert np.abs([errors(plan, seed) for seed in range(SHARE)]).max() < 4.0
 
 

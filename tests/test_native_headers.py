@@ -1,79 +1,57 @@
 """The core's headers in a C++ program of their own: the same digits as through Python, and nothing that the sanitizers find."""
 
-import os
-import shutil
-import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import gainroom as gr
+import native_programs
 from draws import draw_setup
 from gainroom.analysis.crossings import scan
 from gainroom.linear.transfer_function import Factored
-from gainroom.native import include_dir
+from native_programs import SANITIZED, output
 from test_crossings import KINDS
 
 SOURCES = Path(__file__).with_name("native")
-STRICT = ["-std=c++17", "-Og", "-ffp-contract=off", "-Wall", "-Wextra", "-Wpedantic", "-Werror"]
-SANITIZED = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
 
 
-def compiled(name: str, folder: Path) -> Path:
-    """With sanitizers, where the compiler has them."""
-    compiler = os.environ.get("CXX") or shutil.which("c++") or "build/native/c++"
-    if shutil.which(compiler) is None:
-        pytest.skip("no C++ compiler")
-    path = folder / name
-    command = [compiler, *STRICT, f"-I{include_dir()}", str(SOURCES / f"{name}.cpp"), "-o", str(path)]
-    done = subprocess.run([*command, *SANITIZED], capture_output=True, text=True, check=False)
-    if done.returncode:
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert not done.returncode, done.stderr
-    return path
-
-
-def output(program: Path, lines: str = "") -> str:
-    # The look for leaks needs to trace the process, which containers may forbid.
-    environment = {**os.environ, "ASAN_OPTIONS": "detect_leaks=0"}
-    done = subprocess.run([str(program)], input=lines, capture_output=True, text=True, check=False, env=environment)
-    assert (done.returncode, done.stderr) == (0, "")
-    return done.stdout
+def compiled(name: str) -> Path:
+    return native_programs.compiled(SOURCES / f"{name}.cpp", *SANITIZED)
 
 
 @pytest.fixture(scope="module")
-def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return compiled("scans", tmp_path_factory.mktemp("native"))
+def program() -> Path:
+    return compiled("scans")
 
 
-def test_limits_of_random_and_hostile_coupled_loops_end(tmp_path: Path):
+def test_limits_of_random_and_hostile_coupled_loops_end():
     """Loops of 0 to 60 joints; NaN, infinite, zero, huge and tiny values in every kind of place."""
-    ordinary, _ = output(compiled("limits", tmp_path)).split()
+    ordinary, _ = output(compiled("limits")).split()
     assert int(ordinary) > 10
 
 
-def test_looks_at_random_and_hostile_coupled_loops_end(tmp_path: Path):
+def test_looks_at_random_and_hostile_coupled_loops_end():
     """Joints and directions, gravity, soft contacts, sampled; NaN, infinite, zero, huge and tiny values everywhere; 20 joints."""
-    ordinary, _ = output(compiled("looks", tmp_path)).split()
+    ordinary, _ = output(compiled("looks")).split()
     assert int(ordinary) > 60
 
 
-def test_disk_margins_of_random_and_hostile_modes_end(tmp_path: Path):
+def test_disk_margins_of_random_and_hostile_modes_end():
     """1 to 8 loops; none that is not finite is called bounded, all ordinary ones are."""
-    ordinary, _ = output(compiled("disks", tmp_path)).split()
+    ordinary, _ = output(compiled("disks")).split()
     assert int(ordinary) == 24
 
 
 @pytest.fixture(scope="module")
-def delays(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return compiled("delays", tmp_path_factory.mktemp("native"))
+def delays() -> Path:
+    return compiled("delays")
 
 
 def answers(program: Path, lines: list[list[float]]) -> list[list[float]]:
     """What the program says of each line of numbers; integers are counts."""
     words = [" ".join(str(value) if isinstance(value, int) else float(value).hex() for value in line) for line in lines]
-    return [[float.fromhex(word) for word in line.split()] for line in output(program, "\n".join(words)).splitlines()]
+    return [[float.fromhex(word) for word in line.split()] for line in output(program, given="\n".join(words)).splitlines()]
 
 
 def parts(roots: np.ndarray) -> list[float]:
@@ -164,7 +142,7 @@ def test_hostile_loops_end(program: Path):
             assert numbers[0] == 0.0, loop
 
 
-def test_trees_and_matrices_of_any_rank_end(tmp_path: Path):
+def test_trees_and_matrices_of_any_rank_end():
     """Joints of every kind, quaternions of any size, masses of 0; pseudo-inverses of any rank solve A A⁺ A = A."""
-    ordinary, wrong = output(compiled("trees", tmp_path)).split()
+    ordinary, wrong = output(compiled("trees")).split()
     assert (int(ordinary) > 1000, int(wrong)) == (True, 0)

@@ -1,55 +1,29 @@
 """The tracker's headers in C++ programs of their own: the control loop that is an example, ticks without memory, and hostile ones."""
 
-import os
-import shutil
-import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import gainroom as gr
-from gainroom.native import _core, include_dir
+from gainroom.native import _core
+from native_programs import SANITIZED, compiled, output
 
 TESTS = Path(__file__).parent
-STRICT = ["-std=c++17", "-Og", "-ffp-contract=off", "-Wall", "-Wextra", "-Wpedantic", "-Werror"]
-SANITIZED = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
 PERIOD = 5e-4
-
-
-def compiled(source: Path, folder: Path, options: list[str]) -> Path:
-    """With the options where the compiler has them."""
-    compiler = os.environ.get("CXX") or shutil.which("c++") or "build/native/c++"
-    if shutil.which(compiler) is None:
-        pytest.skip("no C++ compiler")
-    path = folder / source.stem
-    command = [compiler, *STRICT, f"-I{include_dir()}", str(source), "-o", str(path)]
-    done = subprocess.run([*command, *options], capture_output=True, text=True, check=False)
-    if done.returncode:
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert not done.returncode, done.stderr
-    return path
-
-
-def output(program: Path, *arguments: str, given: str = "") -> list[str]:
-    # The look for leaks needs to trace the process, which containers may forbid.
-    environment = {**os.environ, "ASAN_OPTIONS": "detect_leaks=0"}
-    done = subprocess.run([str(program), *arguments], input=given, capture_output=True, text=True, check=False, env=environment)
-    assert (done.returncode, done.stderr) == (0, "")
-    return done.stdout.splitlines()
 
 
 def example_joints():
     return np.array([[0.3 if i % 2 else 0.5, 0.2, 0, 8e3, 2.0, 4000.0, 0.9, 2e-3, 1800.0, 80.0 if i % 2 else 90.0] for i in range(4)])
 
 
-def test_control_loop(tmp_path: Path):
+def test_control_loop():
     """Every tick of the example gives what Python gives for its matrices, and some of its limits are compared with gain_limit."""
-    program = compiled(TESTS.parent / "examples" / "control_loop.cpp", tmp_path, [])
+    program = compiled(TESTS.parent / "examples" / "control_loop.cpp")
     table = example_joints()
     tracker = _core.GainTracker(table, PERIOD, 7, 4, 4, 0.0, 0.0)
     drive, pd = gr.Drive(4000.0, 0.9, 2e-3), gr.PD(table[:, 8], table[:, 9])
-    ticks = [line.split() for line in output(program, "trace")]
+    ticks = [line.split() for line in output(program, "trace").splitlines()]
     assert len(ticks) == 4000
     certified = 0
     for number, words in enumerate(ticks):
@@ -70,7 +44,7 @@ def test_control_loop(tmp_path: Path):
         if len(other):
             tracker.prepare([other], number // 4 % 3)
     assert certified > 0.99 * len(ticks)
-    said = output(program)
+    said = output(program).splitlines()
     assert "certified" in said[0]
     assert float(said[-2].split()[-1]) == pytest.approx(gain / 2, abs=1e-3)  # the factor on the gains has risen to what the margin allows
 
@@ -103,9 +77,9 @@ def hostile_ticks(rng: np.random.Generator, count: int):
         yield (int(rng.integers(-2, 4)) if kind == 6 else int(rng.integers(0, 2))), mass, held
 
 
-def test_ticks_take_no_memory_and_hostile_ones_end(tmp_path: Path):
+def test_ticks_take_no_memory_and_hostile_ones_end():
     """No tick takes memory; whatever comes in, an answer comes out, and none of it that is no number is called certified or safe."""
-    program = compiled(TESTS / "native" / "ticks.cpp", tmp_path, SANITIZED)
+    program = compiled(TESTS / "native" / "ticks.cpp", *SANITIZED)
     rng = np.random.default_rng(3)
     good = np.array([[0.5, 0.1, 0.1, 8e3, 2.0, 4000.0, 0.9, 2e-3, 900.0, 45.0]] * 3)
     tables = [(good, 0.0), (good, PERIOD), (np.where(np.arange(10) == 3, np.inf, good), PERIOD)]
@@ -114,7 +88,7 @@ def test_ticks_take_no_memory_and_hostile_ones_end(tmp_path: Path):
             tables.append((np.where(np.arange(10) == column, odd, good), PERIOD if column % 2 else 0.0))
     for number, (table, sample_time) in enumerate(tables):
         ticks = list(hostile_ticks(rng, 60 if number < 3 else 12))
-        lines = output(program, given=ticks_text(table, sample_time, 5, 3, 2, ticks))
+        lines = output(program, given=ticks_text(table, sample_time, 5, 3, 2, ticks)).splitlines()
         assert len(lines) == len(ticks)
         for line in lines:
             gain, _, certified, _, safe, flag = line.split()

@@ -22,7 +22,7 @@ from wide_joints import Case, narrow, wide
 SEED = int(os.environ.get("GAINROOM_SEED", "20171117"))
 WHOLE = {kind: min(count, int(os.environ.get("GAINROOM_POPULATION", "10000"))) for kind, count in (("wide", 10_000), ("narrow", 2000))}
 DRAWS = {"wide": wide, "narrow": narrow}
-SHARE, BATCH = 60, 30
+SHARE, BATCH = 30, 30
 SHIFT = 1e-6  # relative: the claim to be confirmed
 LEAST_ANGLE = 1e-9  # [rad] by which phase and delay margins are at least shifted: rounding of ω and of roots beside the boundary
 HIGHEST = 1e9  # factor up to which the absence of a limit is claimed in continuous time

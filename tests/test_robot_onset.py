@@ -76,7 +76,7 @@ def test_link_side_feedback():
 SPACES = (("joint", "double"), ("joint", "left"), ("joint", "flight"), ("task", "double"), ("task", "left"))
 
 
-@pytest.mark.parametrize("posture", ["stand", "crouch"])
+@pytest.mark.parametrize("posture", ["stand", pytest.param("crouch", marks=pytest.mark.population)])
 @pytest.mark.parametrize(("space", "contact"), SPACES)
 def test_biped(spec, space, contact, posture):
     control = replace(spec.control, space=space, sample_time=TICK, controller=spec.control.controller if space == "joint" else None)

@@ -1,6 +1,7 @@
 """What `gainroom robot` and `gainroom audit` tell: limits mean what they say, and a robot of one joint is that joint."""
 
 import json
+import math
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import replace
 from io import StringIO
@@ -21,12 +22,14 @@ from gainroom.report.robot_text import notes, sentence, warnings
 from gainroom.studies.audit import audit
 from gainroom.studies.robot import RobotStudy, study_robot
 from gainroom.studies.state import State
+from gainroom.system.requirements import Requirements
 from gainroom.system.system import System
 from refusals import assert_refused
 from robot_truths import hinge, link, write_robot
 
 # Roots found independently of the limits (Chebyshev points and Newton) must lie on either side of the boundary this near to a limit.
 NEAR = 1e-3
+EXAMPLES = Path(gr.__path__[0]) / "files" / "examples"
 ROBOT = """\
 model: {file: robot.urdf, base: fixed}
 joints: {default: {motor_inertia: 0.5, stiffness: 5e3, damping: 2}}
@@ -377,3 +380,22 @@ def test_a_poor_kd_in_the_file_costs_little(folder: Path):
         stiffness.append(gains.everywhere.kp[0])
     # Dampings are tried in steps of 1.5, and stiffness changes by less than that between two of them.
     assert min(stiffness) > max(stiffness) / 1.5
+
+
+def test_tasks_that_are_not_closed_are_warned_of_where_they_lack_gain_margin(tmp_path: Path):
+    """The limit of the same tasks, closed, decides; nothing is said where they have enough, and nothing of tasks that are closed."""
+    file = load_robot_system(EXAMPLES / "biped.yaml")
+    asked = replace(file, requirements=Requirements(gain_margin=2.0))
+    study = study_robot(asked, recommend=False)
+    text = yaml.safe_load((EXAMPLES / "biped.yaml").read_text("utf-8"))
+    text["control"] = {"type": "pd", "space": "task", "feedback": "motor"}
+    (tmp_path / "robot.yaml").write_text(yaml.safe_dump(text), "utf-8")
+    closed = study_robot(replace(load_robot_system(tmp_path / "robot.yaml"), requirements=asked.requirements), recommend=False)
+    limit, state = closed.tightest.limit.gain, study.weakest_tasks
+    assert 1 < limit < 2
+    assert state is not None
+    assert state.title == closed.tightest.title
+    (said,) = (text for text in warnings(study) if "closed in place of the joints" in text)
+    assert f"{20 * math.log10(limit):.3g} dB (≥ 6.02 dB) in {state.title}" in said
+    free = replace(asked, requirements=Requirements(gain_margin=0.9 * limit))
+    assert not any("closed in place" in text for text in (*warnings(replace(study, system=free)), *warnings(closed)))

@@ -20,14 +20,14 @@ THREE = replace(TWO, inertia=np.array([0.2, 0.3, 0.5]), stiffness=np.array([1e4,
 class TwoJoints(Chain):
     """The link of `TWO` and a second joint, which its own controller holds, push each other: an inertia of 0.3 kg m² between them."""
 
-    def slope(self, x: np.ndarray, demand: float) -> np.ndarray:
-        position, velocity, torque, rate = x[:3], x[3:6], x[6], x[7]
+    def slope(self, x: list[float], demand: float) -> list[float]:
+        position, velocity, torque, rate = x[:3], np.array(x[3:6]), x[6], x[7]
         spring = 1e4 * (position[0] - position[1]) + 2 * (velocity[0] - velocity[1])
         friction = np.array([1.0, 0.2, 0.0]) * np.tanh(velocity / self.softness)
         force = np.array([torque - spring, spring, -60 * position[2] - 12 * velocity[2]]) - friction
         inertia, w = np.array([[0.2, 0, 0], [0, 0.8, 0.3], [0, 0.3, 0.6]]), self.bandwidth
         loop = [rate, w * w * (demand - torque) - 2 * self.damping_ratio * w * rate]
-        return np.concatenate([velocity, np.linalg.solve(inertia, force), loop])
+        return [*velocity, *np.linalg.solve(inertia, force), *loop]
 
 
 def closed(chain: Chain, torque: np.ndarray, slow: float = 0.4) -> dict[str, np.ndarray]:

@@ -4,7 +4,8 @@ A joint is a chain of two; three show what a two-mass model cannot be. The comma
 drive makes it through a second-order current loop; Coulomb friction is smoothed by tanh. Nothing here knows matrix exponentials.
 """
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,9 +18,9 @@ class Chain:
     hardening   of every spring: torque per deflection³ beside its stiffness [N m/rad³]; limit: of the torque [N m]
     """
 
-    inertia: np.ndarray
-    stiffness: np.ndarray
-    damping: np.ndarray
+    inertia: Sequence[float]
+    stiffness: Sequence[float]
+    damping: Sequence[float]
     coulomb: float = 0.0
     last_coulomb: float = 0.0
     bandwidth: float = 4000.0
@@ -27,21 +28,23 @@ class Chain:
     resolution: float = 0.0
     softness: float = 0.002
     hardening: float = 0.0
-    limit: float = np.inf
+    limit: float = math.inf
 
-    def slope(self, x: np.ndarray, demand: float) -> np.ndarray:
-        """d/dt of positions (n,), velocities (n,), torque and its rate."""
-        count = len(self.inertia)
-        position, velocity, torque, rate = x[:count], x[count : 2 * count], x[-2], x[-1]
-        stretch, demand = position[:-1] - position[1:], float(np.clip(demand, -self.limit, self.limit))
-        spring = self.stiffness * stretch + self.hardening * stretch**3 + self.damping * (velocity[:-1] - velocity[1:])
-        force = np.zeros(count)
-        force[:-1] -= spring
-        force[1:] += spring
-        force[0] += torque - self.coulomb * np.tanh(velocity[0] / self.softness)
-        force[-1] -= self.last_coulomb * np.tanh(velocity[-1] / self.softness)
-        w = self.bandwidth
-        return np.concatenate([velocity, force / self.inertia, [rate, w * w * (demand - torque) - 2 * self.damping_ratio * w * rate]])
+    def slope(self, x: list[float], demand: float) -> list[float]:
+        """d/dt of positions (n,), velocities (n,), torque and its rate; in plain numbers, as so few are slow as arrays."""
+        count, w = len(self.inertia), self.bandwidth
+        velocity, torque, rate = x[count : 2 * count], x[-2], x[-1]
+        force = [0.0] * count
+        for k in range(count - 1):
+            stretch, rates = x[k] - x[k + 1], velocity[k] - velocity[k + 1]
+            spring = self.stiffness[k] * stretch + self.hardening * stretch * stretch * stretch + self.damping[k] * rates
+            force[k] -= spring
+            force[k + 1] += spring
+        force[0] += torque - self.coulomb * math.tanh(velocity[0] / self.softness)
+        force[-1] -= self.last_coulomb * math.tanh(velocity[-1] / self.softness)
+        demand = min(max(demand, -self.limit), self.limit)
+        acceleration = [each / inertia for each, inertia in zip(force, self.inertia, strict=True)]
+        return [*velocity, *acceleration, rate, w * w * (demand - torque) - 2 * self.damping_ratio * w * rate]
 
 
 def record(
@@ -49,23 +52,23 @@ def record(
 ) -> dict[str, np.ndarray]:
     """Columns of a log (ticks,): `command` makes the target torque from the tick's number and the motor's reading."""
     count = len(chain.inertia)
-    x, step = np.zeros(2 * count + 2), tick / substeps
+    x, step = [0.0] * (2 * count + 2), tick / substeps
     sent = np.zeros(ticks)
     columns = {name: np.zeros(ticks) for name in ("target_torque", "actual_torque", "motor_position", "link_position")}
     for k in range(ticks):
         reading = [x[0], x[count - 1]]
         if chain.resolution:
-            reading = [chain.resolution * np.floor(value / chain.resolution + 0.5) for value in reading]
+            reading = [chain.resolution * float(np.floor(value / chain.resolution + 0.5)) for value in reading]
         sent[k] = command(k, reading[0])
         for name, value in zip(columns, (sent[k], x[-2], *reading), strict=True):
             columns[name][k] = value
-        demand = sent[k - late] if k >= late else 0.0
+        demand = float(sent[k - late]) if k >= late else 0.0
         for _ in range(substeps):
             first = chain.slope(x, demand)
-            second = chain.slope(x + step / 2 * first, demand)
-            third = chain.slope(x + step / 2 * second, demand)
-            fourth = chain.slope(x + step * third, demand)
-            x = x + step / 6 * (first + 2 * second + 2 * third + fourth)
+            second = chain.slope([a + step / 2 * b for a, b in zip(x, first, strict=True)], demand)
+            third = chain.slope([a + step / 2 * b for a, b in zip(x, second, strict=True)], demand)
+            fourth = chain.slope([a + step * b for a, b in zip(x, third, strict=True)], demand)
+            x = [a + step / 6 * (b + 2 * c + 2 * d + e) for a, b, c, d, e in zip(x, first, second, third, fourth, strict=True)]
     return columns
 
 

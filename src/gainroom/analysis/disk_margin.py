@@ -27,10 +27,7 @@ SCALAR_TOLERANCE = 1 / 0.99 - 1  # the same of the scan of one loop (crossings.p
 SAMPLES, CHECKS = 60, 12  # of S − T: from which the search for the peak starts; at which the modes are checked
 DROWNED = 1e13  # condition number of I + L from which its inverse is round-off: where it matters it is above 1e14, else below 1e11
 MOST_INTERVALS = 5_000  # bound of time
-LARGEST_RISE, LEAST_DISTANCE = (
-    0.05,
-    1e-6,
-)  # neighbouring samples of a response: largest relative step of σ_max, least distance
+LARGEST_RISE, LEAST_DISTANCE = (0.05, 1e-6)  # neighbouring samples of a response: largest relative step of σ_max, least distance
 
 Response = Callable[[Floats], Complexes]
 

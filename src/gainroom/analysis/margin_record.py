@@ -226,10 +226,7 @@ def worst_of(found: Sequence[Margins]) -> Margins:
         "peak_complementary peak_complementary_frequency": least(lambda one: -one.peak_complementary),
         "disk_margin disk_margin_frequency": least(lambda one: one.disk_margin),
     }
-    upper, lower = (
-        least(lambda one: one.limit.gain).limit,
-        least(lambda one: -one.limit.lower_gain).limit,
-    )
+    upper, lower = (least(lambda one: one.limit.gain).limit, least(lambda one: -one.limit.lower_gain).limit)
     limit = GainLimit(
         stable=all(one.stable for one in found),
         gain=upper.gain,

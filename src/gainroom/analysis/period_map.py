@@ -88,9 +88,7 @@ class PeriodMap:
     def later(self, others: float, kd: float) -> "PeriodMap":
         """The same with more delay [s] on either path."""
         found = copy(self)
-        found._lay_out(
-            [path.delayed(own + more) for path, own, more in zip(self._paths, self._delays, (others, kd), strict=True)],
-        )
+        found._lay_out([path.delayed(own + more) for path, own, more in zip(self._paths, self._delays, (others, kd), strict=True)])
         return found
 
     def _lay_out(self, paths: list[_Path]) -> None:

@@ -33,8 +33,7 @@ def audit(
         ),
     ],
     delay_ms: Annotated[
-        float,
-        number_option("--delay-ms", "in milliseconds", "From the host to motor torque [ms]; see --gains-run.", show_default=False),
+        float, number_option("--delay-ms", "in milliseconds", "From the host to motor torque [ms]; see --gains-run.", show_default=False)
     ],
     gains: given.Gains = None,
     rate_hz: given.RateHz = None,

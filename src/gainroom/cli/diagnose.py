@@ -21,13 +21,7 @@ JointFileOrName = Annotated[
 
 
 @reads_log
-def diagnose(
-    call: LogCall,
-    joint: JointFileOrName = None,
-    as_json: AsJson = False,
-    verbose: Verbose = False,
-    report: Report = None,
-) -> int:
+def diagnose(call: LogCall, joint: JointFileOrName = None, as_json: AsJson = False, verbose: Verbose = False, report: Report = None) -> int:
     """Does a joint vibrate in a recording, why, and which gain to change by how much.
 
     Causes are ranked by evidence: the loop at its gain limit, stick-slip, encoder steps, a structural resonance, torque saturation. With

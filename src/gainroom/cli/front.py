@@ -44,10 +44,7 @@ app.command(name="reproduce", short_help="The paper's figures, computed and comp
 
 
 @app.callback(invoke_without_command=True)
-def _front(
-    context: typer.Context,
-    version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False,
-) -> None:
+def _front(context: typer.Context, version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False) -> None:
     """How large the gains of a torque-controlled joint or robot can be, with elasticity and time delay, exactly.
 
     \b

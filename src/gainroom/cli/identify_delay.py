@@ -11,8 +11,7 @@ from .options import AsJson, Report, command_line, number_option, report_stream
 def delay(
     call: LogCall,
     loop_rate_hz: Annotated[
-        Number,
-        number_option("--loop-rate-hz", "in Hz", "Of the loop on kp and kd [Hz], where no torque is logged: its hold is no delay."),
+        Number, number_option("--loop-rate-hz", "in Hz", "Of the loop on kp and kd [Hz], where no torque is logged: its hold is no delay.")
     ] = None,
     as_json: AsJson = False,
     report: Report = None,

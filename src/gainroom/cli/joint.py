@@ -16,10 +16,7 @@ if TYPE_CHECKING:
 
 
 def joint(
-    file: Annotated[
-        Path,
-        typer.Argument(metavar="FILE", help="A joint.yaml; `gainroom example testbed` prints one.", show_default=False),
-    ],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A joint.yaml; `gainroom example testbed` prints one.", show_default=False)],
     as_json: AsJson = False,
     verbose: Verbose = False,
     strict: Strict = False,

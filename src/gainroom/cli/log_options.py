@@ -16,8 +16,7 @@ if TYPE_CHECKING:
 
 Number = float | None
 LogFile = Annotated[
-    Path,
-    typer.Argument(metavar="LOG", help="CSV, Parquet, MCAP, ROS 2 bag, HDF5, MATLAB, JSON (BAM) or .pt (PACE).", show_default=False),
+    Path, typer.Argument(metavar="LOG", help="CSV, Parquet, MCAP, ROS 2 bag, HDF5, MATLAB, JSON (BAM) or .pt (PACE).", show_default=False)
 ]
 Columns = Annotated[
     list[str] | None,

@@ -27,8 +27,7 @@ RateHz = Annotated[Number, number_option("--rate-hz", "in Hz", "Of the controlle
 Stiffness = Annotated[Number, number_option("--stiffness", "in N m/rad", "Of every gearbox [N m/rad]; without it, rigid.")]
 Damping = Annotated[Number, number_option("--damping", "in N m s/rad", "Of every gearbox [N m s/rad].")]
 DampingRatio = Annotated[
-    float,
-    number_option("--damping-ratio", "", "Of gearboxes whose stiffness is not given, for how stiff they must be; 0.05 is 5 %."),
+    float, number_option("--damping-ratio", "", "Of gearboxes whose stiffness is not given, for how stiff they must be; 0.05 is 5 %.")
 ]
 Gearbox = Annotated[
     list[str] | None,
@@ -42,8 +41,7 @@ MotorInertia = Annotated[Number, number_option("--motor-inertia", "in kg m²", "
 Bandwidth = Annotated[Number, number_option("--bandwidth", "in rad/s", "Of the current loops [rad/s]; without it, ideal.")]
 Base = Annotated[str | None, typer.Option(help="fixed or floating; without it, as the MJCF has it. fixed locks a free joint.")]
 Contact = Annotated[
-    list[str] | None,
-    typer.Option(metavar="FRAME[:TYPE]", help="A frame on the ground, flat; FRAME:line, FRAME:point; may be repeated."),
+    list[str] | None, typer.Option(metavar="FRAME[:TYPE]", help="A frame on the ground, flat; FRAME:line, FRAME:point; may be repeated.")
 ]
 Posture = Annotated[
     list[str] | None,
@@ -56,8 +54,7 @@ Posture = Annotated[
 JointDamping = Annotated[
     str | None,
     typer.Option(
-        metavar="WHAT",
-        help="What the model's own joint damping is: controller (a part of kd) or friction; without it, it does not count.",
+        metavar="WHAT", help="What the model's own joint damping is: controller (a part of kd) or friction; without it, it does not count."
     ),
 ]
 MarginDb = Annotated[float, number_option("--margin-db", "in dB", "Gain margin that safe gains have [dB].")]

@@ -43,12 +43,7 @@ def _terminal(result: "Reproduction", verbose: bool) -> str:
     return render(
         head,
         "",
-        table(
-            "Paper and computed (in brackets: not printed in the paper)",
-            COLUMNS,
-            [cells(row) for row in result.rows],
-            wide=True,
-        ),
+        table("Paper and computed (in brackets: not printed in the paper)", COLUMNS, [cells(row) for row in result.rows], wide=True),
         "Identified from virtual logs",
         "",
         *(f"{row.id}: {value_text(row.computed)}, {interval(row)}" for row in result.rows if interval(row)),

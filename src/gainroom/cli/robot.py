@@ -21,10 +21,7 @@ if TYPE_CHECKING:
 
 
 def robot(
-    file: Annotated[
-        Path,
-        typer.Argument(metavar="FILE", help="A robot.yaml; `gainroom example biped` prints one.", show_default=False),
-    ],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A robot.yaml; `gainroom example biped` prints one.", show_default=False)],
     sweep: Annotated[
         Path | None, typer.Option(metavar="DIR.zarr", help="A sweep's results: its worst postures count too, and gains are checked in all.")
     ] = None,
@@ -138,7 +135,8 @@ def _terminal(study: "RobotStudy", report: Path | None, verbose: bool, elsewhere
     parts = [sentence(study), *verdict_parts(study, robot_to_use(study)), *elsewhere]
     if verbose:
         return render(*parts, "", *_all_there_is(study), *closing({"Report": report}, said, assumed, notes(study)))
-    return render(*parts, *closing({"Report": report}, few(said, MOST_WARNINGS)), "By state, joint and task: --verbose, or --report.")
+    more = [] if report is not None else ["By state, joint and task: --verbose, or --report."]
+    return render(*parts, *closing({"Report": report}, few(said, MOST_WARNINGS)), *more)
 
 
 def _all_there_is(study: "RobotStudy") -> list[Any]:

@@ -26,10 +26,7 @@ NUMBERS = ("rms", "peak", "steady_state", "overshoot", "settling_time")
 
 
 def simulate(
-    file: Annotated[
-        Path,
-        typer.Argument(metavar="FILE", help="A joint.yaml or robot.yaml; see `gainroom example`.", show_default=False),
-    ],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A joint.yaml or robot.yaml; see `gainroom example`.", show_default=False)],
     as_json: AsJson = False,
     verbose: Verbose = False,
     report: Report = None,
@@ -169,18 +166,12 @@ def _terminal(outcome: "Outcome", call: str, report: Path | None, log: Path | No
         sentence(outcome),
         *do_this(what_to_do(outcome, call)),
         "",
-        table(
-            f"Tracking, {run.feedback} side ({outcome.spec.kind}, {rate})",
-            ("", *TRACKING),
-            tracking,
-        ),
+        table(f"Tracking, {run.feedback} side ({outcome.spec.kind}, {rate})", ("", *TRACKING), tracking),
     ]
     more = [
         table("Joints with the largest torques" if len(run.joint_names) > 1 else "Torque", ("", "torque peak", "RMS"), torques),
         table(
-            "Vibration",
-            ("", "frequency", "growth"),
-            [("simulated", *vibration_text(outcome)), ("linear loop", *limit_text(outcome.limit))],
+            "Vibration", ("", "frequency", "growth"), [("simulated", *vibration_text(outcome)), ("linear loop", *limit_text(outcome.limit))]
         ),
     ]
     said = warnings(outcome)

@@ -16,8 +16,7 @@ if TYPE_CHECKING:
 
 def verify(
     file: Annotated[
-        Path,
-        typer.Argument(metavar="FILE", help="A joint.yaml or robot.yaml with control.sample_rate_hz.", show_default=False),
+        Path, typer.Argument(metavar="FILE", help="A joint.yaml or robot.yaml with control.sample_rate_hz.", show_default=False)
     ],
     as_json: AsJson = False,
     report: Report = None,

@@ -72,13 +72,7 @@ def _ranges(fit: JointFit) -> dict[str, Estimate]:
 
 
 def _lines(
-    fit: JointFit,
-    log: Path,
-    drive: Drive,
-    ranges: Mapping[str, Estimate],
-    gains: Mapping[str, float],
-    made: tuple[str, str],
-    met: bool,
+    fit: JointFit, log: Path, drive: Drive, ranges: Mapping[str, Estimate], gains: Mapping[str, float], made: tuple[str, str], met: bool
 ) -> list[str]:
     """Of the file, top to bottom."""
     date, version = made

@@ -275,8 +275,7 @@ def _result(record: Record, fits: list[_Found], channels: tuple[str, ...], warni
         ticks=ticks,
         effective=effective.scaled(tick),
         jitter=Jitter(
-            deviation * tick,
-            *((seen.values, seen.probability) if seen is not None else (np.zeros(0, dtype=np.int64), np.zeros(0))),
+            deviation * tick, *((seen.values, seen.probability) if seen is not None else (np.zeros(0, dtype=np.int64), np.zeros(0)))
         ),
         lag=lag.scaled(tick),
         bandwidth=log_interval(fit.speed / tick, math.hypot(errors[2], LOOP_FLOOR), FREEDOM),

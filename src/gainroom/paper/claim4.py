@@ -87,12 +87,7 @@ def rows() -> Iterator[Row]:
 def pictures() -> Iterator[Picture]:
     """The limits side by side."""
     cases = [(contact, gains) for gains in GAIN_SETS for contact in SUPPORTS]
-    kinds = {
-        "full": "full matrices",
-        "diagonal": "diagonals alone",
-        "single": "tightest joint by itself",
-        "rigid": "full, rigid gearboxes",
-    }
+    kinds = {"full": "full matrices", "diagonal": "diagonals alone", "single": "tightest joint by itself", "rigid": "full, rigid gearboxes"}
     marks = tuple(
         Mark(place, getattr(standing_limits(*case), name), kind=kind, stem=1.0)
         for place, case in enumerate(cases)

@@ -24,11 +24,7 @@ def rows() -> Iterator[Row]:
     law = GAINS.kp + s * GAINS.kd
     # Motor: (J_M s² + k) θ − k q = C e^{−sT} (D (P_d − n − θ) + d); link: (J_L s² + k) q = k θ.
     system = np.moveaxis(np.array([[motor + current * law, -gearbox], [-gearbox, link]]), 2, 0)
-    for name, symbol, driven in (
-        ("reference", "P_d", current * law),
-        ("noise", "n", -current * law),
-        ("disturbance", "d", current),
-    ):
+    for name, symbol, driven in (("reference", "P_d", current * law), ("noise", "n", -current * law), ("disturbance", "d", current)):
         right = np.stack([driven, np.zeros_like(s)], axis=1)[:, :, None]
         solved = np.linalg.solve(system, right)[:, 0, 0]
         deviation = float(np.abs(getattr(found, name)(omega) / solved - 1).max())

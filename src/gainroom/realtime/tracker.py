@@ -84,11 +84,7 @@ class GainTracker:
     """
 
     def __init__(
-        self,
-        robot: "Robot",
-        control: Control | PD | None = None,
-        limits: Requirements | None = None,
-        contacts: Sequence[str] | None = None,
+        self, robot: "Robot", control: Control | PD | None = None, limits: Requirements | None = None, contacts: Sequence[str] | None = None
     ):
         system = _system(robot, control)
         names = _contact_names(robot, contacts)

@@ -212,9 +212,6 @@ def _certificate(result: Audit) -> Html:
     pairs = limit_proofs(result.states, result.immobile)
     pairs += [
         ("one loop at a time", "each loop's own curve with the other loops closed, sampled until smooth; its crossings polished"),
-        (
-            "delay",
-            "the smallest extra delay in all loops at which a locus passes through −1; for unstable gains, counted from zero delay",
-        ),
+        ("delay", "the smallest extra delay in all loops at which a locus passes through −1; for unstable gains, counted from zero delay"),
     ]
     return facts(pairs)

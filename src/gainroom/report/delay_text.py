@@ -10,14 +10,7 @@ from .number_format import digits
 TORQUE_COLUMNS = (
     estimated("delay", "delay_ms", lambda found: found.delay, "ms", 1e3, "from target to demand torque, mean over commands"),
     estimated("delay in ticks", "delay_ticks", lambda found: found.ticks, "", 1.0, "the same in ticks of the log"),
-    estimated(
-        "delay in the loop",
-        "effective_delay_ms",
-        lambda found: found.effective,
-        "ms",
-        1e3,
-        "mean age of the command that acts",
-    ),
+    estimated("delay in the loop", "effective_delay_ms", lambda found: found.effective, "ms", 1e3, "mean age of the command that acts"),
     Column(
         "jitter",
         "jitter_ms",

@@ -42,10 +42,7 @@ def joint_page(fit: JointFit, record: Record, answer: Answer, command: str) -> s
         _card("delay", None if delay is None else delay.scaled(1e3), "ms"),
         Card("model", "adequate" if fit.adequate else "not adequate", met=fit.adequate, note=fit.model),
     ]
-    sections = [
-        Section("Measured and fitted", [frequency_response(fit)]),
-        Section("What the model leaves", [autocorrelation(fit)]),
-    ]
+    sections = [Section("Measured and fitted", [frequency_response(fit)]), Section("What the model leaves", [autocorrelation(fit)])]
     if fit.delay is not None:
         sections.append(Section("Torques", [torques(fit.delay, record)]))
         if len(fit.delay.jitter.ticks):

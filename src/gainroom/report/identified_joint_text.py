@@ -58,13 +58,7 @@ STIFFNESS_COLUMNS = (
     estimated("stiffness K", "stiffness", lambda fit: fit.stiffness, "N·m/rad", definition="slope of torque over deflection"),
     estimated("friction", "friction", lambda fit: fit.friction, "N·m", definition="half the width of the hysteresis in torque"),
     estimated("hysteresis", "hysteresis", lambda fit: fit.hysteresis, "rad", definition="its width in deflection", shown_in=("mrad", 1e3)),
-    estimated(
-        "hardening",
-        "hardening",
-        lambda fit: fit.hardening,
-        definition="rise of the slope towards the ends",
-        shown_in=("%", 100.0),
-    ),
+    estimated("hardening", "hardening", lambda fit: fit.hardening, definition="rise of the slope towards the ends", shown_in=("%", 100.0)),
     Column("offset", "offset", lambda fit: fit.offset, "N·m", "torque at deflection 0", significant=3),
     Column("", "rows", lambda fit: len(fit.torque)),
 )

@@ -8,14 +8,7 @@ from ..files.logs import CHANNELS, Ability, Log, LoggedJoint, Origin, Quality, S
 from ..identification.record import SHORTEST
 from .number_format import digits
 
-READ = {
-    "given": "stated",
-    "file": "the file",
-    "name": "name",
-    "values": "numbers",
-    "convention": "convention",
-    "assumed": "assumed",
-}
+READ = {"given": "stated", "file": "the file", "name": "name", "values": "numbers", "convention": "convention", "assumed": "assumed"}
 """By what a column or a unit is known, in a table."""
 COARSE = 0.05
 """Jitter in ticks from which on it is mentioned: a twentieth of a tick is what a delay is asked to be known to, within a factor of two."""

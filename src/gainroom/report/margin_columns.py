@@ -16,14 +16,7 @@ def _lower(margins: Margins) -> str:
 
 
 MARGIN = [
-    Column(
-        "gain margin",
-        "gain_margin_db",
-        lambda m: to_db(m.gain_margin),
-        "dB",
-        at=lambda m: m.phase_crossover,
-        margin="gain_margin",
-    ),
+    Column("gain margin", "gain_margin_db", lambda m: to_db(m.gain_margin), "dB", at=lambda m: m.phase_crossover, margin="gain_margin"),
     Column("", "phase_crossover_rad_s", lambda m: m.phase_crossover),
     Column("gain may fall by", "lower_gain_margin_db", lambda m: to_db(m.lower_gain_margin), shown=_lower),
     Column(
@@ -35,14 +28,7 @@ MARGIN = [
         margin="phase_margin",
     ),
     Column("", "gain_crossover_rad_s", lambda m: m.gain_crossover),
-    Column(
-        "delay margin",
-        "delay_margin_ms",
-        lambda m: 1e3 * m.delay_margin,
-        "ms",
-        at=lambda m: m.delay_crossover,
-        margin="delay_margin",
-    ),
+    Column("delay margin", "delay_margin_ms", lambda m: 1e3 * m.delay_margin, "ms", at=lambda m: m.delay_crossover, margin="delay_margin"),
     Column(
         "peak sensitivity",
         "peak_sensitivity",

@@ -198,12 +198,7 @@ def _lead(study: RobotStudy, elsewhere: Sequence[str]) -> Lead:
 def _cards(study: RobotStudy) -> list[Card]:
     """Three to five numbers, each the worst of all states."""
     cards = _stable_cards(study) if study.stable else _unstable_cards(study)
-    state = min(study.states, key=task_headroom)
-    limit = state.task_limit
-    if limit is not None and study.system.control.space == "joint":
-        note = f"{hertz(limit.frequency)}, {state.title}" if math.isfinite(limit.frequency) else state.title
-        cards.append(Card("limit of task gains, closed instead", digits(limit.gain, "", 3), "×", "stable: ≥ 1", limit.stable, note))
-    elif study.stable:
+    if study.stable:
         state = min(study.states, key=lambda state: unknown_first(state.margins.disk_margin))
         proved = "" if state.margins.disk_certified else ", not certified"
         cards.append(Card("disk margin", digits(state.margins.disk_margin, "", 3), note=f"all motors at once, {state.title}{proved}"))

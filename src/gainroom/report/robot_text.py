@@ -12,6 +12,7 @@ from ..studies.state import State, task_headroom
 from ..system.controller import gain_matrix
 from ..system.system import System
 from .joint_text import CONTINUOUS, NOT_EVERYWHERE, failing, lost_at_usual_rate, stable_text
+from .margin_columns import short_text
 from .recommended_gains_text import weight_warnings
 
 EXACT_ROBOT = "stiffness, damping, inertia and delay are taken as exact; give uncertainty: for gains that hold over a range"
@@ -42,6 +43,19 @@ def _lost_tasks(study: RobotStudy) -> list[str]:
     some = "all" if len(lost) == count else f"{len(lost)} of"
     where = "" if count == 1 else f" in {some} {count} states, worst in {worst.title}"
     return [f"The file's tasks, closed in place of the joints' gains, are UNSTABLE{where}{_at_most(worst.task_limit)}."]
+
+
+def _weak_tasks(study: RobotStudy) -> list[str]:
+    """A warning where those tasks are stable, but have less gain margin than is required."""
+    state = study.weakest_tasks
+    if state is None or state.task_limit is None:
+        return []
+    limit = state.task_limit
+    at = f", at {frequency_text(limit.frequency)}" if math.isfinite(limit.frequency) else ""
+    return [
+        "the file's tasks, closed in place of the joints, have "
+        f"{short_text(study.system.requirements, {'gain_margin': limit.gain})} in {state.title}{at}; control.space: task judges them"
+    ]
 
 
 def _uncontrolled(study: RobotStudy) -> list[str]:
@@ -90,7 +104,7 @@ def warnings(study: RobotStudy) -> tuple[str, ...]:
     """What changes the decision, each with its remedy."""
     system, in_tasks = study.system, study.system.control.space == "task"
     found = [f"{state.title}: the tasks' gains are unstable{_at_most(state.task_limit)}" for state in study.unstable_tasks]
-    found += [*lost_at_usual_rate(study), *_immobile(study)]
+    found += [*_weak_tasks(study), *lost_at_usual_rate(study), *_immobile(study)]
     found += _uncontrolled(study) if in_tasks else []
     found += [*unconfirmed(study.states), *free_joints(system)]
     found += [text for gains in study.recommended for text in weight_warnings(gains) if gains.space == system.control.space]

@@ -15,17 +15,7 @@ from .page_parts import footer, margin_card, unstable_card
 from .simulation_advice import CALL, what_to_do
 from .simulation_figures import channel, channels, close_up, drawn_channels, in_time, links_over_time
 from .simulation_inputs import KINDS, inputs
-from .simulation_text import (
-    TRACKING,
-    farthest_off,
-    floor_of,
-    not_counted,
-    overshoots,
-    sentence,
-    tracking_cells,
-    unsettled,
-    warnings,
-)
+from .simulation_text import TRACKING, farthest_off, floor_of, not_counted, overshoots, sentence, tracking_cells, unsettled, warnings
 from .what_to_do import advice_box
 
 SHOWN_AS_ZERO = 1e-3

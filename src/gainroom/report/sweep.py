@@ -49,10 +49,7 @@ def sweep_page(found: SweepSummary, near: SweptPosture | None, at_worst: WorstSt
         Section("How sure the worst case is", [facts(_sure(found, near))]),
         Section(
             "Inputs and assumptions",
-            [
-                facts(_inputs(found)),
-                assumptions("Linear about every posture", plan.system.control, "; contacts neither slip nor lift"),
-            ],
+            [facts(_inputs(found)), assumptions("Linear about every posture", plan.system.control, "; contacts neither slip nor lift")],
             "robot, postures, what is assumed",
         ),
         Section("Command", [block(command)], "that makes this page"),

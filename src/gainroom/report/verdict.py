@@ -129,9 +129,9 @@ def joint_to_use(study: JointStudy) -> ToUse:
         if again is not None:
             keep = f"The file has no rate. For a loop at {AT_USUAL} use, with {kept(again.worst, asked)} there, under `control`:"
             first = keep, [SAMPLED, *_beside(again.controller, present)]
-            missed = _at_rate(usual.in_range.margins, asked, "", "those that follow")
+            missed = _at_usual_rate(usual.in_range.margins, asked)
         else:
-            remarks.append(_at_rate(usual.in_range.margins, asked, STATE_RATE))
+            remarks.append(f"At {_at_usual_rate(usual.in_range.margins, asked)}. {STATE_RATE}")
     elif study.system.control.sampling_in_delay:
         remarks.append("The delay contains hold and velocity difference, as the file says: these gains are for the sampled loop, too.")
     return ToUse(_heading(study, "control", "", missed), _beside(best.controller, present), remarks, best.worst, first)
@@ -156,10 +156,10 @@ def robot_to_use(study: "RobotStudy") -> ToUse:
         remarks.append("Found without the robot's weight: see the warning.")
     first, missed = None, ""
     if usual is not None and not asked.met_by(usual):
-        start = "The file has no rate. State the loop's rate and run this again, as gains are searched for it; under `control`:"
-        first, missed = (start, [f"{SAMPLED}  # or your loop's"]), _at_rate(usual, asked, "", "those that follow")
+        start = "The file has no rate. State it and run this again, for gains that hold at it:"
+        first, missed = (start, [f"{SAMPLED}  # under control; or your loop's"]), _at_usual_rate(usual, asked)
     elif usual is not None:
-        remarks.append(_at_rate(usual, asked, STATE_RATE))
+        remarks.append(f"At {_at_usual_rate(usual, asked)}. {STATE_RATE}")
     if study.raised:
         remarks.append(f"Some rise by more than {study.tightest.limit.gain:.3g} ×: that limit is for all gains by one factor.")
     own, joints = study.controllers_to_use, gains.space == "joint"
@@ -181,18 +181,19 @@ SAMPLED = f"sample_rate_hz: {USUAL_RATE:.0f}"
 STATE_RATE = f"State the loop's rate under `control`, such as `{SAMPLED}`."
 
 
-def _at_rate(margins: Margins, asked: Requirements, then: str, which: str = "these gains") -> str:
-    """What gains for continuous time keep in the usual loop; `then` follows."""
-    keep = f"keep {kept(margins, asked)}: {'met' if asked.met_by(margins) else 'not met'}" if margins.stable else "be unstable"
-    return f"At {AT_USUAL} {which} would {keep}. {then}".rstrip()
+def _at_usual_rate(margins: Margins, asked: Requirements) -> str:
+    """What gains for continuous time keep in the usual loop: "2 kHz these keep only gain margin 5.25 dB"."""
+    if not margins.stable:
+        return f"{AT_USUAL} these would be unstable"
+    return f"{AT_USUAL} these keep {'' if asked.met_by(margins) else 'only '}{kept(margins, asked)}"
 
 
 def _heading(study: Analysis, place: str, units: str = "", missed: str = "") -> str:
     """`missed`: why the gains are for continuous time alone, which is said before they are read."""
-    time = " in continuous time alone" if missed else ""
+    time, where = " in continuous time alone" if missed else "", f"under `{place}`{units}{f'; at {missed}' if missed else ''}:"
     if study.requirements_met is False:
-        return f"{f'{missed} For continuous time alone' if missed else 'Use instead'}, under `{place}`{units}:"
-    return f"{missed} The present gains may stay{time}. The stiffest that meet the requirements{time}, under `{place}`{units}:".lstrip()
+        return f"{'For continuous time alone' if missed else 'Use instead'}, {where}"
+    return f"The present gains may stay{time}. The stiffest that meet the requirements{time}, {where}"
 
 
 def advice_box(study: "JointStudy | RobotStudy", found: ToUse) -> str:

@@ -19,7 +19,7 @@ from ..system.requirements import REQUIREMENTS
 from ..system.system import System
 from .analysis import USUAL_RATE, Analysis, analyze
 from .deciding_joints import most_sensitive
-from .state import Progress, State
+from .state import Progress, State, task_headroom
 
 EXPECTED_LOOKS = 250
 """Looks that the search for gains takes per state and corner of the uncertainty, roughly: for the progress bar."""
@@ -109,9 +109,20 @@ class RobotStudy(Analysis):
     @property
     def unstable_tasks(self) -> list[State]:
         """The states in which the tasks' own gains, which the file does not close, are unstable."""
-        if self.system.control.space == "task":
-            return []
-        return [state for state in self.states if state.task_limit is not None and not state.task_limit.stable]
+        return [state for state in self._open_tasks if state.task_limit is not None and not state.task_limit.stable]
+
+    @property
+    def weakest_tasks(self) -> State | None:
+        """Where those gains are stable in every state, the one in which they have the least gain margin; None where that is enough."""
+        if self.unstable_tasks or not self._open_tasks:
+            return None
+        state, asked = min(self._open_tasks, key=task_headroom), self.system.requirements
+        return state if state.task_limit is not None and asked.met("gain_margin", state.task_limit.gain) is False else None
+
+    @property
+    def _open_tasks(self) -> list[State]:
+        """The states in which the file has tasks that act but are not closed."""
+        return [] if self.system.control.space == "task" else [state for state in self.states if state.task_limit is not None]
 
 
 def study_robot(system: System, progress: Progress | None = None, recommend: bool = True) -> RobotStudy:

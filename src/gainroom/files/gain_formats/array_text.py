@@ -13,10 +13,7 @@ from .gain_arrays import KD, KP, ORDERS, ArrayNames, OrderedGains, read_arrays
 COMMENT = re.compile(r"/\*.*?(?:\*/|\Z)|//[^\n]*|#[^\n]*", re.DOTALL)
 NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?[fF]?")
 NAME = rf"(?<![\w.>])({'|'.join((*KP, *KD, *ORDERS))})\b[ \t]{{0,40}}"
-ARRAY = re.compile(
-    rf"{NAME}(?:\[\w{{0,40}}\][ \t]{{0,40}})?(?:[=:]\s{{0,40}}[{{\[(]|{{)([^{{}}\[\]();]*)[}}\])]",
-    re.IGNORECASE,
-)
+ARRAY = re.compile(rf"{NAME}(?:\[\w{{0,40}}\][ \t]{{0,40}})?(?:[=:]\s{{0,40}}[{{\[(]|{{)([^{{}}\[\]();]*)[}}\])]", re.IGNORECASE)
 LINE = re.compile(rf"^[ \t]{{0,40}}{NAME}[=:]?[ \t]{{0,40}}([-+.\d\"'][^\n]*)$", re.IGNORECASE | re.MULTILINE)
 """In plain text an array may be the rest of a line."""
 ENUM = re.compile(r"\benum\b[^{};]{0,200}\{([^{}]*)\}")

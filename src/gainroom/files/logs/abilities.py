@@ -13,10 +13,7 @@ Way = tuple[tuple[str, ...], ...]
 TORQUES = ("actual_torque", "demand_torque", "target_torque")
 POSITIONS = ("motor_position", "link_position")
 QUESTIONS: dict[str, tuple[Way, ...]] = {
-    "identify delay": (
-        (("target_torque",), ("actual_torque", "demand_torque")),
-        (("reference",), POSITIONS),
-    ),
+    "identify delay": ((("target_torque",), ("actual_torque", "demand_torque")), (("reference",), POSITIONS)),
     "identify joint": ((("target_torque", "actual_torque"), ("motor_position",)),),
     "identify gains": ((("reference",), POSITIONS, TORQUES[::-1]),),
     "identify stiffness": ((TORQUES, ("motor_position",)),),

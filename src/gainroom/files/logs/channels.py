@@ -47,13 +47,7 @@ _ALL = (
         _TORQUE,
         commanded=True,
     ),
-    Channel(
-        "demand_torque",
-        "torque",
-        words("torque_demand demanded_torque tau_demand drive_torque"),
-        _TORQUE,
-        commanded=True,
-    ),
+    Channel("demand_torque", "torque", words("torque_demand demanded_torque tau_demand drive_torque"), _TORQUE, commanded=True),
     Channel(
         "actual_torque",
         "torque",
@@ -64,12 +58,7 @@ _ALL = (
         ),
         _TORQUE,
     ),
-    Channel(
-        "joint_torque",
-        "torque",
-        words("torque_sensor sensor_torque link_torque output_torque load_torque tau_j"),
-        _TORQUE,
-    ),
+    Channel("joint_torque", "torque", words("torque_sensor sensor_torque link_torque output_torque load_torque tau_j"), _TORQUE),
     Channel(
         "motor_position",
         "angle",
@@ -107,12 +96,7 @@ _ALL = (
         ),
         _SPEED,
     ),
-    Channel(
-        "link_velocity",
-        "speed",
-        words("link_vel link_speed load_velocity output_velocity velocity_link dq_link"),
-        _SPEED,
-    ),
+    Channel("link_velocity", "speed", words("link_vel link_speed load_velocity output_velocity velocity_link dq_link"), _SPEED),
     Channel(
         "reference_velocity",
         "speed",

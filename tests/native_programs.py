@@ -1,0 +1,50 @@
+"""C++ programs of the tests, compiled once for as long as what they are made of stays the same."""
+
+import functools
+import hashlib
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from gainroom.native import include_dir
+
+BUILT = Path(__file__).parents[1] / "build" / "native" / "tests"
+STRICT = ["-std=c++17", "-Og", "-ffp-contract=off", "-Wall", "-Wextra", "-Wpedantic", "-Werror"]
+SANITIZED = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+HEADERS = (Path(include_dir()), Path(__file__).with_name("native"))
+
+
+@functools.cache
+def compiled(source: Path, *options: str) -> Path:
+    """With `options`, where the compiler has them; every warning is an error."""
+    compiler = os.environ.get("CXX") or shutil.which("c++") or "build/native/c++"
+    if shutil.which(compiler) is None:
+        pytest.skip("no C++ compiler")
+    command = [compiler, *STRICT, f"-I{include_dir()}", str(source)]
+    version = subprocess.run([compiler, "--version"], capture_output=True, check=False).stdout
+    made_of = [version, repr((command, options)).encode(), source.read_bytes()]
+    made_of += [header.read_bytes() for folder in HEADERS for header in sorted(folder.rglob("*.hpp"))]
+    path = BUILT / f"{source.stem}-{hashlib.sha256(b''.join(made_of)).hexdigest()[:16]}"
+    if not path.exists():
+        BUILT.mkdir(parents=True, exist_ok=True)
+        for old in BUILT.glob(f"{source.stem}-*"):
+            old.unlink(missing_ok=True)
+        made = path.with_suffix(f".{os.getpid()}")
+        done = subprocess.run([*command, *options, "-o", str(made)], capture_output=True, text=True, check=False)
+        if done.returncode:
+            done = subprocess.run([*command, "-o", str(made)], capture_output=True, text=True, check=False)
+        assert not done.returncode, done.stderr
+        made.replace(path)  # whole, whoever else compiles it
+    return path
+
+
+def output(program: Path, *arguments: str, given: str = "") -> str:
+    """What it prints; it ends well and says nothing else."""
+    # The look for leaks needs to trace the process, which containers may forbid.
+    environment = {**os.environ, "ASAN_OPTIONS": "detect_leaks=0"}
+    done = subprocess.run([str(program), *arguments], input=given, capture_output=True, text=True, check=False, env=environment)
+    assert (done.returncode, done.stderr) == (0, "")
+    return done.stdout
