@@ -72,7 +72,7 @@ def test_dragged_gains_are_judged_as_the_command_line_judges_them(tab: Tab, caps
 def test_far_up_it_says_unstable(tab: Tab):
     tab.drag((0.5, 0.97))
     tab.settle(CERTIFIED)
-    assert tab.text("#sentence").startswith("Unstable.")
+    assert tab.text("#sentence").startswith("Not safe: unstable.")
     assert "bad" in (tab.page.locator("#verdict").get_attribute("class") or "")
     tab.page.get_by_text("do not run these gains").wait_for()
 

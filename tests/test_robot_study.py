@@ -171,14 +171,15 @@ def test_progress_counts_states(spec: System):
 
 
 def test_sentence_and_status(folder: Path, study: RobotStudy, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    assert sentence(study).startswith("Stable, and every requirement is met; the tightest is phase margin ")
+    assert sentence(study).startswith("Not decided: the file has no rate, ")
+    assert "In continuous time every requirement is met; the tightest is phase margin " in sentence(study)
     assert f"Vibration starts at {study.states[0].limit.gain:.3g} × these gains, at " in sentence(study)
     text = ROBOT.replace("kd: {hip: 40, knee: 20}", "kd: {hip: 40, knee: 4000}").replace("robot.urdf", str(folder / "robot.urdf"))
     (tmp_path / "robot.yaml").write_text(text, "utf-8")
     assert main(["robot", str(tmp_path / "robot.yaml")]) == 1
     out, err = capsys.readouterr()
     assert err == ""
-    assert out.startswith("Unstable. ")
+    assert out.startswith("Not safe: unstable. ")
     assert max(map(len, out.splitlines())) <= 80
 
 
@@ -191,7 +192,7 @@ def test_unstable_tasks_are_told_first(folder: Path, study: RobotStudy):
     text = ROBOT.replace("[200, 200, 200]", str([200 * factor] * 3)).replace("[20, 20, 20]", str([20 * factor] * 3))
     lost = study_robot(parse_robot(text, "f", folder), recommend=False)
     assert lost.stable
-    assert sentence(lost).startswith("Stable, ")
+    assert "In continuous time every requirement is met; " in sentence(lost)
     assert "tasks, closed in place of the joints' gains, are UNSTABLE; scale them below 0.5 ×." in sentence(lost)
     assert warnings(lost)[0] == "bent/free: the tasks' gains are unstable; scale them below 0.5 ×"
 

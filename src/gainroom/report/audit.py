@@ -109,7 +109,7 @@ def _deciding(result: Audit) -> str:
 
 def _lead(result: Audit, simulated: "SimulatorAudit | None", swept: "AuditedWorkspace | None", call: str) -> Lead:
     said, do, sentence = list(audit_warnings(result)[:ON_TOP]), _do_this(result, call), verdict(result)
-    if result.to_use is None:
+    if not result.stable and result.to_use is None:
         sentence = audit_sentence(result)
     lost = simulated is not None and not simulated.limit.stable
     if lost:
@@ -137,7 +137,7 @@ def _do_this(result: Audit, call: str) -> Html | str:
     units = joint_units(result.system.source.body)
     caption = "" if result.ready_to_use is None else f"kp {units['kp']}, kd {units['kd']}"
     beside_it = table(*tabulated(audited_margins(result), margins_of_audit(result)), caption, MARKS, sorts=False)
-    return advice_box(found, beside_it, *([] if result.to_use is None else [paragraph(reason(result))]))
+    return advice_box(found, beside_it, paragraph(reason(result)))
 
 
 def _cards(result: Audit) -> list[Card]:

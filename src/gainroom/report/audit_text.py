@@ -105,8 +105,10 @@ def _short_of_gain(result: Audit) -> str:
         value, whose, at = paths.headroom, " of kp or kd by itself,", ""
     elif result.enough_gain_in(worst):
         return f"{short_text(asked, {'gain_margin': first.gain_limit})} of {first.name} by itself"
-    alone = REQUIREMENTS["gain_margin"].text(first.gain_limit)
-    less = f" ({alone} of {first.name} by itself)" if first.gain_limit < value and alone != REQUIREMENTS["gain_margin"].text(value) else ""
+    one = REQUIREMENTS["gain_margin"]
+    alone, less = one.text(first.gain_limit), ""
+    if first.gain_limit < value and alone != one.text(value):
+        less = f" ({alone} of {first.name} by itself)" if first.gain_limit >= 1 else f" ({first.name} by itself is unstable)"
     return f"{short_text(asked, {'gain_margin': value})}{whose}{at}{_mainly(result)}{less}"
 
 
@@ -205,19 +207,19 @@ def _not_yet(result: Audit, found: GainsToUse, call: str) -> Advice:
     omega = one.frequency(after.margins)
     at = f" at {frequency_text(omega)}" if math.isfinite(omega) else ""
     was, becomes = (one.text(one.value(state.margins)) for state in (before, after))
-    change = f"{one.heading} would go from {was} to {becomes}{at}, where {USUAL_PEAK:g} is usual"
-    folded = f"Not yet to use: × {found.factor:.4g} on {joints}; the others stay. "
+    change = f"{one.heading} would {f'go from {was} to' if result.stable else 'be'} {becomes}{at}, where {USUAL_PEAK:g} is usual"
+    folded = f"Not yet to use: × {found.factor:.4g} on {joints}, the others as they are"
     if not rate:
         margin, extra = to_db(found.audited.tightest.limit.gain), found.audited.least_extra_delay
         lost = f"; below about {digits(1 / extra, 'Hz', 3)} they vibrate" if 0 < extra < math.inf else ""
         why = f"× {found.factor:.4g} on {joints} leaves gain margin {margin:.3g} dB in continuous time, less at any real rate{lost}."
         remarks = [f"Without a rate, {why}", *([] if damped else [f"And {change}."])]
         return Advice("Give the loop's rate and audit again, such as:", [f"{call} --rate-hz {USUAL_RATE:.0f}{options}"], remarks, (
-            f"{folded}In continuous time alone:", _gain_file(result, found)
+            f"{folded}; found in continuous time:", _gain_file(result, found)
         ))  # fmt: skip
     text = f"Do not use × {found.factor:.4g} on {joints} yet: {_required(result)}, but {change}."
     heading = f"Search gains joint by joint, from the present ones, with Ms ≤ {USUAL_PEAK:g}:"
-    return Advice(heading, _searched(f"{call}{options}"), [text], (f"{folded}{change}:", _gain_file(result, found)))
+    return Advice(heading, _searched(f"{call}{options}"), [text], (f"{folded}; {change}:", _gain_file(result, found)))
 
 
 def _multiply(result: Audit, found: GainsToUse) -> str:

@@ -18,7 +18,7 @@ from .margin_columns import margin_value
 from .number_format import digits, own_gains, plane_names, quantity
 
 AT_USUAL = f"{USUAL_RATE / 1e3:g} kHz"
-NOT_EVERYWHERE = "Not safe: stable nominally, but unstable within the uncertainty ranges"
+NOT_EVERYWHERE = "Not safe: stable nominally, but not everywhere in the uncertainty ranges"
 CONTINUOUS = (
     "continuous model: a real controller's hold and velocity difference cost about one more tick of delay, unless the delay contains "
     "them; set control.sample_rate_hz for the sampled answer"
@@ -45,7 +45,7 @@ RULE = "10 Hz rule: kp = J ω², kd = 2 ζ J ω with ω = 2π·10 rad/s, ζ = 2,
 def sentence(study: JointStudy) -> str:
     """Verdict, unmet requirements, and the gain limit with its frequency; first of all, where the uncertainty makes it unstable."""
     if study.unstable_at:
-        return f"{NOT_EVERYWHERE}, at {case_text(study.unstable_at)}.{_instead(study)}"
+        return f"{NOT_EVERYWHERE}: unstable at {case_text(study.unstable_at)}.{_instead(study)}"
     limit, worst = study.limit, study.in_range.margins.limit
     at = f", at {frequency_text(limit.frequency)}"
     if study.margins.stable:
@@ -131,14 +131,14 @@ def _failing(study: Analysis) -> str:
     parts, several, joints = [], len(study.states) > 1, _joints(study)
     if not study.unmet:
         return ""
-    alike = len(set(joints.values())) == 1
+    alike = len(set(joints.values())) == 1 and bool(next(iter(joints.values())))
     shared = len({id(state) for state in study.unmet.values()}) == 1
     for name, state in study.unmet.items():
         one, needed = REQUIREMENTS[name], study.system.requirements.needed[name]
         value, omega = study.least(state, name), one.frequency(study.worst_in(state).margins)
         shown = one.text(value, 3 if math.isnan(value) else apart(one.in_unit(value), one.in_unit(needed), 3))
         title = one.heading if one.named(state.margins) == one.title else one.named(state.margins)
-        places = [joints[name][0]] if joints and not alike else []
+        places = [*joints.get(name, ())[:1]] if not alike else []
         places += [frequency_text(omega)] if math.isfinite(omega) else []
         at = f" at {', '.join(places)}" if places else ""
         where = f" in {state.title}" if several and not shared else ""

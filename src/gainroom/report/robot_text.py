@@ -24,7 +24,7 @@ def sentence(study: RobotStudy) -> str:
     """Verdict, unmet requirements, gain limit with frequency, state and joints, cost of coupling; more where something is not known."""
     parts = [_verdict(study), *_lost_tasks(study), *_weak_tasks(study)]
     if study.unstable_case:
-        parts[0] = f"{NOT_EVERYWHERE}, in {study.unstable_case}."
+        parts[0] = f"{NOT_EVERYWHERE}: unstable in {study.unstable_case}."
     unlimited = [state.title for state in study.without_limit]
     if unlimited:
         parts.append(f"In {listed(unlimited)} only the verdict is known, not the gain limit.")

@@ -85,8 +85,7 @@ def _judged(outcome: Outcome) -> str:
 
 def _state(outcome: Outcome) -> str:
     """Posture and contact state of a robot's run."""
-    scenario = outcome.spec.system.scenario
-    return f" in {scenario.posture}/{scenario.contact}" if outcome.spec.kind == "mujoco" else ""
+    return f" in {outcome.spec.state}" if outcome.spec.state else ""
 
 
 def unsettled(outcome: Outcome) -> list[int]:
