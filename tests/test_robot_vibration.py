@@ -51,7 +51,8 @@ def test_friction_that_hides_an_unstable_loop_is_not_sound(tmp_path: Path, capsy
     assert (facts["diverged"], facts["fell"], facts["vibrates"], facts["predicted"]["stable"]) == (False, False, False, False)
     assert facts["unstable"] is True
     assert facts["sentence"].startswith(
-        "Not safe: unstable, these gains are 1.07 × the limit. This run shows no sustained vibration: friction may hide it, or the run is too short. "
+        "Not safe: unstable, these gains are 1.07 × the limit. This run shows no sustained vibration: friction may hide it, or the run is "
+        "too short. "
     )
     assert "UNSTABLE: do not run these gains" in page.read_text("utf-8")
     assert '<body class="bad">' in page.read_text("utf-8")

@@ -75,9 +75,9 @@ def test_gains_to_use_can_be_pasted(tmp_path: Path, capsys: pytest.CaptureFixtur
     fails = bool(told["at_usual_rate"]) and told["at_usual_rate"]["requirements_met"] is False
     more = pasted(answer(capsys, "joint", str(EXAMPLES / f"{name}.yaml"), "--verbose")[1])
     assert len(more) == (2 if fails else 1)
-    for block, rate in ((block, {"sample_rate_hz": 2000} if told["at_usual_rate"] else {}), (more[-1], {})):
+    for own, rate in ((block, {"sample_rate_hz": 2000} if told["at_usual_rate"] else {}), (more[-1], {})):
         file = yaml.safe_load(text)
-        file["control"] |= block | rate
+        file["control"] |= own | rate
         (tmp_path / "joint.yaml").write_text(yaml.safe_dump(file), "utf-8")
         status, again = answer(capsys, "joint", str(tmp_path / "joint.yaml"), "--json", "--strict")
         assert status == 0
