@@ -224,7 +224,7 @@ def test_a_joint_of_two_paths_is_reported(tmp_path: Path, capsys: pytest.Capture
     assert main(["joint", str(path)]) == 0
     terminal = capsys.readouterr().out
     assert " ".join(terminal.split()).startswith(
-        "Not decided: stable, but not known is peak sensitivity. Vibration starts at 17.9 × kp and kd together"
+        "Not decided: stable, but peak sensitivity not known. Vibration starts at 17.9 × kp and kd together"
     )
     assert "not known" in terminal
     assert main(["joint", str(path), "--report", str(tmp_path / "page.html")]) == 2

@@ -213,7 +213,7 @@ def _not_yet(result: Audit, found: GainsToUse, call: str) -> Advice:
         margin, extra = to_db(found.audited.tightest.limit.gain), found.audited.least_extra_delay
         lost = f"; below about {digits(1 / extra, 'Hz', 3)} they vibrate" if 0 < extra < math.inf else ""
         why = f"× {found.factor:.4g} on {joints} leaves gain margin {margin:.3g} dB in continuous time, less at any real rate{lost}."
-        remarks = [f"Without a rate, {why}", *([] if damped else [f"And {change}."])]
+        remarks = [f"Without a rate, {why}", *([] if damped else [f"{change}."])]
         return Advice("Give the loop's rate and audit again, such as:", [f"{call} --rate-hz {USUAL_RATE:.0f}{options}"], remarks, (
             f"{folded}; found in continuous time:", _gain_file(result, found)
         ))  # fmt: skip
@@ -233,7 +233,7 @@ def _multiply(result: Audit, found: GainsToUse) -> str:
     if count == 1:
         return f"Multiply the gains of {first} by {found.factor:.4g} ({of_first}) and leave the others"
     unsafe = sum(not joint.safe for joint in result.joints)
-    more = f", the {unsafe} unsafe ones and {count - unsafe} that vibrate next," if count > unsafe else ""
+    more = f", the {unsafe} unsafe ones and {count - unsafe} that vibrate then," if count > unsafe else ""
     return f"Multiply the gains of {count} joints{more} by {found.factor:.4g} ({first} {of_first}) and leave the other {left}"
 
 

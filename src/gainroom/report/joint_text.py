@@ -146,7 +146,7 @@ def _failing(study: Analysis) -> str:
     worst = f", worst in {next(iter(study.unmet.values())).title}" if several and shared else ""
     worst += _over_ranges(study)
     mainly = f", mainly at {listed(next(iter(joints.values())), most=2)}" if alike else ""
-    return f"{worst}: {('; ' if several else ', ').join(parts)}{mainly}"
+    return f"{worst}: {('; ' if several or joints else ', ').join(parts)}{mainly}"
 
 
 def _joints(study: Analysis) -> dict[str, tuple[str, ...]]:

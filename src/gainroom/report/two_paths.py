@@ -59,7 +59,7 @@ def sentence(study: PathStudy) -> str:
     fails = [f"{REQUIREMENTS[name].title} {_judged(study, name)}" for name in study.unmet]
     held = "Safe: every requirement is met." if study.system.requirements.needed else "Not decided: stable, but no margin is required."
     if study.unknown:
-        held = f"Not decided: stable, but not known is {listed([REQUIREMENTS[name].title for name in study.unknown])}."
+        held = f"Not decided: stable, but {listed([REQUIREMENTS[name].title for name in study.unknown])} not known."
     text = f"Not safe: {', '.join(fails)}." if fails else held
     starts = {"kp and kd together": case.limit.gain} | ({} if paths is None else {"kp alone": paths.others, "kd alone": paths.kd})
     factors = [f"{digits(factor, '', 3)} × {what}" for what, factor in starts.items() if math.isfinite(factor)]
