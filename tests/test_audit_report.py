@@ -219,7 +219,7 @@ def test_a_verdict_on_rigid_gearboxes_is_no_plain_safe(folder: Path, capsys: pyt
     assert '<body class="warn">' in text
     (said,) = re.findall("<h1>(.*?)</h1>", text)
     assert told["sentence"].startswith(said)
-    assert said.startswith("Not decided: the loop's rate and the gearboxes' stiffness are not given. Safe takes at least a loop of about ")
+    assert said.startswith("Not decided: the loop's rate and the gearboxes' stiffness are not given. Safe only if the loop runs at ")
     assert "<code>--stiffness</code> and <code>--damping</code>" in text[text.index("Do this") : text.index('class="cards"')]
     assert "gearboxes must have" in text
     assert text.index("Safe if the gearboxes are stiff enough</h2>") < text.index("<details")

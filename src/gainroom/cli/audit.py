@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 STIFFNESS = "By the stiffness of the gearboxes that are not known"
 FEW_LINES = 4
 """Shown without being asked for all; of more, the table has the factors."""
-FEW_JOINTS = 5
+FEW_JOINTS = 4
 """Shown without being asked for all: those with the least headroom."""
 
 
@@ -244,15 +244,14 @@ def _terminal(
     if not verbose:
         left = result.by_headroom[FEW_JOINTS:]
         unsafe = sum(not joint.safe for joint in left)
-        others = [f"{len(left)} more joints{f', {unsafe} of them unsafe' if unsafe else ''}: --verbose."] if left else []
-        columns = [one for one in audited_joints(result) if one.key != "motor_inertia"]
-        joints = column_table("", columns, result.by_headroom[:FEW_JOINTS], ("one loop",))
+        others = f"{len(left)} more joints{f', {unsafe} unsafe' if unsafe else ''}: --verbose. " if left else ""
+        columns = [one for one in audited_joints(result) if one.key not in ("motor_inertia", "limit_others_closed")]
+        joints = column_table("", columns, result.by_headroom[:FEW_JOINTS])
         return render(
             *answer,
             *said,
             joints,
-            *others,
-            legend(result, [str(column.header) for column in joints.columns]),
+            others + legend(result, [str(column.header) for column in joints.columns]),
             *closing({"Report": report}, few(warned, MOST_WARNINGS)),
             *filter(None, [unjudged(result)]),
             f"Posture: {result.states[0].posture}; {result.system.source.body.base} base{_rigid(result)}; "

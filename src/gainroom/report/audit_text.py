@@ -56,7 +56,8 @@ def _safe_text(result: Audit, over: str) -> str:
     if not unknown:
         return f"Not decided{over}: all that is required holds.{_hardly_damped(result)}" if result.hardly_damped else f"Safe{over}."
     text = f"Not decided{over}: {listed(unknown)} {'are' if len(unknown) > 1 else 'is'} not given."
-    least = f" Safe takes{' at least' if len(needs) > 1 else ''} {', and '.join(needs)}." if needs else ""
+    only = "only if" if result.system.control.sample_time is None else "if"  # of a rate's cost only an estimate is known
+    least = f" Safe {only} {' and '.join(needs)}." if needs else ""
     return f"{text}{least}{more}{_hardly_damped(result)}"
 
 
@@ -65,8 +66,8 @@ def _needed_rate(result: Audit) -> list[str]:
     enough, lost = result.delay_with_margin, result.least_extra_delay
     if not 0 < enough < math.inf:
         return []
-    vibrates = f" (below about {digits(1 / lost, 'Hz', 3)} it vibrates)" if 0 < lost < math.inf else ""
-    return [f"a loop of about {digits(1 / enough, 'Hz', 3)}{vibrates}"]
+    vibrates = f" (an estimate; below {digits(1 / lost, 'Hz', 3)} it vibrates)" if 0 < lost < math.inf else ""
+    return [f"the loop runs at {digits(1 / enough, 'Hz', 3)} or faster{vibrates}"]
 
 
 def damping_counts(result: Audit) -> bool:
@@ -201,7 +202,9 @@ def _to_decide(result: Audit, call: str) -> Advice:
 def _not_yet(result: Audit, found: GainsToUse, call: str) -> Advice:
     """Where gains with the required margins are known, but not the loop's rate, or they hardly damp the motion."""
     damped, rate = not found.audited.hardly_damped, result.system.control.sample_time is not None
-    joints = found.joints[0] if len(found.joints) == 1 else f"{len(found.joints)} joints"
+    unsafe, count = sum(not joint.safe for joint in result.joints), len(found.joints)
+    joints = found.joints[0] if count == 1 else f"{count} joints"
+    joints = f"those {unsafe} and {count - unsafe} more joints" if count > unsafe else joints
     options = "" if damped else f" --peak-sensitivity {USUAL_PEAK:g}"
     one, before, after = REQUIREMENTS["peak_sensitivity"], result.worst["peak_sensitivity"], found.audited.worst["peak_sensitivity"]
     omega = one.frequency(after.margins)

@@ -27,19 +27,19 @@ def needed_text(result: "Audit") -> tuple[str, str]:
     """What a safe verdict asks of the gearboxes that are not known, and what softer ones do, a sentence or ""."""
     rigid = result.assumed_rigid
     count = int(np.count_nonzero(rigid))
-    which = "" if count == len(rigid) else f"{count} of {len(rigid)} "
+    which = "the gearboxes" if count == len(rigid) else f"{count} of {len(rigid)} gearboxes"
     needed = result.needed
     if needed is None:
         known = np.any(result.system.source.actuators.motor_inertia[rigid] > 0)
         why = "" if known else " (how stiff they must be takes their motors' inertia: --motor-inertia)"
-        return f"rigid {which}gearboxes{why}", ""
+        return f"{which} are rigid{why}", ""
     ratio = f"{100 * needed.damping_ratio:.3g} % of critical damping"
     if needed.least is None:
-        return f"rigid {which}gearboxes: with {ratio} no stiffness that was looked at is enough", ""
+        return f"{which} are rigid: with {ratio} no stiffness that was looked at is enough", ""
     softer = [look.gain_limit for look in needed.looks if not look.safe]
     worst = f" Some softer ones vibrate from {min(softer):.3g} × these gains on." if softer and not math.isnan(min(softer)) else ""
     least = f"{_least(result, needed)} and B ≥ {2 * needed.damping_ratio:.3g} √(K J), {ratio} (J: the motor's inertia)"
-    return f"{which}gearboxes with {least}", worst
+    return f"{which} have {least}", worst
 
 
 def _least(result: "Audit", needed: "NeededStiffness") -> str:
