@@ -72,7 +72,7 @@ def test_dragged_gains_are_judged_as_the_command_line_judges_them(tab: Tab, caps
 def test_far_up_it_says_unstable(tab: Tab):
     tab.drag((0.5, 0.97))
     tab.settle(CERTIFIED)
-    assert tab.text("#sentence").startswith("Unstable.")
+    assert tab.text("#sentence").startswith("Not safe: unstable.")
     assert "bad" in (tab.page.locator("#verdict").get_attribute("class") or "")
     tab.page.get_by_text("do not run these gains").wait_for()
 
@@ -111,7 +111,7 @@ def test_as_stiff_as_it_may_be_at_four_milliseconds_and_taken_away(tab: Tab, cap
     tab.settle(CERTIFIED)
     tab.page.get_by_role("button", name="Use recommended").click()
     tab.settle(CERTIFIED)
-    assert tab.text("#sentence").startswith("Stable, and every requirement is met")
+    assert tab.text("#sentence").startswith("Not decided: the file has no rate, ")
     tab.page.get_by_role("button", name="Copy gains").click()
     tab.page.get_by_role("button", name="YAML").click()
     tab.page.get_by_text("Copied as yaml").wait_for()
@@ -206,7 +206,7 @@ def test_the_keyboard_alone_reaches_everything(tab: Tab):
     assert wanted <= seen
     tab.page.keyboard.press("s")
     tab.settle(CERTIFIED)
-    assert tab.text("#sentence").startswith("Stable, and every requirement is met")
+    assert tab.text("#sentence").startswith("Not decided: the file has no rate, ")
 
 
 def test_a_run_is_simulated_and_can_be_stopped(tab: Tab):

@@ -106,7 +106,7 @@ def test_gains_are_found_and_the_view_exported(browser: Any, leg: Path):
     with serving(leg, *OPTIONS) as own:
         tab = open_tab(browser, own.address)
         tab.settle(CERTIFIED)
-        assert tab.text("#sentence").startswith("Unstable")
+        assert tab.text("#sentence").startswith("Not safe: unstable")
         tab.page.get_by_role("button", name="Find gains").click()
         tab.page.get_by_role("button", name="Use recommended").wait_for()
         tab.page.locator("[data-mark=star]").wait_for()

@@ -351,7 +351,7 @@ def test_states_are_chosen_in_the_heat_map_and_joints_posed(browser: Any, served
     tab.drag((0.6, 0.9))
     tab.settle(CERTIFIED)
     assert tab.view()["gains"]["left_knee"] != {"kp": 2000.0, "kd": 100.0}
-    assert tab.text("#sentence").startswith("Unstable")
+    assert tab.text("#sentence").startswith("Not safe: unstable")
     tab.page.get_by_text("Posture: where").click()
     tab.page.locator("#angle-right_knee").fill("1.3")
     tab.settle(CERTIFIED)

@@ -105,7 +105,9 @@ def test_a_linear_run_never_contradicts_the_roots(scenario: str, gain: float):
 def test_a_short_run_says_that_it_is_too_short():
     study = simulated("duration: 0.02", 4.3)
     assert study.hidden
-    assert "Unstable: these gains are 1.03 × the limit. This run shows no sustained vibration: the run is too short" in sentence(study)
+    assert "Not safe: unstable, these gains are 1.03 × the limit. This run shows no sustained vibration: the run is too short" in sentence(
+        study
+    )
 
 
 @pytest.mark.parametrize("scenario", [NOISY, COARSE])
@@ -144,7 +146,7 @@ def test_what_is_hidden_is_called_unstable_everywhere(tmp_path, capsys: pytest.C
     path = tmp_path / "joint.yaml"
     path.write_text(text(HIDDEN), "utf-8")
     assert main(["simulate", str(path), "--gain", "6"]) == 1
-    assert "Unstable: these gains are 1.44 × the limit." in " ".join(capsys.readouterr().out.split())
+    assert "Not safe: unstable, these gains are 1.44 × the limit." in " ".join(capsys.readouterr().out.split())
 
 
 def test_a_link_that_rings_behind_a_motor_that_sticks():

@@ -99,7 +99,7 @@ def test_unstable_says_so_first(unstable_page, stable_page):
     body = own[own.index("<body") :]
     assert body.startswith('<body class="bad">')
     assert 0 < body.index("UNSTABLE") < body.index("<h1>")
-    assert body.index("<h1>Unstable") < body.index('class="cards"') < body.index('class="plot"')
+    assert body.index("<h1>Not safe: unstable") < body.index('class="cards"') < body.index('class="plot"')
     assert "✓ met" not in body  # margins of an unstable loop meet nothing
     calm = without_library(stable_page)
     assert 'class="bad"' not in calm

@@ -342,7 +342,7 @@ def test_unstable_says_so_first(unstable_page, unstable, page):
     assert not unstable.stable
     assert body.startswith('<body class="bad">')
     assert 0 < body.index("UNSTABLE") < body.index("<h1>")
-    assert body.index("<h1>Unstable") < body.index('class="cards"') < body.index('class="plot"')
+    assert body.index("<h1>Not safe: unstable") < body.index('class="cards"') < body.index('class="plot"')
     assert "✓ met" not in body
     for figure, state in zip(drawings(unstable_page)[1:], unstable.states, strict=True):
         words = " ".join(note["text"] for note in figure["layout"]["annotations"])
@@ -356,7 +356,7 @@ def test_unstable_says_so_first(unstable_page, unstable, page):
 def test_unmet_requirements_are_told(page, biped):
     """Phase margin and peak sensitivity of the supporting leg fall short; the verdict is that of the states' own loops."""
     own = without_library(page)
-    assert '<body class="warn">' in own
+    assert '<body class="bare">' in own
     kept = [quick_margins(state.loop) for state in biped.states]
     assert not all(biped.system.requirements.met_by(one) for one in kept)
     peak = max(one.peak_sensitivity for one in kept)

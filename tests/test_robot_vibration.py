@@ -51,13 +51,14 @@ def test_friction_that_hides_an_unstable_loop_is_not_sound(tmp_path: Path, capsy
     assert (facts["diverged"], facts["fell"], facts["vibrates"], facts["predicted"]["stable"]) == (False, False, False, False)
     assert facts["unstable"] is True
     assert facts["sentence"].startswith(
-        "Unstable: these gains are 1.07 × the limit. This run shows no sustained vibration: friction may hide it, or the run is too short. "
+        "Not safe: unstable, these gains are 1.07 × the limit. This run shows no sustained vibration: friction may hide it, or the run is "
+        "too short. "
     )
     assert "UNSTABLE: do not run these gains" in page.read_text("utf-8")
     assert '<body class="bad">' in page.read_text("utf-8")
     stable = simulated(tmp_path, STILL, 0.9 * gain / 1.07)
     assert stable.sound
-    assert sentence(stable).startswith("Too little margin: ")  # 0.9 of the limit is not 6 dB below it
+    assert sentence(stable).startswith("Not safe in ")  # 0.9 of the limit is not 6 dB below it
     assert "No vibration in this run. " in sentence(stable)
 
 

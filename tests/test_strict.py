@@ -41,7 +41,7 @@ def answer(capsys: pytest.CaptureFixture[str], *call: str) -> tuple[int, str]:
 def assert_short(out: str):
     lines = out.splitlines()
     assert len(lines) <= LINES
-    assert max(map(len, lines)) <= COLUMNS
+    assert max(len(line) for line in lines if not line.startswith("  gainroom ")) <= COLUMNS  # a command is copied, and so not broken
     assert "…" not in out
 
 
@@ -50,8 +50,7 @@ def test_joints_fit_a_small_terminal(capsys: pytest.CaptureFixture[str], name: s
     status, out = answer(capsys, "joint", str(EXAMPLES / f"{name}.yaml"))
     assert status == 0
     assert_short(out)
-    assert re.match(r"(Barely s|S)table, (but|and) ", out)
-    assert out.startswith("Barely") == name.startswith("testbed")  # Ms 14.4
+    assert re.match(r"Not safe( in [a-z ,]+)?: ", " ".join(out.split()))
 
 
 def test_more_is_there_when_it_is_asked_for(capsys: pytest.CaptureFixture[str]):
@@ -64,16 +63,21 @@ def test_more_is_there_when_it_is_asked_for(capsys: pytest.CaptureFixture[str]):
 
 @pytest.mark.parametrize("name", JOINTS)
 def test_gains_to_use_can_be_pasted(tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str):
-    """What the terminal prints under `control` is valid there, and then every requirement is met, with status 0 even with --strict."""
+    """What the terminal prints under `control` is valid there, and then every requirement is met, with status 0 even with --strict.
+
+    Where the file has no rate: in a loop at 2 kHz. Gains for continuous time alone, which fail there, are shown with --verbose only.
+    """
     text = (EXAMPLES / f"{name}.yaml").read_text("utf-8")
     strict, out = answer(capsys, "joint", str(EXAMPLES / f"{name}.yaml"), "--strict")
     told = json.loads(answer(capsys, "joint", str(EXAMPLES / f"{name}.yaml"), "--json")[1])
     assert strict == (1 if told["requirements_met"] is False else 0)
-    blocks = pasted(out)
-    assert len(blocks) == (2 if told["at_usual_rate"] and told["at_usual_rate"]["requirements_met"] is False else 1)
-    for block in blocks:
+    (block,) = pasted(out)
+    fails = bool(told["at_usual_rate"]) and told["at_usual_rate"]["requirements_met"] is False
+    more = pasted(answer(capsys, "joint", str(EXAMPLES / f"{name}.yaml"), "--verbose")[1])
+    assert len(more) == (2 if fails else 1)
+    for own, rate in ((block, {"sample_rate_hz": 2000} if told["at_usual_rate"] else {}), (more[-1], {})):
         file = yaml.safe_load(text)
-        file["control"] |= block
+        file["control"] |= own | rate
         (tmp_path / "joint.yaml").write_text(yaml.safe_dump(file), "utf-8")
         status, again = answer(capsys, "joint", str(tmp_path / "joint.yaml"), "--json", "--strict")
         assert status == 0
@@ -81,8 +85,8 @@ def test_gains_to_use_can_be_pasted(tmp_path: Path, capsys: pytest.CaptureFixtur
 
 
 def pasted(out: str) -> list[dict]:
-    """The lines under each "under `control`:", as YAML."""
-    found = re.findall(r"under\s`control`(?: \([^)]*\))?(?:;[^:]*)?:\n((?:  .*\n)+)", out)
+    """The lines under each "under control:", as YAML."""
+    found = re.findall(r"[uU]nder\scontrol(?:\s\([^)]*\))?:\n((?:  .*\n)+)", out)
     return [yaml.safe_load(block) for block in found]
 
 
@@ -104,7 +108,7 @@ def test_a_robot_states_its_gains_by_patterns_that_are_read_back(tmp_path: Path,
     path = write_arm(tmp_path, ROBOT + "uncertainty: {delay_ms: [1.9, 2.2]}\n")
     status, out = answer(capsys, "robot", str(path), "--strict")
     assert_short(out)
-    assert status == (1 if "requirement fails" in out or "requirements fail" in out else 0)
+    assert status == out.startswith("Not safe")
     file = yaml.safe_load(path.read_text("utf-8"))
     file["control"] |= pasted(out)[0]
     path.write_text(yaml.safe_dump(file), "utf-8")
@@ -115,7 +119,7 @@ def test_a_robot_states_its_gains_by_patterns_that_are_read_back(tmp_path: Path,
 def test_what_the_recommended_gains_keep_at_the_usual_rate(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     """Fig. 9's: told as the same file says it with those gains and that rate; and no word of it where a rate is stated."""
     name = str(EXAMPLES / "fig9.yaml")
-    _, out = answer(capsys, "joint", name)
+    _, out = answer(capsys, "joint", name, "--verbose")
     told = json.loads(answer(capsys, "joint", name, "--json")[1])
     usual = told["at_usual_rate"]
     file = yaml.safe_load((EXAMPLES / "fig9.yaml").read_text("utf-8"))
@@ -126,11 +130,12 @@ def test_what_the_recommended_gains_keep_at_the_usual_rate(tmp_path: Path, capsy
         assert usual["margins"][key] == pytest.approx(same[key], rel=1e-12)
     assert (usual["requirements_met"], usual["unmet"]) == (False, same["unmet"])
     words = " ".join(out.split())
-    kept = f"gain margin {same['gain_margin_db']:.3g} dB, phase margin {same['phase_margin_deg']:.3g}°"
-    assert f"at 2 kHz these keep only {kept}" in words
+    missed = f"gain margin {same['gain_margin_db']:.3g} dB (≥ 6 dB), phase margin {same['phase_margin_deg']:.3g}° (≥ 30°)"
+    assert f"Not at 2 kHz: {missed}, " in words
+    assert f"{told['recommended']['kp']:.6g}" not in answer(capsys, "joint", name)[1]
     assert "sample_rate_hz: 2000" in words
     assert same["at_usual_rate"] is None
-    assert "at 2 kHz these" not in answer(capsys, "joint", str(tmp_path / "joint.yaml"))[1]
+    assert "2 kHz: " not in answer(capsys, "joint", str(tmp_path / "joint.yaml"))[1]
     there = {name: usual["recommended"][name] for name in ("kp", "kd")}
     (tmp_path / "joint.yaml").write_text(yaml.safe_dump(file | {"control": file["control"] | there}), "utf-8")
     assert answer(capsys, "joint", str(tmp_path / "joint.yaml"), "--strict")[0] == 0
@@ -157,7 +162,7 @@ def test_stable_in_continuous_time_alone(tmp_path: Path, capsys: pytest.CaptureF
         (tmp_path / "joint.yaml").write_text(yaml.safe_dump(file), "utf-8")
         words = " ".join(answer(capsys, "joint", str(tmp_path / "joint.yaml"))[1].split())
         assert ("at 2 kHz the present gains would be unstable" in words) is lost
-        assert ("stable in continuous time, but unstable in a loop at 2 kHz; three requirements fail" in words) is lost
+        assert words.startswith("Not safe: unstable in a loop at 2 kHz; in continuous time gain margin ") is lost
         file["control"]["sample_rate_hz"] = 2000
         (tmp_path / "joint.yaml").write_text(yaml.safe_dump(file), "utf-8")
         assert answer(capsys, "joint", str(tmp_path / "joint.yaml"))[0] == lost

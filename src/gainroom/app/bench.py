@@ -113,9 +113,12 @@ class Bench(Protocol):
 
 def advised(use: ToUse, warnings: Iterable[str]) -> dict[str, Any]:
     """Gains to use as the page shows them: sentences in the order in which they are read, each with the lines that it speaks of."""
-    first = [] if use.first is None else [use.first]
-    notes = [*first, (use.heading, use.lines), *((text, ()) for text in (*use.remarks, *warnings))]
-    return {"lines": use.lines, "notes": [{"text": text.replace("`", ""), "lines": lines} for text, lines in notes if text]}
+    later = [] if use.folded is None else [use.folded]
+    notes = [(use.heading, use.lines), *((text, ()) for text in use.remarks), *later, *((text, ()) for text in warnings)]
+    return {
+        "lines": use.folded[1] if use.folded else use.lines,
+        "notes": [{"text": text.replace("`", ""), "lines": lines} for text, lines in notes if text],
+    }
 
 
 def rounded(values: Any, significant: int = 5) -> list[float | None]:

@@ -222,7 +222,7 @@ def _nominal(system: System) -> JointStudy:
 
 def _verdict(study: JointStudy, basis: str) -> dict[str, Any]:
     """What stands first, as terminal and report have it; `basis`: certified, or nominal where ranges have not been examined."""
-    best = joint_to_use(study).margins if study.recommended is not None else None
+    best = None if study.recommended is None else study.recommended.worst
     return {
         "basis": basis,
         "sentence": sentence(study),

@@ -289,7 +289,7 @@ class RobotBench:
         return repr((view.model_copy(update={"joint": None, "point": None, "posture": place, "contact": None, "gains": {}}), held))
 
     def _verdict(self, study: RobotStudy, basis: str) -> dict[str, Any]:
-        best = robot_to_use(study).margins if study.recommended else None
+        best = study.to_use[1].margins if study.to_use is not None else None
         return {
             "basis": basis,
             "sentence": sentence(study),

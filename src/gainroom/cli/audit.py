@@ -10,7 +10,7 @@ from ..report.number_format import as_typed, model_kind, model_text
 from . import model_options as given
 from .model_options import DAMPING_RATIO, MARGIN_DB, Number, audit_command, audited_text
 from .options import AsJson, Report, Verbose, number_option, report_stream, yaml_output
-from .output import closing, column_table, do_this, few, render, show
+from .output import closing, column_table, do_this, few, folded_parts, render, show
 from .progress import progress_bar
 
 if TYPE_CHECKING:
@@ -19,7 +19,9 @@ if TYPE_CHECKING:
     from ..studies.simulator_audit import SimulatorAudit
 
 STIFFNESS = "By the stiffness of the gearboxes that are not known"
-FEW_JOINTS = 5
+FEW_LINES = 4
+"""Shown without being asked for all; of more, the table has the factors."""
+FEW_JOINTS = 4
 """Shown without being asked for all: those with the least headroom."""
 
 
@@ -115,6 +117,7 @@ def audit(
         from ..files.simulator_options import SimulatorOptions, simulator_of
 
         told = simulator_of(SimulatorOptions(**asked), model, gains is None, options.joint_damping == "controller")
+    call = audit_command(model, gains, options, {}, {"--margin-db": margin_db, **limits}, None)
     with report_stream(report, write_robot) as page, yaml_output(write_robot, "--write-robot", "robot.yaml") as robot:
         with progress_bar("audit:") as progress:
             result = run_audit(found.system, margin, progress, options.damping_ratio, found.gearboxes, extra, further)
@@ -129,19 +132,18 @@ def audit(
 
             with progress_bar("audit:") as progress:
                 swept = audited_workspace(result, workspace, progress)
-        show(as_json, lambda: _facts(result, simulated, swept), lambda: _terminal(result, simulated, swept, report, verbose))
+        show(as_json, lambda: _facts(result, simulated, swept), lambda: _terminal(result, simulated, swept, call, report, verbose))
         if robot is not None and write_robot is not None:
             from ..io.atomic import writing
 
-            typed = audit_command(model, gains, options, {}, {"--margin-db": margin_db, **limits}, None)
-            text = audited_text(found, result, model, margin_db, typed, write_robot)
+            text = audited_text(found, result, model, margin_db, call, write_robot)
             with writing(write_robot):
                 robot.write_text(text, "utf-8", newline="\n")
         if page is not None:
             from ..report.audit import audit_page
 
             again = {"--margin-db": margin_db, **limits, "--workspace": workspace}
-            page.write(audit_page(result, audit_command(model, gains, options, asked, again, report), simulated, swept))
+            page.write(audit_page(result, audit_command(model, gains, options, asked, again, report), simulated, swept, call))
     return 0 if result.safe and (simulated is None or simulated.limit.stable) and (swept is None or swept.safe) else 1
 
 
@@ -214,9 +216,14 @@ def _to_use_facts(result: "Audit") -> dict[str, Any] | None:
 
 
 def _terminal(
-    result: "Audit", simulated: "SimulatorAudit | None", swept: "AuditedWorkspace | None", report: Path | None, verbose: bool
+    result: "Audit",
+    simulated: "SimulatorAudit | None",
+    swept: "AuditedWorkspace | None",
+    call: str,
+    report: Path | None,
+    verbose: bool,
 ) -> str:
-    """`verbose`: also every contact state and joint, and all that is assumed."""
+    """`call`: see what_to_do; `verbose`: also every contact state and joint, and all that is assumed."""
     from ..report.audit_text import audit_warnings, reason, unjudged, verdict, what_to_do
     from ..report.columns import definitions
     from ..report.gearbox_range import gearbox_assumptions
@@ -230,26 +237,25 @@ def _terminal(
     said, assumed = _simulator_text(simulated)
     said += _workspace_text(swept)
     assumed, warned = result.system.assumptions + gearbox_assumptions(result) + assumed, audit_warnings(result)
-    needed, do = result.needed, what_to_do(result)
-    answer = [verdict(result), *do_this(replace(do, lines=())), reason(result)]
+    needed, do = result.needed, what_to_do(result, call)
+    typed = do if len(do.lines) <= FEW_LINES else replace(do, lines=())
+    answer = [verdict(result), *do_this(typed), reason(result)]
     stiffness = [] if needed is None else ["", column_table(STIFFNESS, look_columns(result, needed), shown_looks(needed)), CAPTION]
     if not verbose:
         left = result.by_headroom[FEW_JOINTS:]
         unsafe = sum(not joint.safe for joint in left)
-        others = [f"{len(left)} more joints{f', {unsafe} of them unsafe' if unsafe else ''}: --verbose."] if left else []
-        columns = [one for one in audited_joints(result) if one.key != "motor_inertia"]
-        joints = column_table("", columns, result.by_headroom[:FEW_JOINTS], ("one loop",))
+        others = f"{len(left)} more joints{f', {unsafe} unsafe' if unsafe else ''}: --verbose. " if left else ""
+        columns = [one for one in audited_joints(result) if one.key not in ("motor_inertia", "limit_others_closed")]
+        joints = column_table("", columns, result.by_headroom[:FEW_JOINTS])
         return render(
             *answer,
             *said,
             joints,
-            *others,
-            legend(result, [str(column.header) for column in joints.columns]),
+            others + legend(result, [str(column.header) for column in joints.columns]),
             *closing({"Report": report}, few(warned, MOST_WARNINGS)),
             *filter(None, [unjudged(result)]),
             f"Posture: {result.states[0].posture}; {result.system.source.body.base} base{_rigid(result)}; "
-            f"{_gains_run(result)} (--gains-run)",
-            f"{len(assumed)} assumptions: --verbose.",
+            f"{_gains_run(result)} (--gains-run). {len(assumed)} assumptions: --verbose.",
         )
     return render(
         *answer,
@@ -261,6 +267,7 @@ def _terminal(
         column_table("Joint by joint, in the worst state", audited_joints(result), result.joints, ("motor inertia", "one loop")),
         joint_caption(result),
         *stiffness,
+        *folded_parts(do),
         *filter(None, [unjudged(result)]),
         f"Posture: {result.states[0].posture}; {result.system.source.body.base} base",
         *closing({"Report": report}, warned, assumed),

@@ -7,7 +7,7 @@ import typer
 
 from ..report.number_format import model_kind, model_text, own_gains, typed_gains
 from .options import AsJson, Report, Strict, Verbose, command_line, report_stream
-from .output import closing, column_table, few, render, show, table, verdict_parts
+from .output import closing, column_table, few, folded_parts, render, show, table, verdict_parts
 
 if TYPE_CHECKING:
     from ..design.joint_gains import Recommendation
@@ -41,12 +41,12 @@ def joint(
     with report_stream(report) as page:
         from ..studies.joint import study_joint
 
-        study = study_joint(system)
-        show(as_json, lambda: _facts(study), lambda: _terminal(study, report, verbose))
+        study, call = study_joint(system), command_line("joint", file)
+        show(as_json, lambda: _facts(study), lambda: _terminal(study, call, report, verbose))
         if page is not None:
             from ..report import joint_page
 
-            page.write(joint_page(study, command_line("joint", file, ("--report", report))))
+            page.write(joint_page(study, command_line("joint", file, ("--report", report)), call))
     return 0 if study.stable_in_range and not (strict and study.requirements_met is False) else 1
 
 
@@ -129,15 +129,16 @@ def _cost_facts(found: "UncertaintyCost") -> dict[str, Any]:
     }
 
 
-def _terminal(study: "JointStudy", report: Path | None, verbose: bool) -> str:
-    """`verbose`: also all margins, the largest gains, what limits the recommended ones, and which parameter to measure better."""
+def _terminal(study: "JointStudy", call: str, report: Path | None, verbose: bool) -> str:
+    """`call`: this command; `verbose`: all margins, too, the largest gains, what limits the recommended ones, what to measure better."""
     from ..report.joint_text import notes, sentence, warnings
     from ..report.verdict import MOST_WARNINGS, joint_to_use
 
     said = warnings(study)
-    parts = [sentence(study), *verdict_parts(study, joint_to_use(study))]
+    use = joint_to_use(study, call)
+    parts = [sentence(study), *verdict_parts(study, use)]
     if verbose:
-        return render(*parts, "", *_all_there_is(study), *closing({"Report": report}, said, notes=notes(study)))
+        return render(*parts, *folded_parts(use), "", *_all_there_is(study), *closing({"Report": report}, said, notes=notes(study)))
     return render(*parts, *closing({"Report": report}, few(said, MOST_WARNINGS)))
 
 

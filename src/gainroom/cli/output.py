@@ -114,12 +114,15 @@ def verdict_parts(study: Any, to_use: Any) -> list[Any]:
     """What stands first: every requirement at its worst, gains to use, and what is said of them."""
     from ..report.verdict import judged, judged_columns
 
-    rows, drops = judged(study, to_use.margins), ("at", "nominal", "to use", "required")
-    parts: list[Any] = [column_table("", judged_columns(study), rows, drops=drops)]
-    if to_use.lines:
-        first, lines = to_use.first or ("", ())
-        parts += [*filter(None, [first]), *_typed(lines), to_use.heading, *_typed(to_use.lines), *to_use.remarks]
-    return parts
+    rows, drops = judged(study, to_use.margins), ("at", "nominal", to_use.column, "required")
+    parts: list[Any] = [column_table("", judged_columns(study, to_use), rows, drops=drops)]
+    return [*parts, *do_this(to_use)] if to_use.lines else parts
+
+
+def folded_parts(found: "Advice") -> list[Any]:
+    """Gains that are shown only where all is, as they are not to be used as they are."""
+    heading, lines = found.folded or ("", ())
+    return [*filter(None, [heading.replace("`", "")]), *_typed(lines)]
 
 
 def do_this(found: "Advice | None") -> list[Any]:

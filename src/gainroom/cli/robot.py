@@ -9,7 +9,7 @@ import typer
 from ..report.number_format import model_kind, model_text
 from ..report.robot_units import judged
 from .options import AsJson, Report, Strict, Verbose, command_line, report_stream
-from .output import closing, column_table, few, render, show, verdict_parts
+from .output import closing, column_table, few, folded_parts, render, show, verdict_parts
 from .progress import progress_bar
 
 if TYPE_CHECKING:
@@ -46,14 +46,15 @@ def robot(
         from .two_paths import two_paths
 
         return two_paths(system, as_json, report, strict)
+    call = command_line("robot", file, ("--sweep", sweep))
     with report_stream(report) as page:
         with progress_bar("robot:") as progress:
             study, swept, elsewhere = _studied(system, sweep, progress)
-        show(as_json, lambda: _facts(study) | elsewhere[0], lambda: _terminal(study, report, verbose, elsewhere[1]))
+        show(as_json, lambda: _facts(study) | elsewhere[0], lambda: _terminal(study, call, report, verbose, elsewhere[1]))
         if page is not None:
             from ..report.robot import robot_page
 
-            page.write(robot_page(study, command_line("robot", file, ("--sweep", sweep), ("--report", report)), swept, elsewhere[1]))
+            page.write(robot_page(study, command_line("robot", file, ("--sweep", sweep), ("--report", report)), swept, elsewhere[1], call))
     return 0 if study.stable_in_range and not (strict and study.requirements_met is False) else 1
 
 
@@ -126,15 +127,16 @@ def _facts(study: "RobotStudy") -> dict[str, Any]:
     }
 
 
-def _terminal(study: "RobotStudy", report: Path | None, verbose: bool, elsewhere: list[str]) -> str:
-    """`verbose`: also every state, joint and task, and all recommended gains."""
+def _terminal(study: "RobotStudy", call: str, report: Path | None, verbose: bool, elsewhere: list[str]) -> str:
+    """`call`: this command; `verbose`: also every state, joint and task, and all recommended gains."""
     from ..report.robot_text import notes, sentence, warnings
     from ..report.verdict import MOST_WARNINGS, robot_to_use
 
     said, assumed = warnings(study), study.system.assumptions
-    parts = [sentence(study), *verdict_parts(study, robot_to_use(study)), *elsewhere]
+    use = robot_to_use(study, call)
+    parts = [sentence(study), *verdict_parts(study, use), *elsewhere]
     if verbose:
-        return render(*parts, "", *_all_there_is(study), *closing({"Report": report}, said, assumed, notes(study)))
+        return render(*parts, *folded_parts(use), "", *_all_there_is(study), *closing({"Report": report}, said, assumed, notes(study)))
     more = [] if report is not None else ["By state, joint and task: --verbose, or --report."]
     return render(*parts, *closing({"Report": report}, few(said, MOST_WARNINGS)), *more)
 

@@ -52,14 +52,15 @@ def simulate(
         raise GainroomError(f"--gain: {gain:g} must be a factor from 1e-06 to 1e+06")
     spec = _load(file, feedforward)
     call = command_line("simulate", file, ("--feedforward", feedforward))
+    judge = command_line("robot" if spec.kind == "mujoco" else "joint", file)
     with report_stream(report, log) as page:
         outcome = _simulated(spec, gain, log)
-        show(as_json, lambda: _facts(outcome, log), lambda: _terminal(outcome, call, report, log, verbose))
+        show(as_json, lambda: _facts(outcome, log), lambda: _terminal(outcome, call, judge, report, log, verbose))
         if page is not None:
             from ..report.simulation import simulation_page
 
             given = ("--gain", gain if gain != 1 else None), ("--feedforward", feedforward)
-            page.write(simulation_page(outcome, command_line("simulate", file, *given, ("--report", report)), call))
+            page.write(simulation_page(outcome, command_line("simulate", file, *given, ("--report", report)), call, judge))
     return 0 if outcome.sound else 1
 
 
@@ -149,8 +150,8 @@ def _facts(outcome: "Outcome", log: Path | None) -> dict[str, Any]:
     }
 
 
-def _terminal(outcome: "Outcome", call: str, report: Path | None, log: Path | None, verbose: bool) -> str:
-    """`call`: see what_to_do; `verbose`: also torques, and the vibration beside the linear loop's."""
+def _terminal(outcome: "Outcome", call: str, judge: str, report: Path | None, log: Path | None, verbose: bool) -> str:
+    """`call`, `judge`: see what_to_do; `verbose`: also torques, and the vibration beside the linear loop's."""
     from ..report.simulation_advice import what_to_do
     from ..report.simulation_text import TRACKING, limit_text, sentence, tracking_cells, vibration_text, warnings
 
@@ -164,7 +165,7 @@ def _terminal(outcome: "Outcome", call: str, report: Path | None, log: Path | No
     rate = digits(1 / run.sample_time, "Hz")
     parts: list[Any] = [
         sentence(outcome),
-        *do_this(what_to_do(outcome, call)),
+        *do_this(what_to_do(outcome, call, judge)),
         "",
         table(f"Tracking, {run.feedback} side ({outcome.spec.kind}, {rate})", ("", *TRACKING), tracking),
     ]

@@ -38,11 +38,12 @@ def verify(
 
         with progress_bar("verify:") as progress:
             result = verified(system, progress, effects)
-        show(as_json, lambda: _facts(result), lambda: _terminal(result, report))
+        judge = command_line("robot" if result.of_robot else "joint", file)
+        show(as_json, lambda: _facts(result), lambda: _terminal(result, judge, report))
         if page is not None:
             from ..report.verification import verification_page
 
-            page.write(verification_page(system, result, command_line("verify", file, ("--report", report))))
+            page.write(verification_page(system, result, command_line("verify", file, ("--report", report)), judge))
     return 0 if result.agrees else 1
 
 
@@ -74,12 +75,12 @@ def _facts(result: "Verification") -> dict[str, Any]:
     }
 
 
-def _terminal(result: "Verification", report: Path | None) -> str:
+def _terminal(result: "Verification", judge: str, report: Path | None) -> str:
     from ..report.verification_text import FREQUENCY_TABLE, GAIN_TABLE, sentence, what_to_do
 
     return render(
         sentence(result),
-        *do_this(what_to_do(result)),
+        *do_this(what_to_do(result, judge)),
         "",
         column_table("Factor on all gains at which vibration starts", GAIN_TABLE, result.cases, ("allowed", "difference")),
         column_table("Its frequency", FREQUENCY_TABLE, result.cases, ("allowed", "difference", "method")),

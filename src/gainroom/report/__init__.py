@@ -6,8 +6,8 @@ if TYPE_CHECKING:
     from ..studies.joint import JointStudy
 
 
-def joint_page(study: "JointStudy", command: str) -> str:
+def joint_page(study: "JointStudy", command: str, call: str = "gainroom joint FILE") -> str:
     """The report of one joint: a self-contained HTML page. `command` is what a reader types to get it again."""
     from .joint import joint_page
 
-    return joint_page(study, command)
+    return joint_page(study, command, call)

@@ -10,7 +10,7 @@ from ..studies.audit import Audit
 from ..system.requirements import REQUIREMENTS, Requirements, enough
 from .audit_headroom import PATHS, deciding, headroom, headroom_rows
 from .audit_margins import audited_margins, margins_of_audit
-from .audit_text import audit_sentence, audit_warnings, hardly_damped, reason, verdict, what_to_do
+from .audit_text import audit_sentence, audit_warnings, reason, verdict, what_to_do
 from .columns import definitions, tabulated
 from .gearbox_range import gearbox_assumptions
 from .needed_stiffness import needed_table, rounded_up
@@ -37,12 +37,19 @@ if TYPE_CHECKING:
     from ..studies.simulator_audit import SimulatorAudit
 
 
-def audit_page(result: Audit, command: str, simulated: "SimulatorAudit | None" = None, swept: "AuditedWorkspace | None" = None) -> str:
+def audit_page(
+    result: Audit,
+    command: str,
+    simulated: "SimulatorAudit | None" = None,
+    swept: "AuditedWorkspace | None" = None,
+    call: str = "gainroom audit MODEL --delay-ms MS",
+) -> str:
     """The report of an audit as one HTML page.
 
     command     that makes it
     simulated   the simulator's answer
     swept       the whole workspace
+    call        the command of this audit alone, to go on from
     """
     system, factors, count = result.system, _factors(result), len(result.joints)
     assumed = (*system.assumptions, *gearbox_assumptions(result))
@@ -72,7 +79,7 @@ def audit_page(result: Audit, command: str, simulated: "SimulatorAudit | None" =
     cards = _cards(result)
     if swept is not None:  # a workspace says more than whether one state is safe
         cards[UNSAFE_STATES : UNSAFE_STATES + (len(result.states) == 1)] = [workspace_card(swept.found)]
-    return page(title, _lead(result, simulated, swept), cards, sections, footer())
+    return page(title, _lead(result, simulated, swept, call), cards, sections, footer())
 
 
 def _reasons(result: Audit) -> list[Section]:
@@ -100,9 +107,9 @@ def _deciding(result: Audit) -> str:
     return f"headroom {digits(row.least, '×', 3)}, {row.title}{where}"
 
 
-def _lead(result: Audit, simulated: "SimulatorAudit | None", swept: "AuditedWorkspace | None") -> Lead:
-    said, do, sentence = list(audit_warnings(result)[:ON_TOP]), _do_this(result), verdict(result)
-    if result.to_use is None:
+def _lead(result: Audit, simulated: "SimulatorAudit | None", swept: "AuditedWorkspace | None", call: str) -> Lead:
+    said, do, sentence = list(audit_warnings(result)[:ON_TOP]), _do_this(result, call), verdict(result)
+    if not result.stable and result.to_use is None:
         sentence = audit_sentence(result)
     lost = simulated is not None and not simulated.limit.stable
     if lost:
@@ -118,19 +125,19 @@ def _lead(result: Audit, simulated: "SimulatorAudit | None", swept: "AuditedWork
             said.insert(0, advice)
     if not result.stable:
         return Lead(sentence, "bad", "UNSTABLE: do not run these gains", said, do)
-    doubt = lost or short or bool(hardly_damped(result)) or bool(result.assumed_rigid.any())
+    doubt = lost or short or result.hardly_damped or bool(result.assumed_rigid.any())
     return Lead(sentence, "bare" if not result.safe else "warn" if doubt else "good", "", said, do)
 
 
-def _do_this(result: Audit) -> Html | str:
+def _do_this(result: Audit, call: str) -> Html | str:
     """What to do, with the margins of these gains and of those to use."""
-    found = what_to_do(result)
+    found = what_to_do(result, call)
     if not result.stable and result.to_use is None:
         return advice_box(found)
     units = joint_units(result.system.source.body)
-    caption = "" if result.to_use is None else f"kp {units['kp']}, kd {units['kd']}"
+    caption = "" if result.ready_to_use is None else f"kp {units['kp']}, kd {units['kd']}"
     beside_it = table(*tabulated(audited_margins(result), margins_of_audit(result)), caption, MARKS, sorts=False)
-    return advice_box(found, beside_it, *([] if result.to_use is None else [paragraph(reason(result))]))
+    return advice_box(found, beside_it, paragraph(reason(result)))
 
 
 def _cards(result: Audit) -> list[Card]:
@@ -172,7 +179,7 @@ def _gearboxes(result: Audit) -> Card:
         name = result.joints[int(np.argmax(least))].name
         return Card("gearboxes must have", digits(rounded_up(float(least.max()))), revolute, "not known", note=f"{name}, the stiffest")
     if rigid.all():
-        return Card("gearboxes", "rigid", "", "assumed", note="optimistic: --stiffness and --damping say otherwise")
+        return Card("gearboxes", "rigid", "", "assumed", note="optimistic; give yours with --stiffness and --damping")
     value, known = span(actuators.stiffness[~rigid]), "as given" if result.over is None else "the worst of the range"
     others = f"; {count} rigid" if count else ""
     return Card("gearbox stiffness", value, revolute, known, note=f"damping {span(actuators.damping[~rigid], units['kd'])}{others}")

@@ -61,7 +61,7 @@ def audited_margins(result: Audit) -> list[Column]:
         Column("required", "", lambda row: row.required),
         Column("met", "", lambda row: "" if row.met(result) is None else yes(row.met(result))),
     ]
-    if result.to_use is not None:
-        use = result.to_use.audited
+    if result.ready_to_use is not None:
+        use = result.ready_to_use.audited
         columns.append(Column("to use", "", lambda row: digits(row.value(use), row.unit, 3)))
     return columns

@@ -6,15 +6,14 @@ import numpy as np
 
 from ..analysis.margin_record import PathMargins
 from ..errors import beside, frequency_text, listed
-from ..studies.analysis import typed_factor
+from ..studies.analysis import USUAL_RATE, typed_factor
 from ..studies.audit import Audit, GainsToUse
 from ..studies.state import HELD
-from ..system.requirements import REQUIREMENTS, Requirements, to_db
+from ..system.requirements import REQUIREMENTS, Requirements, enough, to_db
 from .gains_to_use import gain_file
 from .gearbox_range import over_range, worst_gearboxes
-from .joint_text import BARE
 from .margin_columns import requirement, short_text
-from .needed_stiffness import if_stiff
+from .needed_stiffness import needed_text
 from .number_format import digits
 from .robot_text import free_joints, unconfirmed
 from .what_to_do import Advice
@@ -37,31 +36,62 @@ def verdict(result: Audit) -> str:
     if unknown:
         return f"Not safe{over}: stable, but the gain limit in {listed(unknown)} is not known. {_count(count, result)}"
     if result.safe:
-        return f"Safe{in_continuous_time(result)}{_slowest(result)}{over}{if_stiff(result)}{hardly_damped(result)}"
-    short = missed_besides(result) or _short_of_gain(result)
-    return f"Not safe{over}: {short}. {_count(count, result)}"
+        return _safe_text(result, over)
+    besides = _besides(result)
+    short = "; ".join([*([_short_of_gain(result)] if "gain_margin" in result.missed else []), *besides])
+    less = "; any loop rate leaves less" if result.system.control.sample_time is None else ""
+    return f"Not safe{over}: {short}{less}. {_count(count, result)}{_hardly_damped(result)}"
 
 
-def in_continuous_time(result: Audit) -> str:
-    """That the answer is for continuous time; "" where the loop's rate is known."""
-    return " in continuous time" if result.system.control.sample_time is None else ""
+def _safe_text(result: Audit, over: str) -> str:
+    """Safe where all that it rests on is known; else what is not, and what of it is needed at least."""
+    unknown, needs, more = [], [], ""
+    if result.system.control.sample_time is None:
+        unknown.append("the loop's rate")
+        needs += _needed_rate(result)
+    if result.assumed_rigid.any():
+        unknown.append("the gearboxes' stiffness")
+        gearboxes, more = needed_text(result)
+        needs.append(gearboxes)
+    if not unknown:
+        return f"Not decided{over}: all that is required holds.{_hardly_damped(result)}" if result.hardly_damped else f"Safe{over}."
+    text = f"Not decided{over}: {listed(unknown)} {'are' if len(unknown) > 1 else 'is'} not given."
+    only = "only if" if result.system.control.sample_time is None else "if"  # of a rate's cost only an estimate is known
+    least = f" Safe {only} {' and '.join(needs)}." if needs else ""
+    return f"{text}{least}{more}{_hardly_damped(result)}"
 
 
-def _slowest(result: Audit) -> str:
-    """The rate below which safe gains have less than the required gain margin, estimated, where the loop's rate is not known."""
-    kept = math.nan if result.system.control.sample_time is not None else result.delay_with_margin
-    rate = f"a loop slower than about {digits(1 / kept, 'Hz', 3)}" if 0 < kept < math.inf else ""
-    return f" ({rate} leaves less than {to_db(result.margin):.3g} dB)" if rate else ""
+def _needed_rate(result: Audit) -> list[str]:
+    """The rates, estimated, from which safe gains have the required gain margin, and below which they vibrate."""
+    enough, lost = result.delay_with_margin, result.least_extra_delay
+    if not 0 < enough < math.inf:
+        return []
+    vibrates = f" (an estimate; below {digits(1 / lost, 'Hz', 3)} it vibrates)" if 0 < lost < math.inf else ""
+    return [f"the loop runs at {digits(1 / enough, 'Hz', 3)} or faster{vibrates}"]
 
 
-def hardly_damped(result: Audit, whose: str = "the gains") -> str:
-    """That gains with all that is required leave little damping, where nothing is required of it; "" where they do not."""
-    one, state = REQUIREMENTS["peak_sensitivity"], result.worst["peak_sensitivity"]
-    value, omega = one.value(state.margins), one.frequency(state.margins)
-    if one.name in result.further.needed or not value > BARE:
+def damping_counts(result: Audit) -> bool:
+    """Whether little damping is left, where nothing is required of it, also with gains to use."""
+    return result.hardly_damped and (result.to_use is None or result.to_use.audited.hardly_damped)
+
+
+def _hardly_damped(result: Audit) -> str:
+    """That little damping is left, a sentence; "" where that does not count."""
+    if not damping_counts(result):
         return ""
-    at = f" at {frequency_text(omega)}" if math.isfinite(omega) else ""
-    return f" But {whose} hardly damp the motion{at}: Ms {one.text(value)}, where 2 is usual; audit with --peak-sensitivity 2 before use."
+    found = []
+    for name in ("peak_sensitivity", "phase_margin"):
+        one, state = REQUIREMENTS[name], result.worst[name]
+        value, omega = one.value(state.margins), one.frequency(state.margins)
+        if name not in result.further.needed and math.isfinite(value):
+            at = f" at {frequency_text(omega)}" if math.isfinite(omega) else ""
+            usual = f" (usual: {one.sign} {one.text(one.usual)})" if one.usual else ""
+            found.append(f"{one.heading} {one.text(value)}{usual}{at}")
+    return f" The motion is hardly damped: {listed(found)}."
+
+
+USUAL_PEAK = 2.0
+"""Ms that is usually allowed."""
 
 
 def _short_of_gain(result: Audit) -> str:
@@ -71,12 +101,16 @@ def _short_of_gain(result: Audit) -> str:
     value, whose = worst.limit.gain, ""
     if math.isfinite(worst.limit.frequency):
         at = f" at {frequency_text(worst.limit.frequency)}"
+    first = min(result.joints, key=lambda joint: math.inf if math.isnan(joint.gain_limit) else joint.gain_limit)
     if paths is not None and paths.headroom < value:
         value, whose, at = paths.headroom, " of kp or kd by itself,", ""
     elif result.enough_gain_in(worst):
-        first = result.by_headroom[0]
         return f"{short_text(asked, {'gain_margin': first.gain_limit})} of {first.name} by itself"
-    return f"{short_text(asked, {'gain_margin': value})}{whose}{at}{_mainly(result)}"
+    one = REQUIREMENTS["gain_margin"]
+    alone, less = one.text(first.gain_limit), ""
+    if first.gain_limit < value and alone != one.text(value):
+        less = f" ({alone} of {first.name} by itself)" if first.gain_limit >= 1 else f" ({first.name} by itself is unstable)"
+    return f"{short_text(asked, {'gain_margin': value})}{whose}{at}{_mainly(result)}{less}"
 
 
 def _given(result: Audit) -> str:
@@ -121,29 +155,74 @@ def reason(result: Audit) -> str:
     return f"{where} {start}. {delay}".strip()
 
 
-def what_to_do(result: Audit) -> Advice:
-    """Gains that are safe, or how to find some; of safe ones on what that rests. Its lines are all gains to use."""
-    actuators = result.system.source.actuators
+def what_to_do(result: Audit, call: str = "gainroom audit MODEL --delay-ms MS") -> Advice:
+    """Gains that are safe, or the command that finds some; of safe ones what is still to be known. `call`: the command of this audit."""
+    actuators, found = result.system.source.actuators, result.to_use
     if result.safe:
-        rate = "" if result.system.control.sample_time is not None else "Give the loop's rate with `--rate-hz`. "
-        if not result.assumed_rigid.any():
-            return Advice(f"{rate or 'These gains may stay.'}".rstrip())
-        known = "Look up what your gearboxes have" if result.needed is not None else "Give what is known of your gearboxes"
-        return Advice(
-            f"{rate}{known}, and audit again with `--stiffness` and `--damping`, or `--gearbox`: on softer ones these gains may not stay."
-        )
-    found = result.to_use
+        return _to_decide(result, call)
+    if found is not None and found is not result.ready_to_use:
+        return _not_yet(result, found, call)
     if found is not None:
-        rate = " Any rate leaves less: audit with `--rate-hz` before use." if result.system.control.sample_time is None else ""
         again = " Audit them over the range again, where other gearboxes may be the worst." if result.over is not None else ""
-        text = f"{_multiply(result, found)}; then {_required(result)}.{rate}{again}{hardly_damped(found.audited, 'they')}"
-        return Advice(text, gain_file(result.system.source.joint_names, found.gains))
+        return Advice(f"{_multiply(result, found)}; then {_required(result)}.{again}", _gain_file(result, found))
     if result.tightest.limit.gain == 0 and np.any(actuators.damping[np.isfinite(actuators.stiffness)] == 0):
         return Advice("Measure the gearboxes' damping, and audit again with `--damping`.")
-    start = ""
-    if not math.isnan(result.gain_scale):
-        start = f"No common factor gives all margins: × {result.gain_scale:.3g} the gain margin alone. Lower kp more than kd. "
-    return Advice(f"{start}Audit with `--write-robot robot.yaml`: `gainroom robot robot.yaml` then searches gains joint by joint.")
+    alone = f"× {result.gain_scale:.3g} the gain margin alone"
+    start = "" if math.isnan(result.gain_scale) else f"No common factor gives all margins: {alone}. "
+    return Advice(f"{start}Search gains joint by joint, from these:", _searched(call))
+
+
+def _searched(call: str) -> list[str]:
+    """The commands that search gains joint by joint."""
+    return [f"{call} --write-robot robot.yaml", "gainroom robot robot.yaml"]
+
+
+def _gain_file(result: Audit, found: GainsToUse) -> list[str]:
+    return gain_file(result.system.source.joint_names, found.gains)
+
+
+def _to_decide(result: Audit, call: str) -> Advice:
+    """What is still to be known of gains that are safe if it is as assumed."""
+    rigid, options, given = result.assumed_rigid, "", []
+    if result.system.control.sample_time is None:
+        given, options = ["your loop's rate"], f" --rate-hz {USUAL_RATE:.0f}"
+    if rigid.any():
+        given.append("your gearboxes (their type, or `--stiffness` and `--damping`)")
+        if rigid.all():
+            known = np.any(result.system.source.actuators.motor_inertia > 0)
+            options += " --gearbox harmonic" if known else " --stiffness 10000 --damping 10"
+    if result.hardly_damped:
+        given, options = given or ["a required Ms"], f"{options} --peak-sensitivity {USUAL_PEAK:g}"
+    if not given:
+        return Advice("These gains may stay.")
+    remarks = ["On softer gearboxes these gains may not be safe."] if rigid.any() else []
+    return Advice(f"Audit again with {listed(given)}, such as:", [f"{call}{options}"], remarks)
+
+
+def _not_yet(result: Audit, found: GainsToUse, call: str) -> Advice:
+    """Where gains with the required margins are known, but not the loop's rate, or they hardly damp the motion."""
+    damped, rate = not found.audited.hardly_damped, result.system.control.sample_time is not None
+    unsafe, count = sum(not joint.safe for joint in result.joints), len(found.joints)
+    joints = found.joints[0] if count == 1 else f"{count} joints"
+    joints = f"those {unsafe} and {count - unsafe} more joints" if count > unsafe else joints
+    options = "" if damped else f" --peak-sensitivity {USUAL_PEAK:g}"
+    one, before, after = REQUIREMENTS["peak_sensitivity"], result.worst["peak_sensitivity"], found.audited.worst["peak_sensitivity"]
+    omega = one.frequency(after.margins)
+    at = f" at {frequency_text(omega)}" if math.isfinite(omega) else ""
+    was, becomes = (one.text(one.value(state.margins)) for state in (before, after))
+    change = f"{one.heading} would {f'go from {was} to' if result.stable else 'be'} {becomes}{at}, where {USUAL_PEAK:g} is usual"
+    folded = f"Not yet to use: × {found.factor:.4g} on {joints}, the others as they are"
+    if not rate:
+        margin, extra = to_db(found.audited.tightest.limit.gain), found.audited.least_extra_delay
+        lost = f"; below about {digits(1 / extra, 'Hz', 3)} they vibrate" if 0 < extra < math.inf else ""
+        why = f"× {found.factor:.4g} on {joints} leaves gain margin {margin:.3g} dB in continuous time, less at any real rate{lost}."
+        remarks = [f"Without a rate, {why}", *([] if damped else [f"{change}."])]
+        return Advice("Give the loop's rate and audit again, such as:", [f"{call} --rate-hz {USUAL_RATE:.0f}{options}"], remarks, (
+            f"{folded}; found in continuous time:", _gain_file(result, found)
+        ))  # fmt: skip
+    text = f"Do not use × {found.factor:.4g} on {joints} yet: {_required(result)}, but {change}."
+    heading = f"Search gains joint by joint, from the present ones, with Ms ≤ {USUAL_PEAK:g}:"
+    return Advice(heading, _searched(f"{call}{options}"), [text], (f"{folded}; {change}:", _gain_file(result, found)))
 
 
 def _multiply(result: Audit, found: GainsToUse) -> str:
@@ -156,46 +235,55 @@ def _multiply(result: Audit, found: GainsToUse) -> str:
         return f"Multiply all gains by {found.factor:.4g} ({first} {of_first})"
     if count == 1:
         return f"Multiply the gains of {first} by {found.factor:.4g} ({of_first}) and leave the others"
-    return f"Multiply the gains of {count} joints by {found.factor:.4g} ({first} {of_first}) and leave the other {left}"
+    unsafe = sum(not joint.safe for joint in result.joints)
+    more = f", the {unsafe} unsafe ones and {count - unsafe} that vibrate then," if count > unsafe else ""
+    return f"Multiply the gains of {count} joints{more} by {found.factor:.4g} ({first} {of_first}) and leave the other {left}"
 
 
 def _required(result: Audit) -> str:
-    """What gains to use have, as a clause: "gain margin ≥ 6 dB and delay margin ≥ 1 ms hold in continuous time"."""
+    """What gains to use have, as a clause: "gain margin ≥ 6 dB and delay margin ≥ 1 ms hold"."""
     asked = Requirements(gain_margin=result.margin)
     parts = [f"gain margin {requirement(asked, 'gain_margin', 3)}"]
     parts += [f"delay margin ≥ {digits(1e3 * result.delay_margin, 'ms', 3)}"] if result.delay_margin > 0 else []
     parts += [f"{one.heading} {requirement(result.further, one.name, 3)}" for one, _ in result.further.asked_for]
-    return f"{listed(parts)} {'hold' if len(parts) > 1 else 'holds'}{in_continuous_time(result)}"
+    return f"{listed(parts)} {'hold' if len(parts) > 1 else 'holds'}"
 
 
-def missed_besides(result: Audit) -> str:
-    """What gains with enough gain margin have too little of, each beside what is required; "" where that is nothing."""
-    if "gain_margin" in result.missed:
-        return ""
-    parts = []
-    if "delay_margin" in result.missed:
-        extra, needed = 1e3 * result.least_extra_delay, 1e3 * result.delay_margin
-        parts.append(
-            "the delay margin is not known" if math.isnan(extra) else f"delay margin {beside(extra, needed)} ms (≥ {needed:.3g} ms)"
-        )
-    for name, state in result.worst.items():
-        if name in result.missed and name != "gain_margin":
-            one, needed = REQUIREMENTS[name], result.further.needed[name]
-            omega = one.frequency(state.margins)
+def missed_besides(result: Audit) -> bool:
+    """Whether gains with enough gain margin have too little else."""
+    return bool(result.missed) and "gain_margin" not in result.missed
+
+
+def _besides(result: Audit) -> list[str]:
+    """What there is too little of besides the gain margin, each beside what is required."""
+    parts, extra = [], result.least_extra_delay
+    if not enough(extra, result.delay_margin):
+        values = 1e3 * extra, 1e3 * result.delay_margin
+        late = min(result.states, key=lambda state: state.delay_limit)
+        omega = late.margins.delay_crossover
+        at = f" at {frequency_text(omega)}" if math.isfinite(omega) else ""
+        known = f"delay margin {beside(*values)} ms (≥ {values[1]:.3g} ms){at}"
+        parts.append("the delay margin is not known" if math.isnan(extra) else known)
+    for one, needed in result.further.asked_for:
+        state = result.worst[one.name]
+        value, omega = one.value(state.margins), one.frequency(state.margins)
+        if not one.met(needed, value):
             at = f" at {frequency_text(omega)}" if math.isfinite(omega) else ""
-            parts.append(f"{one.label} {one.text(one.value(state.margins))} ({one.sign} {one.text(needed)}){at}")
-    return listed(parts)
+            parts.append(f"{one.label} {one.text(value)} ({one.sign} {one.text(needed)}){at}")
+    return parts
 
 
 def unjudged(result: Audit) -> str:
     """The least phase margin and the peak sensitivity where nothing is required of them; "" where all is, or they are not known."""
     parts, options = [], []
+    if damping_counts(result):  # the verdict says it
+        return ""
     for name, option in (("phase_margin", "--phase-margin-deg"), ("peak_sensitivity", "--peak-sensitivity")):
         one, state = REQUIREMENTS[name], result.worst[name]
         value = one.value(state.margins)
         if result.further.needed.get(name) is None and math.isfinite(value):
             omega = one.frequency(state.margins)
-            after = None if result.to_use is None else one.value(result.to_use.audited.worst[name].margins)
+            after = None if result.ready_to_use is None else one.value(result.ready_to_use.audited.worst[name].margins)
             then = f" (to use: {one.text(after)})" if after is not None and math.isfinite(after) else ""
             parts.append(f"{one.heading} {one.text(value)}" + (f" at {frequency_text(omega)}" if math.isfinite(omega) else "") + then)
             options.append(option)
@@ -237,18 +325,9 @@ def _count(unsafe: int, result: Audit) -> str:
 def audit_warnings(result: Audit) -> tuple[str, ...]:
     """Warnings of an audit, each with its remedy: what decides first, then how the files were understood."""
     system, found = result.system, []
-    if system.control.sample_time is None:
-        found.append(f"continuous model: {_lost(result)}; give --rate-hz")
+    if system.control.sample_time is None and not result.safe and result.to_use is None:  # else verdict and advice say what a rate costs
+        found.append("continuous model: hold and velocity difference of a loop cost about one tick; give --rate-hz")
     if result.immobile:
         contacts = listed([state.contact for state in result.immobile])
         found.append(f"{contacts}: {HELD} in this contact state, so there is no verdict; check the contacts")
     return (*found, *free_joints(system), *unconfirmed(result.states), *system.warnings)
-
-
-def _lost(result: Audit) -> str:
-    """At which rate one tick of delay makes safe gains, or those to use in place of others, vibrate."""
-    found, whose = (result, "these gains") if result.to_use is None else (result.to_use.audited, "the gains to use")
-    extra = found.least_extra_delay
-    if not 0 < extra < math.inf:
-        return "hold and velocity difference of a loop cost about one tick"
-    return f"a loop slower than about {digits(1 / extra, 'Hz', 3)}, which costs a tick, makes {whose} vibrate"

@@ -20,8 +20,8 @@ from .time_response import time_response
 from .verdict import advice_box, joint_to_use
 
 
-def joint_page(study: JointStudy, command: str) -> str:
-    """The report of a study as one HTML page; `command` is the command that makes it."""
+def joint_page(study: JointStudy, command: str, call: str = "gainroom joint FILE") -> str:
+    """The report of a study as one HTML page; `command` is the command that makes it, `call` the one without a page."""
     shown = cases(study)
     found = study.margins
     sections = [
@@ -46,11 +46,11 @@ def joint_page(study: JointStudy, command: str) -> str:
         Section("Command", [block(command)], "that makes this page"),
     ]
     title = f"gainroom joint: gains of one joint, {model_kind(study.system.control.sample_time)} model"
-    return page(title, _lead(study), _cards(study), sections, footer())
+    return page(title, _lead(study, call), _cards(study), sections, footer())
 
 
-def _lead(study: JointStudy) -> Lead:
-    said, do = warnings(study), advice_box(study, joint_to_use(study))
+def _lead(study: JointStudy, call: str) -> Lead:
+    said, do = warnings(study), advice_box(study, joint_to_use(study, call))
     if not study.margins.stable:
         return Lead(sentence(study), "bad", "UNSTABLE: do not run these gains", said, do)
     if study.unstable_at:

@@ -14,10 +14,11 @@ from ..studies.joint import JointStudy
 from ..system.plausibility import unusual_values
 from ..system.requirements import REQUIREMENTS, title_of, to_db
 from ..system.system import System
+from .margin_columns import margin_value
 from .number_format import digits, own_gains, plane_names, quantity
 
 AT_USUAL = f"{USUAL_RATE / 1e3:g} kHz"
-NOT_EVERYWHERE = "Stable nominally, but not everywhere in the uncertainty ranges"
+NOT_EVERYWHERE = "Not safe: stable nominally, but not everywhere in the uncertainty ranges"
 CONTINUOUS = (
     "continuous model: a real controller's hold and velocity difference cost about one more tick of delay, unless the delay contains "
     "them; set control.sample_rate_hz for the sampled answer"
@@ -48,7 +49,7 @@ def sentence(study: JointStudy) -> str:
     limit, worst = study.limit, study.in_range.margins.limit
     at = f", at {frequency_text(limit.frequency)}"
     if study.margins.stable:
-        text = f"{stable_text(study)}{failing(study)}."
+        text = verdict_text(study)
         if math.isinf(limit.gain):
             return f"{text} No common factor on these gains makes the modelled joint vibrate."
         if study.system.uncertainty.names:
@@ -58,11 +59,12 @@ def sentence(study: JointStudy) -> str:
         return f"{text} Vibration starts at {limit.gain:.3g} × these gains ({to_db(limit.gain):.3g} dB){at}."
     if limit.gain > 0 and math.isfinite(limit.gain):
         return (
-            f"Unstable. Scaled together, these gains are stable only below {limit.gain:.3g} ×, with no margin there{at}.{_instead(study)}"
+            f"Not safe: unstable. Scaled together, these gains are stable only below {limit.gain:.3g} ×, with no margin "
+            f"there{at}.{_instead(study)}"
         )
     if math.isnan(limit.gain):
-        return f"Unstable. Whether lower gains in the same ratio are stable is not known.{_instead(study)}"
-    return f"Unstable. No lower gains in the same ratio are stable.{_instead(study)}"
+        return f"Not safe: unstable. Whether lower gains in the same ratio are stable is not known.{_instead(study)}"
+    return f"Not safe: unstable. No lower gains in the same ratio are stable.{_instead(study)}"
 
 
 def _instead(study: JointStudy) -> str:
@@ -76,60 +78,75 @@ def cause(study: JointStudy) -> str:
     return _cause(study.limit.gain, study.without).strip() if 0 < study.limit.gain < math.inf else ""
 
 
-BARE = 5.0
-"""Ms above which a loop that misses a requirement is barely stable: up to it at least 1.9 dB and 11.5° are left."""
-
-
-def stable_text(study: Analysis, where: str = "") -> str:
-    """How a verdict on a stable system starts: "Stable", "Barely stable", and that a usual sampled loop would not be; `where`: states."""
-    start = "Barely stable" if barely_stable(study) else "Stable"
-    lost = study.unstable_at_usual_rate
-    if lost is None:
-        return start + where
-    there = f" in {lost.title}" if len(study.states) > 1 else ""
-    return f"{start} in continuous time{where}, but unstable in a loop at {AT_USUAL}{there}"
-
-
-def barely_stable(study: Analysis) -> bool:
-    """Whether a requirement fails and the worst Ms is above BARE."""
-    return bool(study.unmet) and study.least(study.worst["peak_sensitivity"], "peak_sensitivity") > BARE
-
-
 def severity(study: Analysis) -> Literal["good", "warn", "bare"]:
-    """How the verdict on a stable system looks on a page."""
-    return "bare" if barely_stable(study) or study.unstable_at_usual_rate is not None else "warn" if study.unmet else "good"
+    """How the verdict on a stable system looks on a page: safe, not decided, not safe."""
+    if study.unmet or study.unstable_at_usual_rate is not None:
+        return "bare" if study.unstable_at_usual_rate is not None or _known_to_fail(study) else "warn"
+    return "warn" if study.rate_is_missing or not study.system.requirements.asked else "good"
 
 
-COUNTS = ("no", "one", "two", "three")
+def _known_to_fail(study: Analysis) -> bool:
+    return any(not math.isnan(study.least(state, name)) for name, state in study.unmet.items())
 
 
-def failing(study: Analysis) -> str:
-    """The unmet requirements of a stable system: ", but one requirement fails: phase margin 26.1° (≥ 30°)"; empty where there is none."""
-    parts, unknown, several, joints = [], 0, len(study.states) > 1, _joints(study)
-    alike = len(set(joints.values())) == 1
-    shared = f" in {next(iter(study.unmet.values())).title}" if several and len({id(state) for state in study.unmet.values()}) == 1 else ""
+def verdict_text(study: Analysis, where: str = "") -> str:
+    """Whether a stable system is safe, with every requirement that fails, its value and place; `where`: the states of a safe one."""
+    lost = study.unstable_at_usual_rate
+    if lost is not None:
+        there = f" in {lost.title}" if len(study.states) > 1 else ""
+        fails = _failing(study)
+        rest = fails.lstrip(", :") if fails else f"every requirement is met{where}{_tightest_text(study)}"
+        return f"Not safe: unstable in a loop at {AT_USUAL}{there}; in continuous time {rest}."
+    if study.unmet:
+        time = " in continuous time" if study.rate_is_missing else ""
+        start = "Not safe" if _known_to_fail(study) else "Not decided"
+        return f"{start}{time}{_failing(study)}.{_at_usual_rate(study)}"
+    if not study.system.requirements.asked:
+        return f"Not decided: stable{where}, but no margin is required (`limits`)."
+    met = f"every requirement is met{_over_ranges(study, '' if study.requirements_met else ' examined')}{_tightest_text(study)}"
+    if study.rate_is_missing:
+        return f"Not decided: the file has no rate, and any rate costs margin. In continuous time{where} {met}.{_at_usual_rate(study)}"
+    return f"Safe{where}: {met}."
+
+
+def _tightest_text(study: Analysis) -> str:
+    least = tightest(study)
+    return f"; the tightest is {least}" if least else ""
+
+
+def _over_ranges(study: Analysis, proved: str = "") -> str:
+    """Of what a margin is the worst, where the file has ranges."""
+    return f" in the worst case of uncertain {listed(_titles(study))}{proved}" if study.system.uncertainty.names else ""
+
+
+def _at_usual_rate(study: Analysis) -> str:
+    """What the present gains are known to miss in a usual loop, a sentence; "" where that is nothing."""
+    found, asked = study.missed_at_usual_rate, study.system.requirements
+    values = [f"{REQUIREMENTS[name].heading} {margin_value(asked, name, value, False, 3)}" for name, value in found.items()]
+    return f" At {AT_USUAL} these gains have {', '.join(values)}." if values else ""
+
+
+def _failing(study: Analysis) -> str:
+    """The unmet requirements: ": phase margin 26.1° (≥ 30°) at 2.88 Hz, Ms 2.28 (≤ 2) at 77.4 Hz"; "" where there is none."""
+    parts, several, joints = [], len(study.states) > 1, _joints(study)
+    if not study.unmet:
+        return ""
+    alike = len(set(joints.values())) == 1 and bool(next(iter(joints.values())))
+    shared = len({id(state) for state in study.unmet.values()}) == 1
     for name, state in study.unmet.items():
         one, needed = REQUIREMENTS[name], study.system.requirements.needed[name]
-        value = study.least(state, name)
-        unknown += math.isnan(value)
+        value, omega = study.least(state, name), one.frequency(study.worst_in(state).margins)
         shown = one.text(value, 3 if math.isnan(value) else apart(one.in_unit(value), one.in_unit(needed), 3))
         title = one.heading if one.named(state.margins) == one.title else one.named(state.margins)
+        places = [*joints.get(name, ())[:1]] if not alike else []
+        places += [frequency_text(omega)] if math.isfinite(omega) else []
+        at = f" at {', '.join(places)}" if places else ""
         where = f" in {state.title}" if several and not shared else ""
-        where += f" at {joints[name][0]}" if joints and not alike else ""
-        parts.append(f"{title} {shown} ({one.sign} {one.text(needed)}){where}")
-    worst = f" in the worst case of uncertain {listed(_titles(study))}" if study.system.uncertainty.names else ""
-    worst += f", mainly at {listed(next(iter(joints.values())), most=2)}" if alike else ""
-    if not parts:
-        least = tightest(study)
-        proved = "" if study.requirements_met else " examined"
-        joined = ", and" if study.unstable_at_usual_rate is None else "; there"
-        return f"{joined} every requirement is met{worst}{proved if worst else ''}; the tightest is {least}" if least else ""
-    count = COUNTS[len(parts)] if len(parts) < len(COUNTS) else str(len(parts))
-    count += " requirements" if len(parts) > 1 else " requirement"
-    count += " cannot be judged" if unknown else " fail" if len(parts) > 1 else " fails"
-    count += "" if unknown in (0, len(parts)) else ", or fail"
-    joined = ", but" if study.unstable_at_usual_rate is None else ";"
-    return f"{joined} {count}{shared}{worst}: {('; ' if several and not shared else ', ').join(parts)}"
+        parts.append(f"{title} {shown} ({one.sign} {one.text(needed)}){where}{at}")
+    worst = f", worst in {next(iter(study.unmet.values())).title}" if several and shared else ""
+    worst += _over_ranges(study)
+    mainly = f", mainly at {listed(next(iter(joints.values())), most=2)}" if alike else ""
+    return f"{worst}: {('; ' if several or joints else ', ').join(parts)}{mainly}"
 
 
 def _joints(study: Analysis) -> dict[str, tuple[str, ...]]:

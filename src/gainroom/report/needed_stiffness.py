@@ -23,25 +23,23 @@ def rounded_up(value: float, significant: int = 3) -> float:
     return float(f"{unit * math.ceil(value / unit * (1 - 1e-12)):.{significant}g}")
 
 
-def if_stiff(result: "Audit") -> str:
-    """The condition of a safe verdict, and what softer gearboxes do; "" where every stiffness is known."""
+def needed_text(result: "Audit") -> tuple[str, str]:
+    """What a safe verdict asks of the gearboxes that are not known, and what softer ones do, a sentence or ""."""
     rigid = result.assumed_rigid
     count = int(np.count_nonzero(rigid))
-    if not count:
-        return "."
-    which = "the" if count == len(rigid) else f"{count} of {len(rigid)}"
+    which = "the gearboxes" if count == len(rigid) else f"{count} of {len(rigid)} gearboxes"
     needed = result.needed
     if needed is None:
         known = np.any(result.system.source.actuators.motor_inertia[rigid] > 0)
-        why = "--stiffness, --damping" if known else "how stiff they must be takes their motors' inertia: --motor-inertia"
-        return f" if {which} gearboxes are rigid ({why})."
+        why = "" if known else " (how stiff they must be takes their motors' inertia: --motor-inertia)"
+        return f"{which} are rigid{why}", ""
     ratio = f"{100 * needed.damping_ratio:.3g} % of critical damping"
     if needed.least is None:
-        return f" only if {which} gearboxes are rigid: with {ratio} no stiffness that was looked at is enough (--stiffness, --damping)."
+        return f"{which} are rigid: with {ratio} no stiffness that was looked at is enough", ""
     softer = [look.gain_limit for look in needed.looks if not look.safe]
     worst = f" Some softer ones vibrate from {min(softer):.3g} × these gains on." if softer and not math.isnan(min(softer)) else ""
-    least = f"{_least(result, needed)}, with {ratio} or more (B ≥ {2 * needed.damping_ratio:.3g} √(K J), J the motor's inertia)"
-    return f" if {which} gearboxes are stiff enough: {least}.{worst}"
+    least = f"{_least(result, needed)} and B ≥ {2 * needed.damping_ratio:.3g} √(K J), {ratio} (J: the motor's inertia)"
+    return f"{which} have {least}", worst
 
 
 def _least(result: "Audit", needed: "NeededStiffness") -> str:

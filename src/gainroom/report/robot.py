@@ -30,12 +30,19 @@ FEW = 4
 MOST_PICTURES = 8
 
 
-def robot_page(study: RobotStudy, command: str, swept: SweepSummary | None = None, elsewhere: Sequence[str] = ()) -> str:
+def robot_page(
+    study: RobotStudy,
+    command: str,
+    swept: SweepSummary | None = None,
+    elsewhere: Sequence[str] = (),
+    call: str = "gainroom robot FILE",
+) -> str:
     """The report of a study as one HTML page.
 
     command     that makes it
     swept       what the recommended gains keep in the postures of a sweep
     elsewhere   of postures that the file does not name
+    call        the command without a page
     """
     shown, sample_time = _shown(study), study.system.control.sample_time
     told = [*warnings(study)[ON_TOP:], *notes(study)]
@@ -61,7 +68,7 @@ def robot_page(study: RobotStudy, command: str, swept: SweepSummary | None = Non
         Section("Command", [block(command)], "that makes this page"),
     ]
     title = f"gainroom robot: gains of {study.system.source.body.size} joints, {model_kind(sample_time)} model"
-    return page(title, _lead(study, elsewhere), _cards(study), sections, footer())
+    return page(title, _lead(study, elsewhere, call), _cards(study), sections, footer())
 
 
 def _swept(found: SweepSummary) -> Section:
@@ -180,8 +187,8 @@ def _joints(study: RobotStudy) -> list[Html]:
     return parts
 
 
-def _lead(study: RobotStudy, elsewhere: Sequence[str]) -> Lead:
-    answer, first, do = sentence(study), [*elsewhere, *warnings(study)[:ON_TOP]], advice_box(study, robot_to_use(study))
+def _lead(study: RobotStudy, elsewhere: Sequence[str], call: str) -> Lead:
+    answer, first, do = sentence(study), [*elsewhere, *warnings(study)[:ON_TOP]], advice_box(study, robot_to_use(study, call))
     unstable = [state.title for state in study.states if not state.limit.stable]
     if unstable:
         count, states = len(unstable), len(study.states)

@@ -253,7 +253,7 @@ USE = "kp and kd times this factor"
 
 def audited_joints(result: "Audit") -> list[Column]:
     """AUDITED_JOINT, without a stiffness that is the same for all, which the verdict says; with the factor on gains where that differs."""
-    use = result.to_use
+    use = result.ready_to_use
     needed = {joint.needed_stiffness for joint in result.joints if not math.isnan(joint.needed_stiffness)}
     columns = [one for one in AUDITED_JOINT if one.title != "K needed" or len(needed) > 1]
     if use is not None and len(use.joints) < len(result.joints):

@@ -11,7 +11,7 @@ from ..studies.robot import RobotStudy
 from ..studies.state import State, task_headroom
 from ..system.controller import gain_matrix
 from ..system.system import System
-from .joint_text import CONTINUOUS, NOT_EVERYWHERE, failing, lost_at_usual_rate, stable_text
+from .joint_text import CONTINUOUS, NOT_EVERYWHERE, lost_at_usual_rate, verdict_text
 from .margin_columns import short_text
 from .recommended_gains_text import weight_warnings
 
@@ -22,7 +22,7 @@ COUPLED = 0.95
 
 def sentence(study: RobotStudy) -> str:
     """Verdict, unmet requirements, gain limit with frequency, state and joints, cost of coupling; more where something is not known."""
-    parts = [_verdict(study), *_lost_tasks(study)]
+    parts = [_verdict(study), *_lost_tasks(study), *_weak_tasks(study)]
     if study.unstable_case:
         parts[0] = f"{NOT_EVERYWHERE}: unstable in {study.unstable_case}."
     unlimited = [state.title for state in study.without_limit]
@@ -46,16 +46,14 @@ def _lost_tasks(study: RobotStudy) -> list[str]:
 
 
 def _weak_tasks(study: RobotStudy) -> list[str]:
-    """A warning where those tasks are stable, but have less gain margin than is required."""
+    """A sentence where those tasks are stable, but have less gain margin than is required."""
     state = study.weakest_tasks
     if state is None or state.task_limit is None:
         return []
     limit = state.task_limit
-    at = f", at {frequency_text(limit.frequency)}" if math.isfinite(limit.frequency) else ""
-    return [
-        "the file's tasks, closed in place of the joints, have "
-        f"{short_text(study.system.requirements, {'gain_margin': limit.gain})} in {state.title}{at}; control.space: task judges them"
-    ]
+    at = f", {frequency_text(limit.frequency)}" if math.isfinite(limit.frequency) else ""
+    short = short_text(study.system.requirements, {"gain_margin": limit.gain})
+    return [f"If you run the file's tasks (control.space: task): not safe, {short} in {state.title}{at}."]
 
 
 def _uncontrolled(study: RobotStudy) -> list[str]:
@@ -76,14 +74,14 @@ def _verdict(study: RobotStudy) -> str:
     unstable = sum(not state.limit.stable for state in study.states)
     at, joints = frequency_text(limit.frequency), listed(worst.limiting_joints)
     if not unstable:
-        start = f"{stable_text(study, every)}{failing(study)}."
+        start = verdict_text(study, every)
         if study.without_limit and not math.isfinite(limit.gain):
             return start
         if math.isinf(limit.gain):
             return f"{start} No common factor up to 1000 on these gains makes the modelled robot vibrate."
         nominally = "Nominally, vibration" if study.system.uncertainty.names else "Vibration"
         return f"{start} {nominally} starts at {limit.gain:.3g} × these gains, at {at} {where}, mainly {joints}.{_coupling(worst)}"
-    start = f"Unstable{every}" if count == 1 else f"Unstable in {unstable} of {count} states{act}"
+    start = f"Not safe: unstable{every}" if count == 1 else f"Not safe: unstable in {unstable} of {count} states{act}"
     if math.isnan(limit.gain):
         return f"{start}: the robot vibrates {where}."
     if limit.gain > 0 and math.isfinite(limit.gain):
@@ -104,7 +102,7 @@ def warnings(study: RobotStudy) -> tuple[str, ...]:
     """What changes the decision, each with its remedy."""
     system, in_tasks = study.system, study.system.control.space == "task"
     found = [f"{state.title}: the tasks' gains are unstable{_at_most(state.task_limit)}" for state in study.unstable_tasks]
-    found += [*_weak_tasks(study), *lost_at_usual_rate(study), *_immobile(study)]
+    found += [*lost_at_usual_rate(study), *_immobile(study)]
     found += _uncontrolled(study) if in_tasks else []
     found += [*unconfirmed(study.states), *free_joints(system)]
     found += [text for gains in study.recommended for text in weight_warnings(gains) if gains.space == system.control.space]

@@ -8,7 +8,6 @@ import numpy as np
 from ..errors import listed
 from ..studies.simulation import Outcome
 from ..system.requirements import REQUIREMENTS
-from .joint_text import BARE
 from .number_format import digits, hertz, milli, motion_unit
 from .page import Card, Html, Lead, Section, beside, block, facts, page, paragraph, table
 from .page_parts import footer, margin_card, unstable_card
@@ -22,8 +21,8 @@ SHOWN_AS_ZERO = 1e-3
 """[N·m], and a participation factor: less is shown as 0."""
 
 
-def simulation_page(outcome: Outcome, command: str, call: str = CALL) -> str:
-    """The report of a run as one HTML page; `command` is the command that makes it, `call` the one that simulates the file's own gains."""
+def simulation_page(outcome: Outcome, command: str, call: str = CALL, judge: str = "") -> str:
+    """The report of a run as one HTML page; `command` is the command that makes it, `call` and `judge`: see what_to_do."""
     kind, size, names = KINDS[outcome.spec.kind], len(outcome.run.joint_names), len(outcome.run.channels)
     fell = outcome.run.ending == "fell"
     sections = [
@@ -37,7 +36,7 @@ def simulation_page(outcome: Outcome, command: str, call: str = CALL) -> str:
         Section("Command", [block(command)], "that makes this page"),
     ]
     what = "one joint" if size == 1 else f"a robot of {size} joints"
-    return page(f"gainroom simulate: {what}, {kind.title}", _lead(outcome, call), _cards(outcome), sections, footer())
+    return page(f"gainroom simulate: {what}, {kind.title}", _lead(outcome, call, judge), _cards(outcome), sections, footer())
 
 
 def _first(outcome: Outcome) -> list[Section]:
@@ -57,13 +56,12 @@ def _first(outcome: Outcome) -> list[Section]:
     return [Section(what, [channel(outcome, worst, links_over_time(outcome))]), Section("In time", [whole])]
 
 
-def _lead(outcome: Outcome, call: str) -> Lead:
+def _lead(outcome: Outcome, call: str, judge: str) -> Lead:
     """The verdict with its sentence, warnings and advice."""
-    do = advice_box(what_to_do(outcome, call))
+    do = advice_box(what_to_do(outcome, call, judge))
     if outcome.sound:
-        doubt = unsettled(outcome) or outcome.missed
-        bare = "peak_sensitivity" in outcome.missed and outcome.margins is not None and outcome.margins.peak_sensitivity > BARE
-        return Lead(sentence(outcome), "bare" if bare else "warn" if doubt else "good", "", warnings(outcome), do)
+        doubt = unsettled(outcome) or not sentence(outcome).startswith("Safe")
+        return Lead(sentence(outcome), "bare" if outcome.missed else "warn" if doubt else "good", "", warnings(outcome), do)
     verdict = {"fell": "FELL", "diverged": "DIVERGES"}.get(outcome.run.ending, "VIBRATES" if outcome.vibrates else "UNSTABLE")
     what = "this on the robot" if outcome.run.ending == "fell" else "these gains"
     return Lead(sentence(outcome), "bad", f"{verdict}: do not run {what}", warnings(outcome), do)

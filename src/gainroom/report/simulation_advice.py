@@ -15,11 +15,12 @@ from .what_to_do import Advice
 CALL = "gainroom simulate FILE"
 
 
-def what_to_do(outcome: Outcome, call: str = CALL) -> Advice | None:
-    """None where the warnings say it all. `call`: the command that simulates the file's own gains."""
+def what_to_do(outcome: Outcome, call: str = CALL, judge: str = "") -> Advice | None:
+    """None where the warnings say it all. `call`: the command that simulates the file's own gains, `judge`: the one that judges them."""
     more = f"`gainroom {'joint' if outcome.spec.kind != 'mujoco' else 'robot'}`"
+    judge = judge or f"{more.strip('`')} FILE"
     if not outcome.stable or outcome.missed:
-        found, late = _lower(outcome, more, call), outcome.stable and unsettled(outcome)
+        found, late = _lower(outcome, judge, call), outcome.stable and unsettled(outcome)
         return replace(found, remarks=[*found.remarks, _tracking(outcome, more)]) if late else found
     if outcome.run.ending == "fell":
         return Advice("Make the move smaller or slower, and simulate again: it is not the gains.")
@@ -28,23 +29,24 @@ def what_to_do(outcome: Outcome, call: str = CALL) -> Advice | None:
     if unsettled(outcome):
         return Advice(_tracking(outcome, more))
     if outcome.spec.system.uncertainty.names:
-        return Advice(f"This run is at the file's nominal values. Whether these gains may stay in its ranges, {more} says.")
+        return Advice("Judge these gains over the file's ranges:", [judge])
+    if outcome.spec.kind == "mujoco":
+        return Advice("These gains may stay in this state. Judge them in every state:", [judge])
     return Advice(f"These gains may stay, as far as this run shows. {more} judges all their margins.")
 
 
-def _lower(outcome: Outcome, more: str, call: str) -> Advice:
+def _lower(outcome: Outcome, judge: str, call: str) -> Advice:
     """The factor with which the same run has every margin."""
-    factor = outcome.gain_to_try
+    factor, every = outcome.gain_to_try, " in every state" if outcome.spec.kind == "mujoco" else ""
     if math.isnan(factor):
-        return Advice(f"Take the gains that {more} recommends: no common factor is known that gives these every margin.")
+        return Advice(f"Find gains that meet every requirement{every} (no common factor on these is known to):", [judge])
     needed = outcome.spec.system.requirements.needed or {"gain_margin": USUAL}
     margins = listed([f"{(one := REQUIREMENTS[name]).heading} {one.sign} {one.text(value)}" for name, value in needed.items()])
     where = (" in this state" if outcome.spec.kind == "mujoco" else "") + (
         ", at nominal values" if outcome.spec.system.uncertainty.names else ""
     )
     heading = f"Lower all gains together. With this factor on the file's gains the linear loop has {margins}{where}; simulate it:"
-    every = " in every state" if outcome.spec.kind == "mujoco" else ""
-    return Advice(heading, [f"{call} --gain {factor:g}"], [f"{more} recommends gains that meet every requirement{every}."])
+    return Advice(heading, [f"{call} --gain {factor:g}"], [f"`{judge}` recommends gains that meet every requirement{every}."])
 
 
 def _tracking(outcome: Outcome, more: str) -> str:
@@ -56,6 +58,7 @@ def _tracking(outcome: Outcome, more: str) -> str:
     if not left:
         return f"Let {names or 'it'} come to rest: lengthen `scenario.duration`, slow the move, or raise kd as far as {more} allows."
     where = f" in {names}" if names else ""
+    helps = "add integral action, or feed-forward of gravity and friction"
     if outcome.missed:
-        return f"An error is left{where}: where those gains leave one, too, compensate the load that holds it off."
-    return f"An error is left{where}: raise kp as far as {more} allows, add integral action, or compensate the load that holds it off."
+        return f"An error is left{where}: where those gains leave one, too, {helps}."
+    return f"An error is left{where}: raise kp as far as {more} allows, {helps}."

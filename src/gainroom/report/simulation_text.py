@@ -42,32 +42,50 @@ def tracking_cells(outcome: Outcome, channel: int) -> tuple[str, ...]:
 
 
 def sentence(outcome: Outcome) -> str:
-    """The answer in two or three short sentences."""
+    """Whether these gains are safe, and the answer of the run, in two or three short sentences."""
     run, found = outcome.run, outcome.oscillation if outcome.vibrates else None
     at = "" if found is None else frequency_text(found.found.frequency)
     if not outcome.completed:
         name = printable(run.channels[outcome.leading[0]])
-        text = f"{run.reason[0].upper()}{run.reason[1:]}; {name} deviates by {_size(outcome, outcome.leading[0], 'peak')}"
+        text = f"Not safe: {run.reason}; {name} deviates by {_size(outcome, outcome.leading[0], 'peak')}"
         text += f", vibrating at {at}" if at else ""
     elif found is not None:
         how = "irregularly, on average at" if found.irregular else "at"
-        text = f"Vibrates {how} {at}, {growth_text(outcome)}, mainly {printable(found.strongest[0])} by {motion(found.swing)}"
+        text = f"Not safe: vibrates {how} {at}, {growth_text(outcome)}, mainly {printable(found.strongest[0])} by {motion(found.swing)}"
     elif outcome.hidden:
-        text = f"Unstable: {_excess(outcome.limit)}. This run shows no sustained vibration: {_hiding(outcome)}"
+        text = f"Not safe: unstable, {_excess(outcome.limit)}. This run shows no sustained vibration: {_hiding(outcome)}"
     else:
-        short, late = _short_of_margin(outcome), _unsettled(outcome)
-        text = f"{short}No vibration{' in this run' if short and not late else ''}{late}. {_errors(outcome)}"
+        late = _unsettled(outcome)
+        text = f"{_judged(outcome)}No vibration{'' if late else ' in this run'}{late}. {_errors(outcome)}"
     return f"{text}. {prediction(outcome.limit)}."
 
 
-def _short_of_margin(outcome: Outcome) -> str:
-    """What a stable loop has too little of, before all else; "" where that is nothing."""
-    if not outcome.sound or not outcome.missed:
+def _judged(outcome: Outcome) -> str:
+    """Whether a stable loop is safe, with what it has too little of and where, before all else."""
+    asked, found, where = outcome.spec.system.requirements, outcome.margins, _state(outcome)
+    if found is None:
         return ""
-    assert outcome.margins is not None
-    values = {name: REQUIREMENTS[name].value(outcome.margins) for name in outcome.missed}
-    nominally = ", at nominal values" if outcome.spec.system.uncertainty.names else ""
-    return f"Too little margin: {short_text(outcome.spec.system.requirements, values)}{nominally}. "
+    uncertain = bool(outcome.spec.system.uncertainty.names)
+    parts = []
+    for name in outcome.missed:
+        one = REQUIREMENTS[name]
+        omega = one.frequency(found)
+        places = [outcome.joint_that_misses(name), frequency_text(omega) if math.isfinite(omega) else ""]
+        at = ", ".join(filter(None, places))
+        parts.append(short_text(asked, {name: one.value(found)}) + (f" at {printable(at)}" if at else ""))
+    if parts:
+        return f"Not safe{where}{', at nominal values' if uncertain else ''}: {'; '.join(parts)}. "
+    if uncertain:
+        return "Not decided: this run is at nominal values, and the file has ranges. "
+    if not asked.asked:
+        return "Not decided: no margin is required. "
+    known = all(outcome.met(name) for name in asked.asked)
+    return f"Safe{where}: every requirement is met. " if known else f"Not decided{where}: not every margin is known. "
+
+
+def _state(outcome: Outcome) -> str:
+    """Posture and contact state of a robot's run."""
+    return f" in {outcome.spec.state}" if outcome.spec.state else ""
 
 
 def unsettled(outcome: Outcome) -> list[int]:

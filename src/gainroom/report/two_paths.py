@@ -53,11 +53,14 @@ def sentence(study: PathStudy) -> str:
             f"scaled together these gains are stable only below {gain:.3g} ×" if gain > 0 else "no lower gains in the same ratio are stable"
         )
         below = "whether lower gains are stable is not known" if math.isnan(gain) else below
-        return f"Unstable{_where(case)}: {below}."
+        return f"Not safe: unstable{_where(case)}; {below}."
     if study.unstable_at:
-        return f"Stable nominally, but unstable at {study.unstable_at}."
+        return f"Not safe: stable nominally, but unstable at {study.unstable_at}."
     fails = [f"{REQUIREMENTS[name].title} {_judged(study, name)}" for name in study.unmet]
-    text = f"Stable, but {'a requirement fails' if len(fails) == 1 else 'requirements fail'}: {', '.join(fails)}." if fails else "Stable."
+    held = "Safe: every requirement is met." if study.system.requirements.needed else "Not decided: stable, but no margin is required."
+    if study.unknown:
+        held = f"Not decided: stable, but {listed([REQUIREMENTS[name].title for name in study.unknown])} not known."
+    text = f"Not safe: {', '.join(fails)}." if fails else held
     starts = {"kp and kd together": case.limit.gain} | ({} if paths is None else {"kp alone": paths.others, "kd alone": paths.kd})
     factors = [f"{digits(factor, '', 3)} × {what}" for what, factor in starts.items() if math.isfinite(factor)]
     text += f" Vibration starts{_where(case)} at {listed(factors, 'or')}." if factors else " No factor on these gains makes it vibrate."

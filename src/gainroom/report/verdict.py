@@ -1,8 +1,7 @@
 """What stands first, of one joint and of a robot: every requirement at its worst, and the gains to use."""
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,10 +13,12 @@ from ..system.requirements import REQUIREMENTS, Requirements
 from .columns import Column, tabulated, yes
 from .gains_to_use import joint_gains, kept, robot_gains
 from .joint_text import AT_USUAL
-from .margin_columns import margin_value, requirement
+from .margin_columns import margin_value, requirement, short_text
 from .number_format import digits, hertz, own_gains, span
-from .page import Html, advice, coded, copied, table
+from .page import Html, table
 from .robot_units import joint_units
+from .what_to_do import Advice
+from .what_to_do import advice_box as advised
 
 if TYPE_CHECKING:  # what a robot's study needs is not loaded for a joint's
     from ..studies.robot import RobotStudy
@@ -85,8 +86,8 @@ def _delay(study: Analysis, to_use: Margins | None) -> Judged:
     return Judged("delay_margin", "delay margin", text(worst.delay_margin), nominal, "", None, after, worst.delay_crossover, where)
 
 
-def judged_columns(study: Analysis) -> list[Column]:
-    """Of Judged: the nominal value beside the worst where something is uncertain, and the state where there are several."""
+def judged_columns(study: Analysis, use: "ToUse") -> list[Column]:
+    """Of Judged: the nominal value beside the worst where something is uncertain, the state where there are several, and gains to use."""
     uncertain, several, step = bool(study.system.uncertainty.names), len(study.states) > 1, study.system.control.sample_time
     return [
         Column("in continuous time" if step is None else f"at {digits(1e-3 / step, 'kHz', 4)}", "", lambda row: row.title),
@@ -96,45 +97,44 @@ def judged_columns(study: Analysis) -> list[Column]:
         Column("met", "", lambda row: "" if row.met is None else yes(row.met)),
         Column("at", "", lambda row: hertz(row.omega) if math.isfinite(row.omega) else ""),
         *([Column("in", "", lambda row: row.where)] if several else []),
-        Column("to use", "", lambda row: row.to_use),
+        *([Column(use.column, "", lambda row: row.to_use)] if use.margins is not None else []),
     ]
 
 
 @dataclass(frozen=True)
-class ToUse:
-    """Gains to use: a heading, lines that can be typed into the file, and sentences about them; no lines where there are none.
+class ToUse(Advice):
+    """Gains to use, or how to get some; no lines where there are none.
 
-    first    what to do before that, where the file has no rate and `lines` would miss a requirement at USUAL_RATE: a heading and its lines
+    margins  of the gains in `lines`; None where there are none
+    column   the heading of those margins in a table
     """
 
-    heading: str
-    lines: Sequence[str]
-    remarks: Sequence[str]
-    margins: Margins | None
-    first: tuple[str, Sequence[str]] | None = None
+    margins: Margins | None = None
+    column: str = "to use"
 
 
-NOTHING = ToUse("", (), (), None)
+NOTHING = ToUse("")
 
 
-def joint_to_use(study: JointStudy) -> ToUse:
-    """Recommended gains, and where the file has no rate what they keep at the usual one, and what is recommended there."""
+def joint_to_use(study: JointStudy, call: str = "gainroom joint FILE") -> ToUse:
+    """Recommended gains; where the file has no rate and they fail at the usual one, those recommended there. `call`: see robot_to_use."""
     best, usual, asked = study.recommended, study.at_usual_rate, study.system.requirements
     if best is None:
         return NOTHING
-    present, first, missed = study.system.control.controller, None, ""
+    present, lines = study.system.control.controller, _beside(best.controller, study.system.control.controller)
     remarks = [] if best.proved else ["Searched over the uncertainty, not proved."]
+    if usual is not None and usual.requirements_met is False:
+        again, folded = usual.recommended, (_not_at_usual_rate(usual.in_range.margins, asked, "`control`"), lines)
+        if again is None:
+            return replace(_state_rate(call), folded=folded)
+        heading = f"The file has no rate. For a loop at {AT_USUAL} use, under `control`:"
+        remarks = [f"At another rate: write it as `sample_rate_hz` under `control`, and run `{call}` again."]
+        return ToUse(heading, [SAMPLED, *_beside(again.controller, present)], remarks, folded, again.worst, f"to use at {AT_USUAL}")
     if usual is not None:
-        again = usual.recommended if usual.requirements_met is False else None
-        if again is not None:
-            keep = f"The file has no rate. For a loop at {AT_USUAL} use, with {kept(again.worst, asked)} there, under `control`:"
-            first = keep, [SAMPLED, *_beside(again.controller, present)]
-            missed = _at_usual_rate(usual.in_range.margins, asked)
-        else:
-            remarks.append(f"At {_at_usual_rate(usual.in_range.margins, asked)}. {STATE_RATE}")
+        remarks.append(f"At {AT_USUAL} these keep {kept(usual.in_range.margins, asked)}. {STATE_RATE}")
     elif study.system.control.sampling_in_delay:
         remarks.append("The delay contains hold and velocity difference, as the file says: these gains are for the sampled loop, too.")
-    return ToUse(_heading(study, "control", "", missed), _beside(best.controller, present), remarks, best.worst, first)
+    return ToUse(_heading(study, "control"), lines, remarks, margins=best.worst)
 
 
 def _beside(controller: Any, present: Any) -> list[str]:
@@ -146,25 +146,23 @@ def _beside(controller: Any, present: Any) -> list[str]:
     return [f"{line:{width}}  # {', '.join(filter(None, parts))}".rstrip(" #") for line, *parts in zip(lines, units, said, strict=True)]
 
 
-def robot_to_use(study: "RobotStudy") -> ToUse:
-    """Recommended gains of the space that the file's controller acts in."""
+def robot_to_use(study: "RobotStudy", call: str = "gainroom robot FILE") -> ToUse:
+    """Recommended gains of the space that the file's controller acts in. `call`: the command that finds them once the file has a rate."""
     if study.to_use is None:
         return NOTHING
     gains, found = study.to_use
     remarks, usual, asked = [], study.at_usual_rate, study.system.requirements
+    own, joints = study.controllers_to_use, gains.space == "joint"
+    lines, place, now = robot_gains(gains.names, own, gains.space), "control" if joints else "tasks", _now(study, own[0]) if joints else ""
+    if usual is not None and not asked.met_by(usual):
+        return replace(_state_rate(call), folded=(_not_at_usual_rate(usual, asked, f"`{place}`{now}"), lines))
     if found.without_weight:
         remarks.append("Found without the robot's weight: see the warning.")
-    first, missed = None, ""
-    if usual is not None and not asked.met_by(usual):
-        start = "The file has no rate. State it and run this again, for gains that hold at it:"
-        first, missed = (start, [f"{SAMPLED}  # under control; or your loop's"]), _at_usual_rate(usual, asked)
-    elif usual is not None:
-        remarks.append(f"At {_at_usual_rate(usual, asked)}. {STATE_RATE}")
+    if usual is not None:
+        remarks.append(f"At {AT_USUAL} these keep {kept(usual, asked)}. {STATE_RATE}")
     if study.raised:
         remarks.append(f"Some rise by more than {study.tightest.limit.gain:.3g} ×: that limit is for all gains by one factor.")
-    own, joints = study.controllers_to_use, gains.space == "joint"
-    heading = _heading(study, "control" if joints else "tasks", _now(study, own[0]) if joints else "", missed)
-    return ToUse(heading, robot_gains(gains.names, own, gains.space), remarks, found.margins, first)
+    return ToUse(_heading(study, place, now), lines, remarks, margins=found.margins)
 
 
 def _now(study: "RobotStudy", recommended: Any) -> str:
@@ -181,27 +179,30 @@ SAMPLED = f"sample_rate_hz: {USUAL_RATE:.0f}"
 STATE_RATE = f"State the loop's rate under `control`, such as `{SAMPLED}`."
 
 
-def _at_usual_rate(margins: Margins, asked: Requirements) -> str:
-    """What gains for continuous time keep in the usual loop: "2 kHz these keep only gain margin 5.25 dB"."""
-    if not margins.stable:
-        return f"{AT_USUAL} these would be unstable"
-    return f"{AT_USUAL} these keep {'' if asked.met_by(margins) else 'only '}{kept(margins, asked)}"
+def _state_rate(call: str) -> ToUse:
+    """What to do where gains hold at no rate yet."""
+    heading = f"The file has no rate, and gains for continuous time fail at {AT_USUAL}. Write your loop's rate under `control`, such as "
+    return ToUse(f"{heading}`{SAMPLED}`, then run this for gains that hold at it:", [call])
 
 
-def _heading(study: Analysis, place: str, units: str = "", missed: str = "") -> str:
-    """`missed`: why the gains are for continuous time alone, which is said before they are read."""
-    time, where = " in continuous time alone" if missed else "", f"under `{place}`{units}{f'; at {missed}' if missed else ''}:"
+def _not_at_usual_rate(margins: Margins, asked: Requirements, place: str) -> str:
+    """Why gains for continuous time are not to be used."""
+    values = {one.name: one.value(margins) for one, needed in asked.asked_for if not one.met(needed, one.value(margins))}
+    fails = f"{short_text(asked, values)} {'fail' if len(values) > 1 else 'fails'}" if margins.stable else "unstable there"
+    return f"Gains for continuous time alone. Not at {AT_USUAL}: {fails}. Under {place}:"
+
+
+def _heading(study: Analysis, place: str, units: str = "") -> str:
+    where = f"under `{place}`{units}:"
     if study.requirements_met is False:
-        return f"{'For continuous time alone' if missed else 'Use instead'}, {where}"
-    return f"The present gains may stay{time}. The stiffest that meet the requirements{time}, {where}"
+        return f"Use instead, {where}"
+    return f"The present gains may stay. The stiffest that meet the requirements, {where}"
 
 
-def advice_box(study: "JointStudy | RobotStudy", found: ToUse) -> str:
+def advice_box(study: "JointStudy | RobotStudy", found: ToUse) -> Html | str:
     """What to do, on a page: gains to copy, with every requirement before and after; "" where there are none."""
     if not found.lines:
         return ""
-    columns = [column for column in judged_columns(study) if column.title not in ("at", "in")]
+    columns = [column for column in judged_columns(study, found) if column.title not in ("at", "in")]
     marks = {"yes": "met", "no": "unmet"}
-    beside = table(*tabulated(columns, judged(study, found.margins)), marks=marks, sorts=False)
-    heading = Html("" if found.first is None else coded(found.first[0]) + copied(found.first[1])) + coded(found.heading)
-    return advice(Html(heading), "\n".join(found.lines), *map(coded, found.remarks), beside)
+    return advised(found, table(*tabulated(columns, judged(study, found.margins)), marks=marks, sorts=False))

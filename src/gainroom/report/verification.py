@@ -7,7 +7,6 @@ from ..studies.verification import Verification
 from ..system.requirements import Requirements
 from ..system.system import System
 from .columns import tabulated
-from .joint_text import BARE
 from .margin_columns import requirement
 from .number_format import digits, hertz, model_text
 from .page import Card, Html, Lead, Section, block, page, table
@@ -17,8 +16,8 @@ from .verification_text import CASE, WITNESSES, at_nominal, left_out, percent, s
 from .what_to_do import advice_box
 
 
-def verification_page(system: System, result: Verification, command: str) -> str:
-    """The report as one HTML page; `command` is the command that makes it."""
+def verification_page(system: System, result: Verification, command: str, judge: str = "") -> str:
+    """The report as one HTML page; `command` is the command that makes it, `judge`: see what_to_do."""
     limit, wrong = result.cases[0].predicted_gain, [case for case in result.cases if not case.agrees]
     sample_time, what, model = system.control.sample_time, "a robot", "Robot linearised about each posture, all loops closed"
     if not result.of_robot:
@@ -36,9 +35,8 @@ def verification_page(system: System, result: Verification, command: str) -> str
         Section("Command", [block(command)], "that makes this page"),
     ]
     said = [f"left out: {warning}" for warning in result.warnings]
-    short, bare = result.least.enough is False, BARE / (BARE - 1)  # the least Ms of a gain margin g is g/(g − 1)
-    state = "bare" if short and result.least.predicted_gain < bare else "warn" if short else "good"
-    lead = Lead(sentence(result), state, "", said, advice_box(what_to_do(result))) if result.agrees else _disagreement(result, said)
+    state = "bare" if result.least.enough is False or result.least.predicted_gain <= 1 else "good"
+    lead = Lead(sentence(result), state, "", said, advice_box(what_to_do(result, judge))) if result.agrees else _disagreement(result, said)
     return page(f"gainroom verify: {what}, {model_text(sample_time)}", lead, _cards(result), sections, footer())
 
 

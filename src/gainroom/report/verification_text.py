@@ -2,10 +2,9 @@
 
 import math
 
-from ..design.joint_gains import rounded_down
-from ..errors import apart, listed
+from ..errors import apart, frequency_text, listed
 from ..studies.verification import Case, Verification
-from ..system.requirements import REQUIREMENTS, Requirements
+from ..system.requirements import Requirements
 from .columns import Column, yes
 from .margin_columns import short_text
 from .number_format import digits
@@ -15,10 +14,15 @@ from .what_to_do import Advice
 def sentence(result: Verification) -> str:
     """The answer in one or two sentences: a limit too near for the required gain margin comes first."""
     least = result.least
-    if not result.agrees or least.enough is not False or not least.predicted_gain > 1:
+    if result.agrees and least.predicted_gain <= 1:
+        return f"Not safe: unstable. {_compared_text(result)}"
+    if not result.agrees or least.enough is not False:
         return _compared_text(result)
     asked = Requirements(gain_margin=least.required)
-    return f"Too little margin: {short_text(asked, {'gain_margin': least.predicted_gain})}{at_nominal(result)}. {_compared_text(result)}"
+    at = f" at {frequency_text(least.predicted_frequency)}" if math.isfinite(least.predicted_frequency) else ""
+    where = f" in {least.what}" if result.of_robot else ""
+    short = short_text(asked, {"gain_margin": least.predicted_gain})
+    return f"Not safe{at_nominal(result)}: {short}{at}{where}. {_compared_text(result)}"
 
 
 def at_nominal(result: Verification) -> str:
@@ -26,23 +30,19 @@ def at_nominal(result: Verification) -> str:
     return ", at nominal values" if result.uncertain else ""
 
 
-def what_to_do(result: Verification) -> Advice | None:
-    """That agreement is no margin: what the limit means for these gains. None where simulation and prediction disagree."""
+def what_to_do(result: Verification, judge: str = "") -> Advice | None:
+    """What the limit means for these gains; None where simulation and prediction disagree. `judge`: the command that judges all margins."""
     if not result.agrees:
         return None
-    least, more = result.least, f"`gainroom {'robot' if result.of_robot else 'joint'}`"
+    least, judge = result.least, judge or f"gainroom {'robot' if result.of_robot else 'joint'} FILE"
     if not least.predicted_gain < math.inf:
         return Advice("The prediction may be relied on: no factor on these gains makes it vibrate.")
     if not least.predicted_gain > 1:
-        return Advice(f"These gains are UNSTABLE, beyond a limit that may be relied on. Use what {more} recommends.")
-    if least.enough is False and least.required is not None:
-        required, factor = REQUIREMENTS["gain_margin"].text(least.required), rounded_down(least.predicted_gain / least.required)
-        return Advice(
-            f"Use what {more} recommends: it meets every requirement. × {factor:g} is enough for {required} of gain "
-            "margin alone: phase margin and Ms are not judged here."
-        )
-    ranges = ", in the file's ranges too," if result.uncertain else ""
-    return Advice(f"The limit may be relied on. It is one margin of several: {more} judges all of them{ranges} and recommends gains.")
+        return Advice("These gains are UNSTABLE, beyond a limit that may be relied on. Find gains that meet every requirement:", [judge])
+    if least.enough is False:
+        return Advice("Find gains that meet every requirement, also phase margin and Ms, which are not judged here:", [judge])
+    ranges = ", in the file's ranges too" if result.uncertain else ""
+    return Advice(f"The limit may be relied on. It is one margin of several; judge all{ranges}:", [judge])
 
 
 def _compared_text(result: Verification) -> str:

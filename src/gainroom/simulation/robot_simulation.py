@@ -104,6 +104,12 @@ class RobotSimulation(SimulationSpec):
                 asked = move.position(part.time) - move.position(part.time - delay)  # the record has what was asked for, not what arrived
                 yield part if delay == 0 else replace(part, reference=part.reference + asked)
 
+    @property
+    def state(self) -> str:
+        """Those of the scenario, or the file's first."""
+        scenario, (posture, contact) = self.system.scenario, self.system.source.states[0]
+        return f"{scenario.posture or posture}/{scenario.contact or contact}"
+
     def loop(self, gain: float = 1.0) -> Loop:
         """With fixed contacts."""
         return self.system.loop(self.model).scaled(gain)

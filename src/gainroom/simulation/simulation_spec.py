@@ -112,6 +112,11 @@ class SimulationSpec:
         """The run with all gains times `gain`, part by part. Raises GainroomError where hardware and loop do not go together."""
         raise NotImplementedError
 
+    @property
+    def state(self) -> str:
+        """Posture and contact state of a robot, as text."""
+        return ""
+
     def loop(self, gain: float = 1.0) -> Loop:
         """The sampled linear loop with all gains times `gain`, the scenario's viscous friction part of it."""
         raise NotImplementedError

@@ -125,6 +125,28 @@ class Analysis:
         except GainroomError:  # a controller that is made for continuous time alone
             return None
 
+    @cached_property
+    def missed_at_usual_rate(self) -> dict[str, float]:
+        """By name of a requirement, what the present gains have of it at USUAL_RATE where that is too little; {} where a rate is given.
+
+        Of the states that decide in continuous time alone, so what is not named may be missed, too; only where the margins are certified,
+        and nothing is uncertain.
+        """
+        if not self.rate_is_missing or self.system.uncertainty.names or self.unstable_at_usual_rate is not None or not self.decisive:
+            return {}
+        sampled = replace(self.system, control=replace(self.system.control, sample_time=1 / USUAL_RATE))
+        deciding = {state.title: state for state in (*self.unmet.values(), self.worst[self.decisive])}
+        try:
+            found = [State(sampled, state.posture, state.contact, state.model).margins for state in deciding.values()]
+        except GainroomError:  # a controller that is made for continuous time alone
+            return {}
+        found, missed = [margins for margins in found if margins.certified], {}
+        for one, needed in self.system.requirements.asked_for:
+            values = [value for margins in found if not one.met(needed, value := one.value(margins)) and not math.isnan(value)]
+            if values:
+                missed[one.name] = (max if one.at_most else min)(values)
+        return missed
+
     @property
     def decisive(self) -> str:
         """The requirement that is missed most, or where all are met the tightest; "" of an unstable system, and where none is asked for."""

@@ -30,6 +30,8 @@ EXTRA_DELAY = 0.5
 """Of the loop's delay: by so much it may be longer than was said, by default."""
 MOST_DIGITS = 7
 """Of a gain that is typed."""
+BARE = 5.0
+"""Ms above which gains hardly damp their motion: up to it at least 1.9 dB and 11.5° are left."""
 GROWTHS = 5
 """Times that joints are added to those whose gains are lowered."""
 LOWER = (0.9, 0.7, 0.5, 0.3, 0.1, 0.03)
@@ -212,6 +214,18 @@ class Audit(Analysis):
     def to_use(self) -> "GainsToUse | None":
         """Gains to use in place of unsafe ones; None where none are known, and for safe gains."""
         return None if self.safe else gains_to_use(self)
+
+    @property
+    def hardly_damped(self) -> bool:
+        """Whether Ms is above BARE, where nothing is required of it."""
+        value = self.worst["peak_sensitivity"].margins.peak_sensitivity
+        return "peak_sensitivity" not in self.further.needed and value > BARE
+
+    @property
+    def ready_to_use(self) -> "GainsToUse | None":
+        """Those, unless the loop's rate is not known, which costs margin, or they hardly damp the motion."""
+        found = self.to_use
+        return None if found is None or self.system.control.sample_time is None or found.audited.hardly_damped else found
 
     @property
     def assumed_rigid(self) -> Booleans:

@@ -4,24 +4,30 @@ import math
 
 import numpy as np
 
+from ..analysis.margin_record import Margins
 from ..linear.arrays import Complexes
-from .state import STRONG, State
+from ..system.loop import Loop
+from .state import STRONG, State, limiting_joints
 
 
 def joints_that_miss(state: State, name: str) -> tuple[str, ...]:
-    """The joints that move where a state misses a requirement: in its vibration at the gain limit, or where it is lost to delay or phase.
+    """The joints that move where a state misses a requirement."""
+    return deciding_joints(state.loop, state.margins, state.model.joint_names, name)
+
+
+def deciding_joints(loop: Loop, found: Margins, names: tuple[str, ...], name: str) -> tuple[str, ...]:
+    """The joints that move where a margin is: in the vibration at the gain limit, or where the loop is lost to delay or phase.
 
     Peak sensitivity: the joint whose loop has it.
     """
-    names, found = state.model.joint_names, state.margins
-    if name == "gain_margin" or state.loop.kd_path is not None:
-        return state.limiting_joints
+    if name == "gain_margin" or loop.kd_path is not None:
+        return limiting_joints(found.limit, names)
     if name == "phase_margin" and found.one_loop_phase_margin < found.common_phase_margin:
         return (names[int(np.argmin(found.one_loop.phase_margin))],)
     omega = {"delay_margin": found.delay_crossover, "phase_margin": found.gain_crossover}.get(name, found.peak_sensitivity_frequency)
     if not (math.isfinite(omega) and omega > 0):
-        return state.limiting_joints
-    response = state.loop.response(np.array([omega])).reshape(len(names), len(names))
+        return limiting_joints(found.limit, names)
+    response = loop.response(np.array([omega])).reshape(len(names), len(names))
     if name == "peak_sensitivity":
         return (names[most_sensitive(response)[1]],)
     values, vectors = np.linalg.eig(response)

@@ -17,6 +17,7 @@ from ..simulation.run_record import Run, joined
 from ..simulation.simulation_spec import TORQUE_LIMIT, SimulationSpec
 from ..simulation.tracking import Tracking, track
 from ..system.requirements import REQUIREMENTS
+from .deciding_joints import deciding_joints
 from .oscillation import Oscillation, judge, torque_ripple_of
 from .state import margins_of, moves
 
@@ -95,6 +96,13 @@ class Outcome:
         if self.margins is None or self.spec.system.uncertainty.names:
             return None
         return self.spec.system.requirements.met(name, REQUIREMENTS[name].value(self.margins)) or None
+
+    def joint_that_misses(self, name: str) -> str:
+        """The joint that moves most where the linear loop misses a requirement; "" of one joint, and where none is known."""
+        names = self.run.joint_names
+        if self.margins is None or len(names) == 1:
+            return ""
+        return next(iter(deciding_joints(self.spec.loop(self.gain), self.margins, tuple(names), name)), "")
 
     @cached_property
     def gain_to_try(self) -> float:

@@ -1,0 +1,147 @@
+"""What every command says first: safe, not safe or not decided, and each requirement that fails with its value and place."""
+
+import html
+import json
+import math
+import re
+from pathlib import Path
+
+import pytest
+import yaml
+
+from gainroom.cli import main
+from gainroom.system.requirements import REQUIREMENTS
+from robot_files import ROBOT, write_arm
+from test_report import without_library
+
+EXAMPLES = Path(__import__("gainroom").__path__[0]) / "files" / "examples"
+JOINTS = sorted(path.stem for path in EXAMPLES.glob("*.yaml") if "biped" not in path.stem)
+LEG = Path(__file__).parents[1] / "examples" / "robot.xml"
+WITHOUT_RATE = re.sub(r"sample_rate_hz: [\d.]+,? ?", "", ROBOT)
+
+
+def said(capsys: pytest.CaptureFixture[str], tmp_path: Path, *call: str) -> tuple[str, str, dict, str]:
+    """The terminal's first 25 lines on one, the page's headline, what --json says, and the page's marks."""
+    page = tmp_path / "page.html"
+    main([*call, "--report", str(page)])
+    lines = capsys.readouterr().out.splitlines()
+    main([*call, "--json"])
+    own = without_library(page.read_text("utf-8"))
+    headline = html.unescape(re.findall("<h1>(.*?)</h1>", own)[0])
+    return " ".join(" ".join(lines[:25]).split()), headline, json.loads(capsys.readouterr().out), own
+
+
+def assert_one_verdict(terminal: str, headline: str, own: str):
+    """The same words and the colour that belongs to them."""
+    verdict = re.match(r"Safe|Not safe|Not decided", headline)
+    assert verdict is not None
+    assert terminal.startswith(verdict[0])
+    colours = {"Safe": {"good"}, "Not safe": {"bare", "bad"}, "Not decided": {"warn"}}[verdict[0]]
+    assert set(re.findall('<body class="(.*?)">', own)) <= colours
+
+
+@pytest.mark.parametrize("name", JOINTS)
+def test_every_requirement_that_a_joint_misses_is_in_both_headlines(capsys: pytest.CaptureFixture[str], tmp_path: Path, name: str):
+    terminal, headline, told, own = said(capsys, tmp_path, "joint", str(EXAMPLES / f"{name}.yaml"))
+    assert_one_verdict(terminal, headline, own)
+    assert told["unmet"]
+    assert headline.startswith("Not safe")
+    for missed in told["unmet"]:
+        one = REQUIREMENTS[missed]
+        value = f"{one.heading} {told['worst'][one.key]:.3g}{'' if one.unit in ('', '°') else ' '}{one.unit} ({one.sign} "
+        assert value in headline
+        assert value in terminal.partition(" at to use")[0]
+
+
+def test_the_present_gains_at_the_usual_rate_are_those_of_the_file_with_that_rate(capsys: pytest.CaptureFixture[str], tmp_path: Path):
+    """Fig. 9's joint: everything that is too little there, with its value."""
+    _, headline, _, _ = said(capsys, tmp_path, "joint", str(EXAMPLES / "fig9.yaml"))
+    file = yaml.safe_load((EXAMPLES / "fig9.yaml").read_text("utf-8"))
+    file["control"]["sample_rate_hz"] = 2000
+    (tmp_path / "joint.yaml").write_text(yaml.safe_dump(file), "utf-8")
+    _, _, told, _ = said(capsys, tmp_path, "joint", str(tmp_path / "joint.yaml"))
+    assert told["unmet"] == ["gain_margin", "phase_margin", "peak_sensitivity"]
+    values = f"gain margin {told['gain_margin_db']:.3g} dB, phase margin {told['phase_margin_deg']:.3g}°, Ms {told['peak_sensitivity']:.3g}"
+    assert f"At 2 kHz these gains have {values}." in headline
+
+
+@pytest.mark.parametrize(
+    ("rate", "limits", "verdict"),
+    [
+        ("", "", "Not decided: the file has no rate"),
+        ("sample_rate_hz: 2000, ", "", "Safe: every requirement is met"),
+        ("sample_rate_hz: 2000, ", "limits: {peak_sensitivity: 1.1}\n", "Not safe: Ms "),
+    ],
+)
+def test_a_robots_verdict_has_one_word_and_one_colour(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rate: str, limits: str, verdict: str
+):
+    monkeypatch.setattr("gainroom.studies.robot._recommended", lambda spec, tell: ())  # which take longest
+    text = WITHOUT_RATE.replace("control: {", f"control: {{{rate}").replace("kp: 400.0, kd: 30.0", "kp: 400.0, kd: 60.0") + limits
+    terminal, headline, _, own = said(capsys, tmp_path, "robot", str(write_arm(tmp_path, text)))
+    assert_one_verdict(terminal, headline, own)
+    assert headline.startswith(verdict)
+
+
+def test_gains_of_a_robot_that_fail_at_the_usual_rate_are_not_shown(capsys: pytest.CaptureFixture[str], tmp_path: Path):
+    """Those for continuous time: folded on the page, with --verbose in the terminal; the command that finds others is there in full."""
+    path = write_arm(tmp_path, WITHOUT_RATE)
+    terminal, _, told, own = said(capsys, tmp_path, "robot", str(path))
+    usual = told["at_usual_rate"]
+    shown = re.search(r"(Use instead|may stay\.).*?under control", terminal) is not None
+    assert shown == usual["requirements_met"]
+    first = own.partition("Do this</h2>")[2].partition("</section>")[0].partition("<details")[0]
+    assert ("<pre>kp:" in first) == usual["requirements_met"]
+    if not usual["requirements_met"]:
+        assert f"gainroom robot {path}" in terminal
+        assert "Not at 2 kHz: " in own
+
+
+@pytest.mark.parametrize("delay", ["0.5", "2", "4"])
+@pytest.mark.parametrize("more", [(), ("--rate-hz", "2000"), ("--phase-margin-deg", "45", "--peak-sensitivity", "1.3")])
+def test_every_row_that_an_audit_does_not_meet_is_in_both_headlines(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, delay: str, more: tuple[str, ...]
+):
+    terminal, headline, told, own = said(capsys, tmp_path, "audit", str(LEG), "--delay-ms", delay, *more)
+    assert_one_verdict(terminal, headline, own)
+    assert told["safe"] == (not headline.startswith("Not safe"))
+    rows = [
+        re.findall("<td.*?>(.*?)</td>", row) for row in re.findall("<tr>(.*?)</tr>", own.partition("Do this")[2].partition("</table>")[0])
+    ]
+    missed = [row for row in rows if "no" in row]
+    assert bool(missed) == (not told["safe"]) or not told["stable"]
+    for row in missed if told["stable"] else []:
+        for text in (headline, terminal.partition("Do this")[0]):
+            assert row[1] in text or "by itself is unstable" in text
+
+
+def test_an_audit_without_a_rate_shows_no_gains_to_use(capsys: pytest.CaptureFixture[str], tmp_path: Path):
+    """They have what is required in continuous time alone; with a rate they are shown, and are safe there."""
+    terminal, _, told, own = said(capsys, tmp_path, "audit", str(LEG), "--delay-ms", "2")
+    lowered = next(joint["kp"] for joint in told["to_use"]["joints"] if joint["name"] in told["to_use"]["scaled"])
+    first = own.partition("Do this</h2>")[2].partition("</section>")[0].partition("<details")[0]
+    assert f"{lowered:.4g}" not in terminal
+    assert f"{lowered:.4g}" not in first
+    (command,) = re.findall(r"<pre>gainroom (audit .*?)</pre>", html.unescape(first))
+    assert f"gainroom {command}" in terminal
+    main([*command.split(), "--json"])
+    again = json.loads(capsys.readouterr().out)
+    assert again["sample_rate_hz"] == 2000
+    assert math.isfinite(again["to_use"]["factor"])
+    assert again["to_use"]["factor"] < told["to_use"]["factor"]  # a rate costs margin
+
+
+def test_gains_that_would_hardly_damp_are_not_to_be_used_yet(capsys: pytest.CaptureFixture[str], tmp_path: Path):
+    """Too high for the gain margin, with too little kd: lower ones have that margin and still ring. Headline and advice say it."""
+    gains = tmp_path / "gains.yaml"
+    gains.write_text("gains: {'.*': {kp: 2000, kd: 5, motor_inertia: 0.02}}\n", "utf-8")
+    call = ("audit", str(LEG), "--delay-ms", "0.3", "--delay-margin-ms", "0.05", "--rate-hz", "5000", "--gains", str(gains))
+    for kd in (1, 2, 3, 5, 8):
+        gains.write_text(f"gains: {{'.*': {{kp: 2000, kd: {kd}, motor_inertia: 0.02}}}}\n", "utf-8")
+        terminal, headline, told, _ = said(capsys, tmp_path, *call)
+        if told["safe"] or told["to_use"] is None:
+            continue
+        rings = "Do not use × " in terminal
+        assert rings == (" --peak-sensitivity 2 --write-robot robot.yaml" in terminal)
+        assert not rings or f"Ms {told['peak_sensitivity']:.3g}" in headline or not told["stable"]
+        assert rings != ("Multiply " in terminal)
