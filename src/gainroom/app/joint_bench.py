@@ -16,7 +16,7 @@ from ..io.yaml_text import parse_yaml
 from ..report.columns import facts
 from ..report.gains_to_use import joint_gains
 from ..report.joint import joint_page
-from ..report.joint_text import sentence, warnings
+from ..report.joint_text import sentence, severity, warnings
 from ..report.margin_columns import margin_columns, margins_text
 from ..report.number_format import own_gains, plane_names
 from ..report.verdict import joint_to_use, judged
@@ -226,7 +226,7 @@ def _verdict(study: JointStudy, basis: str) -> dict[str, Any]:
     return {
         "basis": basis,
         "sentence": sentence(study),
-        "tone": "bad" if not study.stable_in_range else "warn" if study.unmet else "good",
+        "tone": severity(study) if study.stable_in_range else "bad",
         "rows": [vars(row) for row in judged(study, best)],
         "numbers": facts(margin_columns(), study.margins),
         "worst": facts(margin_columns(), study.in_range.margins),

@@ -23,7 +23,7 @@ from ..report.number_format import own_gains
 from ..report.recommended_gains import recommended_facts
 from ..report.robot import robot_page
 from ..report.robot_columns import state_columns
-from ..report.robot_text import sentence, warnings
+from ..report.robot_text import sentence, severity, warnings
 from ..report.verdict import judged, robot_to_use
 from ..robot.model import RobotModel
 from ..robot.robot import Posture
@@ -214,7 +214,8 @@ class RobotBench:
         yield "verdict", quick_verdict(state, limit, channel, plane) | own
         yield "bode", bode(plane, channel)
         if key != known:
-            yield "map", gain_map(plane, channel, window, state.system.requirements) | {"plant": key, "last": True}
+            follows = len(state.system.source.states) > 1
+            yield "map", gain_map(plane, channel, window, state.system.requirements) | {"plant": key, "last": True, "follows": follows}
 
     def curves(self, view: View, window: tuple[float, float] | None, known: str, final: bool) -> Iterator[Part]:
         state, limit = self._limited(view)
@@ -293,7 +294,7 @@ class RobotBench:
         return {
             "basis": basis,
             "sentence": sentence(study),
-            "tone": "bad" if not study.stable_in_range else "warn" if study.unmet else "good",
+            "tone": severity(study) if study.stable_in_range else "bad",
             "rows": [vars(row) for row in judged(study, best)],
             "states": [facts(state_columns(), state) for state in study.every],
             "recommended": [recommended_facts(gains) for gains in study.recommended] or None,

@@ -197,7 +197,7 @@ def quick_verdict(state: State, limit: GainLimit | None, channel: Channel, plane
             one = REQUIREMENTS[name]
             rows.append(_row(name, f"{one.label}, {channel.name}", f"≈ {one.text(found)}", asked, None))
     tone = "wait" if limit.stable else "bad"  # never "good" before every requirement has been judged in every state
-    tone = "warn" if limit.stable and asked.met("gain_margin", limit.gain) is False else tone
+    tone = "bare" if limit.stable and asked.met("gain_margin", limit.gain) is False else tone
     return {"basis": "quick", "sentence": text, "tone": tone, "rows": rows, "stable": limit.stable, "met": None}
 
 

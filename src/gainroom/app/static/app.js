@@ -103,6 +103,8 @@ function refused(part) {
   if (["text", "run", "page", "search"].includes(part.lane)) return toast(part.message);
   by("verdict").className = "bad";
   by("sentence").textContent = part.message;
+  by("brief").textContent = "Not computed for these values";
+  by("brief").className = "bad";
   by("basis").textContent = "Nothing was computed for these values.";
   by("rows").replaceChildren();
   return undefined;
@@ -210,6 +212,7 @@ function undo() {
 }
 
 function snap() {
+  if (by("snap").disabled) return;
   if (page.found && page.found.find) { send({ ask: "find" }); by("snap").disabled = true; return; }
   if (!page.found || !page.found.gains) return;
   gesture(true);
@@ -257,23 +260,32 @@ function sentences(part, current) {
   by("verdict").className = `${part.tone}${page.certified ? "" : " quick"}`;
   by("sentence").textContent = part.sentence;
   const ranges = page.opening.uncertain.length > 0, met = page.certified && part.met === true && !(part.uncertified || []).length;
+  const places = new Set(part.rows.map((/** @type {any} */ row) => row.where).filter(Boolean)), once = ranges && places.size === 1 ? [...places][0] : "";
   if (met !== map.met) { map.met = met; map.draw(); }
   by("basis").textContent = {
-    certified: certified(part) + (page.view.sample_rate_hz === 0 && page.opening.rates.length > 1 ? " Continuous time: choose your loop's sample rate." : "") + (ranges ? " Worst of the stated ranges." : ""),
+    certified: certified(part) + (page.view.sample_rate_hz === 0 && page.opening.rates.length > 1 ? " Continuous time: choose your loop's sample rate." : "") + (ranges ? ` Worst of the stated ranges${once ? `: ${once}` : ""}.` : ""),
     state: `Certified in ${part.where}${ranges ? " over the stated ranges" : ""}; the other states follow.`,
     nominal: "Nominal values only; the stated ranges are not examined yet.",
     quick: "This state only, at nominal values. Stability and gain limit are certified; what is marked ≈ is not.",
   }[/** @type {"quick"} */ (current ? part.basis : "quick")];
+  brief(part);
   by("rows").replaceChildren(...part.rows.map((/** @type {any} */ row) => {
     const card = document.createElement("div"), value = document.createElement("b"), title = document.createElement("small"), below = document.createElement("small");
     card.className = `row ${row.met === null ? "" : row.met ? "yes" : "no"}`;
     card.dataset.name = row.name;
     title.textContent = row.title + (part.basis === "certified" && page.opening.uncertain.length ? ", worst case" : "");
     value.textContent = row.worst + (row.met === null ? "" : row.met ? " ✓" : " ✗");
-    below.textContent = [row.required, row.where ? `in ${row.where}` : "", row.to_use && row.to_use !== "–" ? `★ ${row.to_use}` : ""].filter(Boolean).join(" · ");
+    below.textContent = [row.required, row.where && !once ? `in ${row.where}` : "", row.to_use && row.to_use !== "–" && row.to_use !== row.worst ? `★ ${row.to_use}` : ""].filter(Boolean).join(" · ");
     card.append(title, value, below);
     return card;
   }));
+}
+
+/** The verdict in a line, which stays on a phone's screen. @param {any} part */
+function brief(part) {
+  const values = part.rows.filter((/** @type {any} */ row) => row.met !== null).map((/** @type {any} */ row) => `${/^[\d.]+$/.test(row.worst) ? `${row.title.split(" ").pop()} ` : ""}${row.worst} ${row.met ? "✓" : "✗"}`);
+  by("brief").textContent = [(/^(Safe|Not safe|Not decided|Stable|Unstable)/.exec(part.sentence) || [part.sentence])[0], ...new Set(values)].join(" · ");
+  by("brief").className = part.tone;
 }
 
 /** @param {any} part */
@@ -291,8 +303,6 @@ function use(part) {
   map.points.star = part.point || null;
   map.points.rule = part.rule || null;
   map.star = part.star || "";
-  by("snap").textContent = part.find ? "★ Find gains (slow)" : "★ Use recommended";
-  by("snap").disabled = !part.gains && !part.find;
   star();
   map.draw();
   const notes = by("notes");
@@ -303,8 +313,14 @@ function use(part) {
   }
 }
 
-/** Of a robot's recommended gains those of the chosen joint. */
+/** Whether all that is in one is in the other, too. @param {any} part @param {any} whole @returns {boolean} */
+const within = (part, whole) => Object.entries(part).every(([name, value]) => (typeof value === "object" ? within(value, whole[name]) : value === whole[name]));
+
+/** Of a robot's recommended gains those of the chosen joint; what has been taken is not offered again. */
 function star() {
+  const { found } = page, taken = Boolean(found && found.gains) && within(found.gains, page.view.gains);
+  by("snap").disabled = !found || taken || !(found.gains || found.find);
+  by("snap").textContent = taken ? "★ Recommended" : found && found.find ? "★ Find gains (slow)" : "★ Use recommended";
   if (page.opening.kind === "robot") {
     map.points.star = (page.found && page.found.points[page.view.joint]) || null;
     map.points.ghost = page.opening.points[page.view.joint];

@@ -140,8 +140,8 @@ export class GainMap {
   take(part) {
     Object.assign(this.data, Object.fromEntries(["stable", "required", "edge", "lines", "every", "safe", "whole", "missing"].filter((name) => part[name] !== undefined).map((name) => [name, part[name]])));
     if (part.window) this.window = part.window;
-    if (part.stable && this.data.channel !== part.channel) Object.assign(this.data, { every: [], safe: [], whole: null, channel: part.channel });
-    this.late = Boolean(part.stable); // what holds in every state comes after what holds in this one
+    if (part.stable && this.data.channel !== part.channel) Object.assign(this.data, { every: part.follows ? [] : null, safe: [], whole: null, channel: part.channel });
+    this.late = Boolean(part.stable && part.follows); // what holds in every state comes after what holds in this one
     this.draw();
   }
 
