@@ -81,6 +81,7 @@ function take(part) {
   if (part.part === "opening") return open(part);
   if (part.part === "done" || part.part === "refused") {
     if (part.lane === "quick" || !part.lane) { page.busy = false; next(); }
+    if (part.lane === "quick" && part.key === page.key && page.final) intoSight();
     if (part.lane === "full") progress(null);
     if (part.lane === "run") idle();
   }
@@ -158,6 +159,12 @@ function examples(opening) {
   select.onchange = () => { query.set("example", select.value); location.assign(`?${query}`); };
   label.append("example", document.createElement("span"), select);
   by("controls").prepend(label);
+}
+
+/** Gains that were typed may lie beyond the map. */
+function intoSight() {
+  const dot = map.points.dot;
+  if (dot && map.data.stable.length && dot.some((value, k) => value > map.window[k])) refit();
 }
 
 /** @param {number} [wide] */
@@ -351,7 +358,8 @@ function ran(part) {
   place.querySelector("small").textContent = page.opening.kind === "robot" ? "MuJoCo, nonlinear; the file's scenario in this state" : "tick by tick; the file's scenario";
   place.querySelector(".said").textContent = part.sentence;
   new Traces(place.querySelector(".plot")).take(part);
-  (body && body.renderer ? by("side") : place).scrollIntoView({ behavior: "smooth", block: "nearest" }); // a robot's run is played on its drawing
+  const seen = body && body.renderer ? by("side") : place; // a robot's run is played on its drawing
+  requestAnimationFrame(() => seen.scrollIntoView({ behavior: "smooth", block: "nearest" })); // charts have their size then
 }
 
 by("snap").onclick = snap;
