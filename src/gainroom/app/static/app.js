@@ -1,6 +1,6 @@
 // The page: one view (what is asked for), one socket, and the pictures that follow. No number is computed here.
 // @ts-check
-import { GainMap, number } from "./gainmap.js";
+import { GainMap } from "./gainmap.js";
 import { Bode, Nyquist, Step, Traces } from "./charts.js";
 import { Controls } from "./controls.js";
 import { States } from "./states.js";
@@ -94,8 +94,8 @@ function take(part) {
   if (part.part === "page") return download(part.text);
   if (part.part === "progress") return progress(part);
   if ((part.lane === "full" || part.lane === "search") && part.key !== page.key) return undefined; // of gains that nobody looks at any more
-  const show = /** @type {Record<string, (part: any) => void>} */ ({ verdict, heat: (each) => states && states.take(each), mode: (each) => body && body.take(each), root: (each) => body && body.takeRoot(each), bode: curves, map: areas, before: (each) => step.takeBefore(each), step: (each) => step.take(each), use })[part.part];
-  if (show) show(part);
+  const put = /** @type {Record<string, (part: any) => void>} */ ({ verdict, heat: (each) => states && states.take(each), mode: (each) => body && body.take(each), root: (each) => body && body.takeRoot(each), bode: curves, map: areas, before: (each) => step.takeBefore(each), step: (each) => step.take(each), use })[part.part];
+  if (put) put(part);
   return undefined;
 }
 
@@ -225,9 +225,9 @@ function snap() {
   gesture(true);
   delete page.view.point;
   page.view.gains = { ...page.view.gains, ...page.found.gains };
-  const star = map.points.star;
-  if (star && (star.some((value, k) => value > map.window[k]) || star.every((value, k) => value < 0.15 * map.window[k]))) {
-    Object.assign(map.points, { dot: star }); // too far off, or too small to be seen
+  const to = map.points.star;
+  if (to && (to.some((value, k) => value > map.window[k]) || to.every((value, k) => value < 0.15 * map.window[k]))) {
+    map.points.dot = to; // too far off, or too small to be seen
     refit(3);
   } else look(true);
 }
