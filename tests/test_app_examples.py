@@ -94,6 +94,24 @@ def test_the_knee_as_stiff_as_it_may_be_at_four_milliseconds(browser: Any, capsy
         assert (found["unmet"], found["sentence"]) == ([], said)  # in the worst of the stated ranges, as far as it was examined
 
 
+def test_a_card_leads_to_where_its_margin_is_worst(browser: Any, bare: Served):
+    """To the state and the joint of which the verdict speaks, in the posture as it is posed."""
+    tab = open_tab(browser, bare.address + "?example=biped")
+    tab.settle(CERTIFIED)
+    tab.page.locator("summary").click()
+    tab.page.locator("#angle-right_knee").fill("0.7")
+    tab.settle(CERTIFIED)
+    place = re.search(r"worst in (\w+)/(\w+): phase margin [^;]* at (\w+),", tab.text("#sentence"))
+    assert place is not None
+    tab.page.locator("[data-name=phase_margin]").focus()
+    tab.page.keyboard.press("Enter")
+    tab.settle(CERTIFIED)
+    view = tab.view()
+    assert (view["posture"], view["contact"], view["joint"]) == place.groups()
+    assert view["angles"] == {"right_knee": 0.7}
+    assert not tab.said
+
+
 def test_two_tabs_on_different_examples(browser: Any, bare: Served):
     """The address holds which, with the view: a copy of the tab is the same."""
     tab = open_tab(browser, bare.address + "?example=fig9")

@@ -24,10 +24,11 @@ from ..report.recommended_gains import recommended_facts
 from ..report.robot import robot_page
 from ..report.robot_columns import state_columns
 from ..report.robot_text import sentence, severity, warnings
-from ..report.verdict import judged, robot_to_use
+from ..report.verdict import Judged, judged, robot_to_use
 from ..robot.model import RobotModel
 from ..robot.robot import Posture
 from ..simulation.robot_simulation import RobotSimulation
+from ..studies.deciding_joints import joints_that_miss
 from ..studies.robot import RobotStudy, study_robot
 from ..studies.state import State, limit_of, strongest_first
 from ..system.system import System
@@ -295,7 +296,7 @@ class RobotBench:
             "basis": basis,
             "sentence": sentence(study),
             "tone": severity(study) if study.stable_in_range else "bad",
-            "rows": [vars(row) for row in judged(study, best)],
+            "rows": [vars(row) | {"place": self._place(study, row)} for row in judged(study, best)],
             "states": [facts(state_columns(), state) for state in study.every],
             "recommended": [recommended_facts(gains) for gains in study.recommended] or None,
             "stable": study.stable,
@@ -304,6 +305,13 @@ class RobotBench:
             "unmet": list(study.unmet),
             "uncertified": [state.title for state in study.states if not state.margins.certified],
         }
+
+    def _place(self, study: RobotStudy, row: Judged) -> dict[str, str]:
+        """Where to look for a row's worst: posture, contact state, and the joint that misses what is required there."""
+        state = next((state for state in study.states if state.title == row.where), study.states[0])
+        place = {"posture": state.posture, "contact": state.contact}
+        missing = joints_that_miss(state, row.name)[:1] if row.met is False and study.stable_in_range else ()
+        return {**place, "joint": missing[0]} if missing and missing[0] in self._channels.names else place
 
     def _to_use(self, study: RobotStudy) -> dict[str, dict[str, float]]:
         """Recommended gains by channel, as they are typed; none of none."""

@@ -277,13 +277,14 @@ function sentences(part, current) {
   }[/** @type {"quick"} */ (current ? part.basis : "quick")];
   brief(part);
   by("rows").replaceChildren(...part.rows.map((/** @type {any} */ row) => {
-    const card = document.createElement("div"), value = document.createElement("b"), title = document.createElement("small"), below = document.createElement("small");
+    const card = document.createElement(row.place ? "button" : "div"), value = document.createElement("b"), title = document.createElement("small"), below = document.createElement("small");
     card.className = `row ${row.met === null ? "" : row.met ? "yes" : "no"}`;
     card.dataset.name = row.name;
     title.textContent = row.title + (part.basis === "certified" && page.opening.uncertain.length ? ", worst case" : "");
     value.textContent = row.worst + (row.met === null ? "" : row.met ? " ✓" : " ✗");
     below.textContent = [row.required, row.where && !once ? `in ${row.where}` : "", row.to_use && row.to_use !== "–" && row.to_use !== row.worst ? `★ ${row.to_use}` : ""].filter(Boolean).join(" · ");
     card.append(title, value, below);
+    if (row.place) Object.assign(card, { title: "Show where", onclick: () => states && states.visit(row.place) });
     return card;
   }));
 }

@@ -235,7 +235,7 @@ export class GainMap {
     }
     if (!best) return;
     svg("circle", { cx: this.x(best[0]), cy: this.y(best[1]), r: 6, fill: "#e69f00", stroke: "#000", "data-mark": "cursor" }, this.layers.marks);
-    svg("text", { x: this.x(best[0]) - 9, y: this.y(best[1]) + 18, "text-anchor": "end" }, this.layers.marks).textContent = `vibrates at ${number(best[2], 3)} Hz here`;
+    svg("text", { x: this.x(best[0]) - 9, y: this.y(best[1]) + (this.y(best[1]) > this.height - FRAME.bottom - 24 ? -10 : 18), "text-anchor": "end" }, this.layers.marks).textContent = `vibrates at ${number(best[2], 3)} Hz here`;
   }
 
   /** @param {number | null} hz */
