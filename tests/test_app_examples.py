@@ -74,6 +74,9 @@ def test_the_knee_as_stiff_as_it_may_be_at_four_milliseconds(browser: Any, capsy
         tab.page.get_by_role("button", name="Use recommended").click()
         tab.settle(CERTIFIED)
         assert tab.text("#sentence").startswith("Safe")
+        cards = tab.page.locator("#rows .row")
+        assert not [text for text in cards.all_inner_texts() if "★" in text]  # they have been taken
+        assert len({card.bounding_box()["y"] for card in cards.all()}) == 1
         tab.page.get_by_role("button", name="Copy gains").click()
         tab.page.get_by_role("button", name="YAML").click()
         tab.page.get_by_text("Copied as yaml").wait_for()

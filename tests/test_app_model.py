@@ -130,6 +130,7 @@ def test_gains_are_found_and_the_view_exported(browser: Any, leg: Path):
         tab.page.get_by_role("button", name="Use recommended").click()
         tab.settle(CERTIFIED)
         assert "every requirement is met" in tab.text("#sentence")
+        assert "they follow" not in tab.text("#map .legend")  # of one state there are no others
         with tab.page.expect_download() as waiting:
             tab.page.get_by_role("button", name="Export page").click()
         taken = browser.new_context(offline=True).new_page()
