@@ -16,6 +16,7 @@ const page = {
   /** @type {any} */ view: {},
   /** @type {any[]} */ past: [],
   /** @type {any} */ found: null,
+  /** @type {RobotView | null} */ body: null,
   key: 0,
   /** @type {any} */ waiting: null,
   busy: false,
@@ -188,7 +189,7 @@ function robot() {
   last.querySelector(".plot").replaceChildren(...side.querySelector(".plot").children);
   captions[1].replaceChildren(...captions[0].childNodes);
   captions[0].innerText = "Critical mode";
-  body = new RobotView(side.querySelector(".plot"), page.opening.shapes, () => page.dragging);
+  page.body = body = new RobotView(side.querySelector(".plot"), page.opening.shapes, () => page.dragging);
   by("map").querySelector("small").textContent = `of the chosen ${what} in this state, all others closed; drag the dot`;
   map.blue = `this ${what}'s own loop keeps the required margins in this state (sampled)`;
   by("bode").querySelector("small").textContent = `of the chosen ${what}, all others closed; sampled`;

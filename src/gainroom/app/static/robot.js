@@ -154,7 +154,7 @@ export class RobotView {
     this.size = size;
     this.paint();
     if (!this.placed) this.frame(box);
-    const key = part.rest[0].join();
+    const key = JSON.stringify([part.rest[0], part.contacts]);
     if (key === this.key) return this.recolor();
     this.key = key;
     for (const old of [...this.links, ...this.joints, ...(this.feet || [])]) { this.group.remove(old); old.geometry.dispose(); old.material.dispose(); }
