@@ -97,7 +97,8 @@ class JointBench:
         return None
 
     def page(self, view: View) -> str:
-        return joint_page(self._study(view), f"gainroom joint {self.opened.source}")
+        call = self.opened.call("joint")
+        return joint_page(self._study(view), call, call)
 
     def system(self, view: View) -> System:
         """As the command line would read the edited file."""
@@ -140,7 +141,7 @@ class JointBench:
             yield "verdict", _verdict(study, "certified") | self._gains(study)  # before recommended gains, which take longer
         told(1, 2, "recommended gains")
         study = self._study(view)
-        use = joint_to_use(study)
+        use = joint_to_use(study, self.opened.call("joint"))
         yield "verdict", _verdict(study, "certified") | self._gains(study)
         best = study.recommended
         yield "map", limits(study, window or self._window) | {"plant": self._plant(view)}

@@ -174,7 +174,8 @@ class RobotBench:
         return copied_gains(gains, form, f"{Path(self.opened.source).stem}, {kept}", None if rate is None else 1 / rate)
 
     def page(self, view: View) -> str:
-        return robot_page(self._studied(view, lambda *_: None), self.opened.command or f"gainroom robot {self.opened.source}")
+        call = self.opened.call("robot")
+        return robot_page(self._studied(view, lambda *_: None), call, call=call)
 
     def state(self, view: View) -> State:
         """The view's posture and contact state."""
@@ -253,7 +254,7 @@ class RobotBench:
         study = self._studied(view, told)
         yield "verdict", self._verdict(study, "certified")
         yield "heat", heat(study)
-        use = robot_to_use(study)
+        use = robot_to_use(study, self.opened.call("robot"))
         own = study.controllers_to_use if study.to_use is not None else ()
         gains = self._to_use(study)
         part = {
