@@ -1,4 +1,4 @@
-"""What every command says first: safe, not safe or not decided, and each requirement that fails with its value and place."""
+"""What every command says first: whether the gains are safe, and each requirement that fails with its value and place."""
 
 import html
 import json
@@ -33,10 +33,10 @@ def said(capsys: pytest.CaptureFixture[str], tmp_path: Path, *call: str) -> tupl
 
 def assert_one_verdict(terminal: str, headline: str, own: str):
     """The same words and the colour that belongs to them."""
-    verdict = re.match(r"Safe|Not safe|Not decided", headline)
+    verdict = re.match(r"Safe|Stable(?=.*?, but \d+ requirements? fails?)|Not safe|Not decided", headline)
     assert verdict is not None
     assert terminal.startswith(verdict[0])
-    colours = {"Safe": {"good"}, "Not safe": {"bare", "bad"}, "Not decided": {"warn"}}[verdict[0]]
+    colours = {"Safe": {"good"}, "Stable": {"bare"}, "Not safe": {"bare", "bad"}, "Not decided": {"warn"}}[verdict[0]]
     assert set(re.findall('<body class="(.*?)">', own)) <= colours
 
 
@@ -45,7 +45,7 @@ def test_every_requirement_that_a_joint_misses_is_in_both_headlines(capsys: pyte
     terminal, headline, told, own = said(capsys, tmp_path, "joint", str(EXAMPLES / f"{name}.yaml"))
     assert_one_verdict(terminal, headline, own)
     assert told["unmet"]
-    assert headline.startswith("Not safe")
+    assert re.match(rf"Stable( in continuous time)?, but {len(told['unmet'])} requirement", headline)
     for missed in told["unmet"]:
         one = REQUIREMENTS[missed]
         value = f"{one.heading} {told['worst'][one.key]:.3g}{'' if one.unit in ('', '°') else ' '}{one.unit} ({one.sign} "
@@ -70,7 +70,7 @@ def test_the_present_gains_at_the_usual_rate_are_those_of_the_file_with_that_rat
     [
         ("", "", "Not decided: the file has no rate"),
         ("sample_rate_hz: 2000, ", "", "Safe: every requirement is met"),
-        ("sample_rate_hz: 2000, ", "limits: {peak_sensitivity: 1.1}\n", "Not safe: Ms "),
+        ("sample_rate_hz: 2000, ", "limits: {peak_sensitivity: 1.1}\n", "Stable, but 1 requirement fails: Ms "),
     ],
 )
 def test_a_robots_verdict_has_one_word_and_one_colour(

@@ -97,7 +97,8 @@ class JointBench:
         return None
 
     def page(self, view: View) -> str:
-        return joint_page(self._study(view), f"gainroom joint {self.opened.source}")
+        command = f"gainroom joint {self.opened.source}"
+        return joint_page(self._study(view), command, command)
 
     def system(self, view: View) -> System:
         """As the command line would read the edited file."""

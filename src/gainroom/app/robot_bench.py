@@ -173,7 +173,8 @@ class RobotBench:
         return copied_gains(gains, form, f"{Path(self.opened.source).stem}, {kept}", None if rate is None else 1 / rate)
 
     def page(self, view: View) -> str:
-        return robot_page(self._studied(view, lambda *_: None), self.opened.command or f"gainroom robot {self.opened.source}")
+        call = f"gainroom robot {self.opened.source}"
+        return robot_page(self._studied(view, lambda *_: None), self.opened.command or call, call=call)
 
     def state(self, view: View) -> State:
         """The view's posture and contact state."""
