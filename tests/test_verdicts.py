@@ -12,6 +12,7 @@ import yaml
 from gainroom.cli import main
 from gainroom.system.requirements import REQUIREMENTS
 from robot_files import ROBOT, write_arm
+from test_report import headline as top_of
 from test_report import without_library
 
 EXAMPLES = Path(__import__("gainroom").__path__[0]) / "files" / "examples"
@@ -27,8 +28,7 @@ def said(capsys: pytest.CaptureFixture[str], tmp_path: Path, *call: str) -> tupl
     lines = capsys.readouterr().out.splitlines()
     main([*call, "--json"])
     own = without_library(page.read_text("utf-8"))
-    headline = html.unescape(re.findall("<h1>(.*?)</h1>", own)[0])
-    return " ".join(" ".join(lines[:25]).split()), headline, json.loads(capsys.readouterr().out), own
+    return " ".join(" ".join(lines[:25]).split()), top_of(own), json.loads(capsys.readouterr().out), own
 
 
 def assert_one_verdict(terminal: str, headline: str, own: str):
