@@ -162,7 +162,7 @@ def test_stable_in_continuous_time_alone(tmp_path: Path, capsys: pytest.CaptureF
         (tmp_path / "joint.yaml").write_text(yaml.safe_dump(file), "utf-8")
         words = " ".join(answer(capsys, "joint", str(tmp_path / "joint.yaml"))[1].split())
         assert ("at 2 kHz the present gains would be unstable" in words) is lost
-        assert words.startswith("Stable in continuous time only: unstable in a loop at 2 kHz; in continuous time gain margin ") is lost
+        assert words.startswith("Stable in continuous time only: unstable in a loop at 2 kHz. In continuous time gain margin ") is lost
         file["control"]["sample_rate_hz"] = 2000
         (tmp_path / "joint.yaml").write_text(yaml.safe_dump(file), "utf-8")
         assert answer(capsys, "joint", str(tmp_path / "joint.yaml"))[0] == lost

@@ -97,7 +97,7 @@ def verdict_text(study: Analysis, where: str = "") -> str:
         there = f" in {lost.title}" if len(study.states) > 1 else ""
         fails = _failing(study)
         rest = fails.lstrip(", :") if fails else f"every requirement is met{where}{_tightest_text(study)}"
-        return f"Stable in continuous time only: unstable in a loop at {AT_USUAL}{there}; in continuous time {rest}."
+        return f"Stable in continuous time only: unstable in a loop at {AT_USUAL}{there}. In continuous time {rest}."
     if study.unmet:
         time = " in continuous time" if study.rate_is_missing else ""
         known = _known_to_fail(study)
