@@ -19,7 +19,7 @@ from gainroom.robot.formats.model_files import load_model
 from gainroom.robot.formats.model_names import is_name, locate
 from refusals import assert_refused
 from robot_truths import hinge, link, write_robot
-from test_report import figures, without_library
+from test_report import figures, headline, without_library
 
 GAINS = "hip: {kp: 900, kd: 40, motor_inertia: 0.5}\nknee: {kp: 400, kd: 20, motor_inertia: 0.4}\n"
 
@@ -107,7 +107,7 @@ def test_what_is_not_safe_says_so_first(folder: Path, capsys: pytest.CaptureFixt
     assert status == 1
     assert body.startswith(f'<body class="{kind}">')
     assert re.findall('class="banner"[^>]*>(.*?)<', body) == [banner] * bool(banner)
-    (said,) = re.findall("<h1>(.*?)</h1>", body)
+    said = headline(body)
     assert said.startswith("Not safe")
     assert told["sentence"].startswith(said)
     why = told["sentence"].removeprefix(said).strip()  # the limits, which nobody is to use, after what to use
@@ -217,7 +217,7 @@ def test_a_verdict_on_rigid_gearboxes_is_no_plain_safe(folder: Path, capsys: pyt
     told = json.loads(capsys.readouterr().out)
     text = html.unescape(without_library(report.read_text("utf-8")))
     assert '<body class="warn">' in text
-    (said,) = re.findall("<h1>(.*?)</h1>", text)
+    said = headline(text)
     assert told["sentence"].startswith(said)
     assert said.startswith("Not decided: the loop's rate and the gearboxes' stiffness are not given. Safe only if the loop runs at ")
     assert "<code>--stiffness</code> and <code>--damping</code>" in text[text.index("Do this") : text.index('class="cards"')]

@@ -317,7 +317,8 @@ def test_what_is_not_known_is_said(folder: Path, monkeypatch: pytest.MonkeyPatch
         (state,) = study.states
         assert state.limit.stable == (word == "Stable") == (text == alone)
         assert math.isnan(state.limit.gain)
-        assert sentence(study).startswith("Not safe: unstable in a loop at 2 kHz" if word == "Stable" else "Not safe: unstable")
+        at_rate = "Stable in continuous time only: unstable in a loop at 2 kHz"
+        assert sentence(study).startswith(at_rate if word == "Stable" else "Not safe: unstable")
         assert sentence(study).endswith("In bent/stand only the verdict is known, not the gain limit.")
         assert any("counted from the roots" in warning for warning in warnings(study))
         page = robot_page(study, "again")

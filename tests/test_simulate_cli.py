@@ -31,7 +31,7 @@ from gainroom.report.simulation_text import sentence
 from gainroom.simulation import vibration
 from gainroom.studies.simulation import Interrupted, simulate_study
 from mutations import RANDOMS, mutated_data
-from test_report import figures
+from test_report import figures, headline
 
 EXAMPLES = joint_examples()
 LINEAR, HARDWARE = EXAMPLES["testbed-sampled"], EXAMPLES["testbed-simulated"]
@@ -319,8 +319,8 @@ def test_an_interruption_says_how_far_it_came():
     ("gain", "state", "says"),
     [
         (0.25, "good", "These gains may stay"),
-        (0.5, "bare", "Not safe: phase margin "),
-        (1.0, "bare", "Not safe: gain margin "),
+        (0.5, "bare", "Stable, but 2 requirements fail: phase margin "),
+        (1.0, "bare", "Stable, but 3 requirements fail: gain margin "),
         (1.5, "bad", "DIVERGES"),
         (30.0, "bad", "DIVERGES"),
         (1.14, "bad", "VIBRATES"),
@@ -332,7 +332,7 @@ def test_the_page_says_it_at_first_glance(gain: float, state: str, says: str):
     page = simulation_page(study, "gainroom simulate joint.yaml")
     assert f'<body class="{state}">' in page
     assert says in page
-    assert f"<h1>{sentence(study)}</h1>" in page
+    assert headline(page) == sentence(study)
     assert page.index("Do this") < page.index('class="cards"') < page.index('class="plot"') < page.index("<details")
     proposed = re.findall(r"--gain (\S+)</pre>", page)
     if state == "good":
@@ -381,7 +381,7 @@ def test_terminal(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     assert main(["simulate", str(write(tmp_path, LINEAR)), "--report", str(page), "--log", str(log)]) == 0
     out, err = capsys.readouterr()
     assert err == ""
-    assert out.startswith("Not safe: gain margin 0.916 dB (≥ 6 dB) at 78.4 Hz; ")
+    assert out.startswith("Stable, but 3 requirements fail: gain margin 0.916 dB (≥ 6 dB) at 78.4 Hz; ")
     assert ". No vibration in this run. " in out.replace("\n", " ")
     (command,) = [line for line in out.splitlines() if " --gain " in line]  # to be copied, and so on one line, as paths are
     assert command.startswith(f"  gainroom simulate {tmp_path}")

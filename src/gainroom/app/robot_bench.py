@@ -292,7 +292,7 @@ class RobotBench:
         return repr((view.model_copy(update={"joint": None, "point": None, "posture": place, "contact": None, "gains": {}}), held))
 
     def _verdict(self, study: RobotStudy, basis: str) -> dict[str, Any]:
-        best = study.to_use[1].margins if study.to_use is not None else None
+        best = study.margins_to_use
         return {
             "basis": basis,
             "sentence": sentence(study),

@@ -22,7 +22,9 @@ STIFFNESS = "By the stiffness of the gearboxes that are not known"
 FEW_LINES = 4
 """Shown without being asked for all; of more, the table has the factors."""
 FEW_JOINTS = 4
-"""Shown without being asked for all: those with the least headroom."""
+"""Shown without being asked for all, at most: those with the least headroom."""
+SCREEN_LINES = 25
+"""Of a short answer; where it would be longer, fewer joints are shown."""
 
 
 def audit(
@@ -242,21 +244,27 @@ def _terminal(
     answer = [verdict(result), *do_this(typed), reason(result)]
     stiffness = [] if needed is None else ["", column_table(STIFFNESS, look_columns(result, needed), shown_looks(needed)), CAPTION]
     if not verbose:
-        left = result.by_headroom[FEW_JOINTS:]
-        unsafe = sum(not joint.safe for joint in left)
-        others = f"{len(left)} more joints{f', {unsafe} unsafe' if unsafe else ''}: --verbose. " if left else ""
         columns = [one for one in audited_joints(result) if one.key not in ("motor_inertia", "limit_others_closed")]
-        joints = column_table("", columns, result.by_headroom[:FEW_JOINTS])
-        return render(
-            *answer,
-            *said,
-            joints,
-            others + legend(result, [str(column.header) for column in joints.columns]),
-            *closing({"Report": report}, few(warned, MOST_WARNINGS)),
-            *filter(None, [unjudged(result)]),
-            f"Posture: {result.states[0].posture}; {result.system.source.body.base} base{_rigid(result)}; "
-            f"{_gains_run(result)} (--gains-run). {len(assumed)} assumptions: --verbose.",
-        )
+
+        def screen(count: int) -> str:
+            """With the `count` joints of the least headroom."""
+            left = result.by_headroom[count:]
+            unsafe = sum(not joint.safe for joint in left)
+            others = f"{len(left)} more joints{f', {unsafe} unsafe' if unsafe else ''}: --verbose. " if left else ""
+            joints = column_table("", columns, result.by_headroom[:count])
+            return render(
+                *answer,
+                *said,
+                joints,
+                others + legend(result, [str(column.header) for column in joints.columns]),
+                *closing({"Report": report}, few(warned, MOST_WARNINGS)),
+                *filter(None, [unjudged(result)]),
+                f"Posture: {result.states[0].posture}; {result.system.source.body.base} base{_rigid(result)}; "
+                f"{_gains_run(result)} (--gains-run). {len(assumed)} assumptions: --verbose.",
+            )
+
+        screens = (screen(count) for count in range(FEW_JOINTS, 0, -1))
+        return next((text for text in screens if text.count("\n") <= SCREEN_LINES), screen(1))
     return render(
         *answer,
         *said,

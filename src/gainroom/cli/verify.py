@@ -29,8 +29,8 @@ def verify(
     Example:
       gainroom verify joint.yaml --report verify.html
 
-    Exit status: 0 they agree within the tolerance (linear simulation: 0.1 %, MuJoCo: 2 %); 1 they do not; 2 the file or the call is wrong;
-    130 interrupted.
+    Exit status: 0 they agree within the tolerance (linear simulation: 0.1 %, MuJoCo: 2 %); 1 they do not, or the gains
+    are unstable; 2 the file or the call is wrong; 130 interrupted.
     """
     system, effects = _load(file)
     with report_stream(report) as page:
@@ -44,7 +44,7 @@ def verify(
             from ..report.verification import verification_page
 
             page.write(verification_page(system, result, command_line("verify", file, ("--report", report)), judge))
-    return 0 if result.agrees else 1
+    return 0 if result.agrees and result.least.predicted_gain > 1 else 1
 
 
 def _load(file: Path) -> "tuple[System, tuple[str, ...]]":

@@ -17,7 +17,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..analysis.coupled_margins import delay_margin
 from ..analysis.margin_record import GainLimit, Margins, worst_of
+from ..errors import GainroomError
 from ..linear.arrays import Booleans, Floats, Integers
 from ..system.requirements import REQUIREMENTS, Requirements
 from ..system.system import StateCase, System
@@ -130,9 +132,27 @@ def recommend_robot(
 def margins_at_rate(system: System, found: GainSet, space: str, rate: float) -> Margins:
     """What gains for every state keep where the loop runs at `rate` [Hz], the rest as it is: the worst of all states and corners."""
     sampled = replace(system, control=replace(system.control, sample_time=1 / rate))
+    weight = space == "joint" and not found.without_weight
+    return worst_of([case.all_margins(gains) for case, gains in _acting(sampled, found, space, weight)])
+
+
+def delay_margin_in_all(system: System, found: GainSet, space: str) -> float:
+    """The smallest extra delay [s] at which gains for every state vibrate in one, certified; NaN where it is not known.
+
+    With the weight where it counts, and without it, as a file's own gains are judged.
+    """
+    weights = {space == "joint" and not found.without_weight, False}
+    try:
+        return min(delay_margin(case.loop(gains)) for weight in weights for case, gains in _acting(system, found, space, weight))
+    except GainroomError:
+        return math.nan
+
+
+def _acting(system: System, found: GainSet, space: str, weight: bool) -> Iterator[tuple[Case, Gains]]:
+    """The cases in which these gains act, with the gains as a case takes them."""
     gains = np.nan_to_num([found.kp, found.kd, np.zeros(len(found.kp)) if found.ki is None else found.ki])
-    cases = sampled.cases(weight=space == "joint" and not found.without_weight)
-    return worst_of([case_of(case, space).all_margins(gains) for case in cases if _acts(case, space)])
+    cases = system.cases(weight=weight)
+    return ((case_of(case, space), gains) for case in cases if _acts(case, space))
 
 
 def _acts(case: StateCase, space: str) -> bool:

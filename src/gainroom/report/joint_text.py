@@ -14,7 +14,7 @@ from ..studies.joint import JointStudy
 from ..system.plausibility import unusual_values
 from ..system.requirements import REQUIREMENTS, title_of, to_db
 from ..system.system import System
-from .margin_columns import margin_value
+from .margin_columns import margin_value, stable_but
 from .number_format import digits, own_gains, plane_names, quantity
 
 AT_USUAL = f"{USUAL_RATE / 1e3:g} kHz"
@@ -79,14 +79,15 @@ def cause(study: JointStudy) -> str:
 
 
 def severity(study: Analysis) -> Literal["good", "warn", "bare"]:
-    """How the verdict on a stable system looks on a page: safe, not decided, not safe."""
+    """How the verdict on a stable system looks on a page: safe, not decided, stable but short of a requirement."""
     if study.unmet or study.unstable_at_usual_rate is not None:
         return "bare" if study.unstable_at_usual_rate is not None or _known_to_fail(study) else "warn"
     return "warn" if study.rate_is_missing or not study.system.requirements.asked else "good"
 
 
-def _known_to_fail(study: Analysis) -> bool:
-    return any(not math.isnan(study.least(state, name)) for name, state in study.unmet.items())
+def _known_to_fail(study: Analysis) -> int:
+    """How many requirements; those whose margin is not known are not counted."""
+    return sum(not math.isnan(study.least(state, name)) for name, state in study.unmet.items())
 
 
 def verdict_text(study: Analysis, where: str = "") -> str:
@@ -96,11 +97,12 @@ def verdict_text(study: Analysis, where: str = "") -> str:
         there = f" in {lost.title}" if len(study.states) > 1 else ""
         fails = _failing(study)
         rest = fails.lstrip(", :") if fails else f"every requirement is met{where}{_tightest_text(study)}"
-        return f"Not safe: unstable in a loop at {AT_USUAL}{there}; in continuous time {rest}."
+        return f"Stable in continuous time only: unstable in a loop at {AT_USUAL}{there}. In continuous time {rest}."
     if study.unmet:
         time = " in continuous time" if study.rate_is_missing else ""
-        start = "Not safe" if _known_to_fail(study) else "Not decided"
-        return f"{start}{time}{_failing(study)}.{_at_usual_rate(study)}"
+        known = _known_to_fail(study)
+        start = stable_but(known, time) if known else f"Not decided{time}"
+        return f"{start}{_failing(study)}.{_at_usual_rate(study)}"
     if not study.system.requirements.asked:
         return f"Not decided: stable{where}, but no margin is required (`limits`)."
     met = f"every requirement is met{_over_ranges(study, '' if study.requirements_met else ' examined')}{_tightest_text(study)}"

@@ -109,6 +109,11 @@ def short_text(asked: Requirements, values: Mapping[str, float]) -> str:
     )
 
 
+def stable_but(count: int, time: str = "") -> str:
+    """How the verdict begins on a stable loop of which `count` ≥ 1 requirements fail; `time`: " in continuous time"."""
+    return f"Stable{time}, but {count} requirement{'s fail' if count > 1 else ' fails'}"
+
+
 def judged_rows(margins: Margins, worst: Margins, required: Requirements) -> list[tuple[str, ...]]:
     """Every margin of one loop: name, value, frequency, what is required, and whether it is met at the `worst` of the uncertainty."""
     rows = []

@@ -18,6 +18,8 @@ import numpy as np
 
 SIGNIFICANT = 6  # digits of every number in a picture: more cannot be seen
 
+SENTENCE_END = re.compile(r"(?<=\.) (?=[A-Z])")
+
 
 class Html(str):
     """Markup that is already safe to insert."""
@@ -183,7 +185,13 @@ def _section(section: Section) -> str:
 def _lead(lead: Lead) -> str:
     banner = f'<p class="banner" role="alert">{escape(lead.headline)}</p>' if lead.headline else ""
     warnings = "".join(f'<p class="warning"><b>Warning</b> {escape(text)}</p>' for text in lead.warnings)
-    return f"{banner}<h1>{escape(lead.sentence)}</h1>{lead.advice}{warnings}"
+    return f"{banner}<h1>{_headline(lead.sentence)}</h1>{lead.advice}{warnings}"
+
+
+def _headline(sentences: str) -> str:
+    """The first sentence, which is the verdict, large; what follows in the weight of text."""
+    verdict, *rest = SENTENCE_END.split(sentences, maxsplit=1)
+    return escape(verdict) + "".join(f" <span>{escape(text)}</span>" for text in rest)
 
 
 def _cards(cards: Sequence[Card]) -> str:

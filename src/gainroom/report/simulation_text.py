@@ -10,7 +10,7 @@ from ..simulation.simulation_spec import SimulationSpec
 from ..studies.oscillation import EXACT, MUJOCO
 from ..studies.simulation import Outcome
 from ..system.requirements import REQUIREMENTS
-from .margin_columns import short_text
+from .margin_columns import short_text, stable_but
 from .number_format import digits, frequency, gain_factor, milli, motion, settling
 
 SMALLEST_ERROR = 1e-6
@@ -74,7 +74,7 @@ def _judged(outcome: Outcome) -> str:
         at = ", ".join(filter(None, places))
         parts.append(short_text(asked, {name: one.value(found)}) + (f" at {printable(at)}" if at else ""))
     if parts:
-        return f"Not safe{where}{', at nominal values' if uncertain else ''}: {'; '.join(parts)}. "
+        return f"{stable_but(len(parts))}{where}{', at nominal values' if uncertain else ''}: {'; '.join(parts)}. "
     if uncertain:
         return "Not decided: this run is at nominal values, and the file has ranges. "
     if not asked.asked:

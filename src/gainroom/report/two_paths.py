@@ -8,7 +8,7 @@ from ..studies.two_paths import PathCase, PathStudy
 from ..system.plausibility import unusual_values
 from ..system.requirements import REQUIREMENTS, to_db
 from .columns import Column, yes
-from .margin_columns import margin_facts, required_facts
+from .margin_columns import margin_facts, required_facts, stable_but
 from .number_format import digits, hertz, model_kind, path_facts
 
 NOT_MADE = "gain maps, largest gains, recommended gains and curves over frequency are of loops with one path, and are not made here"
@@ -60,7 +60,7 @@ def sentence(study: PathStudy) -> str:
     held = "Safe: every requirement is met." if study.system.requirements.needed else "Not decided: stable, but no margin is required."
     if study.unknown:
         held = f"Not decided: stable, but {listed([REQUIREMENTS[name].title for name in study.unknown])} not known."
-    text = f"Not safe: {', '.join(fails)}." if fails else held
+    text = f"{stable_but(len(fails))}: {', '.join(fails)}." if fails else held
     starts = {"kp and kd together": case.limit.gain} | ({} if paths is None else {"kp alone": paths.others, "kd alone": paths.kd})
     factors = [f"{digits(factor, '', 3)} × {what}" for what, factor in starts.items() if math.isfinite(factor)]
     text += f" Vibration starts{_where(case)} at {listed(factors, 'or')}." if factors else " No factor on these gains makes it vibrate."

@@ -162,7 +162,7 @@ def robot_to_use(study: "RobotStudy", call: str = "gainroom robot FILE") -> ToUs
         remarks.append(f"At {AT_USUAL} these keep {kept(usual, asked)}. {STATE_RATE}")
     if study.raised:
         remarks.append(f"Some rise by more than {study.tightest.limit.gain:.3g} ×: that limit is for all gains by one factor.")
-    return ToUse(_heading(study, place, now), lines, remarks, margins=found.margins)
+    return ToUse(_heading(study, place, now), lines, remarks, margins=study.margins_to_use)
 
 
 def _now(study: "RobotStudy", recommended: Any) -> str:

@@ -22,7 +22,7 @@ def sentence(result: Verification) -> str:
     at = f" at {frequency_text(least.predicted_frequency)}" if math.isfinite(least.predicted_frequency) else ""
     where = f" in {least.what}" if result.of_robot else ""
     short = short_text(asked, {"gain_margin": least.predicted_gain})
-    return f"Not safe{at_nominal(result)}: {short}{at}{where}. {_compared_text(result)}"
+    return f"Stable, but a requirement fails{at_nominal(result)}: {short}{at}{where}. {_compared_text(result)}"
 
 
 def at_nominal(result: Verification) -> str:

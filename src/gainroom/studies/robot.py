@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..analysis.margin_record import GainLimit, Margins
-from ..design.robot_gains import GainSet, RobotGains, margins_at_rate, recommend_robot
+from ..design.robot_gains import GainSet, RobotGains, delay_margin_in_all, margins_at_rate, recommend_robot
 from ..design.side_by_side import Job, side_by_side
 from ..design.starting_gains import JointsAlone
 from ..errors import computable
@@ -51,6 +51,16 @@ class RobotStudy(Analysis):
             if gains.space == self.system.control.space and gains.everywhere is not None and gains.everywhere.moves:
                 return gains, gains.everywhere
         return None
+
+    @cached_property
+    def margins_to_use(self) -> Margins | None:
+        """What those keep, the delay margin with it where nothing is uncertain (else it is NaN); None where there are none."""
+        if self.to_use is None:
+            return None
+        gains, found = self.to_use
+        if self.system.uncertainty.names:
+            return found.margins
+        return replace(found.margins, delay_margin=delay_margin_in_all(self.system, found, gains.space))
 
     @property
     def raised(self) -> bool:

@@ -266,7 +266,8 @@ function certified(part) {
 function sentences(part, current) {
   page.certified = part.basis === "certified" && current;
   by("verdict").className = `${part.tone}${page.certified ? "" : " quick"}`;
-  by("sentence").textContent = part.sentence;
+  const [first, ...rest] = part.sentence.split(/(?<=\.) (?=[A-Z])/); // as on a report: the verdict in bold
+  by("sentence").replaceChildren(first, ...(rest.length ? [" ", Object.assign(document.createElement("span"), { textContent: rest.join(" ") })] : []));
   const ranges = page.opening.uncertain.length > 0, met = page.certified && part.met === true && !(part.uncertified || []).length;
   const places = new Set(part.rows.map((/** @type {any} */ row) => row.where).filter(Boolean)), once = ranges && places.size === 1 ? [...places][0] : "";
   if (met !== map.met) { map.met = met; map.draw(); }
