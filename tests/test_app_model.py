@@ -134,7 +134,8 @@ def test_gains_are_found_and_the_view_exported(browser: Any, leg: Path):
         with tab.page.expect_download() as waiting:
             tab.page.get_by_role("button", name="Export page").click()
         taken = browser.new_context(offline=True).new_page()
-        taken.goto(f"file://{waiting.value.path()}")
+        waiting.value.save_as(leg.parent / "taken.html")
+        taken.goto(f"file://{leg.parent}/taken.html")
         assert tab.text("#sentence") in " ".join(taken.locator("body").inner_text().split())
         assert not tab.said
 
