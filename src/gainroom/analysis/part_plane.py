@@ -144,7 +144,7 @@ class PartPlane:
         return kps[place[kept]], kd[kept], omega[kept]
 
     def _met(self, upright: bool, values: Floats) -> tuple[Integers, Floats, Integers, Floats]:
-        """Where the curve meets lines kp = value, or kd = value: index into values, the other gain, change of the count as that grows, ω."""
+        """Where the curve meets lines kp = value, or kd = value: index into values, the other gain, change of the count as it grows, ω."""
         kp, kd, determinant = self.curve
         along, other = (kp, kd) if upright else (kd, kp)
         low, high = along[:-1], along[1:]
