@@ -29,6 +29,7 @@ tests: $(NATIVE)
 lint: $(STAMP) $(TYPES)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/python scripts/lint_javascript.py
 
 # Half a minute, and nothing new to say of sources that have passed.
 $(TYPES): $(STAMP) pyproject.toml $(shell find src -name '*.py' -o -name '*.pyi')

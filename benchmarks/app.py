@@ -10,7 +10,6 @@ import numpy as np
 from gainroom.cli.example import example_texts
 
 from .served import ANSWERED, browser_path, serving
-from .startup import G1
 from .table import Table
 
 MOVES = 120
@@ -20,6 +19,15 @@ QUIET = 10.0  # [s] over which processor time at rest is taken
 READY = f"{ANSWERED} && document.querySelector('[data-area=stable]')"
 DONE = "() => gainroom.certified && !gainroom.busy"
 LATENCY = "() => gainroom.latency"
+TALOS = """
+model: {package: example-robot-data, file: talos_reduced.urdf, base: floating}
+joints: {default: {motor_inertia: 0.1, stiffness: 10000.0, damping: 1.0}}
+drive: {bandwidth: 4000.0, delay_ms: 2.0}
+postures: {half_sitting: {"leg_.*_3_joint": -0.4, "leg_.*_4_joint": 0.8, "leg_.*_5_joint": -0.4}}
+contacts: {both: [left_sole_link, right_sole_link]}
+control: {type: pd, space: joint, feedback: motor, kp: 400.0, kd: 20.0}
+limits: {gain_margin_db: 6.0}
+"""
 
 
 def run(seed: int) -> Table:
@@ -36,7 +44,7 @@ def run(seed: int) -> Table:
         cases = [
             ("Fig. 9's joint", texts["fig9"], 50.0, 120.0),
             ("one joint of the 12-joint biped, all others closed", texts["biped"], 50.0, 120.0),
-            ("one joint of a 29-joint G1, all others closed", _g1(), 150.0, None),
+            ("one joint of the 32-joint TALOS, all others closed", TALOS, 150.0, None),
         ]
         for title, text, median, tail in cases:
             file = folder / f"case{len(table.rows)}.yaml"
@@ -95,12 +103,3 @@ def _used(process: int) -> float:
     """Processor time [s] of a process."""
     words = Path(f"/proc/{process}/stat").read_text("ascii").rpartition(")")[2].split()
     return (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
-
-
-def _g1() -> str:
-    return (
-        f"model: {{package: example-robot-data, file: {G1.partition(':')[2]}, base: floating}}\n"
-        "joints: {default: {motor_inertia: 0.01, stiffness: 2000.0, damping: 1.0}}\n"
-        "drive: {bandwidth: 4000.0, delay_ms: 2.0}\ncontacts: {both: [left_ankle_roll_link, right_ankle_roll_link]}\n"
-        "control: {type: pd, space: joint, feedback: motor, kp: 40.0, kd: 2.0}\nlimits: {gain_margin_db: 6.0}\n"
-    )

@@ -196,6 +196,30 @@ def test_on_a_phone_everything_is_within_its_width(browser: Any, served: Served)
     assert not tab.said
 
 
+def test_on_a_phone_one_line_of_verdict_stays(browser: Any, served: Served):
+    """The word and what the cards say, at the top of the screen wherever the page is scrolled to."""
+    context = browser.new_context(viewport={"width": 420, "height": 860}, is_mobile=True, has_touch=True, reduced_motion="reduce")
+    tab = tab_in(context, served.address)
+    tab.settle(CERTIFIED)
+    values = [tab.text(f"[data-name={name}] b") for name in ("gain_margin", "phase_margin", "peak_sensitivity")]
+    assert tab.text("#brief") == f"Stable · {values[0]} · {values[1]} · Ms {values[2]}"
+    tab.page.locator("#step").scroll_into_view_if_needed()
+    line, sentence = (tab.page.locator(name).bounding_box() for name in ("#brief", "#sentence"))
+    assert line["y"] == 0
+    assert line["height"] < 860 / 20
+    assert sentence["y"] + sentence["height"] < 0
+    assert not tab.said
+    context.close()
+
+
+def test_gains_beyond_the_map_widen_it(tab: Tab):
+    tab.page.locator("#gain-kd").fill("2000")
+    tab.page.keyboard.press("Tab")
+    tab.settle(CERTIFIED)
+    tab.page.wait_for_function("() => Number(document.querySelector('#dot').getAttribute('transform').match(/[\\d.]+/g)[1]) > 50")
+    assert tab.view()["gains"]["kd"] == 2000.0
+
+
 def test_the_keyboard_alone_reaches_everything(tab: Tab):
     tab.settle(CERTIFIED)
     wanted = {"snap", "copy", "save", "gain-kp", "delay_ms", "stiffness", "link_inertia", "sample_rate_hz", "dot"}

@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import re
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -56,6 +57,62 @@ def test_any_example_is_chosen_and_its_numbers_are_the_command_lines(browser: An
     assert tab.page.locator("#save").is_hidden()
     choose(tab, "biped")
     tab.page.locator("#heat button").first.wait_for()
+    assert not tab.said
+
+
+def test_the_knee_as_stiff_as_it_may_be_at_four_milliseconds(browser: Any, capsys, tmp_path: Path):
+    """A first user's job: from `gainroom example talos-knee` to gains that the command line calls safe, by hand and by Save."""
+    main(["example", "talos-knee"])
+    file = tmp_path / "talos-knee.yaml"
+    file.write_text(capsys.readouterr().out, "utf-8")
+    with serving(file) as own:
+        tab = open_tab(browser, own.address)
+        tab.settle(CERTIFIED)
+        assert tab.text("#sentence").startswith("Stable, but 3 requirements fail")
+        tab.page.locator("#delay_ms").fill("4")
+        tab.settle(CERTIFIED)
+        tab.page.get_by_role("button", name="Use recommended").click()
+        tab.settle(CERTIFIED)
+        assert tab.text("#sentence").startswith("Safe")
+        cards = tab.page.locator("#rows .row")
+        assert not [text for text in cards.all_inner_texts() if "★" in text]  # they have been taken
+        assert len({card.bounding_box()["y"] for card in cards.all()}) == 1
+        tab.page.get_by_role("button", name="Copy gains").click()
+        tab.page.get_by_role("button", name="YAML").click()
+        tab.page.get_by_text("Copied as yaml").wait_for()
+        lines = tab.page.evaluate("navigator.clipboard.readText()").split()
+        tab.page.get_by_role("button", name="Save").click()
+        tab.page.locator("#confirm").click()
+        tab.page.get_by_text("Saved").wait_for()
+        said = tab.text("#sentence")
+        assert not tab.said
+    text = TEXTS["talos-knee"].replace("delay_ticks: 4 ", "delay_ticks: 8 ").replace("[4, 6]", "[4, 8]")  # of 0.5 ms
+    for gain, value in (lines[:2], lines[2:4]):
+        text = re.sub(rf"(?m)^  {gain} \S+", f"  {gain} {value}", text)
+    typed = tmp_path / "typed.yaml"
+    typed.write_text(text, "utf-8")
+    for each in (typed, file):
+        assert main(["joint", str(each), "--json", "--strict"]) == 0
+        found = json.loads(capsys.readouterr().out)
+        assert (found["unmet"], found["sentence"]) == ([], said)  # in the worst of the stated ranges, as far as it was examined
+
+
+def test_a_card_leads_to_where_its_margin_is_worst(browser: Any, bare: Served):
+    """To the state and the joint of which the verdict speaks, in the posture as it is posed."""
+    tab = open_tab(browser, bare.address + "?example=biped")
+    tab.settle(CERTIFIED)
+    tab.page.locator("summary").click()
+    tab.page.locator("#angle-right_knee").fill("0.7")
+    tab.settle(CERTIFIED)
+    place = re.search(r"worst in (\w+)/(\w+): phase margin [^;]* at (\w+),", tab.text("#sentence"))
+    assert place is not None
+    tab.page.locator("[data-name=phase_margin]").focus()
+    tab.page.keyboard.press("Enter")
+    tab.settle(CERTIFIED)
+    view = tab.view()
+    assert (view["posture"], view["contact"], view["joint"]) == place.groups()
+    assert view["angles"] == {"right_knee": 0.7}
+    assert tab.page.evaluate("() => gainroom.body.feet.length") == 1  # on the ground in this contact state, of two before
     assert not tab.said
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from PIL import Image
 
-from app_pages import CERTIFIED, open_tab, serving
+from app_pages import CERTIFIED, open_tab, serving, tab_in
 from gainroom.app.bench import Opened
 from gainroom.app.messages import View
 from gainroom.app.robot_bench import RobotBench
@@ -27,6 +27,23 @@ LEG = """<mujoco model="leg"><compiler angle="radian"/><worldbody>
 <keyframe><key name="squat" qpos="-0.6 1.2"/></keyframe></mujoco>"""
 SCENE = """<mujoco><include file="leg.xml"/><keyframe><key name="kneel" qpos="-0.2 2.0"/></keyframe></mujoco>"""
 OPTIONS = ("--delay-ms", "4", "--stiffness", "2000", "--damping", "2", "--rate-hz", "1000")
+
+DRAWN = "() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => done(true))))"
+CORNERS = ("0.2 0 0", "-0.1 0.2 0", "-0.1 -0.2 0", "0 0 0.9")
+FACET = "facet normal 0 0 0\nouter loop\nvertex {}\nvertex {}\nvertex {}\nendloop\nendfacet\n"
+FACETS = "".join(FACET.format(*(CORNERS[k] for k in face)) for face in ((0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3)))
+TETRAHEDRON = f"solid part\n{FACETS}endsolid part\n"
+INERTIA = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+MESHES = f"""<robot name="r"><link name="base">{INERTIA}</link>
+<joint name="hinge" type="revolute"><parent link="base"/><child link="arm"/><origin xyz="0 0 3"/><axis xyz="0 1 0"/>
+<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+<link name="arm">{INERTIA}<visual><geometry><mesh filename="part.stl"/></geometry></visual></link></robot>"""
+ROBOT = """model: {file: robot.urdf}
+joints: {default: {motor_inertia: 0.1, stiffness: 1000, damping: 1}}
+drive: {bandwidth: 4000, delay_ms: 2}
+control: {type: pd, space: joint, feedback: motor, kp: 40, kd: 2}
+limits: {gain_margin_db: 6}
+"""
 
 
 @pytest.fixture
@@ -113,10 +130,12 @@ def test_gains_are_found_and_the_view_exported(browser: Any, leg: Path):
         tab.page.get_by_role("button", name="Use recommended").click()
         tab.settle(CERTIFIED)
         assert "every requirement is met" in tab.text("#sentence")
+        assert "they follow" not in tab.text("#map .legend")  # of one state there are no others
         with tab.page.expect_download() as waiting:
             tab.page.get_by_role("button", name="Export page").click()
         taken = browser.new_context(offline=True).new_page()
-        taken.goto(f"file://{waiting.value.path()}")
+        waiting.value.save_as(leg.parent / "taken.html")
+        taken.goto(f"file://{leg.parent}/taken.html")
         assert tab.text("#sentence") in " ".join(taken.locator("body").inner_text().split())
         assert not tab.said
 
@@ -131,15 +150,41 @@ def test_the_robot_is_drawn_and_can_be_held(browser: Any, leg: Path):
         tab.settle(CERTIFIED)
         tab.page.get_by_text("Vibration at the gain limit").wait_for()
         canvas = tab.page.locator("#side canvas")
-        drawn = "() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => done(true))))"
         for _ in range(1000):
             if colours(canvas) > 20:  # shaded limbs on an empty ground
                 break
-            tab.page.wait_for_function(drawn)
+            tab.page.wait_for_function(DRAWN)
         assert colours(canvas) > 20
         tab.page.get_by_role("button", name="Hold").click()
         tab.page.get_by_role("button", name="Move").wait_for()
         assert not tab.said
+
+
+def test_a_robot_whose_meshes_come_late_is_in_view(browser: Any, tmp_path: Path):
+    """All of it, with white around: the camera follows what comes."""
+    (tmp_path / "part.stl").write_text(TETRAHEDRON, "utf-8")
+    (tmp_path / "robot.urdf").write_text(MESHES, "utf-8")
+    (tmp_path / "robot.yaml").write_text(ROBOT, "utf-8")
+    with serving(tmp_path / "robot.yaml") as own:
+        context, held = browser.new_context(viewport={"width": 1400, "height": 1000}, reduced_motion="reduce"), []
+        context.route("**/mesh/*", lambda route: held.append(route))
+        tab = tab_in(context, own.address)
+        tab.settle(CERTIFIED)
+        assert held
+        for route in held:
+            route.continue_()
+        canvas = tab.page.locator("#side canvas")
+        for _ in range(1000):
+            if colours(canvas) > 5:
+                break
+            tab.page.wait_for_function(DRAWN)
+        picture = Image.open(io.BytesIO(canvas.screenshot())).convert("RGB")
+        wide, high = picture.size
+        assert len(picture.getcolors(1 << 24)) > 5
+        for edge in ((0, 0, wide, 2), (0, high - 2, wide, high), (0, 0, 2, high), (wide - 2, 0, wide, high)):
+            assert picture.crop(edge).getcolors() == [((edge[2] - edge[0]) * (edge[3] - edge[1]), (255, 255, 255))]
+        assert not tab.said
+        context.close()
 
 
 def test_a_run_is_played_on_the_robot_and_can_be_stopped(browser: Any, leg: Path):

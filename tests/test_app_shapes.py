@@ -52,6 +52,16 @@ def test_meshes_and_simple_shapes_of_a_urdf(tmp_path: Path):
     assert len(mesh.packed()) == 8 + 12 * count + 12 * faces
 
 
+def test_a_mirrored_mesh_shows_its_outside(tmp_path: Path):
+    (tmp_path / "part.stl").write_text(TRIANGLE, "utf-8")
+    file = robot(tmp_path, "part.stl")
+    file.write_text(file.read_text("utf-8").replace('scale="2 2 2"', 'scale="2 -2 2"'), "utf-8")
+    mesh = shapes_of(load_model(file))[0]
+    assert mesh.corners is not None
+    first, second, third = mesh.corners[mesh.faces[0]]
+    assert np.cross(second - first, third - first)[2] > 0  # the facet's normal, which a mirror along y leaves
+
+
 OUTSIDE = (
     "../secret.stl",
     "/etc/passwd",

@@ -64,6 +64,25 @@ def test_random_gains_of_one_joint_are_stable_where_the_plane_says_so(text: str,
     assert 3 <= stable <= 57
 
 
+@pytest.mark.parametrize("text", [TEXT, SAMPLED])
+def test_at_the_edge_the_loop_vibrates_at_the_edges_frequency(text: str):
+    """det(1 + L) vanishes there: some eigenvalue of L, from the whole robot's loop at these gains, is −1."""
+    system = parse_robot(text, "biped.yaml")
+    model = system.source.linearize("stand", "double")
+    k, size = model.joint_names.index("left_knee"), model.size
+    own = system.controller(model)
+    kp, kd = (np.broadcast_to(np.asarray(gain, dtype=float), size).copy() for gain in (own.kp, own.kd))
+    unit, window = np.eye(size)[k], (4 * kp[k], 12 * kd[k])
+    plane = PartPlane.of(system.loop(model), LoopPart(unit, unit, own.on_joint(k, size)), window)
+    edge = np.array(plane.edge(np.linspace(0.1, 1, 7) * window[0]))
+    edge = edge[:, edge[1] > 0]  # no negative gain is ever drawn
+    assert edge.shape[1] >= 7
+    for kp[k], kd[k], omega in edge.T:
+        loop = system.loop(model, replace(own, kp=kp.copy(), kd=kd.copy()))
+        away = np.abs(1 + np.linalg.eigvals(loop.response(np.array([omega])).reshape(size, size)))
+        assert away.min() < 5e-3  # the picture's line is 2e-3 of the window wide: of an edge at 0.4 of it, 5e-3 of the loop
+
+
 def test_one_direction_of_a_task():
     text = (
         TEXT.replace("space: joint", "space: task")

@@ -109,8 +109,8 @@ class PartPlane:
         """
         if self.count % 2 or self.kp < self.static:
             raise GainroomError("with these gains a joint falls over at rest, so there is no map of stable gains: raise kp")
-        place, kd, change = self._met(True, kps)
-        _, kp, moved = self._met(False, np.array([self.kd]))
+        place, kd, change, _ = self._met(True, kps)
+        _, kp, moved, _ = self._met(False, np.array([self.kd]))
         found = []
         for m, value in enumerate(kps.tolist()):
             between = (kp > min(value, self.kp)) & (kp < max(value, self.kp))
@@ -136,8 +136,15 @@ class PartPlane:
         found = [np.clip(one, 0.0, 2 * window[1]) for one in (columns or self.columns)(kps)]
         return traced(kps, [one[one[:, 1] > one[:, 0]] for one in found])
 
-    def _met(self, upright: bool, values: Floats) -> tuple[Integers, Floats, Integers]:
-        """Where the curve meets lines kp = value, or kd = value: index into values, the other gain, change of the count as that grows."""
+    def edge(self, kps: Floats) -> tuple[Floats, Floats, Floats]:
+        """kp, kd and ω [rad/s] (k,) where the stable columns at these kp end: the gains that vibrate, and how fast."""
+        place, kd, _, omega = self._met(True, kps)
+        ends = [set(column.ravel().tolist()) for column in self.columns(kps)]
+        kept = np.array([value in ends[m] for m, value in zip(place.tolist(), kd.tolist(), strict=True)], dtype=bool)
+        return kps[place[kept]], kd[kept], omega[kept]
+
+    def _met(self, upright: bool, values: Floats) -> tuple[Integers, Floats, Integers, Floats]:
+        """Where the curve meets lines kp = value, or kd = value: index into values, the other gain, change of the count as it grows, ω."""
         kp, kd, determinant = self.curve
         along, other = (kp, kd) if upright else (kd, kp)
         low, high = along[:-1], along[1:]
@@ -148,20 +155,22 @@ class PartPlane:
         rising = np.sign(high[k] - low[k]) * np.sign(determinant[k])
         change = (-2 * rising if upright else 2 * rising).astype(int)
         found = other[k] + share * (other[k + 1] - other[k])
+        omega = self.omega[k] + share * (self.omega[k + 1] - self.omega[k])
         if self.last is None:
-            return index, found, change
+            return index, found, change, omega
         # A root at z = −1: one line, on which f(−1) = 0; which way it moves is seen from the sample next to it.
         a, b = float(self.a[-1].real), float(self.b[-1].real)
         own, cross = (self.kp, self.kd) if upright else (self.kd, self.kp)
         here, there = (a, b) if upright else (b, a)
         if there == 0:
-            return index, found, change
+            return index, found, change, omega
         delta = -(1 + (values - own) * here) / there
         near_a, near_b = self.a[-2], self.b[-2]
         near = (1 + (values - own) * near_a + delta * near_b) if upright else (1 + (values - own) * near_b + delta * near_a)
         slope = near.imag / (math.pi * (1 - self.omega[-2] / self.last))
         more = np.where(there / slope > 0, 1, -1)
-        return np.append(index, np.arange(len(values))), np.append(found, cross + delta), np.append(change, more)
+        ends = np.full(len(values), self.last)
+        return np.append(index, np.arange(len(values))), np.append(found, cross + delta), np.append(change, more), np.append(omega, ends)
 
 
 def _grid(loop: Loop) -> Floats:

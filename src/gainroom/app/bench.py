@@ -1,6 +1,7 @@
 """What the page works on, one joint or a robot: the protocol, and what both have."""
 
 import hashlib
+import shlex
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,6 +36,10 @@ class Opened:
     folder: Path
     path: Path | None = None
     command: str = ""
+
+    def call(self, kind: str) -> str:
+        """What gives the same numbers in a terminal; `kind`: joint or robot."""
+        return self.command or f"gainroom {kind} {shlex.quote(self.source)}"
 
     def save(self, text: str, digest: str) -> None:
         """Write `text` in its place.

@@ -16,7 +16,7 @@ from ..io.yaml_text import parse_yaml
 from ..report.columns import facts
 from ..report.gains_to_use import joint_gains
 from ..report.joint import joint_page
-from ..report.joint_text import sentence, warnings
+from ..report.joint_text import sentence, severity, warnings
 from ..report.margin_columns import margin_columns, margins_text
 from ..report.number_format import own_gains, plane_names
 from ..report.verdict import joint_to_use, judged
@@ -97,8 +97,8 @@ class JointBench:
         return None
 
     def page(self, view: View) -> str:
-        command = f"gainroom joint {self.opened.source}"
-        return joint_page(self._study(view), command, command)
+        call = self.opened.call("joint")
+        return joint_page(self._study(view), call, call)
 
     def system(self, view: View) -> System:
         """As the command line would read the edited file."""
@@ -141,7 +141,7 @@ class JointBench:
             yield "verdict", _verdict(study, "certified") | self._gains(study)  # before recommended gains, which take longer
         told(1, 2, "recommended gains")
         study = self._study(view)
-        use = joint_to_use(study)
+        use = joint_to_use(study, self.opened.call("joint"))
         yield "verdict", _verdict(study, "certified") | self._gains(study)
         best = study.recommended
         yield "map", limits(study, window or self._window) | {"plant": self._plant(view)}
@@ -227,7 +227,7 @@ def _verdict(study: JointStudy, basis: str) -> dict[str, Any]:
     return {
         "basis": basis,
         "sentence": sentence(study),
-        "tone": "bad" if not study.stable_in_range else "warn" if study.unmet else "good",
+        "tone": severity(study) if study.stable_in_range else "bad",
         "rows": [vars(row) for row in judged(study, best)],
         "numbers": facts(margin_columns(), study.margins),
         "worst": facts(margin_columns(), study.in_range.margins),

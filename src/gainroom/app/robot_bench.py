@@ -23,11 +23,12 @@ from ..report.number_format import own_gains
 from ..report.recommended_gains import recommended_facts
 from ..report.robot import robot_page
 from ..report.robot_columns import state_columns
-from ..report.robot_text import sentence, warnings
-from ..report.verdict import judged, robot_to_use
+from ..report.robot_text import sentence, severity, warnings
+from ..report.verdict import Judged, judged, robot_to_use
 from ..robot.model import RobotModel
 from ..robot.robot import Posture
 from ..simulation.robot_simulation import RobotSimulation
+from ..studies.deciding_joints import joints_that_miss
 from ..studies.robot import RobotStudy, study_robot
 from ..studies.state import State, limit_of, strongest_first
 from ..system.system import System
@@ -173,8 +174,8 @@ class RobotBench:
         return copied_gains(gains, form, f"{Path(self.opened.source).stem}, {kept}", None if rate is None else 1 / rate)
 
     def page(self, view: View) -> str:
-        call = f"gainroom robot {self.opened.source}"
-        return robot_page(self._studied(view, lambda *_: None), self.opened.command or call, call=call)
+        call = self.opened.call("robot")
+        return robot_page(self._studied(view, lambda *_: None), call, call=call)
 
     def state(self, view: View) -> State:
         """The view's posture and contact state."""
@@ -215,7 +216,8 @@ class RobotBench:
         yield "verdict", quick_verdict(state, limit, channel, plane) | own
         yield "bode", bode(plane, channel)
         if key != known:
-            yield "map", gain_map(plane, channel, window, state.system.requirements) | {"plant": key, "last": True}
+            follows = len(state.system.source.states) > 1
+            yield "map", gain_map(plane, channel, window, state.system.requirements) | {"plant": key, "last": True, "follows": follows}
 
     def curves(self, view: View, window: tuple[float, float] | None, known: str, final: bool) -> Iterator[Part]:
         state, limit = self._limited(view)
@@ -252,7 +254,7 @@ class RobotBench:
         study = self._studied(view, told)
         yield "verdict", self._verdict(study, "certified")
         yield "heat", heat(study)
-        use = robot_to_use(study)
+        use = robot_to_use(study, self.opened.call("robot"))
         own = study.controllers_to_use if study.to_use is not None else ()
         gains = self._to_use(study)
         part = {
@@ -294,8 +296,8 @@ class RobotBench:
         return {
             "basis": basis,
             "sentence": sentence(study),
-            "tone": "bad" if not study.stable_in_range else "warn" if study.unmet else "good",
-            "rows": [vars(row) for row in judged(study, best)],
+            "tone": severity(study) if study.stable_in_range else "bad",
+            "rows": [vars(row) | {"place": self._place(study, row)} for row in judged(study, best)],
             "states": [facts(state_columns(), state) for state in study.every],
             "recommended": [recommended_facts(gains) for gains in study.recommended] or None,
             "stable": study.stable,
@@ -304,6 +306,13 @@ class RobotBench:
             "unmet": list(study.unmet),
             "uncertified": [state.title for state in study.states if not state.margins.certified],
         }
+
+    def _place(self, study: RobotStudy, row: Judged) -> dict[str, str]:
+        """Where to look for a row's worst: posture, contact state, and the joint that misses what is required there."""
+        state = next((state for state in study.states if state.title == row.where), study.states[0])
+        place = {"posture": state.posture, "contact": state.contact}
+        missing = joints_that_miss(state, row.name)[:1] if row.met is False and study.stable_in_range else ()
+        return {**place, "joint": missing[0]} if missing and missing[0] in self._channels.names else place
 
     def _to_use(self, study: RobotStudy) -> dict[str, dict[str, float]]:
         """Recommended gains by channel, as they are typed; none of none."""

@@ -34,6 +34,7 @@ SIZES_SHOWN = 12.0  # ln |L| from top to bottom of the Bode plot: 100 dB
 SHOWN_TURNS = 12.0  # of 1/ω at the channel's lowest gain crossover: how long a step is shown
 GROWN = 30.0  # steps
 GUESS = 4.0
+EDGE_COLUMNS = 80
 """Gains that the first window shows, as a multiple of a channel's own."""
 
 
@@ -132,12 +133,10 @@ def fitted(plane: PartPlane, channel: Channel) -> tuple[float, float]:
 
 
 def _edge(plane: PartPlane, window: tuple[float, float]) -> list[dict[str, Any]]:
-    """The curve on which roots stand on the boundary, within the window, with its frequencies."""
-    kp, kd, _ = plane.curve
-    inside = np.isfinite(kp) & np.isfinite(kd) & (kp >= 0) & (kp <= window[0]) & (kd >= 0) & (kd <= window[1])
-    pick = np.flatnonzero(inside)
-    pick = pick[:: max(1, len(pick) // 300)]
-    return [{"line": [rounded(kp[pick].tolist()), rounded(kd[pick].tolist())], "hz": rounded((plane.omega[pick] / (2 * math.pi)).tolist())}]
+    """The ends of the stable gains within the window, with the frequencies that vibrate there."""
+    kp, kd, omega = plane.edge(np.linspace(0.002, 1, EDGE_COLUMNS) * window[0])
+    pick = (kd >= 0) & (kd <= window[1])
+    return [{"line": [rounded(kp[pick]), rounded(kd[pick])], "hz": rounded(omega[pick] / (2 * math.pi), 6)}]
 
 
 def bode(plane: PartPlane, channel: Channel) -> dict[str, Any]:
@@ -197,7 +196,7 @@ def quick_verdict(state: State, limit: GainLimit | None, channel: Channel, plane
             one = REQUIREMENTS[name]
             rows.append(_row(name, f"{one.label}, {channel.name}", f"≈ {one.text(found)}", asked, None))
     tone = "wait" if limit.stable else "bad"  # never "good" before every requirement has been judged in every state
-    tone = "warn" if limit.stable and asked.met("gain_margin", limit.gain) is False else tone
+    tone = "bare" if limit.stable and asked.met("gain_margin", limit.gain) is False else tone
     return {"basis": "quick", "sentence": text, "tone": tone, "rows": rows, "stable": limit.stable, "met": None}
 
 

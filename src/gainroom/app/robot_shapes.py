@@ -141,7 +141,8 @@ def _mesh(path: Path, name: str, scale: tuple[float, ...]) -> tuple[Floats, Any]
     with contextlib.suppress(ValueError, RuntimeError):
         loaded = library("coal", "Pinocchio").MeshLoader().load(str(file), np.array(scale))
         corners = np.asarray(loaded.vertices())
-        faces = np.array([[triangle[k] for k in range(3)] for triangle in (loaded.tri_indices(i) for i in range(loaded.num_tris))])
+        order = range(3) if np.prod(scale) > 0 else (2, 1, 0)  # mirrored, a triangle is seen from behind
+        faces = np.array([[triangle[k] for k in order] for triangle in (loaded.tri_indices(i) for i in range(loaded.num_tris))])
         if 0 < len(corners) <= MOST_CORNERS and np.all(np.isfinite(corners)):
             return corners, faces
     return None

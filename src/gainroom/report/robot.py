@@ -8,7 +8,6 @@ from ..studies.robot import RobotStudy
 from ..studies.state import State, by_headroom, task_headroom, unknown_first
 from ..sweep.summary import SweepSummary
 from ..system.requirements import REQUIREMENTS, Requirement
-from .joint_text import severity
 from .number_format import digits, hertz, model_kind
 from .page import Card, Html, Lead, Section, beside, block, facts, page, paragraph
 from .page_parts import ON_TOP, assumed_and_warned, assumptions, footer, limit_proofs, margin_card, unstable_card
@@ -19,7 +18,7 @@ from .robot_loci import loci, loci_window
 from .robot_remedies import remedies
 from .robot_skeleton import common_view
 from .robot_tables import folded, gain_tables, inputs, joint_table, state_table, task_table
-from .robot_text import notes, sentence, warnings
+from .robot_text import notes, sentence, severity, warnings
 from .robot_units import judged
 from .sweep_text import checked_sentence, counted
 from .verdict import advice_box, robot_to_use
@@ -198,8 +197,7 @@ def _lead(study: RobotStudy, elsewhere: Sequence[str], call: str) -> Lead:
     if study.unstable_case:
         where = f"UNSTABLE within the uncertainty ranges, in {study.unstable_case}: do not run these gains"
         return Lead(answer, "bad", where, first, do)
-    lost = study.unstable_tasks
-    return Lead(answer, "warn" if lost and not study.unmet else severity(study), "", first, do)
+    return Lead(answer, severity(study), "", first, do)
 
 
 def _cards(study: RobotStudy) -> list[Card]:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable
+from typing import Literal
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from ..studies.state import State, task_headroom
 from ..system.controller import gain_matrix
 from ..system.system import System
 from .joint_text import CONTINUOUS, NOT_EVERYWHERE, lost_at_usual_rate, verdict_text
+from .joint_text import severity as severity_of_loops
 from .margin_columns import short_text
 from .recommended_gains_text import weight_warnings
 
@@ -31,6 +33,11 @@ def sentence(study: RobotStudy) -> str:
     if study.immobile:
         parts.append(f"In {listed([state.title for state in study.immobile])} {study.immobile[0].reason}.")
     return " ".join(parts)
+
+
+def severity(study: RobotStudy) -> Literal["good", "warn", "bare"]:
+    """As joint_text has it; not decided, too, where only tasks that the controller does not close are unstable."""
+    return "warn" if study.unstable_tasks and not study.unmet else severity_of_loops(study)
 
 
 def _lost_tasks(study: RobotStudy) -> list[str]:

@@ -1,6 +1,6 @@
 // The page: one view (what is asked for), one socket, and the pictures that follow. No number is computed here.
 // @ts-check
-import { GainMap, number } from "./gainmap.js";
+import { GainMap } from "./gainmap.js";
 import { Bode, Nyquist, Step, Traces } from "./charts.js";
 import { Controls } from "./controls.js";
 import { States } from "./states.js";
@@ -16,6 +16,7 @@ const page = {
   /** @type {any} */ view: {},
   /** @type {any[]} */ past: [],
   /** @type {any} */ found: null,
+  /** @type {RobotView | null} */ body: null,
   key: 0,
   /** @type {any} */ waiting: null,
   busy: false,
@@ -81,6 +82,7 @@ function take(part) {
   if (part.part === "opening") return open(part);
   if (part.part === "done" || part.part === "refused") {
     if (part.lane === "quick" || !part.lane) { page.busy = false; next(); }
+    if (part.lane === "quick" && part.key === page.key && page.final) intoSight();
     if (part.lane === "full") progress(null);
     if (part.lane === "run") idle();
   }
@@ -93,8 +95,8 @@ function take(part) {
   if (part.part === "page") return download(part.text);
   if (part.part === "progress") return progress(part);
   if ((part.lane === "full" || part.lane === "search") && part.key !== page.key) return undefined; // of gains that nobody looks at any more
-  const show = /** @type {Record<string, (part: any) => void>} */ ({ verdict, heat: (each) => states && states.take(each), mode: (each) => body && body.take(each), root: (each) => body && body.takeRoot(each), bode: curves, map: areas, before: (each) => step.takeBefore(each), step: (each) => step.take(each), use })[part.part];
-  if (show) show(part);
+  const put = /** @type {Record<string, (part: any) => void>} */ ({ verdict, heat: (each) => states && states.take(each), mode: (each) => body && body.take(each), root: (each) => body && body.takeRoot(each), bode: curves, map: areas, before: (each) => step.takeBefore(each), step: (each) => step.take(each), use })[part.part];
+  if (put) put(part);
   return undefined;
 }
 
@@ -103,6 +105,8 @@ function refused(part) {
   if (["text", "run", "page", "search"].includes(part.lane)) return toast(part.message);
   by("verdict").className = "bad";
   by("sentence").textContent = part.message;
+  by("brief").textContent = "Not computed for these values";
+  by("brief").className = "bad";
   by("basis").textContent = "Nothing was computed for these values.";
   by("rows").replaceChildren();
   return undefined;
@@ -158,6 +162,12 @@ function examples(opening) {
   by("controls").prepend(label);
 }
 
+/** Gains that were typed may lie beyond the map. */
+function intoSight() {
+  const dot = map.points.dot;
+  if (dot && map.data.stable.length && dot.some((value, k) => value > map.window[k])) refit();
+}
+
 /** @param {number} [wide] */
 function refit(wide = 1.6) {
   const points = [map.points.dot, map.points.star || map.points.ghost].filter((each) => each !== null);
@@ -179,7 +189,7 @@ function robot() {
   last.querySelector(".plot").replaceChildren(...side.querySelector(".plot").children);
   captions[1].replaceChildren(...captions[0].childNodes);
   captions[0].innerText = "Critical mode";
-  body = new RobotView(side.querySelector(".plot"), page.opening.shapes, () => page.dragging);
+  page.body = body = new RobotView(side.querySelector(".plot"), page.opening.shapes, () => page.dragging);
   by("map").querySelector("small").textContent = `of the chosen ${what} in this state, all others closed; drag the dot`;
   map.blue = `this ${what}'s own loop keeps the required margins in this state (sampled)`;
   by("bode").querySelector("small").textContent = `of the chosen ${what}, all others closed; sampled`;
@@ -210,14 +220,15 @@ function undo() {
 }
 
 function snap() {
+  if (by("snap").disabled) return;
   if (page.found && page.found.find) { send({ ask: "find" }); by("snap").disabled = true; return; }
   if (!page.found || !page.found.gains) return;
   gesture(true);
   delete page.view.point;
   page.view.gains = { ...page.view.gains, ...page.found.gains };
-  const star = map.points.star;
-  if (star && (star.some((value, k) => value > map.window[k]) || star.every((value, k) => value < 0.15 * map.window[k]))) {
-    Object.assign(map.points, { dot: star }); // too far off, or too small to be seen
+  const to = map.points.star;
+  if (to && (to.some((value, k) => value > map.window[k]) || to.every((value, k) => value < 0.15 * map.window[k]))) {
+    map.points.dot = to; // too far off, or too small to be seen
     refit(3);
   } else look(true);
 }
@@ -255,25 +266,36 @@ function certified(part) {
 function sentences(part, current) {
   page.certified = part.basis === "certified" && current;
   by("verdict").className = `${part.tone}${page.certified ? "" : " quick"}`;
-  by("sentence").textContent = part.sentence;
+  const [first, ...rest] = part.sentence.split(/(?<=\.) (?=[A-Z])/); // as on a report: the verdict in bold
+  by("sentence").replaceChildren(first, ...(rest.length ? [" ", Object.assign(document.createElement("span"), { textContent: rest.join(" ") })] : []));
   const ranges = page.opening.uncertain.length > 0, met = page.certified && part.met === true && !(part.uncertified || []).length;
+  const places = new Set(part.rows.map((/** @type {any} */ row) => row.where).filter(Boolean)), once = ranges && places.size === 1 ? [...places][0] : "";
   if (met !== map.met) { map.met = met; map.draw(); }
   by("basis").textContent = {
-    certified: certified(part) + (page.view.sample_rate_hz === 0 && page.opening.rates.length > 1 ? " Continuous time: choose your loop's sample rate." : "") + (ranges ? " Worst of the stated ranges." : ""),
+    certified: certified(part) + (page.view.sample_rate_hz === 0 && page.opening.rates.length > 1 ? " Continuous time: choose your loop's sample rate." : "") + (ranges ? ` Worst of the stated ranges${once ? `: ${once}` : ""}.` : ""),
     state: `Certified in ${part.where}${ranges ? " over the stated ranges" : ""}; the other states follow.`,
     nominal: "Nominal values only; the stated ranges are not examined yet.",
     quick: "This state only, at nominal values. Stability and gain limit are certified; what is marked ≈ is not.",
   }[/** @type {"quick"} */ (current ? part.basis : "quick")];
+  brief(part);
   by("rows").replaceChildren(...part.rows.map((/** @type {any} */ row) => {
-    const card = document.createElement("div"), value = document.createElement("b"), title = document.createElement("small"), below = document.createElement("small");
+    const card = document.createElement(row.place ? "button" : "div"), value = document.createElement("b"), title = document.createElement("small"), below = document.createElement("small");
     card.className = `row ${row.met === null ? "" : row.met ? "yes" : "no"}`;
     card.dataset.name = row.name;
     title.textContent = row.title + (part.basis === "certified" && page.opening.uncertain.length ? ", worst case" : "");
     value.textContent = row.worst + (row.met === null ? "" : row.met ? " ✓" : " ✗");
-    below.textContent = [row.required, row.where ? `in ${row.where}` : "", row.to_use && row.to_use !== "–" ? `★ ${row.to_use}` : ""].filter(Boolean).join(" · ");
+    below.textContent = [row.required, row.where && !once ? `in ${row.where}` : "", row.to_use && row.to_use !== "–" && row.to_use !== row.worst ? `★ ${row.to_use}` : ""].filter(Boolean).join(" · ");
     card.append(title, value, below);
+    if (row.place) Object.assign(card, { title: "Show where", onclick: () => states && states.visit(row.place) });
     return card;
   }));
+}
+
+/** The verdict in a line, which stays on a phone's screen. @param {any} part */
+function brief(part) {
+  const values = part.rows.filter((/** @type {any} */ row) => row.met !== null).map((/** @type {any} */ row) => `${/^[\d.]+$/.test(row.worst) ? `${row.title.split(" ").pop()} ` : ""}${row.worst} ${row.met ? "✓" : "✗"}`);
+  by("brief").textContent = [(/^(Safe|Not safe|Not decided|Stable|Unstable)/.exec(part.sentence) || [part.sentence])[0], ...new Set(values)].join(" · ");
+  by("brief").className = part.tone;
 }
 
 /** @param {any} part */
@@ -291,8 +313,6 @@ function use(part) {
   map.points.star = part.point || null;
   map.points.rule = part.rule || null;
   map.star = part.star || "";
-  by("snap").textContent = part.find ? "★ Find gains (slow)" : "★ Use recommended";
-  by("snap").disabled = !part.gains && !part.find;
   star();
   map.draw();
   const notes = by("notes");
@@ -303,8 +323,14 @@ function use(part) {
   }
 }
 
-/** Of a robot's recommended gains those of the chosen joint. */
+/** Whether all that is in one is in the other, too. @param {any} part @param {any} whole @returns {boolean} */
+const within = (part, whole) => Object.entries(part).every(([name, value]) => (typeof value === "object" ? within(value, whole[name]) : value === whole[name]));
+
+/** Of a robot's recommended gains those of the chosen joint; what has been taken is not offered again. */
 function star() {
+  const { found } = page, taken = Boolean(found && found.gains) && within(found.gains, page.view.gains);
+  by("snap").disabled = !found || taken || !(found.gains || found.find);
+  by("snap").textContent = taken ? "★ Recommended" : found && found.find ? "★ Find gains (slow)" : "★ Use recommended";
   if (page.opening.kind === "robot") {
     map.points.star = (page.found && page.found.points[page.view.joint]) || null;
     map.points.ghost = page.opening.points[page.view.joint];
@@ -335,7 +361,8 @@ function ran(part) {
   place.querySelector("small").textContent = page.opening.kind === "robot" ? "MuJoCo, nonlinear; the file's scenario in this state" : "tick by tick; the file's scenario";
   place.querySelector(".said").textContent = part.sentence;
   new Traces(place.querySelector(".plot")).take(part);
-  (body && body.renderer ? by("side") : place).scrollIntoView({ behavior: "smooth", block: "nearest" }); // a robot's run is played on its drawing
+  const seen = body && body.renderer ? by("side") : place; // a robot's run is played on its drawing
+  requestAnimationFrame(() => seen.scrollIntoView({ behavior: "smooth", block: "nearest" })); // charts have their size then
 }
 
 by("snap").onclick = snap;

@@ -15,7 +15,7 @@ export class Controls {
     this.place.append(this.fields);
     const { opening } = page, robot = opening.kind === "robot";
     this.slider("delay_ms", "delay", "ms", 0, Math.max(10, 2.5 * opening.view.delay_ms));
-    this.slider("stiffness", "stiffness", robot ? "× the file's" : "N·m/rad", 0.1, 10);
+    this.slider("stiffness", "stiffness", robot ? "×" : "N·m/rad", 0.1, 10);
     this.slider("link_inertia", "load", "kg·m²", 0.05, 20);
     this.rate();
   }

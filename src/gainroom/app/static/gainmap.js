@@ -140,8 +140,8 @@ export class GainMap {
   take(part) {
     Object.assign(this.data, Object.fromEntries(["stable", "required", "edge", "lines", "every", "safe", "whole", "missing"].filter((name) => part[name] !== undefined).map((name) => [name, part[name]])));
     if (part.window) this.window = part.window;
-    if (part.stable && this.data.channel !== part.channel) Object.assign(this.data, { every: [], safe: [], whole: null, channel: part.channel });
-    this.late = Boolean(part.stable); // what holds in every state comes after what holds in this one
+    if (part.stable && this.data.channel !== part.channel) Object.assign(this.data, { every: part.follows ? [] : null, safe: [], whole: null, channel: part.channel });
+    this.late = Boolean(part.stable && part.follows); // what holds in every state comes after what holds in this one
     this.draw();
   }
 
@@ -235,7 +235,7 @@ export class GainMap {
     }
     if (!best) return;
     svg("circle", { cx: this.x(best[0]), cy: this.y(best[1]), r: 6, fill: "#e69f00", stroke: "#000", "data-mark": "cursor" }, this.layers.marks);
-    svg("text", { x: this.x(best[0]) - 9, y: this.y(best[1]) + 18, "text-anchor": "end" }, this.layers.marks).textContent = `vibrates at ${number(best[2], 3)} Hz here`;
+    svg("text", { x: this.x(best[0]) - 9, y: this.y(best[1]) + (this.y(best[1]) > this.height - FRAME.bottom - 24 ? -10 : 18), "text-anchor": "end" }, this.layers.marks).textContent = `vibrates at ${number(best[2], 3)} Hz here`;
   }
 
   /** @param {number | null} hz */

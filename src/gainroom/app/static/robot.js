@@ -51,6 +51,10 @@ export class RobotView {
     this.turn.enableZoom = true;
     this.turned = false; // since it was drawn
     this.turn.addEventListener("change", () => { this.turned = true; });
+    this.turn.addEventListener("start", () => { this.placed = true; });
+    canvas.style.touchAction = "pan-y"; // a finger across it turns the robot, along it scrolls the page
+    this.axes = new three.AxesHelper(1);
+    this.scene.add(this.axes);
     this.group = new three.Group();
     this.scene.add(this.group);
     /** @type {any[]} */ this.links = [];
@@ -90,6 +94,7 @@ export class RobotView {
         this.group.add(mesh);
         this.pieces.push(mesh);
         this.paint();
+        if (this.nodes && !this.placed) this.frame(this.nodes);
       };
       if (shape.kind === "mesh") this.load(k).then(put);
       else put(forms[shape.kind]());
@@ -116,6 +121,27 @@ export class RobotView {
     return geometry;
   }
 
+  /** The camera to where all that is there is seen; anew with each mesh that comes, until a hand turns it. @param {any} box around the joints */
+  frame(box) {
+    const { part } = this, rest = new Map(part.frames.map((/** @type {string} */ name, /** @type {number} */ k) => [name, matrix(part.rest[k + 1])]));
+    this.nodes = box.clone();
+    for (const piece of this.pieces) {
+      if (!rest.has(piece.userData.frame)) continue;
+      piece.matrix.multiplyMatrices(rest.get(piece.userData.frame), piece.userData.place);
+      piece.updateMatrixWorld(true);
+      box.expandByObject(piece);
+    }
+    const middle = box.getCenter(new three.Vector3()), size = box.getSize(new three.Vector3()).length() || 1;
+    this.turn.target.copy(middle);
+    this.axes.scale.setScalar(0.2 * this.size);
+    this.axes.position.copy(box.min);
+    this.camera.position.copy(middle).add(new three.Vector3(1.5, -1.3, 0.5).multiplyScalar(0.85 * size));
+    this.camera.near = 0.01 * size;
+    this.camera.far = 20 * size;
+    this.camera.updateProjectionMatrix();
+    this.placed = this.pieces.length === this.shapes.length;
+  }
+
   /** @param {any} part */
   take(part) {
     this.part = part;
@@ -127,25 +153,8 @@ export class RobotView {
     const size = box.getSize(new three.Vector3()).length() || 1;
     this.size = size;
     this.paint();
-    const rest = new Map(part.frames.map((/** @type {string} */ name, /** @type {number} */ k) => [name, matrix(part.rest[k + 1])]));
-    if (!this.placed && (this.pieces.length || !this.shapes.length)) {
-      for (const piece of this.pieces) {
-        if (!rest.has(piece.userData.frame)) continue;
-        piece.matrix.multiplyMatrices(rest.get(piece.userData.frame), piece.userData.place);
-        piece.updateMatrixWorld(true);
-        box.expandByObject(piece);
-      }
-      const middle = box.getCenter(new three.Vector3());
-      this.turn.target.copy(middle);
-      const axes = new three.AxesHelper(0.2 * size);
-      axes.position.copy(box.min);
-      this.scene.add(axes);
-      this.camera.position.copy(middle).add(new three.Vector3(1.5, -1.3, 0.5).multiplyScalar(0.85 * box.getSize(new three.Vector3()).length()));
-      this.camera.near = 0.01 * size;
-      this.camera.far = 20 * size;
-      this.placed = true;
-    }
-    const key = part.rest[0].join();
+    if (!this.placed) this.frame(box);
+    const key = JSON.stringify([part.rest[0], part.contacts]);
     if (key === this.key) return this.recolor();
     this.key = key;
     for (const old of [...this.links, ...this.joints, ...(this.feet || [])]) { this.group.remove(old); old.geometry.dispose(); old.material.dispose(); }

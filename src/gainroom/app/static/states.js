@@ -42,7 +42,8 @@ export class States {
     this.table = document.createElement("div");
     this.table.id = "heat";
     this.sliders = this.stand(opening);
-    this.heat.append(this.table, this.sliders);
+    this.heat.append(this.table);
+    /** @type {HTMLElement} */ (document.getElementById("side")).append(this.sliders); // below the robot that they move
     /** @type {any} */ this.part = null;
     this.shown = "";
     this.show();
@@ -68,6 +69,12 @@ export class States {
     delete this.page.view.point;
     this.look(true);
     this.show();
+  }
+
+  /** A state, as it is posed now, and a joint. @param {{ posture: string, contact: string, joint?: string }} place */
+  visit(place) {
+    const { view } = this.page;
+    this.choose({ ...place, angles: place.posture === view.posture ? view.angles : {} });
   }
 
   /** A slider for each joint. @param {any} opening */
@@ -128,7 +135,7 @@ export class States {
         cell.dataset.state = JSON.stringify(part.states[k]);
         if (joint) cell.dataset.part = joint;
         cell.setAttribute("aria-label", `${name}, ${part.states[k].join(" / ")}: ${cell.textContent}`);
-        cell.onclick = () => this.choose({ posture: part.states[k][0], contact: part.states[k][1], ...(joint ? { joint } : {}) });
+        cell.onclick = () => this.visit({ posture: part.states[k][0], contact: part.states[k][1], ...(joint ? { joint } : {}) });
         line.insertCell().append(cell);
       });
     };
