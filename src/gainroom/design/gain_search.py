@@ -7,8 +7,9 @@ A direction is a joint, or one of a task. Of all gains that meet the requirement
 smallest: the sum of what each gives way under the same acceleration. It is steep in what is soft, so that all come out equally stiff as far
 as they can, and what one cannot use others may; damping is whatever that takes. The search goes in ln of the gains: at every step all that
 may be missed is replaced by its tangent (margin_slopes.py), and the quadratic programme of that solved, within a radius that shrinks
-where the tangents mislead (sequential quadratic programming: Nocedal and Wright 2006, chapter 18). It begins anywhere that is stable, and
-makes what is missed smaller first. Nothing in it depends on the order of directions or on units.
+where the tangents mislead (sequential quadratic programming: Nocedal and Wright 2006, chapter 18). Gains that were tried and are not
+better leave their tangents as well, which say how what is missed bends (a bundle: Mäkelä 2002, Optimization Methods and Software 17). It
+begins anywhere that is stable, and makes what is missed smaller first. Nothing in it depends on the order of directions or on units.
 
 What is returned has been looked at in every case, and so has that no direction can be raised.
 """
@@ -175,7 +176,10 @@ class _Search:
                 if gained > 0.7 * promised and np.abs(step).max() > 0.99 * radius:
                     radius = min(2 * radius, LARGEST_RADIUS)
             else:
-                radius = 0.4 * min(radius, float(np.abs(step).max()))
+                misled = 0.4 if after == math.inf else 0.6  # with the tangents from there it is misled less
+                radius = misled * min(radius, float(np.abs(step).max()))
+                if after < math.inf:
+                    slopes = Slopes.of([slopes, Slopes.of([case.slopes(tried) for case in cases]).seen_from(step, missed)])
             if radius < LEAST_RADIUS:
                 break
         return min(kept, key=lambda each: each[0])[1:] if kept else (gains, missed)

@@ -144,6 +144,10 @@ class Slopes:
         missed, slope = (np.concatenate([getattr(part, field) for part in parts]) for field in ("missed", "slope"))
         return cls(missed, slope, tuple(name for part in parts for name in part.name))
 
+    def seen_from(self, step: Floats, most: float) -> "Slopes":
+        """These tangents, of gains moved by `step` (2, m), at the gains before, where no more than `most` is missed."""
+        return Slopes(np.minimum(self.missed - np.einsum("ijk,jk->i", self.slope, step), most), self.slope, self.name)
+
 
 def moved(gains: Gains, step: Floats, cascade: Booleans) -> Gains:
     """`gains` (3, m) with ln of stiffness and of damping changed by `step` (2, m).
