@@ -265,7 +265,7 @@ def test_what_is_seen_to_break_breaks(seed, sample_time):
     for k in range(20):
         way = rng.uniform(-0.1, 0.06, (2, size)) if k % 2 else np.array([rng.uniform(-0.1, -0.02, size), np.full(size, -0.01)])
         gains = moved(found.gains, way, case.cascade)
-        case.seen(found.gains)
+        case.slopes(found.gains)
         name = case.breaks(gains)
         said.append(bool(name))
         assert not name or not case.required.met(name, REQUIREMENTS[name].value(case.margins(gains)))

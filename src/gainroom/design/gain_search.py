@@ -23,7 +23,7 @@ import numpy as np
 from ..analysis.margin_record import Margins
 from ..errors import GainroomError
 from ..linear.arrays import Booleans, Floats
-from .margin_slopes import Case, Gains, Slopes, moved
+from .margin_slopes import NEAR, Case, Gains, Slopes, moved
 
 RAISE = 1.05
 """No stiffness can be raised by this factor, whether its damping stays or rises as much."""
@@ -157,32 +157,47 @@ class _Search:
 
     def _descended_at(self, gains: Gains, cases: Sequence[Case], price: float, reserve: float) -> tuple[Gains, float]:
         """The same at one price of what is missed."""
-        missed = self._missed(gains, cases)
-        radius, slopes, kept = RADIUS, Slopes.of([case.slopes(gains) for case in cases]), []
+        slopes = self._tangents(gains, cases)
+        missed, radius, kept = _most(slopes), RADIUS, []
         for _ in range(STEPS):
+            if slopes is None:
+                break
             if missed <= 0:
-                kept.append((math.log(self._compliance(gains).sum()), gains, missed))
+                kept.append((math.log(self._compliance(gains).sum()), gains))
                 if len(kept) > SLOW and kept[-SLOW][0] - kept[-1][0] < LITTLE:
                     break
             step, promised = self._step(gains, slopes, missed + reserve, radius, price, reserve)
             if promised < LEAST_PROMISE:
                 break
             tried = moved(gains, step, self._cascade)
-            after = self._missed(tried, cases)
+            there = self._tangents(tried, cases)
+            after = _most(there)
             gained = self._cost(gains, missed + reserve, price) - self._cost(tried, after + reserve, price)
             if gained > 0.1 * promised:
-                gains, missed = tried, after
-                slopes = Slopes.of([case.slopes(gains) for case in cases])
+                gains, missed, slopes = tried, after, there
                 if gained > 0.7 * promised and np.abs(step).max() > 0.99 * radius:
                     radius = min(2 * radius, LARGEST_RADIUS)
             else:
-                misled = 0.4 if after == math.inf else 0.6  # with the tangents from there it is misled less
+                misled = 0.6 if there else 0.4  # with the tangents from there it is misled less
                 radius = misled * min(radius, float(np.abs(step).max()))
-                if after < math.inf:
-                    slopes = Slopes.of([slopes, Slopes.of([case.slopes(tried) for case in cases]).seen_from(step, missed)])
+                if there:
+                    slopes = Slopes.of([slopes, there.seen_from(step, missed)])
             if radius < LEAST_RADIUS:
                 break
-        return min(kept, key=lambda each: each[0])[1:] if kept else (gains, missed)
+        for _, best in sorted(kept, key=lambda each: each[0]):
+            if (left := self._missed(best, cases)) <= 0:  # roots are counted there, too
+                return best, left
+        return gains, self._missed(gains, cases)
+
+    def _tangents(self, gains: Gains, cases: Sequence[Case]) -> Slopes | None:
+        """Those of all cases; None where one is unstable."""
+        found = []
+        for case in cases:
+            self._progress()
+            if (one := case.slopes(gains)) is None:
+                return None
+            found.append(one)
+        return Slopes.of(found)
 
     def _compliance(self, gains: Gains) -> Floats:
         """(m,) inertia over stiffness, of which the sum is made small; 0 for what may not be changed, or has damping alone."""
@@ -212,7 +227,7 @@ class _Search:
         """Every direction raised by RAISE breaks something; where one does not, it is raised and all are looked at again."""
         cases, order = self._cases, list(range(len(self._cases)))
         for case in cases:
-            case.seen(gains)
+            case.slopes(gains)
         blind = [k for k, case in enumerate(cases) if case.breaks(gains)]  # where a quick look sees what is not so
         why: dict[int, tuple[str, int]] = {}
         free = np.flatnonzero(self._compliance(gains)).tolist()
@@ -253,6 +268,11 @@ class _Search:
             if name:
                 return name, k
         return None
+
+
+def _most(slopes: Slopes | None) -> float:
+    """What is missed most, negative where all is met; inf where a loop is unstable."""
+    return math.inf if slopes is None else float(slopes.missed.max(initial=-NEAR))
 
 
 def _quadratic_programme(

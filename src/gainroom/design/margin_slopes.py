@@ -74,10 +74,7 @@ class Case:
         """Those of the loop with these gains that requirements bound, as far as they are near what is asked for; looked at once."""
         key = gains.tobytes()
         if key not in self._known:
-            seen = look(self._directed, gains, self._reach)
-            self._known[key] = self._judged(gains, seen)
-            if self._known[key].stable and seen.followed:
-                self._last[:] = [(key, seen)]
+            self._known[key] = self._judged(gains, self._looked_at(gains))
         return self._known[key]
 
     def all_margins(self, gains: Gains) -> Margins:
@@ -103,17 +100,20 @@ class Case:
         """Whether the loop with these gains is stable, and could be followed."""
         return self.required.shortfall(self.margins(gains)) < math.inf
 
-    def seen(self, gains: Gains) -> "_core.Look":
-        """What is seen of a loop that is `known`."""
-        key = gains.tobytes()
-        if not self._last or self._last[0][0] != key:
-            self._known.pop(key, None)
-            self.margins(gains)
-        return self._last[0][1]
+    def slopes(self, gains: Gains) -> "Slopes | None":
+        """Everything near being missed by a loop, and how it moves; None where it is unstable, or could not be followed."""
+        seen = self._looked_at(gains)
+        return _Curves(self, gains, seen, NEAR).slopes() if seen.followed and seen.unstable == 0 else None
 
-    def slopes(self, gains: Gains) -> "Slopes":
-        """Everything near being missed by a loop that is stable, and how it moves."""
-        return _Curves(self, gains, self.seen(gains), NEAR).slopes()
+    def _looked_at(self, gains: Gains) -> "_core.Look":
+        """The loop with these gains; kept where it is stable, until others are looked at."""
+        key = gains.tobytes()
+        if self._last and self._last[0][0] == key:
+            return self._last[0][1]
+        seen = look(self._directed, gains, self._reach)
+        if seen.followed and seen.unstable == 0:
+            self._last[:] = [(key, seen)]
+        return seen
 
     def breaks(self, gains: Gains) -> str:
         """The requirement that a loop of gains near those looked at last is seen to break; "" where that is not to be seen so quickly.

@@ -191,11 +191,14 @@ def _set(
         return GainSet(contact, nothing, nothing, nothing if cascade.any() else None, unknown, "", 0, nothing)
     free = np.flatnonzero(given & np.any([state.moves for state in acting], axis=0))
     weighed = any(state.weighed for state in acting)
-    cases = [state.with_weight for state in acting]
+    heavy = [state.with_weight for state in acting]
+    light = [state.without for state in acting if state.weighed]
+    cases = heavy + light
     found = _searched(acting, cases, beginning, weighed, free, progress, safe)
+    if light and not found.holds:
+        cases = heavy
+        found = _searched(acting, cases, beginning, weighed, free, progress, safe)
     without = weighed and not found.holds
-    if found.holds:
-        cases, found = _held_without_weight(acting, cases, found, beginning, free, progress)
     near = "" if found.holds else _nearest(cases, found)
     if without:
         cases = [state.without for state in acting]
@@ -318,22 +321,6 @@ def _searched(
             best = found
     first = beginning.at(SHARES[0], (WEIGHED if weighed else SOFT)[0])
     return best or Raised(first, tuple(case.all_margins(first) for case in cases), False)
-
-
-def _held_without_weight(
-    states: Sequence[_State], cases: Sequence[Case], found: Raised, beginning: Beginning, free: Integers, progress: Callable[[], None]
-) -> tuple[Sequence[Case], Raised]:
-    """Gains found with the weight, searched on where they miss a requirement without it, as the file's own are judged.
-
-    The cases that they then meet, too, are added. Where none are found so, those with the weight alone stay.
-    """
-    light = [state.without for state in states if state.weighed]
-    short = [case for case in light if not case.required.met_by(case.all_margins(found.gains))]
-    if not short or not all(case.known(found.gains) for case in short):
-        return cases, found
-    both = [*cases, *short]
-    again = raised_gains(both, found.gains, beginning.unit, _groups(states, beginning, free), beginning.most, progress)
-    return (both, again) if again.holds else (cases, found)
 
 
 def _starts(
