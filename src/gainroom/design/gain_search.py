@@ -40,6 +40,7 @@ HOPELESS = 0.03  # what is missed by more at one price was met at a higher one i
 PULL = 0.02  # of every change of a gain: without it what nothing depends on would be anywhere
 STEPS = 150
 SLOW, LITTLE = 10, 2e-3  # so many steps that together made ln of what is made small no smaller than that end it, too
+COARSE = 3e-2  # the same, while there may be cases that count and are not known yet
 
 
 @dataclass(frozen=True)
@@ -120,15 +121,19 @@ class _Search:
     def descended(self, start: Gains) -> Gains:
         """Over few cases first, then with those that it misses too, until all are met or nothing more helps."""
         active, gains = [self._worst(start)], start
+        little = COARSE if len(self._cases) > 1 else LITTLE
         while True:
             cases = [self._cases[k] for k in active]
-            gains, missed = self._descended(gains, cases, PRICES[: 1 if len(active) > 1 else None])
+            gains, missed = self._descended(gains, cases, PRICES[: 1 if len(active) > 1 else None], little)
             if missed > 0 and len(active) > 1:
-                gains, missed = self._descended(start, cases, PRICES)
+                gains, missed = self._descended(start, cases, PRICES, little)
             worst = self._worst(gains)
             there = self._missed(gains, [self._cases[worst]])
             if missed > 0 or worst in active or there <= 0:
-                return gains
+                if missed > 0 or little == LITTLE:
+                    return gains
+                little = LITTLE
+                continue
             active.append(worst)
             gains = start if there == math.inf else gains  # slopes are those of a loop that is stable
 
@@ -146,17 +151,17 @@ class _Search:
                 break
         return worst
 
-    def _descended(self, gains: Gains, cases: Sequence[Case], prices: Sequence[tuple[float, float]]) -> tuple[Gains, float]:
+    def _descended(self, gains: Gains, cases: Sequence[Case], prices: Sequence[tuple[float, float]], little: float) -> tuple[Gains, float]:
         """From gains that are stable: the stiffest that meet the requirements, or what comes nearest; and what they miss."""
         found = []
         for price, reserve in prices:
-            found.append(self._descended_at(gains, cases, price, reserve))
+            found.append(self._descended_at(gains, cases, price, reserve, little))
             if found[-1][1] <= 0 or found[-1][1] > HOPELESS:
                 break
         return min(found, key=lambda each: each[1])
 
-    def _descended_at(self, gains: Gains, cases: Sequence[Case], price: float, reserve: float) -> tuple[Gains, float]:
-        """The same at one price of what is missed."""
+    def _descended_at(self, gains: Gains, cases: Sequence[Case], price: float, reserve: float, little: float) -> tuple[Gains, float]:
+        """The same at one price of what is missed; ended where SLOW steps win less than `little`."""
         slopes = self._tangents(gains, cases)
         missed, radius, kept = _most(slopes), RADIUS, []
         for _ in range(STEPS):
@@ -164,7 +169,7 @@ class _Search:
                 break
             if missed <= 0:
                 kept.append((math.log(self._compliance(gains).sum()), gains))
-                if len(kept) > SLOW and kept[-SLOW][0] - kept[-1][0] < LITTLE:
+                if len(kept) > SLOW and kept[-SLOW][0] - kept[-1][0] < little:
                     break
             step, promised = self._step(gains, slopes, missed + reserve, radius, price, reserve)
             if promised < LEAST_PROMISE:
