@@ -4,7 +4,7 @@ import numpy as np
 from walking_plan import Plan
 from walking_run import error_of, phases
 
-from gainroom.realtime.scheduler import ScheduledGains
+from gainroom.design.realtime.scheduler import ScheduledGains
 from gainroom.simulation.robot_run import RobotRun
 
 WIDTH, LEFT, RIGHT, TOP, PANEL, GAP = 820, 74, 150, 44, 190, 46

@@ -12,9 +12,9 @@ from walking_plan import Plan, posture, two_steps
 
 from gainroom.analysis.margin_record import Margins
 from gainroom.analysis.margins import joint_margins
+from gainroom.design.realtime.scheduler import GainScheduler, GainTable, ScheduledGains, Tracker
+from gainroom.design.realtime.tracker import GainTracker
 from gainroom.files.robot_yaml import load_robot, load_robot_system
-from gainroom.realtime.scheduler import GainScheduler, GainTable, ScheduledGains, Tracker
-from gainroom.realtime.tracker import GainTracker
 from gainroom.robot.ground import Ground, Sole
 from gainroom.robot.linearize import linearize
 from gainroom.simulation.robot_run import RobotRun, RobotStepper

@@ -20,9 +20,9 @@ import gainroom as gr
 from gainroom.files.robot_yaml import load_robot_system
 from gainroom.files.sweep_options import SweepOptions, sweep_plan
 from gainroom.report.robot_skeleton import view_of
-from gainroom.sweep.run import run
-from gainroom.sweep.store import Store
-from gainroom.sweep.summary import SweepSummary, summarized
+from gainroom.studies.sweep.run import run
+from gainroom.studies.sweep.store import Store
+from gainroom.studies.sweep.summary import SweepSummary, summarized
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 PAGE = DOCS / "gallery_sweeps.md"

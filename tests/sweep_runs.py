@@ -8,11 +8,11 @@ from pathlib import Path
 
 from gainroom.files.robot_yaml import load_robot_system
 from gainroom.files.sweep_options import standing
-from gainroom.sweep.limits import Limits
-from gainroom.sweep.plan import SweepPlan, Task
-from gainroom.sweep.postures import sampled
-from gainroom.sweep.run import Done, run
-from gainroom.sweep.store import Store
+from gainroom.studies.sweep.limits import Limits
+from gainroom.studies.sweep.plan import SweepPlan, Task
+from gainroom.studies.sweep.postures import sampled
+from gainroom.studies.sweep.run import Done, run
+from gainroom.studies.sweep.store import Store
 
 CHUNK = 32
 

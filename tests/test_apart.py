@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from gainroom.linear.apart import eigensystem, eigenvalues, inverses, parts_of
+from gainroom.system.linear.apart import eigensystem, eigenvalues, inverses, parts_of
 
 SIZES = [(), (1,), (5,), (1, 1, 1), (3, 1, 4, 3), (6, 6, 17)]
 

@@ -11,7 +11,7 @@ from draws import draw_setup
 from gainroom.analysis.crossings import LOWEST_FLOOR, scan
 from gainroom.analysis.sampled_scan import objective
 from gainroom.analysis.stability import scan_loop, unstable_roots
-from gainroom.linear.transfer_function import Factored, ratio
+from gainroom.system.linear.transfer_function import Factored, ratio
 from independent import delay_roots
 from independent.joint import PDJoint
 from wide_joints import Case

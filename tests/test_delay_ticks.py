@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import gainroom as gr
-from gainroom.linear.state_space import split_delay
 from gainroom.simulation.torque_line import TorqueLine
+from gainroom.system.linear.state_space import split_delay
 from independent import margins, sampled
 from independent.joint import PDJoint
 from joint_truths import EXAMPLE, TICK, build, parts

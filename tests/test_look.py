@@ -12,8 +12,8 @@ import pytest
 
 import gainroom as gr
 from gainroom.analysis.look import WHOLE, Reach, directed_loop, look, margins_seen
-from gainroom.linear.arrays import Booleans, Floats
 from gainroom.native import _core
+from gainroom.system.linear.arrays import Booleans, Floats
 from independent.machine import unstable
 from machines import Pair, chain, limbs
 

@@ -9,7 +9,7 @@ import gainroom as gr
 import native_programs
 from draws import draw_setup
 from gainroom.analysis.crossings import scan
-from gainroom.linear.transfer_function import Factored
+from gainroom.system.linear.transfer_function import Factored
 from native_programs import SANITIZED, output
 from test_crossings import KINDS
 

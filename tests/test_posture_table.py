@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import gainroom as gr
-from gainroom.realtime.c_header import string
+from gainroom.design.realtime.c_header import string
 from gainroom.robot.linearize import linearize
 
 BIPED = files("gainroom") / "files" / "examples" / "biped.yaml"

@@ -7,7 +7,7 @@ import pytest
 import scipy.signal
 
 import gainroom as gr
-from gainroom.linear.transfer_function import Factored
+from gainroom.system.linear.transfer_function import Factored
 from refusals import assert_refused
 
 JOINT, DRIVE = gr.ElasticJoint(0.2, 0.8, 1e4, 1.0), gr.Drive(4000.0, 0.9, 2e-3)

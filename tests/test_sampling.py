@@ -7,8 +7,8 @@ import pytest
 import gainroom as gr
 from draws import draw_setup
 from gainroom.errors import GainroomError
-from gainroom.linear.sampling import sample
-from gainroom.linear.transfer_function import Factored
+from gainroom.system.linear.sampling import sample
+from gainroom.system.linear.transfer_function import Factored
 from wide_joints import narrow, wide
 
 DIGITS = 200

@@ -5,8 +5,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import gainroom as gr
-from gainroom.linear.state_space import StateSpace, factored, hold, realize, zeros_of
-from gainroom.linear.transfer_function import Factored, polynomial_roots, ratio
+from gainroom.system.linear.state_space import StateSpace, factored, hold, realize, zeros_of
+from gainroom.system.linear.transfer_function import Factored, polynomial_roots, ratio
 
 S = np.array([0.2j, 3j, 50j, 1 + 4j, -0.5 + 700j])
 

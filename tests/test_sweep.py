@@ -19,14 +19,14 @@ from faults import environment
 from gainroom.analysis.first_crossing import SEARCH
 from gainroom.cli import main
 from gainroom.files.robot_yaml import load_robot_system
-from gainroom.sweep import cluster
-from gainroom.sweep import plan as plans
-from gainroom.sweep.limits import Limits, StateLimits
-from gainroom.sweep.plan import SweepPlan, drawn
-from gainroom.sweep.postures import Grid, Samples, Trajectory
-from gainroom.sweep.search import searched
-from gainroom.sweep.store import Store, open_sweep
-from gainroom.sweep.summary import STEP, summarized
+from gainroom.studies.sweep import cluster
+from gainroom.studies.sweep import plan as plans
+from gainroom.studies.sweep.limits import Limits, StateLimits
+from gainroom.studies.sweep.plan import SweepPlan, drawn
+from gainroom.studies.sweep.postures import Grid, Samples, Trajectory
+from gainroom.studies.sweep.search import searched
+from gainroom.studies.sweep.store import Store, open_sweep
+from gainroom.studies.sweep.summary import STEP, summarized
 from robot_files import write_arm
 from sweep_runs import CHUNK, Deadly, contents, ran, small_plan
 

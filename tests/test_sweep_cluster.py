@@ -9,7 +9,7 @@ import pytest
 import gainroom as gr
 from faults import environment, lasting_port
 from gainroom.cli import main
-from gainroom.sweep import cluster
+from gainroom.studies.sweep import cluster
 from robot_files import ROBOT, write_arm
 from sweep_runs import CHUNK, Deadly, contents, ran, small_plan
 

@@ -13,7 +13,7 @@ from gainroom.analysis.modal_loop import ModalLoop
 from gainroom.analysis.proved_limit import posture_limits, proved_limit
 from gainroom.files.robot_yaml import load_robot_system
 from gainroom.robot.linearize import linearize
-from gainroom.sweep.limits import StateLimits, configurations
+from gainroom.studies.sweep.limits import StateLimits, configurations
 from gainroom.system.modes import posture_modes
 from gainroom.system.plant import Plant
 from gainroom.system.system import System

@@ -5,7 +5,7 @@ import json
 import numpy as np
 
 from gainroom.cli import main
-from gainroom.sweep.store import open_sweep
+from gainroom.studies.sweep.store import open_sweep
 from robot_files import ROBOT, write_arm
 
 

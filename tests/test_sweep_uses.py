@@ -14,7 +14,7 @@ from gainroom.analysis.first_crossing import SEARCH
 from gainroom.cli import main
 from gainroom.files.robot_yaml import load_robot_system
 from gainroom.robot.linearize import linearize
-from gainroom.sweep.limits import configurations
+from gainroom.studies.sweep.limits import configurations
 from robot_files import ROBOT, write_arm
 
 BIPED = files("gainroom") / "robot" / "models" / "biped.urdf"

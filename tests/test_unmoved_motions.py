@@ -10,8 +10,8 @@ import gainroom as gr
 from gainroom.cli import main
 from gainroom.cli.example import joint_examples
 from gainroom.files import joint_yaml as config
-from gainroom.linear.transfer_function import ratio
 from gainroom.report import joint_text
+from gainroom.system.linear.transfer_function import ratio
 from gainroom.system.plant import Compliance
 
 DRIVE = gr.Drive(4000.0, 0.9, 2e-3)

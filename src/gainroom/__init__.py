@@ -14,16 +14,16 @@ if TYPE_CHECKING:
     from .analysis.margins import Margins, joint_margins, margins
     from .analysis.stability import Roots, is_stable, rightmost_roots
     from .design.joint_gains import Recommendation, recommend_pd
+    from .design.realtime.posture_table import Feature, PostureTable, TableGains
+    from .design.realtime.scheduler import GainScheduler, GainTable
+    from .design.realtime.tracker import GainTracker, TrackedLimit
     from .errors import GainroomError
     from .files.robot_yaml import load_robot
     from .native import warmup
-    from .realtime.posture_table import Feature, PostureTable, TableGains
-    from .realtime.scheduler import GainScheduler, GainTable
-    from .realtime.tracker import GainTracker, TrackedLimit
     from .simulation import Friction, Scenario, Testbed, simulate
     from .studies.analysis import Analysis, State, analyze
     from .studies.joint import JointStudy, study_joint
-    from .sweep.store import open_sweep
+    from .studies.sweep.store import open_sweep
     from .system.closed_loop import ClosedLoop, closed_loop
     from .system.controller import PD, PID, PPI, Compensator
     from .system.drive import Drive
@@ -58,10 +58,10 @@ _HOME = {
     "studies.joint": ("study_joint", "JointStudy"),
     "files.robot_yaml": ("load_robot",),
     "simulation": ("Scenario", "simulate", "Testbed", "Friction"),
-    "realtime.tracker": ("GainTracker", "TrackedLimit"),
-    "realtime.scheduler": ("GainScheduler", "GainTable"),
-    "realtime.posture_table": ("PostureTable", "Feature", "TableGains"),
-    "sweep.store": ("open_sweep",),
+    "design.realtime.tracker": ("GainTracker", "TrackedLimit"),
+    "design.realtime.scheduler": ("GainScheduler", "GainTable"),
+    "design.realtime.posture_table": ("PostureTable", "Feature", "TableGains"),
+    "studies.sweep.store": ("open_sweep",),
     "native": ("warmup",),
     "errors": ("GainroomError",),
 }

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..linear.arrays import Floats
+from ..system.linear.arrays import Floats
 
 Disc = tuple[Any, Any]
 """(mid, rad), (n,) each, or (m, n); rad 0.0: numbers."""

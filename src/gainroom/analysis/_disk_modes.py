@@ -11,9 +11,9 @@ from functools import cached_property
 
 import numpy as np
 
-from ..linear.arrays import Complexes, Floats
-from ..linear.state_space import StateSpace, split_delay
 from ..native import _core
+from ..system.linear.arrays import Complexes, Floats
+from ..system.linear.state_space import StateSpace, split_delay
 from ..system.loop import Loop
 from ._mu import balanced, scaled
 

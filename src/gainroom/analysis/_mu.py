@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..linear.arrays import Complexes, Floats
 from ..native import _core
+from ..system.linear.arrays import Complexes, Floats
 
 TOLERANCE = 1e-7  # of log σ_max, at which the search for D ends
 MET = 1e-9  # where both bounds of μ are this near each other, relative, none is looked for any more

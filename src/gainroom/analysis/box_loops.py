@@ -17,10 +17,10 @@ from typing import Any
 
 import numpy as np
 
-from ..linear.arrays import Complexes, Floats
-from ..linear.transfer_function import Factored
 from ..system.assembly import Feedback, current_loop
 from ..system.drive import Drive
+from ..system.linear.arrays import Complexes, Floats
+from ..system.linear.transfer_function import Factored
 from ..system.plant import ElasticJoint
 from ..system.uncertainty import Uncertainty
 from ._balls import Ball, Disc, constant, gathered, inverse, is_number, plus, times, turned

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from ..linear.arrays import Booleans, Complexes, Floats
+from ..system.linear.arrays import Booleans, Complexes, Floats
 from ..system.loop import Loop
 from ..system.loop_part import LoopPart
 from .coupled_margins import sensitivity

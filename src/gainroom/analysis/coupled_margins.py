@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..linear.apart import inverses
-from ..linear.arrays import Booleans, Complexes, Floats, Integers, distinct
 from ..system.controller import gain_matrix
+from ..system.linear.apart import inverses
+from ..system.linear.arrays import Booleans, Complexes, Floats, Integers, distinct
 from ..system.loop import Loop
 from .disk_margin import MultiLoopDisk, disk_margin
 from .first_crossing import SEARCH, Certificate, End, Family, Rough, delays, listed, phases

@@ -5,9 +5,9 @@ The walk is native/include/gainroom/scan.hpp, where the method is described.
 
 from dataclasses import dataclass
 
-from ..linear.arrays import Floats
-from ..linear.transfer_function import Factored
 from ..native import _core
+from ..system.linear.arrays import Floats
+from ..system.linear.transfer_function import Factored
 
 FLOOR = _core.FLOOR
 """In continuous time the walk ends where |L| stays below; lower until it cannot come back to the nearest crossing found."""

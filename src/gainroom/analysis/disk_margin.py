@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import GainroomError
-from ..linear.arrays import Complexes, Floats, distinct
 from ..native import _core
+from ..system.linear.arrays import Complexes, Floats, distinct
 from ..system.loop import Loop
 from ._disk_modes import opened_at_torques
 from ._mu import balanced, from_below, largest, scaled

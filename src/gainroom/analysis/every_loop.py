@@ -12,8 +12,8 @@ from functools import cached_property, reduce
 
 import numpy as np
 
-from ..linear.arrays import Floats
 from ..system.excluded_sets import Arc, Segment
+from ..system.linear.arrays import Floats
 from ..system.loop import Loop
 from ..system.loop_part import LoopPart
 from ..system.requirements import Requirements

@@ -11,8 +11,8 @@ from functools import cached_property
 
 import numpy as np
 
-from ..linear.arrays import Booleans, Complexes, Floats, Integers
 from ..system.excluded_sets import Branch, ExcludedSet, on_circle
+from ..system.linear.arrays import Booleans, Complexes, Floats, Integers
 from .gain_plane import Curve, GainPlane
 
 Piece = tuple[Integers, Floats, Floats]

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..linear.arrays import Complexes, Floats
+from ..system.linear.arrays import Complexes, Floats
 from .loci import Sweep
 from .sampled_curves import meets_axis, meets_circle
 from .stability_boundary import Boundary

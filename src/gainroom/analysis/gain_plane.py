@@ -10,8 +10,8 @@ from functools import cached_property
 
 import numpy as np
 
-from ..linear.arrays import Booleans, Complexes, Floats, Integers, distinct
-from ..linear.transfer_function import Factored, growth
+from ..system.linear.arrays import Booleans, Complexes, Floats, Integers, distinct
+from ..system.linear.transfer_function import Factored, growth
 
 POINTS_PER_DECADE = 120
 MOST_TURNS = 20_000  # samples that follow the delay's phase

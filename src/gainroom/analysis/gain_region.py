@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import GainroomError, require_finite
-from ..linear.arrays import Booleans, Floats, Integers
-from ..linear.transfer_function import Factored
 from ..system.controller import PD, Controller
 from ..system.drive import Drive
+from ..system.linear.arrays import Booleans, Floats, Integers
+from ..system.linear.transfer_function import Factored
 from ..system.loop import Feedback, Loop, build_loop
 from ..system.plant import ElasticJoint, Plant
 from ..system.requirements import Requirements

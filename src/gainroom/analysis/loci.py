@@ -19,9 +19,9 @@ from functools import cached_property
 import numpy as np
 
 from ..errors import GainroomError
-from ..linear.apart import eigenvalues
-from ..linear.arrays import Booleans, Complexes, Floats, Integers, distinct
 from ..native import _core
+from ..system.linear.apart import eigenvalues
+from ..system.linear.arrays import Booleans, Complexes, Floats, Integers, distinct
 from ..system.loop import Loop
 from .passive_intervals import passive_intervals
 from .stability_boundary import LOCI, Boundary, in_blocks

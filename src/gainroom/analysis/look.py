@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..linear.arrays import Booleans, Floats
 from ..native import _core
 from ..system.filters import integrator
+from ..system.linear.arrays import Booleans, Floats
 from ..system.loop import Loop
 from ..system.mode_functions import mode_functions
 from .loci import first_grid

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..linear.arrays import Booleans, Complexes, Floats
+from ..system.linear.arrays import Booleans, Complexes, Floats
 from .first_crossing import Certificate
 
 

@@ -9,12 +9,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..linear.arrays import Complexes, Floats, Integers, distinct
-from ..linear.state_space import split_delay
-from ..linear.transfer_function import Factored, growth
 from ..native import _core
 from ..system.assembly import current_loop
 from ..system.controller import gain_matrix
+from ..system.linear.arrays import Complexes, Floats, Integers, distinct
+from ..system.linear.state_space import split_delay
+from ..system.linear.transfer_function import Factored, growth
 from ..system.loop import Loop
 from ..system.mode_functions import mode_functions
 from ..system.modes import Modes

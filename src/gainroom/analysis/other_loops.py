@@ -19,8 +19,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..linear.arrays import Booleans, Complexes, Floats, Integers
 from ..system.excluded_sets import Arc, Segment
+from ..system.linear.arrays import Booleans, Complexes, Floats, Integers
 from ..system.loop import Loop
 from ..system.loop_part import LoopPart
 from ..system.requirements import Requirement, SensitivityBound

@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 
 from ..errors import GainroomError
-from ..linear.arrays import Complexes, Floats, Integers, distinct
+from ..system.linear.arrays import Complexes, Floats, Integers, distinct
 from ..system.loop import Loop
 from ..system.loop_part import LoopPart
 from .coupled_margins import sensitivity

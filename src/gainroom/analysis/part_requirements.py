@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from ..linear.arrays import Complexes, Floats, Integers
 from ..system.excluded_sets import Branch, Segment, on_circle
+from ..system.linear.arrays import Complexes, Floats, Integers
 from ..system.requirements import Requirements
 from .excluded_region import union_of
 from .part_plane import PartPlane

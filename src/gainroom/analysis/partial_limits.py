@@ -9,8 +9,8 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from ..linear.arrays import Complexes, Floats
 from ..system.controller import gain_matrix
+from ..system.linear.arrays import Complexes, Floats
 from ..system.loop import NO_GAIN, Loop
 from .coupled_margins import distances, inverted
 from .loci import Sweep

@@ -13,8 +13,8 @@ boundary leans (loci.py), the mechanism is passive too.
 
 import numpy as np
 
-from ..linear.arrays import Floats
 from ..system.controller import gain_matrix
+from ..system.linear.arrays import Floats
 from ..system.loop import Loop
 
 PER_DECADE = 40  # of the frequencies at which lead and lag are compared

@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 
 from ..errors import GainroomError
-from ..linear.arrays import Complexes, Floats, Integers
-from ..linear.state_space import StateSpace, split_delay
 from ..system.assembly import controller_state
 from ..system.gain_path import samples_in_common
+from ..system.linear.arrays import Complexes, Floats, Integers
+from ..system.linear.state_space import StateSpace, split_delay
 from ..system.loop import Loop
 from ..system.measured_response import measured_state
 

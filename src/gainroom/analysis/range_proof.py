@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from ..linear.arrays import Booleans, Complexes, Floats
 from ..system.assembly import Feedback
 from ..system.drive import Drive
 from ..system.excluded_sets import ExcludedSet, Segment
+from ..system.linear.arrays import Booleans, Complexes, Floats
 from ..system.plant import ElasticJoint
 from ..system.requirements import Requirements
 from ..system.uncertainty import Uncertainty

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..linear.arrays import Complexes, Floats, Integers
+from ..system.linear.arrays import Complexes, Floats, Integers
 from ..system.loop import Loop
 from .loci import Sweep
 from .sampled_curves import meets_circle, on_axis, peaks, polished_peaks

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..linear.arrays import Complexes, Floats, Integers
+from ..system.linear.arrays import Complexes, Floats, Integers
 
 ROUNDS = 4  # of parabolas about a peak, of which each finds about half as many digits again
 

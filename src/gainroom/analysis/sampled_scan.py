@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from ..errors import GainroomError
-from ..linear.arrays import Complexes, Floats
 from ..native import _core
+from ..system.linear.arrays import Complexes, Floats
 from .crossings import Scan
 
 FIRST, LAST, DENSITY = 1e-5, 1e7, 60  # [rad/s], [rad/s], points

@@ -11,9 +11,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..errors import GainroomError, require_count
-from ..linear.arrays import Complexes, Floats
-from ..linear.transfer_function import growth
 from ..native import _core
+from ..system.linear.arrays import Complexes, Floats
+from ..system.linear.transfer_function import growth
 from ..system.loop import Loop
 from .crossings import Scan, scan
 from .loci import Sweep

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..linear.arrays import Complexes, Floats
+from ..system.linear.arrays import Complexes, Floats
 from ..system.loop import Loop
 
 

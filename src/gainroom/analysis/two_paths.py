@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import GainroomError
-from ..linear.arrays import Complexes, Floats
+from ..system.linear.arrays import Complexes, Floats
 from ..system.loop import Loop
 from .first_crossing import SEARCH, Certificate
 from .margin_record import GainLimit, Margins, OneLoop, PathMargins

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from ..linear.arrays import Floats
 from ..report.bode import Case, frequency_span, response
 from ..report.gain_map import around, gain_points
 from ..report.map_edge import edge_frequencies
@@ -14,6 +13,7 @@ from ..report.map_lines import View as Window
 from ..report.map_lines import opened, outlines, required_lines
 from ..simulation.step_response import step_response
 from ..studies.joint import JointStudy
+from ..system.linear.arrays import Floats
 from .bench import rounded
 
 WIDER = 2.0

@@ -15,13 +15,13 @@ from ..analysis.part_requirements import required_columns, unread
 from ..analysis.stability import rightmost_roots
 from ..errors import GainroomError, frequency_text, listed
 from ..files.model_keyframes import model_keyframes
-from ..linear.arrays import Complexes, Floats, Integers
 from ..report.margin_columns import margin_value, requirement
 from ..report.robot_headroom import Factors, joint_factors, task_factors
 from ..robot.robot import Robot
 from ..simulation.step_response import step_response
 from ..studies.robot import RobotStudy
 from ..studies.state import State, limiting_joints
+from ..system.linear.arrays import Complexes, Floats, Integers
 from ..system.loop_part import LoopPart
 from ..system.requirements import REQUIREMENTS, Requirements, to_db
 from ..system.system import System

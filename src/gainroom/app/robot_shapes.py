@@ -11,12 +11,12 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from ..errors import GainroomError
-from ..linear.arrays import Complexes, Floats
 from ..robot.body import RigidBody, library
 from ..robot.contact import free_motion
 from ..robot.formats.xml_text import read_xml
 from ..robot.model import RobotModel
 from ..simulation.robot_run import RobotRun
+from ..system.linear.arrays import Complexes, Floats
 from .bench import rounded
 
 MOST_BYTES = 30 << 20

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from ..design.robot_gains import RobotGains
     from ..studies.robot import RobotStudy
     from ..studies.state import Progress, State
-    from ..sweep.summary import SweepSummary
+    from ..studies.sweep.summary import SweepSummary
     from ..system.system import System
 
 
@@ -76,7 +76,7 @@ def _studied(system: "System", sweep: Path | None, progress: "Progress") -> "tup
         return study, found, ({"swept": workspace_facts(found)}, [checked_sentence(found)])
     from ..design.side_by_side import Job, side_by_side
     from ..studies.robot import study_robot
-    from ..sweep.workspace import glance, worse_posture
+    from ..studies.sweep.workspace import glance, worse_posture
 
     def studied(told: Callable[[], None]) -> "RobotStudy":
         def report(done: int, total: int, what: str) -> None:

@@ -14,10 +14,10 @@ from .output import closing, column_table, render, show
 from .progress import progress_bar
 
 if TYPE_CHECKING:
+    from ..studies.sweep.plan import SweepPlan
+    from ..studies.sweep.store import Store
+    from ..studies.sweep.summary import SweepSummary, SweptPosture
     from ..studies.swept_margins import WorstStates
-    from ..sweep.plan import SweepPlan
-    from ..sweep.store import Store
-    from ..sweep.summary import SweepSummary, SweptPosture
 
 
 MOST_MARGINS = 10_000
@@ -89,9 +89,9 @@ def sweep(
     options = SweepOptions(samples, grid or (), ranges or (), trajectory, contact or (), draws, seed, posture)
     plan = sweep_plan(system, options)
     with report_stream(report) as page, _store(output, plan) as store:
+        from ..studies.sweep.search import searched
+        from ..studies.sweep.summary import summarized
         from ..studies.swept_margins import JUDGED, worst_states
-        from ..sweep.search import searched
-        from ..sweep.summary import summarized
 
         _run(store, workers, scheduler or "", output)
         found = summarized(plan, store.finished(), remembered=max(JUDGED, margins or 0))
@@ -116,7 +116,7 @@ def sweep(
 @contextlib.contextmanager
 def _store(output: Path | None, plan: "SweepPlan") -> "Iterator[Store]":
     """Where results go; without a name for the length of the call."""
-    from ..sweep.store import Store
+    from ..studies.sweep.store import Store
 
     if output is not None:
         yield Store.of(output, plan)
@@ -130,7 +130,7 @@ def _store(output: Path | None, plan: "SweepPlan") -> "Iterator[Store]":
 
 def _run(store: "Store", workers: int | None, scheduler: str, output: Path | None) -> None:
     """Raises Stopped where a signal asks for it, which says how far it came."""
-    from ..sweep.run import run
+    from ..studies.sweep.run import run
 
     with stop_signals() as asked, progress_bar("sweep:") as progress:
         done = run(store, workers, scheduler, progress, lambda: asked() > 0)

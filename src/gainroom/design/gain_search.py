@@ -22,7 +22,7 @@ import numpy as np
 
 from ..analysis.margin_record import Margins
 from ..errors import GainroomError
-from ..linear.arrays import Booleans, Floats
+from ..system.linear.arrays import Booleans, Floats
 from .margin_slopes import NEAR, Case, Gains, Slopes, moved
 
 RAISE = 1.05

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..analysis.margin_record import Margins
-from ..linear.arrays import Floats
+from ..system.linear.arrays import Floats
 
 
 @dataclass(frozen=True)

@@ -20,9 +20,9 @@ from ..analysis.margin_record import Margins, worst_of
 from ..analysis.margins import margins, margins_of
 from ..analysis.range_proof import Proof, prove
 from ..errors import GainroomError
-from ..linear.arrays import Floats
 from ..system.controller import PD
 from ..system.drive import Drive
+from ..system.linear.arrays import Floats
 from ..system.loop import Feedback, Loop, build_loop
 from ..system.plant import ElasticJoint
 from ..system.requirements import REQUIREMENTS, ROUND_OFF, Requirements, title_of

@@ -17,8 +17,8 @@ from ..analysis.look import WHOLE, Reach, directed_loop, look, margins_seen
 from ..analysis.margin_record import Margins
 from ..analysis.margins import margins
 from ..errors import GainroomError
-from ..linear.arrays import Booleans, Floats
 from ..native import _core
+from ..system.linear.arrays import Booleans, Floats
 from ..system.loop import Loop
 from ..system.requirements import Requirement, Requirements
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..linear.arrays import Floats, Integers
+from ..system.linear.arrays import Floats, Integers
 from ..system.plant import Plant
 from ..system.system import StateCase
 from .margin_slopes import Case

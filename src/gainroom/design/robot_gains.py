@@ -20,7 +20,7 @@ import numpy as np
 from ..analysis.coupled_margins import delay_margin
 from ..analysis.margin_record import GainLimit, Margins, worst_of
 from ..errors import GainroomError
-from ..linear.arrays import Booleans, Floats, Integers
+from ..system.linear.arrays import Booleans, Floats, Integers
 from ..system.requirements import REQUIREMENTS, Requirements
 from ..system.system import StateCase, System
 from .gain_search import Raised, raised_gains, stiffness

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..linear.arrays import Booleans, Floats
 from ..system.controller import PD
+from ..system.linear.arrays import Booleans, Floats
 from ..system.plant import ElasticJoint, Plant
 from ..system.system import System
 from .joint_gains import recommend_pd

@@ -17,7 +17,6 @@ import numpy as np
 from ..errors import GainroomError, first_of_many, named, nearest
 from ..io.validation import checked, number, validate
 from ..io.yaml_text import shown
-from ..linear.arrays import Floats
 from ..robot.assemble import ASSUMED, DAMPING_NOTE
 from ..robot.body import Base, RigidBody
 from ..robot.contact import ContactKind
@@ -25,6 +24,7 @@ from ..robot.formats.model_files import load_model
 from ..robot.formats.model_names import locate
 from ..robot.gearbox_types import GearboxRange, gearbox_range
 from ..robot.name_patterns import DEFAULT, select
+from ..system.linear.arrays import Floats
 from ..system.requirements import REQUIREMENTS, Requirements, from_db
 from ..system.system import System
 from .absurd_values import examined

@@ -15,7 +15,7 @@ from ..errors import GainroomError, first_of_many
 from ..io.bounded_text import bounded_text
 from ..io.validation import dotted
 from ..io.yaml_text import MAX_BYTES, parse_yaml, read_text, shown
-from ..linear.arrays import Booleans, Floats
+from ..system.linear.arrays import Booleans, Floats
 from .file_types import kind_of, wrong_kind
 from .gain_formats.actuator_configs import read_actuator_configs
 from .gain_formats.array_text import read_array_text

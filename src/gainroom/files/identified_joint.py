@@ -15,8 +15,8 @@ from ..errors import GainroomError
 from ..identification import Estimate, JointFit
 from ..io.validation import SMALLEST
 from ..io.yaml_text import shown
-from ..linear.arrays import Floats
 from ..system.drive import Drive
+from ..system.linear.arrays import Floats
 from ..system.system import System
 from .identified_section import problem_of
 from .joint_yaml import parse_joint

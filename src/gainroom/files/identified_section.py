@@ -8,7 +8,7 @@ from pydantic import BeforeValidator, Field, model_validator
 from ..identification.parameters import PARAMETERS
 from ..io.validation import LARGEST, Flag, Name, Section, refusal
 from ..io.yaml_text import shown
-from ..linear.arrays import Floats
+from ..system.linear.arrays import Floats
 
 ROUND_OFF = 1e-6
 """Of a correlation: what the digits that are written leave of symmetry and of an eigenvalue that is 0."""

@@ -9,9 +9,9 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from ..errors import GainroomError
 from ..io.validation import NotNegative, Positive, PositiveOrInfinite, Section, number, refusal, typed
-from ..linear.arrays import Floats
 from ..simulation import Chirp, Friction, Multisine, Scenario, Spline, Step, Trajectory
 from ..simulation.simulation_spec import JointSimulation
+from ..system.linear.arrays import Floats
 from ..system.system import System
 from .logs import read_log
 from .system_sections import rad_per_s

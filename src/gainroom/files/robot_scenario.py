@@ -10,10 +10,10 @@ from pydantic import BeforeValidator, Field
 from ..errors import GainroomError, nearest
 from ..io.validation import Name, NotNegative, Positive, PositiveOrInfinite, Section, each, number, refusal
 from ..io.yaml_text import shown
-from ..linear.arrays import Floats
 from ..robot.ground import Ground, Sole
 from ..robot.name_patterns import strongest
 from ..robot.robot import Robot, RobotScenario
+from ..system.linear.arrays import Floats
 from .per_joint import PerJoint
 
 Metres = Annotated[float, number(least=-1e3, most=1e3)]

@@ -13,7 +13,6 @@ import numpy as np
 from ..errors import GainroomError, first_of_many, named, nearest
 from ..io.validation import dotted, validate
 from ..io.yaml_text import read_text, shown
-from ..linear.arrays import Floats
 from ..robot.actuators import actuators_of, drives_of, merge_entries
 from ..robot.body import Base, RigidBody
 from ..robot.contact import Contact
@@ -22,6 +21,7 @@ from ..robot.formats.model_names import is_name, locate
 from ..robot.name_patterns import DEFAULT, strongest
 from ..robot.robot import Posture, Robot
 from ..robot.tasks import Task
+from ..system.linear.arrays import Floats
 from ..system.requirements import Requirements
 from ..system.system import Control, System
 from .absurd_values import examined

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import GainroomError, first_of_many, nearest
-from ..linear.arrays import Floats
 from ..robot.body import RigidBody
 from ..robot.name_patterns import compile_pattern
 from ..robot.robot import Robot
-from ..sweep.plan import SweepPlan, drawn
-from ..sweep.postures import Postures, followed, gridded, sampled
+from ..studies.sweep.plan import SweepPlan, drawn
+from ..studies.sweep.postures import Postures, followed, gridded, sampled
+from ..system.linear.arrays import Floats
 from ..system.system import System
 
 if TYPE_CHECKING:

@@ -13,12 +13,12 @@ from pydantic import BeforeValidator, Field, create_model, model_validator
 from ..errors import GainroomError
 from ..io.validation import NotNegative, Positive, PositiveOrInfinite, Section, made_when_read, number, refusal
 from ..io.yaml_text import shown
-from ..linear.arrays import Floats
 from ..system.actuator_entry import ActuatorEntry
 from ..system.controller import PD, PID, PPI
 from ..system.drive import Drive
 from ..system.filters import LowPass, Notch
 from ..system.gain_path import GainPath, samples_in_common
+from ..system.linear.arrays import Floats
 from ..system.requirements import REQUIREMENTS, Requirement, Requirements
 from ..system.uncertainty import Uncertainty
 

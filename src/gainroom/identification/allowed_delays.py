@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..linear.arrays import Floats
+from ..system.linear.arrays import Floats
 from .arrival_fit import ArrivalLikelihood, Fit
 from .estimate import CONFIDENCE
 

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..linear.arrays import Booleans, Floats, Integers
 from ..native import _core
+from ..system.linear.arrays import Booleans, Floats, Integers
 from .arrival_law import Law
 from .current_loop import DAMPING, SPEED, Data, Response, held
 from .likelihood import maximize

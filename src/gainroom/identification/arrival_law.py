@@ -12,7 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ..linear.arrays import Floats, Integers
+from ..system.linear.arrays import Floats, Integers
 from .arrivals import Arrivals
 from .current_loop import Data, held
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..linear.arrays import Booleans, Floats, Integers
+from ..system.linear.arrays import Booleans, Floats, Integers
 from .record import Record
 
 LEAST_MATCHED = 0.8  # of the demand's changes: with fewer, the demand is not the target some ticks later

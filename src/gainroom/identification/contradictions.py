@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from ..errors import GainroomError
-from ..linear.arrays import Floats
+from ..system.linear.arrays import Floats
 from .record import Record
 
 FURTHEST = 0.1  # [s] that one torque is looked for before or behind the other

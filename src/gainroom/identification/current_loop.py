@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import GainroomError
-from ..linear.arrays import Booleans, Floats, Integers
+from ..system.linear.arrays import Booleans, Floats, Integers
 from .excited_part import busiest
 
 SETTLED = 16.0  # time constants: e^-16 = 1e-7 of a change is left

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import GainroomError
-from ..linear.arrays import Booleans, Floats, Integers
+from ..system.linear.arrays import Booleans, Floats, Integers
 from .allowed_delays import UNLIKELY, Allowed, allowed_delays, gaussian, spread_over
 from .arrival_fit import ArrivalLikelihood, Fit, decoded
 from .arrival_law import Phase, Spread, Unseen, acting

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..linear.arrays import Floats, Integers
+from ..system.linear.arrays import Floats, Integers
 
 BLOCKS = 40  # of time: enough for a t quantile of 2.02, long enough to hold the residual's memory
 FREEDOM = BLOCKS - 1  # degrees of freedom of a covariance from so many blocks

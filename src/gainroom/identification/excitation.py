@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from ..linear.arrays import Floats, Integers
+from ..system.linear.arrays import Floats, Integers
 
 Kind = Literal["multisine", "chirp"]
 LINES = 100  # of a multisine

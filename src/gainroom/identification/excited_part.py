@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..linear.arrays import Floats
+from ..system.linear.arrays import Floats
 from .record import Record
 
 SHOWN_BY = ("target_torque", "demand_torque", "actual_torque", "reference", "motor_position", "link_position")

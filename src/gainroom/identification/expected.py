@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import GainroomError
-from ..linear.arrays import Floats
 from ..simulation import Friction, Run, Scenario, Testbed, simulate
+from ..system.linear.arrays import Floats
 from ..system.plant import ElasticJoint
 from ..system.system import System
 from .current_loop import DAMPING, SPEED, Response

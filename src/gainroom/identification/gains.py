@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import GainroomError
-from ..linear.arrays import Complexes, Floats
+from ..system.linear.arrays import Complexes, Floats
 from .estimate import FREEDOM, Estimate, covariance, interval, quantile
 from .record import Record, resolution
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import GainroomError
-from ..linear.arrays import Complexes, Floats
 from ..system.drive import Drive
+from ..system.linear.arrays import Complexes, Floats
 from ..system.plant import ElasticJoint
 from .contradictions import encoders_apart
 from .delay import TorqueDelay, identify_delay

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..linear.arrays import Floats
 from ..system.drive import Drive
+from ..system.linear.arrays import Floats
 from ..system.plant import ElasticJoint
 from .estimate import FREEDOM, Estimate, interval, log_interval
 from .prediction import Between, Noise, Signals

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..linear.arrays import Floats, Integers
+from ..system.linear.arrays import Floats, Integers
 from .estimate import covariance
 
 Prediction = Callable[[Floats], tuple[Floats, Floats]]

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..linear.arrays import Complexes, Floats, Integers
+from ..system.linear.arrays import Complexes, Floats, Integers
 from ..system.plant import ElasticJoint
 
 TURNING = 0.15  # of the root mean square velocity: slower, a side turns round, and no law of friction is to be trusted

@@ -11,8 +11,8 @@ from itertools import pairwise
 import numpy as np
 
 from ..errors import GainroomError
-from ..linear.arrays import Floats
 from ..simulation.oscillation import FEWEST_SAMPLES, MOST_SAMPLES, Vibration, parts_in, vibration
+from ..system.linear.arrays import Floats
 from .record import Record, resolution
 from .recorded_oscillation import LOOKED_AT, POSITIONS, RINGING, TORQUES, UNCHANGED, RecordedOscillation, measured
 

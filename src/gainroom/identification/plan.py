@@ -13,9 +13,9 @@ import numpy as np
 
 from ..analysis.stability import is_stable
 from ..errors import GainroomError, require_positive
-from ..linear.arrays import Floats
 from ..simulation import Run, Scenario, simulate
 from ..system.controller import PD
+from ..system.linear.arrays import Floats
 from ..system.system import System
 from ..system.uncertainty import NOMINAL
 from .delay import LONGEST

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..linear.arrays import Floats
+from ..system.linear.arrays import Floats
 from .gains import GainsFit
 from .record import Record
 

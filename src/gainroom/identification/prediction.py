@@ -13,11 +13,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from ..linear.arrays import Floats
-from ..linear.state_space import StateSpace, split_delay
 from ..native import _core
 from ..system.assembly import actuated_state
 from ..system.drive import Drive
+from ..system.linear.arrays import Floats
+from ..system.linear.state_space import StateSpace, split_delay
 from ..system.plant import ElasticJoint
 from .motion import Motion
 

@@ -7,8 +7,8 @@ from functools import cached_property
 import numpy as np
 
 from ..errors import GainroomError, first_of_many, require_finite, require_positive
-from ..linear.arrays import Booleans, Floats, Integers
 from ..simulation.run_record import REFERENCE_SIGNAL
+from ..system.linear.arrays import Booleans, Floats, Integers
 
 SIGNALS = {
     "target_torque": "torque that the controller asks for",

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..linear.arrays import Floats
 from ..simulation.oscillation import FEWEST_SAMPLES, Vibration, parts_in
+from ..system.linear.arrays import Floats
 from .record import Record
 
 POSITIONS = ("motor_position", "link_position")

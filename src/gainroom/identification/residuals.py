@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..linear.arrays import Floats
+from ..system.linear.arrays import Floats
 from .frequency_response import FrequencyResponse
 from .prediction import Signals
 

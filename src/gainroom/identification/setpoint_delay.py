@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import GainroomError
-from ..linear.arrays import Complexes, Floats
+from ..system.linear.arrays import Complexes, Floats
 from .estimate import FREEDOM, Estimate, interval, quantile
 from .likelihood import Maximum, maximize
 from .record import Record, resolution

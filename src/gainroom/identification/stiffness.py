@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import GainroomError
-from ..linear.arrays import Booleans, Floats
+from ..system.linear.arrays import Booleans, Floats
 from .estimate import FREEDOM, Estimate, covariance, interval, quantile
 from .record import Record, resolution
 

@@ -6,7 +6,7 @@ Shapes that do not fit raise ValueError. What the functions compute is said in i
 
 from collections.abc import Callable
 
-from ..linear.arrays import Booleans, Complexes, Floats, Integers
+from ..system.linear.arrays import Booleans, Complexes, Floats, Integers
 
 FLOOR: float
 LOWEST_FLOOR: float

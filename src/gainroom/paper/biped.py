@@ -8,11 +8,11 @@ from scipy.spatial.transform import Rotation
 
 from ..errors import GainroomError
 from ..files.robot_yaml import parse_robot
-from ..linear.arrays import Floats
 from ..robot.body import RigidBody
 from ..robot.linearize import linearize
 from ..robot.model import RobotModel
 from ..robot.tasks import Task, Tasks, tasks_of
+from ..system.linear.arrays import Floats
 from ..system.system import System
 
 EXAMPLE = "biped.yaml"

@@ -9,7 +9,7 @@ from functools import cache
 
 import numpy as np
 
-from ..linear.arrays import Floats
+from ..system.linear.arrays import Floats
 from ..system.requirements import to_db
 from .biped import NAMES, SUPPORTS, free_loads
 from .joints import DRIVE, MOTOR_INERTIA, joint_with_load, limit_with_load

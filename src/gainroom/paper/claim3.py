@@ -12,8 +12,8 @@ from functools import cache
 import numpy as np
 
 from ..analysis.gain_limit import gain_limit
-from ..linear.arrays import Floats
 from ..system.controller import PD
+from ..system.linear.arrays import Floats
 from ..system.loop import build_loop
 from ..system.plant import ElasticJoint
 from .biped import COM_KD, COM_KP, NAMES, SUPPORTS, com_tasks, free_loads, standing

@@ -12,9 +12,9 @@ from functools import cache
 import numpy as np
 
 from ..analysis.gain_limit import gain_limit
-from ..linear.arrays import Floats
 from ..robot.model import RobotModel
 from ..system.controller import PD
+from ..system.linear.arrays import Floats
 from ..system.loop import build_loop
 from .biped import COM_KD, COM_KP, SUPPORTS, com_tasks, standing, standing_so
 from .claim3 import motor_alone

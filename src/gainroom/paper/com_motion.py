@@ -11,12 +11,12 @@ from functools import cache
 
 import numpy as np
 
-from ..linear.arrays import Floats
 from ..robot.ground import Ground, Sole
 from ..robot.tasks import Task
 from ..simulation.robot_run import RobotRun, run_robot
 from ..simulation.robot_setup import RobotSetup
 from ..simulation.trajectories import Spline
+from ..system.linear.arrays import Floats
 from .biped import COM_KD, COM_KP, MOVE, NAMES, START, biped, on_both_feet
 from .joints import SAMPLE_TIME
 from .picture import Curve, Panel, Picture

@@ -4,8 +4,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ..linear.arrays import Floats
 from ..robot.model import RobotModel
+from ..system.linear.arrays import Floats
 from .biped import COM_KD, COM_KP, SUPPORTS, com_tasks, standing
 from .row import Row, compare
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.optimize import root_scalar
 
-from ..linear.transfer_function import Factored
+from ..system.linear.transfer_function import Factored
 from .joints import RATIO, joint_with_load, rigid, torque_to_position
 from .picture import Mark, Picture, bode, decibels
 from .row import Row, compare

@@ -11,8 +11,8 @@ from functools import cache
 import numpy as np
 
 from ..identification import TorqueDelay, identify_delay
-from ..linear.arrays import Floats, Integers
 from ..simulation import Run, Scenario, simulate
+from ..system.linear.arrays import Floats, Integers
 from .joints import DRIVE, SAMPLE_TIME, TESTBED
 from .picture import Curve, Mark, Panel, Picture
 from .row import Row, compare, within

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..linear.arrays import Floats
 from ..report.bode import response
+from ..system.linear.arrays import Floats
 from ..system.loop import Loop
 
 AXIS = (1.0, 1e5)  # [rad/s] of every Bode plot in the paper

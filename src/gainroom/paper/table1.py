@@ -11,7 +11,7 @@ from functools import cache
 
 import numpy as np
 
-from ..linear.arrays import Floats
+from ..system.linear.arrays import Floats
 from .biped import COM_KD, COM_KP, MOVE, NAMES, START, biped, com_tasks, on_both_feet, standing_so
 from .picture import Mark, Panel, Picture
 from .row import Row, compare

@@ -7,8 +7,8 @@ from html import escape
 
 import numpy as np
 
-from ..linear.arrays import Floats
 from ..studies.audit import Audit
+from ..system.linear.arrays import Floats
 from ..system.requirements import to_db
 from . import style
 from .number_format import digits

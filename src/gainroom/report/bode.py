@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..analysis.margins import Margins
-from ..linear.arrays import Floats, distinct
 from ..studies.joint import JointStudy
+from ..system.linear.arrays import Floats, distinct
 from ..system.loop import Loop
 from ..system.requirements import to_db
 from . import style

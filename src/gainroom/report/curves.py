@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..linear.arrays import Floats, Integers, distinct
+from ..system.linear.arrays import Floats, Integers, distinct
 from . import style
 from .page import Html, figure
 

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..identification.recorded_oscillation import POSITIONS, TORQUES
-from ..linear.arrays import Floats
 from ..studies.diagnosis import Diagnosis
 from ..studies.vibration_causes import Cause
+from ..system.linear.arrays import Floats
 from ..system.requirements import to_db
 from . import style
 from .curves import Curve, Panel, stacked

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from ..analysis.margins import Margins
-from ..linear.arrays import Floats
 from ..studies.joint import JointStudy
+from ..system.linear.arrays import Floats
 from ..system.requirements import to_db
 from . import style
 from .map_edge import vibration_edge

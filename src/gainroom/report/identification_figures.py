@@ -8,7 +8,7 @@ import numpy as np
 from ..identification import JointFit, Record, TorqueDelay
 from ..identification.frequency_response import SEGMENTS
 from ..identification.residuals import MOST_EXPLAINED
-from ..linear.arrays import Floats
+from ..system.linear.arrays import Floats
 from . import style
 from .curves import thinned
 from .number_format import digits, hertz

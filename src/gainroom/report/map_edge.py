@@ -6,7 +6,7 @@ import numpy as np
 
 from ..analysis.crossings import scan
 from ..analysis.gain_region import PDRegion
-from ..linear.arrays import Floats
+from ..system.linear.arrays import Floats
 from . import style
 from .map_lines import View, opened
 from .number_format import frequency, hertz

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..analysis.gain_region import PDRegion, traced
-from ..linear.arrays import Floats
 from ..studies.joint import JointStudy
+from ..system.linear.arrays import Floats
 from ..system.requirements import REQUIREMENTS, Requirements
 from . import style
 from .margin_columns import margin_value

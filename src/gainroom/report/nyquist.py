@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
-from ..linear.arrays import Complexes, Floats
 from ..studies.joint import JointStudy
+from ..system.linear.arrays import Complexes, Floats
 from . import style
 from .bode import Case, frequency_span, grid
 from .number_format import digits, frequency

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from ..identification.plan import Plan
-from ..linear.arrays import Floats
+from ..system.linear.arrays import Floats
 from . import style
 from .curves import Curve, Panel, stacked
 from .identified_joint_text import TITLES

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..design.robot_gains import EVERYWHERE, GainSet, RobotGains
-from ..linear.arrays import Floats
+from ..system.linear.arrays import Floats
 from ..system.requirements import REQUIREMENTS, Requirement, Requirements
 from .columns import Column, facts
 from .margin_columns import margin_facts, requirement

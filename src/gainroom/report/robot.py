@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from ..errors import listed
 from ..studies.robot import RobotStudy
 from ..studies.state import State, by_headroom, task_headroom, unknown_first
-from ..sweep.summary import SweepSummary
+from ..studies.sweep.summary import SweepSummary
 from ..system.requirements import REQUIREMENTS, Requirement
 from .number_format import digits, hertz, model_kind
 from .page import Card, Html, Lead, Section, beside, block, facts, page, paragraph

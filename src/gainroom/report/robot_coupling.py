@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..errors import listed
-from ..linear.arrays import Floats
+from ..system.linear.arrays import Floats
 from . import style
 from .number_format import digits
 from .page import Html, figure

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..analysis.gain_limit import GainLimit
-from ..linear.arrays import Floats
 from ..studies.robot import RobotStudy
 from ..studies.state import State, by_headroom
+from ..system.linear.arrays import Floats
 from . import style
 from .number_format import digits
 from .page import Html, figure

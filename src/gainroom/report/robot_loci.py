@@ -6,9 +6,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..analysis.loci import Sweep
-from ..linear.arrays import Complexes, Floats, Integers
 from ..native import _core
 from ..studies.state import State
+from ..system.linear.arrays import Complexes, Floats, Integers
 from . import style
 from .number_format import digits, frequency
 from .page import Html, figure

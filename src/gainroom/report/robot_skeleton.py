@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..analysis.gain_limit import GainLimit
-from ..linear.arrays import Floats, Integers
 from ..robot.model import RobotModel
 from ..studies.state import State, limiting_joints
+from ..system.linear.arrays import Floats, Integers
 from . import style
 from .number_format import digits
 

@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 
 from ..analysis.gain_limit import GainLimit
-from ..linear.arrays import Floats
 from ..simulation import Run
 from ..simulation.robot_run import RobotRun
 from ..simulation.robot_simulation import RobotSimulation
 from ..simulation.tracking import SETTLED
 from ..studies.oscillation import MUJOCO
 from ..studies.simulation import Outcome
+from ..system.linear.arrays import Floats
 from . import style
 from .curves import Curve, Panel, stacked
 from .number_format import digits, frequency, hertz, milli, motion_unit

@@ -9,10 +9,10 @@ import numpy as np
 
 from ..errors import first_of_many
 from ..studies.state import State
+from ..studies.sweep.maps import PairMaps, pair_maps
+from ..studies.sweep.store import Store
+from ..studies.sweep.summary import CONFIDENCE, SweepSummary, SweptPosture
 from ..studies.swept_margins import WorstStates
-from ..sweep.maps import PairMaps, pair_maps
-from ..sweep.store import Store
-from ..sweep.summary import CONFIDENCE, SweepSummary, SweptPosture
 from . import style
 from .columns import definitions, tabulated
 from .number_format import digits, hertz, model_kind

@@ -5,8 +5,8 @@ from typing import Any
 
 from ..errors import beside
 from ..studies.analysis import typed_factor
+from ..studies.sweep.summary import CONFIDENCE, ContactSummary, SweepSummary, SweptPosture
 from ..studies.swept_margins import Judged, WorstStates
-from ..sweep.summary import CONFIDENCE, ContactSummary, SweepSummary, SweptPosture
 from ..system.requirements import to_db
 from .columns import Column, facts
 from .margin_columns import margin_value, requirement

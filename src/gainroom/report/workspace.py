@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from ..studies.audited_workspace import AuditedWorkspace
+from ..studies.sweep.summary import ContactSummary, SweepSummary
 from ..studies.swept_margins import WorstStates, worst_states
-from ..sweep.summary import ContactSummary, SweepSummary
 from ..system.requirements import Requirements, to_db
 from . import style
 from .columns import tabulated

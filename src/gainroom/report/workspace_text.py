@@ -5,7 +5,7 @@ from typing import Any
 
 from ..studies.analysis import typed_factor
 from ..studies.audited_workspace import AuditedWorkspace
-from ..sweep.summary import SweepSummary
+from ..studies.sweep.summary import SweepSummary
 from .sweep_text import judged_facts, looked_at, posture_facts, sentence, sureness, unmet_text, warnings
 
 

@@ -11,9 +11,9 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from ..errors import GainroomError, first_of_many, require_positive
-from ..linear.arrays import Floats
 from ..system.actuator_entry import ActuatorEntry
 from ..system.drive import Drive
+from ..system.linear.arrays import Floats
 from .name_patterns import assign
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import GainroomError, first_of_many, nearest, require_finite
-from ..linear.arrays import Floats
+from ..system.linear.arrays import Floats
 from .body import Base, RigidBody, library, put_position
 from .linkage import FollowingJoint, JoinedFrames, Linkage
 from .name_patterns import select_all

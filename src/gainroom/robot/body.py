@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import GainroomError, first_of_many, nearest, require_finite
-from ..linear.arrays import Booleans, Floats, Integers
+from ..system.linear.arrays import Booleans, Floats, Integers
 from .linkage import Linkage, closed
 from .skeleton import Bone, Skeleton
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 import numpy as np
 
 from ..errors import GainroomError, require_positive
-from ..linear.arrays import Booleans, Floats
+from ..system.linear.arrays import Booleans, Floats
 from .linkage import linkage_jacobian
 
 if TYPE_CHECKING:

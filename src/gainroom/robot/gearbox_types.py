@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import GainroomError, nearest
-from ..linear.arrays import Floats
+from ..system.linear.arrays import Floats
 from .name_patterns import select
 
 

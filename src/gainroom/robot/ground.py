@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import require_positive
-from ..linear.arrays import Floats
+from ..system.linear.arrays import Floats
 from .contact import Contact
 
 LEVEL = 1e-6

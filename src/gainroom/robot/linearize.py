@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import GainroomError, require_finite
-from ..linear.arrays import Floats
+from ..system.linear.arrays import Floats
 from ..system.plant import Compliance
 from .assemble import massless
 from .contact import REDUNDANT, Contact, Held, free_motion, held

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ..errors import GainroomError
-from ..linear.arrays import Floats
+from ..system.linear.arrays import Floats
 
 CLOSED = 1e-9
 """Largest residual of a closed loop [m, rad]; Newton's steps go on to round-off."""

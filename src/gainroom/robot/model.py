@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from ..linear.arrays import Booleans, Floats
+from ..system.linear.arrays import Booleans, Floats
 from ..system.plant import Plant
 from .contact import Contact, Held
 

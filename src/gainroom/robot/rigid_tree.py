@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from ..linear.arrays import Floats
 from ..native._core import RigidTree
+from ..system.linear.arrays import Floats
 from .body import RigidBody, is_continuous
 
 

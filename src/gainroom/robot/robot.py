@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import GainroomError, first_of_many, nearest
-from ..linear.arrays import Booleans, Floats
+from ..system.linear.arrays import Booleans, Floats
 
 if TYPE_CHECKING:
     from ..system.system import System

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from ..linear.arrays import Floats, Integers
+from ..system.linear.arrays import Floats, Integers
 
 
 @dataclass(frozen=True)

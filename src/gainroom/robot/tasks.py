@@ -28,9 +28,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import GainroomError, first_of_many, nearest, require_finite
-from ..linear.arrays import Booleans, Floats, Integers
 from ..native import _core
 from ..system.controller import PD, PPI, Controller
+from ..system.linear.arrays import Booleans, Floats, Integers
 from .contact import REDUNDANT, free_motion
 from .model import Stance
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import GainroomError, require_positive
-from ..linear.arrays import Floats
+from ..system.linear.arrays import Floats
 
 
 @dataclass(frozen=True)

@@ -17,13 +17,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import GainroomError, require_finite, require_positive
-from ..linear.arrays import Floats, Integers
 from ..robot.actuators import Actuators
 from ..robot.body import RigidBody, library
 from ..robot.contact import Contact
 from ..robot.formats.mjcf_file import ARENA
 from ..robot.ground import Ground, Sole, ground_axes, upwards
 from ..robot.name_patterns import nearest
+from ..system.linear.arrays import Floats, Integers
 
 HARDEST_CONSTRAINT = 0.9999
 """MuJoCo's largest constraint impedance: what is left of a motion against a constraint is 1e-4 of what it would be, before feedback."""

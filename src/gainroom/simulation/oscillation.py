@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import GainroomError, require_finite, require_positive
-from ..linear.arrays import Complexes, Floats
+from ..system.linear.arrays import Complexes, Floats
 
 if TYPE_CHECKING:
     from .run_record import Run

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import GainroomError, require_count, require_finite, require_positive
-from ..linear.arrays import Floats
 from ..robot.body import is_prismatic, library, put_position
 from ..robot.formats.mujoco_messages import mujoco_warnings
 from ..robot.tasks import Task
+from ..system.linear.arrays import Floats
 from .mujoco_model import MujocoRobot, build_mujoco
 from .robot_setup import RobotSetup, channel_units, substeps_for
 from .run_record import REFERENCE_SIGNAL, Ending, Run, Unit, ended, joined

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import GainroomError, require_positive
-from ..linear.arrays import Floats
 from ..robot.actuators import Actuators
 from ..robot.body import RigidBody, is_prismatic
 from ..robot.contact import Contact
@@ -16,6 +15,7 @@ from ..robot.ground import Ground
 from ..robot.linearize import linearize
 from ..robot.tasks import Task
 from ..system.drive import Drive
+from ..system.linear.arrays import Floats
 from ..system.system import Control, System
 from .run_record import Unit
 from .scenario import MOST_TICKS

@@ -9,11 +9,11 @@ import numpy as np
 from ..analysis.margin_record import Margins
 from ..design.judged_cases import judged_margins
 from ..errors import GainroomError, named
-from ..linear.arrays import Floats
 from ..robot.ground import Footing, footings
 from ..robot.model import RobotModel
 from ..robot.name_patterns import select
 from ..robot.robot import RobotScenario
+from ..system.linear.arrays import Floats
 from ..system.loop import Loop
 from ..system.system import StateCase, System
 from .robot_run import stream_robot

@@ -9,7 +9,7 @@ from typing import Literal, TypeVar
 import numpy as np
 
 from ..errors import GainroomError
-from ..linear.arrays import Floats
+from ..system.linear.arrays import Floats
 from ..system.loop import Feedback
 
 OVERFLOWING = 1e150  # states beyond are about to overflow

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from ..linear.arrays import Floats
 from ..system.assembly import controller_state
 from ..system.controller import Controller
+from ..system.linear.arrays import Floats
 
 
 class SampledControl:

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from ..errors import GainroomError, require_count, require_finite, require_positive
-from ..linear.arrays import Floats
-from ..linear.state_space import split_delay
+from ..system.linear.arrays import Floats
+from ..system.linear.state_space import split_delay
 from ..system.loop import Loop
 from .trajectories import Step, Trajectory
 

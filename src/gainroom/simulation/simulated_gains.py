@@ -22,10 +22,10 @@ from typing import Any, Literal
 import numpy as np
 
 from ..errors import GainroomError
-from ..linear.arrays import Complexes, Floats
 from ..robot.actuators import Actuators
 from ..robot.body import RigidBody, library
 from ..robot.contact import Contact
+from ..system.linear.arrays import Complexes, Floats
 from .mujoco_model import MujocoRobot, build_mujoco
 
 Pd = Literal["explicit", "implicit", "joint-damping"]

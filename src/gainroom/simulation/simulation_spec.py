@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from ..analysis.margin_record import Margins
 from ..errors import GainroomError
-from ..linear.state_space import split_delay
+from ..system.linear.state_space import split_delay
 from ..system.loop import Loop
 from ..system.plausibility import unusual_values
 from ..system.system import System

@@ -18,10 +18,10 @@ import numpy as np
 
 from ..analysis.stability import rightmost_roots
 from ..errors import GainroomError
-from ..linear.arrays import Complexes, Floats, Integers
-from ..linear.state_space import StateSpace
 from ..native import _core
 from ..system.assembly import controller_state
+from ..system.linear.arrays import Complexes, Floats, Integers
+from ..system.linear.state_space import StateSpace
 from ..system.loop import Loop
 from ..system.loop_part import LoopPart
 from ..system.measured_response import measured_signals

@@ -11,10 +11,10 @@ with velocities formed from positions by the controller's own difference and fil
 
 import numpy as np
 
-from ..linear.arrays import Floats
-from ..linear.state_space import StateSpace, hold, split_delay
 from ..native import _core
 from ..system.assembly import actuated_state, controller_state
+from ..system.linear.arrays import Floats
+from ..system.linear.state_space import StateSpace, hold, split_delay
 from ..system.loop import Loop
 from .run_record import OVERFLOWING, Run
 from .scenario import Inputs, Signals

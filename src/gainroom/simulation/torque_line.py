@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import GainroomError, require_count, require_finite, require_positive
-from ..linear.arrays import Floats
-from ..linear.state_space import split_delay
 from ..native import _core
 from ..system.drive import Drive
+from ..system.linear.arrays import Floats
+from ..system.linear.state_space import split_delay
 
 
 class TorqueLine:

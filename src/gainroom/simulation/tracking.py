@@ -6,7 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ..linear.arrays import Floats
+from ..system.linear.arrays import Floats
 from .run_record import STEADY_SHARE
 
 SETTLED = 0.02  # of the move: the usual band of the settling time

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import GainroomError, require_count, require_finite, require_positive
-from ..linear.arrays import Floats
+from ..system.linear.arrays import Floats
 
 NANOSECOND = 1e-9  # the 600th tick of 0.5 ms is at 0.3 s, also where its product is rounded down
 

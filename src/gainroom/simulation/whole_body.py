@@ -22,13 +22,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import GainroomError, require_count, require_finite
-from ..linear.arrays import Floats
 from ..native import _core
 from ..robot.body import RigidBody
 from ..robot.contact import REDUNDANT, Contact, contact_jacobian
 from ..robot.rigid_tree import rigid_tree, tree_frame
 from ..robot.tasks import Task, TaskKind, TaskPPI, Tasks, following, task_motion, tasks_of
 from ..system.controller import PD, PPI
+from ..system.linear.arrays import Floats
 from ..system.system import Control
 from .sampled_control import SampledControl
 

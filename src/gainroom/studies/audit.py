@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from ..analysis.stability import is_stable
-from ..linear.arrays import Booleans, Floats
 from ..robot.gearbox_types import GearboxRange
+from ..system.linear.arrays import Booleans, Floats
 from ..system.loop import Loop
 from ..system.requirements import Requirements, enough
 from ..system.system import System

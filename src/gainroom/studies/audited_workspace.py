@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass, replace
 
-from ..sweep.summary import SweepSummary
-from ..sweep.workspace import over_workspace
 from ..system.requirements import Requirements
 from .audit import Audit
 from .state import Progress
+from .sweep.summary import SweepSummary
+from .sweep.workspace import over_workspace
 from .swept_margins import WorstStates, worst_states
 
 EACH = 20

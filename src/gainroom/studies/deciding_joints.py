@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from ..analysis.margin_record import Margins
-from ..linear.arrays import Complexes
+from ..system.linear.arrays import Complexes
 from ..system.loop import Loop
 from .state import STRONG, State, limiting_joints
 

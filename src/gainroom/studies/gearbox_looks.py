@@ -17,7 +17,7 @@ import numpy as np
 
 from ..analysis.proved_limit import proved_limit
 from ..design.starting_gains import joints_that_move
-from ..linear.arrays import Booleans, Floats
+from ..system.linear.arrays import Booleans, Floats
 from ..system.loop import Loop
 from ..system.requirements import enough
 from ..system.system import System

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..linear.arrays import Floats
 from ..robot.gearbox_types import GearboxRange
+from ..system.linear.arrays import Floats
 from ..system.system import System
 from .gearbox_looks import STEPS, Gearboxes, Looks, lowest_point
 from .state import Progress, State

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..linear.arrays import Booleans
 from ..system.controller import own_gain
+from ..system.linear.arrays import Booleans
 from ..system.loop import Loop
 from ..system.system import System
 from .gearbox_looks import STEPS, Gearboxes, Looks, lowest_point

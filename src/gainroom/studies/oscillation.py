@@ -11,10 +11,10 @@ import numpy as np
 
 from ..analysis.gain_limit import GainLimit
 from ..analysis.stability import rightmost_roots
-from ..linear.arrays import Complexes, Floats
 from ..simulation.oscillation import FEWEST_SAMPLES, MOST_SAMPLES, Vibration, parts_in, rows_after, vibration
 from ..simulation.run_record import Run
 from ..simulation.simulation_spec import LATE_SHARE, SimulationSpec
+from ..system.linear.arrays import Complexes, Floats
 from .state import STRONG, strongest_first
 
 LASTING = 1e-3  # damping ratio below which a vibration on hardware is sustained: what ends its growth there is friction or the torque limit

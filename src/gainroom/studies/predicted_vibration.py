@@ -10,8 +10,8 @@ from ..analysis.margins import Margins, margins
 from ..analysis.stability import rightmost_roots
 from ..identification.record import Record
 from ..identification.recorded_oscillation import TORQUES, RecordedOscillation
-from ..linear.arrays import Complexes
 from ..simulation.oscillation import FEWEST_SAMPLES
+from ..system.linear.arrays import Complexes
 from ..system.loop import Loop
 from ..system.system import System
 

@@ -11,11 +11,11 @@ from ..analysis.gain_limit import GainLimit
 from ..analysis.margin_record import Margins
 from ..design.joint_gains import rounded_down
 from ..errors import GainroomError
-from ..linear.arrays import Floats
 from ..simulation.oscillation import Vibration
 from ..simulation.run_record import Run, joined
 from ..simulation.simulation_spec import TORQUE_LIMIT, SimulationSpec
 from ..simulation.tracking import Tracking, track
+from ..system.linear.arrays import Floats
 from ..system.requirements import REQUIREMENTS
 from .deciding_joints import deciding_joints
 from .oscillation import Oscillation, judge, torque_ripple_of

@@ -6,8 +6,8 @@ from typing import Literal
 
 import numpy as np
 
-from ..linear.arrays import Booleans
 from ..simulation.simulated_gains import SimulatedRobot, Simulator, SimulatorLimit
+from ..system.linear.arrays import Booleans
 from .audit import Audit
 from .state import limiting_joints
 

@@ -19,8 +19,8 @@ from ..analysis.two_paths import delay_of_others, path_margins
 from ..design.judged_cases import judged_margins
 from ..design.starting_gains import IMMOBILE, joints_that_move
 from ..errors import GainroomError, computable
-from ..linear.arrays import Complexes, Floats, Integers
 from ..system.controller import Controller, own_gain
+from ..system.linear.arrays import Complexes, Floats, Integers
 from ..system.loop import Loop, build_loop
 from ..system.plant import Compliance, Plant
 from ..system.requirements import REQUIREMENTS, Requirement

@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 
 from ..robot.robot import Posture, Robot
-from ..sweep.summary import SweepSummary
-from ..sweep.workspace import checked_on, with_worst_of
 from ..system.controller import PD
 from ..system.system import System
 from .robot import RobotStudy, study_robot
 from .state import Progress
+from .sweep.summary import SweepSummary
+from .sweep.workspace import checked_on, with_worst_of
 
 ROUNDS = 4
 """Of gains found and checked: what is worst depends on the gains."""

@@ -13,11 +13,11 @@ import numpy as np
 from ..analysis.margin_record import Margins
 from ..design.judged_cases import judged_margins
 from ..errors import GainroomError
-from ..sweep.plan import SweepPlan
-from ..sweep.summary import SweepSummary, SweptPosture
 from ..system.requirements import Requirement
 from ..system.system import StateCase
 from .state import State, moves, state_of
+from .sweep.plan import SweepPlan
+from .sweep.summary import SweepSummary, SweptPosture
 
 MOST = 6
 """Contact states of which the worst posture has all margins: those with the lowest limits."""

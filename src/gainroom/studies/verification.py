@@ -13,13 +13,13 @@ import numpy as np
 from ..analysis.gain_limit import GainLimit, gain_limit
 from ..analysis.stability import rightmost_roots
 from ..errors import GainroomError
-from ..linear.arrays import Floats
 from ..robot.body import library
 from ..simulation.onset import FURTHEST_FACTOR, Onset, linear_onset, linear_vibration
 from ..simulation.robot_onset import robot_onset
 from ..simulation.robot_run import RobotStepper
 from ..simulation.robot_setup import robot_setup
 from ..simulation.robot_simulation import require_sampled
+from ..system.linear.arrays import Floats
 from ..system.loop import Loop
 from ..system.requirements import enough
 from ..system.system import System

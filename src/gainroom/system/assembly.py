@@ -9,11 +9,11 @@ from typing import Literal
 import numpy as np
 
 from ..errors import GainroomError
-from ..linear.state_space import StateSpace, realize
-from ..linear.transfer_function import Factored, ratio
 from .controller import Controller, gain_matrix
 from .drive import Drive
 from .gain_path import GainPath
+from .linear.state_space import StateSpace, realize
+from .linear.transfer_function import Factored, ratio
 from .plant import Plant
 
 Feedback = Literal["motor", "link"]

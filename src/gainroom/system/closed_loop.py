@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import GainroomError
-from ..linear.arrays import Complexes
+from .linear.arrays import Complexes
 from .loop import Loop
 
 

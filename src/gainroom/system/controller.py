@@ -23,10 +23,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import GainroomError, one_line, require_finite
-from ..linear.arrays import Complexes, Floats
-from ..linear.lti import factored_from
-from ..linear.transfer_function import Factored, ratio
 from .filters import LowPass, Notch, Ratio, filtered_velocity, integrator, notch_product, value_of
+from .linear.arrays import Complexes, Floats
+from .linear.lti import factored_from
+from .linear.transfer_function import Factored, ratio
 
 Terms = dict[tuple[int, int], Floats]
 """Gains by (power of V, power of I)."""

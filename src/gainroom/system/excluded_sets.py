@@ -15,7 +15,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ..linear.arrays import Booleans, Complexes, Floats
+from .linear.arrays import Booleans, Complexes, Floats
 
 ROUND_OFF = 1e-6
 """Relative: a margin that misses its requirement by no more than this is met. Gains that were set right on a requirement come back with

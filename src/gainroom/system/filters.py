@@ -10,8 +10,8 @@ from functools import lru_cache
 import numpy as np
 
 from ..errors import GainroomError, require_positive
-from ..linear.arrays import Complexes, Floats
-from ..linear.transfer_function import Factored, ratio
+from .linear.arrays import Complexes, Floats
+from .linear.transfer_function import Factored, ratio
 
 Ratio = tuple[Floats, Floats]
 

@@ -13,15 +13,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import GainroomError, one_line, require_count, require_finite, require_positive
-from ..linear.arrays import Booleans, Complexes, Floats, Integers
-from ..linear.lti import factored_from, is_lti, sample_time_of
-from ..linear.state_space import StateSpace, hold, realize, split_delay
-from ..linear.transfer_function import Factored, ratio
 from ..native import _core
 from .assembly import Feedback, Parts, controller_state
 from .controller import Compensator, Controller, gain_matrix
 from .drive import Drive
 from .gain_path import GainPath, samples_in_common
+from .linear.arrays import Booleans, Complexes, Floats, Integers
+from .linear.lti import factored_from, is_lti, sample_time_of
+from .linear.state_space import StateSpace, hold, realize, split_delay
+from .linear.transfer_function import Factored, ratio
 from .measured_response import measured_signals, measured_state, sampled_scalar, unsampled_scalar
 from .mode_functions import mode_functions
 from .plant import ElasticJoint, Plant

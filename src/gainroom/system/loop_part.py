@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import GainroomError
-from ..linear.arrays import Floats
 from .controller import Controller
+from .linear.arrays import Floats
 from .loop import Loop
 
 

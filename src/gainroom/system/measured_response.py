@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import GainroomError
-from ..linear.sampling import sample
-from ..linear.state_space import StateSpace, factored, hold, split_delay
-from ..linear.transfer_function import Factored, ratio
 from .assembly import Feedback, Parts, actuated_state, current_loop
+from .linear.sampling import sample
+from .linear.state_space import StateSpace, factored, hold, split_delay
+from .linear.transfer_function import Factored, ratio
 from .plant import Plant
 
 

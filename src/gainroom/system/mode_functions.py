@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from ..linear.state_space import split_delay
 from ..native import _core
 from .assembly import Parts, current_loop
+from .linear.state_space import split_delay
 
 APART = 1e-3  # of a current loop's pole: its two, or one of the plant's, that are closer count as one, whose response is another
 INEXACT = 4.0  # times what a sum over modes was seen to be off by

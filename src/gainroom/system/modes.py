@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..linear.apart import eigensystem
-from ..linear.arrays import Complexes, Floats
+from .linear.apart import eigensystem
+from .linear.arrays import Complexes, Floats
 
 AT_REST = 1e-9  # of the largest squared natural frequency: smaller ones are motions without a spring
 ALONE = 1e-12  # of the dampers: less coupling between modes is round-off

@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import GainroomError, first_of_many, require_finite, require_positive
-from ..linear.apart import eigensystem
-from ..linear.arrays import Booleans, Complexes, Floats, distinct
+from .linear.apart import eigensystem
+from .linear.arrays import Booleans, Complexes, Floats, distinct
 from .modes import Modes, modes_of, undamped
 
 BESIDE = 1.07  # of natural frequencies: there a sum over modes is compared with the response itself

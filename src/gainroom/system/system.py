@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import case_text
-from ..linear.arrays import Booleans, Floats
 from .controller import PD
 from .drive import Drive
 from .filters import LowPass, Notch
 from .gain_path import GainPath
+from .linear.arrays import Booleans, Floats
 from .loop import Feedback, Loop, build_loop
 from .plant import ElasticJoint, Plant
 from .requirements import Requirements

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from ..errors import GainroomError
-from ..linear.arrays import Floats
 from .drive import Drive
+from .linear.arrays import Floats
 from .plant import ElasticJoint
 
 Case = tuple[ElasticJoint, Drive]

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import GainroomError
-from ...linear.arrays import Floats
+from ...system.linear.arrays import Floats
 from .record import Quality
 
 MOST_MISSING = 0.5

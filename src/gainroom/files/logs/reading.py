@@ -11,7 +11,7 @@ from ...errors import GainroomError, first_of_many, named
 from ...identification.excited_part import MostExcited
 from ...identification.record import Record
 from ...io.validation import LARGEST
-from ...linear.arrays import Floats
+from ...system.linear.arrays import Floats
 from .abilities import TORQUES
 from .channels import CHANNELS
 from .cleaning import Cleaner

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...errors import GainroomError, nearest
 from ...identification.record import SHORTEST, SIGNALS, Record
-from ...linear.arrays import Floats
+from ...system.linear.arrays import Floats
 from .channels import CHANNELS, ONE_JOINT
 
 

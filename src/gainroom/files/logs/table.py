@@ -13,7 +13,7 @@ import numpy as np
 
 from ...errors import GainroomError, one_line
 from ...io.run_files import note_read
-from ...linear.arrays import Floats, Integers
+from ...system.linear.arrays import Floats, Integers
 
 BLOCK_ROWS = 1 << 16
 """Rows that are in memory at a time beside the result: 0.5 MB a column, long enough that numpy and not Python takes the time."""

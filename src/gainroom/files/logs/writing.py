@@ -12,8 +12,8 @@ import numpy as np
 
 from ...errors import GainroomError
 from ...io.atomic import replacement, writing
-from ...linear.arrays import Floats
 from ...simulation.run_record import LOGGED
+from ...system.linear.arrays import Floats
 from .formats import format_of
 from .table import Sink
 

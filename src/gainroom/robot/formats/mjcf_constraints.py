@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...linear.arrays import Floats
+from ...system.linear.arrays import Floats
 
 
 class Placed(NamedTuple):

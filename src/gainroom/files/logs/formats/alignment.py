@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ....linear.arrays import Floats
+from ....system.linear.arrays import Floats
 from ..record import aligned
 from .decoding import Part
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ....errors import GainroomError, first_of_many
-from ....linear.arrays import Floats
+from ....system.linear.arrays import Floats
 from ..guessing import channel_of
 from ..table import BLOCK_ROWS, MOST_COLUMNS, MOST_ROWS, TIME, Column, Table, bounded, whole_numbers
 

@@ -14,7 +14,7 @@ from typing import IO
 import numpy as np
 
 from ....errors import GainroomError, first_of_many
-from ....linear.arrays import Floats
+from ....system.linear.arrays import Floats
 from ..names import column_names
 from ..table import BLOCK_ROWS, MOST_COLUMNS, Column, LogFormat, Table, bounded, checked_file, guarded
 from ..units import UNITS, known_unit

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ....errors import GainroomError, one_line
-from ....linear.arrays import Floats
+from ....system.linear.arrays import Floats
 from ..guessing import channel_of
 from ..units import UNITS
 from .ros_types import MOST_ENTRIES, Types, layout_of

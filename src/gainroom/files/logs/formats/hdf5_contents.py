@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from ....errors import GainroomError, first_of_many, one_line
-from ....linear.arrays import Floats
+from ....system.linear.arrays import Floats
 from ..table import MOST_COLUMNS, MOST_PIECE, MOST_RATIO, MOST_ROWS, bounded, library
 
 DEFLATE, SHUFFLE, FLETCHER32, LZF = 1, 2, 3, 32000

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from ....errors import GainroomError
-from ....linear.arrays import Floats
+from ....system.linear.arrays import Floats
 from ..table import MOST_COLUMNS, MOST_RATIO, MOST_WHOLE, LogFormat, Table, bounded, whole_file
 from .arrays import ArrayTable, NamedArray
 from .hdf5 import HEADER, Hdf5

@@ -16,7 +16,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from ....errors import GainroomError
-from ....linear.arrays import Floats
+from ....system.linear.arrays import Floats
 from ..table import MOST_PIECE, LogFormat, Table, bounded, checked_file, library
 from .messages import Messages, MessageTable, Topic
 

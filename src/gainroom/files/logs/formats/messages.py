@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ....errors import GainroomError, first_of_many
-from ....linear.arrays import Floats
+from ....system.linear.arrays import Floats
 from ..guessing import WORD, channel_of, is_commanding, joint_in
 from ..table import MOST_COLUMNS, TIME, Column, Table, bounded
 from .alignment import Alignment, Stream

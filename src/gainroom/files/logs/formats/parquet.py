@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ....errors import first_of_many
-from ....linear.arrays import Floats
+from ....system.linear.arrays import Floats
 from ..names import column_names
 from ..table import BLOCK_ROWS, MOST_COLUMNS, MOST_PIECE, MOST_ROWS, Column, LogFormat, Table, bounded, checked_file, library, whole_numbers
 from .parquet_pages import page_sizes

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import GainroomError
-from ..native import _core
+from ...errors import GainroomError
+from ...native import _core
 from .arrays import Complexes, Floats, Integers, distinct
 from .transfer_function import Factored
 

@@ -6,7 +6,7 @@ from itertools import combinations
 
 import numpy as np
 
-from ..linear.arrays import Floats
+from ...system.linear.arrays import Floats
 from .limits import Limits
 from .plan import SweepPlan, Task
 

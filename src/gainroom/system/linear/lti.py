@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import GainroomError, one_line, require_finite, require_positive
+from ...errors import GainroomError, one_line, require_finite, require_positive
 from .state_space import StateSpace, factored
 from .transfer_function import Factored, polynomial_roots
 

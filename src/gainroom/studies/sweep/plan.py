@@ -11,11 +11,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..errors import GainroomError
-from ..linear.arrays import Floats
-from ..robot.robot import Robot
-from ..system.system import System
-from ..system.uncertainty import NOMINAL, Place
+from ...errors import GainroomError
+from ...robot.robot import Robot
+from ...system.linear.arrays import Floats
+from ...system.system import System
+from ...system.uncertainty import NOMINAL, Place
 from .limits import Limits, StateLimits
 from .postures import Postures, sobol
 
@@ -117,7 +117,7 @@ class SweepPlan:
     @cached_property
     def identity(self) -> dict[str, str]:
         """What tells this sweep from others: by name of a part, a digest of all that its results depend on."""
-        from .. import __version__
+        from ... import __version__
 
         first = self.postures.at(0, min(self.postures.count, 64))  # as this machine's libraries make them
         postures = (self.postures.kind, self.postures.count, self.chunk, _canonical(self.postures), _canonical(first))

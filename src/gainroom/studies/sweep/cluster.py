@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from ..errors import GainroomError, one_line
+from ...errors import GainroomError, one_line
 from .limits import Limits
 from .local_pool import Stop
 from .plan import SweepPlan, Task
@@ -77,7 +77,7 @@ def _with(
     client: Any, plan: SweepPlan, following: Callable[[], Task | None], given: dict[Any, Task], stop: Stop
 ) -> Iterator[tuple[Task, Limits]]:
     """On a scheduler that answers; `given`: what it has. Raises _GoneError."""
-    from .. import __version__
+    from ... import __version__
 
     address, idle, more = client.scheduler.address, time.monotonic(), True
     with _asking(client):
@@ -146,7 +146,7 @@ def _there(client: Any) -> bool:
 
 def _prepared(pickled: bytes, version: str) -> SweepPlan:
     """In a worker."""
-    from .. import __version__
+    from ... import __version__
 
     if version != __version__:
         raise GainroomError(f"--scheduler: a worker has gainroom {__version__}, not {version}")

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import GainroomError
-from ..robot.robot import Posture, Robot
-from ..system.system import System
+from ...errors import GainroomError
+from ...robot.robot import Posture, Robot
+from ...system.system import System
 from .limits import StateLimits
 from .local_pool import cores, in_processes, in_this_process
 from .plan import SweepPlan

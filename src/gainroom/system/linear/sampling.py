@@ -5,8 +5,8 @@ The formulas, and why they need 96 digits, are in native/include/gainroom/sampli
 
 import numpy as np
 
-from ..errors import GainroomError
-from ..native import _core
+from ...errors import GainroomError
+from ...native import _core
 from .transfer_function import Factored
 
 FASTEST = 50.0  # growth rate of a pole times the tick: e^50 exceeds what a double resolves, let alone what a controller can hold

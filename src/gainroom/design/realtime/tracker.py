@@ -12,19 +12,19 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..analysis.gain_limit import gain_limit
-from ..errors import GainroomError, first_of_many, nearest
-from ..linear.arrays import Floats
-from ..native import _core
-from ..robot.body import library
-from ..system.controller import PD, Controller
-from ..system.requirements import Requirements
-from ..system.system import Control, System
+from ...analysis.gain_limit import gain_limit
+from ...errors import GainroomError, first_of_many, nearest
+from ...native import _core
+from ...robot.body import library
+from ...system.controller import PD, Controller
+from ...system.linear.arrays import Floats
+from ...system.requirements import Requirements
+from ...system.system import Control, System
 from .carried import joint_table, require_carried
 
 if TYPE_CHECKING:
-    from ..robot.contact import Contact
-    from ..robot.robot import Robot
+    from ...robot.contact import Contact
+    from ...robot.robot import Robot
 
 SETTLING, WIDENING = 20_000, 1000
 """Ticks within which the first certificate of a contact state has to come, at construction, and after it."""

@@ -8,9 +8,9 @@ from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
-from ..errors import GainroomError, first_of_many, nearest
-from ..linear.arrays import Floats
-from ..robot.body import RigidBody
+from ...errors import GainroomError, first_of_many, nearest
+from ...robot.body import RigidBody
+from ...system.linear.arrays import Floats
 
 MOST_POSTURES = 1 << 30
 """As many points as Sobol's sequence has here."""

@@ -26,12 +26,12 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import GainroomError, require_finite, require_positive
-from ..linear.arrays import Floats
-from ..system.requirements import Requirements
+from ...errors import GainroomError, require_finite, require_positive
+from ...system.linear.arrays import Floats
+from ...system.requirements import Requirements
 
 if TYPE_CHECKING:
-    from ..design.robot_gains import RobotGains
+    from ..robot_gains import RobotGains
 
 RISE = 60.0
 """[dB/s]"""

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from typing import Any
 
-from ..errors import GainroomError
+from ...errors import GainroomError
 from .limits import Limits
 from .plan import SweepPlan, Task
 

@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..errors import GainroomError
-from ..io.atomic import replacement
+from ...errors import GainroomError
+from ...io.atomic import replacement
 
 LONGEST_NAME = 40
 PLAIN = frozenset(b"abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-. ")

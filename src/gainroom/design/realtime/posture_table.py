@@ -22,16 +22,16 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..analysis.gain_limit import gain_limit
-from ..errors import GainroomError, first_of_many, nearest, require_count, require_finite, require_positive
-from ..linear.arrays import Floats
-from ..system.controller import PD
+from ...analysis.gain_limit import gain_limit
+from ...errors import GainroomError, first_of_many, nearest, require_count, require_finite, require_positive
+from ...system.controller import PD
+from ...system.linear.arrays import Floats
 from .c_header import Constant, header_text, write_header
 from .scheduler import GainTable
 
 if TYPE_CHECKING:
-    from ..robot.robot import Robot
-    from ..system.system import System
+    from ...robot.robot import Robot
+    from ...system.system import System
 
 MOST_FEATURES, MOST_POINTS = 4, 100_000
 FINE, OUTSIDE, NO_POSTURE, NO_CONTACT = range(4)
@@ -186,7 +186,7 @@ class PostureTable:
         write_header(Path(path), header_text(name, sizes, self._constants(day)))
 
     def _constants(self, day: str) -> list[Constant]:
-        from .. import __version__
+        from ... import __version__
 
         rows = len(self.contacts)
         return [

@@ -11,21 +11,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..analysis.first_crossing import SEARCH
-from ..analysis.gain_limit import gain_limit
-from ..analysis.modal_loop import ModalLoop
-from ..analysis.proved_limit import posture_limits
-from ..errors import GainroomError
-from ..linear.arrays import Booleans, Floats, Integers
-from ..native import _core
-from ..robot.body import RigidBody, is_continuous, library
-from ..robot.linearize import linearize
-from ..robot.robot import Robot
-from ..system.assembly import current_loop
-from ..system.mode_functions import APART, INEXACT
-from ..system.modes import ModeStacks, posture_modes
-from ..system.plant import OFF_MODES
-from ..system.system import System
+from ...analysis.first_crossing import SEARCH
+from ...analysis.gain_limit import gain_limit
+from ...analysis.modal_loop import ModalLoop
+from ...analysis.proved_limit import posture_limits
+from ...errors import GainroomError
+from ...native import _core
+from ...robot.body import RigidBody, is_continuous, library
+from ...robot.linearize import linearize
+from ...robot.robot import Robot
+from ...system.assembly import current_loop
+from ...system.linear.arrays import Booleans, Floats, Integers
+from ...system.mode_functions import APART, INEXACT
+from ...system.modes import ModeStacks, posture_modes
+from ...system.plant import OFF_MODES
+from ...system.system import System
 
 SOMEWHERE = 1j * np.array([0.7, 1.3, 2.1])
 """s [rad/s] at one of which motors that move at all do."""

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..linear.arrays import Floats, Integers
-from ..robot.robot import Posture, Robot
-from ..system.system import System
+from ...robot.robot import Posture, Robot
+from ...system.linear.arrays import Floats, Integers
+from ...system.system import System
 from .limits import Limits
 from .plan import SweepPlan, Task
 

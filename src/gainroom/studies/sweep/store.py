@@ -19,9 +19,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import GainroomError, one_line
-from ..io.run_files import at_last
-from ..linear.arrays import Floats
+from ...errors import GainroomError, one_line
+from ...io.run_files import at_last
+from ...system.linear.arrays import Floats
 from .limits import Limits
 from .plan import SweepPlan, Task
 
@@ -205,7 +205,7 @@ def _draw_columns(plan: SweepPlan) -> Iterator[tuple[str, Floats, str]]:
 
 def _about(plan: SweepPlan) -> dict[str, Any]:
     """Provenance, and what is needed to go on."""
-    from .. import __version__
+    from ... import __version__
 
     return {
         "format": FORMAT,

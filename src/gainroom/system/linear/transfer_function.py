@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import GainroomError
-from ..native import _core
+from ...errors import GainroomError
+from ...native import _core
 from .arrays import Complexes, Floats
 
 _NO_ROOTS = np.zeros(0, dtype=complex)

@@ -5,13 +5,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..errors import GainroomError
-from ..linear.arrays import Floats
-from ..system.controller import PD
-from ..system.system import System
+from ...errors import GainroomError
+from ...system.controller import PD
+from ...system.linear.arrays import Floats
+from ...system.system import System
 
 if TYPE_CHECKING:
-    from ..robot.robot import Robot
+    from ...robot.robot import Robot
 
 
 def joint_table(robot: "Robot", system: System) -> Floats:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..linear.arrays import Floats
+from ...system.linear.arrays import Floats
 from .plan import SweepPlan
 from .summary import SweepSummary, SweptPosture
 
