@@ -111,12 +111,12 @@ def column_table(title: str, columns: Sequence["Column"], rows: Iterable[Any], d
 
 
 def verdict_parts(study: Any, to_use: Any) -> list[Any]:
-    """What stands first: every requirement at its worst, gains to use, and what is said of them."""
+    """What stands first: gains to use with what is said of them, and every requirement at its worst."""
     from ..report.verdict import judged, judged_columns
 
     rows, drops = judged(study, to_use.margins), ("at", "nominal", to_use.column, "required")
-    parts: list[Any] = [column_table("", judged_columns(study, to_use), rows, drops=drops)]
-    return [*parts, *do_this(to_use)] if to_use.lines else parts
+    table = column_table("", judged_columns(study, to_use), rows, drops=drops)
+    return [*do_this(to_use), table] if to_use.lines else [table]
 
 
 def folded_parts(found: "Advice") -> list[Any]:

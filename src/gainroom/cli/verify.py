@@ -76,14 +76,13 @@ def _facts(result: "Verification") -> dict[str, Any]:
 
 
 def _terminal(result: "Verification", judge: str, report: Path | None) -> str:
-    from ..report.verification_text import FREQUENCY_TABLE, GAIN_TABLE, sentence, what_to_do
+    from ..report.verification_text import SHORT, sentence, what_to_do
 
     return render(
         sentence(result),
         *do_this(what_to_do(result, judge)),
         "",
-        column_table("Factor on all gains at which vibration starts", GAIN_TABLE, result.cases, ("allowed", "difference")),
-        column_table("Its frequency", FREQUENCY_TABLE, result.cases, ("allowed", "difference", "method")),
+        column_table("Factor on all gains at which vibration starts, and its frequency", SHORT, result.cases, ("difference", "method")),
         *(f"Left out: {warning}" for warning in result.warnings),
         *closing({"Report": report}, ()),
     )

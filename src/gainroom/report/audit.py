@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..errors import listed
+from ..errors import apart, listed
 from ..studies.audit import Audit
 from ..system.requirements import REQUIREMENTS, Requirements, enough
 from .audit_headroom import PATHS, deciding, headroom, headroom_rows
@@ -152,14 +152,14 @@ def _cards(result: Audit) -> list[Card]:
         first = margin_card(asked, "gain_margin", limit.gain, f"all gains together, {at}")
     delay = Card(
         "vibrates from a delay of",
-        digits(1e3 * result.delay_limit, "", 3),
+        digits(1e3 * result.delay_limit, "", apart(result.delay_limit, result.system.delay, 3)),
         "ms" if math.isfinite(result.delay_limit) else "",
-        f"≥ {digits(1e3 * (result.system.delay + result.delay_margin), 'ms', 3)}, its delay {digits(1e3 * result.system.delay, 'ms', 3)}",
+        f"≥ {digits(1e3 * result.delay_margin, 'ms', 3)} above the given {digits(1e3 * result.system.delay, 'ms', 3)}",
         None if math.isnan(result.least_extra_delay) else result.stable and enough(result.least_extra_delay, result.delay_margin),
     )
     joints = [joint.name for joint in result.by_headroom if not joint.safe]
     states = [state.contact for state in result.states if not result.enough_in(state)]
-    judged = listed([state.contact for state in result.states])
+    judged = listed([state.contact if state.model.contacts else f"{state.contact} (no contacts)" for state in result.states])
     return [
         first,
         delay,

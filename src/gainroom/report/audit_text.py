@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from ..analysis.margin_record import PathMargins
-from ..errors import beside, frequency_text, listed
+from ..errors import apart, beside, frequency_text, listed
 from ..studies.analysis import USUAL_RATE, typed_factor
 from ..studies.audit import Audit, GainsToUse
 from ..studies.state import HELD
@@ -109,7 +109,7 @@ def _short_of_gain(result: Audit) -> str:
     one = REQUIREMENTS["gain_margin"]
     alone, less = one.text(first.gain_limit), ""
     if first.gain_limit < value and alone != one.text(value):
-        less = f" ({alone} of {first.name} by itself)" if first.gain_limit >= 1 else f" ({first.name} by itself is unstable)"
+        less = f" ({alone} of {first.name} by itself)" if first.gain_limit >= 1 else f" (with {first.name}'s loop alone it is unstable)"
     return f"{short_text(asked, {'gain_margin': value})}{whose}{at}{_mainly(result)}{less}"
 
 
@@ -130,7 +130,8 @@ def reason(result: Audit) -> str:
     worst, where = result.tightest, worst_gearboxes(result)
     limit, delay = worst.limit, "The delay limit is not known."
     if math.isfinite(result.delay_limit):
-        delay = f"With these gains vibration starts at {1e3 * result.delay_limit:.3g} ms of delay (given: {_given(result)})."
+        least = apart(result.delay_limit, result.system.delay, 3)
+        delay = f"With these gains vibration starts at {1e3 * result.delay_limit:.{least}g} ms of delay (given: {_given(result)})."
         delay = "These gains are unstable without delay, too." if result.delay_limit == 0 else delay
     elif math.isinf(result.delay_limit):
         delay = "No delay makes these gains vibrate."
@@ -148,6 +149,7 @@ def reason(result: Audit) -> str:
     about = f"{at}{_mainly(result)}" if result.safe or missed_besides(result) else ""
     factors, levels = (limit.gain, result.margin), (to_db(limit.gain), to_db(result.margin))
     factor, level = (f"{pair[0]:.3g}" if result.enough_gain_in(worst) else beside(*pair) for pair in (factors, levels))
+    factor = factor if factor != "1" else beside(limit.gain, 1.0)
     start = f"Vibration starts at {factor} × these gains ({level} dB){about}"
     start = "No common factor on all gains makes it vibrate" if math.isinf(limit.gain) else start
     if worst.margins.paths is not None and worst.margins.paths.headroom < limit.gain:
@@ -164,7 +166,9 @@ def what_to_do(result: Audit, call: str = "gainroom audit MODEL --delay-ms MS") 
         return _not_yet(result, found, call)
     if found is not None:
         again = " Audit them over the range again, where other gearboxes may be the worst." if result.over is not None else ""
-        return Advice(f"{_multiply(result, found)}; then {_required(result)}.{again}", _gain_file(result, found))
+        rigid = ", with rigid gearboxes," if result.assumed_rigid.all() else ""
+        heading = f"{_multiply(result, found)}; then{rigid} {_required(result)}.{again} As a file for `--gains` and `export`:"
+        return Advice(heading, _gain_file(result, found))
     if result.tightest.limit.gain == 0 and np.any(actuators.damping[np.isfinite(actuators.stiffness)] == 0):
         return Advice("Measure the gearboxes' damping, and audit again with `--damping`.")
     alone = f"× {result.gain_scale:.3g} the gain margin alone"

@@ -14,7 +14,7 @@ from ..studies.joint import JointStudy
 from ..system.plausibility import unusual_values
 from ..system.requirements import REQUIREMENTS, title_of, to_db
 from ..system.system import System
-from .margin_columns import margin_value, stable_but
+from .margin_columns import short_text, stable_but
 from .number_format import digits, own_gains, plane_names, quantity
 
 AT_USUAL = f"{USUAL_RATE / 1e3:g} kHz"
@@ -51,12 +51,13 @@ def sentence(study: JointStudy) -> str:
     if study.margins.stable:
         text = verdict_text(study)
         if math.isinf(limit.gain):
-            return f"{text} No common factor on these gains makes the modelled joint vibrate."
+            return f"{text} No common factor on these gains makes the modelled joint vibrate.{at_usual_rate_text(study)}"
         if study.system.uncertainty.names:
             there = f", at {frequency_text(worst.frequency)}" if math.isfinite(worst.frequency) else ""
             nominal = f"nominally at {limit.gain:.3g} ×{at}"
             return f"{text} Vibration starts at {worst.gain:.3g} × these gains in the worst case{there}; {nominal}."
-        return f"{text} Vibration starts at {limit.gain:.3g} × these gains ({to_db(limit.gain):.3g} dB){at}."
+        start = vibration_starts(study)
+        return f"{text} {start} at {limit.gain:.3g} × these gains ({to_db(limit.gain):.3g} dB){at}.{at_usual_rate_text(study)}"
     if limit.gain > 0 and math.isfinite(limit.gain):
         return (
             f"Not safe: unstable. Scaled together, these gains are stable only below {limit.gain:.3g} ×, with no margin "
@@ -102,12 +103,12 @@ def verdict_text(study: Analysis, where: str = "") -> str:
         time = " in continuous time" if study.rate_is_missing else ""
         known = _known_to_fail(study)
         start = stable_but(known, time) if known else f"Not decided{time}"
-        return f"{start}{_failing(study)}.{_at_usual_rate(study)}"
+        return f"{start}{_failing(study)}."
     if not study.system.requirements.asked:
         return f"Not decided: stable{where}, but no margin is required (`limits`)."
     met = f"every requirement is met{_over_ranges(study, '' if study.requirements_met else ' examined')}{_tightest_text(study)}"
     if study.rate_is_missing:
-        return f"Not decided: the file has no rate, and any rate costs margin. In continuous time{where} {met}.{_at_usual_rate(study)}"
+        return f"Not decided: the file has no rate, and any rate costs margin. In continuous time{where} {met}."
     return f"Safe{where}: {met}."
 
 
@@ -121,11 +122,15 @@ def _over_ranges(study: Analysis, proved: str = "") -> str:
     return f" in the worst case of uncertain {listed(_titles(study))}{proved}" if study.system.uncertainty.names else ""
 
 
-def _at_usual_rate(study: Analysis) -> str:
+def vibration_starts(study: Analysis) -> str:
+    """How the sentence on the gain limit begins: in continuous time it is another one than at the rate of a loop."""
+    return "In continuous time vibration starts" if study.rate_is_missing else "Vibration starts"
+
+
+def at_usual_rate_text(study: Analysis) -> str:
     """What the present gains are known to miss in a usual loop, a sentence; "" where that is nothing."""
-    found, asked = study.missed_at_usual_rate, study.system.requirements
-    values = [f"{REQUIREMENTS[name].heading} {margin_value(asked, name, value, False, 3)}" for name, value in found.items()]
-    return f" At {AT_USUAL} these gains have {', '.join(values)}." if values else ""
+    missed = short_text(study.system.requirements, study.missed_at_usual_rate)
+    return f" At a rate of {AT_USUAL}, for example, these gains have {missed}." if missed else ""
 
 
 def _failing(study: Analysis) -> str:

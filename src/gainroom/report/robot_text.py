@@ -12,7 +12,7 @@ from ..studies.robot import RobotStudy
 from ..studies.state import State, task_headroom
 from ..system.controller import gain_matrix
 from ..system.system import System
-from .joint_text import CONTINUOUS, NOT_EVERYWHERE, lost_at_usual_rate, verdict_text
+from .joint_text import CONTINUOUS, NOT_EVERYWHERE, at_usual_rate_text, lost_at_usual_rate, verdict_text, vibration_starts
 from .joint_text import severity as severity_of_loops
 from .margin_columns import short_text
 from .recommended_gains_text import weight_warnings
@@ -60,7 +60,7 @@ def _weak_tasks(study: RobotStudy) -> list[str]:
     limit = state.task_limit
     at = f", {frequency_text(limit.frequency)}" if math.isfinite(limit.frequency) else ""
     short = short_text(study.system.requirements, {"gain_margin": limit.gain})
-    return [f"If you run the file's tasks (control.space: task): stable, but {short} in {state.title}{at}."]
+    return [f"The file's tasks, where you run them in place of these joint gains (control.space: task): {short} in {state.title}{at}."]
 
 
 def _uncontrolled(study: RobotStudy) -> list[str]:
@@ -85,9 +85,10 @@ def _verdict(study: RobotStudy) -> str:
         if study.without_limit and not math.isfinite(limit.gain):
             return start
         if math.isinf(limit.gain):
-            return f"{start} No common factor up to 1000 on these gains makes the modelled robot vibrate."
-        nominally = "Nominally, vibration" if study.system.uncertainty.names else "Vibration"
-        return f"{start} {nominally} starts at {limit.gain:.3g} × these gains, at {at} {where}, mainly {joints}.{_coupling(worst)}"
+            return f"{start} No common factor up to 1000 on these gains makes the modelled robot vibrate.{at_usual_rate_text(study)}"
+        begins = "Nominally, vibration starts" if study.system.uncertainty.names else vibration_starts(study)
+        limited = f"{begins} at {limit.gain:.3g} × these gains, at {at} {where}, mainly {joints}.{_coupling(worst)}"
+        return f"{start} {limited}{at_usual_rate_text(study)}"
     start = f"Not safe: unstable{every}" if count == 1 else f"Not safe: unstable in {unstable} of {count} states{act}"
     if math.isnan(limit.gain):
         return f"{start}: the robot vibrates {where}."

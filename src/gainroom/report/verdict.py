@@ -1,6 +1,7 @@
 """What stands first, of one joint and of a robot: every requirement at its worst, and the gains to use."""
 
 import math
+import shlex
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +12,7 @@ from ..studies.analysis import USUAL_RATE, Analysis
 from ..studies.joint import JointStudy
 from ..system.requirements import REQUIREMENTS, Requirements
 from .columns import Column, tabulated, yes
-from .gains_to_use import joint_gains, kept, robot_gains
+from .gains_to_use import joint_gains, kept, robot_gains, typed
 from .joint_text import AT_USUAL
 from .margin_columns import margin_value, requirement, short_text
 from .number_format import digits, hertz, own_gains, span
@@ -23,6 +24,7 @@ from .what_to_do import advice_box as advised
 if TYPE_CHECKING:  # what a robot's study needs is not loaded for a joint's
     from ..studies.robot import RobotStudy
 
+STATE = "posture/contact"
 MOST_WARNINGS = 3
 """That a terminal shows without being asked for all."""
 
@@ -96,7 +98,7 @@ def judged_columns(study: Analysis, use: "ToUse") -> list[Column]:
         Column("required", "", lambda row: row.required),
         Column("met", "", lambda row: "" if row.met is None else yes(row.met)),
         Column("at", "", lambda row: hertz(row.omega) if math.isfinite(row.omega) else ""),
-        *([Column("in", "", lambda row: row.where)] if several else []),
+        *([Column(STATE, "", lambda row: row.where)] if several else []),
         *([Column(use.column, "", lambda row: row.to_use)] if use.margins is not None else []),
     ]
 
@@ -124,17 +126,22 @@ def joint_to_use(study: JointStudy, call: str = "gainroom joint FILE") -> ToUse:
     present, lines = study.system.control.controller, _beside(best.controller, study.system.control.controller)
     remarks = [] if best.proved else ["Searched over the uncertainty, not proved."]
     if usual is not None and usual.requirements_met is False:
-        again, folded = usual.recommended, (_not_at_usual_rate(usual.in_range.margins, asked, "`control`"), lines)
+        again, folded = usual.recommended, (_not_at_usual_rate(usual.in_range.margins, asked, "control"), lines)
         if again is None:
             return replace(_state_rate(call), folded=folded)
-        heading = f"The file has no rate. For a loop at {AT_USUAL} use, under `control`:"
-        remarks = [f"At another rate: write it as `sample_rate_hz` under `control`, and run `{call}` again."]
+        heading = f"The file has no rate. For a loop at {AT_USUAL} use, {_place(call, 'control')}:"
+        remarks = ["Your loop has another rate? Write it there and run this command again."]
         return ToUse(heading, [SAMPLED, *_beside(again.controller, present)], remarks, folded, again.worst, f"to use at {AT_USUAL}")
     if usual is not None:
         remarks.append(f"At {AT_USUAL} these keep {kept(usual.in_range.margins, asked)}. {STATE_RATE}")
     elif study.system.control.sampling_in_delay:
-        remarks.append("The delay contains hold and velocity difference, as the file says: these gains are for the sampled loop, too.")
-    return ToUse(_heading(study, "control"), lines, remarks, margins=best.worst)
+        remarks.append("The file's delay already contains hold and velocity difference, so all this holds for the sampled loop, too.")
+    return ToUse(_heading(study, _place(call, "control")), lines, remarks, margins=best.worst)
+
+
+def _place(call: str, section: str) -> str:
+    """Where lines go: "in joint.yaml under `control`"; the file is the last word of its command."""
+    return f"in {shlex.split(call)[-1]} under `{section}`"
 
 
 def _beside(controller: Any, present: Any) -> list[str]:
@@ -142,7 +149,7 @@ def _beside(controller: Any, present: Any) -> list[str]:
     now = {name: value for name, value, _ in own_gains(present)} if type(present) is type(controller) else {}
     lines, units = joint_gains(controller), [unit for _, _, unit in own_gains(controller)]
     width = max(map(len, lines))
-    said = [f"now {digits(now[name], '', 4)}" if name in now else "" for name, _, _ in own_gains(controller)]
+    said = [f"now {typed(now[name])}" if name in now else "" for name, _, _ in own_gains(controller)]
     return [f"{line:{width}}  # {', '.join(filter(None, parts))}".rstrip(" #") for line, *parts in zip(lines, units, said, strict=True)]
 
 
@@ -155,14 +162,14 @@ def robot_to_use(study: "RobotStudy", call: str = "gainroom robot FILE") -> ToUs
     own, joints = study.controllers_to_use, gains.space == "joint"
     lines, place, now = robot_gains(gains.names, own, gains.space), "control" if joints else "tasks", _now(study, own[0]) if joints else ""
     if usual is not None and not asked.met_by(usual):
-        return replace(_state_rate(call), folded=(_not_at_usual_rate(usual, asked, f"`{place}`{now}"), lines))
+        return replace(_state_rate(call), folded=(_not_at_usual_rate(usual, asked, f"{place}{now}"), lines))
     if found.without_weight:
         remarks.append("Found without the robot's weight: see the warning.")
     if usual is not None:
         remarks.append(f"At {AT_USUAL} these keep {kept(usual, asked)}. {STATE_RATE}")
     if study.raised:
         remarks.append(f"Some rise by more than {study.tightest.limit.gain:.3g} ×: that limit is for all gains by one factor.")
-    return ToUse(_heading(study, place, now), lines, remarks, margins=study.margins_to_use)
+    return ToUse(_heading(study, f"{_place(call, place)}{now}"), lines, remarks, margins=study.margins_to_use)
 
 
 def _now(study: "RobotStudy", recommended: Any) -> str:
@@ -181,28 +188,29 @@ STATE_RATE = f"State the loop's rate under `control`, such as `{SAMPLED}`."
 
 def _state_rate(call: str) -> ToUse:
     """What to do where gains hold at no rate yet."""
-    heading = f"The file has no rate, and gains for continuous time fail at {AT_USUAL}. Write your loop's rate under `control`, such as "
-    return ToUse(f"{heading}`{SAMPLED}`, then run this for gains that hold at it:", [call])
+    reason = f"The file has no rate, and gains found for continuous time would fail at {AT_USUAL}, so none are shown."
+    return ToUse(f"{reason} Write your loop's rate {_place(call, 'control')}, such as `{SAMPLED}`, and run:", [call])
 
 
 def _not_at_usual_rate(margins: Margins, asked: Requirements, place: str) -> str:
     """Why gains for continuous time are not to be used."""
     values = {one.name: one.value(margins) for one, needed in asked.asked_for if not one.met(needed, one.value(margins))}
-    fails = f"{short_text(asked, values)} {'fail' if len(values) > 1 else 'fails'}" if margins.stable else "unstable there"
-    return f"Gains for continuous time alone. Not at {AT_USUAL}: {fails}. Under {place}:"
+    fails = short_text(asked, values) if margins.stable else "unstable"
+    return f"Other gains, only for a loop as good as continuous (at {AT_USUAL}: {fails}); under {place}:"
 
 
-def _heading(study: Analysis, place: str, units: str = "") -> str:
-    where = f"under `{place}`{units}:"
+def _heading(study: Analysis, place: str) -> str:
     if study.requirements_met is False:
-        return f"Use instead, {where}"
-    return f"The present gains may stay. The stiffest that meet the requirements, {where}"
+        return f"Use instead, {place}:"
+    return f"The present gains may stay. The stiffest that meet the requirements, {place}:"
 
 
 def advice_box(study: "JointStudy | RobotStudy", found: ToUse) -> Html | str:
     """What to do, on a page: gains to copy, with every requirement before and after; "" where there are none."""
     if not found.lines:
         return ""
-    columns = [column for column in judged_columns(study, found) if column.title not in ("at", "in")]
+    if found.margins is None:  # the cards say as much
+        return advised(found)
+    columns = [column for column in judged_columns(study, found) if column.title not in ("at", STATE)]
     marks = {"yes": "met", "no": "unmet"}
     return advised(found, table(*tabulated(columns, judged(study, found.margins)), marks=marks, sorts=False))

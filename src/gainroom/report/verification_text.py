@@ -1,6 +1,7 @@
 """The outcome of a verification in sentences, and its cases as columns."""
 
 import math
+from dataclasses import replace
 
 from ..errors import apart, frequency_text, listed
 from ..studies.verification import Case, Verification
@@ -22,7 +23,8 @@ def sentence(result: Verification) -> str:
     at = f" at {frequency_text(least.predicted_frequency)}" if math.isfinite(least.predicted_frequency) else ""
     where = f" in {least.what}" if result.of_robot else ""
     short = short_text(asked, {"gain_margin": least.predicted_gain})
-    return f"Stable, but a requirement fails{at_nominal(result)}: {short}{at}{where}. {_compared_text(result)}"
+    fails = f"Stable, but a requirement fails{at_nominal(result)}: {short}{at}{where}"
+    return f"{fails}; phase margin and Ms are not judged here. {_compared_text(result)}"
 
 
 def at_nominal(result: Verification) -> str:
@@ -40,7 +42,7 @@ def what_to_do(result: Verification, judge: str = "") -> Advice | None:
     if not least.predicted_gain > 1:
         return Advice("These gains are UNSTABLE, beyond a limit that may be relied on. Find gains that meet every requirement:", [judge])
     if least.enough is False:
-        return Advice("Find gains that meet every requirement, also phase margin and Ms, which are not judged here:", [judge])
+        return Advice("Find gains that meet every requirement:", [judge])
     ranges = ", in the file's ranges too" if result.uncertain else ""
     return Advice(f"The limit may be relied on. It is one margin of several; judge all{ranges}:", [judge])
 
@@ -113,7 +115,8 @@ def _compared(quantity: str, key: str, unit: str, significant: int, scale: float
         def value(case: Case) -> float:
             return getattr(case, f"{how}_{quantity}")
 
-        return Column(f"{how}{unit}", f"{how}_{key}", value, shown=lambda case: digits(scale * value(case), significant=significant))
+        shown = f"{how} [{unit}]"
+        return Column(shown, f"{how}_{key}", value, shown=lambda case: digits(scale * value(case), significant=significant))
 
     def difference(case: Case) -> float:
         return getattr(case, f"{quantity}_difference")
@@ -122,20 +125,17 @@ def _compared(quantity: str, key: str, unit: str, significant: int, scale: float
     return [column("predicted"), column("simulated"), shown]
 
 
-def _agrees(quantity: str) -> Column:
-    return Column("agrees", "", lambda case: yes(abs(getattr(case, f"{quantity}_difference")) <= case.tolerance))
-
-
 WITNESSES = {"linear": "linear simulation", "mujoco": "MuJoCo"}
 """By Case.witness."""
 NAMED = [Column("case", "what", lambda case: case.what), Column("method", "witness", lambda case: case.witness)]
-GAIN = _compared("gain", "gain", "", 6)
-FREQUENCY = _compared("frequency", "frequency_rad_s", " [Hz]", 5, 0.5 / math.pi)
+GAIN = _compared("gain", "gain", "×", 6)
+FREQUENCY = _compared("frequency", "frequency_rad_s", "Hz", 5, 0.5 / math.pi)
 ALLOWED = Column("allowed", "tolerance", lambda case: case.tolerance, shown=lambda case: f"{digits(100 * case.tolerance)} %")
-CASE = [*NAMED, *GAIN, *FREQUENCY, ALLOWED, Column("agrees", "agrees", lambda case: case.agrees, shown=lambda case: yes(case.agrees))]
+AGREES = Column("agrees", "agrees", lambda case: case.agrees, shown=lambda case: yes(case.agrees))
+CASE = [*NAMED, *GAIN, *FREQUENCY, ALLOWED, AGREES]
 """A case of a verification."""
-GAIN_TABLE, FREQUENCY_TABLE = [*NAMED, *GAIN, ALLOWED, _agrees("gain")], [*NAMED, *FREQUENCY, ALLOWED, _agrees("frequency")]
-"""The same by quantity."""
+SHORT = [*NAMED, *GAIN, replace(FREQUENCY[1], title="at [Hz]"), AGREES]
+"""The same on a terminal."""
 
 
 def size(value: float) -> float:

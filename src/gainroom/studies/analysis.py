@@ -96,10 +96,13 @@ class Analysis:
 
     @property
     def unmet(self) -> dict[str, State]:
-        """The requirements that are not met in every state and case, each with the worst state; empty for an unstable system."""
-        asked = self.system.requirements
-        missed = {name: state for name, state in self.worst.items() if asked.met(name, self.least(state, name)) is False}
-        return missed if self.stable_in_range else {}
+        """The requirements that are not met in every state and case, each with the worst state, what is missed most first.
+
+        Empty for an unstable system.
+        """
+        asked, short = self.system.requirements, self._shortfalls
+        missed = {name: self.worst[name] for name in short if asked.met(name, self.least(self.worst[name], name)) is False}
+        return dict(sorted(missed.items(), key=lambda item: -short[item[0]]))
 
     @property
     def requirements_met(self) -> bool | None:
@@ -150,9 +153,14 @@ class Analysis:
     @property
     def decisive(self) -> str:
         """The requirement that is missed most, or where all are met the tightest; "" of an unstable system, and where none is asked for."""
-        asked = self.system.requirements.asked_for if self.stable_in_range else ()
-        short = {one.name: one.shortfall(needed, self.least(self.worst[one.name], one.name)) for one, needed in asked}
+        short = self._shortfalls
         return max(short, key=short.__getitem__, default="")
+
+    @property
+    def _shortfalls(self) -> dict[str, float]:
+        """By how much each requirement is missed in its worst state, as Requirement.shortfall has it; empty for an unstable system."""
+        asked = self.system.requirements.asked_for if self.stable_in_range else ()
+        return {one.name: one.shortfall(needed, self.least(self.worst[one.name], one.name)) for one, needed in asked}
 
 
 def typed_factor(factor: float) -> float:

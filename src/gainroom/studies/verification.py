@@ -148,7 +148,7 @@ def spaces(system: System) -> Iterator[System]:
 def _jobs(system: System, warnings: list[str]) -> Iterator[Job]:
     """The cases of one space; what is left out goes to `warnings`."""
     for posture, contact, loop in _states(system):
-        name = f"{posture}/{contact}: {system.control.space} space" if posture else "one joint"
+        name = f"{posture}/{contact} ({system.control.space} space)" if posture else "one joint"
         yield name, lambda name=name, loop=loop: linear_case(name, loop)
         if system.source.body is None:
             continue
