@@ -125,7 +125,7 @@ def test_the_page_carries_answer_then_reason_in_order(sound: Outcome, sound_page
     own = unescape(without_library(sound_page))
     wanted = (
         sentence(sound).partition(". ")[0],
-        "In time",
+        "Over time",
         "Initial and final posture",
         "Channel by channel",
         "Joints",
@@ -176,7 +176,7 @@ def test_what_fails_comes_first(sound: Outcome, sound_page: str):
     assert np.abs(drawn(hero, "error")["y2"][1]).max() == pytest.approx(1e3 * np.abs(run.error[:, worst]).max(), rel=1e-5)
     (band,) = hero["layout"]["shapes"]
     assert (band["yref"], band["y0"], band["y1"]) == ("y2", pytest.approx(-20 * move[worst]), pytest.approx(20 * move[worst]))
-    (advised,) = re.findall(r"An error is left in (.*?): where those gains leave one, too,", body)
+    (advised,) = re.findall(r"This run leaves an error in (.*?)\. If the new gains do, too,", body)
     assert name in advised
     left_over = [run.channels[k] for k in range(3) if left[k] > 0.02 * move[k] and np.isinf(sound.tracking.settling_time[k])]
     assert re.split(", | and ", advised) == left_over

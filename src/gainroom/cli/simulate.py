@@ -11,7 +11,7 @@ import typer
 from ..report.number_format import digits
 from .interrupts import Stopped, stop_signals
 from .options import AsJson, Report, Verbose, command_line, kind_of, number_option, refuse_inputs, report_stream
-from .output import closing, do_this, few, render, show, table
+from .output import closing, column_table, do_this, few, render, show, table
 from .progress import progress_bar
 
 if TYPE_CHECKING:
@@ -152,11 +152,13 @@ def _facts(outcome: "Outcome", log: Path | None) -> dict[str, Any]:
 
 def _terminal(outcome: "Outcome", call: str, judge: str, report: Path | None, log: Path | None, verbose: bool) -> str:
     """`call`, `judge`: see what_to_do; `verbose`: also torques, and the vibration beside the linear loop's."""
+    from ..report.columns import Column
     from ..report.simulation_advice import what_to_do
     from ..report.simulation_text import TRACKING, limit_text, sentence, tracking_cells, vibration_text, warnings
 
     run = outcome.run
     tracking = [(f"{channel} [m{run.units[k]}]", *tracking_cells(outcome, k)) for k, channel in enumerate(run.channels)]
+    columns = [Column(title, "", lambda row, k=k: row[k]) for k, title in enumerate(("", *TRACKING))]
     hardest = sorted(range(len(run.joint_names)), key=lambda k: -outcome.torque_peak[k])[:MOST_JOINTS]
     torques = [
         (run.joint_names[k], *(digits(float(values[k]), run.torque_units[k], 3) for values in (outcome.torque_peak, outcome.torque_rms)))
@@ -167,7 +169,7 @@ def _terminal(outcome: "Outcome", call: str, judge: str, report: Path | None, lo
         sentence(outcome),
         *do_this(what_to_do(outcome, call, judge)),
         "",
-        table(f"Tracking, {run.feedback} side ({outcome.spec.kind}, {rate})", ("", *TRACKING), tracking),
+        column_table(f"Tracking, {run.feedback} side ({outcome.spec.kind}, {rate})", columns, tracking),
     ]
     more = [
         table("Joints with the largest torques" if len(run.joint_names) > 1 else "Torque", ("", "torque peak", "RMS"), torques),

@@ -33,7 +33,7 @@ def diagnosis_page(found: Diagnosis, log: str, command: str) -> str:
         sections.append(Section("What to do", [paragraph(text) for text in texts]))
     if found.causes:
         sections.append(Section("Why", [_causes(found)]))
-    sections.append(Section("In time", [_in_time(found), *([_close_up(found)] if found.oscillation is not None else [])]))
+    sections.append(Section("Over time", [_in_time(found), *([_close_up(found)] if found.oscillation is not None else [])]))
     sections.append(Section("Frequencies", [_spectrogram(found), _spectrum(found)]))
     sections.append(Section("Inputs and assumptions", [facts(_inputs(found, log)), _assumptions()]))
     sections.append(Section("Command", [block(command)]))

@@ -28,7 +28,7 @@ def joint_page(study: JointStudy, command: str, call: str = "gainroom joint FILE
         Section("Gain map", [gain_map(study)]),
         Section("Why: the open loop", [*map(paragraph, filter(None, [cause(study)])), bode(study, shown)]),
         Section("Nyquist plot", [nyquist(study, shown)], "the open loop beside −1, and what the requirements exclude"),
-        Section("In time", [time_response(study)], "responses to a step and to a disturbance"),
+        Section("Over time", [time_response(study)], "responses to a step and to a disturbance"),
         Section("Margins", [margin_table(study), *_recommended(study)], "this file's gains, the recommended ones, and the 10 Hz rule's"),
         *(
             [Section("What the uncertainty costs", [uncertainty_table(study)], uncertainty_cost_text(study, ranked=False))]

@@ -45,15 +45,15 @@ def _first(outcome: Outcome) -> list[Section]:
     if outcome.vibrates:
         assert outcome.oscillation is not None
         what = f"What fails: vibration at {hertz(outcome.oscillation.found.frequency)}"
-        return [Section(what, [close_up(outcome)]), Section("In time", [whole])]
+        return [Section(what, [close_up(outcome)]), Section("Over time", [whole])]
     if not outcome.completed:
         return [Section("What fails: the robot falls" if run.ending == "fell" else "What fails: it diverges", [whole])]
     if worst is None:
-        return [Section("In time", [whole])]
+        return [Section("Over time", [whole])]
     what = f"What fails: {run.channels[worst]} does not settle within 2 % of its move"
     if len(run.channels) == 1:
         return [Section(what, [whole])]
-    return [Section(what, [channel(outcome, worst, links_over_time(outcome))]), Section("In time", [whole])]
+    return [Section(what, [channel(outcome, worst, links_over_time(outcome))]), Section("Over time", [whole])]
 
 
 def _lead(outcome: Outcome, call: str, judge: str) -> Lead:

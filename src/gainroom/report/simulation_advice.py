@@ -36,17 +36,18 @@ def what_to_do(outcome: Outcome, call: str = CALL, judge: str = "") -> Advice | 
 
 
 def _lower(outcome: Outcome, judge: str, call: str) -> Advice:
-    """The factor with which the same run has every margin."""
+    """The command that finds gains, and the factor with which the same run has every margin."""
     factor, every = outcome.gain_to_try, " in every state" if outcome.spec.kind == "mujoco" else ""
     if math.isnan(factor):
-        return Advice(f"Find gains that meet every requirement{every} (no common factor on these is known to):", [judge])
+        return Advice(f"Find gains that meet every requirement{every} (the present ones times one factor were not found to):", [judge])
     needed = outcome.spec.system.requirements.needed or {"gain_margin": USUAL}
     margins = listed([f"{(one := REQUIREMENTS[name]).heading} {one.sign} {one.text(value)}" for name, value in needed.items()])
     where = (" in this state" if outcome.spec.kind == "mujoco" else "") + (
         ", at nominal values" if outcome.spec.system.uncertainty.names else ""
     )
-    heading = f"Lower all gains together. With this factor on the file's gains the linear loop has {margins}{where}; simulate it:"
-    return Advice(heading, [f"{call} --gain {factor:g}"], [f"`{judge}` recommends gains that meet every requirement{every}."])
+    heading = f"Find gains that meet every requirement{every}; then, to see what lower gains do, this run with all of them lower:"
+    lower = f"With all gains times {factor:g} the linear loop has {margins}{where}."
+    return Advice(heading, [judge, f"{call} --gain {factor:g}"], [lower])
 
 
 def _tracking(outcome: Outcome, more: str) -> str:
@@ -60,5 +61,5 @@ def _tracking(outcome: Outcome, more: str) -> str:
     where = f" in {names}" if names else ""
     helps = "add integral action, or feed-forward of gravity and friction"
     if outcome.missed:
-        return f"An error is left{where}: where those gains leave one, too, {helps}."
+        return f"This run leaves an error{where}. If the new gains do, too, {helps}."
     return f"An error is left{where}: raise kp as far as {more} allows, {helps}."
