@@ -43,7 +43,7 @@ def application(bench: Bench, port: int, token: str = "", examples: Examples = N
 
     static = _static()
     page = (STATIC / "index.html").read_text("utf-8")
-    lanes = {name: Lane(name) for name in ("quick", "curves", "full")}
+    lanes = {name: Lane(name) for name in ("quick", "curves", "full", "text", "long")}
     open_pages: set[int] = set()
 
     async def index(request: Request) -> Response:
