@@ -96,7 +96,7 @@ function take(part) {
   if (part.part === "page") return download(part.text);
   if (part.part === "progress") return progress(part);
   if ((part.lane === "full" || part.lane === "search") && part.key !== page.key) return undefined; // of gains that nobody looks at any more
-  const put = /** @type {Record<string, (part: any) => void>} */ ({ verdict, heat: (each) => states && states.take(each), mode: (each) => body && body.take(each), root: (each) => body && body.takeRoot(each), bode: curves, map: areas, before: (each) => step.takeBefore(each), step: (each) => step.take(each), use })[part.part];
+  const put = /** @type {Record<string, (part: any) => void>} */ ({ verdict, heat: (each) => states && states.take(each), mode: (each) => body && body.take(each), root: (each) => body && body.takeRoot(each), bode: (each) => { bode.take(each); nyquist.take(each); }, map: (each) => map.take(each), before: (each) => step.takeBefore(each), step: (each) => step.take(each), use })[part.part];
   if (put) put(part);
   return undefined;
 }
@@ -195,6 +195,7 @@ function robot() {
   by("map").querySelector("small").textContent = `of the chosen ${what} in this state, all others closed; drag the dot`;
   map.blue = `this ${what}'s own loop keeps the required margins in this state`;
   map.sure = "Areas: sampled, not certified; what is certified of ● is said in the verdict. ";
+  map.nowhere = `: no gains of this ${what} alone make this state stable while all others stay`;
   by("bode").querySelector("small").textContent = `of the chosen ${what}, all others closed; sampled`;
 }
 
@@ -224,7 +225,7 @@ function undo() {
 
 function snap() {
   if (by("snap").disabled || page.searching) return;
-  if (page.found && page.found.find) { page.searching = true; send({ ask: "find" }); star(); return; }
+  if (page.found && page.found.find) { page.searching = true; by("snap").textContent = "Stop the search"; send({ ask: "find" }); return; }
   if (!page.found || !page.found.gains) return;
   gesture(true);
   delete page.view.point;
@@ -299,15 +300,6 @@ function brief(part) {
   const values = part.rows.filter((/** @type {any} */ row) => row.met !== null).map((/** @type {any} */ row) => `${/^[\d.]+$/.test(row.worst) ? `${row.title.split(" ").pop()} ` : ""}${row.worst} ${row.met ? "✓" : "✗"}`);
   by("brief").textContent = [(/^(Safe|Not safe|Not decided|Stable|Unstable)/.exec(part.sentence) || [part.sentence])[0], ...new Set(values)].join(" · ");
   by("brief").className = part.tone;
-}
-
-/** @param {any} part */
-function curves(part) { bode.take(part); nyquist.take(part); }
-
-/** @param {any} part */
-function areas(part) {
-  if (part.window && JSON.stringify(part.window) !== JSON.stringify(map.window) && map.data.stable.length && !page.opening) return;
-  map.take(part);
 }
 
 /** @param {any} part */
