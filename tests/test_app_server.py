@@ -1,5 +1,6 @@
 """The page's server: what it answers, in which order, and that its numbers are the command line's."""
 
+import asyncio
 import contextlib
 import io
 import json
@@ -7,7 +8,8 @@ import random
 import threading
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 
@@ -16,6 +18,7 @@ from gainroom.app.bench import Opened
 from gainroom.app.joint_bench import JointBench
 from gainroom.app.lanes import Lane
 from gainroom.app.messages import LONGEST, View, read_message
+from gainroom.app.session import Session
 from gainroom.cli import main
 from gainroom.errors import GainroomError
 from gainroom.files.edited_text import edited
@@ -212,6 +215,24 @@ def test_of_several_questions_the_latest_is_answered():
     go.set()
     assert done.wait(PATIENCE)
     assert found == ["first, stale: True", "last, stale: False"]
+
+
+@pytest.mark.parametrize(("parts", "stale", "sent"), [
+    (["step", "map"], False, ["step", "map", "done"]), (["step", "map"], True, ["step"]), (["map", "step"], True, []),
+])  # fmt: skip
+def test_of_late_curves_one_is_shown(parts: list[str], stale: bool, sent: list[str]):
+    """In a quick drag each would be overtaken before it is there; a map of other values would be wrong, a step is a moment old."""
+    bench = SimpleNamespace(curves=lambda *_: ((name, {"plant": ""}) for name in parts))
+    found: list[str] = []
+
+    async def job() -> None:
+        session = Session(cast(Any, None), cast(Any, bench), {})
+        session._put = lambda text: found.append(json.loads(text)["part"])
+        await asyncio.to_thread(session._job, read_message('{"ask": "look", "key": 1}'), "curves", lambda: stale)
+        await asyncio.sleep(0)  # what was sent from the thread
+
+    asyncio.run(job())
+    assert found == sent
 
 
 def test_a_run_is_that_of_simulate_and_ends_where_it_is_cancelled():

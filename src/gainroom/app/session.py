@@ -94,9 +94,12 @@ class Session:
         """In a lane's thread."""
         try:
             for name, part in self._parts(ask, kind, stale):
-                if stale() and name != "opening":
+                late = stale()
+                if late and (kind != "curves" or name == "map"):
                     return
                 self._later(name, ask.key, part | {"lane": kind})
+                if late:  # a curve of a moment ago: in a quick drag every one would be, and none would follow
+                    return
             if kind == "search" and not stale():
                 self._sought = ""
             self._later("done", ask.key, {"lane": kind})

@@ -288,7 +288,7 @@ function sentences(part, current) {
     card.dataset.name = row.name;
     title.textContent = row.title + (part.basis === "certified" && page.opening.uncertain.length ? ", worst case" : "");
     value.textContent = row.worst + (row.met === null ? "" : row.met ? " ✓" : " ✗");
-    below.textContent = [row.required, row.where && !once ? `in ${row.where}` : "", row.to_use && row.to_use !== "–" && row.to_use !== row.worst && !isTaken() ? `★ ${row.to_use}` : ""].filter(Boolean).join(" · ");
+    below.textContent = [row.required, row.where && !once ? `${page.opening.kind === "robot" ? "in" : "at"} ${row.where}` : "", row.to_use && row.to_use !== "–" && row.to_use !== row.worst && !isTaken() ? `★ ${row.to_use}` : ""].filter(Boolean).join(" · ");
     card.append(title, value, below);
     if (row.place) Object.assign(card, { title: "Show where", onclick: () => states && states.visit(row.place) });
     return card;
