@@ -366,7 +366,8 @@ def test_an_untouched_view_leaves_the_file_as_it_is():
 
 def test_gains_in_an_address():
     """By name, and kp,kd as addresses of earlier versions have them."""
-    view = view_of("#gain.left_knee=kp:9,kv:30,ki:60&gain.right_knee=2000,90&at.left_knee=0.5")
+    view = view_of("#gain.left_knee=kp:9,kv:30,ki:60&gain.right_knee=2000,90&at.left_knee=0.5&payload=5&payload_at=pelvis")
+    assert (view.payload, view.payload_at) == (5.0, "pelvis")
     assert view.gains == {"left_knee": {"kp": 9.0, "kv": 30.0, "ki": 60.0}, "right_knee": {"kp": 2000.0, "kd": 90.0}}
     with pytest.raises(GainroomError, match="must be a number"):
         view_of("gain.left_knee=kp:much")
