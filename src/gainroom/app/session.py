@@ -86,7 +86,7 @@ class Session:
             self._sought = self._bench.plant(ask.view)
         self._lane(kind).put((id(self), kind), lambda stale: self._job(ask, kind, stale))
         if ask.ask == "look":
-            self._lane("curves").put((id(self), "curves"), lambda stale: self._job(ask, "curves", stale))
+            self._lane("curves").put((id(self), "curves"), lambda stale: self._job(ask, "curves", stale), patient=not ask.final)
         if ask.ask == "look" and ask.final:
             self._lane("full").put((id(self), "full"), lambda stale: self._job(ask, "full", stale))
 
