@@ -15,7 +15,7 @@ import pytest
 from app_pages import CERTIFIED, Served, open_tab, serving
 from gainroom.analysis.stability import is_stable
 from gainroom.app.address import view_of
-from gainroom.app.bench import Opened
+from gainroom.app.bench import Cancelled, Opened
 from gainroom.app.channels import Channels
 from gainroom.app.messages import View
 from gainroom.app.robot_bench import RobotBench
@@ -103,10 +103,13 @@ def test_the_page_opens_on_the_joint_that_vibrates_first(tmp_path: Path):
     assert view["joint"] == said["limiting_joints"][0]
 
 
+LIMITS = "limits: {gain_margin_db: 6.0, phase_margin_deg: 25.0, peak_sensitivity: 2.5}"
 VIEWS = (
     {"gains": {"left_knee": {"kp": 3100.5, "kd": 120.25}}, "delay_ms": 3.0},
     {"stiffness": 0.5, "posture": "crouch", "contact": "left", "sample_rate_hz": 2000},
     {"angles": {"right_knee": 1.1, "left_hip_yaw": -0.2}, "point": (2500.0, 90.0), "joint": "left_hip_roll"},
+    {"payload": 12.5, "payload_at": "left_foot", "contact": "right", "angles": {"right_knee": 0.9}},
+    {"payload": 30.0, "stiffness": 2.0},
 )
 
 
@@ -121,6 +124,67 @@ def test_the_edited_file_describes_what_is_shown(values: dict[str, Any]):
     assert np.allclose(mine, theirs, rtol=1e-9, atol=1e-12)
     before = bench.system(View())
     assert not np.allclose(before.loop(before.source.linearize(posture, contact)).response(omega), mine, rtol=1e-3)
+
+
+def test_a_payload_of_the_file_is_taken_off_and_moved():
+    """What the robot weighs in all, and where: in the view as in the file that it makes; untouched the file stays as it is."""
+    text = TEXT.replace("file: biped.urdf, ", "file: biped.urdf, payload: {frame: left_foot, mass: 4.0}, ")
+    bench, bare = bench_of(text), bench_of(TEXT).system(View()).source.body.total_mass
+    shown = bench.opening()["view"]
+    assert (shown["payload"], shown["payload_at"]) == (4.0, "left_foot")
+    assert bench.text(View.model_validate(strict(shown))) == text
+    for view, load in ((View(), 4.0), (View(payload=0.0), 0.0), (View(payload_at="pelvis"), 4.0), (View(payload=7.0), 7.0)):
+        for system in (bench.system(view), parse_robot(bench.text(view), "read.yaml")):
+            bodies = [posture.body for posture in system.source.postures.values()]
+            assert {round(body.total_mass, 9) for body in bodies} == {round(bare + load, 9)}
+            assert bodies[0].payload.get(view.payload_at or "left_foot", 0.0) == load
+    assert bench_of(TEXT).text(View(payload_at="pelvis", payload=0.0)) == TEXT
+    with pytest.raises(GainroomError, match="no frame 'nobody'"):
+        list(bench.quick(View(payload=1.0, payload_at="nobody"), None, ""))
+
+
+def test_copies_state_the_worst_of_all_states(tmp_path: Path):
+    """Whichever state is shown: the least gain limit that `gainroom robot` prints, and where; unstable in one, not to be run."""
+    bench = bench_of(TEXT.partition("limits:")[0] + "limits: {}\n")
+    states = command(tmp_path, bench.opened.text)["states"]
+    worst = min(states, key=lambda state: state["gain_limit"])
+    assert worst["gain_limit"] < 0.99 * max(state["gain_limit"] for state in states)
+    for form in ("mjcf", "ros2_control"):
+        for contact in ("double", worst["contact"]):
+            text = " ".join(bench.copied(View(contact=contact), form).split())
+            assert f"starts at {worst['gain_limit']:.3g} × these gains" in text
+            assert f"the worst of {len(states)} states" in text
+            assert any(
+                f"in {state['posture']}/{state['contact']}," in text
+                for state in states
+                if state["gain_limit"] < 1.001 * worst["gain_limit"]
+            )
+    factor = math.sqrt(worst["gain_limit"] * states[0]["gain_limit"])  # stable in the first state, and not everywhere
+    gains = {name: {key: factor * value for key, value in own.items()} for name, own in bench.opening()["view"]["gains"].items()}
+    view = View.model_validate({"gains": gains})
+    assert is_stable(bench.state(view).loop)
+    assert "UNSTABLE in " in bench.copied(view, "mjcf")
+
+
+def test_what_is_computed_of_every_state_says_what_follows_and_can_be_ended():
+    bench, view = bench_of(TYPED.format(delay=2.0, gains="kp: 2000.0, kd: 100.0", rate="").replace("limits: {}", LIMITS)), View()
+    maps = [part for name, part in bench.curves(view, None, "", True) if name == "map"]
+    assert maps == []  # of one state there are no others
+    bench = bench_of(of_tasks("pd kp: [50, 90, 200], kd: [5, 8, 15]"))
+    maps = [part for name, part in bench.curves(view, None, "", True) if name == "map"]
+    assert [part["next"] for part in maps] == ["safe", "whole", ""]
+    assert [part.get("last", False) for part in maps] == [False, False, True]
+    first = [part for name, part in bench.curves(view, None, "", False) if name == "map"]
+    assert [(part["next"], part["last"]) for part in first] == [("", False)]  # in the middle of a gesture
+    for most in (0, 2, 5):
+        count = iter(range(100_000))
+
+        def told(*_: object, count: Iterator[int] = count, most: int = most) -> None:
+            if next(count) == most:
+                raise Cancelled
+
+        with pytest.raises(Cancelled):
+            list(bench.curves(view, None, "", True, told))
 
 
 def test_task_gains_are_edited_in_their_lists():
@@ -227,7 +291,7 @@ def of_tasks(com: str) -> str:
     text = TYPED.format(delay=1.5, gains="", rate="").replace("space: joint", "space: task").replace("type: pd", f"type: {com[:3].strip()}")
     text = text.replace("{left: [left_sole]}", "{left: [left_sole], both: [left_sole, right_sole]}")
     tasks = f"[{{name: com, type: com, {com[3:]}}}, {{name: pelvis, type: orientation, frame: pelvis, kp: 100, kd: 20}}]"
-    return text.replace("limits: {}", f"tasks: {tasks}\nlimits: {{gain_margin_db: 6.0, phase_margin_deg: 25.0, peak_sensitivity: 2.5}}")
+    return text.replace("limits: {}", f"tasks: {tasks}\n{LIMITS}")
 
 
 @pytest.mark.parametrize(
@@ -302,7 +366,8 @@ def test_an_untouched_view_leaves_the_file_as_it_is():
 
 def test_gains_in_an_address():
     """By name, and kp,kd as addresses of earlier versions have them."""
-    view = view_of("#gain.left_knee=kp:9,kv:30,ki:60&gain.right_knee=2000,90&at.left_knee=0.5")
+    view = view_of("#gain.left_knee=kp:9,kv:30,ki:60&gain.right_knee=2000,90&at.left_knee=0.5&payload=5&payload_at=pelvis")
+    assert (view.payload, view.payload_at) == (5.0, "pelvis")
     assert view.gains == {"left_knee": {"kp": 9.0, "kv": 30.0, "ki": 60.0}, "right_knee": {"kp": 2000.0, "kd": 90.0}}
     with pytest.raises(GainroomError, match="must be a number"):
         view_of("gain.left_knee=kp:much")
@@ -425,6 +490,50 @@ def test_a_cascade_is_dragged_undone_copied_and_saved(browser: Any, tmp_path: Pa
     k = parse_robot(file.read_text("utf-8"), "read.yaml").source.joint_names.index("right_knee")
     saved = parse_robot(file.read_text("utf-8"), "read.yaml").control.controller
     assert {name: float(np.broadcast_to(getattr(saved, name), 12)[k]) for name in ("kp", "kv", "ki")} == gains
+
+
+SAID = """() => { window.said = []; new MutationObserver(() => said.push(document.querySelector('#map .legend').textContent))
+    .observe(document.querySelector('#map .legend'), { childList: true, subtree: true }); }"""
+
+
+def test_a_payload_is_slid_and_a_search_stopped(browser: Any, tmp_path: Path):
+    """What is shown with a payload is what the file with it says; a search ends at a press, and where it would be of another robot."""
+    (tmp_path / "robot.yaml").write_text(of_tasks("pd kp: [50, 90, 200], kd: [5, 8, 15]"), "utf-8")
+    with serving(tmp_path / "robot.yaml") as own:
+        tab = open_tab(browser, own.address)
+        tab.settle(CERTIFIED)
+        tab.page.locator("#payload_at").select_option("right_foot")
+        tab.page.locator("#payload-typed").fill("6")
+        tab.page.locator("#payload-typed").press("Enter")
+        tab.settle(CERTIFIED)
+        view = tab.view()
+        assert (view["payload"], view["payload_at"]) == (6.0, "right_foot")
+        other = open_tab(browser, tab.page.url)
+        assert other.view() == view
+        typed = bench_of(of_tasks("pd kp: [50, 90, 200], kd: [5, 8, 15]")).text(View(payload=6.0, payload_at="right_foot"))
+        assert "mass: 6" in typed
+        assert tab.text("#sentence") == command(tmp_path, typed)["sentence"]
+        find, stop = (tab.page.get_by_role("button", name=name) for name in ("Find gains", "Stop the search"))
+        find.click()
+        stop.click()
+        find.click()
+        stop.wait_for()
+        tab.page.evaluate(SAID)
+        tab.page.locator("#delay_ms").fill("1.8")
+        tab.page.get_by_text("the search has ended, as other values than gains have changed").wait_for()
+        find.wait_for()
+        tab.settle(CERTIFIED)
+        tab.page.wait_for_function("() => said.some((text) => text.includes('Being computed: where every requirement is met'))")
+        tab.page.wait_for_function("() => !document.querySelector('#map .legend').textContent.includes('Being computed')")
+        assert tab.text("#map .legend").startswith("Areas: sampled, not certified; what is certified of ● is said in the verdict.")
+        assert tab.text("#basis").startswith("Certified in every state by root counts")
+        find.click()
+        stop.wait_for()
+        tab.drag((0.4, 0.3))  # gains alone: what is searched for does not depend on them, and the verdict does not wait
+        tab.page.get_by_role("button", name="Use recommended").wait_for()
+        tab.settle(CERTIFIED)
+        assert tab.page.evaluate("() => gainroom.found.key === gainroom.key && Boolean(gainroom.found.gains)")
+        assert not tab.said + other.said
 
 
 def test_the_step_of_a_task_direction_has_its_unit(browser: Any, tmp_path: Path):

@@ -1,13 +1,16 @@
 """The page's server: what it answers, in which order, and that its numbers are the command line's."""
 
+import asyncio
 import contextlib
 import io
 import json
 import random
+import socket
 import threading
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 
@@ -16,6 +19,7 @@ from gainroom.app.bench import Opened
 from gainroom.app.joint_bench import JointBench
 from gainroom.app.lanes import Lane
 from gainroom.app.messages import LONGEST, View, read_message
+from gainroom.app.session import Session
 from gainroom.cli import main
 from gainroom.errors import GainroomError
 from gainroom.files.edited_text import edited
@@ -212,6 +216,65 @@ def test_of_several_questions_the_latest_is_answered():
     go.set()
     assert done.wait(PATIENCE)
     assert found == ["first, stale: True", "last, stale: False"]
+
+
+def test_a_patient_job_waits_for_no_other():
+    """What rests behind one patient job is the next patient one alone; whatever else comes goes at once, and before it."""
+    lane, done, found = Lane("test"), threading.Event(), []
+    started, go = threading.Event(), threading.Event()
+
+    def first(stale: Any) -> None:
+        started.set()
+        go.wait(PATIENCE)
+        found.append("first")
+
+    lane.put("a", first, patient=True)
+    assert started.wait(PATIENCE)
+    lane.put("a", lambda stale: found.append("never"), patient=True)
+    lane.put("a", lambda stale: found.append("last"))  # of the same owner: the gesture has ended
+    lane.put("b", lambda stale: done.set(), patient=True)
+    go.set()
+    assert done.wait(PATIENCE)
+    assert found == ["first", "last"]
+
+
+def test_what_is_sent_is_sent_at_once():
+    """No part waits for the receipt of the one before, which the other side delays by 40 ms (Nagle's algorithm is off)."""
+    from gainroom.app.server import listening
+
+    async def option() -> int:
+        found: asyncio.Future[int] = asyncio.get_running_loop().create_future()
+
+        def accepted(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+            found.set_result(writer.get_extra_info("socket").getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY))
+            writer.close()
+
+        async with await asyncio.start_server(accepted, sock=listening("127.0.0.1", 0)) as server:
+            _, writer = await asyncio.open_connection(*server.sockets[0].getsockname()[:2])
+            try:
+                return await found
+            finally:
+                writer.close()
+
+    assert asyncio.run(option()) != 0
+
+
+@pytest.mark.parametrize(("parts", "stale", "sent"), [
+    (["step", "map"], False, ["step", "map", "done"]), (["step", "map"], True, ["step"]), (["map", "step"], True, []),
+])  # fmt: skip
+def test_of_late_curves_one_is_shown(parts: list[str], stale: bool, sent: list[str]):
+    """In a quick drag each would be overtaken before it is there; a map of other values would be wrong, a step is a moment old."""
+    bench = SimpleNamespace(curves=lambda *_: ((name, {"plant": ""}) for name in parts))
+    found: list[str] = []
+
+    async def job() -> None:
+        session = Session(cast(Any, None), cast(Any, bench), {})
+        session._put = lambda text: found.append(json.loads(text)["part"])
+        await asyncio.to_thread(session._job, read_message('{"ask": "look", "key": 1}'), "curves", lambda: stale)
+        await asyncio.sleep(0)  # what was sent from the thread
+
+    asyncio.run(job())
+    assert found == sent
 
 
 def test_a_run_is_that_of_simulate_and_ends_where_it_is_cancelled():

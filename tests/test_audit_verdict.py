@@ -56,7 +56,7 @@ def test_the_first_lines_name_joint_and_remedy(capsys: pytest.CaptureFixture[str
 def test_scaled_gains_are_safe_and_hardly_more_is_not(tmp_path: Path, capsys: pytest.CaptureFixture[str], delay: str):
     """Of gains that are stable (2 ms) and that are not (4 ms), typed again with the factor that is said, and with 1 % more."""
     told = json.loads(audited(capsys, "--delay-ms", delay, "--json")[1])
-    assert (told["safe"], told["requirements_met"], told["unmet"]) == (False, False, ["gain_margin"])
+    assert (told["safe"], told["requirements_met"], told["unmet"][0]) == (False, False, "gain_margin")
     assert told["stable"] == (delay == "2")
     for factor, safe in ((told["scale"], True), (1.01 * told["scale"], False)):
         gains = {joint["name"]: {"kp": factor * joint["kp"], "kd": factor * joint["kd"]} for joint in told["joints"]}

@@ -104,6 +104,14 @@ HARDWARE = {
     "position_limit": 1e4,
 }
 RECURSION = {"transposed": np.eye(2), "forcing": np.zeros((3, 2)), "states": np.zeros((4, 2)), "limit": 1e150}
+LATE = {
+    "transposed": np.eye(2),
+    "forcing": np.zeros((3, 2)),
+    **dict.fromkeys(("rows", "before", "after"), np.zeros((1, 2))),
+    "whole": np.ones(1, dtype=np.int64),
+    "part": np.zeros(1),
+    "states": np.zeros((4, 2)),
+}
 FILTER = {
     "command": np.zeros(4),
     "changes": np.zeros((4, 1)),
@@ -143,6 +151,7 @@ KERNELS = [
     (_core.Control, CONTROL),
     (_core.Hardware, HARDWARE),
     (_core.recur, RECURSION),
+    (_core.recur_late, LATE),
     (_core.predict_torque, FILTER),
     (_core.decode, DECODING),
     (_core.predict, PREDICTION),
@@ -172,6 +181,7 @@ def test_shapes_that_do_not_fit_are_refused(kernel, arguments):
         (_core.Body, {**BODY, "coordinates": 2}),
         (_core.Control, {**CONTROL, "side": 2}),
         (_core.Hardware, {**HARDWARE, "cells": 0}),
+        (_core.recur_late, {**LATE, "whole": np.zeros(1, dtype=np.int64)}),
         (_core.decode, {**DECODING, "first": -1}),
         (_core.decode, {**DECODING, "first": 6}),
         (_core.decode, {**DECODING, "last": 400}),
@@ -188,6 +198,7 @@ def test_numbers_out_of_bounds_are_refused(kernel, arguments):
     ("kernel", "arguments", "name"),
     [
         (_core.recur, RECURSION, "states"),
+        (_core.recur_late, LATE, "states"),
         (_core.predict_torque, FILTER, "error"),
         (_core.predict_torque, FILTER, "variance"),
         (_core.decode, DECODING, "age"),
@@ -223,6 +234,33 @@ def test_a_testbed_s_rows_have_to_fit(given, whole, fraction):
 def test_no_command_is_later_than_the_testbed_remembers(whole):
     with pytest.raises(ValueError, match="longest"):
         bed().advance(np.zeros((1, 7)), np.array([whole]), np.zeros(1))
+
+
+def test_late_outputs_are_a_longer_state():
+    """With every earlier output in the state, a line of ones that shifts, it is one matrix: y of `whole` steps ago and of one more."""
+    rng, m, whole, part = np.random.default_rng(4), 3, np.array([1, 4]), np.array([0.25, 0.7])
+    a, rows, before, after = 0.5 * rng.normal(size=(m, m)), *rng.normal(size=(3, 2, m))
+    forcing, depth = rng.normal(size=(40, m)), int(whole.max()) + 1
+    size = m + 2 * depth  # y of 1 … depth steps ago of either output behind the state
+    now, then, shift = np.zeros((2, size)), np.zeros((2, size)), np.zeros((size, size))
+    for j in range(2):
+        line = np.zeros((depth + 1, size))  # y of k steps ago, 0: of now
+        line[0, :m] = rows[j]
+        for k in range(1, depth + 1):
+            line[k, m + j * depth + k - 1] = 1.0
+            shift[m + j * depth + k - 1] = line[k - 1]
+        now[j] = (1 - part[j]) * line[whole[j]] + part[j] * line[whole[j] + 1]
+        then[j] = (1 - part[j]) * line[whole[j] - 1] + part[j] * line[whole[j]]
+    shift[:m, :m] = a
+    shift[:m] -= before.T @ now + after.T @ then
+    state, expected = np.zeros(size), [np.zeros(m)]
+    for row in forcing:
+        state = shift @ state + np.concatenate([row, np.zeros(size - m)])
+        expected.append(state[:m])
+    states = np.zeros((41, m))
+    assert _core.recur_late(a.T.copy(), forcing, rows, before, after, whole, part, states) == 40
+    scale = np.abs(expected).max()  # the loop grows: forty steps of round-off of what is largest
+    np.testing.assert_allclose(states, expected, rtol=1e-10, atol=1e-11 * scale)
 
 
 def test_numbers_that_are_none_end_a_run_and_hang_nothing():

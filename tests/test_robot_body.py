@@ -170,6 +170,24 @@ def test_a_frame_jacobian_is_the_derivative_of_its_placement(tmp_path: Path, nam
         assert_close(body.frame_jacobian(q, frame), np.array(columns).T, 1e-8)
 
 
+@pytest.mark.parametrize("name", ["tree", "slides", "compound"])
+def test_a_payload_is_a_point_mass(tmp_path: Path, name: str):
+    """M + m Jᵀ J, J of the frame's origin; its weight beside the links', and nothing of the robot that has none is changed."""
+    body = load_model(write(tmp_path, FAMILY[name]))
+    q = body.configuration(random_angles(body, 7))
+    before, weight = body.mass_matrix(q), body.gravity_torque(q)
+    for frame in body.carriers:
+        loaded, jacobian = body.with_payload(frame, 1.5).with_payload(frame, 0.5), body.frame_jacobian(q, frame)[:3]
+        assert_close(loaded.mass_matrix(q), before + 2.0 * jacobian.T @ jacobian, 1e-12)
+        assert loaded.total_mass == pytest.approx(body.total_mass + 2.0, rel=1e-14)
+        rotation, _ = body.frame_placement(q, frame)
+        pull = rotation.T @ np.array(body.model.gravity.linear)
+        assert_close(loaded.gravity_torque(q), weight - 2.0 * jacobian.T @ pull, 1e-12)
+        assert loaded.payload == {frame: 2.0}
+    assert body.carriers
+    assert_close(body.mass_matrix(q), before, 0)
+
+
 def test_a_floating_base_feels_the_whole_mass(tmp_path: Path):
     """Linear block m I, coupling m [c]×ᵀ to rotation about the base: rigid-body inertia at any point."""
     body = load_model(write(tmp_path, TREE))

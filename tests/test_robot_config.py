@@ -16,7 +16,7 @@ from numpy.testing import assert_allclose
 import gainroom as gr
 from gainroom.cli.example import example_texts
 from gainroom.errors import GainroomError
-from gainroom.files.robot_sections import ActuatorSection, ContactSection, ModelSection, RobotControlSection, TaskSection
+from gainroom.files.robot_sections import ActuatorSection, ContactSection, ModelSection, PayloadSection, RobotControlSection, TaskSection
 from gainroom.files.robot_yaml import load_robot, parse_robot
 from gainroom.files.system_sections import UncertaintySection
 from gainroom.io.yaml_text import parse_yaml
@@ -27,7 +27,7 @@ from robot_truths import hinge, link, write_robot
 
 BIPED = example_texts()["biped"]
 DOCUMENT = (Path(__file__).parents[1] / "docs" / "robots.md").read_text("utf-8")
-SECTIONS = [ModelSection, ActuatorSection, ContactSection, TaskSection, RobotControlSection, UncertaintySection]
+SECTIONS = [ModelSection, PayloadSection, ActuatorSection, ContactSection, TaskSection, RobotControlSection, UncertaintySection]
 SMALL = """\
 model: {file: robot.urdf, base: fixed}
 joints:
@@ -93,6 +93,33 @@ def refusal(folder: Path, *edits: tuple[str, str]) -> str:
     assert "\n" not in message
     assert message.startswith("robot.yaml: ")
     return message.removeprefix("robot.yaml: ")
+
+
+def test_a_payload_is_carried_in_every_posture(folder: Path):
+    """At the knees' foot a point mass m is m Jᵀ J, where a joint is locked, too, whose posture reads the model anew."""
+    plain = ("model: {file: robot.urdf, base: fixed}", "model: {file: robot.urdf, base: floating}")
+    loaded = (plain[0], plain[1].replace("floating}", "floating, payload: {frame: l_foot, mass: 2.5}}"))
+    locked = ("joints:\n", "joints:\n  locked: [r_hip]\n")
+    for posture in ("bent", "flat"):
+        bodies = [read(folder, edit, locked).source.postures[posture] for edit in (plain, loaded)]
+        q = [one.body.configuration(one.angles) for one in bodies]
+        jacobian = bodies[0].body.frame_jacobian(q[0], "l_foot")[:3]
+        before, after = (one.body.mass_matrix(at) for one, at in zip(bodies, q, strict=True))
+        assert_allclose(after, before + 2.5 * jacobian.T @ jacobian, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("frame: nobody, mass: 1", "model.payload: the robot has no frame 'nobody'"),
+        ("frame: trunk, mass: 1", "model.payload: "),
+        ("frame: l_foot, mass: -1", "model.payload.mass: -1 must be >= 0 kg"),
+        ("mass: 1", "model.payload.frame: "),
+    ],
+)
+def test_payloads_that_mean_nothing_are_refused(folder: Path, text: str, message: str):
+    """The trunk stands still on its fixed base."""
+    assert refusal(folder, ("base: fixed}", f"base: fixed, payload: {{{text}}}}}")).startswith(message)
 
 
 def test_every_key_arrives_in_si(folder: Path):

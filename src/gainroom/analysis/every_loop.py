@@ -8,7 +8,8 @@ together any common phase (common_phase_plane.py): then everything that is asked
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property, reduce
+from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 
@@ -23,45 +24,83 @@ from .part_plane import PartPlane
 from .part_requirements import overlap, required_columns
 
 FACTORS = 4  # beside 1
+Look = Callable[[Floats], list[Floats]]
+"""From kp (m,) to the kd that are good, as sorted open intervals."""
 
 
 @dataclass(frozen=True)
 class EveryLoop:
-    """The same part in each of `loops`, which are those of one robot; gains up to `window`."""
+    """The same part in each of `loops`, which are those of one robot; gains up to `window`.
+
+    told    called between loops; it ends what goes on by raising
+    """
 
     loops: Sequence[tuple[Loop, LoopPart]]
     window: tuple[float, float]
+    told: Callable[[], None] = lambda: None
 
     @cached_property
     def planes(self) -> list[PartPlane]:
         """Of the gains as they are, one per loop."""
-        return [PartPlane.of(loop, part, self.window) for loop, part in self.loops]
+        return [self._plane(*each) for each in self.loops]
+
+    def _plane(self, loop: Loop, part: LoopPart) -> PartPlane:
+        self.told()
+        return PartPlane.of(loop, part, self.window)
+
+    @cached_property
+    def _kept(self) -> dict[Requirements, list[Floats]]:
+        """What the part's own loop and all gains together keep, at the one set of kp that the outlines have."""
+        return {}
 
     def stable(self) -> tuple[Floats, ...]:
         """Outlines of the gains that are stable in every loop, as PartPlane.outlines. Raises GainroomError as PartPlane.columns."""
-        return self._outlines(lambda kps: [plane.columns(kps) for plane in self.planes])
+        return self._outlines(lambda kps: self._narrowed(kps, self._all(kps), (plane.columns for plane in self.planes)))
 
     def required(self, asked: Requirements, others: bool = False) -> tuple[Floats, ...]:
         """The same of those that also keep what is asked for; `others`: in the loops of all other parts, and of all together, too."""
-        margin = [one.excluded(needed) for one, needed in asked.asked_for]
-        angle = max((shape.angle for shape in margin if isinstance(shape, Arc)), default=0.0)
-        widest = max((shape.factor for shape in margin if isinstance(shape, Segment)), default=1.0)
-        factors = [factor for factor in np.geomspace(1 / widest, widest, FACTORS + 1).tolist() if abs(factor - 1) > 1e-9]
-        scaled = [PartPlane.of(loop.scaled(factor), part, self.window) for loop, part in self.loops for factor in factors]
-        seen = [(*each, plane) for each, plane in zip(self.loops, self.planes, strict=True) if others and asked.asked]
-        singly = [OtherLoops(*each, self.window) for each in seen]
-        turned = [CommonPhase(*each, angle, self.window) for each in seen if angle]
 
-        def every(kps: Floats) -> Iterator[list[Floats]]:
-            yield from (required_columns(plane, asked, kps) for plane in self.planes)
-            yield from (plane.columns(kps) for plane in scaled)
-            yield from (other.columns(one, needed, kps) for other in singly for one, needed in asked.asked_for)
-            yield from (phase.columns(kps) for phase in turned)
-
-        return self._outlines(every)
-
-    def _outlines(self, every: Callable[[Floats], Iterable[list[Floats]]]) -> tuple[Floats, ...]:
         def columns(kps: Floats) -> list[Floats]:
-            return [reduce(overlap, found) for found in zip(*every(kps), strict=True)]
+            if asked not in self._kept:
+                self._kept[asked] = self._narrowed(kps, self._all(kps), self._own(asked))
+            return self._narrowed(kps, self._kept[asked], self._others(asked) if others and asked.asked else ())
 
+        return self._outlines(columns)
+
+    def _own(self, asked: Requirements) -> Iterator[Look]:
+        """Of the part's own loop, and of all gains together."""
+        yield from (partial(required_columns, plane, asked) for plane in self.planes)
+        widest = max((shape.factor for shape in _shapes(asked) if isinstance(shape, Segment)), default=1.0)
+        factors = [factor for factor in np.geomspace(1 / widest, widest, FACTORS + 1).tolist() if abs(factor - 1) > 1e-9]
+        yield from (self._plane(loop.scaled(factor), part).columns for loop, part in self.loops for factor in factors)
+
+    def _others(self, asked: Requirements) -> Iterator[Look]:
+        """Of all other loops, and of one phase in all together."""
+        angle = max((shape.angle for shape in _shapes(asked) if isinstance(shape, Arc)), default=0.0)
+        for each, plane in zip(self.loops, self.planes, strict=True):
+            other = OtherLoops(*each, plane, self.window)
+            yield from (partial(other.columns, one, needed) for one, needed in asked.asked_for)
+            if angle:
+                yield CommonPhase(*each, plane, angle, self.window).columns
+
+    def _all(self, kps: Floats) -> list[Floats]:
+        return [np.array([[0.0, 2 * self.window[1]]])] * len(kps)
+
+    def _narrowed(self, kps: Floats, kept: Sequence[Floats], looks: Iterable[Look]) -> list[Floats]:
+        """What is left of sets of kd, one per kp, after each look; where nothing is left nothing more is looked at."""
+        left = list(kept)
+        for look in looks:
+            self.told()
+            alive: Any = np.flatnonzero([len(one) for one in left])
+            if not len(alive):
+                break
+            for k, found in zip(alive.tolist(), look(kps[alive]), strict=True):
+                left[k] = overlap(left[k], found)
+        return left
+
+    def _outlines(self, columns: Look) -> tuple[Floats, ...]:
         return max(self.planes, key=lambda plane: plane.static).outlines(self.window, columns)
+
+
+def _shapes(asked: Requirements) -> list[Any]:
+    return [one.excluded(needed) for one, needed in asked.asked_for]

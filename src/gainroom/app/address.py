@@ -7,8 +7,8 @@ from ..errors import GainroomError
 from ..io.validation import validate
 from .messages import View
 
-NUMBERS = ("delay_ms", "stiffness", "link_inertia", "sample_rate_hz")
-NAMES = ("posture", "contact", "joint")
+NUMBERS = ("delay_ms", "stiffness", "link_inertia", "sample_rate_hz", "payload")
+NAMES = ("posture", "contact", "joint", "payload_at")
 
 
 def view_of(text: str) -> View:

@@ -20,6 +20,10 @@ Told = Callable[[int, int, str], None]
 """Progress: done, in all, of what. It raises Cancelled where nobody waits any more."""
 
 
+def untold(done: int, total: int, what: str) -> None:
+    """Progress that nobody follows."""
+
+
 class Cancelled(Exception):  # noqa: N818 - asked for, not an error
     """Nobody waits for the answer."""
 
@@ -83,7 +87,7 @@ class Bench(Protocol):
         """What follows a gesture, the quickest first; `known`: the map that the page has."""
         ...
 
-    def curves(self, view: View, window: tuple[float, float] | None, known: str, final: bool) -> Iterator[Part]:
+    def curves(self, view: View, window: tuple[float, float] | None, known: str, final: bool, told: Told = untold) -> Iterator[Part]:
         """What follows a gesture a little later; `final`: it has ended, so there is time for more."""
         ...
 
@@ -93,6 +97,10 @@ class Bench(Protocol):
 
     def found(self, view: View, told: Told) -> Iterator[Part]:
         """Recommended gains, where they take too long to be found with everything else."""
+        ...
+
+    def plant(self, view: View) -> str:
+        """What tells views with other recommended gains from each other."""
         ...
 
     def shaken(self, view: View, told: Told) -> Iterator[Part]:

@@ -24,7 +24,7 @@ from ..studies.analysis import analyze
 from ..studies.joint import JointStudy, study_joint
 from ..system.system import System
 from ..system.uncertainty import Uncertainty
-from .bench import Opened, Part, Told, advised
+from .bench import Opened, Part, Told, advised, untold
 from .edits import at_point, gain_of, put, timing
 from .joint_curves import bode, limits, map_window, required_gains, stable_gains, step, sweep_span
 from .messages import View
@@ -47,7 +47,7 @@ class JointBench:
         self._span = sweep_span(study)
         self._window = map_window(study)
         self._studies: OrderedDict[str, JointStudy] = OrderedDict()  # by text
-        self._plants: OrderedDict[str, JointStudy] = OrderedDict()  # by _plant: with its recommendation
+        self._plants: OrderedDict[str, JointStudy] = OrderedDict()  # by plant: with its recommendation
         self._others: dict[str, System] = {}  # by what is no gain
         self._one_at_a_time = threading.Lock()
 
@@ -116,15 +116,15 @@ class JointBench:
 
     def quick(self, view: View, window: tuple[float, float] | None, known: str) -> Iterator[Part]:
         system = self._followed(view)
-        study, plant = _nominal(system), self._plant(view)
+        study, plant = _nominal(system), self.plant(view)
         uncertain = bool(system.uncertainty.names)
         yield "verdict", _verdict(study, "nominal" if uncertain else "certified") | self._gains(study)
         yield "bode", bode(study, self._span)
         if plant != known:
             yield "map", stable_gains(study, window or self._window) | {"plant": plant}
 
-    def curves(self, view: View, window: tuple[float, float] | None, known: str, final: bool) -> Iterator[Part]:
-        study, plant = _nominal(self._followed(view)), self._plant(view)
+    def curves(self, view: View, window: tuple[float, float] | None, known: str, final: bool, told: Told = untold) -> Iterator[Part]:
+        study, plant = _nominal(self._followed(view)), self.plant(view)
         if plant != known:
             for part in required_gains(study, window or self._window):
                 yield "map", part | {"plant": plant}
@@ -144,7 +144,7 @@ class JointBench:
         use = joint_to_use(study, self.opened.call("joint"))
         yield "verdict", _verdict(study, "certified") | self._gains(study)
         best = study.recommended
-        yield "map", limits(study, window or self._window) | {"plant": self._plant(view)}
+        yield "map", limits(study, window or self._window) | {"plant": self.plant(view)}
         yield (
             "use",
             {
@@ -173,7 +173,7 @@ class JointBench:
             if text in self._studies:
                 self._studies.move_to_end(text)
                 return self._studies[text]
-            study, plant = self.system(view), self._plant(view)
+            study, plant = self.system(view), self.plant(view)
             if (other := self._plants.get(plant)) is not None:  # the recommendation does not depend on where in its plane the gains are
                 study = JointStudy(study, analyze(study).every)
                 vars(study).update({name: vars(other)[name] for name in SAME_IN_A_PLANE if name in vars(other)})
@@ -186,7 +186,7 @@ class JointBench:
                     remembered.popitem(last=False)
             return study
 
-    def _plant(self, view: View) -> str:
+    def plant(self, view: View) -> str:
         """What tells one map from another: all but the gains in the plane."""
         controller = self._controller(view)
         held = controller.from_plane(1.0, 1.0) if controller.has_plane else controller

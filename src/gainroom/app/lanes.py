@@ -1,6 +1,7 @@
 """Computing off the event loop: one thread per lane, and of what each owner asks for only the latest."""
 
 import threading
+import time
 from collections.abc import Callable, Hashable
 
 Stale = Callable[[], bool]
@@ -8,21 +9,27 @@ Stale = Callable[[], bool]
 Job = Callable[[Stale], None]
 
 
+RESTS = 3.0
+"""Times as long as a patient job took its lane rests before the next: other threads share the interpreter, and go first meanwhile."""
+
+
 class Lane:
     """A thread that does one job after the other; owners take turns, and a newer job of an owner takes the place of its older one."""
 
     def __init__(self, name: str) -> None:
         self._waiting: dict[Hashable, Job] = {}
+        self._patient: set[Hashable] = set()
         self._changed = threading.Condition()
         self._running: Hashable = None
         self._stopped = False
         # A daemon: a search that takes seconds does not keep the process from ending
         threading.Thread(target=self._work, name=f"gainroom {name}", daemon=True).start()
 
-    def put(self, owner: Hashable, job: Job) -> None:
-        """In the place of what `owner` is waiting for."""
+    def put(self, owner: Hashable, job: Job, patient: bool = False) -> None:
+        """In the place of what `owner` is waiting for; `patient`: it may wait for the rest that follows another such."""
         with self._changed:
             self._waiting[owner] = job
+            (self._patient.add if patient else self._patient.discard)(owner)
             self._changed.notify()
 
     def drop(self, owner: Hashable) -> None:
@@ -32,11 +39,16 @@ class Lane:
             self._stopped = self._stopped or self._running == owner
 
     def _work(self) -> None:
+        rest = 0.0
         while True:
             with self._changed:
                 self._running = None
+                self._changed.wait_for(lambda: bool(self._waiting.keys() - self._patient), rest)
                 self._changed.wait_for(lambda: bool(self._waiting))
                 owner = next(iter(self._waiting))
-                job = self._waiting.pop(owner)
+                job, patient = self._waiting.pop(owner), owner in self._patient
+                self._patient.discard(owner)
                 self._running, self._stopped = owner, False
+            began = time.perf_counter()
             job(lambda owner=owner: self._stopped or owner in self._waiting)
+            rest = RESTS * (time.perf_counter() - began) if patient else 0.0

@@ -25,6 +25,7 @@ class View(Section):
     stiffness    of the gearbox [N m/rad]; of a robot a factor on all of them
     link_inertia of a joint [kg m²]
     sample_rate_hz   0: continuous
+    payload      of a robot [kg], in all, at the origin of the frame payload_at
     posture, contact, joint   of a robot
     angles       of a robot's joints that stand otherwise than in its posture [rad, m]
     """
@@ -35,6 +36,8 @@ class View(Section):
     stiffness: Positive | None = None
     link_inertia: Positive | None = None
     sample_rate_hz: Rate | None = None
+    payload: NotNegative | None = None
+    payload_at: Name | None = None
     posture: Name | None = None
     contact: Name | None = None
     joint: Name | None = None
@@ -45,11 +48,12 @@ class Ask(Section):
     """One message.
 
     ask     look: numbers of a view; find: recommended gains; copy, save: gains as text; shake: a simulated run; page: the report; cancel:
-            end what goes on
+            end the search or the run, `of` which
     key     comes back with every answer
     final   look: not in the middle of a gesture, so everything that is certified is wanted
     window  look: draw the map anew, up to these gains (kp, kd)
     form    copy: of the text
+    of      cancel: find or shake
     digest  save: of the difference that was seen
     """
 
@@ -59,6 +63,7 @@ class Ask(Section):
     final: Flag = True
     window: tuple[Positive, Positive] | None = None
     form: Form = "yaml"
+    of: Literal["find", "shake"] = "shake"
     digest: Annotated[str, Field(strict=True, max_length=64)] = ""
 
 

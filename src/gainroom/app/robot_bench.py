@@ -1,5 +1,6 @@
 """A robot on the page: one joint or task direction is dragged, all others stay closed; the rest is what the command line prints."""
 
+import math
 import re
 import threading
 from collections import OrderedDict
@@ -26,19 +27,19 @@ from ..report.robot_columns import state_columns
 from ..report.robot_text import sentence, severity, warnings
 from ..report.verdict import Judged, judged, robot_to_use
 from ..robot.model import RobotModel
-from ..robot.robot import Posture
+from ..robot.robot import Posture, Robot
 from ..simulation.robot_simulation import RobotSimulation
 from ..studies.deciding_joints import joints_that_miss
 from ..studies.robot import RobotStudy, study_robot
-from ..studies.state import State, limit_of, strongest_first
+from ..studies.state import State, by_headroom, limit_of, strongest_first
 from ..system.system import System
-from .bench import Opened, Part, Told, advised
+from .bench import Opened, Part, Told, advised, rounded, untold
 from .channels import Channel, Channels
 from .edits import gain_of, timing
 from .messages import View
 from .robot_curves import (
+    EveryState,
     bode,
-    every_state,
     fitted,
     gain_map,
     heat,
@@ -82,6 +83,9 @@ class RobotBench:
         self._stars: OrderedDict[str, str] = OrderedDict()
         self._lock, self._limiting = threading.Lock(), threading.Lock()
         self._channels = Channels(self._system)
+        carriers = self._system.source.body.carriers
+        floats = self._system.source.body.base == "floating"
+        self._carrier = (carriers[0] if floats else carriers[-1]) if carriers else ""  # a trunk, or an arm's hand
         self.shapes = shapes_of(self._system.source.body)
 
     def opening(self) -> dict[str, Any]:
@@ -91,6 +95,7 @@ class RobotBench:
         rates = sorted({*free, 500, 1000, 2000, 4000, 8000, 0 if rate is None else round(1 / rate, 6)})
         posture, contact = source.states[0]
         task = self._channels.of_tasks
+        frame, mass = self._payload(View())
         cascade = any(own.damping_name != "kd" for own in self._channels.gains(View()))
         return {
             "kind": "robot",
@@ -103,6 +108,8 @@ class RobotBench:
             "postures": list(source.postures),
             "keyframes": keyframe_angles(source),
             "contacts": list(source.contacts),
+            "payload_most": rounded([max(0.5 * source.body.total_mass, 2 * mass)], 1)[0],
+            "carriers": list(source.body.carriers),
             "joints": stand(source),
             "shapes": described(self.shapes),
             "view": {
@@ -111,6 +118,8 @@ class RobotBench:
                 "stiffness": 1.0 if np.isfinite(source.actuators.stiffness).any() else None,
                 "link_inertia": None,
                 "sample_rate_hz": 0 if rate is None else 1 / rate,
+                "payload": mass if frame else None,
+                "payload_at": frame,
                 "posture": posture,
                 "contact": contact,
                 "joint": self._channels.names[0 if task else self._leading()],
@@ -136,6 +145,9 @@ class RobotBench:
             for name, value in zip(self._system.source.joint_names, np.asarray(stiffness).tolist(), strict=True):
                 if np.isfinite(value):
                     changes["joints", re.escape(name), "stiffness"] = value
+        (frame, mass), own = self._payload(view), self._payload(View())
+        if (frame, mass) != own and (mass or own[1]):
+            changes["model", "payload"] = {"frame": frame, "mass": mass}
         if view.angles:
             posture = view.posture or self._system.source.states[0][0]
             stance = self._system.source.postures[posture]
@@ -145,7 +157,7 @@ class RobotBench:
 
     def system(self, view: View) -> System:
         """The file's with the view's values; what gains do not change is read again only when it changes."""
-        base = View(delay_ms=view.delay_ms, sample_rate_hz=view.sample_rate_hz)
+        base = View(delay_ms=view.delay_ms, sample_rate_hz=view.sample_rate_hz, payload=0.0)
         key = repr(base)
         with self._lock:
             if key not in self._systems:
@@ -157,21 +169,41 @@ class RobotBench:
             if (span := system.uncertainty.stiffness) is not None:
                 system = replace(system, uncertainty=replace(system.uncertainty, stiffness=tuple(factor * np.asarray(end) for end in span)))
         source = system.source
+        frame, mass = self._payload(view)
+        if mass:
+            carrying = {name: replace(one, body=one.body.with_payload(frame, mass)) for name, one in source.postures.items()}
+            source = replace(source, postures=carrying)
         if view.angles:
-            source = replace(source, postures={**source.postures, self._state(view)[0]: self._stance(view)})
+            source = replace(source, postures={**source.postures, self._state(view)[0]: self._stance(source, view)})
         return self._channels.applied(replace(system, source=source), view)
 
     def copied(self, view: View, form: str) -> str:
         if form == "yaml":
             return self._channels.lines(view)
-        channels, state = self._channels, self.state(view)
+        channels, system = self._channels, self.system(view)
         if channels.of_tasks:
             raise GainroomError(f"{form}: holds gains of joints, not of tasks; copy as yaml")
-        limit = limit_of(state.loop)
-        kept = f"vibration starts at {limit.gain:.3g} × these gains in {state.title}" if limit.stable else "UNSTABLE, do not run these"
         gains = {name: gain_of(own, form) for name, own in zip(channels.names, channels.gains(view), strict=True)}
-        rate = state.system.control.sample_time
+        rate = system.control.sample_time
+        kept = self._kept(system, view)
         return copied_gains(gains, form, f"{Path(self.opened.source).stem}, {kept}", None if rate is None else 1 / rate)
+
+    def _kept(self, system: System, view: View) -> str:
+        """The gain limit of the worst of all states, certified as `gainroom robot` does, at nominal values."""
+        states = [state for place in system.source.states if (state := self._at(system, view, place)).moves]
+        if not states:
+            return "these gains move nothing"
+        limits = [limit_of(state.loop) for state in states]
+        worst = min(range(len(limits)), key=lambda k: by_headroom(limits[k]))
+        where = f" in {states[worst].title}" + (f", the worst of {len(states)} states" if len(states) > 1 else "")
+        nominal = ", at nominal values" if system.uncertainty.names else ""
+        if not limits[worst].stable:
+            return f"UNSTABLE{where}, do not run these"
+        unknown = [state.title for state, limit in zip(states, limits, strict=True) if math.isnan(limit.gain)]
+        missing = f"; the gain limit is not known in {listed(unknown)}" if unknown else ""
+        if not math.isfinite(limits[worst].gain):
+            return missing.removeprefix("; ") or f"no common factor makes these gains vibrate{nominal}"
+        return f"vibration starts at {limits[worst].gain:.3g} × these gains{where}{nominal}{missing}"
 
     def page(self, view: View) -> str:
         call = self.opened.call("robot")
@@ -183,7 +215,7 @@ class RobotBench:
 
     def _at(self, system: System, view: View, place: tuple[str, str]) -> State:
         """A state of the view's system; the robot in it is remembered, as gains and delay do not change it."""
-        key = repr((view.stiffness, view.angles if place[0] == self._state(view)[0] else {}, place))
+        key = repr((view.stiffness, self._payload(view), view.angles if place[0] == self._state(view)[0] else {}, place))
         with self._lock:
             model = self._models.get(key)
         if model is None:
@@ -219,7 +251,7 @@ class RobotBench:
             follows = len(state.system.source.states) > 1
             yield "map", gain_map(plane, channel, window, state.system.requirements) | {"plant": key, "last": True, "follows": follows}
 
-    def curves(self, view: View, window: tuple[float, float] | None, known: str, final: bool) -> Iterator[Part]:
+    def curves(self, view: View, window: tuple[float, float] | None, known: str, final: bool, told: Told = untold) -> Iterator[Part]:
         state, limit = self._limited(view)
         if limit is None:
             return
@@ -228,15 +260,17 @@ class RobotBench:
         key = self._plane_key(channel, view)
         if final:
             duration = settling(self._plane(state, channel, key, None), channel)
-            file = view.model_copy(update={"gains": {}, "point": None, "delay_ms": None, "stiffness": None})
+            changed = ("delay_ms", "stiffness", "payload", "payload_at")
+            file = view.model_copy(update={"gains": {}, "point": None, **dict.fromkeys(changed)})
             added, unit, scale = self._channels.disturbance(state.system, channel.place)
             yield "before", step(self.state(file), self._channels.channel(file), duration, scale)
             yield "step", step(state, channel, duration, scale) | {"added": added, "unit": unit}
         if key != known and len(state.system.source.states) > 1:
             plane = self._plane(state, channel, key, window)
             states = (self._at(state.system, view, place) for place in state.system.source.states)
-            for part in every_state(states, channel, window or fitted(plane, channel), final):
-                yield "map", part | {"plant": key, "last": final}
+            every = EveryState(states, channel, window or fitted(plane, channel), lambda: told(0, 1, "every state"))
+            for part in every.parts(final):
+                yield "map", part | {"plant": key}
         if final:
             yield "root", slowest_root(state)
 
@@ -271,7 +305,7 @@ class RobotBench:
         there = view.model_copy(update={"gains": self._to_use(study), "point": None})
         with self._lock:
             for each in (view, there):  # P/PI gains as they are typed have proportions of their own
-                _remember(self._found, self._plant(each), study)
+                _remember(self._found, self.plant(each), study)
         yield from self.full(view, None, told)
 
     def shaken(self, view: View, told: Told) -> Iterator[Part]:
@@ -282,10 +316,10 @@ class RobotBench:
 
     def _studied(self, view: View, told: Told) -> RobotStudy:
         study = study_robot(self.system(view), told, recommend=False)
-        known = self._found.get(self._plant(view))
+        known = self._found.get(self.plant(view))
         return study if known is None else replace(study, recommended=known.recommended)
 
-    def _plant(self, view: View) -> str:
+    def plant(self, view: View) -> str:
         """What recommended gains depend on: not on the file's, but for the proportions of P/PI tasks."""
         held = [one.from_plane(1.0, 1.0) for one in self._channels.gains(view)] if self._channels.of_tasks else []
         place = view.posture if view.angles else None
@@ -334,14 +368,20 @@ class RobotBench:
         posture, contact = self._system.source.states[0]
         return view.posture or posture, view.contact or contact
 
-    def _stance(self, view: View) -> Posture:
+    def _payload(self, view: View) -> tuple[str, float]:
+        """Frame and mass [kg], the file's where the view has none; without one the frame at which it would be."""
+        body = self._system.source.body
+        given = next(iter(body.payload.items()), (self._carrier, 0.0))
+        return given[0] if view.payload_at is None else view.payload_at, given[1] if view.payload is None else view.payload
+
+    def _stance(self, source: Robot, view: View) -> Posture:
         name = self._state(view)[0]
-        if name not in self._system.source.postures:
+        if name not in source.postures:
             raise GainroomError(f"posture {name[:60]!r} is not one of this robot's")
-        strange = view.angles.keys() - set(self._system.source.joint_names)
+        strange = view.angles.keys() - set(source.joint_names)
         if strange:
             raise GainroomError(f"angles: {min(strange)[:60]!r} is not a joint of this robot")
-        stance = self._system.source.postures[name]
+        stance = source.postures[name]
         return replace(stance, angles={**stance.angles, **view.angles})
 
     def _plane_key(self, channel: Channel, view: View) -> str:

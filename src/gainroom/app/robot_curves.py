@@ -2,7 +2,8 @@
 
 import contextlib
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -106,18 +107,29 @@ def gain_map(plane: PartPlane, channel: Channel, window: tuple[float, float] | N
     }
 
 
-def every_state(states: Iterable[State], channel: Channel, window: tuple[float, float], more: bool) -> Iterator[dict[str, Any]]:
-    """Outlines of the gains that are stable in every state, and with `more` of those that keep what is asked for there."""
-    try:
-        moving = [state for state in states if state.moves]
-        together = EveryLoop([(state.loop, part_of(state, channel)) for state in moving], window)
-        yield {"every": _lines(together.stable()), "safe": [], "whole": None, "missing": ""}
-        asked = moving[0].system.requirements
-        if more and asked.asked:
-            yield {"safe": _lines(together.required(asked))}
-            yield {"whole": _lines(together.required(asked, others=True))}
-    except GainroomError as error:
-        yield {"every": [], "safe": [], "whole": None, "missing": str(error)}
+@dataclass(frozen=True)
+class EveryState:
+    """A channel's gains in every state at once, up to `window`; `told` is called between its loops, and may end it by raising."""
+
+    states: Iterable[State]
+    channel: Channel
+    window: tuple[float, float]
+    told: Callable[[], None]
+
+    def parts(self, final: bool) -> Iterator[dict[str, Any]]:
+        """Outlines of the gains that are stable everywhere, and if `final` of those that keep what is asked for; `next`: what follows."""
+        try:
+            moving = [state for state in self.states if state.moves]
+            together = EveryLoop([(state.loop, part_of(state, self.channel)) for state in moving], self.window, self.told)
+            asked = moving[0].system.requirements
+            more = final and bool(asked.asked)
+            first = {"every": _lines(together.stable()), "safe": [], "whole": None, "missing": ""}
+            yield first | {"next": "safe" if more else "", "last": final and not more}
+            if more:
+                yield {"safe": _lines(together.required(asked)), "next": "whole"}
+                yield {"whole": _lines(together.required(asked, others=True)), "next": "", "last": True}
+        except GainroomError as error:
+            yield {"every": [], "safe": [], "whole": None, "missing": str(error), "next": "", "last": final}
 
 
 def _lines(outlines: Iterable[Floats]) -> list[list[list[float | None]]]:

@@ -43,7 +43,7 @@ def application(bench: Bench, port: int, token: str = "", examples: Examples = N
 
     static = _static()
     page = (STATIC / "index.html").read_text("utf-8")
-    lanes = {name: Lane(name) for name in ("quick", "curves", "full")}
+    lanes = {name: Lane(name) for name in ("quick", "curves", "full", "text", "long")}
     open_pages: set[int] = set()
 
     async def index(request: Request) -> Response:
@@ -90,7 +90,8 @@ def listening(host: str, port: int) -> socket.socket:
     """A socket on which nobody else listens; port 0: any. Raises GainroomError."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:
-        found = socket.socket(family, socket.SOCK_STREAM)
+        # Named, as asyncio sends at once (TCP_NODELAY) only where it is: else a part waits 40 ms for the receipt of the one before
+        found = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
         found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         found.bind((host.strip("[]"), port))
     except (OSError, OverflowError, UnicodeError) as error:

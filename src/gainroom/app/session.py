@@ -21,7 +21,10 @@ LANES = {"look": "quick", "copy": "text", "save": "text", "find": "search", "sha
 
 
 class Session:
-    """See the module. `lanes`: "quick" and "curves" for what follows a gesture, "full" for everything else; `examples`: their names."""
+    """See the module. `examples`: their names.
+
+    lanes   "quick" and "curves" for what follows a gesture, "full" for what is certified, "text" for copies, "long" for the rest
+    """
 
     def __init__(self, socket: WebSocket, bench: Bench, lanes: dict[str, Lane], examples: Sequence[str] = ()) -> None:
         self._examples = list(examples)
@@ -29,6 +32,7 @@ class Session:
         self._loop = asyncio.get_running_loop()
         self._answers: asyncio.Queue[str | None] = asyncio.Queue()
         self._known = {"quick": "", "curves": ""}
+        self._sought = ""  # the plant for which gains are searched
 
     async def run(self) -> None:
         """Until the page is closed."""
@@ -50,7 +54,7 @@ class Session:
             pass
         finally:
             for kind in (*LANES.values(), "curves", "full"):
-                self._lane(kind).drop((id(self), kind))
+                self._drop(kind)
             self._answers.put_nowait(None)
             with contextlib.suppress(Exception):
                 await asyncio.wait_for(sender, 1)
@@ -60,20 +64,29 @@ class Session:
             await self._socket.send_text(text)
 
     def _lane(self, kind: str) -> Lane:
-        return self._lanes["quick" if kind in ("quick", "text") else "curves" if kind == "curves" else "full"]
+        return self._lanes["long" if kind in ("search", "run", "page") else kind]
+
+    def _drop(self, kind: str) -> None:
+        self._lane(kind).drop((id(self), kind))
 
     def _take(self, ask: Ask) -> None:
         if ask.ask == "cancel":
-            for kind in ("search", "run"):
-                self._lane(kind).drop((id(self), kind))
-            self._post("ended", ask.key, {"message": "cancelled"})
+            self._drop(LANES[ask.of])
+            self._sought = "" if ask.of == "find" else self._sought
+            self._post("ended", ask.key, {"lane": LANES[ask.of]})
             return
         kind = LANES[ask.ask]
         if ask.ask == "look":
-            self._lane("full").drop((id(self), "full"))  # of gains that nobody looks at any more
+            self._drop("full")  # of gains that nobody looks at any more
+            if self._sought and self._sought != self._bench.plant(ask.view):  # what would be found is of another robot
+                self._drop("search")
+                self._sought = ""
+                self._post("ended", ask.key, {"lane": "search", "message": "the search has ended, as other values than gains have changed"})
+        elif ask.ask == "find":
+            self._sought = self._bench.plant(ask.view)
         self._lane(kind).put((id(self), kind), lambda stale: self._job(ask, kind, stale))
         if ask.ask == "look":
-            self._lane("curves").put((id(self), "curves"), lambda stale: self._job(ask, "curves", stale))
+            self._lane("curves").put((id(self), "curves"), lambda stale: self._job(ask, "curves", stale), patient=not ask.final)
         if ask.ask == "look" and ask.final:
             self._lane("full").put((id(self), "full"), lambda stale: self._job(ask, "full", stale))
 
@@ -81,9 +94,14 @@ class Session:
         """In a lane's thread."""
         try:
             for name, part in self._parts(ask, kind, stale):
-                if stale() and name != "opening":
+                late = stale()
+                if late and (kind != "curves" or name == "map"):
                     return
                 self._later(name, ask.key, part | {"lane": kind})
+                if late:  # a curve of a moment ago: in a quick drag every one would be, and none would follow
+                    return
+            if kind == "search" and not stale():
+                self._sought = ""
             self._later("done", ask.key, {"lane": kind})
         except Cancelled:
             self._later("ended", ask.key, {"lane": kind})
@@ -97,11 +115,12 @@ class Session:
         def told(done: int, total: int, what: str) -> None:
             if stale():
                 raise Cancelled
-            self._later("progress", ask.key, {"lane": kind, "done": done, "total": total, "what": what})
+            if kind != "curves":  # which come one after the other
+                self._later("progress", ask.key, {"lane": kind, "done": done, "total": total, "what": what})
 
         if kind in self._known:
             asked = ask.view, ask.window, self._known[kind] if ask.window is None else ""
-            for name, part in self._bench.quick(*asked) if kind == "quick" else self._bench.curves(*asked, ask.final):
+            for name, part in self._bench.quick(*asked) if kind == "quick" else self._bench.curves(*asked, ask.final, told):
                 yield name, part
                 if name == "map":
                     self._known[kind] = part["plant"] if kind == "quick" or part.get("last") else ""

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from ..io.validation import Flag, Name, NotNegative, Section, dotted, refusal
+from ..io.validation import Flag, Name, NotNegative, Section, dotted, number, refusal
 from ..io.yaml_text import shown
 from ..robot.body import Base
 from ..robot.contact import Contact, ContactKind
@@ -21,6 +21,13 @@ MOST_NAMES = 50
 """Postures, contact states or tasks in one file."""
 
 
+class PayloadSection(Section):
+    """What the robot carries: a point mass."""
+
+    frame: Name = Field(description="where, at its origin")
+    mass: Annotated[float, number(least=0, most=1e5, unit="kg")] = Field(description="[kg]")
+
+
 class ModelSection(Section):
     """Where the links come from."""
 
@@ -28,6 +35,7 @@ class ModelSection(Section):
     package: Name | None = Field(None, description="an installed Python package that has the file")
     base: Base | None = None
     gravity_stiffness: Flag | None = None
+    payload: PayloadSection | None = None
 
 
 class ActuatorSection(GearboxSection):

@@ -72,6 +72,7 @@ def robot_spec(file: RobotFile, name: str, path: Path, folder: Path = Path(), kn
         body = known
     else:
         body = load_model(path, base, joints.locked, locked_key=LOCKED, passive=joints.passive)
+    body = _carrying(file, body)
     # Patterns may name joints that are locked or passive: to lock a joint, one line is enough.
     names = body.every_joint
     postures = {name: _posture(name, patterns, path, base, file, body) for name, patterns in (file.postures or {"zero": {}}).items()}
@@ -120,7 +121,18 @@ def _posture(name: str, patterns: Mapping[str, float], path: Path, base: Base | 
     if any(held[joint] != body.locked[joint] for joint in held):
         joints = file.joints
         body = load_model(path, base, joints.locked, posture_for_locked=held, locked_key=LOCKED, passive=joints.passive)
+        body = _carrying(file, body)
     return Posture(body, angles)
+
+
+def _carrying(file: RobotFile, body: RigidBody) -> RigidBody:
+    """With the file's payload."""
+    load = file.model.payload
+    if load is None:
+        return body
+    _require_frame(load.frame, body, "model.payload")
+    with named("model.payload"):
+        return body.with_payload(load.frame, load.mass)
 
 
 def _angles(name: str, patterns: Mapping[str, float], joint_names: Sequence[str]) -> dict[str, float]:

@@ -135,6 +135,11 @@ def substep(body: Body, hardware: Hardware, state: Floats, bent: Floats, width: 
 def recur(transposed: Floats, forcing: Floats, states: Floats, limit: float) -> int:
     """Fills `states` (k + 1, m) from its first row."""
 
+def recur_late(
+    transposed: Floats, forcing: Floats, rows: Floats, before: Floats, after: Floats, whole: Integers, part: Floats, states: Floats
+) -> int:
+    """The same less what the outputs `rows` (n, m) of its states do that come back `whole` + `part` (n,) steps late."""
+
 def predict_torque(
     command: Floats,
     changes: Floats,

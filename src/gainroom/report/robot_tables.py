@@ -142,6 +142,7 @@ def machine(system: System) -> list[tuple[str, str]]:
         *([] if system.source.name == body.source else [("file", system.source.name)]),
         ("model", body.source),
         ("joints", f"{body.size} actuated, {len(body.locked)} locked; {body.base} base; {digits(body.total_mass, 'kg')}"),
+        *(("payload, in that mass", f"{digits(mass, 'kg')} at {frame}") for frame, mass in body.payload.items() if mass),
         ("motor inertia, joint side", span(actuators.motor_inertia, units["load"])),
         (
             "gearbox stiffness",

@@ -7,7 +7,7 @@ own axes, as Pinocchio has it (Featherstone, Rigid Body Dynamics Algorithms, 200
 import importlib
 import threading
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Literal
 
@@ -65,6 +65,7 @@ class RigidBody:
     linkages      closed loops, and joints that follow others
     passive_springs   stiffness and damping of passive joints with a spring, by name [N m/rad; N m s/rad]
     looped        joints of closed loops, actuated or passive
+    payload       point masses beside the links' own, which `model` holds, by frame [kg]
 
     Postures q (nq,) hold the base's position and quaternion (x, y, z, w) if it floats, then each joint's angle, or cosine and sine of a
     continuous joint's. Make them with `configuration`. All methods raise GainroomError for a q of wrong shape or not finite.
@@ -83,6 +84,7 @@ class RigidBody:
     linkages: tuple[Linkage, ...] = ()
     passive_springs: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     looped: frozenset[str] = frozenset()
+    payload: Mapping[str, float] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         return f"RigidBody({self.source!r}: {self.size} joints, {len(self.locked)} locked, {self.base} base)"
@@ -132,6 +134,23 @@ class RigidBody:
     def total_mass(self) -> float:
         """Of all moving links [kg]."""
         return float(sum(self.model.inertias[joint].mass for joint in range(1, self.model.njoints)))
+
+    def with_payload(self, frame: str, mass: float) -> "RigidBody":
+        """The same robot that carries a point mass [kg] at the origin of a frame, beside what it carries.
+
+        Raises GainroomError for a frame that is not there, and for one that does not move.
+        """
+        place = self.model.frames[self._frame(frame)]
+        if not place.parentJoint:
+            raise GainroomError(f"{self.source}: frame {frame!r} does not move, so that a payload there has no effect; name one that does")
+        model = self._pinocchio.Model(self.model)
+        model.inertias[place.parentJoint] += place.placement.act(self._pinocchio.Inertia(mass, np.zeros(3), np.zeros((3, 3))))
+        return replace(self, model=model, payload={**self.payload, frame: self.payload.get(frame, 0.0) + mass})
+
+    @property
+    def carriers(self) -> tuple[str, ...]:
+        """The frames that move, at which a payload counts."""
+        return tuple(name for name, index in self._frames.items() if self.model.frames[index].parentJoint)
 
     @cached_property
     def lower(self) -> Floats:

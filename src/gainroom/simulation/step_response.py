@@ -20,7 +20,7 @@ from ..analysis.stability import rightmost_roots
 from ..errors import GainroomError
 from ..native import _core
 from ..system.assembly import controller_state
-from ..system.linear.arrays import Complexes, Floats, Integers
+from ..system.linear.arrays import Complexes, Floats
 from ..system.linear.state_space import StateSpace
 from ..system.loop import Loop
 from ..system.loop_part import LoopPart
@@ -121,29 +121,20 @@ def _delayed(system: StateSpace, entry: Floats, delays: Floats, step: float, cou
     closed = system.a - system.b[:, at_once] @ outputs[at_once]
     b = np.column_stack([system.b[:, late], system.b[:, at_once] @ entry[at_once]])  # the last input is 1 from the start
     transition, before, after = _held(closed, b, step)
-    whole = np.floor(delays[late] / step + 1e-9).astype(int)
+    whole = np.floor(delays[late] / step + 1e-9).astype(np.int64)
     part = np.clip(delays[late] / step - whole, 0.0, 1.0)
     forcing = np.tile((before + after)[:, -1], (count, 1))
     for k, joint in enumerate(late.tolist()):
-        _, first, then = _held(closed, b[:, [k]], (1 - part[k]) * step)
-        forcing[whole[k] : whole[k] + 1] += (first + then)[:, 0] * entry[joint]
+        _, start, end = _held(closed, b[:, [k]], (1 - part[k]) * step)
+        forcing[whole[k] : whole[k] + 1] += (start + end)[:, 0] * entry[joint]
         forcing[whole[k] + 1 :] += (before + after)[:, k] * entry[joint]
-    states, sent = np.zeros((count + 1, len(closed))), np.zeros((count + 1, len(late)))
-    transposed, block = transition.T.copy(), int(whole.min())
-    for start in range(0, count, block):  # in the least delay every command is made of outputs that are known
-        end = min(start + block, count)
-        rows = np.arange(start, end + 1)[:, None] - whole
-        arriving = -(1 - part) * _earlier(sent, rows) - part * _earlier(sent, rows - 1)
-        known = forcing[start:end] + arriving[:-1] @ before[:, :-1].T + arriving[1:] @ after[:, :-1].T
-        _recur(transposed, known, states[start : end + 1])
-        sent[start : end + 1] = states[start : end + 1] @ outputs[late].T
+    states = np.zeros((count + 1, len(closed)))
+    made = _core.recur_late(
+        transition.T.copy(), forcing, outputs[late], before[:, :-1].T.copy(), after[:, :-1].T.copy(), whole, part, states
+    )
+    states[made + 1 :] = np.nan
     table = states @ system.c[inputs:].T
     return table[:, 0], table[:, 1]
-
-
-def _earlier(sent: Floats, rows: Integers) -> Floats:
-    """Each column of `sent` at its own rows; 0 before the first."""
-    return np.where(rows >= 0, sent[np.maximum(rows, 0), np.arange(sent.shape[1])], 0.0)
 
 
 def _recur(transposed: Floats, forcing: Floats, states: Floats) -> None:

@@ -94,7 +94,7 @@ class Analysis:
 
         return {name: min(self.states, key=lambda state, name=name: left(state, name)) for name in REQUIREMENTS}
 
-    @property
+    @cached_property
     def unmet(self) -> dict[str, State]:
         """The requirements that are not met in every state and case, each with the worst state, what is missed most first.
 

@@ -85,11 +85,16 @@ class Audit(Analysis):
         return not self.missed_in(state)
 
     def missed_in(self, state: State) -> list[str]:
-        """The names of what a state has too little of; of one that is not stable the gain margin."""
-        if not self.enough_gain_in(state):
-            return ["gain_margin"]
-        missed = [] if enough(self.extra_delay(state), self.delay_margin) else ["delay_margin"]
-        return missed + [one.name for one, needed in self.further.asked_for if not one.met(needed, one.value(state.margins))]
+        """The names of all that a state has too little of; of one that is not stable all that is required."""
+        missed, lost = [] if self.enough_gain_in(state) else ["gain_margin"], not state.limit.stable
+        late = self.delay_margin > 0 if lost else not enough(self.extra_delay(state), self.delay_margin)
+        missed += ["delay_margin"] if late else []
+        return missed + [one.name for one, needed in self.further.asked_for if lost or not one.met(needed, one.value(state.margins))]
+
+    def joints_that_miss_in(self, state: State) -> set[str]:
+        """The joints that move where a state has too little of something; of one that is not stable those that vibrate."""
+        missed = self.missed_in(state) if state.limit.stable else ["gain_margin"]
+        return {name for each in missed for name in joints_that_miss(state, each)}
 
     def enough_gain_in(self, state: State) -> bool:
         """Whether a state is stable with `margin` times its gains; where kd has a path of its own, also on either path alone."""
@@ -135,7 +140,7 @@ class Audit(Analysis):
             if self.needed is None or least is None
             else np.where(self.needed.unknown, least.stiffness, math.nan)
         )
-        vibrating = {name for state in self.states for missed in self.missed_in(state) for name in joints_that_miss(state, missed)}
+        vibrating = {name for state in self.states for name in self.joints_that_miss_in(state)}
         return tuple(
             AuditedJoint(
                 name=name,

@@ -14,8 +14,8 @@ export function fromAddress(opening) {
       }
     } else if (robot && name.startsWith("at.")) {
       if (opening.joints.some((/** @type {any} */ joint) => joint.name === name.slice(3)) && known) view.angles[name.slice(3)] = value;
-    } else if (["posture", "contact", "joint"].includes(name)) {
-      const list = { posture: opening.postures, contact: opening.contacts, joint: opening.channels }[/** @type {"joint"} */ (name)];
+    } else if (["posture", "contact", "joint", "payload_at"].includes(name)) {
+      const list = { posture: opening.postures, contact: opening.contacts, joint: opening.channels, payload_at: opening.carriers }[/** @type {"joint"} */ (name)];
       if (robot && list.includes(text)) view[name] = text;
     } else if (!robot && name in view.gains && known && value >= 0) view.gains[name] = value;
     else if (typeof view[name] === "number" && known) view[name] = value;

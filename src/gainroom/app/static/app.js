@@ -27,6 +27,7 @@ const page = {
   certified: false,
   judged: 0, // the question whose full answer has come
   shaking: false,
+  searching: false,
   final: true,
 };
 /** @type {any} */ (window).gainroom = page;
@@ -84,18 +85,18 @@ function take(part) {
     if (part.lane === "quick" || !part.lane) { page.busy = false; next(); }
     if (part.lane === "quick" && part.key === page.key && page.final) intoSight();
     if (part.lane === "full") progress(null);
-    if (part.lane === "run") idle();
   }
+  if (["done", "refused", "ended"].includes(part.part)) over(part);
   if (part.part === "refused") return refused(part);
   if (part.part === "copied") return copied(part);
   if (part.part === "difference" || part.part === "saved") return difference(part, page.opening.name, send);
-  if (part.part === "ended") return idle();
+  if (part.part === "ended") return undefined;
   if (part.part === "run") return ran(part);
   if (part.part === "film") return body && body.play(part);
   if (part.part === "page") return download(part.text);
   if (part.part === "progress") return progress(part);
   if ((part.lane === "full" || part.lane === "search") && part.key !== page.key) return undefined; // of gains that nobody looks at any more
-  const put = /** @type {Record<string, (part: any) => void>} */ ({ verdict, heat: (each) => states && states.take(each), mode: (each) => body && body.take(each), root: (each) => body && body.takeRoot(each), bode: curves, map: areas, before: (each) => step.takeBefore(each), step: (each) => step.take(each), use })[part.part];
+  const put = /** @type {Record<string, (part: any) => void>} */ ({ verdict, heat: (each) => states && states.take(each), mode: (each) => body && body.take(each), root: (each) => body && body.takeRoot(each), bode: (each) => { bode.take(each); nyquist.take(each); }, map: (each) => map.take(each), before: (each) => step.takeBefore(each), step: (each) => step.take(each), use })[part.part];
   if (put) put(part);
   return undefined;
 }
@@ -115,7 +116,7 @@ function refused(part) {
 /** @param {any} part */
 function progress(part) {
   if (part && part.lane === "run") by("shake").textContent = `Stop (${Math.round((100 * part.done) / Math.max(1, part.total))} %)`;
-  else if (part && part.lane === "search") by("snap").textContent = `Searching … ${Math.round((100 * part.done) / Math.max(1, part.total))} %`;
+  else if (part && part.lane === "search") by("snap").textContent = `Stop the search (${Math.round((100 * part.done) / Math.max(1, part.total))} %)`;
   else if (!page.certified && part && part.key === page.key) by("basis").textContent = `Not certified yet: ${part.what} …`;
 }
 
@@ -126,6 +127,7 @@ function open(opening) {
   const first = !page.opening;
   page.opening = opening;
   page.busy = false;
+  if (!first) for (const lane of ["run", "search"]) over({ lane }); // they ended with the server
   by("offline").hidden = true;
   document.title = `${opening.name} – gainroom`;
   if (first) {
@@ -191,7 +193,9 @@ function robot() {
   captions[0].innerText = "Critical mode";
   page.body = body = new RobotView(side.querySelector(".plot"), page.opening.shapes, () => page.dragging);
   by("map").querySelector("small").textContent = `of the chosen ${what} in this state, all others closed; drag the dot`;
-  map.blue = `this ${what}'s own loop keeps the required margins in this state (sampled)`;
+  map.blue = `this ${what}'s own loop keeps the required margins in this state`;
+  map.sure = "Areas: sampled, not certified; what is certified of ● is said in the verdict. ";
+  map.nowhere = `: no gains of this ${what} alone make this state stable while all others stay`;
   by("bode").querySelector("small").textContent = `of the chosen ${what}, all others closed; sampled`;
 }
 
@@ -220,8 +224,8 @@ function undo() {
 }
 
 function snap() {
-  if (by("snap").disabled) return;
-  if (page.found && page.found.find) { send({ ask: "find" }); by("snap").disabled = true; return; }
+  if (by("snap").disabled || page.searching) return;
+  if (page.found && page.found.find) { page.searching = true; by("snap").textContent = "Stop the search"; send({ ask: "find" }); return; }
   if (!page.found || !page.found.gains) return;
   gesture(true);
   delete page.view.point;
@@ -284,7 +288,7 @@ function sentences(part, current) {
     card.dataset.name = row.name;
     title.textContent = row.title + (part.basis === "certified" && page.opening.uncertain.length ? ", worst case" : "");
     value.textContent = row.worst + (row.met === null ? "" : row.met ? " ✓" : " ✗");
-    below.textContent = [row.required, row.where && !once ? `in ${row.where}` : "", row.to_use && row.to_use !== "–" && row.to_use !== row.worst ? `★ ${row.to_use}` : ""].filter(Boolean).join(" · ");
+    below.textContent = [row.required, row.where && !once ? `${page.opening.kind === "robot" ? "in" : "at"} ${row.where}` : "", row.to_use && row.to_use !== "–" && row.to_use !== row.worst && !isTaken() ? `★ ${row.to_use}` : ""].filter(Boolean).join(" · ");
     card.append(title, value, below);
     if (row.place) Object.assign(card, { title: "Show where", onclick: () => states && states.visit(row.place) });
     return card;
@@ -294,17 +298,8 @@ function sentences(part, current) {
 /** The verdict in a line, which stays on a phone's screen. @param {any} part */
 function brief(part) {
   const values = part.rows.filter((/** @type {any} */ row) => row.met !== null).map((/** @type {any} */ row) => `${/^[\d.]+$/.test(row.worst) ? `${row.title.split(" ").pop()} ` : ""}${row.worst} ${row.met ? "✓" : "✗"}`);
-  by("brief").textContent = [(/^(Safe|Not safe|Not decided|Stable|Unstable)/.exec(part.sentence) || [part.sentence])[0], ...new Set(values)].join(" · ");
+  by("brief").textContent = [(/^(Safe|Not safe|Not decided|Stable in continuous time only|Stable|Unstable)/.exec(part.sentence) || [part.sentence])[0], ...new Set(values)].join(" · ");
   by("brief").className = part.tone;
-}
-
-/** @param {any} part */
-function curves(part) { bode.take(part); nyquist.take(part); }
-
-/** @param {any} part */
-function areas(part) {
-  if (part.window && JSON.stringify(part.window) !== JSON.stringify(map.window) && map.data.stable.length && !page.opening) return;
-  map.take(part);
 }
 
 /** @param {any} part */
@@ -326,11 +321,14 @@ function use(part) {
 /** Whether all that is in one is in the other, too. @param {any} part @param {any} whole @returns {boolean} */
 const within = (part, whole) => Object.entries(part).every(([name, value]) => (typeof value === "object" ? within(value, whole[name]) : value === whole[name]));
 
-/** Of a robot's recommended gains those of the chosen joint; what has been taken is not offered again. */
+/** Whether the gains now are the recommended ones: those are not offered again. */
+const isTaken = () => Boolean(page.found && page.found.gains) && within(page.found.gains, page.view.gains);
+
+/** Of a robot's recommended gains those of the chosen joint. */
 function star() {
-  const { found } = page, taken = Boolean(found && found.gains) && within(found.gains, page.view.gains);
-  by("snap").disabled = !found || taken || !(found.gains || found.find);
-  by("snap").textContent = taken ? "★ Recommended" : found && found.find ? "★ Find gains (slow)" : "★ Use recommended";
+  const { found } = page, taken = isTaken();
+  by("snap").disabled = !page.searching && (!found || taken || !(found.gains || found.find));
+  if (!page.searching) by("snap").textContent = taken ? "★ Recommended" : found && found.find ? "★ Find gains (slow)" : "★ Use recommended";
   if (page.opening.kind === "robot") {
     map.points.star = (page.found && page.found.points[page.view.joint]) || null;
     map.points.ghost = page.opening.points[page.view.joint];
@@ -345,14 +343,22 @@ function cursor(hz) { bode.setCursor(hz); nyquist.setCursor(hz); map.setCursor(h
 // ---- a simulated run ------------------------------------------------------------------------------------------------------------------
 
 function shake() {
-  if (page.shaking) return send({ ask: "cancel" });
+  if (page.shaking) return send({ ask: "cancel", of: "shake" });
   page.shaking = true;
   by("shake").textContent = "Stop";
   send({ ask: "shake" });
   return undefined;
 }
 
-function idle() { page.shaking = false; by("shake").textContent = "Shake it"; }
+/** What was asked for has been answered, or has ended. @param {any} part */
+function over(part) {
+  if (part.lane === "run") { page.shaking = false; by("shake").textContent = "Shake it"; }
+  if (part.lane !== "search") return;
+  page.searching = false;
+  star();
+  if (part.message && part.part === "ended") toast(part.message);
+  if (part.part === "done" && part.key !== page.key) look(true); // found while gains were moved
+}
 
 /** @param {any} part */
 function ran(part) {
@@ -365,7 +371,7 @@ function ran(part) {
   requestAnimationFrame(() => seen.scrollIntoView({ behavior: "smooth", block: "nearest" })); // charts have their size then
 }
 
-by("snap").onclick = snap;
+by("snap").onclick = () => (page.searching ? send({ ask: "cancel", of: "find" }) : snap());
 by("undo").onclick = undo;
 by("shake").onclick = shake;
 by("page").onclick = () => { toast("Making the page …"); send({ ask: "page" }); };

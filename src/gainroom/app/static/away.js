@@ -23,7 +23,7 @@ export function forms(opening, send) {
 export async function copied(part) {
   try {
     await navigator.clipboard.writeText(part.text);
-    toast(`Copied as ${part.form}`);
+    toast(`Copied as ${part.form}${part.form === "yaml" ? ": in the place of the gains of your file" : ""}`);
   } catch {
     dialog(`Gains as ${part.form}`, part.text, "Select and copy: this browser does not let a page do it.");
   }

@@ -129,7 +129,7 @@ export class Nyquist {
     ctx.beginPath(); ctx.setLineDash([3, 4]); ctx.arc(x(0), y(0), scale, 0, 7); ctx.stroke(); ctx.setLineDash([]);
     if (this.needed.gain_margin) { ctx.lineWidth = 5; ctx.strokeStyle = "rgba(213,94,0,.45)"; ctx.beginPath(); ctx.moveTo(x(-this.needed.gain_margin), y(0)); ctx.lineTo(x(-1 / this.needed.gain_margin), y(0)); ctx.stroke(); }
     if (this.needed.phase_margin) { ctx.lineWidth = 5; ctx.strokeStyle = "rgba(0,114,178,.45)"; ctx.beginPath(); ctx.arc(x(0), y(0), scale, Math.PI - this.needed.phase_margin, Math.PI + this.needed.phase_margin); ctx.stroke(); }
-    ctx.fillStyle = "#000"; ctx.font = "12px system-ui"; ctx.fillText("−1", x(-1) - 6, y(0) + 16); ctx.fillText("Re L", wide - 30, y(0) - 5); ctx.fillText("Im L", x(0) + 5, 12);
+    ctx.fillStyle = "#000"; ctx.font = "12px system-ui"; ctx.fillText("−1", x(-1) - 16, y(0) + 18); ctx.fillText("Re L", wide - 30, y(0) - 5); ctx.fillText("Im L", x(0) + 5, 12);
     ctx.beginPath(); ctx.arc(x(-1), y(0), 3, 0, 7); ctx.fill();
     if (!this.part) return;
     ctx.beginPath();

@@ -17,7 +17,9 @@ export class Controls {
     this.slider("delay_ms", "delay", "ms", 0, Math.max(10, 2.5 * opening.view.delay_ms));
     this.slider("stiffness", "stiffness", robot ? "×" : "N·m/rad", 0.1, 10);
     this.slider("link_inertia", "load", "kg·m²", 0.05, 20);
-    this.rate();
+    if (robot) this.slider("payload", "payload", "kg", 0, opening.payload_most);
+    if (robot) this.choice("payload_at", "payload at", opening.carriers.map((/** @type {string} */ name) => [name, name]), String);
+    this.choice("sample_rate_hz", "sample rate", opening.rates.map((/** @type {number} */ rate) => [rate ? `${number(rate)} Hz` : "continuous", rate]), Number);
   }
 
   /** The gains that are dragged: a joint's own, or those of the robot's chosen joint or direction. @returns {Record<string, number>} */
@@ -64,17 +66,17 @@ export class Controls {
     this.place.append(label);
   }
 
-  /** Even steps for the delay, factors for the others. @param {string} name @param {string} title @param {string} unit @param {number} low @param {number} high */
+  /** Even steps from 0, factors from elsewhere. @param {string} name @param {string} title @param {string} unit @param {number} low @param {number} high */
   slider(name, title, unit, low, high) {
     const { page, does } = this, own = page.opening.view[name];
     if (own === null) return;
-    const input = document.createElement("input"), even = name === "delay_ms";
-    Object.assign(input, { type: "range", min: even ? low : Math.log10(low * own), max: even ? high : Math.log10(high * own), step: even ? 0.01 : 0.005, id: name });
+    const input = document.createElement("input"), even = low === 0;
+    Object.assign(input, { type: "range", min: even ? low : Math.log10(low * own), max: even ? high : Math.log10(high * own), step: even ? high / 1000 : 0.005, id: name });
     const typed = document.createElement("input"), [least, most] = [Number(input.min), Number(input.max)];
     input.setAttribute("aria-label", title);
     this.add(`${title} [${unit}]`, typed, input);
     this.shown.push(this.typed(typed, `${name}-typed`, title, even, () => page.view[name], (value) => { page.view[name] = value; }));
-    const value = () => (even ? Number(input.value) : Number((10 ** Number(input.value)).toPrecision(4)));
+    const value = () => Number((even ? Number(input.value) : 10 ** Number(input.value)).toPrecision(4));
     input.addEventListener("input", () => { if (!page.dragging) does.gesture(true); page.view[name] = value(); does.show(); does.look(false); });
     input.addEventListener("change", () => { does.gesture(false); page.view[name] = value(); does.look(true); });
     this.shown.push(() => {
@@ -85,12 +87,13 @@ export class Controls {
     });
   }
 
-  rate() {
-    const { page, does } = this, rates = document.createElement("select");
-    rates.id = "sample_rate_hz";
-    for (const rate of page.opening.rates) rates.add(new Option(rate ? `${number(rate)} Hz` : "continuous", String(rate)));
-    this.add("sample rate", document.createElement("span"), rates);
-    rates.addEventListener("change", () => { does.gesture(true); page.view.sample_rate_hz = Number(rates.value); does.look(true); });
-    this.shown.push(() => { rates.value = String(page.view.sample_rate_hz); });
+  /** @param {string} name @param {string} title @param {any[]} options texts and values @param {(text: string) => any} kind */
+  choice(name, title, options, kind) {
+    const { page, does } = this, select = document.createElement("select");
+    select.id = name;
+    for (const [text, value] of options) select.add(new Option(text, String(value)));
+    if (options.length) this.add(title, document.createElement("span"), select);
+    select.addEventListener("change", () => { does.gesture(true); page.view[name] = kind(select.value); does.look(true); });
+    this.shown.push(() => { select.value = String(page.view[name]); });
   }
 }

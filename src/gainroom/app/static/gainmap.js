@@ -46,7 +46,9 @@ export class GainMap {
     this.height = 0;
     this.names = ["kp", "kd"];
     this.units = ["N·m/rad", "N·m·s/rad"];
-    this.green = "in every state this loop keeps the required margins and all gains together the gain margin (nominal values, sampled)";
+    this.green = "in every state this loop keeps the required margins and all gains together the gain margin (nominal values)";
+    this.nowhere = ": no gains here are stable";
+    this.sure = ""; // what is certified and what is not, where some is not
     this.late = this.met = false; // met: of the gains now everything is, by the full verdict
     this.star = ""; // what is certified of the recommended ones
     this.blue = "every requirement met at the nominal values";
@@ -138,7 +140,7 @@ export class GainMap {
 
   /** @param {any} part */
   take(part) {
-    Object.assign(this.data, Object.fromEntries(["stable", "required", "edge", "lines", "every", "safe", "whole", "missing"].filter((name) => part[name] !== undefined).map((name) => [name, part[name]])));
+    Object.assign(this.data, { known: true }, Object.fromEntries(["stable", "required", "edge", "lines", "every", "safe", "whole", "missing", "next"].filter((name) => part[name] !== undefined).map((name) => [name, part[name]])));
     if (part.window) this.window = part.window;
     if (part.stable && this.data.channel !== part.channel) Object.assign(this.data, { every: part.follows ? [] : null, safe: [], whole: null, channel: part.channel });
     this.late = Boolean(part.stable && part.follows); // what holds in every state comes after what holds in this one
@@ -178,7 +180,7 @@ export class GainMap {
     this.data.lines.forEach((/** @type {any} */ line, /** @type {number} */ k) => {
       for (const part of line.parts) svg("path", { d: this.path(part), fill: "none", stroke: colors[k % 4], "stroke-width": 2, "stroke-dasharray": dashes[k % 4] }, areas);
     });
-    for (const value of ticks(0, this.window[0], Math.max(3, Math.floor(inner.width / 90)))) {
+    for (const value of ticks(0, this.window[0], Math.max(4, Math.floor(inner.width / 90)))) {
       svg("line", { x1: this.x(value), x2: this.x(value), y1: height - FRAME.bottom, y2: height - FRAME.bottom + 5, stroke: "#666" }, axes);
       svg("text", { x: this.x(value), y: height - FRAME.bottom + 18, "text-anchor": "middle" }, axes).textContent = number(value);
     }
@@ -191,7 +193,7 @@ export class GainMap {
     svg("text", { transform: `translate(13 ${FRAME.top + inner.height / 2}) rotate(-90)`, "text-anchor": "middle" }, axes).textContent = `${this.names[1]} [${this.units[1]}]`;
     svg("text", { x: width - FRAME.right - 8, y: FRAME.top + 18, "text-anchor": "end", class: "soft" }, labels).textContent = "unstable";
     const inside = this.data.lines.map((/** @type {any} */ line, /** @type {number} */ k) => ({ text: line.text, color: colors[k % 4], dash: ["——", "– –", "···", "–·–"][k % 4] }));
-    this.legend.replaceChildren("Hatched: unstable. ", this.data.required.length ? `Blue: ${this.blue}. ` : "", this.everywhere(), "● now, ○ file", this.points.star ? `, ★ recommended: the stiffest${this.star && ` (${this.star})`}` : "", this.points.rule ? ", × rule of thumb (10 Hz). " : ". ");
+    this.legend.replaceChildren(this.sure, `Hatched: unstable${this.data.known && !this.data.stable.length ? this.nowhere : ""}. `, this.data.required.length ? `Blue: ${this.blue}. ` : "", this.everywhere(), "● now, ○ file", this.points.star ? `, ★ recommended: the stiffest${this.star && ` (${this.star})`}` : "", this.shows(this.points.rule) ? ", × rule of thumb (10 Hz). " : ". ");
     for (const one of inside) {
       const mark = document.createElement("span");
       mark.textContent = ` ${one.dash} ${one.text} `;
@@ -204,23 +206,26 @@ export class GainMap {
 
   /** What is said of all states of a robot. */
   everywhere() {
-    const { every, safe, whole, missing } = this.data;
+    const { every, safe, whole, missing, next } = this.data;
     if (missing) return `All states: ${missing}. `;
     if (!every) return "";
     if (this.late) return "Pale and dashed: all states, as they were; they follow. ";
     const none = every.length ? "Dashed: stable in every state. " : "Nowhere here is it stable in every state. ";
     const fine = this.met ? "The gains now meet every requirement in every state, as the verdict says" : "";
-    const others = !whole ? "" : whole.length ? `Dark green: every requirement in every state, of every loop and of all together (nominal values, sampled). ${fine && `${fine}. `}` : fine ? `${fine}; around them the map finds no room. ` : "No gains of this loop alone meet every requirement in every state (sampled). ";
+    const others = next ? `Being computed: where ${next === "safe" ? "the required margins are kept" : "every requirement is met"} in every state … ` : !whole ? "" : whole.length ? `Dark green: every requirement in every state, of every loop and of all together (nominal values). ${fine && `${fine}. `}` : fine ? `${fine}; around them the map finds no room. ` : "No gains of this loop alone meet every requirement in every state. ";
     return none + (safe && safe.length ? `Green: ${this.green}. ` : "") + others;
   }
+
+  /** @param {number[] | null} point @returns {point is number[]} */
+  shows(point) { return Boolean(point && point.every((each, k) => each <= this.window[k])); }
 
   drawMarks() {
     const marks = this.layers.marks;
     marks.replaceChildren();
     const { ghost, star, rule } = this.points;
     if (ghost) svg("circle", { cx: this.x(ghost[0]), cy: this.y(ghost[1]), r: 8, fill: "none", stroke: "#666", "stroke-width": 2, "data-mark": "ghost" }, marks);
-    if (star && star[0] <= this.window[0] && star[1] <= this.window[1]) svg("text", { x: this.x(star[0]), y: this.y(star[1]) + 8, "text-anchor": "middle", class: "star", fill: "#0072b2", "data-mark": "star" }, marks).textContent = "★";
-    if (rule && rule[0] <= this.window[0] && rule[1] <= this.window[1]) svg("text", { x: this.x(rule[0]), y: this.y(rule[1]) + 6, "text-anchor": "middle", "data-mark": "rule" }, marks).textContent = "✕";
+    if (this.shows(star)) svg("text", { x: this.x(star[0]), y: this.y(star[1]) + 8, "text-anchor": "middle", class: "star", fill: "#0072b2", "data-mark": "star" }, marks).textContent = "★";
+    if (this.shows(rule)) svg("text", { x: this.x(rule[0]), y: this.y(rule[1]) + 6, "text-anchor": "middle", "data-mark": "rule" }, marks).textContent = "✕";
     if (this.cursor !== null) this.drawCursor();
   }
 

@@ -120,8 +120,9 @@ export class States {
   take(part) {
     this.part = part;
     const title = document.createElement("p"), table = document.createElement("table"), head = table.createTHead().insertRow();
+    const unknown = (/** @type {boolean} */ stable) => part.closed.some((/** @type {any[]} */ state, /** @type {number} */ k) => part.stable[k] === stable && state.includes(null));
     title.className = "legend";
-    title.textContent = `Factor on the gains until vibration: all together, then each with the others closed. ${part.closed.flat().includes(null) ? "any: no factor makes it vibrate. " : ""}Click a cell to look at it.`;
+    title.textContent = `Factor on the gains until vibration: all together, then each with the others closed. ${unknown(true) ? "any: no factor makes it vibrate. " : ""}${unknown(false) ? "–: of an unstable state none is known. " : ""}Click a cell to look at it.`;
     head.append(document.createElement("th"));
     for (const state of part.states) head.append(Object.assign(document.createElement("th"), { textContent: state.join(" / "), scope: "col" }));
     const body = table.createTBody();

@@ -120,6 +120,21 @@ static std::size_t recur(const Matrix& transposed, const Matrix& forcing, const 
     return gainroom::recur(transposed.data(), size, forcing.data(), steps, states.data(), limit);
 }
 
+static std::size_t recur_late(const Matrix& transposed, const Matrix& forcing, const Matrix& rows, const Matrix& before,
+                              const Matrix& after, const Integers& whole, const Vector& part, const Array<double, 2>& states) {
+    const std::size_t size = transposed.shape(0), steps = forcing.shape(0), count = rows.shape(0);
+    require(transposed.shape(1) == size && forcing.shape(1) == size, "transposed and forcing have the shapes (m, m) and (k, m)");
+    require(states.shape(0) == steps + 1 && states.shape(1) == size, "states have the shape (k + 1, m)");
+    for (const Matrix* each : {&rows, &before, &after})
+        require(each->shape(0) == count && each->shape(1) == size, "rows, before and after have the shape (n, m)");
+    require(whole.shape(0) == count && part.shape(0) == count, "whole and part have the shape (n,)");
+    for (std::size_t j = 0; j < count; j++) require(whole.data()[j] >= 1, "an output comes back at least one step late");
+    std::vector<double> sent((steps + 1) * count);
+    const gainroom::LateOutputs late{count, rows.data(), before.data(), after.data(), whole.data(), part.data(), sent.data()};
+    nb::gil_scoped_release release;
+    return gainroom::recur_late(transposed.data(), size, forcing.data(), late, steps, states.data());
+}
+
 void bind_simulation(nb::module_& m) {
     nb::class_<Body>(m, "Body")
         .def(nb::new_(&body), nb::arg("system"), nb::arg("positions"), nb::arg("rates"), nb::arg("entries"), nb::arg("current"),
@@ -139,4 +154,6 @@ void bind_simulation(nb::module_& m) {
           nb::arg("width"), nb::arg("torques"));
     m.def("exponential", &exponential, nb::arg("matrix"));
     m.def("recur", &recur, nb::arg("transposed"), nb::arg("forcing"), nb::arg("states").noconvert(), nb::arg("limit"));
+    m.def("recur_late", &recur_late, nb::arg("transposed"), nb::arg("forcing"), nb::arg("rows"), nb::arg("before"), nb::arg("after"),
+          nb::arg("whole"), nb::arg("part"), nb::arg("states").noconvert());
 }
