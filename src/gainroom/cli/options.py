@@ -1,9 +1,12 @@
 """The options that every command has."""
 
 import contextlib
+import inspect
 import os
 import shlex
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import is_dataclass
+from functools import wraps
 from io import StringIO
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -14,6 +17,9 @@ AsJson = Annotated[bool, typer.Option("--json", help="One JSON object on standar
 Verbose = Annotated[bool, typer.Option("--verbose", help="All there is to know, not only what matters first.")]
 Strict = Annotated[bool, typer.Option("--strict", help="Exit status 1 also where a requirement is not met.")]
 Report = Annotated[Path | None, typer.Option("--report", metavar="OUT.html", help="Also write a self-contained page.")]
+Number = float | None
+SHOWN = ("as_json", "verbose", "strict")
+"""Parameters that say how an answer is shown, or taken."""
 
 
 def number_option(flag: str, unit: str, text: str, **others: Any) -> Any:
@@ -83,13 +89,59 @@ def refuse_inputs(path: Path, what: str) -> None:
         raise GainroomError(f"{path}: the {what} would overwrite the input" + (f" {name}" if name != str(path) else ""))
 
 
-def command_line(*words: str | Path | tuple[str, Any]) -> str:
-    """The command that makes the same page again, for its last section; an option is (flag, value), left out where the value is None."""
-    typed: list[Any] = ["gainroom"]
-    for word in words:
-        typed += [word] if not isinstance(word, tuple) else [*word] if word[1] is not None else []
-    text = shlex.join(repr(word).removesuffix(".0") if isinstance(word, float) else str(word) for word in typed)
-    return text.encode("utf-8", "backslashreplace").decode()
+def typed_command(context: typer.Context, *left_out: str) -> str:
+    """The command that runs, as it was typed: for a page's last section, and to go on from.
+
+    left_out   names of parameters that it goes without, beside SHOWN
+    """
+    words = context.command_path.split()[1:]
+    for parameter in context.command.params:
+        name = parameter.name or ""
+        source = context.get_parameter_source(name)
+        if name in (*SHOWN, *left_out) or source is None or source.name != "COMMANDLINE":
+            continue
+        value = context.params[name]
+        values = value if isinstance(value, list | tuple) else [value]
+        texts = [repr(one).removesuffix(".0") if isinstance(one, float) else str(one) for one in values]
+        if parameter.param_type_name == "argument":
+            words += texts
+        elif isinstance(value, bool):
+            words += parameter.opts if value else parameter.secondary_opts
+        else:
+            words += [word for text in texts for word in (parameter.opts[0], text)]
+    return command_line(*words)
+
+
+def command_line(*words: object) -> str:
+    """`gainroom` with these words, as a shell takes it."""
+    return shlex.join(["gainroom", *map(str, words)]).encode("utf-8", "backslashreplace").decode()
+
+
+Command = Callable[..., int]
+
+
+def with_options(command: Command) -> Command:
+    """The command as typer takes it: a parameter that is a record of options, a dataclass, stands for its fields.
+
+    An option of the command's own stands for that of the record of the same name.
+    """
+    own = inspect.signature(command, eval_str=True).parameters
+    records: dict[str, Any] = {name: each.annotation for name, each in own.items() if is_dataclass(each.annotation)}
+    fields = {
+        name: [option for option in inspect.signature(record, eval_str=True).parameters.values() if option.name not in own]
+        for name, record in records.items()
+    }
+
+    @wraps(command)
+    def called(**values: Any) -> int:
+        made = {name: record(**{option.name: values.pop(option.name) for option in fields[name]}) for name, record in records.items()}
+        return command(**values, **made)
+
+    every = [option for name, each in own.items() for option in fields.get(name, [each])]
+    parameters = [each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in every]
+    called.__annotations__ = {each.name: each.annotation for each in parameters} | {"return": int}
+    called.__signature__ = inspect.Signature(parameters)  # pyright: ignore[reportAttributeAccessIssue]
+    return called
 
 
 def kind_of(file: Path) -> Literal["joint", "robot"]:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from ..identification import GainsFit, Record, StiffnessFit
-from ..identification.predicted_torque import predicted_torque
+from ..identification.gains import predicted_torque
 from . import style
 from .curves import Curve, Panel, stacked
 from .number_format import digits, hertz
