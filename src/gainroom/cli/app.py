@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from .model_options import ModelCall, audited_text
-from .options import AsJson, Number, kind_of, number_option, report_stream, typed_command, with_options, yaml_output
+from .options import AsJson, Number, kind_of, number_option, report_stream, text_output, typed_command, with_options
 from .output import emit, emit_json
 
 if TYPE_CHECKING:
@@ -119,7 +119,6 @@ def _audited(file: str | None, given: ModelCall, options: "AuditOptions", call: 
     from ..app.robot_bench import RobotBench
     from ..errors import GainroomError
     from ..files.audit_options import audited, margin_factor
-    from ..io.atomic import writing
 
     if file is None:
         raise GainroomError(f"--delay-ms {options.delay_ms:g}: is of a model; name a URDF or MJCF before it")
@@ -136,12 +135,11 @@ def _audited(file: str | None, given: ModelCall, options: "AuditOptions", call: 
             result = audit(found.system, margin, progress, options.damping_ratio, found.gearboxes)
     place = Path(f"{Path(file).stem}.yaml") if target is None else target
     text = audited_text(found, result, file, given.margin_db, call.replace(" app ", " audit ", 1), place)
-    with yaml_output(target, "--write-robot", "robot.yaml") as robot:
+    with text_output(target, "robot.yaml", yaml_of="--write-robot") as robot:
         source = file if target is None else str(target)
         yield RobotBench(Opened(text, source, place.parent, target, call))
-        if robot is not None and target is not None:
-            with writing(target):
-                robot.write_text(text, "utf-8", newline="\n")
+        if robot is not None:
+            robot.write(text)
 
 
 def examples() -> "dict[str, Callable[[], Bench]]":

@@ -8,7 +8,7 @@ import typer
 
 from ..report.number_format import as_typed, model_kind, model_text
 from .model_options import ModelCall, audited_text
-from .options import AsJson, Number, Report, Verbose, number_option, report_stream, typed_command, with_options, yaml_output
+from .options import AsJson, Number, Report, Verbose, number_option, report_stream, text_output, typed_command, with_options
 from .output import closing, column_table, do_this, few, folded_parts, render, show
 from .progress import progress_bar
 
@@ -105,7 +105,7 @@ def audit(
         told = simulator_of(SimulatorOptions(simulator, **asked), model, given.gains is None, options.joint_damping == "controller")
     besides = ("simulator", *asked, "workspace", "write_robot")
     call = typed_command(context, *besides, "report")
-    with report_stream(report, write_robot) as page, yaml_output(write_robot, "--write-robot", "robot.yaml") as robot:
+    with report_stream(report, write_robot) as page, text_output(write_robot, "robot.yaml", yaml_of="--write-robot") as robot:
         with progress_bar("audit:") as progress:
             result = run_audit(found.system, margin, progress, options.damping_ratio, found.gearboxes, extra, further)
         simulated = None
@@ -121,11 +121,7 @@ def audit(
                 swept = audited_workspace(result, workspace, progress)
         show(as_json, lambda: _facts(result, simulated, swept), lambda: _terminal(result, simulated, swept, call, report, verbose))
         if robot is not None and write_robot is not None:
-            from ..io.atomic import writing
-
-            text = audited_text(found, result, model, given.margin_db, call, write_robot)
-            with writing(write_robot):
-                robot.write_text(text, "utf-8", newline="\n")
+            robot.write(audited_text(found, result, model, given.margin_db, call, write_robot))
         if page is not None:
             from ..report.audit import audit_page
 

@@ -12,7 +12,7 @@ import typer
 from ..errors import GainroomError, require_positive
 from .identify_plan import plan
 from .log_options import LogCall
-from .options import AsJson, Number, Report, number_option, refuse_inputs, report_stream, typed_command, with_options, yaml_output
+from .options import AsJson, Number, Report, number_option, refuse_inputs, report_stream, text_output, typed_command, with_options
 from .output import closing, render, table
 from .output import show as shown
 from .progress import progress_bar
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from ..system.drive import Drive
 
 GAINS = ("kp", "kd")
+LOW_GAINS = "no PD gains keep the usual limits over the intervals: the gains in the file are low ones to start from"
 
 identify = typer.Typer(name="identify", rich_markup_mode=None, context_settings={"help_option_names": ["-h", "--help"]})
 
@@ -119,7 +120,7 @@ def joint(
     """
     drive = _drive(delay_ms, bandwidth)
     with report_stream(report, output) as page:
-        with joint_of_log(call, report) as (logged, progress), yaml_output(output, "--output", "joint.yaml") as temporary:
+        with joint_of_log(call, report) as (logged, progress), text_output(output, "joint.yaml", yaml_of="--output") as written:
             from ..identification import identify_joint
             from ..report.identified_text import joint_answer
 
@@ -127,9 +128,11 @@ def joint(
                 raise GainroomError("has no target_torque, which tells the delay that a joint.yaml needs: give --delay-ms")
             fit = identify_joint(logged.record, drive)
             answer = joint_answer(fit)
-            if temporary is not None:
+            if written is not None:
                 progress(2, 3, "gains over the intervals")
-                answer = replace(answer, warnings=(*answer.warnings, *_write(temporary, fit, logged, drive)))
+                text, met = _joint_yaml(fit, logged, drive)
+                written.write(text)
+                answer = answer if met else replace(answer, warnings=(*answer.warnings, LOW_GAINS))
         files = {"Joint": output, "Report": report}
         show(answer, logged, as_json, files=files, facts={"output": None if output is None else str(output)})
         if page is not None:
@@ -265,18 +268,15 @@ def show(
     shown(as_json, all_of_it, text)
 
 
-def _write(temporary: Path, fit: "JointFit", logged: "LoggedJoint", drive: "Drive | None") -> list[str]:
-    """The joint.yaml; what is to be said of it. Raises GainroomError."""
+def _joint_yaml(fit: "JointFit", logged: "LoggedJoint", drive: "Drive | None") -> tuple[str, bool]:
+    """Its text, and whether its gains keep the usual limits. Raises GainroomError."""
     from datetime import date
 
     from .. import __version__
     from ..files.identified_joint import identified_text
-    from ..io.atomic import writing
 
     text, _, met = identified_text(fit, logged.path, drive, date.today().isoformat(), __version__)
-    with writing(temporary):
-        temporary.write_text(text, "utf-8", newline="\n")
-    return [] if met else ["no PD gains keep the usual limits over the intervals: the gains in the file are low ones to start from"]
+    return text, met
 
 
 def _drive(delay_ms: Number, bandwidth: Number) -> "Drive | None":

@@ -36,47 +36,35 @@ def number_option(flag: str, unit: str, text: str, **others: Any) -> Any:
 
 
 @contextlib.contextmanager
-def report_stream(report: Path | None, other: Path | None = None) -> Iterator[StringIO | None]:
-    """What takes the page, or None when none is asked for; it is written when the block ends well, in the place of an older one.
+def text_output(path: Path | None, what: str, other: Path | None = None, yaml_of: str = "") -> Iterator[StringIO | None]:
+    """What takes a text (`what`: a report), or None when none is asked for; it is written when the block ends well, over an older one.
 
     A path that cannot be written, or that would take the place of anything read so far or of `other`, is refused before the work. The
-    answer is printed inside the block, so that it is there even if the page cannot be.
+    answer is printed inside the block, so that it is there even if the text cannot be. `yaml_of`: the option whose file must be YAML.
 
     Raises GainroomError.
     """
-    if report is None:
+    if path is None:
         yield None
         return
     from ..errors import GainroomError
     from ..io.atomic import replacement, writing
 
-    refuse_inputs(report, "report")
-    if other is not None and os.path.realpath(report) == os.path.realpath(other):
-        raise GainroomError(f"{report}: the report would overwrite another file that this command writes")
-    with replacement(report) as temporary:
-        page = StringIO()
-        yield page
-        with writing(report):
-            temporary.write_text(page.getvalue(), "utf-8", newline="\n")
+    refuse_inputs(path, what)
+    if yaml_of and path.suffix not in (".yaml", ".yml"):
+        raise GainroomError(f"{path}: {yaml_of} must end in .yaml")
+    if other is not None and os.path.realpath(path) == os.path.realpath(other):
+        raise GainroomError(f"{path}: the {what} would overwrite another file that this command writes")
+    with replacement(path) as temporary:
+        text = StringIO()
+        yield text
+        with writing(path):
+            temporary.write_text(text.getvalue(), "utf-8", newline="\n")
 
 
-@contextlib.contextmanager
-def yaml_output(output: Path | None, option: str, what: str) -> Iterator[Path | None]:
-    """A new file that takes the place of `output`, `what` (a joint.yaml), when the block ends well; None where none is asked for.
-
-    Raises GainroomError before the work where it cannot be.
-    """
-    if output is None:
-        yield None
-        return
-    from ..errors import GainroomError
-    from ..io.atomic import replacement
-
-    refuse_inputs(output, what)
-    if output.suffix not in (".yaml", ".yml"):
-        raise GainroomError(f"{output}: {option} must end in .yaml")
-    with replacement(output) as temporary:
-        yield temporary
+def report_stream(report: Path | None, other: Path | None = None) -> "contextlib.AbstractContextManager[StringIO | None]":
+    """What takes the page."""
+    return text_output(report, "report", other)
 
 
 def refuse_inputs(path: Path, what: str) -> None:
@@ -95,7 +83,7 @@ def typed_command(context: typer.Context, *left_out: str) -> str:
     left_out   names of parameters that it goes without, beside SHOWN
     """
     words = context.command_path.split()[1:]
-    for parameter in context.command.params:
+    for parameter in sorted(context.command.params, key=lambda parameter: parameter.name == "report"):
         name = parameter.name or ""
         source = context.get_parameter_source(name)
         if name in (*SHOWN, *left_out) or source is None or source.name != "COMMANDLINE":

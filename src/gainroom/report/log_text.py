@@ -138,10 +138,6 @@ def _range_text(survey: Survey, origin: Origin) -> str:
     return f"{digits(least, significant=3)} to {digits(largest, unit, 3)}"
 
 
-ABILITY = {"possible": "possible", "channels": "channels", "missing": "missing", "confounded": "confounded", "constant": "resting"}
-"""Of Ability, by its key in JSON."""
-
-
 def facts(survey: Survey) -> dict[str, Any]:
     """In JSON."""
     log, quality = survey.last, survey.last.quality

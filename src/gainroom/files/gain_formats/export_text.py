@@ -23,9 +23,9 @@ def number_text(value: float) -> str:
     return text if "." in mantissa else f"{mantissa}.0{sign}{exponent}"
 
 
-def commented(header: Sequence[str], mark: str = "#") -> str:
+def commented(header: Sequence[str]) -> str:
     """Lines of comment."""
-    return "".join(f"{mark} {line}\n" for line in header)
+    return "".join(f"# {line}\n" for line in header)
 
 
 def quoted(name: str) -> str:
