@@ -83,7 +83,7 @@ def typed_command(context: typer.Context, *left_out: str) -> str:
     left_out   names of parameters that it goes without, beside SHOWN
     """
     words = context.command_path.split()[1:]
-    for parameter in sorted(context.command.params, key=lambda parameter: parameter.name == "report"):
+    for parameter in sorted(context.command.params, key=lambda one: (one.param_type_name == "option", one.name == "report")):
         name = parameter.name or ""
         source = context.get_parameter_source(name)
         if name in (*SHOWN, *left_out) or source is None or source.name != "COMMANDLINE":
