@@ -10,14 +10,13 @@ from ..simulation.step_response import StepResponse, step_response
 from ..studies.joint import JointStudy
 from ..system.requirements import REQUIREMENTS, Requirements
 from . import style
-from .bode import bode, cases
+from .bode import bode, cases, nyquist
 from .columns import Column
 from .gain_map import gain_map
 from .joint_tables import case_table, crossing_table, inputs, margin_table, uncertainty_table
 from .joint_text import cause, notes, recommended_text, sentence, severity, uncertainty_cost_text, warnings
 from .margin_columns import bounded_columns
 from .number_format import digits, frequency, hertz, model_kind, typed_gains
-from .nyquist import nyquist
 from .page import Card, Html, Lead, Section, block, facts, figure, page, paragraph
 from .page_parts import assumptions, footer, margin_card, unstable_card
 from .verdict import advice_box, joint_to_use
