@@ -228,7 +228,7 @@ def test_report_replaces_the_old_one_only_when_whole(
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("gainroom.report.joint_page", broken_page)
+        patch.setattr("gainroom.report.joint.joint_page", broken_page)
         assert main(call) == 130
     assert report.read_text("utf-8") == "the old report"
     assert os.listdir(tmp_path) == ["out.html"]

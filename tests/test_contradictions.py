@@ -7,7 +7,7 @@ import pytest
 
 from gainroom.identification import Record, identify_gains
 from gainroom.identification.contradictions import require_consistent
-from gainroom.report.identified_gains_text import gains_answer
+from gainroom.report.identified_text import gains_answer
 from refusals import assert_refused
 
 TICK, COUNT = 1e-3, 6000

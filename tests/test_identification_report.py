@@ -12,7 +12,7 @@ import gainroom as gr
 from gainroom.cli import main
 from gainroom.files.logs import read_joint
 from gainroom.identification import identify_gains
-from gainroom.identification.predicted_torque import predicted_torque
+from gainroom.identification.gains import predicted_torque
 from gainroom.simulation import Friction, Scenario, Testbed, simulate
 from identified import multisine, soft_loop
 

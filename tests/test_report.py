@@ -10,7 +10,7 @@ import pytest
 from pytest import approx
 
 import gainroom as gr
-from gainroom.report import joint_page
+from gainroom.report.joint import joint_page
 from gainroom.report.joint_text import _change, sentence
 from gainroom.report.joint_text import warnings as warnings_of
 from gainroom.report.number_format import digits

@@ -169,10 +169,8 @@ def test_the_witness_contradicts_a_wrong_prediction():
 def test_no_onset_is_told():
     """Without delay worth the name, PD on a rigid joint would have to be a thousand times harder."""
     setup = joint_setup(ElasticJoint(motor_inertia=1.0, link_inertia=1.0), Drive(), PD(1e-3, 1e-2), sample_time=TICK)
-    seen = []
     with pytest.raises(GainroomError, match="decays at every factor up to"):
-        robot_onset(setup, progress=lambda runs, gain: seen.append((runs, gain)))
-    assert [runs for runs, _ in seen] == list(range(len(seen)))
+        robot_onset(setup)
 
 
 def test_running_away_counts_as_growing():

@@ -96,16 +96,13 @@ def test_shorter_steps_and_fresher_matrices_change_nothing_to_speak_of(spec):
 def test_it_falls_and_says_so(spec):
     """Motors too weak for its weight."""
     setup = setup_of(spec, "joint", ground=GROUND, torque_limit=15.0)
-    seen = []
-    run = run_robot(setup, hold(setup, 3.0), progress=lambda done, total: seen.append((done, total)))
+    run = run_robot(setup, hold(setup, 3.0))
     assert run.ending in ("fell", "diverged")
     assert run.reason.endswith(" s")
     assert 0.1 < run.time[-1] < 2.9
     assert all(np.isfinite(getattr(run, name)).all() for name in ("measured", "target_torque", "motor_position", "link_position", "base"))
     with pytest.raises(GainroomError, match=f"no steady state: {run.reason}"):
         run.steady_error()
-    assert seen[-1] == (len(run.time), 6000)
-    assert all(np.diff([done for done, _ in seen]) >= 0)
 
 
 @pytest.mark.parametrize("gain", [8.0, 1e5])

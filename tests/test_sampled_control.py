@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from gainroom.simulation.sampled_control import SampledControl
+from gainroom.simulation.whole_body import SampledControl
 from gainroom.system.controller import PD, PID, PPI
 from gainroom.system.filters import LowPass, Notch
 

@@ -1,4 +1,4 @@
-"""Reference signals against their formulas, and their derivatives against differences."""
+"""Reference signals against their formulas, and what is said of their derivatives by differences."""
 
 import math
 
@@ -22,18 +22,17 @@ SMOOTH = [
 ]
 
 
+def slope(signal: Trajectory, time: np.ndarray, h: float = 1e-5) -> np.ndarray:
+    """By central differences, off by h² times the third derivative, at most 60³ · 0.2 /s³ here, and rounding, 1e-16/h."""
+    return (signal.position(time + h) - signal.position(time - h)) / (2 * h)
+
+
 @pytest.mark.parametrize("signal", SMOOTH, ids=lambda signal: type(signal).__name__)
-def test_derivatives_are_differences(signal: Trajectory):
-    """Central differences over h = 1e-5 s are off by h² times the third derivative, at most 60³ · 0.2 /s³;
-    rounding adds 1e-16/h."""
-    h = 1e-5
-    inside = TIME[(TIME > 0.75) & (TIME < 2.9)]
-    inside = inside[(np.abs(inside - 1.1) > 2 * h) & (np.abs(inside - 1.0) > 2 * h)]  # a knot, and an end
-    slope = (signal.position(inside + h) - signal.position(inside - h)) / (2 * h)
-    assert signal.velocity(inside) == pytest.approx(slope, abs=1e-5)
-    bend = (signal.velocity(inside + h) - signal.velocity(inside - h)) / (2 * h)
-    assert signal.acceleration(inside) == pytest.approx(bend, abs=1e-3)
-    assert signal.position(TIME).shape == signal.velocity(TIME).shape == signal.acceleration(TIME).shape == (len(TIME), signal.size)
+def test_nothing_jumps(signal: Trajectory):
+    """From one time to the next, 1 ms later, no signal moves by more than its rate there allows: 60 rad/s times 0.2, or 4.5 1/s."""
+    values = signal.position(TIME)
+    assert values.shape == (len(TIME), signal.size)
+    assert np.abs(np.diff(values, axis=0)).max() < 12e-3
 
 
 def test_step():
@@ -42,7 +41,6 @@ def test_step():
     values = step.position(tick * np.arange(1000))
     assert np.array_equal(values[:600], np.full((600, 2), 0.1))
     assert values[600:] == pytest.approx(np.tile([0.4, -0.9], (400, 1)))  # 600 ticks are 0.3 s, however their product is rounded
-    assert not step.velocity(TIME).any()
 
 
 def test_cubic_and_quintic_between_two_points():
@@ -52,8 +50,8 @@ def test_cubic_and_quintic_between_two_points():
         move = Spline.move(0.06, 2.0, start=0.5, order=order)
         assert move.position(TIME)[:, 0] == pytest.approx(0.06 * shape, abs=1e-15)
         outside = (TIME < 0.5) | (TIME > 2.5)
-        assert not move.velocity(TIME)[outside].any()
-        assert not move.acceleration(TIME)[outside].any()
+        assert not np.ptp(move.position(TIME[outside & (TIME < 1)]))
+        assert not np.ptp(move.position(TIME[outside & (TIME > 1)]))
 
 
 @pytest.mark.parametrize("order", [3, 5])
@@ -63,10 +61,12 @@ def test_spline_through_points(order):
     running, pausing = Spline(times, points, order), Spline(times, points, order, pause=True)
     for spline in (running, pausing):
         assert spline.position(times)[:, 0] == pytest.approx(points, abs=1e-14)
-        assert spline.velocity([0.0, 3.0]) == pytest.approx(np.zeros((2, 1)), abs=1e-12)
-    assert running.acceleration([0.7 - 1e-9]) == pytest.approx(running.acceleration([0.7 + 1e-9]), abs=1e-5)
-    assert np.abs(running.velocity([0.7, 1.1])).min() > 0.01
-    assert pausing.velocity(times) == pytest.approx(np.zeros((4, 1)), abs=1e-12)
+        assert slope(spline, np.array([0.0, 3.0])) == pytest.approx(np.zeros((2, 1)), abs=1e-4)  # half of h times the acceleration
+    near, h = np.array([0.7 - 2e-4, 0.7 + 2e-4]), 1e-4
+    before, after = (slope(running, near + h) - slope(running, near - h)) / (2 * h)
+    assert before == pytest.approx(after, abs=0.1)  # of accelerations of up to 20 1/s², which change by 0.04 in so short a time
+    assert np.abs(slope(running, np.array([0.7, 1.1]))).min() > 0.01
+    assert slope(pausing, np.array(times)) == pytest.approx(np.zeros((4, 1)), abs=1e-4)
 
 
 def test_chirp_sweeps_its_frequencies():
@@ -74,9 +74,10 @@ def test_chirp_sweeps_its_frequencies():
     for sweep, middle in (("linear", 32.5), ("exponential", math.sqrt(5 * 60))):
         chirp = Chirp(1.0, 5.0, 60.0, 3.0, sweep)
         for time, omega in ((0.0, 5.0), (1.5, middle), (3.0, 60.0)):
-            position, velocity, _ = (value[0, 0] for value in chirp.motion([time]))
-            # ẋ/ω and x lie on the unit circle when ω is the phase's rate
-            assert (velocity / omega) ** 2 + position**2 == pytest.approx(1.0, rel=1e-12)
+            inside = np.array([min(max(time, 1e-5), 3.0 - 1e-5)])
+            position, velocity = chirp.position(inside)[0, 0], slope(chirp, inside)[0, 0]
+            # ẋ/ω and x lie on the unit circle when ω is the phase's rate; in the 1e-5 s from the ends that grows by 4e-5 of itself
+            assert (velocity / omega) ** 2 + position**2 == pytest.approx(1.0, abs=1e-4)
     assert Chirp(1.0, 5.0, 60.0, 3.0).position([4.0]) == pytest.approx(Chirp(1.0, 5.0, 60.0, 3.0).position([3.0]))
 
 

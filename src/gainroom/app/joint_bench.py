@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import GainroomError
-from ..files.copied_gains import copied_gains
 from ..files.edited_text import Keys, edited
+from ..files.gain_formats.export_text import copied_gains
 from ..files.joint_yaml import parse_joint, parse_simulation
 from ..io.yaml_text import parse_yaml
 from ..report.columns import facts

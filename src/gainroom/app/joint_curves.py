@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..report.bode import Case, frequency_span, response
-from ..report.gain_map import around, gain_points
-from ..report.map_edge import edge_frequencies
+from ..report.gain_map import around, edge_frequencies, gain_points
 from ..report.map_lines import View as Window
 from ..report.map_lines import opened, outlines, required_lines
 from ..simulation.step_response import step_response

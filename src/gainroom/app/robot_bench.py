@@ -14,8 +14,8 @@ import numpy as np
 from ..analysis.margin_record import GainLimit
 from ..analysis.part_plane import PartPlane
 from ..errors import GainroomError, computable, listed
-from ..files.copied_gains import copied_gains
 from ..files.edited_text import edited
+from ..files.gain_formats.export_text import copied_gains
 from ..files.robot_yaml import parse_robot
 from ..io.yaml_text import parse_yaml
 from ..report.columns import facts

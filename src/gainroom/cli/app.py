@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from . import model_options as given
-from .model_options import MARGIN_DB, Number, audit_command, audited_text
-from .options import AsJson, kind_of, number_option, report_stream, yaml_output
+from .model_options import ModelCall, audited_text
+from .options import AsJson, Number, kind_of, number_option, report_stream, text_output, typed_command, with_options
 from .output import emit, emit_json
 
 if TYPE_CHECKING:
@@ -18,12 +17,14 @@ if TYPE_CHECKING:
     from ..files.audit_options import AuditOptions
 
 DEFAULT = "testbed"
-OWN = ("file", "host", "port", "browser", "export", "view", "as_json")
-"""Parameters that need no model."""
+OTHERS = ("host", "port", "browser", "export", "view", "write_robot")
+"""Parameters that say nothing of a model."""
 MISSING = "the page needs a web server: pip install 'gainroom[app]'"
 
 
+@with_options
 def app(
+    *,
     context: typer.Context,
     file: Annotated[
         str | None,
@@ -44,21 +45,7 @@ def app(
         Number,
         number_option("--delay-ms", "in milliseconds", "Of a model, as of audit: from the host to motor torque [ms]; see --gains-run."),
     ] = None,
-    gains: given.Gains = None,
-    rate_hz: given.RateHz = None,
-    stiffness: given.Stiffness = None,
-    damping: given.Damping = None,
-    gearbox: given.Gearbox = None,
-    motor_inertia: given.MotorInertia = None,
-    bandwidth: given.Bandwidth = None,
-    base: given.Base = None,
-    contact: given.Contact = None,
-    posture: given.Posture = None,
-    joint_damping: given.JointDamping = None,
-    margin_db: given.MarginDb = MARGIN_DB,
-    gains_run: given.GainsRun = None,
-    drive_rate_hz: given.DriveRateHz = None,
-    drive_delay_ms: given.DriveDelayMs = None,
+    given: ModelCall,
     write_robot: Annotated[
         Path | None, typer.Option(metavar="ROBOT.yaml", help="Of a model: write the robot there first; the page then saves to it.")
     ] = None,
@@ -73,20 +60,14 @@ def app(
 
     Exit status: 0 done; 2 the file or the call is wrong; 130 ended by Ctrl-C.
     """
-    from ..files.audit_options import AuditOptions
-
-    options = None
-    if delay_ms is not None:
-        contacts, postures = tuple(contact or ()), tuple(posture or ())
-        options = AuditOptions(
-            delay_ms, rate_hz, stiffness, damping, motor_inertia, bandwidth, base, contacts, postures, joint_damping, gains_run,
-            drive_rate_hz, drive_delay_ms, gearboxes=tuple(gearbox or ()),
-        )  # fmt: skip
-    else:
+    if delay_ms is None:
         _refuse_without_model(context)
+    options = None if delay_ms is None else given.options(delay_ms)
 
     def opened() -> "contextlib.AbstractContextManager[Bench]":
-        return contextlib.nullcontext(_bench(file)) if options is None else _audited(file, gains, options, margin_db, write_robot)
+        if options is None:
+            return contextlib.nullcontext(_bench(file))
+        return _audited(file, given, options, typed_command(context, *OTHERS), write_robot)
 
     if export is not None:
         from ..app.address import view_of
@@ -124,7 +105,7 @@ def _refuse_without_model(context: typer.Context) -> None:
     """Raise GainroomError for audit's options without --delay-ms, which every model needs."""
     for name in context.params:
         source = context.get_parameter_source(name)
-        if name not in OWN and source is not None and source.name == "COMMANDLINE":
+        if name not in ("file", "as_json", *OTHERS) and source is not None and source.name == "COMMANDLINE":
             from ..errors import GainroomError
 
             needed = "is of a model, a URDF or MJCF, and needs --delay-ms: how long from the host to motor torque [ms]"
@@ -132,20 +113,19 @@ def _refuse_without_model(context: typer.Context) -> None:
 
 
 @contextlib.contextmanager
-def _audited(file: str | None, gains: Path | None, options: "AuditOptions", margin_db: float, target: Path | None) -> "Iterator[Bench]":
+def _audited(file: str | None, given: ModelCall, options: "AuditOptions", call: str, target: Path | None) -> "Iterator[Bench]":
     """The robot.yaml that `gainroom audit MODEL --write-robot` writes, opened; it is written to `target` when the block ends well."""
     from ..app.bench import Opened
     from ..app.robot_bench import RobotBench
     from ..errors import GainroomError
     from ..files.audit_options import audited, margin_factor
-    from ..io.atomic import writing
 
     if file is None:
         raise GainroomError(f"--delay-ms {options.delay_ms:g}: is of a model; name a URDF or MJCF before it")
     if options.gains_run == "split":
         raise GainroomError("--gains-run split: the page has one rate and delay for all gains; gainroom audit judges two")
-    margin = margin_factor(margin_db)
-    found = audited(file, gains, options)
+    margin = margin_factor(given.margin_db)
+    found = audited(file, given.gains, options)
     result = None
     if found.gearboxes is not None:
         from ..studies.audit import audit
@@ -153,15 +133,13 @@ def _audited(file: str | None, gains: Path | None, options: "AuditOptions", marg
 
         with progress_bar("app:") as progress:
             result = audit(found.system, margin, progress, options.damping_ratio, found.gearboxes)
-    command = audit_command(file, gains, options, {}, {"--margin-db": margin_db}, None)
     place = Path(f"{Path(file).stem}.yaml") if target is None else target
-    text = audited_text(found, result, file, margin_db, command, place)
-    with yaml_output(target, "--write-robot", "robot.yaml") as robot:
+    text = audited_text(found, result, file, given.margin_db, call.replace(" app ", " audit ", 1), place)
+    with text_output(target, "robot.yaml", yaml_of="--write-robot") as robot:
         source = file if target is None else str(target)
-        yield RobotBench(Opened(text, source, place.parent, target, command.replace(" audit ", " app ", 1)))
-        if robot is not None and target is not None:
-            with writing(target):
-                robot.write_text(text, "utf-8", newline="\n")
+        yield RobotBench(Opened(text, source, place.parent, target, call))
+        if robot is not None:
+            robot.write(text)
 
 
 def examples() -> "dict[str, Callable[[], Bench]]":

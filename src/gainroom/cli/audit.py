@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..report.number_format import as_typed, model_kind, model_text
-from . import model_options as given
-from .model_options import DAMPING_RATIO, MARGIN_DB, Number, audit_command, audited_text
-from .options import AsJson, Report, Verbose, number_option, report_stream, yaml_output
+from .model_options import ModelCall, audited_text
+from .options import AsJson, Number, Report, Verbose, number_option, report_stream, text_output, typed_command, with_options
 from .output import closing, column_table, do_this, few, folded_parts, render, show
 from .progress import progress_bar
 
@@ -27,7 +26,10 @@ SCREEN_LINES = 25
 """Of a short answer; where it would be longer, fewer joints are shown."""
 
 
+@with_options
 def audit(
+    *,
+    context: typer.Context,
     model: Annotated[
         str,
         typer.Argument(
@@ -39,19 +41,10 @@ def audit(
     delay_ms: Annotated[
         float, number_option("--delay-ms", "in milliseconds", "From the host to motor torque [ms]; see --gains-run.", show_default=False)
     ],
-    gains: given.Gains = None,
-    rate_hz: given.RateHz = None,
-    stiffness: given.Stiffness = None,
-    damping: given.Damping = None,
-    damping_ratio: given.DampingRatio = DAMPING_RATIO,
-    gearbox: given.Gearbox = None,
-    motor_inertia: given.MotorInertia = None,
-    bandwidth: given.Bandwidth = None,
-    base: given.Base = None,
-    contact: given.Contact = None,
-    posture: given.Posture = None,
-    joint_damping: given.JointDamping = None,
-    margin_db: given.MarginDb = MARGIN_DB,
+    given: ModelCall,
+    damping_ratio: Annotated[
+        float, number_option("--damping-ratio", "", "Of gearboxes whose stiffness is not given, for how stiff they must be; 0.05 is 5 %.")
+    ] = 0.05,
     delay_margin_ms: Annotated[
         Number,
         number_option("--delay-margin-ms", "in milliseconds", "Extra delay that safe gains survive [ms]; without it, half of the delay."),
@@ -76,9 +69,6 @@ def audit(
     ] = None,
     decimation: Annotated[int | None, typer.Option(metavar="STEPS", help="For which an explicit torque is held; 1 by default.")] = None,
     armature: Annotated[str | None, typer.Option(metavar="OF", help="Of the simulator's joints: file, or motor, its inertia.")] = None,
-    gains_run: given.GainsRun = None,
-    drive_rate_hz: given.DriveRateHz = None,
-    drive_delay_ms: given.DriveDelayMs = None,
     write_robot: Annotated[
         Path | None, typer.Option(metavar="ROBOT.yaml", help="Also write this robot as a robot.yaml, to go on from with gainroom robot.")
     ] = None,
@@ -101,26 +91,21 @@ def audit(
 
     Exit status: 0 safe; 1 not safe, or unstable in the simulator; 2 a file or the call is wrong.
     """
-    from ..files.audit_options import AuditOptions, audited, delay_of_margin, further_requirements, margin_factor, share_of_critical
+    from ..files.audit_options import audited, delay_of_margin, further_requirements, margin_factor
     from ..studies.audit import audit as run_audit
 
-    options = AuditOptions(
-        delay_ms, rate_hz, stiffness, damping, motor_inertia, bandwidth, base, tuple(contact or ()), tuple(posture or ()), joint_damping,
-        gains_run, drive_rate_hz, drive_delay_ms, share_of_critical(damping_ratio), tuple(gearbox or ()),
-    )  # fmt: skip
-    asked: dict[str, Any] = {"simulator": simulator, "timestep": timestep, "integrator": integrator, "pd": pd}
-    asked |= {"decimation": decimation, "armature": armature}
-    margin = margin_factor(margin_db)
+    options, margin = given.options(delay_ms, damping_ratio=damping_ratio), margin_factor(given.margin_db)
+    asked = {"timestep": timestep, "integrator": integrator, "pd": pd, "decimation": decimation, "armature": armature}
     extra, further = delay_of_margin(delay_margin_ms), further_requirements(phase_margin_deg, peak_sensitivity)
-    limits = {"--delay-margin-ms": delay_margin_ms, "--phase-margin-deg": phase_margin_deg, "--peak-sensitivity": peak_sensitivity}
-    found = audited(model, gains, options)
+    found = audited(model, given.gains, options)
     told = None
-    if any(value is not None for value in asked.values()):
+    if simulator is not None or any(value is not None for value in asked.values()):
         from ..files.simulator_options import SimulatorOptions, simulator_of
 
-        told = simulator_of(SimulatorOptions(**asked), model, gains is None, options.joint_damping == "controller")
-    call = audit_command(model, gains, options, {}, {"--margin-db": margin_db, **limits}, None)
-    with report_stream(report, write_robot) as page, yaml_output(write_robot, "--write-robot", "robot.yaml") as robot:
+        told = simulator_of(SimulatorOptions(simulator, **asked), model, given.gains is None, options.joint_damping == "controller")
+    besides = ("simulator", *asked, "workspace", "write_robot")
+    call = typed_command(context, *besides, "report")
+    with report_stream(report, write_robot) as page, text_output(write_robot, "robot.yaml", yaml_of="--write-robot") as robot:
         with progress_bar("audit:") as progress:
             result = run_audit(found.system, margin, progress, options.damping_ratio, found.gearboxes, extra, further)
         simulated = None
@@ -136,16 +121,11 @@ def audit(
                 swept = audited_workspace(result, workspace, progress)
         show(as_json, lambda: _facts(result, simulated, swept), lambda: _terminal(result, simulated, swept, call, report, verbose))
         if robot is not None and write_robot is not None:
-            from ..io.atomic import writing
-
-            text = audited_text(found, result, model, margin_db, call, write_robot)
-            with writing(write_robot):
-                robot.write_text(text, "utf-8", newline="\n")
+            robot.write(audited_text(found, result, model, given.margin_db, call, write_robot))
         if page is not None:
             from ..report.audit import audit_page
 
-            again = {"--margin-db": margin_db, **limits, "--workspace": workspace}
-            page.write(audit_page(result, audit_command(model, gains, options, asked, again, report), simulated, swept, call))
+            page.write(audit_page(result, typed_command(context, "write_robot"), simulated, swept, call))
     return 0 if result.safe and (simulated is None or simulated.limit.stable) and (swept is None or swept.safe) else 1
 
 
@@ -154,8 +134,7 @@ def _facts(result: "Audit", simulated: "SimulatorAudit | None", swept: "AuditedW
     from .. import __version__
     from ..report.audit_text import audit_scale, audit_sentence, audit_warnings
     from ..report.columns import facts
-    from ..report.gearbox_range import gearbox_assumptions, range_facts
-    from ..report.needed_stiffness import needed_facts
+    from ..report.gearboxes import gearbox_assumptions, needed_facts, range_facts
     from ..report.number_format import path_facts
     from ..report.robot_columns import AUDITED_JOINT, audited_states
 
@@ -198,8 +177,7 @@ def _facts(result: "Audit", simulated: "SimulatorAudit | None", swept: "AuditedW
         "base": result.system.source.body.base,
         "joints": [facts(AUDITED_JOINT, joint) for joint in result.joints],
         "states": [facts(columns, state) for state in result.states + result.immobile],
-        "simulator": None if simulated is None else _simulator_facts(simulated),
-        "workspace": None if swept is None else _workspace_facts(swept),
+        **_further_facts(simulated, swept),
         "needed_stiffness": needed_facts(result),
         "gearbox_range": range_facts(result),
         "assumptions": [*result.system.assumptions, *gearbox_assumptions(result)],
@@ -228,16 +206,14 @@ def _terminal(
     """`call`: see what_to_do; `verbose`: also every contact state and joint, and all that is assumed."""
     from ..report.audit_text import audit_warnings, reason, unjudged, verdict, what_to_do
     from ..report.columns import definitions
-    from ..report.gearbox_range import gearbox_assumptions
-    from ..report.needed_stiffness import CAPTION, look_columns, shown_looks
+    from ..report.gearboxes import CAPTION, gearbox_assumptions, look_columns, shown_looks
     from ..report.robot_columns import audited_joints, audited_states, joint_caption, legend
     from ..report.verdict import MOST_WARNINGS
 
     control = result.system.control
     title = f"All joints together ({model_text(control.sample_time, control.kd_path)})"
     columns = audited_states(result.enough_in)
-    said, assumed = _simulator_text(simulated)
-    said += _workspace_text(swept)
+    said, assumed = _further_text(simulated, swept)
     assumed, warned = result.system.assumptions + gearbox_assumptions(result) + assumed, audit_warnings(result)
     needed, do = result.needed, what_to_do(result, call)
     typed = do if len(do.lines) <= FEW_LINES else replace(do, lines=())
@@ -296,31 +272,29 @@ def _gains_run(result: "Audit") -> str:
     return first if result.system.control.kd_path is None else f"{first}, kp on the host"
 
 
-def _simulator_facts(simulated: "SimulatorAudit") -> dict[str, Any]:
-    from ..report.simulator_text import simulator_facts
+def _further_facts(simulated: "SimulatorAudit | None", swept: "AuditedWorkspace | None") -> dict[str, Any]:
+    """What was asked for besides; loaded only where it was."""
+    found: dict[str, Any] = {"simulator": None, "workspace": None}
+    if simulated is not None:
+        from ..report.simulator_text import simulator_facts
 
-    return simulator_facts(simulated)
+        found["simulator"] = simulator_facts(simulated)
+    if swept is not None:
+        from ..report.workspace import audited_facts
 
-
-def _workspace_facts(swept: "AuditedWorkspace") -> dict[str, Any]:
-    from ..report.workspace_text import audited_facts
-
-    return audited_facts(swept)
-
-
-def _workspace_text(swept: "AuditedWorkspace | None") -> list[str]:
-    """Its paragraph; loaded only where it is asked for."""
-    if swept is None:
-        return []
-    from ..report.workspace_text import workspace_text
-
-    return ["", workspace_text(swept)]
+        found["workspace"] = audited_facts(swept)
+    return found
 
 
-def _simulator_text(simulated: "SimulatorAudit | None") -> tuple[list[str], tuple[str, ...]]:
-    """Its paragraph, and what it assumes; loaded only where it is asked for."""
-    if simulated is None:
-        return [], ()
-    from ..report.simulator_text import simulator_assumptions, simulator_sentence
+def _further_text(simulated: "SimulatorAudit | None", swept: "AuditedWorkspace | None") -> tuple[list[str], tuple[str, ...]]:
+    """Its paragraphs, and what the simulator assumes; likewise."""
+    said, assumed = [], ()
+    if simulated is not None:
+        from ..report.simulator_text import simulator_assumptions, simulator_sentence
 
-    return ["", simulator_sentence(simulated)], simulator_assumptions(simulated)
+        said, assumed = ["", simulator_sentence(simulated)], simulator_assumptions(simulated)
+    if swept is not None:
+        from ..report.workspace import workspace_text
+
+        said += ["", workspace_text(swept)]
+    return said, assumed

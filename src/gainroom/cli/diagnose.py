@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .log_options import LogCall, reads_log
-from .options import AsJson, Report, Verbose, command_line, report_stream
+from .log_options import LogCall
+from .options import AsJson, Report, Verbose, report_stream, typed_command, with_options
 from .output import closing, render, show
 
 if TYPE_CHECKING:
@@ -20,8 +20,16 @@ JointFileOrName = Annotated[
 ]
 
 
-@reads_log
-def diagnose(call: LogCall, joint: JointFileOrName = None, as_json: AsJson = False, verbose: Verbose = False, report: Report = None) -> int:
+@with_options
+def diagnose(
+    *,
+    context: typer.Context,
+    joint: JointFileOrName = None,
+    as_json: AsJson = False,
+    verbose: Verbose = False,
+    report: Report = None,
+    call: LogCall,
+) -> int:
     """Does a joint vibrate in a recording, why, and which gain to change by how much.
 
     Causes are ranked by evidence: the loop at its gain limit, stick-slip, encoder steps, a structural resonance, torque saturation. With
@@ -57,8 +65,7 @@ def diagnose(call: LogCall, joint: JointFileOrName = None, as_json: AsJson = Fal
         if page is not None:
             from ..report.diagnosis import diagnosis_page
 
-            given = [("--joint", one) for one in described]
-            page.write(diagnosis_page(found, str(call.file), command_line("diagnose", *call.words(), *given, ("--report", report))))
+            page.write(diagnosis_page(found, str(call.file), typed_command(context)))
     return 1 if found.vibrates else 0
 
 

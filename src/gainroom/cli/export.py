@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ..errors import printable
 from .options import AsJson, refuse_inputs
 from .output import closing, render, show
 
@@ -99,10 +100,4 @@ def _terminal(made: "Export", target: Path | None, written: bool, difference: st
     if target is None:
         return made.text
     state = f"Written: {target}" if written else f"Not written: add --write to write {target}"
-    return "".join(f"{_shown(line)}\n" for line in difference.splitlines()) + render("", state, *closing({}, (), (), made.notes))
-
-
-def _shown(line: str) -> str:
-    from ..errors import printable
-
-    return printable(line)
+    return "".join(f"{printable(line)}\n" for line in difference.splitlines()) + render("", state, *closing({}, (), (), made.notes))

@@ -5,17 +5,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .options import AsJson, Report, command_line, number_option, refuse_inputs, report_stream
+from .options import AsJson, Number, Report, number_option, refuse_inputs, report_stream, typed_command
 from .output import closing, render, show, table
 
 if TYPE_CHECKING:
     from ..identification.plan import Plan
 
-Number = float | None
 KINDS = ("multisine", "chirp")
 
 
 def plan(
+    context: typer.Context,
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A joint.yaml with rough values; intervals welcome.", show_default=False)],
     max_torque: Annotated[Number, number_option("--max-torque", "in N m", "Of controller and excitation together [N m].")] = None,
     max_speed: Annotated[Number, number_option("--max-speed", "in rad/s", "Of either side of the gearbox [rad/s].")] = None,
@@ -55,19 +55,14 @@ def plan(
     if kind not in KINDS:
         raise GainroomError(f"--kind: {kind!r} must be {' or '.join(KINDS)}")
     found = _planned(file, (max_torque, max_speed, max_travel), kind, duration, (friction, encoder_step, torque_noise), not open_loop)
+    from ..report.plan import facts, plan_page
+
     with report_stream(report, output) as page:
         if output is not None:
             _write(found, output)
-        show(as_json, lambda: _facts(found, output), lambda: _terminal(found, output, report))
+        show(as_json, lambda: facts(found) | {"output": None if output is None else str(output)}, lambda: _terminal(found, output, report))
         if page is not None:
-            from ..report.plan import plan_page
-
-            given = {
-                "--max-torque": max_torque, "--max-speed": max_speed, "--max-travel": max_travel, "--duration": duration,
-                "--friction": friction, "--encoder-step": encoder_step, "--torque-noise": torque_noise,
-            }  # fmt: skip
-            words = [*given.items(), ("--kind", kind), *(["--open-loop"] if open_loop else [])]
-            page.write(plan_page(found, command_line("identify", "plan", file, *words, ("--report", report))))
+            page.write(plan_page(found, typed_command(context, "output")))
     return 0
 
 
@@ -105,14 +100,8 @@ def _write(found: "Plan", output: Path) -> None:
         writer.write({"time": found.excitation.time, "target_torque": found.torque[:, None]})
 
 
-def _facts(found: "Plan", output: Path | None) -> dict[str, Any]:
-    from ..report.plan_text import facts
-
-    return {**facts(found), "output": None if output is None else str(output)}
-
-
 def _terminal(found: "Plan", output: Path | None, report: Path | None) -> str:
-    from ..report.plan_text import EXPECTED_TITLES, LIMIT_TITLES, assumptions, expected_rows, limit_rows, sentence
+    from ..report.plan import EXPECTED_TITLES, LIMIT_TITLES, assumptions, expected_rows, limit_rows, sentence
 
     return render(
         sentence(found),

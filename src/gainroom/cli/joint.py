@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..report.number_format import model_kind, model_text, own_gains, typed_gains
-from .options import AsJson, Report, Strict, Verbose, command_line, report_stream
+from .options import AsJson, Report, Strict, Verbose, report_stream, typed_command
 from .output import closing, column_table, few, folded_parts, render, show, table, verdict_parts
 
 if TYPE_CHECKING:
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 
 def joint(
+    context: typer.Context,
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A joint.yaml; `gainroom example testbed` prints one.", show_default=False)],
     as_json: AsJson = False,
     verbose: Verbose = False,
@@ -41,12 +42,12 @@ def joint(
     with report_stream(report) as page:
         from ..studies.joint import study_joint
 
-        study, call = study_joint(system), command_line("joint", file)
+        study, call = study_joint(system), typed_command(context, "report")
         show(as_json, lambda: _facts(study), lambda: _terminal(study, call, report, verbose))
         if page is not None:
-            from ..report import joint_page
+            from ..report.joint import joint_page
 
-            page.write(joint_page(study, command_line("joint", file, ("--report", report)), call))
+            page.write(joint_page(study, typed_command(context), call))
     return 0 if study.stable_in_range and not (strict and study.requirements_met is False) else 1
 
 

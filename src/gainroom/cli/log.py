@@ -2,16 +2,16 @@
 
 from typing import Any
 
-from .log_options import LogCall, reads_log
-from .options import AsJson, Verbose
+from .log_options import LogCall
+from .options import AsJson, Verbose, with_options
 from .output import render, show, table
 
 MOST_JOINTS = 3
 """In the terminal's table."""
 
 
-@reads_log
-def log(call: LogCall, as_json: AsJson = False, verbose: Verbose = False) -> int:
+@with_options
+def log(*, as_json: AsJson = False, verbose: Verbose = False, call: LogCall) -> int:
     """What a log holds: joints, channels, units, how each was found out, what had to be cut, and which questions it has channels for.
 
     \b

@@ -1,9 +1,12 @@
 """The options that every command has."""
 
 import contextlib
+import inspect
 import os
 import shlex
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import is_dataclass
+from functools import wraps
 from io import StringIO
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -14,6 +17,9 @@ AsJson = Annotated[bool, typer.Option("--json", help="One JSON object on standar
 Verbose = Annotated[bool, typer.Option("--verbose", help="All there is to know, not only what matters first.")]
 Strict = Annotated[bool, typer.Option("--strict", help="Exit status 1 also where a requirement is not met.")]
 Report = Annotated[Path | None, typer.Option("--report", metavar="OUT.html", help="Also write a self-contained page.")]
+Number = float | None
+SHOWN = ("as_json", "verbose", "strict")
+"""Parameters that say how an answer is shown, or taken."""
 
 
 def number_option(flag: str, unit: str, text: str, **others: Any) -> Any:
@@ -30,47 +36,35 @@ def number_option(flag: str, unit: str, text: str, **others: Any) -> Any:
 
 
 @contextlib.contextmanager
-def report_stream(report: Path | None, other: Path | None = None) -> Iterator[StringIO | None]:
-    """What takes the page, or None when none is asked for; it is written when the block ends well, in the place of an older one.
+def text_output(path: Path | None, what: str, other: Path | None = None, yaml_of: str = "") -> Iterator[StringIO | None]:
+    """What takes a text (`what`: a report), or None when none is asked for; it is written when the block ends well, over an older one.
 
     A path that cannot be written, or that would take the place of anything read so far or of `other`, is refused before the work. The
-    answer is printed inside the block, so that it is there even if the page cannot be.
+    answer is printed inside the block, so that it is there even if the text cannot be. `yaml_of`: the option whose file must be YAML.
 
     Raises GainroomError.
     """
-    if report is None:
+    if path is None:
         yield None
         return
     from ..errors import GainroomError
     from ..io.atomic import replacement, writing
 
-    refuse_inputs(report, "report")
-    if other is not None and os.path.realpath(report) == os.path.realpath(other):
-        raise GainroomError(f"{report}: the report would overwrite another file that this command writes")
-    with replacement(report) as temporary:
-        page = StringIO()
-        yield page
-        with writing(report):
-            temporary.write_text(page.getvalue(), "utf-8", newline="\n")
+    refuse_inputs(path, what)
+    if yaml_of and path.suffix not in (".yaml", ".yml"):
+        raise GainroomError(f"{path}: {yaml_of} must end in .yaml")
+    if other is not None and os.path.realpath(path) == os.path.realpath(other):
+        raise GainroomError(f"{path}: the {what} would overwrite another file that this command writes")
+    with replacement(path) as temporary:
+        text = StringIO()
+        yield text
+        with writing(path):
+            temporary.write_text(text.getvalue(), "utf-8", newline="\n")
 
 
-@contextlib.contextmanager
-def yaml_output(output: Path | None, option: str, what: str) -> Iterator[Path | None]:
-    """A new file that takes the place of `output`, `what` (a joint.yaml), when the block ends well; None where none is asked for.
-
-    Raises GainroomError before the work where it cannot be.
-    """
-    if output is None:
-        yield None
-        return
-    from ..errors import GainroomError
-    from ..io.atomic import replacement
-
-    refuse_inputs(output, what)
-    if output.suffix not in (".yaml", ".yml"):
-        raise GainroomError(f"{output}: {option} must end in .yaml")
-    with replacement(output) as temporary:
-        yield temporary
+def report_stream(report: Path | None, other: Path | None = None) -> "contextlib.AbstractContextManager[StringIO | None]":
+    """What takes the page."""
+    return text_output(report, "report", other)
 
 
 def refuse_inputs(path: Path, what: str) -> None:
@@ -83,13 +77,59 @@ def refuse_inputs(path: Path, what: str) -> None:
         raise GainroomError(f"{path}: the {what} would overwrite the input" + (f" {name}" if name != str(path) else ""))
 
 
-def command_line(*words: str | Path | tuple[str, Any]) -> str:
-    """The command that makes the same page again, for its last section; an option is (flag, value), left out where the value is None."""
-    typed: list[Any] = ["gainroom"]
-    for word in words:
-        typed += [word] if not isinstance(word, tuple) else [*word] if word[1] is not None else []
-    text = shlex.join(repr(word).removesuffix(".0") if isinstance(word, float) else str(word) for word in typed)
-    return text.encode("utf-8", "backslashreplace").decode()
+def typed_command(context: typer.Context, *left_out: str) -> str:
+    """The command that runs, as it was typed: for a page's last section, and to go on from.
+
+    left_out   names of parameters that it goes without, beside SHOWN
+    """
+    words = context.command_path.split()[1:]
+    for parameter in sorted(context.command.params, key=lambda one: (one.param_type_name == "option", one.name == "report")):
+        name = parameter.name or ""
+        source = context.get_parameter_source(name)
+        if name in (*SHOWN, *left_out) or source is None or source.name != "COMMANDLINE":
+            continue
+        value = context.params[name]
+        values = value if isinstance(value, list | tuple) else [value]
+        texts = [repr(one).removesuffix(".0") if isinstance(one, float) else str(one) for one in values]
+        if parameter.param_type_name == "argument":
+            words += texts
+        elif isinstance(value, bool):
+            words += parameter.opts if value else parameter.secondary_opts
+        else:
+            words += [word for text in texts for word in (parameter.opts[0], text)]
+    return command_line(*words)
+
+
+def command_line(*words: object) -> str:
+    """`gainroom` with these words, as a shell takes it."""
+    return shlex.join(["gainroom", *map(str, words)]).encode("utf-8", "backslashreplace").decode()
+
+
+Command = Callable[..., int]
+
+
+def with_options(command: Command) -> Command:
+    """The command as typer takes it: a parameter that is a record of options, a dataclass, stands for its fields.
+
+    An option of the command's own stands for that of the record of the same name.
+    """
+    own = inspect.signature(command, eval_str=True).parameters
+    records: dict[str, Any] = {name: each.annotation for name, each in own.items() if is_dataclass(each.annotation)}
+    fields = {
+        name: [option for option in inspect.signature(record, eval_str=True).parameters.values() if option.name not in own]
+        for name, record in records.items()
+    }
+
+    @wraps(command)
+    def called(**values: Any) -> int:
+        made = {name: record(**{option.name: values.pop(option.name) for option in fields[name]}) for name, record in records.items()}
+        return command(**values, **made)
+
+    every = [option for name, each in own.items() for option in fields.get(name, [each])]
+    parameters = [each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in every]
+    called.__annotations__ = {each.name: each.annotation for each in parameters} | {"return": int}
+    called.__signature__ = inspect.Signature(parameters)  # pyright: ignore[reportAttributeAccessIssue]
+    return called
 
 
 def kind_of(file: Path) -> Literal["joint", "robot"]:

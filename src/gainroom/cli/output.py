@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from ..report.columns import Column
-    from ..report.what_to_do import Advice
+    from ..report.page import Advice
 
 WIDTH = 80
 """Columns, where no terminal says otherwise."""

@@ -3,14 +3,16 @@
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from .options import AsJson, Report, Verbose, command_line, report_stream
+import typer
+
+from .options import AsJson, Report, Verbose, report_stream, typed_command
 from .output import render, show, table
 
 if TYPE_CHECKING:
     from ..paper import Reproduction
 
 
-def reproduce(as_json: AsJson = False, verbose: Verbose = False, report: Report = None) -> int:
+def reproduce(context: typer.Context, as_json: AsJson = False, verbose: Verbose = False, report: Report = None) -> int:
     """Compute the figures, Table I and the claims of Jung et al. (Humanoids 2017) and compare.
 
     \b
@@ -26,13 +28,13 @@ def reproduce(as_json: AsJson = False, verbose: Verbose = False, report: Report 
         if page is not None:
             from ..paper.page import reproduction_page
 
-            page.write(reproduction_page(result, command_line("reproduce", ("--report", report))))
+            page.write(reproduction_page(result, typed_command(context)))
     return 0
 
 
 def _terminal(result: "Reproduction", verbose: bool) -> str:
     """The count and the rows that disagree; `verbose`: all rows, why some disagree, and the paper's claims checked."""
-    from ..paper.row_text import COLUMNS, cells, claims, interval, summary, value_text
+    from ..paper.row import COLUMNS, cells, claims, interval, summary, value_text
 
     head, warnings = summary(result.rows), [f"Warning: {warning}" for warning in result.warnings]
     disagreeing = [row for row in result.rows if not row.agrees]

@@ -8,7 +8,7 @@ import typer
 
 from ..report.number_format import model_kind, model_text
 from ..report.robot_units import judged
-from .options import AsJson, Report, Strict, Verbose, command_line, report_stream
+from .options import AsJson, Report, Strict, Verbose, report_stream, typed_command
 from .output import closing, column_table, few, folded_parts, render, show, verdict_parts
 from .progress import progress_bar
 
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 
 def robot(
+    context: typer.Context,
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A robot.yaml; `gainroom example biped` prints one.", show_default=False)],
     sweep: Annotated[
         Path | None, typer.Option(metavar="DIR.zarr", help="A sweep's results: its worst postures count too, and gains are checked in all.")
@@ -46,7 +47,7 @@ def robot(
         from .two_paths import two_paths
 
         return two_paths(system, as_json, report, strict)
-    call = command_line("robot", file, ("--sweep", sweep))
+    call = typed_command(context, "report")
     with report_stream(report) as page:
         with progress_bar("robot:") as progress:
             study, swept, elsewhere = _studied(system, sweep, progress)
@@ -54,7 +55,7 @@ def robot(
         if page is not None:
             from ..report.robot import robot_page
 
-            page.write(robot_page(study, command_line("robot", file, ("--sweep", sweep), ("--report", report)), swept, elsewhere[1], call))
+            page.write(robot_page(study, typed_command(context), swept, elsewhere[1], call))
     return 0 if study.stable_in_range and not (strict and study.requirements_met is False) else 1
 
 
@@ -65,7 +66,7 @@ Elsewhere = tuple[dict[str, Any], list[str]]
 def _studied(system: "System", sweep: Path | None, progress: "Progress") -> "tuple[RobotStudy, SweepSummary | None, Elsewhere]":
     """The study, what recommended gains keep in a sweep's postures, and both in other words."""
     from ..report.sweep_text import checked_sentence, posture_facts, worse_note
-    from ..report.workspace_text import workspace_facts
+    from ..report.workspace import workspace_facts
 
     if sweep is not None:
         from ..studies.swept_gains import study_over
@@ -176,8 +177,7 @@ def _contact_tables(state: "State") -> list[Any]:
 
 def _gains_parts(gains: "RobotGains", first: tuple[str, str]) -> list[Any]:
     """The gains that are safe in every state, and their cost; `first`: posture and contact state."""
-    from ..report.recommended_gains import gain_columns, rows
-    from ..report.recommended_gains_text import gains_text
+    from ..report.recommended_gains import gain_columns, gains_text, rows
 
     safe, *_ = rows(gains)
     text = [*gains_text(gains, first), ""]

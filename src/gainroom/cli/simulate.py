@@ -10,7 +10,7 @@ import typer
 
 from ..report.number_format import digits
 from .interrupts import Stopped, stop_signals
-from .options import AsJson, Report, Verbose, command_line, kind_of, number_option, refuse_inputs, report_stream
+from .options import AsJson, Report, Verbose, command_line, kind_of, number_option, refuse_inputs, report_stream, typed_command
 from .output import closing, column_table, do_this, few, render, show, table
 from .progress import progress_bar
 
@@ -26,6 +26,7 @@ NUMBERS = ("rms", "peak", "steady_state", "overshoot", "settling_time")
 
 
 def simulate(
+    context: typer.Context,
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A joint.yaml or robot.yaml; see `gainroom example`.", show_default=False)],
     as_json: AsJson = False,
     verbose: Verbose = False,
@@ -51,7 +52,7 @@ def simulate(
     if not 1e-6 <= gain <= 1e6:  # not a number is refused too
         raise GainroomError(f"--gain: {gain:g} must be a factor from 1e-06 to 1e+06")
     spec = _load(file, feedforward)
-    call = command_line("simulate", file, ("--feedforward", feedforward))
+    call = typed_command(context, "log", "gain", "report")
     judge = command_line("robot" if spec.kind == "mujoco" else "joint", file)
     with report_stream(report, log) as page:
         outcome = _simulated(spec, gain, log)
@@ -59,8 +60,7 @@ def simulate(
         if page is not None:
             from ..report.simulation import simulation_page
 
-            given = ("--gain", gain if gain != 1 else None), ("--feedforward", feedforward)
-            page.write(simulation_page(outcome, command_line("simulate", file, *given, ("--report", report)), call, judge))
+            page.write(simulation_page(outcome, typed_command(context, "log"), call, judge))
     return 0 if outcome.sound else 1
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from .interrupts import Stopped, stop_signals
-from .options import AsJson, Report, Strict, command_line, report_stream
+from .options import AsJson, Report, Strict, report_stream, typed_command
 from .output import closing, column_table, render, show
 from .progress import progress_bar
 
@@ -25,6 +25,7 @@ MOST_MARGINS = 10_000
 
 
 def sweep(
+    context: typer.Context,
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A robot.yaml; `gainroom example biped` prints one.", show_default=False)],
     samples: Annotated[
         int | None, typer.Option(help="So many postures, spread evenly within the joints' limits; 10 000 without any other choice.")
@@ -86,8 +87,7 @@ def sweep(
     if workers is not None and (workers < 1 or scheduler is not None):
         raise GainroomError(f"--workers {workers} must be 1 or more, and not beside --scheduler")
     system = load_robot_system(file)
-    options = SweepOptions(samples, grid or (), ranges or (), trajectory, contact or (), draws, seed, posture)
-    plan = sweep_plan(system, options)
+    plan = sweep_plan(system, SweepOptions(samples, grid or (), ranges or (), trajectory, contact or (), draws, seed, posture))
     with report_stream(report) as page, _store(output, plan) as store:
         from ..studies.sweep.search import searched
         from ..studies.sweep.summary import summarized
@@ -101,15 +101,7 @@ def sweep(
         if page is not None:
             from ..report.sweep import sweep_page
 
-            page.write(
-                sweep_page(
-                    found,
-                    near,
-                    at_worst,
-                    store,
-                    command_line("sweep", file, *_typed(options, margins), ("--output", output), ("--report", report)),
-                )
-            )
+            page.write(sweep_page(found, near, at_worst, store, typed_command(context, "workers", "scheduler")))
     return 0 if found.stable and not (strict and (at_worst.unmet or not found.margin_held)) else 1
 
 
@@ -137,14 +129,6 @@ def _run(store: "Store", workers: int | None, scheduler: str, output: Path | Non
         if done.finished < done.total:
             kept = f"; {done.finished} of {done.total} limits are in {output}: the same command goes on" if output is not None else ""
             raise Stopped(asked(), kept)
-
-
-def _typed(options: Any, margins: int | None) -> "list[tuple[str, Any]]":
-    """As options of the command."""
-    once = [("--samples", options.samples), ("--trajectory", options.trajectory), ("--posture", options.posture or None)]
-    once += [("--draws", options.draws or None), ("--seed", options.seed or None), ("--margins", margins)]
-    many = [("--range", options.ranges), ("--grid", options.grid), ("--contact", options.contacts)]
-    return [*once, *((flag, value) for flag, values in many for value in values)]
 
 
 def _facts(found: "SweepSummary", near: "SweptPosture | None", at_worst: "WorstStates", output: Path | None) -> dict[str, Any]:

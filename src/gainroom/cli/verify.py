@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .options import AsJson, Report, command_line, kind_of, report_stream
+from .options import AsJson, Report, command_line, kind_of, report_stream, typed_command
 from .output import closing, column_table, do_this, render, show
 from .progress import progress_bar
 
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 
 def verify(
+    context: typer.Context,
     file: Annotated[
         Path, typer.Argument(metavar="FILE", help="A joint.yaml or robot.yaml with control.sample_rate_hz.", show_default=False)
     ],
@@ -43,7 +44,7 @@ def verify(
         if page is not None:
             from ..report.verification import verification_page
 
-            page.write(verification_page(system, result, command_line("verify", file, ("--report", report)), judge))
+            page.write(verification_page(system, result, typed_command(context), judge))
     return 0 if result.agrees and result.least.predicted_gain > 1 else 1
 
 

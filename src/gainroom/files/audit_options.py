@@ -94,6 +94,7 @@ class AuditOptions:
 
     def __post_init__(self) -> None:
         self._require_drive()
+        checked("--damping-ratio", self.damping_ratio, number(least=1e-3, most=1))
         if self.base not in (None, *get_args(Base)):
             raise GainroomError(f"--base {self.base}: must be {' or '.join(get_args(Base))}")
         if self.joint_damping not in (None, *JOINT_DAMPING):
@@ -198,11 +199,6 @@ def further_requirements(phase_margin_deg: float | None, peak_sensitivity: float
                 raise GainroomError(f"{option} {value:g}: must be > {one.in_unit(one.low):g} and <= {one.most:g}")
             values[name] = one.in_si(value)
     return Requirements(**values)
-
-
-def share_of_critical(ratio: float) -> float:
-    """A damping ratio as it is typed. Raises GainroomError."""
-    return checked("--damping-ratio", ratio, number(least=1e-3, most=1))
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 import json
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import yaml
@@ -15,23 +15,23 @@ Keys = tuple[str | int, ...]
 """Keys from the top; of an entry in a list its place."""
 
 
-def edited(text: str, source: str, values: Mapping[Keys, Any]) -> str:
-    """`text` with `values`: numbers, lists of numbers, mappings of names to numbers, None for null; missing keys are put in.
+def edited(text: str, source: str, values: Mapping[Keys, Any], as_text: Callable[[Any], str] | None = None) -> str:
+    """`text` with `values`, as `written` has them or `as_text`; missing keys are put in.
 
     Raises GainroomError where `text` is no YAML, or where a section on the way is none.
     """
     parse_yaml(text, source)  # within bounds, without references: composing it once more is safe
     for path, value in values.items():
-        text = _with(text, source, path, written(value))
+        text = _with(text, source, path, (as_text or written)(value))
     return text
 
 
 def written(value: Any) -> str:
-    """In YAML's flow style; numbers so that they are read back as they are."""
+    """Numbers, lists of them, mappings of names to them, None for null, in YAML's flow style; numbers are read back as they are."""
     if value is None:
         return "null"
     if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{_key(name)}: {written(each)}" for name, each in value.items()) + "}"
+        return "{" + ", ".join(f"{quoted(name)}: {written(each)}" for name, each in value.items()) + "}"
     if isinstance(value, Sequence) and not isinstance(value, str):
         return "[" + ", ".join(map(written, value)) + "]"
     if isinstance(value, str):
@@ -42,7 +42,8 @@ def written(value: Any) -> str:
     return repr(number).removesuffix(".0") if abs(number) < 1e15 else repr(number)
 
 
-def _key(name: str | int) -> str:
+def quoted(name: str | int) -> str:
+    """A key in YAML."""
     name = str(name)
     return name if re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name) else "'" + name.replace("'", "''") + "'"
 
@@ -59,8 +60,8 @@ def _with(text: str, source: str, path: Keys, value: str) -> str:
         if found is None:
             rest = value
             for inner in reversed(path[depth + 1 :]):
-                rest = f"{{{_key(inner)}: {rest}}}"
-            return _inserted(text, node, f"{_key(key)}: {rest}")
+                rest = f"{{{quoted(inner)}: {rest}}}"
+            return _inserted(text, node, f"{quoted(key)}: {rest}")
         node = found
     assert node is not None
     start, end = node.start_mark.index, _end(node)

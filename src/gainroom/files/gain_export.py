@@ -12,7 +12,7 @@ from .gain_files import gains_of, parse_file
 from .gain_formats.export_text import arrays_text, isaac_lab_text, legged_gym_text, mjlab_text, plain_text, ros2_control_text
 from .gain_formats.gain_record import Gain, GainFile
 from .gain_formats.mjcf_export import mjcf_text
-from .gain_formats.ros2_control_export import ros2_control_onto
+from .gain_formats.ros2_control import ros2_control_onto
 
 AGREEMENT = 1e-8
 """Relative, of gains that are read back: written with ten digits, and through MuJoCo's compiler."""

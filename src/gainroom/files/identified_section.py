@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
-from ..identification.parameters import PARAMETERS
+from ..identification.estimate import PARAMETERS
 from ..io.validation import LARGEST, Flag, Name, Section, refusal
 from ..io.yaml_text import shown
 from ..system.linear.arrays import Floats

@@ -14,7 +14,7 @@ from ..simulation.simulation_spec import JointSimulation
 from ..system.linear.arrays import Floats
 from ..system.system import System
 from .logs import read_log
-from .system_sections import rad_per_s
+from .system_sections import FrequencySection, rad_per_s
 
 FURTHEST_REFERENCE = 1000.0  # [rad] that a reference may reach; a run has diverged at ten times as much
 LONGEST_RUN = 3600.0  # [s]
@@ -43,19 +43,12 @@ def _typed(value: object) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def _either(section: Section, *keys: str) -> None:
-    """Refuse what has not exactly one of a frequency [rad/s] and its twin in Hz."""
-    for key in keys:
-        if (getattr(section, key) is None) == (getattr(section, f"{key}_hz") is None):
-            raise refusal(f"give either {key} [rad/s] or {key}_hz")
-
-
 def _as_typed(section: Section, key: str, omega: float) -> str:
     """`omega` [rad/s] under the key, and in the unit, that it was given in."""
     return f"{key}: {omega:g} rad/s" if getattr(section, key) is not None else f"{key}_hz: {omega / (2 * math.pi):g} Hz"
 
 
-class ReferenceSection(Section):
+class ReferenceSection(FrequencySection):
     """What every reference has."""
 
     base: Angle = 0.0
@@ -115,15 +108,14 @@ class ChirpSection(ReferenceSection):
 
     @model_validator(mode="after")
     def _one_of_each(self) -> "ChirpSection":
-        _either(self, "first", "last")
+        self.require_either("first", "last")
         return self
 
     def trajectory(self) -> Trajectory:
-        first, last = rad_per_s(self.first, self.first_hz), rad_per_s(self.last, self.last_hz)
-        return Chirp(self.amplitude, first, last, self.duration, start=self.start, base=self.base)
+        return Chirp(self.amplitude, self.omega("first"), self.omega("last"), self.duration, start=self.start, base=self.base)
 
     def fastest_as_typed(self, fastest: float) -> str:
-        return _as_typed(self, "last" if rad_per_s(self.last, self.last_hz) == fastest else "first", fastest)
+        return _as_typed(self, "last" if self.omega("last") == fastest else "first", fastest)
 
 
 class MultisineSection(ReferenceSection):
@@ -138,7 +130,7 @@ class MultisineSection(ReferenceSection):
 
     @model_validator(mode="after")
     def _one_list(self) -> "MultisineSection":
-        _either(self, "frequencies")
+        self.require_either("frequencies")
         return self
 
     def trajectory(self) -> Trajectory:

@@ -1,8 +1,8 @@
-"""The scenario section of robot.yaml: the move, and hardware effects beyond the linear model."""
+"""The scenario section of robot.yaml: the move, and hardware effects beyond the linear model; and what keys hold for each joint."""
 
 import math
 from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 from pydantic import BeforeValidator, Field
@@ -11,10 +11,19 @@ from ..errors import GainroomError, nearest
 from ..io.validation import Name, NotNegative, Positive, PositiveOrInfinite, Section, each, number, refusal
 from ..io.yaml_text import shown
 from ..robot.ground import Ground, Sole
-from ..robot.name_patterns import strongest
+from ..robot.name_patterns import DEFAULT, strongest
 from ..robot.robot import Robot, RobotScenario
 from ..system.linear.arrays import Floats
-from .per_joint import PerJoint
+
+T = TypeVar("T")
+
+PerJoint = Annotated[dict[str, T], BeforeValidator(lambda value: value if isinstance(value, dict) else {DEFAULT: value})]
+"""One value for all joints, or one per pattern."""
+Angle = Annotated[float, number(least=-1e4, most=1e4)]
+Weight = Annotated[float, number(above=0, most=1e6)]
+Several = Annotated[float | list[float], each(number(least=0))]
+Springs = Annotated[float | list[float], each(number(above=0, infinite=True))]
+
 
 Metres = Annotated[float, number(least=-1e3, most=1e3)]
 Moves = Annotated[float | list[float], each(number(least=-1e3, most=1e3))]

@@ -13,8 +13,7 @@ from ..robot.contact import Contact, ContactKind
 from ..robot.tasks import FRAMED, Task, TaskKind
 from ..system.actuator_entry import ActuatorEntry
 from .joint_references import entry_of_file
-from .per_joint import Angle, PerJoint, Several, Springs, Weight
-from .robot_scenario import RobotScenarioSection
+from .robot_scenario import Angle, PerJoint, RobotScenarioSection, Several, Springs, Weight
 from .system_sections import Bandwidth, ControlSection, DampingRatio, DelayMs, GearboxSection, Stiffness, SystemFile, UncertaintySection
 
 MOST_NAMES = 50

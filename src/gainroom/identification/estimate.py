@@ -67,3 +67,21 @@ def covariance(influence: Floats, clusters: Integers | None = None) -> Floats:
         np.add.at(sums, clusters, influence)
     count = len(sums)
     return sums.T @ sums * (count / max(count - 1, 1))
+
+
+PARAMETERS = {
+    "motor_inertia": "kg·m²",
+    "link_inertia": "kg·m²",
+    "inertia": "kg·m²",
+    "stiffness": "N·m/rad",
+    "damping": "N·m·s/rad",
+    "viscous": "N·m·s/rad",
+    "coulomb": "N·m",
+    "link_coulomb": "N·m",
+    "weight_sine": "N·m",
+    "weight_cosine": "N·m",
+    "delay": "s",
+    "resonance": "rad/s",
+    "antiresonance": "rad/s",
+}
+"""`inertia` is both sides' together, of a rigid joint; the friction is the motor's but for `link_coulomb`."""

@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from ..errors import GainroomError
-from ..simulation.oscillation import FEWEST_SAMPLES, MOST_SAMPLES, Vibration, parts_in, vibration
+from ..simulation.oscillation import FEWEST_SAMPLES, MOST_SAMPLES, Vibration, parts_in, vibration, windows
 from ..system.linear.arrays import Floats
 from .record import Record, resolution
 from .recorded_oscillation import LOOKED_AT, POSITIONS, RINGING, TORQUES, UNCHANGED, RecordedOscillation, measured
@@ -33,7 +33,6 @@ VISIBLE_MOVING = 2e-5  # [rad] likewise while it moves: friction excites them as
 COLOURED = 0.3  # correlation of neighbouring rows: white noise of the measurement has none
 SLOW_LINES = 3  # of a spectrum, which hold the trend
 UNDIMINISHED = 0.7  # of its size before: irregular motion that falls below decays
-WINDOWS = 8  # that a motion is cut into, each overlapping the next by half
 SAME_FREQUENCY, TIMES = 0.05, 3  # relative: no further apart in so many successive windows
 BEYOND = 3.0  # times the frequency below which 99 % of the set-point's power lie
 FOLLOWS = 0.3  # amplitude of the set-point over that of the deviation from it: the motion follows a command
@@ -85,7 +84,7 @@ def find_oscillation(record: Record) -> Search:
     least = max(MOVING_STEPS * step, VISIBLE_MOVING)
     row: list[Vibration] = []
     best: tuple[slice, Vibration] | None = None
-    for rows in _windows(len(values)):
+    for rows in windows(len(values)):
         found = _found(deviation[rows], record.sample_time, blind)
         counts = found is not None and found.amplitude >= least and not _is_harmonic(found.frequency, line)
         if found is None or not counts or _follows(reference[rows], deviation[rows], record.sample_time, found):
@@ -206,11 +205,6 @@ def _irregular(values: Floats, tick: float, step: float, least: float) -> Vibrat
     if float(power @ np.cos(2 * np.pi * frequency * tick)) < COLOURED * total:
         return None
     return Vibration(2 * math.pi * float(frequency[int(np.argmax(power))]), 0.0, size)
-
-
-def _windows(count: int) -> list[slice]:
-    size = max(FEWEST_SAMPLES + 2, 2 * count // (WINDOWS + 1))
-    return [slice(first, first + size) for first in range(0, count - size + 1, max(1, size // 2))]
 
 
 def _fastest(reference: Floats, tick: float) -> float:

@@ -16,8 +16,7 @@ from ..system.linear.arrays import Floats, Integers
 from .joints import DRIVE, SAMPLE_TIME, TESTBED
 from .picture import Curve, Mark, Panel, Picture
 from .row import Row, compare, within
-from .virtual_log import TORQUES, logged, with_interval
-from .virtual_testbed import loop_of_testbed, virtual_testbed
+from .virtual_testbed import TORQUES, logged, loop_of_testbed, virtual_testbed, with_interval
 
 TORQUE = 11.0  # [N m] about where the figure's steps end
 BUS_TICKS, JITTER_TICKS = 5.0, 1.0  # printed: 4 to 6 ticks

@@ -12,8 +12,7 @@ from ..simulation import Scenario, simulate
 from .joints import SAMPLE_TIME, STIFFNESS, TESTBED
 from .picture import Curve, Panel, Picture
 from .row import Row, compare
-from .virtual_log import logged, with_interval
-from .virtual_testbed import MOTOR_FRICTION, loop_of_testbed, virtual_testbed
+from .virtual_testbed import MOTOR_FRICTION, logged, loop_of_testbed, virtual_testbed, with_interval
 
 TORQUE, FREQUENCY, DURATION = 30.0, 0.2, 20.0  # [N m], [Hz], [s] assumed: slowly, four times back and forth
 ACCURACY = 0.02  # of stiffness and friction

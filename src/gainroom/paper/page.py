@@ -9,8 +9,7 @@ from ..report.number_format import hertz
 from ..report.page import Card, Html, Lead, Section, block, details, facts, page, table
 from . import Reproduced, Reproduction, joints
 from .drawing import drawn
-from .row import Row, counts
-from .row_text import BRACKETS, COLUMNS, cells, claims, interval, summary, value_text
+from .row import BRACKETS, COLUMNS, Row, cells, claims, counts, interval, summary, value_text
 
 FIRST = "Fig. 9"  # the section that comes first
 SOURCE = (

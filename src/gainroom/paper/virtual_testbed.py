@@ -1,16 +1,24 @@
-"""The one-joint testbed of Sec. IV-A as a simulation. What the paper prints stands beside the value, as in joints.py.
+"""The one-joint testbed of Sec. IV-A as a simulation, and its runs as logs. What the paper prints stands beside the value, as in joints.py.
 
 "Assumed": neither printed nor to be recovered from its numbers; ordinary for such a joint.
 """
 
 import math
+import tempfile
 from dataclasses import replace
+from pathlib import Path
 
-from ..simulation import Friction, Testbed
+import numpy as np
+
+from ..files.logs.reading import read_log
+from ..files.logs.writing import open_log
+from ..identification import Estimate, Record
+from ..simulation import Friction, Run, Testbed
 from ..system.controller import PD
 from ..system.loop import Loop, build_loop
 from ..system.plant import ElasticJoint
 from .joints import SAMPLE_TIME, TESTBED, TESTBED_DRIVE
+from .row import Row
 
 GRAVITY = 3.9 * 9.81 * 0.3  # [N m] printed: a link of 0.6 m and 3.9 kg; assumed: its mass centre in the middle
 MOTOR_FRICTION = Friction(coulomb=1.0, static=1.5, stribeck_velocity=0.05)  # assumed
@@ -39,3 +47,24 @@ def virtual_testbed(loop: Loop, jitter: float = 0.0, whole_ticks: bool = False) 
         jitter=jitter,
         whole_ticks=whole_ticks,
     )
+
+
+TORQUE_NOISE = 0.05  # [N m] assumed: of the measured torque, a two-hundredth of Fig. 6's steps
+TORQUES = ("target_torque", "demand_torque", "actual_torque")
+
+
+def logged(run: Run, *signals: str) -> Record:
+    """`signals` of a run with noise on its actual torque, as they come back from a CSV file."""
+    noise = TORQUE_NOISE * np.random.default_rng(6).standard_normal(run.actual_torque.shape)
+    columns = replace(run, actual_torque=run.actual_torque + noise).columns()
+    with tempfile.TemporaryDirectory(prefix="gainroom-") as folder:
+        path = Path(folder) / "log.csv"
+        with open_log(path, run.joint_names, signals) as log:
+            log.write(columns)
+        read = read_log(path).joint()
+    return Record(read.time, read.channels, read.sample_time)
+
+
+def with_interval(row: Row, found: Estimate) -> Row:
+    """`row` with the 95 % interval of its number, in its unit."""
+    return replace(row, low=found.low, high=found.high)

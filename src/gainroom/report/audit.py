@@ -1,33 +1,30 @@
 """The page of an audit: verdict, gains to use, numbers, what fails, the vibration, and closed below all tables and how it was computed."""
 
 import math
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..errors import apart, listed
 from ..studies.audit import Audit
-from ..system.requirements import REQUIREMENTS, Requirements, enough
+from ..system.requirements import REQUIREMENTS, Requirements, enough, to_db
 from .audit_headroom import PATHS, deciding, headroom, headroom_rows
-from .audit_margins import audited_margins, margins_of_audit
 from .audit_text import audit_sentence, audit_warnings, reason, verdict, what_to_do
-from .columns import definitions, tabulated
-from .gearbox_range import gearbox_assumptions
-from .needed_stiffness import needed_table, rounded_up
+from .columns import Column, definitions, tabulated, yes
+from .gearboxes import gearbox_assumptions, needed_table, rounded_up
 from .number_format import digits, hertz, model_kind, span
-from .page import Card, Html, Lead, Section, beside, block, facts, page, paragraph, table
+from .page import Advice, Card, Html, Lead, Section, advice_box, beside, block, facts, page, paragraph, table
 from .page_parts import ON_TOP, assumed_and_warned, assumptions, footer, limit_proofs, margin_card, unstable_card
 from .robot_columns import asked, audited_joints, audited_states, joint_caption
-from .robot_coupling import coupling
 from .robot_drawing import hero, small
-from .robot_headroom import Factors, heat_map
+from .robot_headroom import coupling, heat_map, joint_factors
 from .robot_skeleton import common_view
 from .robot_tables import MARKS, inputs
 from .robot_units import joint_units
 from .sweep_text import counted, safe_share
-from .what_to_do import Advice, advice_box
-from .workspace import workspace_card, workspace_section
-from .workspace_text import unmet_there, workspace_advice
+from .workspace import unmet_there, workspace_advice, workspace_card, workspace_section
 
 UNSAFE_STATES = 3
 """The place of that card."""
@@ -51,15 +48,20 @@ def audit_page(
     swept       the whole workspace
     call        the command of this audit alone, to go on from
     """
-    system, factors, count = result.system, _factors(result), len(result.joints)
+    system, factors, count = result.system, joint_factors(result), len(result.joints)
     assumed = (*system.assumptions, *gearbox_assumptions(result))
     sample_time, further = system.control.sample_time, audit_warnings(result)[ON_TOP:]
     taken = assumptions(f"Linear about posture {result.tightest.posture}", system.control, "; contacts neither slip nor lift")
+    workspace = []
+    if swept is not None:
+        title = f"The workspace: {counted(swept.found.plan.postures.count)} postures"
+        workspace = [workspace_section(swept.found, title, audited=swept)]
+    joints = table(*tabulated(audited_joints(result), result.joints), joint_caption(result), MARKS)
     sections = [
         *_reasons(result),
-        *([] if swept is None else [_workspace(swept)]),
+        *workspace,
         *([] if simulated is None else [Section("In the simulator", _simulator(simulated))]),
-        Section("Joint by joint", [_joint_table(result)], f"{count} joints with their gains and factors"),
+        Section("Joint by joint", [joints], f"{count} joints with their gains and factors"),
         Section(
             "State by state",
             [_state_table(result), heat_map(factors, "joint")],
@@ -93,10 +95,6 @@ def _reasons(result: Audit) -> list[Section]:
         *([] if result.needed is None else [Section("Safe if the gearboxes are stiff enough", [needed_table(result, result.needed)])]),
         Section("The motion of the vibration", [hero(result.tightest, len(result.states) == 1)]),
     ]
-
-
-def _workspace(swept: "AuditedWorkspace") -> Section:
-    return workspace_section(swept.found, f"The workspace: {counted(swept.found.plan.postures.count)} postures", audited=swept)
 
 
 def _deciding(result: Audit) -> str:
@@ -185,16 +183,6 @@ def _gearboxes(result: Audit) -> Card:
     return Card("gearbox stiffness", value, revolute, known, note=f"damping {span(actuators.damping[~rigid], units['kd'])}{others}")
 
 
-def _factors(result: Audit) -> Factors:
-    return Factors(
-        result.states,
-        result.system.source.joint_names,
-        np.array([state.single_joint_limits for state in result.states]),
-        np.array([state.margins.one_loop.gain_margin for state in result.states]),
-        tuple(state.limit for state in result.states),
-    )
-
-
 def _vibrations(result: Audit) -> list[Html]:
     view = common_view(result.states)
     return [beside(*(small(state, state.limit, view, 0) for state in result.states))]
@@ -203,10 +191,6 @@ def _vibrations(result: Audit) -> list[Html]:
 def _state_table(result: Audit) -> Html:
     columns = audited_states(result.enough_in)
     return table(*tabulated(columns, result.states + result.immobile), f"{definitions(columns)} Safe: {asked(result)} or more.", MARKS)
-
-
-def _joint_table(result: Audit) -> Html:
-    return table(*tabulated(audited_joints(result), result.joints), joint_caption(result), MARKS)
 
 
 def _simulator(result: "SimulatorAudit") -> list[Html]:
@@ -222,3 +206,60 @@ def _certificate(result: Audit) -> Html:
         ("delay", "the smallest extra delay in all loops at which a locus passes through −1; for unstable gains, counted from zero delay"),
     ]
     return facts(pairs)
+
+
+@dataclass(frozen=True)
+class AuditedMargin:
+    """One margin, the worst over all states: its `value` in an audit, in its unit, and what is `needed` of it; NaN: nothing is."""
+
+    title: str
+    value: Callable[[Audit], float]
+    unit: str
+    needed: float
+    at_most: bool = False
+
+    @property
+    def required(self) -> str:
+        """As text."""
+        return "not required" if math.isnan(self.needed) else f"{'≤' if self.at_most else '≥'} {digits(self.needed, self.unit, 3)}"
+
+    def met(self, found: Audit) -> bool | None:
+        """None where nothing is required, or the margin is not known."""
+        value = self.value(found)
+        if math.isnan(self.needed) or math.isnan(value):
+            return None
+        return found.stable and (enough(self.needed, value) if self.at_most else enough(value, self.needed))
+
+
+def margins_of_audit(result: Audit) -> list[AuditedMargin]:
+    """What is required first; then phase margin and peak sensitivity where they are not."""
+    needed, gain = result.further.needed, to_db(result.margin)
+    rows = [
+        AuditedMargin("gain margin, all joints together", lambda found: to_db(found.tightest.limit.gain), "dB", gain),
+        AuditedMargin("gain margin, one joint by itself", lambda found: to_db(min(joint.gain_limit for joint in found.joints)), "dB", gain),
+        AuditedMargin("delay margin", lambda found: 1e3 * found.least_extra_delay, "ms", 1e3 * result.delay_margin),
+    ]
+    for name in ("phase_margin", "peak_sensitivity"):
+        one = REQUIREMENTS[name]
+        bound = one.in_unit(needed[name]) if name in needed else math.nan
+        rows.append(
+            AuditedMargin(
+                one.label, lambda found, one=one: one.in_unit(one.value(found.worst[one.name].margins)), one.unit, bound, one.at_most
+            )
+        )
+    return rows
+
+
+def audited_margins(result: Audit) -> list[Column]:
+    """Of AuditedMargin: of the present gains, and of those to use where there are some."""
+    step = result.system.control.sample_time
+    columns = [
+        Column("in continuous time" if step is None else f"at {digits(1e-3 / step, 'kHz', 4)}", "", lambda row: row.title),
+        Column("these gains", "", lambda row: digits(row.value(result), row.unit, 3)),
+        Column("required", "", lambda row: row.required),
+        Column("met", "", lambda row: "" if row.met(result) is None else yes(row.met(result))),
+    ]
+    if result.ready_to_use is not None:
+        use = result.ready_to_use.audited
+        columns.append(Column("to use", "", lambda row: digits(row.value(use), row.unit, 3)))
+    return columns

@@ -11,12 +11,11 @@ from ..studies.audit import Audit, GainsToUse
 from ..studies.state import HELD
 from ..system.requirements import REQUIREMENTS, Requirements, enough, to_db
 from .gains_to_use import gain_file
-from .gearbox_range import over_range, worst_gearboxes
+from .gearboxes import needed_text, over_range, worst_gearboxes
 from .margin_columns import requirement, short_text
-from .needed_stiffness import needed_text
 from .number_format import digits
+from .page import Advice
 from .robot_text import free_joints, unconfirmed
-from .what_to_do import Advice
 
 SLIGHT = 0.05
 """Damping ratio of a motor on its spring proposed as a first guess where none is given."""

@@ -221,16 +221,10 @@ def _spectrogram(found: Diagnosis) -> Html:
         legend=style.switches(1.0, bgcolor="#dddddd"),
         margin={"l": 72, "r": 16, "t": 30, "b": 52},
     )
-    words = f"Power of {name} in dB below its largest."
+    words, stable = f"Power of {name} in dB below its largest.", found.predicted is not None and found.predicted.limit.stable
     if _expected(found) > 0:
-        words += (
-            f" The loop of the file {'vibrates' if not _stable(found) else 'would begin to vibrate'} at {frequency(_expected(found), 3)}."
-        )
+        words += f" The loop of the file {'would begin to vibrate' if stable else 'vibrates'} at {frequency(_expected(found), 3)}."
     return figure({"data": traces, "layout": layout}, "Spectrogram", words, 420, {**style.NARROW, "margin.r": 4})
-
-
-def _stable(found: Diagnosis) -> bool:
-    return found.predicted is not None and found.predicted.limit.stable
 
 
 def _spectrum(found: Diagnosis) -> Html:

@@ -167,7 +167,8 @@ def _remedies(found: Diagnosis, cause: Cause) -> list[str]:
             texts.append("The torque limit only bounds the amplitude; raising it makes the vibration larger.")
         if predicted is not None and predicted.limit.gain > 1:
             texts.append("The model says that these gains are still stable: identify the joint and its delay again (gainroom identify).")
-        return texts + _use(found)
+        use = found.recommended
+        return texts + ([] if use is None else [f"By the requirements of the file, use {typed_gains(use.controller)}."])
     if cause.name == "quantisation":
         remedy = f"Lower the gain on velocity: {lower}" if lower else "Lower kd"
         return [f"{remedy}; or filter the velocity (velocity_filter), or use the finer encoder. Lowering kp alone does not help."]
@@ -193,11 +194,6 @@ def _remedies(found: Diagnosis, cause: Cause) -> list[str]:
             "Lower gains stop the loop from driving it. The model does not have it and cannot say how far: halve them, and record again."
         )
     return texts
-
-
-def _use(found: Diagnosis) -> list[str]:
-    recommended = found.recommended
-    return [] if recommended is None else [f"By the requirements of the file, use {typed_gains(recommended.controller)}."]
 
 
 def _to_record(found: Diagnosis) -> list[str]:
@@ -267,16 +263,7 @@ def facts(found: Diagnosis) -> dict[str, Any]:
             {
                 "cause": one.name,
                 "likelihood": one.likelihood,
-                "evidence": [
-                    {
-                        "name": each.name,
-                        "value": each.value,
-                        "expected": each.expected,
-                        "weight": float(each.weight),
-                        "text": evidence_text(each),
-                    }
-                    for each in one.evidence
-                ],
+                "evidence": [vars(each) | {"text": evidence_text(each)} for each in one.evidence],
             }
             for one in found.causes
         ],

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..analysis.margin_record import Margins
+from ..files.edited_text import quoted
 from ..system.requirements import Requirements
 from .margin_columns import margin_value
 from .number_format import own_gains
@@ -43,7 +44,7 @@ def gain_file(names: Sequence[str], columns: Mapping[str, Any]) -> list[str]:
     for name, *values in zip(names, *columns.values(), strict=True):
         text = ", ".join(f"{key}: {typed(value)}" for key, value in zip(columns, values, strict=True))
         groups.setdefault(f"{{{text}}}", []).append(name)
-    return [f"{_quoted(pattern)}: {text}" for text, group in groups.items() for pattern in patterns(group, names)]
+    return [f"{quoted(pattern)}: {text}" for text, group in groups.items() for pattern in patterns(group, names)]
 
 
 def gain_lines(key: str, names: Sequence[str], values: Any) -> list[str]:
@@ -53,7 +54,7 @@ def gain_lines(key: str, names: Sequence[str], values: Any) -> list[str]:
         groups.setdefault(typed(value), []).append(name)
     if len(groups) == 1:
         return [f"{key}: {next(iter(groups))}"]
-    items = [f"{_quoted(pattern)}: {value}" for value, group in groups.items() for pattern in patterns(group, names)]
+    items = [f"{quoted(pattern)}: {value}" for value, group in groups.items() for pattern in patterns(group, names)]
     return _wrapped(f"{key}: {{", items)
 
 
@@ -82,10 +83,6 @@ def _covered(pattern: str, wanted: Sequence[str], every: Sequence[str]) -> tuple
     """How many names it matches, none but `wanted` ones; of as many the pattern with the fewest open ends is the better one."""
     matched = [name for name in every if re.fullmatch(pattern, name)]
     return (len(matched) if set(matched) <= set(wanted) else 0), -pattern.count(".*")
-
-
-def _quoted(name: str) -> str:
-    return name if re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name) else "'" + name.replace("'", "''") + "'"
 
 
 def _wrapped(start: str, items: Sequence[str]) -> list[str]:

@@ -4,10 +4,9 @@ from collections.abc import Sequence
 
 from ..identification import Estimate, GainsFit, JointFit, Record, StiffnessFit, TorqueDelay
 from .estimates import TITLES, Answer, interval_text, warranted_digits
-from .gains_figures import gains_beside, hysteresis, predicted
 from .identification_advice import delay_advice, gains_advice, joint_advice, stiffness_advice
-from .identification_figures import autocorrelation, frequency_response, jitter, torques
-from .identified_gains_text import ASKED_TITLES, asked_rows
+from .identification_figures import autocorrelation, frequency_response, gains_beside, hysteresis, jitter, predicted, torques
+from .identified_text import ASKED_TITLES, asked_rows
 from .number_format import digits
 from .page import Card, Lead, Section, block, page, paragraph, table
 from .page_parts import footer

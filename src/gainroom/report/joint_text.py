@@ -119,7 +119,8 @@ def _tightest_text(study: Analysis) -> str:
 
 def _over_ranges(study: Analysis, proved: str = "") -> str:
     """Of what a margin is the worst, where the file has ranges."""
-    return f" in the worst case of uncertain {listed(_titles(study))}{proved}" if study.system.uncertainty.names else ""
+    names = [name.replace("_", " ") for name in study.system.uncertainty.names]
+    return f" in the worst case of uncertain {listed(names)}{proved}" if names else ""
 
 
 def vibration_starts(study: Analysis) -> str:
@@ -161,10 +162,6 @@ def _joints(study: Analysis) -> dict[str, tuple[str, ...]]:
     if len(study.system.source.joint_names) == 1:
         return {}
     return {name: joints_that_miss(state, name) for name, state in study.unmet.items()}
-
-
-def _titles(study: Analysis) -> list[str]:
-    return [name.replace("_", " ") for name in study.system.uncertainty.names]
 
 
 def tightest(study: Analysis) -> str:

@@ -152,35 +152,24 @@ def facts(survey: Survey) -> dict[str, Any]:
         "cut": {"not_finite": quality.not_finite, "duplicate": quality.duplicate, "backwards": quality.backwards},
         "missing": dict(quality.missing),
         "gaps": {"count": quality.gaps, "dropped_ticks": quality.dropped, "longest_ms": 1e3 * quality.longest_gap},
-        "joints": [{"name": joint, "channels": _channel_facts(survey, log.origins, joint)} for joint in log.joint_names],
+        "joints": [{"name": joint, "channels": _channel_facts(survey, joint)} for joint in log.joint_names],
         "time": next((_origin_facts(origin) for origin in log.origins if origin.channel == "time"), None),
         "allows": {
-            each.question: {
-                "possible": each.possible,
-                "channels": each.channels,
-                "missing": each.missing,
-                "confounded": each.confounded,
-                "constant": each.resting,
-            }
+            each.question: {key: getattr(each, key) for key in ("possible", "channels", "missing", "confounded")}
+            | {"constant": each.resting}
             for each in survey.abilities()
         },
         "warnings": remarks(survey.last),
     }
 
 
-def _channel_facts(survey: Survey, origins: Sequence[Origin], joint: str) -> dict[str, Any]:
+def _channel_facts(survey: Survey, joint: str) -> dict[str, Any]:
     return {
         origin.channel: {**_origin_facts(origin), "range": survey.ranges.get((joint, origin.channel))}
-        for origin in origins
+        for origin in survey.last.origins
         if origin.joint == joint and origin.channel != "time"
     }
 
 
 def _origin_facts(origin: Origin) -> dict[str, Any]:
-    return {
-        "column": origin.column,
-        "unit": origin.unit,
-        "factor": origin.factor,
-        "column_from": origin.column_from,
-        "unit_from": origin.unit_from,
-    }
+    return {key: value for key, value in vars(origin).items() if key not in ("channel", "joint")}

@@ -1,16 +1,109 @@
-"""Recommended gains of a robot as columns: of each joint or task direction in every set, and of each set its margins and what limits it."""
+"""Recommended gains of a robot: in sentences what limits them, what one set for all states costs, and where there are none; as columns."""
 
+import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from ..design.robot_gains import EVERYWHERE, GainSet, RobotGains
+from ..errors import listed
 from ..system.linear.arrays import Floats
-from ..system.requirements import REQUIREMENTS, Requirement, Requirements
+from ..system.requirements import REQUIREMENTS, Requirement, Requirements, title_of
 from .columns import Column, facts
-from .margin_columns import margin_facts, requirement
+from .margin_columns import margin_facts, margins_text, requirement
 from .number_format import digits
-from .recommended_gains_text import limited_by
+
+LEAST_COST = 1.02
+"""Stiffer by less is not worth a switch of gains."""
+
+
+def gains_text(gains: RobotGains, first: tuple[str, str]) -> list[str]:
+    """What stands below the gains that are safe in every state, or in their place; `first`: posture and contact state."""
+    found = gains.everywhere
+    if found is None:
+        text = f"No gains were found that meet the requirements in every state, {gains.space} space; nearest: {gains.nearest['']}."
+        return [text, *_of_one_contact(gains)]
+    if not found.moves:
+        return [f"No recommended gains in {gains.space} space: nothing moves in any posture and contact state."]
+    where = "Without the weight" if found.without_weight else "In every state"
+    text = (
+        f"{where} they have: {margins_text(found.margins)}; all loops together and one loop at a time with the other loops closed. "
+        f"None can be raised by 5 %: {_limits(found, gains.names)}."
+    )
+    more = [inertia_text(first)] if gains.inertia is not None else []
+    return [" ".join([text, *more]), *_immobile(gains), *filter(None, [cost_text(gains)])]
+
+
+def inertia_text(first: tuple[str, str]) -> str:
+    """What kp/J and kd/J are divided by; `first`: posture and contact state."""
+    return f"J: the motor's inertia and the load 1/W_ii in {', '.join(first)}, the first state; in another, kp/J and kd/J differ."
+
+
+def cost_text(gains: RobotGains) -> str:
+    """What one set for all states costs beside one for each contact state; "" where there is nothing to compare."""
+    costs = {contact: cost for contact, cost in gains.cost.items() if math.isfinite(cost)}
+    if len(gains.per_contact) < 2 or not costs:
+        return ""
+    most = max(costs, key=costs.__getitem__)
+    if costs[most] < LEAST_COST:
+        return "One set for every state costs nothing: no contact state alone allows stiffer gains."
+    each = ", ".join(f"{contact} {digits(cost, significant=3)}" for contact, cost in costs.items())
+    return (
+        f"Gains for one contact state alone are stiffer, by the sum of inertia over kp, this many times: {each}. Switching gains with the "
+        f"contacts pays most in {most}."
+    )
+
+
+def limited_by(found: GainSet, names: Sequence[str]) -> str:
+    """The limit of the softest joint or direction: its name, the margin, and the state."""
+    margin = title_of(found.margin[found.softest]) if found.margin else ""
+    weight = ", without the weight" if found.without_weight else ""
+    return f"{names[found.softest]}: {margin}, {found.binding}{weight}" if margin else f"no requirement{weight}"
+
+
+def weight_warnings(gains: RobotGains) -> list[str]:
+    """Warnings where recommended gains do not meet the requirements with the robot's weight."""
+    found, safe = [], gains.everywhere
+    if gains.unweighed:
+        why = "because contacts there leave the base free to move; take a foot as flat and rigid"
+        found.append(f"recommended gains: the weight is left out in {listed(list(gains.unweighed))}, {why}")
+    for name, one in {"every state": safe, **gains.per_contact}.items():
+        same = safe is not None and one is not None and one is not safe and one.kp is safe.kp
+        if one is None or not one.without_weight or same:
+            continue
+        text = (
+            f"recommended gains, {gains.space} space, {name}: none were found that meet the requirements with the robot's weight (the "
+            f"nearest: {one.nearest}); those reported meet them without the weight, as where it is compensated, and "
+        )
+        lost = f"the robot topples on them in {listed(list(one.topples))}: a balance controller must prevent that"
+        found.append(text + (lost if one.topples else "the robot does not topple on them"))
+    return found
+
+
+def _limits(found: GainSet, names: Sequence[str]) -> str:
+    """The limit of the softest joint or direction, and the number of joints limited by each margin."""
+    reasons = Counter(f"{title_of(margin)} in {state}" for margin, state in zip(found.margin, found.case, strict=True) if margin)
+    counted = ", ".join(f"{reason} {count}" for reason, count in reasons.most_common(4))
+    return f"the softest is limited by {limited_by(found, names)}; of all, {counted}"
+
+
+def _of_one_contact(gains: RobotGains) -> list[str]:
+    """The contact states that have gains of their own where no set is safe in all."""
+    found = [name for name, one in gains.per_contact.items() if one is not None and one.moves]
+    return [f"Contact {', '.join(found)} by itself has recommended gains: see --json and --report."] if found else []
+
+
+def _immobile(gains: RobotGains) -> list[str]:
+    """Joints or directions without gains, as they cannot move."""
+    assert gains.everywhere is not None
+    immobile = [name for name, none in zip(gains.names, np.isnan(gains.everywhere.kp).tolist(), strict=True) if none]
+    nowhere = [name for name, one in gains.per_contact.items() if one is not None and not one.moves]
+    why = "nothing can move there in any state" + ("" if gains.space == "joint" else ", or tasks above take all that could")
+    text = [f"No gains for {', '.join(immobile)}: {why}."] if immobile else []
+    return text + ([f"Nothing moves in contact {', '.join(nowhere)}: gains have no effect there."] if nowhere else [])
 
 
 @dataclass(frozen=True)

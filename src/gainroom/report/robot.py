@@ -1,21 +1,21 @@
-"""The page of a robot: verdict, numbers, vibration at the limit, gain headroom, causes, recommended gains, tables, certification."""
+"""The page of a robot: verdict, numbers, vibration at the limit, gain headroom, causes, remedies, gains to use, tables, proofs."""
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 from ..errors import listed
 from ..studies.robot import RobotStudy
-from ..studies.state import State, by_headroom, task_headroom, unknown_first
+from ..studies.state import State, by_headroom, margins_of, task_headroom, unknown_first
 from ..studies.sweep.summary import SweepSummary
 from ..system.requirements import REQUIREMENTS, Requirement
+from .margin_columns import margin_value
 from .number_format import digits, hertz, model_kind
 from .page import Card, Html, Lead, Section, beside, block, facts, page, paragraph
 from .page_parts import ON_TOP, assumed_and_warned, assumptions, footer, limit_proofs, margin_card, unstable_card
-from .robot_coupling import coupling
 from .robot_drawing import hero, small
-from .robot_headroom import heat_map, joint_factors, task_factors
+from .robot_headroom import coupling, heat_map, joint_factors, task_factors
 from .robot_loci import loci, loci_window
-from .robot_remedies import remedies
 from .robot_skeleton import common_view
 from .robot_tables import folded, gain_tables, inputs, joint_table, state_table, task_table
 from .robot_text import notes, sentence, severity, warnings
@@ -49,7 +49,7 @@ def robot_page(
     loci_of = beside(*(loci(state, loci_window(shown)) for state in shown))
     sections = [
         Section(_deciding_title(study), [_deciding(study)]),
-        Section("Gain headroom", _headroom(study)),
+        Section("Gain headroom", [paragraph(judged(study.system)), heat_map(joint_factors(study), "joint")]),
         *([] if swept is None else [_swept(swept)]),
         Section("Vibration by contact state", _vibrations(study, shown), f"{len(shown)} states, each at its own gain limit"),
         Section("State by state", [state_table(study), *remedies(study)], f"{len(study.states)} states with all their margins"),
@@ -119,10 +119,6 @@ def _vibrations(study: RobotStudy, shown: Sequence[State]) -> list[Html]:
 def _others(study: RobotStudy, state: State) -> int:
     """The number of other postures in the same contact state."""
     return sum(other.contact == state.contact for other in study.states) - 1
-
-
-def _headroom(study: RobotStudy) -> list[Html]:
-    return [paragraph(judged(study.system)), heat_map(joint_factors(study), "joint")]
 
 
 def _loci_words() -> Html:
@@ -273,3 +269,44 @@ def _certificate(study: RobotStudy) -> Html:
         ("recommended gains", "checked in every posture, contact state and corner of the uncertainty; between the corners not proved"),
     ]
     return facts(pairs)
+
+
+MORE, LESS = 1.25, 0.8
+
+
+def remedies(study: RobotStudy) -> list[Html]:
+    """A paragraph for every unmet requirement."""
+    paragraphs = [paragraph(" ".join(_sentences(study, name, state))) for name, state in study.unmet.items()]
+    if paragraphs and any(gains.everywhere is not None for gains in study.recommended):
+        paragraphs.append(paragraph("The recommended gains below meet every requirement."))
+    return paragraphs
+
+
+def _sentences(study: RobotStudy, name: str, state: State) -> list[str]:
+    asked, one = study.system.requirements, REQUIREMENTS[name]
+    value, omega = one.value(state.margins), one.frequency(state.margins)
+    meaning = f"{one.label[0].upper()}{one.label[1:]} of {state.model.size} loops: {one.meaning or 'the worst of all.'}"
+    if math.isnan(value):
+        return [meaning, f"It is not known in {state.title}."]
+    at = f", at {hertz(omega)}" if math.isfinite(omega) else ""
+    return [meaning, f"It is {margin_value(asked, name, value, False, 3)} in {state.title}{at}.", _trials(study, one, state)]
+
+
+def _trials(study: RobotStudy, one: Requirement, state: State) -> str:
+    """The margin with 1.25 and 0.8 times the damping gains, and with 0.8 times the stiffness gains."""
+    system, asked = study.system, study.system.requirements
+    controller = system.controller(state.model)
+    rate = controller.damping_name
+    better, worse = [], []
+    for gain, factor in ((rate, MORE), (rate, LESS), ("kp", LESS)):
+        changed = replace(controller, **{gain: factor * getattr(controller, gain)})
+        found = margins_of(system.loop(state.model, changed))
+        value, own = one.value(found), one.value(state.margins)
+        helps = found.stable and (value < own if one.at_most else value > own)
+        known = "not known" if math.isnan(value) else margin_value(asked, one.name, value, None, 3)
+        outcome = known if found.stable else "unstable"
+        (better if helps else worse).append(f"{outcome} with all {gain} × {factor:g}")
+    if not better:
+        return f"No small change of all gains improves it ({listed(worse)}). Less delay, or stiffer or better damped gearboxes, would."
+    without = f", but {listed(worse)}" if worse else ""
+    return f"It would be {listed(better)}{without}."

@@ -17,8 +17,7 @@ from .columns import Column, definitions, tabulated
 from .number_format import digits, hertz, span
 from .page import Html, facts, paragraph, table
 from .page_parts import filters, uncertainty_text
-from .recommended_gains import Row, gain_columns, rows, set_columns
-from .recommended_gains_text import cost_text, inertia_text
+from .recommended_gains import Row, cost_text, gain_columns, inertia_text, rows, set_columns
 from .robot_columns import JOINT, TASK, state_columns
 from .robot_units import joint_units
 
@@ -45,7 +44,9 @@ def folded(summary: str, *parts: Html) -> Html:
 def state_table(study: RobotStudy) -> Html:
     """Every state: the factor on all gains together, and the margins."""
     columns = state_columns()
-    return _table(columns, study.states + study.immobile, f"{definitions(columns)} Margins of an unstable robot are meaningless.")
+    rows = study.states + study.immobile
+    caption = f"{definitions(columns)} Margins of an unstable robot are meaningless.{_cut(len(rows))}"
+    return table(*tabulated(columns, rows[:MOST_ROWS]), caption, MARKS)
 
 
 def joint_table(states: Sequence[State], caption: str = "") -> Html:
@@ -84,10 +85,6 @@ def _several(columns: Sequence[Column], rows: Sequence[tuple[State, Any]], named
     return table(
         headings, [(first + name, *rest) for (first, *rest), name in zip(texts, names, strict=False)], caption + _cut(len(rows)), MARKS
     )
-
-
-def _table(columns: Sequence[Column], rows: Sequence[Any], caption: str) -> Html:
-    return table(*tabulated(columns, rows[:MOST_ROWS]), caption + _cut(len(rows)), MARKS)
 
 
 def _cut(rows: int) -> str:

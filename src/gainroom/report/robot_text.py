@@ -15,7 +15,7 @@ from ..system.system import System
 from .joint_text import CONTINUOUS, NOT_EVERYWHERE, at_usual_rate_text, lost_at_usual_rate, verdict_text, vibration_starts
 from .joint_text import severity as severity_of_loops
 from .margin_columns import short_text
-from .recommended_gains_text import weight_warnings
+from .recommended_gains import weight_warnings
 
 EXACT_ROBOT = "stiffness, damping, inertia and delay are taken as exact; give uncertainty: for gains that hold over a range"
 COUPLED = 0.95

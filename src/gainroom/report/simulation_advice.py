@@ -9,8 +9,8 @@ from ..errors import listed, printable
 from ..simulation.tracking import SETTLED
 from ..studies.simulation import USUAL, Outcome
 from ..system.requirements import REQUIREMENTS
+from .page import Advice
 from .simulation_text import unsettled
-from .what_to_do import Advice
 
 CALL = "gainroom simulate FILE"
 

@@ -10,9 +10,7 @@ from ..studies.swept_margins import Judged, WorstStates
 from ..system.requirements import to_db
 from .columns import Column, facts
 from .margin_columns import margin_value, requirement
-from .number_format import digits, gain_factor, hertz
-
-THIN = "\u202f"
+from .number_format import THIN, digits, gain_factor, hertz
 
 
 def counted(number: int) -> str:

@@ -16,10 +16,9 @@ from .gains_to_use import joint_gains, kept, robot_gains, typed
 from .joint_text import AT_USUAL
 from .margin_columns import margin_value, requirement, short_text
 from .number_format import digits, hertz, own_gains, span
-from .page import Html, table
+from .page import Advice, Html, table
+from .page import advice_box as advised
 from .robot_units import joint_units
-from .what_to_do import Advice
-from .what_to_do import advice_box as advised
 
 if TYPE_CHECKING:  # what a robot's study needs is not loaded for a joint's
     from ..studies.robot import RobotStudy

@@ -1,19 +1,149 @@
 """The page of a verification: whether simulation and prediction agree, every case in a picture, and closed below table and method."""
 
 import math
+from collections.abc import Sequence
+from html import escape
+from typing import Any
+
+import numpy as np
 
 from ..errors import listed
-from ..studies.verification import Verification
+from ..studies.verification import TOLERANCES, Case, Verification, growth_about
 from ..system.requirements import Requirements
 from ..system.system import System
+from . import style
 from .columns import tabulated
 from .margin_columns import requirement
 from .number_format import digits, hertz, model_text
-from .page import Card, Html, Lead, Section, block, page, table
+from .page import Card, Html, Lead, Section, advice_box, beside, block, figure, page, table
 from .page_parts import assumptions, footer
-from .verification_figures import agreement, growth
-from .verification_text import CASE, WITNESSES, at_nominal, left_out, percent, sentence, size, what_to_do
-from .what_to_do import advice_box
+from .verification_text import CASE, WITNESSES, at_nominal, furthest, left_out, percent, sentence, size, what_to_do
+
+MARKS = {"linear": ("circle", style.BLUE, 11, -0.18), "mujoco": ("diamond", style.ORANGE, 11, 0.18)}
+"""By witness: symbol, colour, size, and the place in its case's row."""
+APART = 0.22
+"""Of a row, between the differences of gain and frequency, of which one would hide the other."""
+SHADES = {"mujoco": 0.12, "linear": 0.3}
+"""Of the bands of agreement, the wider one first."""
+WIDEST = 100.0
+"""[%] of a difference that is drawn where it is; beyond, at the end."""
+
+
+def agreement(cases: Sequence[Case]) -> Html:
+    """Row by row the limits, predicted and simulated, and beside them the differences in gain and frequency with what is allowed."""
+    return beside(_limits(cases), _differences(cases))
+
+
+def _limits(cases: Sequence[Case]) -> Html:
+    """What is simulated, over what is predicted; limits of 0 and none at the ends."""
+    rows, values = _rows(cases), [value for case in cases for value in (case.predicted_gain, case.simulated_gain)]
+    known = [1.0, *(value for value in values if math.isfinite(value) and value > 0)]
+    left, right = min(known) / 1.6, max(1.6 * max(known), 6.3 * min(known))  # a decade at least: ticks at 1, 2 and 5
+    edge = (right / left) ** 0.02
+
+    def marks(some: Sequence[Case], how: str, shift: float, *look: Any, name: str) -> style.Trace:
+        gains = [getattr(case, f"{how}_gain") for case in some]
+        at = [hertz(getattr(case, f"{how}_frequency")) for case in some]
+        told = [
+            f"{escape(case.what)}<br>{name}: {digits(gain, '×', 6)}<br>{omega}" for case, gain, omega in zip(some, gains, at, strict=True)
+        ]
+        places = np.clip(gains, left * edge, right / edge), [rows.index(case.what) + shift for case in some]
+        return style.markers(*places, *look, name=name, showlegend=True, hoverinfo="text", hovertext=told)
+
+    first = [next(case for case in cases if case.what == row) for row in rows]
+    traces = [marks(first, "predicted", 0.0, "line-ns-open", style.BLACK, 36, name="predicted")]
+    for witness, some in _by_witness(cases):
+        symbol, color, size, shift = MARKS[witness]
+        traces.append(marks(some, "simulated", shift, symbol, color, size, name=WITNESSES[witness]))
+    axis = style.log_axis("factor on all gains [×]", left, right, fixedrange=True)
+    start = style.upright(1.0, style.INK, "dot", 1.4)
+    caption = "Where vibration starts. The dotted line is these gains: a limit left of it means that they are unstable."
+    return _picture(traces, axis, rows, [start], [], "Limit, predicted and simulated", caption)
+
+
+def _differences(cases: Sequence[Case]) -> Html:
+    """Gains filled, frequencies open, in percent of the prediction."""
+    rows, every = _rows(cases), [value for case in cases for value in (case.gain_difference, case.frequency_difference)]
+    allowed = {witness: 100 * TOLERANCES[witness] for witness in SHADES if any(case.witness == witness for case in cases)}
+    reach = 1.25 * min(WIDEST, max(*allowed.values(), *(100 * abs(value) for value in every if math.isfinite(value))))
+    traces = []
+    for witness, some in _by_witness(cases):
+        symbol, color, size, shift = MARKS[witness]
+        for what, look, place in (("gain", symbol, shift - APART / 2), ("frequency", f"{symbol}-open", shift + APART / 2)):
+            values = [getattr(case, f"{what}_difference") for case in some]
+            told = [
+                f"{escape(case.what)}<br>{WITNESSES[witness]}, {what}: {percent(value, case.tolerance)}"
+                for case, value in zip(some, values, strict=True)
+            ]
+            places = np.clip(100 * np.array(values), -0.97 * reach, 0.97 * reach), [rows.index(case.what) + place for case in some]
+            named = {"name": f"{WITNESSES[witness]}, {what}", "hoverinfo": "text", "hovertext": told}
+            traces.append(style.markers(*places, look, color, size, **named))
+    axis = style.axis("difference from the prediction [%]", range=[-reach, reach], fixedrange=True)
+    bands = [style.stretch(-width, width, style.GREEN, SHADES[witness]) for witness, width in allowed.items()]
+    bounds = ", ".join(f"{WITNESSES[witness]} within {digits(width)} %" for witness, width in reversed(allowed.items()))
+    caption = f"Filled: gain; open, below it: frequency. Green is agreement: {bounds}."
+    lost = [_not_found(case, rows) for case in cases if math.isnan(case.gain_difference)]
+    return _picture(traces, axis, rows, bands, lost, "Simulated minus predicted", caption)
+
+
+def _rows(cases: Sequence[Case]) -> list[str]:
+    return list(dict.fromkeys(case.what for case in cases))
+
+
+def _by_witness(cases: Sequence[Case]) -> list[tuple[str, list[Case]]]:
+    found = [(witness, [case for case in cases if case.witness == witness]) for witness in MARKS]
+    return [(witness, some) for witness, some in found if some]
+
+
+def _picture(traces: list, axis: dict, rows: Sequence[str], shapes: list, notes: list, title: str, caption: str) -> Html:
+    """A row per case, named on two lines: the state and the space."""
+    names = [escape(row, quote=False).replace(": ", "<br>") for row in rows]
+    layout = style.layout(
+        xaxis=axis,
+        yaxis=style.axis("", range=[len(rows) - 0.5, -0.5], tickvals=list(range(len(rows))), ticktext=names, ticks="", fixedrange=True),
+        shapes=shapes,
+        annotations=notes,
+        showlegend=any(trace.get("showlegend") for trace in traces),
+        legend=style.switches(1.0, yref="container", yanchor="top"),
+        margin={"l": 20, "r": 12, "t": 40, "b": 48},
+    )
+    return figure({"data": traces, "layout": layout}, title, caption, 64 * len(rows) + 104, {"margin.l": 8})
+
+
+def _not_found(case: Case, rows: Sequence[str]) -> style.Annotation:
+    words = f"<b>{WITNESSES[case.witness]}: no limit found</b>"
+    return style.label(0, rows.index(case.what) + MARKS[case.witness][3], words, style.VERMILION)
+
+
+def growth(system: System, limit: float) -> Html:
+    """Growth rate over gain: the rightmost root's as a line, that of simulated runs as dots."""
+    found = growth_about(system.loop())
+    seen = np.isfinite(found.simulated)
+    hover: dict[str, Any] = {"hovertemplate": "%{x:.4g} ×: %{y:.4g} 1/s", "hoverinfo": "all"}
+    traces = [
+        style.line(found.gain, found.predicted, style.BLACK, name="predicted: rightmost root", showlegend=True, **hover),
+        style.markers(
+            found.gain[seen], found.simulated[seen], "circle", style.BLUE, 10, name="simulated: one run each", showlegend=True, **hover
+        ),
+    ]
+    zero = {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": 0, "y1": 0, "line": {"color": style.INK, "width": 1}}
+    layout = style.layout(
+        xaxis=style.axis("factor on all gains [×]"),
+        yaxis=style.axis("growth rate of the vibration [1/s]"),
+        shapes=[zero, style.upright(limit, style.SOFT, "dot", 1.5)],
+        annotations=[
+            style.label(limit, 0.02, f"predicted limit {digits(limit, '×', 5)}", yref="paper", yanchor="bottom", xanchor="left", xshift=4)
+        ],
+        showlegend=True,
+        legend=style.switches(1.02),
+        margin={"l": 78, "r": 24, "t": 40, "b": 52},
+    )
+    caption = (
+        "Below zero the impulse response decays, above zero it grows. The line is computed from the loop's roots, the dots from simulated "
+        "runs; both cross zero at the limit."
+    )
+    narrow = style.NARROW | {"margin.t": 64, "yaxis.title.text": "growth rate [1/s]"}
+    return figure({"data": traces, "layout": layout}, "Vibration starts where its growth rate changes sign", caption, 400, narrow)
 
 
 def verification_page(system: System, result: Verification, command: str, judge: str = "") -> str:
@@ -36,12 +166,9 @@ def verification_page(system: System, result: Verification, command: str, judge:
     ]
     said = [f"left out: {warning}" for warning in result.warnings]
     state = "bare" if result.least.enough is False or result.least.predicted_gain <= 1 else "good"
-    lead = Lead(sentence(result), state, "", said, advice_box(what_to_do(result, judge))) if result.agrees else _disagreement(result, said)
+    headline = "" if result.agrees else "Simulation and prediction disagree: do not rely on the predicted limit"
+    lead = Lead(sentence(result), state if result.agrees else "bad", headline, said, advice_box(what_to_do(result, judge)))
     return page(f"gainroom verify: {what}, {model_text(sample_time)}", lead, _cards(result), sections, footer())
-
-
-def _disagreement(result: Verification, said: list[str]) -> Lead:
-    return Lead(sentence(result), "bad", "Simulation and prediction disagree: do not rely on the predicted limit", said)
 
 
 def _cards(result: Verification) -> list[Card]:
@@ -51,7 +178,7 @@ def _cards(result: Verification) -> list[Card]:
     for witness, name in WITNESSES.items():
         own = [case for case in cases if case.witness == witness]
         if own:
-            worst = max(own, key=lambda case: max(size(case.gain_difference), size(case.frequency_difference)))
+            worst = max(own, key=furthest)
             gain = size(worst.gain_difference) >= size(worst.frequency_difference)
             difference = worst.gain_difference if gain else worst.frequency_difference
             value, _, unit = percent(difference, worst.tolerance).rpartition(" ")

@@ -9,7 +9,7 @@ from ..system.requirements import Requirements
 from .columns import Column, yes
 from .margin_columns import short_text
 from .number_format import digits
-from .what_to_do import Advice
+from .page import Advice
 
 
 def sentence(result: Verification) -> str:
@@ -50,7 +50,7 @@ def what_to_do(result: Verification, judge: str = "") -> Advice | None:
 def _compared_text(result: Verification) -> str:
     """Whether simulation and prediction agree."""
     cases, what = result.cases, "the robot" if result.of_robot else "the joint"
-    wrong = sorted((case for case in cases if not case.agrees), key=lambda case: -_furthest(case) / case.tolerance)
+    wrong = sorted((case for case in cases if not case.agrees), key=lambda case: -furthest(case) / case.tolerance)
     if wrong:
         names = "; ".join(f"{case.what} ({case.witness}): {_differences(case)}" for case in wrong[:3])
         names += "; and others" if len(wrong) > 3 else ""
@@ -76,7 +76,7 @@ def left_out(result: Verification) -> str:
     return "are for small motions" + (f", without the scenario's {effects}" if effects else "")
 
 
-def _furthest(case: Case) -> float:
+def furthest(case: Case) -> float:
     """The larger of both differences."""
     return max(size(case.gain_difference), size(case.frequency_difference))
 

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 LAGS = 100  # columns of the Hankel matrix at most
 MOST_SAMPLES = 4000  # samples from the end that are used
 FEWEST_SAMPLES = 24
+WINDOWS = 8  # that a motion is cut into
 NOISE_FACTOR = 2.858  # times the median singular value: what is noise in a square matrix; in a tall one even a little less
 FEWEST_PERIODS = 1.5  # that the window must hold of an oscillation
 PERIODS_FITTED = 12  # that parts are taken from
@@ -87,6 +88,12 @@ def response_vibration(run: "Run", above: float = 0.0, after: float = 0.0) -> Vi
     moving = np.flatnonzero((np.diff(run.reference, axis=0) != 0).any(axis=1))
     rest = run.time[moving[-1] + 1] if len(moving) else 0.0
     return vibration(run.error[rows_after(run, max(float(rest), after))], run.sample_time, above=above)
+
+
+def windows(count: int) -> list[slice]:
+    """Of so many ticks, each overlapping the next by half, as under friction a vibration comes and goes; none where they are too few."""
+    size = max(FEWEST_SAMPLES + 2, 2 * count // (WINDOWS + 1))
+    return [slice(first, first + size) for first in range(0, count - size + 1, max(1, size // 2))]
 
 
 def rows_after(run: "Run", event: float) -> slice:

@@ -5,7 +5,6 @@ growth rate of the motors' motion. Without gravity, friction or feet that lift, 
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -30,25 +29,13 @@ ACCURACY = 1e-3
 """Of the factor."""
 
 
-def robot_onset(setup: RobotSetup, near: float = 1.0, progress: Callable[[int, float], None] | None = None) -> Onset:
-    """The factor on all gains at which vibration starts.
-
-    near       first factor tried
-    progress   called with (runs made, the factor tried next)
+def robot_onset(setup: RobotSetup, near: float = 1.0) -> Onset:
+    """The factor on all gains at which vibration starts, the first that is tried `near`.
 
     Raises GainroomError where no factor between near/1000 and 1000 near does.
     """
     bare = motionless(setup)
-    made = 0
-
-    def vibration_at(gain: float) -> Vibration | None:
-        nonlocal made
-        if progress is not None:
-            progress(made, gain)
-        made += 1
-        return robot_vibration(bare, gain)
-
-    return search_onset(vibration_at, ACCURACY, near, SEARCH_STEP)
+    return search_onset(lambda gain: robot_vibration(bare, gain), ACCURACY, near, SEARCH_STEP)
 
 
 def motionless(setup: RobotSetup) -> RobotSetup:

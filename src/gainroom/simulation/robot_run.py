@@ -29,7 +29,6 @@ BEYOND_PLAN = 5.0
 FALLEN = 0.5
 """A floating base that has sunk or risen by this part of its height above the feet, or tilted by this many radians, has fallen."""
 
-Progress = Callable[[int, int], None]
 """Called with (ticks done, ticks in all)."""
 
 
@@ -89,17 +88,9 @@ class RobotRun(Run):
         return np.array([values(self.posture(row)) for row in range(len(self.time))])
 
 
-def run_robot(
-    setup: RobotSetup, offsets: ArrayLike, *, gain: float = 1.0, initial_speed: ArrayLike = 0.0, progress: Progress | None = None
-) -> RobotRun:
-    """The whole run, as stream_robot has it; `progress` is called after each part."""
-    report = progress or (lambda done, total: None)
-    parts, done = [], 0
-    for part in stream_robot(setup, offsets, gain=gain, initial_speed=initial_speed):
-        parts.append(part)
-        done += len(part.time)
-        report(done, len(np.atleast_1d(offsets)))
-    return joined(parts)
+def run_robot(setup: RobotSetup, offsets: ArrayLike, *, gain: float = 1.0, initial_speed: ArrayLike = 0.0) -> RobotRun:
+    """The whole run, as stream_robot has it."""
+    return joined(stream_robot(setup, offsets, gain=gain, initial_speed=initial_speed))
 
 
 def stream_robot(

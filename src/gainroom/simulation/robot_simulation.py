@@ -70,13 +70,7 @@ class RobotSimulation(SimulationSpec):
         scenario, setup = system.scenario, _setup(system)
         refuse_odd_run(scenario.duration, setup.sample_time, MOST_ROBOT_TICKS)
         displacement = _displacement(system, setup)
-        there = {
-            "friction": np.any(setup.coulomb),
-            "encoder steps": setup.encoder_step > 0,
-            TORQUE_LIMIT: np.any(np.isfinite(setup.torque_limit)),
-            "the ground": setup.ground is not None,
-        }
-        effects = tuple(name for name, given in there.items() if given)
+        effects = tuple(name for name in scenario_effects(scenario) if name != "friction" or np.any(setup.coulomb))  # viscous is linear
         return cls(
             kind="mujoco",
             duration=scenario.duration,

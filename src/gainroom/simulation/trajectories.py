@@ -1,7 +1,4 @@
-"""Reference signals as functions of time: step, spline, chirp, multisine; each for n joints, with velocity and acceleration.
-
-Every signal is constant outside its own time; a step has no velocity at its edge.
-"""
+"""Reference signals as functions of time: step, spline, chirp, multisine; each for n joints, and constant outside its own time."""
 
 import math
 from dataclasses import dataclass
@@ -36,18 +33,6 @@ class Trajectory:
 
     def position(self, time: ArrayLike) -> Floats:
         """The value at `time` (k,): (k, n)."""
-        return self.motion(time)[0]
-
-    def velocity(self, time: ArrayLike) -> Floats:
-        """Its first derivative: (k, n)."""
-        return self.motion(time)[1]
-
-    def acceleration(self, time: ArrayLike) -> Floats:
-        """Its second derivative: (k, n)."""
-        return self.motion(time)[2]
-
-    def motion(self, time: ArrayLike) -> tuple[Floats, Floats, Floats]:
-        """(position, velocity, acceleration) at `time` (k,), each (k, n)."""
         raise NotImplementedError
 
 
@@ -71,10 +56,8 @@ class Step(Trajectory):
     def end(self) -> float:
         return self.start if self.height.any() else 0.0
 
-    def motion(self, time: ArrayLike) -> tuple[Floats, Floats, Floats]:
-        after = _column(time) >= self.start - NANOSECOND
-        rest = np.zeros((len(after), self.size))
-        return self.base + self.height * after, rest, rest.copy()
+    def position(self, time: ArrayLike) -> Floats:
+        return self.base + self.height * (_column(time) >= self.start - NANOSECOND)
 
 
 @dataclass(frozen=True)
@@ -106,7 +89,7 @@ class Spline(Trajectory):
             raise GainroomError(f"spline: order {self.order!r} must be 3 or 5")
         object.__setattr__(self, "times", times)
         object.__setattr__(self, "points", points)
-        object.__setattr__(self, "_curves", self._interpolated())
+        object.__setattr__(self, "_curve", self._interpolated())
 
     @classmethod
     def move(cls, by: ArrayLike, duration: float, start: float = 0.0, order: int = 3, base: ArrayLike = 0.0) -> "Spline":
@@ -123,29 +106,18 @@ class Spline(Trajectory):
     def end(self) -> float:
         return float(self.times[-1])
 
-    def _interpolated(self) -> tuple[Any, Any, Any]:
-        """The curve and its first two derivatives."""
+    def _interpolated(self) -> Any:
         from scipy.interpolate import BPoly, make_interp_spline
 
         zero = range(1, (self.order + 1) // 2)  # derivatives that are 0 at rest
         if self.pause:
             rows = np.stack([self.points, *(np.zeros_like(self.points) for _ in zero)], axis=1)
-            curve: Any = BPoly.from_derivatives(self.times, rows)
-        else:
-            rest = [(derivative, np.zeros(self.size)) for derivative in zero]
-            curve = make_interp_spline(self.times, self.points, k=self.order, bc_type=(rest, rest))  # type: ignore[arg-type]
-        return curve, curve.derivative(1), curve.derivative(2)
+            return BPoly.from_derivatives(self.times, rows)
+        rest = [(derivative, np.zeros(self.size)) for derivative in zero]
+        return make_interp_spline(self.times, self.points, k=self.order, bc_type=(rest, rest))  # type: ignore[arg-type]
 
     def position(self, time: ArrayLike) -> Floats:
-        # Simulation asks for nothing else, and three splines take three times as long as one.
-        return self._curves[0](np.clip(_column(time)[:, 0], self.times[0], self.times[-1]))  # type: ignore[attr-defined]
-
-    def motion(self, time: ArrayLike) -> tuple[Floats, Floats, Floats]:
-        t = _column(time)
-        inside = np.clip(t[:, 0], self.times[0], self.times[-1])
-        moving = (t >= self.times[0]) & (t <= self.times[-1])
-        position, velocity, acceleration = (curve(inside) for curve in self._curves)  # type: ignore[attr-defined]
-        return position, velocity * moving, acceleration * moving
+        return self._curve(np.clip(_column(time)[:, 0], self.times[0], self.times[-1]))  # type: ignore[attr-defined]
 
 
 @dataclass(frozen=True)
@@ -184,24 +156,14 @@ class Chirp(Trajectory):
     def fastest(self) -> float:
         return max(self.first, self.last)
 
-    def motion(self, time: ArrayLike) -> tuple[Floats, Floats, Floats]:
-        t = _column(time) - self.start
-        moving = (t >= 0) & (t <= self.duration)
-        t = np.clip(t, 0.0, self.duration)
+    def position(self, time: ArrayLike) -> Floats:
+        t = np.clip(_column(time) - self.start, 0.0, self.duration)
         growth = math.log(self.last / self.first) / self.duration
         if self.sweep == "linear" or growth == 0:
-            rate = (self.last - self.first) / self.duration
-            omega, change = self.first + rate * t, np.full_like(t, rate)
-            phase = (self.first + rate * t / 2) * t
+            phase = (self.first + (self.last - self.first) / self.duration * t / 2) * t
         else:
-            omega = self.first * np.exp(growth * t)
-            phase, change = self.first * np.expm1(growth * t) / growth, growth * omega
-        sine, cosine = np.sin(phase), np.cos(phase)
-        return (
-            self.base + self.amplitude * sine,
-            self.amplitude * (omega * cosine * moving),
-            self.amplitude * ((change * cosine - omega**2 * sine) * moving),
-        )
+            phase = self.first * np.expm1(growth * t) / growth
+        return self.base + self.amplitude * np.sin(phase)
 
 
 @dataclass(frozen=True)
@@ -257,15 +219,10 @@ class Multisine(Trajectory):
     def fastest(self) -> float:
         return float(self.frequencies.max())
 
-    def motion(self, time: ArrayLike) -> tuple[Floats, Floats, Floats]:
-        t = _column(time) - self.start
-        moving = t >= 0
-        omega, phases = self.frequencies[:, None], self._phases  # type: ignore[attr-defined]
-        angle = omega * np.maximum(t, 0.0)[:, :, None] + phases
-        sine, cosine = np.sin(angle), np.cos(angle)
-        position = self.base + (self.amplitudes * (sine - np.sin(phases))).sum(axis=1)
-        velocity, acceleration = (self.amplitudes * omega * cosine).sum(axis=1), -(self.amplitudes * omega**2 * sine).sum(axis=1)
-        return position, velocity * moving, acceleration * moving
+    def position(self, time: ArrayLike) -> Floats:
+        phases = self._phases  # type: ignore[attr-defined]
+        angle = self.frequencies[:, None] * np.maximum(_column(time) - self.start, 0.0)[:, :, None] + phases
+        return self.base + (self.amplitudes * (np.sin(angle) - np.sin(phases))).sum(axis=1)
 
 
 @dataclass(frozen=True)
@@ -283,10 +240,8 @@ class Held(Trajectory):
     def end(self) -> float:
         return min(self.stop, self.moving.end)
 
-    def motion(self, time: ArrayLike) -> tuple[Floats, Floats, Floats]:
-        t = _column(time)
-        position, velocity, acceleration = self.moving.motion(np.minimum(t[:, 0], self.stop))
-        return position, velocity * (t <= self.stop), acceleration * (t <= self.stop)
+    def position(self, time: ArrayLike) -> Floats:
+        return self.moving.position(np.minimum(_column(time)[:, 0], self.stop))
 
 
 @dataclass(frozen=True)
@@ -308,8 +263,8 @@ class Late(Trajectory):
     def fastest(self) -> float:
         return self.moving.fastest
 
-    def motion(self, time: ArrayLike) -> tuple[Floats, Floats, Floats]:
-        return self.moving.motion(np.asarray(time, dtype=float) - self.delay)
+    def position(self, time: ArrayLike) -> Floats:
+        return self.moving.position(np.asarray(time, dtype=float) - self.delay)
 
 
 def _column(time: ArrayLike) -> Floats:

@@ -9,8 +9,7 @@ from ..identification.oscillation_search import Search, find_oscillation
 from ..identification.record import Record
 from ..identification.recorded_oscillation import RecordedOscillation
 from ..system.system import System
-from .predicted_vibration import Prediction, predicted_vibration
-from .vibration_causes import UNKNOWN, Cause, ranked_causes
+from .vibration_causes import UNKNOWN, Cause, Prediction, predicted_vibration, ranked_causes
 
 NAMED = 0.6  # likelihood from which on a cause is named
 MOVED = 0.35  # steps: less of true motion is an encoder between two steps

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..analysis.gain_limit import GainLimit
 from ..analysis.stability import rightmost_roots
-from ..simulation.oscillation import FEWEST_SAMPLES, MOST_SAMPLES, Vibration, parts_in, rows_after, vibration
+from ..simulation.oscillation import FEWEST_SAMPLES, MOST_SAMPLES, Vibration, parts_in, rows_after, vibration, windows
 from ..simulation.run_record import Run
 from ..simulation.simulation_spec import LATE_SHARE, SimulationSpec
 from ..system.linear.arrays import Complexes, Floats
@@ -25,7 +25,6 @@ PATIENCE = 7.0  # time constants: a decaying motion is then down to a thousandth
 UNDIMINISHED = 0.7  # of its size before: irregular motion that falls below decays
 FRICTION_STARTS = 1e-4  # [m, rad] smaller oscillations during motion are not counted: friction excites them as the motion starts and turns
 PREDICTED = 1e-6  # [m, rad] likewise of the vibration that an unstable linear loop predicts
-WINDOWS = 8  # that a motion is cut into, each overlapping the next by half: under friction a vibration comes and goes
 NEAR_LIMIT = 0.15  # relative: how far the frequency may be from that at the limit. It rises with the gains, and other postures have others
 SAME_FREQUENCY, TIMES = 0.05, 3  # relative: no further apart in so many successive windows: a vibration, also where no limit predicts one
 SPLINE = 5 * 4 * math.pi  # [rad] over a spline's duration: it has almost no energy beyond a fifth of that, friction's harmonics included
@@ -250,7 +249,7 @@ def _in_motion(spec: SimulationSpec, run: Run, limit: GainLimit | None) -> Oscil
     lowest = SPLINE / moved if moved > 0 else 0.0
     if unstable and limit is not None and limit.frequency > 0:
         lowest = max(lowest, (1 - NEAR_LIMIT) * limit.frequency) if ended else min(lowest, (1 - NEAR_LIMIT) * limit.frequency)
-    found = [(rows, _in_window(run, rows, lowest)) for rows in _windows(end)]
+    found = [(rows, _in_window(run, rows, lowest)) for rows in windows(end)]
     lasting: list[tuple[slice, Vibration]] = []
     least = max(FRICTION_STARTS, MUJOCO.steps * spec.encoder_step)
     for index, (rows, one) in enumerate(found):
@@ -272,12 +271,6 @@ def _in_motion(spec: SimulationSpec, run: Run, limit: GainLimit | None) -> Oscil
 
 def _alike(one: Vibration, frequency: float, within: float) -> bool:
     return abs(one.frequency - frequency) <= within * frequency
-
-
-def _windows(end: int) -> list[slice]:
-    """Of `end` ticks; none where they are too few."""
-    size = max(FEWEST_SAMPLES + 2, 2 * end // (WINDOWS + 1))
-    return [slice(first, first + size) for first in range(0, end - size + 1, max(1, size // 2))]
 
 
 def _in_window(run: Run, rows: slice, lowest: float) -> Vibration | None:

@@ -18,7 +18,7 @@ from ...robot.name_patterns import select_all
 from .gain_arrays import ArrayNames, is_gain_array, read_arrays
 from .gain_record import NOT_NEGATIVE, Gain, GainFile
 from .legged_gym import legged_gym_robots, read_legged_gym
-from .python_records import Record, Unknown, is_number, parts
+from .python_expressions import Record, Unknown, is_number, parts
 from .python_values import SET_UP, PythonValues, read_python
 
 TARGETS = ("target_names_expr", "joint_names_expr", "actuated_names_expr")

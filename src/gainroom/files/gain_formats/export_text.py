@@ -6,7 +6,9 @@ Numbers are written with ten digits: recommended gains lie at the edge of what i
 import json
 import re
 from collections.abc import Mapping, Sequence
+from xml.sax.saxutils import quoteattr
 
+from ...errors import GainroomError, printable
 from .gain_record import Gain
 
 WORDS = {"true", "false", "null", "yes", "no", "on", "off", "y", "n", "default"}
@@ -21,9 +23,9 @@ def number_text(value: float) -> str:
     return text if "." in mantissa else f"{mantissa}.0{sign}{exponent}"
 
 
-def commented(header: Sequence[str], mark: str = "#") -> str:
+def commented(header: Sequence[str]) -> str:
     """Lines of comment."""
-    return "".join(f"{mark} {line}\n" for line in header)
+    return "".join(f"# {line}\n" for line in header)
 
 
 def quoted(name: str) -> str:
@@ -109,3 +111,25 @@ def _patterns(names: Sequence[str]) -> str:
 def _fields(gain: Gain, effort: str) -> str:
     given = {"stiffness": gain.kp, "damping": gain.kd, "armature": gain.motor_inertia, effort: gain.effort_limit}
     return "".join(f"        {key}={number_text(value)},\n" for key, value in given.items() if value is not None)
+
+
+def copied_gains(gains: Mapping[str, Gain], form: str, margins: str, rate: float | None) -> str:
+    """Of named joints, to be pasted: `yaml` (which `gainroom audit --gains` reads), `ros2_control` or `mjcf` (an `<actuator>` section).
+
+    margins   what they keep, as a comment
+    rate      of the controller [Hz]; None: continuous
+
+    Raises GainroomError where the form cannot hold the gains.
+    """
+    header = [printable(f"gains from gainroom app: {margins}")[:300]]
+    if form == "yaml":
+        return plain_text(gains, header, rate)
+    if form == "ros2_control":
+        return ros2_control_text(gains, header, rate)
+    if any(gain.ki for gain in gains.values()):
+        raise GainroomError("mjcf: a position actuator holds no integral gain; ros2_control and yaml do")
+    lines = [
+        f"  <position joint={quoteattr(name)} kp={quoteattr(number_text(gain.kp))} kv={quoteattr(number_text(gain.kd))}/>\n"
+        for name, gain in gains.items()
+    ]
+    return f"<!-- {' '.join(header).replace('--', '- -')} -->\n<actuator>\n{''.join(lines)}</actuator>\n"

@@ -67,14 +67,12 @@ class Origin:
     delay_ms         the largest of its drives
     sample_rate_hz   of the controller
     margins          as text
-    version          gainroom's
     """
 
     robot: str = ""
     delay_ms: float | None = None
     sample_rate_hz: float | None = None
     margins: str = ""
-    version: str = ""
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from ...errors import GainroomError, first_of_many, nearest
 from ...io.validation import checked, dotted, number
 from ...io.yaml_text import shown
 from .gain_record import NOT_NEGATIVE, Gain, GainFile
-from .python_records import Record, Unknown
+from .python_expressions import Record, Unknown
 from .python_values import PythonValues
 
 ANGLE = number(least=-1e4, most=1e4)

@@ -28,7 +28,6 @@ class Tag:
     """An element's place in a text [bytes]: its start tag from `start` to `end`, and where its end tag begins; 0: it is empty."""
 
     name: str
-    attributes: dict[str, str]
     start: int
     end: int = 0
     close: int = 0
@@ -54,7 +53,7 @@ class _Places:
 
     def _begin(self, name: str, attributes: dict[str, str]) -> None:
         start = self.parser.CurrentByteIndex
-        tag = Tag(name, attributes, start, _end_of_tag(self.content, start))
+        tag = Tag(name, start, _end_of_tag(self.content, start))
         path = [each.name for each in self.open]
         if not path:
             self.root = tag

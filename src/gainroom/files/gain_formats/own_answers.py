@@ -72,7 +72,7 @@ def read_answer(data: Mapping[str, Any], source: str, contact: str = "", to_use:
         inertia = actuators[name].get("motor_inertia")
         gain = _gain({**vars(gains[name]), "motor_inertia": inertia}, f"{source}: actuators.{shown(name)}")
         gains[name] = gain
-    origin = Origin(str(data.get("robot") or ""), max(delays, default=None), with_rate, margins, str(data.get("gainroom") or ""))
+    origin = Origin(str(data.get("robot") or ""), max(delays, default=None), with_rate, margins)
     return GainFile(source, form, gains, origin=origin)
 
 

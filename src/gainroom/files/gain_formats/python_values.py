@@ -12,8 +12,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ...errors import GainroomError
-from .python_expressions import CONSTANTS, HARMLESS, MATH, Expressions
-from .python_records import Record, Unknown, has_record, last_name, text_of
+from .python_expressions import CONSTANTS, HARMLESS, MATH, Expressions, Record, Unknown, has_record, last_name, text_of
 
 SET_UP = ("__post_init__", "__init__")
 """Methods that change what a call makes; the first is also the field that says so."""

@@ -1,4 +1,4 @@
-"""ros2_control YAML: p, i, d under a joint's name.
+"""ros2_control YAML: p, i, d under a joint's name, read, and written into a file that is there.
 
 They stand in joint_trajectory_controller's and pid_controller's `gains`, in gazebo's `pid_gains`, in effort_controllers'
 JointPositionController (`joint` and `pid`) and JointGroupPositionController (`pid` per joint). Controllers that command position or
@@ -8,11 +8,14 @@ velocity are left out: their gains are no N m/rad.
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import reduce
 from typing import Any
 
 from ...errors import GainroomError, first_of_many, typo_of
 from ...io.validation import checked, dotted, number
-from ...io.yaml_text import shown
+from ...io.yaml_text import parse_yaml, shown
+from ..edited_text import Keys, edited
+from .export_text import commented, number_text
 from .gain_record import NOT_NEGATIVE, Gain, GainFile, Origin
 
 TERMS = {"p": "kp", "i": "ki", "d": "kd"}
@@ -37,6 +40,7 @@ BESIDE = (
 )
 """What ros2_control has beside p, i and d, and what no margin depends on."""
 LONGEST_SLIP = 3
+HEADER = re.compile(r"\A(?:# gains by gainroom\b[^\n]*\n)(?:# {2}[^\n]*\n)*")
 MANAGER = "controller_manager"
 RATE = number(least=0, most=1e6)
 
@@ -167,3 +171,23 @@ def _pid(node: Mapping[str, Any], owner: str) -> Gain:
     if "p" not in node:
         raise GainroomError(f"{owner}.p: is missing: [N m/rad]{_found(node)}; write 0 where there is none")
     return Gain(**{name: checked(f"{owner}.{term}", node.get(term, 0.0), NOT_NEGATIVE) for term, name in TERMS.items()})
+
+
+def ros2_control_onto(text: str, source: str, gains: Mapping[str, Gain], header: Sequence[str]) -> str:
+    """The YAML `text` of a file that messages call `source`, with these p, i and d; the rest of it stays as it is.
+
+    Raises GainroomError where a joint is not in it.
+    """
+    text = HEADER.sub("", text)
+    data = parse_yaml(text, source)
+    if not isinstance(data, dict):
+        raise GainroomError(f"{source}: must be a ros2_control file with p, i and d under joints' names")
+    paths = read_ros2_control(data, source, "holds no gains of ros2_control to replace").paths
+    if missing := [joint for joint in gains if joint not in paths]:
+        raise GainroomError(f"{source}: has no p, i and d for {first_of_many(missing)}; add them, or export a new file (without --onto)")
+    values: dict[Keys, float] = {}
+    for joint, gain in gains.items():
+        there = reduce(lambda node, key: node[key], paths[joint], data)
+        terms = {term: getattr(gain, name) for term, name in TERMS.items()}
+        values |= {(*paths[joint], term): value for term, value in terms.items() if value or term in there}
+    return commented(header) + edited(text, source, values, number_text)

@@ -176,3 +176,8 @@ def library(name: str, *modules: str) -> Any:
         return import_module(name)
     except ImportError as error:
         raise GainroomError(f"this kind of log needs {name}: pip install 'gainroom[logs]'") from error
+
+
+def column_names(joints: Sequence[str], signals: Sequence[str]) -> list[str]:
+    """`time`, then signal by signal; with several joints each with its joint's name."""
+    return ["time", *(signal if len(joints) == 1 else f"{signal}_{joint}" for signal in signals for joint in joints)]

@@ -18,34 +18,23 @@ SI = {"time": "s", "angle": "rad", "speed": "rad/s", "torque": "Nm", "current": 
 TICKS = {"angle": re.compile(r"ticks/([0-9.eE+]{1,20})"), "speed": re.compile(r"ticks/([0-9.eE+]{1,20})/s")}
 """Encoder steps: how many of them are one revolution."""
 SPELLINGS = {
-    "sec": "s",
-    "secs": "s",
-    "seconds": "s",
-    "second": "s",
-    "msec": "ms",
-    "µs": "us",
-    "μs": "us",
-    "usec": "us",
-    "nsec": "ns",
-    "nanoseconds": "ns",
-    "°": "deg",
-    "degree": "deg",
-    "degrees": "deg",
-    "radian": "rad",
-    "radians": "rad",
-    "turn": "rev",
-    "turns": "rev",
-    "revs": "rev",
-    "rps": "rev/s",
-    "rads": "rad/s",
-    "radps": "rad/s",
-    "degps": "deg/s",
-    "°/s": "deg/s",
-    "dps": "deg/s",
-    "amp": "A",
-    "amps": "A",
-    "ampere": "A",
+    spelling: unit
+    for unit, spellings in {
+        "s": "sec secs seconds second",
+        "ms": "msec",
+        "us": "µs μs usec",
+        "ns": "nsec nanoseconds",
+        "deg": "° degree degrees",
+        "rad": "radian radians",
+        "rev": "turn turns revs",
+        "rev/s": "rps",
+        "rad/s": "rads radps",
+        "deg/s": "degps °/s dps",
+        "A": "amp amps ampere",
+    }.items()
+    for spelling in spellings.split()
 }
+"""What else a unit is written as."""
 
 
 def known_unit(text: str, dimension: str) -> str | None:

@@ -59,9 +59,6 @@ class SweepPlan:
     def __post_init__(self) -> None:
         if not self.chunk:
             object.__setattr__(self, "chunk", LONG_CHUNK if self.postures.count > LONG else CHUNK)
-        robot = self.system.source
-        if not isinstance(robot, Robot):
-            raise GainroomError(f"{robot.name}: a sweep needs a robot: a robot.yaml, or a model")
         for contact in self.contacts:
             StateLimits(self.system, contact)  # raises
 

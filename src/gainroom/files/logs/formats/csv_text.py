@@ -15,8 +15,7 @@ import numpy as np
 
 from ....errors import GainroomError, first_of_many
 from ....system.linear.arrays import Floats
-from ..names import column_names
-from ..table import BLOCK_ROWS, MOST_COLUMNS, Column, LogFormat, Table, bounded, checked_file, guarded
+from ..table import BLOCK_ROWS, MOST_COLUMNS, Column, LogFormat, Table, bounded, checked_file, column_names, guarded
 from ..units import UNITS, known_unit
 
 MOST_LINE = 1 << 20

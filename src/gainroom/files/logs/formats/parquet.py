@@ -10,8 +10,20 @@ import numpy as np
 
 from ....errors import first_of_many
 from ....system.linear.arrays import Floats
-from ..names import column_names
-from ..table import BLOCK_ROWS, MOST_COLUMNS, MOST_PIECE, MOST_ROWS, Column, LogFormat, Table, bounded, checked_file, library, whole_numbers
+from ..table import (
+    BLOCK_ROWS,
+    MOST_COLUMNS,
+    MOST_PIECE,
+    MOST_ROWS,
+    Column,
+    LogFormat,
+    Table,
+    bounded,
+    checked_file,
+    column_names,
+    library,
+    whole_numbers,
+)
 from .parquet_pages import page_sizes
 
 
