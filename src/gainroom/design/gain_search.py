@@ -52,6 +52,7 @@ class Raised:
     holds    False where no gains were found that meet the requirements
     margin   per direction which requirement breaks if it is raised: a field of Requirements, "stability", or "" where nothing limits it
     case     and the case in which it does, by its index; −1: none
+    failed   the cases, by index, for which alone none were found; empty where it holds
     """
 
     gains: Gains
@@ -59,6 +60,7 @@ class Raised:
     holds: bool
     margin: tuple[str, ...] = ()
     case: tuple[int, ...] = ()
+    failed: tuple[int, ...] = ()
 
 
 def stiffness(gains: Gains, cascade: Booleans) -> Floats:
@@ -101,11 +103,11 @@ def raised_gains(
     if not np.any(stiffness(start, cases[0].cascade) > 0):
         raise GainroomError("raised_gains needs a direction that has stiffness")
     search = _Search(cases, unit, groups, most, progress)
-    reached = search.descended(start)
+    reached, active = search.descended(start)
     for found in (rounded(reached), reached, start):
         if all(case.required.met_by(case.margins(found)) for case in cases):
             return search.proved(found)
-    return Raised(reached, tuple(case.all_margins(reached) for case in cases), False)
+    return Raised(reached, tuple(case.all_margins(reached) for case in cases), False, failed=active)
 
 
 class _Search:
@@ -118,8 +120,8 @@ class _Search:
             row[list(group)] = 1.0
         self._cascade = cases[0].cascade
 
-    def descended(self, start: Gains) -> Gains:
-        """Over few cases first, then with those that it misses too, until all are met or nothing more helps."""
+    def descended(self, start: Gains) -> tuple[Gains, tuple[int, ...]]:
+        """Over few cases first, then with those that it misses too, until all are met or nothing more helps; and which were looked at."""
         active, gains = [self._worst(start)], start
         little = COARSE if len(self._cases) > 1 else LITTLE
         while True:
@@ -131,7 +133,7 @@ class _Search:
             there = self._missed(gains, [self._cases[worst]])
             if missed > 0 or worst in active or there <= 0:
                 if missed > 0 or little == LITTLE:
-                    return gains
+                    return gains, tuple(active)
                 little = LITTLE
                 continue
             active.append(worst)
@@ -163,9 +165,10 @@ class _Search:
     def _descended_at(self, gains: Gains, cases: Sequence[Case], price: float, reserve: float, little: float) -> tuple[Gains, float]:
         """The same at one price of what is missed; ended where SLOW steps win less than `little`."""
         slopes = self._tangents(gains, cases)
-        missed, radius, kept = _most(slopes), RADIUS, []
-        for _ in range(STEPS):
-            if slopes is None:
+        missed, radius, kept, way = _most(slopes), RADIUS, [], []
+        for taken in range(STEPS):
+            way.append(missed)
+            if slopes is None or _hopeless(way, STEPS - taken):
                 break
             if missed <= 0:
                 kept.append((math.log(self._compliance(gains).sum()), gains))
@@ -236,9 +239,11 @@ class _Search:
         blind = [k for k, case in enumerate(cases) if case.breaks(gains)]  # where a quick look sees what is not so
         why: dict[int, tuple[str, int]] = {}
         free = np.flatnonzero(self._compliance(gains)).tolist()
-        while left := [j for j in free if j not in why]:
+        known = set(free)  # what breaks by raising a direction, for these gains; for `why` others may have been softer
+        while left := [j for j in free if j not in why] or [j for j in free if j not in known]:
             share = stiffness(gains, self._cascade) / self._unit
             j = min(left, key=lambda j: share[j])
+            known.add(j)
             if share[j] * RAISE > self._most:
                 why[j] = "", -1
                 continue
@@ -248,11 +253,13 @@ class _Search:
                 for found in (rounded(exact), exact) if broken is None else ():
                     broken = self._broken(found, order)
                     if broken is None:
-                        gains, why = found, {}
+                        gains, known = found, set()
                         break
                 if broken is None:
+                    why.pop(j, None)
                     break
-                why.setdefault(j, broken)
+                if power == 0:
+                    why[j] = broken
                 order.remove(broken[1])
                 order.insert(0, broken[1])
         names, places = zip(*(why.get(j, ("", -1)) for j in range(gains.shape[1])), strict=True)
@@ -278,6 +285,11 @@ class _Search:
 def _most(slopes: Slopes | None) -> float:
     """What is missed most, negative where all is met; inf where a loop is unstable."""
     return math.inf if slopes is None else float(slopes.missed.max(initial=-NEAR))
+
+
+def _hopeless(way: Sequence[float], left: int) -> bool:
+    """Whether what is missed, after every step up to now, does not come to 0 in the steps that are left at the pace of the last ones."""
+    return len(way) > 2 * SLOW and way[-1] > HOPELESS and way[-1] * SLOW > (way[-1 - SLOW] - way[-1]) * left
 
 
 def _quadratic_programme(
