@@ -362,7 +362,7 @@ def _starts(
         whole = np.array([safe.kp, safe.kd, np.zeros(len(safe.kp)) if safe.ki is None else safe.ki])
         tried.insert(0, np.where(np.isnan(whole), tried[0], whole))
     for gains in tried:
-        stable = all(case.known(gains) for case in cases)
+        stable = all(case.stable(gains) for case in cases) and all(case.known(gains) for case in cases)
         progress()
         if stable:
             yield gains
