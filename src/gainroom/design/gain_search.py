@@ -40,6 +40,8 @@ HOPELESS = 0.03  # what is missed by more at one price was met at a higher one i
 PULL = 0.02  # of every change of a gain: without it what nothing depends on would be anywhere
 STEPS = 150
 SLOW, LITTLE = 10, 2e-3  # so many steps that together made ln of what is made small no smaller than that end it, too
+NOTHING = 1e-4  # what a look sees missed by more than what was followed is something new
+ANEW = 0.05  # of the radius, from where something new was seen
 COARSE = 3e-2  # the same, while there may be cases that count and are not known yet
 
 
@@ -52,6 +54,7 @@ class Raised:
     holds    False where no gains were found that meet the requirements
     margin   per direction which requirement breaks if it is raised: a field of Requirements, "stability", or "" where nothing limits it
     case     and the case in which it does, by its index; −1: none
+    failed   the cases, by index, for which alone none were found; empty where it holds
     """
 
     gains: Gains
@@ -59,6 +62,7 @@ class Raised:
     holds: bool
     margin: tuple[str, ...] = ()
     case: tuple[int, ...] = ()
+    failed: tuple[int, ...] = ()
 
 
 def stiffness(gains: Gains, cascade: Booleans) -> Floats:
@@ -101,11 +105,11 @@ def raised_gains(
     if not np.any(stiffness(start, cases[0].cascade) > 0):
         raise GainroomError("raised_gains needs a direction that has stiffness")
     search = _Search(cases, unit, groups, most, progress)
-    reached = search.descended(start)
+    reached, active = search.descended(start)
     for found in (rounded(reached), reached, start):
         if all(case.required.met_by(case.margins(found)) for case in cases):
             return search.proved(found)
-    return Raised(reached, tuple(case.all_margins(reached) for case in cases), False)
+    return Raised(reached, tuple(case.all_margins(reached) for case in cases), False, failed=active)
 
 
 class _Search:
@@ -118,8 +122,8 @@ class _Search:
             row[list(group)] = 1.0
         self._cascade = cases[0].cascade
 
-    def descended(self, start: Gains) -> Gains:
-        """Over few cases first, then with those that it misses too, until all are met or nothing more helps."""
+    def descended(self, start: Gains) -> tuple[Gains, tuple[int, ...]]:
+        """Over few cases first, then with those that it misses too, until all are met or nothing more helps; and which were looked at."""
         active, gains = [self._worst(start)], start
         little = COARSE if len(self._cases) > 1 else LITTLE
         while True:
@@ -131,7 +135,7 @@ class _Search:
             there = self._missed(gains, [self._cases[worst]])
             if missed > 0 or worst in active or there <= 0:
                 if missed > 0 or little == LITTLE:
-                    return gains
+                    return gains, tuple(active)
                 little = LITTLE
                 continue
             active.append(worst)
@@ -161,25 +165,43 @@ class _Search:
         return min(found, key=lambda each: each[1])
 
     def _descended_at(self, gains: Gains, cases: Sequence[Case], price: float, reserve: float, little: float) -> tuple[Gains, float]:
-        """The same at one price of what is missed; ended where SLOW steps win less than `little`."""
+        """The same at one price of what is missed; ended where SLOW steps win less than `little`.
+
+        After short steps loops are not looked at, but what was seen of them is followed, until the search seems to end.
+        """
         slopes = self._tangents(gains, cases)
-        missed, radius, kept = _most(slopes), RADIUS, []
-        for _ in range(STEPS):
+        missed, radius, kept, way, seen = _most(slopes), RADIUS, [], [], True
+        if slopes is not None:
+            self._anchor(gains, cases)
+        for taken in range(STEPS):
+            way.append(missed)
             if slopes is None:
                 break
             if missed <= 0:
                 kept.append((math.log(self._compliance(gains).sum()), gains))
-                if len(kept) > SLOW and kept[-SLOW][0] - kept[-1][0] < little:
-                    break
             step, promised = self._step(gains, slopes, missed + reserve, radius, price, reserve)
-            if promised < LEAST_PROMISE:
-                break
+            slow = len(kept) > SLOW and kept[-SLOW][0] - kept[-1][0] < little
+            if slow or promised < LEAST_PROMISE or radius < LEAST_RADIUS or _hopeless(way, STEPS - taken):
+                if seen or (slopes := self._tangents(gains, cases)) is None or (new := _most(slopes)) <= max(missed, -reserve) + NOTHING:
+                    break
+                seen, missed, radius, kept, way = True, new, max(radius, ANEW), [], []  # something has come near unseen
+                self._anchor(gains, cases)
+                continue
             tried = moved(gains, step, self._cascade)
-            there = self._tangents(tried, cases)
+            close = all(case.follows(tried) for case in cases)
+            if not (close or seen):  # what was followed is compared with what is followed from the same place
+                if (slopes := self._tangents(gains, cases)) is None:
+                    break
+                seen, missed = True, _most(slopes)
+                self._anchor(gains, cases)
+                continue
+            there = self._tangents(tried, cases, close)
             after = _most(there)
             gained = self._cost(gains, missed + reserve, price) - self._cost(tried, after + reserve, price)
             if gained > 0.1 * promised:
-                gains, missed, slopes = tried, after, there
+                gains, missed, slopes, seen = tried, after, there, not close
+                if seen:
+                    self._anchor(gains, cases)
                 if gained > 0.7 * promised and np.abs(step).max() > 0.99 * radius:
                     radius = min(2 * radius, LARGEST_RADIUS)
             else:
@@ -187,22 +209,24 @@ class _Search:
                 radius = misled * min(radius, float(np.abs(step).max()))
                 if there:
                     slopes = Slopes.of([slopes, there.seen_from(step, missed)])
-            if radius < LEAST_RADIUS:
-                break
         for _, best in sorted(kept, key=lambda each: each[0]):
             if (left := self._missed(best, cases)) <= 0:  # roots are counted there, too
                 return best, left
         return gains, self._missed(gains, cases)
 
-    def _tangents(self, gains: Gains, cases: Sequence[Case]) -> Slopes | None:
-        """Those of all cases; None where one is unstable."""
+    def _tangents(self, gains: Gains, cases: Sequence[Case], close: bool = False) -> Slopes | None:
+        """Those of all cases, `close` to what was looked at of what was seen there; None where one is unstable."""
         found = []
         for case in cases:
             self._progress()
-            if (one := case.slopes(gains)) is None:
+            if (one := case.followed(gains) if close else case.slopes(gains)) is None:
                 return None
             found.append(one)
         return Slopes.of(found)
+
+    def _anchor(self, gains: Gains, cases: Sequence[Case]) -> None:
+        for case in cases:
+            case.anchor(gains)
 
     def _compliance(self, gains: Gains) -> Floats:
         """(m,) inertia over stiffness, of which the sum is made small; 0 for what may not be changed, or has damping alone."""
@@ -229,34 +253,64 @@ class _Search:
         return step.reshape(2, size) @ self._member, price * (max(missed, 0.0) - over) - lower
 
     def proved(self, gains: Gains) -> Raised:
-        """Every direction raised by RAISE breaks something; where one does not, it is raised and all are looked at again."""
+        """Every direction raised by RAISE breaks something; where one does not, it is raised and all are tried again.
+
+        Loops are followed until nothing is left to raise, or they are far from those looked at; then they are looked at. Where that sees
+        something broken that following did not, it goes back, and looks at whatever it raises.
+        """
         cases, order = self._cases, list(range(len(self._cases)))
-        for case in cases:
-            case.slopes(gains)
-        blind = [k for k, case in enumerate(cases) if case.breaks(gains)]  # where a quick look sees what is not so
-        why: dict[int, tuple[str, int]] = {}
+        self._anchor(gains, cases)
+        blind = [k for k, case in enumerate(cases) if case.breaks(gains)]  # where following sees what is not so
         free = np.flatnonzero(self._compliance(gains)).tolist()
-        while left := [j for j in free if j not in why]:
+        why: dict[int, tuple[str, int]] = {}
+        known = set(free)  # what breaks by raising a direction, for these gains; for `why` others may have been softer
+        looked_at, follow = gains, not blind
+        while True:
+            left = [j for j in free if j not in why] or [j for j in free if j not in known]
+            if looked_at is not gains and not (left and all(case.follows(gains) for case in cases)):
+                if self._broken(gains, order) is None:
+                    looked_at = gains
+                    self._anchor(gains, cases)
+                else:
+                    gains, follow, known = looked_at, False, set(free)
+                    why.clear()
+                continue
+            if not left:
+                break
             share = stiffness(gains, self._cascade) / self._unit
             j = min(left, key=lambda j: share[j])
+            known.add(j)
             if share[j] * RAISE > self._most:
                 why[j] = "", -1
                 continue
-            for power in (0.0, 1.0):
-                exact = stiffer(gains, j, RAISE, power, self._cascade)
-                broken = self._quickly_broken(exact, order, blind)
-                for found in (rounded(exact), exact) if broken is None else ():
-                    broken = self._broken(found, order)
-                    if broken is None:
-                        gains, why = found, {}
-                        break
-                if broken is None:
-                    break
-                why.setdefault(j, broken)
-                order.remove(broken[1])
-                order.insert(0, broken[1])
+            raised, broken = self._raised(gains, j, order, blind, follow)
+            if raised is None:
+                why[j] = broken
+                continue
+            gains, known = raised, set()
+            why.pop(j, None)
+            if not follow:
+                looked_at = gains
+                self._anchor(gains, cases)
         names, places = zip(*(why.get(j, ("", -1)) for j in range(gains.shape[1])), strict=True)
         return Raised(gains, tuple(case.all_margins(gains) for case in cases), True, names, places)
+
+    def _raised(self, gains: Gains, j: int, order: list[int], blind: Sequence[int], follow: bool) -> tuple[Gains | None, tuple[str, int]]:
+        """The gains with one direction raised; None where that breaks something, and what first. `order`: what broke last comes first."""
+        first: tuple[str, int] | None = None
+        for power in (0.0, 1.0):
+            exact = stiffer(gains, j, RAISE, power, self._cascade)
+            broken = self._quickly_broken(exact, order, blind)
+            for found in (rounded(exact), exact) if broken is None else ():
+                broken = self._quickly_broken(found, order, blind) if follow else self._broken(found, order)
+                if broken is None:
+                    return found, ("", -1)
+            assert broken is not None
+            first = first or broken
+            order.remove(broken[1])
+            order.insert(0, broken[1])
+        assert first is not None
+        return None, first
 
     def _quickly_broken(self, gains: Gains, order: Sequence[int], blind: Sequence[int]) -> tuple[str, int] | None:
         """What is seen to be broken without a look, and the case; None where nothing is."""
@@ -278,6 +332,11 @@ class _Search:
 def _most(slopes: Slopes | None) -> float:
     """What is missed most, negative where all is met; inf where a loop is unstable."""
     return math.inf if slopes is None else float(slopes.missed.max(initial=-NEAR))
+
+
+def _hopeless(way: Sequence[float], left: int) -> bool:
+    """Whether what is missed, after every step up to now, does not come to 0 in the steps that are left at the pace of the last ones."""
+    return len(way) > 2 * SLOW and way[-1] > HOPELESS and way[-1] * SLOW > (way[-1 - SLOW] - way[-1]) * left
 
 
 def _quadratic_programme(

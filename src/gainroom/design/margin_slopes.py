@@ -26,6 +26,8 @@ Gains = Floats
 """(3, m): kp, kd and ki of every direction; of a P/PI one kp, kv and ki."""
 NEAR = 0.4  # in ln of a gain or a sensitivity, or as part of a phase: what is further from being missed is left out
 FOLLOWED = 0.1  # the same, where gains are only a little further
+CLOSE = 0.15  # in ln of a gain: so far what was seen of a loop is followed before it is looked at anew
+STABLE = Reach(factor=1.05, phase=0.05)  # where nothing but the number of unstable roots is asked for
 BROKEN = 1e-5  # what is missed by less may be round-off
 DIFFERENCE = 1e-3  # in ln of a gain, of a margin whose slope is not known in closed form
 BELIEVED = 100.0  # two crossings that are about to vanish move ever faster: no further than this is believed
@@ -51,6 +53,7 @@ class Case:
     _known: dict[bytes, Margins] = field(default_factory=dict, repr=False, compare=False)
     _whole: dict[bytes, Margins] = field(default_factory=dict, repr=False, compare=False)
     _last: list[tuple[bytes, "_core.Look"]] = field(default_factory=list, repr=False, compare=False)
+    _anchor: list[tuple[Gains, "_core.Look"]] = field(default_factory=list, repr=False, compare=False)
 
     @property
     def joints(self) -> bool:
@@ -63,12 +66,17 @@ class Case:
         return directed_loop(self.loop(np.ones((3, len(self.cascade)))), self.torque, self.jacobian, self.cascade)
 
     @cached_property
-    def _reach(self) -> Reach:
-        """As far as anything near being missed may lie."""
+    def _asked(self) -> "_Asked":
+        """What requirements ask for."""
         asked = _Asked()
         for one, needed in self.required.asked_for:
             one.slopes(asked, needed)
-        return asked.reach
+        return asked
+
+    @property
+    def _reach(self) -> Reach:
+        """As far as anything near being missed may lie."""
+        return self._asked.reach
 
     def margins(self, gains: Gains) -> Margins:
         """Those of the loop with these gains that requirements bound, as far as they are near what is asked for; looked at once."""
@@ -100,6 +108,30 @@ class Case:
         """Whether the loop with these gains is stable, and could be followed."""
         return self.required.shortfall(self.margins(gains)) < math.inf
 
+    def stable(self, gains: Gains) -> bool:
+        """The same, but for what cannot be followed near −1: in a fraction of the time."""
+        key = gains.tobytes()
+        if key in self._known:
+            return self._known[key].stable
+        seen = look(self._directed, gains, STABLE)
+        return seen.followed and seen.unstable == 0
+
+    def follows(self, gains: Gains) -> bool:
+        """Whether these gains are so near the anchor that what was seen there may be followed."""
+        if not self._anchor or not self._asked.curves:
+            return False
+        before = self._anchor[0][0]
+        moving = before > 0
+        return np.array_equal(moving, gains > 0) and bool(np.abs(np.log(gains[moving] / before[moving])).max(initial=0.0) < CLOSE)
+
+    def followed(self, gains: Gains) -> "Slopes":
+        """As `slopes`, of what was seen at the anchor: what has come near since then is not in it."""
+        return _Curves(self, gains, self._anchor[0][1], NEAR, followed=True).slopes()
+
+    def anchor(self, gains: Gains) -> None:
+        """What is seen of the loop with these gains, which is stable, is followed from now on."""
+        self._anchor[:] = [(gains, self._looked_at(gains))]
+
     def slopes(self, gains: Gains) -> "Slopes | None":
         """Everything near being missed by a loop, and how it moves; None where it is unstable, or could not be followed."""
         seen = self._looked_at(gains)
@@ -116,13 +148,13 @@ class Case:
         return seen
 
     def breaks(self, gains: Gains) -> str:
-        """The requirement that a loop of gains near those looked at last is seen to break; "" where that is not to be seen so quickly.
+        """The requirement that a loop of gains near the anchor is seen to break; "" where that is not to be seen so quickly.
 
         What was near being missed there is followed: wherever that comes to, it is a margin of the new loop.
         """
-        if not self._last:
+        if not self._anchor:
             return ""
-        found = _Curves(self, gains, self._last[0][1], FOLLOWED, followed=True).slopes()
+        found = _Curves(self, gains, self._anchor[0][1], FOLLOWED, followed=True).slopes()
         worst = int(np.argmax(found.missed)) if len(found.missed) else -1
         return found.name[worst] if worst >= 0 and found.missed[worst] > BROKEN else ""
 
@@ -174,10 +206,10 @@ class _Peaks:
 
 
 class _Asked:
-    """Curves that only take down how far they are asked for."""
+    """Curves that only take down how far they are asked for, and whether nothing but curves is."""
 
     def __init__(self) -> None:
-        self.reach = Reach()
+        self.reach, self.curves = Reach(), True
 
     def at_axis(self, name: str, factor: float) -> list[Part]:
         return self._wider(Reach(factor=factor * math.exp(NEAR)))
@@ -189,6 +221,7 @@ class _Asked:
         return self._wider(Reach(peaks=((slope, offset, ceiling * math.exp(-NEAR)),)))
 
     def by_differences(self, requirement: Requirement, needed: float) -> list[Part]:
+        self.curves = False
         return []
 
     def _wider(self, reach: Reach) -> list[Part]:

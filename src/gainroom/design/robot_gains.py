@@ -71,6 +71,19 @@ class _State:
         return self.state.contact
 
 
+@dataclass(frozen=True)
+class _Failed:
+    """Cases, with the weight or without, for which no beginning led to gains that meet the requirements; and what each reached.
+
+    safe   the set that was the first beginning, or None
+    """
+
+    weighed: bool
+    safe: GainSet | None
+    cases: frozenset[Case]
+    reached: tuple[Gains, ...]
+
+
 def recommend_robot(
     system: System,
     space: str = "joint",
@@ -100,7 +113,8 @@ def recommend_robot(
         beginning = tasks_alike(tasks, beginning)
     nearest: dict[str, str] = {}
     known = {} if start is None else {EVERYWHERE: start.everywhere, **start.per_contact}
-    safe = _set(EVERYWHERE, found, required, beginning, progress, nearest, known.get(EVERYWHERE))
+    failed: list[_Failed] = []
+    safe = _set(EVERYWHERE, found, required, beginning, progress, nearest, known.get(EVERYWHERE), failed)
     whole: dict[str, GainSet | None] = {}
     own = {contact: [state for state in found if state.contact == contact] for contact in system.source.contacts}
 
@@ -112,7 +126,7 @@ def recommend_robot(
             for contact in contacts:
                 found = _mirror_image(sets[0], own[contacts[0]], own[contact], required) if sets else None
                 start = known.get(contact) or safe
-                sets.append(found or _set(contact, own[contact], required, beginning, told, nearest, start))
+                sets.append(found or _set(contact, own[contact], required, beginning, told, nearest, start, list(failed)))
             return sets
 
         return job
@@ -176,11 +190,13 @@ def _set(
     beginning: Beginning,
     progress: Callable[[], None],
     nearest: dict[str, str],
-    safe: GainSet | None = None,
+    safe: GainSet | None,
+    failed: list[_Failed],
 ) -> GainSet | None:
     """Gains that none can be raised of in these states; None, and a word in `nearest`, where no beginning leads to some that meet them.
 
-    safe   a set that holds in these and other states, to begin with
+    safe     a set that holds in these and other states, to begin with
+    failed   cases for which none were found, which is not tried again; added to
     """
     given = np.any(beginning.gains != 0, axis=0)
     acting = [state for state in states if np.any(state.moves & given)]
@@ -194,15 +210,15 @@ def _set(
     heavy = [state.with_weight for state in acting]
     light = [state.without for state in acting if state.weighed]
     cases = heavy + light
-    found = _searched(acting, cases, beginning, weighed, free, progress, safe)
+    found = _searched(acting, cases, beginning, weighed, free, progress, safe, failed)
     if light and not found.holds:
         cases = heavy
-        found = _searched(acting, cases, beginning, weighed, free, progress, safe)
+        found = _searched(acting, cases, beginning, weighed, free, progress, safe, failed)
     without = weighed and not found.holds
     near = "" if found.holds else _nearest(cases, found)
     if without:
         cases = [state.without for state in acting]
-        found = _searched(acting, cases, beginning, False, free, progress, safe)
+        found = _searched(acting, cases, beginning, False, free, progress, safe, failed)
     if not found.holds:
         nearest[contact] = near
         return None
@@ -310,15 +326,28 @@ def _searched(
     free: Integers,
     progress: Callable[[], None],
     safe: GainSet | None,
+    failed: list[_Failed],
 ) -> Raised:
-    """The gains that are reached from the first beginning from which any are that meet the requirements; else those that came nearest."""
-    groups, best = _groups(states, beginning, free), None
+    """The gains that are reached from the first beginning from which any are that meet the requirements; else those that came nearest.
+
+    Where all beginnings failed for some of these cases alone, they would do so again: what was reached then is what came nearest.
+    """
+    groups, best, reached = _groups(states, beginning, free), None, []
+    safe = None if safe is not None and safe.without_weight and weighed else safe
+    for one in failed:
+        if one.weighed == weighed and one.safe is safe and one.cases <= set(cases):
+            found = [Raised(gains, tuple(case.all_margins(gains) for case in cases), False) for gains in one.reached]
+            return min(found, key=lambda each: _most_missed(cases, each))
     for start in itertools.islice(_starts(cases, beginning, weighed, progress, safe), TRIED):
         found = raised_gains(cases, start, beginning.unit, groups, beginning.most, progress)
         if found.holds:
             return found
+        reached.append(found)
         if best is None or _most_missed(cases, found) < _most_missed(cases, best):
             best = found
+    if len(reached) == TRIED:
+        missed = frozenset(cases[k] for one in reached for k in one.failed)
+        failed.append(_Failed(weighed, safe, missed, tuple(one.gains for one in reached)))
     first = beginning.at(SHARES[0], (WEIGHED if weighed else SOFT)[0])
     return best or Raised(first, tuple(case.all_margins(first) for case in cases), False)
 
@@ -329,11 +358,11 @@ def _starts(
     """Gains that are stable in every case: those of `safe` first, then parts of what each joint alone is recommended."""
     softness = WEIGHED if weighed else SOFT
     tried = [beginning.at(share, soft) for share in SHARES for soft in softness]
-    if safe is not None and not (safe.without_weight and weighed):
+    if safe is not None:
         whole = np.array([safe.kp, safe.kd, np.zeros(len(safe.kp)) if safe.ki is None else safe.ki])
         tried.insert(0, np.where(np.isnan(whole), tried[0], whole))
     for gains in tried:
-        stable = all(case.known(gains) for case in cases)
+        stable = all(case.stable(gains) for case in cases) and all(case.known(gains) for case in cases)
         progress()
         if stable:
             yield gains

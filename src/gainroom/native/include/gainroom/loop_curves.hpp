@@ -131,6 +131,8 @@ public:
         if (!samples_.ok()) return found;
         const auto& all = samples_.samples();
         const auto own = [&](std::size_t k, std::size_t i) { return slope * all[k]->sensitivity[i] + offset; };
+        const DirectedGains& seen = samples_.gains();
+        const bool others = gains.kp != seen.kp || gains.kd != seen.kd || gains.ki != seen.ki;
         for (std::size_t k = 1; k + 1 < all.size(); k++)
             for (std::size_t i = 0; i < n_; i++) {
                 const double square = std::norm(own(k, i));
@@ -139,6 +141,7 @@ public:
                 double place[3] = {all[k - 1]->omega(), all[k]->omega(), all[k + 1]->omega()};
                 at_.begin(false, i);
                 Complex value;
+                if (others && !about_peak(gains, slope, offset, place, height)) continue;
                 for (int round = 0; round < kParabolas; round++) {
                     const double top = top_of_parabola(place, height);
                     if (!at_.evaluate(top, gains, 0.0, value)) break;
@@ -216,7 +219,7 @@ private:
     static constexpr double kSame = 1e-7, kAside = 1e-5, kOffCourse = 1e-3, kClose = 0.05, kSlack = 0.01, kBefore = 1e-3, kReal = 0.01;
     static constexpr double kExact = 1e-11, kTwins = 0.02, kFar = 1.5, kSettled = 1e-4, kDeepest = 1e-6, kBlur = 1e-6,
                             kNoise = 1e-10;
-    static constexpr int kParabolas = 4, kRounds = 30, kHalvings = 40;
+    static constexpr int kParabolas = 4, kRounds = 30, kHalvings = 40, kWalk = 6;
 
     LeastMargins counted_least() {
         LeastMargins found;
@@ -246,6 +249,31 @@ private:
         const double after = (height[2] - height[1]) / std::max(place[2] - place[1], 1e-300), bend = before - after;
         const double share = bend > 0 ? before / bend : 0.5;
         return std::clamp(0.5 * (place[0] + place[1]) + 0.5 * (place[2] - place[0]) * share, place[0], place[2]);
+    }
+
+    // Three places about a peak, from where it was with other gains; false where it is not found near there.
+    bool about_peak(const DirectedGains& gains, double slope, double offset, double* place, double* height) {
+        const auto fill = [&](int k) {
+            Complex value;
+            const bool found = at_.evaluate(place[k], gains, 0.0, value);
+            height[k] = std::abs(slope * at_.sensitivity() + offset);
+            return found;
+        };
+        for (int k = 0; k < 3; k++)
+            if (!fill(k)) return false;
+        for (int round = 0; round < kWalk; round++) {
+            const int from = height[0] > height[1] ? 0 : height[2] > height[1] ? 2 : 1;
+            if (from == 1) return true;
+            const double next = place[from] + 1.5 * (place[from] - place[1]);
+            if (!(next > 0 && next <= loop_.last)) return false;
+            place[2 - from] = place[1];
+            height[2 - from] = height[1];
+            place[1] = place[from];
+            height[1] = height[from];
+            place[from] = next;
+            if (!fill(from)) return false;
+        }
+        return false;
     }
 
     // The least |margin| among those whose interpolated one may be the least.

@@ -10,6 +10,7 @@
 #include <cmath>
 #include <cstddef>
 #include <memory>
+#include <utility>
 #include <vector>
 
 #include "complex.hpp"
@@ -89,9 +90,10 @@ public:
     bool loci(LoopSample& sample) {
         if (sample.loci.known()) return true;
         sample.loci.values.resize(m_);
-        matrix_.resize(m_ * m_);
-        for (std::size_t k = 0; k < m_ * m_; k++) matrix_[k] = times(sample.point->seen[k], sample.law[k % m_]);
-        if (!eigenvalues_.find(matrix_, m_, sample.loci.values.data())) {
+        dense_.shape(m_, m_);
+        for (std::size_t i = 0; i < m_; i++)
+            for (std::size_t j = 0; j < m_; j++) dense_.set(i, j, times(sample.point->seen[i * m_ + j], sample.law[j]));
+        if (!eigenvalues_.find(dense_.re.data(), dense_.im.data(), m_, sample.loci.values.data())) {
             state_ = LookState::lost;
             sample.loci.values.clear();
             return false;
@@ -100,8 +102,8 @@ public:
         return true;
     }
 
-    // A sample that does not belong to the others.
-    std::unique_ptr<LoopSample> sample(double omega) {
+    // A sample that does not belong to the others; `near`: its loci are computed anyway.
+    std::unique_ptr<LoopSample> sample(double omega, bool near = false) {
         const auto point = loop_.known(omega);
         if (point == nullptr) {
             state_ = LookState::lost;
@@ -126,7 +128,7 @@ public:
         for (std::size_t k = 0; k < m_ * m_; k++) found->inverse[k] = Complex(dense_.re[k], dense_.im[k]);
         found->sensitivity.resize(n);
         for (std::size_t i = 0; i < n; i++) found->sensitivity[i] = loop_.joints() ? found->inverse[i * m_ + i] : own_sensitivity(*found, i);
-        found->near = !(wanted_ > 0) || reaches(*found);
+        found->near = near || !(wanted_ > 0) || reaches(*found);
         return found;
     }
 
@@ -178,9 +180,9 @@ private:
         return radius_reaches(dense_, square_, wanted_);
     }
 
-    void add(double omega) {
+    void add(double omega, bool near = false) {
         if (!ok() || !(omega > 0) || omega > loop_.last) return;
-        auto found = sample(omega);
+        auto found = sample(omega, near);
         if (found != nullptr) samples_.push_back(std::move(found));
     }
 
@@ -275,7 +277,7 @@ private:
     template <typename Doubtful>
     void refine(Doubtful doubtful) {
         for (int round = 0; round < 60 && ok(); round++) {
-            std::vector<double> middles;
+            std::vector<std::pair<double, bool>> middles;  // and whether they lie between loci
             for (std::size_t k = 0; ok() && k + 1 < samples_.size(); k++) {
                 LoopSample &low = *samples_[k], &high = *samples_[k + 1];
                 const double width = high.omega() - low.omega();
@@ -286,11 +288,13 @@ private:
                     if (!rough) low.next = &high;
                 }
                 if (!rough && !narrow && near(low, high) && doubtful(low, high)) rough = true;
-                if (rough) middles.push_back(high.omega() > 4 * low.omega() ? std::sqrt(low.omega() * high.omega()) : 0.5 * (low.omega() + high.omega()));
+                if (!rough) continue;
+                const double middle = high.omega() > 4 * low.omega() ? std::sqrt(low.omega() * high.omega()) : 0.5 * (low.omega() + high.omega());
+                middles.emplace_back(middle, low.near && high.near);
             }
             if (middles.empty() || !ok()) return;
             const std::size_t sorted = samples_.size();
-            for (double omega : middles) add(omega);
+            for (const auto& [omega, between] : middles) add(omega, between);
             sort(sorted);
             if (samples_.size() > std::max(kMost, 30 * kMost / (m_ * m_))) state_ = LookState::lost;
         }
@@ -389,7 +393,6 @@ private:
     Dense dense_, square_;
     std::vector<std::size_t> exchanged_;
     std::vector<double> scale_;
-    std::vector<Complex> matrix_;
     Eigenvalues eigenvalues_;
 };
 
