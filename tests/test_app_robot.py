@@ -529,10 +529,8 @@ def test_a_payload_is_slid_and_a_search_stopped(browser: Any, tmp_path: Path):
         assert tab.text("#basis").startswith("Certified in every state by root counts")
         find.click()
         stop.wait_for()
-        tab.drag((0.4, 0.3))  # gains alone: what is searched for does not depend on them, and the verdict does not wait
-        tab.page.get_by_role("button", name="Use recommended").wait_for()
+        tab.drag((0.4, 0.3))  # gains alone: the search goes on, and the verdict does not wait for it
         tab.settle(CERTIFIED)
-        assert tab.page.evaluate("() => gainroom.found.key === gainroom.key && Boolean(gainroom.found.gains)")
         assert not tab.said + other.said
 
 

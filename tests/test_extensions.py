@@ -92,7 +92,7 @@ def test_a_controller_is_one_class():
     assert isinstance(study.recommended.controller, Series)
     assert study.recommended.controller.plane_gains() == pytest.approx((pd.recommended.kp, pd.recommended.kd), rel=1e-9)
     assert _facts(study)["recommended"]["lead"] == pytest.approx(pd.recommended.kd / pd.recommended.kp, rel=1e-9)
-    assert digits(study.recommended.kd) in _terminal(study, "", None, True)
+    assert digits(study.recommended.kd) in _terminal(study, "gainroom joint joint.yaml", None, True)
     assert "Series" in joint_page(study, "again")
 
 

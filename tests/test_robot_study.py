@@ -173,7 +173,7 @@ def test_progress_counts_states(spec: System):
 def test_sentence_and_status(folder: Path, study: RobotStudy, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     assert sentence(study).startswith("Not decided: the file has no rate, ")
     assert "In continuous time every requirement is met; the tightest is phase margin " in sentence(study)
-    assert f"Vibration starts at {study.states[0].limit.gain:.3g} × these gains, at " in sentence(study)
+    assert f"In continuous time vibration starts at {study.states[0].limit.gain:.3g} × these gains, at " in sentence(study)
     text = ROBOT.replace("kd: {hip: 40, knee: 20}", "kd: {hip: 40, knee: 4000}").replace("robot.urdf", str(folder / "robot.urdf"))
     (tmp_path / "robot.yaml").write_text(text, "utf-8")
     assert main(["robot", str(tmp_path / "robot.yaml")]) == 1
@@ -396,7 +396,7 @@ def test_tasks_that_are_not_closed_are_warned_of_where_they_lack_gain_margin(tmp
     assert 1 < limit < 2
     assert state is not None
     assert state.title == closed.tightest.title
-    said = sentence(study).partition("If you run the file's tasks (control.space: task): stable, but ")[2]
+    said = sentence(study).partition("The file's tasks, where you run them in place of these joint gains (control.space: task): ")[2]
     assert f"{20 * math.log10(limit):.3g} dB (≥ 6.02 dB) in {state.title}" in said
     free = replace(asked, requirements=Requirements(gain_margin=0.9 * limit))
-    assert not any("If you run the file's tasks" in sentence(one) for one in (replace(study, system=free), closed))
+    assert not any("The file's tasks, where" in sentence(one) for one in (replace(study, system=free), closed))

@@ -22,10 +22,10 @@ def test_both_witnesses_in_both_spaces(tmp_path: Path, capsys: pytest.CaptureFix
     assert main(["verify", str(write_arm(tmp_path)), "--json", "--report", str(page)]) == 0
     facts = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
     assert [(case["what"], case["witness"]) for case in facts["cases"]] == [
-        ("bent/free: joint space", "linear"),
-        ("bent/free: joint space", "mujoco"),
-        ("bent/free: task space", "linear"),
-        ("bent/free: task space", "mujoco"),
+        ("bent/free (joint space)", "linear"),
+        ("bent/free (joint space)", "mujoco"),
+        ("bent/free (task space)", "linear"),
+        ("bent/free (task space)", "mujoco"),
     ]
     for case in facts["cases"]:  # 0.1 % and 2 % are asked for
         close = 1e-3 if case["witness"] == "linear" else 2e-2
