@@ -209,10 +209,10 @@ def _first(outcome: Outcome) -> list[Section]:
         return [Section("What fails: the robot falls" if run.ending == "fell" else "What fails: it diverges", [whole])]
     if worst is None:
         return [Section("Over time", [whole])]
-    what = f"Not settled: {run.channels[worst]}, within 2 % of its move"
     if len(run.channels) == 1:
-        return [Section(what, [whole])]
-    return [Section(what, [channel(outcome, worst, links_over_time(outcome))]), Section("Over time", [whole])]
+        return [Section("Over time: not settled within 2 % of the move", [whole])]
+    what = f"Over time: {run.channels[worst]}, at the end the farthest from where it was sent"
+    return [Section(what, [channel(outcome, worst, links_over_time(outcome))]), Section("Over time: the channels together", [whole])]
 
 
 def _lead(outcome: Outcome, call: str, judge: str) -> Lead:
@@ -269,7 +269,7 @@ def _margin_cards(outcome: Outcome) -> list[Card]:
     where = f"linear loop{' in this state' if outcome.spec.kind == 'mujoco' else ''}"
     where += ", nominal" if outcome.spec.system.uncertainty.names else ""
     cards = []
-    for name in dict.fromkeys(("gain_margin", *outcome.missed)):
+    for name in dict.fromkeys((*outcome.missed, "gain_margin")):
         omega = REQUIREMENTS[name].frequency(outcome.margins)
         at = f"{where}, {hertz(omega)}" if math.isfinite(omega) else where
         cards.append(replace(margin_card(asked, name, REQUIREMENTS[name].value(outcome.margins), at), met=outcome.met(name)))
@@ -318,8 +318,8 @@ def _slip_card(outcome: Outcome) -> list[Card]:
     if not len(outcome.slip) or "the ground" not in outcome.spec.effects:
         return []
     worst = int(np.argmax(outcome.slip))
-    note = f"{outcome.spec.contact_frames[worst]}: largest displacement, slipped or lifted"
-    return [Card("slip of the feet", milli(float(outcome.slip[worst])), "mm", note=note)]
+    note = f"{outcome.spec.contact_frames[worst]}, the foot that moved most on the ground or off it"
+    return [Card("feet moved by", milli(float(outcome.slip[worst])), "mm", note=note)]
 
 
 def _by_channel(outcome: Outcome) -> list[Html]:

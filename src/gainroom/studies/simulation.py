@@ -82,12 +82,17 @@ class Outcome:
 
     @property
     def missed(self) -> tuple[str, ...]:
-        """The names of the file's requirements that the linear loop does not meet at nominal values; of an unstable one all."""
+        """The names of the file's requirements that the linear loop does not meet at nominal values, what is missed most first.
+
+        Of an unstable loop all; what is not known is not among them.
+        """
         asked, found = self.spec.system.requirements, self.margins
         if found is None:
             return ()
         values = {one.name: one.value(found) for one, _ in asked.asked_for}
-        return tuple(name for name, value in values.items() if not found.stable or (not math.isnan(value) and not asked.met(name, value)))
+        missed = [name for name, value in values.items() if not found.stable or (not math.isnan(value) and not asked.met(name, value))]
+        short = asked.shortfalls(found)
+        return tuple(sorted(missed, key=lambda name: -short[name]))
 
     def met(self, name: str) -> bool | None:
         """Whether a requirement is met; None: nothing is required, it is not known, or the file has ranges, of which a run is one case."""
