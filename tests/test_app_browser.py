@@ -124,7 +124,8 @@ def test_as_stiff_as_it_may_be_at_four_milliseconds_and_taken_away(tab: Tab, cap
 def test_the_address_holds_the_view(tab: Tab, served: Served):
     tab.drag((0.4, 0.3))
     tab.page.locator("#delay_ms").fill("3.5")
-    tab.page.locator("#sample_rate_hz").select_option("4000")
+    tab.page.locator("#sample_rate_hz-typed").fill("4000")
+    tab.page.keyboard.press("Tab")
     tab.settle(CERTIFIED)
     other = tab_in(tab.page.context, tab.page.url)
     other.settle(CERTIFIED)
@@ -220,6 +221,25 @@ def test_gains_beyond_the_map_widen_it(tab: Tab):
     assert tab.view()["gains"]["kd"] == 2000.0
 
 
+def test_the_slider_of_the_sample_rate_ends_in_continuous_time(tab: Tab):
+    """Rates have two digits; the last step is no rate, which an empty number with the sign of infinity shows, and typing 0 is the same."""
+    slider, typed = tab.page.locator("#sample_rate_hz"), tab.page.locator("#sample_rate_hz-typed")
+    assert tab.view()["sample_rate_hz"] == 0
+    assert (slider.get_attribute("aria-valuetext"), typed.get_attribute("placeholder"), typed.input_value()) == ("continuous time", "∞", "")
+    slider.press("ArrowLeft")
+    tab.settle(CERTIFIED)
+    assert tab.view()["sample_rate_hz"] == 9900
+    assert slider.get_attribute("aria-valuetext") == "9\u202f900 Hz"
+    slider.press("End")
+    tab.settle(CERTIFIED)
+    assert tab.view()["sample_rate_hz"] == 0
+    for rate in ("1250", "0"):
+        typed.fill(rate)
+        tab.page.keyboard.press("Tab")
+        tab.settle(CERTIFIED)
+        assert tab.view()["sample_rate_hz"] == float(rate)
+
+
 def test_the_keyboard_alone_reaches_everything(tab: Tab):
     tab.settle(CERTIFIED)
     wanted = {"snap", "copy", "save", "gain-kp", "delay_ms", "stiffness", "link_inertia", "sample_rate_hz", "dot"}
@@ -228,6 +248,7 @@ def test_the_keyboard_alone_reaches_everything(tab: Tab):
         tab.page.keyboard.press("Tab")
         seen.add(tab.page.evaluate("() => document.activeElement.id"))
     assert wanted <= seen
+    tab.page.locator("#dot").focus()  # in a number, s is typed
     tab.page.keyboard.press("s")
     tab.settle(CERTIFIED)
     assert tab.text("#sentence").startswith("Not decided: the file has no rate, ")
@@ -236,7 +257,8 @@ def test_the_keyboard_alone_reaches_everything(tab: Tab):
 def test_a_run_is_simulated_and_can_be_stopped(tab: Tab):
     tab.page.get_by_role("button", name="Shake it").click()
     tab.page.get_by_text("control.sample_rate_hz: is missing").wait_for()  # a run goes tick by tick
-    tab.page.locator("#sample_rate_hz").select_option("2000")
+    tab.page.locator("#sample_rate_hz-typed").fill("2000")
+    tab.page.keyboard.press("Tab")
     tab.settle(CERTIFIED)
     tab.page.get_by_role("button", name="Shake it").click()
     tab.page.locator("#run canvas").first.wait_for()

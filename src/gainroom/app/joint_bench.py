@@ -55,8 +55,6 @@ class JointBench:
         system = self._system
         joint, control = system.source, system.control
         controller, rate = control.controller, control.sample_time
-        free = [] if "delay_ticks" in self._data["drive"] else [0]
-        rates = sorted({*free, 500, 1000, 2000, 4000, 8000, 0 if rate is None else round(1 / rate, 6)})
         return {
             "kind": "joint",
             "name": self.opened.source,
@@ -66,7 +64,8 @@ class JointBench:
             "point": controller.plane_gains() if controller.has_plane else None,
             "window": self._window,
             "span_hz": [end / (2 * math.pi) for end in self._span],
-            "rates": [0] if system.control.sampling_in_delay else [each for each in rates if each or free],
+            "sampled": not system.control.sampling_in_delay,
+            "continuous": "delay_ticks" not in self._data["drive"],
             "view": {
                 "gains": {name: value for name, value, _ in own_gains(controller)},
                 "delay_ms": 1e3 * system.delay,

@@ -90,9 +90,7 @@ class RobotBench:
 
     def opening(self) -> dict[str, Any]:
         system, source = self._system, self._system.source
-        rate = system.control.sample_time
-        free = [] if "delay_ticks" in self._data["drive"] and "sample_rate_hz" not in self._data["drive"] else [0]
-        rates = sorted({*free, 500, 1000, 2000, 4000, 8000, 0 if rate is None else round(1 / rate, 6)})
+        rate, drive = system.control.sample_time, self._data["drive"]
         posture, contact = source.states[0]
         task = self._channels.of_tasks
         frame, mass = self._payload(View())
@@ -104,7 +102,8 @@ class RobotBench:
             "saves": self.opened.path is not None,
             "space": system.control.space,
             "span_hz": span_of(system),
-            "rates": [0] if system.control.sampling_in_delay else rates,
+            "sampled": not system.control.sampling_in_delay,
+            "continuous": "delay_ticks" not in drive or "sample_rate_hz" in drive,
             "postures": list(source.postures),
             "keyframes": keyframe_angles(source),
             "contacts": list(source.contacts),

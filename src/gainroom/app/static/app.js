@@ -276,7 +276,7 @@ function sentences(part, current) {
   const places = new Set(part.rows.map((/** @type {any} */ row) => row.where).filter(Boolean)), once = ranges && places.size === 1 ? [...places][0] : "";
   if (met !== map.met) { map.met = met; map.draw(); }
   by("basis").textContent = {
-    certified: certified(part) + (page.view.sample_rate_hz === 0 && page.opening.rates.length > 1 ? " Continuous time: choose your loop's sample rate." : "") + (ranges ? ` Worst of the stated ranges${once ? `: ${once}` : ""}.` : ""),
+    certified: certified(part) + (page.view.sample_rate_hz === 0 && page.opening.sampled ? " Continuous time: choose your loop's sample rate." : "") + (ranges ? ` Worst of the stated ranges${once ? `: ${once}` : ""}.` : ""),
     state: `Certified in ${part.where}${ranges ? " over the stated ranges" : ""}; the other states follow.`,
     nominal: "Nominal values only; the stated ranges are not examined yet.",
     quick: "This state only, at nominal values. Stability and gain limit are certified; what is marked ≈ is not.",

@@ -18,8 +18,8 @@ export class Controls {
     this.slider("stiffness", "stiffness", robot ? "×" : "N·m/rad", 0.1, 10);
     this.slider("link_inertia", "load", "kg·m²", 0.05, 20);
     if (robot) this.slider("payload", "payload", "kg", 0, opening.payload_most);
-    if (robot) this.choice("payload_at", "payload at", opening.carriers.map((/** @type {string} */ name) => [name, name]), String);
-    this.choice("sample_rate_hz", "sample rate", opening.rates.map((/** @type {number} */ rate) => [rate ? `${number(rate)} Hz` : "continuous", rate]), Number);
+    if (robot) this.choice("payload_at", "payload at", opening.carriers);
+    if (opening.sampled) this.slider("sample_rate_hz", "sample rate", "Hz", 0.1, 10, opening.continuous);
   }
 
   /** The gains that are dragged: a joint's own, or those of the robot's chosen joint or direction. @returns {Record<string, number>} */
@@ -47,7 +47,7 @@ export class Controls {
   /** A number that is typed; what is none, or too small, is put back. @param {HTMLInputElement} input @param {string} id @param {string} title @param {boolean} zero @param {() => number} now @param {(value: number) => void} put */
   typed(input, id, title, zero, now, put) {
     Object.assign(input, { type: "number", min: "0", step: "any", id });
-    const show = () => { input.value = String(Number(Number(now()).toPrecision(7))); };
+    const show = () => { input.value = Number.isFinite(now()) ? String(Number(now().toPrecision(7))) : ""; };
     input.addEventListener("change", () => {
       const value = input.value === "" ? NaN : Number(input.value);
       if (!(zero ? value >= 0 : value > 0)) { toast(`${title}: a number ${zero ? "from" : "above"} 0`); show(); return; }
@@ -66,34 +66,35 @@ export class Controls {
     this.place.append(label);
   }
 
-  /** Even steps from 0, factors from elsewhere. @param {string} name @param {string} title @param {string} unit @param {number} low @param {number} high */
-  slider(name, title, unit, low, high) {
-    const { page, does } = this, own = page.opening.view[name];
+  /** Even steps from 0, factors from elsewhere; `endless`: the last step, and 0 typed, are no rate at all. @param {string} name @param {string} title @param {string} unit @param {number} low @param {number} high @param {boolean} endless */
+  slider(name, title, unit, low, high, endless = false) {
+    const { page, does } = this, rate = name === "sample_rate_hz", own = page.opening.view[name] === 0 && rate ? 1000 : page.opening.view[name];
     if (own === null) return;
     const input = document.createElement("input"), even = low === 0;
     Object.assign(input, { type: "range", min: even ? low : Math.log10(low * own), max: even ? high : Math.log10(high * own), step: even ? high / 1000 : 0.005, id: name });
     const typed = document.createElement("input"), [least, most] = [Number(input.min), Number(input.max)];
     input.setAttribute("aria-label", title);
     this.add(`${title} [${unit}]`, typed, input);
-    this.shown.push(this.typed(typed, `${name}-typed`, title, even, () => page.view[name], (value) => { page.view[name] = value; }));
-    const value = () => Number((even ? Number(input.value) : 10 ** Number(input.value)).toPrecision(4));
+    if (endless) typed.placeholder = "∞";
+    this.shown.push(this.typed(typed, `${name}-typed`, endless ? `${title}, 0: continuous time` : title, even || endless, () => page.view[name] || (endless ? NaN : 0), (value) => { page.view[name] = value; }));
+    const value = () => endless && input.value === input.max ? 0 : Number((even ? Number(input.value) : 10 ** Number(input.value)).toPrecision(rate ? 2 : 4));
     input.addEventListener("input", () => { if (!page.dragging) does.gesture(true); page.view[name] = value(); does.show(); does.look(false); });
     input.addEventListener("change", () => { does.gesture(false); page.view[name] = value(); does.look(true); });
     this.shown.push(() => {
-      const at = page.view[name], place = even ? at : Math.log10(at);
+      const at = page.view[name], place = endless && !at ? most : even ? at : Math.log10(at);
       if (!page.dragging) Object.assign(input, { min: Math.min(least, place), max: Math.max(most, place) }); // what is typed may lie further out
       input.value = String(place);
-      input.setAttribute("aria-valuetext", `${number(at)} ${unit}`);
+      input.setAttribute("aria-valuetext", endless && !at ? "continuous time" : `${number(at)} ${unit}`);
     });
   }
 
-  /** @param {string} name @param {string} title @param {any[]} options texts and values @param {(text: string) => any} kind */
-  choice(name, title, options, kind) {
+  /** @param {string} name @param {string} title @param {string[]} options */
+  choice(name, title, options) {
     const { page, does } = this, select = document.createElement("select");
     select.id = name;
-    for (const [text, value] of options) select.add(new Option(text, String(value)));
+    for (const text of options) select.add(new Option(text));
     if (options.length) this.add(title, document.createElement("span"), select);
-    select.addEventListener("change", () => { does.gesture(true); page.view[name] = kind(select.value); does.look(true); });
+    select.addEventListener("change", () => { does.gesture(true); page.view[name] = select.value; does.look(true); });
     this.shown.push(() => { select.value = String(page.view[name]); });
   }
 }
