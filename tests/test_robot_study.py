@@ -396,7 +396,7 @@ def test_tasks_that_are_not_closed_are_warned_of_where_they_lack_gain_margin(tmp
     assert 1 < limit < 2
     assert state is not None
     assert state.title == closed.tightest.title
-    said = sentence(study).partition("The file's tasks, where you run them in place of these joint gains (control.space: task): ")[2]
+    said = sentence(study).partition("If you run the file's task-space gains instead (control.space: task): ")[2]
     assert f"{20 * math.log10(limit):.3g} dB (≥ 6.02 dB) in {state.title}" in said
     free = replace(asked, requirements=Requirements(gain_margin=0.9 * limit))
-    assert not any("The file's tasks, where" in sentence(one) for one in (replace(study, system=free), closed))
+    assert not any("task-space gains instead" in sentence(one) for one in (replace(study, system=free), closed))

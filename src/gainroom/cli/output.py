@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import printable
 from ..io.strict_json import strict
-from ..report.number_format import THIN
+from ..report.number_format import THIN, UNITS
 from .streams import give_up
 
 if TYPE_CHECKING:
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 WIDTH = 80
 """Columns, where no terminal says otherwise."""
 WIDEST = 100
-UNBROKEN = "\ue000"
-"""Stands for THIN while lines are broken: rich would break a number there."""
+UNBROKEN, KEPT = "\ue000", "\ue001"
+"""Stand for THIN, and for the spaces of UNITS, while lines are broken: rich would break a number there."""
 """Columns, at most."""
 NARROWEST = 40
 """Columns, at least: on fewer a table says nothing, and a terminal that does not know its width may say 0 or 1."""
@@ -177,6 +177,7 @@ def render(*parts: Any, wide: bool = False) -> str:
         emoji=False,
     )
     for part in parts:
-        part = "\n".join(map(printable, part.split("\n"))).replace(THIN, UNBROKEN) if isinstance(part, str) else part
+        if isinstance(part, str):
+            part = UNITS.sub(KEPT, "\n".join(map(printable, part.split("\n"))).replace(THIN, UNBROKEN))
         console.print(part, soft_wrap=bool(getattr(part, "no_wrap", False)))
-    return "\n".join(line.rstrip() for line in buffer.getvalue().replace(UNBROKEN, THIN).splitlines()) + "\n"
+    return "\n".join(line.rstrip() for line in buffer.getvalue().replace(UNBROKEN, THIN).replace(KEPT, " ").splitlines()) + "\n"

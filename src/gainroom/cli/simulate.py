@@ -169,7 +169,7 @@ def _terminal(outcome: "Outcome", call: str, judge: str, report: Path | None, lo
         sentence(outcome),
         *do_this(what_to_do(outcome, call, judge)),
         "",
-        column_table(f"Tracking, {run.feedback} side ({outcome.spec.kind}, {rate})", columns, tracking),
+        column_table(f"Tracking ({outcome.spec.kind}, {rate}, encoders on the {run.feedback} side)", columns, tracking),
     ]
     more = [
         table("Joints with the largest torques" if len(run.joint_names) > 1 else "Torque", ("", "torque peak", "RMS"), torques),

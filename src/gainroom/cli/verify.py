@@ -83,7 +83,7 @@ def _terminal(result: "Verification", judge: str, report: Path | None) -> str:
         sentence(result),
         *do_this(what_to_do(result, judge)),
         "",
-        column_table("Factor on all gains at which vibration starts, and its frequency", SHORT, result.cases, ("difference", "method")),
+        column_table("Factor on all gains at which vibration starts, and its frequency", SHORT, result.cases, ("difference",)),
         *(f"Left out: {warning}" for warning in result.warnings),
         *closing({"Report": report}, ()),
     )

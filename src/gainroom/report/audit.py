@@ -87,9 +87,9 @@ def audit_page(
 def _reasons(result: Audit) -> list[Section]:
     """What is open: the picture of what fails, what the verdict rests on, and the motion."""
     besides = [REQUIREMENTS[name].title if name in REQUIREMENTS else name.replace("_", " ") for name in result.missed]
-    title = f"Gain {_deciding(result)}" if result.safe else f"What fails: gain {_deciding(result)}"
+    title = f"Gain margin {_deciding(result)}" if result.safe else f"What fails: gain margin {_deciding(result)}"
     if not result.safe and "gain_margin" not in result.missed:
-        title = f"What fails: {listed(besides)}; gain {_deciding(result)}"
+        title = f"What fails: {listed(besides)}; gain margin {_deciding(result)}"
     return [
         Section(title, [headroom(result)]),
         *([] if result.needed is None else [Section("Safe if the gearboxes are stiff enough", [needed_table(result, result.needed)])]),
@@ -102,7 +102,7 @@ def _deciding(result: Audit) -> str:
     row = deciding(result, headroom_rows(result))
     state = result.states[int(np.nanargmin(row.factors))] if math.isfinite(row.least) else result.tightest
     where = f" in {state.contact}" if len(result.states) > 1 else ""
-    return f"headroom {digits(row.least, '×', 3)}, {row.title}{where}"
+    return f"{REQUIREMENTS['gain_margin'].text(row.least)} ({digits(row.least, '×', apart(row.least, 1, 3))}), {row.title}{where}"
 
 
 def _lead(result: Audit, simulated: "SimulatorAudit | None", swept: "AuditedWorkspace | None", call: str) -> Lead:
@@ -148,16 +148,20 @@ def _cards(result: Audit) -> list[Card]:
         first = margin_card(asked, "gain_margin", paths.headroom, f"{PATHS}, up or down, {worst.contact}")
     elif limit.stable:
         first = margin_card(asked, "gain_margin", limit.gain, f"all gains together, {at}")
+    extra = result.least_extra_delay
+    until = digits(1e3 * result.delay_limit, "ms", apart(result.delay_limit, result.system.delay, 3))
     delay = Card(
-        "vibrates from a delay of",
-        digits(1e3 * result.delay_limit, "", apart(result.delay_limit, result.system.delay, 3)),
-        "ms" if math.isfinite(result.delay_limit) else "",
-        f"≥ {digits(1e3 * result.delay_margin, 'ms', 3)} above the given {digits(1e3 * result.system.delay, 'ms', 3)}",
-        None if math.isnan(result.least_extra_delay) else result.stable and enough(result.least_extra_delay, result.delay_margin),
+        "delay margin",
+        digits(1e3 * extra, "", 3),
+        "ms" if math.isfinite(extra) else "",
+        f"≥ {digits(1e3 * result.delay_margin, 'ms', 3)}",
+        None if math.isnan(extra) else result.stable and enough(extra, result.delay_margin),
+        f"vibrates from {until} of delay, {digits(1e3 * result.system.delay, 'ms', 3)} given" if 0 < extra < math.inf else "",
     )
     joints = [joint.name for joint in result.by_headroom if not joint.safe]
     states = [state.contact for state in result.states if not result.enough_in(state)]
-    judged = listed([state.contact if state.model.contacts else f"{state.contact} (no contacts)" for state in result.states])
+    base = "no contacts" if result.system.source.body.base == "floating" else "fixed base, no contacts"
+    judged = listed([state.contact if state.model.contacts else f"{state.contact} ({base})" for state in result.states])
     return [
         first,
         delay,
@@ -261,5 +265,5 @@ def audited_margins(result: Audit) -> list[Column]:
     ]
     if result.ready_to_use is not None:
         use = result.ready_to_use.audited
-        columns.append(Column("to use", "", lambda row: digits(row.value(use), row.unit, 3)))
+        columns.append(Column("new gains", "", lambda row: digits(row.value(use), row.unit, 3)))
     return columns

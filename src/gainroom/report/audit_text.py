@@ -108,7 +108,11 @@ def _short_of_gain(result: Audit) -> str:
     one = REQUIREMENTS["gain_margin"]
     alone, less = one.text(first.gain_limit), ""
     if first.gain_limit < value and alone != one.text(value):
-        less = f" ({alone} of {first.name} by itself)" if first.gain_limit >= 1 else f" (with {first.name}'s loop alone it is unstable)"
+        less = (
+            f" ({alone} of {first.name} by itself)"
+            if first.gain_limit >= 1
+            else f" (even with all other joints switched off {first.name} vibrates)"
+        )
     return f"{short_text(asked, {'gain_margin': value})}{whose}{at}{_mainly(result)}{less}"
 
 
@@ -287,7 +291,7 @@ def unjudged(result: Audit) -> str:
         if result.further.needed.get(name) is None and math.isfinite(value):
             omega = one.frequency(state.margins)
             after = None if result.ready_to_use is None else one.value(result.ready_to_use.audited.worst[name].margins)
-            then = f" (to use: {one.text(after)})" if after is not None and math.isfinite(after) else ""
+            then = f" (new gains: {one.text(after)})" if after is not None and math.isfinite(after) else ""
             parts.append(f"{one.heading} {one.text(value)}" + (f" at {frequency_text(omega)}" if math.isfinite(omega) else "") + then)
             options.append(option)
     return f"Not required: {', '.join(parts)}; {', '.join(options)}." if parts else ""

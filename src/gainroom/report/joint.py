@@ -65,7 +65,8 @@ def _cards(study: JointStudy) -> list[Card]:
     """Three to five numbers."""
     found, asked = study.margins, study.system.requirements
     worst = study.in_range.margins if study.system.uncertainty.names else None
-    cards = [_margin_card(column, found, worst, asked) for column in bounded_columns()]
+    time = "continuous time" if study.rate_is_missing else ""
+    cards = [_margin_card(column, found, worst, asked, time) for column in bounded_columns()]
     if not found.stable:
         cards[0] = unstable_card(asked, study.limit, f"; vibration there {_at(study.limit.frequency)}", "it")
     if "delay_margin" not in REQUIREMENTS:
@@ -77,16 +78,16 @@ def _cards(study: JointStudy) -> list[Card]:
     return cards
 
 
-def _margin_card(column: Column, found: Margins, worst: Margins | None, asked: Requirements) -> Card:
-    """The margin at the worst of the uncertainty, the nominal one beside it where there is one (`worst`)."""
+def _margin_card(column: Column, found: Margins, worst: Margins | None, asked: Requirements, time: str) -> Card:
+    """The margin at the worst of the uncertainty, the nominal one beside it where there is one (`worst`); `time` ends the note."""
     one = REQUIREMENTS[column.requirement]
     note = "" if column.at is None else _at(column.at(found))
     nominal = getattr(found, one.name, one.value(found))
     if worst is None:
-        return margin_card(asked, one.name, nominal, note, one.value(found))
+        return margin_card(asked, one.name, nominal, ", ".join(filter(None, [note, time])), one.value(found))
     note = "" if column.at is None or not found.stable else _at(column.at(worst))
     within = f"nominal {one.text(nominal)}" if found.stable else ""
-    return margin_card(asked, one.name, one.value(worst), ", ".join(filter(None, [note, within])), label=f"{one.label}, worst case")
+    return margin_card(asked, one.name, one.value(worst), ", ".join(filter(None, [note, within, time])), label=f"{one.label}, worst case")
 
 
 def _at(omega: float) -> str:

@@ -103,13 +103,28 @@ def verdict_text(study: Analysis, where: str = "") -> str:
         time = " in continuous time" if study.rate_is_missing else ""
         known = _known_to_fail(study)
         start = stable_but(known, time) if known else f"Not decided{time}"
-        return f"{start}{_failing(study)}."
+        return f"{start}{_failing(study)}.{_nominally(study)}"
     if not study.system.requirements.asked:
         return f"Not decided: stable{where}, but no margin is required (`limits`)."
     met = f"every requirement is met{_over_ranges(study, '' if study.requirements_met else ' examined')}{_tightest_text(study)}"
     if study.rate_is_missing:
         return f"Not decided: the file has no rate, and any rate costs margin. In continuous time{where} {met}."
     return f"Safe{where}: {met}."
+
+
+def _nominally(study: Analysis) -> str:
+    """Which of the requirements that fail in the worst case fail at nominal values, too, a sentence; "" where nothing is uncertain."""
+    if not study.system.uncertainty.names:
+        return ""
+    asked = study.system.requirements
+    fail = [
+        REQUIREMENTS[name].heading
+        for name in study.unmet
+        if any(asked.met(name, REQUIREMENTS[name].value(state.margins)) is False for state in study.states)
+    ]
+    if len(fail) == len(study.unmet):
+        return " Nominally, too."
+    return f" Nominally {listed(fail)} {'fail' if len(fail) > 1 else 'fails'}, too." if fail else " Nominally none fails."
 
 
 def _tightest_text(study: Analysis) -> str:

@@ -1,6 +1,7 @@
 """Numbers as a person reads them: three to four significant digits, thin spaces between thousands, always a unit."""
 
 import math
+import re
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,8 @@ if TYPE_CHECKING:
 LARGE = 0.5
 """[rad, m] from which on distances are not in thousandths."""
 THIN = "\u202f"
+UNITS = re.compile(r"(?<=[≥≤]) (?=[\d−])|(?<=[\d∞]) (?=(?:×|%|°|dB|k?Hz|m?rad|m?s|m?m|kg|N·m[^\s,;)]*)(?![\w·/]))")
+"""The spaces at which no line is broken: between number and unit, and before what is required. page.js has the same."""
 
 
 def digits(value: float | None, unit: str = "", significant: int = 4) -> str:

@@ -249,5 +249,5 @@ def advice_box(found: Advice | None, *parts: str) -> Html | str:
     """On a page; "" where there is none. `parts` stand under it."""
     if found is None:
         return ""
-    folded = [] if found.folded is None else [details(found.folded[0].replace("`", ""), copied(found.folded[1]))]
+    folded = [] if found.folded is None else [details(found.folded[0].replace("`", "").rstrip(":"), copied(found.folded[1]))]
     return advice(coded(found.heading), "\n".join(found.lines), *map(coded, found.remarks), *parts, *folded)

@@ -98,9 +98,9 @@ def _deciding(study: RobotStudy) -> Html:
     motion = study.decisive_motion
     if motion is None:
         return hero(study.tightest, len(study.states) == 1)
-    what = "joints as they move where all loops together come nearest to it"
+    what = "joints as they move where all loops together come nearest to vibration"
     if motion.joint:
-        what = f"joints as they move with a disturbance of {motion.joint}, whose loop comes nearest to it"
+        what = f"joints as they move with a disturbance of {motion.joint}, whose loop comes nearest to vibration"
     return hero(motion.state, len(study.states) == 1, motion.limit, f"{motion.state.title}, {hertz(motion.limit.frequency)}: {what}")
 
 
@@ -224,7 +224,7 @@ def _stable_cards(study: RobotStudy) -> list[Card]:
         return f"{hertz(omega)}, " if math.isfinite(omega) else ""
 
     def card(one: Requirement, state: State) -> Card:
-        where = f"{at(one.frequency(state.margins))}{state.title}"
+        where = f"{at(one.frequency(state.margins))}{state.title}{', continuous time' if study.rate_is_missing else ''}"
         named = one.named(state.margins)
         label, nominal = one.label if named == one.title else named, one.value(state.margins)
         if study.system.uncertainty.names:

@@ -273,7 +273,7 @@ def legend(result: "Audit", shown: Collection[str]) -> str:
         "kd": f"kd [{units['kd']}]",
         "ki": f"ki [{units['ki']}]",
         "use": f"use: {USE}",
-        "alone": "alone: factor on a joint's gains until vibration, the others free",
+        "alone": "alone: factor on a joint's gains until vibration, the others switched off",
         "one loop": "one loop: the others closed",
         "K needed": f"K needed [{units['kp']}]: of every gearbox",
     }

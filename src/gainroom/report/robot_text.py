@@ -60,7 +60,7 @@ def _weak_tasks(study: RobotStudy) -> list[str]:
     limit = state.task_limit
     at = f", {frequency_text(limit.frequency)}" if math.isfinite(limit.frequency) else ""
     short = short_text(study.system.requirements, {"gain_margin": limit.gain})
-    return [f"The file's tasks, where you run them in place of these joint gains (control.space: task): {short} in {state.title}{at}."]
+    return [f"If you run the file's task-space gains instead (control.space: task): {short} in {state.title}{at}."]
 
 
 def _uncontrolled(study: RobotStudy) -> list[str]:

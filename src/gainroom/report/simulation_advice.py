@@ -39,14 +39,18 @@ def _lower(outcome: Outcome, judge: str, call: str) -> Advice:
     """The command that finds gains, and the factor with which the same run has every margin."""
     factor, every = outcome.gain_to_try, " in every state" if outcome.spec.kind == "mujoco" else ""
     if math.isnan(factor):
-        return Advice(f"Find gains that meet every requirement{every} (the present ones times one factor were not found to):", [judge])
+        return Advice(
+            f"Find gains that meet every requirement{every} (lowering all present gains by one factor was not found to do it):", [judge]
+        )
     needed = outcome.spec.system.requirements.needed or {"gain_margin": USUAL}
     margins = listed([f"{(one := REQUIREMENTS[name]).heading} {one.sign} {one.text(value)}" for name, value in needed.items()])
     where = (" in this state" if outcome.spec.kind == "mujoco" else "") + (
         ", at nominal values" if outcome.spec.system.uncertainty.names else ""
     )
-    heading = f"Find gains that meet every requirement{every}; then, to see what lower gains do, this run with all of them lower:"
-    lower = f"With all gains times {factor:g} the linear loop has {margins}{where}."
+    heading = (
+        f"Find gains that meet every requirement{every}. To see what lower gains do, repeat this run with all present gains × {factor:g}:"
+    )
+    lower = f"With these lower gains the linear loop has {margins}{where}."
     return Advice(heading, [judge, f"{call} --gain {factor:g}"], [lower])
 
 

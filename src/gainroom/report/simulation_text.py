@@ -57,7 +57,7 @@ def sentence(outcome: Outcome) -> str:
     else:
         late = _unsettled(outcome)
         text = f"{_judged(outcome)}No vibration{'' if late else ' in this run'}{late}. {_errors(outcome)}"
-    return f"{text}. {prediction(outcome.limit)}."
+    return f"{text}. {prediction(outcome.limit, outcome.spec.adds_viscous_friction)}."
 
 
 def _judged(outcome: Outcome) -> str:
@@ -190,8 +190,8 @@ def _ripple(outcome: Outcome, joint: int) -> str:
     return f"the torque ripple of {printable(run.joint_names[joint])} is {outcome.torque_ripple[joint]:.3g} {run.torque_units[joint]} RMS"
 
 
-def prediction(limit: GainLimit | None) -> str:
-    """What the linear loop predicts, without a full stop."""
+def prediction(limit: GainLimit | None, viscous: bool) -> str:
+    """What the linear loop predicts, without a full stop; `viscous`: with the scenario's viscous friction, which verify leaves out."""
     if limit is None:
         return "These gains act on no motion in this state"
     if math.isnan(limit.gain):
@@ -202,7 +202,8 @@ def prediction(limit: GainLimit | None) -> str:
         return "The linear loop is unstable at any lower gains"
     if limit.frequency == 0:
         return f"The linear loop topples without oscillation at {beside(limit.gain, 1)} × these gains"
-    return f"The linear loop vibrates from {beside(limit.gain, 1)} × these gains, at {frequency_text(limit.frequency)}"
+    damped = ", with the scenario's viscous friction," if viscous else ""
+    return f"The linear loop{damped} vibrates from {beside(limit.gain, 1)} × these gains, at {frequency_text(limit.frequency)}"
 
 
 def warnings(outcome: Outcome) -> tuple[str, ...]:

@@ -111,7 +111,7 @@ class ToUse(Advice):
     """
 
     margins: Margins | None = None
-    column: str = "to use"
+    column: str = "new gains"
 
 
 NOTHING = ToUse("")
@@ -129,8 +129,8 @@ def joint_to_use(study: JointStudy, call: str = "gainroom joint FILE") -> ToUse:
         if again is None:
             return replace(_state_rate(call), folded=folded)
         heading = f"The file has no rate. For a loop at {AT_USUAL} use, {_place(call, 'control')}:"
-        remarks = ["Your loop has another rate? Write it there and run this command again."]
-        return ToUse(heading, [SAMPLED, *_beside(again.controller, present)], remarks, folded, again.worst, f"to use at {AT_USUAL}")
+        remarks = [f"Your loop has another rate? Write it there and run `{call}` again."]
+        return ToUse(heading, [SAMPLED, *_beside(again.controller, present)], remarks, folded, again.worst, f"new gains at {AT_USUAL}")
     if usual is not None:
         remarks.append(f"At {AT_USUAL} these keep {kept(usual.in_range.margins, asked)}. {STATE_RATE}")
     elif study.system.control.sampling_in_delay:
@@ -187,15 +187,15 @@ STATE_RATE = f"State the loop's rate under `control`, such as `{SAMPLED}`."
 
 def _state_rate(call: str) -> ToUse:
     """What to do where gains hold at no rate yet."""
-    reason = f"The file has no rate, and gains found for continuous time would fail at {AT_USUAL}, so none are shown."
+    reason = f"The file has no rate, and gains found for continuous time would fail at {AT_USUAL}."
     return ToUse(f"{reason} Write your loop's rate {_place(call, 'control')}, such as `{SAMPLED}`, and run:", [call])
 
 
 def _not_at_usual_rate(margins: Margins, asked: Requirements, place: str) -> str:
     """Why gains for continuous time are not to be used."""
     values = {one.name: one.value(margins) for one, needed in asked.asked_for if not one.met(needed, one.value(margins))}
-    fails = short_text(asked, values) if margins.stable else "unstable"
-    return f"Other gains, only for a loop as good as continuous (at {AT_USUAL}: {fails}); under {place}:"
+    fails = f"have {short_text(asked, values)}" if margins.stable else "are unstable"
+    return f"Gains for continuous time, under {place}; at {AT_USUAL} they {fails}:"
 
 
 def _heading(study: Analysis, place: str) -> str:

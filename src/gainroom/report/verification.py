@@ -182,7 +182,7 @@ def _cards(result: Verification) -> list[Card]:
             gain = size(worst.gain_difference) >= size(worst.frequency_difference)
             difference = worst.gain_difference if gain else worst.frequency_difference
             value, _, unit = percent(difference, worst.tolerance).rpartition(" ")
-            note = f"of the {'gain' if gain else 'frequency'}, {worst.what}"
+            note = f"in {'gain' if gain else 'frequency'}, the larger of both, {worst.what}"
             allowed = f"≤ {digits(100 * worst.tolerance)} %"
             cards.append(Card(f"largest difference, {name}", value or "none found", unit * bool(value), allowed, worst.agrees, note))
     return sorted([*cards, _limit(result)], key=lambda card: card.met is not False)

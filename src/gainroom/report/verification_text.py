@@ -134,7 +134,12 @@ ALLOWED = Column("allowed", "tolerance", lambda case: case.tolerance, shown=lamb
 AGREES = Column("agrees", "agrees", lambda case: case.agrees, shown=lambda case: yes(case.agrees))
 CASE = [*NAMED, *GAIN, *FREQUENCY, ALLOWED, AGREES]
 """A case of a verification."""
-SHORT = [*NAMED, *GAIN, replace(FREQUENCY[1], title="at [Hz]"), AGREES]
+SHORT = [
+    *NAMED,
+    *(replace(column, title=column.title.removesuffix(" [×]")) for column in GAIN),
+    replace(FREQUENCY[1], title="at [Hz]"),
+    AGREES,
+]
 """The same on a terminal."""
 
 

@@ -104,6 +104,10 @@ class RobotSimulation(SimulationSpec):
         scenario, (posture, contact) = self.system.scenario, self.system.source.states[0]
         return f"{scenario.posture or posture}/{scenario.contact or contact}"
 
+    @property
+    def adds_viscous_friction(self) -> bool:
+        return bool(np.any(self.system.scenario.viscous))
+
     def loop(self, gain: float = 1.0) -> Loop:
         """With fixed contacts."""
         return self.system.loop(self.model).scaled(gain)

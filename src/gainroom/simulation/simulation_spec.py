@@ -103,6 +103,11 @@ class SimulationSpec:
         """Channels that should move and cannot."""
         return ()
 
+    @property
+    def adds_viscous_friction(self) -> bool:
+        """Whether the scenario has viscous friction beside the joints' own."""
+        return False
+
     @cached_property
     def footings(self) -> "tuple[Footing, ...]":
         """The ground under the feet; empty for fixed contacts and without feet."""
@@ -221,6 +226,10 @@ class JointSimulation(SimulationSpec):
         """Names of what the scenario adds to the file's linear loop: `effects`, and friction where it is viscous, too."""
         viscous = any(isinstance(value, Friction) and value.viscous for value in self.hardware.values())
         return tuple(dict.fromkeys([*(["friction"] if viscous else []), *self.effects]))
+
+    @property
+    def adds_viscous_friction(self) -> bool:
+        return any(isinstance(value, Friction) and value.viscous > 0 for value in self.hardware.values())
 
     def loop(self, gain: float = 1.0) -> Loop:
         joint = self.system.source
