@@ -4,7 +4,7 @@
 
   // No line is broken between a number and its unit: number_format.UNITS
   const UNITS = /(?<=[≥≤]) (?=[\d−])|(?<=[\d∞]) (?=(?:×|%|°|dB|k?Hz|m?rad|m?s|m?m|kg|N·m[^\s,;)]*)(?![\w·/]))/g;
-  for (const place of document.querySelectorAll("h1, h1 span, .note, .advice p, .warning"))
+  for (const place of document.querySelectorAll("h1, h1 span, .note, .advice p, .advice summary, .warning"))
     for (const part of place.childNodes) if (part.nodeType === Node.TEXT_NODE) part.data = part.data.replace(UNITS, "\u00a0");
 
   const setPath = (target, path, value) => {
