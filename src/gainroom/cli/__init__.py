@@ -3,12 +3,14 @@
 Even the light ones wait until signals are heeded and standard streams are open.
 """
 
+import ctypes
 import gc
 import os
 import signal
 import sys
 import warnings
 from collections.abc import Sequence
+from contextlib import suppress
 
 from .interrupts import INTERRUPTED, Stopped, leave_quietly, leave_when_asked
 from .streams import give_up, open_closed, say, show_everything
@@ -19,6 +21,8 @@ for _variable in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
 # pydantic would look through every installed package for plug-ins, which takes as long as a joint's margins.
 os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
+M_ARENA_MAX = -8
+"""glibc's malloc.h."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -32,6 +36,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     leave_when_asked()
     open_closed()
     gc.set_threshold(20_000)  # modules and schemas are no garbage: looking for it every 700 objects takes a twentieth of a short command
+    # Threads of a search take and free large arrays: with a heap for each, what one has freed another does not get, which is a quarter of
+    # the memory of a humanoid's study. Only glibc knows this setting.
+    with suppress(OSError, AttributeError, TypeError):
+        ctypes.CDLL(None).mallopt(M_ARENA_MAX, 1)
     try:
         return _run(None)
     except Exception as error:  # noqa: BLE001 - a fault of the program, reported in full
