@@ -31,7 +31,7 @@ from ..system.uncertainty import NOMINAL, Case, Place, Uncertainty
 COST_ACCURACY = 0.01
 FILLING = 16  # cases inside the uncertainty beside corners and centre
 RESERVE = 0.002  # of each requirement, kept at the active cases of an uncertain joint: leaves a proof room to come to an end
-UNPROVED_RESERVE = 0.02  # the same where it came to none
+UNPROVED_RESERVE = 0.02  # the same where it came to none: a few percent of kp
 QUICK_BOXES, MOST_BOXES = 200_000, 500_000  # of a proof, about 1 s and 3 s: with the first reserve, and with the second
 ALIKE = 1e-3  # of a requirement: of cases that come as near to missing it but for this, the first stands for all
 MOST_ACTIVE = 6  # cases at a time: what an older one forbids is found out again, if it still matters
@@ -55,6 +55,7 @@ class Recommendation:
     dropped       searches for `costs`, when they are asked for
     certificate   what has been checked, as text
     proved        the requirements hold for every joint within the uncertainty; False: at those that were looked at
+    reserve       share of each requirement that is left to spare, without which a proof over the uncertainty does not come to an end
     """
 
     kp: float
@@ -68,6 +69,7 @@ class Recommendation:
     dropped: Callable[[], dict[str, float]]
     certificate: str
     proved: bool
+    reserve: float
 
     @cached_property
     def costs(self) -> dict[str, float]:
@@ -193,6 +195,7 @@ class _Search:
             dropped=lambda: self.costs(kp),
             certificate=self.certificate(),
             proved=self.proof is None or self.proof.holds,
+            reserve=self.reserve,
         )
 
     def costs(self, kp: float) -> dict[str, float]:

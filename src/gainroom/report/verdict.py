@@ -124,6 +124,8 @@ def joint_to_use(study: JointStudy, call: str = "gainroom joint FILE") -> ToUse:
         return NOTHING
     present, lines = study.system.control.controller, _beside(best.controller, study.system.control.controller)
     remarks = [] if best.proved else ["Searched over the uncertainty, not proved."]
+    if best.reserve > 0.01:
+        remarks.append(f"They leave {100 * best.reserve:g} % of each requirement to spare, as the proof over the ranges needs some.")
     if usual is not None and usual.requirements_met is False:
         again, folded = usual.recommended, (_not_at_usual_rate(usual.in_range.margins, asked, "control"), lines)
         if again is None:
