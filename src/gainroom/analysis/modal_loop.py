@@ -1,8 +1,9 @@
-"""A coupled loop in the core, by its modes: which common factor on all gains first puts a root on the boundary, proved without loci.
+"""A coupled loop in the core, by its modes: which common factor on all gains, on from one, first puts a root on the boundary, proved.
 
 Known for gains on the diagonal, with encoders on the motors' side (native/include/gainroom/exclusion.hpp, coupled_limit.hpp).
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -35,11 +36,15 @@ class ModalLoop:
     leads     (n,) [s] by how much more each joint's law leads than all lags at ω = 0: d arg/dω there
     turns     (n,) [s] the sum of the sizes of all that leads and lags
     last      half the sample rate [rad/s]; None: continuous
-    passive   the motors give out no energy at any frequency, Re(jω P) >= 0: without gravity and without a hold between
+    passive   the motors give out no energy at any frequency, Re(jω P) >= 0: without a hold between. Gravity takes and gives none either
+    laws      what d comes from; late (n,) [s]: by how much later it acts; lag [s]: what is before P, hold, current loop and a part of a tick
     """
 
     core: "_core.ModalLoop"
     modes: Modes
+    laws: "Laws"
+    late: Floats
+    lag: float
     corners: Floats
     bends: Floats
     leads: Floats
@@ -52,7 +57,7 @@ class ModalLoop:
         """None where no proof is known.
 
         With link-side feedback, gain matrices, joints without gain, different drives of a sampled loop, and controllers that are not stable
-        by themselves, as with integrators.
+        by themselves but for integrators.
         """
         parts, step = loop.parts, loop.sample_time
         if parts is None or loop.size == 1 or parts.feedback != "motor" or loop.gain <= 0:
@@ -63,8 +68,8 @@ class ModalLoop:
         modes, drives = parts.plant.modes, parts.drives
         if modes is None:
             return None
-        laws = _Laws.of(parts.controller.on_joints(loop.size, step), loop.gain)
-        if np.any(laws.gains <= 0) or np.any(growth(laws.poles, step) >= 0):
+        laws = Laws.of([law.reduced for law in parts.controller.on_joints(loop.size, step)], loop.gain)
+        if np.any(laws.gains <= 0) or np.any((growth(laws.poles, step) >= 0) & (laws.poles != 0)):
             return None
         corners, first, delays = np.abs(modes.poles.imag), drives[0], np.array([drive.delay for drive in drives])
         core = mode_functions(parts)
@@ -83,25 +88,35 @@ class ModalLoop:
         return cls(
             core,
             modes,
+            laws,
+            np.asarray(late),
+            lag,
             distinct(corners),
             distinct(np.abs(np.concatenate([laws.zeros, laws.poles]))),
             leads - late - lag,
             turns + late + lag,
             None if step is None else np.pi / step,
-            step is None and parts.plant.gravity_stiffness is None,
+            step is None,
         )
 
-    def lowest_crossings(self, highest: float, low: float, high: float) -> "list[Crossing] | None":
-        """Where factors on all gains below `highest` put a root at jω, low <= ω <= `high`; the first is the lowest, which is proved.
+    def crossings(self, start: float, stop: float, low: float, high: float, counting: bool = False) -> "Found | None":
+        """Where factors from `start`, 0: from rest, to `stop` put a root at jω, low <= ω <= `high`; the first is the nearest, which is proved.
 
-        None where that could not be proved; empty where there is none, which is proved then.
+        None where that could not be proved; no crossings where there are none, which is proved then.
         """
-        proved, places, vectors, undecided = self.core.limit(self._grid(low, high), highest, NUDGE, NARROWEST, self.passive)
-        below = float(places[0, 1]) * (1 - NUDGE) if len(places) else highest
-        if not proved and not all(self._excluded(start, end, below, HALVINGS) for start, end in undecided.tolist()):
-            return None
+        grid = self._grid(low, high)
+        proved, places, vectors, undecided, turns = self.core.limit(grid, start, stop, NUDGE, NARROWEST, self.passive, counting)
+        way = math.copysign(1.0, stop - start)
+        before = float(places[0, 1]) * (1 - NUDGE) ** way if len(places) else stop
+        turned = turns[0]
+        for one in [] if proved else undecided.tolist():
+            more = self._excluded(*one, start, before, counting, HALVINGS)
+            if more is None:
+                return None
+            turned += more
         _, laws = self.core.responses(np.ascontiguousarray(places[:, 0]))
-        return [Crossing(omega, gain, growth, mode) for (omega, gain, growth), mode in zip(places.tolist(), vectors * laws, strict=True)]
+        found = [Crossing(omega, gain, growth, mode) for (omega, gain, growth), mode in zip(places.tolist(), vectors * laws, strict=True)]
+        return Found(found, turned, turns[1], turns[2])
 
     def response(self, omega: Floats) -> tuple[Complexes, Complexes]:
         """x P (k, n, n) and d = x/c (k, n) at omega (k,), as in modal_loop.hpp."""
@@ -109,25 +124,31 @@ class ModalLoop:
         shapes = self.modes.shapes
         return functions[:, :1, None] * self.modes.rigid + (shapes.T * functions[:, None, 1:]) @ shapes, laws
 
-    def _excluded(self, low: float, high: float, gain: float, halvings: int) -> bool:
-        """Whether gains up to `gain` put no root at jω in [low, high], seen in the eigenvectors of L in the middle; else of both halves."""
-        middle = float(np.sqrt(low * high))
-        basis = self._basis(middle, gain)
-        if not np.all(np.isfinite(basis)):
-            return False
-        if self.core.excluded(low, high, gain, basis, FINEST, MOST):
-            return True
-        return halvings > 0 and all(self._excluded(start, end, gain, halvings - 1) for start, end in ((low, middle), (middle, high)))
+    def _excluded(self, low: float, high: float, start: float, stop: float, counting: bool, halvings: int) -> float | None:
+        """How far arg det F turns where factors on the way put no root at jω in [low, high], seen in the eigenvectors of L in the middle.
 
-    def _basis(self, omega: float, gain: float) -> Complexes:
-        """(n, n) vectors in rows that make x P and diag(d) diagonal, each turned so that d and x P + d/gain lie about the real axis."""
+        Else of both halves; None: not decided.
+        """
+        middle = float(np.sqrt(low * high))
+        basis = self._basis(middle, start, stop)
+        if not np.all(np.isfinite(basis)):
+            return None
+        excluded, turned = self.core.excluded(low, high, min(start, stop), max(start, stop), basis, FINEST, MOST, counting)
+        if excluded or halvings == 0:
+            return turned if excluded else None
+        halves = [self._excluded(*ends, start, stop, counting, halvings - 1) for ends in ((low, middle), (middle, high))]
+        return None if halves[0] is None or halves[1] is None else halves[0] + halves[1]
+
+    def _basis(self, omega: float, start: float, stop: float) -> Complexes:
+        """(n, n) vectors in rows that make x P and diag(d) diagonal, each turned so that x P + d/g lies about the real axis for both ends g."""
         mobility, laws = self.response(np.array([omega]))
         root = 1 / np.sqrt(laws[0])
         values, vectors = np.linalg.eig(-root[:, None] * mobility[0] * root)
         vectors = root[:, None] * vectors
         own = np.einsum("ik,i,ik->k", vectors, laws[0], vectors)
         with np.errstate(all="ignore"):
-            sides = own / np.abs(own) + own * (1 / gain - values) / np.abs(own * (1 / gain - values))
+            ends = [own if gain == 0 else own * (1 / gain - values) for gain in (start, stop)]
+            sides = ends[0] / np.abs(ends[0]) + ends[1] / np.abs(ends[1])
             return np.ascontiguousarray((vectors * np.sqrt(sides.conj() / np.abs(sides))).T)
 
     def _grid(self, low: float, high: float) -> Floats:
@@ -148,8 +169,20 @@ class Crossing(NamedTuple):
     mode: Complexes
 
 
+class Found(NamedTuple):
+    """Crossings on a way of factors, and by what arg det F, F = x P + diag(d), turns at the factor 1 from the lowest frequency to `end`.
+
+    From there on I + L stays near I, and arg det(I + L) goes from `tail` to 0.
+    """
+
+    crossings: list[Crossing]
+    turned: float
+    tail: float
+    end: float
+
+
 @dataclass(frozen=True)
-class _Laws:
+class Laws:
     """The laws of n joints: all zeros and all poles in a row, counts (n, 2) of them, gains (n,)."""
 
     zeros: Complexes
@@ -158,7 +191,7 @@ class _Laws:
     gains: Floats
 
     @classmethod
-    def of(cls, laws: Sequence[Factored], factor: float = 1.0) -> "_Laws":
+    def of(cls, laws: Sequence[Factored], factor: float = 1.0) -> "Laws":
         """With all gains times `factor`."""
         return cls(
             np.concatenate([law.zeros for law in laws]).astype(complex),
@@ -167,24 +200,53 @@ class _Laws:
             factor * np.array([law.gain for law in laws]),
         )
 
-    def times(self, others: Sequence[Factored]) -> "_Laws":
+    def times(self, others: Sequence[Factored]) -> "Laws":
         """Joint by joint multiplied."""
-        other = _Laws.of(others)
+        other = Laws.of(others)
         zeros, poles = (
             np.concatenate([own, more])[np.argsort(np.concatenate([self._owners(k), other._owners(k)]), kind="stable")]
             for k, (own, more) in enumerate([(self.zeros, other.zeros), (self.poles, other.poles)])
         )
-        return _Laws(zeros, poles, self.counts + other.counts, self.gains * other.gains)
+        return Laws(zeros, poles, self.counts + other.counts, self.gains * other.gains)
 
     def turns(self) -> tuple[Floats, Floats]:
         """(n,) d arg/dω at ω = 0 [s], and the same with all zeros and poles of one sign; infinite where one is there."""
-        size = len(self.gains)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            zeros, poles = 1 / self.zeros, 1 / self.poles
-        leads = np.bincount(self._owners(1), poles.real, size) - np.bincount(self._owners(0), zeros.real, size)
-        turns = np.bincount(self._owners(0), np.abs(zeros), size) + np.bincount(self._owners(1), np.abs(poles), size)
-        none = ~np.isfinite(turns)
+        leads, turns = self.finite_turns()
+        none = self._sum(1.0 * (self.zeros == 0), 1.0 * (self.poles == 0), 1) > 0
         return np.where(none, -np.inf, leads), np.where(none, np.inf, turns)
+
+    def finite_turns(self) -> tuple[Floats, Floats]:
+        """The same of zeros and poles that are not 0."""
+        zeros, poles = (np.divide(1.0, roots, out=np.zeros_like(roots), where=roots != 0) for roots in (self.zeros, self.poles))
+        return self._sum(-zeros.real, poles.real, 1), self._sum(np.abs(zeros), np.abs(poles), 1)
+
+    def at_rest(self) -> tuple[Complexes, Integers]:
+        """(n,) c vᵏ at v = 0, and k: c is 0 there where k < 0, and has integrators where k > 0."""
+        sizes = [np.log(np.where(roots == 0, 1, -roots)) for roots in (self.zeros, self.poles)]
+        return self.gains * np.exp(self._sum(*sizes, -1)), -self._sum(1.0 * (self.zeros == 0), 1.0 * (self.poles == 0), -1).astype(int)
+
+    def turned(self, omega: float, step: float | None) -> Floats:
+        """(n,) by what arg c turns from ω = 0+ to ω [rad/s]."""
+        if step is None:
+            turns = [
+                np.sign(-roots.real) * np.subtract(*(np.arctan2(at - roots.imag, np.abs(roots.real)) for at in (omega, 0.0)))
+                for roots in (self.zeros, self.poles)
+            ]
+        else:
+            turns = []
+            for roots in (self.zeros, self.poles):
+                z, turn = 1 + step * roots, np.exp(1j * omega * step)
+                inside = np.abs(z) <= 1
+                ahead = [np.angle(np.where(inside, 1 - z / one, 1 - one / np.where(z == 0, 1, z))) for one in (turn, 1.0)]
+                turns.append(np.where(roots == 0, omega * step / 2, np.where(inside, omega * step, 0.0) + ahead[0] - ahead[1]))
+        return self._sum(*turns, -1)
+
+    def _sum(self, zeros: Floats, poles: Floats, sign: int) -> Floats:
+        """(n,) Σ over each law's zeros + `sign` Σ over its poles."""
+        total = np.zeros(len(self.gains), dtype=np.result_type(zeros, poles, float))
+        np.add.at(total, self._owners(0), zeros)
+        np.add.at(total, self._owners(1), sign * poles)
+        return total
 
     def _owners(self, kind: int) -> Integers:
         """Whose each zero (0) or pole (1) is."""

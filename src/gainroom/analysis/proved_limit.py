@@ -1,11 +1,15 @@
-"""The limit of a common factor on all gains of coupled loops, proved from rest to infinity without following loci (modal_loop.py).
+"""The interval of a common factor on all gains of coupled loops, proved from ω = 0 to infinity without following loci (modal_loop.py).
 
-At factors near 0 the roots are those of plant and controller: resonances decay, the controller's own poles too, and a free motion,
+From rest: at factors near 0 the roots are those of plant and controller. Resonances decay, the controller's own poles too, and a free motion,
 s² = −γ μ (kp + …), where every joint's lead outweighs all lag as ω → 0. From there no root can cross below the lowest crossing, to NUDGE of
 it; and the one that crosses there goes the wrong way.
 
     ω below `low`    x P → −M₀ (1 − jω T'), d_i → (x/kp_i) (1 − jω τ_i): with τ_i > T' for all i the angle θ = 90° + ω (T' + ε) serves
     ω above `high`   |L| only falls, and is small
+
+Counted: else, as with integrators and gravity, the proof begins at the factor 1. What excludes crossings from there on also tells by what det F
+turns at the factor 1 from one frequency to the next, and with that how many roots are unstable (Nyquist); none is to be. The limits are the
+first crossings on both ways from 1.
 """
 
 import math
@@ -13,69 +17,133 @@ import math
 import numpy as np
 
 from ..native import _core
+from ..system.linear.arrays import Complexes
 from ..system.loop import Loop
-from .first_crossing import SEARCH, Certificate
+from .first_crossing import SEARCH, Certificate, End
 from .margin_record import GainLimit
-from .modal_loop import NUDGE, ModalLoop
+from .modal_loop import NUDGE, Found, ModalLoop
+from .proof_at_rest import AtRest, at_rest
 
-NEAREST, FURTHEST = 10.0, 1e3  # factors that are searched, first the nearer ones: most limits lie below
+UPWARDS, DOWNWARDS = (10.0, 1e3), (0.1, 0.01, 1e-4)  # factors that are searched, first the nearer ones: most limits lie there
 LOW = 0.01  # of the lowest corner frequency, resonance or inverse of a lag: below, lead and lag are as their slopes say
 LEAST_LEAD = 0.02  # of all that leads and lags together: by so much lead has to exceed lag
 HIGH = 10.0  # times the highest corner frequency or resonance: above, L only falls
 SMALL = 0.1  # of what puts a root on the boundary
 DOUBLINGS = 40  # of a frequency until that is so
+WHOLE = 1e-3  # how near to a whole number a count of roots has to be
+UNDAMPED = 1e-9  # damping ratio of a pole that may as well lie on the boundary
 
 
 def proved_limit(loop: Loop) -> GainLimit | None:
-    """None where no proof is known: see ModalLoop.of; with gravity, of unstable loops, or where lower gains are unstable; or it failed."""
-    modal = ModalLoop.of(loop) if loop.parts is not None and loop.parts.plant.gravity_stiffness is None else None
-    if modal is None or np.any(modal.modes.poles.real >= 0) or np.any(modal.modes.partners.real >= 0):
+    """None where no proof is known, see ModalLoop.of; of unstable loops; or where it failed."""
+    modal = ModalLoop.of(loop)
+    if modal is None:
         return None
-    ends = _ends(modal)
-    if ends is None:
+    poles = np.concatenate([modal.modes.poles, modal.modes.partners])
+    if np.any(np.abs(poles.real) <= UNDAMPED * np.abs(poles)):
         return None
-    low, high = ends
-    for highest in (NEAREST, FURTHEST):
-        quiet = _quiet(modal, high, highest)
-        found = None if quiet is None else modal.lowest_crossings(highest, low, quiet)
-        if found is None or (found and (found[0].gain <= 1 + NUDGE or found[0].growth <= 0)):
-            return None
-        if found:
-            first = found[0]
-            level = sum(one.gain <= first.gain * (1 + SEARCH.nudge) and one.growth > 0 for one in found)
-            mode = first.mode / first.mode[np.argmax(np.abs(first.mode))]
-            return GainLimit(True, first.gain, 0.0, first.omega, mode, Certificate(0, 2 * level), None, math.nan)
-    return GainLimit(True, math.inf, 0.0, math.nan, np.ones(loop.size, dtype=complex), None)
+    low = _leads_from(modal) if loop.parts is not None and loop.parts.plant.gravity_stiffness is None else None
+    return _from_rest(modal, low) if low is not None else _counted(modal, loop.unstable_poles)
 
 
 def posture_limits(modal: ModalLoop) -> "_core.PostureLimits | None":
-    """The same proof for the laws of `modal` behind other modes, one posture after the other; None where lead does not outweigh lag."""
+    """The proof from rest for the laws of `modal` behind other modes, one posture after the other; None where lead does not outweigh lag."""
     corners, most = modal.bends[modal.bends > 0], float(modal.turns.max())
     if not len(corners) or not math.isfinite(most) or not np.all(modal.leads > LEAST_LEAD * modal.turns):
         return None
     slow, fast = min(float(corners.min()), 1 / most), float(corners.max())
-    return _core.PostureLimits(modal.core, slow, fast, [NEAREST, FURTHEST], modal.passive)
+    return _core.PostureLimits(modal.core, slow, fast, list(UPWARDS), modal.passive)
 
 
-def _ends(modal: ModalLoop) -> tuple[float, float] | None:
-    """`low` and `high` [rad/s]; None where lead does not clearly outweigh lag at ω = 0; up to `low` no phase bends by 1e-4 of itself."""
+def _from_rest(modal: ModalLoop, low: float) -> GainLimit | None:
+    for highest in UPWARDS:
+        high = _quiet(modal, highest)
+        found = None if high is None else modal.crossings(0.0, highest, low, high)
+        if found is None or (found.crossings and found.crossings[0].gain <= 1 + NUDGE):
+            return None
+        if found.crossings:
+            upper = _end(found, 1)
+            return None if upper is None else _limit(modal, upper, None)
+    return _limit(modal, None, None)
+
+
+def _counted(modal: ModalLoop, unstable_poles: int) -> GainLimit | None:
+    """Of a loop whose L has so many unstable poles."""
+    upper = _first_end(modal, UPWARDS, unstable_poles)
+    lower = None if upper is None else _first_end(modal, DOWNWARDS)
+    return None if upper is None or lower is None else _limit(modal, *upper, *lower)
+
+
+def _first_end(modal: ModalLoop, stops: tuple[float, ...], unstable_poles: int | None = None) -> tuple[End | None] | None:
+    """Where stability ends on the way from the factor 1 to one of `stops`, the nearest first: (None,) where it does not; None: not known.
+
+    unstable_poles   of L, where it has to be shown that there is no unstable root at the factor 1
+    """
+    for stop in stops:
+        rest = at_rest(modal, stop)
+        high = _quiet(modal, max(stop, 1.0))
+        if rest is None or high is None:
+            return None
+        to = stop if rest.static is None else rest.static.gain
+        found = modal.crossings(1.0, to, rest.low, high, unstable_poles is not None)
+        if found is None or (unstable_poles is not None and _unstable_roots(modal, found, rest, unstable_poles) != 0):
+            return None
+        if found.crossings:
+            end = _end(found, 1 if stop > 1 else -1)
+            return None if end is None else (end,)
+        if rest.static is not None:
+            return (End(to, 0.0, _scaled(rest.static.mode.astype(complex)), Certificate(0, 1)),)
+    return (None,)
+
+
+def _unstable_roots(modal: ModalLoop, found: Found, rest: AtRest, unstable_poles: int) -> int | None:
+    """Of the closed loop at the factor 1, from arg det(I + L) = arg det F + Σ arg c_i along the boundary; None where that is no whole number."""
+    _, orders = modal.laws.at_rest()
+    step = None if modal.last is None else math.pi / modal.last
+    turned = rest.turned + found.turned - found.tail + float((modal.laws.turned(found.end, step) - found.end * modal.late).sum())
+    count = unstable_poles + rest.poles / 2 - turned / math.pi
+    return round(count) if abs(count - round(count)) < WHOLE else None
+
+
+def _end(found: Found, way: int) -> End | None:
+    """At the first of the crossings; None where the root there does not go the wrong way."""
+    first = found.crossings[0]
+    level = sum(way * (one.gain - first.gain) <= first.gain * SEARCH.nudge and way * one.growth > 0 for one in found.crossings)
+    return End(first.gain, first.omega, _scaled(first.mode), Certificate(0, 2 * level)) if way * first.growth > 0 else None
+
+
+def _scaled(mode: Complexes) -> Complexes:
+    return mode / mode[np.argmax(np.abs(mode))]
+
+
+def _limit(modal: ModalLoop, upper: End | None, lower: End | None) -> GainLimit:
+    mode = np.ones(len(modal.leads), dtype=complex) if upper is None else upper.mode
+    gain, omega, certificate = (math.inf, math.nan, None) if upper is None else (upper.at, upper.omega, upper.certificate)
+    if lower is None:
+        return GainLimit(True, gain, 0.0, omega, mode, certificate)
+    return GainLimit(True, gain, lower.at, omega, mode, certificate, lower.certificate, lower.omega)
+
+
+def _leads_from(modal: ModalLoop) -> float | None:
+    """`low` [rad/s]; None where lead does not clearly outweigh lag at ω = 0; up to it no phase bends by 1e-4 of itself."""
     corners = np.concatenate([modal.bends, np.abs(modal.modes.poles)])
     corners = corners[corners > 0]
     most = float(modal.turns.max())
     if not len(corners) or not math.isfinite(most) or not np.all(modal.leads > LEAST_LEAD * modal.turns):
         return None
     low = LOW * min(float(corners.min()), 1 / most)
-    if not np.all(modal.response(np.array([low]))[1].real > 0):
-        return None
-    return low, modal.last or HIGH * float(corners.max())
+    return low if np.all(modal.response(np.array([low]))[1].real > 0) else None
 
 
-def _quiet(modal: ModalLoop, high: float, highest: float) -> float | None:
-    """`high`, or further up in continuous time, where `highest` times L is small; None where it does not become so."""
-    for _ in range(DOUBLINGS if modal.last is None else 0):
+def _quiet(modal: ModalLoop, highest: float) -> float | None:
+    """Half the sample rate; in continuous time where `highest` times L is small, above all corners; None where it does not become so."""
+    if modal.last is not None:
+        return modal.last
+    high = HIGH * float(max(modal.bends.max(initial=0.0), np.abs(modal.modes.poles).max(initial=0.0)))
+    for _ in range(DOUBLINGS):
         mobility, laws = modal.response(np.array([high]))
         scaled = np.abs(mobility[0]) / np.sqrt(np.abs(laws[0])[:, None] * np.abs(laws[0]))
-        if highest * float(scaled.sum(axis=1).max()) < SMALL:
+        if high > 0 and highest * float(scaled.sum(axis=1).max()) < SMALL:
             return high
         high *= 2
-    return modal.last
+    return None

@@ -153,9 +153,12 @@ class Controller:
 
     def on_joints(self, size: int, sample_time: float | None) -> list[Factored]:
         """D of each of `size` joints, of gains on the diagonal."""
-        terms = self._matrices(size)
+        return self.apart({powers: np.diagonal(gain) for powers, gain in self._matrices(size).items()}, sample_time)
+
+    def apart(self, terms: Terms, sample_time: float | None) -> list[Factored]:
+        """With this controller's filters, D of each of m channels whose gains are `terms`, each (m,)."""
         parts, denominator = self._polynomials(terms, sample_time)
-        numerators = sum((np.outer(np.diagonal(gain), part) for gain, part in zip(terms.values(), parts, strict=True)), np.zeros((size, 1)))
+        numerators = sum((np.outer(gain, part) for gain, part in zip(terms.values(), parts, strict=True)), np.zeros((1, 1)))
         shared = self.shaping(sample_time) * ratio([1.0], denominator, sample_time)
         return [ratio(numerator, [1.0], sample_time) * shared for numerator in numerators]
 

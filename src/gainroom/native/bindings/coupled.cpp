@@ -90,14 +90,16 @@ static nb::tuple bends(const gainroom::ModalLoop& loop, Vector omega) {
     return nb::make_tuple(owned(functions.data(), cells, loop.modes + 1), owned(laws.data(), cells, loop.laws.size()));
 }
 
-// Whether it is proved; (k, 3) ω, gain and growth of the crossings found, the lowest first; their vectors (k, n); undecided (k, 2).
-static nb::tuple limit(const gainroom::ModalLoop& loop, Vector grid, double highest, double nudge, double floor, bool passive) {
+// On the way of factors from `start`, 0: from rest, to `stop`: whether it is proved; (k, 3) ω, gain and growth of the crossings found, the
+// nearest first; their vectors (k, n); undecided (k, 2); and how far arg det F turns on what was decided, arg det(I + L) at the end, the end.
+static nb::tuple limit(const gainroom::ModalLoop& loop, Vector grid, double start, double stop, double nudge, double floor, bool passive,
+                       bool counting) {
     if (loop.laws.size() != loop.size || loop.size == 0) throw nb::value_error("the laws of all joints are needed");
     gainroom::CoupledLimit found(loop);
     bool proved = false;
     {
         nb::gil_scoped_release release;
-        proved = found.search(grid.data(), grid.size(), highest, nudge, floor, passive);
+        proved = found.search(grid.data(), grid.size(), {start, stop}, nudge, floor, passive, counting);
     }
     std::vector<double> places;
     std::vector<Complex> vectors;
@@ -106,25 +108,32 @@ static nb::tuple limit(const gainroom::ModalLoop& loop, Vector grid, double high
         vectors.insert(vectors.end(), one.vector.begin(), one.vector.end());
     }
     return nb::make_tuple(proved, owned(places.data(), found.crossings.size(), 3), owned(vectors.data(), found.crossings.size(), loop.size),
-                          owned(reinterpret_cast<const double*>(found.undecided.data()), found.undecided.size(), 2));
+                          owned(reinterpret_cast<const double*>(found.undecided.data()), found.undecided.size(), 2),
+                          nb::make_tuple(found.turned, found.tail, found.end));
 }
 
-// The part of [low, high] in which factors up to `gain` may put a root on the boundary.
-static nb::tuple searched(const gainroom::ModalLoop& loop, double low, double high, double gain, bool passive) {
+// (k, 2): the part of [low, high] in which factors up to `gain` may put a root on the boundary.
+static nb::object searched(const gainroom::ModalLoop& loop, double low, double high, double gain, bool passive) {
     if (loop.laws.size() != loop.size || loop.size == 0) throw nb::value_error("the laws of all joints are needed");
-    const gainroom::Interval found = gainroom::CoupledLimit(loop).searched(low, high, gain, passive);
-    return nb::make_tuple(found.low, found.high);
+    const std::vector<gainroom::Interval> found = gainroom::CoupledLimit(loop).searched(low, high, gain, passive);
+    return owned(reinterpret_cast<const double*>(found.data()), found.size(), 2);
 }
 
-// Whether [low, high] is excluded up to `gain`, in the coordinates of `basis`: n vectors in rows.
-static bool excluded(const gainroom::ModalLoop& loop, double low, double high, double gain, ComplexMatrix basis, double floor,
-                     std::int64_t most) {
+// Whether [low, high] is excluded for factors from `start` to `gain`, in the coordinates of `basis`: n vectors in rows; and how far arg det F
+// turns there.
+static nb::tuple excluded(const gainroom::ModalLoop& loop, double low, double high, double start, double gain, ComplexMatrix basis,
+                          double floor, std::int64_t most, bool counting) {
     if (basis.shape(0) != loop.size || basis.shape(1) != loop.size || loop.laws.size() != loop.size)
         throw nb::value_error("basis (n, n) and the laws of all joints are needed");
-    nb::gil_scoped_release release;
     std::vector<gainroom::Interval> left;
-    gainroom::Exclusion(loop, gain, 0.0, basis.data(), loop.size).run({{low, high}}, floor, most, left);
-    return left.empty();
+    double turned = 0.0;
+    {
+        nb::gil_scoped_release release;
+        gainroom::Exclusion exclusion(loop, start, gain, 0.0, counting, basis.data(), loop.size);
+        exclusion.run({{low, high}}, floor, most, left);
+        turned = exclusion.turned;
+    }
+    return nb::make_tuple(left.empty(), turned);
 }
 
 // Postures one after the other: proved (k, 1); (k, 3) gain, ω and the joint that moves most.
@@ -164,9 +173,11 @@ void bind_coupled(nb::module_& m) {
         .def("responses", &responses, nb::arg("omega"))
         .def("mobility", &mobility, nb::arg("s"))
         .def("bends", &bends, nb::arg("omega"))
-        .def("limit", &limit, nb::arg("grid"), nb::arg("highest"), nb::arg("nudge"), nb::arg("floor"), nb::arg("passive"))
+        .def("limit", &limit, nb::arg("grid"), nb::arg("start"), nb::arg("stop"), nb::arg("nudge"), nb::arg("floor"), nb::arg("passive"),
+             nb::arg("counting"))
         .def("searched", &searched, nb::arg("low"), nb::arg("high"), nb::arg("gain"), nb::arg("passive"))
-        .def("excluded", &excluded, nb::arg("low"), nb::arg("high"), nb::arg("gain"), nb::arg("basis"), nb::arg("floor"), nb::arg("most"));
+        .def("excluded", &excluded, nb::arg("low"), nb::arg("high"), nb::arg("start"), nb::arg("gain"), nb::arg("basis"), nb::arg("floor"),
+             nb::arg("most"), nb::arg("counting"));
     nb::class_<gainroom::PostureLimits>(m, "PostureLimits")
         .def("__init__",
              [](gainroom::PostureLimits* self, const gainroom::ModalLoop& loop, double slow, double fast, const std::vector<double>& highest,

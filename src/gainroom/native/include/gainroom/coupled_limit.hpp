@@ -1,11 +1,12 @@
-// The lowest factor on all gains of coupled joints that puts a root on the boundary, and the proof that no lower one does.
+// The factor on all gains of coupled joints, on the way from one to another, that first puts a root on the boundary, and the proof that no
+// nearer one does.
 //
 // F = Q + v diag(d_i), v = 1/g, is singular where a root crosses (modal_loop.hpp). With a border b, the solution of
 //
 //   [F b; bᵀ 0] [x; μ] = [0; 1]   has   μ = 0 exactly there, and   dμ = −xᵀ dF x,
 //
-// as F is complex symmetric: Newton's method in (ω, v) takes one factorisation per step. Each lower crossing that is found lowers g; what
-// is excluded up to g (exclusion.hpp) stays excluded below. Where intervals are left that neither tell a crossing nor are excluded, the
+// as F is complex symmetric: Newton's method in (ω, v) takes one factorisation per step. Each nearer crossing that is found brings g nearer;
+// what is excluded up to g (exclusion.hpp) stays excluded before it. Where intervals are left that neither tell a crossing nor are excluded, the
 // answer is not decided.
 #pragma once
 
@@ -19,10 +20,24 @@ struct Crossing {
     std::vector<Complex> vector;  // x: torques; positions are x_i/c_i
 };
 
+// Factors on the way from `start`, 0: from rest, to `stop`, which may be less.
+struct Way {
+    double start, stop;
+    bool up() const { return stop > start; }
+    // Whether `gain` lies on it, up to `end`.
+    bool passes(double gain, double end) const { return up() ? gain > start && gain < end : gain < start && gain > end; }
+    bool nearer(double a, double b) const { return up() ? a < b : a > b; }
+    // A `share` > 1 further on, < 1 nearer.
+    double beyond(double gain, double share) const { return up() ? gain * share : gain / share; }
+};
+
 class CoupledLimit {
    public:
-    std::vector<Crossing> crossings;  // those found, the lowest first
+    std::vector<Crossing> crossings;  // those found, the nearest first
     std::vector<Interval> undecided;
+    double turned = 0.0;  // arg det F where it is excluded, from `low` to `high` of the search, where `counting`
+    double tail = 0.0;    // arg det(I + L) where all gains are small from there on, likewise
+    double end = 0.0;     // from where on
 
     explicit CoupledLimit(const ModalLoop& loop) : loop_(loop), n_(loop.size), border_(n_ + 1) {
         matrix_.resize(border_ * border_);
@@ -35,33 +50,35 @@ class CoupledLimit {
         mobility_.resize(n_ * n_);
     }
 
-    // Before a search up to `highest` on [low, high]: what crossings of a loop much like this one lead to. They only save time.
+    // Before a search from rest up to `highest` on [low, high]: what crossings of a loop much like this one lead to. They only save time.
     void begin(const std::vector<Crossing>& near, double low, double high, double highest) {
+        way_ = {0.0, highest};
         for (Crossing one : near)
             if (polish(one) && one.omega >= low && one.omega <= high && one.gain < highest && !known(one)) crossings.push_back(one);
         sort();
     }
 
-    // Searches factors up to `highest` on [grid.front(), grid.back()], of a plant that is `passive`, or not known to be (Exclusion::leading_to).
+    // Searches factors on a way, for [grid.front(), grid.back()], of a plant that is `passive`, or not known to be (Exclusion::not_leading).
     // True where the first of `crossings`, or that there is none, is proved.
-    bool search(const double* grid, std::size_t grid_count, double highest, double nudge, double floor, bool passive) {
+    bool search(const double* grid, std::size_t grid_count, Way way, double nudge, double floor, bool passive, bool counting = false) {
+        if (n_ == 0 || !(std::max(way.start, way.stop) > 0) || grid_count < 2) return false;
+        way_ = way;
+        counting_ = counting;
         std::vector<Interval> open;
-        if (n_ == 0 || !(highest > 0)) return false;
-        if (grid_count < 2) return false;
-        const Interval among = searched(grid[0], grid[grid_count - 1], crossings.empty() ? highest : crossings.front().gain, passive);
-        for (std::size_t k = 1; k < grid_count; k++)
-            if (grid[k] > among.low && grid[k - 1] < among.high)
-                open.push_back({std::max(grid[k - 1], among.low), std::min(grid[k], among.high)});
+        for (const Interval& among : searched(grid[0], grid[grid_count - 1], way_end(nudge), passive))
+            for (std::size_t k = 1; k < grid_count; k++)
+                if (grid[k] > among.low && grid[k - 1] < among.high)
+                    open.push_back({std::max(grid[k - 1], among.low), std::min(grid[k], among.high)});
         for (int round = 0; round < kRounds; round++) {
-            const double gain = crossings.empty() ? highest : crossings.front().gain * (1 - nudge);
+            const double gain = way_end(nudge);
             undecided = open;
-            for (const double alignment : {0.0, 1.0}) undecided = left_by(undecided, Exclusion(loop_, gain, alignment), floor);
+            for (const double alignment : {0.0, 1.0}) undecided = left_by(undecided, exclusion(gain, alignment), floor);
             if (undecided.empty()) return true;
             open = undecided;
             if (lowered(gain, grid[0], grid[grid_count - 1])) continue;
             if (crossings.empty()) return false;
             const std::vector<Complex> near = vectors_near();
-            undecided = left_by(undecided, Exclusion(loop_, gain, 0.0, near.data(), near.size() / n_), kFinest);
+            undecided = left_by(undecided, exclusion(gain, 0.0, near.data(), near.size() / n_), kFinest);
             if (undecided.empty()) return true;
             open = undecided;
             if (!lowered(gain, grid[0], grid[grid_count - 1])) return false;
@@ -69,11 +86,14 @@ class CoupledLimit {
         return false;
     }
 
-    // Where in [low, high] factors up to `gain` may put a root on the boundary: not below, where joints lead, nor above, where all is small.
-    Interval searched(double low, double high, double gain, bool passive) const {
-        Exclusion ends(loop_, gain, 0.0);
-        if (passive) low = ends.leading_to(low, high);
-        return {low, ends.too_small_from(low, high)};
+    // Where in [low, high] factors up to `gain` may put a root on the boundary: not where joints lead, nor at the top, where all is small.
+    std::vector<Interval> searched(double low, double high, double gain, bool passive) {
+        Exclusion ends = exclusion(gain, 0.0);
+        end = ends.too_small_from(low, high, counting_ ? &tail : nullptr);
+        if (!passive) return {{low, end}};
+        std::vector<Interval> left = ends.not_leading(low, end);
+        turned += ends.turned;
+        return left;
     }
 
     // From ω, g and x; false where it leads nowhere.
@@ -125,6 +145,8 @@ class CoupledLimit {
     static constexpr std::size_t kMost = 6;  // vectors that are mixed
 
     const ModalLoop& loop_;
+    Way way_{0.0, 1.0};
+    bool counting_ = false;
     std::size_t n_, border_;
     std::vector<Complex> mobility_, matrix_, solution_, functions_, later_, laws_, later_laws_;
     std::vector<double> scale_;
@@ -133,11 +155,19 @@ class CoupledLimit {
         std::vector<Interval> left;
         const std::int64_t most = kMostNodes + kMostNodes / 8 * static_cast<std::int64_t>(open.size());
         exclusion.run(open, floor, most, left);
+        turned += exclusion.turned;
         return left;
     }
 
-    // Looks for crossings below `gain` from the undecided intervals, first from the likeliest start of each; true where there are. Those a
-    // little above are kept too: their vectors matter (exclusion.hpp).
+    // Up to where there may be no crossing.
+    double way_end(double nudge) const { return crossings.empty() ? way_.stop : way_.beyond(crossings.front().gain, 1 - nudge); }
+
+    Exclusion exclusion(double gain, double alignment, const Complex* near = nullptr, std::size_t count = 0) const {
+        return {loop_, way_.up() ? way_.start : gain, way_.up() ? gain : way_.start, alignment, counting_, near, count};
+    }
+
+    // Looks for crossings before `gain` from the undecided intervals, first from the likeliest start of each; true where there are. Those a
+    // little beyond are kept too: their vectors matter (exclusion.hpp).
     bool lowered(double gain, double low, double high) {
         bool found = false;
         for (const bool all : {false, true}) {
@@ -147,8 +177,8 @@ class CoupledLimit {
                     if (!all && from.size() > 1) from.resize(1);
                     for (Crossing& start : from) {
                         if (!polish(start) || start.omega < low || start.omega > high || known(start)) continue;
-                        if (!(start.gain < gain * (all && !crossings.empty() ? kNear : 1.0))) continue;
-                        found = found || start.gain < gain;
+                        if (!way_.passes(start.gain, way_.beyond(gain, all && !crossings.empty() ? kNear : 1.0))) continue;
+                        found = found || way_.nearer(start.gain, gain);
                         crossings.push_back(start);
                     }
                 }
@@ -158,11 +188,13 @@ class CoupledLimit {
         return found;
     }
 
-    void sort() {
-        std::sort(crossings.begin(), crossings.end(), [](const Crossing& a, const Crossing& b) { return a.gain < b.gain; });
+    void sort() { sort(crossings); }
+
+    void sort(std::vector<Crossing>& some) const {
+        std::sort(some.begin(), some.end(), [this](const Crossing& a, const Crossing& b) { return way_.nearer(a.gain, b.gain); });
     }
 
-    // Where Re(e^{jθ} F) is singular, e^{jθ} turning the mean of the d_i to be real: the gains below 1.5 `gain` that are nearly the lowest.
+    // Where Re(e^{jθ} F) is singular, e^{jθ} turning the mean of the d_i to be real: the gains up to 1.5 `gain` that are nearly the nearest.
     std::vector<Crossing> starts(double omega, double gain) {
         rescale(omega);
         respond(omega);
@@ -181,19 +213,18 @@ class CoupledLimit {
             for (std::size_t j = 0; j <= i; j++)
                 form[i * n_ + j] = form[j * n_ + i] = -times(turn, mobility_[i * n_ + j]).real() * units[i] * units[j];
         diagonalize(form, vectors);
-        double most = 0.0;
-        for (std::size_t k = 0; k < n_; k++) most = std::max(most, form[k * n_ + k]);
         std::vector<Crossing> found;
         for (std::size_t k = 0; k < n_; k++) {
             const double v = form[k * n_ + k];
-            if (!(v * kNear * gain > 1) || v * kClose < most) continue;
+            if (!(v > 0) || !Way{way_.beyond(way_.start, 1 / kNear), way_.stop}.passes(1 / v, way_.beyond(gain, kNear))) continue;
             Crossing one;
             one.omega = omega;
             one.gain = 1 / v;
             for (std::size_t i = 0; i < n_; i++) one.vector.push_back(vectors[i * n_ + k] * units[i]);
             found.push_back(one);
         }
-        std::sort(found.begin(), found.end(), [](const Crossing& a, const Crossing& b) { return a.gain < b.gain; });
+        sort(found);
+        while (!found.empty() && !way_.nearer(found.back().gain, way_.beyond(found.front().gain, kClose))) found.pop_back();
         return found;
     }
 
@@ -239,7 +270,7 @@ class CoupledLimit {
     std::vector<Complex> vectors_near() const {
         std::vector<Complex> found;
         for (const Crossing& one : crossings)
-            if (one.gain < kNear * crossings.front().gain && found.size() < kMost * n_)
+            if (way_.nearer(one.gain, way_.beyond(crossings.front().gain, kNear)) && found.size() < kMost * n_)
                 found.insert(found.end(), one.vector.begin(), one.vector.end());
         return found;
     }

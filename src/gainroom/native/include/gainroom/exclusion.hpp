@@ -1,14 +1,16 @@
-// Intervals of ω in which no factor on all gains, up to some g, puts a closed-loop root of coupled joints on the boundary.
+// Intervals of ω in which no factor on all gains, from some g₀ to some g, puts a closed-loop root of coupled joints on the boundary.
 //
-// With factors κ = 1/(ρ v), v = 1/g and ρ >= 1, a root at jω makes F = Q + ρ v D singular: Q = x P, D = diag(d_i) (modal_loop.hpp).
-// F is complex symmetric. If one angle θ makes
+// With a factor 1/u a root at jω makes F = Q + u D singular: Q = x P, D = diag(d_i) (modal_loop.hpp). F is complex symmetric. If one angle θ
+// makes
 //
-//   Re(e^{jθ} (Q + v D)) > 0   and   Re(e^{jθ} D) > 0,
+//   Re(e^{jθ} (Q + v D)) > 0,  v = 1/g,   and   Re(e^{jθ} (Q + w D)) > 0,  w = 1/g₀,   or   Re(e^{jθ} D) > 0, which is w = ∞,
 //
-// then Re(e^{jθ} F) > 0 for all of them: none puts a root there. Over an interval both sides are interpolated between its ends; what
+// then Re(e^{jθ} F) > 0 for all u between: none puts a root there. Over an interval both sides are interpolated between its ends; what
 // interpolation misses of Q is at most Σ |φ_k φ_kᵀ| e_k, with the e_k of modal_loop.hpp, and is taken off. A failed Cholesky factorisation
-// gives an x for which only part of a circle of angles is left: the cuts find an angle or show that there is none. (As D is diagonal, each
-// joint may even have its own ρ.)
+// gives an x for which only part of a circle of angles is left: the cuts find an angle or show that there is none.
+//
+// Matrices with a positive real part are a convex set, in which the pivots p_i of e^{jθ} F have one too (Schur complements keep it). So over an
+// excluded interval arg det F changes by the change of Σ arg(e^{jθ} p_i), no more and no less: `turned` adds that up for the factor 1.
 //
 // Just below a limit that is not enough: the vector x of the root that is about to cross is complex, while the test asks about real ones.
 // There unknowns are mixed by T = I + j U (VᵀV)⁻¹ Vᵀ, X = V + j U the vectors of roots that cross: T V = X, so that they become real, and
@@ -29,12 +31,18 @@ struct Interval {
 
 class Exclusion {
    public:
-    // `alignment`: part of the joints' phase differences that is turned away beforehand, 0 to 1. `crossing`: X (count, n).
-    Exclusion(const ModalLoop& loop, double gain, double alignment, const Complex* crossing = nullptr, std::size_t crossing_count = 0)
+    double turned = 0.0;  // arg det F over what was excluded, at the factor 1, which has to be between; only where `counting`
+
+    // Factors from `from`, 0: from rest, to `gain`. `alignment`: part of the joints' phase differences that is turned away beforehand, 0 to 1.
+    // `crossing`: X (count, n).
+    Exclusion(const ModalLoop& loop, double from, double gain, double alignment, bool counting = false, const Complex* crossing = nullptr,
+              std::size_t crossing_count = 0)
         : loop_(loop),
           sum_(loop),
           crossing_(crossing, crossing + crossing_count * loop.size),
           v_(1 / gain),
+          more_(from > 0 ? 1 / from - 1 / gain : -1.0),
+          counting_(counting),
           alignment_(alignment),
           n_(loop.size),
           stride_(sum_.stride) {
@@ -44,6 +52,7 @@ class Exclusion {
         trial_.resize(n_ * stride_);
         vector_.resize(n_);
         if (mixed()) law_missed_.resize(n_ * stride_);
+        if (counting) pivots_.resize(n_ * n_);
     }
 
     // Appends the parts of `open` that are left undecided at a relative width of `floor`; units, samples and angles are carried from one
@@ -65,37 +74,44 @@ class Exclusion {
     }
 
     // From where up to `high` gains up to this one are too small for a root at jω, however late they act: Σ_j |Q_ij| < v |d_i| in all rows.
-    double too_small_from(double low, double high) {
+    // `tail`: arg det(I + L) there; on from there it goes to 0, as I + L stays near I. In continuous time it has to be so at `high`.
+    double too_small_from(double low, double high, double* tail = nullptr) {
         int at = 0;
         align(high / kStride, high);
         sample(nodes_[at], high);
+        if (tail != nullptr && loop_.step == 0) *tail = argument_of_loop(nodes_[at]);
         while (high > low) {
             sample(nodes_[1 - at], std::max(high / kStride, low));
             if (!too_small(nodes_[1 - at], nodes_[at])) break;
             at = 1 - at;
             high = nodes_[at].omega;
+            if (tail != nullptr) *tail = argument_of_loop(nodes_[at]);
         }
         return high;
     }
 
-    // To where from `low` on every Re(j d_i) > 0. Of plants that give out no energy, Re(j Q) >= 0, there is no root at jω with any gains.
-    double leading_to(double low, double high) const {
-        for (double stride = kStride; low < high && stride > kLeast;) {
-            const Cell cell(low, std::min(low * stride, high), loop_.step, loop_.inexact);
-            bool leads = true;
-            for (std::size_t i = 0; i < n_ && leads; i++) {
-                if (loop_.alike[i] < i) continue;
-                const Complex start = loop_.inverse_law(i, cell.a), end = loop_.inverse_law(i, cell.b);
-                const double size = std::max(ModalLoop::inverse_law_size(start, cell.a, cell.step),
-                                             ModalLoop::inverse_law_size(end, cell.b, cell.step));
-                leads = -std::max(start.imag(), end.imag()) > loop_.inverse_law_bend(i, cell, size);
-            }
-            if (leads)
-                low = cell.b;
-            else
+    // What of [low, high] is left where Re(j d_i) > 0 is not known for all i. Of plants that give out no energy, Re(j Q) >= 0, there is no root
+    // at jω with any gains where it is.
+    std::vector<Interval> not_leading(double low, double high) {
+        std::vector<Interval> left;
+        double stride = kStride, leading = 0.0;  // from where it leads up to `low`
+        while (low < high) {
+            const double next = low * stride < high ? low * stride : high;
+            if (leads(low, next)) {
+                if (leading == 0) leading = low;
+                low = next;
+            } else if (leading > 0 && stride > kLeast) {
                 stride = std::sqrt(stride);
+            } else {
+                if (leading > 0) turned += turned_leading(leading, low);
+                leading = 0.0;
+                stride = kStride;
+                add(left, low, std::min(low * kStride, high));
+                low = left.back().high;
+            }
         }
-        return low;
+        if (leading > 0) turned += turned_leading(leading, high);
+        return left;
     }
 
    private:
@@ -110,6 +126,7 @@ class Exclusion {
         std::vector<Complex> law;             // d_i, likewise
         std::vector<double> size;             // |1/c_i|
         std::vector<double> law_real, law_imaginary;  // upper triangle of Tᵀ D T, where unknowns are mixed
+        std::vector<Complex> pivots;  // of F at the factor 1; empty until asked for
         void resize(std::size_t n, std::size_t stride, bool mixed) {
             real.resize(n * stride);
             imaginary.resize(n * stride);
@@ -117,12 +134,15 @@ class Exclusion {
             size.resize(n);
             law_real.resize(mixed ? n * stride : 0);
             law_imaginary.resize(mixed ? n * stride : 0);
+            pivots.clear();
         }
     };
 
-    // A matrix that has to be positive: Re(e^{jθ} (real + j imaginary)) less what may be missed.
+    // A matrix that has to be positive, less what may be missed: of Re(e^{jθ} (real + j imaginary)) and, `more` times, of Re(e^{jθ} D).
     struct Test {
         const double *real, *imaginary, *missed;
+        const Node* node = nullptr;
+        double more = 0.0;
     };
 
     const ModalLoop& loop_;
@@ -130,8 +150,11 @@ class Exclusion {
     std::vector<Complex> crossing_, mixing_;  // X (count, n), T (n, n)
     std::vector<double> law_missed_;          // as `missed_`, of Tᵀ D T
     double mixing_size_ = 1.0;                // bound of |T|²
-    double v_, alignment_;
+    double v_, more_;  // w - v; < 0: w = ∞
+    bool counting_;
+    double alignment_;
     std::size_t n_, stride_;
+    std::vector<Complex> pivots_;
     Node nodes_[kDepth + 2];
     int left_ = 0;  // the node where the next interval begins
     std::int64_t samples_ = 0;
@@ -161,11 +184,76 @@ class Exclusion {
                 }
                 free[spare++] = middle;  // not even by itself: nothing is gained by halving
             }
-            if (!decided) add(undecided, a, b);
+            if (!decided)
+                add(undecided, a, b);
+            else if (counting_)
+                turned += argument(nodes_[right], angle_) - argument(nodes_[left_], angle_);
             free[spare++] = left_;
             left_ = right;
             depth--;
         }
+    }
+
+    // True where Re(j d_i) > 0 for all i and all of [low, high].
+    bool leads(double low, double high) const {
+        const Cell cell(low, high, loop_.step, loop_.inexact);
+        for (std::size_t i = 0; i < n_; i++) {
+            if (loop_.alike[i] < i) continue;
+            const Complex start = loop_.inverse_law(i, cell.a), end = loop_.inverse_law(i, cell.b);
+            const double size =
+                std::max(ModalLoop::inverse_law_size(start, cell.a, cell.step), ModalLoop::inverse_law_size(end, cell.b, cell.step));
+            if (!(-std::max(start.imag(), end.imag()) > loop_.inverse_law_bend(i, cell, size))) return false;
+        }
+        return true;
+    }
+
+    // How arg det F changes where j F has a positive real part all the way.
+    double turned_leading(double low, double high) {
+        if (!counting_) return 0.0;
+        align(low, high);
+        sample(nodes_[0], low);
+        sample(nodes_[1], high);
+        return argument(nodes_[1], 0.5 * kPi) - argument(nodes_[0], 0.5 * kPi);
+    }
+
+    // Σ arg(e^{jθ} p_i)
+    double argument(Node& node, double angle) {
+        double sum = 0.0;
+        const Complex turn = std::polar(1.0, angle);
+        for (const Complex pivot : pivots(node)) sum += std::arg(times(turn, pivot));
+        return sum;
+    }
+
+    // arg det(I + L) where that is near I: the pivots of D⁻¹F are p_i/d_i.
+    double argument_of_loop(Node& node) {
+        double sum = 0.0;
+        for (std::size_t i = 0; i < n_; i++) sum += std::arg(over(pivots(node)[i], node.law[i]));
+        return sum;
+    }
+
+    // Of Q + D, by Gauss without exchanges.
+    const std::vector<Complex>& pivots(Node& node) {
+        if (!node.pivots.empty()) return node.pivots;
+        pivots_.resize(n_ * n_);
+        for (std::size_t i = 0; i < n_; i++)
+            for (std::size_t j = i; j < n_; j++) {
+                const std::size_t at = i * stride_ + j;
+                Complex law = 0.0;
+                if (mixed())
+                    law = {node.law_real[at], node.law_imaginary[at]};
+                else if (i == j)
+                    law = node.law[i];
+                pivots_[i * n_ + j] = Complex(node.real[at], node.imaginary[at]) + (1 - v_) * law;
+            }
+        for (std::size_t k = 0; k < n_; k++) {
+            node.pivots.push_back(pivots_[k * n_ + k]);
+            for (std::size_t i = k + 1; i < n_; i++) {
+                const Complex factor = over(pivots_[k * n_ + i], pivots_[k * n_ + k]);
+                if (factor == 0.0) continue;
+                for (std::size_t j = i; j < n_; j++) pivots_[i * n_ + j] -= times(factor, pivots_[k * n_ + j]);
+            }
+        }
+        return node.pivots;
     }
 
     bool too_small(const Node& left, const Node& right) {
@@ -312,20 +400,44 @@ class Exclusion {
 
     // True where the angle serves one node; else `test_` has failed there, with `vector_` or `alone_` to show it.
     bool holds(const Node& node) {
+        const bool from_rest = more_ < 0;
         alone_ = n_;
+        bool law = true;
         if (mixed()) {
             test_ = {node.law_real.data(), node.law_imaginary.data(), law_missed_.data()};
-            if (!positive(test_)) return false;
+            law = positive(test_);
         } else {
             const double c = std::cos(angle_), s = std::sin(angle_);
-            for (std::size_t i = 0; i < n_; i++)
-                if (!(c * node.law[i].real() - s * node.law[i].imag() > law_bends_[i])) {
-                    alone_ = i;
-                    return false;
-                }
+            for (std::size_t i = 0; i < n_ && law; i++) {
+                law = c * node.law[i].real() - s * node.law[i].imag() > law_bends_[i];
+                if (!law && from_rest) alone_ = i;
+            }
         }
+        if (!law && from_rest) return false;
         test_ = {node.real.data(), node.imaginary.data(), missed_.data()};
+        if (!positive(test_)) return false;
+        if (law) return true;
+        test_.node = &node;
+        test_.more = more_;
         return positive(test_);
+    }
+
+    // What `test` asks to be positive: entry (i, j) of the real part, of the imaginary part, and of what may be missed.
+    void entries(const Test& test, std::size_t i, std::size_t j, double& real, double& imaginary, double& missed) const {
+        const std::size_t at = i * stride_ + j;
+        real = test.real[at];
+        imaginary = test.imaginary[at];
+        missed = test.missed[at];
+        if (test.node == nullptr) return;
+        if (mixed()) {
+            real += test.more * test.node->law_real[at];
+            imaginary += test.more * test.node->law_imaginary[at];
+            missed += test.more * law_missed_[at];
+        } else if (i == j) {
+            real += test.more * test.node->law[i].real();
+            imaginary += test.more * test.node->law[i].imag();
+            missed += test.more * (law_bends_[i] + kRounding * static_cast<double>(n_) * size_of(test.node->law[i]));
+        }
     }
 
     // Cholesky's factorisation; where it fails, `vector_` is an x with xᵀMx <= 0.
@@ -334,7 +446,13 @@ class Exclusion {
         for (std::size_t k = 0; k < n_; k++)
             for (std::size_t j = k; j < n_; j++) {
                 const std::size_t at = k * stride_ + j;
-                trial_[at] = c * test.real[at] - s * test.imaginary[at] - test.missed[at];
+                if (test.node == nullptr) {
+                    trial_[at] = c * test.real[at] - s * test.imaginary[at] - test.missed[at];
+                } else {
+                    double real, imaginary, missed;
+                    entries(test, k, j, real, imaginary, missed);
+                    trial_[at] = c * real - s * imaginary - missed;
+                }
             }
         for (std::size_t k = 0; k < n_; k++) {
             double* row = &trial_[k * stride_];
@@ -372,9 +490,11 @@ class Exclusion {
             for (std::size_t i = 0; i < n_; i++)
                 for (std::size_t j = i; j < n_ && vector_[i] != 0; j++) {
                     const double product = (j > i ? 2.0 : 1.0) * vector_[i] * vector_[j];
-                    cosine += product * test_.real[i * stride_ + j];
-                    sine -= product * test_.imaginary[i * stride_ + j];
-                    needed += product * test_.missed[i * stride_ + j];
+                    double real, imaginary, missed;
+                    entries(test_, i, j, real, imaginary, missed);
+                    cosine += product * real;
+                    sine -= product * imaginary;
+                    needed += product * missed;
                 }
         }
         const double size = std::hypot(cosine, sine);

@@ -26,7 +26,9 @@ class PostureLimits {
     PostureLimits(const ModalLoop& loop, double slow, double fast, std::vector<double> highest, bool passive)
         : loop_(loop), slow_(slow), fast_(fast), highest_(std::move(highest)) {
         last_ = loop.step > 0 ? kPi / loop.step : 0.0;
-        if (passive) leading_ = Exclusion(loop_, 1.0, 0.0).leading_to(kLow * slow, kHigh * fast);
+        if (!passive) return;
+        const std::vector<Interval> left = Exclusion(loop_, 0.0, 1.0, 0.0).not_leading(kLow * slow, kHigh * fast);
+        leading_ = left.empty() ? kHigh * fast : left.front().low;
     }
 
     std::size_t size() const { return loop_.size; }
@@ -76,7 +78,7 @@ class PostureLimits {
         intervals(low, high);
         CoupledLimit limit(loop_);
         limit.begin(near_, low, high, highest);
-        if (!limit.search(grid_.data(), grid_.size(), highest, kNudge, kFloor, false)) return false;
+        if (!limit.search(grid_.data(), grid_.size(), {0.0, highest}, kNudge, kFloor, false)) return false;
         near_ = limit.crossings;
         if (near_.size() > kNear) near_.resize(kNear);
         found.gain = std::numeric_limits<double>::infinity();

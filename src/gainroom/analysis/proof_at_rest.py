@@ -1,0 +1,139 @@
+"""What coupled loops do as ω → 0, for factors on all gains between two bounds: which roots pass 0, that no other is near, how det F turns.
+
+With e_i = 1/c_i a root at jω makes F/x = P + u diag(e_i) singular, u the inverse of the factor. Free motions have P = −M₀/ω² + P₀ + …. With
+M₀ N = 0 and Rᵀ M₀ R = 1 the coordinates T = [N, √x R] take F/x to
+
+    diag(Nᵀ (P₀ + u D₀) N, −1)    as ω → 0,    D₀ = diag(e_i(0)), 0 where there is an integrator,
+
+which is real and symmetric. Where it keeps its signs S for all u between, the real part of S Tᵀ F T/x stays positive for a while: all terms are
+analytic within R, the lowest corner frequency, and have MOST times their size at most within R/2, so that at ω = εR they miss MOST (2ε)²/(1 − 2ε) of
+it, after a part linear in ω, which is imaginary, and counts where signs differ. Roots pass 0 itself where a sign changes.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ..system.linear.arrays import Complexes, Floats
+from .modal_loop import NUDGE, ModalLoop
+
+MOST = 20.0  # a mode by itself: 4; a law by itself: e; hold, current loop and delay turn and grow less within R/2
+TRIES = np.geomspace(0.1, 1e-8, 15)  # ε
+HELD, FREE = 1e-11, 1e-8  # of the largest rigid mobility: up to so much is none, from so much on it is one; between them nothing is known
+MISSED = 0.5  # of what has to be positive may be missed
+
+
+class Static(NamedTuple):
+    """All gains times `gain` let a root pass 0: gravity topples the mechanism, or no longer does; mode (n,) of positions."""
+
+    gain: float
+    mode: Floats
+
+
+@dataclass(frozen=True)
+class AtRest:
+    """low: [rad/s] up to where nothing crosses, 0 apart; turned: by what arg det F turns up to there, at the factor 1; poles: of det(I + L) at 0.
+
+    static: where on the way a root first passes 0; what lies beyond is not looked at. None: nowhere
+    """
+
+    low: float
+    turned: float
+    poles: int
+    static: Static | None
+
+
+def at_rest(modal: ModalLoop, stop: float) -> AtRest | None:
+    """For factors from 1 to `stop`, which may be less. None where nothing is known."""
+    values, orders = modal.laws.at_rest()
+    if np.any(orders < 0) or np.any(orders > 1) or np.any(values.real <= 0) or np.any(np.abs(values.imag) > 1e-9 * values.real):
+        return None
+    corner, modes = _lowest_corner(modal), modal.modes
+    sizes = np.where(orders > 0, corner, 1.0) / values.real  # of e up to `corner`
+    units = 1 / np.sqrt(sizes)  # of torques
+    masses, vectors = np.linalg.eigh(units[:, None] * modes.rigid * units)
+    free = masses > FREE * masses[-1]
+    if np.any(masses[~free] > HELD * masses[-1]):
+        return None
+    held, moving = vectors[:, ~free], vectors[:, free] / np.sqrt(masses[free])
+    still = 1 / (modes.poles * modes.partners) if len(modes.partners) else -1 / modes.poles
+    shapes, resting = modes.shapes * units, np.where(orders > 0, 0.0, 1.0)
+    known = _diagonal(held.T @ ((shapes.T * still) @ shapes).real @ held, held.T @ (resting[:, None] * held))
+    if known is None:
+        return None
+    give, spring = known[1:]
+    axes, count = np.hstack([held @ known[0], moving]), len(give)
+    static, static_mode = _static(give, spring, stop), None
+    if static is not None:
+        k, gain = static
+        if abs(gain - 1) <= 2 * NUDGE:
+            return None
+        stop = gain * (1 - NUDGE if stop > 1 else 1 + NUDGE)
+        static_mode = Static(gain, axes[:, k] * units * sizes * resting)
+    signs, at_zero = np.append(np.sign(give + spring), -np.ones(moving.shape[1])), np.diag(np.append(np.zeros(count), -np.ones(moving.shape[1])))
+    along = np.abs(shapes @ axes)
+    size, law_size = (along.T * np.abs(still)) @ along, np.abs(axes).T @ np.abs(axes)
+    across = (signs[:count, None] != signs[:count]).astype(float)
+    for share in TRIES:
+        low, curved = corner * share, MOST * (2 * share) ** 2 / (1 - 2 * share)
+        mobility, laws, scale = _parts(modal, low, axes * units[:, None], count)
+        missed = 0.0
+        for u in (1.0, 1 / stop):
+            form = mobility + u * laws
+            bound = math.sqrt(2) * np.abs(form - at_zero) + curved * np.diag(-np.diagonal(at_zero))
+            bound[:count, :count] = across * np.abs(form[:count, :count].imag)
+            bound += curved * scale[:, None] * (size + u * law_size) * scale
+            root = 1 / np.sqrt(np.append(np.abs(give + u * spring), np.ones(moving.shape[1])))
+            missed = max(missed, float((root[:, None] * bound * root).sum(axis=1).max()))
+        if missed < MISSED:
+            turned = float(np.angle(np.linalg.eigvals(signs[:, None] * (mobility + laws))).sum())
+            return AtRest(low, turned, 2 * moving.shape[1] + int(orders.sum()), static_mode)
+    return None
+
+
+def _lowest_corner(modal: ModalLoop) -> float:
+    """R [rad/s]; sampled, poles are as far from z = 1 as their distance says, and no further than a tick."""
+    poles = np.concatenate([modal.modes.poles, modal.modes.partners])
+    away = np.abs(poles)
+    if modal.last is not None:
+        step = np.pi / modal.last
+        away = np.append(np.minimum(away, np.abs(np.expm1(poles * step)) / step), 1 / step)
+    return float(1 / max(1 / away.min(initial=np.inf), float((modal.laws.finite_turns()[1] + modal.late + modal.lag).max())))
+
+
+def _diagonal(give: Floats, spring: Floats) -> tuple[Floats, Floats, Floats] | None:
+    """Axes (n, n) in which both symmetric matrices are diagonal, and these; None where neither is definite, nor `spring` 0."""
+    if not np.any(spring):
+        values, axes = np.linalg.eigh(give) if len(give) else (np.zeros(0), give)
+        return axes, values, np.zeros(len(give))
+    for first, second, swapped in ((spring, give, False), (give, spring, True)):
+        sizes = np.linalg.eigvalsh(first)
+        if sizes[0] > 1e-9 * sizes[-1]:
+            back = np.linalg.inv(np.linalg.cholesky(first))
+            values, axes = np.linalg.eigh(back @ second @ back.T)
+            ones = np.ones(len(give))
+            return (back.T @ axes, ones, np.maximum(values, 0.0)) if swapped else (back.T @ axes, values, ones)
+    return None
+
+
+def _static(give: Floats, spring: Floats, stop: float) -> tuple[int, float] | None:
+    """Which of the diagonal entries give + u spring first vanishes on the way of 1/u from 1 to `stop`, and that factor."""
+    passing = [(float(-b / a), k) for k, (a, b) in enumerate(zip(give.tolist(), spring.tolist(), strict=True)) if a < 0 < b]
+    ahead = [one for one in passing if min(1.0, stop) <= one[0] <= max(1.0, stop)]
+    if not ahead:
+        return None
+    gain, k = min(ahead, key=lambda one: abs(math.log(one[0])))
+    return k, gain
+
+
+def _parts(modal: ModalLoop, low: float, axes: Floats, count: int) -> tuple[Complexes, Complexes, Floats]:
+    """Tᵀ P T and Tᵀ diag(e) T at `low`, and the scale of T's columns there: √x of those that move."""
+    functions, laws = modal.core.responses(np.array([low]))
+    x = low**2 if modal.last is None else (2 * modal.last / np.pi * np.sin(0.5 * np.pi * low / modal.last)) ** 2
+    scale = np.append(np.ones(count), np.full(len(axes) - count, np.sqrt(x)))
+    shapes, axes = modal.modes.shapes @ axes * scale, axes * scale
+    mobility = (shapes.T * (functions[0, 1:] / x)) @ shapes
+    mobility[count:, count:] += functions[0, 0] * np.eye(len(axes) - count)
+    return mobility, (axes.T * (laws[0] / x)) @ axes, scale
