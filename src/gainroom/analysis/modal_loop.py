@@ -22,7 +22,7 @@ from ..system.modes import Modes
 
 NARROWEST = 1e-4  # relative width of an interval that is not halved further
 NUDGE = 1e-6  # relative: how far below a crossing the proof goes
-FINEST, MOST, HALVINGS = 1e-9, 200, 6  # where eigenvectors have to be looked at: relative width, samples, halvings
+FINEST, MOST, HALVINGS = 1e-9, 200, 12  # where eigenvectors have to be looked at: relative width, samples, halvings
 FACTOR = 3.0  # from end to end of the intervals that are begun with, at most: units are chosen in the middle of each
 
 
@@ -136,8 +136,12 @@ class ModalLoop:
         excluded, turned = self.core.excluded(low, high, min(start, stop), max(start, stop), basis, FINEST, MOST, counting)
         if excluded or halvings == 0:
             return turned if excluded else None
-        halves = [self._excluded(*ends, start, stop, counting, halvings - 1) for ends in ((low, middle), (middle, high))]
-        return None if halves[0] is None or halves[1] is None else halves[0] + halves[1]
+        turned = 0.0
+        for ends in ((low, middle), (middle, high)):
+            if (half := self._excluded(*ends, start, stop, counting, halvings - 1)) is None:
+                return None
+            turned += half
+        return turned
 
     def _basis(self, omega: float, start: float, stop: float) -> Complexes:
         """(n, n) vectors in rows that make x P and diag(d) diagonal, each turned so that x P + d/g lies about the real axis for both ends g."""

@@ -5,9 +5,10 @@ M₀ N = 0 and Rᵀ M₀ R = 1 the coordinates T = [N, √x R] take F/x to
 
     diag(Nᵀ (P₀ + u D₀) N, −1)    as ω → 0,    D₀ = diag(e_i(0)), 0 where there is an integrator,
 
-which is real and symmetric. Where it keeps its signs S for all u between, the real part of S Tᵀ F T/x stays positive for a while: all terms are
-analytic within R, the lowest corner frequency, and have MOST times their size at most within R/2, so that at ω = εR they miss MOST (2ε)²/(1 − 2ε) of
-it, after a part linear in ω, which is imaginary, and counts where signs differ. Roots pass 0 itself where a sign changes.
+which is real and symmetric. Where it keeps its signs S for all u between, the real part of S Tᵀ F T/x stays positive for a while. All terms are
+analytic within R, the lowest corner frequency, and have MOST times their size at most within R/2: what is left of one after its power ωᵐ⁻¹ is no more
+than MOST (2ε)ᵐ/(1 − 2ε) of it at ω = εR. Even powers are real, and lie between what they are at 0 and at εR; odd ones are imaginary, and count
+where signs differ. Roots pass 0 itself where a sign changes.
 """
 
 import math
@@ -22,7 +23,7 @@ from .modal_loop import NUDGE, ModalLoop
 MOST = 20.0  # a mode by itself: 4; a law by itself: e; hold, current loop and delay turn and grow less within R/2
 TRIES = np.geomspace(0.1, 1e-8, 15)  # ε
 HELD, FREE = 1e-11, 1e-8  # of the largest rigid mobility: up to so much is none, from so much on it is one; between them nothing is known
-MISSED = 0.5  # of what has to be positive may be missed
+SPARE = 0.1  # of what has to be positive, at least
 
 
 class Static(NamedTuple):
@@ -75,21 +76,26 @@ def at_rest(modal: ModalLoop, stop: float) -> AtRest | None:
     signs, at_zero = np.append(np.sign(give + spring), -np.ones(moving.shape[1])), np.diag(np.append(np.zeros(count), -np.ones(moving.shape[1])))
     along = np.abs(shapes @ axes)
     size, law_size = (along.T * np.abs(still)) @ along, np.abs(axes).T @ np.abs(axes)
-    across = (signs[:count, None] != signs[:count]).astype(float)
+    like = signs[:count, None] == signs[:count]
     for share in TRIES:
-        low, curved = corner * share, MOST * (2 * share) ** 2 / (1 - 2 * share)
+        low = corner * share
+        misses = MOST * (2 * share) ** np.arange(2, 5) / (1 - 2 * share)  # of parts up to that power of ω
         mobility, laws, scale = _parts(modal, low, axes * units[:, None], count)
-        missed = 0.0
+        weights = misses[0] * scale[:, None] * scale
+        weights[:count, :count] = np.where(like, misses[2], misses[1])
+        spare = 1.0
         for u in (1.0, 1 / stop):
             form = mobility + u * laws
-            bound = math.sqrt(2) * np.abs(form - at_zero) + curved * np.diag(-np.diagonal(at_zero))
-            bound[:count, :count] = across * np.abs(form[:count, :count].imag)
-            bound += curved * scale[:, None] * (size + u * law_size) * scale
+            missed = math.sqrt(2) * np.abs(form - at_zero) - misses[0] * at_zero
+            missed[:count, :count] = np.where(like, 0.0, np.abs(form[:count, :count].imag))
+            missed += weights * (size + u * law_size)
             root = 1 / np.sqrt(np.append(np.abs(give + u * spring), np.ones(moving.shape[1])))
-            missed = max(missed, float((root[:, None] * bound * root).sum(axis=1).max()))
-        if missed < MISSED:
+            even = (root[:, None] * np.where(signs[:, None] == signs, (signs[:, None] * form).real, 0.0) * root)[:count, :count]
+            least = min(1.0, float(np.linalg.eigvalsh(even).min(initial=1.0)))  # at 0 it is 1, and in between, by ω²
+            spare = min(spare, least - float((root[:, None] * missed * root).sum(axis=1).max()))
+        if spare > SPARE:
             turned = float(np.angle(np.linalg.eigvals(signs[:, None] * (mobility + laws))).sum())
-            return AtRest(low, turned, 2 * moving.shape[1] + int(orders.sum()), static_mode)
+            return AtRest(float(low), turned, 2 * moving.shape[1] + int(orders.sum()), static_mode)
     return None
 
 

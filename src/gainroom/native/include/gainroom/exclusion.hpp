@@ -125,6 +125,7 @@ class Exclusion {
         std::vector<double> real, imaginary;  // upper triangle of Q + v D, aligned and scaled
         std::vector<Complex> law;             // d_i, likewise
         std::vector<double> size;             // |1/c_i|
+        std::vector<double> round_off;        // of Q, as a diagonal matrix
         std::vector<double> law_real, law_imaginary;  // upper triangle of Tᵀ D T, where unknowns are mixed
         std::vector<Complex> pivots;  // of F at the factor 1; empty until asked for
         void resize(std::size_t n, std::size_t stride, bool mixed) {
@@ -132,6 +133,7 @@ class Exclusion {
             imaginary.resize(n * stride);
             law.resize(n);
             size.resize(n);
+            round_off.resize(n);
             law_real.resize(mixed ? n * stride : 0);
             law_imaginary.resize(mixed ? n * stride : 0);
             pivots.clear();
@@ -296,15 +298,32 @@ class Exclusion {
             for (std::size_t i = 0; i < n_; i++) shapes[k * n_ + i] = times(scale_[i], loop_.shapes[k * n_ + i]);
         for (std::size_t i = 0; i < n_; i++)
             for (std::size_t j = 0; j < n_; j++) rigid[i * n_ + j] = times(scale_[i], scale_[j]) * loop_.rigid[i * n_ + j];
-        if (mixed()) mix(rigid, shapes);
-        sum_.set_coordinates(rigid, shapes);
+        std::vector<double> rigid_made_of(n_), made_of(loop_.modes * n_);
+        if (mixed()) {
+            mix(rigid, shapes, rigid_made_of, made_of);
+        } else {
+            for (std::size_t k = 0; k < made_of.size(); k++) made_of[k] = size_of(shapes[k]);
+            for (std::size_t k = 0; k < rigid.size(); k++) rigid_made_of[k / n_] += size_of(rigid[k]);
+        }
+        sum_.set_coordinates(rigid, shapes, rigid_made_of, made_of);
     }
 
     bool mixed() const { return !crossing_.empty(); }
 
-    // T, and what it makes of M₀ and of the modes.
-    void mix(std::vector<Complex>& rigid, std::vector<Complex>& shapes) {
+    // T, and what it makes of M₀ and of the modes; with the sizes of what is summed up.
+    void mix(std::vector<Complex>& rigid, std::vector<Complex>& shapes, std::vector<double>& rigid_made_of, std::vector<double>& made_of) {
         mixing_ = mixing_of(crossing_, scale_, mixing_size_);
+        std::vector<double> sizes(n_ * n_), rows(n_, 0.0), across(n_, 0.0);
+        for (std::size_t k = 0; k < n_ * n_; k++) sizes[k] = size_of(mixing_[k]);
+        for (std::size_t i = 0; i < n_; i++)
+            for (std::size_t j = 0; j < n_; j++) rows[i] += sizes[i * n_ + j];
+        for (std::size_t i = 0; i < n_; i++)
+            for (std::size_t j = 0; j < n_; j++) across[i] += size_of(rigid[i * n_ + j]) * rows[j];
+        for (std::size_t j = 0; j < n_; j++)
+            for (std::size_t i = 0; i < n_; i++) {
+                rigid_made_of[j] += sizes[i * n_ + j] * across[i];
+                for (std::size_t k = 0; k < loop_.modes; k++) made_of[k * n_ + j] += size_of(shapes[k * n_ + i]) * sizes[i * n_ + j];
+            }
         std::vector<Complex> row(n_), half(n_ * n_);
         for (std::size_t k = 0; k < loop_.modes; k++) {
             for (std::size_t j = 0; j < n_; j++) row[j] = mixed_row(&shapes[k * n_], j);
@@ -328,7 +347,7 @@ class Exclusion {
         samples_++;
         node.resize(n_, stride_, mixed());
         node.omega = omega;
-        sum_.respond(omega, node.real.data(), node.imaginary.data());
+        sum_.respond(omega, node.real.data(), node.imaginary.data(), node.round_off.data());
         loop_.inverse_laws(omega, node.law.data());
         for (std::size_t i = 0; i < n_; i++) {
             node.size[i] = ModalLoop::inverse_law_size(node.law[i], omega, loop_.step);
@@ -372,7 +391,7 @@ class Exclusion {
         most *= mixing_size_;
         const double rounding = kRounding * static_cast<double>(n_);
         for (std::size_t i = 0; i < n_; i++) {
-            missed_[i * stride_ + i] += rounding * (size_of(left.law[i]) + size_of(right.law[i]) + sum_.spread()[i]);
+            missed_[i * stride_ + i] += rounding * (size_of(left.law[i]) + size_of(right.law[i])) + std::max(left.round_off[i], right.round_off[i]);
             missed_[i * stride_ + i] += v_ * (mixed() ? most : law_bends_[i]);
             if (mixed()) law_missed_[i * stride_ + i] = most + rounding * mixing_size_;
         }

@@ -23,7 +23,7 @@ class ModeSum {
     explicit ModeSum(const ModalLoop& loop) : size(loop.size), stride((loop.size + kBlock - 1) / kBlock * kBlock), loop_(loop) {
         rigid_real_.resize(size * stride);
         rigid_imaginary_.resize(size * stride);
-        spread_.resize(size);
+        made_of_.resize(loop.modes * stride);
         functions_.resize(loop.modes);
         for (auto* part : {&a_, &b_, &share_}) part->resize(loop.modes * stride);
         for (auto* part : {&p_, &q_}) part->resize(loop.modes);
@@ -48,10 +48,14 @@ class ModeSum {
             add_term(k);
         }
         finish(false);
+        rigid_made_of_ = rigid_spread_;
+        made_of_ = share_;
     }
 
-    // Any coordinates: M₀ (n, n) and φ (modes, n) in them.
-    void set_coordinates(const std::vector<Complex>& rigid, const std::vector<Complex>& shapes) {
+    // Any coordinates: M₀ (n, n) and φ (modes, n) in them; `rigid_made_of` (n) and `made_of` (modes, n), the sizes of what each row of M₀ and
+    // each φ is summed up from.
+    void set_coordinates(const std::vector<Complex>& rigid, const std::vector<Complex>& shapes, const std::vector<double>& rigid_made_of,
+                         const std::vector<double>& made_of) {
         begin(false);
         for (std::size_t i = 0; i < size; i++)
             for (std::size_t j = 0; j < size; j++) {
@@ -66,13 +70,16 @@ class ModeSum {
             add_term(k);
         }
         finish(true);
+        rigid_made_of_ = rigid_made_of;
+        for (std::size_t t = 0; t < terms_; t++) {
+            double total = 0.0;
+            for (std::size_t i = 0; i < size; i++) total += made_of[t * size + i];
+            for (std::size_t i = 0; i < size; i++) made_of_[t * stride + i] = made_of[t * size + i] * total;
+        }
     }
 
-    // (n): no diagonal entry of Σ |φ_k φ_kᵀ| and |M₀| together has a row with more, nor, as a quadratic form, the whole (Gershgorin).
-    const std::vector<double>& spread() const { return spread_; }
-
-    // Q at ω, its upper triangle.
-    void respond(double omega, double* real, double* imaginary) {
+    // Q at ω, its upper triangle; `round_off` (n): what lies above the round-off in it, as a diagonal matrix.
+    void respond(double omega, double* real, double* imaginary, double* round_off) {
         Complex f0;
         loop_.functions(omega, f0, functions_.data());
         for (std::size_t t = 0; t < terms_; t++) {
@@ -80,6 +87,12 @@ class ModeSum {
             const Complex other = second(t) ? functions_[first_[t] + 1] : 0.0;
             s_[t] = f + other;
             d_[t] = times({0.0, 1.0}, f - other);
+            bends_[t] = std::sqrt(std::norm(f)) + std::sqrt(std::norm(other));
+        }
+        for (std::size_t i = 0; i < size; i++) {
+            round_off[i] = kSums * rigid_made_of_[i] * size_of(f0);
+            for (std::size_t t = 0; t < terms_; t++) round_off[i] += kFunctions * made_of_[t * stride + i] * bends_[t];
+            round_off[i] *= static_cast<double>(size);
         }
         for (std::size_t i = 0; i < size; i++) {
             moving_.clear();
@@ -144,9 +157,10 @@ class ModeSum {
 
    private:
     static constexpr double kSmall = 1e-3;
+    static constexpr double kSums = 4e-15, kFunctions = 1e-12;  // relative round-off of sums, and of functions of ω
 
     const ModalLoop& loop_;
-    std::vector<double> rigid_real_, rigid_imaginary_, rigid_spread_, spread_;
+    std::vector<double> rigid_real_, rigid_imaginary_, rigid_spread_, rigid_made_of_, made_of_;
     std::vector<double> a_, b_, share_, largest_share_;  // φ = a + jb (terms, stride); row sums of |φ φᵀ|
     std::vector<double> bends_;
     std::vector<Complex> functions_, s_, d_, p_, q_;
@@ -188,14 +202,12 @@ class ModeSum {
         for (std::size_t i = 0; i < size; i++)
             for (std::size_t j = 0; j < size; j++)
                 rigid_spread_[i] += size_of({rigid_real_[i * stride + j], rigid_imaginary_[i * stride + j]});
-        spread_ = rigid_spread_;
         for (std::size_t t = 0; t < terms_; t++) {
             double total = 0.0;
             for (std::size_t i = 0; i < size; i++) total += share_[t * stride + i] = size_of({a_[t * stride + i], b_[t * stride + i]});
             for (std::size_t i = 0; i < size; i++) {
                 share_[t * stride + i] *= total;
                 largest_share_[t] = std::max(largest_share_[t], share_[t * stride + i]);
-                spread_[i] += (second(t) ? 2 : 1) * share_[t * stride + i];
             }
         }
     }
