@@ -19,6 +19,7 @@ from ..system.linear.transfer_function import Factored, growth
 from ..system.loop import Loop
 from ..system.mode_functions import mode_functions
 from ..system.modes import Modes
+from .gain_directions import gain_directions
 
 NARROWEST = 1e-4  # relative width of an interval that is not halved further
 NUDGE = 1e-6  # relative: how far below a crossing the proof goes
@@ -30,17 +31,21 @@ FACTOR = 3.0  # from end to end of the intervals that are begun with, at most: u
 class ModalLoop:
     """A coupled loop in the core.
 
-    modes     of its plant
+    plant     the modes of its plant
+    modes     the same as its channels have them
     corners   (k,) rad/s: resonances, and half of the way to half the sample rate; intervals begin there
     bends     (k,) rad/s: the corner frequencies of its laws
     leads     (n,) [s] by how much more each joint's law leads than all lags at ω = 0: d arg/dω there
     turns     (n,) [s] the sum of the sizes of all that leads and lags
     last      half the sample rate [rad/s]; None: continuous
     passive   the motors give out no energy at any frequency, Re(jω P) >= 0: without a hold between. Gravity takes and gives none either
+    torque    X (n, r) where gains couple joints: the channels are directions then (gain_directions.py); None: they are the joints
+    folds     2 where every channel is there twice, as F is not symmetric (exclusion.hpp): then det F is squared; else 1
     laws      what d comes from; late (n,) [s]: by how much later it acts; lag [s]: what is before P, hold, current loop and a part of a tick
     """
 
     core: "_core.ModalLoop"
+    plant: Modes
     modes: Modes
     laws: "Laws"
     late: Floats
@@ -51,28 +56,37 @@ class ModalLoop:
     turns: Floats
     last: float | None
     passive: bool
+    torque: Floats | None
+    folds: int
 
     @classmethod
     def of(cls, loop: Loop) -> "ModalLoop | None":
         """None where no proof is known.
 
-        With link-side feedback, gain matrices, joints without gain, different drives of a sampled loop, and controllers that are not stable
-        by themselves but for integrators.
+        With link-side feedback, friction to ground, compliant contacts, gains that have no directions (gain_directions.py), joints without gain,
+        different drives of a sampled loop or with coupled gains, and controllers that are not stable by themselves but for integrators.
         """
         parts, step = loop.parts, loop.sample_time
         if parts is None or loop.size == 1 or parts.feedback != "motor" or loop.gain <= 0:
             return None
-        gains = [gain_matrix("gain", gain, loop.size) for gain in parts.controller.terms().values()]
-        if any(np.count_nonzero(gain) != np.count_nonzero(np.diagonal(gain)) for gain in gains):
-            return None
-        modes, drives = parts.plant.modes, parts.drives
+        modes, drives, directions, twofold = parts.plant.modes, parts.drives, None, False
+        terms = {powers: gain_matrix("gain", gain, loop.size) for powers, gain in parts.controller.terms().items()}
         if modes is None:
             return None
-        laws = Laws.of([law.reduced for law in parts.controller.on_joints(loop.size, step)], loop.gain)
+        gains = {powers: np.diagonal(gain) for powers, gain in terms.items()}
+        if any(np.count_nonzero(terms[powers]) != np.count_nonzero(own) for powers, own in gains.items()):
+            directions = gain_directions(terms)
+            if directions is None or any(drive != drives[0] for drive in drives):
+                return None
+            gains, twofold = directions.gains, not directions.symmetric
+            modes = modes.twofold(directions.measured, directions.torque) if twofold else modes.along(directions.measured)
+        drives = (drives[0],) * len(modes.rigid) if directions else drives
+        channels = [law.reduced for law in parts.controller.apart(gains, step)]
+        laws = Laws.of(channels * (2 if twofold else 1), loop.gain)
         if np.any(laws.gains <= 0) or np.any((growth(laws.poles, step) >= 0) & (laws.poles != 0)):
             return None
         corners, first, delays = np.abs(modes.poles.imag), drives[0], np.array([drive.delay for drive in drives])
-        core = mode_functions(parts)
+        core = mode_functions(parts, modes, twofold)
         if core is None:
             return None
         if step is None:
@@ -87,6 +101,7 @@ class ModalLoop:
         leads, turns = laws.turns()
         return cls(
             core,
+            parts.plant.modes,
             modes,
             laws,
             np.asarray(late),
@@ -96,7 +111,9 @@ class ModalLoop:
             leads - late - lag,
             turns + late + lag,
             None if step is None else np.pi / step,
-            step is None,
+            step is None and not twofold,
+            None if directions is None else directions.torque,
+            2 if twofold else 1,
         )
 
     def crossings(self, start: float, stop: float, low: float, high: float, counting: bool = False) -> "Found | None":
@@ -114,9 +131,19 @@ class ModalLoop:
             if more is None:
                 return None
             turned += more
-        _, laws = self.core.responses(np.ascontiguousarray(places[:, 0]))
-        found = [Crossing(omega, gain, growth, mode) for (omega, gain, growth), mode in zip(places.tolist(), vectors * laws, strict=True)]
-        return Found(found, turned, turns[1], turns[2])
+        found = [Crossing(omega, gain, growth, vector) for (omega, gain, growth), vector in zip(places.tolist(), vectors, strict=True)]
+        return Found(found, turned / self.folds, turns[1] / self.folds, turns[2])
+
+    def mode(self, crossing: "Crossing", loop: Loop) -> Complexes:
+        """The measured positions (n,) there, of the loop that this is; the largest is 1."""
+        vector = crossing.vector
+        if self.torque is None:
+            mode = vector * self.core.responses(np.array([crossing.omega]))[1][0]
+        else:
+            size = len(vector) // self.folds
+            vector = vector if self.folds == 1 else vector[:size] + 1j * vector[size:]
+            mode = loop.actuated_at(np.array([1j * crossing.omega]))[0] @ (self.torque @ vector)
+        return mode / mode[np.argmax(np.abs(mode))]
 
     def response(self, omega: Floats) -> tuple[Complexes, Complexes]:
         """x P (k, n, n) and d = x/c (k, n) at omega (k,), as in modal_loop.hpp."""
@@ -145,15 +172,27 @@ class ModalLoop:
 
     def _basis(self, omega: float, start: float, stop: float) -> Complexes:
         """(n, n) vectors in rows that make x P and diag(d) diagonal, each turned so that x P + d/g lies about the real axis for both ends g."""
-        mobility, laws = self.response(np.array([omega]))
-        root = 1 / np.sqrt(laws[0])
-        values, vectors = np.linalg.eig(-root[:, None] * mobility[0] * root)
-        vectors = root[:, None] * vectors
-        own = np.einsum("ik,i,ik->k", vectors, laws[0], vectors)
+        mobility, laws = (one[0] for one in self.response(np.array([omega])))
+        size = len(laws) // self.folds
+        laws = laws[:size]
+        mobility = mobility if self.folds == 1 else mobility[:size, :size] - 1j * mobility[:size, size:]
+        root = 1 / np.sqrt(laws)
+        values, vectors = np.linalg.eig(-root[:, None] * mobility * root)
         with np.errstate(all="ignore"):
+            if self.folds == 1:
+                own = np.einsum("ik,ik->k", vectors, vectors)
+                left = right = vectors
+            else:
+                own, left, right = np.ones(size), np.linalg.inv(vectors).T, vectors
             ends = [own if gain == 0 else own * (1 / gain - values) for gain in (start, stop)]
             sides = ends[0] / np.abs(ends[0]) + ends[1] / np.abs(ends[1])
-            return np.ascontiguousarray((vectors * np.sqrt(sides.conj() / np.abs(sides))).T)
+            turn = np.sqrt(sides.conj() / np.abs(sides))
+            left, right = ((root[:, None] * one * turn).T for one in (left, right))
+            if self.folds == 1:
+                return np.ascontiguousarray(right)
+            balance = np.sqrt(np.linalg.norm(right, axis=1) / np.linalg.norm(left, axis=1))[:, None]
+            even, odd = left * balance + right / balance, 1j * (left * balance - right / balance)
+            return np.vstack([np.hstack([even, odd]), np.hstack([odd, -even])]) / 2
 
     def _grid(self, low: float, high: float) -> Floats:
         """From `low` to `high` in steps no longer than FACTOR, with every corner."""
@@ -165,12 +204,12 @@ class ModalLoop:
 
 
 class Crossing(NamedTuple):
-    """A root on the boundary at jω with all gains times `gain`; `growth`: > 0 where it goes unstable above; mode (n,) of positions."""
+    """A root on the boundary at jω with all gains times `gain`; `growth`: > 0 where it goes unstable above; F x = 0 for `vector` x."""
 
     omega: float
     gain: float
     growth: float
-    mode: Complexes
+    vector: Complexes
 
 
 class Found(NamedTuple):

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..system.linear.arrays import Complexes, Floats
+from ..system.linear.arrays import Complexes, Floats, Integers
 from .modal_loop import NUDGE, ModalLoop
 
 MOST = 20.0  # a mode by itself: 4; a law by itself: e; hold, current loop and delay turn and grow less within R/2
@@ -52,6 +52,8 @@ def at_rest(modal: ModalLoop, stop: float) -> AtRest | None:
     if np.any(orders < 0) or np.any(orders > 1) or np.any(values.real <= 0) or np.any(np.abs(values.imag) > 1e-9 * values.real):
         return None
     corner, modes = _lowest_corner(modal), modal.modes
+    if modal.folds > 1:
+        return _all_free(modal, stop, corner, values.real, orders)
     sizes = np.where(orders > 0, corner, 1.0) / values.real  # of e up to `corner`
     units = 1 / np.sqrt(sizes)  # of torques
     masses, vectors = np.linalg.eigh(units[:, None] * modes.rigid * units)
@@ -59,7 +61,7 @@ def at_rest(modal: ModalLoop, stop: float) -> AtRest | None:
     if np.any(masses[~free] > HELD * masses[-1]):
         return None
     held, moving = vectors[:, ~free], vectors[:, free] / np.sqrt(masses[free])
-    still = 1 / (modes.poles * modes.partners) if len(modes.partners) else -1 / modes.poles
+    still = modes.at_rest
     shapes, resting = modes.shapes * units, np.where(orders > 0, 0.0, 1.0)
     known = _diagonal(held.T @ ((shapes.T * still) @ shapes).real @ held, held.T @ (resting[:, None] * held))
     if known is None:
@@ -72,7 +74,9 @@ def at_rest(modal: ModalLoop, stop: float) -> AtRest | None:
         if abs(gain - 1) <= 2 * NUDGE:
             return None
         stop = gain * (1 - NUDGE if stop > 1 else 1 + NUDGE)
-        static_mode = Static(gain, axes[:, k] * units * sizes * resting)
+        torques = axes[:, k] * units
+        mode = torques * sizes * resting if modal.torque is None else modal.plant.compliance @ (modal.torque @ torques)
+        static_mode = Static(gain, mode / mode[np.argmax(np.abs(mode))])
     signs, at_zero = np.append(np.sign(give + spring), -np.ones(moving.shape[1])), np.diag(np.append(np.zeros(count), -np.ones(moving.shape[1])))
     along = np.abs(shapes @ axes)
     size, law_size = (along.T * np.abs(still)) @ along, np.abs(axes).T @ np.abs(axes)
@@ -96,6 +100,28 @@ def at_rest(modal: ModalLoop, stop: float) -> AtRest | None:
         if spare > SPARE:
             turned = float(np.angle(np.linalg.eigvals(signs[:, None] * (mobility + laws))).sum())
             return AtRest(float(low), turned, 2 * moving.shape[1] + int(orders.sum()), static_mode)
+    return None
+
+
+def _all_free(modal: ModalLoop, stop: float, corner: float, values: Floats, orders: Integers) -> AtRest | None:
+    """The same where F is not symmetric, and every channel moves by itself: Y M₀ X is regular, and −(Y M₀ X)⁻¹ F near 1."""
+    size = len(values) // 2
+    rigid, orders = (modal.modes.rigid[:size, :size] - 1j * modal.modes.rigid[:size, size:]).real, orders[:size]
+    laws = np.where(orders > 0, corner, 1.0) / values[:size]
+    try:
+        back = np.linalg.inv(rigid)
+    except np.linalg.LinAlgError:
+        return None
+    first, second = np.abs(modal.modes.shapes[:, :size]), np.abs(modal.modes.shapes[:, size:])
+    springs = (first.T * np.abs(modal.modes.at_rest)) @ (first + second)
+    for share in TRIES:
+        low = corner * share
+        curved = MOST * (2 * share) ** 2 / (1 - 2 * share)
+        missed = np.abs(back) @ (MOST * low**2 * (springs + np.diag(max(1.0, 1 / stop) * laws)))
+        if 1 - curved - max(float(missed.sum(axis=0).max()), float(missed.sum(axis=1).max())) > SPARE:
+            mobility, inverse_laws = (one[0] for one in modal.response(np.array([low])))
+            form = mobility[:size, :size] - 1j * mobility[:size, size:] + np.diag(inverse_laws[:size])
+            return AtRest(float(low), float(np.angle(np.linalg.eigvals(-back @ form)).sum()), 2 * size + int(orders.sum()), None)
     return None
 
 

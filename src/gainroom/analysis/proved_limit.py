@@ -17,7 +17,6 @@ import math
 import numpy as np
 
 from ..native import _core
-from ..system.linear.arrays import Complexes
 from ..system.loop import Loop
 from .first_crossing import SEARCH, Certificate, End
 from .margin_record import GainLimit
@@ -42,42 +41,41 @@ def proved_limit(loop: Loop) -> GainLimit | None:
     poles = np.concatenate([modal.modes.poles, modal.modes.partners])
     if np.any(np.abs(poles.real) <= UNDAMPED * np.abs(poles)):
         return None
-    low = _leads_from(modal) if loop.parts is not None and loop.parts.plant.gravity_stiffness is None else None
-    return _from_rest(modal, low) if low is not None else _counted(modal, loop.unstable_poles)
+    low = _leads_from(modal) if modal.folds == 1 and loop.parts is not None and loop.parts.plant.gravity_stiffness is None else None
+    return _from_rest(modal, loop, low) if low is not None else _counted(modal, loop)
 
 
 def posture_limits(modal: ModalLoop) -> "_core.PostureLimits | None":
     """The proof from rest for the laws of `modal` behind other modes, one posture after the other; None where lead does not outweigh lag."""
     corners, most = modal.bends[modal.bends > 0], float(modal.turns.max())
-    if not len(corners) or not math.isfinite(most) or not np.all(modal.leads > LEAST_LEAD * modal.turns):
+    if modal.torque is not None or not len(corners) or not math.isfinite(most) or not np.all(modal.leads > LEAST_LEAD * modal.turns):
         return None
     slow, fast = min(float(corners.min()), 1 / most), float(corners.max())
     return _core.PostureLimits(modal.core, slow, fast, list(UPWARDS), modal.passive)
 
 
-def _from_rest(modal: ModalLoop, low: float) -> GainLimit | None:
+def _from_rest(modal: ModalLoop, loop: Loop, low: float) -> GainLimit | None:
     for highest in UPWARDS:
         high = _quiet(modal, highest)
         found = None if high is None else modal.crossings(0.0, highest, low, high)
         if found is None or (found.crossings and found.crossings[0].gain <= 1 + NUDGE):
             return None
         if found.crossings:
-            upper = _end(found, 1)
-            return None if upper is None else _limit(modal, upper, None)
-    return _limit(modal, None, None)
+            upper = _end(modal, loop, found, 1)
+            return None if upper is None else _limit(loop, upper, None)
+    return _limit(loop, None, None)
 
 
-def _counted(modal: ModalLoop, unstable_poles: int) -> GainLimit | None:
-    """Of a loop whose L has so many unstable poles."""
-    upper = _first_end(modal, UPWARDS, unstable_poles)
-    lower = None if upper is None else _first_end(modal, DOWNWARDS)
-    return None if upper is None or lower is None else _limit(modal, *upper, *lower)
+def _counted(modal: ModalLoop, loop: Loop) -> GainLimit | None:
+    upper = _first_end(modal, loop, UPWARDS, True)
+    lower = None if upper is None else _first_end(modal, loop, DOWNWARDS, False)
+    return None if upper is None or lower is None else _limit(loop, *upper, *lower)
 
 
-def _first_end(modal: ModalLoop, stops: tuple[float, ...], unstable_poles: int | None = None) -> tuple[End | None] | None:
+def _first_end(modal: ModalLoop, loop: Loop, stops: tuple[float, ...], counting: bool) -> tuple[End | None] | None:
     """Where stability ends on the way from the factor 1 to one of `stops`, the nearest first: (None,) where it does not; None: not known.
 
-    unstable_poles   of L, where it has to be shown that there is no unstable root at the factor 1
+    counting   it has to be shown that there is no unstable root at the factor 1
     """
     for stop in stops:
         rest = at_rest(modal, stop)
@@ -85,39 +83,34 @@ def _first_end(modal: ModalLoop, stops: tuple[float, ...], unstable_poles: int |
         if rest is None or high is None:
             return None
         to = stop if rest.static is None else rest.static.gain
-        found = modal.crossings(1.0, to, rest.low, high, unstable_poles is not None)
-        if found is None or (unstable_poles is not None and _unstable_roots(modal, found, rest, unstable_poles) != 0):
+        found = modal.crossings(1.0, to, rest.low, high, counting)
+        if found is None or (counting and _unstable_roots(modal, found, rest, loop.unstable_poles) != 0):
             return None
         if found.crossings:
-            end = _end(found, 1 if stop > 1 else -1)
+            end = _end(modal, loop, found, 1 if stop > 1 else -1)
             return None if end is None else (end,)
         if rest.static is not None:
-            return (End(to, 0.0, _scaled(rest.static.mode.astype(complex)), Certificate(0, 1)),)
+            return (End(to, 0.0, rest.static.mode.astype(complex), Certificate(0, 1)),)
     return (None,)
 
 
 def _unstable_roots(modal: ModalLoop, found: Found, rest: AtRest, unstable_poles: int) -> int | None:
     """Of the closed loop at the factor 1, from arg det(I + L) = arg det F + Σ arg c_i along the boundary; None where that is no whole number."""
-    _, orders = modal.laws.at_rest()
     step = None if modal.last is None else math.pi / modal.last
-    turned = rest.turned + found.turned - found.tail + float((modal.laws.turned(found.end, step) - found.end * modal.late).sum())
+    turned = rest.turned + found.turned - found.tail + float((modal.laws.turned(found.end, step) - found.end * modal.late).sum()) / modal.folds
     count = unstable_poles + rest.poles / 2 - turned / math.pi
     return round(count) if abs(count - round(count)) < WHOLE else None
 
 
-def _end(found: Found, way: int) -> End | None:
+def _end(modal: ModalLoop, loop: Loop, found: Found, way: int) -> End | None:
     """At the first of the crossings; None where the root there does not go the wrong way."""
     first = found.crossings[0]
     level = sum(way * (one.gain - first.gain) <= first.gain * SEARCH.nudge and way * one.growth > 0 for one in found.crossings)
-    return End(first.gain, first.omega, _scaled(first.mode), Certificate(0, 2 * level)) if way * first.growth > 0 else None
+    return End(first.gain, first.omega, modal.mode(first, loop), Certificate(0, 2 * level)) if way * first.growth > 0 else None
 
 
-def _scaled(mode: Complexes) -> Complexes:
-    return mode / mode[np.argmax(np.abs(mode))]
-
-
-def _limit(modal: ModalLoop, upper: End | None, lower: End | None) -> GainLimit:
-    mode = np.ones(len(modal.leads), dtype=complex) if upper is None else upper.mode
+def _limit(loop: Loop, upper: End | None, lower: End | None) -> GainLimit:
+    mode = np.ones(loop.size, dtype=complex) if upper is None else upper.mode
     gain, omega, certificate = (math.inf, math.nan, None) if upper is None else (upper.at, upper.omega, upper.certificate)
     if lower is None:
         return GainLimit(True, gain, 0.0, omega, mode, certificate)

@@ -5,13 +5,16 @@ import numpy as np
 from ..native import _core
 from .assembly import Parts, current_loop
 from .linear.state_space import split_delay
+from .modes import Modes
 
 APART = 1e-3  # of a current loop's pole: its two, or one of the plant's, that are closer count as one, whose response is another
 INEXACT = 4.0  # times what a sum over modes was seen to be off by
 
 
-def mode_functions(parts: Parts) -> "_core.ModalLoop | None":
+def mode_functions(parts: Parts, seen: Modes | None = None, twofold: bool = False) -> "_core.ModalLoop | None":
     """The functions of frequency of a plant's modes, without laws: sampled, behind hold, current loop and the fraction of a tick of delay.
+
+    seen   the same modes as directions other than joints have them; twofold: as native/include/gainroom/exclusion.hpp has it
 
     None where modes or these functions are not known: encoders on the links, friction to ground, different drives of a sampled loop, equal
     poles.
@@ -28,4 +31,7 @@ def mode_functions(parts: Parts) -> "_core.ModalLoop | None":
             current, fast = (first.bandwidth, first.damping_ratio), current_loop(first).poles
             if np.any(np.abs(np.concatenate([modes.poles, modes.partners])[:, None] - fast) < APART * np.abs(fast)):
                 return None
-    return _core.ModalLoop(modes.rigid, modes.shapes, modes.poles, modes.partners, *current, fraction, step or 0.0, INEXACT * modes.inexact)
+    seen = seen or modes
+    return _core.ModalLoop(
+        seen.rigid.astype(complex), twofold, seen.shapes, seen.poles, seen.partners, *current, fraction, step or 0.0, INEXACT * modes.inexact
+    )

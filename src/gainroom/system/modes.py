@@ -5,7 +5,7 @@ the dampers couple the modes, Σ_k φ_k φ_kᵀ/(s − λ_k) over all poles of t
 complex φ (Tisseur and Meerbergen 2001).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -36,6 +36,36 @@ class Modes:
         away = s[:, None] - self.poles
         terms = 1 / (away * (s[:, None] - self.partners) if len(self.partners) else away)
         return self.rigid / s[:, None, None] ** 2 + (self.shapes.T * terms[:, None]) @ self.shapes
+
+    @property
+    def at_rest(self) -> Complexes:
+        """(m,) what stands beside φ_k φ_kᵀ at s = 0."""
+        return 1 / (self.poles * self.partners) if len(self.partners) else -1 / self.poles
+
+    @property
+    def compliance(self) -> Floats:
+        """(n, n) P_M at s = 0, of what does not drift."""
+        return ((self.shapes.T * self.at_rest) @ self.shapes).real
+
+    def along(self, directions: Floats) -> "Modes":
+        """The same of Y P Yᵀ, Y = `directions` (r, n)."""
+        return replace(self, rigid=directions @ self.rigid @ directions.T, shapes=self.shapes @ directions.T)
+
+    def twofold(self, measured: Floats, torque: Floats) -> "Modes":
+        """The same of [S, jA; −jA, S], S and A the symmetric part of Y P X and the other; Y = `measured` (r, n), X = `torque` (n, r).
+
+        With u = Y φ, w = Xᵀ φ, û = (u, −ju) and ŵ = (w, jw) a mode adds ½ (û ŵᵀ + ŵ ûᵀ), which is that of ½ (û + ŵ) and of ½ j (û − ŵ).
+        """
+        rigid, left, right = measured @ self.rigid @ torque, self.shapes @ measured.T, self.shapes @ torque
+        even, odd = (rigid + rigid.T) / 2, (rigid - rigid.T) / 2
+        left, right = np.hstack([left, -1j * left]), np.hstack([right, 1j * right])
+        return replace(
+            self,
+            rigid=np.block([[even, 1j * odd], [-1j * odd, even]]),
+            shapes=np.vstack([left + right, 1j * (left - right)]) / 2,
+            poles=np.tile(self.poles, 2),
+            partners=np.tile(self.partners, 2),
+        )
 
 
 def modes_of(mass: Floats, damping: Floats, stiffness: Floats, position: Floats) -> Modes | None:

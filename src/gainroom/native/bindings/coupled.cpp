@@ -9,7 +9,7 @@ using ComplexVector = Array<const Complex, 1>;
 using ComplexMatrix = Array<const Complex, 2>;
 using Counts = Array<const std::int64_t, 2>;
 
-static gainroom::ModalLoop modal_loop(Matrix rigid, ComplexMatrix shapes, ComplexVector poles, ComplexVector partners,
+static gainroom::ModalLoop modal_loop(ComplexMatrix rigid, bool twofold, ComplexMatrix shapes, ComplexVector poles, ComplexVector partners,
                                       double bandwidth, double damping_ratio, double fraction, double step, double inexact) {
     const std::size_t size = rigid.shape(0), modes = poles.size();
     if (rigid.shape(1) != size || shapes.shape(0) != modes || (modes > 0 && shapes.shape(1) != size) ||
@@ -18,7 +18,11 @@ static gainroom::ModalLoop modal_loop(Matrix rigid, ComplexMatrix shapes, Comple
     gainroom::ModalLoop loop;
     loop.size = size;
     loop.modes = modes;
-    loop.rigid.assign(rigid.data(), rigid.data() + size * size);
+    loop.twofold = twofold;
+    for (std::size_t k = 0; k < size * size; k++) {
+        loop.rigid.push_back(rigid.data()[k].real());
+        if (twofold) loop.skew.push_back(rigid.data()[k].imag());
+    }
     loop.shapes.assign(shapes.data(), shapes.data() + modes * size);
     loop.poles.assign(poles.data(), poles.data() + modes);
     loop.partners.assign(partners.data(), partners.data() + partners.size());
@@ -163,12 +167,12 @@ static nb::tuple posture_limits(gainroom::PostureLimits& limits, Cube rigid, Cub
 void bind_coupled(nb::module_& m) {
     nb::class_<gainroom::ModalLoop>(m, "ModalLoop")
         .def("__init__",
-             [](gainroom::ModalLoop* self, Matrix rigid, ComplexMatrix shapes, ComplexVector poles, ComplexVector partners,
-                double bandwidth, double damping_ratio, double fraction, double step, double inexact) {
-                 new (self) gainroom::ModalLoop(modal_loop(rigid, shapes, poles, partners, bandwidth, damping_ratio, fraction, step, inexact));
+             [](gainroom::ModalLoop* self, ComplexMatrix rigid, bool twofold, ComplexMatrix shapes, ComplexVector poles,
+                ComplexVector partners, double bandwidth, double damping_ratio, double fraction, double step, double inexact) {
+                 new (self) gainroom::ModalLoop(modal_loop(rigid, twofold, shapes, poles, partners, bandwidth, damping_ratio, fraction, step, inexact));
              },
-             nb::arg("rigid"), nb::arg("shapes"), nb::arg("poles"), nb::arg("partners"), nb::arg("bandwidth"), nb::arg("damping_ratio"),
-             nb::arg("fraction"), nb::arg("step"), nb::arg("inexact"))
+             nb::arg("rigid"), nb::arg("twofold"), nb::arg("shapes"), nb::arg("poles"), nb::arg("partners"), nb::arg("bandwidth"),
+             nb::arg("damping_ratio"), nb::arg("fraction"), nb::arg("step"), nb::arg("inexact"))
         .def("set_laws", &set_laws, nb::arg("zeros"), nb::arg("poles"), nb::arg("counts"), nb::arg("gains"), nb::arg("delays"))
         .def("responses", &responses, nb::arg("omega"))
         .def("mobility", &mobility, nb::arg("s"))

@@ -5,7 +5,8 @@
 //
 //   [F b; bᵀ 0] [x; μ] = [0; 1]   has   μ = 0 exactly there, and   dμ = −xᵀ dF x,
 //
-// as F is complex symmetric: Newton's method in (ω, v) takes one factorisation per step. Each nearer crossing that is found brings g nearer;
+// as F is complex symmetric: Newton's method in (ω, v) takes one factorisation per step. (Where F is half of a twofold one, the same from
+// either side: dμ = −yᵀ dF x.) Each nearer crossing that is found brings g nearer;
 // what is excluded up to g (exclusion.hpp) stays excluded before it. Where intervals are left that neither tell a crossing nor are excluded, the
 // answer is not decided.
 #pragma once
@@ -17,7 +18,7 @@ namespace gainroom {
 struct Crossing {
     double omega = 0.0, gain = 0.0;
     double growth = 0.0;  // Re of how the root moves with ln g, over its size: > 0 towards instability
-    std::vector<Complex> vector;  // x: torques; positions are x_i/c_i
+    std::vector<Complex> vector;  // x: torques; positions are x_i/c_i. Twofold: z of exclusion.hpp
 };
 
 // Factors on the way from `start`, 0: from rest, to `stop`, which may be less.
@@ -39,7 +40,7 @@ class CoupledLimit {
     double tail = 0.0;    // arg det(I + L) where all gains are small from there on, likewise
     double end = 0.0;     // from where on
 
-    explicit CoupledLimit(const ModalLoop& loop) : loop_(loop), n_(loop.size), border_(n_ + 1) {
+    explicit CoupledLimit(const ModalLoop& loop) : loop_(loop), n_(loop.size), half_(loop.twofold ? n_ / 2 : n_), border_(half_ + 1) {
         matrix_.resize(border_ * border_);
         solution_.resize(border_);
         functions_.resize(loop.modes);
@@ -103,15 +104,9 @@ class CoupledLimit {
         rescale(omega);
         for (std::size_t i = 0; i < n_; i++) x[i] = over(x[i], scale_[i]);
         for (int step = 0; step < kSteps; step++) {
-            double size = 0.0;
-            for (const Complex one : x) size += std::norm(one);
-            if (!(size > 0) || !std::isfinite(size)) return false;
             const double ahead = omega * (1 + kDifference);
-            fill(omega, v, x, 1 / std::sqrt(size));
-            Complex slope_v = 0.0;
-            if (!solve()) return false;
-            for (std::size_t i = 0; i < n_; i++) x[i] = solution_[i];
-            const Complex mu = solution_[n_];
+            Complex mu, slope_v = 0.0;
+            if (!(loop_.twofold ? bordered_twofold(omega, v, x, mu) : bordered(omega, v, x, mu))) return false;
             for (std::size_t i = 0; i < n_; i++) slope_v -= times(times(x[i], x[i]), times(laws_[i], Complex(scale_[i] * scale_[i])));
             const Complex slope_omega = -over(form(ahead, v, x) - form(omega, v, x), Complex(ahead - omega));
             const double determinant = slope_omega.real() * slope_v.imag() - slope_omega.imag() * slope_v.real();
@@ -147,7 +142,7 @@ class CoupledLimit {
     const ModalLoop& loop_;
     Way way_{0.0, 1.0};
     bool counting_ = false;
-    std::size_t n_, border_;
+    std::size_t n_, half_, border_;
     std::vector<Complex> mobility_, matrix_, solution_, functions_, later_, laws_, later_laws_;
     std::vector<double> scale_;
 
@@ -271,7 +266,12 @@ class CoupledLimit {
         std::vector<Complex> found;
         for (const Crossing& one : crossings)
             if (way_.nearer(one.gain, way_.beyond(crossings.front().gain, kNear)) && found.size() < kMost * n_)
+            {
                 found.insert(found.end(), one.vector.begin(), one.vector.end());
+                if (!loop_.twofold) continue;
+                found.insert(found.end(), one.vector.begin() + half_, one.vector.end());
+                for (std::size_t i = 0; i < half_; i++) found.push_back(-one.vector[i]);
+            }
         return found;
     }
 
@@ -285,7 +285,7 @@ class CoupledLimit {
         Complex f0;
         loop_.functions(omega, f0, functions_.data());
         for (std::size_t i = 0; i < n_; i++)
-            for (std::size_t j = 0; j <= i; j++) mobility_[i * n_ + j] = loop_.rigid[i * n_ + j] * f0;
+            for (std::size_t j = 0; j <= i; j++) mobility_[i * n_ + j] = times(loop_.rigid_at(i * n_ + j), f0);
         for (std::size_t k = 0; k < loop_.modes; k++) {
             const Complex* shape = &loop_.shapes[k * n_];
             for (std::size_t i = 0; i < n_; i++) {
@@ -295,21 +295,76 @@ class CoupledLimit {
         }
     }
 
-    // The bordered matrix at (ω, v), in the units of `scale_`.
-    void fill(double omega, double v, const std::vector<Complex>& x, double unit) {
+    // x at (ω, v) from one nearby, in the units of `scale_`; false where there is none.
+    bool bordered(double omega, double v, std::vector<Complex>& x, Complex& mu) {
+        fill(omega, v);
+        if (!border(x, x, false) || !solve()) return false;
+        std::copy(solution_.begin(), solution_.end() - 1, x.begin());
+        mu = solution_[half_];
+        return true;
+    }
+
+    // z likewise.
+    bool bordered_twofold(double omega, double v, std::vector<Complex>& z, Complex& mu) {
+        std::vector<Complex> x(half_), y(half_);
+        for (std::size_t i = 0; i < half_; i++) {
+            const Complex turned = times({0.0, 1.0}, z[half_ + i]);
+            x[i] = z[i] + turned;
+            y[i] = z[i] - turned;
+        }
+        std::vector<Complex> right, left;
+        fill(omega, v);
+        if (!border(x, y, false) || !solve()) return false;
+        right = solution_;
+        fill(omega, v);
+        if (!border(y, x, true) || !solve()) return false;
+        left = solution_;
+        mu = right[half_];
+        double sizes[2] = {0.0, 0.0};
+        for (std::size_t i = 0; i < half_; i++) {
+            sizes[0] += std::norm(right[i]);
+            sizes[1] += std::norm(left[i]);
+        }
+        const double balance = std::pow(sizes[0] / sizes[1], 0.25);  // dμ is of their product
+        for (std::size_t i = 0; i < half_; i++) {
+            const Complex one = right[i] / balance, other = left[i] * balance;
+            z[i] = 0.5 * (other + one);
+            z[half_ + i] = times({0.0, 0.5}, other - one);
+        }
+        return true;
+    }
+
+    // F (r, r) at (ω, v), or all of it, in the corner of the bordered matrix.
+    void fill(double omega, double v) {
         respond(omega);
         loop_.inverse_laws(omega, laws_.data());
-        for (std::size_t i = 0; i < n_; i++) {
-            for (std::size_t j = 0; j <= i; j++) {
-                const Complex value = mobility_[i * n_ + j] * (scale_[i] * scale_[j]);
-                matrix_[i * border_ + j] = matrix_[j * border_ + i] = value;
+        for (std::size_t i = 0; i < half_; i++) {
+            for (std::size_t j = 0; j < half_; j++) {
+                Complex value = mobility_[std::max(i, j) * n_ + std::min(i, j)];
+                if (loop_.twofold) value -= times({0.0, 1.0}, mobility_[(half_ + j) * n_ + i]);
+                matrix_[i * border_ + j] = value * (scale_[i] * scale_[j]);
             }
             matrix_[i * border_ + i] += v * laws_[i] * (scale_[i] * scale_[i]);
-            matrix_[i * border_ + n_] = matrix_[n_ * border_ + i] = std::conj(x[i]) * unit;
+        }
+    }
+
+    // The borders of F, or of Fᵀ: conjugates of `row` below and of `column` beside it; false where these are nothing.
+    bool border(const std::vector<Complex>& row, const std::vector<Complex>& column, bool transposed) {
+        double sizes[2] = {0.0, 0.0};
+        for (std::size_t i = 0; i < half_; i++) {
+            sizes[0] += std::norm(row[i]);
+            sizes[1] += std::norm(column[i]);
+            for (std::size_t j = 0; j < i && transposed; j++) std::swap(matrix_[i * border_ + j], matrix_[j * border_ + i]);
             solution_[i] = 0.0;
         }
-        matrix_[n_ * border_ + n_] = 0.0;
-        solution_[n_] = 1.0;
+        if (!(sizes[0] > 0 && sizes[1] > 0) || !std::isfinite(sizes[0] + sizes[1])) return false;
+        for (std::size_t i = 0; i < half_; i++) {
+            matrix_[half_ * border_ + i] = std::conj(row[i]) / std::sqrt(sizes[0]);
+            matrix_[i * border_ + half_] = std::conj(column[i]) / std::sqrt(sizes[1]);
+        }
+        matrix_[half_ * border_ + half_] = 0.0;
+        solution_[half_] = 1.0;
+        return true;
     }
 
     // xᵀ F x at (ω, v).
@@ -320,7 +375,7 @@ class CoupledLimit {
         for (std::size_t i = 0; i < n_; i++) {
             const Complex own = x[i] * scale_[i];
             Complex rest = 0.0;
-            for (std::size_t j = 0; j < n_; j++) rest += loop_.rigid[i * n_ + j] * scale_[j] * x[j];
+            for (std::size_t j = 0; j < n_; j++) rest += times(loop_.rigid_at(i * n_ + j), scale_[j] * x[j]);
             value += times(own, times(f0, rest) + v * times(later_laws_[i], own));
         }
         for (std::size_t k = 0; k < loop_.modes; k++) {

@@ -16,6 +16,10 @@
 // There unknowns are mixed by T = I + j U (VᵀV)⁻¹ Vᵀ, X = V + j U the vectors of roots that cross: T V = X, so that they become real, and
 // Tᵀ D T takes the place of D. Then the test holds as near to the limit as one likes. n vectors are T itself: those that make Q and D
 // diagonal at one ω, each turned so that θ = 0 serves it, decide all about it.
+//
+// Gains that couple joints need not leave F (r, r) symmetric. Then F₂ = [½(F + Fᵀ), ½j(F − Fᵀ); −½j(F − Fᵀ), ½(F + Fᵀ)], which is, takes its
+// place (`twofold`): aᵀ and bᵀ of x = a + jb make x̄ᵀ F x of it, so that Re F₂ > 0 where F + Fᴴ > 0, and det F₂ = det(F)². Its vectors at a
+// root, of yᵀ F = 0 and F x = 0, are z = ½(y + x, j(y − x)) and the same with y → jy, x → −jx.
 #pragma once
 
 #include <cstdint>
@@ -297,7 +301,7 @@ class Exclusion {
         for (std::size_t k = 0; k < loop_.modes; k++)
             for (std::size_t i = 0; i < n_; i++) shapes[k * n_ + i] = times(scale_[i], loop_.shapes[k * n_ + i]);
         for (std::size_t i = 0; i < n_; i++)
-            for (std::size_t j = 0; j < n_; j++) rigid[i * n_ + j] = times(scale_[i], scale_[j]) * loop_.rigid[i * n_ + j];
+            for (std::size_t j = 0; j < n_; j++) rigid[i * n_ + j] = times(times(scale_[i], scale_[j]), loop_.rigid_at(i * n_ + j));
         std::vector<double> rigid_made_of(n_), made_of(loop_.modes * n_);
         if (mixed()) {
             mix(rigid, shapes, rigid_made_of, made_of);

@@ -85,6 +85,8 @@ class ModalLoop {
    public:
     std::size_t size, modes;
     std::vector<double> rigid;        // M₀ (n, n)
+    std::vector<double> skew;         // its imaginary part, where `twofold`; else empty
+    bool twofold = false;             // F of a loop that is not symmetric, see exclusion.hpp: n = 2 r, r laws, and these again
     std::vector<Complex> shapes;      // φ (modes, n), real where there are partners
     std::vector<Complex> poles;       // λ (modes), in s
     std::vector<Complex> partners;    // the other pole of each mode, μ; none: poles stand alone
@@ -126,6 +128,8 @@ class ModalLoop {
     }
 
     bool pairs() const { return !partners.empty(); }
+
+    Complex rigid_at(std::size_t k) const { return {rigid[k], skew.empty() ? 0.0 : skew[k]}; }
 
     // Whether s is so near to jω that the functions serve.
     static bool serves(Complex s) { return std::fabs(s.real()) < 1e-6 * s.imag(); }

@@ -37,7 +37,10 @@ class ModeSum {
     void set_units(const std::vector<double>& units) {
         begin(true);
         for (std::size_t i = 0; i < size; i++)
-            for (std::size_t j = 0; j < size; j++) rigid_real_[i * stride + j] = units[i] * units[j] * loop_.rigid[i * size + j];
+            for (std::size_t j = 0; j < size; j++) {
+                rigid_real_[i * stride + j] = units[i] * units[j] * loop_.rigid_at(i * size + j).real();
+                rigid_imaginary_[i * stride + j] = units[i] * units[j] * loop_.rigid_at(i * size + j).imag();
+            }
         for (std::size_t k = 0; k < loop_.modes; k++) {
             if (k > 0 && twin_[k - 1]) continue;
             for (std::size_t i = 0; i < size; i++) {
@@ -194,7 +197,7 @@ class ModeSum {
     }
 
     void finish(bool complex) {
-        real_ = !complex && loop_.pairs();
+        real_ = !complex && loop_.pairs() && !loop_.twofold;
         large_.resize(terms_);
         moving_.reserve(terms_);
         largest_share_.assign(terms_, 0.0);

@@ -1,0 +1,84 @@
+"""Gain matrices that couple joints, as gains of directions: G_t = X diag(g_t) Y, of all terms of a controller with one X and one Y.
+
+Then det(I + P c(s) Σ h_t G_t) = det(I + Y P X diag(c_i)), c_i = c Σ h_t g_t,i: r loops as those of joints, behind Y P X. Symmetric gains have
+X = Yᵀ, and Y P Yᵀ is symmetric as P is. Tasks have Y = Eᵀ and X = E Λ.
+"""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from ..system.linear.arrays import Floats
+
+NONE, SOME = 1e-11, 1e-8  # of the largest singular value: up to so much is no gain, from so much on it is one
+EXACT = 1e-11  # relative: how near to the gains the product has to be
+SYMMETRIC = 1e-12  # relative
+SAME = 1e-6  # relative distance of ratios of gains that are as good as equal
+
+
+class Directions(NamedTuple):
+    """torque X (n, r), measured Y (r, n), gains (r,) of each term."""
+
+    torque: Floats
+    measured: Floats
+    gains: dict[tuple[int, int], Floats]
+    symmetric: bool
+
+
+def gain_directions(terms: Mapping[tuple[int, int], Floats]) -> Directions | None:
+    """Of gain matrices (n, n) by term; None where there is none such, or it is not known."""
+    if not terms:
+        return None
+    sizes = {powers: float(np.linalg.norm(gain)) for powers, gain in terms.items()}
+    units = [gain / sizes[powers] for powers, gain in terms.items()]
+    symmetric = all(np.abs(unit - unit.T).max() <= SYMMETRIC for unit in units)
+    outer, inner = _span(np.hstack(units)), _span(np.hstack([unit.T for unit in units]))
+    if outer is None or inner is None or outer.shape != inner.shape:
+        return None
+    inner = outer if symmetric else inner
+    inside = [outer.T @ unit @ inner for unit in units]
+    whole, other = sum(inside), sum(weight * one for weight, one in zip(np.sqrt([2.0, 3.0, 5.0, 7.0]), inside, strict=False))
+    try:
+        torque, measured = _symmetric(whole, other) if symmetric else _any(whole, other)
+    except np.linalg.LinAlgError:
+        return None
+    torque, measured = outer @ torque, measured @ inner.T
+    balance = np.sqrt(np.linalg.norm(measured, axis=1) / np.linalg.norm(torque, axis=0))
+    torque, measured = torque * balance, measured / balance[:, None]
+    left, right = np.linalg.pinv(torque), np.linalg.pinv(measured)
+    gains = {powers: np.einsum("in,nm,mi->i", left, gain, right) for powers, gain in terms.items()}
+    off = [float(np.linalg.norm(torque @ (gains[powers][:, None] * measured) - gain)) / sizes[powers] for powers, gain in terms.items()]
+    return Directions(torque, measured, gains, symmetric) if max(off) <= EXACT else None
+
+
+def _span(columns: Floats) -> Floats | None:
+    """(n, r) orthonormal; None where round-off hides how many."""
+    left, sizes, _ = np.linalg.svd(columns, full_matrices=False)
+    if np.any((sizes > NONE * sizes[0]) & (sizes < SOME * sizes[0])):
+        return None
+    return left[:, sizes >= SOME * sizes[0]]
+
+
+def _symmetric(whole: Floats, other: Floats) -> tuple[Floats, Floats]:
+    """X and Y = Xᵀ of two symmetric matrices (r, r), the first definite; raises LinAlgError where it is not."""
+    root = np.linalg.cholesky((whole + whole.T) / 2)
+    half = np.linalg.solve(root, (other + other.T) / 2)
+    axes = np.linalg.eigh(np.linalg.solve(root, half.T))[1]
+    torque = root @ axes
+    return torque, torque.T
+
+
+def _any(whole: Floats, other: Floats) -> tuple[Floats, Floats]:
+    """X and Y of two matrices (r, r), where one is X diag Y with distinct or equal real ratios to the other; raises LinAlgError elsewhere."""
+    ratios = np.linalg.solve(whole, other)
+    values = np.sort(np.linalg.eigvals(ratios).real)
+    size, axes, start = np.abs(values).max(), [], 0
+    while start < len(values):  # of equal ones any axes serve: those that are orthogonal
+        end = start + 1
+        while end < len(values) and values[end] - values[end - 1] <= SAME * size:
+            end += 1
+        axes.append(np.linalg.svd(ratios - values[start:end].mean() * np.eye(len(values)))[2][len(values) - (end - start) :].T)
+        start = end
+    right = np.hstack(axes)
+    return whole @ right, np.linalg.inv(right)
